@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from occlog.examine.doctor.clock import APART_NS, MIN_INTERVALS, REGULAR_FROM, REGULAR_SHARE, REGULAR_TO
-from occlog.examine.doctor.findings import KINDS, LONGEST, MOST
-from occlog.examine.doctor.run import MOST_FILES
+from occlog.examine.doctor.findings import GAP_INTERVALS, KINDS, MAX_LISTED_FINDINGS
+from occlog.examine.doctor.run import MAX_FILES
 
 NS = 10**9
 TEXT = f"""# What is wrong with these files?
@@ -25,8 +25,8 @@ there, what to do.
     warning: times.csv: camera 2: after 2023-11-14T22:13:20.900Z: nothing came: for 1.1 s, where 0.1 s are usual; ...
 
 What differs in place and numbers alone is counted (`and 41 more like it`), and so is what comes after the first
-{MOST} of one kind. Of a folder the files of its own folders are looked at too, {MOST_FILES} at most; files that
-occlog does not know are counted on standard error. With `--json` all of it is one object, of which `occlog schema
+{MAX_LISTED_FINDINGS} of one kind. Of a folder the files of its own folders are looked at too, {MAX_FILES} at most;
+files that occlog does not know are counted on standard error. With `--json` all of it is one object, of which `occlog schema
 doctor` prints the schema.
 
 | severity | what a command does that reads the file | exit code |
@@ -43,7 +43,7 @@ The times of each camera, array, reader and topic are looked at, and of text tab
 `sensor`; of a file of boxes of one camera those of its frames.
 
 * **Gaps** are told of a regular sensor: one with at least {MIN_INTERVALS} intervals, of which {REGULAR_SHARE:.0%}
-  are between {REGULAR_FROM:g} and {REGULAR_TO:g} times their median. What is longer than {LONGEST:g} times the
+  are between {REGULAR_FROM:g} and {REGULAR_TO:g} times their median. What is longer than {GAP_INTERVALS:g} times the
   median is a gap; one lost frame is none. Where the frames are numbered on through it, no frame is lost: the
   clock has jumped. Reads of tags, directions of sound, tracks and files of boxes of one camera have no gaps: there no
   row says that nothing was there.
@@ -52,7 +52,7 @@ The times of each camera, array, reader and topic are looked at, and of text tab
   left in peace, those of microseconds up to eleven days.
 * **Beside the others.** A sensor is apart if its times are farther from those of the others than the recording is
   long, and than {APART_NS // NS} s. It is late if it has as many times as the others of its rate (one more or
-  less), and begins and ends later by the same time, more than {LONGEST:g} intervals. A sensor that was switched
+  less), and begins and ends later by the same time, more than {GAP_INTERVALS:g} intervals. A sensor that was switched
   on late ends with the others, and has fewer. An offset that is shorter shows in no clock, but in the
   [residuals](../explanation/believe.md) of tracks.
 * **Truth.** True positions and boxes of a recording that are of none of the times of its sensors can be compared

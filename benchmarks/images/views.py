@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.references import reference
 from occlog.core.sight.fundamental import fundamental_from_poses
-from occlog.measure.epipolar.views import Geometry, View
+from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.papers.qu.timing import likelihood_seconds
 from occlog.records.scene import Camera
 from occlog.simulate.balls.config import BallsConfig
@@ -36,11 +36,11 @@ def inner(camera: Camera) -> np.ndarray:
     return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
 
-def geometry(config: BallsConfig) -> Geometry:
+def geometry(config: BallsConfig) -> ViewGeometry:
     a, b = ((inner(c), c.rotation, c.position) for c in ball_cameras(config))
     out = np.full((2, 2, 3, 3), np.nan)
     out[0, 1], out[1, 0] = fundamental_from_poses(*a, *b), fundamental_from_poses(*b, *a)
-    return Geometry(out, (None, None))
+    return ViewGeometry(out, (None, None))
 
 
 def frame_set(frame: BallsFrame) -> FrameSet:
@@ -50,7 +50,7 @@ def frame_set(frame: BallsFrame) -> FrameSet:
 def states(frames: list[BallsFrame], config: BallsConfig, **settings: Any) -> list[tuple[Any, FrameSet, Any]]:
     """The state before each frame, the frame, and the state of the generator."""
     rng = np.random.default_rng(SEED)
-    views = [View(c.name, *c.image_size) for c in ball_cameras(config)]
+    views = [TrackedView(c.name, *c.image_size) for c in ball_cameras(config)]
     state = initial_state(views, geometry(config), BmctConfig(**settings))
     births = [Birth(v, k, e) for v, row in enumerate(frames[0].ellipses) for k, e in enumerate(row)]
     state, out = initiate_trackers(state, frame_set(frames[0]), births), []

@@ -36,7 +36,7 @@ from occlog.cli.main import run as occlog
 from occlog.core.metrics.ranking import area_under_curve, rank_one
 from occlog.measure.appearance.config import LearnConfig, MatchConfig
 from occlog.measure.appearance.run import SightingFiles, SightingInput
-from occlog.measure.appearance.sightings import Sighting, SightingTally, sightings
+from occlog.measure.appearance.sightings import Sighting, SightingTally, observe_boxes
 from occlog.measure.appearance.stage import EvidenceTally, identities, learn, match, sides_of
 from occlog.records.declared.people import SAME
 from occlog.records.tables import AppearanceMatches, Gallery
@@ -89,7 +89,7 @@ def seen(recording: Path) -> list[Sighting]:
     files = SightingFiles(boxes=recording, images=recording, tracks=None, scene=None)
     inputs = SightingInput(files, labelled=False)
     config = LearnConfig.in_unit(inputs.scene.length_unit)
-    found = sightings(
+    found = observe_boxes(
         inputs.boxes(),
         inputs.images(),
         inputs.walks(config),

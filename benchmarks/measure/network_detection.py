@@ -23,7 +23,7 @@ from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
 from occlog.measure.detect.by_network import detect_by_network
 from occlog.measure.networks.config import NetworkConfig
-from occlog.measure.networks.detector import Detector, open_detector
+from occlog.measure.networks.detector import NetworkDetector, open_detector
 from occlog.measure.networks.running.runtimes import load, opencv_threads
 from occlog.records.scene import Camera, Scene
 
@@ -80,7 +80,7 @@ def run(repeats: int) -> dict[str, Any]:
     return {"ratio": median(whole) / median(bare), "limit": LIMIT, "parts": {**parts, "threads": threads}}
 
 
-def detected(path: Path, detector: Detector) -> None:
+def detected(path: Path, detector: NetworkDetector) -> None:
     """Read, decode, bring to size, run, and make views and bearings."""
     for _ in detect_by_network(open_recording(path).frames(("cam",)), room(), detector):
         pass

@@ -38,7 +38,7 @@ COMMANDS = {
         "occlog.papers.lee.traffic.request:TrafficRequest", "Simulate the data traffic of sensors that help each other."
     ),
     "listen": Command(
-        "occlog.measure.listen.request:ListenRequest", "Find directions of arrival in the sound of microphone arrays."
+        "occlog.measure.listen.request:DoaRequest", "Find directions of arrival in the sound of microphone arrays."
     ),
     "epipolar": Command(
         "occlog.measure.epipolar.request:EpipolarRequest", "Find how pairs of views see the same point, or check it."

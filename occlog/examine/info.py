@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from occlog.records.scene import Camera, MicrophoneArray, Scene, TagReader
 
 
-MOST = 1000
+MAX_ENTRIES = 1000
 """Entries of a folder that are looked at."""
 PART = re.compile(r"_\d+$")
 """What the names of files of one split bag end with."""
@@ -61,22 +61,22 @@ def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Desc
     """Describe each file of a folder in one line.
 
     Args:
-        folder: whose entries are looked at, up to `MOST`; those of its own folders that are bags, too.
+        folder: whose entries are looked at, up to `MAX_ENTRIES`; those of its own folders that are bags, too.
         describe: values and lines of one file; InputError where it is none that occlog reads.
 
     Raises:
         InputError: the folder is empty, or cannot be listed.
     """
     try:
-        entries = sorted(islice(folder.iterdir(), MOST + 1))
+        entries = sorted(islice(folder.iterdir(), MAX_ENTRIES + 1))
     except OSError as error:
         raise InputError(f"{folder}: cannot be listed: {error.strerror or error}") from error
     if not entries:
         raise InputError(f"{folder}: is an empty folder")
     files: list[Mapping[str, object]] = []
     lines, others = [], Counter[str]()
-    width = max(len(path.name) for path in entries[:MOST])
-    for path in entries[:MOST]:
+    width = max(len(path.name) for path in entries[:MAX_ENTRIES])
+    for path in entries[:MAX_ENTRIES]:
         try:
             if path.is_dir() and not is_one_bag(path):
                 others["folder"] += 1
@@ -92,12 +92,12 @@ def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Desc
         lines.append(f"{path.name:<{width}}  {said[0]}{time}")
     head = f"folder, {counted(len(files), 'file')} that occlog reads"
     more = [f"{n} x {what}" for what, n in sorted(others.items())]
-    more += [f"entries after the first {MOST} were not looked at"] if len(entries) > MOST else []
+    more += [f"entries after the first {MAX_ENTRIES} were not looked at"] if len(entries) > MAX_ENTRIES else []
     values = {
         "kind": "folder",
         "files": files,
         "others": dict(sorted(others.items())),
-        "complete": len(entries) <= MOST,
+        "complete": len(entries) <= MAX_ENTRIES,
     }
     return values, [head, *lines, *([f"others: {', '.join(more)}"] if more else [])]
 

@@ -37,7 +37,7 @@ CLASSES: dict[str, tuple[str, ...]] = {
         "occlog.simulate.balls.config:BallsConfig",
     ),
     "traffic": ("occlog.papers.lee.traffic.config:TrafficConfig",),
-    "listen": ("occlog.measure.listen.config:ListenConfig",),
+    "listen": ("occlog.measure.listen.config:DoaConfig",),
     "epipolar": ("occlog.measure.epipolar.config:EpipolarConfig",),
     "detect": (
         "occlog.measure.detect.config:DetectConfig",
@@ -48,7 +48,7 @@ CLASSES: dict[str, tuple[str, ...]] = {
         "occlog.measure.fuse.tracks.config:TrackFusionConfig",
     ),
     "priors": (
-        "occlog.measure.priors.config:KalmanConfig",
+        "occlog.measure.priors.config:PositionPriorConfig",
         "occlog.measure.priors.config:HullConfig",
         "occlog.measure.priors.config:AcousticConfig",
     ),

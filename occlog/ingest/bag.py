@@ -44,7 +44,7 @@ from occlog.records.tables import Boxes, Doa, Truth
 
 from .plan import IngestPlan
 from .scene import Turn
-from .truth import span_of, tell_left_out
+from .truth import note_skipped, span_of
 
 Note = Callable[[str], None]
 BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -79,7 +79,7 @@ def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
     return found
 
 
-class Placement(NamedTuple):
+class BagCameraPoses(NamedTuple):
     """The cameras of a bag whose places are known, why others are not, and the frame that is the world."""
 
     cameras: tuple[Camera, ...]
@@ -87,7 +87,7 @@ class Placement(NamedTuple):
     world: str | None
 
 
-def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], note: Note) -> Placement:
+def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], note: Note) -> BagCameraPoses:
     """The cameras of a bag by their calibrations and transforms, but for those that other files place.
 
     The world is the frame that the user gives, else the highest one in which no camera moves.
@@ -125,7 +125,7 @@ def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], n
         shift = told.shift if frame in shared else 0.0
         centre = pose.translation + rotation[:, 0] * shift
         cameras.append(_camera(camera, found, rotation, centre))
-    return Placement(tuple(cameras), reasons, world)
+    return BagCameraPoses(tuple(cameras), reasons, world)
 
 
 def _camera(name: str, found: BagSurvey, rotation: Floats, centre: Floats) -> Camera:
@@ -219,7 +219,7 @@ class Taking:
         plan: IngestPlan,
         scene: Scene,
         clocks: Mapping[str, Clock],
-        placement: Placement,
+        placement: BagCameraPoses,
         turn: Turn | None,
     ) -> None:
         """Know what is taken, and how."""
@@ -388,7 +388,7 @@ class Taking:
         for topic, remark in self.bag.remarks.items():
             note(f"warning: {topic}: {remark}")
         if self._of_other_times and self.plan.frames is not None:
-            tell_left_out(self._of_other_times, self._of_other_times + self.rows.get(Truth.NAME, 0), self.plan, note)
+            note_skipped(self._of_other_times, self._of_other_times + self.rows.get(Truth.NAME, 0), self.plan, note)
         for topic, state in self._states.items():
             name = self._name(topic)
             clock = "times of recording" if state.by_log else "header stamps"
@@ -430,7 +430,7 @@ def _is_same(a: InfoMessage, b: InfoMessage) -> bool:
     return all(np.allclose(getattr(a, name), getattr(b, name), rtol=ROUNDED) for name in ("distortion", "k", "r", "p"))
 
 
-def check_truth_frames(found: BagSurvey, placement: Placement, note: Note) -> None:
+def check_truth_frames(found: BagSurvey, placement: BagCameraPoses, note: Note) -> None:
     """Say that true positions are taken as they are where nothing tells how their frame lies in the world."""
     if found.map.poses and placement.world is None:
         note("bag: no transforms place the cameras: true positions are taken for those of the scene's world")

@@ -30,7 +30,7 @@ RATE = "10"
 """Numbers of frames in a second: one in five is there, 2 a second."""
 
 
-def laid_out(values: Mapping[str, Any]) -> dict[str, Any]:
+def expand_dataset(values: Mapping[str, Any]) -> dict[str, Any]:
     """The values of the options, with a folder of WILDTRACK taken apart into the options that say the same.
 
     What is given beside the folder counts before its parts; with boxes its images are left out.
@@ -70,7 +70,7 @@ def is_wildtrack(path: Path) -> bool:
 
 
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "": 1.0}
-MOST_S = 1e9
+MAX_S = 1e9
 """Largest offset [s]."""
 _OFFSET = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?)\s*(s|ms|us|)")
 
@@ -86,9 +86,9 @@ def offsets_of(texts: Iterable[str]) -> dict[str, float]:
         name, _, value = text.partition("=")
         found = _OFFSET.fullmatch(value.strip())
         seconds = float(found[1]) * UNITS[found[2]] if found else math.inf
-        if not name or not abs(seconds) <= MOST_S:
+        if not name or not abs(seconds) <= MAX_S:
             raise UsageError(
-                f"{option('offset')} {text}: want SENSOR=SECONDS, at most {MOST_S:g} s either way, as in cam2=-0.4s"
+                f"{option('offset')} {text}: want SENSOR=SECONDS, at most {MAX_S:g} s either way, as in cam2=-0.4s"
             )
         if name in out:
             raise UsageError(f"{option('offset')}: sensor {name} is given twice; give every sensor one offset")
@@ -305,7 +305,7 @@ class IngestPlan(Settings):
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> IngestPlan:
         """The plan of the fields and settings of a request; UsageError where they contradict each other."""
-        values = laid_out(values)
+        values = expand_dataset(values)
         mot = _named("mot", values["mot"])
         own = {f.name: values[f.name] for f in declared(cls) if f.name in values}
         plain = ("output", "bags", "topics", "calibration", "image_size", "scene", "frames", "readers", "reads")

@@ -37,19 +37,19 @@ from occlog.records.tables import Boxes, Reads, Truth, TruthBoxes
 from occlog.records.verdicts import Verdict
 from occlog.runner import Job
 
-from .bag import Placement, Taking, check_plan, check_truth_frames, look_into, place_cameras
+from .bag import BagCameraPoses, Taking, check_plan, check_truth_frames, look_into, place_cameras
 from .boxes import box_files, box_options, inside, known_cameras, truth_options
 from .boxes import survey as survey_of
 from .plan import IngestPlan, files_in, with_offsets
 from .request import IngestRequest
 from .scene import Sized, Turn, add_bag_cameras, base_scene, fit_sizes, match_cameras
-from .sources import Copies, Failures, clock_of, open_sources, read_sidecars, start_of, sync_times, times_of
-from .times import Span, TimedWriter, Times
-from .truth import checked, within_frames
+from .sources import Copies, IngestFailures, clock_of, open_sources, read_sidecars, start_of, sync_times, times_of
+from .times import TimedWriter, Times, TimeSpanNs
+from .truth import check_truth_consistency, within_frames
 
 
 @dataclass
-class Ingested(Failures):
+class Ingested(IngestFailures):
     """What has been written so far."""
 
     frames: dict[str, int] = field(default_factory=dict)
@@ -110,7 +110,7 @@ class _OpenBag(NamedTuple):
 
     bag: Bag
     found: BagSurvey
-    placement: Placement
+    placement: BagCameraPoses
 
 
 def _open_bag(plan: IngestPlan, scene: Scene, stack: ExitStack, note: Callable[[str], None]) -> _OpenBag | None:
@@ -253,7 +253,7 @@ def _write_tables(
         heard = read_doa(path, scene.arrays, _doa_options(plan, sensor), clocks, done.losses)
         tables.append(copies.once(heard, path, note, "direction"))
     sync = sync_times(plan) if plan.truth else None
-    seen: dict[int | str, list[tuple[Path, Span]]] = {}
+    seen: dict[int | str, list[tuple[Path, TimeSpanNs]]] = {}
     for camera, path in plan.truth:
         how = TruthOptions(
             format=plan.truth_format,
@@ -263,9 +263,9 @@ def _write_tables(
             sync_ns=sync,
             boxes=truth_options(plan, scene),
         )
-        true = _apart(_truth(path, how, plan, turn), path, seen)
+        true = _split_tables(_truth(path, how, plan, turn), path, seen)
         true = within_frames(true, plan, survey, times, note)
-        tables.append(checked(true, scene, path, note))
+        tables.append(check_truth_consistency(true, scene, path, note))
     empty = 0
     for chunks in tables:
         for table in chunks:
@@ -327,20 +327,20 @@ def _truth(path: Path, how: TruthOptions, plan: IngestPlan, turn: Turn | None) -
         yield turn.truth(table, path) if turn is not None and isinstance(table, Truth) else table
 
 
-def _apart(
-    tables: Iterator[Truth | TruthBoxes], path: Path, known: dict[int | str, list[tuple[Path, Span]]]
+def _split_tables(
+    tables: Iterator[Truth | TruthBoxes], path: Path, known: dict[int | str, list[tuple[Path, TimeSpanNs]]]
 ) -> Iterator[Truth | TruthBoxes]:
     """The tables of a file; InputError where it has a target or a camera of a file before, at the times of that one.
 
     `known` has the files of each target, by its number, and of each camera with boxes, and the times that they have
     it at.
     """
-    spans: dict[int | str, Span] = {}
+    spans: dict[int | str, TimeSpanNs] = {}
     for table in tables:
         whose = table.target_id if isinstance(table, Truth) else table.sensor
         for key in np.unique(whose).tolist():
             own = table.t_ns[whose == key]
-            here = spans.setdefault(key, Span())
+            here = spans.setdefault(key, TimeSpanNs())
             here.take(int(own.min()), int(own.max()))
             for other, span in known.get(key, ()):
                 if span.first <= here.last and here.first <= span.last:

@@ -32,7 +32,7 @@ Sidecars = dict[str, tuple[Ints, str]]
 
 
 @dataclass
-class Failures:
+class IngestFailures:
     """What went wrong so far: what was lost, and the errors of cameras that could not be used at all."""
 
     losses: list[Loss] = field(default_factory=list)
@@ -76,7 +76,7 @@ def clock_of(scene: Scene, name: str) -> Clock | None:
 
 
 def open_sources(
-    plan: IngestPlan, scene: Scene, cameras: list[str], stack: ExitStack, done: Failures
+    plan: IngestPlan, scene: Scene, cameras: list[str], stack: ExitStack, done: IngestFailures
 ) -> list[CameraSource]:
     """The cameras with images, decoders running; one that cannot be opened is a loss.
 

@@ -22,7 +22,7 @@ FEWEST, JUMP, JUMP_NS = 20, 0.5, 60 * NS
 
 
 @dataclass
-class Span:
+class TimeSpanNs:
     """First and last of some times [ns]; the first is later than the last where there are none."""
 
     first: int = 2**63
@@ -38,7 +38,7 @@ class Span:
 
 
 @dataclass
-class FrameTimes(Span):
+class IngestFrameTimes(TimeSpanNs):
     """Times of a camera's frames.
 
     Attributes:
@@ -69,9 +69,9 @@ class Times:
         true: of the truth.
     """
 
-    frames: dict[str, FrameTimes] = field(default_factory=dict)
-    rows: dict[str, Span] = field(default_factory=dict)
-    true: Span = field(default_factory=Span)
+    frames: dict[str, IngestFrameTimes] = field(default_factory=dict)
+    rows: dict[str, TimeSpanNs] = field(default_factory=dict)
+    true: TimeSpanNs = field(default_factory=TimeSpanNs)
 
     def table(self, table: ColumnTable) -> None:
         """Take in rows."""
@@ -83,7 +83,7 @@ class Times:
         elif isinstance(table, Boxes | Doa):
             for name in dict.fromkeys(table.sensor.tolist()):
                 own = t_ns[table.sensor == name]
-                self.rows.setdefault(name, Span()).take(int(own.min()), int(own.max()))
+                self.rows.setdefault(name, TimeSpanNs()).take(int(own.min()), int(own.max()))
 
     def checks(self) -> tuple[Check, ...]:
         """What was checked, and what was found."""
@@ -113,7 +113,7 @@ class Times:
 
     def _of_truth(self) -> Iterator[Check]:
         """A truth without any time in common with what was measured."""
-        measured = Span()
+        measured = TimeSpanNs()
         for own in (*self.frames.values(), *self.rows.values()):
             measured.take(own.first, own.last)
         if self.true.last < measured.first or measured.last < self.true.first:
@@ -133,12 +133,12 @@ class TimedWriter(RecordingWriter):
 
     def image(self, sensor: str, t_ns: int, index: int, data: bytes, kind: str) -> None:
         """Add a compressed image."""
-        self.times.frames.setdefault(sensor, FrameTimes()).add(t_ns)
+        self.times.frames.setdefault(sensor, IngestFrameTimes()).add(t_ns)
         super().image(sensor, t_ns, index, data, kind)
 
     def video_frame(self, sensor: str, t_ns: int, index: int) -> None:
         """Add the time of one frame of a linked video."""
-        self.times.frames.setdefault(sensor, FrameTimes()).add(t_ns)
+        self.times.frames.setdefault(sensor, IngestFrameTimes()).add(t_ns)
         super().video_frame(sensor, t_ns, index)
 
     def table(self, table: ColumnTable) -> None:
@@ -147,7 +147,7 @@ class TimedWriter(RecordingWriter):
         super().table(table)
 
 
-def _apart(times: dict[str, FrameTimes] | dict[str, Span], least: int) -> Iterator[Check]:
+def _apart(times: dict[str, IngestFrameTimes] | dict[str, TimeSpanNs], least: int) -> Iterator[Check]:
     """Sensors whose times are far from those of all others."""
     for name, own in sorted(times.items()):
         others = [each for other, each in times.items() if other != name]

@@ -22,11 +22,11 @@ from .plan import IngestPlan
 
 MAX_OFF = 0.5
 """Feet may be so many heights of the box from the middle of its lower edge, in the median of a camera."""
-LEAST = 20
+MIN_BOXES = 20
 """Boxes of a camera from which a median is believed."""
 
 
-def checked(
+def check_truth_consistency(
     tables: Iterator[Truth | TruthBoxes], scene: Scene, path: Path, note: Callable[[str], None]
 ) -> Iterator[Truth | TruthBoxes]:
     """The tables; at their end a note says how far feet are from boxes, in heights of the box.
@@ -48,7 +48,7 @@ def checked(
     medians = {}
     for name, parts in off.items():
         values = np.concatenate(parts)
-        if len(values) < LEAST:
+        if len(values) < MIN_BOXES:
             continue
         medians[name] = float(np.median(values))
         if not medians[name] <= MAX_OFF:
@@ -126,7 +126,7 @@ def within_frames(
         elif inside.any():
             yield table.take(inside)
     if out and plan.frames is not None:
-        tell_left_out(out, rows, plan, note)
+        note_skipped(out, rows, plan, note)
     elif max(early, late) > TOLD_S:
         ends = [f"begin {early:.3g} s before the first"] if early > TOLD_S else []
         ends += [f"go on {late:.3g} s after the last"] if late > TOLD_S else []
@@ -136,7 +136,7 @@ def within_frames(
         )
 
 
-def tell_left_out(out: int, rows: int, plan: IngestPlan, note: Callable[[str], None]) -> None:
+def note_skipped(out: int, rows: int, plan: IngestPlan, note: Callable[[str], None]) -> None:
     """Note that so many of the rows of the truth are of other frames than those that are chosen."""
     chosen = ":".join(map(str, plan.frames or ()))
     note(f"truth: {out} of {rows} true positions are of other frames than {chosen}, and left out")

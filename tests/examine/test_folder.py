@@ -11,7 +11,7 @@ from places import ROOT
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.examine.info import MOST, is_one_bag
+from occlog.examine.info import MAX_ENTRIES, is_one_bag
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.records.losses import Loss
@@ -60,10 +60,10 @@ def test_an_empty_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixtur
 def test_of_very_many_entries_the_first_are_looked_at(
     more: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for n in range(MOST + more):
+    for n in range(MAX_ENTRIES + more):
         (tmp_path / f"{n}.txt").touch()
     assert run(["info", str(tmp_path)]) == ExitCode.DONE
-    assert (f"entries after the first {MOST} were not looked at" in capsys.readouterr().out) == bool(more)
+    assert (f"entries after the first {MAX_ENTRIES} were not looked at" in capsys.readouterr().out) == bool(more)
 
 
 def test_parts_of_one_name_are_one_bag_and_recordings_are_none(folder: Path, tmp_path: Path) -> None:

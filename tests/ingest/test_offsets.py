@@ -9,7 +9,7 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, UsageError
-from occlog.ingest.plan import MOST_S, offsets_of, with_offsets
+from occlog.ingest.plan import MAX_S, offsets_of, with_offsets
 from occlog.io.recording.reader import open_recording
 from occlog.records.scene import Clock, MicrophoneArray, Scene
 from occlog.records.tables import Boxes, Doa, Truth
@@ -104,7 +104,7 @@ def test_an_offset_adds_to_one_that_the_scene_of_a_recording_has(place: Path) ->
 
 @pytest.mark.parametrize(
     ("text", "seconds"),
-    [("a=1", 1.0), ("a=-.5", -0.5), ("a=2ms", 2e-3), ("a=3us", 3e-6), (f"a={MOST_S:g}", MOST_S)],
+    [("a=1", 1.0), ("a=-.5", -0.5), ("a=2ms", 2e-3), ("a=3us", 3e-6), (f"a={MAX_S:g}", MAX_S)],
 )
 def test_units_of_time(text: str, seconds: float) -> None:
     assert offsets_of([text]) == {"a": pytest.approx(seconds, rel=1e-12)}

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from occlog.array_types import NS
-from occlog.ingest.times import FrameTimes, Span, Times
+from occlog.ingest.times import IngestFrameTimes, Times, TimeSpanNs
 
 
-def frames(times_s: Iterable[float]) -> FrameTimes:
-    own = FrameTimes()
+def frames(times_s: Iterable[float]) -> IngestFrameTimes:
+    own = IngestFrameTimes()
     for t in times_s:
         own.add(round(t * NS))
     return own
@@ -27,11 +27,13 @@ def test_nothing_is_found_in_good_times(seed: int) -> None:
     """Frames that are late or missing, cameras that begin one after the other, a pause, boxes of quiet hours."""
     rng = np.random.default_rng(seed)
     late = np.cumsum(0.04 + rng.exponential(0.01, 3000))
-    times = Times({"a": frames(late), "b": frames(20.0 + np.delete(late, slice(500, 700)))}, true=Span(NS, 30 * NS))
+    times = Times(
+        {"a": frames(late), "b": frames(20.0 + np.delete(late, slice(500, 700)))}, true=TimeSpanNs(NS, 30 * NS)
+    )
     assert found(times) == []
     paused = np.concatenate([late, late + late[-1] + 100.0])
     assert found(Times({"a": frames(paused), "b": frames(paused)})) == []
-    assert found(Times(rows={"a": Span(0, 20 * NS), "b": Span(1800 * NS, 1900 * NS)})) == []
+    assert found(Times(rows={"a": TimeSpanNs(0, 20 * NS), "b": TimeSpanNs(1800 * NS, 1900 * NS)})) == []
 
 
 def test_a_sensor_of_another_time_is_named() -> None:
@@ -40,7 +42,7 @@ def test_a_sensor_of_another_time_is_named() -> None:
         ("sensor-at-other-times", ("c",))
     ]
     day = 86_400 * NS
-    rows = {"a": Span(day, day + 20 * NS), "b": Span(day, day + 15 * NS), "mic": Span(0, 20 * NS)}
+    rows = {"a": TimeSpanNs(day, day + 20 * NS), "b": TimeSpanNs(day, day + 15 * NS), "mic": TimeSpanNs(0, 20 * NS)}
     assert found(Times(rows=rows)) == [("sensor-at-other-times", ("mic",))]
 
 
@@ -50,5 +52,5 @@ def test_a_clock_that_is_set_is_named() -> None:
 
 
 def test_a_truth_of_another_time_is_told() -> None:
-    times = Times({"a": frames(np.arange(0.0, 30.0, 0.1))}, true=Span(100 * NS, 120 * NS))
+    times = Times({"a": frames(np.arange(0.0, 30.0, 0.1))}, true=TimeSpanNs(100 * NS, 120 * NS))
     assert found(times) == [("truth-at-other-times", ())]

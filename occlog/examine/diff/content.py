@@ -14,12 +14,12 @@ from typing import NamedTuple, TypeGuard, cast
 
 from occlog.errors import InputError
 
-from .result import ColumnDifference, Comparison, Difference, DiffSettings, Limit, Scalar, Tolerances
+from .result import ColumnDifference, DiffResult, DiffSettings, Limit, RowDifference, Scalar, Tolerances
 
 
 def diff_json(
     name: str, a: object, b: object, tolerances: Tolerances | None = None, provenance: bool = False
-) -> Comparison:
+) -> DiffResult:
     """Compare two JSON values, in the order of A's keys.
 
     Fractional numbers are compared with the tolerances (their last key is the column);
@@ -36,10 +36,10 @@ def diff_json(
     limits = tolerances or Tolerances()
     counts = {"both": 0, "missing": 0, "added": 0}
     rows: dict[str, int] = {}
-    largest: dict[str, Difference] = {}
-    first: Difference | None = None
-    for found in _Walk(name, limits, provenance).values("", "", a, b):
-        if not isinstance(found, Difference):
+    largest: dict[str, RowDifference] = {}
+    first: RowDifference | None = None
+    for found in _JsonWalk(name, limits, provenance).values("", "", a, b):
+        if not isinstance(found, RowDifference):
             counts[found] += 1
             continue
         first = first or found
@@ -50,7 +50,7 @@ def diff_json(
                 largest[found.column] = found
     columns = {column: ColumnDifference(rows[column], largest[column]) for column in rows}
     both, missing, added = counts["both"], counts["missing"], counts["added"]
-    return Comparison(
+    return DiffResult(
         name,
         "values",
         count_a=both + missing,
@@ -66,14 +66,14 @@ def diff_json(
 _ABSENT = object()
 
 
-class _Walk(NamedTuple):
+class _JsonWalk(NamedTuple):
     """Walk over two JSON values of a file."""
 
     name: str
     limits: Tolerances
     provenance: bool
 
-    def values(self, path: str, key: str, a: object, b: object) -> Iterator[Difference | str]:
+    def values(self, path: str, key: str, a: object, b: object) -> Iterator[RowDifference | str]:
         """Yield a difference, or `both`, for every value that is not a container.
 
         Args:
@@ -94,20 +94,20 @@ class _Walk(NamedTuple):
         else:
             yield self._value(path or "value", key, a, b)
 
-    def _entry(self, path: str, key: str, a: object, b: object) -> Iterator[Difference | str]:
+    def _entry(self, path: str, key: str, a: object, b: object) -> Iterator[RowDifference | str]:
         """Walk on in an entry of a container that may be absent in one of the files."""
         if a is _ABSENT:
-            yield Difference("added", self.name, {"path": path}, key, b=_short(b))
+            yield RowDifference("added", self.name, {"path": path}, key, b=_short(b))
         elif b is _ABSENT:
-            yield Difference("missing", self.name, {"path": path}, key, a=_short(a))
+            yield RowDifference("missing", self.name, {"path": path}, key, a=_short(a))
         else:
             yield from self.values(path, key, a, b)
 
-    def _value(self, path: str, key: str, a: object, b: object) -> Difference | str:
+    def _value(self, path: str, key: str, a: object, b: object) -> RowDifference | str:
         """Compare two values of which at least one is no container."""
         if not (_is_number(a) and _is_number(b)):
             same = type(a) is type(b) and a == b
-            return "both" if same else Difference("value", self.name, {"path": path}, key, a=_short(a), b=_short(b))
+            return "both" if same else RowDifference("value", self.name, {"path": path}, key, a=_short(a), b=_short(b))
         if a == b or (a != a and b != b):
             return "both"
         whole = isinstance(a, int) and isinstance(b, int)
@@ -118,7 +118,7 @@ class _Walk(NamedTuple):
         allowed = limit.atol + limit.rtol * max(abs(_float(a)), abs(_float(b)))
         if math.isfinite(apart) and apart <= allowed:
             return "both"
-        return Difference("value", self.name, {"path": path}, key, a=a, b=b, difference=apart, limit=allowed)
+        return RowDifference("value", self.name, {"path": path}, key, a=a, b=b, difference=apart, limit=allowed)
 
 
 def _float(value: float) -> float:
@@ -143,7 +143,7 @@ def _short(value: object) -> Scalar:
     return f"a list of {len(value)} entries" if _is_list(value) else cast(Scalar, value)
 
 
-def compare_verdicts(name: str, a: Path, b: Path) -> list[Comparison]:
+def compare_verdicts(name: str, a: Path, b: Path) -> list[DiffResult]:
     """Compare what stages that made both files found against them; nothing where they found the same."""
     from occlog.io.files.inputs import verdicts_of_file
 
@@ -162,7 +162,7 @@ def compare_verdicts(name: str, a: Path, b: Path) -> list[Comparison]:
     return [] if found_a == found_b else [diff_json(f"{name}: verdict", found_a, found_b)]
 
 
-def compare_provenance(name: str, a: object, b: object) -> Comparison:
+def compare_provenance(name: str, a: object, b: object) -> DiffResult:
     """Compare how two files were made."""
     return diff_json(f"{name}: provenance", a, b, provenance=True)
 
@@ -174,7 +174,7 @@ YAML = (".yaml", ".yml")
 """Endings of names of files whose values are compared, not their text."""
 
 
-def compare_contents(a: Path, b: Path, name: str, settings: DiffSettings) -> Comparison:
+def compare_contents(a: Path, b: Path, name: str, settings: DiffSettings) -> DiffResult:
     """Compare two files of one kind."""
     data_a, data_b = (content(path, settings) for path in (a, b))
     if data_a != data_b and name.lower().endswith(YAML):
@@ -230,10 +230,10 @@ def values_in(name: str, data: bytes) -> object:
         return hashlib.sha256(data).hexdigest()
 
 
-def diff_bytes(name: str, a: bytes, b: bytes) -> Comparison:
+def diff_bytes(name: str, a: bytes, b: bytes) -> DiffResult:
     """Compare two files byte by byte; the first difference is named by byte, and by line in text."""
     if a == b:
-        return Comparison(name, "bytes", count_a=len(a), count_b=len(b), matched=len(a))
+        return DiffResult(name, "bytes", count_a=len(a), count_b=len(b), matched=len(a))
     shorter = min(len(a), len(b))
     at = next((n for n in range(0, shorter, 4096) if a[n : n + 4096] != b[n : n + 4096]), shorter)
     while at < shorter and a[at] == b[at]:
@@ -244,8 +244,8 @@ def diff_bytes(name: str, a: bytes, b: bytes) -> Comparison:
     if b"\0" not in a[:4096] and b"\0" not in b[:4096]:
         key["line"] = a.count(b"\n", 0, at) + 1
         found_a, found_b = _line(a, at), _line(b, at)
-    first = Difference("content", name, key, a=found_a, b=found_b)
-    return Comparison(name, "bytes", count_a=len(a), count_b=len(b), matched=at, first=first)
+    first = RowDifference("content", name, key, a=found_a, b=found_b)
+    return DiffResult(name, "bytes", count_a=len(a), count_b=len(b), matched=at, first=first)
 
 
 def _line(data: bytes, at: int) -> str | None:

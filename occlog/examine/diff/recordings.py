@@ -15,7 +15,7 @@ from occlog.io.recording.rows import RECORDED, schema_of
 from occlog.records.columns import ColumnTable, check_order, column
 
 from .content import compare_provenance, compare_verdicts, diff_json, values_in
-from .result import Comparison, DiffSettings
+from .result import DiffResult, DiffSettings
 from .stage import diff_tables
 
 ROWS = 4096
@@ -39,7 +39,7 @@ class RecordedMessages(ColumnTable):
         check_order(self)
 
 
-def compare_recordings(a: Path, b: Path, name: str, settings: DiffSettings) -> list[Comparison]:
+def compare_recordings(a: Path, b: Path, name: str, settings: DiffSettings) -> list[DiffResult]:
     """Compare two recordings: attached files, frames, each table, and with `provenance` how they were made."""
     left, right = open_recording(a), open_recording(b)
     out = [_compare_attachments(left, right, name, settings)]
@@ -60,7 +60,7 @@ def compare_recordings(a: Path, b: Path, name: str, settings: DiffSettings) -> l
     return [found for found in out if found.count_a or found.count_b]
 
 
-def _compare_attachments(a: McapRecording, b: McapRecording, name: str, settings: DiffSettings) -> Comparison:
+def _compare_attachments(a: McapRecording, b: McapRecording, name: str, settings: DiffSettings) -> DiffResult:
     """Compare attached files by content (YAML by value, text by line, others by hash), and linked videos."""
     return diff_json(f"{name}: files", _attached(a), _attached(b), settings.tolerances, provenance=True)
 

@@ -14,7 +14,7 @@ RTOL = 1e-9
 
 RTOL_SINGLE = 4.8e-7
 """The same for 4-byte numbers, whose last bit is larger: four of their steps."""
-MOST_SCHEMA_LINES = 12
+MAX_SCHEMA_LINES = 12
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class DiffSettings:
 
 
 @dataclass(frozen=True)
-class Difference:
+class RowDifference:
     """A row, value or content that is not the same in A and B.
 
     Attributes:
@@ -112,7 +112,7 @@ class ColumnDifference:
     """Number of rows in which a column differs, and its largest difference."""
 
     rows: int
-    largest: Difference
+    largest: RowDifference
 
     def as_dict(self) -> dict[str, object]:
         """Return the fields as plain values for JSON."""
@@ -120,7 +120,7 @@ class ColumnDifference:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class DiffResult:
     """Two tables, JSON values or files compared.
 
     Attributes:
@@ -142,8 +142,8 @@ class Comparison:
     missing: int = 0
     added: int = 0
     columns: Mapping[str, ColumnDifference] = field(default_factory=dict)
-    schema: tuple[Difference, ...] = ()
-    first: Difference | None = None
+    schema: tuple[RowDifference, ...] = ()
+    first: RowDifference | None = None
 
     @property
     def same(self) -> bool:
@@ -164,7 +164,7 @@ class Comparison:
         }
 
 
-def as_dict(found: Sequence[Comparison]) -> dict[str, object]:
+def as_dict(found: Sequence[DiffResult]) -> dict[str, object]:
     """Return all comparisons as plain values for JSON; `first` is the first difference of the earliest stage."""
     different = [part for part in found if not part.same]
     return {
@@ -174,12 +174,12 @@ def as_dict(found: Sequence[Comparison]) -> dict[str, object]:
     }
 
 
-def _first(part: Comparison) -> dict[str, object]:
+def _first(part: DiffResult) -> dict[str, object]:
     first = part.schema[0] if part.schema else part.first
     return first.as_dict() if first is not None else {}
 
 
-def report_lines(found: Sequence[Comparison]) -> list[str]:
+def report_lines(found: Sequence[DiffResult]) -> list[str]:
     """Write all comparisons for a person, and the part that differs first at the end."""
     different = [part for part in found if not part.same]
     lines = [line for part in found for line in comparison_lines(part)]
@@ -191,7 +191,7 @@ def report_lines(found: Sequence[Comparison]) -> list[str]:
     return [*lines, head]
 
 
-def comparison_lines(found: Comparison) -> list[str]:
+def comparison_lines(found: DiffResult) -> list[str]:
     """Write what two tables or files have in common, and where they differ first and most."""
     if found.same:
         return [f"same       {found.name}{_count(found)}"]
@@ -199,9 +199,9 @@ def comparison_lines(found: Comparison) -> list[str]:
         where = "A" if found.first is not None and found.first.kind == "missing" else "B"
         return [f"different  {found.name}: only in {where}"]
     lines = [f"different  {found.name}: {_counts(found)}"]
-    lines += [f"    schema  {_schema(item)}" for item in found.schema[:MOST_SCHEMA_LINES]]
-    if len(found.schema) > MOST_SCHEMA_LINES:
-        lines.append(f"    schema  and {len(found.schema) - MOST_SCHEMA_LINES} more differences")
+    lines += [f"    schema  {_schema(item)}" for item in found.schema[:MAX_SCHEMA_LINES]]
+    if len(found.schema) > MAX_SCHEMA_LINES:
+        lines.append(f"    schema  and {len(found.schema) - MAX_SCHEMA_LINES} more differences")
     if found.first is not None:
         lines.append(f"    first   {difference_words(found.first)}")
     width = max((len(name) for name in found.columns), default=0)
@@ -211,11 +211,11 @@ def comparison_lines(found: Comparison) -> list[str]:
     return lines
 
 
-def _count(found: Comparison) -> str:
+def _count(found: DiffResult) -> str:
     return f" ({found.count_a} {found.what})" if found.what != "files" else ""
 
 
-def _counts(found: Comparison) -> str:
+def _counts(found: DiffResult) -> str:
     if found.what == "bytes":
         return f"{found.count_a} and {found.count_b} bytes"
     if not found.matched and not found.missing and not found.added:
@@ -225,14 +225,14 @@ def _counts(found: Comparison) -> str:
     return text + (f", {found.added} only in B" if found.added else "")
 
 
-def _schema(found: Difference) -> str:
+def _schema(found: RowDifference) -> str:
     if found.a == "column" or found.b == "column":
         return f"column {found.column} is only in {'A' if found.a == 'column' else 'B'}"
     what = f"{found.key['entry']} of {found.column}" if found.key else found.column.replace("_", " ")
     return f"{what}: {found.a} in A, {found.b} in B"
 
 
-def difference_words(found: Difference) -> str:
+def difference_words(found: RowDifference) -> str:
     """Write one difference with its place, both values, their distance and the limit."""
     place = _key(found.key)
     if found.kind in ("missing", "added"):
@@ -250,14 +250,14 @@ def _line(text: Scalar) -> str:
     return "the end" if text is None else repr(text)
 
 
-def _apart(found: Difference) -> str:
+def _apart(found: RowDifference) -> str:
     if found.difference is None or math.isnan(found.difference):
         return ""
     unit = f" {found.unit}" if found.unit else ""
     return f" ({found.difference:.6g}{unit} apart, limit {found.limit:.3g})"
 
 
-def _most(found: Difference) -> str:
+def _most(found: RowDifference) -> str:
     where = _key(found.key)
     if found.difference is None or math.isnan(found.difference):
         return f"at {where}: {found.a!r} and {found.b!r}"

@@ -13,7 +13,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.limits import Content, content_of
 
 from .content import compare_contents, content, diff_bytes, diff_json
-from .result import Comparison, Difference, DiffSettings
+from .result import DiffResult, DiffSettings, RowDifference
 
 STAGES = (
     "scene",
@@ -38,7 +38,7 @@ OTHERS = (".csv", ".tsv", ".gz", ".txt", ".arrow", ".feather", ".tum", ".trc", "
 """Endings of names of tables that other programs make; those of Parquet are known by their content."""
 
 
-def compare_paths(a: Path, b: Path, settings: DiffSettings) -> list[Comparison]:
+def compare_paths(a: Path, b: Path, settings: DiffSettings) -> list[DiffResult]:
     """Compare two files or folders; parts made by earlier stages come first.
 
     Raises:
@@ -83,15 +83,15 @@ def stage_order(names: Iterable[str]) -> list[str]:
     return sorted(names, key=place)
 
 
-def _compare_folders(a: Path, b: Path, settings: DiffSettings) -> list[Comparison]:
+def _compare_folders(a: Path, b: Path, settings: DiffSettings) -> list[DiffResult]:
     files_a, files_b = _files(a, settings), _files(b, settings)
-    out: list[Comparison] = []
+    out: list[DiffResult] = []
     for name in stage_order(files_a | files_b):
         if name in files_a and name in files_b:
             out += compare_files(a / name, b / name, name, settings)
             continue
         kind = "missing" if name in files_a else "added"
-        out.append(Comparison(name, "files", first=Difference(kind, name)))
+        out.append(DiffResult(name, "files", first=RowDifference(kind, name)))
     return out
 
 
@@ -107,7 +107,7 @@ def _files(folder: Path, settings: DiffSettings) -> set[str]:
     }
 
 
-def compare_files(a: Path, b: Path, name: str, settings: DiffSettings) -> list[Comparison]:
+def compare_files(a: Path, b: Path, name: str, settings: DiffSettings) -> list[DiffResult]:
     """Compare two files, those of different kinds byte by byte; recordings have several parts."""
     kind, other = kind_of(a), kind_of(b)
     found = _as_tables(a, b, name, settings, kind, other)
@@ -128,7 +128,7 @@ def compare_files(a: Path, b: Path, name: str, settings: DiffSettings) -> list[C
 
 def _as_tables(
     a: Path, b: Path, name: str, settings: DiffSettings, *kinds: Content | str, alone: bool = False
-) -> list[Comparison] | None:
+) -> list[DiffResult] | None:
     """Compare two files that hold tables; None where they do not."""
     if not all(kind is Content.TABLE or kind in OTHERS for kind in kinds):
         return None

@@ -21,7 +21,7 @@ from occlog.records.columns import ANY_WIDTH, LENGTHS, Column, ColumnTable, in_l
 from occlog.records.tables import FIRST, LAST, TableBuffer, times
 from occlog.settings import METRES
 
-from .result import ColumnDifference, Comparison, Difference, Limit, Tolerances
+from .result import ColumnDifference, DiffResult, Limit, RowDifference, Tolerances
 
 T = TypeVar("T", bound=ColumnTable)
 
@@ -269,7 +269,7 @@ def diff_tables(
     tolerances: Tolerances | None = None,
     only: frozenset[str] | None = None,
     length_unit: str = "m",
-) -> Comparison:
+) -> DiffResult:
     """Compare two tables of one kind, given in chunks ordered by time.
 
     Rows are joined by the table's key (see `join`); columns of joined rows are compared by
@@ -321,9 +321,9 @@ class _Tally:
     matched: int = 0
     missing: int = 0
     added: int = 0
-    first: Difference | None = None
+    first: RowDifference | None = None
     rows: dict[str, int] = field(default_factory=dict)
-    largest: dict[str, Difference] = field(default_factory=dict)
+    largest: dict[str, RowDifference] = field(default_factory=dict)
 
     def add(self, a: ColumnTable, b: ColumnTable) -> None:
         """Compare one piece of both tables, later than all pieces before it."""
@@ -340,7 +340,7 @@ class _Tally:
             # At equal keys whole rows go before values, and columns in the table's order: min takes the first.
             self.first = min(firsts, key=lambda item: item[0])[1]
 
-    def _alone(self, a: ColumnTable, b: ColumnTable, found: Join) -> list[tuple[int, Difference]]:
+    def _alone(self, a: ColumnTable, b: ColumnTable, found: Join) -> list[tuple[int, RowDifference]]:
         """Return the first row that is in A alone, and the first in B alone, with their ranks."""
         out = []
         for kind, table, rows, rank in (
@@ -349,10 +349,10 @@ class _Tally:
         ):
             if len(rows):
                 row = int(rows[0])
-                out.append((int(rank[row]), Difference(kind, self.kind.NAME, _key(table, row))))
+                out.append((int(rank[row]), RowDifference(kind, self.kind.NAME, _key(table, row))))
         return out
 
-    def _column(self, c: Column, a: ColumnTable, b: ColumnTable, found: Join) -> list[tuple[int, Difference]]:
+    def _column(self, c: Column, a: ColumnTable, b: ColumnTable, found: Join) -> list[tuple[int, RowDifference]]:
         """Count the rows in which a column differs; return its first difference in this piece, with its rank."""
         values_a, values_b = _alike(c, getattr(a, c.name)[found.a], getattr(b, c.name)[found.b])
         if values_a.ndim == 2 and not values_a.shape[1]:
@@ -376,7 +376,7 @@ class _Tally:
 
     def _difference(
         self, c: Column, a: ColumnTable, b: ColumnTable, found: Join, values: Values, row: int
-    ) -> Difference:
+    ) -> RowDifference:
         row_a, row_b = int(found.a[row]), int(found.b[row])
         value_a, value_b = getattr(a, c.name)[row_a], getattr(b, c.name)[row_b]
         name = c.name
@@ -385,7 +385,7 @@ class _Tally:
             (value_a,), (value_b,) = _alike(c, value_a[None], value_b[None])
             value_a, value_b, name = value_a[entry], value_b[entry], f"{c.name}[{entry}]"
         labels = c.kind in ("U", "?")
-        return Difference(
+        return RowDifference(
             kind="value",
             place=self.kind.NAME,
             key=_key(a, row_a),
@@ -403,11 +403,11 @@ class _Tally:
             return ""
         return in_length_unit(c.unit, self.length_unit)
 
-    def result(self) -> Comparison:
+    def result(self) -> DiffResult:
         """Return the comparison of all pieces."""
         order = [c.name for c in self.kind.columns() if c.name in self.rows]
         columns = {name: ColumnDifference(self.rows[name], self.largest[name]) for name in order}
-        return Comparison(
+        return DiffResult(
             self.kind.NAME,
             "rows",
             count_a=self.rows_a,
@@ -428,7 +428,7 @@ def _key(table: ColumnTable, row: int) -> dict[str, object]:
     return {name: getattr(table, name)[row].item() for name in type(table).KEY}
 
 
-def diff_schemas(name: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[Difference, ...]:
+def diff_schemas(name: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[RowDifference, ...]:
     """Compare what two tables declare.
 
     Args:
@@ -438,21 +438,21 @@ def diff_schemas(name: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple
         b: the same of the second table.
     """
     out = [
-        Difference("schema", name, {}, entry, a=a.get(entry), b=b.get(entry))
+        RowDifference("schema", name, {}, entry, a=a.get(entry), b=b.get(entry))
         for entry in ("schema", "version", "length_unit")
         if a.get(entry) != b.get(entry)
     ]
     columns_a = {c["name"]: c for c in a.get("columns", ())}
     columns_b = {c["name"]: c for c in b.get("columns", ())}
-    out += [Difference("schema", name, {}, c, a="column") for c in columns_a if c not in columns_b]
-    out += [Difference("schema", name, {}, c, b="column") for c in columns_b if c not in columns_a]
+    out += [RowDifference("schema", name, {}, c, a="column") for c in columns_a if c not in columns_b]
+    out += [RowDifference("schema", name, {}, c, b="column") for c in columns_b if c not in columns_a]
     lengths = (a["length_unit"], b["length_unit"])
     for column in (c for c in columns_a if c in columns_b):
         for entry in ("type", "unit"):
             left, right = columns_a[column].get(entry), columns_b[column].get(entry)
             # Another unit of length is one difference of the table, not one of each column.
             if left != right and not (entry == "unit" and _swapped(left, lengths) == right):
-                out.append(Difference("schema", name, {"entry": entry}, column, a=left, b=right))
+                out.append(RowDifference("schema", name, {"entry": entry}, column, a=left, b=right))
     return tuple(out)
 
 

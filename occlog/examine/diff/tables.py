@@ -18,7 +18,7 @@ from occlog.records.columns import ColumnTable
 from occlog.records.tables import TABLES, table_with
 
 from .content import compare_provenance, compare_verdicts
-from .result import Comparison, Difference, DiffSettings, Scalar
+from .result import DiffResult, DiffSettings, RowDifference, Scalar
 from .stage import diff_schemas, diff_tables
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 def compare_tables(
     a: Path, b: Path, name: str, settings: DiffSettings, *, alone: bool = False
-) -> list[Comparison] | None:
+) -> list[DiffResult] | None:
     """Compare two tables; None where a file is none, or was made by another program and fits none of our tables.
 
     Args:
@@ -63,7 +63,7 @@ def _check_named(table: str, names: list[str], settings: DiffSettings) -> None:
             raise UsageError(f"{option('tol')} {wanted}: {table} has no such column; {hint}")
 
 
-def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alone: bool) -> Comparison:
+def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alone: bool) -> DiffResult:
     """Compare two tables, of which others made one or both: by the columns that both have, in one unit of length."""
     first, second = (b, a) if b.foreign is None else (a, b)
     kind = TABLES[first.table]
@@ -75,8 +75,8 @@ def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alo
     names_a, names_b = _columns(a, table), _columns(b, table)
     if alone:
         _check_named(table.NAME, names_a, settings)
-    schema = [Difference("schema", name, {}, each, a="column") for each in names_a if each not in names_b]
-    schema += [Difference("schema", name, {}, each, b="column") for each in names_b if each not in names_a]
+    schema = [RowDifference("schema", name, {}, each, a="column") for each in names_a if each not in names_b]
+    schema += [RowDifference("schema", name, {}, each, b="column") for each in names_b if each not in names_a]
     both = frozenset(names_a) & frozenset(names_b)
     found = diff_tables(table, a.rows(table), b.rows(table), settings.tolerances, both, unit)
     if a.foreign is not None and b.foreign is not None:
@@ -84,19 +84,19 @@ def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alo
     return replace(found, name=name, schema=tuple(schema))
 
 
-def _compare_unused(a: ForeignTable, b: ForeignTable, table: type[ColumnTable], name: str) -> list[Difference]:
+def _compare_unused(a: ForeignTable, b: ForeignTable, table: type[ColumnTable], name: str) -> list[RowDifference]:
     """The first difference of each column that no table of ours has, in the order of the files."""
     unused_a, unused_b = ([n for n in f.source.names if n not in f.layout_of(table).names] for f in (a, b))
     both = [n for n in unused_a if n in unused_b]
-    out = [Difference("schema", name, {}, n, a="column") for n in unused_a if n not in both]
-    out += [Difference("schema", name, {}, n, b="column") for n in unused_b if n not in both]
+    out = [RowDifference("schema", name, {}, n, a="column") for n in unused_a if n not in both]
+    out += [RowDifference("schema", name, {}, n, b="column") for n in unused_b if n not in both]
     open_ = dict.fromkeys(both)
     for row, (left, right) in enumerate(zip_longest(_raw_rows(a, both), _raw_rows(b, both)) if both else ()):
         for n, column in enumerate(both):
             values = (None if cells is None else cells[n] for cells in (left, right))
             value_a, value_b = values
             if column in open_ and value_a != value_b:
-                out.append(Difference("value", name, {"entry": f"row {row}"}, column, a=value_a, b=value_b))
+                out.append(RowDifference("value", name, {"entry": f"row {row}"}, column, a=value_a, b=value_b))
                 del open_[column]
         if not open_:
             break
@@ -125,7 +125,7 @@ def _columns(opened: Opened, table: type[ColumnTable]) -> list[str]:
     return [c["name"] for c in describe(opened.path)["columns"]]
 
 
-def _compare_ours(a: Path, b: Path, name: str, settings: DiffSettings) -> list[Comparison]:
+def _compare_ours(a: Path, b: Path, name: str, settings: DiffSettings) -> list[DiffResult]:
     """Compare what two tables declare, their rows, and with `provenance` how they were made."""
     said_a, said_b = describe(a), describe(b)
     schema = diff_schemas(name, said_a, said_b)
@@ -133,7 +133,7 @@ def _compare_ours(a: Path, b: Path, name: str, settings: DiffSettings) -> list[C
         raise InputError(f"{a}: unknown table {said_a['schema']!r}; occlog knows {', '.join(TABLES)}")
     if any(found.column != "length_unit" and found.key.get("entry") != "unit" for found in schema):
         # Rows of different tables, or with different columns, cannot be joined.
-        found = Comparison(name, "rows", count_a=said_a["rows"], count_b=said_b["rows"], schema=schema)
+        found = DiffResult(name, "rows", count_a=said_a["rows"], count_b=said_b["rows"], schema=schema)
     else:
         # Tables of one name may have more columns than the one that it stands for
         table = table_with(said_a["schema"], [c["name"] for c in said_a["columns"]])

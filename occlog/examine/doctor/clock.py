@@ -20,13 +20,13 @@ from occlog.io.files.utc import utc
 from occlog.io.foreign.cells import TableCells
 from occlog.io.foreign.table import ForeignTable
 
-from .findings import LONGEST, Findings
+from .findings import GAP_INTERVALS, Findings
 
 MIN_INTERVALS = 10
 """Fewer intervals tell no usual one."""
 REGULAR_SHARE, REGULAR_FROM, REGULAR_TO = 0.9, 0.5, 1.5
 """Of a regular sensor at least this share of intervals is between these times the usual one."""
-MOST_INTERVALS = 50_000
+MAX_INTERVALS = 50_000
 """Different intervals that are kept apart; beyond, they are rounded to `DIGITS` digits."""
 DIGITS = 3
 KEPT_GAPS = 64
@@ -46,7 +46,7 @@ SAME_RATE = 0.01
 
 
 @dataclass
-class Clock:
+class SensorTimes:
     """What the times of one sensor say, fed in the order of the file.
 
     Attributes:
@@ -109,7 +109,7 @@ class Clock:
         lengths, counts = np.unique(steps[forward].astype(np.int64), return_counts=True)
         for length, count in zip(lengths.tolist(), counts.tolist(), strict=True):
             self._intervals[length] = self._intervals.get(length, 0) + count
-        if len(self._intervals) > MOST_INTERVALS:
+        if len(self._intervals) > MAX_INTERVALS:
             rounded: dict[int, int] = {}
             for length, count in self._intervals.items():
                 short = round(length, DIGITS - len(str(length)))
@@ -182,8 +182,8 @@ class Clock:
         usual = self.usual_ns
         if usual is None:
             return
-        long = sorted((one for one in self._longest if one[0] > LONGEST * usual), key=lambda one: one[1])
-        total = sum(n for d, n in self._intervals.items() if d > LONGEST * usual)
+        long = sorted((one for one in self._longest if one[0] > GAP_INTERVALS * usual), key=lambda one: one[1])
+        total = sum(n for d, n in self._intervals.items() if d > GAP_INTERVALS * usual)
         for length, before, step in long:
             kind = "jump" if 0 < step == self._step else "gap"
             if kind == "gap" and self.sporadic:
@@ -194,7 +194,7 @@ class Clock:
                 kind,
                 f"{self.name}: after {utc(before)}",
                 what + missed,
-                limit=f"{LONGEST * usual / NS:.6g} s",
+                limit=f"{GAP_INTERVALS * usual / NS:.6g} s",
             )
         if total > len(long) and not self.sporadic:
             findings.add("gap", self.name, "further ones", count=total - len(long))
@@ -204,25 +204,27 @@ def _is_wide(t_ns: Ints) -> bool:
     return int(t_ns.max()) - int(t_ns.min()) >= 2**62
 
 
-def judge_clocks(clocks: Sequence[Clock], findings: Findings) -> None:
+def check_clocks(clocks: Sequence[SensorTimes], findings: Findings) -> None:
     """Note what is wrong with the times of every sensor, and of each beside the others."""
     for clock in clocks:
         clock.judge(findings)
     # Whoever has times of another epoch is not late too
     told = [clock for clock in clocks if clock.count]
-    apart = list(_apart(told))
+    apart = list(_disjoint_sensors(told))
     for clock in apart:
         others = [other for other in told if other not in apart]
         low, high = min(other.low for other in others), max(other.high for other in others)
         value = f"{utc(clock.low)} to {utc(clock.high)}; the others {utc(low)} to {utc(high)}"
         findings.add("clock-apart", clock.name, value)
     for clock, late_ns in _late([clock for clock in told if clock not in apart]):
-        limit = f"{LONGEST * (clock.usual_ns or 0) / NS:.6g} s"
+        limit = f"{GAP_INTERVALS * (clock.usual_ns or 0) / NS:.6g} s"
         value = f"by {late_ns / NS:.6g} s, which an offset of {-late_ns / NS:.6g}s takes out"
         findings.add("clock-late", clock.name, value, limit=limit)
 
 
-def judge_truth(truth: Iterable[tuple[str, Clock]], sensors: Iterable[Clock], findings: Findings) -> None:
+def check_truth_times(
+    truth: Iterable[tuple[str, SensorTimes]], sensors: Iterable[SensorTimes], findings: Findings
+) -> None:
     """Note each truth, by its place, that is of none of the times of the sensors: it can be compared with nothing."""
     told = [sensor for sensor in sensors if sensor.count]
     low, high = min((s.low for s in told), default=0), max((s.high for s in told), default=0)
@@ -232,9 +234,9 @@ def judge_truth(truth: Iterable[tuple[str, Clock]], sensors: Iterable[Clock], fi
             findings.add("truth-apart", place, value)
 
 
-def _apart(clocks: Sequence[Clock]) -> Iterator[Clock]:
+def _disjoint_sensors(clocks: Sequence[SensorTimes]) -> Iterator[SensorTimes]:
     """Those whose times lie far from the group with the most sensors; the first such group stays."""
-    groups: list[list[Clock]] = []
+    groups: list[list[SensorTimes]] = []
     end = 0
     margin = max([APART_NS, *(clock.high - clock.low for clock in clocks)])
     for clock in sorted(clocks, key=lambda c: c.low):
@@ -250,7 +252,7 @@ def _apart(clocks: Sequence[Clock]) -> Iterator[Clock]:
             yield from group
 
 
-def _late(clocks: Iterable[Clock]) -> Iterator[tuple[Clock, int]]:
+def _late(clocks: Iterable[SensorTimes]) -> Iterator[tuple[SensorTimes, int]]:
     """Regular sensors with as many times as the others of their rate, all of them later (or earlier) by one time [ns].
 
     Of two sensors the later one is taken for late.
@@ -267,11 +269,11 @@ def _late(clocks: Iterable[Clock]) -> Iterator[tuple[Clock, int]]:
         others = sorted(like, key=lambda c: c.low)
         middle = others[(len(others) - 1) // 2]
         begins, ends = clock.low - middle.low, clock.high - middle.high
-        if abs(begins) > LONGEST * usual and abs(begins - ends) <= usual / 2:
+        if abs(begins) > GAP_INTERVALS * usual and abs(begins - ends) <= usual / 2:
             yield clock, begins
 
 
-MOST = 1 / 3
+MAX_BACKWARD_SHARE = 1 / 3
 """Where more of the rows than this go back, the file is in no order, which is allowed and says nothing of a clock."""
 
 
@@ -298,5 +300,5 @@ class Restarts:
 
     def judge(self, findings: Findings) -> None:
         """Note how often times go back, if the file is in any order at all."""
-        if 0 < self._back <= MOST * self._rows:
+        if 0 < self._back <= MAX_BACKWARD_SHARE * self._rows:
             findings.refused("restart", self._first, count=self._back)

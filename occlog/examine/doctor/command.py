@@ -33,9 +33,9 @@ def command(files: tuple[Path, ...], as_json: bool, quiet: bool) -> int:
     from occlog.console.text import counted
 
     from .findings import Severity, exit_code
-    from .run import look_at
+    from .run import check_files
 
-    found = look_at(files, lambda path: tell(f"{path}: looked at"))
+    found = check_files(files, lambda path: tell(f"{path}: looked at"))
     of = {severity: sum(f.severity is severity for f in found.findings) for severity in Severity}
     if as_json:
         counts = {f"{severity}s": count for severity, count in of.items()}

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from occlog.errors import ExitCode
 
-MOST = 10
+MAX_LISTED_FINDINGS = 10
 """Findings of one kind and file that are listed one by one; further ones are counted."""
 
 
@@ -28,7 +28,7 @@ EXIT_CODES = {Severity.ERROR: ExitCode.BAD_INPUT, Severity.WARNING: ExitCode.LOS
 """The exit code of the worst finding; without any it is 0."""
 
 
-class Kind(NamedTuple):
+class FindingKind(NamedTuple):
     """A kind of findings.
 
     Attributes:
@@ -45,73 +45,81 @@ class Kind(NamedTuple):
 
 
 E, W, N = Severity.ERROR, Severity.WARNING, Severity.NOTE
-LONGEST = 2.5
+GAP_INTERVALS = 2.5
 """An interval of more than so many usual ones is a gap."""
-KINDS: dict[str, Kind] = {
-    "unreadable": Kind(E, "cannot be read"),
-    "unknown": Kind(W, "is no file that occlog knows", remedy="name a recording, a table, a scene or a video"),
-    "no-table": Kind(N, "fits none of occlog's tables"),
-    "not-looked-at": Kind(W, "not looked at", remedy="name the files, or a folder with fewer"),
-    "damaged-recording": Kind(E, "damaged", remedy="salvage it: occlog recover {file} -o OUT.mcap"),
-    "no-index": Kind(
+KINDS: dict[str, FindingKind] = {
+    "unreadable": FindingKind(E, "cannot be read"),
+    "unknown": FindingKind(W, "is no file that occlog knows", remedy="name a recording, a table, a scene or a video"),
+    "no-table": FindingKind(N, "fits none of occlog's tables"),
+    "not-looked-at": FindingKind(W, "not looked at", remedy="name the files, or a folder with fewer"),
+    "damaged-recording": FindingKind(E, "damaged", remedy="salvage it: occlog recover {file} -o OUT.mcap"),
+    "no-index": FindingKind(
         N,
         "no index, or not of all that it holds: each command makes one in a pass through the file",
         remedy="write one: occlog recover {file} -o OUT.mcap",
     ),
-    "damaged-table": Kind(E, "rows that are damaged"),
-    "damaged-bag": Kind(W, "lost, as `occlog ingest` will list it", remedy="copy it again, if it is whole elsewhere"),
-    "miscounted": Kind(N, "more messages than its metadata count; `occlog ingest` reads all"),
-    "message": Kind(E, "a message that is not of its type", remedy="make the recording again"),
-    "row": Kind(E, "a row that cannot be"),
-    "repeated-row": Kind(E, "rows that stand there again", "once", "leave out the copies"),
-    "two-places": Kind(E, "somebody in two places at one time", "one row", "keep one of them"),
-    "double-key": Kind(W, "rows of one key with different values", "one row", "keep one of them"),
-    "order": Kind(E, "a time that goes back", "each after the one before", "sort by time"),
-    "restart": Kind(
+    "damaged-table": FindingKind(E, "rows that are damaged"),
+    "damaged-bag": FindingKind(
+        W, "lost, as `occlog ingest` will list it", remedy="copy it again, if it is whole elsewhere"
+    ),
+    "miscounted": FindingKind(N, "more messages than its metadata count; `occlog ingest` reads all"),
+    "message": FindingKind(E, "a message that is not of its type", remedy="make the recording again"),
+    "row": FindingKind(E, "a row that cannot be"),
+    "repeated-row": FindingKind(E, "rows that stand there again", "once", "leave out the copies"),
+    "two-places": FindingKind(E, "somebody in two places at one time", "one row", "keep one of them"),
+    "double-key": FindingKind(W, "rows of one key with different values", "one row", "keep one of them"),
+    "order": FindingKind(E, "a time that goes back", "each after the one before", "sort by time"),
+    "restart": FindingKind(
         W,
         "times of a sensor or an identity that go back, in the order of the file",
         "each after the one before",
         "rows are read in the order of time: if a clock was set or restarted, give each run its own file",
     ),
-    "repeated-time": Kind(E, "a time that repeats", "each after the one before", "give each frame its own time"),
-    "left-out": Kind(
+    "repeated-time": FindingKind(E, "a time that repeats", "each after the one before", "give each frame its own time"),
+    "left-out": FindingKind(
         W, "a header stamp that repeats or goes back", "each after the one before", "`occlog ingest` leaves it out"
     ),
-    "lost-message": Kind(W, "a message that is not of its type", remedy="`occlog ingest` leaves it out"),
-    "undecoded": Kind(N, "messages of which only the times of recording were looked at"),
-    "linked-video": Kind(E, "its video cannot be used"),
-    "image": Kind(W, "an image that cannot be decoded", remedy="its frame is lost; ingest the source again"),
-    "video-frames": Kind(W, "frames that are lost", remedy="copy or repair the file"),
-    "sound": Kind(W, "samples that are lost", remedy="copy or repair the file"),
-    "uneven-video": Kind(
+    "lost-message": FindingKind(W, "a message that is not of its type", remedy="`occlog ingest` leaves it out"),
+    "undecoded": FindingKind(N, "messages of which only the times of recording were looked at"),
+    "linked-video": FindingKind(E, "its video cannot be used"),
+    "image": FindingKind(W, "an image that cannot be decoded", remedy="its frame is lost; ingest the source again"),
+    "video-frames": FindingKind(W, "frames that are lost", remedy="copy or repair the file"),
+    "sound": FindingKind(W, "samples that are lost", remedy="copy or repair the file"),
+    "uneven-video": FindingKind(
         N, "frames at uneven times", remedy="keep its time stamps: give no frame rate (ingest --fps) for it"
     ),
-    "doubt": Kind(W, "may be wrong"),
-    "losses": Kind(N, "lost when it was made"),
-    "epoch-unit": Kind(W, "times in another unit than is stated", remedy="name the column after its unit, or multiply"),
-    "epoch": Kind(W, "times outside 1970 to 2100", remedy="give the origin of the times"),
-    "gap": Kind(W, "nothing came", f"{LONGEST:g} usual intervals", "expect no estimates of this time by this sensor"),
-    "jump": Kind(
+    "doubt": FindingKind(W, "may be wrong"),
+    "losses": FindingKind(N, "lost when it was made"),
+    "epoch-unit": FindingKind(
+        W, "times in another unit than is stated", remedy="name the column after its unit, or multiply"
+    ),
+    "epoch": FindingKind(W, "times outside 1970 to 2100", remedy="give the origin of the times"),
+    "gap": FindingKind(
+        W, "nothing came", f"{GAP_INTERVALS:g} usual intervals", "expect no estimates of this time by this sensor"
+    ),
+    "jump": FindingKind(
         W,
         "a clock that jumps: the frames are numbered on",
-        f"{LONGEST:g} usual intervals",
+        f"{GAP_INTERVALS:g} usual intervals",
         "take the times of another clock",
     ),
-    "clock-apart": Kind(
+    "clock-apart": FindingKind(
         W, "times that do not meet those of the other sensors", remedy="give an offset (ingest --offset)"
     ),
-    "truth-apart": Kind(
+    "truth-apart": FindingKind(
         W,
         "a truth of none of the times of the sensors",
         remedy="ingest it again with times of the same origin (ingest --start-time)",
     ),
-    "clock-late": Kind(
+    "clock-late": FindingKind(
         W,
         "begins and ends later (or earlier, below 0) than the others, by the same time",
-        f"{LONGEST:g} usual intervals",
+        f"{GAP_INTERVALS:g} usual intervals",
         "if its clock is off, give an offset (ingest --offset)",
     ),
-    "two-clocks": Kind(W, "recorded at other times than its header stamps say", remedy="choose one: ingest --stamp"),
+    "two-clocks": FindingKind(
+        W, "recorded at other times than its header stamps say", remedy="choose one: ingest --stamp"
+    ),
 }
 """Every kind of findings, by the name that it has in JSON."""
 
@@ -187,10 +195,11 @@ class Findings:
             value: what is there.
             limit: what may be there, if the kind does not say it.
             count: how many places it stands for.
-            alike: what findings have in common that are counted as one; empty: each of the first `MOST` stands alone.
+            alike: what findings have in common that are counted as one; empty: each of the first `MAX_LISTED_FINDINGS`
+                stands alone.
         """
         key = (kind, alike or f"{place}\0{value}")
-        if key not in self._found and self._kinds.get(kind, 0) >= MOST:
+        if key not in self._found and self._kinds.get(kind, 0) >= MAX_LISTED_FINDINGS:
             key = next(each for each in reversed(self._found) if each[0] == kind)
         known = self._found.get(key)
         if known is not None:

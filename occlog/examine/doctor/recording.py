@@ -46,15 +46,15 @@ from occlog.io.video.reader import read_container
 from occlog.records.columns import ColumnTable
 from occlog.records.tables import Truth, TruthBoxes
 
-from .clock import Clock, judge_clocks, judge_truth
+from .clock import SensorTimes, check_clocks, check_truth_times
 from .findings import Findings
-from .tables import TableWatch, note_losses, sift
+from .tables import TableWatch, drop_bad_rows, note_losses
 
 TIMED = (TopicKind.IMAGE, TopicKind.BOX, TopicKind.POSE, TopicKind.DIRECTION)
 """Messages whose times ingest takes."""
 
 
-def look_at_bag(path: Path, findings: Findings) -> None:
+def check_bag(path: Path, findings: Findings) -> None:
     """Look at every message of a bag whose time would be taken; what is lost is told by whoever reads the file."""
     try:
         with open_bag([path]) as bag:
@@ -69,7 +69,7 @@ def look_at_bag(path: Path, findings: Findings) -> None:
                 findings.add("miscounted", topic, remark)
         for each in stamps.values():
             each.finish(findings)
-        judge_clocks([each.clock for each in stamps.values()], findings)
+        check_clocks([each.clock for each in stamps.values()], findings)
     except (InputError, UsageError) as error:
         findings.refused("unreadable", error)
 
@@ -108,7 +108,7 @@ class _Stamps:
     """The times of one topic."""
 
     def __init__(self, topic: str) -> None:
-        self.clock = Clock(topic, unique=True, dropped=True)
+        self.clock = SensorTimes(topic, unique=True, dropped=True)
         self._times: list[int] = []
         self._low = self._high = 0.0
 
@@ -137,7 +137,7 @@ UNEVEN_SHARE = 0.05
 MAX_IMAGE_BYTES = 512 * 1024 * 1024
 
 
-def look_at_video(path: Path, findings: Findings) -> None:
+def check_video(path: Path, findings: Findings) -> None:
     """Decode all frames of a video, in a process of its own, and look at their times."""
     try:
         container = read_container(path)
@@ -168,7 +168,7 @@ def _look_at_times(container: Container, findings: Findings) -> None:
         findings.add("uneven-video", "", value, limit=f"{UNEVEN:.0%} from the usual {usual / NS:.4g} s")
 
 
-def look_at_image(path: Path, findings: Findings) -> None:
+def check_image_file(path: Path, findings: Findings) -> None:
     """Decode an image."""
     try:
         size = check_input(path, "an image").stat().st_size
@@ -192,7 +192,7 @@ class _Message(NamedTuple):
     data: bytes
 
 
-def look_at_recording(path: Path, recording: McapRecording | None, findings: Findings, seen: set[Path]) -> None:
+def check_recording(path: Path, recording: McapRecording | None, findings: Findings, seen: set[Path]) -> None:
     """Look at every message of a recording.
 
     Args:
@@ -201,7 +201,7 @@ def look_at_recording(path: Path, recording: McapRecording | None, findings: Fin
         findings: takes what is wrong.
         seen: videos that have been looked at; those that are linked to are added.
     """
-    look, fault = _Look(path, findings), None
+    look, fault = _RecordingScan(path, findings), None
     if recording is not None:
         note_losses(recording.losses, findings)
         if not recording.indexed:
@@ -219,7 +219,7 @@ def look_at_recording(path: Path, recording: McapRecording | None, findings: Fin
         except InputError as error:
             # Read on without the index, which tells all damage
             recording, fault = None, error
-            look = _Look(path, findings)
+            look = _RecordingScan(path, findings)
     if recording is None:
         for message in _whole(path, findings):
             look.take(message)
@@ -290,18 +290,18 @@ def _look_at_link(recording: McapRecording, camera: str, findings: Findings, see
         return
     seen.add(video.path.resolve())
     own = Findings(str(video.path))
-    look_at_video(video.path, own)
+    check_video(video.path, own)
     findings.join(own)
 
 
-class _Look:
+class _RecordingScan:
     """What is known of the messages so far."""
 
     def __init__(self, path: Path, findings: Findings) -> None:
         self._path, self._findings = path, findings
         self._collectors: dict[type[ColumnTable], RowCollector[Any]] = {}
         self._watches: dict[type[ColumnTable], TableWatch] = {}
-        self._clocks: dict[str, Clock] = {}
+        self._clocks: dict[str, SensorTimes] = {}
         self._times: dict[str, list[tuple[int, int]]] = {}  # of frames, with their numbers
 
     def take(self, message: _Message) -> None:
@@ -324,10 +324,10 @@ class _Look:
             watch.finish()
         for sensor in self._times:
             self._tell_clock(sensor)
-        judge_clocks(list(self._clocks.values()), self._findings)
+        check_clocks(list(self._clocks.values()), self._findings)
         truth = [(f"/{t.NAME}, {c.name}", c) for t, watch in self._watches.items() if t in TRUE for c in watch.clocks]
         sensors = [c for table, watch in self._watches.items() if table not in TRUE for c in watch.clocks]
-        judge_truth(truth, [*self._clocks.values(), *sensors], self._findings)
+        check_truth_times(truth, [*self._clocks.values(), *sensors], self._findings)
 
     def _rows(self, table: type[ColumnTable], message: _Message) -> None:
         if table not in self._collectors:
@@ -342,7 +342,7 @@ class _Look:
         values = self._collectors[table].columns()
         order = np.lexsort([values[name] for name in reversed(table.KEY)])
         rows = {name: column[order] for name, column in values.items()}
-        sift(
+        drop_bad_rows(
             len(order),
             lambda start, stop: table(**{name: column[start:stop] for name, column in rows.items()}),
             self._watches[table],
@@ -366,7 +366,7 @@ class _Look:
             self._tell_clock(sensor)
 
     def _tell_clock(self, sensor: str) -> None:
-        clock = self._clocks.setdefault(sensor, Clock(f"camera {sensor}", unique=True))
+        clock = self._clocks.setdefault(sensor, SensorTimes(f"camera {sensor}", unique=True))
         t_ns, number = np.array(self._times[sensor], dtype=np.int64).reshape(-1, 2).T
         clock.add(t_ns, number)
         self._times[sensor] = []

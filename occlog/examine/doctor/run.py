@@ -20,11 +20,11 @@ from occlog.io.recording.reader import open_recording
 from occlog.io.video.reader import read_container
 
 from .findings import Finding, Findings
-from .recording import look_at_bag, look_at_image, look_at_recording, look_at_video
-from .tables import look_at_others, look_at_table
-from .texts import look_at_text
+from .recording import check_bag, check_image_file, check_recording, check_video
+from .tables import check_table, look_at_others
+from .texts import check_text_file
 
-MOST_FILES = 10_000
+MAX_FILES = 10_000
 """Files of a folder, with its own folders, that are looked at."""
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".ts", ".flv", ".m4v", ".wmv")
 PAGES = (".md", ".html", ".pdf", ".py", ".sh", ".log", ".source", ".svg")
@@ -46,7 +46,7 @@ class Diagnosis:
     findings: list[Finding] = field(default_factory=list)
 
 
-def look_at(paths: Sequence[Path], each: Callable[[Path], None] = lambda _: None) -> Diagnosis:
+def check_files(paths: Sequence[Path], each: Callable[[Path], None] = lambda _: None) -> Diagnosis:
     """Look at files, and at the files of folders.
 
     Args:
@@ -82,9 +82,9 @@ def _files(path: Path, out: Diagnosis) -> Iterator[tuple[Path, bool]]:
         # Recordings first: what they link to is looked at with them
         for name in sorted([*bags, *names], key=lambda name: (not name.endswith(".mcap"), name)):
             number += 1
-            if number > MOST_FILES:
+            if number > MAX_FILES:
                 beyond = Findings(str(path))
-                beyond.add("not-looked-at", "", f"files after the first {MOST_FILES}")
+                beyond.add("not-looked-at", "", f"files after the first {MAX_FILES}")
                 out.findings += beyond
                 return
             if not name.startswith("."):
@@ -111,7 +111,7 @@ def _look_at_one(path: Path, findings: Findings, seen: set[Path]) -> bool:
 
 def _by_content(path: Path, findings: Findings, seen: set[Path]) -> bool:
     if path.is_dir():
-        look_at_bag(path, findings)
+        check_bag(path, findings)
         return True
     if path.suffix.lower() in PAGES:
         return False
@@ -121,10 +121,10 @@ def _by_content(path: Path, findings: Findings, seen: set[Path]) -> bool:
     if content is Content.RECORDING:
         _mcap(path, findings, seen)
     elif head.startswith(SQLITE_MAGIC) or is_zstd(head):
-        look_at_bag(path, findings)
+        check_bag(path, findings)
     elif content is Content.TABLE or head.startswith((FILE_MAGIC, STREAM_MAGIC)):
         if content is Content.TABLE and is_ours(path):
-            look_at_table(path, findings)
+            check_table(path, findings)
         elif (source := find_source(path)) is not None:
             return look_at_others(source, findings)
     elif head[:4] in (b"RIFF", b"RF64") and head[8:12] == b"WAVE":
@@ -134,14 +134,14 @@ def _by_content(path: Path, findings: Findings, seen: set[Path]) -> bool:
         for loss in sound.losses:
             findings.add("sound", loss.place, loss.what, count=max(loss.count, 1))
     elif image_kind(head) is not None or path.suffix.lower() in (".png", ".jpg", ".jpeg"):
-        look_at_image(path, findings)
+        check_image_file(path, findings)
     elif path.suffix.lower() in VIDEOS or read_container(path) is not None:
         seen.add(path.resolve())
-        look_at_video(path, findings)
+        check_video(path, findings)
     elif path.suffix.lower() in (".mcap", ".parquet"):
         raise InputError(f"{path}: does not begin as its name says")
     else:
-        return look_at_text(path, findings)
+        return check_text_file(path, findings)
     return True
 
 
@@ -153,12 +153,12 @@ def _mcap(path: Path, findings: Findings, seen: set[Path]) -> None:
         recording = open_recording(path)
     except (InputError, UsageError) as error:
         if not says_occlog:
-            look_at_bag(path, findings)
+            check_bag(path, findings)
             return
         findings.refused("unreadable", error)
-        look_at_recording(path, None, findings, seen)
+        check_recording(path, None, findings, seen)
         return
     if recording.ours:
-        look_at_recording(path, recording, findings, seen)
+        check_recording(path, recording, findings, seen)
     else:
-        look_at_bag(path, findings)
+        check_bag(path, findings)

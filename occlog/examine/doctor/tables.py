@@ -28,15 +28,15 @@ from occlog.records.columns import ColumnTable, repeated_rows
 from occlog.records.losses import Loss
 from occlog.records.tables import TABLES, Bearings, Boxes, Truth, TruthBoxes
 
-from .clock import Clock, Restarts, judge_clocks
+from .clock import Restarts, SensorTimes, check_clocks
 from .findings import Findings
 
-MOST_CHECKS = 1000
+MAX_CHECKS = 1000
 """Checks of parts of some thousand rows: about 80 bad rows are found by so many."""
 COMPLETE = tuple(table.NAME for table in (Bearings, Boxes, TruthBoxes, Truth))
 """Tables with a row for each frame or moment, whatever was seen; in the others no row says that nothing was there."""
 M = TypeVar("M")
-MOST_HELD = 65_536
+MAX_HELD = 65_536
 """Rows of one time that are held back for those of the same time in the next part."""
 
 
@@ -46,12 +46,12 @@ class TableWatch:
     def __init__(self, table: type[ColumnTable], findings: Findings) -> None:
         """No row has been seen yet."""
         self.table, self.findings = table, findings
-        self._clocks: dict[str, Clock] = {}
+        self._clocks: dict[str, SensorTimes] = {}
         self._held: ColumnTable | None = None
         self._last: int | None = None
 
     @property
-    def clocks(self) -> list[Clock]:
+    def clocks(self) -> list[SensorTimes]:
         """The times of each sensor so far, or of all rows."""
         return list(self._clocks.values())
 
@@ -73,14 +73,14 @@ class TableWatch:
         whole = table.sorted() if self._held is None else self.table.merge([self._held, table])
         t_ns = _times(whole)
         last = int(np.searchsorted(t_ns, t_ns[-1]))
-        self._held = whole.take(slice(last, None)) if len(t_ns) - last <= MOST_HELD else None
+        self._held = whole.take(slice(last, None)) if len(t_ns) - last <= MAX_HELD else None
         self._settle(whole.take(slice(0, last)) if self._held is not None else whole)
 
     def finish(self) -> None:
         """Take what was held back, and judge."""
         if self._held is not None:
             self._settle(self._held)
-        judge_clocks(self.clocks, self.findings)
+        check_clocks(self.clocks, self.findings)
 
     def _settle(self, table: ColumnTable) -> None:
         if not len(table):
@@ -101,12 +101,12 @@ class TableWatch:
             own = sensor == name
             self._clock(f"sensor {name}").add(t_ns[own], None if frame is None else frame[own])
 
-    def _clock(self, name: str) -> Clock:
-        return self._clocks.setdefault(name, Clock(name, sorted=True, sporadic=self.table.NAME not in COMPLETE))
+    def _clock(self, name: str) -> SensorTimes:
+        return self._clocks.setdefault(name, SensorTimes(name, sorted=True, sporadic=self.table.NAME not in COMPLETE))
 
 
-def halves(
-    rows: int, make: Callable[[int, int], M], good: list[M], checks: int = MOST_CHECKS
+def bisect_bad_rows(
+    rows: int, make: Callable[[int, int], M], good: list[M], checks: int = MAX_CHECKS
 ) -> Iterator[tuple[int, InputError]]:
     """Iterate over the rows that cannot be, which are found by halves, and why.
 
@@ -123,7 +123,7 @@ def halves(
 def _bad(
     start: int, stop: int, make: Callable[[int, int], M], good: list[M], left: list[int]
 ) -> Iterator[tuple[int, InputError]]:
-    """As `halves`, of a stretch; `left` has the number of calls that are left."""
+    """As `bisect_bad_rows`, of a stretch; `left` has the number of calls that are left."""
     left[0] -= 1
     try:
         good.append(make(start, stop))
@@ -142,7 +142,7 @@ def _bad(
         yield start, fault
 
 
-def sift(
+def drop_bad_rows(
     rows: int, make: Callable[[int, int], ColumnTable], watch: TableWatch, place: Callable[[int], str] = lambda _: ""
 ) -> None:
     """Make rows a table, note those that cannot be, and let the others be watched.
@@ -154,7 +154,7 @@ def sift(
         place: words for a row, where the error has none.
     """
     good: list[ColumnTable] = []
-    for row, error in halves(rows, make, good):
+    for row, error in bisect_bad_rows(rows, make, good):
         # What a table says of its only row, which it calls row 0
         watch.findings.refused("row", InputError(str(error).replace(": row 0: ", ": ", 1)), place=place(row))
     try:
@@ -168,7 +168,7 @@ def _times(table: ColumnTable) -> Ints:
     return times
 
 
-def look_at_table(path: Path, findings: Findings) -> None:
+def check_table(path: Path, findings: Findings) -> None:
     """Look at a Parquet table of occlog: its header, each group of rows, each row, and the times of its sensors."""
     try:
         header = read_header(path)
@@ -205,7 +205,7 @@ def _look_at_batch(batch: pa.RecordBatch, first: int, watch: TableWatch) -> None
     # Rows in a wrong order are said once; here each is looked at for itself
     order = np.argsort(times, kind="stable")
     ordered = batch if (np.diff(order) == 1).all() else batch.take(pa.array(order))
-    sift(
+    drop_bad_rows(
         len(times),
         lambda start, stop: from_arrow(ordered.slice(start, stop - start), watch.table),
         watch,
@@ -231,7 +231,7 @@ def look_at_foreign(foreign: ForeignTable, findings: Findings) -> None:
     with bad_lines_told_to(partial(findings.refused, "row")):
         try:
             for cells in foreign.cells():
-                sift(len(cells), _maker(foreign, cells), watch)
+                drop_bad_rows(len(cells), _maker(foreign, cells), watch)
                 with suppress(InputError):  # of a time that cannot be, and was told
                     restarts.add(cells)
         except InputError as error:

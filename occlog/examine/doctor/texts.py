@@ -29,29 +29,29 @@ from occlog.io.formats.calibration.reader import read_calibration
 from occlog.io.formats.scenes.scene import read_scene
 from occlog.io.formats.scenes.stations import read_stations
 
-from .clock import Clock, judge_clocks
+from .clock import SensorTimes, check_clocks
 from .findings import Findings
-from .tables import halves, look_at_foreign
+from .tables import bisect_bad_rows, look_at_foreign
 
-MOST_ROWS = 8_000_000
+MAX_ROWS = 8_000_000
 """Rows among which copies are looked for: 16 bytes of each are kept."""
 
 
-def look_at_boxes(source: BoxSource, findings: Findings) -> None:
+def check_boxes(source: BoxSource, findings: Findings) -> None:
     """Look at every row of a file of boxes, for rows that stand there twice, and at the times of frames."""
     copies, cameras = _Copies(), list[str]()
     stamps: dict[str, dict[int, int]] = {}
     with bad_lines_told_to(partial(findings.refused, "row")):
         try:
             for rows in source.chunks:
-                _look_at(rows, cameras, source.first_number or 0, copies, stamps, findings)
+                _check(rows, cameras, source.first_number or 0, copies, stamps, findings)
         except InputError as error:
             findings.refused("unreadable", error)
     copies.judge(findings)
-    judge_clocks([_clock(camera, stamps[camera]) for camera in sorted(stamps)], findings)
+    check_clocks([_clock(camera, stamps[camera]) for camera in sorted(stamps)], findings)
 
 
-def _look_at(
+def _check(
     rows: CsvRows,
     cameras: list[str],
     first_number: int,
@@ -66,16 +66,16 @@ def _look_at(
         return part.lines, boxes
 
     good: list[tuple[Ints, FileBoxRows]] = []
-    for _, error in halves(len(rows), make, good):
+    for _, error in bisect_bad_rows(len(rows), make, good):
         findings.refused("row", error)
     for lines, boxes in good:
         copies.add(lines, boxes)
 
 
-def _clock(camera: str, stamps: dict[int, int]) -> Clock:
+def _clock(camera: str, stamps: dict[int, int]) -> SensorTimes:
     """The times of a camera's frames, by their numbers; in one without a row nobody was seen."""
     frames = np.array(sorted(stamps), dtype=np.int64)
-    clock = Clock(f"camera {camera}" if camera else "times", unique=True, sporadic=True)
+    clock = SensorTimes(f"camera {camera}" if camera else "times", unique=True, sporadic=True)
     clock.add(np.array([stamps[frame] for frame in frames.tolist()], dtype=np.int64), frames)
     return clock
 
@@ -90,7 +90,7 @@ class _Copies:
 
     def add(self, lines: Ints, boxes: FileBoxRows) -> None:
         """Take rows and the lines where they stand."""
-        if self._rows < MOST_ROWS:
+        if self._rows < MAX_ROWS:
             self._marks.append(fingerprints(boxes))
             self._lines.append(lines)
             self._rows += len(lines)
@@ -116,7 +116,7 @@ TEXTS = (".csv", ".tsv", ".txt", ".gz", ".tum", ".trc", ".geojson", "")
 """Endings of names of text tables."""
 
 
-def look_at_text(path: Path, findings: Findings) -> bool:
+def check_text_file(path: Path, findings: Findings) -> bool:
     """Look at a text; whether it is one that occlog knows."""
     kind = path.suffix.lower()
     if kind in (".yaml", ".yml"):
@@ -188,7 +188,7 @@ def _json(path: Path, findings: Findings) -> bool:
             findings.refused("unreadable", of_boxes)
             return True
         return True
-    look_at_boxes(source, findings)
+    check_boxes(source, findings)
     return True
 
 
@@ -210,7 +210,7 @@ def _table(path: Path, findings: Findings) -> bool:
         with bad_lines_told_to(partial(own.refused, "row")):
             boxes = box_source(path)
         findings.join(own)
-        look_at_boxes(boxes, findings)
+        check_boxes(boxes, findings)
         return True
     except InputError:
         if _is_scene(path) or _calibration(path, findings):
@@ -231,26 +231,26 @@ def _is_scene(path: Path) -> bool:
 
 def _times(path: Path, findings: Findings) -> None:
     """Look at a table of time stamps."""
-    clocks: dict[str, Clock] = {}
+    clocks: dict[str, SensorTimes] = {}
     try:
         with bad_lines_told_to(partial(findings.refused, "row")):
             for rows, unit in iter_times(path):
                 _take_times(rows, unit, clocks, findings)
     except InputError as error:
         findings.refused("unreadable", error)
-    judge_clocks(list(clocks.values()), findings)
+    check_clocks(list(clocks.values()), findings)
 
 
-def _take_times(rows: CsvRows, unit: str, clocks: dict[str, Clock], findings: Findings) -> None:
+def _take_times(rows: CsvRows, unit: str, clocks: dict[str, SensorTimes], findings: Findings) -> None:
     def make(start: int, stop: int) -> tuple[CsvRows, Ints]:
         part = rows.pick(np.arange(start, stop))
         return part, parse_times(part, unit, unit)
 
     good: list[tuple[CsvRows, Ints]] = []
-    for _, error in halves(len(rows), make, good):
+    for _, error in bisect_bad_rows(len(rows), make, good):
         findings.refused("row", error)
     for part, t_ns in good:
         labels = part.cells["camera"] if part.has("camera") else np.full(len(part), "")
         for label in np.unique(labels).tolist():
-            clock = clocks.setdefault(label, Clock(f"camera {label}" if label else "times", unique=True))
+            clock = clocks.setdefault(label, SensorTimes(f"camera {label}" if label else "times", unique=True))
             clock.add(t_ns[labels == label])

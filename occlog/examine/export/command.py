@@ -106,10 +106,10 @@ def command(
         _refuse(named, f"format {name} shows everything; leave it out")
         if name == RERUN:
             _refuse({"--layout": layout}, f"format {name} takes none; {VIEWERS} and {FOXGLOVE} do")
-        from occlog.examine.viewers.run import HEIGHT, QUALITY, Request, run_viewers
+        from occlog.examine.viewers.run import HEIGHT, QUALITY, ViewerTask, run_viewers
 
         sizes = (quality or QUALITY, height or HEIGHT)
-        show = Request(file, output, name, recording, scene, layout, *sizes, overwrite, every)
+        show = ViewerTask(file, output, name, recording, scene, layout, *sizes, overwrite, every)
         return console.finish(*run_viewers(show, quiet=quiet), as_json)
     _refuse(
         {"--recording": recording, "--layout": layout, "--quality": quality, "--height": height, "--every": every},

@@ -52,11 +52,11 @@ class Cameras(NamedTuple):
     """
 
     boxed: list[str]
-    ends: dict[str, tuple[Frame, Frame]]
+    ends: dict[str, tuple[ImageFrame, ImageFrame]]
     rising: frozenset[str]
 
 
-class Frame(NamedTuple):
+class ImageFrame(NamedTuple):
     """Number and time of a frame."""
 
     number: int
@@ -66,14 +66,14 @@ class Frame(NamedTuple):
 def survey(pieces: Iterable[Boxes | Views | ViewTracks]) -> Cameras:
     """The cameras of a table, given in pieces that split no time."""
     boxed: set[str] = set()
-    ends: dict[str, tuple[Frame, Frame]] = {}
+    ends: dict[str, tuple[ImageFrame, ImageFrame]] = {}
     back: set[str] = set()
     for piece in pieces:
         boxed.update(np.unique(piece.sensor[piece.box >= 0] if isinstance(piece, Boxes) else piece.sensor).tolist())
         for name in np.unique(piece.sensor).tolist():
             own = np.flatnonzero(piece.sensor == name)
             frame, t_ns = piece.frame[own], piece.t_ns[own]
-            low, high = (Frame(int(frame[at]), int(t_ns[at])) for at in (np.argmin(frame), np.argmax(frame)))
+            low, high = (ImageFrame(int(frame[at]), int(t_ns[at])) for at in (np.argmin(frame), np.argmax(frame)))
             first, last = ends.get(name, (low, high))
             later = np.diff(t_ns) > 0
             if (np.diff(frame)[later] <= 0).any() or (np.diff(frame)[~later] != 0).any():

@@ -79,7 +79,7 @@ SILENT = ("role", "box", "cluster", "sensor")
 WORDS = {"t_ns": "times", "target_id": "identities", "z": "heights"}
 
 
-class NotHeld:
+class UnrepresentableColumns:
     """What the rows that go by have, and the format has not."""
 
     def __init__(
@@ -102,7 +102,7 @@ class NotHeld:
         self._known: dict[str, None] = {}
         self._first: int | None = None
         self._heightless = self._others = 0
-        self._frames = Frames()
+        self._frames = ExportedFrames()
 
     def watched(self, rows: Iterable[T]) -> Iterator[T]:
         """The rows in parts, each of which has been looked at; those of one time are in one part."""
@@ -159,7 +159,7 @@ def _says_something(values: NDArray[np.generic]) -> bool:
     return bool((values.astype(np.int64) >= 0).any()) if values.dtype.kind == "i" else bool(values.any())
 
 
-class Frames:
+class ExportedFrames:
     """Frames of cameras, of which formats of boxes have those with a box alone."""
 
     def __init__(self) -> None:

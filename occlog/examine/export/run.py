@@ -32,11 +32,11 @@ from occlog.records.scene import Scene
 from occlog.records.tables import TABLES, Boxes, Tracks, Truth, Views, whole_times
 from occlog.records.verdicts import texts_of
 
-from .formats import FORMATS, Format, format_of
+from .formats import FORMATS, ExportFormat, format_of
 from .in_images import Cameras, boxes_of, chosen_camera, coco_texts, kitti_text, sequence_info, survey
-from .readable import NotHeld, readable
+from .readable import UnrepresentableColumns, readable
 from .trajectories import (
-    Places,
+    ExportedPositions,
     check_one_target,
     check_targets,
     geojson_texts,
@@ -86,7 +86,7 @@ class Sink:
         """Leave it to who opened the file."""
 
 
-def format_of_plugin(exporter: Chosen) -> Format:
+def format_of_plugin(exporter: Chosen) -> ExportFormat:
     """The format as one of ours; PluginError for a table that there is not."""
     of = exporter.plugin.load()
     unknown = [name for name in of.tables if name not in TABLES]
@@ -94,7 +94,7 @@ def format_of_plugin(exporter: Chosen) -> Format:
         raise PluginError(
             f"{exporter.plugin.label}: tables: {unknown[0] if unknown else 'none'}; want names of {', '.join(TABLES)}"
         )
-    return Format((), tuple(of.tables), str(of.summary))
+    return ExportFormat((), tuple(of.tables), str(of.summary))
 
 
 def chosen_rows(rows: ColumnTable, name: str, targets: Sequence[int], camera: str | None) -> ColumnTable:
@@ -222,7 +222,7 @@ def _info_path(output: Path) -> Path | None:
     return folder.parent / SEQUENCE_INFO if folder.name in ("gt", "det") else None
 
 
-def _check_request(request: ExportRequest, name: str, form: Format) -> None:
+def _check_request(request: ExportRequest, name: str, form: ExportFormat) -> None:
     """UsageError for options that the format does not take."""
     if request.exporter is None:
         if request.targets and form.tables != FORMATS["tum"].tables:
@@ -236,7 +236,7 @@ def _check_request(request: ExportRequest, name: str, form: Format) -> None:
         raise UsageError(f"origin: format {name} {said}")
 
 
-def _table(opened: Opened, form: Format, name: str, wanted: str | None) -> type[ColumnTable]:
+def _table(opened: Opened, form: ExportFormat, name: str, wanted: str | None) -> type[ColumnTable]:
     """The table to write; InputError where the input does not hold one that the format takes."""
     takes = list(form.tables) or list(TABLES)
     if wanted is not None and wanted not in takes:
@@ -262,7 +262,7 @@ def _write_text(
 
     The rows are gone through twice: once for what a message or a head must know of all of them.
     """
-    missed = NotHeld(name, table, world[0], request.targets, request.camera)
+    missed = UnrepresentableColumns(name, table, world[0], request.targets, request.camera)
     if issubclass(table, Tracks | Truth):
         return _write_places(name, opened, table, request, file, world[0], missed), None, missed.words()
     if not issubclass(table, Boxes | Views | ViewTracks):
@@ -277,7 +277,7 @@ def _write_places(
     request: ExportRequest,
     file: IO[bytes],
     unit: str,
-    missed: NotHeld,
+    missed: UnrepresentableColumns,
 ) -> int:
     """Write places of targets, piece by piece; the number of rows."""
     targets = check_targets(missed.watched(_rows(opened, table)), request.targets)
@@ -285,7 +285,7 @@ def _write_places(
         check_one_target(targets)
     count = 0
 
-    def pieces() -> Iterator[Places]:
+    def pieces() -> Iterator[ExportedPositions]:
         nonlocal count
         count = 0  # a document is gone through several times
         for piece in whole_times(opened.rows(table)):
@@ -311,7 +311,7 @@ def _write_boxes(
     request: ExportRequest,
     file: IO[bytes],
     scene: Scene | None,
-    missed: NotHeld,
+    missed: UnrepresentableColumns,
 ) -> tuple[int, Cameras]:
     """Write boxes, piece by piece where each line of the format is a box; their number, and what the table holds."""
     found = survey(missed.watched(whole_times(_rows(opened, table))))

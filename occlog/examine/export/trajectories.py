@@ -29,11 +29,11 @@ from occlog.records.declared.people import PeopleTracks
 from occlog.records.tables import Tracks, Truth
 from occlog.settings import METRES
 
-MOST_ROWS = 500_000
+MAX_ROWS = 500_000
 """Rows of targets that are put together at once where a format has one target after another."""
 
 
-class Places(NamedTuple):
+class ExportedPositions(NamedTuple):
     """Where targets were; N rows in the order of time, then of identities."""
 
     t_ns: Ints
@@ -67,7 +67,7 @@ def _used(table: Tracks | Truth) -> Bools:
     return table.role == "target" if isinstance(table, Truth) else np.ones(len(table), dtype=np.bool_)
 
 
-def places_of(table: Tracks | Truth, targets: tuple[int, ...]) -> Places:
+def places_of(table: Tracks | Truth, targets: tuple[int, ...]) -> ExportedPositions:
     """The targets of a table; of a truth those with the role of one.
 
     Args:
@@ -81,10 +81,12 @@ def places_of(table: Tracks | Truth, targets: tuple[int, ...]) -> Places:
     velocity = np.column_stack([nothing, nothing] if isinstance(rows, Truth) else [rows.vx, rows.vy])
     z = np.where(np.isnan(rows.z), 0.0, rows.z)
     sure = rows.existence if isinstance(rows, PeopleTracks) else nothing
-    return Places(rows.t_ns, rows.target_id.astype(np.int64), np.column_stack([rows.x, rows.y, z]), velocity, sure)
+    return ExportedPositions(
+        rows.t_ns, rows.target_id.astype(np.int64), np.column_stack([rows.x, rows.y, z]), velocity, sure
+    )
 
 
-def mot3d_text(pieces: Iterable[Places]) -> Iterator[str]:
+def mot3d_text(pieces: Iterable[ExportedPositions]) -> Iterator[str]:
     """Lines `frame,id,-1,-1,-1,-1,confidence,x,y,z`, a text for each piece; frames are the distinct times, from 1.
 
     A time is in one piece only.
@@ -108,7 +110,7 @@ def check_one_target(names: list[int]) -> None:
         raise UsageError(f"TUM text holds one target, and there are {few}; choose one (target)")
 
 
-def tum_text(places: Places) -> str:
+def tum_text(places: ExportedPositions) -> str:
     """Lines `t x y z qx qy qz qw` of one target [s]; it looks to where it goes, along +x where that is not known."""
     heading = np.arctan2(places.velocity[:, 1], places.velocity[:, 0])
     half = np.where(np.isnan(heading), 0.0, 0.5 * heading)
@@ -123,7 +125,7 @@ def _seconds(t_ns: int) -> str:
 
 
 def geojson_texts(
-    pieces: Callable[[], Iterable[Places]], origin: Origin, length_unit: str, most: int = MOST_ROWS
+    pieces: Callable[[], Iterable[ExportedPositions]], origin: Origin, length_unit: str, most: int = MAX_ROWS
 ) -> Iterator[str]:
     """A feature for each target: a line in WGS 84, a point for a target of one row, with the times of its corners.
 
@@ -173,18 +175,20 @@ def _groups(counts: Mapping[int, int], most: int) -> Iterator[list[int]]:
         yield group
 
 
-def _of_targets(pieces: Callable[[], Iterable[Places]], names: Sequence[int]) -> Places:
+def _of_targets(pieces: Callable[[], Iterable[ExportedPositions]], names: Sequence[int]) -> ExportedPositions:
     """All places of some targets."""
-    found = [Places._make(column[np.isin(places.identity, names)] for column in places) for places in pieces()]
-    return Places._make(np.concatenate(columns) for columns in zip(*found, strict=True))
+    found = [
+        ExportedPositions._make(column[np.isin(places.identity, names)] for column in places) for places in pieces()
+    ]
+    return ExportedPositions._make(np.concatenate(columns) for columns in zip(*found, strict=True))
 
 
-def _corners(places: Places, rows: Ints, origin: Origin, length_unit: str) -> list[list[float]]:
+def _corners(places: ExportedPositions, rows: Ints, origin: Origin, length_unit: str) -> list[list[float]]:
     degrees = degrees_of(places.xyz[rows, :2] * METRES[length_unit], origin)
     return [[round(lon, 9), round(lat, 9)] for lon, lat in degrees.tolist()]
 
 
-def _feature(name: int, places: Places, rows: Ints, origin: Origin, length_unit: str) -> str:
+def _feature(name: int, places: ExportedPositions, rows: Ints, origin: Origin, length_unit: str) -> str:
     corners = _corners(places, rows, origin, length_unit)
     shape = (
         {"type": "LineString", "coordinates": corners}
@@ -195,7 +199,9 @@ def _feature(name: int, places: Places, rows: Ints, origin: Origin, length_unit:
     return json.dumps({"type": "Feature", "geometry": shape, "properties": properties})
 
 
-def _long_feature(pieces: Callable[[], Iterable[Places]], name: int, origin: Origin, length_unit: str) -> Iterator[str]:
+def _long_feature(
+    pieces: Callable[[], Iterable[ExportedPositions]], name: int, origin: Origin, length_unit: str
+) -> Iterator[str]:
     """A line of more corners than are kept in memory, part by part: corners, then times."""
     head = {"type": "Feature", "geometry": {"type": "LineString", "coordinates": []}}
     yield json.dumps(head)[:-3]
@@ -210,7 +216,7 @@ def _long_feature(pieces: Callable[[], Iterable[Places]], name: int, origin: Ori
         yield "]}}" if part else ']}, "properties": ' + json.dumps({"target_id": name, "t_ns": []})[:-2]
 
 
-def trc_texts(pieces: Callable[[], Iterable[Places]], length_unit: str, name: str) -> Iterator[str]:
+def trc_texts(pieces: Callable[[], Iterable[ExportedPositions]], length_unit: str, name: str) -> Iterator[str]:
     """A table of markers, one a target, with a line for each time; a target that is not there has empty cells.
 
     The unit is m, or mm for lengths in others than m and mm.

@@ -62,7 +62,7 @@ SHOWN: tuple[type[ColumnTable], ...] = (
 
 
 @dataclass(frozen=True)
-class Inputs:
+class ViewerInputs:
     """Everything that is shown; each table has one source.
 
     Attributes:
@@ -96,7 +96,7 @@ class Inputs:
         if not self.has(table):
             return
         for rows in whole_times(self.tables[table.NAME].rows(table, at_once=ROWS)):
-            yield from alike(rows)
+            yield from chunks_of_equal_time(rows)
 
     def targets(self) -> set[int]:
         """Every identity that is followed."""
@@ -105,7 +105,7 @@ class Inputs:
         return {target for rows in found for target in np.unique(rows.target_id).tolist()}
 
 
-def alike(rows: T) -> Iterator[T]:
+def chunks_of_equal_time(rows: T) -> Iterator[T]:
     """The rows cut where the time changes, or the sensor."""
     change = np.diff(rows.t_ns) != 0  # type: ignore[attr-defined]
     sensor = getattr(rows, "sensor", None)
@@ -117,7 +117,7 @@ def alike(rows: T) -> Iterator[T]:
             yield rows.take(slice(start, stop))
 
 
-def find_inputs(path: Path, recording: Path | None, scene: Path | None) -> Inputs:
+def find_inputs(path: Path, recording: Path | None, scene: Path | None) -> ViewerInputs:
     """What a folder or a file holds.
 
     Args:
@@ -130,7 +130,7 @@ def find_inputs(path: Path, recording: Path | None, scene: Path | None) -> Input
     """
     files = _files(path) if path.is_dir() else [path]
     for given in (path, recording):
-        if given is not None and not given.is_dir() and (made := made_for(given)) is not None:
+        if given is not None and not given.is_dir() and (made := viewer_format_of(given)) is not None:
             raise UsageError(f"{given}: is made for {made} already; name the run or the recording that it was made of")
     # The recording that was named comes first: its rows count, not those of one in the folder
     opened = [open_input(each) for each in [*([recording] if recording is not None else []), *files]]
@@ -146,10 +146,10 @@ def find_inputs(path: Path, recording: Path | None, scene: Path | None) -> Input
     if source is None and recording is not None:
         raise UsageError(f"{recording}: is no recording")
     told = scene_in(scene) if scene is not None else (source.scene if source is not None else None)
-    return Inputs(found, source, told, _unit(list(found.values()), told))
+    return ViewerInputs(found, source, told, _unit(list(found.values()), told))
 
 
-def made_for(path: Path) -> str | None:
+def viewer_format_of(path: Path) -> str | None:
     """The format of a file that was made for viewers; None for any other."""
     opened = open_if_ours(path)
     if opened is None or opened.recording is None or opened.provenance.command != "export":
@@ -178,7 +178,7 @@ def _files(folder: Path) -> list[Path]:
     return files
 
 
-def note_strangers(inputs: Inputs, quiet: bool) -> None:
+def note_unexpected(inputs: ViewerInputs, quiet: bool) -> None:
     """Say what is not as one may expect: no images, a unit without a length, tracks of another recording."""
     if inputs.recording is None:
         console.note(

@@ -12,7 +12,7 @@ from occlog.settings import METRES
 
 from .moments import PARTICLES
 
-MOST_CAMERAS, MOST_LINES = 6, 8
+MAX_CAMERAS, MAX_LINES = 6, 8
 """Images in the layout; lines of a plot. The rest is added by hand."""
 PLOTS = (
     ("errors", ("error",)),
@@ -36,7 +36,7 @@ def foxglove_layout(topics: Mapping[str, str], scene: Scene | None) -> dict[str,
     panels: dict[str, object] = {"3D!space": _space(topics, scene)}
     images: list[Node] = []
     cameras = [topic.split("/")[2] for topic in topics if topic.endswith("/image")]
-    for name in cameras[:MOST_CAMERAS]:
+    for name in cameras[:MAX_CAMERAS]:
         panels[f"Image!{name}"] = _image(name, topics)
         images.append(f"Image!{name}")
     below: list[Node] = []
@@ -129,7 +129,7 @@ def _plots(topics: Mapping[str, str]) -> list[list[str]]:
     found = []
     for source, names in PLOTS:
         targets = [topic for topic in topics if topic.startswith(f"/{source}/")]
-        paths = [f"{topic}.{name}" for topic in targets for name in names][:MOST_LINES]
+        paths = [f"{topic}.{name}" for topic in targets for name in names][:MAX_LINES]
         found += [paths] if paths else []
     return found[:2]
 

@@ -40,17 +40,17 @@ from occlog.records.tables import (
 
 from .drawings.people import (
     STALE_NS,
-    Crowd,
+    DiagnosticsDrawing,
     Palette,
-    Told,
+    PeopleDrawing,
     boxes_in_image,
     people_of,
     tracked_in_image,
     true_in_space,
 )
-from .drawings.shapes import GREY, Dots, Line, Thing, at_height, faded
-from .drawings.world import Sight, moving_occluders
-from .inputs import Inputs
+from .drawings.shapes import GREY, Dots, DrawingGroup, Polyline, at_height, faded
+from .drawings.world import SightDrawing, moving_occluders
+from .inputs import ViewerInputs
 from .series import Series
 
 LAYERS: dict[type[ColumnTable], str] = {
@@ -66,19 +66,19 @@ SHADOWS_NS = NS // 5
 """Shadows of people are drawn at most this often: they take the most work."""
 
 
-class Drawn(NamedTuple):
+class SceneDrawing(NamedTuple):
     """Things in space on a topic."""
 
     topic: str
     t_ns: int
-    things: list[Thing]
+    things: list[DrawingGroup]
 
 
-class Over(NamedTuple):
+class ImageOverlay(NamedTuple):
     """A frame, and what is drawn over it, by the layer (see `LAYERS`)."""
 
     frame: Frame
-    layers: dict[str, list[Thing]]
+    layers: dict[str, list[DrawingGroup]]
 
 
 class Numbers(NamedTuple):
@@ -90,7 +90,7 @@ class Numbers(NamedTuple):
     values: list[float]
 
 
-class Said(NamedTuple):
+class LogLine(NamedTuple):
     """A line of the log."""
 
     t_ns: int
@@ -99,22 +99,22 @@ class Said(NamedTuple):
     words: str
 
 
-Moment = Drawn | Over | Numbers | Said
+Moment = SceneDrawing | ImageOverlay | Numbers | LogLine
 
 
-class Story:
+class ViewerStream:
     """Goes through everything once; memory does not grow with the length."""
 
-    def __init__(self, inputs: Inputs) -> None:
+    def __init__(self, inputs: ViewerInputs) -> None:
         """Take what there is; identities are gone through before, for their colours."""
         self._inputs, self._metres = inputs, inputs.metres
         self.palette = Palette(inputs.targets())
-        self.crowd = Crowd(self.palette)
+        self.crowd = PeopleDrawing(self.palette)
         scene = inputs.scene
-        self._sight = None if scene is None else Sight(scene, self._metres, self.palette, self.crowd)
+        self._sight = None if scene is None else SightDrawing(scene, self._metres, self.palette, self.crowd)
         self._cameras: dict[str, Camera] = {} if scene is None else {c.name: c for c in scene.cameras}
-        self._told = Told()
-        self._over: dict[str, dict[str, tuple[int, list[Thing]]]] = {}
+        self._told = DiagnosticsDrawing()
+        self._over: dict[str, dict[str, tuple[int, list[DrawingGroup]]]] = {}
         self._stands: dict[str, tuple[int, int]] = {}  # by topic when it was drawn, and until when that stands
         self._selects = False  # whether cameras were ever selected
         self._next_shadows = -(1 << 62)
@@ -145,11 +145,11 @@ class Story:
         for t_ns, _, show in heapq.merge(*sources, key=lambda entry: entry[:2]):
             yield from self._ended(t_ns)
             for moment in show():
-                if isinstance(moment, Drawn):
+                if isinstance(moment, SceneDrawing):
                     self._note(moment)
                 yield moment
 
-    def _note(self, moment: Drawn) -> None:
+    def _note(self, moment: SceneDrawing) -> None:
         """Keep until when what is drawn may stand: as long as two and a half times it took to come, 1 s at least."""
         before = self._stands.get(moment.topic)
         apart = 0 if before is None else moment.t_ns - before[0]
@@ -162,10 +162,10 @@ class Story:
         for topic, (_, until) in list(self._stands.items()):
             if t_ns > until:
                 del self._stands[topic]
-                yield Drawn(topic, until, [])
+                yield SceneDrawing(topic, until, [])
 
     def _truth(self, rows: Truth) -> Iterator[Moment]:
-        yield Drawn("/truth", int(rows.t_ns[0]), true_in_space(rows, self._metres))
+        yield SceneDrawing("/truth", int(rows.t_ns[0]), true_in_space(rows, self._metres))
 
     def _diagnostics(self, rows: Diagnostics) -> Iterator[Moment]:
         t_ns = int(rows.t_ns[0])
@@ -174,11 +174,11 @@ class Story:
         self._told.add(rows)
         for target, words in self._told.doubt.items():
             if words and words != before.get(target):
-                yield Said(t_ns, True, f"target {target}", words)
+                yield LogLine(t_ns, True, f"target {target}", words)
         chosen = sorted({name for text in rows.selected.tolist() for name in text.split(",") if name})
         if self._sight is not None and (chosen or self._selects):
             self._selects = True
-            yield Drawn("/selected", t_ns, self._sight.chosen(chosen))
+            yield SceneDrawing("/selected", t_ns, self._sight.chosen(chosen))
 
     def _tracks(self, rows: PeopleTracks) -> Iterator[Moment]:
         t_ns = int(rows.t_ns[0])
@@ -186,36 +186,36 @@ class Story:
         for person in people:
             before = self.crowd.find(person.target)
             if person.doubt and not self._inputs.has(Diagnostics) and (before is None or before.doubt != person.doubt):
-                yield Said(t_ns, True, f"target {person.target}", person.doubt)
+                yield LogLine(t_ns, True, f"target {person.target}", person.doubt)
         self.crowd.add(people)
-        yield Drawn("/targets", t_ns, self.crowd.in_space(t_ns))
+        yield SceneDrawing("/targets", t_ns, self.crowd.in_space(t_ns))
         yield from _numbers("/tracks", Series.of_table(PeopleTracks), rows, rows.target_id.tolist())
         if self._sight is not None and self._cameras and t_ns >= self._next_shadows:
             self._next_shadows = t_ns + SHADOWS_NS
-            yield Drawn("/shadows", t_ns, self._sight.shadows(t_ns))
+            yield SceneDrawing("/shadows", t_ns, self._sight.shadows(t_ns))
 
     def _particles(self, rows: Particles) -> Iterator[Moment]:
         places = at_height(self._metres * np.column_stack([rows.x, rows.y]), 0.03)
         things = []
         for target in np.unique(rows.target_id).tolist():
             dots = Dots(places[rows.target_id == target], faded(self.palette(target), 0.6))
-            things.append(Thing(f"particles {target}", dots=[dots]))
-        yield Drawn(PARTICLES, int(rows.t_ns[0]), things)
+            things.append(DrawingGroup(f"particles {target}", dots=[dots]))
+        yield SceneDrawing(PARTICLES, int(rows.t_ns[0]), things)
 
     def _occluders(self, rows: Occluders) -> Iterator[Moment]:
         t_ns, rows = int(rows.t_ns[0]), rows.take(rows.occluder_id >= 0)
         covariances = np.stack([rows.cov_xx, rows.cov_xy, rows.cov_xy, rows.cov_yy], axis=1).reshape(-1, 2, 2)
         middles = np.column_stack([rows.x, rows.y])
-        yield Drawn("/occluders", t_ns, moving_occluders(middles, covariances, self._metres))
+        yield SceneDrawing("/occluders", t_ns, moving_occluders(middles, covariances, self._metres))
 
     def _hulls(self, rows: Hulls) -> Iterator[Moment]:
         things = []
         for number in np.unique(rows.occluder_id[rows.occluder_id >= 0]).tolist():
             own = rows.take(rows.occluder_id == number)
             ring = self._metres * np.column_stack([own.x, own.y])
-            line = Line(at_height(np.vstack([ring, ring[:1]]), 0.02), GREY, 1.5, dashed=True)
-            things.append(Thing(f"occluder {number}", lines=[line]))
-        yield Drawn("/occluders", int(rows.t_ns[0]), things)
+            line = Polyline(at_height(np.vstack([ring, ring[:1]]), 0.02), GREY, 1.5, dashed=True)
+            things.append(DrawingGroup(f"occluder {number}", lines=[line]))
+        yield SceneDrawing("/occluders", int(rows.t_ns[0]), things)
 
     def _bearings(self, rows: Bearings) -> Iterator[Moment]:
         seen = np.where(rows.seen, rows.bearing, np.nan)
@@ -228,7 +228,7 @@ class Story:
     def _lines(self, sensor: str, t_ns: int, targets: list[int], azimuths: list[float]) -> Iterator[Moment]:
         things = None if self._sight is None else self._sight.lines(sensor, targets, azimuths)
         if things is not None:
-            yield Drawn(f"/sight_lines/{sensor}", t_ns, things)
+            yield SceneDrawing(f"/sight_lines/{sensor}", t_ns, things)
 
     def _errors(self, rows: Errors) -> Iterator[Moment]:
         yield from _numbers("/errors", Series.of_table(Errors), rows, rows.target_id.tolist())
@@ -242,7 +242,7 @@ class Story:
         ):
             words = f"{kind} {'with ' + str(other) + ' ' if other >= 0 else ''}".strip()
             sure = "" if math.isnan(probability) else f", probability {probability:.3g}"
-            yield Said(int(rows.t_ns[0]), kind == "doubt", f"target {target}", f"{words}{sure}")
+            yield LogLine(int(rows.t_ns[0]), kind == "doubt", f"target {target}", f"{words}{sure}")
 
     def _in_image(self, layer: str, rows: ViewTracks | Views | Boxes | TruthBoxes) -> Iterator[Moment]:
         things = tracked_in_image(rows, self.palette) if isinstance(rows, ViewTracks) else boxes_in_image(rows)
@@ -255,7 +255,7 @@ class Story:
         camera = self._cameras.get(frame.sensor)
         if not self._inputs.has(ViewTracks) and camera is not None and camera.has_height:
             layers[LAYERS[ViewTracks]] = self.crowd.in_image(camera, self._metres, frame.t_ns)
-        yield Over(frame, layers)
+        yield ImageOverlay(frame, layers)
 
 
 def _timed(
@@ -291,15 +291,15 @@ class Thinner:
 
     def keeps(self, moment: Moment) -> bool:
         """Whether a moment is written; moments come in the order of time."""
-        if isinstance(moment, Said):
+        if isinstance(moment, LogLine):
             return True
         topic, t_ns = (
             (f"image of {moment.frame.sensor}", moment.frame.t_ns)
-            if isinstance(moment, Over)
+            if isinstance(moment, ImageOverlay)
             else (moment.topic, moment.t_ns)
         )
         self._begin = t_ns if self._begin is None else self._begin
-        if isinstance(moment, Drawn) and not moment.things:
+        if isinstance(moment, SceneDrawing) and not moment.things:
             # Nothing any more: what was drawn last would stay for ever
             shown = topic in self._shown
             self._shown.discard(topic)

@@ -14,8 +14,8 @@ from occlog.errors import OutputError, UsageError, option
 from occlog.examine.export.formats import FOXGLOVE, PROGRAMS, RERUN, VIEWERS
 from occlog.records.losses import Loss
 
-from .inputs import made_for
-from .run import Request, run_viewers
+from .inputs import viewer_format_of
+from .run import ViewerTask, run_viewers
 
 OTHERS = """install one: Rerun (`pip install rerun-sdk`), Foxglove or Lichtblick (programs with windows); or name the
 program with --viewer; or write the file alone with `occlog export`"""
@@ -30,10 +30,10 @@ class ViewRequest:
     Attributes:
         input: run folder, recording or table.
         output: the file that is made; None: a temporary one.
-        recording, scene: as for `occlog.examine.viewers.run.Request`.
+        recording, scene: as for `occlog.examine.viewers.run.ViewerTask`.
         viewer: name or path of the program; None: the first that is found.
         only_print: whether the program is not started.
-        every: as for `occlog.examine.viewers.run.Request`.
+        every: as for `occlog.examine.viewers.run.ViewerTask`.
     """
 
     input: Path
@@ -53,7 +53,7 @@ def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, ob
         UsageError: no viewer is installed, or there is nowhere for the file to stay.
         OutputError: the viewer could not be started.
     """
-    made = None if request.input.is_dir() else made_for(request.input)
+    made = None if request.input.is_dir() else viewer_format_of(request.input)
     program, viewer = find_viewer(request.viewer, started=not request.only_print, takes=made)
     if made is not None:
         if request.output is not None:
@@ -70,7 +70,7 @@ def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, ob
         if output is None:
             output = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="occlog-view-"))) / "occlog.mcap"
         layout = output.with_suffix(".layout.json") if viewer == FOXGLOVE and request.output is not None else None
-        wanted = Request(
+        wanted = ViewerTask(
             request.input,
             output,
             viewer,

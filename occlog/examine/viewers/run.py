@@ -23,7 +23,7 @@ from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.examine.export.formats import FOXGLOVE, RERUN, VIEWERS
 from occlog.examine.viewers.drawings.foxglove import image_annotations, image_cloud, point_cloud, scene_update
-from occlog.examine.viewers.drawings.shapes import Thing, smaller
+from occlog.examine.viewers.drawings.shapes import DrawingGroup, smaller
 from occlog.examine.viewers.drawings.world import (
     camera_calibration,
     frame_transforms,
@@ -44,9 +44,9 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Camera
 from occlog.records.verdicts import texts_of
 
-from .inputs import Inputs, find_inputs, note_strangers
+from .inputs import ViewerInputs, find_inputs, note_unexpected
 from .layout import foxglove_layout
-from .moments import LAYERS, PARTICLES, Drawn, Moment, Numbers, Over, Said, Story, Thinner
+from .moments import LAYERS, PARTICLES, ImageOverlay, LogLine, Moment, Numbers, SceneDrawing, Thinner, ViewerStream
 from .series import DEFINITION, MAIN, SCHEMA, main_columns, main_numbers
 
 _LEVELS = {False: Log.Level.INFO, True: Log.Level.WARNING}
@@ -57,7 +57,7 @@ HEIGHT = 720
 
 
 @dataclass(frozen=True)
-class Request:
+class ViewerTask:
     """What to write.
 
     Attributes:
@@ -85,13 +85,13 @@ class Request:
     every: float | None = None
 
 
-def run_viewers(request: Request, *, quiet: bool = False) -> tuple[dict[str, object], tuple[Loss, ...]]:
+def run_viewers(request: ViewerTask, *, quiet: bool = False) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Write the file; the summary, and what was lost."""
     files = (request.input, request.recording, request.scene)
     check_outputs(files, (request.output, request.layout), request.overwrite)
     inputs = find_inputs(request.input, request.recording, request.scene)
-    note_strangers(inputs, quiet)
-    story = Story(inputs)
+    note_unexpected(inputs, quiet)
+    story = ViewerStream(inputs)
     with OutputGroup() as together:
         writer = RecordingWriter(
             request.output, None, Provenance("export"), overwrite=request.overwrite, together=together
@@ -103,7 +103,7 @@ def run_viewers(request: Request, *, quiet: bool = False) -> tuple[dict[str, obj
             if not out.messages:
                 why = "tracks and boxes in images need --recording" if inputs.recording is None else "tables are empty"
                 raise InputError(f"{request.input}: there is nothing to show: {why}")
-            losses = (*_lost_before(inputs), *sink.losses)
+            losses = (*_previous_losses(inputs), *sink.losses)
             made = _provenance(inputs, request, losses)
             out.annotate(made)
             console.note_findings(texts_of(made.judged, "export"), quiet)
@@ -117,12 +117,12 @@ def run_viewers(request: Request, *, quiet: bool = False) -> tuple[dict[str, obj
     return summary | {"targets": len(story.palette)}, losses
 
 
-def _lost_before(inputs: Inputs) -> tuple[Loss, ...]:
+def _previous_losses(inputs: ViewerInputs) -> tuple[Loss, ...]:
     before = input_losses(inputs.opened)
     return (*before, *(() if inputs.recording is None else (x for x in inputs.recording.losses if x not in before)))
 
 
-def _provenance(inputs: Inputs, request: Request, losses: tuple[Loss, ...]) -> Provenance:
+def _provenance(inputs: ViewerInputs, request: ViewerTask, losses: tuple[Loss, ...]) -> Provenance:
     paths = [opened.path for opened in inputs.opened]
     if inputs.recording is not None:
         paths += [inputs.recording.path, *linked_videos(inputs.recording.path)]
@@ -132,18 +132,18 @@ def _provenance(inputs: Inputs, request: Request, losses: tuple[Loss, ...]) -> P
     return Provenance("export", made, None, hash_inputs(dict.fromkeys(paths)), losses)
 
 
-def _begun(moments: Iterator[Moment], sink: _Sink, inputs: Inputs) -> Iterator[Moment]:
+def _begun(moments: Iterator[Moment], sink: _Sink, inputs: ViewerInputs) -> Iterator[Moment]:
     """The moments; before the first one everything that does not move is written, at its time."""
     for n, moment in enumerate(moments):
         if not n:
-            sink.begin(moment.frame.t_ns if isinstance(moment, Over) else moment.t_ns, inputs)
+            sink.begin(moment.frame.t_ns if isinstance(moment, ImageOverlay) else moment.t_ns, inputs)
         yield moment
 
 
 class _Sink:
     """Codes what is drawn for one viewer and writes it."""
 
-    def __init__(self, out: RecordingWriter, inputs: Inputs, request: Request) -> None:
+    def __init__(self, out: RecordingWriter, inputs: ViewerInputs, request: ViewerTask) -> None:
         self._out, self._inputs, self._request = out, inputs, request
         self._lines, self._points = request.viewer != RERUN, request.viewer != FOXGLOVE
         self._world = world_of(inputs.scene)
@@ -155,32 +155,32 @@ class _Sink:
         self.losses: list[Loss] = []
         self.frames = 0
 
-    def begin(self, t_ns: int, inputs: Inputs) -> None:
+    def begin(self, t_ns: int, inputs: ViewerInputs) -> None:
         """Write what does not move, and what was lost before."""
-        for loss in _lost_before(inputs):
-            self.write(Said(t_ns, True, "lost earlier", str(loss)))
+        for loss in _previous_losses(inputs):
+            self.write(LogLine(t_ns, True, "lost earlier", str(loss)))
         if inputs.scene is None:
             return
         self._message("/tf", FrameTransforms, t_ns, frame_transforms(inputs.scene, t_ns, inputs.metres))
-        self.write(Drawn("/plan", t_ns, plan(inputs.scene, inputs.metres)))
+        self.write(SceneDrawing("/plan", t_ns, plan(inputs.scene, inputs.metres)))
         if shadows := static_shadows(inputs.scene, inputs.metres):
-            self.write(Drawn("/static_shadows", t_ns, shadows))
+            self.write(SceneDrawing("/static_shadows", t_ns, shadows))
 
     def write(self, moment: Moment) -> None:
         """Write one moment, unless its topic has had one in this stretch of time."""
         if self._thinner is not None and not self._thinner.keeps(moment):
             return
-        if isinstance(moment, Drawn) and moment.topic == PARTICLES:
+        if isinstance(moment, SceneDrawing) and moment.topic == PARTICLES:
             data = point_cloud(moment.things, moment.t_ns, self._world)
             self._message(moment.topic, PointCloud, moment.t_ns, data)
-        elif isinstance(moment, Drawn):
+        elif isinstance(moment, SceneDrawing):
             if self._lines:
                 data = scene_update(moment.things, moment.t_ns, self._world)
                 self._message(moment.topic, SceneUpdate, moment.t_ns, data)
             if self._points:
                 data = point_cloud(moment.things, moment.t_ns, self._world)
                 self._message(self._second(moment.topic), PointCloud, moment.t_ns, data)
-        elif isinstance(moment, Over):
+        elif isinstance(moment, ImageOverlay):
             self._over(moment)
         elif isinstance(moment, Numbers):
             self._numbers(moment)
@@ -206,7 +206,7 @@ class _Sink:
             data = main_numbers(series, names, moment.values)
             self._add(self._second(moment.topic), SCHEMA, DEFINITION.encode, moment.t_ns, data, ROS2)
 
-    def _over(self, moment: Over) -> None:
+    def _over(self, moment: ImageOverlay) -> None:
         frame = moment.frame
         try:
             data, kind, size, shrunk = self._image(frame)
@@ -228,7 +228,7 @@ class _Sink:
             things = [smaller(thing, shrunk) for thing in moment.layers.get(layer, [])]
             self._layer(f"/camera/{frame.sensor}/image/{layer}", frame, things, camera)
 
-    def _layer(self, topic: str, frame: Frame, things: list[Thing], camera: Camera | None) -> None:
+    def _layer(self, topic: str, frame: Frame, things: list[DrawingGroup], camera: Camera | None) -> None:
         """Write what one layer has over a frame; nothing, too, once it had something."""
         if self._lines:
             self._message(topic, ImageAnnotations, frame.t_ns, image_annotations(things, frame.t_ns))

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from occlog.settings import Settings, setting
 
-MOST_LEVELS = 15
+MAX_LEVELS = 15
 """15 levels are 240 bins; m is at most 256 ([Lee] Sec. 5.2.1)."""
 
 
@@ -91,7 +91,7 @@ class LearnConfig(SightingConfig):
         8,
         "Of hue, of saturation and of brightness: L (L + 1) colours are told apart.",
         at_least=2,
-        at_most=MOST_LEVELS,
+        at_most=MAX_LEVELS,
         option="--levels",
         metavar="L",
     )

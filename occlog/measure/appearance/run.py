@@ -21,8 +21,8 @@ from occlog.settings import configure
 
 from .config import LearnConfig, SightingConfig
 from .request import LearnRequest
-from .sightings import FrameBoxes, SightingTally, boxes_of_frames, paths_of_boxes, paths_of_rows, sightings
-from .sightings import Path as Walk
+from .sightings import FrameBoxes, SightingTally, boxes_of_frames, observe_boxes, paths_of_boxes, paths_of_rows
+from .sightings import PersonPath as Walk
 from .stage import learn
 
 SOURCES = (TruthBoxes, Boxes, Views)
@@ -127,7 +127,7 @@ def run_learn(request: LearnRequest, job: Job) -> tuple[dict[str, object], tuple
     inputs = SightingInput(SightingFiles(boxes, request.recording, request.tracks, request.scene), request.labelled)
     config: LearnConfig = configure(LearnConfig.in_unit(inputs.scene.length_unit), request.settings)
     tally = SightingTally()
-    seen = sightings(
+    seen = observe_boxes(
         job.progress(inputs.boxes(), "learn"),
         inputs.images(),
         inputs.walks(config),

@@ -79,7 +79,7 @@ def covered(boxes: Floats) -> Floats:
     return np.asarray(share.max(axis=1, initial=0.0))
 
 
-class Path(NamedTuple):
+class PersonPath(NamedTuple):
     """Where somebody was and headed."""
 
     t_ns: Ints  # (M,) rising
@@ -87,7 +87,7 @@ class Path(NamedTuple):
     heading: Floats  # (M, 2) unit vectors; NaN where it is not known
 
 
-class Whereabouts(NamedTuple):
+class PeopleAtTimes(NamedTuple):
     """Everybody at some times; N times, K people."""
 
     identity: Ints32  # (K,) rising
@@ -96,7 +96,7 @@ class Whereabouts(NamedTuple):
     there: Bools  # (N, K)
 
 
-def path_of(t_ns: Ints, xy: Floats, velocity: Floats, heading_ns: int, least_speed: float) -> Path:
+def path_of(t_ns: Ints, xy: Floats, velocity: Floats, heading_ns: int, least_speed: float) -> PersonPath:
     """Make a path of one person's rows.
 
     Args:
@@ -122,10 +122,10 @@ def path_of(t_ns: Ints, xy: Floats, velocity: Floats, heading_ns: int, least_spe
         speed: Floats = np.hypot(velocity[:, 0], velocity[:, 1])
         heading = velocity / speed[:, None]
     heading[(speed < least_speed) | (speed == 0)] = np.nan
-    return Path(t_ns, xy, heading)
+    return PersonPath(t_ns, xy, heading)
 
 
-def at_times(paths: dict[int, Path], t_ns: Ints, limit_ns: int) -> Whereabouts:
+def at_times(paths: dict[int, PersonPath], t_ns: Ints, limit_ns: int) -> PeopleAtTimes:
     """Everybody at times (N,), linear between their rows where these are at most `limit_ns` apart."""
     identity = np.array(sorted(paths), dtype=np.int32)
     n, k = len(t_ns), len(identity)
@@ -139,7 +139,7 @@ def at_times(paths: dict[int, Path], t_ns: Ints, limit_ns: int) -> Whereabouts:
         xy[:, place] = values[:, :2]
         with np.errstate(invalid="ignore", divide="ignore"):
             heading[:, place] = values[:, 2:] / np.hypot(values[:, 2], values[:, 3])[:, None]
-    return Whereabouts(identity, xy, heading, there)
+    return PeopleAtTimes(identity, xy, heading, there)
 
 
 def viewing_angles(xy: Floats, heading: Floats, camera: Floats) -> Floats:
@@ -178,7 +178,7 @@ def angle_bins(angle: Floats, angles: int) -> Ints32:
     return np.where(known, np.minimum(nearest, angles - 1) + 1, 0).astype(np.int32)
 
 
-NOBODY = -1
+NO_ID = -1
 VIEWS_LEVELS = 8
 """Levels of the histograms that `views` hold."""
 
@@ -281,14 +281,16 @@ def _whole_times(chunks: Iterable[Boxes] | Iterable[Views]) -> Iterator[Boxes | 
         yield held
 
 
-def paths_of_rows(table: Tracks | Truth, config: SightingConfig) -> dict[int, Path]:
+def paths_of_rows(table: Tracks | Truth, config: SightingConfig) -> dict[int, PersonPath]:
     """Paths of everybody in a table, by identity; true positions have no velocity of their own."""
     unknown = np.full((len(table), 2), np.nan)
     velocity = unknown if isinstance(table, Truth) else np.column_stack([table.vx, table.vy])
     return _paths(table.target_id, table.t_ns, np.column_stack([table.x, table.y]), velocity, config)
 
 
-def paths_of_boxes(chunks: Iterable[Boxes] | Iterable[Views], scene: Scene, config: SightingConfig) -> dict[int, Path]:
+def paths_of_boxes(
+    chunks: Iterable[Boxes] | Iterable[Views], scene: Scene, config: SightingConfig
+) -> dict[int, PersonPath]:
     """Paths of the identities that boxes have: the floor below the middle of their lower edges.
 
     Of one time the mean over the cameras; boxes whose lower edge does not meet the floor are left out.
@@ -313,7 +315,7 @@ def paths_of_boxes(chunks: Iterable[Boxes] | Iterable[Views], scene: Scene, conf
     return _paths(different[0].astype(np.int32), different[1], place, np.full(place.shape, np.nan), config)
 
 
-def _paths(identity: Ints32, t_ns: Ints, xy: Floats, velocity: Floats, config: SightingConfig) -> dict[int, Path]:
+def _paths(identity: Ints32, t_ns: Ints, xy: Floats, velocity: Floats, config: SightingConfig) -> dict[int, PersonPath]:
     heading_ns = round(config.heading_s * NS)
     out = {}
     for name in np.unique(identity).tolist():
@@ -323,10 +325,10 @@ def _paths(identity: Ints32, t_ns: Ints, xy: Floats, velocity: Floats, config: S
     return out
 
 
-def sightings(
+def observe_boxes(
     boxes: Iterable[FrameBoxes],
     images: Iterable[Frame],
-    paths: dict[int, Path],
+    paths: dict[int, PersonPath],
     scene: Scene,
     config: SightingConfig,
     *,
@@ -369,7 +371,7 @@ def sightings(
             counts = np.stack([colour_counts(*in_ellipse(image, edges), levels) for edges in each.edges])
             colours, pixels = density(counts), counts.sum(axis=1)
         track, angle = _seen_tracks(each, paths, cameras[each.sensor], config, own_identity)
-        tally.of_tracks += int(np.count_nonzero(track != NOBODY))
+        tally.of_tracks += int(np.count_nonzero(track != NO_ID))
         tally.last_ns = each.t_ns
         yield Sighting(each, track, angle, covered(each.edges), colours, np.where(np.isnan(colours[:, 0]), 0, pixels))
 
@@ -391,12 +393,12 @@ def in_ellipse(image: Image, edges: Floats) -> tuple[Bytes, Bytes]:
 
 
 def _seen_tracks(
-    boxes: FrameBoxes, paths: dict[int, Path], camera: Camera, config: SightingConfig, own_identity: bool
+    boxes: FrameBoxes, paths: dict[int, PersonPath], camera: Camera, config: SightingConfig, own_identity: bool
 ) -> tuple[Ints32, Floats]:
     """(n,) track of each box, NOBODY for none, and (n,) viewing angle."""
     n = len(boxes.box)
     if not paths or not camera.has_height:
-        identity = boxes.identity if own_identity else np.full(n, NOBODY, dtype=np.int32)
+        identity = boxes.identity if own_identity else np.full(n, NO_ID, dtype=np.int32)
         return identity, np.full(n, np.nan)
     states = at_times(paths, np.array([boxes.t_ns]), round(config.max_gap_s * NS))
     if own_identity:
@@ -407,7 +409,7 @@ def _seen_tracks(
         place = tracks_of_boxes(
             boxes.edges, expected_boxes(camera, states.xy[0], config.person_height), config.least_overlap
         )
-        track = np.where(place >= 0, states.identity[place], np.int32(NOBODY))
+        track = np.where(place >= 0, states.identity[place], np.int32(NO_ID))
     angle = viewing_angles(states.xy[0, place], states.heading[0, place], camera.ground)
     return track, np.where(place >= 0, angle, np.nan)
 

@@ -18,7 +18,7 @@ from occlog.records.declared.people import MAX_BINS, OTHER, SAME, SUSPENDED, App
 from occlog.records.tables import Tracks
 
 from .config import LearnConfig, MatchConfig, SightingConfig
-from .sightings import NOBODY, Sighting, angle_bins
+from .sightings import NO_ID, Sighting, angle_bins
 
 ANGLE, HEADING, COVERED, PIXELS = "angle", "heading", "covered", "pixels"
 """`reason` of a decision that is suspended."""
@@ -35,7 +35,7 @@ def learn(sightings: Iterable[Sighting], config: LearnConfig) -> Gallery:
     last_ns = 0
     for each in sightings:
         angle = angle_bins(each.angle, config.angles)
-        good = (each.track != NOBODY) & (angle > 0) & (obstacles(each, config) == "")
+        good = (each.track != NO_ID) & (angle > 0) & (obstacles(each, config) == "")
         for k in np.flatnonzero(good).tolist():
             key = int(each.track[k]), int(angle[k])
             counts[key] = counts.get(key, np.zeros(bins_of(config.levels))) + each.density[k] * each.pixels[k]
@@ -65,7 +65,7 @@ def obstacles(sighting: Sighting, config: SightingConfig) -> np.ndarray[tuple[in
     return np.where(sighting.covered > config.most_covered, COVERED, np.where(few, PIXELS, ""))
 
 
-class Sides(NamedTuple):
+class GalleryArrays(NamedTuple):
     """A gallery as arrays; R targets, N angles, m bins."""
 
     target: Ints32  # (R,) rising
@@ -75,7 +75,7 @@ class Sides(NamedTuple):
     levels: int
 
 
-def sides_of(gallery: Gallery) -> Sides:
+def sides_of(gallery: Gallery) -> GalleryArrays:
     """The sides of a gallery's targets; InputError for an empty one, or one whose bins are of no number of levels."""
     if not len(gallery):
         raise InputError("gallery: has no rows; learn one")
@@ -87,10 +87,10 @@ def sides_of(gallery: Gallery) -> Sides:
     column = gallery.angle - 1
     density, pixels = np.zeros((len(target), angles, bins)), np.zeros((len(target), angles), dtype=np.int64)
     density[row, column], pixels[row, column] = gallery.density[:, :bins], gallery.pixels
-    return Sides(target, density, pixels, pixels > 0, levels)
+    return GalleryArrays(target, density, pixels, pixels > 0, levels)
 
 
-def match(sightings: Iterable[Sighting], sides: Sides, config: MatchConfig) -> Iterator[AppearanceMatches]:
+def match(sightings: Iterable[Sighting], sides: GalleryArrays, config: MatchConfig) -> Iterator[AppearanceMatches]:
     """Compare each box with each target seen from the same side; one table a frame.
 
     In a frame a box is the target that it is most like, if it is like it enough; of two boxes that are most like one
@@ -157,7 +157,7 @@ def most_alike(likeness: Floats, least: float) -> Bools:
 T = TypeVar("T", bound=Tracks)
 
 
-class Evidence(NamedTuple):
+class IdentityEvidence(NamedTuple):
     """Sums over the boxes of K tracks that were compared with R targets."""
 
     track: Ints32  # (K,) rising
@@ -175,23 +175,23 @@ class EvidenceTally:
 
     def add(self, part: AppearanceMatches) -> None:
         """Count the pairs that were compared."""
-        rows = np.flatnonzero((part.decision != SUSPENDED) & (part.track_id != NOBODY))
+        rows = np.flatnonzero((part.decision != SUSPENDED) & (part.track_id != NO_ID))
         columns = (part.track_id[rows], part.target_id[rows], part.rho_corrected[rows])
         for track, target, value in zip(*(c.tolist() for c in columns), strict=True):
             total, n = self._sums.get((track, target), (0.0, 0))
             self._sums[track, target] = total + value, n + 1
 
-    def evidence(self) -> Evidence:
+    def evidence(self) -> IdentityEvidence:
         """The sums so far."""
         track, target = (np.unique(np.array([k[i] for k in self._sums], dtype=np.int32)) for i in (0, 1))
         likeness, boxes = np.zeros((len(track), len(target))), np.zeros((len(track), len(target)), dtype=np.int64)
         for (name, other), (total, n) in self._sums.items():
             place = np.searchsorted(track, name), np.searchsorted(target, other)
             likeness[place], boxes[place] = total, n
-        return Evidence(track, target, likeness, boxes)
+        return IdentityEvidence(track, target, likeness, boxes)
 
 
-def identities(evidence: Evidence, together: Bools, least_likeness: float, least_boxes: int) -> dict[int, int]:
+def identities(evidence: IdentityEvidence, together: Bools, least_likeness: float, least_boxes: int) -> dict[int, int]:
     """Target of each track that is surely enough of one; tracks of one target may follow one another.
 
     The pair of track and target with the highest mean likeness comes first.  A track is of one target, and two tracks

@@ -32,21 +32,21 @@ from occlog.core.numerics.jit import kernel
 from .person_size import Prior, person_at, place
 from .stage import Clusters
 
-SPECKS = 0.03
+CLUTTER_PROBABILITY = 0.03
 """Probability that a cell is foreground which nobody covers."""
-NEWCOMER = 0.45
+MIN_LOG_LIKELIHOOD_GAIN = 0.45
 """What one more person must explain, in the logarithm of the likelihood per cell of a person."""
 SIZE_COST = 10.0
 """Cost of the squared logarithm of a size relative to the expected one, in cells of a person."""
 AREA = 0.175
 """Cells of a person over the square of the height."""
-MOST_PEOPLE = 6
+MAX_PEOPLE = 6
 """People in one silhouette."""
 FINE = 14.0
 """Places are tried that are this part of a height apart."""
 ROUNDS = 12
 """Most rounds in which places and sizes are improved."""
-LEAST_COVER = 0.02
+MIN_COVER = 0.02
 """Cells that a person covers with a lower probability are passed over."""
 SPAN = 0.5
 """Width of the outline's table over its height."""
@@ -70,7 +70,7 @@ def _outline() -> Floats:
     down, across = (np.arange(ROWS) + 0.5) / ROWS, SPAN * ((np.arange(COLUMNS) + 0.5) / COLUMNS - 0.5)
     _, most, half, soft = BANDS[np.searchsorted(BANDS[:, 0], down)].T
     cover = most[:, None] / (1.0 + np.exp((np.abs(across) - half[:, None]) / soft[:, None]))
-    return np.log1p(-np.where(cover < LEAST_COVER, 0.0, cover))
+    return np.log1p(-np.where(cover < MIN_COVER, 0.0, cover))
 
 
 OUTLINE = _outline()
@@ -129,7 +129,7 @@ def gain(foreground: Floats, free: Floats, x: float, y: float, height: float) ->
             share = foreground[row, column]
             total += (1.0 - share) * mine
             if share > 0.0:
-                nobody = (1.0 - SPECKS) * math.exp(free[row, column])
+                nobody = (1.0 - CLUTTER_PROBABILITY) * math.exp(free[row, column])
                 total += share * (math.log1p(-nobody * math.exp(mine)) - math.log1p(-nobody))
     return total
 
@@ -153,9 +153,9 @@ def fit_outlines(foreground: Floats, prior: Prior, side: int, left: int, top: in
     """
     rows, columns = foreground.shape
     free = np.zeros((rows, columns))
-    people = np.zeros((MOST_PEOPLE, 4))  # x, y, height, size
+    people = np.zeros((MAX_PEOPLE, 4))  # x, y, height, size
     count = 0
-    while count < MOST_PEOPLE:
+    while count < MAX_PEOPLE:
         # Add: the place that explains most of what is left
         best, at_x, at_y, tall = 0.0, 0.0, 0.0, 1.0
         for row in range(rows):
@@ -176,7 +176,7 @@ def fit_outlines(foreground: Floats, prior: Prior, side: int, left: int, top: in
         _put(free, at_x, at_y, tall, 1.0)
         count += 1
         risen = best + _improve(foreground, free, people[:count], prior, side, left, top)
-        if risen < NEWCOMER * AREA * tall * tall:
+        if risen < MIN_LOG_LIKELIHOOD_GAIN * AREA * tall * tall:
             count -= 1
             people[:count] = before
             break
@@ -218,27 +218,27 @@ def _improve(foreground: Floats, free: Floats, people: Floats, prior: Prior, sid
     return risen
 
 
-WIDER, TALLER = 1.25, 1.15
+MIN_WIDTH_RATIO, MIN_HEIGHT_RATIO = 1.25, 1.15
 """A silhouette that is larger than the box of a person by one of these factors may hold several."""
-LEAST_SHARE = 0.02
+MIN_SHARE = 0.02
 """Silhouettes with fewer cells are specks, in squares of the height of a person."""
-SOLID = 0.3
+MIN_FOREGROUND_SHARE = 0.3
 """Share of foreground from which a cell joins its neighbours."""
 DIVIDED = 0.1
 """Silhouettes are left to the clusters that hold a larger share than this of one that goes on in another silhouette:
 something in front of the people divides them, and outlines of whole people fit neither part."""
 AROUND = 0.5
 """Heights of a person by which the surroundings of a silhouette count."""
-LEAST_OWN = 0.05
+MIN_OWN = 0.05
 """A cell is nobody's that everybody covers with a lower probability."""
-WHOLE = 0.5
+MIN_PIXEL_RATIO = 0.5
 """Pixels, relative to a person in full view, from which a silhouette of its own is a person who was seen apart."""
 APART_FRAMES = 5
 """Frames with two people apart after which silhouettes may hold several."""
 
 
 @dataclass
-class SeenApart:
+class SeparateSightings:
     """Whether a camera has seen several people apart: one person with arms and legs spread is like two who touch.
 
     Attributes:
@@ -260,7 +260,9 @@ class Crowds(NamedTuple):
     boxes: Floats  # (K, 4) left, top, width, height [px] of people in crowds; NaN: their pixels say it
 
 
-def find_people(cells: Floats, corners: Ints, side: int, prior: Prior, clusters: Clusters, apart: SeenApart) -> Crowds:
+def split_silhouettes(
+    cells: Floats, corners: Ints, side: int, prior: Prior, clusters: Clusters, apart: SeparateSightings
+) -> Crowds:
     """Put people in the place of clusters where a silhouette is larger than one person, once several were seen apart.
 
     Args:
@@ -274,7 +276,9 @@ def find_people(cells: Floats, corners: Ints, side: int, prior: Prior, clusters:
     column, row = (corners // side).T
     grid = np.zeros((-(-prior.height // side), -(-prior.width // side)))
     grid[row, column] = cells[:, 0] / side**2
-    joined = cv2.morphologyEx((grid > SOLID).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    joined = cv2.morphologyEx(
+        (grid > MIN_FOREGROUND_SHARE).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)
+    )
     count, parts, boxes, middles = cv2.connectedComponentsWithStats(joined, connectivity=8)
     part = parts[row, column]
     # Pixels of each cluster in each silhouette
@@ -286,7 +290,7 @@ def find_people(cells: Floats, corners: Ints, side: int, prior: Prior, clusters:
     labels, gone = clusters.labels.copy(), np.zeros(len(clusters.mass), dtype=np.bool_)
     heights = [expected_height(prior, float(x), float(y), side) for x, y in middles]
     large = [k for k in range(1, count) if _may_be_several(boxes[k], heights[k], int(inside[:, k].sum()))]
-    one = inside[:, np.setdiff1d(np.arange(1, count), large)] & (clusters.fill >= WHOLE)[:, None]
+    one = inside[:, np.setdiff1d(np.arange(1, count), large)] & (clusters.fill >= MIN_PIXEL_RATIO)[:, None]
     apart.frames += int(one.any(axis=0).sum() > 1)
     found: list[Floats] = []
     for k in large if apart.several else ():
@@ -309,9 +313,9 @@ def find_people(cells: Floats, corners: Ints, side: int, prior: Prior, clusters:
 
 def _may_be_several(box: Ints32, height: float, clusters: int) -> bool:
     """Whether a silhouette with a box (left, top, width, height, cells) may hold several people."""
-    if box[4] < LEAST_SHARE * height**2:
+    if box[4] < MIN_SHARE * height**2:
         return False
-    return bool(clusters > 1 or box[2] > WIDER * WIDTH * height or box[3] > TALLER * height)
+    return bool(clusters > 1 or box[2] > MIN_WIDTH_RATIO * WIDTH * height or box[3] > MIN_HEIGHT_RATIO * height)
 
 
 def _people_in(grid: Floats, silhouette: Bools, box: Ints32, height: float, prior: Prior, side: int) -> Floats:
@@ -328,7 +332,7 @@ def _owners(column: Ints, row: Ints, people: Floats, first: int) -> Ints:
     """(n,) number of the person who covers each cell with the highest probability, counted from `first`; -1: nobody."""
     out = np.full(column.shape[0], -1)
     for i in range(column.shape[0]):
-        best = np.log1p(-LEAST_OWN)
+        best = np.log1p(-MIN_OWN)
         for k in range(people.shape[0]):
             x, y, height = people[k]
             if abs(row[i] - y) <= 0.5 * height and abs(column[i] - x) <= 0.25 * height:

@@ -41,7 +41,7 @@ class Mixture(NamedTuple):
     mass: Floats  # (K + 1,) pixels of each cluster, then of the specks
 
 
-class Statistics(NamedTuple):
+class EmStatistics(NamedTuple):
     """Sufficient statistics of the E-step."""
 
     mass: Floats  # (K + 1,)
@@ -100,7 +100,7 @@ def _densities_into(density: Floats, cell: Floats, means: Floats, shape: _Shape)
 
 
 @kernel
-def e_step(cells: Floats, mixture: Mixture, area: float, labels: Ints) -> tuple[float, Statistics]:
+def e_step(cells: Floats, mixture: Mixture, area: float, labels: Ints) -> tuple[float, EmStatistics]:
     """Log-likelihood of the pixels and the statistics of their responsibilities.
 
     Args:
@@ -171,7 +171,7 @@ def shared_entropy(cells: Floats, mixture: Mixture, area: float) -> Floats:
 
 
 @kernel
-def _statistics(sums: Floats, origins: Floats, speck_mass: float) -> Statistics:
+def _statistics(sums: Floats, origins: Floats, speck_mass: float) -> EmStatistics:
     n_clusters = origins.shape[0]
     mass, means, scatter = np.empty(n_clusters + 1), origins.copy(), np.zeros((n_clusters, 3))
     mass[n_clusters] = speck_mass
@@ -185,11 +185,11 @@ def _statistics(sums: Floats, origins: Floats, speck_mass: float) -> Statistics:
             scatter[k, 0] = sums[k, 3] - n * mx * mx
             scatter[k, 1] = sums[k, 4] - n * mx * my
             scatter[k, 2] = sums[k, 5] - n * my * my
-    return Statistics(mass, means, scatter)
+    return EmStatistics(mass, means, scatter)
 
 
 @kernel
-def m_step(statistics: Statistics, prior_covs: Floats, prior_mass: Floats) -> Mixture:
+def m_step(statistics: EmStatistics, prior_covs: Floats, prior_mass: Floats) -> Mixture:
     """State that maximises J for given responsibilities: Sigma_k = (nu_k S_k + C_k) / (nu_k + n_k)."""
     covs = np.empty_like(prior_covs)
     for k in range(prior_covs.shape[0]):
@@ -208,7 +208,7 @@ def run_em(
     labels: Ints,
     max_steps: int,
     tolerance: float,
-) -> tuple[Mixture, Statistics, float]:
+) -> tuple[Mixture, EmStatistics, float]:
     """EM steps until J rises by less than `tolerance` per pixel, or `max_steps`; labels as in `e_step`.
 
     Returns:
@@ -249,7 +249,7 @@ def union(a: Floats, b: Floats) -> Floats:
 
 
 @kernel
-def groups_of(statistics: Statistics) -> Floats:
+def groups_of(statistics: EmStatistics) -> Floats:
     """(K, 6) groups of the clusters."""
     out = np.empty((statistics.means.shape[0], 6))
     out[:, 0] = statistics.mass[:-1]

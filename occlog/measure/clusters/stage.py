@@ -16,7 +16,7 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import kernel
 
-from .em import Mixture, Statistics, groups_of, merge, run_em, shared_entropy, split
+from .em import EmStatistics, Mixture, groups_of, merge, run_em, shared_entropy, split
 from .person_size import Prior, SizeMap, best_size, person_at, place
 
 MAX_STEPS = 12  # of EM between two changes
@@ -90,7 +90,7 @@ class _Fit(NamedTuple):
     """Result of EM."""
 
     mixture: Mixture
-    statistics: Statistics
+    statistics: EmStatistics
     value: float  # of J without the cost of the clusters
 
 

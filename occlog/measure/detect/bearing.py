@@ -28,13 +28,13 @@ from occlog.array_types import Bools, Floats
 from occlog.core.sight.camera import wrap_angle
 from occlog.records.scene import Camera
 
-POSTURE = 0.35
-ODD = 0.6
-CUT = 1.0
+POSTURE_SHARE = 0.35
+OUTLIER_RATIO = 0.6
+TRUNCATION_PX = 1.0
 STEP_PX = 0.5  # of the finite differences
 
 
-class Sights(NamedTuple):
+class RegionBearings(NamedTuple):
     """Where K regions are seen; NaN for a camera without pose."""
 
     bearing: Floats  # (K,) [rad]
@@ -64,8 +64,8 @@ def shape_covariance(person: Floats, fill: Floats, cut: Bools, noise: BearingNoi
         noise: a standard deviation that it gives in pixels stands for the share of a person's posture.
     """
     odd = np.minimum(np.abs(1.0 - fill), 1.0)
-    posture = POSTURE if noise.sigma_px is None else 0.0
-    c2 = posture**2 + (ODD * odd) ** 2 + CUT**2 * cut
+    posture = POSTURE_SHARE if noise.sigma_px is None else 0.0
+    c2 = posture**2 + (OUTLIER_RATIO * odd) ** 2 + TRUNCATION_PX**2 * cut
     covs: Floats = c2[:, None] * person
     return covs
 
@@ -77,7 +77,7 @@ def sights(
     spreads: Floats,
     persons: Floats,
     noise: BearingNoise = AS_MODELLED,
-) -> Sights:
+) -> RegionBearings:
     """Bearings of centres in the image.
 
     Args:
@@ -89,9 +89,9 @@ def sights(
         noise: a standard deviation that it gives in pixels stands for the camera's noise of reading.
     """
     if not camera.placed:
-        return Sights(*np.full((4, len(centres)), np.nan))
+        return RegionBearings(*np.full((4, len(centres)), np.nan))
     if not len(centres):
-        return Sights(*np.empty((4, 0)))
+        return RegionBearings(*np.empty((4, 0)))
     bearing = camera.bearings(centres)
     gx, gy = _gradient(camera, centres)
     read2 = (camera.sigma_read_px if noise.sigma_px is None else noise.sigma_px) ** 2
@@ -100,7 +100,7 @@ def sights(
     u_px = camera.u_px(bearing)
     focal = float(camera.focal_px[0])
     sigma = noise.scale * np.sqrt(variance)
-    return Sights(bearing, sigma, u_px, sigma * focal * (1.0 + (u_px / focal) ** 2))
+    return RegionBearings(bearing, sigma, u_px, sigma * focal * (1.0 + (u_px / focal) ** 2))
 
 
 def _gradient(camera: Camera, centres: Floats) -> tuple[Floats, Floats]:

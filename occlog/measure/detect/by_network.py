@@ -20,7 +20,7 @@ import numpy as np
 from occlog.array_types import Floats32
 from occlog.errors import InputError
 from occlog.measure.detections import Detections
-from occlog.measure.networks.detector import Boxed, Detector, Embedder, Prepared
+from occlog.measure.networks.detector import Boxed, Embedder, NetworkDetector, Prepared
 from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
@@ -42,7 +42,7 @@ class _Ready(NamedTuple):
     prepared: Prepared | None = None
 
 
-class Seen(NamedTuple):
+class DetectedFrame(NamedTuple):
     """A frame with its boxes by falling area, or why it could not be used."""
 
     frame: Frame
@@ -54,7 +54,7 @@ class Seen(NamedTuple):
 def detect_by_network(
     frames: Iterable[Frame],
     scene: Scene,
-    detector: Detector,
+    detector: NetworkDetector,
     embedder: Embedder | None = None,
     config: DetectConfig | None = None,
     *,
@@ -78,16 +78,18 @@ def detect_by_network(
             network fails.
     """
     config = config or DetectConfig()
-    yield from in_parts(_look(frames, scene, detector, embedder, config), scene, config, rows=rows)
+    yield from in_parts(_detect_frames(frames, scene, detector, embedder, config), scene, config, rows=rows)
 
 
-def in_parts(frames: Iterable[Seen], scene: Scene, config: DetectConfig, *, rows: int = BATCH) -> Iterator[Detections]:
+def in_parts(
+    frames: Iterable[DetectedFrame], scene: Scene, config: DetectConfig, *, rows: int = BATCH
+) -> Iterator[Detections]:
     """Frames with their boxes as views, candidate bearings and losses; those of one time together.
 
     Raises:
         InputError: times go back.
     """
-    held: list[Seen] = []
+    held: list[DetectedFrame] = []
     for seen in frames:
         if held and seen.frame.t_ns < held[-1].frame.t_ns:
             raise InputError(
@@ -102,9 +104,9 @@ def in_parts(frames: Iterable[Seen], scene: Scene, config: DetectConfig, *, rows
         yield _part(held, scene, config)
 
 
-def _look(
-    frames: Iterable[Frame], scene: Scene, detector: Detector, embedder: Embedder | None, config: DetectConfig
-) -> Iterator[Seen]:
+def _detect_frames(
+    frames: Iterable[Frame], scene: Scene, detector: NetworkDetector, embedder: Embedder | None, config: DetectConfig
+) -> Iterator[DetectedFrame]:
     """Frames in their order with what the network finds in them."""
     shapes: dict[str, tuple[int, ...]] = {}
 
@@ -129,20 +131,20 @@ def _look(
             found = iter(detector.find(wanted) if wanted else [])
             for each in batch:
                 if each.prepared is None or each.image is None:
-                    yield Seen(each.frame, each.lost, None, empty)
+                    yield DetectedFrame(each.frame, each.lost, None, empty)
                     continue
                 boxed = next(found)
                 vectors = empty
                 if boxed is not None:
                     n = len(boxed.boxes)
                     vectors = embedder.vectors(each.image, boxed.boxes) if embedder else np.zeros((n, 0), np.float32)
-                yield Seen(each.frame, "" if boxed is not None else NOT_FINITE, boxed, vectors)
+                yield DetectedFrame(each.frame, "" if boxed is not None else NOT_FINITE, boxed, vectors)
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _prepare(
-    frame: Frame, scene: Scene, detector: Detector, shapes: dict[str, tuple[int, ...]], config: DetectConfig
+    frame: Frame, scene: Scene, detector: NetworkDetector, shapes: dict[str, tuple[int, ...]], config: DetectConfig
 ) -> _Ready:
     """Decode a frame and bring it to the network's size."""
     image = decoded(frame, scene, shapes, config)
@@ -178,7 +180,7 @@ def decoded(frame: Frame, scene: Scene, shapes: dict[str, tuple[int, ...]], conf
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8) if image.ndim == 2 else image
 
 
-def _part(seen: list[Seen], scene: Scene, config: DetectConfig) -> Detections:
+def _part(seen: list[DetectedFrame], scene: Scene, config: DetectConfig) -> Detections:
     """Views, bearings and losses of frames."""
     good = [each for each in seen if each.boxed is not None]
     # Boxes come by falling area, as views are numbered: rows of both tables are in one order.
@@ -213,7 +215,7 @@ def _boxes(frame: Frame, boxed: Boxed) -> Boxes:
     )
 
 
-def _losses(seen: list[Seen]) -> tuple[Loss, ...]:
+def _losses(seen: list[DetectedFrame]) -> tuple[Loss, ...]:
     lost: dict[str, list[tuple[int, str]]] = {}
     for each in seen:
         if each.lost:

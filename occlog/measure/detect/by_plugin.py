@@ -14,7 +14,7 @@ from occlog.plugins.loading import Chosen, said_by
 from occlog.records.frames import Frame
 from occlog.records.scene import Scene
 
-from .by_network import Seen, decoded, in_parts
+from .by_network import DetectedFrame, decoded, in_parts
 from .config import DetectConfig
 
 
@@ -33,10 +33,12 @@ def detect_by_plugin(
         InputError: an image does not fit its calibration, or times go back.
         PluginError: the plug-in fails, or gives back what no boxes can be.
     """
-    yield from in_parts(_look(frames, scene, chosen, config), scene, config)
+    yield from in_parts(_detect_frames(frames, scene, chosen, config), scene, config)
 
 
-def _look(frames: Iterable[Frame], scene: Scene, chosen: Chosen, config: DetectConfig) -> Iterator[Seen]:
+def _detect_frames(
+    frames: Iterable[Frame], scene: Scene, chosen: Chosen, config: DetectConfig
+) -> Iterator[DetectedFrame]:
     """Frames in their order with what the plug-in finds in them."""
     shapes: dict[str, tuple[int, ...]] = {}
     own: dict[str, Detector] = {}
@@ -45,7 +47,7 @@ def _look(frames: Iterable[Frame], scene: Scene, chosen: Chosen, config: DetectC
     for frame in frames:
         image = decoded(frame, scene, shapes, config)
         if isinstance(image, str):
-            yield Seen(frame, image, None, np.zeros((0, length or 0), dtype=np.float32))
+            yield DetectedFrame(frame, image, None, np.zeros((0, length or 0), dtype=np.float32))
             continue
         if frame.sensor not in own:
             rng = np.random.default_rng(names.index(frame.sensor))
@@ -67,7 +69,7 @@ def _look(frames: Iterable[Frame], scene: Scene, chosen: Chosen, config: DetectC
         order = np.argsort(-boxes[:, 2] * boxes[:, 3], kind="stable")
         edges = np.column_stack([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]])[order]
         scores = np.asarray(found.scores, dtype=np.float64)[kept][order]
-        yield Seen(frame, "", Boxed(edges, scores), vectors[kept][order])
+        yield DetectedFrame(frame, "", Boxed(edges, scores), vectors[kept][order])
 
 
 def vectors_of(found: Detected) -> np.ndarray[tuple[int, int], np.dtype[np.float32]]:

@@ -15,15 +15,15 @@ STRENGTH = 2.0
 """Weight of the prior on a cluster's shape, in pixels of a person in full view."""
 PENALTY = 0.1
 """Cost of one more cluster, in pixels of a person in full view."""
-LEAST = 0.2
+MIN_CLUSTER_RATIO = 0.2
 """Smallest cluster, in pixels of a person in full view."""
-MOST = 5.0
+MAX_CLUSTER_RATIO = 5.0
 """Largest cluster that can be a target, in pixels of a person in full view."""
 GLOBAL, CAMERA = "global", "camera"
 """Of whom the identities of boxes are: of the same person in all cameras, or of a tracker in one camera alone."""
 LONE_TARGET_ID = 0
 """Identity of the one target when no appearance is known."""
-MARGIN = 0.05
+CONTINUITY_BONUS = 0.05
 """Likeness that it is worth to be where the target was last seen."""
 MEMORY_S = 1.0
 """Time for which a place where the target was last seen counts [s]."""
@@ -143,10 +143,10 @@ def parameters(config: DetectConfig) -> dict[str, object]:
         "max_foreground": MAX_FOREGROUND,
         "strength": STRENGTH,
         "penalty": PENALTY,
-        "least": LEAST,
-        "most": MOST,
+        "least": MIN_CLUSTER_RATIO,
+        "most": MAX_CLUSTER_RATIO,
         "lone_target_id": LONE_TARGET_ID,
-        "margin": MARGIN,
+        "margin": CONTINUITY_BONUS,
         "memory_s": MEMORY_S,
         "batch": BATCH,
     }

@@ -17,12 +17,12 @@ from occlog.measure.detections import Detections
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Views
 
-from .bearing import BearingNoise, Sights, shape_covariance, sights
+from .bearing import BearingNoise, RegionBearings, shape_covariance, sights
 from .config import GLOBAL, DetectConfig
 
 
 @dataclass
-class Labels:
+class LabelMap:
     """Identities of boxes and the targets that they stand for.
 
     Attributes:
@@ -73,7 +73,7 @@ def counted(boxes: Boxes, config: DetectConfig) -> Bools:
         return (boxes.box >= 0) & ~(boxes.confidence < config.min_confidence)
 
 
-def survey_labels(chunks: Iterable[Boxes], scope: str, config: DetectConfig) -> Labels:
+def scan_labels(chunks: Iterable[Boxes], scope: str, config: DetectConfig) -> LabelMap:
     """Look through all boxes for the targets, and when each is there.
 
     With global identities a target has the identity's own number.  Identities of cameras are numbered from 0,
@@ -82,7 +82,7 @@ def survey_labels(chunks: Iterable[Boxes], scope: str, config: DetectConfig) -> 
     Raises:
         InputError: no box has an identity, or two boxes of a frame have the same one.
     """
-    labels = Labels(scope)
+    labels = LabelMap(scope)
     for chunk in chunks:
         rows = chunk.take(counted(chunk, config) & (chunk.target_id != UNLABELLED)).sorted()
         order = np.lexsort((rows.target_id, rows.sensor, rows.t_ns))
@@ -105,7 +105,7 @@ def survey_labels(chunks: Iterable[Boxes], scope: str, config: DetectConfig) -> 
 
 
 def detect_boxes(
-    boxes: Iterable[Boxes], scene: Scene, config: DetectConfig | None = None, labels: Labels | None = None
+    boxes: Iterable[Boxes], scene: Scene, config: DetectConfig | None = None, labels: LabelMap | None = None
 ) -> Iterator[Detections]:
     """Views and bearings of boxes, chunk by chunk.
 
@@ -121,7 +121,7 @@ def detect_boxes(
         boxes: in the order of time; rows of one frame must not be split between chunks.
         scene: must hold the cameras.
         config: of it `min_confidence` is used.
-        labels: targets of the boxes' identities (`survey_labels`); None: identities are hints only.
+        labels: targets of the boxes' identities (`scan_labels`); None: identities are hints only.
     """
     config = config or DetectConfig()
     for chunk in boxes:
@@ -135,7 +135,7 @@ def detect_boxes(
         yield Detections(Views.merge(views), Bearings.merge(bearings), (), frames, 0)
 
 
-def _of_camera(camera: Camera, boxes: Boxes, config: DetectConfig, labels: Labels | None) -> tuple[Views, Bearings]:
+def _of_camera(camera: Camera, boxes: Boxes, config: DetectConfig, labels: LabelMap | None) -> tuple[Views, Bearings]:
     good = boxes.take(counted(boxes, config))
     target = np.full(len(good), UNLABELLED, np.int32) if labels is None else labels.of(camera.name, good.target_id)
     centres = np.column_stack([good.left_px + 0.5 * good.width_px, good.top_px + 0.5 * good.height_px])
@@ -148,7 +148,7 @@ def _of_camera(camera: Camera, boxes: Boxes, config: DetectConfig, labels: Label
         return views, bearings
     missed, missing = labels.missed(camera.name, np.unique(boxes.t_ns), good.t_ns, target)
     nothing = np.full(len(missed), np.nan)
-    unseen = _rows(camera, missed, False, Sights(nothing, nothing, nothing, nothing), nothing, missing)
+    unseen = _rows(camera, missed, False, RegionBearings(nothing, nothing, nothing, nothing), nothing, missing)
     return views, Bearings.merge([bearings, unseen])
 
 
@@ -161,7 +161,7 @@ def _cut(camera: Camera, boxes: Boxes) -> Bools:
     return cut
 
 
-def _views(boxes: Boxes, centres: Floats, spreads: Floats, seen: Sights, target: Ints32) -> Views:
+def _views(boxes: Boxes, centres: Floats, spreads: Floats, seen: RegionBearings, target: Ints32) -> Views:
     n = len(boxes)
     area = boxes.width_px * boxes.height_px
     return Views.of(
@@ -202,7 +202,7 @@ def _ranks(boxes: Boxes, area: Floats) -> np.ndarray[tuple[int], np.dtype[np.int
     return ranks
 
 
-def _bearings(camera: Camera, boxes: Boxes, good: Boxes, seen: Sights, target: Ints32) -> Bearings:
+def _bearings(camera: Camera, boxes: Boxes, good: Boxes, seen: RegionBearings, target: Ints32) -> Bearings:
     if not camera.placed:
         return Bearings.empty()
     if np.isnan(seen.bearing).any():
@@ -213,12 +213,12 @@ def _bearings(camera: Camera, boxes: Boxes, good: Boxes, seen: Sights, target: I
     return Bearings.merge(
         [
             _rows(camera, good.t_ns, True, seen, good.confidence, target),
-            _rows(camera, empty, False, Sights(nothing, nothing, nothing, nothing), nothing, nobody),
+            _rows(camera, empty, False, RegionBearings(nothing, nothing, nothing, nothing), nothing, nobody),
         ]
     )
 
 
-def _rows(camera: Camera, t_ns: Ints, found: bool, seen: Sights, score: Floats, target: Ints32) -> Bearings:
+def _rows(camera: Camera, t_ns: Ints, found: bool, seen: RegionBearings, score: Floats, target: Ints32) -> Bearings:
     n = len(t_ns)
     return Bearings.of(
         t_ns=t_ns,

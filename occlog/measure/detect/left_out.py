@@ -12,11 +12,11 @@ from occlog.records.tables import Boxes
 
 from .by_background.one_camera import numbers_of
 
-MOST = 10_000
+MAX_STRETCHES = 10_000
 """Stretches of a camera that are listed; numbers with more gaps count something else than frames."""
 
 
-class LeftOut:
+class SkippedFrames:
     """Gathers the numbers while frames stream by.
 
     Frames that are numbered in steps (0, 5, 10) leave no number out between them.
@@ -51,7 +51,7 @@ class LeftOut:
         for loss in losses:
             if (numbers := numbers_of(loss)) is not None and loss.source in self._last:
                 stretches = self._lost.setdefault(loss.source, [])
-                if len(stretches) <= MOST:
+                if len(stretches) <= MAX_STRETCHES:
                     stretches.append(numbers)
 
     def _see(self, sensor: str, number: int) -> None:
@@ -64,9 +64,9 @@ class LeftOut:
         if number == last + 1:
             return
         gaps = self._gaps.setdefault(sensor, [])
-        if len(gaps) > MOST:
+        if len(gaps) > MAX_STRETCHES:
             self._gaps[sensor] = gaps = self._without_steps(sensor)
-        if len(gaps) <= MOST:
+        if len(gaps) <= MAX_STRETCHES:
             gaps.append((last + 1, number - 1))
 
     def _without_steps(self, sensor: str) -> list[tuple[int, int]]:
@@ -77,5 +77,5 @@ class LeftOut:
     def parameters(self) -> dict[str, object]:
         """What provenance says of it; nothing where no number is left out."""
         told = {name: sorted({*self._without_steps(name), *self._lost.get(name, ())}) for name in sorted(self._last)}
-        told = {name: each for name, each in told.items() if 0 < len(each) <= MOST}
+        told = {name: each for name, each in told.items() if 0 < len(each) <= MAX_STRETCHES}
         return {LEFT_OUT: told} if told else {}

@@ -16,11 +16,11 @@ from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.sight.camera import wrap_angle
 from occlog.records.tables import Bearings, Tracks
 
-MOST_AGE_S = 1.0
+MAX_AGE_S = 1.0
 """An older place says nothing: the target is looked for everywhere."""
 
 
-class Path(NamedTuple):
+class TargetPath(NamedTuple):
     """A target's track in the order of time."""
 
     t_ns: Ints  # (T,)
@@ -29,35 +29,35 @@ class Path(NamedTuple):
     covariance: Floats  # (T, 2, 2)
 
 
-class Near(NamedTuple):
+class TrackFeedback(NamedTuple):
     """Where targets are thought to be, and how far off they may be."""
 
-    paths: dict[int, Path]
+    paths: dict[int, TargetPath]
     gate: float  # standard deviations
 
 
-class Directions(NamedTuple):
+class ExpectedDirections(NamedTuple):
     """Where a target is, seen from a sensor, at N times; NaN: nothing is known."""
 
     azimuth: Floats  # (N,) [rad]
     sigma: Floats  # (N,) standard deviation [rad]
 
 
-def near_of(tracks: Tracks, gate: float) -> Near:
+def track_feedback(tracks: Tracks, gate: float) -> TrackFeedback:
     """The tracks by target; `gate` in standard deviations."""
     paths = {}
     for target in np.unique(tracks.target_id).tolist():
         own = tracks.take(tracks.target_id == target)
         velocity = np.nan_to_num(np.column_stack([own.vx, own.vy]))
         covariance = np.stack([own.cov_xx, own.cov_xy, own.cov_xy, own.cov_yy], axis=1).reshape(-1, 2, 2)
-        paths[int(target)] = Path(own.t_ns, np.column_stack([own.x, own.y]), velocity, covariance)
-    return Near(paths, gate)
+        paths[int(target)] = TargetPath(own.t_ns, np.column_stack([own.x, own.y]), velocity, covariance)
+    return TrackFeedback(paths, gate)
 
 
-def directions(path: Path, origin: Floats, t_ns: Ints) -> Directions:
+def directions(path: TargetPath, origin: Floats, t_ns: Ints) -> ExpectedDirections:
     """Predicted directions from a sensor (2,) at times (N,), by the last place before each, moved on by its velocity.
 
-    The place is uncertain by its covariance and by the way that was predicted; after `MOST_AGE_S` nothing is known.
+    The place is uncertain by its covariance and by the way that was predicted; after `MAX_AGE_S` nothing is known.
     """
     last = np.searchsorted(path.t_ns, t_ns, side="left") - 1
     k = np.maximum(last, 0)
@@ -67,12 +67,12 @@ def directions(path: Path, origin: Floats, t_ns: Ints) -> Directions:
     across = np.column_stack([-away[:, 1], away[:, 0]]) / r[:, None]
     variance = np.einsum("ni,nij,nj->n", across, path.covariance[k], across)
     variance += (np.hypot(*path.velocity[k].T) * dt) ** 2
-    known = (last >= 0) & (dt <= MOST_AGE_S)
+    known = (last >= 0) & (dt <= MAX_AGE_S)
     azimuth = np.where(known, np.arctan2(away[:, 1], away[:, 0]), np.nan)
-    return Directions(azimuth, np.where(known, np.sqrt(np.maximum(variance, 0.0)) / r, np.nan))
+    return ExpectedDirections(azimuth, np.where(known, np.sqrt(np.maximum(variance, 0.0)) / r, np.nan))
 
 
-def allowed(near: Near, target: int, origin: Floats, t_ns: Ints, bearing: Floats, sigma: Floats) -> Bools:
+def inside_gate(near: TrackFeedback, target: int, origin: Floats, t_ns: Ints, bearing: Floats, sigma: Floats) -> Bools:
     """(N,) whether bearings may be of a target: within the gate, or where nothing is known of its place.
 
     Args:
@@ -90,7 +90,7 @@ def allowed(near: Near, target: int, origin: Floats, t_ns: Ints, bearing: Floats
     return np.asarray(np.isnan(there.azimuth) | (off <= near.gate * np.hypot(sigma, there.sigma)))
 
 
-def limited(bearings: Bearings, near: Near, places: dict[str, Floats]) -> Bearings:
+def limited(bearings: Bearings, near: TrackFeedback, places: dict[str, Floats]) -> Bearings:
     """Bearings in which labelled ones outside of their target's gate say "not seen".
 
     Args:
@@ -104,7 +104,7 @@ def limited(bearings: Bearings, near: Near, places: dict[str, Floats]) -> Bearin
             own = (bearings.sensor == sensor) & (bearings.target_id == target) & bearings.seen
             if sensor in places and own.any():
                 t_ns, bearing, sigma = bearings.t_ns[own], bearings.bearing[own], bearings.sigma[own]
-                keep[own] = allowed(near, target, places[sensor], t_ns, bearing, sigma)
+                keep[own] = inside_gate(near, target, places[sensor], t_ns, bearing, sigma)
     gone = {name: np.where(keep, getattr(bearings, name), np.nan) for name in MEASURED}
     return replace(bearings, seen=bearings.seen & keep, **gone)
 

@@ -108,7 +108,7 @@ class DetectRequest(Detection):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Boxes(Detection):
+class _BoxRequest(Detection):
     """What detectors take that find boxes."""
 
     output: Path = output_file(
@@ -119,7 +119,7 @@ class _Boxes(Detection):
 
 
 @dataclass(frozen=True, kw_only=True)
-class NetworkRequest(_Boxes):
+class NetworkRequest(_BoxRequest):
     """Boxes to find with a network."""
 
     RUN: ClassVar[str] = "occlog.measure.detect.run:run_network"
@@ -142,7 +142,7 @@ class NetworkRequest(_Boxes):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PluginRequest(_Boxes):
+class PluginRequest(_BoxRequest):
     """Boxes to find with the detector of a plug-in."""
 
     RUN: ClassVar[str] = "occlog.measure.detect.run:run_plugin"

@@ -26,7 +26,7 @@ from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.fuse.run import FuseTally
 from occlog.measure.fuse.stage import fuse
 from occlog.measure.networks.config import NetworkConfig
-from occlog.measure.networks.detector import Detector, open_detector, open_embedder
+from occlog.measure.networks.detector import NetworkDetector, open_detector, open_embedder
 from occlog.measure.networks.running.runtimes import opencv_threads
 from occlog.plugins.loading import DETECTOR, Chosen, find
 from occlog.records.columns import ColumnTable
@@ -44,9 +44,9 @@ from .by_network import detect_by_network
 from .by_plugin import detect_by_plugin
 from .checks import Checked
 from .config import DetectConfig, parameters
-from .from_boxes import detect_boxes, survey_labels
-from .left_out import LeftOut
-from .near import Near, limited, near_of
+from .from_boxes import detect_boxes, scan_labels
+from .left_out import SkippedFrames
+from .near import TrackFeedback, limited, track_feedback
 from .request import Detection, DetectRequest, NetworkRequest, PluginRequest
 
 T = TypeVar("T", Boxes, Bearings)
@@ -59,7 +59,7 @@ def run_detect(request: DetectRequest, job: Job) -> tuple[dict[str, object], lis
         raise UsageError(f"{option(key)} is an option of the fusion; add {option('fuse')}")
     opened = open_recording(request.recording)
     scene = load_scene(request.scene, opened.scene, request.recording)
-    left = LeftOut()
+    left = SkippedFrames()
     detections, used = _detections(request, opened, scene, left, job)
     if not upright(scene):
         job.note(
@@ -94,7 +94,7 @@ def write_detections(
     parts: Iterable[Detections],
     parameters: Mapping[str, object],
     lost: Iterable[Loss],
-    left: LeftOut,
+    left: SkippedFrames,
     scene: Scene,
     inputs: Sequence[Path] | None = None,
     fused: FuseTally | None = None,
@@ -154,7 +154,7 @@ def _fused(
 
 
 def _detections(
-    request: DetectRequest, recording: McapRecording, scene: Scene, left: LeftOut, job: Job
+    request: DetectRequest, recording: McapRecording, scene: Scene, left: SkippedFrames, job: Job
 ) -> tuple[Iterator[Detections], dict[str, object]]:
     """The parts in the order of time, and the parameters on which they depend.
 
@@ -183,14 +183,17 @@ def _detections(
             used |= {"sigma_px": config.sigma_px, "sigma_scale": config.sigma_scale}
         labels = None
         if config.labels is not None:
-            labels = survey_labels(_rows_of(recording.tables(Boxes), only), config.labels, config)
+            labels = scan_labels(_rows_of(recording.tables(Boxes), only), config.labels, config)
             used |= {"labels": config.labels}
         return detect_boxes(left.watch_boxes(chunks), scene, config, labels), used
     if recording.has(Bearings):
         near, used = _near(request, config, scene.length_unit)
         places = {c.name: c.ground for c in scene.cameras if c.placed}
         only = _sensors_of(request, [s.name for s in scene.sensors])
-        return _pass_on(_rows_of(recording.tables(Bearings), only), near, places), {"input": "bearings", **used}
+        return _simulated_bearings(_rows_of(recording.tables(Bearings), only), near, places), {
+            "input": "bearings",
+            **used,
+        }
     hint = "" if recording.ours else f"; {FOREIGN_BAG}"
     raise InputError(
         f"{recording.path}: holds neither images, nor boxes, nor bearings; there is nothing to detect in{hint}"
@@ -213,7 +216,9 @@ def _rows_of(chunks: Iterator[T], only: tuple[str, ...]) -> Iterator[T]:
             yield kept
 
 
-def _near(request: DetectRequest, config: DetectConfig, length_unit: str) -> tuple[Near | None, dict[str, object]]:
+def _near(
+    request: DetectRequest, config: DetectConfig, length_unit: str
+) -> tuple[TrackFeedback | None, dict[str, object]]:
     """Where targets are looked for, and the parameters of it.
 
     Raises:
@@ -229,10 +234,12 @@ def _near(request: DetectRequest, config: DetectConfig, length_unit: str) -> tup
     tracks = opened.read(Tracks).with_covariance()
     if not len(tracks):
         raise InputError(f"{request.near}: has no tracks; leave {option('near')} out")
-    return near_of(tracks, config.near_gate), {"near_gate": config.near_gate}
+    return track_feedback(tracks, config.near_gate), {"near_gate": config.near_gate}
 
 
-def _pass_on(chunks: Iterator[Bearings], near: Near | None, places: dict[str, Floats]) -> Iterator[Detections]:
+def _simulated_bearings(
+    chunks: Iterator[Bearings], near: TrackFeedback | None, places: dict[str, Floats]
+) -> Iterator[Detections]:
     """Simulated bearings as they are, or near where targets are thought to be."""
     for chunk in chunks:
         kept = chunk if near is None else limited(chunk, near, places)
@@ -240,7 +247,7 @@ def _pass_on(chunks: Iterator[Bearings], near: Near | None, places: dict[str, Fl
 
 
 def _from_images(
-    request: DetectRequest, recording: McapRecording, scene: Scene, config: DetectConfig, left: LeftOut, job: Job
+    request: DetectRequest, recording: McapRecording, scene: Scene, config: DetectConfig, left: SkippedFrames, job: Job
 ) -> tuple[Iterator[Detections], dict[str, object]]:
     """Learn from a first look where that is asked for, then detect in a second."""
     sensors = cameras_of(request.cameras, recording)
@@ -357,7 +364,7 @@ def run_network(request: NetworkRequest, job: Job) -> tuple[dict[str, object], l
             **of_boxes(config),
         }
         files = [request.recording, *(path for each in models for path in each), *beside]
-        left = LeftOut()
+        left = SkippedFrames()
         frames = left.watch(job.progress(opened.frames(sensors), "detect", frames_of(opened, sensors)))
         parts = detect_by_network(frames, scene, detector, embedder, config)
         losses, tally = write_detections(job, parts, parameters, opened.losses, left, scene, files)
@@ -379,7 +386,7 @@ def figures(request: NetworkRequest | PluginRequest, tally: Counter[str], **more
     return {"views": str(request.output), **bearings, **more, **counts}
 
 
-def _note_assumed(detector: Detector, job: Job) -> None:
+def _note_assumed(detector: NetworkDetector, job: Job) -> None:
     """Say that names of classes are not the network's own."""
     if detector.names.source.endswith("assumed"):
         shown = ", ".join(f"{k} is {detector.names.names.get(k, 'unknown')}" for k in detector.wanted.tolist())
@@ -403,7 +410,7 @@ def run_plugin(request: PluginRequest, job: Job) -> tuple[dict[str, object], lis
         **of_boxes(config),
         "min_confidence": config.min_confidence,
     }
-    left = LeftOut()
+    left = SkippedFrames()
     frames = left.watch(job.progress(opened.frames(sensors), "detect", frames_of(opened, sensors)))
     parts = detect_by_plugin(frames, scene, chosen, config)
     losses, tally = write_detections(job, parts, parameters, opened.losses, left, scene)

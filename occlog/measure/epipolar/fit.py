@@ -18,7 +18,7 @@ BEST_NOISE_PX = 0.1
 """No match is trusted to be better than this."""
 
 
-class Fit(NamedTuple):
+class FundamentalMatrixFit(NamedTuple):
     """A fundamental matrix and what its matches say about it."""
 
     matrix: Floats  # (3, 3)
@@ -46,7 +46,7 @@ def sampson_slopes(matrix: Floats, a: Floats, b: Floats) -> Floats:
     return np.asarray(hb[:, :, None] * ha[:, None, :] / length - value[:, None, None] * change / length**3)
 
 
-def fit_affine(a: Floats, b: Floats) -> Fit:
+def fit_affine(a: Floats, b: Floats) -> FundamentalMatrixFit:
     """The best matrix of two views whose rays are parallel: cameras far away with long lenses.
 
     The matches lie on a plane of their four coordinates; least squares finds it at once.
@@ -88,7 +88,7 @@ def _least(rows: Floats) -> Floats:
     return np.asarray(np.linalg.svd(padded, full_matrices=False)[2][8])
 
 
-def fit_perspective(a: Floats, b: Floats, start: Floats | None = None, steps: int = 50) -> Fit:
+def fit_perspective(a: Floats, b: Floats, start: Floats | None = None, steps: int = 50) -> FundamentalMatrixFit:
     """The matrix of rank 2 with the least sum of squared Sampson distances.
 
     `error_px` is what to expect of its lines: the root mean square error, at the distance by
@@ -167,7 +167,7 @@ def _tangents(u: Floats, angle: float, vt: Floats) -> Floats:
     )
 
 
-def _judged(matrix: Floats, tangents: Floats, a: Floats, b: Floats) -> Fit:
+def _judged(matrix: Floats, tangents: Floats, a: Floats, b: Floats) -> FundamentalMatrixFit:
     """The fit with its noise and expected error; `tangents` (p, 3, 3) say how the matrix can change."""
     residuals = sampson(matrix, a, b)
     free = max(len(a) - len(tangents), 1)
@@ -175,14 +175,14 @@ def _judged(matrix: Floats, tangents: Floats, a: Floats, b: Floats) -> Fit:
     slopes = np.einsum("nij,kij->nk", sampson_slopes(matrix, a, b), tangents)
     sizes, turns = np.linalg.svd(slopes, full_matrices=False)[1:]
     if len(sizes) < len(tangents) or sizes[-1] < 1e-9 * sizes[0]:
-        return Fit(matrix, residuals, noise, np.inf)
+        return FundamentalMatrixFit(matrix, residuals, noise, np.inf)
     per_unit = (turns / sizes[:, None]).T  # unknowns for uncorrelated errors of standard deviation 1
     spread = max(noise, BEST_NOISE_PX) * per_unit
     errors = [
         _line_variance(matrix=matrix, tangents=tangents, spread=spread, a=a, b=b),
         _line_variance(matrix=matrix.T, tangents=tangents.transpose(0, 2, 1), spread=spread, a=b, b=a),
     ]
-    return Fit(matrix, residuals, noise, float(np.sqrt(np.mean(errors))))
+    return FundamentalMatrixFit(matrix, residuals, noise, float(np.sqrt(np.mean(errors))))
 
 
 def _line_variance(matrix: Floats, tangents: Floats, spread: Floats, a: Floats, b: Floats) -> float:

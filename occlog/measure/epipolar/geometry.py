@@ -13,10 +13,12 @@ from occlog.records.scene import Camera, Scene
 from occlog.records.view_pairs import ViewPair, ViewPairs
 
 from .of_scene import fundamental_of_cameras, ideal_pixels_anywhere
-from .views import Geometry, View
+from .views import TrackedView, ViewGeometry
 
 
-def view_geometry(views: Sequence[View], scene: Scene | None = None, fundamental: ViewPairs | None = None) -> Geometry:
+def view_geometry(
+    views: Sequence[TrackedView], scene: Scene | None = None, fundamental: ViewPairs | None = None
+) -> ViewGeometry:
     """Fundamental matrices of all pairs of views, and what takes lens distortion from their pixels.
 
     Args:
@@ -40,7 +42,7 @@ def view_geometry(views: Sequence[View], scene: Scene | None = None, fundamental
                 _check_pixels(pair, cameras[j], cameras[i])
             matrix = _of_poses(cameras[j], cameras[i]) if pair is None else pair.matrix
             matrices[j, i], matrices[i, j] = matrix, matrix.T
-    return Geometry(matrices, tuple(_ideal(camera) for camera in cameras))
+    return ViewGeometry(matrices, tuple(_ideal(camera) for camera in cameras))
 
 
 def bends(camera: Camera | None) -> bool:

@@ -16,19 +16,19 @@ from occlog.records.scene import Scene
 from occlog.records.view_pairs import ViewPairs
 
 from .geometry import view_geometry
-from .views import Geometry, View
+from .views import TrackedView, ViewGeometry
 
 
 class KnownGeometry(NamedTuple):
     """What is known of how views see the same point."""
 
-    geometry: Geometry
+    geometry: ViewGeometry
     sources: dict[str, str]  # by pair (`view1-view2`): file name, `recording`, `poses` or `none`
     notes: tuple[str, ...]  # lines for whoever gave the file
 
 
 def known_geometry(
-    views: Sequence[View], recording: McapRecording, given: Scene | None, file: Path | None
+    views: Sequence[TrackedView], recording: McapRecording, given: Scene | None, file: Path | None
 ) -> KnownGeometry:
     """The geometry of some views.
 
@@ -66,7 +66,7 @@ def _without_posed(pairs: ViewPairs, scene: Scene) -> ViewPairs:
     return ViewPairs(tuple(p for p in pairs.pairs if not (p.a in placed and p.b in placed)))
 
 
-def _check_pairs(pairs: ViewPairs, views: Sequence[View], file: Path) -> tuple[str, ...]:
+def _check_pairs(pairs: ViewPairs, views: Sequence[TrackedView], file: Path) -> tuple[str, ...]:
     """A line about pairs of other views; InputError where there are no others."""
     names = [view.name for view in views]
     others = [f"{p.a}-{p.b}" for p in pairs.pairs if p.a not in names or p.b not in names]

@@ -22,7 +22,7 @@ from occlog.records.scene import Camera
 from .config import EpipolarConfig
 from .fit import (
     BEST_NOISE_PX,
-    Fit,
+    FundamentalMatrixFit,
     fit_affine,
     fit_homography,
     fit_perspective,
@@ -212,9 +212,9 @@ def _off_one_plane(a: Floats, b: Floats, side: float, noise: float) -> Bools:
     return off
 
 
-def _robust(a: Floats, b: Floats, model: str, threshold_px: float) -> tuple[Fit, Bools, bool]:
+def _robust(a: Floats, b: Floats, model: str, threshold_px: float) -> tuple[FundamentalMatrixFit, Bools, bool]:
     """Best fit over the matches that agree with it, these, and whether it is affine."""
-    candidates: list[tuple[Fit, Bools, bool]] = []
+    candidates: list[tuple[FundamentalMatrixFit, Bools, bool]] = []
     if model != "affine":
         found = _magsac(a, b, threshold_px)
         if found is not None:
@@ -228,7 +228,12 @@ def _robust(a: Floats, b: Floats, model: str, threshold_px: float) -> tuple[Fit,
     return candidates[1] if _affine_will_do(a, b, candidates[0], candidates[1]) else candidates[0]
 
 
-def _affine_will_do(a: Floats, b: Floats, full: tuple[Fit, Bools, bool], affine: tuple[Fit, Bools, bool]) -> bool:
+def _affine_will_do(
+    a: Floats,
+    b: Floats,
+    full: tuple[FundamentalMatrixFit, Bools, bool],
+    affine: tuple[FundamentalMatrixFit, Bools, bool],
+) -> bool:
     """Whether perspective leaves, over the matches that agree with it, no less than chance lets it: 3 more unknowns."""
     inliers, fit = full[1], full[0]
     n = int(inliers.sum())
@@ -264,11 +269,13 @@ def _sampled_affine(a: Floats, b: Floats, threshold_px: float) -> Floats:
     return np.array([[0.0, 0.0, p], [0.0, 0.0, q], [r, s, t]])
 
 
-def _settle(a: Floats, b: Floats, matrix: Floats, threshold_px: float, *, affine: bool) -> tuple[Fit, Bools]:
+def _settle(
+    a: Floats, b: Floats, matrix: Floats, threshold_px: float, *, affine: bool
+) -> tuple[FundamentalMatrixFit, Bools]:
     """Least squares over the matches that agree, and these again by the noise found, until they stay the same."""
     fewest = 5 if affine else 8
     inliers = np.abs(sampson(matrix, a, b)) <= threshold_px
-    fit = Fit(matrix, np.zeros(int(inliers.sum())), np.inf, np.inf)
+    fit = FundamentalMatrixFit(matrix, np.zeros(int(inliers.sum())), np.inf, np.inf)
     for _ in range(10):
         if inliers.sum() < fewest:
             break

@@ -151,7 +151,7 @@ def _camera(scene: Scene, name: str, where: str) -> Camera:
         raise InputError(f"{where}: {error}") from error
 
 
-MOST = 2_000
+MAX_MATCHES = 2_000
 """Matches of a pair that are used; of more, those of moments drawn at random, of each all targets and both ends."""
 SEED = 6
 """Of that draw."""
@@ -184,7 +184,7 @@ def matches_of_tracks(
 
 @dataclass
 class _Sample:
-    """Matches of moments drawn at random, never much more than twice `MOST` of them.
+    """Matches of moments drawn at random, never much more than twice `MAX_MATCHES` of them.
 
     Whole moments, because matches come in a fixed order: equal steps may fall on the same
     targets, or the same ends, each time.
@@ -201,17 +201,17 @@ class _Sample:
         if lot < self.share:
             self.kept.append((lot, block))
             self.size += len(block)
-        while self.size >= 2 * MOST and len(self.kept) > 1:
+        while self.size >= 2 * MAX_MATCHES and len(self.kept) > 1:
             self.share *= 0.5
             self.kept = [(lot, block) for lot, block in self.kept if lot < self.share] or self.kept[:1]
             self.size = sum(len(block) for _, block in self.kept)
 
     def matches(self, a: str, b: str, where: str) -> PointMatches:
-        """What was kept, at most `MOST`, but at least a moment."""
+        """What was kept, at most `MAX_MATCHES`, but at least a moment."""
         lots = np.array([lot for lot, _ in self.kept])
         order = np.argsort(lots)
         sizes = np.cumsum([len(self.kept[k][1]) for k in order])
-        chosen = order[: max(int(np.searchsorted(sizes, MOST, side="right")), 1)]
+        chosen = order[: max(int(np.searchsorted(sizes, MAX_MATCHES, side="right")), 1)]
         both = np.concatenate([self.kept[k][1] for k in np.sort(chosen)])
         return PointMatches(a, b, both[:, 0], both[:, 1], where)
 

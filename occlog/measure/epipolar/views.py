@@ -8,7 +8,7 @@ from typing import NamedTuple
 from occlog.array_types import Floats
 
 
-class View(NamedTuple):
+class TrackedView(NamedTuple):
     """A camera whose images are tracked in."""
 
     name: str
@@ -16,7 +16,7 @@ class View(NamedTuple):
     height: int
 
 
-class Geometry(NamedTuple):
+class ViewGeometry(NamedTuple):
     """How V views see the same point.
 
     Attributes:

@@ -24,9 +24,9 @@ from occlog.core.sight.triangulate import NO_SOURCE, TRIANGULATED, SourceDirecti
 
 from .config import FuseConfig
 from .kernels import (
+    LocalDirections,
     MotionEstimate,
-    Place,
-    Sight,
+    PositionWithCovariance,
     ahead,
     begin,
     corrected_by_line,
@@ -38,7 +38,7 @@ from .kernels import (
 )
 from .views import PlacedCameras
 
-CONFIRMED = 2
+CONFIRMATION_STEPS = 2
 """Moments in which cameras must meet in an object before its prediction counts: any two lines cross somewhere."""
 SAMPLES = 16
 """Places along a lone sight line at which each camera is asked whether it sees them."""
@@ -57,13 +57,13 @@ class Decision(NamedTuple):
 
     declared: bool
     value: float  # of Eq. 4.13, natural log
-    place: Place | None  # global position of a declared object; None: a lone line says no place
+    place: PositionWithCovariance | None  # global position of a declared object; None: a lone line says no place
     kept: Bools  # (R,) local detections that stand
     missed: Ints  # places in `cameras` of the cameras that look, see the place, and have no detection that stands
     memory: ObjectMemory
 
     @property
-    def at(self) -> Place:
+    def at(self) -> PositionWithCovariance:
         """The global position of a decision that has one, as every decision with missed cameras has."""
         if self.place is None:
             raise ValueError("the decision says no place")
@@ -71,7 +71,7 @@ class Decision(NamedTuple):
 
 
 def decide(
-    memory: ObjectMemory, t_ns: int, sight: Sight, looked: Ints, cameras: PlacedCameras, config: FuseConfig
+    memory: ObjectMemory, t_ns: int, sight: LocalDirections, looked: Ints, cameras: PlacedCameras, config: FuseConfig
 ) -> Decision:
     """Decide whether an object is there, which detections of it stand, and which cameras missed it.
 
@@ -85,7 +85,7 @@ def decide(
     """
     # Predict ([Lee] Eq. 4.19); a prediction counts once cameras met in the object often enough.
     held = None if memory.motion is None else ahead(memory.motion, t_ns, config.acceleration)
-    motion = held if memory.met >= CONFIRMED else None
+    motion = held if memory.met >= CONFIRMATION_STEPS else None
     if not len(sight.azimuth):
         return _nothing(motion, memory, np.zeros(0, dtype=np.bool_), -math.inf, config)
     sigma2 = config.sigma**2
@@ -97,7 +97,7 @@ def decide(
     # Locate: the global position from the detections that agree.
     group = agreeing(sight, np.flatnonzero(near), motion, cameras, config)
     if not len(group) and motion is None:
-        return _lone_lines(sight, looked, cameras, config)
+        return _single_line_updates(sight, looked, cameras, config)
     place, after = _locate(motion, t_ns, sight.take(group), config)
     # Weigh: qualities W ([Lee] Eq. 4.20) and prior P_1 (Eqs. 4.23-4.24); 1/2 without a prediction.
     sees = np.array([bool(cameras.sees(place.xy[None], i)[0]) for i in looked.tolist()])
@@ -119,12 +119,12 @@ def decide(
     # Update the motion; an object that was not confirmed before is the same if it is within reach.
     met = memory.met + (len(group) > 1)
     if motion is None and held is not None:
-        after, met = _followed(held, after, place, memory, config)
+        after, met = _predicted_object(held, after, place, memory, config)
     return Decision(True, value, place, kept, missed, ObjectMemory(after, 0, met))
 
 
 def agreeing(
-    sight: Sight, rows: Ints, motion: MotionEstimate | None, cameras: PlacedCameras, config: FuseConfig
+    sight: LocalDirections, rows: Ints, motion: MotionEstimate | None, cameras: PlacedCameras, config: FuseConfig
 ) -> Ints:
     """Which of some detections make the global position; empty if no place follows from them.
 
@@ -141,19 +141,21 @@ def agreeing(
     known = rows[np.isfinite(sight.distance[rows])]
     best = known[:0]
     for xy, cov in zip(*points(sight.take(known)), strict=True):
-        same = known[misfit(sight.take(known), Place(xy, cov)) <= config.gate**2]
+        same = known[misfit(sight.take(known), PositionWithCovariance(xy, cov)) <= config.gate**2]
         best = same if len(same) > len(best) else best
     return best
 
 
-def _meeting(sight: Sight, motion: MotionEstimate | None, cameras: PlacedCameras, config: FuseConfig) -> Place | None:
+def _meeting(
+    sight: LocalDirections, motion: MotionEstimate | None, cameras: PlacedCameras, config: FuseConfig
+) -> PositionWithCovariance | None:
     """Where the most lines meet, of equals the nearest to the prediction; None if no two meet."""
     crossing = math.radians(config.min_crossing_deg)
     everything = triangulate(
         sight.origin, sight.azimuth, sight.sigma, np.array([0, len(sight.azimuth)]), "gauss", crossing
     )
     if everything.status[0] == TRIANGULATED:
-        place = Place(everything.xy[0], everything.covariance[0])
+        place = PositionWithCovariance(everything.xy[0], everything.covariance[0])
         if np.sum((everything.residual / sight.sigma) ** 2) <= config.gate**2 + len(sight.azimuth) - 2:
             return place
     known = NO_SOURCE if motion is None else motion.mean[None, :2]
@@ -164,10 +166,12 @@ def _meeting(sight: Sight, motion: MotionEstimate | None, cameras: PlacedCameras
         return None
     far = np.zeros(len(found.xy)) if motion is None else np.hypot(*(found.xy - motion.mean[:2]).T)
     best = int(np.lexsort((far, -found.arrays))[0])
-    return Place(found.xy[best], found.covariance[best])
+    return PositionWithCovariance(found.xy[best], found.covariance[best])
 
 
-def _locate(motion: MotionEstimate | None, t_ns: int, sight: Sight, config: FuseConfig) -> tuple[Place, MotionEstimate]:
+def _locate(
+    motion: MotionEstimate | None, t_ns: int, sight: LocalDirections, config: FuseConfig
+) -> tuple[PositionWithCovariance, MotionEstimate]:
     """Global position from the detections that make it, and the motion after it."""
     place = meet(sight, math.radians(config.min_crossing_deg))
     if motion is None:
@@ -181,8 +185,8 @@ def _locate(motion: MotionEstimate | None, t_ns: int, sight: Sight, config: Fuse
     return (place if len(sight.azimuth) > 1 else after.place), after
 
 
-def _followed(
-    held: MotionEstimate, new: MotionEstimate, place: Place, memory: ObjectMemory, config: FuseConfig
+def _predicted_object(
+    held: MotionEstimate, new: MotionEstimate, place: PositionWithCovariance, memory: ObjectMemory, config: FuseConfig
 ) -> tuple[MotionEstimate, int]:
     """Motion of an object met again that was not confirmed yet, or that of a new one, and how often it was met."""
     away = place.xy - held.mean[:2]
@@ -192,13 +196,13 @@ def _followed(
     return corrected_by_place(held, place), memory.met + 1
 
 
-def _across(sight: Sight, place: Place) -> Floats:
+def _across(sight: LocalDirections, place: PositionWithCovariance) -> Floats:
     """(R,) standard deviations by which lines miss a place; what is known of distances is not asked."""
     nothing = np.full(len(sight.azimuth), np.nan)
     return np.sqrt(misfit(sight._replace(distance=nothing, sigma_distance=nothing), place))
 
 
-def _prior(place: Place, predicted: Place, sigma2: float) -> float:
+def _prior(place: PositionWithCovariance, predicted: PositionWithCovariance, sigma2: float) -> float:
     """P_1 of [Lee] Eqs. 4.23-4.24, with the prediction's own covariance in the spread."""
     away = place.xy - predicted.xy
     spread = predicted.cov + sigma2 * np.eye(2)
@@ -214,7 +218,7 @@ def _nothing(
     return Decision(False, value, None, kept, np.zeros(0, dtype=np.int64), after)
 
 
-def _lone_lines(sight: Sight, looked: Ints, cameras: PlacedCameras, config: FuseConfig) -> Decision:
+def _single_line_updates(sight: LocalDirections, looked: Ints, cameras: PlacedCameras, config: FuseConfig) -> Decision:
     """The decision where no place is known: each line by the cameras that see at least half of it.
 
     Another camera's detection supports a line where the two come together.
@@ -223,7 +227,7 @@ def _lone_lines(sight: Sight, looked: Ints, cameras: PlacedCameras, config: Fuse
     values = np.empty(len(kept))
     for row in range(len(kept)):
         spots = cameras.along(sight.take(np.array([row])), SAMPLES)
-        off = np.array([misfit(sight, Place(xy, np.zeros((2, 2)))) for xy in spots])
+        off = np.array([misfit(sight, PositionWithCovariance(xy, np.zeros((2, 2)))) for xy in spots])
         hit = np.isin(looked, sight.sensor[(off <= config.gate**2).any(axis=0) | (np.arange(len(kept)) == row)])
         sees = np.array([cameras.sees(spots, i).mean() >= 0.5 for i in looked.tolist()])
         half = np.full((1, len(looked)), 0.5)
@@ -244,7 +248,7 @@ class CandidateDecisions(NamedTuple):
 def fuse_candidates(
     objects: Sequence[ObjectMemory],
     t_ns: int,
-    sight: Sight,
+    sight: LocalDirections,
     rows: Ints,
     looked: Ints,
     cameras: PlacedCameras,
@@ -283,7 +287,9 @@ def fuse_candidates(
     return CandidateDecisions(followed, decisions, free)
 
 
-def _shared_out(objects: Sequence[ObjectMemory], t_ns: int, sight: Sight, rows: Ints, config: FuseConfig) -> list[Ints]:
+def _shared_out(
+    objects: Sequence[ObjectMemory], t_ns: int, sight: LocalDirections, rows: Ints, config: FuseConfig
+) -> list[Ints]:
     """Rows of each object: of every camera at most one, within reach of the prediction."""
     out: list[list[int]] = [[] for _ in objects]
     if objects and len(rows):
@@ -296,14 +302,14 @@ def _shared_out(objects: Sequence[ObjectMemory], t_ns: int, sight: Sight, rows: 
     return [np.array(sorted(r), dtype=np.int64) for r in out]
 
 
-def _off(memory: ObjectMemory, t_ns: int, sight: Sight, config: FuseConfig) -> Floats:
+def _off(memory: ObjectMemory, t_ns: int, sight: LocalDirections, config: FuseConfig) -> Floats:
     if memory.motion is None:  # objects that are followed have one
         return np.full(len(sight.azimuth), np.inf)
     place = ahead(memory.motion, t_ns, config.acceleration).place
     return misfit(sight, place, config.sigma**2)
 
 
-def _groups(sight: Sight, rows: Ints, cameras: PlacedCameras, config: FuseConfig) -> Iterator[Ints]:
+def _groups(sight: LocalDirections, rows: Ints, cameras: PlacedCameras, config: FuseConfig) -> Iterator[Ints]:
     """Candidates that may be of one object: those that meet, the most first; those with feet in one place; the rest."""
     left = rows
     for place in [*_meetings(sight.take(rows), cameras, config), *_standing(sight.take(rows))]:
@@ -314,21 +320,24 @@ def _groups(sight: Sight, rows: Ints, cameras: PlacedCameras, config: FuseConfig
     yield from left[:, None]
 
 
-def _meetings(sight: Sight, cameras: PlacedCameras, config: FuseConfig) -> list[Place]:
+def _meetings(sight: LocalDirections, cameras: PlacedCameras, config: FuseConfig) -> list[PositionWithCovariance]:
     if len(np.unique(sight.sensor)) < 2:
         return []
     lines = SourceDirections(sight.sensor, sight.origin, sight.azimuth, sight.sigma)
     crossing = math.radians(config.min_crossing_deg)
     found = localise(lines, NO_SOURCE, np.empty((0, 2, 2)), cameras.region, config.gate, crossing)
     order = np.argsort(-found.arrays, kind="stable").tolist()
-    return [Place(found.xy[i], found.covariance[i]) for i in order]
+    return [PositionWithCovariance(found.xy[i], found.covariance[i]) for i in order]
 
 
-def _standing(sight: Sight) -> list[Place]:
-    return [Place(xy, cov) for xy, cov in zip(*points(sight.take(np.isfinite(sight.distance))), strict=True)]
+def _standing(sight: LocalDirections) -> list[PositionWithCovariance]:
+    return [
+        PositionWithCovariance(xy, cov)
+        for xy, cov in zip(*points(sight.take(np.isfinite(sight.distance))), strict=True)
+    ]
 
 
-def _nearest(sight: Sight, rows: Ints, place: Place, gate: float) -> Ints:
+def _nearest(sight: LocalDirections, rows: Ints, place: PositionWithCovariance, gate: float) -> Ints:
     """Rows near a place, of every camera the nearest."""
     off = misfit(sight.take(rows), place)
     out = []

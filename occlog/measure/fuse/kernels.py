@@ -46,7 +46,7 @@ CAUSES = (
 """What the numbers in `Fusion.cause` say."""
 
 
-class Fusion(NamedTuple):
+class FusionDecisions(NamedTuple):
     """The global decision of each time and what becomes of each local detection."""
 
     declared: Bools  # (N,) an object is there (G_1)
@@ -178,7 +178,7 @@ def fuse(
     gate: float,
     looked: Bools | None = None,
     reach: float = math.inf,
-) -> Fusion:
+) -> FusionDecisions:
     """Global decision of each time by [Lee] Eqs. 4.13 and 4.20-4.24, and what becomes of each local detection.
 
     With no detection there is nothing to declare, whatever the prior.  A lone detection counts by its quality
@@ -207,7 +207,7 @@ def fuse(
     detected = _detected(used)
     value = decision_value(detected, qualities, prior, p_miss, p_false, took_part)
     declared = (value > 0.0) & detected.any(axis=1)
-    return Fusion(declared, value, xy, prior, qualities, _causes(local, xy, declared, took_part, gate))
+    return FusionDecisions(declared, value, xy, prior, qualities, _causes(local, xy, declared, took_part, gate))
 
 
 def _causes(positions: Floats, xy: Floats, declared: Bools, looked: Bools, gate: float) -> Codes:
@@ -243,7 +243,7 @@ NEAREST = 1e-6
 """Places this near to a sensor count as so far off [length]; they have no direction."""
 
 
-class Sight(NamedTuple):
+class LocalDirections(NamedTuple):
     """R local detections as directions from sensors."""
 
     sensor: Ints  # (R,) which sensor
@@ -253,9 +253,9 @@ class Sight(NamedTuple):
     distance: Floats  # (R,) along the ground; NaN: not known
     sigma_distance: Floats  # (R,)
 
-    def take(self, rows: Ints | Bools) -> Sight:
+    def take(self, rows: Ints | Bools) -> LocalDirections:
         """Some of them."""
-        return Sight(
+        return LocalDirections(
             sensor=self.sensor[rows],
             origin=self.origin[rows],
             azimuth=self.azimuth[rows],
@@ -265,14 +265,14 @@ class Sight(NamedTuple):
         )
 
 
-class Place(NamedTuple):
+class PositionWithCovariance(NamedTuple):
     """A place with its uncertainty."""
 
     xy: Floats  # (2,)
     cov: Floats  # (2, 2)
 
 
-def deviations(sight: Sight, place: Place) -> tuple[Floats, Floats]:
+def deviations(sight: LocalDirections, place: PositionWithCovariance) -> tuple[Floats, Floats]:
     """How far local detections are from a place, and the variance of that without the place's own.
 
     Returns:
@@ -290,7 +290,7 @@ def deviations(sight: Sight, place: Place) -> tuple[Floats, Floats]:
     return np.column_stack([across, along]), variance
 
 
-def misfit(sight: Sight, place: Place, extra: float = 0.0) -> Floats:
+def misfit(sight: LocalDirections, place: PositionWithCovariance, extra: float = 0.0) -> Floats:
     """(R,) squared distance of local detections from a place, in variances of both and `extra` [length^2].
 
     One degree of freedom for a line, two for one whose distance is known.
@@ -310,7 +310,7 @@ def misfit(sight: Sight, place: Place, extra: float = 0.0) -> Floats:
     return np.where(finite, np.where(known, point, line), np.inf)
 
 
-def meet(sight: Sight, min_crossing: float) -> Place | None:
+def meet(sight: LocalDirections, min_crossing: float) -> PositionWithCovariance | None:
     """Where lines meet, or else the mean of those with a distance; None if neither is there.
 
     Args:
@@ -320,17 +320,17 @@ def meet(sight: Sight, min_crossing: float) -> Place | None:
     rows = np.array([0, len(sight.azimuth)])
     found = triangulate(sight.origin, sight.azimuth, sight.sigma, rows, "gauss", min_crossing)
     if found.status[0] == TRIANGULATED:
-        return Place(found.xy[0], found.covariance[0])
+        return PositionWithCovariance(found.xy[0], found.covariance[0])
     known = np.isfinite(sight.distance)
     if not known.any():
         return None
     xy, cov = points(sight.take(known))
     weight = np.linalg.inv(cov)
     total = np.linalg.inv(weight.sum(axis=0))
-    return Place(total @ np.einsum("rij,rj->i", weight, xy), total)
+    return PositionWithCovariance(total @ np.einsum("rij,rj->i", weight, xy), total)
 
 
-def points(sight: Sight) -> tuple[Floats, Floats]:
+def points(sight: LocalDirections) -> tuple[Floats, Floats]:
     """(R, 2) places of local detections with a distance, and (R, 2, 2) their covariances."""
     c, s = np.cos(sight.azimuth), np.sin(sight.azimuth)
     xy = sight.origin + sight.distance[:, None] * np.column_stack([c, s])
@@ -348,12 +348,12 @@ class MotionEstimate(NamedTuple):
     cov: Floats  # (4, 4)
 
     @property
-    def place(self) -> Place:
+    def place(self) -> PositionWithCovariance:
         """Its position."""
-        return Place(self.mean[:2], self.cov[:2, :2])
+        return PositionWithCovariance(self.mean[:2], self.cov[:2, :2])
 
 
-def begin(t_ns: int, place: Place, speed: float) -> MotionEstimate:
+def begin(t_ns: int, place: PositionWithCovariance, speed: float) -> MotionEstimate:
     """A target found at a place; each component of its velocity is 0 with standard deviation `speed`."""
     cov = np.zeros((4, 4))
     cov[:2, :2], cov[2, 2], cov[3, 3] = place.cov, speed**2, speed**2
@@ -369,12 +369,12 @@ def ahead(motion: MotionEstimate, t_ns: int, acceleration: float) -> MotionEstim
     return MotionEstimate(t_ns, step @ motion.mean, step @ motion.cov @ step.T + np.kron(noise, np.eye(2)))
 
 
-def corrected_by_place(motion: MotionEstimate, place: Place) -> MotionEstimate:
+def corrected_by_place(motion: MotionEstimate, place: PositionWithCovariance) -> MotionEstimate:
     """The motion after its position was found by itself."""
     return _corrected(motion, np.eye(2, 4), place.xy - motion.mean[:2], place.cov)
 
 
-def corrected_by_line(motion: MotionEstimate, sight: Sight) -> MotionEstimate:
+def corrected_by_line(motion: MotionEstimate, sight: LocalDirections) -> MotionEstimate:
     """The motion after one line, or several that are nearly parallel, passed by it; distances are not used."""
     for row in range(len(sight.azimuth)):
         offset, variance = deviations(sight.take(np.array([row])), motion.place)

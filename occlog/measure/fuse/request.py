@@ -16,7 +16,7 @@ DETECTIONS, TRACKS = "detections", "tracks"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fusion(Request):
+class FuseRequestBase(Request):
     """Fuse the detections of several cameras in BEARINGS (Parquet, or a recording that holds bearings).
 
     Detections of one target are brought together on the ground. Where enough cameras agree, a camera
@@ -40,7 +40,7 @@ class Fusion(Request):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FuseRequest(Fusion):
+class FuseRequest(FuseRequestBase):
     """Detections of several cameras to fuse."""
 
     RUN: ClassVar[str] = "occlog.measure.fuse.run:run_fuse"
@@ -54,7 +54,7 @@ class FuseRequest(Fusion):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrackFusionRequest(Fusion):
+class TrackFusionRequest(FuseRequestBase):
     """Tracks of several groups of cameras to fuse."""
 
     RUN: ClassVar[str] = "occlog.measure.fuse.tracks.run:run_fuse_tracks"
@@ -71,7 +71,7 @@ class TrackFusionRequest(Fusion):
 
 
 VERB = Verb(
-    Fusion,
+    FuseRequestBase,
     {
         DETECTIONS: Kind("Detections of several cameras.", lambda: Form(FuseRequest), "fuse BEARINGS"),
         TRACKS: Kind(

@@ -16,14 +16,14 @@ from occlog.errors import InputError
 from occlog.measure.detections import Detections
 from occlog.records.tables import UNLABELLED, Bearings, Views
 
-from .kernels import Place
+from .kernels import PositionWithCovariance
 from .views import PlacedCameras, expected_sight, recovered_views, views_of
 
 T = TypeVar("T", Views, Bearings)
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class FusionPart:
     """Some whole moments: their views, their bearings, and the first row of each moment in the bearings."""
 
     views: Views
@@ -32,7 +32,7 @@ class Part:
     losses: Detections  # what came with them: losses and numbers of frames
 
 
-def whole_moments(parts: Iterable[Detections], window_ns: int) -> Iterator[Part]:
+def whole_moments(parts: Iterable[Detections], window_ns: int) -> Iterator[FusionPart]:
     """Parts that never end amid a moment; where the input is cut does not matter to the moments.
 
     Rows at most `window_ns` apart are of one moment, unless a sensor speaks at two times.  Views go with the
@@ -49,10 +49,10 @@ def whole_moments(parts: Iterable[Detections], window_ns: int) -> Iterator[Part]
         first_ns = int(bearings.t_ns[cut]) if len(bearings) else None
         over = len(views) if first_ns is None else int(np.searchsorted(views.t_ns, first_ns))
         whole = starts[:-1] if len(bearings) else starts
-        yield Part(views.take(slice(0, over)), bearings.take(slice(0, cut)), whole, part)
+        yield FusionPart(views.take(slice(0, over)), bearings.take(slice(0, cut)), whole, part)
         views, bearings = views.take(slice(over, None)), bearings.take(slice(cut, None))
     nothing = Detections(Views.empty(), Bearings.empty(), (), 0, 0)
-    yield Part(views, bearings, moments(bearings, window_ns), nothing)
+    yield FusionPart(views, bearings, moments(bearings, window_ns), nothing)
 
 
 def _joined(held: T, more: T) -> T:
@@ -78,7 +78,7 @@ def moments(bearings: Bearings, window_ns: int) -> Ints:
     return np.array([*starts, len(t)], dtype=np.int64)
 
 
-def together(views: Iterable[Views], bearings: Iterable[Bearings]) -> Iterator[Detections]:
+def in_step(views: Iterable[Views], bearings: Iterable[Bearings]) -> Iterator[Detections]:
     """Tables of their own as parts: each chunk of bearings with the views up to its last time."""
     ahead = iter(views)
     held = Views.empty()
@@ -102,10 +102,10 @@ KEPT, RECOVERED, REMOVED = "kept", "recovered", "removed"
 CAUSES = (KEPT, RECOVERED, REMOVED)
 
 
-class Ledger:
+class FusionRows:
     """The rows of a part with what the decisions do to them."""
 
-    def __init__(self, part: Part, cameras: PlacedCameras, camera_of: Ints) -> None:
+    def __init__(self, part: FusionPart, cameras: PlacedCameras, camera_of: Ints) -> None:
         """Nothing is decided yet.
 
         Args:
@@ -118,7 +118,7 @@ class Ledger:
         self.cause = np.full(n, "", dtype="U9")
         self.dropped = np.zeros(n, dtype=np.bool_)
         self._sight: dict[int, tuple[float, float, float, float]] = {}  # rows that are recovered in place
-        self._new: list[tuple[int, int, int, Place]] = []  # time, camera, target, place
+        self._new: list[tuple[int, int, int, PositionWithCovariance]] = []  # time, camera, target, place
         self._fresh: set[tuple[int, int]] = set()  # time and camera of recovered candidates
         self._views, self._view_of = part.views, views_of(part.views, part.bearings)
 
@@ -130,7 +130,7 @@ class Ledger:
         """These detections are of nothing."""
         self.cause[rows] = REMOVED
 
-    def recover(self, t_ns: int, camera: int, target: int, place: Place, row: int | None) -> None:
+    def recover(self, t_ns: int, camera: int, target: int, place: PositionWithCovariance, row: int | None) -> None:
         """A camera that missed an object gets a detection at the global position, in a row that it has or a new one."""
         self._new.append((t_ns, camera, target, place))
         if target == UNLABELLED:
@@ -230,7 +230,7 @@ class Ledger:
         return replace(v, cause=cause.astype(np.str_), target_id=target)
 
 
-def distances(part: Part, feet: Floats) -> Floats:
+def distances(part: FusionPart, feet: Floats) -> Floats:
     """(N, 2) distance and its standard deviation of each bearing, from the feet (V, 2) of its view; NaN for none."""
     view = views_of(part.views, part.bearings)
     out = np.full((len(part.bearings), 2), np.nan)

@@ -20,8 +20,8 @@ from occlog.settings import configure
 
 from .config import FuseConfig
 from .request import FuseRequest
-from .rows import together
-from .stage import Fused, fuse
+from .rows import in_step
+from .stage import FusedPart, fuse
 from .views import placed_cameras
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 AGREE = "agreement of the cameras"
 """Name of the check."""
-MOST_REMOVED = 0.2
+MAX_REMOVED = 0.2
 """Share of a camera's detections of targets that the fusion removes that matters, beside its stated false ones."""
 
 
@@ -52,7 +52,7 @@ def run_fuse(request: FuseRequest, job: Job) -> tuple[dict[str, object], tuple[L
     chunks = job.progress(inputs.chunks, "fuse")
     tally = FuseTally(inputs.scene, config)
     with job.tables(provenance, unit) as tables:
-        for part in fuse(together(views, chunks), inputs.scene, config):
+        for part in fuse(in_step(views, chunks), inputs.scene, config):
             tables.write(output=part.bearings, fused_views=part.views)
             tally.add(part)
         tables.annotate(job.judged(provenance, tally.checks()))
@@ -71,7 +71,7 @@ class FuseTally:
         self.cameras: dict[str, Counter[str]] = {}
         self._of_targets: dict[str, Counter[str]] = {}  # detections with a label
 
-    def add(self, part: Fused) -> None:
+    def add(self, part: FusedPart) -> None:
         """Count the rows of one more part."""
         for name, counts in part.counts.items():
             self.cameras.setdefault(name, Counter()).update(counts)
@@ -97,7 +97,7 @@ class FuseTally:
         whole = {name: own.total() for name, own in self._of_targets.items()}
         told = [name for name, count in whole.items() if count >= MIN_SAMPLES]
         few = f"no camera has {MIN_SAMPLES} detections with a label; of those without one many may be false"
-        limits = {name: MOST_REMOVED + self._false[name] for name in told}
+        limits = {name: MAX_REMOVED + self._false[name] for name in told}
         worst = max(told, key=lambda name: removed[name] / whole[name] - limits[name], default="")
         share, limit = (removed[worst] / whole[worst], limits[worst]) if told else (math.nan, math.nan)
         found: tuple[Check, ...] = ()

@@ -16,7 +16,7 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 from occlog.errors import InputError
 from occlog.measure.detections import Detections
-from occlog.measure.fuse.kernels import Sight
+from occlog.measure.fuse.kernels import LocalDirections
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Views
@@ -24,11 +24,11 @@ from occlog.scans.grouping import nearest
 
 from .config import FuseConfig
 from .decide import Decision, ObjectMemory, decide, fuse_candidates
-from .rows import CAUSES, Ledger, Part, distances, whole_moments
+from .rows import CAUSES, FusionPart, FusionRows, distances, whole_moments
 from .views import PlacedCameras, feet, placed_cameras
 
 
-class Fused(NamedTuple):
+class FusedPart(NamedTuple):
     """A part of the recording after the fusion: the fields of `Detections`, and counts."""
 
     views: Views
@@ -50,7 +50,7 @@ class Fused(NamedTuple):
 
 
 @dataclass
-class _State:
+class _FusionState:
     """Targets and objects as known from the moments before, and counts."""
 
     targets: dict[int, ObjectMemory] = field(default_factory=dict)
@@ -67,7 +67,7 @@ class _State:
         self.absent += not decision.declared and detections > 0
 
 
-def fuse(parts: Iterable[Detections], scene: Scene, config: FuseConfig | None = None) -> Iterator[Fused]:
+def fuse(parts: Iterable[Detections], scene: Scene, config: FuseConfig | None = None) -> Iterator[FusedPart]:
     """Views and bearings after the fusion, in the order of time.
 
     Each target's labelled detections are fused by themselves.  Candidates (target_id -1) are grouped on the ground
@@ -87,7 +87,7 @@ def fuse(parts: Iterable[Detections], scene: Scene, config: FuseConfig | None = 
     cameras = placed_cameras(scene, config)
     places = {name: i for i, name in enumerate(cameras.names)}
     known = {*(c.name for c in scene.cameras), *(a.name for a in scene.arrays)}
-    state = _State()
+    state = _FusionState()
     for part in whole_moments(parts, round(config.window_s * 1e9)):
         names, inverse = np.unique(part.bearings.sensor, return_inverse=True)
         for name in names.tolist():
@@ -97,8 +97,10 @@ def fuse(parts: Iterable[Detections], scene: Scene, config: FuseConfig | None = 
         yield _fuse_part(part, camera_of, cameras, state, config)
 
 
-def _fuse_part(part: Part, camera_of: Ints, cameras: PlacedCameras, state: _State, config: FuseConfig) -> Fused:
-    ledger = Ledger(part, cameras, camera_of)
+def _fuse_part(
+    part: FusionPart, camera_of: Ints, cameras: PlacedCameras, state: _FusionState, config: FuseConfig
+) -> FusedPart:
+    ledger = FusionRows(part, cameras, camera_of)
     sight = sights_of(part.bearings, camera_of, cameras, distances(part, feet(part.views, cameras)))
     before = (state.moments, state.alone, state.declared, state.absent)
     for first, last in zip(part.starts[:-1].tolist(), part.starts[1:].tolist(), strict=True):
@@ -110,7 +112,7 @@ def _fuse_part(part: Part, camera_of: Ints, cameras: PlacedCameras, state: _Stat
     after = (state.moments, state.alone, state.declared, state.absent)
     more = dict(zip(("moments", "alone", "declared", "absent"), np.subtract(after, before).tolist(), strict=True))
     came = part.losses
-    return Fused(
+    return FusedPart(
         views=views,
         bearings=bearings,
         losses=came.losses,
@@ -122,10 +124,10 @@ def _fuse_part(part: Part, camera_of: Ints, cameras: PlacedCameras, state: _Stat
     )
 
 
-def sights_of(bearings: Bearings, camera_of: Ints, cameras: PlacedCameras, distance: Floats) -> Sight:
+def sights_of(bearings: Bearings, camera_of: Ints, cameras: PlacedCameras, distance: Floats) -> LocalDirections:
     """All rows as sight lines; rows of sensors that are no placed cameras get a camera's place and are not read."""
     ground = np.array([c.ground for c in cameras.placed])
-    return Sight(
+    return LocalDirections(
         sensor=camera_of,
         origin=ground[camera_of],
         azimuth=bearings.bearing,
@@ -135,7 +137,7 @@ def sights_of(bearings: Bearings, camera_of: Ints, cameras: PlacedCameras, dista
     )
 
 
-class _Moment(NamedTuple):
+class _FusionStep(NamedTuple):
     """Rows of one moment."""
 
     t_ns: int
@@ -144,7 +146,9 @@ class _Moment(NamedTuple):
     t_of: dict[int, int]  # camera to the time of its frame [ns]
 
 
-def _fuse_moment(ledger: Ledger, sight: Sight, first: int, last: int, state: _State, config: FuseConfig) -> None:
+def _fuse_moment(
+    ledger: FusionRows, sight: LocalDirections, first: int, last: int, state: _FusionState, config: FuseConfig
+) -> None:
     """Decide about all targets and candidates in the rows from `first` to before `last`, which are of one moment."""
     rows = np.arange(first, last)[ledger.camera_of[first:last] >= 0]
     looked = np.unique(ledger.camera_of[rows])
@@ -153,7 +157,7 @@ def _fuse_moment(ledger: Ledger, sight: Sight, first: int, last: int, state: _St
     state.moments += 1
     state.alone += len(looked) == 1
     t_of = {int(ledger.camera_of[r]): int(ledger.bearings.t_ns[r]) for r in rows.tolist()}
-    moment = _Moment(int(ledger.bearings.t_ns[last - 1]), rows, looked, t_of)
+    moment = _FusionStep(int(ledger.bearings.t_ns[last - 1]), rows, looked, t_of)
     target = ledger.bearings.target_id[rows]
     # Labelled detections: one decision a target.
     for name in np.unique(target[target != UNLABELLED]).tolist():
@@ -173,7 +177,14 @@ def _fuse_moment(ledger: Ledger, sight: Sight, first: int, last: int, state: _St
         ledger.tidy_candidates(first, last)
 
 
-def _fuse_target(ledger: Ledger, sight: Sight, moment: _Moment, target: int, state: _State, config: FuseConfig) -> None:
+def _fuse_target(
+    ledger: FusionRows,
+    sight: LocalDirections,
+    moment: _FusionStep,
+    target: int,
+    state: _FusionState,
+    config: FuseConfig,
+) -> None:
     """Decide about one target at one moment; InputError where a camera has two rows for it."""
     own = moment.rows[ledger.bearings.target_id[moment.rows] == target]
     row_of = {int(ledger.camera_of[r]): r for r in own.tolist()}

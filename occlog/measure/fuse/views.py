@@ -20,9 +20,9 @@ from occlog.records.scene import Camera, Scene
 from occlog.records.tables import APPEARANCE_BINS, Bearings, Views
 
 from .config import FuseConfig
-from .kernels import Place, Sight
+from .kernels import LocalDirections, PositionWithCovariance
 
-ANYWHERE = 1e7
+DEFAULT_HALF_SIDE = 1e7
 """Half of the side of the square in which targets are if the scene has no room."""
 
 
@@ -54,7 +54,7 @@ class PlacedCameras:
             inside = (middle >= -0.5) & (middle <= np.array(camera.image_size) - 0.5)
         return np.asarray(seen & inside.all(axis=1))
 
-    def along(self, line: Sight, n: int) -> Floats:
+    def along(self, line: LocalDirections, n: int) -> Floats:
         """(m, 2) places on a sight line that its own camera can see, at most `n`, at least one."""
         which = int(line.sensor[0])
         reach = np.linspace(0.0, self.far[which], n + 1)[1:]
@@ -80,7 +80,7 @@ def placed_cameras(scene: Scene, config: FuseConfig) -> PlacedCameras:
         )
     region = scene.room
     if region is None:
-        region = ANYWHERE * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+        region = DEFAULT_HALF_SIDE * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     walls = [scene.blockers(c.ground) for c in cameras]
     ground = np.array([c.ground for c in cameras])
     corners = scene.region
@@ -98,7 +98,7 @@ def placed_cameras(scene: Scene, config: FuseConfig) -> PlacedCameras:
     )
 
 
-def expected_sight(camera: Camera, place: Place) -> tuple[float, float, float, float]:
+def expected_sight(camera: Camera, place: PositionWithCovariance) -> tuple[float, float, float, float]:
     """Bearing, sigma [rad], u_px and sigma_px at which a camera would see a place.
 
     `sigma_px` is the uncertainty of the place across the sight line; `sigma` has that of the camera's pose
@@ -126,7 +126,7 @@ STATURE = (0.75, 1.33)
 FOOT = 0.05
 """Standard deviation of the feet's row in the image, in heights of the box, besides the reading noise."""
 
-New = tuple[int, int, int, Place]
+New = tuple[int, int, int, PositionWithCovariance]
 """Time, camera's place in `PlacedCameras`, target, global position of a detection that was recovered."""
 
 
@@ -229,7 +229,9 @@ def _numbers(
     return out
 
 
-def _view(t_ns: int, camera: Camera, frame: int, cluster: int, target: int, place: Place, height: float) -> Views:
+def _view(
+    t_ns: int, camera: Camera, frame: int, cluster: int, target: int, place: PositionWithCovariance, height: float
+) -> Views:
     """A person's box at a place."""
     middle, spans = person_in_image(camera, place.xy[None], height)
     x, y = middle[0].tolist()

@@ -18,7 +18,7 @@ GALLERY = "Match boxes with how people look (Parquet, of `occlog appearance lear
 
 
 @dataclass(frozen=True, kw_only=True)
-class Labels(Request):
+class LabelRequestBase(Request):
     """Give candidates of BEARINGS (Parquet, or a recording that holds bearings) the identity of a track.
 
     In every frame of a sensor the candidates (target_id -1) are assigned one to one to the tracks,
@@ -42,14 +42,14 @@ class Labels(Request):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _ByKind(Labels):
+class _ByKind(LabelRequestBase):
     """What all kinds have, with what chooses the kind."""
 
     gallery: Path | None = source(GALLERY)
 
 
 @dataclass(frozen=True, kw_only=True)
-class LabelRequest(Labels):
+class LabelRequest(LabelRequestBase):
     """Candidates to label by the places of tracks."""
 
     RUN: ClassVar[str] = "occlog.measure.label.run:run_label"
@@ -70,7 +70,7 @@ class LabelRequest(Labels):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MatchRequest(Labels):
+class MatchRequest(LabelRequestBase):
     """Boxes to label by how people look."""
 
     RUN: ClassVar[str] = "occlog.measure.label.run:run_match"

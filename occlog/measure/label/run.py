@@ -15,7 +15,7 @@ from occlog.errors import InputError, UsageError, option
 from occlog.io.open import input_losses, open_in_unit, open_input
 from occlog.measure.appearance.config import MatchConfig
 from occlog.measure.appearance.run import SightingFiles, SightingInput
-from occlog.measure.appearance.sightings import SightingTally, sightings
+from occlog.measure.appearance.sightings import SightingTally, observe_boxes
 from occlog.measure.appearance.stage import EvidenceTally, identities, match, renamed, sides_of, tracks_together
 from occlog.records.declared.people import SAME, AppearanceMatches, Gallery
 from occlog.records.losses import Loss
@@ -105,7 +105,7 @@ def run_match(request: MatchRequest, job: Job) -> tuple[dict[str, object], tuple
     if request.named is not None and request.tracks is not None:
         tracks = open_in_unit(request.tracks, unit, PeopleTracks).read(PeopleTracks)
     tally, decisions, evidence = SightingTally(), DecisionTally(), EvidenceTally()
-    seen = sightings(
+    seen = observe_boxes(
         job.progress(inputs.boxes(), "label"),
         inputs.images(),
         inputs.walks(config),

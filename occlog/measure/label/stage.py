@@ -145,7 +145,7 @@ def _label(table: Bearings, paths: _Paths, ground: dict[str, Floats], config: La
     # Gate and assign: squared normalised differences of bearings, one to one in each frame
     rows = np.flatnonzero(table.seen & (table.target_id == UNLABELLED))
     cost = _apart2(table, rows, frame[rows], states, places)
-    wanted = states.there & ~_told(table, frame, len(first), states.target)
+    wanted = states.there & ~_labels_of(table, frame, len(first), states.target)
     picked, track = _assigned(cost, np.searchsorted(frame[rows], np.arange(len(first) + 1)), wanted, config.gate**2)
     target = table.target_id.copy()
     target[rows[picked]] = states.target[track]
@@ -153,7 +153,7 @@ def _label(table: Bearings, paths: _Paths, ground: dict[str, Floats], config: La
     # Tracks without a candidate in a frame get a row that is not seen
     empty, missing = np.nonzero(wanted)
     keep = np.full(len(table), config.keep_rest) | (target != UNLABELLED)
-    unseen = not_seen(table.take(first[empty]), states.target[missing])
+    unseen = missed_detections(table.take(first[empty]), states.target[missing])
     return Labelled(
         bearings=Bearings.merge([replace(table, target_id=target).take(keep), unseen]),
         given=states.target[track],
@@ -181,7 +181,7 @@ def _assigned(cost: Floats, bounds: Ints, wanted: Bools, gate: float) -> tuple[I
     return np.concatenate(rows), np.concatenate(columns)
 
 
-def _told(table: Bearings, frame: Ints, frames: int, target: Ints32) -> Bools:
+def _labels_of(table: Bearings, frame: Ints, frames: int, target: Ints32) -> Bools:
     """(frames, K) whether a frame has a row of a track already."""
     told = np.zeros((frames, len(target)), dtype=np.bool_)
     rows = np.flatnonzero(np.isin(table.target_id, target))
@@ -213,7 +213,7 @@ def _apart2(table: Bearings, rows: Ints, frame: Ints, states: _States, places: F
     return np.where(states.there[frame], apart**2 / (variance[frame] + table.sigma[rows, None] ** 2), np.inf)
 
 
-def not_seen(rows: Bearings, target: Ints32) -> Bearings:
+def missed_detections(rows: Bearings, target: Ints32) -> Bearings:
     """Rows of the same times and sensors which say that these targets, (n,), were looked for and not seen."""
     nothing = np.full(len(rows), np.nan)
     return Bearings(

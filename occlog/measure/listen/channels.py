@@ -10,7 +10,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.records.verdicts import Check, finding, outcome
 
-from .stage import ListenTally
+from .stage import DoaTally
 
 SOUND, SCALE, APART, HEARD = "sound of each microphone", "full scale", "microphones of their own", "directions"
 """Names of checks."""
@@ -60,7 +60,7 @@ class Channels:
 
 
 def checks(
-    channels: Mapping[str, Channels], tallies: Mapping[str, ListenTally], rows: Mapping[str, int]
+    channels: Mapping[str, Channels], tallies: Mapping[str, DoaTally], rows: Mapping[str, int]
 ) -> tuple[Check, ...]:
     """What was checked of each array's sound, and what was found.
 
@@ -120,7 +120,7 @@ def _alike(channels: Mapping[str, Channels]) -> Iterator[Check]:
             )
 
 
-def _nothing(tallies: Mapping[str, ListenTally], rows: Mapping[str, int]) -> Iterator[Check]:
+def _nothing(tallies: Mapping[str, DoaTally], rows: Mapping[str, int]) -> Iterator[Check]:
     for name, tally in tallies.items():
         if not rows[name]:
             yield finding(

@@ -19,12 +19,12 @@ ALGORITHMS = {
 """Algorithms by their names in the settings: classes of pyroomacoustics.doa."""
 
 
-MOST_WINDOW_S = 1.0
+MAX_WINDOW_S = 1.0
 """Sound crosses 343 m in it, more than any array; the time that a frame takes rises with it: 3 s at 48 kHz."""
 
 
 @dataclass(frozen=True)
-class ListenConfig(Settings):
+class DoaConfig(Settings):
     """Settings of listening; times in seconds, angles in degrees."""
 
     OWNER: ClassVar[str] = "listen"
@@ -58,7 +58,7 @@ class ListenConfig(Settings):
         "Of one spectrum, at least: the next power of two samples is taken.",
         unit="s",
         above=0,
-        at_most=MOST_WINDOW_S,
+        at_most=MAX_WINDOW_S,
         option="--window",
         metavar="SECONDS",
     )

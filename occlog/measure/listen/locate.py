@@ -23,11 +23,11 @@ from occlog.errors import InputError, UsageError, option
 from occlog.records.scene import MicrophoneArray
 from occlog.settings import METRES
 
-from .config import ALGORITHMS, ListenConfig
+from .config import ALGORITHMS, DoaConfig
 
 FLAT = 1e-3
 """Extent across, as a share of the greatest, below which microphones are in a plane or a line."""
-LEAST_COHERENCE, MOST_COHERENCE = 1e-3, 0.999
+MIN_COHERENCE, MAX_COHERENCE = 1e-3, 0.999
 
 
 def extents(microphones: Floats) -> tuple[int, Floats]:
@@ -105,7 +105,7 @@ def sharpness(
     slopes = np.array([[-sa * ce, ca * ce, 0.0], [-ca * se, -sa * se, ce]])
     centred = microphones - microphones.mean(axis=0)
     moves = centred @ slopes.T / c  # (M, 2) seconds per radian
-    variance = -np.log(min(max(agreement, LEAST_COHERENCE), MOST_COHERENCE))
+    variance = -np.log(min(max(agreement, MIN_COHERENCE), MAX_COHERENCE))
     information = snapshots * float((omega**2).sum()) * moves.T @ moves / variance
     out = np.full((2, 2), np.inf)
     scale = np.trace(information)
@@ -120,15 +120,15 @@ FACTOR = 1.6
 """How much larger errors are than their bound in simulated rooms, see docs/how-to/sound.md."""
 FLOOR = math.radians(0.5)
 """Least standard deviation: no array is built and placed better."""
-INDEPENDENT, MOST_INDEPENDENT = 1.0 / 3.0, 1.5
+INDEPENDENT, MAX_INDEPENDENT = 1.0 / 3.0, 1.5
 """Share of spectra that are independent (windows overlap, bins are alike), and how many a frame has at
 most: reflections stay the same all through a frame."""
 SHRINK = 0.1
 """A flat array tells the angle to its plane by how much slower the wave crosses it; rooms change that by so much."""
 POINTS_A_LOBE = 4.0
-MOST_SOURCES = 10
+MAX_SOURCES = 10
 """Directions a frame where their number is found."""
-MOST_POINTS = 200_000
+MAX_POINTS = 200_000
 """Directions that are tried at most."""
 
 
@@ -151,7 +151,7 @@ class Band(NamedTuple):
     omega: Floats  # [rad/s]
 
 
-class Grid(NamedTuple):
+class DirectionGrid(NamedTuple):
     """Directions that are tried: colatitudes by azimuths."""
 
     azimuth: Floats  # (A,) rising, all around
@@ -166,9 +166,9 @@ class Locator(NamedTuple):
     microphones: Floats  # (M, 3)
     normal: Floats | None  # (3,) of a flat array
     band: Band
-    grid: Grid
+    grid: DirectionGrid
     speed: float
-    config: ListenConfig
+    config: DoaConfig
 
 
 def library() -> ModuleType:
@@ -181,7 +181,7 @@ def library() -> ModuleType:
         ) from error
 
 
-def make_band(rate: int, config: ListenConfig) -> Band:
+def make_band(rate: int, config: DoaConfig) -> Band:
     """Bins of the band; UsageError if the recording has fewer than three of them."""
     length = 1 << max(math.ceil(math.log2(config.window_s * rate)), 3)
     frequency = np.arange(length // 2 + 1) * rate / length
@@ -195,7 +195,7 @@ def make_band(rate: int, config: ListenConfig) -> Band:
     return Band(rate, length, bins, 2.0 * np.pi * frequency[bins])
 
 
-def locator(array: MicrophoneArray, rate: int, unit: str, config: ListenConfig) -> Locator:
+def locator(array: MicrophoneArray, rate: int, unit: str, config: DoaConfig) -> Locator:
     """Prepare to find directions; InputError for an array that cannot tell any.
 
     UsageError where pyroomacoustics is missing, the band or the grid does not suit the array, or
@@ -232,7 +232,7 @@ def locator(array: MicrophoneArray, rate: int, unit: str, config: ListenConfig) 
     return Locator(engine, centred, normal, band, grid, speed, config)
 
 
-def _speed(config: ListenConfig, unit: str) -> float:
+def _speed(config: DoaConfig, unit: str) -> float:
     if config.speed_of_sound is not None:
         return config.speed_of_sound
     if unit not in METRES:
@@ -257,7 +257,7 @@ def _check_extent(array: MicrophoneArray, band: Band, speed: float, unit: str) -
         )
 
 
-def make_grid(array: MicrophoneArray, band: Band, speed: float, config: ListenConfig) -> Grid:
+def make_grid(array: MicrophoneArray, band: Band, speed: float, config: DoaConfig) -> DirectionGrid:
     """Directions to try: a few a lobe of the array at the top of the band, between 1 and 5 degrees apart."""
     span = float(np.ptp(array.microphones, axis=0).max())
     lobe = np.degrees(2.0 * np.pi * speed / (float(band.omega[-1]) * span))
@@ -265,7 +265,7 @@ def make_grid(array: MicrophoneArray, band: Band, speed: float, config: ListenCo
     A = max(round(360.0 / step), 12)
     azimuth = np.asarray(-np.pi + 2.0 * np.pi / A * np.arange(A), dtype=np.float64)
     if array.planar:
-        return Grid(azimuth, np.zeros(1), np.ones((1, A), dtype=np.bool_))
+        return DirectionGrid(azimuth, np.zeros(1), np.ones((1, A), dtype=np.bool_))
     E = max(round(90.0 / step), 6)
     elevation = np.pi / 2 - (np.arange(2 * E) + 0.5) * np.pi / (2 * E)  # no pole, and the horizon in the middle
     rank, normal = extents(array.microphones)
@@ -276,11 +276,11 @@ def make_grid(array: MicrophoneArray, band: Band, speed: float, config: ListenCo
             elevation, allowed = elevation[: E + 1], allowed[: E + 1]
         a, e = np.meshgrid(azimuth, elevation)
         allowed = direction(a, e) @ normal > -1e-9
-    if allowed.size > MOST_POINTS:
+    if allowed.size > MAX_POINTS:
         raise UsageError(
             f"listen: a grid of {step:g} degrees has {allowed.size} directions, too many; take a wider grid"
         )
-    return Grid(azimuth, elevation, allowed)
+    return DirectionGrid(azimuth, elevation, allowed)
 
 
 def locate(at: Locator, X: np.ndarray) -> list[ArrayDirection]:
@@ -304,7 +304,7 @@ def _with_uncertainty(
     at: Locator, azimuth: float, elevation: float, agreement: float, snapshots: int
 ) -> ArrayDirection:
     """The direction with its standard deviations, at least `FLOOR` and at most those of no knowledge."""
-    count = float(np.clip(snapshots * INDEPENDENT, 1.0, MOST_INDEPENDENT))
+    count = float(np.clip(snapshots * INDEPENDENT, 1.0, MAX_INDEPENDENT))
     flat = len(at.grid.elevation) == 1
     # Without a third dimension the elevation is taken for known.
     microphones = at.microphones * np.array([1.0, 1.0, 0.0]) if flat else at.microphones
@@ -346,7 +346,7 @@ def _off_plane(azimuth: float, elevation: float, normal: Floats) -> Floats:
     return np.array([(angle * (towards @ across) / size / level) ** 2, (angle * (towards @ up) / size) ** 2])
 
 
-def peaks(chart: Floats, grid: Grid, config: ListenConfig) -> list[tuple[int, int]]:
+def peaks(chart: Floats, grid: DirectionGrid, config: DoaConfig) -> list[tuple[int, int]]:
     """Rows and columns of the highest local maxima that are allowed and far enough apart, highest first."""
     E = len(chart)
     padded = np.pad(np.pad(chart, ((1, 1), (0, 0)), constant_values=-np.inf), ((0, 0), (1, 1)), mode="wrap")
@@ -358,7 +358,7 @@ def peaks(chart: Floats, grid: Grid, config: ListenConfig) -> list[tuple[int, in
     top &= chart >= middle + config.peak * (high - middle)
     rows, columns = np.nonzero(top)
     order = np.argsort(-chart[rows, columns], kind="stable")
-    most = config.sources or MOST_SOURCES
+    most = config.sources or MAX_SOURCES
     kept: list[tuple[int, int]] = []
     units: list[Floats] = []
     for k in order.tolist():
@@ -372,7 +372,7 @@ def peaks(chart: Floats, grid: Grid, config: ListenConfig) -> list[tuple[int, in
     return kept
 
 
-def refined(chart: Floats, grid: Grid, row: int, column: int) -> tuple[float, float]:
+def refined(chart: Floats, grid: DirectionGrid, row: int, column: int) -> tuple[float, float]:
     """Azimuth and elevation of the top of the parabolas through a maximum and its neighbours."""
     A = len(grid.azimuth)
     line = chart[row, [(column - 1) % A, column, (column + 1) % A]]

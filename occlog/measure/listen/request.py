@@ -11,11 +11,11 @@ from occlog.ingest.plan import pairs
 from occlog.request import Request, group, output_file, scene_file, source
 from occlog.settings import setting
 
-from .config import ListenConfig
+from .config import DoaConfig
 
 
 @dataclass(frozen=True, kw_only=True)
-class ListenRequest(Request):
+class DoaRequest(Request):
     """Find directions of arrival in the sound that microphone arrays recorded (WAV, a channel a microphone).
 
     The places of the microphones are those of the scene's array (`microphones`), or of --arrays.
@@ -77,7 +77,7 @@ class ListenRequest(Request):
         metavar="LOW HIGH",
         shown="",
     )
-    settings: Mapping[str, object] = group(lambda: ListenConfig)
+    settings: Mapping[str, object] = group(lambda: DoaConfig)
 
     @property
     def inputs(self) -> list[Path]:

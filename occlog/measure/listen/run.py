@@ -26,10 +26,10 @@ from occlog.runner import Job
 from occlog.settings import configure
 
 from .channels import Channels, checks
-from .config import ListenConfig
+from .config import DoaConfig
 from .locate import library
-from .request import ListenRequest
-from .stage import ListenTally, frame_size, frames_of, listen
+from .request import DoaRequest
+from .stage import DoaTally, estimate_directions, frame_size, frames_of
 
 T = TypeVar("T")
 Pairs = tuple[tuple[str | None, T], ...]
@@ -43,10 +43,10 @@ class _Plan(NamedTuple):
     arrays: Pairs[Path]  # (name or None, path)
     channels: tuple[int, ...]  # from 0; empty: all
     start_time: Pairs[str]  # (array or None, text)
-    config: ListenConfig
+    config: DoaConfig
 
 
-def _plan(request: ListenRequest) -> _Plan:
+def _plan(request: DoaRequest) -> _Plan:
     """The plan of a request; UsageError or SettingError for what cannot be."""
     settings = dict(request.settings)
     if request.most is not None:
@@ -59,7 +59,7 @@ def _plan(request: ListenRequest) -> _Plan:
         arrays=pairs(request.arrays, Path),
         channels=parse_channels(request.channels),
         start_time=pairs(request.start_time, str),
-        config=configure(ListenConfig(), settings),
+        config=configure(DoaConfig(), settings),
     )
 
 
@@ -83,14 +83,14 @@ def parse_channels(parts: tuple[str, ...]) -> tuple[int, ...]:
     return found
 
 
-def run_listen(request: ListenRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
+def run_listen(request: DoaRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
     """Listen and write; the summary, and what was lost."""
     plan = _plan(request)
     library()  # before anything is read
     scene = _scene(plan)
     chosen = _arrays(plan, scene)
     sounds = {name: open_sound(path) for name, path in chosen.items()}
-    tallies = {name: ListenTally() for name in chosen}
+    tallies = {name: DoaTally() for name in chosen}
     channels = {name: Channels() for name in chosen}
     streams = [_directions(scene, name, sounds[name], plan, tallies[name], channels[name], job) for name in chosen]
     parameters = {
@@ -152,7 +152,7 @@ def _arrays(plan: _Plan, scene: Scene) -> dict[str, Path]:
 
 
 def _directions(
-    scene: Scene, name: str, sound: Sound, plan: _Plan, tally: ListenTally, channels: Channels, job: Job
+    scene: Scene, name: str, sound: Sound, plan: _Plan, tally: DoaTally, channels: Channels, job: Job
 ) -> Iterator[Doa]:
     """Directions of one array, by world time."""
     array = next(a for a in scene.arrays if a.name == name)
@@ -170,7 +170,7 @@ def _directions(
             f"{option('window')}, or leave the file out"
         )
     blocks = channels.watch(_blocks(sound, plan.channels))
-    found = listen(blocks, sound.rate, array, scene.length_unit, plan.config, start, tally)
+    found = estimate_directions(blocks, sound.rate, array, scene.length_unit, plan.config, start, tally)
     for table in job.progress(found, f"listen {name}", total):
         yield table if clock is None else replace(table, t_ns=to_world_time(table.t_ns, clock, start))
 

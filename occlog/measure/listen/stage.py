@@ -13,17 +13,17 @@ from occlog.core.sight.camera import wrap_angle
 from occlog.records.scene import MicrophoneArray
 from occlog.records.tables import Doa
 
-from .config import ListenConfig
+from .config import DoaConfig
 from .locate import ArrayDirection, Locator, direction, levels, locate, locator, make_band, spectra
 
 NOISE_S = 30.0
 """Time over which the quietest spectrum is the noise."""
-LEAST_SPECTRA = 3
+MIN_SPECTRA = 3
 """A frame with fewer that are no silence gives no direction."""
 
 
 @dataclass
-class ListenTally:
+class DoaTally:
     """Counts of frames, gathered while streaming."""
 
     frames: int = 0
@@ -31,14 +31,14 @@ class ListenTally:
     unsure: int = 0  # frames with sound, but no direction with enough confidence
 
 
-def listen(
+def estimate_directions(
     blocks: Iterable[Floats],
     rate: int,
     array: MicrophoneArray,
     unit: str,
-    config: ListenConfig,
+    config: DoaConfig,
     start_ns: int,
-    tally: ListenTally,
+    tally: DoaTally,
 ) -> Iterator[Doa]:
     """Directions of each frame that has some, in the order of time, azimuths in the world's frame.
 
@@ -84,24 +84,24 @@ def frames(blocks: Iterable[Floats], size: int, hop: int) -> Iterator[tuple[int,
             first += hop
 
 
-def frame_size(rate: int, config: ListenConfig) -> int:
+def frame_size(rate: int, config: DoaConfig) -> int:
     """Samples of a frame: one window at least."""
     return max(round(config.frame_s * rate), make_band(rate, config).length)
 
 
-def frames_of(samples: int, rate: int, config: ListenConfig) -> int:
+def frames_of(samples: int, rate: int, config: DoaConfig) -> int:
     """Number of whole frames in a recording."""
     size = frame_size(rate, config)
     hop = size if config.hop_s is None else max(round(config.hop_s * rate), 1)
     return max((samples - size) // hop + 1, 0)
 
 
-def _heard(at: Locator, samples: Floats, quiet: deque[float], tally: ListenTally) -> list[ArrayDirection]:
+def _heard(at: Locator, samples: Floats, quiet: deque[float], tally: DoaTally) -> list[ArrayDirection]:
     # Spectra, half overlapping; only those above silence count
     tally.frames += 1
     X = spectra(samples, at.band.length, at.band.length // 2)
     active = _active(at, X, quiet)
-    if int(active.sum()) < min(LEAST_SPECTRA, X.shape[2]):
+    if int(active.sum()) < min(MIN_SPECTRA, X.shape[2]):
         tally.silent += 1
         return []
     heard = locate(at, X[:, :, active])

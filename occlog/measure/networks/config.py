@@ -26,7 +26,7 @@ UNIT, IMAGENET, IMAGENET_BGR, RAW = "unit", "imagenet", "imagenet-bgr", "raw"
 """What numbers stand for the colours of a pixel; see `images.PIXELS`."""
 PAD = 114
 """Grey of the border."""
-MOST_CROPS = 32
+MAX_CROPS = 32
 """Boxes of which a network tells vectors at a time."""
 LONGEST_VECTOR = 8192
 """Numbers of a vector that says how somebody looks."""

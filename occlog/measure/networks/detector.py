@@ -18,9 +18,20 @@ from occlog.array_types import Floats, Floats32, Ints
 from occlog.errors import InputError
 from occlog.records.frames import Image
 
-from .config import LONGEST_VECTOR, MOST_CROPS, NetworkConfig
-from .heads import HEADS, Found, Names, Reading, names_in, names_of, read, recognise, shapes, wanted_classes
-from .network import Network, Placement, crop, fill, laid, place, ready, size_of
+from .config import LONGEST_VECTOR, MAX_CROPS, NetworkConfig
+from .heads import (
+    HEADS,
+    ClassNames,
+    NetworkDetections,
+    Reading,
+    names_in,
+    names_of,
+    read,
+    recognise,
+    shapes,
+    wanted_classes,
+)
+from .network import ImageNetwork, ImagePlacement, crop, fill, laid, place, ready, size_of
 
 
 @dataclass(frozen=True)
@@ -34,7 +45,7 @@ class Embedder:
         length: of the vectors.
     """
 
-    network: Network
+    network: ImageNetwork
     pixels: str
     output: str
     length: int
@@ -43,7 +54,7 @@ class Embedder:
         """(n, `length`) vectors of length 1 of what is in boxes (n, 4) of an image; NaN: the network gives none."""
         width, height = self.network.size
         out = np.empty((len(boxes), self.length), dtype=np.float32)
-        step = MOST_CROPS if self.network.open_batch else self.network.batch
+        step = MAX_CROPS if self.network.open_batch else self.network.batch
         for start in range(0, len(boxes), step):
             some = boxes[start : start + step]
             # Few sizes of batches: runtimes plan anew for each.
@@ -122,7 +133,7 @@ class Prepared(NamedTuple):
     """An image as the network wants it."""
 
     numbers: Floats32  # (3, H, W)
-    where: Placement
+    where: ImagePlacement
 
 
 class Boxed(NamedTuple):
@@ -133,7 +144,7 @@ class Boxed(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Detector:
+class NetworkDetector:
     """A network that detects; `prepare` may be called by other threads than `find`.
 
     Attributes:
@@ -147,9 +158,9 @@ class Detector:
         overlap: see `NetworkConfig`.
     """
 
-    network: Network
+    network: ImageNetwork
     reading: Reading
-    names: Names
+    names: ClassNames
     wanted: Ints
     fit: str
     pixels: str
@@ -182,7 +193,7 @@ class Detector:
                 raise InputError(f"{self.network.file.path}: {error}") from None
             if HEADS[self.reading.head].repeats:
                 kept = suppress(raw.boxes, raw.score, raw.label, self.overlap)
-                raw = Found(raw.boxes[kept], raw.score[kept], raw.label[kept])
+                raw = NetworkDetections(raw.boxes[kept], raw.score[kept], raw.label[kept])
             boxes = image.where.to_image(raw.boxes)
             sides = boxes[:, 2:] - boxes[:, :2]
             order = np.argsort(-sides.prod(axis=1), kind="stable")
@@ -208,7 +219,7 @@ class Detector:
 
 def open_detector(
     path: Path, config: NetworkConfig, classes: Sequence[str], names: Path | None, least: float, threads: int
-) -> Detector:
+) -> NetworkDetector:
     """Load a network that detects.
 
     Args:
@@ -234,7 +245,7 @@ def open_detector(
         of_classes = names_of(reading.classes, told, names)
     except InputError as error:
         raise error if str(names) in str(error) else InputError(f"{path}: {error}") from None
-    return Detector(
+    return NetworkDetector(
         network=network,
         reading=reading,
         names=of_classes,

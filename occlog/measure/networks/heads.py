@@ -55,15 +55,15 @@ SHARE_SLACK = 2.0
 SCORE_SLACK = 1e-3
 WITH_MORE = ("segment", "pose")
 """What networks are for whose boxes have masks or key points, too."""
-MOST_LABEL = 2**31
+MAX_LABEL = 2**31
 """Numbers of classes above this are none."""
-MOST_END2END = 1000
+MAX_END2END = 1000
 """Boxes of networks that leave nothing out afterwards, by which they are told from others."""
 PLAIN_DETR = 92
 """Classes of the first DETR on COCO: its scores want a softmax, which no head here takes."""
 
 
-class Found(NamedTuple):
+class NetworkDetections(NamedTuple):
     """Boxes in a network's image."""
 
     boxes: Floats  # (n, 4) left, top, right, bottom [px], from the corner
@@ -167,7 +167,7 @@ def _candidates(outputs: Outputs, size: tuple[int, int], names: int | None, more
     places = {sum((size[0] // s) * (size[1] // s) for s in strides) for strides in STRIDES}
     # YOLOv5 looks with three shapes of boxes at each place.
     looks = rows in {3 * n for n in places}
-    end2end = rows <= MOST_END2END and not looks and (columns == 6 or (more and columns > 6 and columns not in places))
+    end2end = rows <= MAX_END2END and not looks and (columns == 6 or (more and columns > 6 and columns not in places))
     if names is None:
         fitting = {YOLO: columns in places and not looks, YOLOV5: looks and columns not in places, END2END: end2end}
     else:
@@ -217,7 +217,9 @@ def _one(outputs: Outputs, known: Sequence[str] | None) -> str | None:
     return "" if known is None else next((name for name in known if name in outputs), None)
 
 
-def read(reading: Reading, outputs: Outputs, n: int, size: tuple[int, int], wanted: Ints, least: float) -> Found:
+def read(
+    reading: Reading, outputs: Outputs, n: int, size: tuple[int, int], wanted: Ints, least: float
+) -> NetworkDetections:
     """Boxes of the wanted classes with at least that confidence, in the n-th image of a batch.
 
     A box of `yolo`, `yolov5` and `ultralytics-detr` is of the class with the highest score, as their makers have it; of
@@ -254,9 +256,9 @@ def read(reading: Reading, outputs: Outputs, n: int, size: tuple[int, int], want
             scores, label = boxes[:, 4], outputs[reading.labels][n]
         else:
             label = outputs[reading.labels][n]
-        label = np.rint(np.clip(label, -1, MOST_LABEL)).astype(np.int64)
+        label = np.rint(np.clip(label, -1, MAX_LABEL)).astype(np.int64)
         kept = np.isin(label, wanted) & (scores >= least)
-        found = Found(boxes[kept, :4].astype(np.float64), scores[kept].astype(np.float64), label[kept])
+        found = NetworkDetections(boxes[kept, :4].astype(np.float64), scores[kept].astype(np.float64), label[kept])
         _check_scores(head, scores)
         _check_places(head, found.boxes, shares=False)
         return found
@@ -264,7 +266,9 @@ def read(reading: Reading, outputs: Outputs, n: int, size: tuple[int, int], want
     return found._replace(boxes=_edges(found.boxes, size if head in (*LOGITS, ULTRALYTICS_DETR) else (1, 1)))
 
 
-def _best(boxes: Floats32, scores: Floats32, objectness: Floats32 | None, wanted: Ints, least: float) -> Found:
+def _best(
+    boxes: Floats32, scores: Floats32, objectness: Floats32 | None, wanted: Ints, least: float
+) -> NetworkDetections:
     """Boxes whose best class is a wanted one."""
     if objectness is not None:
         _check_scores(YOLOV5, objectness)
@@ -277,10 +281,10 @@ def _best(boxes: Floats32, scores: Floats32, objectness: Floats32 | None, wanted
     label = some.argmax(axis=1).astype(np.int64) if len(some) else np.zeros(0, dtype=np.int64)
     best = some[np.arange(len(some)), label]
     kept: Bools = np.isin(label, wanted) & (best >= least)
-    return Found(boxes[may][kept].astype(np.float64), best[kept].astype(np.float64), label[kept])
+    return NetworkDetections(boxes[may][kept].astype(np.float64), best[kept].astype(np.float64), label[kept])
 
 
-def _highest(boxes: Floats32, logits: Floats32, wanted: Ints, least: float) -> Found:
+def _highest(boxes: Floats32, logits: Floats32, wanted: Ints, least: float) -> NetworkDetections:
     """Boxes among the N highest scores of N boxes and all classes."""
     with np.errstate(over="ignore"):
         scores = 1.0 / (1.0 + np.exp(-logits.astype(np.float64)))
@@ -290,7 +294,7 @@ def _highest(boxes: Floats32, logits: Floats32, wanted: Ints, least: float) -> F
         enough &= scores >= np.partition(scores, scores.size - len(scores), axis=None)[scores.size - len(scores)]
     row, column = np.nonzero(enough[:, wanted])
     label = wanted[column]
-    return Found(boxes[row].astype(np.float64), scores[row, label], label)
+    return NetworkDetections(boxes[row].astype(np.float64), scores[row, label], label)
 
 
 def _edges(boxes: Floats, size: tuple[float, float]) -> Floats:
@@ -318,7 +322,7 @@ def _check_places(head: str, boxes: Floats, *, shares: bool) -> None:
 
 
 PERSON = "person"
-MOST_NAMES = 100_000
+MAX_NAMES = 100_000
 LONGEST_FILE = 4 * 1024 * 1024
 # fmt: off
 COCO = (
@@ -339,7 +343,7 @@ COCO_91 = dict(zip((k for k in range(91) if k not in LEFT_OUT), COCO, strict=Tru
 """The same classes by COCO's own numbers, as RF-DETR has them."""
 
 
-class Names(NamedTuple):
+class ClassNames(NamedTuple):
     """Names of a network's classes, and where they are from, for a person."""
 
     names: Mapping[int, str]
@@ -363,9 +367,9 @@ def names_in(metadata: Mapping[str, str]) -> dict[int, str] | None:
         raise InputError(
             f"its names of classes cannot be read: {text[:60]!r}; give them in a file (names of classes)"
         ) from None
-    if not out or min(out) < 0 or max(out) >= MOST_NAMES:
+    if not out or min(out) < 0 or max(out) >= MAX_NAMES:
         raise InputError(
-            f"its names of classes have numbers out of 0 to {MOST_NAMES - 1}; give them in a file (names of classes)"
+            f"its names of classes have numbers out of 0 to {MAX_NAMES - 1}; give them in a file (names of classes)"
         )
     return out
 
@@ -387,7 +391,7 @@ def read_names(path: Path) -> dict[int, str]:
     return {k: line.strip() for k, line in enumerate(lines)}
 
 
-def names_of(count: int | None, told: Mapping[int, str] | None, file: Path | None) -> Names:
+def names_of(count: int | None, told: Mapping[int, str] | None, file: Path | None) -> ClassNames:
     """Names of a network's classes: the file's, else the network's own, else COCO's if their number fits.
 
     Args:
@@ -399,21 +403,21 @@ def names_of(count: int | None, told: Mapping[int, str] | None, file: Path | Non
         names = read_names(file)
         if count is not None and len(names) != count:
             raise InputError(f"{file}: {len(names)} names, but the network has {count} classes")
-        return Names(names, file.name)
+        return ClassNames(names, file.name)
     if told is not None:
         if count is not None and max(told) >= count:
             raise InputError(
                 f"names its class {max(told)}, but has {count} classes; give their names in a file (names of classes)"
             )
-        return Names(told, "the network")
+        return ClassNames(told, "the network")
     if count == len(COCO) or count is None:
-        return Names(dict(enumerate(COCO)), "COCO" if count else "COCO, assumed")
+        return ClassNames(dict(enumerate(COCO)), "COCO" if count else "COCO, assumed")
     if count == max(COCO_91) + 1:
-        return Names(COCO_91, "COCO")
-    return Names({}, "")
+        return ClassNames(COCO_91, "COCO")
+    return ClassNames({}, "")
 
 
-def wanted_classes(asked: Sequence[str], names: Names, count: int | None) -> Ints:
+def wanted_classes(asked: Sequence[str], names: ClassNames, count: int | None) -> Ints:
     """Numbers of the classes asked for, rising; nothing asked for is a person, or the only class.
 
     Raises:

@@ -22,13 +22,13 @@ from occlog.io.formats.models.onnx_file import OnnxFile, Port, read_onnx
 from occlog.records.frames import Image
 
 from .config import CORNER, IMAGENET, IMAGENET_BGR, LARGEST_SIDE, LETTERBOX, PAD, RAW, UNIT
-from .running.apart import Apart
+from .running.apart import SubprocessRuntime
 from .running.messages import Feeds
 from .running.runtimes import Runtime
 
 
 @dataclass(frozen=True)
-class Network:
+class ImageNetwork:
     """A network of images.
 
     Attributes:
@@ -71,7 +71,7 @@ class Network:
         return {name: values.astype(np.float32) for name, values in outputs.items()}
 
 
-def ready(path: Path, runtime: str, threads: int, size: tuple[int, int] | None, batch: int) -> Network:
+def ready(path: Path, runtime: str, threads: int, size: tuple[int, int] | None, batch: int) -> ImageNetwork:
     """Read, load and try a network.
 
     Args:
@@ -91,7 +91,9 @@ def ready(path: Path, runtime: str, threads: int, size: tuple[int, int] | None, 
     of_file = _whole_size(file, wide, high, size)
     if count is not None and batch not in (1, count):
         raise UsageError(f"{path}: takes {count} images at a time, not {batch}; leave the batch out")
-    found = Network(file, Apart(file, runtime, threads), image, extent, of_file, count or batch, count is None)
+    found = ImageNetwork(
+        file, SubprocessRuntime(file, runtime, threads), image, extent, of_file, count or batch, count is None
+    )
     found.run(np.full((found.batch, 3, of_file[1], of_file[0]), 0.5, dtype=np.float32))
     return found
 
@@ -170,7 +172,7 @@ PIXELS: dict[str, tuple[bool, Floats32]] = {
 
 
 @dataclass(frozen=True)
-class Placement:
+class ImagePlacement:
     """Where an image lies in a network's: x_network = x_scale * x + left, both counted from the corners."""
 
     x_scale: float
@@ -190,7 +192,7 @@ class Placement:
         return out
 
 
-def place(size: tuple[int, int], wanted: tuple[int, int], fit: str) -> Placement:
+def place(size: tuple[int, int], wanted: tuple[int, int], fit: str) -> ImagePlacement:
     """How an image comes to lie in a network's.
 
     `LETTERBOX` is that of ultralytics (`LetterBox`, `scaleup`, centred): one scale for both axes, the size rounded,
@@ -203,7 +205,7 @@ def place(size: tuple[int, int], wanted: tuple[int, int], fit: str) -> Placement
     """
     (w, h), (W, H) = size, wanted
     if fit not in (LETTERBOX, CORNER):
-        return Placement(W / w, H / h, 0.0, 0.0, w, h)
+        return ImagePlacement(W / w, H / h, 0.0, 0.0, w, h)
     scale = min(H / h, W / w)
     if fit == CORNER:
         new_w, new_h, left, top = int(w * scale + 0.5), int(h * scale + 0.5), 0, 0
@@ -212,10 +214,10 @@ def place(size: tuple[int, int], wanted: tuple[int, int], fit: str) -> Placement
         left, top = round((W - new_w) / 2 - 0.1), round((H - new_h) / 2 - 0.1)
     # What the rounded size says of each axis is where things truly are.
     new_w, new_h = min(max(new_w, 1), W), min(max(new_h, 1), H)
-    return Placement(new_w / w, new_h / h, left, top, w, h)
+    return ImagePlacement(new_w / w, new_h / h, left, top, w, h)
 
 
-def laid(image: Image, wanted: tuple[int, int], where: Placement, smooth: bool) -> Image:
+def laid(image: Image, wanted: tuple[int, int], where: ImagePlacement, smooth: bool) -> Image:
     """The network's image (H, W, 3) from one in BGR; `smooth` averages where an image becomes smaller."""
     W, H = wanted
     new = (round(where.x_scale * where.width), round(where.y_scale * where.height))

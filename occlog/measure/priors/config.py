@@ -16,7 +16,7 @@ CHANGE = "Change of the velocity in a second, per axis."
 
 
 @dataclass(frozen=True)
-class KalmanConfig(Settings):
+class PositionPriorConfig(Settings):
     """How measured positions become priors; with the defaults of the reference scene the RMS error is 6.67."""
 
     OWNER: ClassVar[str] = "priors"

@@ -18,10 +18,10 @@ from occlog.filtering.motion.white_acceleration import Walkers, concat, initiate
 from occlog.records.tables import Occluders, Tracks, Truth
 from occlog.scans.occluder_priors import known_positions, none_at
 
-from .config import KalmanConfig
+from .config import PositionPriorConfig
 
 
-class _Moment:
+class _MeasurementStep:
     """Measurements of one time; rows by rising identity."""
 
     def __init__(self, t_ns: int, identity: Ints32, xy: Floats, noise: Floats) -> None:
@@ -41,7 +41,7 @@ def virtual_priors(truth: Iterable[Truth], sigma: float, q: float, seed: int, *,
         seed: of the noise.
         run: number of the run of a Monte Carlo experiment.
     """
-    config = KalmanConfig(sigma=sigma, q=q)
+    config = PositionPriorConfig(sigma=sigma, q=q)
     if sigma == 0.0:
         yield from known_positions(truth)
         return
@@ -60,7 +60,7 @@ def virtual_priors(truth: Iterable[Truth], sigma: float, q: float, seed: int, *,
 
 
 def kalman_priors(
-    positions: Iterable[Truth] | Iterable[Tracks], config: KalmanConfig, *, without: Iterable[int] = ()
+    positions: Iterable[Truth] | Iterable[Tracks], config: PositionPriorConfig, *, without: Iterable[int] = ()
 ) -> Iterator[Occluders]:
     """Priors from real measurements of places, chunk by chunk.
 
@@ -90,11 +90,11 @@ def kalman_priors(
 def _filtered(
     chunks: Iterable[Truth] | Iterable[Tracks] | Iterable[Truth | Tracks],
     measure: Callable[..., tuple[Floats, Floats]],
-    config: KalmanConfig,
+    config: PositionPriorConfig,
 ) -> Iterator[Occluders]:
     """One table of priors a chunk, but for its last time, which goes with the next."""
-    state = _State()
-    held: list[_Moment] = []
+    state = _FilterState()
+    held: list[_MeasurementStep] = []
     for chunk in chunks:
         moments = list(_moments(chunk, measure))
         if held and moments and held[-1].t_ns == moments[0].t_ns:
@@ -106,14 +106,14 @@ def _filtered(
         yield _table(held, state, config)
 
 
-def _joined(a: _Moment, b: _Moment) -> _Moment:
+def _joined(a: _MeasurementStep, b: _MeasurementStep) -> _MeasurementStep:
     identity = np.concatenate([a.identity, b.identity])
     order = np.argsort(identity, kind="stable")
     xy, noise = np.concatenate([a.xy, b.xy]), np.concatenate([a.noise, b.noise])
-    return _Moment(a.t_ns, identity[order], xy[order], noise[order])
+    return _MeasurementStep(a.t_ns, identity[order], xy[order], noise[order])
 
 
-def _moments(chunk: Truth | Tracks, measure: Callable[..., tuple[Floats, Floats]]) -> Iterator[_Moment]:
+def _moments(chunk: Truth | Tracks, measure: Callable[..., tuple[Floats, Floats]]) -> Iterator[_MeasurementStep]:
     """The measurements by time; a time without a moving occluder has none."""
     if not len(chunk):
         return
@@ -123,10 +123,10 @@ def _moments(chunk: Truth | Tracks, measure: Callable[..., tuple[Floats, Floats]
     xy, noise = measure(rows)
     first, last = np.searchsorted(rows.t_ns, times, "left"), np.searchsorted(rows.t_ns, times, "right")
     for t_ns, a, b in zip(times.tolist(), first.tolist(), last.tolist(), strict=True):
-        yield _Moment(t_ns, rows.target_id[a:b], xy[a:b], noise[a:b])
+        yield _MeasurementStep(t_ns, rows.target_id[a:b], xy[a:b], noise[a:b])
 
 
-class _State:
+class _FilterState:
     """The filters: M objects at the time of the last step, rising identities."""
 
     def __init__(self) -> None:
@@ -136,7 +136,7 @@ class _State:
         self.walkers = initiate(np.empty((0, 2)), np.empty((0, 2, 2)), 1.0)
 
 
-def _step(state: _State, m: _Moment, config: KalmanConfig) -> None:
+def _step(state: _FilterState, m: _MeasurementStep, config: PositionPriorConfig) -> None:
     """Advance the filters to a moment and take its measurements in."""
     if (same := np.diff(m.identity) == 0).any():
         raise InputError(
@@ -170,13 +170,13 @@ def _measure(walkers: Walkers, rows: Ints, xy: Floats, noise: Floats) -> None:
         column[rows] = new
 
 
-def _keep(state: _State, keep: Bools) -> None:
+def _keep(state: _FilterState, keep: Bools) -> None:
     if not keep.all():
         state.identity, state.measured_ns = state.identity[keep], state.measured_ns[keep]
         state.walkers = select(state.walkers, keep)
 
 
-def _add(state: _State, m: _Moment, new: Bools, speed: float) -> None:
+def _add(state: _FilterState, m: _MeasurementStep, new: Bools, speed: float) -> None:
     """Objects that are measured for the first time; the velocity is as uncertain as after a second of walking."""
     walkers = concat(state.walkers, initiate(m.xy[new], m.noise[new], speed))
     identity = np.concatenate([state.identity, m.identity[new]])
@@ -185,7 +185,7 @@ def _add(state: _State, m: _Moment, new: Bools, speed: float) -> None:
     state.identity, state.measured_ns, state.walkers = identity[order], measured[order], select(walkers, order)
 
 
-def _table(moments: list[_Moment], state: _State, config: KalmanConfig) -> Occluders:
+def _table(moments: list[_MeasurementStep], state: _FilterState, config: PositionPriorConfig) -> Occluders:
     parts: list[tuple[int, Ints32, Floats, Floats]] = []
     empty = []
     for m in moments:

@@ -20,17 +20,17 @@ from occlog.scans.occluder_priors import none_at
 
 from .config import HullConfig
 from .hull import (
-    BelievedPolygon,
     CameraCones,
+    ConfirmedPolygon,
     HullCamera,
     HullMemory,
+    HullRules,
     Polygon,
-    Rules,
     cones,
-    follow,
     hull,
     hull_camera,
     runs,
+    track_polygons,
 )
 
 MOMENTS_PER_CHUNK = 256
@@ -77,14 +77,14 @@ def hull_priors(
     cameras: dict[str, HullCamera] = {}
     rules = _rules(config)
     memory = HullMemory()
-    held: list[tuple[int, list[BelievedPolygon]]] = []
+    held: list[tuple[int, list[ConfirmedPolygon]]] = []
     candidates = 0
     for t_ns, moment in _moments(views, frames, scene, round(config.window_s * 1e9)):
         # Cones of what each camera sees, then their visual hull
-        looks = [_look(f, cameras, scene, config) for f in moment]
+        looks = [_camera_cones(f, cameras, scene, config) for f in moment]
         found = hull(looks, scene.region, config.least, config.misses, config.smallest) if looks else []
         # Identities over time; phantoms are left out
-        memory, seen = follow(memory, t_ns, found, rules)
+        memory, seen = track_polygons(memory, t_ns, found, rules)
         candidates += len(found)
         held.append((t_ns, seen))
         if len(held) >= MOMENTS_PER_CHUNK:
@@ -103,9 +103,9 @@ def _on_map(found: HullPriors, origin: Floats) -> HullPriors:
     )
 
 
-def _rules(config: HullConfig) -> Rules:
+def _rules(config: HullConfig) -> HullRules:
     """The rules for identities of polygons; times in nanoseconds."""
-    return Rules(
+    return HullRules(
         persist_ns=round(1e9 * config.persist_s),
         memory_ns=round(1e9 * config.memory_s),
         lost_ns=round(1e9 * config.lost_s),
@@ -179,7 +179,7 @@ def _split_complete(table: Views | Bearings, names: list[str]) -> Iterator[_Fram
             yield _Frame(int(table.t_ns[a]), str(table.sensor[a]), rows)
 
 
-def _look(frame: _Frame, cameras: dict[str, HullCamera], scene: Scene, config: HullConfig) -> CameraCones:
+def _camera_cones(frame: _Frame, cameras: dict[str, HullCamera], scene: Scene, config: HullConfig) -> CameraCones:
     """Cones of a camera's clusters that are no targets, and where the camera can tell whether there is an object."""
     if frame.sensor not in cameras:
         cameras[frame.sensor] = hull_camera(scene.camera(frame.sensor), scene)
@@ -196,7 +196,7 @@ def _look(frame: _Frame, cameras: dict[str, HullCamera], scene: Scene, config: H
     return CameraCones(visible, others)
 
 
-def _tables(moments: list[tuple[int, list[BelievedPolygon]]], candidates: int) -> HullPriors:
+def _tables(moments: list[tuple[int, list[ConfirmedPolygon]]], candidates: int) -> HullPriors:
     empty = np.array([t for t, found in moments if not found], dtype=np.int64)
     none = none_at(empty)
     rows = [(t, k, _corners(p)) for t, found in moments for k, p in found]

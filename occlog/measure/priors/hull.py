@@ -228,7 +228,7 @@ def _parts(shape: shapely.Geometry) -> list[shapely.Polygon]:
     return sorted(parts, key=lambda p: p.bounds)
 
 
-class Rules(NamedTuple):
+class HullRules(NamedTuple):
     """When a polygon is believed in; lengths in the scene's unit, times in ns."""
 
     persist_ns: int  # it must have been there for so long
@@ -239,7 +239,7 @@ class Rules(NamedTuple):
     reach: float  # a polygon's centre may move by this besides
 
 
-class FollowedPolygon(NamedTuple):
+class TrackedPolygon(NamedTuple):
     """A polygon with its identity, at the last moment at which it was there."""
 
     identity: int
@@ -253,20 +253,20 @@ class FollowedPolygon(NamedTuple):
 class HullMemory(NamedTuple):
     """Identities of polygons after the earlier moments."""
 
-    known: tuple[FollowedPolygon, ...] = ()
+    known: tuple[TrackedPolygon, ...] = ()
     next_identity: int = 0
 
 
-class BelievedPolygon(NamedTuple):
+class ConfirmedPolygon(NamedTuple):
     """A polygon that is believed in."""
 
     identity: int
     polygon: Polygon
 
 
-def follow(
-    memory: HullMemory, t_ns: int, polygons: Sequence[Polygon], rules: Rules
-) -> tuple[HullMemory, list[BelievedPolygon]]:
+def track_polygons(
+    memory: HullMemory, t_ns: int, polygons: Sequence[Polygon], rules: HullRules
+) -> tuple[HullMemory, list[ConfirmedPolygon]]:
     """The next memory, and the polygons that are believed in, by identity.
 
     Args:
@@ -283,7 +283,7 @@ def follow(
     after = HullMemory(tuple(sorted([*current, *gone], key=lambda k: k.identity)), newest)
     held = [k for k in gone if _lately(k, t_ns, rules) and t_ns - k.last_ns <= rules.hold_ns]
     believed = [k for k in _needed(current, t_ns, rules) + held if k.last_ns - k.first_ns >= rules.persist_ns]
-    return after, [BelievedPolygon(k.identity, k.polygon) for k in sorted(believed, key=lambda k: k.identity)]
+    return after, [ConfirmedPolygon(k.identity, k.polygon) for k in sorted(believed, key=lambda k: k.identity)]
 
 
 def evidence(polygons: Sequence[Polygon]) -> list[bool]:
@@ -296,11 +296,11 @@ def evidence(polygons: Sequence[Polygon]) -> list[bool]:
 
 
 def _identities(
-    old: list[FollowedPolygon], fresh: int, t_ns: int, polygons: Sequence[Polygon], rules: Rules
-) -> list[FollowedPolygon]:
+    old: list[TrackedPolygon], fresh: int, t_ns: int, polygons: Sequence[Polygon], rules: HullRules
+) -> list[TrackedPolygon]:
     """An identity for each polygon: a known one near by, or a new one."""
     centres = np.array([[p.shape.centroid.x, p.shape.centroid.y] for p in polygons]).reshape(-1, 2)
-    mine: dict[int, FollowedPolygon] = {}
+    mine: dict[int, TrackedPolygon] = {}
     if old and len(centres):
         there = np.array([k.centre for k in old])
         away = np.hypot(*(centres[:, None] - there[None]).transpose(2, 0, 1))
@@ -309,19 +309,19 @@ def _identities(
         mine = {i: old[j] for i, j in zip(rows.tolist(), columns.tolist(), strict=True)}
     out = []
     for i, (p, centre, sure) in enumerate(zip(polygons, centres, evidence(polygons), strict=True)):
-        before = mine.get(i) or FollowedPolygon(fresh, p, centre, t_ns, t_ns, None)
+        before = mine.get(i) or TrackedPolygon(fresh, p, centre, t_ns, t_ns, None)
         fresh += i not in mine
         proof = t_ns if sure else before.evidence_ns
         out.append(before._replace(polygon=p, centre=centre, last_ns=t_ns, evidence_ns=proof))
     return out
 
 
-def _lately(known: FollowedPolygon, t_ns: int, rules: Rules) -> bool:
+def _lately(known: TrackedPolygon, t_ns: int, rules: HullRules) -> bool:
     """Whether there was evidence of it lately."""
     return known.evidence_ns is not None and t_ns - known.evidence_ns <= rules.memory_ns
 
 
-def _needed(current: list[FollowedPolygon], t_ns: int, rules: Rules) -> list[FollowedPolygon]:
+def _needed(current: list[TrackedPolygon], t_ns: int, rules: HullRules) -> list[TrackedPolygon]:
     """Those with evidence, and of the others what explains runs that have none of these.
 
     Which of two polygons that may both be phantoms is one cannot be told from their runs; what

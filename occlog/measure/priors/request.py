@@ -10,7 +10,7 @@ from typing import ClassVar
 from occlog.request import Request, Verbs, group, output_file, scene_file, seed_of_all, sink, source
 from occlog.settings import setting
 
-from .config import AcousticConfig, HullConfig, KalmanConfig
+from .config import AcousticConfig, HullConfig, PositionPriorConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,7 @@ class KalmanRequest(Request):
     measured: bool = setting(
         False, "POSITIONS are real measurements: no noise is added.", option="--measured", shown=""
     )
-    settings: Mapping[str, object] = group(lambda: KalmanConfig)
+    settings: Mapping[str, object] = group(lambda: PositionPriorConfig)
     without: tuple[int, ...] = setting(
         (), "Leave this object out; may be repeated.", option="--without", metavar="ID", repeat=True, shown=""
     )

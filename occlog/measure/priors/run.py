@@ -17,7 +17,7 @@ from occlog.runner import Job
 from occlog.scans.grouping import nearest
 from occlog.settings import configure
 
-from .config import AcousticConfig, HullConfig, KalmanConfig
+from .config import AcousticConfig, HullConfig, PositionPriorConfig
 from .from_positions import kalman_priors, virtual_priors
 from .from_sound import acoustic_priors
 from .from_views import hull_priors
@@ -32,7 +32,7 @@ S = TypeVar("S", Views, Bearings)
 Result = tuple[dict[str, object], tuple["Loss", ...]]
 
 
-class Source:
+class TableStream:
     """A table in a file of either kind, as a stream, with the scene and what had been lost before."""
 
     def __init__(self, path: Path, scene: Path | None) -> None:
@@ -71,12 +71,12 @@ def _not_empty(chunks: Iterable[T], path: Path) -> Iterator[T]:
 def run_kalman(request: KalmanRequest, job: Job) -> Result:
     """Positions to priors; the summary and what had been lost before."""
     path, measured = request.positions, request.measured
-    source = Source(path, request.scene)
+    source = TableStream(path, request.scene)
     unit = source.scene.length_unit if source.scene is not None else source.unit
     tracks = source.opened.recording is None and source.opened.has(Tracks)
     if tracks and not measured:
         raise UsageError(f"{path}: tracks are measurements, not the truth; add {option('measured')}")
-    defaults = KalmanConfig.in_unit(unit)
+    defaults = PositionPriorConfig.in_unit(unit)
     config = configure(replace(defaults, sigma=0.0) if tracks else defaults, request.settings)
     if measured and config.sigma == 0 and not tracks:
         raise UsageError(
@@ -107,12 +107,12 @@ def run_kalman(request: KalmanRequest, job: Job) -> Result:
 def run_hull(request: HullRequest, job: Job) -> Result:
     """Views to priors; the summary and what had been lost before."""
     path = request.views
-    source = Source(path, request.scene)
+    source = TableStream(path, request.scene)
     scene = source.need_scene()
     used = cameras_of(request, scene)
     config = configure(HullConfig.in_unit(scene.length_unit), request.settings)
     views = _of_cameras(job.progress(source.chunks(Views), "hull"), used)
-    looked = None if request.bearings is None else Source(request.bearings, request.scene)
+    looked = None if request.bearings is None else TableStream(request.bearings, request.scene)
     frames = None if looked is None else _of_cameras(looked.chunks(Bearings), used)
     losses = input_losses([source.opened, None if looked is None else looked.opened])
     provenance = job.provenance({"source": "hull", "cameras": used, **asdict(config)}, losses)
@@ -147,7 +147,7 @@ def cameras_of(request: HullRequest, scene: Scene) -> list[str]:
 
 def run_acoustic(request: AcousticRequest, job: Job) -> Result:
     """Directions of arrival to priors; the summary and what had been lost before."""
-    source = Source(request.doa, request.scene)
+    source = TableStream(request.doa, request.scene)
     scene = source.need_scene()
     config = configure(AcousticConfig.in_unit(scene.length_unit), request.settings)
     chunks = job.progress(source.chunks(Doa), "acoustic")

@@ -200,7 +200,7 @@ def difference(a: Bytes, b: Bytes) -> Bytes:
 DIFFERENCE = 30  # grey levels from the empty scene that mean foreground
 ASPECT = (1.5, 4.5)
 FILLED = (0.35, 0.95)
-LEAST_HEIGHT_PX = 24
+MIN_HEIGHT_PX = 24
 ENOUGH_BLOBS = 10
 ROW_RANGE = 0.1  # of the image's height between the rows of the feet that allow a line
 CLOSINGS = (3, 7, 15)  # sides tried for joining pieces [px]; the one with most people-like blobs is used
@@ -225,7 +225,7 @@ def _blobs_of(sample: Bytes, empty: Bytes, side: int) -> Floats:
     aspect, filled = height / width, area / (width * height)
     inside = (left > 0) & (top > 0) & (left + width < columns) & (top + height < rows)
     person = inside & (aspect >= ASPECT[0]) & (aspect <= ASPECT[1]) & (filled >= FILLED[0]) & (filled <= FILLED[1])
-    person &= height >= LEAST_HEIGHT_PX
+    person &= height >= MIN_HEIGHT_PX
     blobs: Floats = np.column_stack([top + height, height])[person]
     return blobs
 

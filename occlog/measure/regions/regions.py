@@ -28,7 +28,7 @@ import numpy as np
 from occlog.array_types import Bytes, Floats, Ints, Ints32
 from occlog.core.image import N_BINS, as_colour, pixel_bin
 from occlog.core.numerics.jit import kernel
-from occlog.measure.clusters.crowds import SeenApart, find_people
+from occlog.measure.clusters.crowds import SeparateSightings, split_silhouettes
 from occlog.measure.clusters.person_size import Prior, SizeMap, place
 from occlog.measure.clusters.stage import Clusters, find_clusters
 
@@ -82,7 +82,7 @@ def normalised(counts: Floats) -> Floats:
         return np.where(total > 0, counts / np.where(total > 0, total, 1.0), np.nan)
 
 
-def likeness(a: Floats, b: Floats) -> Floats:
+def similarity(a: Floats, b: Floats) -> Floats:
     """Bhattacharyya coefficients of histograms, 0 (nothing in common) to 1 (equal).
 
     Args:
@@ -156,7 +156,7 @@ def _moments_into(cell: Floats, mask: Bytes, left: int, top: int) -> None:
 CORE2 = 9.0  # squared Mahalanobis distance of the pixels that make a cluster's box
 
 
-class Regions(NamedTuple):
+class ForegroundRegions(NamedTuple):
     """Regions of one frame by falling number of pixels; K rows."""
 
     means: Floats  # (K, 2) [px]
@@ -168,7 +168,9 @@ class Regions(NamedTuple):
     appearance: Floats  # (K, 72) histograms, NaN where not measured
 
 
-def cluster_regions(image: Bytes, mask: Bytes, side: int, prior: Prior, apart: SeenApart | None = None) -> Regions:
+def cluster_regions(
+    image: Bytes, mask: Bytes, side: int, prior: Prior, apart: SeparateSightings | None = None
+) -> ForegroundRegions:
     """The people-sized clusters of a frame by EM (`occlog.measure.clusters.stage`).
 
     Args:
@@ -183,10 +185,10 @@ def cluster_regions(image: Bytes, mask: Bytes, side: int, prior: Prior, apart: S
     clusters = find_clusters(cells, corners, side, prior)
     whole = np.full((len(clusters.mass), 4), np.nan)
     if apart is not None:
-        clusters, whole = find_people(cells, corners, side, prior, clusters, apart)
+        clusters, whole = split_silhouettes(cells, corners, side, prior, clusters, apart)
     boxes, counts = _measure(as_colour(image), mask, corners, side, cells, clusters)
     boxes = np.where(np.isnan(whole), boxes, whole)
-    return Regions(
+    return ForegroundRegions(
         means=clusters.means,
         covs=clusters.covs,
         boxes=boxes,
@@ -252,7 +254,7 @@ def _boxes(edges: Ints, means: Floats, covs: Floats) -> Floats:
 CLOSING = 0.2  # side of the closing that joins pieces, over a person's width
 
 
-def component_regions(image: Bytes, mask: Bytes, width_px: float, prior: Prior) -> Regions:
+def component_regions(image: Bytes, mask: Bytes, width_px: float, prior: Prior) -> ForegroundRegions:
     """The connected components of a frame that have enough foreground for a person.
 
     Pieces nearer than about a fifth of a person's width are joined first.  People who
@@ -276,14 +278,14 @@ def component_regions(image: Bytes, mask: Bytes, width_px: float, prior: Prior) 
     return _regions(moments, counts, edges, prior.cov[places], prior.mass[places])
 
 
-def _regions(moments: Floats, counts: Floats, edges: Ints, person: Floats, person_mass: Floats) -> Regions:
+def _regions(moments: Floats, counts: Floats, edges: Ints, person: Floats, person_mass: Floats) -> ForegroundRegions:
     mass = moments[:, 0]
     boxes = edges - np.array([0.5, 0.5, 0.0, 0.0])
     order = np.argsort(-mass, kind="stable")
     order = order[mass[order] > 0]
     covs = moments[:, 3:] / np.maximum(mass, 1.0)[:, None]
     appearance = normalised(counts)
-    return Regions(
+    return ForegroundRegions(
         means=moments[order, 1:3],
         covs=covs[order],
         boxes=boxes[order],
@@ -334,12 +336,12 @@ ENOUGH_WIDTH_PX = 100.0
 MOST = 8
 
 
-def shrink_factor(width_px: float) -> int:
+def downscale_factor(width_px: float) -> int:
     """Whole number by which images are shrunk where people are so wide."""
     return int(np.clip(width_px // ENOUGH_WIDTH_PX, 1, MOST))
 
 
-def shrink(image: Bytes, factor: int) -> Bytes:
+def downscale(image: Bytes, factor: int) -> Bytes:
     """(height // factor, width // factor) image of means; the image itself for factor 1."""
     if factor == 1:
         return image
@@ -348,14 +350,14 @@ def shrink(image: Bytes, factor: int) -> Bytes:
     return cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)  # type: ignore[no-any-return]
 
 
-def shrink_sizes(sizes: SizeMap, factor: int) -> SizeMap:
+def downscale_sizes(sizes: SizeMap, factor: int) -> SizeMap:
     """Size map for shrunk images."""
     width, height = sizes.image_size
     area = float(factor**2)
     return replace(sizes, image_size=(width // factor, height // factor), cov=sizes.cov / area, mass=sizes.mass / area)
 
 
-def enlarge(regions: Regions, factor: int) -> Regions:
+def enlarge(regions: ForegroundRegions, factor: int) -> ForegroundRegions:
     """Regions of a shrunk image in pixels of the whole one."""
     if factor == 1:
         return regions

@@ -16,7 +16,7 @@ from occlog.array_types import Floats, Ints
 from occlog.core.metrics.mot.frame_pairs import Objects
 from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.errors import InputError
-from occlog.measure.epipolar.views import Geometry
+from occlog.measure.epipolar.views import ViewGeometry
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.video import BallsFrame
 from occlog.track.methods.images.interface import START, Birth, Outlines
@@ -43,7 +43,7 @@ class Runner(NamedTuple):
     """A method on a video."""
 
     config: MipfConfig  # settings of the method, which say how it tracks
-    geometry: Geometry
+    geometry: ViewGeometry
     births: tuple[Birth, ...]
     seed: int
     use: int  # number of views, the first ones of the video

@@ -14,7 +14,7 @@ from occlog.core.metrics.mot.frame_pairs import Objects
 from occlog.core.sight.fundamental import scaled
 from occlog.errors import InputError
 from occlog.measure.epipolar.of_scene import fundamental_of_cameras
-from occlog.measure.epipolar.views import Geometry, View
+from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import ball_cameras
 from occlog.simulate.balls.video import BallsFrame
@@ -28,7 +28,7 @@ WRONG = ("true", "none", "shift", "turn", "swap")
 """Kinds of fundamental matrices that a method may be given, right and wrong ones; see `geometry_of`."""
 
 
-def geometry_of(config: BallsConfig, use: int, kind: str = "true", amount: float = 0.0) -> Geometry:
+def geometry_of(config: BallsConfig, use: int, kind: str = "true", amount: float = 0.0) -> ViewGeometry:
     """Make the fundamental matrices between the first views that a method is given.
 
     Args:
@@ -52,7 +52,7 @@ def geometry_of(config: BallsConfig, use: int, kind: str = "true", amount: float
                 right = fundamental_of_cameras(cameras[a], cameras[b])
                 matrices[a, b] = _made_wrong(right, kind, amount, (config.width, config.height))
                 matrices[b, a] = matrices[a, b].T
-    return Geometry(matrices, (None,) * use)
+    return ViewGeometry(matrices, (None,) * use)
 
 
 def _made_wrong(right: Floats, kind: str, amount: float, size: tuple[int, int]) -> Floats:
@@ -97,9 +97,9 @@ def births_of(frame: BallsFrame, use: int, wrong: Sequence[int] | None = None) -
     return tuple(out)
 
 
-def views_of(config: BallsConfig) -> tuple[View, ...]:
+def views_of(config: BallsConfig) -> tuple[TrackedView, ...]:
     """Return name and image size of each view."""
-    return tuple(View(c.name, config.width, config.height) for c in ball_cameras(config))
+    return tuple(TrackedView(c.name, config.width, config.height) for c in ball_cameras(config))
 
 
 def looks_of(frame: BallsFrame, use: int) -> FrameSet:

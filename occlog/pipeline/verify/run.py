@@ -12,7 +12,7 @@ import click
 from occlog import __version__
 from occlog.console.text import counted
 from occlog.errors import ExitCode, InputError, OcclogError, UsageError
-from occlog.examine.diff.result import Comparison, DiffSettings, Tolerances
+from occlog.examine.diff.result import DiffResult, DiffSettings, Tolerances
 from occlog.examine.diff.run import compare_files, stage_order
 from occlog.io.files.atomic import outputs_below
 from occlog.io.files.provenance import hash_file, installed_versions
@@ -137,7 +137,7 @@ def _compare(manifest: Manifest, packed: Path, made: Path) -> Verified:
     return Verified(tuple(same), tuple(alike), different, versions)
 
 
-def _first(part: Comparison) -> str:
+def _first(part: DiffResult) -> str:
     """The first difference of two files in words."""
     first = part.first or part.schema[0]
     values = f": {first.a} is now {first.b}" if first.a is not None or first.b is not None else ""

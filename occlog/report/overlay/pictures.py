@@ -19,7 +19,7 @@ from occlog.io.open import open_input
 from occlog.io.recording.reader import McapRecording
 from occlog.measure.detect.by_background.one_camera import stretches
 from occlog.measure.epipolar.matrices import known_geometry
-from occlog.measure.epipolar.views import View
+from occlog.measure.epipolar.views import TrackedView
 from occlog.records.columns import ColumnTable
 from occlog.records.declared.views import Failures, ViewTracks
 from occlog.records.frames import Frame, Image
@@ -265,7 +265,7 @@ def _rig(
     """The views, as large as their first images, and the geometry that the tracker had, as far as it is known."""
     cameras = [next((c for c in scene.cameras if c.name == name), None) if scene else None for name in names]
     sizes = [_first_image(recording, name, lost).shape for name in names]
-    views = [View(name, size[1], size[0]) for name, size in zip(names, sizes, strict=True)]
+    views = [TrackedView(name, size[1], size[0]) for name, size in zip(names, sizes, strict=True)]
     if asked.tracks is None:
         return Rig(views, cameras, None)
     known = known_geometry(views, recording, scene if asked.scene is not None else None, asked.fundamental)

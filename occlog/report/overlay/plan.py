@@ -17,10 +17,10 @@ import numpy as np
 from occlog.array_types import NS, Bytes, Floats
 from occlog.errors import InputError
 from occlog.examine.viewers.drawings.people import (
-    Crowd,
+    DiagnosticsDrawing,
     Palette,
-    Person,
-    Told,
+    PeopleDrawing,
+    PersonEstimate,
     body_in_image,
     corners,
     feet_in_image,
@@ -29,7 +29,7 @@ from occlog.examine.viewers.drawings.people import (
 )
 from occlog.examine.viewers.drawings.shapes import rim
 from occlog.examine.viewers.drawings.world import placed
-from occlog.examine.viewers.inputs import alike
+from occlog.examine.viewers.inputs import chunks_of_equal_time
 from occlog.io.open import check_unit, open_input
 from occlog.records.columns import ColumnTable
 from occlog.records.declared.people import PeopleTracks
@@ -70,7 +70,7 @@ class Plan:
         self._sensors = {sensor.name: self._at(metres * sensor.position[:2]) for sensor in placed(scene)}
         self._still, self._names = self._draw_still(scene, size)
 
-    def draw(self, crowd: Crowd, truth: Sequence[Floats], t_ns: int, seconds: float) -> Bytes:
+    def draw(self, crowd: PeopleDrawing, truth: Sequence[Floats], t_ns: int, seconds: float) -> Bytes:
         """(BAR + height, width, 3) the plan at a time, under a bar that says the time since the start.
 
         Args:
@@ -100,7 +100,7 @@ class Plan:
             label(picture, name_of(person), (x, y - 8), colour, taken)
         return np.vstack([bar(f"plan   {seconds:.1f} s", picture.shape[1]), picture])
 
-    def _draw_sight(self, picture: Bytes, person: Person) -> None:
+    def _draw_sight(self, picture: Bytes, person: PersonEstimate) -> None:
         colour = colour_of(self._ranks.get(person.target, person.target))
         dim = tuple(round(0.45 * c + 0.55 * g) for c, g in zip(colour, FLOOR, strict=True))
         for name in sorted(person.seen_by or ()):
@@ -155,7 +155,9 @@ class Latest(Generic[T]):
         opened = open_input(path)
         if unit is not None:
             check_unit(opened, unit, "the scene", InputError)
-        self._pieces: Iterator[T] = (piece for rows in whole_times(opened.rows(table)) for piece in alike(rows))
+        self._pieces: Iterator[T] = (
+            piece for rows in whole_times(opened.rows(table)) for piece in chunks_of_equal_time(rows)
+        )
         self._next = next(self._pieces, None)
         self.used = 0
 
@@ -187,10 +189,10 @@ class World:
         tracks, diagnostics, truth, unit = sources
         self._tracks = Latest(tracks, PeopleTracks, unit)
         self._diagnostics = None if diagnostics is None else Latest(diagnostics, Diagnostics, unit)
-        self._told = Told()
+        self._told = DiagnosticsDrawing()
         self._truth = Latest(truth, Truth, unit) if truth is not None and open_input(truth).has(Truth) else None
         self._metres, self._trail_ns = metres, round(trail_s * NS)
-        self.crowd = Crowd(Palette(ranks), self._trail_ns)
+        self.crowd = PeopleDrawing(Palette(ranks), self._trail_ns)
         self.true: list[Floats] = []
 
     @property

@@ -11,7 +11,7 @@ from occlog.array_types import Floats
 from occlog.core.sight.camera import distort
 from occlog.core.sight.fundamental import epipolar_lines
 from occlog.measure.epipolar.of_scene import ideal_pixels
-from occlog.measure.epipolar.views import Geometry, View
+from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.records.declared.people import GROUND
 from occlog.records.declared.views import Failures, ViewTracks
 from occlog.records.scene import Camera
@@ -35,9 +35,9 @@ class FrameRows(NamedTuple):
 class Rig(NamedTuple):
     """The views that are drawn, and how they see the same point."""
 
-    views: Sequence[View]
+    views: Sequence[TrackedView]
     cameras: Sequence[Camera | None]  # of the scene, for lens distortion
-    geometry: Geometry | None  # None: no epipolar lines are drawn
+    geometry: ViewGeometry | None  # None: no epipolar lines are drawn
     numbered: bool = True  # a tracker has the number of its target; else the two have nothing in common
     bottom: bool = False  # lines are of the lowest points of ellipses, where people stand; else of their centres
 
@@ -128,7 +128,7 @@ def _places(truth: TruthBoxes, missed: set[int], coloured: bool) -> list[Place]:
 
 
 def _lines(
-    view: int, tracks: ViewTracks, rows: Sequence[FrameRows], rig: Rig, geometry: Geometry
+    view: int, tracks: ViewTracks, rows: Sequence[FrameRows], rig: Rig, geometry: ViewGeometry
 ) -> list[tuple[int, Floats]]:
     """The epipolar lines of what other views say of the targets that they help with."""
     numbers = {v.name: n for n, v in enumerate(rig.views)}
@@ -142,7 +142,7 @@ def _lines(
 
 
 def _line(
-    target: int, helper: int, view: int, tracks: ViewTracks | None, rig: Rig, geometry: Geometry
+    target: int, helper: int, view: int, tracks: ViewTracks | None, rig: Rig, geometry: ViewGeometry
 ) -> Floats | None:
     """(k, 2) recorded pixels of a line in `view`; None where there is none, or it passes by."""
     rows = np.flatnonzero(tracks.target_id == target) if tracks is not None else np.zeros(0, dtype=np.int64)
@@ -158,7 +158,7 @@ def _line(
     return line_in_image(line, rig.views[view], rig.cameras[view] if geometry.ideal[view] is not None else None)
 
 
-def line_in_image(line: Floats, view: View, camera: Camera | None) -> Floats | None:
+def line_in_image(line: Floats, view: TrackedView, camera: Camera | None) -> Floats | None:
     """(k, 2) recorded pixels along a line of ideal pixels, as far as it is near the image; None: it passes by.
 
     Args:

@@ -23,8 +23,8 @@ from occlog.array_types import Bools, Floats, Ints, Ints32
 from occlog.errors import InputError, option
 from occlog.io.open import Opened, input_losses, open_input
 from occlog.measure.appearance.config import MatchConfig
-from occlog.measure.appearance.sightings import FrameBoxes, SightingTally, boxes_of_frames, paths_of_rows, sightings
-from occlog.measure.appearance.stage import Evidence, EvidenceTally, identities, match, sides_of
+from occlog.measure.appearance.sightings import FrameBoxes, SightingTally, boxes_of_frames, observe_boxes, paths_of_rows
+from occlog.measure.appearance.stage import EvidenceTally, IdentityEvidence, identities, match, sides_of
 from occlog.measure.label.config import NamingConfig
 from occlog.measure.label.run import DecisionTally
 from occlog.records.declared.people import POSSIBLE_SWITCH, has_word
@@ -103,7 +103,7 @@ class Names(NamedTuple):
 
 
 def names_of(
-    pieces: Pieces, evidence: Evidence, gallery: Sequence[int], least_likeness: float, least_boxes: int
+    pieces: Pieces, evidence: IdentityEvidence, gallery: Sequence[int], least_likeness: float, least_boxes: int
 ) -> Names:
     """Names of all pieces.
 
@@ -158,7 +158,9 @@ def _offers(pieces: Pieces, piece: int, names: Mapping[int, int]) -> list[int]:
     return [names[p] for p in offers if p in names]
 
 
-def name_probability(evidence: Evidence, row: int, target: int, least_likeness: float, least_boxes: int) -> float:
+def name_probability(
+    evidence: IdentityEvidence, row: int, target: int, least_likeness: float, least_boxes: int
+) -> float:
     """Probability that a track of the gallery is this person.
 
     A logistic function of the margin by which its boxes are more like this person than the next, or than the least
@@ -319,7 +321,7 @@ class ByGallery:
         images: Iterable[Frame] = ()
         if self._images is not None and self._images.recording is not None:
             images = self._images.recording.frames()
-        found = sightings(
+        found = observe_boxes(
             _owned(frames, rows, self._inputs.names),
             images,
             paths_of_rows(_tracks(rows), self._config),

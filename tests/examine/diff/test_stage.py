@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from occlog.errors import InputError
-from occlog.examine.diff.result import Comparison, Limit, Tolerances
+from occlog.examine.diff.result import DiffResult, Limit, Tolerances
 from occlog.examine.diff.stage import diff_tables
 from occlog.records.tables import APPEARANCE_BINS, Bearings, Diagnostics, Tracks, Truth, Views
 
@@ -54,7 +54,7 @@ def with_cell(table: Any, column: str, row: int, value: Any) -> Any:
     return type(table)(**{c.name: getattr(table, c.name) if c.name != column else values for c in table.columns()})
 
 
-def diff(a: Any, b: Any, tolerances: Tolerances | None = None) -> Comparison:
+def diff(a: Any, b: Any, tolerances: Tolerances | None = None) -> DiffResult:
     return diff_tables(type(a), [a], [b], tolerances)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occlog.array_types import NS, Ints
-from occlog.examine.doctor.clock import MOST_INTERVALS, Clock, judge_clocks
+from occlog.examine.doctor.clock import MAX_INTERVALS, SensorTimes, check_clocks
 from occlog.examine.doctor.findings import Finding, Findings
 
 START = 1_700_000_000 * NS
@@ -17,14 +17,14 @@ def regular(count: int, start: int = START, step: int = STEP) -> Ints:
     return start + np.arange(count, dtype=np.int64) * step
 
 
-def judged(*clocks: Clock) -> list[Finding]:
+def judged(*clocks: SensorTimes) -> list[Finding]:
     findings = Findings("f")
-    judge_clocks(clocks, findings)
+    check_clocks(clocks, findings)
     return list(findings)
 
 
-def clock(t_ns: Ints, name: str = "cam1", frame: Ints | None = None, **how: bool) -> Clock:
-    made = Clock(name, **how)
+def clock(t_ns: Ints, name: str = "cam1", frame: Ints | None = None, **how: bool) -> SensorTimes:
+    made = SensorTimes(name, **how)
     for part in np.array_split(np.arange(len(t_ns)), 3):  # as it comes from a file
         made.add(t_ns[part], None if frame is None else frame[part])
     return made
@@ -145,9 +145,9 @@ def test_several_rows_of_one_time_count_once_as_of_a_sensor_that_is_late() -> No
 
 
 def test_memory_is_bounded_and_the_usual_interval_still_found() -> None:
-    draws = np.random.default_rng(2).normal(STEP, STEP / 50, 3 * MOST_INTERVALS).astype(np.int64)
+    draws = np.random.default_rng(2).normal(STEP, STEP / 50, 3 * MAX_INTERVALS).astype(np.int64)
     draws[70_000] = NS
     made = clock(START + np.cumsum(draws))
-    assert len(made._intervals) <= MOST_INTERVALS
+    assert len(made._intervals) <= MAX_INTERVALS
     assert made.usual_ns == pytest.approx(STEP, rel=0.01)
     assert [f.kind for f in judged(made)] == ["gap"]

@@ -18,8 +18,8 @@ from places import ROOT
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.examine.doctor.findings import EXIT_CODES, KINDS, Finding, Findings, finding_schema
-from occlog.examine.doctor.recording import look_at_recording
-from occlog.examine.doctor.run import look_at
+from occlog.examine.doctor.recording import check_recording
+from occlog.examine.doctor.run import check_files
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.frames.codec import encode_image
@@ -97,7 +97,7 @@ def recording(
 
 
 def found_in(*paths: Path) -> list[Finding]:
-    return look_at(paths).findings
+    return check_files(paths).findings
 
 
 def kinds_of(path: Path) -> list[str]:
@@ -282,7 +282,7 @@ def linked(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_sample_is_clean_and_linked_videos_are_looked_at(linked: Path) -> None:
     findings, path = Findings("r"), linked / "recording.mcap"
     seen = {file.resolve() for file in sorted(linked.glob("*.avi"))[1:]}
-    look_at_recording(path, open_recording(path), findings, seen)
+    check_recording(path, open_recording(path), findings, seen)
     assert list(findings) == []
     assert len(seen) == 4
     assert found_in(linked / "run.yaml") == [Finding("unknown", str(linked / "run.yaml"), "", "")]
@@ -330,7 +330,7 @@ def test_one_damaged_file_does_not_stop_the_others(tmp_path: Path) -> None:
     for name, text in OTHERS.items():
         (tmp_path / name).write_text(text)
     (tmp_path / "notes.xyz").write_text("x")
-    found = look_at([tmp_path])
+    found = check_files([tmp_path])
     assert {Path(f.file).name for f in found.findings} == set(OTHERS)
     assert found.others == {".xyz": 1}
 

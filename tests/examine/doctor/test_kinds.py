@@ -18,7 +18,7 @@ from video_samples import write_video
 
 from occlog.examine.doctor import run
 from occlog.examine.doctor.findings import KINDS, Finding
-from occlog.examine.doctor.run import look_at
+from occlog.examine.doctor.run import check_files
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.tables import Truth
@@ -27,7 +27,7 @@ POSE = "geometry_msgs/msg/PoseStamped"
 
 
 def found_in(path: Path) -> list[Finding]:
-    return look_at([path]).findings
+    return check_files([path]).findings
 
 
 def one_of(path: Path) -> Finding:
@@ -129,7 +129,7 @@ def test_calibrations_whose_unit_may_be_another(tmp_path: Path) -> None:
 
 
 def test_folders_with_more_files_than_are_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run, "MOST_FILES", 3)
+    monkeypatch.setattr(run, "MAX_FILES", 3)
     for name in "abc":
         (tmp_path / f"{name}.xyz").write_text("x")
     assert found_in(tmp_path) == []

@@ -11,7 +11,7 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.examine.export.trajectories import Places, geojson_texts, places_of
+from occlog.examine.export.trajectories import ExportedPositions, geojson_texts, places_of
 from occlog.io import open as opening
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import iter_table
@@ -115,7 +115,7 @@ def test_an_empty_table_of_boxes_is_an_empty_data_set(tmp_path: Path) -> None:
 def test_a_line_longer_than_is_kept_in_memory_is_written_in_two_passes() -> None:
     whole, origin = places_of(tracks(), ()), Origin(52.5, 13.4, 20.0)
     wanted = "".join(geojson_texts(lambda: [whole], origin, "m"))
-    cut = [Places(*(column[n : n + 4] for column in whole)) for n in range(0, len(whole.t_ns), 4)]
+    cut = [ExportedPositions(*(column[n : n + 4] for column in whole)) for n in range(0, len(whole.t_ns), 4)]
     for most in (1, STEPS, 2 * STEPS):
         assert "".join(geojson_texts(lambda: cut, origin, "m", most)) == wanted
     features = json.loads(wanted)["features"]

@@ -9,8 +9,8 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from occlog.array_types import Floats
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.examine.viewers.drawings.foxglove import point_cloud
-from occlog.examine.viewers.drawings.people import Crowd, Palette, Person
-from occlog.examine.viewers.drawings.shapes import Line, Thing, dashes, dense, triangles
+from occlog.examine.viewers.drawings.people import Palette, PeopleDrawing, PersonEstimate
+from occlog.examine.viewers.drawings.shapes import DrawingGroup, Polyline, dashes, dense, triangles
 from occlog.examine.viewers.drawings.world import quaternion, shadows, walls
 from occlog.records.scene import Scene
 
@@ -113,12 +113,12 @@ def test_triangles_cover_a_polygon_that_is_not_convex() -> None:
     assert (corners[:, :, 2] == 0.5).all()
 
 
-def person(t_ns: int, target: int) -> Person:
-    return Person(t_ns, target, np.array([t_ns / 1e9, 0.0]), np.eye(2), 0.0, 1.7, 0.5, None, "")
+def person(t_ns: int, target: int) -> PersonEstimate:
+    return PersonEstimate(t_ns, target, np.array([t_ns / 1e9, 0.0]), np.eye(2), 0.0, 1.7, 0.5, None, "")
 
 
 def test_the_crowd_forgets_who_has_gone_and_old_trails() -> None:
-    crowd = Crowd(Palette([1, 2]))
+    crowd = PeopleDrawing(Palette([1, 2]))
     crowd.add([person(0, 2)])
     for k in range(200):
         crowd.add([person(k * 10**8, 1)])
@@ -131,6 +131,6 @@ def test_the_crowd_forgets_who_has_gone_and_old_trails() -> None:
 
 @pytest.mark.parametrize(("lines", "each"), [(1, 400), (100, 400), (400, 100), (20_000, 8)])
 def test_of_very_many_lines_each_has_fewer_points(lines: int, each: int) -> None:
-    long = Line(np.array([[0.0, 0.0, 0.0], [100.0, 0.0, 0.0]]), (1.0, 0.0, 0.0, 1.0), 1.0)
-    cloud = PointCloud.FromString(point_cloud([Thing("shadows", [long] * lines)], 0, "world"))
+    long = Polyline(np.array([[0.0, 0.0, 0.0], [100.0, 0.0, 0.0]]), (1.0, 0.0, 0.0, 1.0), 1.0)
+    cloud = PointCloud.FromString(point_cloud([DrawingGroup("shadows", [long] * lines)], 0, "world"))
     assert len(cloud.data) == lines * each * cloud.point_stride

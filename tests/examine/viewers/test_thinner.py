@@ -10,8 +10,8 @@ from viewer_runs import fill
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.examine.viewers.drawings.shapes import Thing
-from occlog.examine.viewers.moments import Drawn, Numbers, Said, Thinner
+from occlog.examine.viewers.drawings.shapes import DrawingGroup
+from occlog.examine.viewers.moments import LogLine, Numbers, SceneDrawing, Thinner
 from occlog.examine.viewers.series import Series
 
 NS = 10**9
@@ -26,8 +26,8 @@ def raw(path: Path) -> dict[str, list[tuple[int, bytes]]]:
     return messages
 
 
-def drawn(topic: str, t: float, *, empty: bool = False) -> Drawn:
-    return Drawn(topic, round(t * NS), [] if empty else [Thing("one")])
+def drawn(topic: str, t: float, *, empty: bool = False) -> SceneDrawing:
+    return SceneDrawing(topic, round(t * NS), [] if empty else [DrawingGroup("one")])
 
 
 def test_the_first_moment_of_a_topic_in_each_stretch_is_kept() -> None:
@@ -39,7 +39,7 @@ def test_the_first_moment_of_a_topic_in_each_stretch_is_kept() -> None:
     assert kept == [4.9, 5.5]
     numbers = [Numbers(f"/tracks/{k}", 6 * NS, Series("Tracks", ("x",)), [1.0]) for k in (1, 2, 1)]
     assert [thinner.keeps(each) for each in numbers] == [True, True, False]
-    assert all(thinner.keeps(Said(6 * NS, True, "target 1", "doubt")) for _ in range(3))
+    assert all(thinner.keeps(LogLine(6 * NS, True, "target 1", "doubt")) for _ in range(3))
 
 
 def test_the_end_of_what_was_drawn_is_kept_once() -> None:

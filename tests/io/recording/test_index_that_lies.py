@@ -9,7 +9,7 @@ from mcap.writer import Writer
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
-from occlog.examine.doctor.run import look_at
+from occlog.examine.doctor.run import check_files
 from occlog.io.files.provenance import Provenance
 from occlog.io.messages.bag import open_bag
 from occlog.io.recording.mcap_errors import open_mcap
@@ -69,7 +69,7 @@ def test_a_topic_that_the_index_leaves_out_is_read(tmp_path: Path, lies: tuple[s
     assert [(t.name, t.messages) for t in recording.topics] == [("/a", 5), ("/b", 5)]
     with open_mcap(recording.path) as (reader, _):
         assert len(list(reader.iter_messages(["/b"]))) == 5
-    assert [f.kind for f in look_at([recording.path]).findings] == (["no-index"] if lies else [])
+    assert [f.kind for f in check_files([recording.path]).findings] == (["no-index"] if lies else [])
 
 
 @pytest.mark.parametrize("lies", LESS)

@@ -10,8 +10,8 @@ from occlog.errors import InputError
 from occlog.measure.appearance.config import LearnConfig, MatchConfig
 from occlog.measure.appearance.sightings import FrameBoxes, Sighting, covered, overlaps, tracks_of_boxes
 from occlog.measure.appearance.stage import (
-    Evidence,
     EvidenceTally,
+    IdentityEvidence,
     identities,
     learn,
     match,
@@ -173,7 +173,7 @@ def test_nearer_people_cover_farther_ones():
 
 
 def test_tracks_are_named_best_first_and_never_two_of_one_time():
-    evidence = Evidence(
+    evidence = IdentityEvidence(
         np.array([1, 2, 3], dtype=np.int32),
         np.array([0, 7], dtype=np.int32),
         np.array([[9.0, 5.0], [9.5, 8.5], [9.9, 0.0]]),

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.measure.clusters.crowds import APART_FRAMES, Crowds, SeenApart, find_people
+from occlog.measure.clusters.crowds import APART_FRAMES, Crowds, SeparateSightings, split_silhouettes
 from occlog.measure.clusters.person_size import constant_sizes, make_prior
 from occlog.measure.clusters.stage import find_clusters
 from occlog.measure.regions.regions import gather
@@ -19,11 +19,11 @@ def person(mask: np.ndarray, x: int, y: int) -> None:
         mask[((u - x - du) / ru) ** 2 + ((v - y - dv) / rv) ** 2 <= 1.0] = 255
 
 
-def crowds(mask: np.ndarray, apart: SeenApart | None = None) -> Crowds:
+def crowds(mask: np.ndarray, apart: SeparateSightings | None = None) -> Crowds:
     """What a camera makes of a frame that has seen several people apart, unless told otherwise."""
     cells, corners = gather(mask, SIDE)
-    apart = SeenApart(APART_FRAMES) if apart is None else apart
-    return find_people(cells, corners, SIDE, PRIOR, find_clusters(cells, corners, SIDE, PRIOR), apart)
+    apart = SeparateSightings(APART_FRAMES) if apart is None else apart
+    return split_silhouettes(cells, corners, SIDE, PRIOR, find_clusters(cells, corners, SIDE, PRIOR), apart)
 
 
 @pytest.mark.jit
@@ -32,7 +32,7 @@ def test_silhouettes_hold_several_once_several_were_seen_apart() -> None:
     for mask, places in ((touching, ((150, 120), (168, 104))), (apart, ((80, 120), (200, 120))), (alone, ((80, 120),))):
         for place in places:
             person(mask, *place)
-    seen = SeenApart()
+    seen = SeparateSightings()
     for _ in range(2 * APART_FRAMES):  # one person, and two who touch, were never seen apart
         crowds(alone, seen)
         assert len(crowds(touching, seen).boxes) == 1

@@ -5,12 +5,12 @@ import pytest
 
 from occlog.measure.clusters.crowds import (
     AREA,
+    CLUTTER_PROBABILITY,
     COLUMNS,
-    NEWCOMER,
+    MIN_LOG_LIKELIHOOD_GAIN,
     OUTLINE,
     ROWS,
     SPAN,
-    SPECKS,
     fit_outlines,
     gain,
     not_covered,
@@ -36,7 +36,7 @@ def log_free(people: list[tuple[float, float, float]]) -> np.ndarray:
 
 def log_likelihood(foreground: np.ndarray, people: list[tuple[float, float, float]]) -> float:
     """Of all cells: foreground has the probability 1 - (1 - SPECKS) prod (1 - p)."""
-    nobody = (1.0 - SPECKS) * np.exp(log_free(people))
+    nobody = (1.0 - CLUTTER_PROBABILITY) * np.exp(log_free(people))
     return float(np.sum(foreground * np.log1p(-nobody) + (1.0 - foreground) * np.log(nobody)))
 
 
@@ -79,6 +79,6 @@ def test_the_people_of_a_silhouette_are_found(people: list[tuple[float, float, f
 def test_nobody_is_added_who_explains_too_little() -> None:
     foreground = np.zeros(SHAPE)
     foreground[30:35, 40:45] = 1.0
-    assert np.log(1.0 / SPECKS) * 25 < NEWCOMER * AREA * HEIGHT**2  # all that it is worth
+    assert np.log(1.0 / CLUTTER_PROBABILITY) * 25 < MIN_LOG_LIKELIHOOD_GAIN * AREA * HEIGHT**2  # all that it is worth
     assert len(fit_outlines(foreground, PRIOR, SIDE, 0, 0)) == 0
     assert len(fit_outlines(np.zeros(SHAPE), PRIOR, SIDE, 0, 0)) == 0

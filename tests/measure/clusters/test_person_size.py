@@ -14,7 +14,7 @@ from occlog.measure.clusters.person_size import (
     sizes_from_camera,
 )
 from occlog.measure.regions.background import observed_sizes, person_like_blobs
-from occlog.measure.regions.regions import Regions, enlarge, shrink, shrink_factor, shrink_sizes
+from occlog.measure.regions.regions import ForegroundRegions, downscale, downscale_factor, downscale_sizes, enlarge
 from occlog.records.scene import Camera
 
 SIZE = (640, 480)
@@ -139,17 +139,17 @@ def test_nobody_seen_gives_no_sizes() -> None:
 
 @pytest.mark.parametrize(("width_px", "factor"), [(10.0, 1), (150.0, 1), (210.0, 2), (450.0, 4), (5000.0, 8)])
 def test_images_are_shrunk_as_far_as_people_stay_wide(width_px: float, factor: int) -> None:
-    assert shrink_factor(width_px) == factor
+    assert downscale_factor(width_px) == factor
 
 
 def test_shrunk_pixels_are_means_and_results_come_back_to_the_whole_image() -> None:
     image = np.random.default_rng(0).integers(0, 255, (23, 31, 3), dtype=np.uint8)
-    small = shrink(image, 3)
+    small = downscale(image, 3)
     assert small.shape == (7, 10, 3)
     want = image[:21, :30].reshape(7, 3, 10, 3, 3).mean(axis=(1, 3))
     assert np.abs(small - want).max() <= 0.5 + 1e-9
     # One shrunk pixel is a square of 3 x 3 pixels.
-    one = Regions(
+    one = ForegroundRegions(
         np.array([[4.0, 2.0]]),
         np.zeros((1, 3)),
         np.array([[3.5, 1.5, 1.0, 1.0]]),
@@ -170,7 +170,7 @@ def test_shrunk_pixels_are_means_and_results_come_back_to_the_whole_image() -> N
 
 def test_shrunk_size_maps_keep_place_and_shape() -> None:
     sizes = constant_sizes((640, 480), 400.0)
-    small = shrink_sizes(sizes, 4)
+    small = downscale_sizes(sizes, 4)
     assert small.image_size == (160, 120)
     np.testing.assert_allclose(np.sqrt(12 * small.cov[:, 2]), 100.0)
     np.testing.assert_allclose(small.mass * 16, sizes.mass)

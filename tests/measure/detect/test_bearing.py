@@ -7,7 +7,14 @@ import pytest
 from detect_scenes import background, camera, frames, scene, walk
 
 from occlog.core.sight.camera import rotation_from_angles, wrap_angle
-from occlog.measure.detect.bearing import CUT, ODD, POSTURE, BearingNoise, shape_covariance, sights
+from occlog.measure.detect.bearing import (
+    OUTLIER_RATIO,
+    POSTURE_SHARE,
+    TRUNCATION_PX,
+    BearingNoise,
+    shape_covariance,
+    sights,
+)
 from occlog.measure.detect.by_background.stage import Learned, detect
 from occlog.measure.detect.config import DetectConfig
 from occlog.records.scene import Camera
@@ -73,11 +80,11 @@ def test_hidden_merged_and_cut_people_are_more_uncertain() -> None:
     cut = np.array([False, False, False, False, True])
     got = shape_covariance(person, fill, cut)
     c2 = [
-        POSTURE**2,
-        POSTURE**2 + (ODD / 2) ** 2,
-        POSTURE**2 + (ODD / 2) ** 2,
-        POSTURE**2 + ODD**2,
-        POSTURE**2 + CUT**2,
+        POSTURE_SHARE**2,
+        POSTURE_SHARE**2 + (OUTLIER_RATIO / 2) ** 2,
+        POSTURE_SHARE**2 + (OUTLIER_RATIO / 2) ** 2,
+        POSTURE_SHARE**2 + OUTLIER_RATIO**2,
+        POSTURE_SHARE**2 + TRUNCATION_PX**2,
     ]
     np.testing.assert_allclose(got, np.array(c2)[:, None] * person)
 
@@ -113,7 +120,9 @@ def test_errors_of_made_up_people_stay_within_what_is_stated() -> None:
 def test_a_given_noise_stands_for_posture_and_reading_and_a_scale_for_all() -> None:
     person, cut = np.tile([12.0, 1.0, 100.0], (2, 1)), np.array([False, True])
     given = BearingNoise(sigma_px=4.0)
-    np.testing.assert_allclose(shape_covariance(person, np.ones(2), cut, given), [np.zeros(3), CUT**2 * person[1]])
+    np.testing.assert_allclose(
+        shape_covariance(person, np.ones(2), cut, given), [np.zeros(3), TRUNCATION_PX**2 * person[1]]
+    )
     cam, centre = tilted(0.0, 0.0), np.array([[320.0, 240.0]])
     assert sights(cam, centre, flat(1), flat(1), flat(1), given).sigma_px[0] == pytest.approx(4.0, rel=1e-5)
     half = sights(cam, centre, flat(1), flat(1), flat(1), BearingNoise(scale=0.5))

@@ -10,7 +10,7 @@ from detect_scenes import scene
 
 from occlog.errors import InputError
 from occlog.measure.detect.config import CAMERA, GLOBAL, DetectConfig
-from occlog.measure.detect.from_boxes import detect_boxes, survey_labels
+from occlog.measure.detect.from_boxes import detect_boxes, scan_labels
 from occlog.records.tables import Bearings, Boxes
 
 NAN = float("nan")
@@ -48,7 +48,7 @@ EARLY = (BOXES.take(BOXES.t_ns < 1), BOXES.take(BOXES.t_ns == 1), BOXES.take(BOX
 def labelled(scope: str) -> list[tuple[int, str, int, bool]]:
     """Time, sensor, target and seen of the bearings, chunk by chunk."""
     config = DetectConfig()
-    labels = survey_labels(EARLY, scope, config)
+    labels = scan_labels(EARLY, scope, config)
     rows = Bearings.concat(part.bearings for part in detect_boxes(EARLY, scene(), config, labels))
     return list(zip(rows.t_ns.tolist(), rows.sensor.tolist(), rows.target_id.tolist(), rows.seen.tolist(), strict=True))
 
@@ -77,17 +77,17 @@ def test_views_have_the_identity_as_a_hint_with_labels_or_without() -> None:
     (plain,) = detect_boxes([BOXES], scene(), config)
     assert sorted(plain.views.hint.tolist()) == [-1, 3, 7, 7]
     assert (plain.views.target_id == -1).all()
-    (told,) = detect_boxes([BOXES], scene(), config, survey_labels([BOXES], GLOBAL, config))
+    (told,) = detect_boxes([BOXES], scene(), config, scan_labels([BOXES], GLOBAL, config))
     assert (told.views.target_id == told.views.hint).all()
 
 
 def test_two_boxes_of_one_identity_in_a_frame_are_refused() -> None:
     twice = replace(BOXES, target_id=np.where(np.arange(len(BOXES)) < 2, np.int32(7), BOXES.target_id))
     with pytest.raises(InputError, match="camera a: frame 0: two boxes have the identity 7"):
-        survey_labels([twice], GLOBAL, DetectConfig())
+        scan_labels([twice], GLOBAL, DetectConfig())
 
 
 def test_boxes_without_any_identity_are_refused() -> None:
     nobody = replace(BOXES, target_id=np.full(len(BOXES), -1, dtype=np.int32))
     with pytest.raises(InputError, match="no box has an identity"):
-        survey_labels([nobody], CAMERA, DetectConfig())
+        scan_labels([nobody], CAMERA, DetectConfig())

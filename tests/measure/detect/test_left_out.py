@@ -5,14 +5,14 @@ from __future__ import annotations
 import pytest
 
 from occlog.measure.detect import left_out
-from occlog.measure.detect.left_out import LeftOut
+from occlog.measure.detect.left_out import SkippedFrames
 from occlog.records.frames import Frame, gaps_of, inside
 from occlog.records.losses import Loss
 
 
 def told(numbers: list[int], *losses: Loss) -> dict[str, list[tuple[int, int]]]:
     """What is said of a camera whose frames have these numbers."""
-    gathered = LeftOut()
+    gathered = SkippedFrames()
     for _ in gathered.watch(Frame(10 * n, "a", n, lambda: None) for n in numbers):  # type: ignore[arg-type, return-value]
         pass
     gathered.lost(losses)
@@ -43,7 +43,7 @@ def test_frames_that_could_not_be_used_are_left_out_too() -> None:
 
 
 def test_long_logs_in_steps_have_short_lists(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(left_out, "MOST", 20)
+    monkeypatch.setattr(left_out, "MAX_STRETCHES", 20)
     assert told(list(range(0, 1000, 4))) == {}
     assert told([*range(0, 400, 4), *range(800, 1200, 4)]) == {"a": [(397, 799)]}
     scattered = [n for n in range(200) if n % 3]

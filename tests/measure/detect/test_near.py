@@ -16,8 +16,8 @@ from occlog.io.files.tables.table_writer import write_table
 from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.io.open import open_input
 from occlog.measure.detect.by_background.one_camera import TargetMemory, choose
-from occlog.measure.detect.near import MOST_AGE_S, allowed, directions, limited, near_of
-from occlog.measure.regions.regions import Regions
+from occlog.measure.detect.near import MAX_AGE_S, directions, inside_gate, limited, track_feedback
+from occlog.measure.regions.regions import ForegroundRegions
 from occlog.records.losses import Loss
 from occlog.records.tables import Bearings, Tracks, Truth
 
@@ -49,7 +49,7 @@ def tracks() -> Tracks:
 
 
 def test_a_direction_is_predicted_from_the_last_place_before_the_frame() -> None:
-    path = near_of(tracks(), 3.0).paths[0]
+    path = track_feedback(tracks(), 3.0).paths[0]
     half, last = directions(path, ORIGIN, np.array([SECOND // 2, SECOND])).azimuth
     assert half == pytest.approx(np.arctan2(10.0, 0.5))
     # At the time of a row the row before it counts, moved on for a second
@@ -60,19 +60,19 @@ def test_a_direction_is_predicted_from_the_last_place_before_the_frame() -> None
 
 
 def test_nothing_is_known_before_the_first_place_and_when_the_last_is_old() -> None:
-    path = near_of(tracks(), 3.0).paths[0]
-    limit = SECOND + round(MOST_AGE_S * SECOND)
+    path = track_feedback(tracks(), 3.0).paths[0]
+    limit = SECOND + round(MAX_AGE_S * SECOND)
     known = np.isfinite(directions(path, ORIGIN, np.array([0, 1, limit, limit + 1])).azimuth)
     assert known.tolist() == [False, True, True, False]
-    assert allowed(near_of(tracks(), 3.0), 0, ORIGIN, np.array([0]), np.array([2.0]), np.array([0.1])).all()
-    assert allowed(near_of(tracks(), 3.0), 7, ORIGIN, np.array([1]), np.array([-2.0]), np.array([0.1])).all()
+    assert inside_gate(track_feedback(tracks(), 3.0), 0, ORIGIN, np.array([0]), np.array([2.0]), np.array([0.1])).all()
+    assert inside_gate(track_feedback(tracks(), 3.0), 7, ORIGIN, np.array([1]), np.array([-2.0]), np.array([0.1])).all()
 
 
 def test_bearings_count_within_the_gate_and_not_beyond() -> None:
-    near, t_ns = near_of(tracks(), 2.0), np.full(2, 1)
+    near, t_ns = track_feedback(tracks(), 2.0), np.full(2, 1)
     sigma = np.hypot(0.02, 0.1)  # 0.2 of place over 10, and 0.1 of its own
     bearing = np.pi / 2 + 2.0 * sigma * np.array([0.999, 1.001])
-    assert allowed(near, 0, ORIGIN, t_ns, bearing, np.full(2, 0.1)).tolist() == [True, False]
+    assert inside_gate(near, 0, ORIGIN, t_ns, bearing, np.full(2, 0.1)).tolist() == [True, False]
     table = Bearings.of(
         t_ns=np.full(3, 1),
         sensor=np.array(["a", "b", "c"]),
@@ -91,7 +91,7 @@ def test_bearings_count_within_the_gate_and_not_beyond() -> None:
 
 def test_a_region_away_from_its_place_is_not_the_target_though_it_is_larger() -> None:
     mass = np.array([300.0, 500.0])
-    two = Regions(
+    two = ForegroundRegions(
         means=np.array([[10.0, 10.0], [50.0, 10.0]]),
         covs=np.ones((2, 3)),
         boxes=np.ones((2, 4)),

@@ -9,7 +9,7 @@ from epipolar_rigs import looking, room_points
 from occlog.core.sight.fundamental import epipolar_distances
 from occlog.errors import InputError
 from occlog.measure.epipolar.geometry import view_geometry
-from occlog.measure.epipolar.views import View
+from occlog.measure.epipolar.views import TrackedView
 from occlog.records.scene import Scene
 from occlog.records.view_pairs import ViewPair, ViewPairs
 
@@ -22,7 +22,7 @@ def cameras(**more):
 
 
 def views(*names):
-    return [View(name, 640, 480) for name in names]
+    return [TrackedView(name, 640, 480) for name in names]
 
 
 @pytest.mark.parametrize("lens", [np.zeros(5), BROWN])

@@ -6,7 +6,7 @@ from epipolar_rigs import looking
 from view_scenes import TICK, view_tracks, walks
 
 from occlog.core.sight.fundamental import epipolar_distances
-from occlog.measure.epipolar.stage import MOST, estimated_pairs, matches_of_tracks
+from occlog.measure.epipolar.stage import MAX_MATCHES, estimated_pairs, matches_of_tracks
 from occlog.records.declared.views import ViewTracks
 from occlog.records.scene import Scene
 from occlog.records.tables import TruthBoxes
@@ -71,7 +71,7 @@ def test_heads_and_feet_of_people_tell_the_matrix():
 def test_of_very_many_some_moments_are_taken_with_all_targets():
     rows = view_tracks(CAMERAS, walks(1500), np.random.default_rng(0), sigma=0.0)
     (found,) = matches_of_tracks([rows], "here")
-    assert len(found.points_a) == MOST
+    assert len(found.points_a) == MAX_MATCHES
     exact = CAMERAS[0].project(walks(1500).reshape(-1, 3)).reshape(-1, 2, 2)
     pairs = found.points_a.reshape(-1, 2, 2)
     moments = np.abs(exact[:, 0] - pairs[:, None, 0]).max(axis=2).argmin(axis=1)
@@ -113,7 +113,7 @@ def test_every_target_and_both_ends_are_taken_alike(targets, steps):
     values, counts = np.unique(found.points_a[:, 1], return_counts=True)
     assert values.tolist() == sorted(100.0 * k + 50 + side for k in range(targets) for side in (-9, 9))
     assert len(set(counts.tolist())) == 1
-    assert counts.sum() == 2 * targets * min(steps, MOST // (2 * targets))
+    assert counts.sum() == 2 * targets * min(steps, MAX_MATCHES // (2 * targets))
 
 
 def test_views_whose_frames_have_times_of_their_own():

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from occlog.measure.fuse.config import FuseConfig
-from occlog.measure.fuse.decide import CONFIRMED, Decision, ObjectMemory, agreeing, decide
-from occlog.measure.fuse.kernels import MotionEstimate, Sight
+from occlog.measure.fuse.decide import CONFIRMATION_STEPS, Decision, ObjectMemory, agreeing, decide
+from occlog.measure.fuse.kernels import LocalDirections, MotionEstimate
 from occlog.measure.fuse.views import PlacedCameras, placed_cameras
 from occlog.records.scene import Camera, Scene, camera_rotation
 
@@ -40,22 +40,24 @@ def cameras() -> PlacedCameras:
     return placed_cameras(Scene(cameras=made, room=room), CONFIG)
 
 
-def sight(which: Sequence[int], xy: Sequence[float] = PLACE, off: float = 0.0) -> Sight:
+def sight(which: Sequence[int], xy: Sequence[float] = PLACE, off: float = 0.0) -> LocalDirections:
     """Detections by some cameras of a place, each turned by `off` [rad]; without distances."""
     ground = np.array([c[1:3] for c in CORNERS])[list(which)]
     away = np.asarray(xy) - ground.reshape(-1, 2)
     azimuth = np.arctan2(away[:, 1], away[:, 0]) + off
     nothing = np.full(len(azimuth), np.nan)
-    return Sight(np.array(which, dtype=np.int64), ground, azimuth, np.full(len(azimuth), SIGMA), nothing, nothing)
+    return LocalDirections(
+        np.array(which, dtype=np.int64), ground, azimuth, np.full(len(azimuth), SIGMA), nothing, nothing
+    )
 
 
-def confirmed(absent: int = 0, xy: Sequence[float] = PLACE, met: int = CONFIRMED) -> ObjectMemory:
+def confirmed(absent: int = 0, xy: Sequence[float] = PLACE, met: int = CONFIRMATION_STEPS) -> ObjectMemory:
     """An object at rest that cameras met in often enough for its prediction to count."""
     motion = MotionEstimate(0, np.array([*xy, 0.0, 0.0]), np.diag([0.01, 0.01, 0.01, 0.01]))
     return ObjectMemory(motion, absent, met)
 
 
-def decision(memory: ObjectMemory, seen: Sight, config: FuseConfig = CONFIG) -> Decision:
+def decision(memory: ObjectMemory, seen: LocalDirections, config: FuseConfig = CONFIG) -> Decision:
     return decide(memory, STEP, seen, ALL, cameras(), config)
 
 
@@ -87,8 +89,8 @@ def test_a_prediction_is_dropped_after_hold_moments_without_a_declaration() -> N
 
 def test_a_prediction_counts_once_cameras_met_in_it_twice() -> None:
     """An unconfirmed object is forgotten at the first moment without detections."""
-    assert decision(confirmed(met=CONFIRMED - 1), sight([])).memory == ObjectMemory()
-    assert decision(confirmed(met=CONFIRMED), sight([])).memory.motion is not None
+    assert decision(confirmed(met=CONFIRMATION_STEPS - 1), sight([])).memory == ObjectMemory()
+    assert decision(confirmed(met=CONFIRMATION_STEPS), sight([])).memory.motion is not None
 
 
 def test_detections_beyond_reach_of_the_prediction_count_as_missed() -> None:

@@ -14,8 +14,8 @@ from occlog.core.sight.camera import wrap_angle
 from occlog.errors import InputError
 from occlog.measure.detections import Detections
 from occlog.measure.fuse.config import FuseConfig
-from occlog.measure.fuse.rows import together
-from occlog.measure.fuse.stage import Fused, fuse
+from occlog.measure.fuse.rows import in_step
+from occlog.measure.fuse.stage import FusedPart, fuse
 from occlog.records.scene import Camera, Occluder, Scene, camera_rotation
 from occlog.records.tables import Bearings, Views
 from occlog.settings import SettingError
@@ -70,7 +70,7 @@ def look(step: int, where: Scene, xy: Sequence[float], target: int = 0, missed: 
     return [(step, n, target, None if n in missed else to(where, n, xy, WRONG if n in wrong else 0.0)) for n in names]
 
 
-def run(bearings: Bearings, where: Scene, config: FuseConfig | None = None, cut: int = 10**9) -> list[Fused]:
+def run(bearings: Bearings, where: Scene, config: FuseConfig | None = None, cut: int = 10**9) -> list[FusedPart]:
     def parts() -> Iterator[Detections]:
         for first in range(0, len(bearings), cut):
             yield Detections(Views.empty(), bearings.take(slice(first, first + cut)), (), 0, 0)
@@ -376,6 +376,6 @@ def test_options_out_of_range_are_refused(values: dict[str, float]):
 def test_tables_of_their_own_are_brought_together_by_time():
     where = scene()
     rows = walk(5, where)
-    parts = list(together([], (rows.take(slice(k, k + 8)) for k in range(0, len(rows), 8))))
+    parts = list(in_step([], (rows.take(slice(k, k + 8)) for k in range(0, len(rows), 8))))
     assert sum(len(p.bearings) for p in parts) == len(rows)
     assert sum(len(p.views) for p in parts) == 0

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from occlog.measure.listen.channels import Channels, checks
-from occlog.measure.listen.stage import ListenTally
+from occlog.measure.listen.stage import DoaTally
 
 
 def found(samples: NDArray[np.float64], rows: int = 1) -> set[str]:
@@ -15,7 +15,7 @@ def found(samples: NDArray[np.float64], rows: int = 1) -> set[str]:
     channels = Channels()
     for _ in channels.watch(np.array_split(samples, 7)):
         pass
-    made = checks({"mic": channels}, {"mic": ListenTally(10, 4, 6)}, {"mic": rows})
+    made = checks({"mic": channels}, {"mic": DoaTally(10, 4, 6)}, {"mic": rows})
     assert all(check.sensors == ("mic",) for check in made if check.found)
     return {check.id for check in made if check.found}
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from occlog.errors import UsageError
-from occlog.measure.listen.config import ListenConfig
-from occlog.measure.listen.locate import MOST_SOURCES, Grid, make_band, make_grid, peaks, refined
+from occlog.measure.listen.config import DoaConfig
+from occlog.measure.listen.locate import MAX_SOURCES, DirectionGrid, make_band, make_grid, peaks, refined
 from occlog.records.scene import MicrophoneArray
 
 RATE, C = 16000, 343.0
@@ -16,9 +16,9 @@ SOLID = 0.06 * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 
 STEP = 10.0
 
 
-def flat_grid() -> Grid:
+def flat_grid() -> DirectionGrid:
     azimuth = np.radians(np.arange(-180.0, 180.0, STEP))
-    return Grid(azimuth, np.zeros(1), np.ones((1, len(azimuth)), dtype=np.bool_))
+    return DirectionGrid(azimuth, np.zeros(1), np.ones((1, len(azimuth)), dtype=np.bool_))
 
 
 def chart(**heights: float) -> np.ndarray:
@@ -31,26 +31,26 @@ def chart(**heights: float) -> np.ndarray:
 
 def found(heights: np.ndarray, **options: float) -> list[int]:
     """Columns of the peaks."""
-    config = ListenConfig(**{"sources": 0, "peak": 0.6, **options})  # type: ignore[arg-type]
+    config = DoaConfig(**{"sources": 0, "peak": 0.6, **options})  # type: ignore[arg-type]
     return [column for _, column in peaks(heights, flat_grid(), config)]
 
 
 def test_a_band_wants_three_frequencies() -> None:
     """Windows of 0.04 s at 16 kHz are 1024 samples: a bin each 15.625 Hz."""
-    assert len(make_band(RATE, ListenConfig(low_hz=312.5, high_hz=343.75)).bins) == 3
+    assert len(make_band(RATE, DoaConfig(low_hz=312.5, high_hz=343.75)).bins) == 3
     with pytest.raises(UsageError, match="has 2 frequencies of a recording at 16000 Hz"):
-        make_band(RATE, ListenConfig(low_hz=312.6, high_hz=343.75))
+        make_band(RATE, DoaConfig(low_hz=312.6, high_hz=343.75))
 
 
 def test_a_window_is_at_least_as_long_as_asked_and_a_power_of_two() -> None:
-    exact = ListenConfig(window_s=1024 / RATE)
+    exact = DoaConfig(window_s=1024 / RATE)
     assert make_band(RATE, exact).length == 1024
-    assert make_band(RATE, ListenConfig(window_s=1025 / RATE)).length == 2048
+    assert make_band(RATE, DoaConfig(window_s=1025 / RATE)).length == 2048
 
 
 def test_a_grid_goes_all_around_and_a_flat_array_has_the_half_above() -> None:
-    band = make_band(RATE, ListenConfig())
-    config = ListenConfig(grid_deg=10.0)
+    band = make_band(RATE, DoaConfig())
+    config = DoaConfig(grid_deg=10.0)
     level = make_grid(MicrophoneArray("m", np.zeros(3), microphones=SQUARE, planar=True), band, C, config)
     assert level.allowed.shape == (1, 36)
     solid = make_grid(MicrophoneArray("m", np.zeros(3), microphones=SOLID), band, C, config)
@@ -62,9 +62,9 @@ def test_a_grid_goes_all_around_and_a_flat_array_has_the_half_above() -> None:
 
 def test_a_grid_with_too_many_directions_is_refused() -> None:
     array = MicrophoneArray("m", np.zeros(3), microphones=SOLID)
-    band = make_band(RATE, ListenConfig())
+    band = make_band(RATE, DoaConfig())
     with pytest.raises(UsageError, match="too many; take a wider grid"):
-        make_grid(array, band, C, ListenConfig(grid_deg=0.4))
+        make_grid(array, band, C, DoaConfig(grid_deg=0.4))
 
 
 def test_peaks_come_by_falling_height_and_lower_ones_than_the_share_are_none() -> None:
@@ -83,13 +83,13 @@ def test_peaks_nearer_than_the_angle_apart_are_one() -> None:
 def test_as_many_peaks_are_given_as_are_asked_for() -> None:
     many = chart(**{f"c{k}": 1.0 - 0.01 * k for k in range(0, 36, 3)})
     assert found(many, sources=2) == [0, 3]
-    assert len(found(many)) == MOST_SOURCES
+    assert len(found(many)) == MAX_SOURCES
 
 
 def test_directions_that_are_not_allowed_are_no_peaks() -> None:
     grid = flat_grid()
     grid.allowed[0, 12] = False
-    config = ListenConfig(sources=0)
+    config = DoaConfig(sources=0)
     assert peaks(chart(c3=0.8, c12=1.0), grid, config) == [(0, 3)]
 
 

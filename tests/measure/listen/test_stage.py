@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError, UsageError
-from occlog.measure.listen.config import ALGORITHMS, ListenConfig
+from occlog.measure.listen.config import ALGORITHMS, DoaConfig
 from occlog.measure.listen.locate import direction
-from occlog.measure.listen.stage import ListenTally, frames, listen
+from occlog.measure.listen.stage import DoaTally, estimate_directions, frames
 from occlog.records.scene import MicrophoneArray
 from occlog.records.tables import Doa
 from occlog.settings import SettingError
@@ -19,7 +19,7 @@ pytest.importorskip("pyroomacoustics")
 RATE, C = 16000, 343.0
 SQUARE = 0.04 * np.array([[1.0, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
 SOLID = 0.06 * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
-COARSE = ListenConfig(window_s=0.016, grid_deg=8.0)
+COARSE = DoaConfig(window_s=0.016, grid_deg=8.0)
 
 
 def wave(rng: np.random.Generator, microphones: np.ndarray, u: np.ndarray, n: int, noise: float = 0.1) -> np.ndarray:
@@ -31,8 +31,8 @@ def wave(rng: np.random.Generator, microphones: np.ndarray, u: np.ndarray, n: in
     return 0.1 * (clean + noise * rng.standard_normal(clean.shape))
 
 
-def heard(samples: np.ndarray, array: MicrophoneArray, config: ListenConfig = COARSE, start_ns: int = 0) -> Doa:
-    found = list(listen([samples], RATE, array, "m", config, start_ns, ListenTally()))
+def heard(samples: np.ndarray, array: MicrophoneArray, config: DoaConfig = COARSE, start_ns: int = 0) -> Doa:
+    found = list(estimate_directions([samples], RATE, array, "m", config, start_ns, DoaTally()))
     return Doa.concat(found) if found else Doa.empty()
 
 
@@ -96,10 +96,10 @@ def test_several_sources_at_once_and_their_number() -> None:
 def test_silence_and_noise_give_no_rows() -> None:
     rng = np.random.default_rng(7)
     array = MicrophoneArray("mic", np.zeros(3), microphones=SQUARE)
-    tally = ListenTally()
+    tally = DoaTally()
     noise = rng.standard_normal((RATE, 4))
     sound = np.concatenate([np.zeros((RATE, 4)), 0.1 * noise, 1e-6 * noise])
-    assert not list(listen([sound], RATE, array, "m", COARSE, 0, tally))
+    assert not list(estimate_directions([sound], RATE, array, "m", COARSE, 0, tally))
     assert (tally.frames, tally.silent, tally.unsure) == (6, 4, 2)
 
 
@@ -166,7 +166,7 @@ def test_arrays_and_settings_that_cannot_be() -> None:
     with pytest.raises(UsageError, match="finds fewer than there are microphones"):
         heard(sound, array, replace(COARSE, algorithm="music", sources=4))
     with pytest.raises(UsageError, match="give the speed of sound"):
-        list(listen([sound], RATE, array, "unit", COARSE, 0, ListenTally()))
+        list(estimate_directions([sound], RATE, array, "unit", COARSE, 0, DoaTally()))
     for wrong in ({"low_hz": 5000.0}, {"frame_s": 0.01}, {"sources": 0, "algorithm": "music"}, {"grid_deg": 0.01}):
         with pytest.raises(SettingError):
-            ListenConfig(**wrong)
+            DoaConfig(**wrong)

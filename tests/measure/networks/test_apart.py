@@ -20,7 +20,7 @@ from occlog.errors import ExitCode, InputError
 from occlog.io.files.provenance import Provenance
 from occlog.io.formats.models.onnx_file import read_onnx
 from occlog.io.recording.writer import RecordingWriter
-from occlog.measure.networks.running.apart import Apart
+from occlog.measure.networks.running.apart import SubprocessRuntime
 from occlog.measure.networks.running.messages import receive, send
 from occlog.measure.networks.running.runtimes import load
 
@@ -57,7 +57,7 @@ def test_a_network_that_crashes_is_one_line(tmp_path: Path, option: str, capfd: 
 
 def test_outputs_are_those_of_the_program_in_this_process(tmp_path: Path) -> None:
     model = read_onnx(colour_network(tmp_path / "red.onnx", image=("n", 3, 64, 64)))
-    apart, here = Apart(model, "opencv", 1), load(model, "opencv", 1)
+    apart, here = SubprocessRuntime(model, "opencv", 1), load(model, "opencv", 1)
     assert apart.called == here.called
     for images in (1, 3):
         feeds = {"images": RNG.random((images, 3, 64, 64), dtype=np.float32)}
@@ -65,12 +65,12 @@ def test_outputs_are_those_of_the_program_in_this_process(tmp_path: Path) -> Non
 
 
 def test_a_process_that_is_killed_is_told_and_none_is_left(tmp_path: Path) -> None:
-    apart = Apart(read_onnx(colour_network(tmp_path / "red.onnx")), "opencv", 1)
+    apart = SubprocessRuntime(read_onnx(colour_network(tmp_path / "red.onnx")), "opencv", 1)
     pid = apart._process.pid
     os.kill(pid, signal.SIGKILL)
     with pytest.raises(InputError, match=r"red\.onnx: opencv .* crashed \(SIGKILL\) on running this network"):
         apart.run({"images": np.zeros((1, 3, 64, 64), np.float32)})
-    other = Apart(read_onnx(tmp_path / "red.onnx"), "opencv", 1)
+    other = SubprocessRuntime(read_onnx(tmp_path / "red.onnx"), "opencv", 1)
     pid = other._process.pid
     del other
     gc.collect()
@@ -79,7 +79,7 @@ def test_a_process_that_is_killed_is_told_and_none_is_left(tmp_path: Path) -> No
 
 
 def test_a_network_that_fails_once_can_be_run_again(tmp_path: Path) -> None:
-    apart = Apart(read_onnx(colour_network(tmp_path / "red.onnx")), "opencv", 1)
+    apart = SubprocessRuntime(read_onnx(colour_network(tmp_path / "red.onnx")), "opencv", 1)
     with pytest.raises(InputError, match="cannot run this network"):
         apart.run({"other": np.zeros((1, 3, 64, 64), np.float32)})
     assert apart.run({"images": np.zeros((1, 3, 64, 64), np.float32)})["output0"].shape == (1, 5, 4096)

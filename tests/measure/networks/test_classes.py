@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from occlog.errors import InputError, UsageError
-from occlog.measure.networks.heads import COCO, COCO_91, Names, names_in, names_of, read_names, wanted_classes
+from occlog.measure.networks.heads import COCO, COCO_91, ClassNames, names_in, names_of, read_names, wanted_classes
 
 
 def test_coco_has_its_80_classes_by_both_numbers() -> None:
@@ -30,12 +30,12 @@ def test_names_that_cannot_be_read_are_refused(text: str) -> None:
 def test_names_come_from_the_file_the_network_or_coco(tmp_path: Path) -> None:
     file = tmp_path / "names.txt"
     file.write_text("owl\nfox\n\n")
-    assert names_of(2, {0: "x", 1: "y"}, file) == Names({0: "owl", 1: "fox"}, "names.txt")
-    assert names_of(2, {0: "x", 1: "y"}, None) == Names({0: "x", 1: "y"}, "the network")
-    assert names_of(80, None, None) == Names(dict(enumerate(COCO)), "COCO")
-    assert names_of(91, None, None) == Names(COCO_91, "COCO")
+    assert names_of(2, {0: "x", 1: "y"}, file) == ClassNames({0: "owl", 1: "fox"}, "names.txt")
+    assert names_of(2, {0: "x", 1: "y"}, None) == ClassNames({0: "x", 1: "y"}, "the network")
+    assert names_of(80, None, None) == ClassNames(dict(enumerate(COCO)), "COCO")
+    assert names_of(91, None, None) == ClassNames(COCO_91, "COCO")
     assert names_of(None, None, None).source == "COCO, assumed"
-    assert names_of(7, None, None) == Names({}, "")
+    assert names_of(7, None, None) == ClassNames({}, "")
     with pytest.raises(InputError, match="names its class 5, but has 2 classes"):
         names_of(2, {0: "x", 5: "y"}, None)
     with pytest.raises(InputError, match="2 names, but the network has 3 classes"):
@@ -51,11 +51,11 @@ def test_files_that_hold_no_names_are_refused(tmp_path: Path) -> None:
 
 
 def test_classes_are_asked_for_by_name_or_number() -> None:
-    names = Names(dict(enumerate(COCO)), "COCO")
+    names = ClassNames(dict(enumerate(COCO)), "COCO")
     assert wanted_classes((), names, 80).tolist() == [0]
     assert wanted_classes(("Bicycle", "0", "79"), names, 80).tolist() == [0, 1, 79]
-    assert wanted_classes((), Names({}, ""), 1).tolist() == [0]
-    assert wanted_classes(("6",), Names({}, ""), 7).tolist() == [6]
+    assert wanted_classes((), ClassNames({}, ""), 1).tolist() == [0]
+    assert wanted_classes(("6",), ClassNames({}, ""), 7).tolist() == [6]
 
 
 @pytest.mark.parametrize(
@@ -72,4 +72,4 @@ def test_a_class_that_is_not_there_is_refused(
     asked: tuple[str, ...], names: dict[int, str], count: int, fault: str
 ) -> None:
     with pytest.raises(UsageError, match=fault):
-        wanted_classes(asked, Names(names, ""), count)
+        wanted_classes(asked, ClassNames(names, ""), count)

@@ -10,18 +10,18 @@ from small_networks import colour_network, constant_network, helper, mean_networ
 
 from occlog.errors import InputError, UsageError
 from occlog.measure.networks.config import NetworkConfig
-from occlog.measure.networks.detector import Boxed, Detector, open_detector, open_embedder
+from occlog.measure.networks.detector import Boxed, NetworkDetector, open_detector, open_embedder
 from occlog.measure.networks.network import size_of
 
 THERE = [each for each in ("opencv", "onnxruntime", "openvino") if each == "opencv" or importlib.util.find_spec(each)]
 PLACES = 84  # of an image of 64 x 64
 
 
-def opened(path: Path, least: float = 0.5, classes: tuple[str, ...] = (), **settings: object) -> Detector:
+def opened(path: Path, least: float = 0.5, classes: tuple[str, ...] = (), **settings: object) -> NetworkDetector:
     return open_detector(path, NetworkConfig(**settings), classes, None, least, 1)  # type: ignore[arg-type]
 
 
-def find(detector: Detector, *images: np.ndarray) -> list[Boxed]:
+def find(detector: NetworkDetector, *images: np.ndarray) -> list[Boxed]:
     found = detector.find([detector.prepare(image) for image in images])
     assert None not in found
     return [each for each in found if each is not None]

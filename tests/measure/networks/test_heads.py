@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from occlog.errors import InputError
 from occlog.measure.networks.config import DETR, END2END, RFDETR, RTDETR, RTMDET, ULTRALYTICS_DETR, YOLO, YOLOV5
-from occlog.measure.networks.heads import HEADS, Found, read, recognise
+from occlog.measure.networks.heads import HEADS, NetworkDetections, read, recognise
 
 SIZE = (96, 64)
 PLACES = 12 * 8 + 6 * 4 + 3 * 2  # of strides 8, 16 and 32
@@ -78,7 +78,7 @@ def slowly(head: str, out: dict[str, np.ndarray], n: int, wanted: list[int], lea
     return sorted(rows)
 
 
-def found_rows(found: Found) -> list[tuple[float, ...]]:
+def found_rows(found: NetworkDetections) -> list[tuple[float, ...]]:
     return sorted((*box, s, c) for box, s, c in zip(*(v.tolist() for v in found), strict=True))
 
 

@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from occlog.measure.networks.config import CORNER, IMAGENET, IMAGENET_BGR, LETTERBOX, PAD, RAW, STRETCH, UNIT
-from occlog.measure.networks.network import Placement, crop, fill, laid, place
+from occlog.measure.networks.network import ImagePlacement, crop, fill, laid, place
 
 SIZES = [(1920, 1080), (1080, 1920), (640, 480), (641, 359), (333, 500), (64, 64), (100, 3), (3, 100), (1, 1)]
 RNG = np.random.default_rng(0)
@@ -57,7 +57,7 @@ def test_places_come_back_where_they_were(size: tuple[int, int], fit: str) -> No
 
 
 def test_boxes_are_cut_at_the_edges_of_the_image() -> None:
-    where = Placement(2.0, 2.0, 0.0, 10.0, 30, 20)
+    where = ImagePlacement(2.0, 2.0, 0.0, 10.0, 30, 20)
     found = where.to_image(np.array([[-7.0, -7.0, 99.0, 99.0], [0.0, 10.0, 60.0, 50.0], [2.0, 14.0, 58.0, 46.0]]))
     assert_array_equal(found, [[-0.5, -0.5, 29.5, 19.5], [-0.5, -0.5, 29.5, 19.5], [0.5, 1.5, 28.5, 17.5]])
 

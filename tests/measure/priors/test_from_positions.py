@@ -11,7 +11,7 @@ from places import EXAMPLES
 from occlog.core.occlusion.priors import Priors
 from occlog.errors import InputError
 from occlog.io.formats.scenes.scene import read_scene
-from occlog.measure.priors.config import KalmanConfig
+from occlog.measure.priors.config import PositionPriorConfig
 from occlog.measure.priors.from_positions import kalman_priors, virtual_priors
 from occlog.records.tables import Hulls, Occluders, Tracks, Truth
 from occlog.scans.occluder_priors import OccluderFeed, known_positions
@@ -118,7 +118,7 @@ def positions(rows) -> Truth:
 
 
 def test_occluders_measured_at_other_times_are_predicted() -> None:
-    config = KalmanConfig(sigma=0.1, q=0.1, silence_s=2.0)
+    config = PositionPriorConfig(sigma=0.1, q=0.1, silence_s=2.0)
     rows = [(0, 0, 0.0), (1, 0, 1.0), (1, 1, 9.0), (2, 0, 2.0), (3, 1, 9.0), (6, 1, 9.0)]
     table = Occluders.concat(kalman_priors([positions(rows)], config))
     seen = [(t // S, k) for t, k in zip(table.t_ns.tolist(), table.occluder_id.tolist(), strict=True)]
@@ -141,18 +141,18 @@ def test_tracks_bring_their_own_covariance() -> None:
         cov_xy=zero,
         cov_yy=one,
     )
-    table = Occluders.concat(kalman_priors([tracks], KalmanConfig(sigma=0.0, q=1.0)))
+    table = Occluders.concat(kalman_priors([tracks], PositionPriorConfig(sigma=0.0, q=1.0)))
     assert (table.cov_xx[0], table.cov_yy[0]) == pytest.approx((4.0, 1.0))
-    assert not len(Occluders.concat(kalman_priors([tracks], KalmanConfig(sigma=1.0), without=[0])))
+    assert not len(Occluders.concat(kalman_priors([tracks], PositionPriorConfig(sigma=1.0), without=[0])))
 
 
 def test_bad_positions_are_named() -> None:
     with pytest.raises(InputError, match="two positions"):
-        list(kalman_priors([positions([(0, 1, 0.0), (0, 1, 1.0)])], KalmanConfig()))
+        list(kalman_priors([positions([(0, 1, 0.0), (0, 1, 1.0)])], PositionPriorConfig()))
     with pytest.raises(InputError, match="sort"):
-        list(kalman_priors([positions([(5, 1, 0.0)]), positions([(1, 1, 1.0)])], KalmanConfig()))
+        list(kalman_priors([positions([(5, 1, 0.0)]), positions([(1, 1, 1.0)])], PositionPriorConfig()))
     with pytest.raises(InputError, match="sigma is -1"):
-        KalmanConfig(sigma=-1.0)
+        PositionPriorConfig(sigma=-1.0)
 
 
 def gaussians(times) -> Occluders:

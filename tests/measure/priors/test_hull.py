@@ -7,11 +7,21 @@ import pytest
 import shapely
 
 from occlog.core.numerics.assignment import assign
-from occlog.measure.priors.hull import CameraCones, HullMemory, Rules, cones, evidence, follow, hull, hull_camera, runs
+from occlog.measure.priors.hull import (
+    CameraCones,
+    HullMemory,
+    HullRules,
+    cones,
+    evidence,
+    hull,
+    hull_camera,
+    runs,
+    track_polygons,
+)
 from occlog.records.scene import Camera, Occluder, Scene, camera_rotation
 
 ROOM = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
-RULES = Rules(persist_ns=0, memory_ns=10**9, lost_ns=10**9, hold_ns=0, speed=3.0, reach=0.5)
+RULES = HullRules(persist_ns=0, memory_ns=10**9, lost_ns=10**9, hold_ns=0, speed=3.0, reach=0.5)
 
 
 def camera(name: str, x: float, y: float, yaw_deg: float, fov_deg: float = 100.0, **values) -> Camera:
@@ -167,7 +177,7 @@ def test_phantoms_vanish_when_people_move() -> None:
         people = tuple((x + 0.05 * step, y) for x, y in PEOPLE)
         names = ("south", "west", "corner") if step < 4 else ("south", "west")
         found = polygons(names, people)
-        memory, given = follow(memory, step * 100_000_000, found, rules)
+        memory, given = track_polygons(memory, step * 100_000_000, found, rules)
         seen.append([s.identity for s in given])
         if step >= 2:
             assert all(holds([s.polygon for s in given], p) for p in people)
@@ -180,16 +190,16 @@ def test_identities_stay_through_a_gap() -> None:
     memory, names = HullMemory(), []
     for step, there in enumerate([True, True, False, False, True]):
         found = polygons(("south", "west"), (PEOPLE[0],)) if there else []
-        memory, seen = follow(memory, step * 10**8, found, RULES._replace(hold_ns=10**8))
+        memory, seen = track_polygons(memory, step * 10**8, found, RULES._replace(hold_ns=10**8))
         names.append([s.identity for s in seen])
     assert names == [[0], [0], [0], [], [0]]  # held for one moment
-    _, seen = follow(memory, 10**11, polygons(("south", "west"), (PEOPLE[0],)), RULES)
+    _, seen = track_polygons(memory, 10**11, polygons(("south", "west"), (PEOPLE[0],)), RULES)
     assert [s.identity for s in seen] == [1]
 
 
 def test_phantoms_cannot_be_told_apart_without_more_cameras() -> None:
     """All four crossings stay: any two of them may be the people."""
-    _, seen = follow(HullMemory(), 0, polygons(("south", "west"), PEOPLE), RULES)
+    _, seen = track_polygons(HullMemory(), 0, polygons(("south", "west"), PEOPLE), RULES)
     assert len(seen) == 4
 
 

@@ -63,7 +63,7 @@ def test_likeness_is_one_for_equal_and_zero_for_disjoint_histograms() -> None:
     a = appearance.normalised(rng.random((3, 72)))
     b = np.zeros((2, 72))
     b[0, 3], b[1, 70] = 1.0, 1.0
-    np.testing.assert_allclose(np.diag(appearance.likeness(a, a)), 1.0)
-    assert appearance.likeness(b, b)[0, 1] == 0.0
-    np.testing.assert_allclose(appearance.likeness(a, b), np.sqrt(a[:, [3, 70]]))
-    assert np.isnan(appearance.likeness(a, np.full((1, 72), np.nan))).all()
+    np.testing.assert_allclose(np.diag(appearance.similarity(a, a)), 1.0)
+    assert appearance.similarity(b, b)[0, 1] == 0.0
+    np.testing.assert_allclose(appearance.similarity(a, b), np.sqrt(a[:, [3, 70]]))
+    assert np.isnan(appearance.similarity(a, np.full((1, 72), np.nan))).all()

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from occlog.core.image import pixel_bin
-from occlog.measure.clusters.crowds import APART_FRAMES, SeenApart
+from occlog.measure.clusters.crowds import APART_FRAMES, SeparateSightings
 from occlog.measure.clusters.person_size import constant_sizes, make_prior
-from occlog.measure.regions.regions import Regions, cluster_regions, component_regions, histogram
+from occlog.measure.regions.regions import ForegroundRegions, cluster_regions, component_regions, histogram
 
 SIZE = (160, 120)
 SIZES = constant_sizes(SIZE, 48.0)
@@ -24,7 +24,7 @@ def picture() -> tuple[np.ndarray, np.ndarray]:
     return image, mask
 
 
-def regions(method: str, image: np.ndarray, mask: np.ndarray) -> Regions:
+def regions(method: str, image: np.ndarray, mask: np.ndarray) -> ForegroundRegions:
     if method == "em":
         return cluster_regions(image, mask, 3, PRIOR)
     return component_regions(image, mask, SIZES.width_px, PRIOR)
@@ -98,7 +98,7 @@ def test_components_are_ordered_by_pixels_not_by_the_area_after_joining() -> Non
 def test_people_alone_are_the_same_with_outlines_and_those_who_overlap_are_more_with_whole_boxes() -> None:
     image, mask = picture()
     for mine, theirs in zip(
-        cluster_regions(image, mask, 3, PRIOR, SeenApart(APART_FRAMES)),
+        cluster_regions(image, mask, 3, PRIOR, SeparateSightings(APART_FRAMES)),
         cluster_regions(image, mask, 3, PRIOR),
         strict=True,
     ):
@@ -110,6 +110,6 @@ def test_people_alone_are_the_same_with_outlines_and_those_who_overlap_are_more_
         for du, dv, ru, rv in ((0, -20.5, 2.5, 3.5), (0, -8, 6, 10), (-3, 12, 3, 12), (3, 12, 3, 12)):
             mask[((x - u - du) / ru) ** 2 + ((y - v - dv) / rv) ** 2 <= 1.0] = 255
     assert len(cluster_regions(image, mask, 3, PRIOR).mass) == 1
-    whole = cluster_regions(image, mask, 3, PRIOR, SeenApart(APART_FRAMES))
+    whole = cluster_regions(image, mask, 3, PRIOR, SeparateSightings(APART_FRAMES))
     assert len(whole.mass) == 2
     np.testing.assert_allclose(whole.boxes[:, 3], 48, rtol=0.15)

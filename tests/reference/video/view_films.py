@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from occlog.core.sight.fundamental import fundamental_from_poses
-from occlog.measure.epipolar.views import Geometry, View
+from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import ball_cameras
 from occlog.simulate.balls.video import BallsFrame, render_balls
@@ -29,11 +29,11 @@ def film(config: BallsConfig = SMALL, seed: int = 1, count: int | None = None) -
     return tuple(islice(render_balls(config, seed), count))
 
 
-def views_of(config: BallsConfig = SMALL) -> list[View]:
-    return [View(camera.name, *camera.image_size) for camera in ball_cameras(config)]
+def views_of(config: BallsConfig = SMALL) -> list[TrackedView]:
+    return [TrackedView(camera.name, *camera.image_size) for camera in ball_cameras(config)]
 
 
-def geometry_of(config: BallsConfig = SMALL) -> Geometry:
+def geometry_of(config: BallsConfig = SMALL) -> ViewGeometry:
     """Fundamental matrices from the cameras' poses."""
     cameras = ball_cameras(config)
     out = np.full((len(cameras), len(cameras), 3, 3), np.nan)
@@ -42,7 +42,7 @@ def geometry_of(config: BallsConfig = SMALL) -> Geometry:
             if a != b:
                 sides = [(_inner(c), c.rotation, c.position) for c in (one, other)]
                 out[a, b] = fundamental_from_poses(*sides[0], *sides[1])
-    return Geometry(out, (None,) * len(cameras))
+    return ViewGeometry(out, (None,) * len(cameras))
 
 
 def _inner(camera: Any) -> np.ndarray:

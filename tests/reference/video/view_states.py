@@ -7,20 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from occlog.measure.epipolar.views import Geometry, View
+from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.track.methods.images.interface import Birth, FrameSet
 from occlog.track.methods.images.methods.config import MipfConfig
 from occlog.track.methods.images.methods.state import VisualState, initial_state
 from occlog.track.methods.images.methods.step import initiate_trackers
 
 W, H = 120, 90
-VIEWS = (View("a", W, H), View("b", W, H))
+VIEWS = (TrackedView("a", W, H), TrackedView("b", W, H))
 PERIOD_NS = 40_000_000
 LEVEL = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Fundamental matrix of two views that see a target in the same row."""
 UNKNOWN = np.full((3, 3), np.nan)
-ROWS = Geometry(np.array([[UNKNOWN, LEVEL], [LEVEL.T, UNKNOWN]]), (None, None))
-BLIND = Geometry(np.full((2, 2, 3, 3), np.nan), (None, None))
+ROWS = ViewGeometry(np.array([[UNKNOWN, LEVEL], [LEVEL.T, UNKNOWN]]), (None, None))
+BLIND = ViewGeometry(np.full((2, 2, 3, 3), np.nan), (None, None))
 RED, BLUE = (30, 40, 220), (220, 60, 30)
 GROUND = (90, 120, 60)
 
@@ -49,7 +49,7 @@ def state_of(
     config: MipfConfig,
     births: Sequence[tuple[int, int, np.ndarray]],
     images: Sequence[np.ndarray],
-    geometry: Geometry = ROWS,
+    geometry: ViewGeometry = ROWS,
 ) -> VisualState:
     """State with trackers (view, target, ellipse) born at time 0, whose views have frames at a regular rate.
 

@@ -8,7 +8,7 @@ import pytest
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.core.sight.fundamental import epipolar_lines, line_distances
 from occlog.measure.epipolar.geometry import view_geometry
-from occlog.measure.epipolar.views import View
+from occlog.measure.epipolar.views import TrackedView
 from occlog.records.declared.views import Failures, ViewTracks
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import TruthBoxes
@@ -53,7 +53,7 @@ def tracks(camera, neighbours, helpers, ids=(0, 1, 2)):
 
 
 def rig(scene):
-    views = [View(c.name, *c.image_size) for c in scene.cameras]
+    views = [TrackedView(c.name, *c.image_size) for c in scene.cameras]
     return Rig(views, scene.cameras, view_geometry(views, scene))
 
 
@@ -101,7 +101,7 @@ def test_no_lines_without_geometry_or_the_helpers_row():
 
 
 def test_a_line_is_cut_to_the_image_or_passes_it_by():
-    view = View("a", 320, 240)
+    view = TrackedView("a", 320, 240)
     line = np.array([0.6, 0.8, -150.0])
     points = line_in_image(line, view, None)
     assert np.abs(line_distances(np.tile(line, (2, 1)), points)).max() < 1e-9

@@ -5,7 +5,7 @@ import pytest
 
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.errors import InputError
-from occlog.measure.regions.regions import histogram, likeness
+from occlog.measure.regions.regions import histogram, similarity
 from occlog.records.scene import Camera, Occluder, Scene
 from occlog.records.tables import Truth, TruthBoxes
 from occlog.simulate.config import RenderConfig
@@ -203,7 +203,7 @@ def test_targets_look_like_their_reference_and_others_do_not():
                 for c in ("left_px", "top_px", "width_px", "height_px")
             )
             cut = r.image[top : top + h, left + w // 4 : left + w - w // 4]
-            like[lookalike, int(k)] = likeness(histogram(np.ascontiguousarray(cut))[None], models)[0]
+            like[lookalike, int(k)] = similarity(histogram(np.ascontiguousarray(cut))[None], models)[0]
     assert like[False, 0][0] > 0.75 > like[False, 0][1] + 0.1
     assert like[False, 1][1] > 0.75 > like[False, 1][0] + 0.1
     assert like[False, 2].max() < 0.6

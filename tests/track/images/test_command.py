@@ -18,7 +18,7 @@ from occlog.io.files.tables.table_writer import write_table
 from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.io.recording.reader import open_recording
 from occlog.measure.epipolar.geometry import view_geometry
-from occlog.measure.epipolar.views import View
+from occlog.measure.epipolar.views import TrackedView
 from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
 from occlog.records.tables import Bearings, Boxes, Tracks, TruthBoxes
@@ -247,7 +247,7 @@ def test_views_of_which_nothing_is_known_track_alone(tmp_path, capsys):
 
 def matrices(path: Path, shift_px: float) -> Path:
     """The fundamental matrix of the two views, its lines in the second moved down."""
-    views = [View(f"view{k}", SMALL.width, SMALL.height) for k in (1, 2)]
+    views = [TrackedView(f"view{k}", SMALL.width, SMALL.height) for k in (1, 2)]
     move = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, shift_px], [0.0, 0.0, 1.0]])
     wrong = move.T @ view_geometry(views, small_scene()).fundamental[0, 1]
     path.write_text(json.dumps({"pairs": [{"a": "view1", "b": "view2", "matrix": wrong.tolist()}]}))

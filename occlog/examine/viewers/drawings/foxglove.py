@@ -23,7 +23,7 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from occlog.array_types import Floats, Ints
 from occlog.records.scene import Camera
 
-from .shapes import Column, Fill, Line, Rgba, Text, Thing, around, at_height, dashes, dense
+from .shapes import Cylinder, DrawingGroup, Fill, Polyline, Rgba, Text, around, at_height, dashes, dense
 
 DASH, DASH_PX = 0.08, 5.0
 """Length of a dash in space [m] and in an image [px]."""
@@ -31,7 +31,7 @@ GROUND: Rgba = (0.06, 0.06, 0.06, 0.7)
 """Behind words in an image."""
 
 
-def scene_update(things: Iterable[Thing], t_ns: int, frame: str) -> bytes:
+def scene_update(things: Iterable[DrawingGroup], t_ns: int, frame: str) -> bytes:
     """A `foxglove.SceneUpdate` that shows these things and nothing else of its topic.
 
     Each message says all: what was drawn before goes, so that a jump in time shows the same as playing up to it.
@@ -75,13 +75,13 @@ def _points(points: Floats) -> list[Point3]:
     return [Point3(x=x, y=y, z=z) for x, y, z in points.tolist()]
 
 
-def _drawn(lines: Sequence[Line], dash: float) -> Iterator[Floats]:
+def _drawn(lines: Sequence[Polyline], dash: float) -> Iterator[Floats]:
     """The points of each line: its corners, or the ends of its dashes."""
     ends = iter(dashes([line.points for line in lines if line.dashed], dash))
     return (next(ends) if line.dashed else line.points for line in lines)
 
 
-def _add_line(entity: SceneEntity, line: Line, points: Floats) -> None:
+def _add_line(entity: SceneEntity, line: Polyline, points: Floats) -> None:
     kind = LinePrimitive.Type.LINE_LIST if line.dashed else LinePrimitive.Type.LINE_STRIP
     part = entity.lines.add(type=kind, thickness=line.width, scale_invariant=True)
     _place(part.pose)
@@ -89,7 +89,7 @@ def _add_line(entity: SceneEntity, line: Line, points: Floats) -> None:
     _colour(part.color, line.colour)
 
 
-def _add_column(entity: SceneEntity, column: Column) -> None:
+def _add_column(entity: SceneEntity, column: Cylinder) -> None:
     part = entity.cylinders.add(bottom_scale=1.0, top_scale=1.0)
     x, y, z = column.foot.tolist()
     _place(part.pose, x, y, z + 0.5 * column.height)
@@ -111,7 +111,7 @@ def _add_text(entity: SceneEntity, text: Text) -> None:
     _colour(part.color, text.colour)
 
 
-def image_annotations(things: Sequence[Thing], t_ns: int) -> bytes:
+def image_annotations(things: Sequence[DrawingGroup], t_ns: int) -> bytes:
     """A `foxglove.ImageAnnotations` of lines and words over an image, in its pixels, their centres at whole numbers."""
     message = ImageAnnotations()
     if "timestamp" in ImageAnnotations.DESCRIPTOR.fields_by_name:  # since 0.4 of the schemas
@@ -139,14 +139,14 @@ STEP, STEP_PX = 0.04, 2.0
 """From one point of a line to the next, in space [m] and in an image [px]."""
 MOST, FEWEST = 400, 8
 """Points of one line at most, those of a longer one are farther apart; and where there are very many lines."""
-MOST_OF_ALL = 40_000
+MAX_OF_ALL = 40_000
 """Points of the lines of one message, as far as each has `FEWEST`: shadows of a crowd have thousands of edges."""
 DEPTH = 0.4
 """Of the plane on which what is drawn over an image stands before its camera [m]."""
 PLACED = np.dtype([("xyz", "<f4", 3), ("rgba", "u1", 4)])
 
 
-def point_cloud(things: Iterable[Thing], t_ns: int, frame: str) -> bytes:
+def point_cloud(things: Iterable[DrawingGroup], t_ns: int, frame: str) -> bytes:
     """A `foxglove.PointCloud` along the lines and edges of things [m], then of their dots; words are left out."""
     things = list(things)
     cut = iter(_cut([line for thing in things for line in thing.lines], DASH))
@@ -159,7 +159,7 @@ def point_cloud(things: Iterable[Thing], t_ns: int, frame: str) -> bytes:
         for own, colour in parts:
             ways += own
             colours += len(own) * [colour]
-    most = max(min(MOST, MOST_OF_ALL // max(len(ways), 1)), FEWEST)
+    most = max(min(MOST, MAX_OF_ALL // max(len(ways), 1)), FEWEST)
     points, counts = dense(ways, STEP, most) if ways else (np.empty((0, 3)), np.empty(0, dtype=np.int64))
     dots = [each for thing in things for each in thing.dots]
     points = np.concatenate([points, *(each.points for each in dots)])
@@ -167,7 +167,7 @@ def point_cloud(things: Iterable[Thing], t_ns: int, frame: str) -> bytes:
     return _message(points, counts, colours + [each.colour for each in dots], t_ns, frame)
 
 
-def image_cloud(things: Sequence[Thing], t_ns: int, frame: str, camera: Camera) -> bytes:
+def image_cloud(things: Sequence[DrawingGroup], t_ns: int, frame: str, camera: Camera) -> bytes:
     """The lines over an image as a `foxglove.PointCloud` in a plane before the camera, where they cover the image.
 
     Args:
@@ -204,13 +204,13 @@ def _message(points: Floats, counts: Ints, colours: Sequence[Rgba], t_ns: int, f
     return data
 
 
-def _cut(lines: Sequence[Line], dash: float) -> list[list[Floats]]:
+def _cut(lines: Sequence[Polyline], dash: float) -> list[list[Floats]]:
     """The ways (k, d) of each line that are drawn: all of it, or its dashes."""
     ends = iter(dashes([line.points for line in lines if line.dashed], dash))
     return [list(next(ends).reshape(-1, 2, line.points.shape[1])) if line.dashed else [line.points] for line in lines]
 
 
-def _column(column: Column) -> list[Floats]:
+def _column(column: Cylinder) -> list[Floats]:
     """Both rims of a cylinder, and four of its sides."""
     ring = around(column.foot[:2], np.full(2, 0.5 * column.width))
     low, high = float(column.foot[2]), float(column.foot[2]) + column.height

@@ -15,11 +15,11 @@ from occlog.core.sight.camera import wrap_angle
 from occlog.examine.viewers.drawings.shapes import (
     GREY,
     WHITE,
-    Column,
-    Line,
+    Cylinder,
+    DrawingGroup,
+    Polyline,
     Rgba,
     Text,
-    Thing,
     around,
     at_height,
     faded,
@@ -44,7 +44,7 @@ NAME_SIZE, NAME_PX = 0.3, 14.0
 
 
 @dataclass(frozen=True, eq=False)
-class Person:
+class PersonEstimate:
     """The estimate of a target [m]."""
 
     t_ns: int
@@ -93,7 +93,7 @@ class Palette:
         return r / 255, g / 255, b / 255, 1.0
 
 
-class Told:
+class DiagnosticsDrawing:
     """What a filter last said of each target, of which its tracks say nothing: who sees it, and what is doubtful."""
 
     def __init__(self) -> None:
@@ -110,7 +110,7 @@ class Told:
             self.seen_by[target] = names if names or not rows.n_seen[k] else None
 
 
-def people_of(rows: Tracks, metres: float, said: Told | None = None) -> list[Person]:
+def people_of(rows: Tracks, metres: float, said: DiagnosticsDrawing | None = None) -> list[PersonEstimate]:
     """The targets of rows of one time.
 
     Args:
@@ -118,7 +118,7 @@ def people_of(rows: Tracks, metres: float, said: Told | None = None) -> list[Per
         metres: length of the unit of the rows.
         said: by the filter of its targets, where the rows do not say; None: nothing.
     """
-    said = Told() if said is None else said
+    said = DiagnosticsDrawing() if said is None else said
     wide = rows if isinstance(rows, PeopleTracks) else None
     covariance = np.stack([rows.cov_xx, rows.cov_xy, rows.cov_xy, rows.cov_yy], axis=1).reshape(-1, 2, 2) * metres**2
     out = []
@@ -132,7 +132,7 @@ def people_of(rows: Tracks, metres: float, said: Told | None = None) -> list[Per
             if not np.isnan(wide.existence[k]):
                 seen = frozenset(filter(None, str(wide.seen_by[k]).split(",")))
         out.append(
-            Person(
+            PersonEstimate(
                 t_ns=int(rows.t_ns[k]),
                 target=target,
                 xy=metres * np.array([rows.x[k], rows.y[k]]),
@@ -147,16 +147,16 @@ def people_of(rows: Tracks, metres: float, said: Told | None = None) -> list[Per
     return out
 
 
-class Crowd:
+class PeopleDrawing:
     """The latest estimate of each target, and where it was in the last seconds."""
 
     def __init__(self, palette: Palette, trail_ns: int = TRAIL_NS) -> None:
         """Nobody yet."""
         self._palette, self._trail_ns = palette, trail_ns
-        self._people: dict[int, Person] = {}
+        self._people: dict[int, PersonEstimate] = {}
         self._trails: dict[int, deque[tuple[int, Floats]]] = {}
 
-    def add(self, people: Iterable[Person]) -> None:
+    def add(self, people: Iterable[PersonEstimate]) -> None:
         """Take the estimates of one time."""
         for person in people:
             self._people[person.target] = person
@@ -165,13 +165,13 @@ class Crowd:
             while trail[0][0] < person.t_ns - self._trail_ns:
                 trail.popleft()
 
-    def at(self, t_ns: int) -> list[Person]:
+    def at(self, t_ns: int) -> list[PersonEstimate]:
         """The targets that are there, by identity; those not heard of for long are forgotten."""
         for target in [name for name, person in self._people.items() if person.t_ns < t_ns - STALE_NS]:
             del self._people[target], self._trails[target]
         return [self._people[target] for target in sorted(self._people)]
 
-    def find(self, target: int) -> Person | None:
+    def find(self, target: int) -> PersonEstimate | None:
         """The latest estimate of one."""
         return self._people.get(target)
 
@@ -181,24 +181,24 @@ class Crowd:
         keep = np.unique(np.linspace(0, len(points) - 1, min(len(points), TRAIL_POINTS)).round().astype(np.int64))
         return np.asarray(points[keep])
 
-    def in_space(self, t_ns: int) -> list[Thing]:
+    def in_space(self, t_ns: int) -> list[DrawingGroup]:
         """What is drawn in space at a time."""
         return [self._in_space(person) for person in self.at(t_ns)]
 
-    def _in_space(self, person: Person) -> Thing:
+    def _in_space(self, person: PersonEstimate) -> DrawingGroup:
         colour = self._palette(person.target)
         lines = []
         if person.rim is not None:
-            lines.append(Line(at_height(person.rim, 0.02), colour, 2.0, person.unsure))
+            lines.append(Polyline(at_height(person.rim, 0.02), colour, 2.0, person.unsure))
         trail = self.trail(person.target)
         if len(trail) > 1:
-            lines.append(Line(at_height(trail, 0.02), faded(colour, 0.7), 2.0))
+            lines.append(Polyline(at_height(trail, 0.02), faded(colour, 0.7), 2.0))
         foot = np.array([*person.xy, person.floor])
-        body = Column(foot, person.width, person.height, faded(colour, 0.25 if person.unsure else 0.6))
+        body = Cylinder(foot, person.width, person.height, faded(colour, 0.25 if person.unsure else 0.6))
         name = Text(foot + np.array([0, 0, person.height + NAME_SIZE]), name_of(person), NAME_SIZE, colour)
-        return Thing(f"target {person.target}", lines, [body], texts=[name])
+        return DrawingGroup(f"target {person.target}", lines, [body], texts=[name])
 
-    def in_image(self, camera: Camera, metres: float, t_ns: int) -> list[Thing]:
+    def in_image(self, camera: Camera, metres: float, t_ns: int) -> list[DrawingGroup]:
         """The targets as a camera sees them: outline and ellipse on the floor, dashed for those it does not see."""
         things = []
         for person in self.at(t_ns):
@@ -207,21 +207,21 @@ class Crowd:
                 continue
             unseen = person.unsure or (person.seen_by is not None and camera.name not in person.seen_by)
             colour = self._palette(person.target)
-            lines = [Line(corners(box), colour, 2.0, unseen)]
+            lines = [Polyline(corners(box), colour, 2.0, unseen)]
             feet = feet_in_image(person, camera, metres)
             if feet is not None:
-                lines.append(Line(feet, colour, 1.5, unseen))
+                lines.append(Polyline(feet, colour, 1.5, unseen))
             words = Text(box[:2], name_of(person), NAME_PX, colour)
-            things.append(Thing(f"target {person.target}", lines, texts=[words]))
+            things.append(DrawingGroup(f"target {person.target}", lines, texts=[words]))
         return things
 
 
-def name_of(person: Person) -> str:
+def name_of(person: PersonEstimate) -> str:
     """Its number, with a question mark where it is in doubt."""
     return f"{person.target}?" if person.doubt else str(person.target)
 
 
-def true_in_space(rows: Truth, metres: float) -> list[Thing]:
+def true_in_space(rows: Truth, metres: float) -> list[DrawingGroup]:
     """True positions: white columns without filling, and grey ones for occluders."""
     things = []
     for role, target, x, y in zip(
@@ -231,11 +231,11 @@ def true_in_space(rows: Truth, metres: float) -> list[Thing]:
         foot = metres * np.array([x, y, 0.0])
         ring = at_height(around(foot[:2], np.full(2, 0.1)), 0.03)
         post = np.array([foot, foot + np.array([0, 0, HEIGHT])])
-        things.append(Thing(f"true {target}", lines=[Line(ring, colour, 2.0), Line(post, colour, 1.0)]))
+        things.append(DrawingGroup(f"true {target}", lines=[Polyline(ring, colour, 2.0), Polyline(post, colour, 1.0)]))
     return things
 
 
-def body_in_image(person: Person, camera: Camera, metres: float) -> Floats | None:
+def body_in_image(person: PersonEstimate, camera: Camera, metres: float) -> Floats | None:
     """(4,) left, top, right, bottom [px] around a person; None where it is not wholly before the camera, or beside."""
     away = person.xy / metres - camera.ground
     aside = float(wrap_angle(np.arctan2(away[1], away[0]) - camera.yaw))
@@ -249,7 +249,7 @@ def body_in_image(person: Person, camera: Camera, metres: float) -> Floats | Non
     return box if inside else None
 
 
-def feet_in_image(person: Person, camera: Camera, metres: float) -> Floats | None:
+def feet_in_image(person: PersonEstimate, camera: Camera, metres: float) -> Floats | None:
     """(k, 2) the 95 % ellipse of the place on the floor as the camera sees it [px]; None where it does not."""
     if person.rim is None or not camera.above_floor:
         return None
@@ -263,7 +263,7 @@ def corners(box: Floats) -> Floats:
     return np.array([[left, top], [right, top], [right, bottom], [left, bottom], [left, top]])
 
 
-def tracked_in_image(rows: ViewTracks, palette: Palette) -> list[Thing]:
+def tracked_in_image(rows: ViewTracks, palette: Palette) -> list[DrawingGroup]:
     """Ellipses of trackers in an image; dashed where neighbours push them and no view helps, or they are hidden."""
     helped = rows.helpers != ""
     dashed = ((rows.neighbours != "") & ~helped) | (rows.mode == GROUND)
@@ -274,12 +274,12 @@ def tracked_in_image(rows: ViewTracks, palette: Palette) -> list[Thing]:
         outline = around(np.array([rows.x_px[k], rows.y_px[k]]), np.array([rows.a_px[k], rows.b_px[k]]), axes)
         top = outline[outline[:, 1].argmin()]
         colour = palette(target)
-        line = Line(outline, colour, 3.0 if helped[k] else 2.0, bool(dashed[k]))
-        things.append(Thing(f"target {target}", [line], texts=[Text(top, str(target), NAME_PX, colour)]))
+        line = Polyline(outline, colour, 3.0 if helped[k] else 2.0, bool(dashed[k]))
+        things.append(DrawingGroup(f"target {target}", [line], texts=[Text(top, str(target), NAME_PX, colour)]))
     return things
 
 
-def boxes_in_image(rows: Boxes | Views | TruthBoxes) -> list[Thing]:
+def boxes_in_image(rows: Boxes | Views | TruthBoxes) -> list[DrawingGroup]:
     """Boxes: of a detector in grey; true ones in white, dashed where the target is hidden."""
     true = isinstance(rows, TruthBoxes)
     if isinstance(rows, Boxes):  # a frame without boxes has a row without one
@@ -287,5 +287,7 @@ def boxes_in_image(rows: Boxes | Views | TruthBoxes) -> list[Thing]:
     box = np.column_stack([rows.left_px, rows.top_px, rows.left_px + rows.width_px, rows.top_px + rows.height_px])
     hidden = rows.visible < HIDDEN if isinstance(rows, TruthBoxes) else np.zeros(len(rows), dtype=np.bool_)
     # The edges are those of pixels, whose centres are at whole numbers
-    lines = [Line(corners(b), WHITE if true else GREY, 1.0, bool(h)) for b, h in zip(box, hidden.tolist(), strict=True)]
-    return [Thing("true boxes" if true else "boxes", lines)]
+    lines = [
+        Polyline(corners(b), WHITE if true else GREY, 1.0, bool(h)) for b, h in zip(box, hidden.tolist(), strict=True)
+    ]
+    return [DrawingGroup("true boxes" if true else "boxes", lines)]

@@ -33,7 +33,7 @@ SIGMAS_95 = float(np.sqrt(5.991))
 
 
 @dataclass(frozen=True)
-class Line:
+class Polyline:
     """A way through points (k, 3) in the world or (k, 2) in an image; `dashed`: every other piece."""
 
     points: Floats
@@ -43,7 +43,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Column:
+class Cylinder:
     """An upright cylinder."""
 
     foot: Floats  # (3,) middle of its lower end
@@ -79,12 +79,12 @@ class Dots:
 
 
 @dataclass(frozen=True)
-class Thing:
+class DrawingGroup:
     """What belongs together, such as all of a person; things of one name follow each other."""
 
     name: str
-    lines: Sequence[Line] = field(default=())
-    columns: Sequence[Column] = field(default=())
+    lines: Sequence[Polyline] = field(default=())
+    columns: Sequence[Cylinder] = field(default=())
     fills: Sequence[Fill] = field(default=())
     texts: Sequence[Text] = field(default=())
     dots: Sequence[Dots] = field(default=())
@@ -95,7 +95,7 @@ def faded(colour: Rgba, opacity: float) -> Rgba:
     return (*colour[:3], opacity)
 
 
-def smaller(thing: Thing, shrunk: float) -> Thing:
+def smaller(thing: DrawingGroup, shrunk: float) -> DrawingGroup:
     """A thing over an image that is made smaller; pixels have their centres at whole numbers in both."""
     lines = [replace(line, points=shrunk * (line.points + 0.5) - 0.5) for line in thing.lines]
     texts = [replace(text, at=shrunk * (text.at + 0.5) - 0.5) for text in thing.texts]
@@ -142,10 +142,10 @@ def triangles(polygon: Floats, z: float) -> Floats:
     return at_height(np.concatenate(corners), z) if corners else np.empty((0, 3))
 
 
-FEWEST_DASHES, MOST_DASHES = 6, 200
+MIN_DASHES, MAX_DASHES = 6, 200
 
 
-class Alike(NamedTuple):
+class EqualLengthPolylines(NamedTuple):
     """The ways of as many points.
 
     Attributes:
@@ -170,7 +170,7 @@ def dashes(ways: Sequence[Floats], length: float) -> list[Floats]:
         return []
     groups = _alike(ways)
     totals = _totals(groups, len(ways))
-    counts = np.clip(np.rint(totals / (2.0 * length)), FEWEST_DASHES, MOST_DASHES).astype(np.int64)
+    counts = np.clip(np.rint(totals / (2.0 * length)), MIN_DASHES, MAX_DASHES).astype(np.int64)
     ends = 2 * counts
     number = _from_zero(ends)
     wanted = (number // 2 + 0.5 * (number % 2)) / np.repeat(counts, ends) * np.repeat(totals, ends)
@@ -196,7 +196,7 @@ def dense(ways: Sequence[Floats], step: float, most: int) -> tuple[Floats, Ints]
     return _at(groups, wanted, counts), counts
 
 
-def _alike(ways: Sequence[Floats]) -> list[Alike]:
+def _alike(ways: Sequence[Floats]) -> list[EqualLengthPolylines]:
     sizes = np.fromiter(map(len, ways), np.int64, len(ways))
     found = []
     for size in np.unique(sizes).tolist():
@@ -204,18 +204,18 @@ def _alike(ways: Sequence[Floats]) -> list[Alike]:
         points = np.concatenate([ways[n] for n in which.tolist()]).reshape(len(which), size, -1)
         along = np.zeros(points.shape[:2])
         np.cumsum(np.linalg.norm(np.diff(points, axis=1), axis=2), axis=1, out=along[:, 1:])
-        found.append(Alike(which, points, along))
+        found.append(EqualLengthPolylines(which, points, along))
     return found
 
 
-def _totals(groups: Sequence[Alike], count: int) -> Floats:
+def _totals(groups: Sequence[EqualLengthPolylines], count: int) -> Floats:
     out = np.empty(count)
     for group in groups:
         out[group.which] = group.along[:, -1]
     return out
 
 
-def _at(groups: Sequence[Alike], wanted: Floats, counts: Ints) -> Floats:
+def _at(groups: Sequence[EqualLengthPolylines], wanted: Floats, counts: Ints) -> Floats:
     """Points (N, d) at distances `wanted` (N,) along all ways, of which each has its count of them, in order."""
     if len(groups) == 1:
         return _between(groups[0], counts, wanted)
@@ -227,7 +227,7 @@ def _at(groups: Sequence[Alike], wanted: Floats, counts: Ints) -> Floats:
     return out
 
 
-def _between(group: Alike, counts: Ints, wanted: Floats) -> Floats:
+def _between(group: EqualLengthPolylines, counts: Ints, wanted: Floats) -> Floats:
     """(n, d) at distances (n,) along the ways of a group, of which each has its count; as `np.interp` does it."""
     points, along = group.points, group.along
     size, axes = points.shape[1:]

@@ -20,7 +20,7 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from occlog.array_types import Floats
 from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene
 
-from .people import Crowd, Palette, Person
+from .people import Palette, PeopleDrawing, PersonEstimate
 from .shapes import (
     CHOSEN,
     FLOOR,
@@ -28,11 +28,11 @@ from .shapes import (
     PILLAR,
     SHADOW,
     WALL,
-    Column,
+    Cylinder,
+    DrawingGroup,
     Fill,
-    Line,
+    Polyline,
     Text,
-    Thing,
     at_height,
     faded,
     fan,
@@ -130,41 +130,41 @@ LIFTED = 0.01
 """Shadows lie this far above the floor, so that viewers draw them over it [m]."""
 
 
-def plan(scene: Scene, metres: float) -> list[Thing]:
+def plan(scene: Scene, metres: float) -> list[DrawingGroup]:
     """The plan [m]; `metres` is the length of the scene's unit."""
-    things: list[Thing] = []
+    things: list[DrawingGroup] = []
     if scene.room is not None:
         room = metres * scene.room
-        things.append(Thing("room", lines=[_outline(room, 0.0)], fills=[Fill(triangles(room, 0.0), FLOOR)]))
+        things.append(DrawingGroup("room", lines=[_outline(room, 0.0)], fills=[Fill(triangles(room, 0.0), FLOOR)]))
     things += [_prism(occluder, metres) for occluder in scene.occluders]
     for sensor in placed(scene):
         place = metres * sensor.position
         foot = np.array([[*place[:2], 0.0], place])
-        lines = [Line(foot, GREY, 1.0, dashed=True)] if place[2] > 0 else []
+        lines = [Polyline(foot, GREY, 1.0, dashed=True)] if place[2] > 0 else []
         name = Text(place + np.array([0.0, 0.0, NAME_SIZE]), sensor.name, NAME_SIZE, WALL)
-        things.append(Thing(f"sensor {sensor.name}", lines=lines, texts=[name]))
+        things.append(DrawingGroup(f"sensor {sensor.name}", lines=lines, texts=[name]))
     return things
 
 
-def _outline(polygon: Floats, z: float) -> Line:
-    return Line(at_height(np.vstack([polygon, polygon[:1]]), z), WALL, 2.0)
+def _outline(polygon: Floats, z: float) -> Polyline:
+    return Polyline(at_height(np.vstack([polygon, polygon[:1]]), z), WALL, 2.0)
 
 
-def _prism(occluder: Occluder, metres: float) -> Thing:
+def _prism(occluder: Occluder, metres: float) -> DrawingGroup:
     base, height = metres * occluder.polygon, metres * occluder.height
     ring = np.vstack([base, base[:1]])
     walls = []
     for a, b in itertools.pairwise(ring):
         low, high = at_height(np.array([a, b]), 0.0), at_height(np.array([a, b]), height)
         walls += [low[0], low[1], high[1], low[0], high[1], high[0]]
-    posts = [Line(np.array([[*corner, 0.0], [*corner, height]]), WALL, 1.0) for corner in base]
+    posts = [Polyline(np.array([[*corner, 0.0], [*corner, height]]), WALL, 1.0) for corner in base]
     lines = [_outline(base, 0.0), _outline(base, height), *posts]
     name = Text(np.array([*base.mean(axis=0), height + NAME_SIZE]), occluder.name, NAME_SIZE, WALL)
     fills = [Fill(np.array(walls), PILLAR), Fill(triangles(base, height), PILLAR)]
-    return Thing(f"occluder {occluder.name}", lines, fills=fills, texts=[name])
+    return DrawingGroup(f"occluder {occluder.name}", lines, fills=fills, texts=[name])
 
 
-def static_shadows(scene: Scene, metres: float) -> list[Thing]:
+def static_shadows(scene: Scene, metres: float) -> list[DrawingGroup]:
     """The parts of the floor behind static occluders, for each camera [m]."""
     things = []
     room = walls(scene, metres)
@@ -173,7 +173,7 @@ def static_shadows(scene: Scene, metres: float) -> list[Thing]:
         found = [shadows(eye, metres * o.polygon[None], metres * np.array([o.height]), room) for o in scene.occluders]
         fills = [Fill(fan(shape, LIFTED), SHADOW) for (shape,) in found if shape is not None]
         if fills:
-            things.append(Thing(f"static {camera.name}", fills=fills))
+            things.append(DrawingGroup(f"static {camera.name}", fills=fills))
     return things
 
 
@@ -226,16 +226,16 @@ AROUND = np.column_stack([np.cos(_TURNS), np.sin(_TURNS)])
 """(8, 2) corners of a person that throws a shadow, of radius 1."""
 
 
-class Sight:
+class SightDrawing:
     """Draws what the sensors of a scene saw."""
 
-    def __init__(self, scene: Scene, metres: float, palette: Palette, crowd: Crowd) -> None:
+    def __init__(self, scene: Scene, metres: float, palette: Palette, crowd: PeopleDrawing) -> None:
         """Take the scene, the length of its unit [m], the colours, and where targets are."""
         self._scene, self._metres, self._palette, self._crowd = scene, metres, palette, crowd
         self._sensors: Mapping[str, Camera | MicrophoneArray] = {sensor.name: sensor for sensor in placed(scene)}
         self._walls = walls(scene, metres)
 
-    def lines(self, sensor: str, targets: Sequence[int], azimuths: Sequence[float]) -> list[Thing] | None:
+    def lines(self, sensor: str, targets: Sequence[int], azimuths: Sequence[float]) -> list[DrawingGroup] | None:
         """Sight lines of one sensor and time.
 
         They end at the target; a dashed grey one leads to a target that the sensor looked for and did not see.
@@ -257,19 +257,19 @@ class Sight:
             person = self._crowd.find(target)
             line = _missed(eye, person) if math.isnan(azimuth) else _seen(eye, azimuth, person, self._palette)
             if line is not None:
-                things.append(Thing(f"{sensor} {n}", lines=[line]))
+                things.append(DrawingGroup(f"{sensor} {n}", lines=[line]))
         return things
 
-    def chosen(self, names: Iterable[str]) -> list[Thing]:
+    def chosen(self, names: Iterable[str]) -> list[DrawingGroup]:
         """A mark at each camera that was selected."""
         things = []
         for name in names:
             if name in self._sensors:
                 foot = self._metres * self._sensors[name].position - [0, 0, 0.5 * MARK]
-                things.append(Thing(f"selected {name}", columns=[Column(foot, MARK, MARK, CHOSEN)]))
+                things.append(DrawingGroup(f"selected {name}", columns=[Cylinder(foot, MARK, MARK, CHOSEN)]))
         return things
 
-    def shadows(self, t_ns: int) -> list[Thing]:
+    def shadows(self, t_ns: int) -> list[DrawingGroup]:
         """The parts of the floor that people hide from each camera."""
         people = self._crowd.at(t_ns)
         cameras = [c for c in self._scene.cameras if c.placed]
@@ -287,25 +287,25 @@ class Sight:
             own = [shape for shape in shapes[k * m : (k + 1) * m] if shape is not None]
             fills = [Fill(fan(shape, LIFTED), faded(SHADOW, 0.2)) for shape in own]
             if fills:
-                things.append(Thing(f"behind people, from {camera.name}", fills=fills))
+                things.append(DrawingGroup(f"behind people, from {camera.name}", fills=fills))
         return things
 
 
-def _seen(eye: Floats, azimuth: float, person: Person | None, palette: Palette) -> Line:
+def _seen(eye: Floats, azimuth: float, person: PersonEstimate | None, palette: Palette) -> Polyline:
     reach = UNKNOWN_REACH if person is None else float(np.linalg.norm(person.xy - eye[:2]))
     tip = eye[:2] + reach * np.array([np.cos(azimuth), np.sin(azimuth)])
     height = float(eye[2]) if person is None else MIDDLE * person.height
     colour = GREY if person is None else palette(person.target)
-    return Line(np.array([eye, [*tip, height]]), faded(colour, 0.8), 1.5)
+    return Polyline(np.array([eye, [*tip, height]]), faded(colour, 0.8), 1.5)
 
 
-def _missed(eye: Floats, person: Person | None) -> Line | None:
+def _missed(eye: Floats, person: PersonEstimate | None) -> Polyline | None:
     if person is None:
         return None
-    return Line(np.array([eye, [*person.xy, MIDDLE * person.height]]), faded(GREY, 0.6), 1.0, dashed=True)
+    return Polyline(np.array([eye, [*person.xy, MIDDLE * person.height]]), faded(GREY, 0.6), 1.0, dashed=True)
 
 
-def moving_occluders(middles: Floats, covariances: Floats, metres: float) -> list[Thing]:
+def moving_occluders(middles: Floats, covariances: Floats, metres: float) -> list[DrawingGroup]:
     """Ellipses of moving occluders as the tracker was told.
 
     Args:
@@ -316,5 +316,5 @@ def moving_occluders(middles: Floats, covariances: Floats, metres: float) -> lis
     things = []
     for k, (middle, covariance) in enumerate(zip(middles, covariances, strict=True)):
         ring = rim(metres * middle, metres**2 * covariance)
-        things.append(Thing(f"occluder {k}", lines=[Line(at_height(ring, 0.02), GREY, 1.5, dashed=True)]))
+        things.append(DrawingGroup(f"occluder {k}", lines=[Polyline(at_height(ring, 0.02), GREY, 1.5, dashed=True)]))
     return things

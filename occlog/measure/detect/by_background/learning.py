@@ -18,7 +18,7 @@ from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.measure.clusters.person_size import SizeMap
 from occlog.measure.regions.background import DIFFERENCE, difference, empty_scene, observed_sizes, person_like_blobs
-from occlog.measure.regions.regions import histogram, shrink
+from occlog.measure.regions.regions import downscale, histogram
 from occlog.records.frames import Frame, Image
 from occlog.records.scene import Camera, Scene
 
@@ -28,10 +28,10 @@ from .stage import Learned
 
 SAMPLE_BYTES = 512 * 1024 * 1024
 """TargetMemory for the samples of all cameras together."""
-MOST_SAMPLES, FEWEST_SAMPLES = 48, 12
+MAX_SAMPLES, MIN_SAMPLES = 48, 12
 THICKNESS = 0.5  # of a person's width: what is filled between the edges of a moving body
 UNKNOWN_THICKNESS = 0.06  # of the image's height, where the size of people is not known yet
-LEAST_PIXELS = 30  # of foreground in a box, for an appearance
+MIN_PIXELS = 30  # of foreground in a box, for an appearance
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class TargetBox:
 
 
 @dataclass
-class Samples:
+class LearningFrames:
     """Frames of one camera kept for learning, at most `limit` of them, evenly spread.
 
     Every `stride`-th frame is kept; when there are too many, every second one is dropped
@@ -124,11 +124,11 @@ def learn(
 
 def _sample(
     frames: Iterable[Frame], scene: Scene, boxes: Sequence[TargetBox], config: DetectConfig
-) -> dict[str, Samples]:
+) -> dict[str, LearningFrames]:
     wanted = {(b.sensor, b.frame) for b in boxes}
-    samples: dict[str, Samples] = {}
+    samples: dict[str, LearningFrames] = {}
     for frame in frames:
-        kept = samples.setdefault(frame.sensor, Samples())
+        kept = samples.setdefault(frame.sensor, LearningFrames())
         number, boxed = kept.count, (frame.sensor, frame.index) in wanted
         kept.count += 1
         if not (boxed or kept.wants(number)):
@@ -142,24 +142,24 @@ def _sample(
         if kept.shape is None:
             _begin(kept, image, frame.sensor, scene, config)
         if kept.wants(number) and image.shape == kept.shape:
-            kept.keep(number, shrink(image, kept.shrink))
+            kept.keep(number, downscale(image, kept.shrink))
     return samples
 
 
-def _begin(samples: Samples, image: Image, name: str, scene: Scene, config: DetectConfig) -> None:
+def _begin(samples: LearningFrames, image: Image, name: str, scene: Scene, config: DetectConfig) -> None:
     """Set the shape, the shrinking and the number of samples from a camera's first image."""
     samples.shape = image.shape
     samples.shrink = shrink_of(scene.camera(name), scene, samples.size, config)
-    samples.limit = sample_limit(shrink(image, samples.shrink).nbytes, len(scene.cameras))
+    samples.limit = sample_limit(downscale(image, samples.shrink).nbytes, len(scene.cameras))
 
 
 def sample_limit(image_bytes: int, n_cameras: int) -> int:
     """Samples of each camera that fit into memory, even so that none is wasted when the stride doubles."""
     fits = SAMPLE_BYTES // max(1, image_bytes * n_cameras)
-    return int(np.clip(fits, FEWEST_SAMPLES, MOST_SAMPLES)) // 2 * 2
+    return int(np.clip(fits, MIN_SAMPLES, MAX_SAMPLES)) // 2 * 2
 
 
-def _study(samples: Samples, camera: Camera, scene: Scene, config: DetectConfig) -> _LearntCamera | None:
+def _study(samples: LearningFrames, camera: Camera, scene: Scene, config: DetectConfig) -> _LearntCamera | None:
     """The empty scene, and sizes of people unless the camera's pose tells them; None without images."""
     if not samples.images:
         return None
@@ -173,7 +173,7 @@ def _study(samples: Samples, camera: Camera, scene: Scene, config: DetectConfig)
     return _LearntCamera(empty, observed_sizes(samples.size, blobs))
 
 
-def _targets(boxes: Sequence[TargetBox], samples: dict[str, Samples], learned: Learned) -> tuple[Target, ...]:
+def _targets(boxes: Sequence[TargetBox], samples: dict[str, LearningFrames], learned: Learned) -> tuple[Target, ...]:
     ids = list(dict.fromkeys(b.target_id for b in boxes))
     found: dict[int, list[Floats]] = {target_id: [] for target_id in ids}
     for box in boxes:
@@ -199,7 +199,7 @@ def appearance_in_box(image: Image, empty: Image | None, box: TargetBox) -> Floa
         InputError: the box is off the image or hardly anything in it differs.
     """
     factor = 1 if empty is None else max(1, image.shape[0] // empty.shape[0])
-    image = shrink(image, factor)
+    image = downscale(image, factor)
     x0, y0 = (max(int(v / factor), 0) for v in (box.left_px, box.top_px))
     x1 = max(int(np.ceil((box.left_px + box.width_px) / factor)), 0)
     y1 = max(int(np.ceil((box.top_px + box.height_px) / factor)), 0)
@@ -210,9 +210,9 @@ def appearance_in_box(image: Image, empty: Image | None, box: TargetBox) -> Floa
     if empty is None or empty.shape != image.shape:
         return histogram(part)
     mask = (difference(part, empty[y0:y1, x0:x1]) > DIFFERENCE).astype(np.uint8)
-    if np.count_nonzero(mask) < LEAST_PIXELS:
+    if np.count_nonzero(mask) < MIN_PIXELS:
         raise InputError(
-            f"{where}: only {np.count_nonzero(mask)} pixels differ from the empty scene, want {LEAST_PIXELS}; "
+            f"{where}: only {np.count_nonzero(mask)} pixels differ from the empty scene, want {MIN_PIXELS}; "
             "draw the box around the target, in a frame in which it moves"
         )
     return histogram(part, mask)

@@ -20,30 +20,40 @@ from numpy.typing import NDArray
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.sight.camera import is_upright
 from occlog.errors import InputError, UsageError
-from occlog.measure.clusters.crowds import SeenApart
+from occlog.measure.clusters.crowds import SeparateSightings
 from occlog.measure.clusters.person_size import Prior, SizeMap, constant_sizes, make_prior, sizes_from_camera
 from occlog.measure.clusters.stage import cell_side
 from occlog.measure.detections import PERSON_HEIGHT
 from occlog.measure.regions.background import Subtractor, foreground, largest_image, make_subtractor
 from occlog.measure.regions.regions import (
-    Regions,
+    ForegroundRegions,
     cluster_regions,
     component_regions,
+    downscale,
+    downscale_factor,
+    downscale_sizes,
     enlarge,
-    likeness,
-    shrink,
-    shrink_factor,
-    shrink_sizes,
+    similarity,
 )
 from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import APPEARANCE_BINS
 
-from ..config import CLEAN_PX, LEAST, MARGIN, MAX_FOREGROUND, MEMORY_S, MOST, PENALTY, STRENGTH, DetectConfig
-from ..near import Near
+from ..config import (
+    CLEAN_PX,
+    CONTINUITY_BONUS,
+    MAX_CLUSTER_RATIO,
+    MAX_FOREGROUND,
+    MEMORY_S,
+    MIN_CLUSTER_RATIO,
+    PENALTY,
+    STRENGTH,
+    DetectConfig,
+)
+from ..near import TrackFeedback
 
-JUMP = 2.0
+MAX_JUMP_WIDTHS = 2.0
 """Distance from its last place at which a target's closeness is exp(-1/2), in spreads of a person's width."""
 
 
@@ -78,15 +88,15 @@ class TargetMemory:
     last: dict[int, tuple[int, float, float]] = field(default_factory=dict)
 
 
-def likenesses(appearance: Floats, targets: Sequence[Target]) -> Floats:
+def similarities(appearance: Floats, targets: Sequence[Target]) -> Floats:
     """(K, T) likeness of regions (K, 72) to each target: that to its best appearance, NaN where a row has NaN."""
-    columns = [likeness(appearance, target.appearances).max(axis=1, initial=-np.inf) for target in targets]
+    columns = [similarity(appearance, target.appearances).max(axis=1, initial=-np.inf) for target in targets]
     return np.column_stack(columns) if columns else np.empty((len(appearance), 0))
 
 
 def choose(
     t_ns: int,
-    regions: Regions,
+    regions: ForegroundRegions,
     like: Floats,
     memory: TargetMemory,
     least_likeness: float,
@@ -95,10 +105,10 @@ def choose(
     """Choose the region of each target in one frame, and update `memory`.
 
     With appearances, pairs of target and region are taken greedily in falling order of
-    likeness plus `MARGIN` times closeness, each region for one target at most, while the
+    likeness plus `CONTINUITY_BONUS` times closeness, each region for one target at most, while the
     likeness is at least `least_likeness`.  Without appearances there is one target: the
     region with the most foreground times 1 + closeness, so that it does not change between
-    regions of about the same size.  A region of more than `MOST` persons' pixels is no target.
+    regions of about the same size.  A region of more than `MAX_CLUSTER_RATIO` persons' pixels is no target.
 
     Args:
         t_ns: time of the frame.
@@ -115,7 +125,7 @@ def choose(
     close = np.column_stack([_closeness(t_ns, regions, memory.last.get(n)) for n in range(n_targets)])
     chosen = np.full(n_targets, -1, dtype=np.int64)
     # Gate: leave out regions that are much larger than a person.
-    plausible = np.repeat((regions.fill <= MOST)[:, None], n_targets, axis=1)
+    plausible = np.repeat((regions.fill <= MAX_CLUSTER_RATIO)[:, None], n_targets, axis=1)
     if allowed is not None:
         plausible &= allowed
     if not plausible.any():
@@ -125,7 +135,7 @@ def choose(
     else:
         # Assign greedily: the pair of region and target with the highest score first.
         good = plausible & (like >= least_likeness)
-        score = np.where(good, like + MARGIN * close, -np.inf)
+        score = np.where(good, like + CONTINUITY_BONUS * close, -np.inf)
         while (best := np.unravel_index(int(np.argmax(score)), score.shape)) and score[best] > -np.inf:
             k, n = int(best[0]), int(best[1])
             chosen[n] = k
@@ -136,12 +146,12 @@ def choose(
     return chosen
 
 
-def _closeness(t_ns: int, regions: Regions, last: tuple[int, float, float] | None) -> Floats:
+def _closeness(t_ns: int, regions: ForegroundRegions, last: tuple[int, float, float] | None) -> Floats:
     """(K,) closeness to the target's last place: 1 there, exp(-far^2 / 2) around it; 0 after `MEMORY_S`."""
     if last is None or (t_ns - last[0]) * 1e-9 > MEMORY_S:
         return np.zeros(len(regions.mass))
     widths = np.sqrt(regions.person[:, 0])
-    far = np.hypot(regions.means[:, 0] - last[1], regions.means[:, 1] - last[2]) / (JUMP * widths)
+    far = np.hypot(regions.means[:, 0] - last[1], regions.means[:, 1] - last[2]) / (MAX_JUMP_WIDTHS * widths)
     closeness: Floats = np.exp(-0.5 * far**2)
     return closeness
 
@@ -176,8 +186,8 @@ class CameraState:
     setup: CameraSetup | None = None
     seen: int = 0  # frames given to the background model
     memory: TargetMemory = field(default_factory=TargetMemory)
-    apart: SeenApart = field(default_factory=SeenApart)
-    near: Near | None = None  # where targets are thought to be; None: they are looked for everywhere
+    apart: SeparateSightings = field(default_factory=SeparateSightings)
+    near: TrackFeedback | None = None  # where targets are thought to be; None: they are looked for everywhere
 
 
 @dataclass(frozen=True)
@@ -186,7 +196,7 @@ class FrameRegions:
 
     t_ns: int
     index: int
-    regions: Regions
+    regions: ForegroundRegions
 
 
 @dataclass(frozen=True)
@@ -217,7 +227,7 @@ def process(state: CameraState, frames: list[Frame]) -> CameraBatch:
             continue
         if state.setup is None:
             state.setup = set_up(state, image)
-        reason, regions = _look(state, state.setup, frame, image)
+        reason, regions = _regions_of_frame(state, state.setup, frame, image)
         if reason:
             lost.append((frame.index, reason))
         elif regions is None:
@@ -227,13 +237,15 @@ def process(state: CameraState, frames: list[Frame]) -> CameraBatch:
     return CameraBatch(tuple(found), stretches(state.camera.name, lost), warmup)
 
 
-def _look(state: CameraState, setup: CameraSetup, frame: Frame, image: Image) -> tuple[str, Regions | None]:
+def _regions_of_frame(
+    state: CameraState, setup: CameraSetup, frame: Frame, image: Image
+) -> tuple[str, ForegroundRegions | None]:
     """Why a frame cannot be used, or its regions; neither while the background is being learnt."""
     if image.shape != setup.shape:
         return f"image is {size_in_words(image.shape)}, the camera's first was {size_in_words(setup.shape)}", None
     c = state.config
     # Subtract the background
-    image = shrink(image, setup.shrink)
+    image = downscale(image, setup.shrink)
     mask = foreground(setup.subtractor, image, frame.index, CLEAN_PX)
     state.seen += 1
     if not setup.started and state.seen <= c.warmup:
@@ -262,7 +274,7 @@ def set_up(state: CameraState, image: Image) -> CameraSetup:
     check_size(camera, size)
     factor = shrink_of(camera, state.scene, size, c)
     empty = state.empty
-    if empty is not None and empty.shape != shrink(image, factor).shape:
+    if empty is not None and empty.shape != downscale(image, factor).shape:
         empty = None
     seed = zlib.crc32(camera.name.encode()) >> 1
     subtractor = make_subtractor(c.background, c.history, c.threshold, c.shadows, empty, seed)
@@ -273,8 +285,8 @@ def set_up(state: CameraState, image: Image) -> CameraSetup:
             "or inches in an upright world, and no people were seen beforehand; give the height of a person in pixels "
             "(person_height_px)"
         )
-    sizes = shrink_sizes(sizes, factor)
-    prior = make_prior(sizes, STRENGTH, PENALTY, LEAST)
+    sizes = downscale_sizes(sizes, factor)
+    prior = make_prior(sizes, STRENGTH, PENALTY, MIN_CLUSTER_RATIO)
     return CameraSetup(image.shape, factor, subtractor, sizes, prior, cell_side(sizes), empty is not None)
 
 
@@ -309,7 +321,7 @@ def shrink_of(camera: Camera, scene: Scene, size: tuple[int, int], config: Detec
     if config.shrink is not None:
         factor = config.shrink
     elif sizes is not None:
-        factor = shrink_factor(sizes.width_px)
+        factor = downscale_factor(sizes.width_px)
     else:
         factor = max(1, round(max(size) / UNKNOWN_SIDE_PX))
     check_background(camera, config.background, size, factor)

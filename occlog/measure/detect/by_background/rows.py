@@ -8,24 +8,24 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.measure.regions.regions import Regions
+from occlog.measure.regions.regions import ForegroundRegions
 from occlog.records.tables import Bearings, Views
 
-from ..bearing import BearingNoise, Sights, shape_covariance, sights
+from ..bearing import BearingNoise, RegionBearings, shape_covariance, sights
 from ..config import LONE_TARGET_ID
-from ..near import allowed
-from .one_camera import CameraState, FrameRegions, choose, likenesses
+from ..near import inside_gate
+from .one_camera import CameraState, FrameRegions, choose, similarities
 
 BORDER_PX = 1.0  # a box that comes this near to the side of the image is cut by it
 
 
-class _Frames(NamedTuple):
+class _RegionFrames(NamedTuple):
     """Regions of F frames, one after another: K rows in all."""
 
     t_ns: Ints  # (F,)
     number: Ints  # (F,) of the frames
     first: Ints  # (F + 1,) row of each frame's first region
-    regions: Regions
+    regions: ForegroundRegions
 
 
 def to_tables(state: CameraState, found: Sequence[FrameRegions]) -> tuple[Views, Bearings]:
@@ -37,15 +37,15 @@ def to_tables(state: CameraState, found: Sequence[FrameRegions]) -> tuple[Views,
     noise = BearingNoise(state.config.sigma_px, state.config.sigma_scale)
     covs = shape_covariance(r.person, r.fill, _cut(r.boxes, state.setup.shape[1]), noise)
     seen = sights(state.camera, r.means, covs, r.covs, r.person, noise)
-    like = likenesses(r.appearance, state.targets)
+    like = similarities(r.appearance, state.targets)
     chosen = _choose(state, frames, like, seen)
     return _views(state, frames, seen, like, chosen), _bearings(state, frames, seen, like, chosen)
 
 
-def _gather(found: Sequence[FrameRegions]) -> _Frames:
+def _gather(found: Sequence[FrameRegions]) -> _RegionFrames:
     counts = [len(f.regions.mass) for f in found]
-    regions = Regions(*(np.concatenate(parts) for parts in zip(*(f.regions for f in found), strict=True)))
-    return _Frames(
+    regions = ForegroundRegions(*(np.concatenate(parts) for parts in zip(*(f.regions for f in found), strict=True)))
+    return _RegionFrames(
         np.array([f.t_ns for f in found], dtype=np.int64),
         np.array([f.index for f in found], dtype=np.int64),
         np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
@@ -60,24 +60,24 @@ def _cut(boxes: Floats, width: int) -> Bools:
     return cut
 
 
-def _choose(state: CameraState, frames: _Frames, like: Floats, seen: Sights) -> Ints:
+def _choose(state: CameraState, frames: _RegionFrames, like: Floats, seen: RegionBearings) -> Ints:
     """(F, T) row of each target's region among all regions, -1 = not seen."""
     chosen, may_be = [], _near(state, frames, seen)
     for t_ns, a, b in zip(frames.t_ns.tolist(), frames.first[:-1], frames.first[1:], strict=True):
-        mine = Regions(*(column[a:b] for column in frames.regions))
+        mine = ForegroundRegions(*(column[a:b] for column in frames.regions))
         may = None if may_be is None else may_be[a:b]
         one = choose(t_ns, mine, like[a:b], state.memory, state.config.likeness, may)
         chosen.append(np.where(one >= 0, one + a, -1))
     return np.array(chosen)
 
 
-def _near(state: CameraState, frames: _Frames, seen: Sights) -> Bools | None:
+def _near(state: CameraState, frames: _RegionFrames, seen: RegionBearings) -> Bools | None:
     """(K, T) regions that are near where each target is thought to be; None: nothing is said, or without a pose."""
     near, camera = state.near, state.camera
     if near is None or not camera.placed:
         return None
     t_ns = np.repeat(frames.t_ns, np.diff(frames.first))
-    columns = [allowed(near, k, camera.ground, t_ns, seen.bearing, seen.sigma) for k in _target_ids(state)]
+    columns = [inside_gate(near, k, camera.ground, t_ns, seen.bearing, seen.sigma) for k in _target_ids(state)]
     return np.column_stack(columns)
 
 
@@ -85,7 +85,7 @@ def _target_ids(state: CameraState) -> list[int]:
     return [t.target_id for t in state.targets] or [LONE_TARGET_ID]
 
 
-def _views(state: CameraState, frames: _Frames, seen: Sights, like: Floats, chosen: Ints) -> Views:
+def _views(state: CameraState, frames: _RegionFrames, seen: RegionBearings, like: Floats, chosen: Ints) -> Views:
     r = frames.regions
     counts = np.diff(frames.first)
     total = len(r.mass)
@@ -122,7 +122,7 @@ def _views(state: CameraState, frames: _Frames, seen: Sights, like: Floats, chos
     )
 
 
-def _bearings(state: CameraState, frames: _Frames, seen: Sights, like: Floats, chosen: Ints) -> Bearings:
+def _bearings(state: CameraState, frames: _RegionFrames, seen: RegionBearings, like: Floats, chosen: Ints) -> Bearings:
     """One row for each frame and target; none for a camera without pose."""
     if not state.camera.placed:
         return Bearings.empty()

@@ -26,7 +26,7 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Views
 
 from ..config import BATCH, DetectConfig
-from ..near import Near
+from ..near import TrackFeedback
 from .one_camera import CameraState, Target, check_targets, process
 from .rows import to_tables
 
@@ -57,7 +57,7 @@ def detect(
     learned: Learned | None = None,
     targets: Sequence[Target] = (),
     *,
-    near: Near | None = None,
+    near: TrackFeedback | None = None,
     batch: int = BATCH,
 ) -> Iterator[Detections]:
     """Regions (`views`) and target bearings of all cameras, in the order of time.

@@ -17,18 +17,18 @@ from occlog.array_types import NS, Floats, Ints
 from occlog.core.numerics.assignment import assign
 from occlog.records.tables import PeopleTracks
 
-FAR = 4.0
+MAX_DISTANCE_GATES = 4.0
 """A distance counts at most so many times the gate, so that a quarter of the moments may be far off."""
-STAY = 4.0
+CONTINUITY_BONUS_CHI2 = 4.0
 """The pairs of the moment before are preferred by so much of the squared distance in standard deviations."""
 
 
-def matched(first: PeopleTracks, second: PeopleTracks, error: float, gate: float, span_s: float) -> Ints:
+def match_tracks(first: PeopleTracks, second: PeopleTracks, error: float, gate: float, span_s: float) -> Ints:
     """Find for each row of the first group the row of the second that is of the same person.
 
     Two tracks are compared by the mean, over `span_s` about the moment, of the squared distance of their places in
-    standard deviations, that of each moment at most `FAR` times the gate.  At each moment the pairs within the gate are
-    assigned one to one.
+    standard deviations, that of each moment at most `MAX_DISTANCE_GATES` times the gate.  At each moment the pairs
+    within the gate are assigned one to one.
 
     Args:
         first: tracks at common moments, ordered by time.
@@ -56,14 +56,16 @@ def matched(first: PeopleTracks, second: PeopleTracks, error: float, gate: float
         held = np.array([pair in before for pair in pairs])
         table = np.full((len(mine), len(theirs)), np.inf)
         # Costs below 0 are not taken by the assignment; the gate is for the distance alone
-        table[where, there] = np.where(cost[part] <= gate**2, cost[part] + np.where(held, 0.0, STAY), np.inf)
-        a, b = assign(table, gate**2 + STAY)
+        table[where, there] = np.where(
+            cost[part] <= gate**2, cost[part] + np.where(held, 0.0, CONTINUITY_BONUS_CHI2), np.inf
+        )
+        a, b = assign(table, gate**2 + CONTINUITY_BONUS_CHI2)
         out[mine[a]] = theirs[b]
         before = set(zip(first.target_id[mine[a]].tolist(), second.target_id[theirs[b]].tolist(), strict=True))
     return out
 
 
-class Places(NamedTuple):
+class GroundPositions(NamedTuple):
     """Places on the floor; n of them."""
 
     x: Floats  # (n,)
@@ -73,17 +75,17 @@ class Places(NamedTuple):
     yy: Floats
 
     @classmethod
-    def of(cls, tracks: PeopleTracks) -> Places:
+    def of(cls, tracks: PeopleTracks) -> GroundPositions:
         """Those of all rows."""
         tracks = tracks.with_covariance()
         return cls(tracks.x, tracks.y, tracks.cov_xx, tracks.cov_xy, tracks.cov_yy)
 
-    def take(self, rows: Ints) -> Places:
+    def take(self, rows: Ints) -> GroundPositions:
         """Some of them."""
-        return Places(*(values[rows] for values in self))
+        return GroundPositions(*(values[rows] for values in self))
 
 
-def distances(first: Places, second: Places, error: float) -> Floats:
+def distances(first: GroundPositions, second: GroundPositions, error: float) -> Floats:
     """(n,) squared distances in standard deviations; chi-square with 2 degrees of freedom for independent errors.
 
     Args:
@@ -102,7 +104,7 @@ def _compared(
     first: PeopleTracks, second: PeopleTracks, error: float, gate: float, span_s: float
 ) -> tuple[Ints, Ints, Floats]:
     """Rows of both groups at one moment, of tracks that are ever near each other, and the mean squared distance."""
-    places = Places.of(first), Places.of(second)
+    places = GroundPositions.of(first), GroundPositions.of(second)
     rows_of = [{i: np.flatnonzero(g.target_id == i) for i in np.unique(g.target_id).tolist()} for g in (first, second)]
     none = np.zeros(0, dtype=np.int64)
     parts: list[tuple[Ints, Ints, Floats]] = [(none, none, np.zeros(0))]
@@ -110,7 +112,7 @@ def _compared(
         mine, theirs = rows_of[0][a], rows_of[1][b]
         _, i, j = np.intersect1d(first.t_ns[mine], second.t_ns[theirs], assume_unique=True, return_indices=True)
         mine, theirs = mine[i], theirs[j]
-        far = np.minimum(distances(places[0].take(mine), places[1].take(theirs), error), FAR * gate**2)
+        far = np.minimum(distances(places[0].take(mine), places[1].take(theirs), error), MAX_DISTANCE_GATES * gate**2)
         parts.append((mine, theirs, _windowed(far, first.t_ns[mine], round(0.5 * span_s * NS))))
     a_rows, b_rows, cost = zip(*parts, strict=True)
     return np.concatenate(a_rows), np.concatenate(b_rows), np.concatenate(cost)
@@ -118,7 +120,7 @@ def _compared(
 
 def _ever_near(first: PeopleTracks, second: PeopleTracks, error: float, gate: float) -> list[tuple[int, int]]:
     """Pairs of identities that are within the gate at some moment."""
-    places = Places.of(first), Places.of(second)
+    places = GroundPositions.of(first), GroundPositions.of(second)
     near: set[tuple[int, int]] = set()
     times, start, number = np.unique(second.t_ns, return_index=True, return_counts=True)
     asked, begin, people = np.unique(first.t_ns, return_index=True, return_counts=True)
@@ -143,11 +145,11 @@ def _windowed(values: Floats, t_ns: Ints, half_ns: int) -> Floats:
 
 Member = tuple[int, int]
 """Group of cameras, and identity there."""
-NOBODY = -1
+NO_ID = -1
 
 
 @dataclass
-class Identities:
+class IdentityMatcher:
     """Who is who, moment by moment.
 
     A person is followed by tracks of one group or of several; while one of these tracks goes on, the person keeps the
@@ -172,8 +174,8 @@ class Identities:
                 taken[identity] = place
         given = {place: identity for identity, place in taken.items()}
         for place, members in enumerate(people):
-            identity = given.get(place, NOBODY)
-            if identity == NOBODY:
+            identity = given.get(place, NO_ID)
+            if identity == NO_ID:
                 identity = given[place] = self._again(members, taken)
                 taken[identity] = place
             before = {self._held[m] for m in members if m in self._held} - {identity}

@@ -19,11 +19,11 @@ from occlog.runner import Job
 from occlog.settings import configure
 
 from .config import TrackFusionConfig
-from .stage import Agreement, Fused, fuse_tracks
+from .stage import FusedGroupTracks, GroupConsistency, fuse_tracks
 
 FOUND, AGREE = "number of people", "agreement of the groups of cameras"
 """Names of checks."""
-BESIDE = 2.0
+MAX_SEPARATION_RATIO = 2.0
 """Groups whose places differ by more than so many times the expected error, on average, are said to."""
 
 
@@ -45,7 +45,7 @@ def run_fuse_tracks(request: TrackFusionRequest, job: Job) -> tuple[dict[str, ob
     return {**written, **figures(paths, groups, fused)}, losses
 
 
-def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: Fused) -> dict[str, object]:
+def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGroupTracks) -> dict[str, object]:
     """Figures of the summary.
 
     people, rows: of the output.  in_several: share of the rows of people whom several groups follow at that time.
@@ -71,7 +71,7 @@ def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: Fused) -
 
 
 def _checks(
-    paths: tuple[Path, ...], groups: list[PeopleTracks], fused: Fused, config: TrackFusionConfig, unit: str
+    paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGroupTracks, config: TrackFusionConfig, unit: str
 ) -> tuple[Check, ...]:
     """What was checked of the inputs, and what was found."""
     anybody = any(len(group) for group in groups)
@@ -84,7 +84,7 @@ def _checks(
 
 
 def _apart(
-    paths: tuple[Path, ...], groups: list[PeopleTracks], fused: Fused, config: TrackFusionConfig, unit: str
+    paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGroupTracks, config: TrackFusionConfig, unit: str
 ) -> Iterator[Check]:
     """Groups that have nobody in common with those before, or are beside them."""
     for path, group, agreement in zip(paths[1:], groups[1:], fused.agreements, strict=True):
@@ -104,11 +104,11 @@ def _apart(
                 "warning",
                 "group-beside",
                 f"{path}: its people are beside those before it by ({x:.3g}, {y:.3g}) {unit} on average (allowed: "
-                f"{BESIDE * config.error:.3g} {unit}); check poses and clocks",
+                f"{MAX_SEPARATION_RATIO * config.error:.3g} {unit}); check poses and clocks",
                 beside=math.hypot(x, y),
-                allowed=BESIDE * config.error,
+                allowed=MAX_SEPARATION_RATIO * config.error,
             )
 
 
-def _beside(agreement: Agreement, config: TrackFusionConfig) -> bool:
-    return math.hypot(*agreement.beside) > BESIDE * config.error > 0.0
+def _beside(agreement: GroupConsistency, config: TrackFusionConfig) -> bool:
+    return math.hypot(*agreement.beside) > MAX_SEPARATION_RATIO * config.error > 0.0

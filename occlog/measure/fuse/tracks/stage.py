@@ -28,7 +28,7 @@ from occlog.records.declared.people import (
 from occlog.records.tables import Events, JoinedTracks, PeopleTracks
 
 from .config import TrackFusionConfig
-from .match import NOBODY, Identities, Places, distances, intersect, matched
+from .match import NO_ID, GroundPositions, IdentityMatcher, distances, intersect, match_tracks
 
 JUST_UNDER = 0.49
 """Moments are so much of the shortest period long, so that none has two rows of one track."""
@@ -115,7 +115,7 @@ DOUBTS = (COASTING, SINGLE_VIEW, POSSIBLE_SWITCH, INCONSISTENT_VIEWS)
 NOT_THERE = "-"
 
 
-class Agreement(NamedTuple):
+class GroupConsistency(NamedTuple):
     """How a group of cameras agrees with those before it."""
 
     moments: int  # at which both have somebody
@@ -124,12 +124,12 @@ class Agreement(NamedTuple):
     apart: float  # median distance; NaN without pairs
 
 
-class Fused(NamedTuple):
+class FusedGroupTracks(NamedTuple):
     """Tracks of everybody, from all groups."""
 
     tracks: JoinedTracks
     events: Events
-    agreements: list[Agreement]  # of each group but the first one
+    agreements: list[GroupConsistency]  # of each group but the first one
 
 
 class _Doubt(NamedTuple):
@@ -138,7 +138,7 @@ class _Doubt(NamedTuple):
     other: int
 
 
-def fuse_tracks(groups: Sequence[PeopleTracks], config: TrackFusionConfig) -> Fused:
+def fuse_tracks(groups: Sequence[PeopleTracks], config: TrackFusionConfig) -> FusedGroupTracks:
     """Bring the tracks of several groups of cameras together.
 
     Args:
@@ -154,13 +154,13 @@ def fuse_tracks(groups: Sequence[PeopleTracks], config: TrackFusionConfig) -> Fu
     window_ns = default_window(groups) if config.window_s is None else round(config.window_s * 1e9)
     moments = moments_of(groups, window_ns)
     first, *later = (at_moments(group, moments, window_ns, round(config.gap_s * 1e9)) for group in groups)
-    joined, doubts, agreements = _alone(first), list[_Doubt](), list[Agreement]()
+    joined, doubts, agreements = _alone(first), list[_Doubt](), list[GroupConsistency]()
     for number, second in enumerate(later, start=1):
         after, more, agreement = _join(joined, second, number, config)
         doubts = [*_renamed(doubts, joined, after), *more]
         joined = after
         agreements.append(agreement)
-    return Fused(joined, _events(joined, doubts, moments), agreements)
+    return FusedGroupTracks(joined, _events(joined, doubts, moments), agreements)
 
 
 def _alone(tracks: PeopleTracks) -> JoinedTracks:
@@ -171,16 +171,16 @@ def _alone(tracks: PeopleTracks) -> JoinedTracks:
 
 def _join(
     first: JoinedTracks, second: PeopleTracks, number: int, config: TrackFusionConfig
-) -> tuple[JoinedTracks, list[_Doubt], Agreement]:
+) -> tuple[JoinedTracks, list[_Doubt], GroupConsistency]:
     """The tracks of two groups as one; `number` groups have joined before."""
-    partner = matched(first, second, config.error, config.gate, config.compare_s)
+    partner = match_tracks(first, second, config.error, config.gate, config.compare_s)
     pairs = np.flatnonzero(partner >= 0)
     mine, theirs = first.take(pairs), second.take(partner[pairs])
     left = np.setdiff1d(np.arange(len(second)), partner[pairs])
     there, nothing = second.target_id.astype(np.str_), ",".join([NOT_THERE] * number)
     lone_first, lone_second = first.take(partner < 0), _alone(second.take(left))
     parts = [
-        replace(_both(mine, theirs, config), made_of=_with(mine.made_of, there[partner[pairs]])),
+        replace(_fuse_matched(mine, theirs, config), made_of=_with(mine.made_of, there[partner[pairs]])),
         replace(lone_first, made_of=_with(lone_first.made_of, np.full(len(lone_first), NOT_THERE))),
         replace(lone_second, made_of=_with(np.full(len(left), nothing), there[left])),
     ]
@@ -195,7 +195,8 @@ def _join(
     rows, here, also = JoinedTracks(**columns), here[order], also[order]
     identity, doubts, exchanged = _identities(rows.t_ns, here, also)
     doubted = words_of(
-        np.column_stack([has_word(rows.doubt, word) for word in DOUBTS]) | _only(POSSIBLE_SWITCH, exchanged), DOUBTS
+        np.column_stack([has_word(rows.doubt, word) for word in DOUBTS]) | _keep_flags(POSSIBLE_SWITCH, exchanged),
+        DOUBTS,
     )
     rows = replace(rows, target_id=identity, doubt=doubted).sorted()
     return rows, doubts, _agreement(first, second, mine, theirs)
@@ -203,7 +204,7 @@ def _join(
 
 def _identities(t_ns: Ints, here: Ints, also: Ints) -> tuple[Ints32, list[_Doubt], Bools]:
     """Identities of rows in the order of time, by the tracks of both groups that they are of (-1: none)."""
-    identities, doubts = Identities(), list[_Doubt]()
+    identities, doubts = IdentityMatcher(), list[_Doubt]()
     out: Ints32 = np.zeros(len(t_ns), dtype=np.int32)
     exchanged: Bools = np.zeros(len(t_ns), dtype=np.bool_)
     for part in np.split(np.arange(len(t_ns)), np.flatnonzero(np.diff(t_ns)) + 1):
@@ -218,7 +219,7 @@ def _identities(t_ns: Ints, here: Ints, also: Ints) -> tuple[Ints32, list[_Doubt
     return out, doubts, exchanged
 
 
-def _both(mine: JoinedTracks, theirs: PeopleTracks, config: TrackFusionConfig) -> JoinedTracks:
+def _fuse_matched(mine: JoinedTracks, theirs: PeopleTracks, config: TrackFusionConfig) -> JoinedTracks:
     """Rows of people whom both groups follow: covariance intersection, and what each group says besides."""
     n = len(mine)
     known = np.isfinite(_covariances(mine)).all(axis=(1, 2)) & np.isfinite(_covariances(theirs)).all(axis=(1, 2))
@@ -237,7 +238,7 @@ def _both(mine: JoinedTracks, theirs: PeopleTracks, config: TrackFusionConfig) -
         values[f"sd_{name}"] = np.where(less, b, a)
     values["existence"] = np.fmax(mine.existence, theirs.existence)
     seen_by = [_united(a, b) for a, b in zip(mine.seen_by.tolist(), theirs.seen_by.tolist(), strict=True)]
-    apart = distances(Places.of(mine), Places.of(theirs), config.error) > config.gate**2
+    apart = distances(GroundPositions.of(mine), GroundPositions.of(theirs), config.error) > config.gate**2
     one = np.array([bool(text) and "," not in text for text in seen_by], dtype=np.bool_)
     doubted = np.column_stack(
         [
@@ -266,7 +267,7 @@ def _united(first: str, second: str) -> str:
     return ",".join(dict.fromkeys(name for text in (first, second) for name in text.split(",") if name))
 
 
-def _only(word: str, where: Bools) -> Bools:
+def _keep_flags(word: str, where: Bools) -> Bools:
     """(n, W) mask of the doubts with one of them."""
     mask: Bools = where[:, None] & (np.array(DOUBTS) == word)
     return mask
@@ -277,12 +278,14 @@ def _with(texts: Strings, more: Strings) -> Strings:
     return np.array([f"{a},{b}" for a, b in zip(texts.tolist(), more.tolist(), strict=True)], dtype=np.str_)
 
 
-def _agreement(first: PeopleTracks, second: PeopleTracks, mine: PeopleTracks, theirs: PeopleTracks) -> Agreement:
+def _agreement(first: PeopleTracks, second: PeopleTracks, mine: PeopleTracks, theirs: PeopleTracks) -> GroupConsistency:
     moments = len(np.intersect1d(first.t_ns, second.t_ns))
     if not len(mine):
-        return Agreement(moments, 0, (np.nan, np.nan), np.nan)
+        return GroupConsistency(moments, 0, (np.nan, np.nan), np.nan)
     dx, dy = theirs.x - mine.x, theirs.y - mine.y
-    return Agreement(moments, len(mine), (float(dx.mean()), float(dy.mean())), float(np.median(np.hypot(dx, dy))))
+    return GroupConsistency(
+        moments, len(mine), (float(dx.mean()), float(dy.mean())), float(np.median(np.hypot(dx, dy)))
+    )
 
 
 def _renamed(doubts: list[_Doubt], before: JoinedTracks, after: JoinedTracks) -> list[_Doubt]:
@@ -312,11 +315,11 @@ def _events(tracks: JoinedTracks, doubts: list[_Doubt], moments: Ints) -> Events
     ended = np.searchsorted(moments, tracks.t_ns[last], side="right")
     gone = ended < len(moments)
     births = [
-        (int(tracks.t_ns[row]), "birth", int(i), NOBODY, float(tracks.existence[row]))
+        (int(tracks.t_ns[row]), "birth", int(i), NO_ID, float(tracks.existence[row]))
         for i, row in zip(ids, first, strict=True)
     ]
     deaths = [
-        (int(moments[end]), "death", int(i), NOBODY, float(tracks.existence[row]))
+        (int(moments[end]), "death", int(i), NO_ID, float(tracks.existence[row]))
         for i, end, row in zip(ids[gone], ended[gone], last[gone], strict=True)
     ]
     doubtful = [(d.t_ns, "doubt", d.identity, d.other, np.nan) for d in doubts]

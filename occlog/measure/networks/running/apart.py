@@ -23,7 +23,7 @@ MAX_OUTPUT_BYTES = 2**30
 """All outputs for a lot of images."""
 
 
-class Apart:
+class SubprocessRuntime:
     """A network in another process; a `Runtime`.  The process ends with the last reference to this.
 
     Attributes:

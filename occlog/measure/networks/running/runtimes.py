@@ -74,7 +74,7 @@ def _extra(name: str) -> ModuleType:
 
 
 @contextmanager
-def _told(model: OnnxFile, called: str, errors: tuple[type[Exception], ...], does: str) -> Iterator[None]:
+def _as_input_error(model: OnnxFile, called: str, errors: tuple[type[Exception], ...], does: str) -> Iterator[None]:
     """Turn errors of a program into InputError."""
     try:
         yield
@@ -97,7 +97,7 @@ class _OpenCv:
         if any(port.kind == "float16" for port in self.model.inputs):
             raise InputError(f"{self.model.path}: wants numbers of 16 bits, which {self.called} does not take; use "
                              f"the runtime {ONNXRUNTIME}")  # fmt: skip
-        with _told(self.model, self.called, self.ERRORS, "load"), utf8_name(self.model.path) as name:
+        with _as_input_error(self.model, self.called, self.ERRORS, "load"), utf8_name(self.model.path) as name:
             self.net = cv2.dnn.readNetFromONNX(name)
 
     @property
@@ -106,7 +106,7 @@ class _OpenCv:
 
     def run(self, feeds: Feeds) -> dict[str, NDArray[np.generic]]:
         names = [port.name for port in self.model.outputs]
-        with _told(self.model, self.called, self.ERRORS, "run"):
+        with _as_input_error(self.model, self.called, self.ERRORS, "run"):
             for name, values in feeds.items():
                 self.net.setInput(values, name)
             found = self.net.forward(names)
@@ -128,7 +128,7 @@ class _OnnxRuntime:
         options.intra_op_num_threads, options.inter_op_num_threads = self.threads, 1
         options.use_deterministic_compute = True
         options.log_severity_level = 4
-        with _told(self.model, self.called, self.ERRORS, "load"), utf8_name(self.model.path) as name:
+        with _as_input_error(self.model, self.called, self.ERRORS, "load"), utf8_name(self.model.path) as name:
             self.session = self.module.InferenceSession(name, options, providers=["CPUExecutionProvider"])
 
     @property
@@ -137,7 +137,7 @@ class _OnnxRuntime:
 
     def run(self, feeds: Feeds) -> dict[str, NDArray[np.generic]]:
         names = [port.name for port in self.model.outputs]
-        with _told(self.model, self.called, self.ERRORS, "run"):
+        with _as_input_error(self.model, self.called, self.ERRORS, "run"):
             found = self.session.run(names, dict(feeds))
         return dict(zip(names, map(np.asarray, found), strict=True))
 
@@ -154,7 +154,7 @@ class _OpenVino:
     def __post_init__(self) -> None:
         self.module: Any = _extra(OPENVINO)
         config = {"INFERENCE_NUM_THREADS": self.threads, "INFERENCE_PRECISION_HINT": "f32", "NUM_STREAMS": 1}
-        with _told(self.model, self.called, self.ERRORS, "load"):
+        with _as_input_error(self.model, self.called, self.ERRORS, "load"):
             core = self.module.Core()
             self.compiled = core.compile_model(core.read_model(str(self.model.path)), "CPU", config)
 
@@ -164,6 +164,6 @@ class _OpenVino:
 
     def run(self, feeds: Feeds) -> dict[str, NDArray[np.generic]]:
         names = [port.name for port in self.model.outputs]
-        with _told(self.model, self.called, self.ERRORS, "run"):
+        with _as_input_error(self.model, self.called, self.ERRORS, "run"):
             found = self.compiled(dict(feeds))
             return {name: np.array(found[name]) for name in names}

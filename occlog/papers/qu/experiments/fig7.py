@@ -9,7 +9,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.sight.fundamental import epipolar_lines
-from occlog.measure.epipolar.views import Geometry
+from occlog.measure.epipolar.views import ViewGeometry
 from occlog.papers import verdicts as v
 from occlog.papers.plots import Line, Mark, Shot, Shots
 from occlog.papers.qu.common import PARTS, ordered, spec_of
@@ -62,7 +62,7 @@ def fig7_shots(size: Size) -> Shots:
     )
 
 
-def shot_of(frame: BallsFrame, rows: Outlines, view: int, geometry: Geometry) -> Shot:
+def shot_of(frame: BallsFrame, rows: Outlines, view: int, geometry: ViewGeometry) -> Shot:
     """Make the picture of one view of a frame with a method's trackers."""
     own = np.flatnonzero(rows.view == view)
     marks = tuple(Mark(int(rows.target_id[i]), rows.ellipse[i], _good(frame, rows, int(i))) for i in own)
@@ -78,7 +78,7 @@ def _good(frame: BallsFrame, rows: Outlines, i: int) -> bool:
     return bool(np.hypot(*(rows.ellipse[i, :2] - true[:2])) <= radius)
 
 
-def _lines(rows: Outlines, view: int, geometry: Geometry) -> tuple[Line, ...]:
+def _lines(rows: Outlines, view: int, geometry: ViewGeometry) -> tuple[Line, ...]:
     """Return the epipolar lines of the views whose estimates help a tracker in this frame."""
     out = []
     for i in np.flatnonzero(rows.view == view):

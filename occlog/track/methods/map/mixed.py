@@ -6,7 +6,8 @@
    found so far, with the slope and the weight that it has there
    (`occlog.filtering.likelihood.distances.score_and_information`, iteratively reweighted least squares); the search
    for the minimum is repeated until no position moves by a tenth of its standard deviation.  Where most measurements
-   of a while are not believed the path may be lost there: then the search is repeated with measurements that are blunter at first, and the better one of the two is kept.
+   of a while are not believed the path may be lost there: then the search is repeated with measurements that are
+   blunter at first, and the better one of the two is kept.
 
 Noises are those that are stated: residuals do not change them.
 """

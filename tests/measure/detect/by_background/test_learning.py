@@ -8,10 +8,16 @@ from detect_scenes import BLUE, RED, SIZE, STEP_NS, background, broken, camera, 
 
 from occlog.core.image import pixel_bin
 from occlog.errors import InputError
-from occlog.measure.detect.by_background.learning import Samples, TargetBox, appearance_in_box, learn, sample_limit
+from occlog.measure.detect.by_background.learning import (
+    LearningFrames,
+    TargetBox,
+    appearance_in_box,
+    learn,
+    sample_limit,
+)
 from occlog.measure.detect.by_background.stage import detect
 from occlog.measure.detect.config import DetectConfig
-from occlog.measure.regions.regions import likeness
+from occlog.measure.regions.regions import similarity
 from occlog.records.frames import Frame
 from occlog.records.tables import Bearings
 
@@ -58,7 +64,7 @@ def test_the_empty_scene_is_learnt_although_somebody_is_always_there() -> None:
 @pytest.mark.parametrize("limit", [2, 4, 10])
 @pytest.mark.parametrize("count", [1, 3, 10, 57, 200])
 def test_samples_are_spread_evenly(limit: int, count: int) -> None:
-    kept = Samples(limit)
+    kept = LearningFrames(limit)
     for number in range(count):
         if kept.wants(number):
             kept.keep(number, np.full((1, 1), number, dtype=np.uint8))
@@ -117,10 +123,10 @@ def test_a_target_is_learnt_from_a_box_without_what_is_behind_it() -> None:
     assert targets[0].appearances.shape == (2, 72)
     red = np.zeros((1, 72))
     red[0, pixel_bin(*RED)] = 1.0
-    assert likeness(targets[0].appearances, red).min() > 0.8
+    assert similarity(targets[0].appearances, red).min() > 0.8
     blue = np.zeros((1, 72))
     blue[0, pixel_bin(*BLUE)] = 1.0
-    assert likeness(targets[0].appearances, blue).max() < 0.3
+    assert similarity(targets[0].appearances, blue).max() < 0.3
 
 
 @pytest.mark.parametrize(

@@ -3,18 +3,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.measure.detect.by_background.one_camera import Target, TargetMemory, choose, likenesses
-from occlog.measure.regions.regions import Regions, normalised
+from occlog.measure.detect.by_background.one_camera import Target, TargetMemory, choose, similarities
+from occlog.measure.regions.regions import ForegroundRegions, normalised
 
 SECOND = 1_000_000_000
 
 
-def regions(*places: tuple[float, float, float], fill: float = 1.0) -> Regions:
+def regions(*places: tuple[float, float, float], fill: float = 1.0) -> ForegroundRegions:
     """Regions of x, y, pixels; a person is 10 px wide (standard deviation)."""
     k = len(places)
     table = np.array(places, dtype=np.float64).reshape(k, 3)
     person = np.tile([100.0, 0.0, 900.0], (k, 1))
-    return Regions(
+    return ForegroundRegions(
         table[:, :2], person, np.zeros((k, 4)), table[:, 2], np.full(k, fill), person, np.full((k, 72), np.nan)
     )
 
@@ -76,10 +76,10 @@ def test_likeness_to_a_target_is_that_to_its_best_appearance() -> None:
     rng = np.random.default_rng(1)
     a, b = normalised(rng.random((2, 72)) ** 4)
     targets = (Target(1, np.stack([a, b])), Target(2, b[None]))
-    got = likenesses(np.stack([a, b, np.full(72, np.nan)]), targets)
+    got = similarities(np.stack([a, b, np.full(72, np.nan)]), targets)
     np.testing.assert_allclose(np.diag(got), 1.0)
     assert got[1, 0] == pytest.approx(1.0)
     assert got[0, 1] == pytest.approx(np.sqrt(a * b).sum())
     assert np.isnan(got[2]).all()
-    assert likenesses(np.empty((0, 72)), targets).shape == (0, 2)
-    assert likenesses(np.empty((4, 72)), ()).shape == (4, 0)
+    assert similarities(np.empty((0, 72)), targets).shape == (0, 2)
+    assert similarities(np.empty((4, 72)), ()).shape == (4, 0)

@@ -19,7 +19,7 @@ from occlog.measure.fuse.kernels import (
     RECOVERED,
     REMOVED_FALSE,
     REMOVED_FAR,
-    Fusion,
+    FusionDecisions,
     decision_value,
     fuse,
     fused_position,
@@ -40,7 +40,7 @@ def case(number: int) -> tuple[Floats, Floats]:
     return np.array([positions]), np.array([predicted])
 
 
-def found(positions: Floats, *, at: tuple[float, float] = (0.0, 0.0), **options: object) -> Fusion:
+def found(positions: Floats, *, at: tuple[float, float] = (0.0, 0.0), **options: object) -> FusionDecisions:
     """One time, P_M = P_F = 0.2, sigma 1, gate 2."""
     return fuse(np.array([positions], dtype=float), np.array([at]), 1.0, 0.2, 0.2, 2.0, **options)  # type: ignore[arg-type]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.measure.epipolar.views import View
+from occlog.measure.epipolar.views import TrackedView
 from occlog.measure.regions.background import make_subtractor
 from occlog.records.frames import Frame
 from occlog.track.methods.images.births.regions import (
@@ -17,7 +17,7 @@ from occlog.track.methods.images.births.regions import (
 )
 from occlog.track.methods.images.run.frames_in_step import in_step
 
-VIEWS = (View("a", 80, 60),)
+VIEWS = (TrackedView("a", 80, 60),)
 RNG = np.random.default_rng(3)
 WALL = RNG.integers(60, 120, (60, 80, 3)).astype(np.uint8)
 

@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.measure.epipolar.views import Geometry, View
+from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.records.tables import Boxes
 from occlog.track.methods.images.births.births import anchors, births_and_ends, loop_distances, no_candidates
 from occlog.track.methods.images.births.config import ViewsConfig
 from occlog.track.methods.images.births.regions import Regions, RegionStream, regions_of_boxes
 
-VIEWS = (View("a", 320, 240), View("b", 320, 240))
+VIEWS = (TrackedView("a", 320, 240), TrackedView("b", 320, 240))
 LEVEL = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rows of the images are epipolar lines: y is the same in both views."""
-ROWS = Geometry(
+ROWS = ViewGeometry(
     np.stack([np.stack([np.full((3, 3), np.nan), LEVEL]), np.stack([LEVEL.T, np.full((3, 3), np.nan)])]), (None, None)
 )
-BLIND = Geometry(np.full((2, 2, 3, 3), np.nan), (None, None))
+BLIND = ViewGeometry(np.full((2, 2, 3, 3), np.nan), (None, None))
 
 
 def disc(x, y, r=10.0):

@@ -7,12 +7,12 @@ import pytest
 from view_videos import SMALL, STEP_NS, small_balls
 
 from occlog.errors import InputError
-from occlog.measure.epipolar.views import View
+from occlog.measure.epipolar.views import TrackedView
 from occlog.records.frames import Frame
 from occlog.track.methods.images.births.regions import blob_sizes, moving_regions
 
 pytestmark = pytest.mark.jit  # balls are rendered
-VIEWS = (View("view1", SMALL.width, SMALL.height), View("view2", SMALL.width, SMALL.height))
+VIEWS = (TrackedView("view1", SMALL.width, SMALL.height), TrackedView("view2", SMALL.width, SMALL.height))
 
 
 def frames(broken=()):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from occlog.measure.epipolar.views import Geometry, View
+from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.track.methods.images.interface import Birth, FrameSet
 from occlog.track.methods.images.kernels.appearance import disc_points, learn_target, patch_log_likelihood
 from occlog.track.methods.images.methods.config import CONFIGS, MipfConfig
@@ -11,8 +11,8 @@ from occlog.track.methods.images.methods.state import COMPONENTS, PATCHES, initi
 from occlog.track.methods.images.methods.step import advance, initiate_trackers
 
 W, H = 100, 80
-VIEWS = (View("left", W, H), View("right", W, H))
-NOWHERE = Geometry(np.full((2, 2, 3, 3), np.nan), (None, None))
+VIEWS = (TrackedView("left", W, H), TrackedView("right", W, H))
+NOWHERE = ViewGeometry(np.full((2, 2, 3, 3), np.nan), (None, None))
 E = np.array([40.0, 38.0, 12.0, 9.0, 0.4])
 PCA = MipfConfig(model="pca", pca_power=2.0)
 

@@ -7,7 +7,7 @@ import pytest
 from view_reference import bins_of
 
 from occlog.errors import InputError
-from occlog.measure.epipolar.views import Geometry, View
+from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.track.methods.images.interface import LEFT, LOST, MODES, Birth, FrameSet
 from occlog.track.methods.images.kernels.appearance import colour_likeness
 from occlog.track.methods.images.kernels.joint_samples import overlap
@@ -18,8 +18,8 @@ from occlog.track.methods.images.methods.step import advance, initiate_trackers
 from occlog.track.methods.images.methods.weigh import arrival_of
 
 W, H, R = 120, 90, 9.0
-VIEWS = (View("left", W, H), View("right", W, H))
-NOWHERE = Geometry(np.full((2, 2, 3, 3), np.nan), (None, None))
+VIEWS = (TrackedView("left", W, H), TrackedView("right", W, H))
+NOWHERE = ViewGeometry(np.full((2, 2, 3, 3), np.nan), (None, None))
 COLOURS = np.array([[30, 60, 220], [220, 80, 30]], dtype=np.uint8)
 BOTH = pytest.mark.parametrize("sampler", ["mcmc", "sir"])
 

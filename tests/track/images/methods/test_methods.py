@@ -6,7 +6,7 @@ from view_films import PERIOD_NS, SMALL, begun, births_of, film, frame_set, geom
 
 from occlog.core.sight.fundamental import scaled
 from occlog.errors import InputError
-from occlog.measure.epipolar.views import Geometry, View
+from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.settings import configure
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import BallPaths, ball_paths
@@ -117,7 +117,7 @@ def test_a_wrong_matrix_is_noticed():
     frames, wrong = film(SMALL, 1, 2), geometry_of().fundamental.copy()
     wrong[0, 1] = scaled(np.array([[0, 0, 0.0], [0, 0, -1.0], [0, 1.0, 40.0]]))  # lines 40 px too high
     wrong[1, 0] = wrong[0, 1].T
-    state = initial_state(views_of(), Geometry(wrong, (None, None)), BmctConfig(particles=5))
+    state = initial_state(views_of(), ViewGeometry(wrong, (None, None)), BmctConfig(particles=5))
     state = initiate_trackers(state, frame_set(frames[0]), births_of(frames[0]))
     _, said = advance(state, frame_set(frames[1]), np.random.default_rng(0))
     assert (said.counterpart == BAD).all()
@@ -125,7 +125,7 @@ def test_a_wrong_matrix_is_noticed():
 
 def test_without_geometry_nobody_is_a_counterpart():
     frames, unknown = film(SMALL, 1, 2), np.full((2, 2, 3, 3), np.nan)
-    state = initial_state(views_of(), Geometry(unknown, (None, None)), BmctConfig(particles=5))
+    state = initial_state(views_of(), ViewGeometry(unknown, (None, None)), BmctConfig(particles=5))
     state = initiate_trackers(state, frame_set(frames[0]), births_of(frames[0]))
     _, said = advance(state, frame_set(frames[1]), np.random.default_rng(0))
     assert (said.counterpart == NONE).all()
@@ -190,8 +190,8 @@ def test_trackers_end_when_nothing_is_left_of_their_targets(method):
 def test_a_tracker_whose_target_leaves_the_image_ends():
     rng, ground = np.random.default_rng(1), np.full((60, 80, 3), (90, 120, 60), dtype=np.uint8)
     y, x = np.mgrid[:60, :80]
-    nowhere = Geometry(np.full((1, 1, 3, 3), np.nan), (None,))
-    state = initial_state([View("a", 80, 60)], nowhere, MipfConfig(particles=40))
+    nowhere = ViewGeometry(np.full((1, 1, 3, 3), np.nan), (None,))
+    state = initial_state([TrackedView("a", 80, 60)], nowhere, MipfConfig(particles=40))
     event = 0
     for t in range(40):
         image = ground.copy()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.measure.epipolar.views import Geometry, View
+from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.track.methods.images.interface import Birth, FrameSet
 from occlog.track.methods.images.kernels.appearance import colours_in
 from occlog.track.methods.images.methods.config import CONFIGS, MipfConfig
@@ -97,10 +97,10 @@ def test_particles_are_drawn_to_the_region() -> None:
 
 
 def test_tracker_follows_a_region_in_place_and_size_where_colours_tell_nothing() -> None:
-    geometry = Geometry(np.full((1, 1, 3, 3), np.nan), (None,))
+    geometry = ViewGeometry(np.full((1, 1, 3, 3), np.nan), (None,))
     rng = np.random.default_rng(5)
     image = np.full((90, 120, 3), 90, dtype=np.uint8)
-    state = initial_state((View("cam", *SIZE),), geometry, MipfConfig())
+    state = initial_state((TrackedView("cam", *SIZE),), geometry, MipfConfig())
     state = initiate_trackers(state, frame_set((ROW,), image), [Birth(0, 4, ROW[0])])
     for k in range(1, 26):
         region = np.array([[30.0 + 2.0 * k, 40.0, 6.0 + 0.1 * k, 15.0 + 0.2 * k, 0.0]])
@@ -114,12 +114,12 @@ def test_tracker_follows_a_region_in_place_and_size_where_colours_tell_nothing()
 @pytest.mark.parametrize("method", ["mipf", "idmot", "bmct", "cmct", "mcmc"])
 def test_a_target_that_fills_half_of_its_ellipse_is_alike_and_not_lost(method: str) -> None:
     """The mask leaves half of the first ellipse; that is how the target looks, and it stands still."""
-    geometry = Geometry(np.full((1, 1, 3, 3), np.nan), (None,))
+    geometry = ViewGeometry(np.full((1, 1, 3, 3), np.nan), (None,))
     rng = np.random.default_rng(5)
     image, mask = np.full((90, 120, 3), 90, dtype=np.uint8), np.zeros((90, 120), dtype=np.uint8)
     mask[30:50, 30:40] = 1
     config = CONFIGS[method](particles=30, lost_after=10)
-    state = initial_state((View("cam", *SIZE),), geometry, config)
+    state = initial_state((TrackedView("cam", *SIZE),), geometry, config)
     first = np.array([30.0, 40.0, 10.0, 10.0, 0.0])
     for k in range(25):
         now = FrameSet(40_000_000 * k, np.array([k]), (image,), (), (mask,))

@@ -18,7 +18,7 @@ from view_states import (
     state_of,
 )
 
-from occlog.measure.epipolar.views import Geometry
+from occlog.measure.epipolar.views import ViewGeometry
 from occlog.track.methods.images.interface import Birth
 from occlog.track.methods.images.kernels.appearance import colour_likeness
 from occlog.track.methods.images.methods.config import BmctConfig, IdmotConfig, MipfConfig
@@ -56,7 +56,7 @@ def test_a_new_state_has_no_trackers_and_paths_as_long_as_the_memory():
 
 
 def test_a_matrix_known_one_way_serves_the_other_way_transposed():
-    one_way = Geometry(np.array([[UNKNOWN, LEVEL + 1.0], [UNKNOWN, UNKNOWN]]), (None, None))
+    one_way = ViewGeometry(np.array([[UNKNOWN, LEVEL + 1.0], [UNKNOWN, UNKNOWN]]), (None, None))
     matrices = initial_state(VIEWS, one_way, FEW).geometry.fundamental
     np.testing.assert_array_equal(matrices[1, 0], (LEVEL + 1.0).T)
     np.testing.assert_array_equal(matrices[0, 1], LEVEL + 1.0)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.measure.epipolar.views import View
+from occlog.measure.epipolar.views import TrackedView
 from occlog.records.frames import Frame
 from occlog.track.methods.images.run.frames_in_step import in_step, step_window, survey
 
-VIEWS = (View("a", 8, 6), View("b", 8, 6))
+VIEWS = (TrackedView("a", 8, 6), TrackedView("b", 8, 6))
 IMAGE = np.zeros((6, 8, 3), np.uint8)
 
 
@@ -141,7 +141,7 @@ def test_the_window_is_below_half_the_shortest_period():
 def test_survey_tells_size_period_and_frames_that_miss():
     given = frames(*[("a", k, 40 * k) for k in range(100) if k % 7], images={("a", 1): "cut short"})
     found = survey("a", given)
-    assert (found.view, found.period_ns, found.first) == (View("a", 8, 6), 40, 1)
+    assert (found.view, found.period_ns, found.first) == (TrackedView("a", 8, 6), 40, 1)
     assert survey("a", given, wanted=[7, 8, 200]).missing == (7, 200)
     with pytest.raises(InputError, match=r"camera a: not one frame can be decoded \(cut\).*leave this camera out"):
         survey("a", frames(("a", 0, 0), images={("a", 0): "cut"}))

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.measure.epipolar.views import Geometry
+from occlog.measure.epipolar.views import ViewGeometry
 from occlog.track.methods.images.interface import Birth, Outlines
 from occlog.track.methods.images.run.stage import check_births, check_outlines, gather, no_checks, without_contradicted
 
 LEVEL = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 NOTHING = np.full((3, 3), np.nan)
-ROWS = Geometry(np.stack([np.stack([NOTHING, LEVEL]), np.stack([LEVEL.T, NOTHING])]), (None, None))
+ROWS = ViewGeometry(np.stack([np.stack([NOTHING, LEVEL]), np.stack([LEVEL.T, NOTHING])]), (None, None))
 
 
 def births(*rows):
@@ -53,7 +53,7 @@ def test_targets_that_touch_another_do_not_count():
 def test_nothing_to_check():
     assert len(check_births([], ROWS).radii) == 0
     assert len(gather([no_checks(), no_checks()]).px) == 0
-    blind = Geometry(np.full((2, 2, 3, 3), np.nan), (None, None))
+    blind = ViewGeometry(np.full((2, 2, 3, 3), np.nan), (None, None))
     assert len(check_births(births((0, 1, 50, 60), (1, 1, 200, 60)), blind).radii) == 0
 
 

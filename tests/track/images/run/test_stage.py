@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.measure.epipolar.views import Geometry, View
+from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.records.declared.views import ViewTracks
 from occlog.track.methods.images.births.config import ViewsConfig
 from occlog.track.methods.images.births.regions import Regions, RegionStream
@@ -17,8 +17,8 @@ from occlog.track.methods.images.methods.config import BmctConfig, MipfConfig
 from occlog.track.methods.images.run.frames_in_step import Moment
 from occlog.track.methods.images.run.stage import MOMENTS, Start, TrackingSetup, track_views
 
-VIEWS = (View("b", 80, 60), View("a", 80, 60))
-BLIND = Geometry(np.full((2, 2, 3, 3), np.nan), (None, None))
+VIEWS = (TrackedView("b", 80, 60), TrackedView("a", 80, 60))
+BLIND = ViewGeometry(np.full((2, 2, 3, 3), np.nan), (None, None))
 IMAGE = np.zeros((60, 80, 3), np.uint8)
 STILL = MipfConfig(particles=2, sigma_px=1e-9, sigma_axes_px=0.0, sigma_rho=0.0, halves=0.0)
 """A method whose trackers stay where they are, in images of one colour."""
@@ -132,7 +132,7 @@ def test_a_tracker_ends_in_a_frame_of_its_view():
 
 LEVEL = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 NOTHING = np.full((3, 3), np.nan)
-ROWS = Geometry(np.stack([np.stack([NOTHING, LEVEL]), np.stack([LEVEL.T, NOTHING])]), (None, None))
+ROWS = ViewGeometry(np.stack([np.stack([NOTHING, LEVEL]), np.stack([LEVEL.T, NOTHING])]), (None, None))
 """Rows of the images are epipolar lines."""
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.measure.appearance.stage import Evidence
+from occlog.measure.appearance.stage import IdentityEvidence
 from occlog.records.tables import Events, PeopleTracks
 from occlog.track.people.named import (
     Cut,
@@ -28,12 +28,12 @@ def rows(*spans: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]:
     return track.astype(np.int32), t_ns
 
 
-def evidence(pieces: dict[int, tuple[float, ...]], gallery=(0, 1), boxes=20) -> Evidence:
+def evidence(pieces: dict[int, tuple[float, ...]], gallery=(0, 1), boxes=20) -> IdentityEvidence:
     """Mean likenesses of pieces to the people of a gallery; NaN: not compared."""
     mean = np.array(list(pieces.values()))
     count = np.where(np.isnan(mean), 0, boxes)
     track = np.array(list(pieces), dtype=np.int32)
-    return Evidence(track, np.array(gallery, dtype=np.int32), np.nan_to_num(mean) * count, count)
+    return IdentityEvidence(track, np.array(gallery, dtype=np.int32), np.nan_to_num(mean) * count, count)
 
 
 def exchanged() -> tuple[tuple[np.ndarray, np.ndarray], list[Cut]]:

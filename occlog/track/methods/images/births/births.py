@@ -19,7 +19,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.image import nearness
 from occlog.core.sight.fundamental import epipolar_distances
-from occlog.measure.epipolar.views import Geometry, View
+from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.track.methods.images.interface import Birth, TrackerKey
 
 from .config import ViewsConfig
@@ -41,7 +41,7 @@ def anchors(ellipses: Floats, bottom: bool) -> Floats:
     return np.asarray(ellipses[:, :2] + np.column_stack([aside, down]))
 
 
-def loop_distances(geometry: Geometry, a: int, b: int, of_a: Floats, of_b: Floats, bottom: bool = False) -> Floats:
+def loop_distances(geometry: ViewGeometry, a: int, b: int, of_a: Floats, of_b: Floats, bottom: bool = False) -> Floats:
     """(N,) the larger one of the two distances from each other's epipolar lines, in radii; inf where unknown.
 
     Args:
@@ -108,8 +108,8 @@ def births_and_ends(
     state: BirthCandidates,
     regions: Sequence[Floats | None],
     trackers: Mapping[TrackerKey, Floats],
-    views: Sequence[View],
-    geometry: Geometry,
+    views: Sequence[TrackedView],
+    geometry: ViewGeometry,
     config: ViewsConfig,
     bottom: bool = False,
     gone: Collection[TrackerKey] = (),
@@ -157,7 +157,7 @@ def _extended(trail: Trail, now: int, ellipse: Floats, keep: int) -> Trail:
     return (*trail, (now, ellipse))[-keep:]
 
 
-def _birth_sized(regions: Floats, view: View, config: ViewsConfig) -> Floats:
+def _birth_sized(regions: Floats, view: TrackedView, config: ViewsConfig) -> Floats:
     """The regions (K, 5) that are large enough and, unless `birth_cut`, not cut by the edge of the image."""
     low, high = regions[:, :2] - regions[:, 2:4], regions[:, :2] + regions[:, 2:4]
     good = (regions[:, 2:4] >= config.birth_size).all(axis=1)
@@ -224,7 +224,7 @@ def _supported(
 
 
 def _births(
-    state: BirthCandidates, geometry: Geometry, config: ViewsConfig, bottom: bool, gone: Collection[TrackerKey]
+    state: BirthCandidates, geometry: ViewGeometry, config: ViewsConfig, bottom: bool, gone: Collection[TrackerKey]
 ) -> tuple[BirthCandidates, tuple[Birth, ...]]:
     """Births in all views, in their order."""
     births: list[Birth] = []
@@ -235,7 +235,12 @@ def _births(
 
 
 def _births_in(
-    state: BirthCandidates, v: int, geometry: Geometry, config: ViewsConfig, bottom: bool, gone: Collection[TrackerKey]
+    state: BirthCandidates,
+    v: int,
+    geometry: ViewGeometry,
+    config: ViewsConfig,
+    bottom: bool,
+    gone: Collection[TrackerKey],
 ) -> tuple[BirthCandidates, list[Birth]]:
     """Births in view v."""
     candidates = _without_doubles(state.candidates[v], config.birth_apart)
@@ -279,7 +284,7 @@ def _free_targets(trails: Mapping[TrackerKey, Trail], v: int) -> list[int]:
 
 
 def _misfit(
-    trail: Trail, v: int, target: int, trails: Mapping[TrackerKey, Trail], geometry: Geometry, bottom: bool
+    trail: Trail, v: int, target: int, trails: Mapping[TrackerKey, Trail], geometry: ViewGeometry, bottom: bool
 ) -> float:
     """Largest over the other views of the mean loop distance of a trail to a target's, in radii.
 

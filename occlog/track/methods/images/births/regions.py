@@ -22,9 +22,9 @@ from occlog.measure.detect.by_background.learning import learn
 from occlog.measure.detect.by_background.one_camera import known_sizes, plain_image
 from occlog.measure.detect.by_background.stage import detect
 from occlog.measure.detect.config import DetectConfig
-from occlog.measure.epipolar.views import View
+from occlog.measure.epipolar.views import TrackedView
 from occlog.measure.regions.background import DIFFERENCE, Subtractor, difference, foreground, make_subtractor
-from occlog.measure.regions.regions import shrink
+from occlog.measure.regions.regions import downscale
 from occlog.records.frames import Frame, Image
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Boxes, Views
@@ -124,7 +124,7 @@ LEAST_AREA = 5e-4
 
 
 def moving_regions(
-    frames: Callable[[], Iterable[Frame]], scene: Scene | None, views: Sequence[View], workers: int = 1
+    frames: Callable[[], Iterable[Frame]], scene: Scene | None, views: Sequence[TrackedView], workers: int = 1
 ) -> Iterator[Regions]:
     """Find people-sized regions in all frames as `occlog detect` does with its defaults, in the order of time.
 
@@ -148,12 +148,12 @@ def moving_regions(
     yield from regions_of_views(part.views for part in detect(frames(), whole, config, workers, learned))
 
 
-def _size(scene: Scene, view: View, config: DetectConfig) -> SizeMap | None:
+def _size(scene: Scene, view: TrackedView, config: DetectConfig) -> SizeMap | None:
     """Sizes of people that follow from the camera's pose; None: unknown."""
     return known_sizes(scene.camera(view.name), scene, (view.width, view.height), config)
 
 
-def with_cameras(scene: Scene | None, views: Sequence[View]) -> Scene:
+def with_cameras(scene: Scene | None, views: Sequence[TrackedView]) -> Scene:
     """Add the views that the scene lacks to it, as cameras without a pose."""
     scene = Scene() if scene is None else scene
     known = [camera.name for camera in scene.cameras]
@@ -165,7 +165,7 @@ def with_cameras(scene: Scene | None, views: Sequence[View]) -> Scene:
     return replace(scene, cameras=(*scene.cameras, *new))
 
 
-def blob_sizes(frames: Iterable[Frame], empty: Mapping[str, Image], views: Sequence[View]) -> dict[str, SizeMap]:
+def blob_sizes(frames: Iterable[Frame], empty: Mapping[str, Image], views: Sequence[TrackedView]) -> dict[str, SizeMap]:
     """Measure the median size of the blobs that differ from the empty scene, the same all over the image.
 
     Args:
@@ -196,7 +196,7 @@ def blob_sizes(frames: Iterable[Frame], empty: Mapping[str, Image], views: Seque
 def _heights(image: Image, empty: Image) -> list[float]:
     """Heights [px] of blobs away from the edge of the image."""
     factor = max(1, image.shape[0] // empty.shape[0])
-    small = shrink(image, factor)
+    small = downscale(image, factor)
     if small.shape != empty.shape:
         return []
     mask = cv2.medianBlur((difference(small, empty) > DIFFERENCE).astype(np.uint8), 5)
@@ -221,7 +221,7 @@ class BackgroundModel(NamedTuple):
 
 
 def background_models(
-    frames: Iterable[Frame], scene: Scene, views: Sequence[View], workers: int = 1
+    frames: Iterable[Frame], scene: Scene, views: Sequence[TrackedView], workers: int = 1
 ) -> tuple[BackgroundModel | None, ...]:
     """Learn the empty scene of each view and make a background model of it; None for a view without images.
 
@@ -254,7 +254,7 @@ def foreground_mask(model: BackgroundModel | None, image: Image, number: int) ->
     """
     if model is None:
         return None
-    small = shrink(image, max(1, image.shape[0] // model.shape[0]))
+    small = downscale(image, max(1, image.shape[0] // model.shape[0]))
     if small.shape[:2] != model.shape:
         return None
     found = foreground(model.subtractor, small, number, 5)

@@ -29,7 +29,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Bytes, Floats, Ints
 from occlog.core.image import nearness_between, update_bins
-from occlog.measure.epipolar.views import Geometry, View
+from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.track.methods.images.interface import Birth, FrameSet, Image, TrackerKey
 from occlog.track.methods.images.kernels.appearance import (
     WIDTH,
@@ -245,8 +245,8 @@ class Clock(NamedTuple):
 class VisualState(NamedTuple):
     """State of a method, see `occlog.track.methods.images.interface`."""
 
-    views: tuple[View, ...]
-    geometry: Geometry
+    views: tuple[TrackedView, ...]
+    geometry: ViewGeometry
     config: MipfConfig
     clock: Clock
     bins: tuple[Bytes, ...]  # (V,) maps of bins (H, W); only what the latest frame's trackers look at is up to date
@@ -254,7 +254,7 @@ class VisualState(NamedTuple):
     appearance: AppearanceModels = NO_APPEARANCE  # models of the targets' patches; empty for `model=colour`
 
 
-def initial_state(views: Sequence[View], geometry: Geometry, config: MipfConfig) -> VisualState:
+def initial_state(views: Sequence[TrackedView], geometry: ViewGeometry, config: MipfConfig) -> VisualState:
     """Make a state without trackers.
 
     Args:
@@ -270,7 +270,7 @@ def initial_state(views: Sequence[View], geometry: Geometry, config: MipfConfig)
     return VisualState(tuple(views), both_directions(geometry), config, clock, bins, trackers)
 
 
-def both_directions(geometry: Geometry) -> Geometry:
+def both_directions(geometry: ViewGeometry) -> ViewGeometry:
     """Replace each unknown fundamental matrix by the transposed matrix of the other direction, F_ba = F_ab^T."""
     given = np.array(geometry.fundamental, dtype=np.float64)
     back = given.transpose(1, 0, 3, 2)
@@ -421,7 +421,7 @@ def ages(clock: Clock, t_ns: int) -> Floats:
     return out
 
 
-def with_geometry(state: VisualState, geometry: Geometry) -> VisualState:
+def with_geometry(state: VisualState, geometry: ViewGeometry) -> VisualState:
     """Replace the geometry by one of the same views with fewer matrices.
 
     Counterparts in views whose matrices are gone in both directions are neither good nor checked any more.

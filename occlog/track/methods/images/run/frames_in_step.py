@@ -19,7 +19,7 @@ import numpy as np
 from occlog.array_types import Bools, Ints
 from occlog.errors import InputError
 from occlog.measure.detect.by_background.one_camera import check_size, plain_image
-from occlog.measure.epipolar.views import View
+from occlog.measure.epipolar.views import TrackedView
 from occlog.records.frames import Frame, Image
 from occlog.records.scene import Camera
 from occlog.track.methods.images.births.regions import BackgroundModel, foreground_mask
@@ -36,7 +36,7 @@ MOST_AHEAD = 8
 class CameraSurvey(NamedTuple):
     """A camera's image size, frame period and first frames, before its frames are tracked in."""
 
-    view: View
+    view: TrackedView
     period_ns: int  # median of the first frames; 0: there is one frame only
     first: int  # number of the first frame
     last: int  # the last number that was read
@@ -90,7 +90,7 @@ def survey(
         if view is None:
             try:
                 image = plain_image(frame.decode(), bits)
-                view = View(name, image.shape[1], image.shape[0])
+                view = TrackedView(name, image.shape[1], image.shape[0])
             except InputError as error:
                 why = str(error).rsplit(": ", 1)[-1]
         if view is not None and len(stamps) == STAMPS and not missing:
@@ -113,7 +113,7 @@ def step_window(periods: Iterable[int]) -> int:
 
 def in_step(
     frames: Iterable[Frame],
-    views: Sequence[View],
+    views: Sequence[TrackedView],
     window_ns: int,
     workers: int = 1,
     bits: int | None = None,
@@ -181,7 +181,7 @@ def _groups(frames: Iterable[Frame], place: dict[str, int], window_ns: int) -> I
 
 def _decode(
     frames: list[Frame],
-    view: View,
+    view: TrackedView,
     bits: int | None,
     before: Future[list[MaskedImage | str]] | None,
     model: BackgroundModel | None,
@@ -196,7 +196,7 @@ def _decode(
     ]
 
 
-def _image(decode: Callable[[], Image], view: View, bits: int | None) -> Image | str:
+def _image(decode: Callable[[], Image], view: TrackedView, bits: int | None) -> Image | str:
     """Decode a frame; a text says why it cannot be used."""
     try:
         decoded = decode()

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.core.image import touching
 from occlog.core.numerics.seeds import RandomStream, generator
-from occlog.measure.epipolar.views import Geometry, View
+from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.records.declared.views import COUNTERPARTS, EVENTS, ViewTracks
 from occlog.track.methods.images.births.births import (
     BirthCandidates,
@@ -67,7 +67,7 @@ def gather(parts: Sequence[Checks]) -> Checks:
     return Checks(*(np.concatenate(columns) for columns in zip(*parts, strict=True))) if parts else no_checks()
 
 
-def check_outlines(outlines: Outlines, geometry: Geometry, bottom: bool = False) -> Checks:
+def check_outlines(outlines: Outlines, geometry: ViewGeometry, bottom: bool = False) -> Checks:
     """Check the targets that touch no other in either view.
 
     Args:
@@ -80,7 +80,7 @@ def check_outlines(outlines: Outlines, geometry: Geometry, bottom: bool = False)
 
 def check_births(
     births: Sequence[Birth],
-    geometry: Geometry,
+    geometry: ViewGeometry,
     trackers: Mapping[TrackerKey, Floats] = NO_TRACKERS,
     bottom: bool = False,
 ) -> Checks:
@@ -112,7 +112,7 @@ def _free(view: Ints, target: Ints, ellipses: Floats) -> dict[TrackerKey, Floats
 
 
 def _checks(
-    rows: Mapping[TrackerKey, Floats], geometry: Geometry, bottom: bool, born: Collection[TrackerKey] | None = None
+    rows: Mapping[TrackerKey, Floats], geometry: ViewGeometry, bottom: bool, born: Collection[TrackerKey] | None = None
 ) -> Checks:
     """Check each target in each pair of views; with `born` only those with a tracker in it."""
     parts = []
@@ -131,8 +131,8 @@ def _checks(
 
 
 def without_contradicted(
-    geometry: Geometry, checks: Checks, counts: StartCounts
-) -> tuple[Geometry, StartCounts, tuple[tuple[int, int], ...]]:
+    geometry: ViewGeometry, checks: Checks, counts: StartCounts
+) -> tuple[ViewGeometry, StartCounts, tuple[tuple[int, int], ...]]:
     """Drop the matrices of pairs of views that more than half of the first targets contradict.
 
     `FEWEST` checked starts decide, and those of the same moment; later ones change nothing.
@@ -189,8 +189,8 @@ class TrackingSetup:
         period_ns: of the frames of each view; 0 or none: not known.
     """
 
-    views: tuple[View, ...]
-    geometry: Geometry
+    views: tuple[TrackedView, ...]
+    geometry: ViewGeometry
     config: MipfConfig
     stage: ViewsConfig = field(default_factory=ViewsConfig)
     starts: tuple[Start, ...] = ()
@@ -225,7 +225,7 @@ class _RunState:
     """State of a run between moments."""
 
     state: VisualState | None  # of the method; None until the first birth
-    geometry: Geometry  # without the matrices that were dropped
+    geometry: ViewGeometry  # without the matrices that were dropped
     candidates: BirthCandidates
     last_ns: Ints  # (V,) time of each view's latest frame; -1: none yet
     start_counts: StartCounts
@@ -395,7 +395,7 @@ def _begun(
     return replace(run, state=state, trackers=trackers)
 
 
-def _part(results: Sequence[_MomentResult], views: Sequence[View]) -> ViewsPart:
+def _part(results: Sequence[_MomentResult], views: Sequence[TrackedView]) -> ViewsPart:
     """What some moments gave, in one."""
     seen = np.array([there(result.moment) for result in results])
     times = np.array([result.moment.t_ns for result in results])
@@ -410,7 +410,7 @@ def _part(results: Sequence[_MomentResult], views: Sequence[View]) -> ViewsPart:
     )
 
 
-def _table(result: _MomentResult, views: Sequence[View]) -> ViewTracks:
+def _table(result: _MomentResult, views: Sequence[TrackedView]) -> ViewTracks:
     """Rows of one moment: the births, and the outlines of the trackers there were."""
     parts = [] if result.outlines is None else [_tracked(result.outlines, result.moment, views, result.ended)]
     if result.births:
@@ -418,7 +418,7 @@ def _table(result: _MomentResult, views: Sequence[View]) -> ViewTracks:
     return ViewTracks.merge(parts)
 
 
-def _born(births: Sequence[Birth], moment: Moment, views: Sequence[View]) -> ViewTracks:
+def _born(births: Sequence[Birth], moment: Moment, views: Sequence[TrackedView]) -> ViewTracks:
     """Rows of births."""
     n = len(births)
     view = np.array([birth.view for birth in births])
@@ -439,7 +439,7 @@ def _born(births: Sequence[Birth], moment: Moment, views: Sequence[View]) -> Vie
     ).sorted()
 
 
-def _tracked(o: Outlines, moment: Moment, views: Sequence[View], ended: Sequence[TrackerKey]) -> ViewTracks:
+def _tracked(o: Outlines, moment: Moment, views: Sequence[TrackedView], ended: Sequence[TrackerKey]) -> ViewTracks:
     """Rows of outlines; trackers that regions ended are lost."""
     keys = list(zip(o.view.tolist(), o.target_id.tolist(), strict=True))
     event = np.where(np.array([key in ended for key in keys], dtype=np.bool_), LOST, o.event)
@@ -460,7 +460,7 @@ def _tracked(o: Outlines, moment: Moment, views: Sequence[View], ended: Sequence
 
 
 def _places(
-    view: Ints, target: Ints, ellipse: Floats, moment: Moment, views: Sequence[View]
+    view: Ints, target: Ints, ellipse: Floats, moment: Moment, views: Sequence[TrackedView]
 ) -> dict[str, NDArray[np.generic]]:
     """Columns of time, camera, frame, target and ellipse."""
     rho = (ellipse[:, 4] + 0.5 * np.pi) % np.pi - 0.5 * np.pi
