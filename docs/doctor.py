@@ -26,8 +26,8 @@ there, what to do.
 
 What differs in place and numbers alone is counted (`and 41 more like it`), and so is what comes after the first
 {MAX_LISTED_FINDINGS} of one kind. Of a folder the files of its own folders are looked at too, {MAX_FILES} at most;
-files that occlog does not know are counted on standard error. With `--json` all of it is one object, of which `occlog schema
-doctor` prints the schema.
+files that occlog does not know are counted on standard error. With `--json` all of it is one object, of which `occlog
+schema doctor` prints the schema.
 
 | severity | what a command does that reads the file | exit code |
 |---|---|---|

@@ -20,7 +20,7 @@ from benchmarks.track._single_people import STEP_NS, annotations, scene_of
 from occlog.array_types import Floats
 from occlog.core.metrics.mot.frame_pairs import MatchedFrames, Objects, of_points
 from occlog.track.methods.jipda.config import JipdaConfig
-from occlog.track.methods.jipda.interface import NOBODY, Look
+from occlog.track.methods.jipda.interface import NO_ID, FrameDetections
 from occlog.track.people.stage import JIPDA
 
 FRAMES, STRETCH = 200, 40
@@ -44,8 +44,8 @@ def jipda(case: Case, **settings: float) -> Floats:
         for camera in range(len(scene.cameras)):
             boxes = now[now[:, 1] == camera, 2:6]
             n = len(boxes)
-            hint, score = np.full(n, NOBODY), np.full(n, SURE)
-            looks.append(Look(frame * STEP_NS, camera, boxes, score, hint, np.zeros((n, 0)), np.arange(n)))
+            hint, score = np.full(n, NO_ID), np.full(n, SURE)
+            looks.append(FrameDetections(frame * STEP_NS, camera, boxes, score, hint, np.zeros((n, 0)), np.arange(n)))
         state, said = JIPDA.step(state, looks)
         rows.append(np.column_stack([np.full(len(said.ids), frame), said.ids, said.mean[:, :2]]))
     return np.concatenate(rows)

@@ -19,8 +19,8 @@ from benchmarks.track.crowd import scored
 from occlog.array_types import NS
 from occlog.track.methods.jipda.batch.smooth import smooth
 from occlog.track.methods.jipda.config import JipdaConfig
-from occlog.track.methods.jipda.filter import begin, step
-from occlog.track.methods.jipda.interface import Moment
+from occlog.track.methods.jipda.filter import initial_state, step
+from occlog.track.methods.jipda.interface import TrackSnapshot
 
 NAME = "crowd-colours"
 SUMMARY = "Tracks of everybody with and without colours, where cameras lose people for a while"
@@ -32,7 +32,7 @@ SHOWN = ("IDF1", "MOTA", "switches", "RMSE [m]", "NEES")
 def one(people: int, seed: int, colours: int) -> dict[str, dict[str, float]]:
     """Figures of the filter and of the smoothed tracks."""
     made = scene("crowds").crowd(people, CAMERAS, FRAMES, HZ, SIZE, seed=seed, colours=colours)
-    state, moments = begin(made.scene, made.scene.cameras, JipdaConfig.in_unit("m")), []
+    state, moments = initial_state(made.scene, made.scene.cameras, JipdaConfig.in_unit("m")), []
     for looks in made.moments:
         state, moment = step(state, looks)
         moments.append(moment)
@@ -44,7 +44,7 @@ def one(people: int, seed: int, colours: int) -> dict[str, dict[str, float]]:
     return {name: scored(case, _rows(found)) for name, found in (("filter", moments), ("smoothed", smoothed))}
 
 
-def _rows(moments: Sequence[Moment]) -> Outcome:
+def _rows(moments: Sequence[TrackSnapshot]) -> Outcome:
     """What a benchmark scores of them."""
     rows = [
         (round(m.t_ns / NS * HZ), identity, *mean[:2], P[0, 0], P[0, 1], P[1, 1])

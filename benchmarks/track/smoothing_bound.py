@@ -35,13 +35,18 @@ from benchmarks.track.crowd import cell, scored
 from occlog.array_types import NS, Floats, Ints
 from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.track.methods.jipda.batch import smooth as smoother
-from occlog.track.methods.jipda.batch.association import Expected, Found, Seen, find
-from occlog.track.methods.jipda.batch.chains import NONE
+from occlog.track.methods.jipda.batch.association import (
+    AssociatedBoxes,
+    AssociatedPeople,
+    PredictedPeople,
+    assign_boxes,
+)
+from occlog.track.methods.jipda.batch.chains import NO_NODE
 from occlog.track.methods.jipda.batch.tracks import tracks_from
-from occlog.track.methods.jipda.cues import law_of
-from occlog.track.methods.jipda.filter import State, begin, step
-from occlog.track.methods.jipda.interface import HEIGHT, WIDTH, Look, Moment
-from occlog.track.methods.jipda.kernels.detections import Boxes, Rates
+from occlog.track.methods.jipda.cues import feature_likelihood
+from occlog.track.methods.jipda.filter import JipdaState, initial_state, step
+from occlog.track.methods.jipda.interface import HEIGHT, WIDTH, FrameDetections, TrackSnapshot
+from occlog.track.methods.jipda.kernels.detections import DetectorModel, PackedDetections
 from occlog.track.people.inputs import PeopleInput
 from occlog.track.request import PeopleRequest
 
@@ -64,9 +69,9 @@ NEAR_M = 1.0
 class Run(NamedTuple):
     """The filter's run over a case, and what it is told here."""
 
-    state: State
-    looks: list[list[Look]]
-    moments: list[Moment]
+    state: JipdaState
+    looks: list[list[FrameDetections]]
+    moments: list[TrackSnapshot]
     whose: list[Ints]  # of the boxes of each moment; NONE: nobody's
 
 
@@ -79,7 +84,7 @@ def run_of(case: Case, recording: Path, px: float) -> Run:
     folder = annotations()
     assert folder is not None
     true = np.loadtxt(folder / "boxes_true.csv", delimiter=",", skiprows=1)
-    state, looks, moments, whose = begin(inputs.scene, inputs.cameras, inputs.config), [], [], []
+    state, looks, moments, whose = initial_state(inputs.scene, inputs.cameras, inputs.config), [], [], []
     for group in inputs.moments:
         looks.append([each.look for each in group])
         state, moment = step(state, looks[-1])
@@ -94,7 +99,7 @@ def run_of(case: Case, recording: Path, px: float) -> Run:
 
 def _whose(boxes: Floats, true: Floats, px: float, size: tuple[int, int]) -> Ints:
     """(n,) person of each box, the nearest one to one; NONE."""
-    out = np.full(len(boxes), NONE)
+    out = np.full(len(boxes), NO_NODE)
     if not len(boxes) or not len(true):
         return out
     high = np.array([*size, *size]) - 1.0
@@ -105,7 +110,7 @@ def _whose(boxes: Floats, true: Floats, px: float, size: tuple[int, int]) -> Int
     return out
 
 
-def told(run: Run, case: Case) -> tuple[Outcome, list[Found]]:
+def told(run: Run, case: Case) -> tuple[Outcome, list[AssociatedPeople]]:
     """The smoother's tracks with the boxes of each person, and what the boxes of each moment say."""
     state, moments = run.state, run.moments
     packed = [smoother._scored(state, g, m.t_ns) for g, m in zip(run.looks, moments, strict=True)]
@@ -117,8 +122,8 @@ def told(run: Run, case: Case) -> tuple[Outcome, list[Found]]:
     states: dict[tuple[int, int], Floats] = {}
     for (f, k), (x, y) in place.items():
         states[f, k] = np.array([x, y, 0.0, 0.0, c.height, c.width])
-    square = (smoother.FIRST * state.metre) ** 2
-    law = law_of(state.cues.likeness)
+    square = (smoother.INITIAL_SCALE_M * state.metre) ** 2
+    law = feature_likelihood(state.cues.likeness)
     for _ in range(PASSES):
         found = [_found(state, packed[k], rates, frames[k], run.whose[k], states) for k in range(len(moments))]
         own: float | Floats = square
@@ -138,23 +143,30 @@ def told(run: Run, case: Case) -> tuple[Outcome, list[Found]]:
 
 
 def _found(
-    state: State, boxes: Boxes, rates: Rates, frame: int, whose: Ints, states: dict[tuple[int, int], Floats]
-) -> Found:
+    state: JipdaState,
+    boxes: PackedDetections,
+    rates: DetectorModel,
+    frame: int,
+    whose: Ints,
+    states: dict[tuple[int, int], Floats],
+) -> AssociatedPeople:
     """What the boxes of a moment say of those whose they are."""
-    people = np.array([k for k in np.unique(whose[whose != NONE]).tolist() if (frame, k) in states], dtype=np.int64)
+    people = np.array([k for k in np.unique(whose[whose != NO_NODE]).tolist() if (frame, k) in states], dtype=np.int64)
     mean = np.array([states[frame, k] for k in people.tolist()]).reshape(-1, 6)
     covariance = np.broadcast_to(np.eye(6) * SPREAD_M**2, (len(people), 6, 6)).copy()
     share = np.where(whose == people[:, None], SURE, 0.0)
     # Boxes of nobody are taken, so that nobody new is made of them
-    who = Expected(people, mean, covariance, np.full(len(people), SURE))
-    hints = np.full((len(whose), 2), NONE)
-    seen = Seen(who, share, np.zeros_like(share), np.ones((len(boxes.camera), len(people))))
-    found = find(state, boxes, rates, hints, np.full((len(whose), 0), np.nan), seen)
-    keep = found.track != NONE
-    return Found(*(v[:, keep] if name == "given" else v[keep] for name, v in zip(Found._fields, found, strict=True)))
+    who = PredictedPeople(people, mean, covariance, np.full(len(people), SURE))
+    hints = np.full((len(whose), 2), NO_NODE)
+    seen = AssociatedBoxes(who, share, np.zeros_like(share), np.ones((len(boxes.camera), len(people))))
+    found = assign_boxes(state, boxes, rates, hints, np.full((len(whose), 0), np.nan), seen)
+    keep = found.track != NO_NODE
+    return AssociatedPeople(
+        *(v[:, keep] if name == "given" else v[keep] for name, v in zip(AssociatedPeople._fields, found, strict=True))
+    )
 
 
-def splines(run: Run, case: Case, found: Sequence[Found]) -> dict[str, float]:
+def splines(run: Run, case: Case, found: Sequence[AssociatedPeople]) -> dict[str, float]:
     """Errors of splines through the places of moments."""
     frames = [round(m.t_ns / NS * case.fps) for m in run.moments]
     truth = {(int(f), int(k)): np.array([x, y]) for f, k, x, y in case.truth}
@@ -204,7 +216,7 @@ def _smoothed(places: Sequence[tuple[int, Floats, Floats]], first: int, last: in
     return np.array([np.linalg.solve(A + stiff * bend + 1e-9 * np.eye(2 * n), b).reshape(n, 2) for stiff in STIFF])
 
 
-def outcome(moments: Sequence[Moment], case: Case) -> Outcome:
+def outcome(moments: Sequence[TrackSnapshot], case: Case) -> Outcome:
     """Rows of a tracker."""
     rows = [
         (round(m.t_ns / NS * case.fps), k, *x[:2], P[0, 0], P[0, 1], P[1, 1])

@@ -11,45 +11,45 @@ from occlog.consistency.verdict import MIN_SAMPLES as FEWEST_BOXES
 from occlog.consistency.verdict import exceeds_share
 from occlog.records.scene import Camera
 from occlog.records.verdicts import Check, finding, outcome
-from occlog.track.methods.jipda.interface import Moment
+from occlog.track.methods.jipda.interface import TrackSnapshot
 
-from .boxes_by_moment import BoxTally, FrameLook
-from .delay import Delays
-from .lean import Leans
-from .rows import LIKELY, seen_in
+from .boxes_by_moment import BoxStatistics, FrameDetectionsWithIds
+from .delay import ClockOffsetSearch
+from .lean import LateralBias
+from .rows import MIN_MAP_PROBABILITY, detection_probability_by_camera
 
 EXPLAINED, AGREES, LEANS = "boxes explained by tracks", "detection rates of the cameras", "offsets between the cameras"
 TIMES, BOXES = "times of the cameras", "boxes of the cameras"
 """Names of checks."""
-PLAIN = 0.8
+MIN_VISIBILITY = 0.8
 """A person so probably visible should be detected."""
-FEWEST = 50
+MIN_EXPECTED_DETECTIONS = 50
 """Of a camera that should have seen fewer people nothing is said."""
-LEAST = 0.5
+MIN_RELATIVE_DETECTION_RATE = 0.5
 """A camera that detects so small a share of whom it should, of the share of the other cameras, does not agree."""
-LESS = 0.97
+CLOCK_CHECK_RELATIVE_RATE = 0.97
 """A camera that sees a smaller share than this of that of the others may have a wrong clock: tracks follow it, too."""
-LEAST_ALONE = 0.25
+MIN_DETECTION_RATE = 0.25
 """The same for the share itself, where there is no third camera to compare with."""
-TWICE = 0.2
+MAX_DUPLICATE_SHARE = 0.2
 """Share of boxes that are reported twice that a user must know."""
-LEAN, SURE = 0.05, 3.3
+MAX_LATERAL_BIAS_HEIGHTS, MIN_BIAS_SIGNIFICANCE = 0.05, 3.3
 """Boxes so many heights of people beside where the cameras together find them are those of another pose, if their mean
 is so many standard errors off: by chance in one of a thousand."""
-OUTSIDE = 0.01
+MAX_OUTSIDE_SHARE = 0.01
 """Share of boxes outside the image that a user must know."""
-UNEXPLAINED = 0.5
+MAX_UNASSOCIATED_SHARE = 0.5
 """Share of all boxes that nobody explains that matters."""
 
 
-class Agreement:
+class CameraAgreement:
     """Counts, while moments stream by, whom each camera sees of those whom another one sees."""
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
         """Nothing was seen yet."""
         self.names = [c.name for c in cameras]
         self.heights = [float(c.position[2]) for c in cameras]
-        self._delays, self._leans = Delays(cameras), Leans(cameras)
+        self._delays, self._leans = ClockOffsetSearch(cameras), LateralBias(cameras)
         n = len(self.names)
         # What one odd camera alone sees is not expected of the others, where these are enough
         self.fewest = 2 if n > 3 else 1
@@ -57,19 +57,19 @@ class Agreement:
         self.met = np.zeros(n)
         self.used = np.zeros(n)
 
-    def add(self, moment: Moment, looks: Sequence[FrameLook]) -> None:
+    def add(self, moment: TrackSnapshot, looks: Sequence[FrameDetectionsWithIds]) -> None:
         """Count one more moment."""
         # A box of two people who touch stands in the rows of both: each takes half of it
         support = moment.support
         np.add.at(self.used, support.camera, support.probability - 0.5 * support.joint)
-        by = seen_in(moment, len(self.names)) >= LIKELY
+        by = detection_probability_by_camera(moment, len(self.names)) >= MIN_MAP_PROBABILITY
         self._delays.add(moment, looks, by)
         if not len(moment.ids):
             return
         looked = [each.look.camera for each in looks]
         others = by.sum(axis=1)[:, None] - by >= self.fewest
         with np.errstate(invalid="ignore"):
-            due = (moment.visibility >= PLAIN) & others
+            due = (moment.visibility >= MIN_VISIBILITY) & others
         self._leans.add(moment, looks, due & by)
         for c in looked:
             self.expected[c] += np.count_nonzero(due[:, c])
@@ -78,14 +78,14 @@ class Agreement:
     @property
     def shares(self) -> Floats:
         """(C,) share of the people seen elsewhere and plainly visible that each camera sees; NaN: too few to tell."""
-        told = self.expected >= FEWEST
+        told = self.expected >= MIN_EXPECTED_DETECTIONS
         return np.where(told, self.met / np.maximum(self.expected, 1.0), np.nan)
 
-    def checks(self, tally: BoxTally) -> tuple[Check, ...]:
+    def checks(self, tally: BoxStatistics) -> tuple[Check, ...]:
         """What was checked of the cameras, and what was found."""
         boxes, whole = int(tally.boxes.sum()), tally.boxes + tally.outside + tally.twice
         known, leans = np.isfinite(self.shares), self._leans.medians()[0]
-        few = f"fewer than {FEWEST} people seen elsewhere should be seen plainly in each camera"
+        few = f"fewer than {MIN_EXPECTED_DETECTIONS} people seen elsewhere should be seen plainly in each camera"
         far = float(np.nanmax(np.abs(leans))) if np.isfinite(leans).any() else float("nan")
         return (
             *outcome(
@@ -100,7 +100,7 @@ class Agreement:
                 self._leaning(),
                 unless="too few boxes" if np.isnan(far) else "",
                 lean=far,
-                allowed=LEAN,
+                allowed=MAX_LATERAL_BIAS_HEIGHTS,
             ),
             *outcome(
                 TIMES,
@@ -110,13 +110,13 @@ class Agreement:
             *outcome(BOXES, self._boxes(tally), unless="" if whole.any() else "there are no boxes"),
         )
 
-    def _boxes(self, tally: BoxTally) -> Iterator[Check]:
+    def _boxes(self, tally: BoxStatistics) -> Iterator[Check]:
         """Cameras without boxes, with boxes twice, or outside the image."""
         whole = tally.boxes + tally.outside + tally.twice
         for c, name in enumerate(self.names):
             if not whole[c] and whole.any():
                 yield finding(BOXES, "note", "no-boxes", f"camera {name} has no box at any time", sensors=[name])
-            if tally.twice[c] > TWICE * whole[c]:
+            if tally.twice[c] > MAX_DUPLICATE_SHARE * whole[c]:
                 yield finding(
                     BOXES,
                     "warning",
@@ -125,9 +125,9 @@ class Agreement:
                     "another one of the same frame, and are left out",
                     sensors=[name],
                     share=tally.twice[c] / whole[c],
-                    allowed=TWICE,
+                    allowed=MAX_DUPLICATE_SHARE,
                 )
-            if tally.outside[c] > OUTSIDE * whole[c]:
+            if tally.outside[c] > MAX_OUTSIDE_SHARE * whole[c]:
                 yield finding(
                     BOXES,
                     "warning",
@@ -136,30 +136,30 @@ class Agreement:
                     "is the calibration for another size of the image, or are the boxes another camera's?",
                     sensors=[name],
                     share=tally.outside[c] / whole[c],
-                    allowed=OUTSIDE,
+                    allowed=MAX_OUTSIDE_SHARE,
                 )
 
-    def _unexplained(self, tally: BoxTally) -> Iterator[Check]:
+    def _unexplained(self, tally: BoxStatistics) -> Iterator[Check]:
         """Most boxes are of nobody who was found: the cameras stand otherwise, or the boxes are of something else."""
         boxes = int(tally.boxes.sum())
         nobodys = boxes - round(float(self.used.sum()))
-        if boxes < FEWEST_BOXES or not exceeds_share(nobodys, boxes, UNEXPLAINED):
+        if boxes < FEWEST_BOXES or not exceeds_share(nobodys, boxes, MAX_UNASSOCIATED_SHARE):
             return
         buried = [name for name, place in zip(self.names, self.heights, strict=True) if place < 0.0]
         yield finding(
             EXPLAINED,
             "warning",
             "boxes-unexplained",
-            f"{nobodys / boxes:.0%} of {boxes} boxes are explained by nobody (allowed: {UNEXPLAINED:.0%})"
+            f"{nobodys / boxes:.0%} of {boxes} boxes are explained by nobody (allowed: {MAX_UNASSOCIATED_SHARE:.0%})"
             + (f", and {', '.join(buried)} would be below the ground (z < 0)" if buried else "")
             + ": the cameras may not stand as the scene says: check which way is up, where the ground is, the unit of "
             "the calibration, and that each camera has its own boxes; or the boxes are not of people on the ground",
             sensors=buried,
             share=nobodys / boxes,
-            allowed=UNEXPLAINED,
+            allowed=MAX_UNASSOCIATED_SHARE,
         )
 
-    def _odd(self, tally: BoxTally) -> Iterator[Check]:
+    def _odd(self, tally: BoxStatistics) -> Iterator[Check]:
         """Cameras that do not see whom the others see, unless that is because their boxes are left out."""
         shares = self.shares
         for c, name in enumerate(self.names):
@@ -167,9 +167,13 @@ class Agreement:
                 continue
             others = np.delete(shares, c)
             others = others[np.isfinite(others)]
-            limit = LEAST * float(np.median(others)) if len(others) > 1 else LEAST_ALONE
+            limit = MIN_RELATIVE_DETECTION_RATE * float(np.median(others)) if len(others) > 1 else MIN_DETECTION_RATE
             usual = float(np.median(others)) if len(others) else 0.0
-            late = self._delays.late(c, self.fewest) if shares[c] < max(limit, LESS * usual) else float("nan")
+            late = (
+                self._delays.late(c, self.fewest)
+                if shares[c] < max(limit, CLOCK_CHECK_RELATIVE_RATE * usual)
+                else float("nan")
+            )
             if shares[c] < limit or np.isfinite(late):
                 yield finding(
                     AGREES,
@@ -187,21 +191,22 @@ class Agreement:
     def _leaning(self) -> Iterator[Check]:
         """The camera whose boxes are the farthest to one side, if that is far: the others' people follow it there."""
         leans, errors = self._leans.medians()
-        told = np.where(np.abs(errors) > SURE, np.abs(leans), 0.0)  # of NaN: false
+        told = np.where(np.abs(errors) > MIN_BIAS_SIGNIFICANCE, np.abs(leans), 0.0)  # of NaN: false
         c = int(np.argmax(told))
-        if told[c] <= LEAN:
+        if told[c] <= MAX_LATERAL_BIAS_HEIGHTS:
             return
         yield finding(
             LEANS,
             "warning",
             "camera-leans",
             f"camera {self.names[c]} has people {abs(leans[c]):.2g} of their height to the "
-            f"{'right' if leans[c] > 0 else 'left'} of where the cameras find them together (allowed: {LEAN:g}; it is "
+            f"{'right' if leans[c] > 0 else 'left'} of where the cameras find them together (allowed: "
+            f"{MAX_LATERAL_BIAS_HEIGHTS:g}; it is "
             f"{abs(errors[c]):.0f} standard errors): check its yaw, its principal point and whose boxes it has, or "
             f"leave {self.names[c]} out",
             sensors=[self.names[c]],
             lean=float(leans[c]),
-            allowed=LEAN,
+            allowed=MAX_LATERAL_BIAS_HEIGHTS,
             standard_errors=float(errors[c]),
         )
 

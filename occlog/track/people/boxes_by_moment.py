@@ -17,25 +17,25 @@ from occlog.records.columns import ColumnTable, column
 from occlog.records.scene import Camera
 from occlog.records.tables import APPEARANCE_BINS, Boxes, Views
 from occlog.scans.grouping import nearest
-from occlog.track.methods.jipda.interface import Look
+from occlog.track.methods.jipda.interface import FrameDetections
 
-SAME = 0.9
+DUPLICATE_IOU = 0.9
 """Intersection over union from which two boxes of one frame are one box that is reported twice."""
-ENOUGH = 10
+MIN_FRAME_PAIRS = 10
 """Frames that follow another one tell the step of their numbers, if there are so many."""
 SHORTEST_NS = 100_000
 """No camera has frames that are nearer to each other in time."""
 
 
-class FrameLook(NamedTuple):
+class FrameDetectionsWithIds(NamedTuple):
     """A look, and what its frame and its boxes are called in the tables."""
 
-    look: Look
+    look: FrameDetections
     frame: int  # number in the camera's stream
     box: Ints  # (n,) numbers of the boxes in the frame
 
 
-class FrameRows(NamedTuple):
+class DetectionFrameRows(NamedTuple):
     """Rows of boxes of some frames, in the order of time; a frame without boxes has one row that is none."""
 
     t_ns: Ints  # (R,)
@@ -47,15 +47,15 @@ class FrameRows(NamedTuple):
     hint: Ints32  # (R,)
     appearance: Floats  # (R, K)
 
-    def take(self, rows: Ints | Bools | slice) -> FrameRows:
+    def take(self, rows: Ints | Bools | slice) -> DetectionFrameRows:
         """The rows selected by a mask, a slice or an index array."""
-        return FrameRows._make(column[rows] for column in self)
+        return DetectionFrameRows._make(column[rows] for column in self)
 
 
-def rows_of_boxes(chunks: Iterable[Boxes]) -> Iterator[FrameRows]:
+def rows_of_boxes(chunks: Iterable[Boxes]) -> Iterator[DetectionFrameRows]:
     """Read boxes of a detector."""
     for c in chunks:
-        yield FrameRows(
+        yield DetectionFrameRows(
             t_ns=c.t_ns,
             sensor=c.sensor,
             frame=c.frame,
@@ -67,10 +67,10 @@ def rows_of_boxes(chunks: Iterable[Boxes]) -> Iterator[FrameRows]:
         )
 
 
-def rows_of_views(chunks: Iterable[Views]) -> Iterator[FrameRows]:
+def rows_of_views(chunks: Iterable[Views]) -> Iterator[DetectionFrameRows]:
     """Read regions of images; those that the fusion of detections put in or took out are none."""
     for c in chunks:
-        yield FrameRows(
+        yield DetectionFrameRows(
             t_ns=c.t_ns,
             sensor=c.sensor,
             frame=c.frame,
@@ -90,7 +90,7 @@ def _edges(table: Boxes | Views) -> Floats:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FrameTimes(ColumnTable):
+class RegionFrameTimes(ColumnTable):
     """The columns of `views` that say which frames have regions."""
 
     NAME: ClassVar[str] = Views.NAME
@@ -124,12 +124,12 @@ class FrameNumbers:
     @property
     def counted_in(self) -> int:
         """The step in which frames are counted; a few frames may lie in one by chance."""
-        return self.step if self.pairs >= ENOUGH else 1
+        return self.step if self.pairs >= MIN_FRAME_PAIRS else 1
 
 
-def empty_frames(
-    chunks: Iterable[FrameTimes], cameras: Mapping[str, int], numbers: dict[str, FrameNumbers] | None = None
-) -> Iterator[FrameLook]:
+def frames_without_boxes(
+    chunks: Iterable[RegionFrameTimes], cameras: Mapping[str, int], numbers: dict[str, FrameNumbers] | None = None
+) -> Iterator[FrameDetectionsWithIds]:
     """Looks at frames that a table without rows for them leaves out: the camera looked, and nobody was detected.
 
     Their numbers are those left out between two frames of a camera, their times lie evenly between these two.  Where
@@ -194,7 +194,9 @@ class _Gap(NamedTuple):
         return self.start_ns + (self.end_ns - self.start_ns) * (frame - self.first) // (self.last - self.first)
 
 
-def _until(limit_ns: int | None, waiting: list[tuple[int, int, int]], gaps: Sequence[_Gap]) -> Iterator[FrameLook]:
+def _until(
+    limit_ns: int | None, waiting: list[tuple[int, int, int]], gaps: Sequence[_Gap]
+) -> Iterator[FrameDetectionsWithIds]:
     """Empty frames before a time, in order; all of them for None."""
     nothing, none = np.zeros((0, 4)), np.zeros(0, dtype=np.int64)
     while waiting and (limit_ns is None or waiting[0][0] <= limit_ns):
@@ -202,7 +204,7 @@ def _until(limit_ns: int | None, waiting: list[tuple[int, int, int]], gaps: Sequ
         following = frame + gaps[n].step
         if following < gaps[n].last:
             heappush(waiting, (gaps[n].time(following), following, n))
-        look = Look(
+        look = FrameDetections(
             t_ns=t_ns,
             camera=gaps[n].camera,
             boxes=nothing,
@@ -211,11 +213,11 @@ def _until(limit_ns: int | None, waiting: list[tuple[int, int, int]], gaps: Sequ
             appearance=np.zeros((0, APPEARANCE_BINS)),
             row=none,
         )
-        yield FrameLook(look, frame, none)
+        yield FrameDetectionsWithIds(look, frame, none)
 
 
 @dataclass
-class BoxTally:
+class BoxStatistics:
     """What was found while boxes stream by, by place of the camera in use.
 
     Attributes:
@@ -234,12 +236,12 @@ class BoxTally:
     last_ns: Ints
 
     @classmethod
-    def of(cls, cameras: int) -> BoxTally:
+    def of(cls, cameras: int) -> BoxStatistics:
         """Nothing yet."""
         zero = np.zeros(cameras, dtype=np.int64)
         return cls(zero, zero.copy(), zero.copy(), zero.copy(), zero - 1, zero - 1)
 
-    def saw(self, look: Look) -> None:
+    def saw(self, look: FrameDetections) -> None:
         """Count a look."""
         c = look.camera
         self.frames[c] += 1
@@ -248,9 +250,9 @@ class BoxTally:
         self.last_ns[c] = look.t_ns
 
 
-def looks_of(
-    chunks: Iterable[FrameRows], cameras: Sequence[Camera], known: Sequence[str], tally: BoxTally
-) -> Iterator[FrameLook]:
+def frame_detections(
+    chunks: Iterable[DetectionFrameRows], cameras: Sequence[Camera], known: Sequence[str], tally: BoxStatistics
+) -> Iterator[FrameDetectionsWithIds]:
     """Looks in the order of time, and of cameras.
 
     Boxes that lie outside the image, and boxes that another one of the same frame repeats, are left out and counted.
@@ -278,12 +280,14 @@ def looks_of(
         starts = np.flatnonzero(np.append(True, (np.diff(rows.t_ns) != 0) | (np.diff(camera) != 0)))
         for first, stop in pairwise([*starts.tolist(), len(order)]):
             if camera[first] >= 0:
-                yield _look(rows.take(slice(first, stop)), int(camera[first]), row[first:stop], cameras, tally)
+                yield _detections_of_frame(
+                    rows.take(slice(first, stop)), int(camera[first]), row[first:stop], cameras, tally
+                )
 
 
-def _whole_times(chunks: Iterable[FrameRows]) -> Iterator[FrameRows]:
+def _whole_times(chunks: Iterable[DetectionFrameRows]) -> Iterator[DetectionFrameRows]:
     """Parts that never end amid the rows of one time; none is empty."""
-    held: list[FrameRows] = []
+    held: list[DetectionFrameRows] = []
     for chunk in chunks:
         if not len(chunk.t_ns):
             continue
@@ -298,20 +302,22 @@ def _whole_times(chunks: Iterable[FrameRows]) -> Iterator[FrameRows]:
         yield _joined(held)
 
 
-def _joined(parts: Sequence[FrameRows]) -> FrameRows:
-    return FrameRows._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
+def _joined(parts: Sequence[DetectionFrameRows]) -> DetectionFrameRows:
+    return DetectionFrameRows._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
 
 
-def _look(rows: FrameRows, c: int, row: Ints, cameras: Sequence[Camera], tally: BoxTally) -> FrameLook:
+def _detections_of_frame(
+    rows: DetectionFrameRows, c: int, row: Ints, cameras: Sequence[Camera], tally: BoxStatistics
+) -> FrameDetectionsWithIds:
     """The look at one frame."""
     there = rows.number >= 0
     outside = there & _outside(rows.edges, cameras[c])
     kept = np.flatnonzero(there & ~outside)
-    twice = repeated(rows.edges[kept], rows.score[kept])
+    twice = duplicate_boxes(rows.edges[kept], rows.score[kept])
     kept = kept[~twice]
     tally.outside[c] += int(outside.sum())
     tally.twice[c] += int(twice.sum())
-    look = Look(
+    look = FrameDetections(
         t_ns=int(rows.t_ns[0]),
         camera=c,
         boxes=rows.edges[kept],
@@ -321,7 +327,7 @@ def _look(rows: FrameRows, c: int, row: Ints, cameras: Sequence[Camera], tally: 
         row=row[kept],
     )
     tally.saw(look)
-    return FrameLook(look, int(rows.frame[0]), rows.number[kept].astype(np.int64))
+    return FrameDetectionsWithIds(look, int(rows.frame[0]), rows.number[kept].astype(np.int64))
 
 
 def _outside(edges: Floats, camera: Camera) -> Bools:
@@ -334,7 +340,7 @@ def _outside(edges: Floats, camera: Camera) -> Bools:
     return beyond
 
 
-def repeated(edges: Floats, score: Floats) -> Bools:
+def duplicate_boxes(edges: Floats, score: Floats) -> Bools:
     """(n,) boxes that are the same as one of more score, or, of equal score, as an earlier one."""
     n = len(edges)
     if n < 2:
@@ -342,7 +348,7 @@ def repeated(edges: Floats, score: Floats) -> Bools:
     corner = np.minimum(edges[:, None, 2:], edges[None, :, 2:]) - np.maximum(edges[:, None, :2], edges[None, :, :2])
     shared = np.prod(np.maximum(corner, 0.0), axis=2)
     area = np.prod(edges[:, 2:] - edges[:, :2], axis=1)
-    same = shared >= SAME * (area[:, None] + area[None, :] - shared)
+    same = shared >= DUPLICATE_IOU * (area[:, None] + area[None, :] - shared)
     out = np.zeros(n, dtype=np.bool_)
     order = np.argsort(-np.nan_to_num(score, nan=0.0), kind="stable")
     for k, i in enumerate(order.tolist()):
@@ -351,9 +357,9 @@ def repeated(edges: Floats, score: Floats) -> Bools:
     return out
 
 
-def moments_of(looks: Iterable[FrameLook], window_ns: int) -> Iterator[list[FrameLook]]:
+def group_time_steps(looks: Iterable[FrameDetectionsWithIds], window_ns: int) -> Iterator[list[FrameDetectionsWithIds]]:
     """Looks at most the window after the first one, unless a camera looks again, are of one moment."""
-    held: list[FrameLook] = []
+    held: list[FrameDetectionsWithIds] = []
     cameras: set[int] = set()
     for each in looks:
         if held and (each.look.t_ns - held[0].look.t_ns > window_ns or each.look.camera in cameras):
@@ -365,6 +371,6 @@ def moments_of(looks: Iterable[FrameLook], window_ns: int) -> Iterator[list[Fram
         yield held
 
 
-def in_order(*streams: Iterable[FrameLook]) -> Iterator[FrameLook]:
+def in_order(*streams: Iterable[FrameDetectionsWithIds]) -> Iterator[FrameDetectionsWithIds]:
     """Looks of several streams, each in the order of time, in the order of time and of cameras."""
     return merge(*streams, key=lambda each: (each.look.t_ns, each.look.camera))

@@ -9,22 +9,22 @@ from numpy.typing import NDArray
 
 from occlog.array_types import NS, Bools, Bytes, Floats
 from occlog.records.scene import Camera
-from occlog.track.methods.jipda.interface import HEIGHT, STATE, WIDTH, Moment, X, Y
+from occlog.track.methods.jipda.interface import HEIGHT, STATE_SIZE, WIDTH, TrackSnapshot, X, Y
 from occlog.track.methods.jipda.kernels.body_box import pack_views, project
 
-from .boxes_by_moment import FrameLook
+from .boxes_by_moment import FrameDetectionsWithIds
 
-MOMENTS = 1200
+MAX_STEPS = 1200
 """Moments that are kept from the beginning; more would say no more."""
-LOOKS = 60
+MAX_FRAMES = 60
 """Looks of a camera that are compared, evenly spread; at most twice as many are kept."""
-FEWEST = 20
+MIN_FRAMES = 20
 """Looks that an offset must leave to be compared."""
-NEAR = 0.15
+MATCH_DISTANCE_HEIGHTS = 0.15
 """A box is where a person was if its middle is this near to that of the expected box, in its heights."""
 BODY = [X, Y, HEIGHT, WIDTH]
 """Places in a state that say where the box of somebody is expected."""
-SHARE, ABOVE = 0.5, 0.2
+MIN_ASSOCIATED_SHARE, MIN_SHARE_GAIN = 0.5, 0.2
 """An offset is told if it explains so many of the boxes, and so many more than none does and offsets usually do."""
 
 
@@ -40,13 +40,13 @@ class _Spread:
         """Keep the look if it is due; when there are too many, keep every other one from then on."""
         if self._count % self._every == 0:
             self.kept.append((t_ns, middles))
-            if len(self.kept) > 2 * LOOKS:
+            if len(self.kept) > 2 * MAX_FRAMES:
                 self.kept = self.kept[::2]
                 self._every *= 2
         self._count += 1
 
 
-class Delays:
+class ClockOffsetSearch:
     """Keeps people and boxes from the beginning of a recording."""
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
@@ -58,9 +58,9 @@ class Delays:
         self._by: list[Bytes] = []  # (m, C / 8) who has a box of them
         self._looks = [_Spread() for _ in cameras]
 
-    def add(self, moment: Moment, looks: Sequence[FrameLook], by: Bools) -> None:
+    def add(self, moment: TrackSnapshot, looks: Sequence[FrameDetectionsWithIds], by: Bools) -> None:
         """Keep one more moment; `by` (m, C) says which cameras have a box of each person."""
-        if len(self._t_ns) >= MOMENTS:
+        if len(self._t_ns) >= MAX_STEPS:
             return
         self._t_ns.append(moment.t_ns)
         self._people.append(moment.mean[:, BODY].astype(np.float32))
@@ -77,9 +77,9 @@ class Delays:
             fewest: other cameras that must see a person who counts.
         """
         looks = self._looks[camera].kept
-        if len(looks) < FEWEST or len(self._t_ns) < FEWEST:
+        if len(looks) < MIN_FRAMES or len(self._t_ns) < MIN_FRAMES:
             return float("nan")
-        looks = [looks[k] for k in np.unique(np.linspace(0, len(looks) - 1, LOOKS).astype(np.int64))]
+        looks = [looks[k] for k in np.unique(np.linspace(0, len(looks) - 1, MAX_FRAMES).astype(np.int64))]
         times = np.array(self._t_ns, dtype=np.int64)
         step = max(int(np.median(np.diff(times))), 1)
         people, heights = self._expected(camera, fewest)
@@ -89,20 +89,20 @@ class Delays:
         shares, fits = np.full((2, len(offsets)), np.nan)
         # No offset first: where it explains the boxes, none can explain so many more
         for k in sorted(range(len(offsets)), key=lambda k: k != span):
-            if shares[span] > 1.0 - ABOVE:
+            if shares[span] > 1.0 - MIN_SHARE_GAIN:
                 return float("nan")
             offset = int(offsets[k])
             asked = looked - offset * step
             near = np.clip(np.searchsorted(times, asked - step // 2), 0, len(times) - 1)
             good = np.abs(times[near] - asked) <= step
-            if np.count_nonzero(good) >= FEWEST:
+            if np.count_nonzero(good) >= MIN_FRAMES:
                 shares[k], fits[k] = _explained(boxes[good], people[near[good]], heights[near[good]])
         told = np.flatnonzero(np.isfinite(shares))
         if not len(told):
             return float("nan")
         best = told[np.argmax(fits[told])]
         usual = np.nanmax([np.median(shares[told]), shares[span]])
-        if shares[best] < max(SHARE, float(usual) + ABOVE):
+        if shares[best] < max(MIN_ASSOCIATED_SHARE, float(usual) + MIN_SHARE_GAIN):
             return float("nan")
         return float(offsets[best]) * step / NS
 
@@ -113,10 +113,10 @@ class Delays:
         for body, bits in zip(self._people, self._by, strict=True):
             by = np.unpackbits(bits, axis=1, count=len(self._cameras))
             there = np.flatnonzero(by.sum(axis=1) - by[:, camera] >= fewest)
-            own = np.zeros((len(there), STATE))
+            own = np.zeros((len(there), STATE_SIZE))
             own[:, BODY] = body[there]
             found = np.zeros((len(own), 8))
-            project(views, camera, own, np.zeros((len(own), STATE, STATE)), 0.0, found)
+            project(views, camera, own, np.zeros((len(own), STATE_SIZE, STATE_SIZE)), 0.0, found)
             found = found[found[:, 7] > 0.0]
             middles.append(0.5 * (found[:, :2] + found[:, 2:4]))
             heights.append(found[:, 3] - found[:, 1])
@@ -134,12 +134,12 @@ def _padded(parts: Sequence[Floats]) -> Floats:
 def _explained(boxes: Floats, people: Floats, heights: Floats) -> tuple[float, float]:
     """Share of the boxes (L, B, 2) that are near an expected one (L, P, 2), of so many pixels' height (L, P).
 
-    The second number counts those nearby by how near they are, from 1 to 0 at `NEAR`.
+    The second number counts those nearby by how near they are, from 1 to 0 at `MATCH_DISTANCE_HEIGHTS`.
     """
     if not people.shape[1]:
         return 0.0, 0.0
     away = np.linalg.norm(boxes[:, :, None] - people[:, None], axis=-1) / heights[:, None]
     nearest = np.where(np.isfinite(away), away, np.inf).min(axis=2)
     whole = np.count_nonzero(np.isfinite(boxes[..., 0]))
-    near = np.maximum(1.0 - nearest / NEAR, 0.0)
-    return float(np.count_nonzero(nearest <= NEAR) / whole), float(near.sum() / whole)
+    near = np.maximum(1.0 - nearest / MATCH_DISTANCE_HEIGHTS, 0.0)
+    return float(np.count_nonzero(nearest <= MATCH_DISTANCE_HEIGHTS) / whole), float(near.sum() / whole)

@@ -23,39 +23,39 @@ from occlog.scans.grouping import nearest
 from occlog.scans.sources import bearings_of_doa
 from occlog.settings import LENGTH_POWER, METRES, Settings, configure, declaration, declared
 from occlog.track.methods.jipda.config import JipdaConfig
-from occlog.track.methods.jipda.interface import Directions
+from occlog.track.methods.jipda.interface import DirectionsOfArrival
 from occlog.track.request import PeopleRequest
 
 from .boxes_by_moment import (
-    BoxTally,
-    FrameLook,
+    BoxStatistics,
+    FrameDetectionsWithIds,
     FrameNumbers,
-    FrameTimes,
-    empty_frames,
+    RegionFrameTimes,
+    frame_detections,
+    frames_without_boxes,
+    group_time_steps,
     in_order,
-    looks_of,
-    moments_of,
     rows_of_boxes,
     rows_of_views,
 )
 
 S = TypeVar("S", bound=Settings)
 
-FEWEST = 10
+MIN_BOXES = 10
 """Of fewer boxes of a camera nothing is said."""
 BORDER_PX = 3.0
 """A box this near to the lower or upper border of the image may be cut by it."""
-APART = 1.6
+HEIGHT_RATIO_LIMIT = 1.6
 """A camera in which people are so many times taller or shorter than in the others is not calibrated as they are."""
-WRONG = 2.5
+WRONG_UNIT_HEIGHT_RATIO = 2.5
 """People so many times taller or shorter than stated are not people: the unit of the scene is another one."""
 
 
-NOBODYS = 10.0
+IMPOSSIBLE_HEIGHT_RATIO = 10.0
 """Nobody, not even a child or a tall machine, is so many times taller or shorter than people usually are."""
 
 
-def statures(looks: Sequence[FrameLook], cameras: Sequence[Camera]) -> Floats:
+def person_heights(looks: Sequence[FrameDetectionsWithIds], cameras: Sequence[Camera]) -> Floats:
     """(C,) median height of who is in the boxes of each camera, in the scene's unit; NaN where few boxes tell.
 
     The feet are at the middle of the lower edge, on the floor; the head is above them, in the row of the upper edge.
@@ -64,7 +64,7 @@ def statures(looks: Sequence[FrameLook], cameras: Sequence[Camera]) -> Floats:
     for c, camera in enumerate(cameras):
         boxes = np.concatenate([np.zeros((0, 4)), *(each.look.boxes for each in looks if each.look.camera == c)])
         heights = _statures(boxes, camera)
-        if len(heights) >= FEWEST:
+        if len(heights) >= MIN_BOXES:
             out[c] = np.median(heights)
     return out
 
@@ -84,18 +84,18 @@ def _statures(boxes: Floats, camera: Camera) -> Floats:
     return good
 
 
-def typical(heights: Floats) -> float:
+def median_height(heights: Floats) -> float:
     """Median over the cameras that tell; NaN where none does."""
     told = heights[np.isfinite(heights)]
     return float(np.median(told)) if len(told) else float("nan")
 
 
-def odd_cameras(heights: Floats) -> Mapping[int, float]:
-    """Cameras in which people are `APART` times as tall or as short as in the median of the others, and how tall."""
+def inconsistent_cameras(heights: Floats) -> Mapping[int, float]:
+    """Cameras in which people are `HEIGHT_RATIO_LIMIT` times as tall or as short as in the median of the others, and how tall."""
     found = {}
     for c in np.flatnonzero(np.isfinite(heights)).tolist():
-        others = typical(np.delete(heights, c))
-        if np.isfinite(others) and not 1.0 / APART < heights[c] / others < APART:
+        others = median_height(np.delete(heights, c))
+        if np.isfinite(others) and not 1.0 / HEIGHT_RATIO_LIMIT < heights[c] / others < HEIGHT_RATIO_LIMIT:
             found[c] = float(heights[c])
     return found
 
@@ -110,7 +110,7 @@ def in_units_of(config: S, metre: float) -> S:
     return replace(config, **changed)
 
 
-FIRST_LOOKS = 64
+FIRST_FRAMES = 64
 """Looks of each camera that are read ahead, to learn how often it looks and how tall people are."""
 RAISE = (
     "say how high the cameras are: z of their positions in the scene, or up and ground of `occlog ingest` where the "
@@ -145,17 +145,17 @@ class PeopleInput:
         self.notes: list[str] = []
         self._doa = self._directions()
         self.cameras = self._cameras()
-        self.tally = BoxTally.of(len(self.cameras))
+        self.tally = BoxStatistics.of(len(self.cameras))
         self.numbers: dict[str, FrameNumbers] = {}
         looks = self._looks()
-        first = list(islice(looks, FIRST_LOOKS * len(self.cameras)))
-        self.heights = statures(first, self.cameras)
+        first = list(islice(looks, FIRST_FRAMES * len(self.cameras)))
+        self.heights = person_heights(first, self.cameras)
         self.metre, self.config = self._config(any(len(each.look.boxes) for each in first))
         scores = np.concatenate([np.zeros(0), *(each.look.score for each in first)])
         regions = len(scores) > 0 and bool(np.isnan(scores).all()) and self.opened.has(Views)
         self.regions_smoothed = regions and self.config.smoothed
         self.window_ns = request.window_ns if request.window_ns is not None else default_window(first)
-        self.moments: Iterator[list[FrameLook]] = moments_of(chain(first, looks), self.window_ns)
+        self.moments: Iterator[list[FrameDetectionsWithIds]] = group_time_steps(chain(first, looks), self.window_ns)
 
     @property
     def losses(self) -> tuple[Loss, ...]:
@@ -208,24 +208,24 @@ class PeopleInput:
             )
         return tuple(used)
 
-    def _looks(self) -> Iterator[FrameLook]:
+    def _looks(self) -> Iterator[FrameDetectionsWithIds]:
         """Looks of all cameras; a table of regions has no rows for frames in which nobody was detected."""
         known = [c.name for c in self.scene.cameras]
         boxes, foreign = self.opened.has(Boxes), self.opened.foreign
         chunks = rows_of_boxes(self.opened.rows(Boxes)) if boxes else rows_of_views(self.opened.rows(Views))
-        found = looks_of(chunks, self.cameras, known, self.tally)
+        found = frame_detections(chunks, self.cameras, known, self.tally)
         # Our boxes have a row for each frame without any; others tell of such frames by leaving numbers out
-        if boxes and (foreign is None or not foreign.fits(FrameTimes)):
+        if boxes and (foreign is None or not foreign.fits(RegionFrameTimes)):
             return found
         place = {camera.name: c for c, camera in enumerate(self.cameras)}
         return in_order(found, self._empty(place))
 
-    def _empty(self, place: Mapping[str, int]) -> Iterator[FrameLook]:
+    def _empty(self, place: Mapping[str, int]) -> Iterator[FrameDetectionsWithIds]:
         """Frames of a table of regions, or of boxes of others, in which nobody was detected, counted."""
         if self.opened.recording is not None:
             return
         lost = gaps_of(self.opened.provenance.parameters)
-        for each in empty_frames(self.opened.rows(FrameTimes), place, self.numbers):
+        for each in frames_without_boxes(self.opened.rows(RegionFrameTimes), place, self.numbers):
             if not inside(lost.get(self.cameras[each.look.camera].name, []), each.frame):
                 self.tally.saw(each.look)
                 yield each
@@ -239,7 +239,7 @@ class PeopleInput:
             return opened
         return self.opened if self.opened.has(Doa) else None
 
-    def heard(self) -> Iterator[Directions]:
+    def heard(self) -> Iterator[DirectionsOfArrival]:
         """Directions of arrival, those of an array at one time together, in the order of time."""
         if self._doa is None:
             return
@@ -260,21 +260,21 @@ class PeopleInput:
         Args:
             anybody: there is a box among the first looks.
         """
-        unit, given, tall = self.scene.length_unit, self.request.settings, typical(self.heights)
+        unit, given, tall = self.scene.length_unit, self.request.settings, median_height(self.heights)
         defaults = JipdaConfig.in_unit(unit)
         usual = JipdaConfig().height
         if unit in METRES:
             config = configure(defaults, given)
             remedy = "state the unit of the calibration (calibration_unit of `occlog ingest`)"
-            if not 1.0 / NOBODYS < config.height / defaults.height < NOBODYS:
+            if not 1.0 / IMPOSSIBLE_HEIGHT_RATIO < config.height / defaults.height < IMPOSSIBLE_HEIGHT_RATIO:
                 # The other settings would not be in that unit
                 raise InputError(
                     f"{self.request.bearings}: nobody is {config.height:.3g} {unit} tall (setting height), so the "
                     f"lengths of the scene are not in {unit}; {remedy}"
                 )
             share = tall / config.height
-            if np.isfinite(share) and not 1.0 / WRONG < share < WRONG:
-                if 1.0 / NOBODYS < tall / defaults.height < NOBODYS:
+            if np.isfinite(share) and not 1.0 / WRONG_UNIT_HEIGHT_RATIO < share < WRONG_UNIT_HEIGHT_RATIO:
+                if 1.0 / IMPOSSIBLE_HEIGHT_RATIO < tall / defaults.height < IMPOSSIBLE_HEIGHT_RATIO:
                     remedy += f", or else how tall people are (setting height, {tall:.3g})"
                 raise InputError(
                     f"{self.request.bearings}: by their boxes people are {tall:.3g} {unit} tall, so the lengths of the "
@@ -300,12 +300,12 @@ class PeopleInput:
         return metre, configure(in_units_of(JipdaConfig(), metre), given)
 
 
-def _by_array(rows: Bearings, place: Mapping[str, int]) -> Iterator[Directions]:
+def _by_array(rows: Bearings, place: Mapping[str, int]) -> Iterator[DirectionsOfArrival]:
     """Directions of whole times, by time and array."""
     table = rows.sorted()
     starts = np.flatnonzero(np.append(True, (np.diff(table.t_ns) != 0) | (table.sensor[1:] != table.sensor[:-1])))
     for first, stop in pairwise([*starts.tolist(), len(table)] if len(table) else []):
-        yield Directions(
+        yield DirectionsOfArrival(
             t_ns=int(table.t_ns[first]),
             sensor=place[str(table.sensor[first])],
             bearing=table.bearing[first:stop],
@@ -321,7 +321,7 @@ def _remedy(opened: Opened) -> str:
     return "give a recording with boxes of a detector, made by `occlog ingest`, or views of `occlog detect`"
 
 
-def default_window(looks: list[FrameLook]) -> int:
+def default_window(looks: list[FrameDetectionsWithIds]) -> int:
     """The widest window [ns] below half the shortest frame period; 0 where no camera looks twice."""
     times: dict[int, list[tuple[int, int]]] = {}
     for each in looks:

@@ -23,39 +23,39 @@ from scipy.spatial import cKDTree
 from occlog.array_types import NS, Floats
 from occlog.core.numerics.jit import kernel
 from occlog.track.methods.jipda.config import JipdaConfig
-from occlog.track.methods.jipda.interface import STATE, VX, VY, Event, Moment, Support, X, Y
+from occlog.track.methods.jipda.interface import STATE_SIZE, VX, VY, BoxAssociations, Event, TrackSnapshot, X, Y
 
-NEAR, PARTED = 1.5, 2.2
+ENCOUNTER_DISTANCE_WIDTHS, PARTING_DISTANCE_WIDTHS = 1.5, 2.2
 """Two people met who come nearer than the first, and have parted beyond the second; in mean widths of a person."""
-TWO_PLACES = 0.55
+RESOLUTION_WIDTHS = 0.55
 """Nearer than this many widths one person's boxes are not told from the other's."""
-TOLD_APART = 1.0
+MIN_SEPARATE_DETECTIONS = 1.0
 """Cameras, in sum of probabilities, that must have a box of each of the two alone."""
-LEAST = 0.2
+MIN_SWITCH_PROBABILITY = 0.2
 """Less probable exchanges are not named."""
 CONSTANT: Final = 2.30
 BY_DISTANCE: Final = -1.04
 BY_RATIO: Final = -0.57
 """Numbers of the logistic function, fitted."""
-LEAST_DISTANCE = 0.3
+MIN_DISTANCE_SIGMAS = 0.3
 """Smaller distances [standard deviations] count as this."""
-MOST_RATIO = 100.0
+MAX_LOG_RATIO = 100.0
 """Larger log likelihood ratios count as this, negative ones as 0."""
 
 
-def exchange_probability(distance: float, ratio: float) -> float:
+def switch_probability(distance: float, ratio: float) -> float:
     """Probability that two people were exchanged at a meeting.
 
     Args:
         distance: smallest, in standard deviations of their places, >= 0.
         ratio: smallest log likelihood ratio of the tracks to the exchanged ones.
     """
-    near, clear = np.log(max(distance, LEAST_DISTANCE)), np.log1p(min(max(ratio, 0.0), MOST_RATIO))
+    near, clear = np.log(max(distance, MIN_DISTANCE_SIGMAS)), np.log1p(min(max(ratio, 0.0), MAX_LOG_RATIO))
     return float(1.0 / (1.0 + np.exp(-(CONSTANT + BY_DISTANCE * near + BY_RATIO * clear))))
 
 
 @dataclass
-class _Meeting:
+class _Encounter:
     """Two people who are near each other."""
 
     t_ns: int  # when they were last told apart
@@ -67,18 +67,18 @@ class _Meeting:
     ratio: float = np.inf  # the smallest
 
 
-class Meetings:
+class CloseEncounters:
     """Who is near whom, while moments stream by; memory is that of those who are near each other now."""
 
     def __init__(self, config: JipdaConfig) -> None:
         """Nobody has met; `config` says how wide people are, and how they turn."""
         self._width, self._manoeuvre = config.width, config.manoeuvre
-        self._going_on: dict[tuple[int, int], _Meeting] = {}
+        self._going_on: dict[tuple[int, int], _Encounter] = {}
 
-    def add(self, moment: Moment) -> tuple[Event, ...]:
+    def add(self, moment: TrackSnapshot) -> tuple[Event, ...]:
         """Take in one more moment; two events for each two people who part and may have been exchanged."""
         n = len(moment.ids)
-        near = _pairs(moment.mean[:, [X, Y]], PARTED * self._width)
+        near = _pairs(moment.mean[:, [X, Y]], PARTING_DISTANCE_WIDTHS * self._width)
         now = {(int(moment.ids[i]), int(moment.ids[j])): (i, j) for i, j in near}
         at = {int(k): i for i, k in enumerate(moment.ids)}
         events: list[Event] = []
@@ -86,24 +86,27 @@ class Meetings:
             meeting = self._going_on.pop(pair)
             if meeting.near and not meeting.named and pair[0] in at and pair[1] in at:
                 self._compare(meeting, moment, [at[k] for k in pair])
-                events += _doubts(pair, exchange_probability(meeting.distance, meeting.ratio))
+                events += _doubts(pair, switch_probability(meeting.distance, meeting.ratio))
         doubted = {(min(e.id, e.other), max(e.id, e.other)) for e in moment.events if e.kind == "doubt"}
         alone = _alone(moment.support, n) if now else np.zeros((n, 0))
         for pair, (i, j) in now.items():
             both = [i, j]
             apart = float(np.hypot(*(moment.mean[i] - moment.mean[j])[[X, Y]]))
             if pair not in self._going_on:
-                self._going_on[pair] = _Meeting(moment.t_ns, moment.mean[both], moment.covariance[both])
+                self._going_on[pair] = _Encounter(moment.t_ns, moment.mean[both], moment.covariance[both])
             meeting = self._going_on[pair]
             spread = np.sqrt(0.5 * np.trace(moment.covariance[both][:, :2, :2], axis1=1, axis2=2).sum())
             meeting.distance = min(meeting.distance, apart / spread)
-            meeting.near |= apart < NEAR * self._width
+            meeting.near |= apart < ENCOUNTER_DISTANCE_WIDTHS * self._width
             meeting.named |= pair in doubted
-            if apart > TWO_PLACES * self._width and np.minimum(alone[i], alone[j]).sum() >= TOLD_APART:
+            if (
+                apart > RESOLUTION_WIDTHS * self._width
+                and np.minimum(alone[i], alone[j]).sum() >= MIN_SEPARATE_DETECTIONS
+            ):
                 self._compare(meeting, moment, both)
         return tuple(events)
 
-    def _compare(self, meeting: _Meeting, moment: Moment, both: list[int]) -> None:
+    def _compare(self, meeting: _Encounter, moment: TrackSnapshot, both: list[int]) -> None:
         """Compare the tracks of two who are told apart again with the exchanged ones."""
         means, covariances = moment.mean[both], moment.covariance[both]
         passed = (moment.t_ns - meeting.t_ns) / NS
@@ -123,12 +126,12 @@ def _pairs(places: Floats, apart: float) -> list[tuple[int, int]]:
 
 def _doubts(pair: tuple[int, int], probability: float) -> list[Event]:
     """The doubt of either of two people, if it is worth naming."""
-    if probability < LEAST:
+    if probability < MIN_SWITCH_PROBABILITY:
         return []
     return [Event("doubt", a, b, probability) for a, b in (pair, pair[::-1])]
 
 
-def _alone(support: Support, people: int) -> Floats:
+def _alone(support: BoxAssociations, people: int) -> Floats:
     """(m, C) probability that a camera has a box of a person alone."""
     cameras = int(support.camera.max(initial=-1)) + 1
     out = np.zeros((people, cameras))
@@ -154,7 +157,7 @@ def log_ratio(
     for i in range(2):
         mean, cov = before[i].copy(), cov_before[i].copy()
         # Walk on: F cov F^T + Q for each axis
-        step = np.eye(STATE)
+        step = np.eye(STATE_SIZE)
         for place, speed in ((X, VX), (Y, VY)):
             step[place, speed] = passed
         mean = step @ mean

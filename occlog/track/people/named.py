@@ -33,18 +33,18 @@ from occlog.records.losses import Loss
 from occlog.records.tables import Boxes, Events, Gallery, PeopleTracks, Tracks, Views
 
 from .inputs import PeopleInput
-from .meetings import LEAST
-from .rows import LIKELY, MomentTables, SeenMoment
+from .meetings import MIN_SWITCH_PROBABILITY
+from .rows import MIN_MAP_PROBABILITY, SnapshotTables, SnapshotWithDetections
 
-NAMED, DOUBT = "named", "doubt"
+REIDENTIFICATION_EVENT, SWITCH_EVENT = "named", "doubt"
 """Kinds of events that tell of names."""
 CONSTANT, BY_MARGIN = -5.9, 142.0
 """Numbers of the logistic function, fitted."""
-SURE = 0.5
+MIN_NAME_PROBABILITY = 0.5
 """Less probable names are none."""
 
 
-class Cut(NamedTuple):
+class TrackSplit(NamedTuple):
     """A track may be another person's from here on."""
 
     track: int
@@ -52,7 +52,7 @@ class Cut(NamedTuple):
     other: int  # whose they may have taken the place of
 
 
-class Pieces(NamedTuple):
+class TrackFragments(NamedTuple):
     """P pieces, by track and time."""
 
     track: Ints32  # (P,)
@@ -71,7 +71,7 @@ class Pieces(NamedTuple):
         return np.where(known, np.searchsorted(self.code, code, side="right") - 1, -1)
 
 
-def pieces_of(track: Ints32, t_ns: Ints, cuts: Sequence[Cut]) -> Pieces:
+def split_tracks(track: Ints32, t_ns: Ints, cuts: Sequence[TrackSplit]) -> TrackFragments:
     """Cut tracks.
 
     Args:
@@ -87,7 +87,7 @@ def pieces_of(track: Ints32, t_ns: Ints, cuts: Sequence[Cut]) -> Pieces:
         if place < len(tracks) and tracks[place] == cut.track:
             partners.setdefault(place * n + int(np.searchsorted(times, cut.t_ns)) + 1, []).append(cut.other)
     code = np.unique(np.array([*(np.arange(len(tracks)) * n).tolist(), *partners], dtype=np.int64))
-    out = Pieces(tracks[code // n], code, code, (), tracks, times, code)
+    out = TrackFragments(tracks[code // n], code, code, (), tracks, times, code)
     first, last = np.full(len(code), np.iinfo(np.int64).max), np.full(len(code), np.iinfo(np.int64).min)
     whose = out.of(track, t_ns)
     np.minimum.at(first, whose, t_ns)
@@ -95,16 +95,16 @@ def pieces_of(track: Ints32, t_ns: Ints, cuts: Sequence[Cut]) -> Pieces:
     return out._replace(first_ns=first, last_ns=last, partners=tuple(tuple(partners.get(c, ())) for c in code.tolist()))
 
 
-class Names(NamedTuple):
+class FragmentNames(NamedTuple):
     """What P pieces are called."""
 
     name: Ints32  # (P,)
     probability: Floats  # (P,) that the person of the gallery is it; NaN: their own boxes do not tell
 
 
-def names_of(
-    pieces: Pieces, evidence: IdentityEvidence, gallery: Sequence[int], least_likeness: float, least_boxes: int
-) -> Names:
+def reidentify_fragments(
+    pieces: TrackFragments, evidence: IdentityEvidence, gallery: Sequence[int], least_likeness: float, least_boxes: int
+) -> FragmentNames:
     """Names of all pieces.
 
     A piece whose boxes tell is the person of the gallery whom it is most like; no two pieces at one time are one
@@ -125,7 +125,7 @@ def names_of(
     for row, piece in enumerate(evidence.track.tolist()):
         if piece in told:
             probable = name_probability(evidence, row, told[piece], least_likeness, least_boxes)
-            if probable < SURE:
+            if probable < MIN_NAME_PROBABILITY:
                 del told[piece]
             else:
                 probability[piece] = probable
@@ -139,14 +139,14 @@ def names_of(
     free = 1 + max(gallery, default=-1)
     rest = {track: free + k for k, track in enumerate(np.unique(pieces.track[_unnamed(pieces, names)]).tolist())}
     every = [names.get(p, rest.get(int(t), free)) for p, t in enumerate(pieces.track.tolist())]
-    return Names(np.array(every, dtype=np.int32), probability)
+    return FragmentNames(np.array(every, dtype=np.int32), probability)
 
 
-def _unnamed(pieces: Pieces, names: Mapping[int, int]) -> Bools:
+def _unnamed(pieces: TrackFragments, names: Mapping[int, int]) -> Bools:
     return np.array([p not in names for p in range(len(pieces.track))], dtype=np.bool_)
 
 
-def _offers(pieces: Pieces, piece: int, names: Mapping[int, int]) -> list[int]:
+def _offers(pieces: TrackFragments, piece: int, names: Mapping[int, int]) -> list[int]:
     """Names that a piece may have: of its track before it and after it, and of those it may have changed with."""
     own = np.flatnonzero(pieces.track == pieces.track[piece])
     before, after = own[own < piece], own[own > piece]
@@ -183,14 +183,14 @@ def name_probability(
     return float(1.0 / (1.0 + np.exp(-score)))
 
 
-def named_events(events: Events, pieces: Pieces, names: Names) -> Events:
+def named_events(events: Events, pieces: TrackFragments, names: FragmentNames) -> Events:
     """Events under the new names; doubts as far as looks leave them.
 
     Where the boxes of both people tell who they are before and after they may have been exchanged, the doubt that is
     left is that of the names after it, and less probable ones are not named.
     """
     own, other = pieces.of(events.target_id, events.t_ns), pieces.of(events.other_id, events.t_ns)
-    doubt = events.kind == DOUBT
+    doubt = events.kind == SWITCH_EVENT
     left = events.probability.copy()
     for row in np.flatnonzero(doubt & (own >= 0) & (other >= 0)).tolist():
         after = [int(own[row]), int(other[row])]
@@ -205,23 +205,25 @@ def named_events(events: Events, pieces: Pieces, names: Names) -> Events:
         other_id=np.where(other >= 0, names.name[other], events.other_id).astype(np.int32),
         probability=left,
     )
-    return named.take(~doubt | ~(left < LEAST)).sorted()
+    return named.take(~doubt | ~(left < MIN_SWITCH_PROBABILITY)).sorted()
 
 
-def begun(pieces: Pieces, names: Names, first_ns: int, last_ns: int) -> list[tuple[int, str, int, int, float]]:
+def reidentification_events(
+    pieces: TrackFragments, names: FragmentNames, first_ns: int, last_ns: int
+) -> list[tuple[int, str, int, int, float]]:
     """Rows of `events` for the pieces that begin within these times and whose boxes tell who they are."""
     now = (pieces.first_ns >= first_ns) & (pieces.first_ns <= last_ns) & np.isfinite(names.probability)
     return [
-        (int(pieces.first_ns[p]), NAMED, int(names.name[p]), -1, float(names.probability[p]))
+        (int(pieces.first_ns[p]), REIDENTIFICATION_EVENT, int(names.name[p]), -1, float(names.probability[p]))
         for p in np.flatnonzero(now).tolist()
     ]
 
 
-def named_tracks(tracks: PeopleTracks, doubts: Events, pieces: Pieces, names: Names) -> PeopleTracks:
+def named_tracks(tracks: PeopleTracks, doubts: Events, pieces: TrackFragments, names: FragmentNames) -> PeopleTracks:
     """Rows under the new names; `exchange` stays where a doubt is left in `doubts`, which have the new names."""
     name = names.name[pieces.of(tracks.target_id, tracks.t_ns)]
     left = {(t, k) for t, k, kind in zip(*(c.tolist() for c in (doubts.t_ns, doubts.target_id, doubts.kind)),
-                                         strict=True) if kind == DOUBT}  # fmt: skip
+                                         strict=True) if kind == SWITCH_EVENT}  # fmt: skip
     words = tracks.doubt.tolist()
     for row in np.flatnonzero(has_word(tracks.doubt, POSSIBLE_SWITCH)).tolist():
         if (int(tracks.t_ns[row]), int(name[row])) not in left:
@@ -229,10 +231,10 @@ def named_tracks(tracks: PeopleTracks, doubts: Events, pieces: Pieces, names: Na
     return replace(tracks, target_id=name, doubt=np.array(words, dtype=np.str_)).sorted()
 
 
-NOBODY = -1
+NO_ID = -1
 
 
-class _Rows(NamedTuple):
+class _TrackRows(NamedTuple):
     """What is kept of the tracks in memory: some 50 bytes a row, and some 30 for each box that speaks for one."""
 
     t_ns: Ints
@@ -244,7 +246,7 @@ class _Rows(NamedTuple):
     whose: Ints32
 
 
-class ByGallery:
+class GalleryReidentification:
     """Names for the tracks of everybody, by a gallery.
 
     Attributes:
@@ -283,10 +285,10 @@ class ByGallery:
         """For the summary, once everybody has a name."""
         return {"gallery": {**self._figures, **self._decisions.summary()}}
 
-    def named(self, parts: Iterable[tuple[list[SeenMoment], MomentTables]]) -> Iterator[MomentTables]:
+    def named(self, parts: Iterable[tuple[list[SnapshotWithDetections], SnapshotTables]]) -> Iterator[SnapshotTables]:
         """The tables of all parts under new names, when the last part has come; they wait in a temporary file."""
-        kept: list[_Rows] = []
-        cuts: list[Cut] = []
+        kept: list[_TrackRows] = []
+        cuts: list[TrackSplit] = []
         with tempfile.TemporaryFile() as spool:
             count = 0
             place = {name: c for c, name in enumerate(self._inputs.names)}
@@ -295,16 +297,16 @@ class ByGallery:
                 count += 1
                 kept.append(_rows(part, place))
                 cuts += [
-                    Cut(event.id, min(look.look.t_ns for look in each.looks), event.other)
+                    TrackSplit(event.id, min(look.look.t_ns for look in each.looks), event.other)
                     for each in seen
                     for event in each.moment.events
-                    if event.kind == DOUBT
+                    if event.kind == SWITCH_EVENT
                 ]
             if not count:
                 return
-            rows = _Rows._make(np.concatenate(columns) for columns in zip(*kept, strict=True))
+            rows = _TrackRows._make(np.concatenate(columns) for columns in zip(*kept, strict=True))
             kept.clear()
-            pieces = pieces_of(rows.target_id, rows.t_ns, cuts)
+            pieces = split_tracks(rows.target_id, rows.t_ns, cuts)
             names = self._names(rows, pieces)
             spool.seek(0)
             last_ns = np.iinfo(np.int64).min
@@ -313,7 +315,7 @@ class ByGallery:
                 first_ns, last_ns = last_ns + 1, int(part.tracks.t_ns[-1]) if len(part.tracks) else last_ns
                 yield _renamed(part, pieces, names, first_ns, last_ns)
 
-    def _names(self, rows: _Rows, pieces: Pieces) -> Names:
+    def _names(self, rows: _TrackRows, pieces: TrackFragments) -> FragmentNames:
         """Look at the boxes, and say who is who."""
         tally = EvidenceTally()
         table = Boxes if self._inputs.opened.has(Boxes) else Views
@@ -339,7 +341,9 @@ class ByGallery:
             self._decisions.add(part)
             tally.add(part)
         people = self._sides.target.tolist()
-        names = names_of(pieces, tally.evidence(), people, self._config.least_likeness, self._naming.least_boxes)
+        names = reidentify_fragments(
+            pieces, tally.evidence(), people, self._config.least_likeness, self._naming.least_boxes
+        )
         told = np.isfinite(names.probability)
         self._figures = {
             "tracks": len(pieces.tracks),
@@ -367,9 +371,9 @@ def _images(inputs: PeopleInput) -> Opened | None:
     )
 
 
-def _rows(part: MomentTables, place: dict[str, int]) -> _Rows:
-    tracks, support = part.tracks, part.support.take(part.support.probability > LIKELY)
-    return _Rows(
+def _rows(part: SnapshotTables, place: dict[str, int]) -> _TrackRows:
+    tracks, support = part.tracks, part.support.take(part.support.probability > MIN_MAP_PROBABILITY)
+    return _TrackRows(
         t_ns=tracks.t_ns,
         target_id=tracks.target_id,
         state=np.column_stack([tracks.x, tracks.y, tracks.vx, tracks.vy]).astype(np.float32),
@@ -380,7 +384,7 @@ def _rows(part: MomentTables, place: dict[str, int]) -> _Rows:
     )
 
 
-def _tracks(rows: _Rows) -> Tracks:
+def _tracks(rows: _TrackRows) -> Tracks:
     """The rows as paths are made of; how sure they are is not asked."""
     x, y, vx, vy = rows.state.astype(np.float64).T
     one = np.ones(len(x))
@@ -389,7 +393,7 @@ def _tracks(rows: _Rows) -> Tracks:
     )
 
 
-def _owned(frames: Iterable[FrameBoxes], rows: _Rows, names: tuple[str, ...]) -> Iterator[FrameBoxes]:
+def _owned(frames: Iterable[FrameBoxes], rows: _TrackRows, names: tuple[str, ...]) -> Iterator[FrameBoxes]:
     """Boxes with the track that each speaks for, of the cameras in use."""
     order = np.lexsort((rows.frame, rows.camera))
     camera, frame = rows.camera[order], rows.frame[order]
@@ -402,19 +406,21 @@ def _owned(frames: Iterable[FrameBoxes], rows: _Rows, names: tuple[str, ...]) ->
         here = frame[starts[c] : starts[c + 1]]
         at = starts[c] + np.arange(*np.searchsorted(here, [each.frame, each.frame + 1]))
         mine = dict(zip(rows.box[order[at]].tolist(), rows.whose[order[at]].tolist(), strict=True))
-        whose = [mine.get(box, NOBODY) for box in each.box.tolist()]
+        whose = [mine.get(box, NO_ID) for box in each.box.tolist()]
         yield each._replace(identity=np.array(whose, dtype=np.int32))
 
 
-def _renamed(part: MomentTables, pieces: Pieces, names: Names, first_ns: int, last_ns: int) -> MomentTables:
+def _renamed(
+    part: SnapshotTables, pieces: TrackFragments, names: FragmentNames, first_ns: int, last_ns: int
+) -> SnapshotTables:
     """A part under new names, with the pieces that begin at its times."""
     events = named_events(part.events, pieces, names)
-    told = Events.of_rows(begun(pieces, names, first_ns, last_ns))
+    told = Events.of_rows(reidentification_events(pieces, names, first_ns, last_ns))
     support, views = part.support, part.views
     own = names.name[pieces.of(support.target_id, support.t_ns)]
     if views is not None:
         views = replace(views, target_id=names.name[pieces.of(views.target_id, views.t_ns)]).sorted()
-    return MomentTables(
+    return SnapshotTables(
         tracks=named_tracks(part.tracks, events, pieces, names),
         support=replace(support, target_id=own).sorted(),
         events=Events.merge([events, told]),

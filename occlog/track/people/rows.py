@@ -11,14 +11,14 @@ from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.records.declared.people import BOX, COASTING, GROUND, POSSIBLE_SWITCH, SINGLE_VIEW, words_of
 from occlog.records.scene import Camera
 from occlog.records.tables import Events, PeopleTracks, PeopleViews, Support
-from occlog.track.methods.jipda.interface import HEIGHT, VX, VY, WIDTH, Moment, X, Y
+from occlog.track.methods.jipda.interface import HEIGHT, VX, VY, WIDTH, TrackSnapshot, X, Y
 from occlog.track.methods.jipda.kernels.body_box import pack_views, project
 
-from .boxes_by_moment import FrameLook
+from .boxes_by_moment import FrameDetectionsWithIds
 
-LIKELY = 0.5
+MIN_MAP_PROBABILITY = 0.5
 """A box is a person's if it is more probably of this person than not."""
-DOUBTS = (COASTING, SINGLE_VIEW, POSSIBLE_SWITCH)
+QUALITY_FLAGS = (COASTING, SINGLE_VIEW, POSSIBLE_SWITCH)
 """Values of the column `doubt`, in the order in which they stand there."""
 COVARIANCES = {
     "cov_xx": (X, X),
@@ -35,14 +35,14 @@ COVARIANCES = {
 """Columns of the covariance by the places in the state."""
 
 
-class SeenMoment(NamedTuple):
+class SnapshotWithDetections(NamedTuple):
     """Everybody after a moment, and the looks that it was made of."""
 
-    moment: Moment
-    looks: Sequence[FrameLook]
+    moment: TrackSnapshot
+    looks: Sequence[FrameDetectionsWithIds]
 
 
-class MomentTables(NamedTuple):
+class SnapshotTables(NamedTuple):
     """The rows of several moments; None: those of the images are not wanted."""
 
     tracks: PeopleTracks
@@ -51,19 +51,19 @@ class MomentTables(NamedTuple):
     views: PeopleViews | None
 
 
-def seen_in(moment: Moment, cameras: int) -> Floats:
+def detection_probability_by_camera(moment: TrackSnapshot, cameras: int) -> Floats:
     """(m, C) probability that a camera has a box of a person."""
     seen = np.zeros((len(moment.ids), cameras))
     np.add.at(seen, (moment.support.person, moment.support.camera), moment.support.probability)
     return np.minimum(seen, 1.0)
 
 
-def tracks_of(seen: Sequence[SeenMoment], names: Sequence[str]) -> PeopleTracks:
+def tracks_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]) -> PeopleTracks:
     """A row for each person at each moment."""
     moments = [each.moment for each in seen if len(each.moment.ids)]
     if not moments:
         return PeopleTracks.empty()
-    by = np.concatenate([seen_in(m, len(names)) >= LIKELY for m in moments])
+    by = np.concatenate([detection_probability_by_camera(m, len(names)) >= MIN_MAP_PROBABILITY for m in moments])
     mean = np.concatenate([m.mean for m in moments])
     covariance = np.concatenate([m.covariance for m in moments])
     exchanged = [np.isin(m.ids, [e.id for e in m.events if e.kind == "doubt"]) for m in moments]
@@ -83,11 +83,11 @@ def tracks_of(seen: Sequence[SeenMoment], names: Sequence[str]) -> PeopleTracks:
         sd_height=np.sqrt(covariance[:, HEIGHT, HEIGHT]),
         sd_width=np.sqrt(covariance[:, WIDTH, WIDTH]),
         seen_by=words_of(by, names),
-        doubt=words_of(np.column_stack([~by.any(axis=1), alone, np.concatenate(exchanged)]), DOUBTS),
+        doubt=words_of(np.column_stack([~by.any(axis=1), alone, np.concatenate(exchanged)]), QUALITY_FLAGS),
     )
 
 
-def support_of(seen: Sequence[SeenMoment], names: Sequence[str]) -> Support:
+def associations_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]) -> Support:
     """A row for each box that speaks for a person."""
     parts = [each for each in seen if len(each.moment.support.row)]
     if not parts:
@@ -106,7 +106,7 @@ def support_of(seen: Sequence[SeenMoment], names: Sequence[str]) -> Support:
     return table.sorted()
 
 
-def _numbers(each: SeenMoment) -> tuple[Ints, Ints]:
+def _numbers(each: SnapshotWithDetections) -> tuple[Ints, Ints]:
     """Frame and number of the box of each row of a moment's support."""
     row = np.concatenate([e.look.row for e in each.looks])
     frame = np.repeat([e.frame for e in each.looks], [len(e.box) for e in each.looks])
@@ -115,7 +115,7 @@ def _numbers(each: SeenMoment) -> tuple[Ints, Ints]:
     return frame[at], np.concatenate([e.box for e in each.looks])[at]
 
 
-def events_of(seen: Sequence[SeenMoment]) -> Events:
+def events_of(seen: Sequence[SnapshotWithDetections]) -> Events:
     """A row for each event."""
     return Events.of_rows((each.moment.t_ns, *event) for each in seen for event in each.moment.events)
 
@@ -133,7 +133,7 @@ class ViewRows(NamedTuple):
     visibility: Floats  # (n,)
 
 
-class EverybodyInViews:
+class TracksInViews:
     """Everybody in the images: between the box that a camera has of a person and that which the floor lets expect."""
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
@@ -141,7 +141,7 @@ class EverybodyInViews:
         self._names = np.array([c.name for c in cameras], dtype=np.str_)
         self._views = pack_views(cameras)
 
-    def table(self, seen: Sequence[SeenMoment]) -> PeopleViews:
+    def table(self, seen: Sequence[SnapshotWithDetections]) -> PeopleViews:
         """A row for each person and frame of the moments, where the person's place is in the image."""
         parts = [self._in_look(each.moment, look) for each in seen if len(each.moment.ids) for look in each.looks]
         if not parts:
@@ -174,7 +174,7 @@ class EverybodyInViews:
         )
         return table.sorted()
 
-    def _in_look(self, moment: Moment, each: FrameLook) -> ViewRows:
+    def _in_look(self, moment: TrackSnapshot, each: FrameDetectionsWithIds) -> ViewRows:
         """Everybody in one frame."""
         look, c = each.look, each.look.camera
         there = np.flatnonzero(np.isfinite(moment.visibility[:, c]))
@@ -183,7 +183,7 @@ class EverybodyInViews:
         delay = (look.t_ns - moment.t_ns) / NS
         project(self._views, c, moment.mean[there], moment.covariance[there], delay, found)
         # Take the camera's own boxes where it has some, as far as people are visible: a cover cuts the boxes of others
-        box, visible = _own_boxes(moment, look.row, c)[there], moment.visibility[there, c]
+        box, visible = _map_boxes(moment, look.row, c)[there], moment.visibility[there, c]
         own = box >= 0
         found[own, :4] += visible[own, None] * (look.boxes[box[own]] - found[own, :4])
         good = np.flatnonzero(found[:, 7] > 0.0)
@@ -200,11 +200,11 @@ class EverybodyInViews:
         )
 
 
-def _own_boxes(moment: Moment, row: Ints, camera: int) -> Ints:
+def _map_boxes(moment: TrackSnapshot, row: Ints, camera: int) -> Ints:
     """(m,) place in a look of the box that is more probably than not each person's alone; -1: none is."""
     out = np.full(len(moment.ids), -1, dtype=np.int64)
     s = moment.support
-    mine = np.flatnonzero((s.camera == camera) & (s.probability - s.joint >= LIKELY))
+    mine = np.flatnonzero((s.camera == camera) & (s.probability - s.joint >= MIN_MAP_PROBABILITY))
     if len(mine):
         order = np.argsort(row)
         out[s.person[mine]] = order[np.searchsorted(row, s.row[mine], sorter=order)]

@@ -18,28 +18,28 @@ from occlog.runner import Job
 from occlog.track.catalogue import METHODS
 from occlog.track.request import PeopleRequest
 
-from .agreement import Agreement
-from .inputs import PeopleInput, odd_cameras
-from .named import ByGallery
-from .rows import MomentTables
-from .stage import Follower, Tabulator, follow
+from .agreement import CameraAgreement
+from .inputs import PeopleInput, inconsistent_cameras
+from .named import GalleryReidentification
+from .rows import SnapshotTables
+from .stage import PeopleTracker, Tabulator, track_people
 
 OUTSIDE, SIZES, IDENTITIES = "boxes left out at ingest", "sizes of people", "expected identity switches"
 FRAMES, SMOOTHED, FOUND = "numbers of the frames", "errors of regions", "number of people"
 """Names of checks."""
 UNSIZED = "too few boxes are whole to compare cameras"
-DOUBTFUL, MUCH_DOUBTED = 0.2, 0.5
+SWITCHES_PER_TARGET_NOTE, SWITCHES_PER_TARGET_WARNING = 0.2, 0.5
 """Exchanges of identities expected of each person that a user must know, and that speak against the identities."""
-RARE, FEWEST_PAIRS = 0.02, 50
+MIN_SUCCESSIVE_SHARE, MIN_PAIRS = 0.02, 50
 """Share of frames with boxes that follow the one numbered before them that is suspicious, of so many frames."""
-LOST = 0.2
+MAX_SKIPPED_SHARE = 0.2
 """Share of a camera's boxes that were left out before, as they lie outside its image, that matters."""
 
 
 class PeopleSummary:
     """Figures of the summary, counted while tables stream by."""
 
-    def __init__(self, inputs: PeopleInput, agreement: Agreement) -> None:
+    def __init__(self, inputs: PeopleInput, agreement: CameraAgreement) -> None:
         """Begin with all counts at 0."""
         self.inputs, self.agreement = inputs, agreement
         self.people: set[int] = set()
@@ -48,7 +48,7 @@ class PeopleSummary:
         self.times = 0
         self.events: Counter[str] = Counter()
 
-    def add(self, part: MomentTables) -> None:
+    def add(self, part: SnapshotTables) -> None:
         """Count some more moments."""
         self.people.update(part.tracks.target_id.tolist())
         self.rows += len(part.tracks)
@@ -113,7 +113,7 @@ class PeopleSummary:
                 unless="" if self.rows else "nobody was found",
                 switches=round(self.exchanges, 1),
                 per_person=each,
-                allowed=MUCH_DOUBTED,
+                allowed=SWITCHES_PER_TARGET_WARNING,
             ),
             *outcome(FRAMES, self._numbers(), unless="" if self.inputs.numbers else "frames are not numbered"),
             *outcome(SMOOTHED, self._smoothed()),
@@ -143,56 +143,59 @@ class PeopleSummary:
             gone = (each for each in self.inputs.losses if each.source == name)
             lost = sum(each.count for each in gone if each.what.startswith(OUTSIDE_IMAGE))
             whole = int(kept[c]) + lost
-            if lost > LOST * whole:
+            if lost > MAX_SKIPPED_SHARE * whole:
                 yield finding(
                     OUTSIDE,
                     "warning",
                     "boxes-outside",
                     f"camera {name}: {lost} of {whole} boxes lie outside the image, and were left out when the "
-                    f"recording was made (allowed: {LOST:.0%}); is the calibration for another size of the image, or "
+                    f"recording was made (allowed: {MAX_SKIPPED_SHARE:.0%}); is the calibration for another size "
+                    "of the image, or "
                     "are the boxes another camera's?",
                     sensors=[name],
                     share=lost / whole,
-                    allowed=LOST,
+                    allowed=MAX_SKIPPED_SHARE,
                 )
 
     def _numbers(self) -> Iterator[Check]:
         """Cameras whose numbers of frames are hardly ever successive, so that most frames would have no box."""
         for name, each in sorted(self.inputs.numbers.items()):
             successive = each.pairs - each.left_out
-            if each.pairs >= FEWEST_PAIRS and successive < RARE * each.pairs:
+            if each.pairs >= MIN_PAIRS and successive < MIN_SUCCESSIVE_SHARE * each.pairs:
                 yield finding(
                     FRAMES,
                     "warning",
                     "frames-between",
                     f"camera {name}: {successive} of {each.pairs} frames with boxes follow the one numbered before "
-                    f"them (allowed: {RARE:.0%} and more): in the frames numbered between, the camera is taken to have "
+                    f"them (allowed: {MIN_SUCCESSIVE_SHARE:.0%} and more): in the frames numbered between, the "
+                    "camera is taken to have "
                     "seen nobody; where there are no such frames, number frames one after the other",
                     sensors=[name],
                     share=successive / each.pairs,
-                    allowed=RARE,
+                    allowed=MIN_SUCCESSIVE_SHARE,
                 )
 
     def _doubtful(self) -> Iterator[Check]:
         """Identities that may have been exchanged where people met."""
         each = self.exchanges / (self.rows / self.times) if self.rows else 0.0
-        if each >= DOUBTFUL:
+        if each >= SWITCHES_PER_TARGET_NOTE:
             yield finding(
                 IDENTITIES,
-                "warning" if each >= MUCH_DOUBTED else "note",
+                "warning" if each >= SWITCHES_PER_TARGET_WARNING else "note",
                 "identities-doubtful",
                 f"where people met identities may have been exchanged, some {self.exchanges:.1f} times ({each:.2f} for "
-                f"each person who is there at a time; a warning from {MUCH_DOUBTED:g} on): places hold, who is who may "
+                f"each person who is there at a time; a warning from {SWITCHES_PER_TARGET_WARNING:g} on): places "
+                "hold, who is who may "
                 "not; --events says who, when and how probably",
                 switches=round(self.exchanges, 1),
                 per_person=each,
-                allowed=MUCH_DOUBTED,
+                allowed=SWITCHES_PER_TARGET_WARNING,
             )
 
     def _tall(self) -> Iterator[Check]:
         """Cameras in which people are taller or shorter than in the others."""
         unit = self.inputs.scene.length_unit
-        for c, height in odd_cameras(self.inputs.heights).items():
+        for c, height in inconsistent_cameras(self.inputs.heights).items():
             yield finding(
                 SIZES,
                 "warning",
@@ -209,10 +212,10 @@ def run_track_people(request: PeopleRequest, job: Job) -> tuple[dict[str, object
     inputs = PeopleInput(request)
     for line in inputs.notes:
         job.note(line)
-    names = None if request.gallery is None else ByGallery(request.gallery, inputs)
-    follower: Follower[object, object] = load(METHODS[request.method].method)
+    names = None if request.gallery is None else GalleryReidentification(request.gallery, inputs)
+    follower: PeopleTracker[object, object] = load(METHODS[request.method].method)
     moments = job.progress(inputs.moments, "track")
-    seen = follow(moments, inputs.scene, inputs.cameras, inputs.config, follower, request.seed, inputs.heard())
+    seen = track_people(moments, inputs.scene, inputs.cameras, inputs.config, follower, request.seed, inputs.heard())
     tabulator = Tabulator(inputs.cameras, in_images=request.view_tracks is not None)
     parameters = {
         "method": request.method,

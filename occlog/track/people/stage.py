@@ -14,13 +14,13 @@ from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_from, ma
 from occlog.track.methods.jipda import filter as joint_filter
 from occlog.track.methods.jipda.batch import smooth as window
 from occlog.track.methods.jipda.config import JipdaConfig
-from occlog.track.methods.jipda.hearing import hear
-from occlog.track.methods.jipda.interface import Directions, Look, Moment
+from occlog.track.methods.jipda.hearing import update_by_directions
+from occlog.track.methods.jipda.interface import DirectionsOfArrival, FrameDetections, TrackSnapshot
 
-from .agreement import Agreement
-from .boxes_by_moment import FrameLook
-from .meetings import Meetings
-from .rows import EverybodyInViews, MomentTables, SeenMoment, events_of, support_of, tracks_of
+from .agreement import CameraAgreement
+from .boxes_by_moment import FrameDetectionsWithIds
+from .meetings import CloseEncounters
+from .rows import SnapshotTables, SnapshotWithDetections, TracksInViews, associations_of, events_of, tracks_of
 
 State = TypeVar("State")
 Window = TypeVar("Window")
@@ -28,45 +28,45 @@ ROWS_PER_PART = 8192
 """Rows of all tables together, about; a part of one moment may have more."""
 
 
-class Future(NamedTuple, Generic[State, Window]):
+class FixedLagSmoother(NamedTuple, Generic[State, Window]):
     """How a method looks back: moments wait for what comes after them, and are then reported anew, in their order.
 
-    `begin` takes the lag [ns] (None: everything) and a generator, `add` what the filter said of one more moment;
-    `finish` gives the moments that still wait when nothing comes any more.
+    `initial_state` takes the lag [ns] (None: everything) and a generator, `add` what the filter said of one more
+    moment; `finish` gives the moments that still wait when nothing comes any more.
     """
 
     begin: Callable[[int | None, Generator], Window]
-    add: Callable[[Window, State, Sequence[Look], Moment], tuple[Window, list[Moment]]]
-    finish: Callable[[Window, State], list[Moment]]
+    add: Callable[[Window, State, Sequence[FrameDetections], TrackSnapshot], tuple[Window, list[TrackSnapshot]]]
+    finish: Callable[[Window, State], list[TrackSnapshot]]
 
 
-class Follower(NamedTuple, Generic[State, Window]):
-    """A method that follows everybody: `begin` makes its state, `step` takes the looks of one moment in."""
+class PeopleTracker(NamedTuple, Generic[State, Window]):
+    """A method that follows everybody: `initial_state` makes its state, `step` takes the looks of one moment in."""
 
     begin: Callable[[Scene, Sequence[Camera], JipdaConfig], State]
-    step: Callable[[State, Sequence[Look]], tuple[State, Moment]]
-    hear: Callable[[State, Directions, MicrophoneArray], State] | None = None  # None: it is deaf
-    future: Future[State, Window] | None = None  # None: it cannot look back
+    step: Callable[[State, Sequence[FrameDetections]], tuple[State, TrackSnapshot]]
+    hear: Callable[[State, DirectionsOfArrival, MicrophoneArray], State] | None = None  # None: it is deaf
+    future: FixedLagSmoother[State, Window] | None = None  # None: it cannot look back
 
 
-JIPDA: Follower[joint_filter.State, window.Window] = Follower(
-    begin=joint_filter.begin,
+JIPDA: PeopleTracker[joint_filter.JipdaState, window.SmoothingWindow] = PeopleTracker(
+    begin=joint_filter.initial_state,
     step=joint_filter.step,
-    hear=hear,
-    future=Future(window.Window, window.add, window.finish),
+    hear=update_by_directions,
+    future=FixedLagSmoother(window.SmoothingWindow, window.add, window.finish),
 )
 """Method `jipda`."""
 
 
-def follow(
-    moments: Iterable[Sequence[FrameLook]],
+def track_people(
+    moments: Iterable[Sequence[FrameDetectionsWithIds]],
     scene: Scene,
     cameras: Sequence[Camera],
     config: JipdaConfig,
-    follower: Follower[State, Window],
+    follower: PeopleTracker[State, Window],
     seed: int = 0,
-    heard: Iterable[Directions] = (),
-) -> Iterator[list[SeenMoment]]:
+    heard: Iterable[DirectionsOfArrival] = (),
+) -> Iterator[list[SnapshotWithDetections]]:
     """Follow everybody; some moments at a time, as many as have few rows together, so that memory does not grow.
 
     Args:
@@ -78,9 +78,9 @@ def follow(
         seed: of the random numbers that the future is searched with.
         heard: directions of the scene's arrays, in the order of time.
     """
-    held: list[SeenMoment] = []
+    held: list[SnapshotWithDetections] = []
     rows = 0
-    meetings = Meetings(config)
+    meetings = CloseEncounters(config)
     origin = map_origin(cameras)
     near = scene_from(scene, origin)
     state = follower.begin(near, [camera_from(c, origin) for c in cameras], config)
@@ -100,12 +100,12 @@ def follow(
 
 
 def _steps(
-    moments: Iterable[Sequence[FrameLook]],
+    moments: Iterable[Sequence[FrameDetectionsWithIds]],
     scene: Scene,
     state: State,
-    follower: Follower[State, Window],
-    heard: Iterable[Directions],
-) -> Iterator[tuple[State, SeenMoment]]:
+    follower: PeopleTracker[State, Window],
+    heard: Iterable[DirectionsOfArrival],
+) -> Iterator[tuple[State, SnapshotWithDetections]]:
     """What the filter says of each moment; what was heard since the moment before is taken in first."""
     sounds = iter(heard)
     sound = next(sounds, None)
@@ -115,26 +115,29 @@ def _steps(
                 state = follower.hear(state, sound, scene.arrays[sound.sensor])
             sound = next(sounds, None)
         state, moment = follower.step(state, [each.look for each in looks])
-        yield state, SeenMoment(moment, looks)
+        yield state, SnapshotWithDetections(moment, looks)
 
 
 def _reported(
-    steps: Iterable[tuple[State, SeenMoment]], follower: Follower[State, Window], config: JipdaConfig, seed: int
-) -> Iterator[SeenMoment]:
+    steps: Iterable[tuple[State, SnapshotWithDetections]],
+    follower: PeopleTracker[State, Window],
+    config: JipdaConfig,
+    seed: int,
+) -> Iterator[SnapshotWithDetections]:
     """What is said of each moment, at once or when its future is known."""
     if not config.smoothed or follower.future is None:
         yield from (seen for _, seen in steps)
         return
     window = follower.future.begin(config.lag_ns, generator(seed, RandomStream.SMOOTH))
-    waiting: deque[Sequence[FrameLook]] = deque()
+    waiting: deque[Sequence[FrameDetectionsWithIds]] = deque()
     last: State | None = None
     for last, seen in steps:
         waiting.append(seen.looks)
         bare = [each.look for each in seen.looks]
         window, ready = follower.future.add(window, last, bare, seen.moment)
-        yield from (SeenMoment(found, waiting.popleft()) for found in ready)
+        yield from (SnapshotWithDetections(found, waiting.popleft()) for found in ready)
     if last is not None:
-        yield from (SeenMoment(found, waiting.popleft()) for found in follower.future.finish(window, last))
+        yield from (SnapshotWithDetections(found, waiting.popleft()) for found in follower.future.finish(window, last))
 
 
 class Tabulator:
@@ -143,16 +146,16 @@ class Tabulator:
     def __init__(self, cameras: Sequence[Camera], *, in_images: bool) -> None:
         """Nothing was seen yet; `in_images` says whether everybody in every image is wanted."""
         self._names = [c.name for c in cameras]
-        self._views = EverybodyInViews(cameras) if in_images else None
-        self.agreement = Agreement(cameras)
+        self._views = TracksInViews(cameras) if in_images else None
+        self.agreement = CameraAgreement(cameras)
 
-    def tables(self, seen: Sequence[SeenMoment]) -> MomentTables:
+    def tables(self, seen: Sequence[SnapshotWithDetections]) -> SnapshotTables:
         """The rows of some moments."""
         for each in seen:
             self.agreement.add(each.moment, each.looks)
-        return MomentTables(
+        return SnapshotTables(
             tracks=tracks_of(seen, self._names),
-            support=support_of(seen, self._names),
+            support=associations_of(seen, self._names),
             events=events_of(seen),
             views=None if self._views is None else self._views.table(seen),
         )

@@ -22,7 +22,7 @@ from occlog.io.files.tables.parquet import describe, iter_table, read_provenance
 from occlog.io.files.tables.table_writer import TableWriter, write_table
 from occlog.records.losses import Loss
 from occlog.records.tables import APPEARANCE_BINS, TABLES, Bearings, Tracks, Truth, Views
-from occlog.track.people.boxes_by_moment import FrameTimes
+from occlog.track.people.boxes_by_moment import RegionFrameTimes
 
 PROVENANCE = Provenance("detect", {"method": "em"}, 7, (("a.mcap", "00"),), (Loss("cam1", "frame 3", "lost", 1),))
 
@@ -78,7 +78,7 @@ def test_copies_of_rows_are_refused_where_they_have_an_identity_or_a_measurement
     views = Views.concat([random_table(Views, 1)] * 2)
     views = replace(views, cluster=np.array([0, 1], np.int32))
     write_table(path, views, PROVENANCE, overwrite=True)
-    assert len(read_table(path, FrameTimes)) == 2
+    assert len(read_table(path, RegionFrameTimes)) == 2
 
 
 def test_same_rows_same_bytes(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats
 from occlog.records.scene import Camera, Scene, camera_fov, camera_rotation
-from occlog.track.methods.jipda.interface import NOBODY, Look
+from occlog.track.methods.jipda.interface import NO_ID, FrameDetections
 
 RINGS = ((0.0, 0.6), (0.08, 0.7), (0.3, 0.75), (0.5, 0.9), (0.65, 1.0), (0.8, 1.0), (0.86, 0.5), (1.0, 0.2))
 """Height and radius of the rings of a body, as shares of its height and of half its width."""
@@ -25,7 +25,7 @@ class Crowd(NamedTuple):
     """A simulated crowd."""
 
     scene: Scene
-    moments: list[list[Look]]
+    moments: list[list[FrameDetections]]
     truth: Floats  # (T, n, 2) places; NaN: not in the room
 
 
@@ -143,12 +143,12 @@ def crowd(
             found, look = found[order], look[order]
             n = len(found)
             looks.append(
-                Look(
+                FrameDetections(
                     t_ns=round(t * NS / hz),
                     camera=c,
                     boxes=found,
                     score=np.full(n, np.nan),
-                    hint=np.full(n, NOBODY),
+                    hint=np.full(n, NO_ID),
                     appearance=look,
                     row=np.arange(n),
                 )

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from occlog.track.methods.jipda.batch.appearance import Alike, no_sums
-from occlog.track.methods.jipda.batch.chains import NONE, Chain, Places, Walk
-from occlog.track.methods.jipda.cues import law_of
+from occlog.track.methods.jipda.batch.appearance import AppearanceVectors, no_sums
+from occlog.track.methods.jipda.batch.chains import NO_NODE, MarkovChainState, TrackletNodes, WalkModel
+from occlog.track.methods.jipda.cues import feature_likelihood
 
-WALK = Walk(
+WALK = WalkModel(
     drift=np.array([[0.06, 1e-3, 1e-3], [1.0, 1e-3, 1e-3], [1.0, 0.5, 0.2]]),
     often=np.zeros(3),
     prior=np.array([0.0, 0.0, 1.2, 1.2, 60.0, 70.0]),
@@ -27,7 +27,7 @@ def places_at(moment, at, worth, looks=None, sums=None):
     state = np.column_stack([at, np.zeros((n, 2)), np.full(n, 1.7), np.full(n, 0.5)])
     h = np.einsum("nij,nj->ni", J, state)
     c = np.asarray(worth) - 0.5 * np.einsum("ni,ni->n", h, state)
-    return Places(
+    return TrackletNodes(
         moment=np.asarray(moment),
         time=0.5 * np.asarray(moment),
         at=np.asarray(at, dtype=float),
@@ -37,20 +37,20 @@ def places_at(moment, at, worth, looks=None, sums=None):
         miss=np.full((n, 1), -0.7),
         birth=np.full(n, -3.0),
         death=np.full(n, -2.0),
-        hint=np.full((n, 2), NONE),
+        hint=np.full((n, 2), NO_NODE),
         life=np.zeros((0, 2)),
-        alike=Alike(*looks, law_of(np.zeros((2, 3)) if sums is None else sums)),
+        alike=AppearanceVectors(*looks, feature_likelihood(np.zeros((2, 3)) if sums is None else sums)),
     )
 
 
 def chain_with(after, used, K=0):
     n = len(after)
-    before = np.full(n, NONE)
+    before = np.full(n, NO_NODE)
     for i, j in enumerate(after):
-        if j != NONE:
+        if j != NO_NODE:
             before[j] = i
-    return Chain(
+    return MarkovChainState(
         np.array(after), before, np.array(used), np.zeros(n, dtype=np.int64), np.zeros((n, 6)), np.zeros((n, 6, 6)),
         np.zeros(n), np.zeros((n, 6, 6)), np.zeros((n, 6)), np.zeros(n), np.zeros(n, dtype=np.int64),
-        np.zeros(n, dtype=np.int64), no_sums(Alike(np.zeros((n, K)), np.zeros(n), None)),
+        np.zeros(n, dtype=np.int64), no_sums(AppearanceVectors(np.zeros((n, K)), np.zeros(n), None)),
     )  # fmt: skip

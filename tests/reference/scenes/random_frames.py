@@ -10,8 +10,8 @@ from jipda_reference import Detector, body_box
 
 from occlog.array_types import Floats
 from occlog.records.scene import Camera
-from occlog.track.methods.jipda.kernels.body_box import Views, pack_views
-from occlog.track.methods.jipda.kernels.detections import Boxes, Rates
+from occlog.track.methods.jipda.kernels.body_box import PackedCameras, pack_views
+from occlog.track.methods.jipda.kernels.detections import DetectorModel, PackedDetections
 
 BORDER_PX = 3.0
 
@@ -20,13 +20,13 @@ class Scene(NamedTuple):
     """One time step; N people, C cameras, M boxes."""
 
     cameras: tuple[Camera, ...]
-    views: Views
+    views: PackedCameras
     detectors: list[Detector]
-    rates: Rates
+    rates: DetectorModel
     mean: Floats
     covariance: Floats
     existence: Floats
-    boxes: Boxes
+    boxes: PackedDetections
     features: Floats
 
     def frames(self) -> list[tuple[int, float, Any, Any, Any, Any]]:
@@ -69,7 +69,7 @@ def random_scene(seed: int, people: int = 5, cameras: int = 3) -> Scene:
                  rng.uniform(1.0, 5.0), rng.uniform(0.05, 0.4), slow)
         for _ in made
     ]  # fmt: skip
-    rates = Rates(
+    rates = DetectorModel(
         detection=np.array([d.detection for d in detectors]), curve=curve, cut=cut, wrong=wrong,
         bias=np.array([d.bias for d in detectors]), noise=noise, sway=sway,
         lasting=np.array([d.lasting for d in detectors]), merge=np.array([d.merge for d in detectors]), slow=slow,
@@ -99,7 +99,9 @@ def random_scene(seed: int, people: int = 5, cameras: int = 3) -> Scene:
         first.append(len(box))
     edges = np.clip(np.array(box), 0.0, [1279.0, 719.0, 1279.0, 719.0])
     believed = np.abs(edges - [0.0, 0.0, 1279.0, 719.0]) > BORDER_PX
-    boxes = Boxes(np.arange(cameras), delay, np.array(first), edges, believed, np.log(rng.uniform(0.2, 2.0, len(box))))
+    boxes = PackedDetections(
+        np.arange(cameras), delay, np.array(first), edges, believed, np.log(rng.uniform(0.2, 2.0, len(box)))
+    )
     features = rng.normal(0.0, 0.5, (people, len(box)))
     views = pack_views(made)
     return Scene(made, views, detectors, rates, mean, covariance, rng.uniform(0.3, 0.99, people), boxes, features)

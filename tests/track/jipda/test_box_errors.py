@@ -7,27 +7,27 @@ import pytest
 
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.jipda.detectors import (
-    Edges,
-    first_edges,
-    lasting_of,
-    learn_edges,
-    noise_of,
-    slowness_of,
-    sway_of,
+    EdgeErrorStatistics,
+    correlated_noise,
+    correlated_noise_factor,
+    edge_noise_variance,
+    gait_variance,
+    prior_edge_errors,
+    update_edge_errors,
 )
-from occlog.track.methods.jipda.kernels.detections import Boxes
-from occlog.track.methods.jipda.kernels.disagreement import Disagreement
+from occlog.track.methods.jipda.kernels.detections import PackedDetections
+from occlog.track.methods.jipda.kernels.disagreement import BoxDisagreement
 
 N = 8
 
 
 def taught(
     *, lasting: float = 0.0, sway: float = 0.0, bias: float = 0.0, alike: float = 0.0, seed: int = 0, frames: int = 300
-) -> Edges:
+) -> EdgeErrorStatistics:
     """What is learned of one camera, 10 looks a second, middles with 3 px and 1 % of the height."""
     rng = np.random.default_rng(seed)
-    edges = first_edges(1, 1.0, JipdaConfig())
-    boxes = Boxes(np.zeros(1, dtype=np.int64), np.zeros(1), np.array([0, N]), np.zeros((N, 4)),
+    edges = prior_edge_errors(1, 1.0, JipdaConfig())
+    boxes = PackedDetections(np.zeros(1, dtype=np.int64), np.zeros(1), np.array([0, N]), np.zeros((N, 4)),
                   np.ones((N, 4), dtype=bool), np.zeros(N))  # fmt: skip
     size = np.tile(rng.uniform(60.0, 400.0, (N, 1)), (1, 4))
     noise = rng.normal(size=(N, 4))
@@ -42,39 +42,41 @@ def taught(
         residual[:, [0, 2]] += (slow * size)[:, [0, 2]]
         residual[:, 3] += bias * size[:, 3] - edges.bias[0, 3] * size[:, 3]
         place = walk + rng.normal(0.0, np.hypot(0.03, sway), (N, 2))
-        found = Disagreement(residual, np.ones((N, 4)), size, place, np.full(N, 0.03**2))
-        edges = learn_edges(edges, round(t * 1e8), boxes, found, key=np.arange(N), owner=np.arange(N), lasts=np.ones(1))
+        found = BoxDisagreement(residual, np.ones((N, 4)), size, place, np.full(N, 0.03**2))
+        edges = update_edge_errors(
+            edges, round(t * 1e8), boxes, found, key=np.arange(N), owner=np.arange(N), lasts=np.ones(1)
+        )
     return edges
 
 
 def test_noise_is_a_constant_and_a_share_of_the_size() -> None:
-    noise = noise_of(taught(frames=600))
+    noise = edge_noise_variance(taught(frames=600))
     np.testing.assert_allclose(np.sqrt(noise[:, 0]), 3.0, rtol=0.25)
     np.testing.assert_allclose(np.sqrt(noise[[1, 3], 1]), 0.01, rtol=0.35)
 
 
 @pytest.mark.jit
 def test_errors_that_last_are_told_from_those_that_do_not() -> None:
-    assert lasting_of(taught()) < 0.007**2
-    assert np.sqrt(lasting_of(taught(lasting=0.03, frames=600))) == pytest.approx(0.03, rel=0.25)
+    assert correlated_noise(taught()) < 0.007**2
+    assert np.sqrt(correlated_noise(taught(lasting=0.03, frames=600))) == pytest.approx(0.03, rel=0.25)
 
 
 @pytest.mark.jit
 def test_the_sway_of_bodies_is_what_white_acceleration_does_not_explain() -> None:
-    assert np.sqrt(sway_of(taught(sway=0.08, frames=600))) == pytest.approx(0.08, rel=0.2)
-    assert np.sqrt(sway_of(taught(sway=0.0))) < 0.045
+    assert np.sqrt(gait_variance(taught(sway=0.08, frames=600))) == pytest.approx(0.08, rel=0.2)
+    assert np.sqrt(gait_variance(taught(sway=0.0))) < 0.045
 
 
 @pytest.mark.jit
 def test_errors_that_go_on_from_look_to_look_are_told_from_those_that_are_new() -> None:
-    assert slowness_of(taught()) < 1.2
-    assert slowness_of(taught(lasting=0.03, bias=0.06)) < 1.6
+    assert correlated_noise_factor(taught()) < 1.2
+    assert correlated_noise_factor(taught(lasting=0.03, bias=0.06)) < 1.6
     # Noise of 3 px has a correlation of 0.6 and 1 % of the height is new each time
     edges = taught(alike=0.6, frames=600)
-    assert 1.4 < slowness_of(edges) < 1.6 / 0.4
+    assert 1.4 < correlated_noise_factor(edges) < 1.6 / 0.4
     # Of every third look the errors are alike to the third power
-    alike = (slowness_of(edges) - 1.0) / (slowness_of(edges) + 1.0)
-    assert slowness_of(edges, 3.0) == pytest.approx((1.0 + alike**3) / (1.0 - alike**3))
+    alike = (correlated_noise_factor(edges) - 1.0) / (correlated_noise_factor(edges) + 1.0)
+    assert correlated_noise_factor(edges, 3.0) == pytest.approx((1.0 + alike**3) / (1.0 - alike**3))
 
 
 def test_the_bias_of_a_camera_is_found() -> None:
@@ -83,6 +85,8 @@ def test_the_bias_of_a_camera_is_found() -> None:
 
 def test_at_first_the_settings_hold() -> None:
     config = JipdaConfig()
-    noise = noise_of(first_edges(2, 1.0, config))
+    noise = edge_noise_variance(prior_edge_errors(2, 1.0, config))
     np.testing.assert_allclose(noise[:, 0], np.array([0.5, 2.0, 0.5, 2.0]) * config.edge_px**2, rtol=1e-6)
-    assert sway_of(first_edges(2, 100.0, config)) == pytest.approx(1e4 * sway_of(first_edges(2, 1.0, config)))
+    assert gait_variance(prior_edge_errors(2, 100.0, config)) == pytest.approx(
+        1e4 * gait_variance(prior_edge_errors(2, 1.0, config))
+    )

@@ -9,52 +9,54 @@ import pytest
 
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.jipda.detectors import (
-    MOST_AGAIN,
-    Counts,
-    Nobodys,
-    again_rate,
-    bending_rate,
-    blind_looks,
-    boxes_of_nobody,
-    first_counts,
-    first_edges,
-    learn,
-    leaving_rate,
-    no_box,
-    rates_of,
-    seen_again,
-    turning_rate,
+    MAX_PERSISTENT_CLUTTER,
+    Clutter,
+    DetectorStatistics,
+    blind_frames,
+    clutter_rate,
+    detector_model,
+    manoeuvre_rate,
+    no_clutter,
+    persistent_clutter_density,
+    persistent_clutter_rate,
+    posture_change_rate,
+    prior_edge_errors,
+    prior_statistics,
+    termination_rate,
+    update_statistics,
 )
-from occlog.track.methods.jipda.kernels.detections import Boxes, Rates
-from occlog.track.methods.jipda.kernels.joint import BLIND_FRAME, Result
-from occlog.track.methods.jipda.people import People, born
+from occlog.track.methods.jipda.kernels.detections import DetectorModel, PackedDetections
+from occlog.track.methods.jipda.kernels.joint import BLIND_FRAME_PROBABILITY, JipdaResult
+from occlog.track.methods.jipda.people import TargetSet, tentative_targets
 
 N = 6
 
 
-def rates(counts: Counts, config: JipdaConfig | None = None) -> Rates:
+def rates(counts: DetectorStatistics, config: JipdaConfig | None = None) -> DetectorModel:
     config = config or JipdaConfig()
-    return rates_of(counts, first_edges(len(counts.detected), 1.0, config), config, np.ones(len(counts.detected)))
+    return detector_model(
+        counts, prior_edge_errors(len(counts.detected), 1.0, config), config, np.ones(len(counts.detected))
+    )
 
 
-def everybody() -> People:
+def everybody() -> TargetSet:
     """Six people who surely exist and walk on."""
-    return born(np.zeros((N, 6)), np.tile(np.eye(6), (N, 1, 1)), np.full(N, 0.99), np.full(N, 4.0), 0, 0)
+    return tentative_targets(np.zeros((N, 6)), np.tile(np.eye(6), (N, 1, 1)), np.full(N, 0.99), np.full(N, 4.0), 0, 0)
 
 
-def look_at(count: int) -> Boxes:
+def look_at(count: int) -> PackedDetections:
     """One look with so many boxes."""
-    return Boxes(
+    return PackedDetections(
         camera=np.zeros(1, dtype=np.int64), delay=np.zeros(1), first=np.array([0, count]), box=np.zeros((count, 4)),
         believed=np.ones((count, 4), dtype=bool), clutter=np.zeros(count),
     )  # fmt: skip
 
 
-def seen(visible: float, found: int) -> Result:
+def seen(visible: float, found: int) -> JipdaResult:
     """Everybody visible to a share, the first of them detected."""
     zero = np.zeros((N, 6))
     share = np.eye(N)[:, :found]
-    return Result(
+    return JipdaResult(
         mean=zero, covariance=np.zeros((N, 6, 6)), information=np.zeros((N, 6, 6)), vector=zero,
         existence=np.full(N, 0.99), visible=np.full((1, N), visible), detection=np.full((1, N), 0.8), share=share,
         joint=np.zeros_like(share), free=1.0 - share.sum(axis=0), owner=np.arange(found), cuts=np.array([1.0, 1.0]),
@@ -62,11 +64,11 @@ def seen(visible: float, found: int) -> Result:
     )  # fmt: skip
 
 
-def after(looks: int, visible: float, found: int) -> Counts:
-    counts = first_counts(1, JipdaConfig())
+def after(looks: int, visible: float, found: int) -> DetectorStatistics:
+    counts = prior_statistics(1, JipdaConfig())
     for _ in range(looks):
         now = rates(counts)
-        counts = learn(
+        counts = update_statistics(
             counts,
             everybody(),
             dt=0.5,
@@ -80,12 +82,12 @@ def after(looks: int, visible: float, found: int) -> Counts:
 
 def test_at_first_the_settings_hold() -> None:
     config = JipdaConfig(detection=0.7, clutter=1.5, stay_s=30.0, calm_s=10.0, bend_s=40.0)
-    counts = first_counts(2, config)
+    counts = prior_statistics(2, config)
     np.testing.assert_allclose(rates(counts, config).detection, 0.7)
-    np.testing.assert_allclose(boxes_of_nobody(counts), 1.5)
-    assert leaving_rate(counts) == pytest.approx(1.0 / 30.0)
-    assert turning_rate(counts) == pytest.approx(0.1)
-    assert bending_rate(counts) == pytest.approx(0.025)
+    np.testing.assert_allclose(clutter_rate(counts), 1.5)
+    assert termination_rate(counts) == pytest.approx(1.0 / 30.0)
+    assert manoeuvre_rate(counts) == pytest.approx(0.1)
+    assert posture_change_rate(counts) == pytest.approx(0.025)
 
 
 @pytest.mark.jit
@@ -101,7 +103,7 @@ def test_the_curve_rises_and_is_learned_where_people_are_visible_in_part() -> No
     assert curve[-1] == 1.0
     # One of six is detected, in plain view four of five would be
     assert curve[2] == pytest.approx(1.0 / 6.0 / 0.8, abs=0.03)
-    assert (rates(first_counts(1, JipdaConfig()), JipdaConfig(visible=False)).curve == 1.0).all()
+    assert (rates(prior_statistics(1, JipdaConfig()), JipdaConfig(visible=False)).curve == 1.0).all()
 
 
 @pytest.mark.jit
@@ -110,39 +112,39 @@ def test_the_rate_of_detection_has_bounds() -> None:
 
 
 def test_a_look_at_nobody_of_many_is_blind_and_teaches_nothing() -> None:
-    first, then = first_counts(1, JipdaConfig()), after(10, 1.0, 0)
+    first, then = prior_statistics(1, JipdaConfig()), after(10, 1.0, 0)
     np.testing.assert_array_equal(then.detected, first.detected)
     np.testing.assert_array_equal(then.curve, first.curve)
 
 
 def test_a_look_is_blind_if_that_is_more_probable_than_that_everybody_was_missed() -> None:
-    few = int(np.log(BLIND_FRAME) / np.log(0.5))
+    few = int(np.log(BLIND_FRAME_PROBABILITY) / np.log(0.5))
     for people, blind in ((few, False), (few + 1, True)):
-        assert blind_looks(look_at(0), np.ones(people), np.full((1, people), 0.5)).tolist() == [blind]
-    assert not blind_looks(look_at(1), np.ones(9), np.full((1, 9), 0.5)).any()
-    assert not blind_looks(look_at(0), np.ones(9), np.zeros((1, 9))).any()
+        assert blind_frames(look_at(0), np.ones(people), np.full((1, people), 0.5)).tolist() == [blind]
+    assert not blind_frames(look_at(1), np.ones(9), np.full((1, 9), 0.5)).any()
+    assert not blind_frames(look_at(0), np.ones(9), np.zeros((1, 9))).any()
 
 
 def test_a_box_of_nobody_is_expected_where_it_was() -> None:
     old = np.array([[100.0, 50.0, 130.0, 120.0]])
     boxes = look_at(2)._replace(box=np.concatenate([old + 1.0, old + 60.0]))
-    again, noise, size = np.array([0.5]), rates(first_counts(1, JipdaConfig())).noise, np.array([[480.0, 360.0]])
-    there, elsewhere = seen_again(boxes, [Nobodys(old, np.array([0.8]))], again, noise, size)
+    again, noise, size = np.array([0.5]), rates(prior_statistics(1, JipdaConfig())).noise, np.array([[480.0, 360.0]])
+    there, elsewhere = persistent_clutter_density(boxes, [Clutter(old, np.array([0.8]))], again, noise, size)
     # Against one box anywhere in the image, of any size
     assert there > 1e3
     assert elsewhere < 1e-3
-    half = seen_again(boxes, [Nobodys(old, np.array([0.4]))], again, noise, size)
+    half = persistent_clutter_density(boxes, [Clutter(old, np.array([0.4]))], again, noise, size)
     assert half[0] == pytest.approx(0.5 * there)
-    np.testing.assert_array_equal(seen_again(boxes, [no_box()], again, noise, size), [0.0, 0.0])
+    np.testing.assert_array_equal(persistent_clutter_density(boxes, [no_clutter()], again, noise, size), [0.0, 0.0])
 
 
 def test_boxes_of_nobody_are_never_sure_to_be_there_again() -> None:
-    counts = first_counts(1, JipdaConfig())
-    assert again_rate(counts) == pytest.approx(0.25)
-    assert again_rate(replace(counts, again=np.array([[99.0, 100.0]]))) == MOST_AGAIN
+    counts = prior_statistics(1, JipdaConfig())
+    assert persistent_clutter_rate(counts) == pytest.approx(0.25)
+    assert persistent_clutter_rate(replace(counts, again=np.array([[99.0, 100.0]]))) == MAX_PERSISTENT_CLUTTER
 
 
 @pytest.mark.jit
 def test_people_who_never_bend_are_expected_to_bend_more_seldom() -> None:
     seconds = 100 * 0.5 * N
-    assert bending_rate(after(100, 1.0, 3)) == pytest.approx(2.0 / (2.0 * JipdaConfig().bend_s + seconds))
+    assert posture_change_rate(after(100, 1.0, 3)) == pytest.approx(2.0 / (2.0 * JipdaConfig().bend_s + seconds))

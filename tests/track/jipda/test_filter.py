@@ -9,15 +9,15 @@ from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import NS
 from occlog.track.methods.jipda.config import JipdaConfig
-from occlog.track.methods.jipda.filter import APART_NS, begin, step
-from occlog.track.methods.jipda.interface import NOBODY, Look, Moment
+from occlog.track.methods.jipda.filter import EXCLUSION_INTERVAL_NS, initial_state, step
+from occlog.track.methods.jipda.interface import NO_ID, FrameDetections, TrackSnapshot
 
 pytestmark = pytest.mark.jit
 
 
-def follow(made: Crowd, config: JipdaConfig | None = None) -> list[Moment]:
+def follow(made: Crowd, config: JipdaConfig | None = None) -> list[TrackSnapshot]:
     """Moments of the filter."""
-    state = begin(made.scene, made.scene.cameras, config or JipdaConfig.in_unit(made.scene.length_unit))
+    state = initial_state(made.scene, made.scene.cameras, config or JipdaConfig.in_unit(made.scene.length_unit))
     out = []
     for looks in made.moments:
         state, moment = step(state, looks)
@@ -25,13 +25,13 @@ def follow(made: Crowd, config: JipdaConfig | None = None) -> list[Moment]:
     return out
 
 
-def emptied(look: Look) -> Look:
+def emptied(look: FrameDetections) -> FrameDetections:
     """The same look at nobody."""
     none = np.zeros(0, dtype=np.int64)
     return look._replace(boxes=np.zeros((0, 4)), score=np.zeros(0), hint=none, appearance=np.zeros((0, 0)), row=none)
 
 
-def pairs(made: Crowd, moments: list[Moment], within: float = 1.0) -> list[tuple[int, int, int, float]]:
+def pairs(made: Crowd, moments: list[TrackSnapshot], within: float = 1.0) -> list[tuple[int, int, int, float]]:
     """Frame, person, identity and normalised squared error of each pair of truth and estimate."""
     out = []
     for t, moment in enumerate(moments):
@@ -102,7 +102,7 @@ def test_the_same_boxes_give_the_same_bytes() -> None:
 
 def test_steps_leave_their_state_as_it_is() -> None:
     made = crowd(people=3, frames=6, seed=7)
-    state = begin(made.scene, made.scene.cameras, JipdaConfig())
+    state = initial_state(made.scene, made.scene.cameras, JipdaConfig())
     for looks in made.moments[:5]:
         state, _ = step(state, looks)
     first = step(state, made.moments[5])[1]
@@ -195,7 +195,7 @@ def test_hints_that_follow_people_keep_their_identities() -> None:
             place = np.column_stack([made.truth[t], np.zeros(4)])
             far = np.linalg.norm(feet[:, None] - made.scene.cameras[c].project(place)[None], axis=2)
             near = np.nan_to_num(far, nan=np.inf)
-            row.append(look._replace(hint=np.where(near.min(axis=1) < 15.0, near.argmin(axis=1), NOBODY)))
+            row.append(look._replace(hint=np.where(near.min(axis=1) < 15.0, near.argmin(axis=1), NO_ID)))
         hinted.append(row)
     found = pairs(made, follow(made._replace(moments=hinted)))
     assert len({(i, k) for _, i, k, _ in found}) == 4
@@ -203,7 +203,7 @@ def test_hints_that_follow_people_keep_their_identities() -> None:
 
 def test_a_camera_that_did_not_look_says_nothing_of_visibility() -> None:
     made = crowd(people=3, cameras=3, frames=10, seed=12)
-    without: list[list[Look]] = [looks[:2] for looks in made.moments]
+    without: list[list[FrameDetections]] = [looks[:2] for looks in made.moments]
     last = follow(made._replace(moments=without))[-1]
     assert len(last.ids)
     assert np.isnan(last.visibility[:, 2]).all()
@@ -212,11 +212,17 @@ def test_a_camera_that_did_not_look_says_nothing_of_visibility() -> None:
 
 def test_people_are_kept_apart_once_in_a_while_however_often_cameras_look() -> None:
     made = crowd(people=2, frames=12, seed=7)
-    state = begin(made.scene, made.scene.cameras, JipdaConfig())
+    state = initial_state(made.scene, made.scene.cameras, JipdaConfig())
     kept = []
-    for t_ns in (0, APART_NS - 1, APART_NS, APART_NS + 1, 2 * APART_NS):
+    for t_ns in (
+        0,
+        EXCLUSION_INTERVAL_NS - 1,
+        EXCLUSION_INTERVAL_NS,
+        EXCLUSION_INTERVAL_NS + 1,
+        2 * EXCLUSION_INTERVAL_NS,
+    ):
         state, _ = step(state, [look._replace(t_ns=t_ns) for look in made.moments[0]])
         kept.append(state.apart_ns)
-    assert kept == [0, 0, APART_NS, APART_NS, 2 * APART_NS]
-    state = begin(made.scene, made.scene.cameras, JipdaConfig(apart=0.0))
+    assert kept == [0, 0, EXCLUSION_INTERVAL_NS, EXCLUSION_INTERVAL_NS, 2 * EXCLUSION_INTERVAL_NS]
+    state = initial_state(made.scene, made.scene.cameras, JipdaConfig(apart=0.0))
     assert step(state, made.moments[0])[0].apart_ns is None

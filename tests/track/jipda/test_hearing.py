@@ -10,9 +10,9 @@ from people_boxes import box, camera
 
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.track.methods.jipda.config import JipdaConfig
-from occlog.track.methods.jipda.filter import begin, step
-from occlog.track.methods.jipda.hearing import hear
-from occlog.track.methods.jipda.interface import Directions, Look, Moment
+from occlog.track.methods.jipda.filter import initial_state, step
+from occlog.track.methods.jipda.hearing import update_by_directions
+from occlog.track.methods.jipda.interface import DirectionsOfArrival, FrameDetections, TrackSnapshot
 
 pytestmark = pytest.mark.jit
 STEP_S, SIGMA = 0.1, 0.05
@@ -28,27 +28,29 @@ def there(k: int) -> np.ndarray:
     return np.array([5.0 + 0.1 * way, 2.0 + (way if way < 7.0 else 14.0 - way)])
 
 
-def look(c: int, k: int, rng: np.random.Generator) -> Look:
+def look(c: int, k: int, rng: np.random.Generator) -> FrameDetections:
     edges = box(CAMERAS[c], *there(k)) + rng.normal(0.0, 1.0, 4)
     near = np.hypot(*(there(k) - CAMERAS[c].position[:2])) < CAMERAS[c].range
     n = int(near)
     none = np.zeros(n, dtype=np.int64)
-    return Look(round(k * STEP_S * 1e9), c, edges[None][:n], np.ones(n), none - 1, np.zeros((n, 0)), none + 2 * k + c)
+    return FrameDetections(
+        round(k * STEP_S * 1e9), c, edges[None][:n], np.ones(n), none - 1, np.zeros((n, 0)), none + 2 * k + c
+    )
 
 
-def direction(a: int, k: int, rng: np.random.Generator) -> Directions:
+def direction(a: int, k: int, rng: np.random.Generator) -> DirectionsOfArrival:
     away = there(k) - ARRAYS[a].position[:2]
     bearing = np.array([np.arctan2(away[1], away[0]) + rng.normal(0.0, SIGMA), rng.uniform(-np.pi, np.pi)])
-    return Directions(round(k * STEP_S * 1e9), a, bearing, np.full(2, SIGMA), np.arange(2))
+    return DirectionsOfArrival(round(k * STEP_S * 1e9), a, bearing, np.full(2, SIGMA), np.arange(2))
 
 
-def followed(sound: bool) -> list[Moment]:
+def followed(sound: bool) -> list[TrackSnapshot]:
     rng = np.random.default_rng(1)
-    state, found = begin(SCENE, CAMERAS, JipdaConfig()), []
+    state, found = initial_state(SCENE, CAMERAS, JipdaConfig()), []
     for k in range(130):
         heard = [direction(a, k, rng) for a in range(2)]
         for each in heard if sound else []:
-            state = hear(state, each, ARRAYS[each.sensor])
+            state = update_by_directions(state, each, ARRAYS[each.sensor])
         state, moment = step(state, [look(c, k, rng) for c in range(2)])
         found.append(moment)
     return found
@@ -79,28 +81,30 @@ def test_the_covariance_holds_the_error() -> None:
 
 def test_a_direction_of_nobody_moves_nobody() -> None:
     rng = np.random.default_rng(2)
-    state = begin(SCENE, CAMERAS, JipdaConfig())
+    state = initial_state(SCENE, CAMERAS, JipdaConfig())
     for k in range(10):
         state, _ = step(state, [look(c, k, rng) for c in range(2)])
     away = there(10) - ARRAYS[0].position[:2]
-    other = Directions(round(1e9), 0, np.array([np.arctan2(away[1], away[0]) + 1.0]), np.array([SIGMA]), np.arange(1))
-    after = hear(state, other, ARRAYS[0])
+    other = DirectionsOfArrival(
+        round(1e9), 0, np.array([np.arctan2(away[1], away[0]) + 1.0]), np.array([SIGMA]), np.arange(1)
+    )
+    after = update_by_directions(state, other, ARRAYS[0])
     np.testing.assert_allclose(after.people.mean, state.people.mean, atol=1e-9)
     silent = replace_bearings(other)
-    assert hear(state, silent, ARRAYS[0]) is state
+    assert update_by_directions(state, silent, ARRAYS[0]) is state
 
 
-def replace_bearings(heard: Directions) -> Directions:
+def replace_bearings(heard: DirectionsOfArrival) -> DirectionsOfArrival:
     """The same time, and nothing heard."""
     return heard._replace(bearing=np.zeros(0), sigma=np.zeros(0), row=np.zeros(0, dtype=np.int64))
 
 
 def test_an_array_says_nothing_of_who_is_out_of_its_range() -> None:
     rng = np.random.default_rng(3)
-    state = begin(SCENE, CAMERAS, JipdaConfig())
+    state = initial_state(SCENE, CAMERAS, JipdaConfig())
     for k in range(10):
         state, _ = step(state, [look(c, k, rng) for c in range(2)])
     heard = direction(0, 10, rng)
     deaf = replace(ARRAYS[0], range=3.0)
-    np.testing.assert_allclose(hear(state, heard, deaf).people.mean, state.people.mean, atol=1e-9)
-    assert not np.allclose(hear(state, heard, ARRAYS[0]).people.mean, state.people.mean, atol=1e-6)
+    np.testing.assert_allclose(update_by_directions(state, heard, deaf).people.mean, state.people.mean, atol=1e-9)
+    assert not np.allclose(update_by_directions(state, heard, ARRAYS[0]).people.mean, state.people.mean, atol=1e-6)

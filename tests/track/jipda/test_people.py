@@ -10,21 +10,21 @@ import pytest
 from occlog.array_types import NS, Floats
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.jipda.people import (
-    BENDING,
-    CALM,
-    DOUBLE,
-    DOUBLE_S,
-    RIVAL,
-    SMALLEST,
-    TURNING,
-    People,
+    CONSTANT_VELOCITY,
+    DUPLICATE_DISTANCE_WIDTHS,
+    DUPLICATE_EXISTENCE_RATIO,
+    DUPLICATE_TIME_S,
+    MANOEUVRE,
+    MIN_SIZE_RATIO,
+    POSTURE_CHANGE,
+    TargetSet,
     _transitions,
-    born,
-    corrected,
-    doubles,
-    kept_apart,
+    apply_exclusion_prior,
+    duplicate_tracks,
     predict,
-    take,
+    select,
+    tentative_targets,
+    update,
 )
 
 RNG = np.random.default_rng(0)
@@ -40,7 +40,7 @@ def some(n: int = 3):
     """People at random places."""
     mean = RNG.normal(size=(n, 6))
     mean[:, 4:] = np.abs(mean[:, 4:]) + 1.0
-    return born(mean, covariance(n), np.full(n, 0.9), np.full(n, 2.0), 0, 0)
+    return tentative_targets(mean, covariance(n), np.full(n, 0.9), np.full(n, 2.0), 0, 0)
 
 
 def test_people_who_walk_on_are_predicted_as_by_a_kalman_filter() -> None:
@@ -83,7 +83,7 @@ def test_a_factor_updates_as_a_kalman_filter_does() -> None:
     H, R, z = RNG.normal(size=(2, 6)), np.diag([0.04, 0.09]), RNG.normal(size=2)
     information = np.repeat((H.T @ np.linalg.inv(R) @ H)[None], 3, axis=0)
     vector = np.repeat((H.T @ np.linalg.inv(R) @ z)[None], 3, axis=0)
-    after = corrected(people, information, vector, 0.0, JipdaConfig())
+    after = update(people, information, vector, 0.0, JipdaConfig())
     for i in range(3):
         P = people.covariance[i]
         K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
@@ -96,16 +96,16 @@ def test_sway_is_noise_of_the_place() -> None:
     H = np.zeros((2, 6))
     H[0, 0] = H[1, 1] = 1.0
     information, vector = (H.T @ H / 0.01)[None], (H.T @ np.array([1.0, 2.0]) / 0.01)[None]
-    after = corrected(people, information, vector, sway, JipdaConfig())
+    after = update(people, information, vector, sway, JipdaConfig())
     R = 0.01 + sway
-    plain = corrected(people, (H.T @ H / R)[None], (H.T @ np.array([1.0, 2.0]) / R)[None], 0.0, JipdaConfig())
+    plain = update(people, (H.T @ H / R)[None], (H.T @ np.array([1.0, 2.0]) / R)[None], 0.0, JipdaConfig())
     np.testing.assert_allclose(after.mean, plain.mean, rtol=1e-9)
     np.testing.assert_allclose(after.covariance, plain.covariance, rtol=1e-7, atol=1e-12)
 
 
 def test_a_turn_makes_the_manoeuvre_probable_and_is_followed() -> None:
     config = JipdaConfig()
-    people = born(
+    people = tentative_targets(
         np.array([[0.0, 0.0, 1.2, 0.0, 1.7, 0.5]]), 1e-3 * np.eye(6)[None], np.ones(1) * 0.9, np.ones(1), 0, 0
     )
     H = np.zeros((2, 6))
@@ -114,13 +114,13 @@ def test_a_turn_makes_the_manoeuvre_probable_and_is_followed() -> None:
     for k in range(20):
         place = place + 0.1 * (np.array([1.2, 0.0]) if k < 8 else np.array([0.0, 1.2]))
         people = predict(people, 0, dt=0.1, leaving=np.zeros(1), turning=0.05, bending=1e-3, config=config)
-        people = corrected(people, (H.T @ H / 4e-4)[None], (H.T @ place / 4e-4)[None], 0.0, config)
-        seen.append(people.model[0, TURNING])
+        people = update(people, (H.T @ H / 4e-4)[None], (H.T @ place / 4e-4)[None], 0.0, config)
+        seen.append(people.model[0, MANOEUVRE])
     assert max(seen[:8]) < 0.2
     assert max(seen[8:14]) > 0.7
     assert np.hypot(*(people.mean[0, :2] - place)) < 0.1
     assert people.model.sum() == pytest.approx(1.0)
-    assert people.model[0, CALM] >= 0.0
+    assert people.model[0, CONSTANT_VELOCITY] >= 0.0
 
 
 def test_models_change_by_their_rates() -> None:
@@ -133,20 +133,20 @@ def test_models_change_by_their_rates() -> None:
         np.testing.assert_allclose(to.sum(axis=0), 1.0, rtol=1e-12)
         assert (to >= 0.0).all()
     # After long the share of people who are bent is what the two rates make it
-    np.testing.assert_allclose(to[BENDING], 3.0 / 53.0, rtol=1e-9)
+    np.testing.assert_allclose(to[POSTURE_CHANGE], 3.0 / 53.0, rtol=1e-9)
 
 
 def test_whoever_falls_is_followed_down_and_up_again() -> None:
     config, seen = JipdaConfig(), []
     mean = np.array([[0.0, 0.0, 0.0, 0.0, 1.7, 0.5]])
-    people = born(mean, 1e-3 * np.eye(6)[None], np.ones(1) * 0.9, np.ones(1), 0, 0)
+    people = tentative_targets(mean, 1e-3 * np.eye(6)[None], np.ones(1) * 0.9, np.ones(1), 0, 0)
     H = np.zeros((2, 6))
     H[0, 4] = H[1, 5] = 1.0
     for k in range(60):
         body = np.array([1.7, 0.5] if k < 10 or k >= 45 else [0.45, 1.2])
         people = predict(people, 0, dt=0.1, leaving=np.zeros(1), turning=0.05, bending=1e-3, config=config)
-        people = corrected(people, (H.T @ H / 4e-3)[None], (H.T @ body / 4e-3)[None], 0.0, config)
-        seen.append((people.model[0, BENDING], np.abs(people.mean[0, 4:] - body).max()))
+        people = update(people, (H.T @ H / 4e-3)[None], (H.T @ body / 4e-3)[None], 0.0, config)
+        seen.append((people.model[0, POSTURE_CHANGE], np.abs(people.mean[0, 4:] - body).max()))
     bends, off = np.array(seen).T
     assert bends[:10].max() < 0.01
     assert bends[10:12].min() > 0.9
@@ -160,47 +160,49 @@ def test_no_body_is_smaller_than_a_share_of_the_usual_one() -> None:
     config, people = JipdaConfig(), some(1)
     information, vector = np.zeros((1, 6, 6)), np.zeros((1, 6))
     information[0, [4, 5], [4, 5]], vector[0, 4:] = 1e6, -1e6
-    after = corrected(people, information, vector, 0.0, config)
-    np.testing.assert_allclose(after.mean[0, 4:], [SMALLEST * config.height, SMALLEST * config.width], rtol=1e-6)
+    after = update(people, information, vector, 0.0, config)
+    np.testing.assert_allclose(
+        after.mean[0, 4:], [MIN_SIZE_RATIO * config.height, MIN_SIZE_RATIO * config.width], rtol=1e-6
+    )
 
 
-def three_people() -> People:
+def three_people() -> TargetSet:
     """Two who stand where one person stands, and a third; nobody is confirmed."""
     mean = np.zeros((3, 6))
-    mean[:, 5], mean[1, 0], mean[2, 0] = 0.5, DOUBLE * 0.5 * 0.99, 1.0
-    return born(mean, covariance(3), np.array([0.6, 0.9, 0.9]), np.ones(3), 0, 0)
+    mean[:, 5], mean[1, 0], mean[2, 0] = 0.5, DUPLICATE_DISTANCE_WIDTHS * 0.5 * 0.99, 1.0
+    return tentative_targets(mean, covariance(3), np.array([0.6, 0.9, 0.9]), np.ones(3), 0, 0)
 
 
 def test_people_who_are_not_confirmed_are_doubles_at_once() -> None:
     people = three_people()
-    np.testing.assert_array_equal(doubles(people, 0)[1], [True, False, False])
+    np.testing.assert_array_equal(duplicate_tracks(people, 0)[1], [True, False, False])
     confirmed = replace(people, id=np.array([7, -1, -1]))
-    np.testing.assert_array_equal(doubles(confirmed, 0)[1], [False, True, False])
-    people.mean[1, 0] = DOUBLE * 0.5 * 1.01
-    assert not doubles(people, 0)[1].any()
-    assert not doubles(take(people, np.array([0])), 0)[1].any()
+    np.testing.assert_array_equal(duplicate_tracks(confirmed, 0)[1], [False, True, False])
+    people.mean[1, 0] = DUPLICATE_DISTANCE_WIDTHS * 0.5 * 1.01
+    assert not duplicate_tracks(people, 0)[1].any()
+    assert not duplicate_tracks(select(people, np.array([0])), 0)[1].any()
 
 
 def test_confirmed_people_are_doubles_when_they_have_been_together_for_long() -> None:
     people = replace(three_people(), id=np.arange(3), existence=np.array([0.9, 0.9, 0.9]))
-    first, last = int(5 * NS), int((5 + DOUBLE_S) * NS)
+    first, last = int(5 * NS), int((5 + DUPLICATE_TIME_S) * NS)
     # They were apart at 5 s, and are together from then on
-    people, out = doubles(replace(people, mean=people.mean * [3, 1, 1, 1, 1, 1]), first)
+    people, out = duplicate_tracks(replace(people, mean=people.mean * [3, 1, 1, 1, 1, 1]), first)
     assert not out.any()
     people = replace(people, mean=people.mean / [3, 1, 1, 1, 1, 1])
-    people, out = doubles(people, last - 1)
+    people, out = duplicate_tracks(people, last - 1)
     assert not out.any()
     # The younger one goes, but for a much surer one
-    np.testing.assert_array_equal(doubles(people, last)[1], [False, True, False])
-    doubtful = replace(people, existence=np.array([0.9 * RIVAL - 0.01, 0.9, 0.9]))
-    np.testing.assert_array_equal(doubles(doubtful, last)[1], [True, False, False])
+    np.testing.assert_array_equal(duplicate_tracks(people, last)[1], [False, True, False])
+    doubtful = replace(people, existence=np.array([0.9 * DUPLICATE_EXISTENCE_RATIO - 0.01, 0.9, 0.9]))
+    np.testing.assert_array_equal(duplicate_tracks(doubtful, last)[1], [True, False, False])
 
 
-def head_on() -> People:
+def head_on() -> TargetSet:
     """Two people who walk up to each other, 0.8 m apart."""
     mean = np.array([[0.0, 0.0, 1.0, 0.0, 1.7, 0.5], [0.8, 0.0, -1.0, 0.0, 1.7, 0.5]])
     matrix = np.diag([0.02, 0.02, 0.1, 0.1, 0.01, 0.01])
-    return born(mean, np.stack([matrix, matrix]), np.full(2, 0.95), np.full(2, 5.0), 0, 0)
+    return tentative_targets(mean, np.stack([matrix, matrix]), np.full(2, 0.95), np.full(2, 5.0), 0, 0)
 
 
 def test_who_would_walk_through_somebody_is_expected_to_stop_or_to_turn() -> None:
@@ -208,7 +210,7 @@ def test_who_would_walk_through_somebody_is_expected_to_stop_or_to_turn() -> Non
     free = people
     for _ in range(4):
         free = predict(free, 0, dt=0.1, leaving=np.zeros(2), turning=0.1, bending=1e-9, config=config)
-        people = kept_apart(
+        people = apply_exclusion_prior(
             predict(people, 0, dt=0.1, leaving=np.zeros(2), turning=0.1, bending=1e-9, config=config), config.apart
         )
     # Where they would have met they are still before each other, and slower
@@ -217,7 +219,7 @@ def test_who_would_walk_through_somebody_is_expected_to_stop_or_to_turn() -> Non
     np.testing.assert_allclose(free.mean[:, 2], [1.0, -1.0], atol=1e-9)
     assert people.mean[0, 2] < 0.95
     # Who manoeuvres could have got out of the way; both alike
-    assert (people.model[:, TURNING] > free.model[:, TURNING]).all()
+    assert (people.model[:, MANOEUVRE] > free.model[:, MANOEUVRE]).all()
     np.testing.assert_allclose(people.mean[0, :2] + people.mean[1, :2], [0.8, 0.0], atol=1e-9)
     assert (np.linalg.eigvalsh(people.covariance) > 0.0).all()
 
@@ -225,4 +227,4 @@ def test_who_would_walk_through_somebody_is_expected_to_stop_or_to_turn() -> Non
 @pytest.mark.parametrize("n", [0, 1])
 def test_nobody_keeps_apart_from_nobody(n: int) -> None:
     people = some(n)
-    assert kept_apart(people, 0.22) is people
+    assert apply_exclusion_prior(people, 0.22) is people

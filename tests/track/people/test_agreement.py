@@ -9,50 +9,52 @@ import pytest
 from people_boxes import camera
 
 from occlog.records.verdicts import findings
-from occlog.track.methods.jipda.interface import Look, Moment, Support
-from occlog.track.people.agreement import FEWEST, Agreement
-from occlog.track.people.boxes_by_moment import BoxTally, FrameLook
+from occlog.track.methods.jipda.interface import BoxAssociations, FrameDetections, TrackSnapshot
+from occlog.track.people.agreement import MIN_EXPECTED_DETECTIONS, CameraAgreement
+from occlog.track.people.boxes_by_moment import BoxStatistics, FrameDetectionsWithIds
 
 
-def moment(by: list[list[bool]], visible: float = 1.0) -> Moment:
+def moment(by: list[list[bool]], visible: float = 1.0) -> TrackSnapshot:
     """People whom these cameras see."""
     seen = np.array(by)
     person, camera = np.nonzero(seen)
     n = len(person)
-    return Moment(
+    return TrackSnapshot(
         t_ns=0,
         ids=np.arange(len(seen)),
         mean=np.zeros((len(seen), 6)),
         covariance=np.zeros((len(seen), 6, 6)),
         existence=np.ones(len(seen)),
         visibility=np.full(seen.shape, visible),
-        support=Support(person, camera, np.arange(n), np.ones(n), np.zeros(n)),
+        support=BoxAssociations(person, camera, np.arange(n), np.ones(n), np.zeros(n)),
         events=(),
     )
 
 
-def looks(cameras: int) -> list[FrameLook]:
+def looks(cameras: int) -> list[FrameDetectionsWithIds]:
     none = np.zeros(0, dtype=np.int64)
     return [
-        FrameLook(Look(0, c, np.zeros((0, 4)), np.zeros(0), none, np.zeros((0, 0)), none), 0, none)
+        FrameDetectionsWithIds(
+            FrameDetections(0, c, np.zeros((0, 4)), np.zeros(0), none, np.zeros((0, 0)), none), 0, none
+        )
         for c in range(cameras)
     ]
 
 
 def codes(by: list[bool], times: int, visible: float = 1.0) -> list[str]:
-    agreement = Agreement([camera(name) for name in "abcd"[: len(by)]])
+    agreement = CameraAgreement([camera(name) for name in "abcd"[: len(by)]])
     for _ in range(times):
         agreement.add(moment([by], visible), looks(len(by)))
-    tally = BoxTally.of(len(by))
+    tally = BoxStatistics.of(len(by))
     tally.boxes[:] = 1
     return [f"{found.id}: {found.text.split()[1]}" for found in findings(agreement.checks(tally))]
 
 
 def test_a_box_of_two_people_who_touch_is_one_explained_box() -> None:
-    agreement = Agreement([camera(name) for name in "ab"])
+    agreement = CameraAgreement([camera(name) for name in "ab"])
     pair = np.array([0, 1])
     # Camera a: one box of both with 0.75, of the first alone with 0.25; camera b: a box of the second alone
-    support = Support(
+    support = BoxAssociations(
         np.array([*pair, 1]), np.array([0, 0, 1]), np.zeros(3, int), np.array([1, 0.75, 1]), np.array([0.75, 0.75, 0])
     )
     agreement.add(moment([[True, False], [True, True]])._replace(support=support), looks(2))
@@ -60,20 +62,20 @@ def test_a_box_of_two_people_who_touch_is_one_explained_box() -> None:
 
 
 def test_a_camera_that_does_not_see_whom_the_others_see_is_named() -> None:
-    assert codes([True, True, True, False], FEWEST) == ["camera-disagrees: d"]
-    assert codes([True, True, True, True], FEWEST) == []
+    assert codes([True, True, True, False], MIN_EXPECTED_DETECTIONS) == ["camera-disagrees: d"]
+    assert codes([True, True, True, True], MIN_EXPECTED_DETECTIONS) == []
 
 
 def test_of_few_people_and_of_those_who_are_not_plainly_visible_nothing_is_said() -> None:
-    assert codes([True, True, True, False], FEWEST - 1) == []
-    assert codes([True, True, True, False], FEWEST, visible=0.79) == []
-    assert codes([True, True, True, False], FEWEST, visible=float("nan")) == []
+    assert codes([True, True, True, False], MIN_EXPECTED_DETECTIONS - 1) == []
+    assert codes([True, True, True, False], MIN_EXPECTED_DETECTIONS, visible=0.79) == []
+    assert codes([True, True, True, False], MIN_EXPECTED_DETECTIONS, visible=float("nan")) == []
 
 
 def unexplained(boxes: int, used: int, height: float = 2.5) -> list[str]:
     """Sentences about boxes that nobody explains, of two cameras of which people explain some of the boxes."""
     cameras = [replace(camera(name), position=np.array([0.0, 0.0, height])) for name in "ab"]
-    agreement, tally = Agreement(cameras), BoxTally.of(2)
+    agreement, tally = CameraAgreement(cameras), BoxStatistics.of(2)
     agreement.used[0] = used
     tally.boxes[0], tally.boxes[1] = boxes - boxes // 2, boxes // 2
     return [found.text for found in findings(agreement.checks(tally)) if found.id == "boxes-unexplained"]
@@ -92,26 +94,26 @@ def test_cameras_below_the_ground_are_named_where_nobody_explains_the_boxes() ->
 
 
 def test_of_four_cameras_two_must_see_whom_another_one_should_see() -> None:
-    assert codes([True, False, False, False], FEWEST) == []
-    assert codes([True, False, False], FEWEST) == ["camera-disagrees: b", "camera-disagrees: c"]
+    assert codes([True, False, False, False], MIN_EXPECTED_DETECTIONS) == []
+    assert codes([True, False, False], MIN_EXPECTED_DETECTIONS) == ["camera-disagrees: b", "camera-disagrees: c"]
 
 
 @pytest.mark.parametrize(("seen", "said"), [(0.25, False), (0.24, True)])
 def test_of_two_cameras_each_must_see_a_quarter_of_whom_the_other_sees(seen: float, said: bool) -> None:
-    agreement = Agreement([camera(name) for name in "ab"])
+    agreement = CameraAgreement([camera(name) for name in "ab"])
     for k in range(100):
         agreement.add(moment([[True, k < 100 * seen]]), looks(2))
-    tally = BoxTally.of(2)
+    tally = BoxStatistics.of(2)
     tally.boxes[:] = 1
     assert [f.id for f in findings(agreement.checks(tally))] == (["camera-disagrees"] if said else [])
 
 
 def test_cameras_that_look_at_other_times_are_named() -> None:
-    tally = BoxTally.of(2)
+    tally = BoxStatistics.of(2)
     tally.boxes[:] = 1
     tally.first_ns[:], tally.last_ns[:] = (0, 10_000_000_000), (9_000_000_000, 20_000_000_000)
-    found = list(findings(Agreement([camera(name) for name in "ab"]).checks(tally)))
+    found = list(findings(CameraAgreement([camera(name) for name in "ab"]).checks(tally)))
     assert [f.id for f in found] == ["camera-at-other-times"] * 2
     assert "its first frame is +10 s from the others'" in found[1].text
     tally.first_ns[1] = 9_000_000_000
-    assert list(findings(Agreement([camera(name) for name in "ab"]).checks(tally))) == []
+    assert list(findings(CameraAgreement([camera(name) for name in "ab"]).checks(tally))) == []

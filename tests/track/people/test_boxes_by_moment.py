@@ -11,14 +11,14 @@ from people_boxes import SIZE, STEP_NS, boxes, camera, hall, table
 from occlog.errors import InputError
 from occlog.records.tables import Boxes
 from occlog.track.people.boxes_by_moment import (
-    BoxTally,
-    FrameLook,
-    FrameTimes,
-    empty_frames,
+    BoxStatistics,
+    FrameDetectionsWithIds,
+    RegionFrameTimes,
+    duplicate_boxes,
+    frame_detections,
+    frames_without_boxes,
+    group_time_steps,
     in_order,
-    looks_of,
-    moments_of,
-    repeated,
     rows_of_boxes,
 )
 
@@ -26,8 +26,8 @@ CAMERAS = hall("ab").cameras
 MS = 1_000_000
 
 
-def looks(*chunks: Boxes, tally: BoxTally | None = None) -> list[FrameLook]:
-    return list(looks_of(rows_of_boxes(chunks), CAMERAS, ["a", "b", "c"], tally or BoxTally.of(2)))
+def looks(*chunks: Boxes, tally: BoxStatistics | None = None) -> list[FrameDetectionsWithIds]:
+    return list(frame_detections(rows_of_boxes(chunks), CAMERAS, ["a", "b", "c"], tally or BoxStatistics.of(2)))
 
 
 def some(*rows: tuple[str, int, int, float, float, float, float]) -> Boxes:
@@ -61,7 +61,7 @@ def test_where_chunks_are_cut_does_not_matter() -> None:
 
 
 def test_a_box_outside_the_image_is_left_out_and_one_at_its_border_is_not() -> None:
-    tally = BoxTally.of(2)
+    tally = BoxStatistics.of(2)
     w, h = SIZE
     beyond = [(w - 0.5, 10), (-20.5, 10), (10, h - 0.5), (10, -60.5)]
     at = [(w - 0.6, 10), (-20.4, 10), (10, h - 0.6), (10, -60.4)]
@@ -73,15 +73,17 @@ def test_a_box_outside_the_image_is_left_out_and_one_at_its_border_is_not() -> N
 
 def test_no_border_is_known_of_an_image_without_a_size() -> None:
     cameras = (camera("a", image_size=None),)
-    (found,) = looks_of(rows_of_boxes([some(("a", 0, 0, 9000, 10, 20, 60))]), cameras, ["a"], BoxTally.of(1))
+    (found,) = frame_detections(
+        rows_of_boxes([some(("a", 0, 0, 9000, 10, 20, 60))]), cameras, ["a"], BoxStatistics.of(1)
+    )
     assert len(found.box) == 1
 
 
 def test_boxes_that_repeat_another_are_left_out() -> None:
     edges = np.array([[0.0, 0, 100, 100], [0, 0, 100, 91], [0, 0, 100, 89], [500, 0, 600, 100]])
-    assert repeated(edges, np.full(4, 0.9)).tolist() == [False, True, False, False]
-    assert repeated(edges, np.array([0.5, 0.9, 0.1, 0.1])).tolist() == [True, False, True, False]
-    tally = BoxTally.of(2)
+    assert duplicate_boxes(edges, np.full(4, 0.9)).tolist() == [False, True, False, False]
+    assert duplicate_boxes(edges, np.array([0.5, 0.9, 0.1, 0.1])).tolist() == [True, False, True, False]
+    tally = BoxStatistics.of(2)
     (found,) = looks(some(("a", 0, 0, 10, 10, 20, 60), ("a", 0, 1, 10, 10, 20, 60)), tally=tally)
     assert (found.box.tolist(), tally.twice.tolist()) == ([0], [1, 0])
 
@@ -99,12 +101,12 @@ def test_times_that_go_back_are_refused() -> None:
 
 
 def test_frames_that_a_table_leaves_out_are_looks_at_nobody() -> None:
-    times = FrameTimes.of(
+    times = RegionFrameTimes.of(
         t_ns=MS * np.array([0, 0, 40, 300, 400]),
         sensor=["a", "b", "b", "a", "b"],
         frame=np.array([3, 0, 1, 6, 10]),
     )
-    found = list(empty_frames([times.take(slice(0, 2)), times.take(slice(2, None))], {"a": 0, "b": 1}))
+    found = list(frames_without_boxes([times.take(slice(0, 2)), times.take(slice(2, None))], {"a": 0, "b": 1}))
     assert [(e.look.t_ns / MS, e.look.camera, e.frame) for e in found] == [
         (80, 1, 2),
         (100, 0, 4),
@@ -118,41 +120,41 @@ def test_frames_that_a_table_leaves_out_are_looks_at_nobody() -> None:
         (360, 1, 9),
     ]
     assert all(not len(e.look.boxes) for e in found)
-    assert list(empty_frames([times], {"c": 0})) == []
+    assert list(frames_without_boxes([times], {"c": 0})) == []
 
 
 @pytest.mark.parametrize(("frames", "empty"), [(14, [15, 20]), (5, [1, 2, 3, 4, 6, 7])])
 def test_frames_that_are_numbered_in_steps_have_none_between(frames: int, empty: list[int]) -> None:
     number = np.delete(5 * np.arange(frames), slice(3, 5))
-    times = FrameTimes(t_ns=number * STEP_NS, sensor=np.full(len(number), "a"), frame=number)
-    assert [e.frame for e in empty_frames([times], {"a": 0})][: len(empty)] == empty
-    assert frames < 14 or len(list(empty_frames([times], {"a": 0}))) == 2
+    times = RegionFrameTimes(t_ns=number * STEP_NS, sensor=np.full(len(number), "a"), frame=number)
+    assert [e.frame for e in frames_without_boxes([times], {"a": 0})][: len(empty)] == empty
+    assert frames < 14 or len(list(frames_without_boxes([times], {"a": 0}))) == 2
 
 
 def test_numbers_that_cannot_be_those_of_frames_are_refused() -> None:
-    times = FrameTimes(t_ns=np.array([0, STEP_NS]), sensor=np.array(["a", "a"]), frame=np.array([0, 2_000_000]))
+    times = RegionFrameTimes(t_ns=np.array([0, STEP_NS]), sensor=np.array(["a", "a"]), frame=np.array([0, 2_000_000]))
     with pytest.raises(InputError, match=r"camera a: frames 0 and 2000000 are 0\.1 s apart"):
-        list(empty_frames([times], {"a": 0}))
+        list(frames_without_boxes([times], {"a": 0}))
 
 
-def look_at(t_ns: int, c: int) -> FrameLook:
+def look_at(t_ns: int, c: int) -> FrameDetectionsWithIds:
     (found,) = looks(some(("a", 0, -1, 0, 0, 0, 0)))
     return replace_time(found, t_ns, c)
 
 
-def replace_time(found: FrameLook, t_ns: int, c: int) -> FrameLook:
+def replace_time(found: FrameDetectionsWithIds, t_ns: int, c: int) -> FrameDetectionsWithIds:
     return found._replace(look=found.look._replace(t_ns=t_ns, camera=c))
 
 
 @pytest.mark.parametrize(("window", "sizes"), [(0, [1, 1, 1, 1]), (9, [1, 1, 2]), (10, [2, 2])])
 def test_looks_within_the_window_are_one_moment(window: int, sizes: list[int]) -> None:
     stream = [look_at(0, 0), look_at(10, 1), look_at(40, 0), look_at(45, 1)]
-    assert [len(m) for m in moments_of(stream, window)] == sizes
+    assert [len(m) for m in group_time_steps(stream, window)] == sizes
 
 
 def test_a_camera_looks_once_in_a_moment() -> None:
     stream = [look_at(0, 0), look_at(1, 0), look_at(2, 1)]
-    assert [[e.look.t_ns for e in m] for m in moments_of(stream, 100)] == [[0], [1, 2]]
+    assert [[e.look.t_ns for e in m] for m in group_time_steps(stream, 100)] == [[0], [1, 2]]
 
 
 def test_streams_are_put_in_the_order_of_time() -> None:

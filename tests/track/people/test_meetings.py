@@ -8,8 +8,8 @@ from scipy.stats import multivariate_normal
 
 from occlog.array_types import NS, Floats
 from occlog.track.methods.jipda.config import JipdaConfig
-from occlog.track.methods.jipda.interface import NOBODY, Event, Moment, Support, no_support
-from occlog.track.people.meetings import LEAST, Meetings, exchange_probability, log_ratio
+from occlog.track.methods.jipda.interface import NO_ID, BoxAssociations, Event, TrackSnapshot, no_associations
+from occlog.track.people.meetings import MIN_SWITCH_PROBABILITY, CloseEncounters, log_ratio, switch_probability
 
 STEP_S = 0.1
 CLEAR = 0.4
@@ -41,17 +41,17 @@ def test_the_ratio_is_that_of_normal_densities(seed: int) -> None:
 
 def test_who_came_near_and_is_told_apart_badly_is_exchanged_more_probably() -> None:
     distances, ratios = [0.0, 0.3, 1.0, 4.0], [-5.0, 0.0, 3.0, 100.0]
-    found = np.array([[exchange_probability(d, r) for r in ratios] for d in distances])
+    found = np.array([[switch_probability(d, r) for r in ratios] for d in distances])
     assert (np.diff(found, axis=0) <= 0).all()
     assert (np.diff(found, axis=1) <= 0).all()
     # Limits of both are where they are said to be
     assert (found[0] == found[1]).all()
     assert (found[:, 0] == found[:, 1]).all()
-    assert exchange_probability(1.0, 1e9) == found[2, 3]
+    assert switch_probability(1.0, 1e9) == found[2, 3]
     assert found[0, 0] == pytest.approx(1 / (1 + np.exp(-2.30 + 1.04 * np.log(0.3))))
 
 
-def crossing(gap: float, sd: float, unit: float = 1.0, blind: bool = True) -> list[Moment]:
+def crossing(gap: float, sd: float, unit: float = 1.0, blind: bool = True) -> list[TrackSnapshot]:
     """Two people who walk towards each other at 1 m/s and pass; cameras tell them apart from `CLEAR` on."""
     moments = []
     for k in range(41):
@@ -63,16 +63,20 @@ def crossing(gap: float, sd: float, unit: float = 1.0, blind: bool = True) -> li
     return moments
 
 
-def moment(number: int, mean: Floats, sd: float, seen: bool) -> Moment:
+def moment(number: int, mean: Floats, sd: float, seen: bool) -> TrackSnapshot:
     n = len(mean)
     cov = np.tile(np.diag([sd**2, sd**2, (3 * sd) ** 2, (3 * sd) ** 2, sd**2, sd**2]), (n, 1, 1))
-    boxes = Support(np.arange(n), np.zeros(n, int), np.arange(n), np.ones(n), np.zeros(n)) if seen else no_support()
+    boxes = (
+        BoxAssociations(np.arange(n), np.zeros(n, int), np.arange(n), np.ones(n), np.zeros(n))
+        if seen
+        else no_associations()
+    )
     none = np.full((n, 1), np.nan)
-    return Moment(round(number * STEP_S * NS), np.arange(n) + 7, mean, cov, np.ones(n), none, boxes, ())
+    return TrackSnapshot(round(number * STEP_S * NS), np.arange(n) + 7, mean, cov, np.ones(n), none, boxes, ())
 
 
-def doubts(moments: list[Moment], unit: float = 1.0) -> list[tuple[int, Event]]:
-    meetings = Meetings(JipdaConfig(width=0.55 * unit, manoeuvre=unit**2))
+def doubts(moments: list[TrackSnapshot], unit: float = 1.0) -> list[tuple[int, Event]]:
+    meetings = CloseEncounters(JipdaConfig(width=0.55 * unit, manoeuvre=unit**2))
     return [(k, event) for k, each in enumerate(moments) for event in meetings.add(each)]
 
 
@@ -80,7 +84,7 @@ def test_two_who_pass_closely_unseen_are_doubted_once_when_they_part() -> None:
     found = doubts(crossing(0.05, 0.2))
     assert [(e.kind, e.id, e.other) for _, e in found] == [("doubt", 7, 8), ("doubt", 8, 7)]
     (when, one), (_, other) = found
-    assert one.probability == other.probability >= LEAST
+    assert one.probability == other.probability >= MIN_SWITCH_PROBABILITY
     # 2.2 widths apart again, 1.21 m at 2 m/s after the middle
     assert when == 27
 
@@ -102,7 +106,7 @@ def test_the_unit_of_length_does_not_matter(unit: float) -> None:
 
 def test_what_the_method_itself_doubts_is_not_said_again() -> None:
     moments = crossing(0.05, 0.2)
-    moments[21] = moments[21]._replace(events=(Event("doubt", 8, 7, 0.4), Event("birth", 9, NOBODY, 0.9)))
+    moments[21] = moments[21]._replace(events=(Event("doubt", 8, 7, 0.4), Event("birth", 9, NO_ID, 0.9)))
     assert doubts(moments) == []
 
 
@@ -114,7 +118,7 @@ def test_of_one_who_has_gone_nothing_is_said() -> None:
             mean=each.mean[:1],
             covariance=each.covariance[:1],
             visibility=each.visibility[:1],
-            support=no_support(),
+            support=no_associations(),
         )
         for each in moments[21:]
     ]

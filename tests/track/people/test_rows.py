@@ -9,10 +9,16 @@ from people_boxes import HEIGHT, STEP_NS, WIDTH, box, boxes, hall, place
 from occlog.core.numerics.assignment import assign
 from occlog.records.tables import PeopleTracks
 from occlog.track.methods.jipda.config import JipdaConfig
-from occlog.track.methods.jipda.interface import NOBODY, Event, Look, Moment, Support
-from occlog.track.people.boxes_by_moment import BoxTally, FrameLook, looks_of, moments_of, rows_of_boxes
-from occlog.track.people.rows import SeenMoment
-from occlog.track.people.stage import Follower, Tabulator, follow
+from occlog.track.methods.jipda.interface import NO_ID, BoxAssociations, Event, FrameDetections, TrackSnapshot
+from occlog.track.people.boxes_by_moment import (
+    BoxStatistics,
+    FrameDetectionsWithIds,
+    frame_detections,
+    group_time_steps,
+    rows_of_boxes,
+)
+from occlog.track.people.rows import SnapshotWithDetections
+from occlog.track.people.stage import PeopleTracker, Tabulator, track_people
 
 SCENE = hall("abc")
 CAMERAS = SCENE.cameras
@@ -21,7 +27,7 @@ HIDDEN = 0.25
 """Visibility of the second person, of whom the stand-in says that no box is theirs."""
 
 
-def step(state: int, looks: list[Look]) -> tuple[int, Moment]:
+def step(state: int, looks: list[FrameDetections]) -> tuple[int, TrackSnapshot]:
     """The people where they are; of the first one the nearest box of each camera, of the second one none."""
     t_ns = max(look.t_ns for look in looks)
     mean = np.zeros((PEOPLE, 6))
@@ -37,15 +43,15 @@ def step(state: int, looks: list[Look]) -> tuple[int, Moment]:
         person += [0] * len(best)
         camera += [look.camera] * len(best)
         row += look.row[best].tolist()
-    events = {0: (Event("birth", 10, NOBODY, 0.9), Event("birth", 11, NOBODY, 0.8)), 3: (Event("doubt", 10, 11, 0.4),)}
-    moment = Moment(
+    events = {0: (Event("birth", 10, NO_ID, 0.9), Event("birth", 11, NO_ID, 0.8)), 3: (Event("doubt", 10, 11, 0.4),)}
+    moment = TrackSnapshot(
         t_ns=t_ns,
         ids=np.array([10, 11]),
         mean=mean,
         covariance=np.tile(0.01 * np.eye(6), (PEOPLE, 1, 1)),
         existence=np.array([1.0, 0.75]),
         visibility=visibility,
-        support=Support(
+        support=BoxAssociations(
             np.array(person, int),
             np.array(camera, int),
             np.array(row, int),
@@ -57,17 +63,21 @@ def step(state: int, looks: list[Look]) -> tuple[int, Moment]:
     return state + 1, moment
 
 
-STAND_IN = Follower(begin=lambda scene, cameras, config: 0, step=step)
+STAND_IN = PeopleTracker(begin=lambda scene, cameras, config: 0, step=step)
 
 
 @pytest.fixture(scope="module")
-def seen() -> list[SeenMoment]:
+def seen() -> list[SnapshotWithDetections]:
     found = boxes(SCENE, 1.0, people=PEOPLE, miss=0.2)
-    stream = looks_of(rows_of_boxes([found]), CAMERAS, "abc", BoxTally.of(3))
-    return [each for part in follow(moments_of(stream, 0), SCENE, CAMERAS, JipdaConfig(), STAND_IN) for each in part]
+    stream = frame_detections(rows_of_boxes([found]), CAMERAS, "abc", BoxStatistics.of(3))
+    return [
+        each
+        for part in track_people(group_time_steps(stream, 0), SCENE, CAMERAS, JipdaConfig(), STAND_IN)
+        for each in part
+    ]
 
 
-def test_everybody_has_a_row_at_every_moment(seen: list[SeenMoment]) -> None:
+def test_everybody_has_a_row_at_every_moment(seen: list[SnapshotWithDetections]) -> None:
     rows = Tabulator(CAMERAS, in_images=False).tables(seen).tracks
     assert isinstance(rows, PeopleTracks)
     assert rows.target_id.tolist() == [10, 11] * 10
@@ -79,7 +89,7 @@ def test_everybody_has_a_row_at_every_moment(seen: list[SeenMoment]) -> None:
     assert (rows.cov_x_vy == 0).all()
 
 
-def test_rows_say_who_saw_the_person_and_why_to_doubt(seen: list[SeenMoment]) -> None:
+def test_rows_say_who_saw_the_person_and_why_to_doubt(seen: list[SnapshotWithDetections]) -> None:
     rows = Tabulator(CAMERAS, in_images=False).tables(seen).tracks
     hidden = rows.take(rows.target_id == 11)
     assert set(hidden.doubt.tolist()) == {"unseen"}
@@ -91,7 +101,7 @@ def test_rows_say_who_saw_the_person_and_why_to_doubt(seen: list[SeenMoment]) ->
     assert "a,b,c" in told.seen_by.tolist()
 
 
-def test_support_names_the_boxes_by_frame_and_number(seen: list[SeenMoment]) -> None:
+def test_support_names_the_boxes_by_frame_and_number(seen: list[SnapshotWithDetections]) -> None:
     found = boxes(SCENE, 1.0, people=PEOPLE, miss=0.2)
     rows = Tabulator(CAMERAS, in_images=False).tables(seen).support
     keys = zip(found.t_ns.tolist(), found.sensor.tolist(), found.box.tolist(), strict=True)
@@ -104,14 +114,14 @@ def test_support_names_the_boxes_by_frame_and_number(seen: list[SeenMoment]) -> 
     np.testing.assert_array_equal(rows.frame, rows.t_ns // STEP_NS)
 
 
-def test_events_have_the_time_of_their_moment(seen: list[SeenMoment]) -> None:
+def test_events_have_the_time_of_their_moment(seen: list[SnapshotWithDetections]) -> None:
     rows = Tabulator(CAMERAS, in_images=False).tables(seen).events
     assert rows.kind.tolist() == ["birth", "birth", "doubt"]
     assert rows.t_ns.tolist() == [0, 0, 3 * STEP_NS]
     assert rows.other_id.tolist() == [-1, -1, 11]
 
 
-def test_everybody_is_in_every_image_with_a_box_or_without(seen: list[SeenMoment]) -> None:
+def test_everybody_is_in_every_image_with_a_box_or_without(seen: list[SnapshotWithDetections]) -> None:
     rows = Tabulator(CAMERAS, in_images=True).tables(seen).views
     assert rows is not None
     found = boxes(SCENE, 1.0, people=PEOPLE, miss=0.2)
@@ -125,7 +135,7 @@ def test_everybody_is_in_every_image_with_a_box_or_without(seen: list[SeenMoment
     np.testing.assert_allclose(2 * own.b_px, first.height_px)
 
 
-def test_people_without_a_box_stand_where_the_floor_lets_expect_them(seen: list[SeenMoment]) -> None:
+def test_people_without_a_box_stand_where_the_floor_lets_expect_them(seen: list[SnapshotWithDetections]) -> None:
     rows = Tabulator(CAMERAS, in_images=True).tables(seen).views
     assert rows is not None
     hidden = rows.take(rows.target_id == 11)
@@ -138,12 +148,12 @@ def test_people_without_a_box_stand_where_the_floor_lets_expect_them(seen: list[
     assert 3.0 < np.sqrt(np.median(hidden.cov_xx_px)) < 8.0
 
 
-def test_a_later_look_shows_people_where_they_walk_on(seen: list[SeenMoment]) -> None:
+def test_a_later_look_shows_people_where_they_walk_on(seen: list[SnapshotWithDetections]) -> None:
     each = seen[0]
     moment = each.moment._replace(mean=each.moment.mean.copy())
     moment.mean[1, 2:4] = 1.0, 0.0
-    late = [FrameLook(e.look._replace(t_ns=e.look.t_ns + STEP_NS), e.frame, e.box) for e in each.looks]
-    rows = Tabulator(CAMERAS, in_images=True).tables([SeenMoment(moment, late)]).views
+    late = [FrameDetectionsWithIds(e.look._replace(t_ns=e.look.t_ns + STEP_NS), e.frame, e.box) for e in each.looks]
+    rows = Tabulator(CAMERAS, in_images=True).tables([SnapshotWithDetections(moment, late)]).views
     assert rows is not None
     x, y = place(1, 0.0)
     row = rows.take((rows.target_id == 11) & (rows.sensor == "a"))

@@ -8,35 +8,35 @@ from people_boxes import HEIGHT, boxes, camera, hall
 
 from occlog.settings import LENGTH_POWER, declaration, declared
 from occlog.track.methods.jipda.config import JipdaConfig
-from occlog.track.people.boxes_by_moment import BoxTally, FrameLook, looks_of, rows_of_boxes
-from occlog.track.people.inputs import in_units_of, odd_cameras, statures, typical
+from occlog.track.people.boxes_by_moment import BoxStatistics, FrameDetectionsWithIds, frame_detections, rows_of_boxes
+from occlog.track.people.inputs import in_units_of, inconsistent_cameras, median_height, person_heights
 
 
-def some(metre: float = 1.0) -> tuple[list[FrameLook], tuple]:
+def some(metre: float = 1.0) -> tuple[list[FrameDetectionsWithIds], tuple]:
     scene = hall("abc", metre, "unit")
     found = boxes(scene, 2.0, metre=metre, px=0.0)
-    return list(looks_of(rows_of_boxes([found]), scene.cameras, "abc", BoxTally.of(3))), scene.cameras
+    return list(frame_detections(rows_of_boxes([found]), scene.cameras, "abc", BoxStatistics.of(3))), scene.cameras
 
 
 @pytest.mark.parametrize("metre", [1.0, 100.0])
 def test_people_are_as_tall_as_they_are(metre: float) -> None:
     looks, cameras = some(metre)
-    np.testing.assert_allclose(statures(looks, cameras), metre * HEIGHT, rtol=0.05)
+    np.testing.assert_allclose(person_heights(looks, cameras), metre * HEIGHT, rtol=0.05)
 
 
 def test_few_boxes_tell_nothing() -> None:
     looks, cameras = some()
-    assert np.isnan(statures(looks[:2], cameras)).all()
-    assert np.isnan(typical(np.full(3, np.nan)))
+    assert np.isnan(person_heights(looks[:2], cameras)).all()
+    assert np.isnan(median_height(np.full(3, np.nan)))
 
 
 def test_a_camera_that_is_not_where_the_scene_says_makes_other_people() -> None:
     looks, cameras = some()
     moved = (camera("a", position=np.array([0.0, 0.0, 6.0])), *cameras[1:])
-    odd = odd_cameras(statures(looks, moved))
+    odd = inconsistent_cameras(person_heights(looks, moved))
     assert list(odd) == [0]
     assert odd[0] > 1.6 * HEIGHT
-    assert odd_cameras(statures(looks, cameras)) == {}
+    assert inconsistent_cameras(person_heights(looks, cameras)) == {}
 
 
 def test_lengths_are_put_in_units_of_the_scene() -> None:

@@ -7,12 +7,12 @@ from types import SimpleNamespace
 import pytest
 
 from occlog.track.people.boxes_by_moment import FrameNumbers
-from occlog.track.people.run import FEWEST_PAIRS, PeopleSummary
+from occlog.track.people.run import MIN_PAIRS, PeopleSummary
 
 
 @pytest.mark.parametrize(
     ("pairs", "left_out", "said"),
-    [(FEWEST_PAIRS, FEWEST_PAIRS, 1), (FEWEST_PAIRS, FEWEST_PAIRS - 1, 0), (FEWEST_PAIRS - 1, FEWEST_PAIRS - 1, 0)],
+    [(MIN_PAIRS, MIN_PAIRS, 1), (MIN_PAIRS, MIN_PAIRS - 1, 0), (MIN_PAIRS - 1, MIN_PAIRS - 1, 0)],
 )
 def test_numbers_that_are_hardly_ever_successive_are_said(pairs: int, left_out: int, said: int) -> None:
     inputs = SimpleNamespace(numbers={"a": FrameNumbers(1, pairs, left_out)})

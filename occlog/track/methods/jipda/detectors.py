@@ -28,41 +28,41 @@ import numpy as np
 from occlog.array_types import NS, Bools, Floats, Ints
 
 from .config import JipdaConfig
-from .kernels.detections import LOG_SIZE_RANGE, Boxes, Rates
-from .kernels.disagreement import Disagreement
-from .kernels.joint import BLIND_FRAME, NOISE_INFLATION, Result
-from .people import BENDING, CALM, TURNING, People
+from .kernels.detections import LOG_SIZE_RANGE, DetectorModel, PackedDetections
+from .kernels.disagreement import BoxDisagreement
+from .kernels.joint import BLIND_FRAME_PROBABILITY, NOISE_INFLATION, JipdaResult
+from .people import CONSTANT_VELOCITY, MANOEUVRE, POSTURE_CHANGE, TargetSet
 
 PRIOR_BOXES = 5.0
 """The first noise of edges is worth so many boxes of each of five sizes."""
 SIZES = np.array([30.0, 60.0, 120.0, 240.0, 480.0])
 PRIOR_BIAS = np.array([0.01, 0.1, 0.02, 0.05])
 """Standard deviations of the biases of middle and width across, of middle and height down; see `Rates.bias`."""
-LASTS_S = 0.5
+NOISE_CORRELATION_S = 0.5
 """How long errors last that do not change from look to look [s]."""
-FIRST_LASTING, PRIOR_LASTING, USUAL = 0.015, 20.0, 0.01
+PRIOR_CORRELATED_NOISE, PRIOR_CORRELATED_PAIRS, USUAL_CORRELATED_NOISE = 0.015, 20.0, 0.01
 """At first, in heights; it is worth so many pairs of looks with this noise, in heights."""
-FIRST_SWAY, PRIOR_SWAY = 0.03, 200.0
+PRIOR_GAIT_SIGMA, PRIOR_GAIT_PAIRS = 0.03, 200.0
 """At first, in metres; it is worth so many triples of looks."""
 PRIOR_CHANGES = 200.0
 """At first errors are new at each look; it is worth half as many looks."""
-MOST_ALIKE = 0.9
-MOST_LASTING = 0.06
-SWAY_RANGE = (0.03, 0.12)
+MAX_NOISE_CORRELATION = 0.9
+MAX_CORRELATED_NOISE = 0.06
+GAIT_SIGMA_RANGE = (0.03, 0.12)
 """Nobody's place is a point: feet and head sway about it [m]."""
-MOST_PRODUCT = 0.2
+MAX_CHANGE_PRODUCT_M2 = 0.2
 """Products of changes count at most so much [m^2]: an exchange of people is not their sway."""
-LEAST_KEPT = 0.3
-OUTLIER = 12.0
+MIN_KEPT_SHARE = 0.3
+OUTLIER_CHI2 = 12.0
 """Squared residuals count at most so many times their variance."""
-LEAST_NOISE = np.array([0.25, 1e-5])
+MIN_EDGE_NOISE = np.array([0.25, 1e-5])
 MIDDLES = np.array([0, 2])
-EVEN = 0.2
+INTERVAL_TOLERANCE = 0.2
 """Intervals are equal that differ by less than this share."""
 
 
 @dataclass(frozen=True)
-class Edges:
+class EdgeErrorStatistics:
     """Sums over boxes seen so far, priors included; C cameras."""
 
     metre: float
@@ -80,21 +80,21 @@ class Edges:
     ]  # by person and camera: time, disagreements at two looks
 
 
-def first_edges(cameras: int, metre: float, config: JipdaConfig) -> Edges:
+def prior_edge_errors(cameras: int, metre: float, config: JipdaConfig) -> EdgeErrorStatistics:
     """The priors, for so many cameras."""
     a = np.array([0.5, 2.0, 0.5, 2.0]) * config.edge_px**2
     b = np.array([1.0, 4.0, 1.0, 4.0]) * config.looseness**2
     x = np.stack([np.ones_like(SIZES), SIZES**2])
     y = a[:, None] + b[:, None] * SIZES**2
     weight = PRIOR_BOXES / y**2
-    return Edges(
+    return EdgeErrorStatistics(
         metre=metre,
         bias=np.zeros((cameras, 4)),
         bias_variance=np.tile(PRIOR_BIAS**2, (cameras, 1)),
         normal=np.einsum("an,bn,kn->kab", x, x, weight),
         right=np.einsum("an,kn,kn->ka", x, y, weight),
-        lasting=PRIOR_LASTING / USUAL**4 * np.array([FIRST_LASTING**2, 1.0]),
-        sway=PRIOR_SWAY * np.array([(FIRST_SWAY * metre) ** 2, 1.0]),
+        lasting=PRIOR_CORRELATED_PAIRS / USUAL_CORRELATED_NOISE**4 * np.array([PRIOR_CORRELATED_NOISE**2, 1.0]),
+        sway=PRIOR_GAIT_PAIRS * np.array([(PRIOR_GAIT_SIGMA * metre) ** 2, 1.0]),
         before={},
         path={},
         changes=np.full(2, PRIOR_CHANGES),
@@ -102,42 +102,49 @@ def first_edges(cameras: int, metre: float, config: JipdaConfig) -> Edges:
     )
 
 
-def noise_of(edges: Edges) -> Floats:
+def edge_noise_variance(edges: EdgeErrorStatistics) -> Floats:
     """(4, 2) constant [px^2] and share squared of the variance of middles and sizes: least squares, none negative."""
     out = np.linalg.solve(edges.normal, edges.right[..., None])[..., 0]
     for k in range(4):
         A, r = edges.normal[k], edges.right[k]
         for one, other in ((0, 1), (1, 0)):
-            if out[k, one] < LEAST_NOISE[one]:
-                out[k, one] = LEAST_NOISE[one]
-                out[k, other] = max((r[other] - A[0, 1] * LEAST_NOISE[one]) / A[other, other], LEAST_NOISE[other])
+            if out[k, one] < MIN_EDGE_NOISE[one]:
+                out[k, one] = MIN_EDGE_NOISE[one]
+                out[k, other] = max((r[other] - A[0, 1] * MIN_EDGE_NOISE[one]) / A[other, other], MIN_EDGE_NOISE[other])
     # The part that lasts is counted apart
-    out[MIDDLES, 1] = np.maximum(out[MIDDLES, 1] - lasting_of(edges), 0.0)
+    out[MIDDLES, 1] = np.maximum(out[MIDDLES, 1] - correlated_noise(edges), 0.0)
     return np.asarray(out, dtype=np.float64)
 
 
-def lasting_of(edges: Edges) -> float:
+def correlated_noise(edges: EdgeErrorStatistics) -> float:
     """Variance of the errors of middles that last, in heights squared."""
-    return float(np.clip(edges.lasting[0] / edges.lasting[1], 0.0, MOST_LASTING**2))
+    return float(np.clip(edges.lasting[0] / edges.lasting[1], 0.0, MAX_CORRELATED_NOISE**2))
 
 
-def sway_of(edges: Edges) -> float:
+def gait_variance(edges: EdgeErrorStatistics) -> float:
     """Variance of the place that a body shows at a moment about the one where it walks."""
-    return float(np.clip(edges.sway[0] / edges.sway[1], *(np.array(SWAY_RANGE) * edges.metre) ** 2))
+    return float(np.clip(edges.sway[0] / edges.sway[1], *(np.array(GAIT_SIGMA_RANGE) * edges.metre) ** 2))
 
 
-def slowness_of(edges: Edges, between: float = 1.0) -> float:
+def correlated_noise_factor(edges: EdgeErrorStatistics, between: float = 1.0) -> float:
     """(1 + r) / (1 - r), r the correlation of errors from one look that counts to the next: their weight.
 
     Of a camera's looks one of `between` counts; the correlation falls geometrically with their number.
     """
-    alike = float(np.clip(edges.changes[0] / edges.changes[1] - 1.0, 0.0, MOST_ALIKE) ** between)
+    alike = float(np.clip(edges.changes[0] / edges.changes[1] - 1.0, 0.0, MAX_NOISE_CORRELATION) ** between)
     return (1.0 + alike) / (1.0 - alike)
 
 
-def learn_edges(
-    edges: Edges, t_ns: int, boxes: Boxes, found: Disagreement, *, key: Ints, owner: Ints, lasts: Floats
-) -> Edges:
+def update_edge_errors(
+    edges: EdgeErrorStatistics,
+    t_ns: int,
+    boxes: PackedDetections,
+    found: BoxDisagreement,
+    *,
+    key: Ints,
+    owner: Ints,
+    lasts: Floats,
+) -> EdgeErrorStatistics:
     """The sums with one more moment.
 
     Args:
@@ -150,29 +157,31 @@ def learn_edges(
         lasts: (C,) how many times as long errors that last count.
     """
     camera = np.repeat(boxes.camera, np.diff(boxes.first))
-    used = np.flatnonzero((found.kept > LEAST_KEPT).any(axis=1))
+    used = np.flatnonzero((found.kept > MIN_KEPT_SHARE).any(axis=1))
     if len(used):
         edges = _noise_and_bias(edges, used, camera, found, lasts)
     edges = _changes(edges, t_ns, used, camera, found, key[owner[used]])
-    edges = _lasting(edges, t_ns, used, camera, found, key[owner[used]])
-    return _sway(edges, t_ns, found, key)
+    edges = _correlated_noise(edges, t_ns, used, camera, found, key[owner[used]])
+    return _gait_variance(edges, t_ns, found, key)
 
 
-def _noise_and_bias(edges: Edges, used: Ints, camera: Ints, found: Disagreement, lasts: Floats) -> Edges:
-    noise = noise_of(edges)
-    noise[MIDDLES, 1] += lasting_of(edges)
+def _noise_and_bias(
+    edges: EdgeErrorStatistics, used: Ints, camera: Ints, found: BoxDisagreement, lasts: Floats
+) -> EdgeErrorStatistics:
+    noise = edge_noise_variance(edges)
+    noise[MIDDLES, 1] += correlated_noise(edges)
     r, kept, size = found.residual[used], found.kept[used], found.size[used]
     S = noise[:, 0] + noise[:, 1] * size**2
-    share = np.where(kept > LEAST_KEPT, kept, 1.0)
+    share = np.where(kept > MIN_KEPT_SHARE, kept, 1.0)
     # Noise: squared disagreements by the share of the variance that they keep, by weighted least squares
-    y, weight = np.minimum(r**2 / share, OUTLIER * S), np.where(kept > LEAST_KEPT, (kept / S) ** 2, 0.0)
+    y, weight = np.minimum(r**2 / share, OUTLIER_CHI2 * S), np.where(kept > MIN_KEPT_SHARE, (kept / S) ** 2, 0.0)
     x = np.stack([np.ones_like(size), size**2])
     # Biases: a scalar Kalman filter for each; errors that last count less
     bias, variance = edges.bias.copy(), edges.bias_variance.copy()
     for k, row in enumerate(used):
         c = camera[row]
         slow = S[k] / (share[k] * size[k] ** 2) * lasts[c]
-        gain = np.where(kept[k] > LEAST_KEPT, variance[c] / (variance[c] + slow), 0.0)
+        gain = np.where(kept[k] > MIN_KEPT_SHARE, variance[c] / (variance[c] + slow), 0.0)
         bias[c] += gain * r[k] / (share[k] * size[k])
         variance[c] *= 1.0 - gain
     return replace(
@@ -184,55 +193,61 @@ def _noise_and_bias(edges: Edges, used: Ints, camera: Ints, found: Disagreement,
     )
 
 
-def _changes(edges: Edges, t_ns: int, used: Ints, camera: Ints, found: Disagreement, key: Ints) -> Edges:
+def _changes(
+    edges: EdgeErrorStatistics, t_ns: int, used: Ints, camera: Ints, found: BoxDisagreement, key: Ints
+) -> EdgeErrorStatistics:
     """Compare changes over two looks with those over one: 1 - r^2 to 1 - r, whatever stays for longer."""
-    noise, sums = noise_of(edges), edges.changes.copy()
-    noise[MIDDLES, 1] += lasting_of(edges)
+    noise, sums = edge_noise_variance(edges), edges.changes.copy()
+    noise[MIDDLES, 1] += correlated_noise(edges)
     last = {k: v for k, v in edges.last.items() if t_ns - v[-1][0] < 2 * NS}
     for row, person in zip(used.tolist(), key.tolist(), strict=True):
         size, kept = found.size[row], found.kept[row]
-        deviation = np.sqrt((noise[:, 0] + noise[:, 1] * size**2) * np.maximum(kept, LEAST_KEPT))
-        now = np.where(kept > LEAST_KEPT, found.residual[row] / deviation, np.nan)
+        deviation = np.sqrt((noise[:, 0] + noise[:, 1] * size**2) * np.maximum(kept, MIN_KEPT_SHARE))
+        now = np.where(kept > MIN_KEPT_SHARE, found.residual[row] / deviation, np.nan)
         at = (person, int(camera[row]))
         looks = (*last.get(at, ()), (t_ns, now))[-3:]
         last[at] = looks
         if len(looks) == 3:
             first, second = looks[1][0] - looks[0][0], looks[2][0] - looks[1][0]
-            if max(first, second) > (1.0 + EVEN) * min(first, second):
+            if max(first, second) > (1.0 + INTERVAL_TOLERANCE) * min(first, second):
                 continue
-            two = np.minimum((now - looks[0][1]) ** 2, OUTLIER)
-            one = 0.5 * np.minimum((now - looks[1][1]) ** 2, OUTLIER)
-            one += 0.5 * np.minimum((looks[1][1] - looks[0][1]) ** 2, OUTLIER)
+            two = np.minimum((now - looks[0][1]) ** 2, OUTLIER_CHI2)
+            one = 0.5 * np.minimum((now - looks[1][1]) ** 2, OUTLIER_CHI2)
+            one += 0.5 * np.minimum((looks[1][1] - looks[0][1]) ** 2, OUTLIER_CHI2)
             fine = np.isfinite(two) & np.isfinite(one)
             sums += (two[fine].sum(), one[fine].sum())
     return replace(edges, changes=sums, last=last)
 
 
-def _lasting(edges: Edges, t_ns: int, used: Ints, camera: Ints, found: Disagreement, key: Ints) -> Edges:
-    noise, sums = noise_of(edges), edges.lasting.copy()
-    noise[MIDDLES, 1] += lasting_of(edges)
-    before = {k: v for k, v in edges.before.items() if t_ns - v[0] < 4.0 * LASTS_S * NS}
+def _correlated_noise(
+    edges: EdgeErrorStatistics, t_ns: int, used: Ints, camera: Ints, found: BoxDisagreement, key: Ints
+) -> EdgeErrorStatistics:
+    noise, sums = edge_noise_variance(edges), edges.lasting.copy()
+    noise[MIDDLES, 1] += correlated_noise(edges)
+    before = {k: v for k, v in edges.before.items() if t_ns - v[0] < 4.0 * NOISE_CORRELATION_S * NS}
     for row, person in zip(used.tolist(), key.tolist(), strict=True):
         size, kept = found.size[row, MIDDLES], found.kept[row, MIDDLES]
-        off = np.where(kept > LEAST_KEPT, found.residual[row, MIDDLES] / size / np.sqrt(np.maximum(kept, 0.1)), np.nan)
+        off = np.where(
+            kept > MIN_KEPT_SHARE, found.residual[row, MIDDLES] / size / np.sqrt(np.maximum(kept, 0.1)), np.nan
+        )
         variance = noise[MIDDLES, 0] / size**2 + noise[MIDDLES, 1]
         now = np.concatenate([off, variance])
         at = (person, int(camera[row]))
         if at in before:
             then, old = before[at]
             # E of the product is s^2 exp(-t / LASTS_S)
-            w = np.exp(-(t_ns - then) / NS / LASTS_S)
+            w = np.exp(-(t_ns - then) / NS / NOISE_CORRELATION_S)
             weight = 1.0 / (variance * old[2:])
-            product = np.clip(off * old[:2], -OUTLIER * variance, OUTLIER * variance)
+            product = np.clip(off * old[:2], -OUTLIER_CHI2 * variance, OUTLIER_CHI2 * variance)
             fine = np.isfinite(product)
             sums += (np.sum((w * weight * product)[fine]), np.sum((w * w * weight)[fine]))
         before[at] = (t_ns, now)
     return replace(edges, lasting=sums, before=before)
 
 
-def _sway(edges: Edges, t_ns: int, found: Disagreement, key: Ints) -> Edges:
+def _gait_variance(edges: EdgeErrorStatistics, t_ns: int, found: BoxDisagreement, key: Ints) -> EdgeErrorStatistics:
     sums, path = edges.sway.copy(), {}
-    most = MOST_PRODUCT * edges.metre**2
+    most = MAX_CHANGE_PRODUCT_M2 * edges.metre**2
     for i in np.flatnonzero(np.isfinite(found.place[:, 0])).tolist():
         k = int(key[i])
         now = (*edges.path.get(k, ()), (t_ns, found.place[i], float(found.variance[i])))[-5:]
@@ -241,7 +256,7 @@ def _sway(edges: Edges, t_ns: int, found: Disagreement, key: Ints) -> Edges:
         path[k] = now
         if len(now) == 5:
             t = np.diff([p[0] for p in now])
-            if t.max() > (1.0 + EVEN) * t.min():
+            if t.max() > (1.0 + INTERVAL_TOLERANCE) * t.min():
                 continue
             z = np.array([p[1] for p in now])
             late, early = z[4] - 2.0 * z[3] + z[2], z[2] - 2.0 * z[1] + z[0]
@@ -251,7 +266,9 @@ def _sway(edges: Edges, t_ns: int, found: Disagreement, key: Ints) -> Edges:
     return replace(edges, sway=sums, path=path)
 
 
-def good_boxes(boxes: Boxes, owner: Ints, share: Floats, visible: Floats, sure: Bools, least: float) -> Bools:
+def reliable_boxes(
+    boxes: PackedDetections, owner: Ints, share: Floats, visible: Floats, sure: Bools, least: float
+) -> Bools:
     """(M,) boxes that teach: whole, surely of somebody who surely exists and is in plain view.
 
     Args:
@@ -266,49 +283,51 @@ def good_boxes(boxes: Boxes, owner: Ints, share: Floats, visible: Floats, sure: 
     look = np.repeat(np.arange(len(boxes.camera)), np.diff(boxes.first))
     good = (owner >= 0) & boxes.believed.all(axis=1)
     mine, at = owner[good], box[good]
-    good[good] = sure[mine] & (share[mine, at] > OWN) & (np.nan_to_num(visible[look[good], mine]) > least)
+    good[good] = (
+        sure[mine] & (share[mine, at] > MIN_ASSOCIATION_TO_LEARN) & (np.nan_to_num(visible[look[good], mine]) > least)
+    )
     return good
 
 
-OWN = 0.7
+MIN_ASSOCIATION_TO_LEARN = 0.7
 """A box teaches if it is somebody's with this probability."""
 
 
-CURVE = np.array([0.02, 0.1, 0.4, 0.8, 0.95, 1.0])
+DETECTION_BY_VISIBILITY = np.array([0.02, 0.1, 0.4, 0.8, 0.95, 1.0])
 """At first: probability of detection at the visible shares 0, 0.2, .. 1, against that in plain view."""
-PRIOR_LOOKS = 10.0
+PRIOR_FRAMES = 10.0
 """The first rates of detection and of boxes of nobody are worth so many looks."""
 PRIOR_CURVE = 20.0
 """The first curve is worth so many people at each of its places."""
-PRIOR_CUTS = (2.0, 4.0)
+PRIOR_TRUNCATED = (2.0, 4.0)
 """At first every other box ends where the cover of the feet begins."""
 PRIOR_MERGES = (0.5, 10.0)
 """At first few of the pairs of people who touch in an image are one box there; it is worth so many pairs."""
-PRIOR_WRONG = (1.0, 50.0)
+PRIOR_OUTLIER_EDGES = (1.0, 50.0)
 """At first so many of so many boxes have a wrong edge."""
-PRIOR_TURNS = 5.0
+PRIOR_MANOEUVRES = 5.0
 """The first rate of manoeuvres is worth so many of them."""
-PRIOR_BENDS = 2.0
+PRIOR_POSTURE_CHANGES = 2.0
 """The first rate of bending is worth so many times that somebody bent."""
-PRIOR_DEATHS = 2.0
+PRIOR_TERMINATIONS = 2.0
 """The first rate of leaving is worth so many who left."""
-PRIOR_AGAIN = (1.0, 4.0)
+PRIOR_PERSISTENT_CLUTTER = (1.0, 4.0)
 """At first so many of so many boxes of nobody are there again at the camera's next look."""
-MOST_AGAIN = 0.95
+MAX_PERSISTENT_CLUTTER = 0.95
 """Boxes of nobody are there again at most so probably."""
-MOST_LOG = 50.0
+MAX_LOG_CLUTTER_RATIO = 50.0
 """Greatest log of a density against that of a box anywhere."""
-LEAST_FREE = 0.05
+MIN_CLUTTER_PROBABILITY = 0.05
 """Boxes that are of nobody with a lower probability are not looked for again."""
-SURE, PLAIN = 0.9, 0.85
+MIN_EXISTENCE_TO_LEARN, MIN_VISIBILITY_TO_LEARN = 0.9, 0.85
 """Those teach who exist this surely; in plain view they are visible to this share."""
 DETECTION_RANGE = (0.05, 0.98)
-MOST_MERGED = 0.9
+MAX_MERGE_PROBABILITY = 0.9
 """Of the pairs who touch in an image not more than this share is believed to be one box there."""
 
 
 @dataclass(frozen=True)
-class Counts:
+class DetectorStatistics:
     """Sums over boxes and people seen so far, priors included; C cameras, K places of the curve."""
 
     detected: Floats  # (C, 2) people in plain view: detected, all
@@ -323,23 +342,25 @@ class Counts:
     bent: Floats  # (2,) times that somebody bent, person-seconds upright
 
 
-def first_counts(cameras: int, config: JipdaConfig) -> Counts:
+def prior_statistics(cameras: int, config: JipdaConfig) -> DetectorStatistics:
     """The priors, for so many cameras."""
-    return Counts(
-        detected=np.tile([PRIOR_LOOKS * config.detection, PRIOR_LOOKS], (cameras, 1)),
-        clutter=np.tile([PRIOR_LOOKS * config.clutter, PRIOR_LOOKS], (cameras, 1)),
-        curve=PRIOR_CURVE * np.column_stack([CURVE, np.ones_like(CURVE)]),
-        cuts=np.array(PRIOR_CUTS),
+    return DetectorStatistics(
+        detected=np.tile([PRIOR_FRAMES * config.detection, PRIOR_FRAMES], (cameras, 1)),
+        clutter=np.tile([PRIOR_FRAMES * config.clutter, PRIOR_FRAMES], (cameras, 1)),
+        curve=PRIOR_CURVE * np.column_stack([DETECTION_BY_VISIBILITY, np.ones_like(DETECTION_BY_VISIBILITY)]),
+        cuts=np.array(PRIOR_TRUNCATED),
         merges=np.tile(PRIOR_MERGES, (cameras, 1)),
-        wrong=np.array(PRIOR_WRONG),
-        again=np.tile(PRIOR_AGAIN, (cameras, 1)),
-        left=PRIOR_DEATHS * np.array([1.0, config.stay_s]),
-        turned=PRIOR_TURNS * np.array([1.0, config.calm_s]),
-        bent=PRIOR_BENDS * np.array([1.0, config.bend_s]),
+        wrong=np.array(PRIOR_OUTLIER_EDGES),
+        again=np.tile(PRIOR_PERSISTENT_CLUTTER, (cameras, 1)),
+        left=PRIOR_TERMINATIONS * np.array([1.0, config.stay_s]),
+        turned=PRIOR_MANOEUVRES * np.array([1.0, config.calm_s]),
+        bent=PRIOR_POSTURE_CHANGES * np.array([1.0, config.bend_s]),
     )
 
 
-def rates_of(counts: Counts, edges: Edges, config: JipdaConfig, interval: Floats, between: float = 1.0) -> Rates:
+def detector_model(
+    counts: DetectorStatistics, edges: EdgeErrorStatistics, config: JipdaConfig, interval: Floats, between: float = 1.0
+) -> DetectorModel:
     """What the sums say of the detectors.
 
     Args:
@@ -351,59 +372,61 @@ def rates_of(counts: Counts, edges: Edges, config: JipdaConfig, interval: Floats
     """
     curve = np.maximum.accumulate(counts.curve[:, 0] / counts.curve[:, 1])
     curve = curve / curve[-1] if config.visible else np.ones_like(curve)
-    return Rates(
+    return DetectorModel(
         detection=np.clip(counts.detected[:, 0] / counts.detected[:, 1], *DETECTION_RANGE),
         curve=curve,
         cut=float(counts.cuts[0] / counts.cuts[1]),
         wrong=float(counts.wrong[0] / counts.wrong[1]),
         bias=edges.bias,
-        noise=noise_of(edges),
-        sway=lasting_of(edges),
+        noise=edge_noise_variance(edges),
+        sway=correlated_noise(edges),
         # White noise that is worth as much as one whose correlation falls as exp(-t / LASTS_S)
-        lasting=1.0 / np.tanh(0.5 * interval / LASTS_S),
-        merge=np.minimum(counts.merges[:, 0] / counts.merges[:, 1], MOST_MERGED),
-        slow=slowness_of(edges, between),
+        lasting=1.0 / np.tanh(0.5 * interval / NOISE_CORRELATION_S),
+        merge=np.minimum(counts.merges[:, 0] / counts.merges[:, 1], MAX_MERGE_PROBABILITY),
+        slow=correlated_noise_factor(edges, between),
     )
 
 
-def leaving_rate(counts: Counts) -> float:
+def termination_rate(counts: DetectorStatistics) -> float:
     """How many of the people leave in a second."""
     return float(counts.left[0] / counts.left[1])
 
 
-def turning_rate(counts: Counts) -> float:
+def manoeuvre_rate(counts: DetectorStatistics) -> float:
     """How often in a second somebody who walks on begins to manoeuvre."""
     return float(counts.turned[0] / counts.turned[1])
 
 
-def bending_rate(counts: Counts) -> float:
+def posture_change_rate(counts: DetectorStatistics) -> float:
     """How often in a second somebody bends, falls, lies down or gets up."""
     return float(counts.bent[0] / counts.bent[1])
 
 
-def boxes_of_nobody(counts: Counts) -> Floats:
+def clutter_rate(counts: DetectorStatistics) -> Floats:
     """(C,) expected in a look of each camera."""
     return np.asarray(counts.clutter[:, 0] / counts.clutter[:, 1])
 
 
-class Nobodys(NamedTuple):
+class Clutter(NamedTuple):
     """Boxes of a camera's last look that may be of nobody."""
 
     box: Floats  # (n, 4)
     free: Floats  # (n,) probability that they are of nobody
 
 
-def no_box() -> Nobodys:
+def no_clutter() -> Clutter:
     """No box of nobody."""
-    return Nobodys(np.zeros((0, 4)), np.zeros(0))
+    return Clutter(np.zeros((0, 4)), np.zeros(0))
 
 
-def again_rate(counts: Counts) -> Floats:
+def persistent_clutter_rate(counts: DetectorStatistics) -> Floats:
     """(C,) probability that a box of nobody is there again at the camera's next look."""
-    return np.asarray(np.minimum(counts.again[:, 0] / counts.again[:, 1], MOST_AGAIN))
+    return np.asarray(np.minimum(counts.again[:, 0] / counts.again[:, 1], MAX_PERSISTENT_CLUTTER))
 
 
-def seen_again(boxes: Boxes, before: Sequence[Nobodys], again: Floats, noise: Floats, size: Floats) -> Floats:
+def persistent_clutter_density(
+    boxes: PackedDetections, before: Sequence[Clutter], again: Floats, noise: Floats, size: Floats
+) -> Floats:
     """Expect boxes of nobody where the camera's last look had some: a shadow or a post is there again.
 
     Args:
@@ -426,21 +449,21 @@ def seen_again(boxes: Boxes, before: Sequence[Nobodys], again: Floats, noise: Fl
         width, height = (old[:, 2:] - old[:, :2]).T
         extent = np.column_stack([height, width, height, height])
         variance = 2.0 * NOISE_INFLATION * (noise[:, 0] + noise[:, 1] * extent**2)
-        off = _middles_and_sizes(now)[:, None] - _middles_and_sizes(old)
+        off = _centres_and_sizes(now)[:, None] - _centres_and_sizes(old)
         log = -0.5 * (off**2 / variance + np.log(2.0 * np.pi * variance)).sum(axis=2)
         sizes = (np.log(np.maximum(now[:, 2:] - now[:, :2], 1.0)) + LOG_SIZE_RANGE).sum(axis=1)
         log += np.log(size[c]).sum() + sizes[:, None]
-        out[here] = again[c] * (np.exp(np.minimum(log, MOST_LOG)) * before[c].free).sum(axis=1)
+        out[here] = again[c] * (np.exp(np.minimum(log, MAX_LOG_CLUTTER_RATIO)) * before[c].free).sum(axis=1)
     return out
 
 
-def _middles_and_sizes(box: Floats) -> Floats:
+def _centres_and_sizes(box: Floats) -> Floats:
     """(n, 4) middle and width across, middle and height down, of boxes (n, 4)."""
     low, high = box[:, :2], box[:, 2:]
     return np.stack([0.5 * (low + high), high - low], axis=2).reshape(-1, 4)
 
 
-def blind_looks(boxes: Boxes, existence: Floats, detection: Floats) -> Bools:
+def blind_frames(boxes: PackedDetections, existence: Floats, detection: Floats) -> Bools:
     """(L,) looks without any box that are more probably blind than that they missed everybody.
 
     Args:
@@ -449,24 +472,31 @@ def blind_looks(boxes: Boxes, existence: Floats, detection: Floats) -> Bools:
         detection: (L, N) probabilities of detection.
     """
     missed = np.log1p(-existence * np.minimum(detection, DETECTION_RANGE[1])).sum(axis=1)
-    return np.asarray((np.diff(boxes.first) == 0) & (missed < math.log(BLIND_FRAME)))
+    return np.asarray((np.diff(boxes.first) == 0) & (missed < math.log(BLIND_FRAME_PROBABILITY)))
 
 
-def learn(
-    counts: Counts, people: People, *, dt: float, config: JipdaConfig, boxes: Boxes, rates: Rates, result: Result
-) -> Counts:
+def update_statistics(
+    counts: DetectorStatistics,
+    people: TargetSet,
+    *,
+    dt: float,
+    config: JipdaConfig,
+    boxes: PackedDetections,
+    rates: DetectorModel,
+    result: JipdaResult,
+) -> DetectorStatistics:
     """The sums with the boxes of one more moment; boxes of nobody are counted elsewhere, when births are known."""
     detected, curve, merges = counts.detected.copy(), counts.curve.copy(), counts.merges.copy()
-    sure = people.existence > SURE
+    sure = people.existence > MIN_EXISTENCE_TO_LEARN
     last = len(curve) - 1
-    blind = blind_looks(boxes, people.existence, result.detection)
+    blind = blind_frames(boxes, people.existence, result.detection)
     for look, c in enumerate(boxes.camera.tolist()):
         if blind[look]:
             continue
         visible = result.visible[look]
         here = slice(boxes.first[look], boxes.first[look + 1])
         hit, apart = result.share[:, here].sum(axis=1), 1.0 - np.minimum(result.joint[:, here].sum(axis=1), 1.0)
-        plain = sure & (visible > PLAIN)
+        plain = sure & (visible > MIN_VISIBILITY_TO_LEARN)
         detected[c] += (hit[plain].sum(), apart[plain].sum())
         merges[c] += result.merges[look]
         # The curve, with each person's weight between two of its places
@@ -478,8 +508,8 @@ def learn(
             np.add.at(curve[:, 1], place, weight * apart[seen] * rates.detection[c])
     # So many begin as end: the time spent in manoeuvres over how long one takes
     model = dt * people.model[sure].sum(axis=0)
-    turned = counts.turned + np.array([model[TURNING] / config.turn_s, model[CALM]])
-    bent = counts.bent + np.array([model[BENDING] / config.bent_s, model[CALM] + model[TURNING]])
+    turned = counts.turned + np.array([model[MANOEUVRE] / config.turn_s, model[CONSTANT_VELOCITY]])
+    bent = counts.bent + np.array([model[POSTURE_CHANGE] / config.bent_s, model[CONSTANT_VELOCITY] + model[MANOEUVRE]])
     return replace(
         counts,
         detected=detected,

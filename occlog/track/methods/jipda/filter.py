@@ -18,101 +18,101 @@ from occlog.records.scene import Camera, Scene, box_around, sight_limit
 from occlog.settings import METRES
 
 from .config import JipdaConfig
-from .cues import Cues, bonus, no_cues, remember
+from .cues import AssociationFeatures, empty_features, log_feature_ratios, update_features
 from .detectors import (
-    LEAST_FREE,
-    PLAIN,
-    SURE,
-    Counts,
-    Edges,
-    Nobodys,
-    again_rate,
-    bending_rate,
-    boxes_of_nobody,
-    first_counts,
-    first_edges,
-    good_boxes,
-    learn,
-    learn_edges,
-    leaving_rate,
-    no_box,
-    rates_of,
-    seen_again,
-    sway_of,
-    turning_rate,
+    MIN_CLUTTER_PROBABILITY,
+    MIN_EXISTENCE_TO_LEARN,
+    MIN_VISIBILITY_TO_LEARN,
+    Clutter,
+    DetectorStatistics,
+    EdgeErrorStatistics,
+    clutter_rate,
+    detector_model,
+    gait_variance,
+    manoeuvre_rate,
+    no_clutter,
+    persistent_clutter_density,
+    persistent_clutter_rate,
+    posture_change_rate,
+    prior_edge_errors,
+    prior_statistics,
+    reliable_boxes,
+    termination_rate,
+    update_edge_errors,
+    update_statistics,
 )
-from .interface import NOBODY, Event, Look, Moment, Support, X, Y
-from .kernels.body_box import Views, pack_views
-from .kernels.detections import Boxes
-from .kernels.disagreement import disagreement
-from .kernels.joint import update
-from .kernels.newborn import Arrival, newborn
+from .interface import NO_ID, BoxAssociations, Event, FrameDetections, TrackSnapshot, X, Y
+from .kernels.body_box import PackedCameras, pack_views
+from .kernels.detections import PackedDetections
+from .kernels.disagreement import camera_disagreement
+from .kernels.joint import update_targets
+from .kernels.newborn import BirthIntensity, initiate_targets
 from .people import (
-    SMOOTH,
-    People,
-    PlaceMap,
-    arrivals,
-    born,
-    corrected,
-    doubles,
-    first_velocity,
-    join,
-    kept_apart,
-    leaving_at,
-    no_map,
-    nobody,
+    SMOOTHING_SIGMA_M,
+    BirthIntensityMap,
+    TargetSet,
+    apply_exclusion_prior,
+    birth_intensity,
+    birth_velocity,
+    concat,
+    duplicate_tracks,
+    empty_map,
+    no_targets,
     predict,
-    shown_covariance,
-    take,
-    watch,
+    select,
+    tentative_targets,
+    termination_rate_at,
+    update,
+    update_map,
+    with_gait_variance,
 )
 
 BORDER_PX = 3.0
 """An edge this near to the border of the image is the border's."""
-GATE = 30.0
+GATE_CHI2 = 30.0
 """Greatest squared Mahalanobis distance of the four edges of a box."""
-CROWD, IN_IMAGE = 0.1, 10.0
+BIRTH_DENSITY_PER_M2, MAX_BIRTHS_PER_IMAGE = 0.1, 10.0
 """People a square metre expected where nobody has looked yet; but in an image not more than this number."""
-REFILL_S = 20.0
+BIRTH_RENEWAL_S = 20.0
 """After so long the same number is expected anew among those who are not tracked."""
-LEAST_BIRTH = 0.05
+MIN_EXISTENCE_TO_INITIATE = 0.05
 """Nobody begins with a lower probability of existence."""
-SHOWN = 0.5
+MIN_EXISTENCE_TO_REPORT = 0.5
 """Confirmed people are reported while they exist with this probability."""
-SETTLED_S = 1.5
+VELOCITY_SETTLING_S = 1.5
 """After so long the velocity of a person who is new is known [s]."""
-LONGEST_S = 86_400.0
+MAX_PREDICTION_S = 86_400.0
 """Nobody is predicted further [s]: after a day one can be anywhere, and in years covariances lose all digits."""
-LEAST_BOXES = 1.5
+MIN_BOXES_TO_CONFIRM = 1.5
 """Nobody is confirmed by fewer boxes."""
-LEAST_SUPPORT = 0.05
+MIN_ASSOCIATION_PROBABILITY = 0.05
 """Boxes that are somebody's with a lower probability are not named."""
-APART_NS = 50_000_000
+EXCLUSION_INTERVAL_NS = 50_000_000
 """People are kept apart once in so long [ns] at most: cameras that look one after another tell nothing anew of it."""
-NEW_SHARE = 0.1
+UNTRACKED_TO_CLUTTER_RATIO = 0.1
 """Boxes of people who are not tracked, against those of nobody, before births are looked at."""
 
 
 @dataclass(frozen=True)
-class State:
+class JipdaState:
     """Everybody, and what is known of the detectors."""
 
-    views: Views
+    views: PackedCameras
     config: JipdaConfig
     metre: float  # in the scene's unit
     t_ns: int | None  # of the last moment; None: nothing was seen yet
-    people: People
-    counts: Counts
-    edges: Edges
+    people: TargetSet
+    counts: DetectorStatistics
+    edges: EdgeErrorStatistics
     next_key: int
     looked: Ints  # (C,) time of each camera's last look; -1: none
-    cues: Cues
-    places: PlaceMap
-    nobodys: tuple[Nobodys, ...]  # of each camera's last look
+    cues: AssociationFeatures
+    places: BirthIntensityMap
+    nobodys: tuple[Clutter, ...]  # of each camera's last look
     apart_ns: int | None  # when people were kept apart last; None: never
 
 
-def begin(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) -> State:
+def initial_state(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) -> JipdaState:
     """Nobody is known yet.
 
     Args:
@@ -129,24 +129,24 @@ def begin(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) -> State
     walls = () if scene.room is None else pockets(scene.room)
     solid = [(o.polygon, o.height) for o in scene.occluders] + [(w, math.inf) for w in walls]
     views = pack_views(cameras, solid)._replace(range=np.array(far))
-    return State(
+    return JipdaState(
         views=views,
         config=config,
         metre=metre,
         t_ns=None,
-        people=nobody(),
-        counts=first_counts(len(cameras), config),
-        edges=first_edges(len(cameras), metre, config),
+        people=no_targets(),
+        counts=prior_statistics(len(cameras), config),
+        edges=prior_edge_errors(len(cameras), metre, config),
         next_key=0,
         looked=np.full(len(cameras), -1),
-        cues=no_cues(len(cameras)),
-        places=no_map(metre),
-        nobodys=(no_box(),) * len(cameras),
+        cues=empty_features(len(cameras)),
+        places=empty_map(metre),
+        nobodys=(no_clutter(),) * len(cameras),
         apart_ns=None,
     )
 
 
-def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
+def step(state: JipdaState, looks: Sequence[FrameDetections]) -> tuple[JipdaState, TrackSnapshot]:
     """Everybody after the looks of one moment.
 
     Args:
@@ -155,41 +155,43 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
     """
     config = state.config
     t_ns = max(look.t_ns for look in looks)
-    dt = 0.0 if state.t_ns is None else min((t_ns - state.t_ns) / NS, LONGEST_S)
+    dt = 0.0 if state.t_ns is None else min((t_ns - state.t_ns) / NS, MAX_PREDICTION_S)
     # Predict
     people = predict(
         state.people,
         t_ns,
         dt=dt,
-        leaving=leaving_at(state.places, state.people.mean[:, :2], leaving_rate(state.counts)),
-        turning=turning_rate(state.counts),
-        bending=bending_rate(state.counts),
+        leaving=termination_rate_at(state.places, state.people.mean[:, :2], termination_rate(state.counts)),
+        turning=manoeuvre_rate(state.counts),
+        bending=posture_change_rate(state.counts),
         config=config,
     )
     apart_ns = state.apart_ns
-    if config.apart > 0.0 and (apart_ns is None or t_ns - apart_ns >= APART_NS):
-        people, apart_ns = kept_apart(people, config.apart), t_ns
+    if config.apart > 0.0 and (apart_ns is None or t_ns - apart_ns >= EXCLUSION_INTERVAL_NS):
+        people, apart_ns = apply_exclusion_prior(people, config.apart), t_ns
     # Associate and update
-    boxes = pack(state, looks, t_ns)
+    boxes = pack_detections(state, looks, t_ns)
     looked, interval = state.looked.copy(), np.full(len(state.looked), np.inf)
     for look in looks:
         if look.t_ns > looked[look.camera] >= 0:
-            interval[look.camera] = min((look.t_ns - looked[look.camera]) / NS, LONGEST_S)
+            interval[look.camera] = min((look.t_ns - looked[look.camera]) / NS, MAX_PREDICTION_S)
         looked[look.camera] = look.t_ns
-    rates = rates_of(state.counts, state.edges, config, interval)
-    sway = sway_of(state.edges)
+    rates = detector_model(state.counts, state.edges, config, interval)
+    sway = gait_variance(state.edges)
     dimension = max(state.cues.appearance.shape[1], *(look.appearance.shape[1] for look in looks))
-    for_people, for_anybody = bonus(state.cues, people, list(looks), dimension)
-    before = seen_again(boxes, state.nobodys, again_rate(state.counts), rates.noise, state.views.size)
+    for_people, for_anybody = log_feature_ratios(state.cues, people, list(looks), dimension)
+    before = persistent_clutter_density(
+        boxes, state.nobodys, persistent_clutter_rate(state.counts), rates.noise, state.views.size
+    )
     anywhere = np.exp(boxes.clutter)
     boxes = boxes._replace(clutter=boxes.clutter - for_anybody)
-    for_people = for_people - np.log1p(before / anywhere) * (people.id == NOBODY)[:, None]
+    for_people = for_people - np.log1p(before / anywhere) * (people.id == NO_ID)[:, None]
     N = len(people.key)
-    result = update(
-        people.mean, shown_covariance(people, sway), people.existence, state.views, boxes, rates,
-        for_people, NEW_SHARE, GATE,
+    result = update_targets(
+        people.mean, with_gait_variance(people, sway), people.existence, state.views, boxes, rates,
+        for_people, UNTRACKED_TO_CLUTTER_RATIO, GATE_CHI2,
     )  # fmt: skip
-    people = corrected(people, result.information, result.vector, sway, config)
+    people = update(people, result.information, result.vector, sway, config)
     explained = (result.share + result.joint).sum(axis=1)
     detected = (explained > 0.5)[:, None]
     people = replace(
@@ -199,74 +201,87 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
         boxes=people.boxes + explained,
         seen_ns=np.where(np.isfinite(result.visible).any(axis=0), t_ns, people.seen_ns),
     )
-    counts = learn(state.counts, people, dt=dt, config=config, boxes=boxes, rates=rates, result=result)
-    good = good_boxes(boxes, result.owner, result.share, result.visible, people.existence > SURE, PLAIN)
+    counts = update_statistics(state.counts, people, dt=dt, config=config, boxes=boxes, rates=rates, result=result)
+    good = reliable_boxes(
+        boxes,
+        result.owner,
+        result.share,
+        result.visible,
+        people.existence > MIN_EXISTENCE_TO_LEARN,
+        MIN_VISIBILITY_TO_LEARN,
+    )
     good &= result.odd < 0.5
-    found = disagreement(result.mean, result.covariance, state.views, boxes, rates, result.owner, good)
-    edges = learn_edges(state.edges, t_ns, boxes, found, key=people.key, owner=result.owner, lasts=rates.lasting)
+    found = camera_disagreement(result.mean, result.covariance, state.views, boxes, rates, result.owner, good)
+    edges = update_edge_errors(state.edges, t_ns, boxes, found, key=people.key, owner=result.owner, lasts=rates.lasting)
     # Births, from boxes that are nobody's
     body = np.array([config.height, config.sigma_height, config.width, config.sigma_width, config.speed])
-    everywhere, at = arrivals(state.places, CROWD / state.metre**2 / REFILL_S, REFILL_S)
-    since = REFILL_S if state.t_ns is None else min(dt, REFILL_S)
-    arrival = Arrival(
-        everywhere * since, IN_IMAGE * since / REFILL_S, state.places.centre, at * since, SMOOTH * state.metre
+    everywhere, at = birth_intensity(
+        state.places, BIRTH_DENSITY_PER_M2 / state.metre**2 / BIRTH_RENEWAL_S, BIRTH_RENEWAL_S
+    )
+    since = BIRTH_RENEWAL_S if state.t_ns is None else min(dt, BIRTH_RENEWAL_S)
+    arrival = BirthIntensity(
+        everywhere * since,
+        MAX_BIRTHS_PER_IMAGE * since / BIRTH_RENEWAL_S,
+        state.places.centre,
+        at * since,
+        SMOOTHING_SIGMA_M * state.metre,
     )
     spread = np.sqrt(0.5 * (people.covariance[:, 0, 0] + people.covariance[:, 1, 1]))
-    mean, covariance, odds, used = newborn(
+    mean, covariance, odds, used = initiate_targets(
         state.views, boxes, rates, body, arrival, people.mean, spread, people.existence, result.free,
-        GATE, math.log(LEAST_BIRTH),
+        GATE_CHI2, math.log(MIN_EXISTENCE_TO_INITIATE),
     )  # fmt: skip
     existence = 1.0 / (1.0 + np.exp(-odds))
     covariance[:, [X, Y], [X, Y]] += sway
-    mean[:, 2:4], covariance[:, 2:4, 2:4] = first_velocity(state.places, mean[:, :2], config.speed)
+    mean[:, 2:4], covariance[:, 2:4, 2:4] = birth_velocity(state.places, mean[:, :2], config.speed)
     K = len(odds)
     share, left_free = (
         np.concatenate([result.share, used]),
         result.free * np.prod(1.0 - existence[:, None] * used, axis=0),
     )
-    counts = _count_nobody(counts, boxes, left_free, before / (anywhere + before), state.nobodys)
+    counts = _update_clutter(counts, boxes, left_free, before / (anywhere + before), state.nobodys)
     nobodys = list(state.nobodys)
     for k, c in enumerate(boxes.camera.tolist()):
         here = slice(boxes.first[k], boxes.first[k + 1])
-        may = np.flatnonzero(left_free[here] > LEAST_FREE)
-        nobodys[c] = Nobodys(boxes.box[here][may], left_free[here][may])
-    people = join(people, born(mean, covariance, existence, used.sum(axis=1), state.next_key, t_ns))
-    cues = remember(
+        may = np.flatnonzero(left_free[here] > MIN_CLUTTER_PROBABILITY)
+        nobodys[c] = Clutter(boxes.box[here][may], left_free[here][may])
+    people = concat(people, tentative_targets(mean, covariance, existence, used.sum(axis=1), state.next_key, t_ns))
+    cues = update_features(
         state.cues, people, list(looks), dimension, share=share, free=left_free, sure=people.existence > config.confirm
     )
     # Confirm, end
-    sure = (people.existence > config.confirm) & (people.boxes > LEAST_BOXES)
-    ids = np.where((people.id == NOBODY) & sure, people.key, people.id)
-    people, twice = doubles(people, t_ns)
+    sure = (people.existence > config.confirm) & (people.boxes > MIN_BOXES_TO_CONFIRM)
+    ids = np.where((people.id == NO_ID) & sure, people.key, people.id)
+    people, twice = duplicate_tracks(people, t_ns)
     stays = (people.existence > config.die) & ~twice
-    left, new = ~stays & (people.id != NOBODY), stays & (ids != NOBODY) & (people.id == NOBODY)
-    counts = replace(counts, left=counts.left + np.array([left.sum(), dt * people.existence[ids != NOBODY].sum()]))
-    events = [Event("birth", int(ids[k]), NOBODY, float(people.existence[k])) for k in np.flatnonzero(new)]
-    events += [Event("death", int(ids[k]), NOBODY, float(people.existence[k])) for k in np.flatnonzero(left)]
+    left, new = ~stays & (people.id != NO_ID), stays & (ids != NO_ID) & (people.id == NO_ID)
+    counts = replace(counts, left=counts.left + np.array([left.sum(), dt * people.existence[ids != NO_ID].sum()]))
+    events = [Event("birth", int(ids[k]), NO_ID, float(people.existence[k])) for k in np.flatnonzero(new)]
+    events += [Event("death", int(ids[k]), NO_ID, float(people.existence[k])) for k in np.flatnonzero(left)]
     # Those who are old enough to have a velocity tell where people come from, those who end where they leave
     age = (t_ns - people.born_ns) / NS
-    sure = people.id != NOBODY
-    grown = sure & (age >= SETTLED_S) & (age - dt < SETTLED_S)
-    places = watch(
+    sure = people.id != NO_ID
+    grown = sure & (age >= VELOCITY_SETTLING_S) & (age - dt < VELOCITY_SETTLING_S)
+    places = update_map(
         state.places, dt, people=people.mean[sure, :2], existence=people.existence[sure], left=people.last[left],
         came=people.first[grown], velocity=people.mean[grown, 2:4],
     )  # fmt: skip
     rows = np.flatnonzero(stays)
-    kept = take(replace(people, id=ids), rows)
+    kept = select(replace(people, id=ids), rows)
     # Report
-    shown = np.flatnonzero((kept.id != NOBODY) & (kept.existence > SHOWN))
+    shown = np.flatnonzero((kept.id != NO_ID) & (kept.existence > MIN_EXISTENCE_TO_REPORT))
     visible = np.full((len(state.views.size), len(people.key)), np.nan)
     visible[boxes.camera, :N] = result.visible
     share = share[rows[shown]] * kept.existence[shown, None]
     joint = np.concatenate([result.joint, np.zeros_like(used)])[rows[shown]] * kept.existence[shown, None]
-    moment = Moment(
+    moment = TrackSnapshot(
         t_ns=t_ns,
         ids=kept.id[shown],
         mean=kept.mean[shown],
         covariance=kept.covariance[shown],
         existence=kept.existence[shown],
         visibility=np.ascontiguousarray(visible[:, rows[shown]].T),
-        support=support_of(share, joint, boxes, looks),
+        support=associations_of(share, joint, boxes, looks),
         events=tuple(events),
     )
     next_key = state.next_key + K
@@ -285,7 +300,7 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
     ), moment
 
 
-def pack(state: State, looks: Sequence[Look], t_ns: int) -> Boxes:
+def pack_detections(state: JipdaState, looks: Sequence[FrameDetections], t_ns: int) -> PackedDetections:
     """The looks of a moment for the kernels."""
     box = np.concatenate([look.boxes for look in looks]).reshape(-1, 4).astype(np.float64)
     camera = np.array([look.camera for look in looks], dtype=np.int64)
@@ -293,17 +308,19 @@ def pack(state: State, looks: Sequence[Look], t_ns: int) -> Boxes:
     each = np.repeat(camera, count)
     w, h = state.views.size[each].T
     border = np.column_stack([np.zeros_like(w), np.zeros_like(h), w - 1.0, h - 1.0])
-    return Boxes(
+    return PackedDetections(
         camera=camera,
         delay=np.array([(look.t_ns - t_ns) / NS for look in looks]),
         first=np.concatenate([[0], np.cumsum(count)]).astype(np.int64),
         box=box,
         believed=np.abs(box - border) > BORDER_PX,
-        clutter=np.log(boxes_of_nobody(state.counts)[each]),
+        clutter=np.log(clutter_rate(state.counts)[each]),
     )
 
 
-def _count_nobody(counts: Counts, boxes: Boxes, free: Floats, before: Floats, last: Sequence[Nobodys]) -> Counts:
+def _update_clutter(
+    counts: DetectorStatistics, boxes: PackedDetections, free: Floats, before: Floats, last: Sequence[Clutter]
+) -> DetectorStatistics:
     """The sums with the boxes that neither tracked nor new people explain.
 
     Args:
@@ -321,10 +338,12 @@ def _count_nobody(counts: Counts, boxes: Boxes, free: Floats, before: Floats, la
     return replace(counts, clutter=clutter, again=again)
 
 
-def support_of(share: Floats, joint: Floats, boxes: Boxes, looks: Sequence[Look]) -> Support:
+def associations_of(
+    share: Floats, joint: Floats, boxes: PackedDetections, looks: Sequence[FrameDetections]
+) -> BoxAssociations:
     """The boxes that speak for each person, where it matters how probably they are of them alone or with another."""
-    person, box = np.nonzero(share + joint > LEAST_SUPPORT)
+    person, box = np.nonzero(share + joint > MIN_ASSOCIATION_PROBABILITY)
     camera = np.repeat(boxes.camera, np.diff(boxes.first))
     row = np.concatenate([look.row for look in looks])
     both = joint[person, box]
-    return Support(person, camera[box], row[box], share[person, box] + both, both)
+    return BoxAssociations(person, camera[box], row[box], share[person, box] + both, both)

@@ -14,25 +14,25 @@ from occlog.array_types import NS
 from occlog.core.sight.camera import wrap_angle
 from occlog.records.scene import MicrophoneArray
 
-from .detectors import sway_of
-from .filter import State
-from .interface import STATE, VX, VY, Directions, X, Y
+from .detectors import gait_variance
+from .filter import JipdaState
+from .interface import STATE_SIZE, VX, VY, DirectionsOfArrival, X, Y
 from .kernels.marginals import box_messages
-from .people import SUREST, corrected
+from .people import MIN_EXISTENCE_COMPLEMENT, update
 
-SPEAKS = 0.1
+SPEECH_PROBABILITY = 0.1
 """Probability that a person speaks and is heard, at a time at which the array hears something."""
-NOBODYS = 0.3
+DOA_CLUTTER_RATE = 0.3
 """Expected number of directions of nobody at such a time, from anywhere around."""
-GATE = 4.0
+GATE_SIGMAS = 4.0
 """Standard deviations beyond which a direction is not a person's."""
-NEAR = 0.3
+MIN_ARRAY_DISTANCE_HEIGHTS = 0.3
 """Nearer to the array than so many heights of people a direction says nothing of the place."""
-HEARD = 0.5
+MIN_PROBABILITY_HEARD = 0.5
 """A person who is so probably heard is known to be somewhere, whether a camera shows the place or not."""
 
 
-def hear(state: State, heard: Directions, array: MicrophoneArray) -> State:
+def update_by_directions(state: JipdaState, heard: DirectionsOfArrival, array: MicrophoneArray) -> JipdaState:
     """Everybody after the directions that an array heard between two moments.
 
     Args:
@@ -47,8 +47,8 @@ def hear(state: State, heard: Directions, array: MicrophoneArray) -> State:
     # Predict the azimuth, its slope and its variance
     delay = max(heard.t_ns - state.t_ns, 0) / NS
     away = people.mean[:, [X, Y]] + delay * people.mean[:, [VX, VY]] - array.position[:2]
-    square = np.maximum((away**2).sum(axis=1), (NEAR * state.config.height) ** 2)
-    slope = np.zeros((len(away), STATE))
+    square = np.maximum((away**2).sum(axis=1), (MIN_ARRAY_DISTANCE_HEIGHTS * state.config.height) ** 2)
+    slope = np.zeros((len(away), STATE_SIZE))
     slope[:, X], slope[:, Y] = -away[:, 1] / square, away[:, 0] / square
     slope[:, VX], slope[:, VY] = delay * slope[:, X], delay * slope[:, Y]
     spread = np.einsum("ni,nij,nj->n", slope, people.covariance, slope)
@@ -57,10 +57,10 @@ def hear(state: State, heard: Directions, array: MicrophoneArray) -> State:
     # Gate, and associate: odds that the direction is the person's against that it is nobody's
     density = np.exp(-0.5 * apart**2 / variance) / np.sqrt(2.0 * np.pi * variance)
     there = np.hypot(away[:, 0], away[:, 1]) < array.range
-    odds = SPEAKS / (1.0 - SPEAKS) * density / (NOBODYS / (2.0 * np.pi))
-    odds = np.where((apart**2 < GATE**2 * variance) & there[:, None], odds, 0.0)
+    odds = SPEECH_PROBABILITY / (1.0 - SPEECH_PROBABILITY) * density / (DOA_CLUTTER_RATE / (2.0 * np.pi))
+    odds = np.where((apart**2 < GATE_SIGMAS**2 * variance) & there[:, None], odds, 0.0)
     r = people.existence[:, None]
-    weight = r * odds / (1.0 - r + r * (1.0 - SPEAKS)) * (1.0 - SPEAKS)
+    weight = r * odds / (1.0 - r + r * (1.0 - SPEECH_PROBABILITY)) * (1.0 - SPEECH_PROBABILITY)
     share = weight * box_messages(weight)
     share /= 1.0 + share.sum(axis=1, keepdims=True)
     # Update: each direction is a Gaussian factor of the state, as strong as it is probably the person's
@@ -68,8 +68,10 @@ def hear(state: State, heard: Directions, array: MicrophoneArray) -> State:
     strength = share / heard.sigma[None] ** 2
     information = np.einsum("nm,ni,nj->nij", strength, slope, slope)
     vector = np.einsum("nm,ni->ni", strength * residual, slope)
-    people = corrected(people, information, vector, sway_of(state.edges), state.config)
+    people = update(people, information, vector, gait_variance(state.edges), state.config)
     known = share.sum(axis=1)
-    existence = np.clip(people.existence + (1.0 - people.existence) * known, SUREST, 1.0 - SUREST)
-    seen_ns = np.where(known > HEARD, heard.t_ns, people.seen_ns)
+    existence = np.clip(
+        people.existence + (1.0 - people.existence) * known, MIN_EXISTENCE_COMPLEMENT, 1.0 - MIN_EXISTENCE_COMPLEMENT
+    )
+    seen_ns = np.where(known > MIN_PROBABILITY_HEARD, heard.t_ns, people.seen_ns)
     return replace(state, people=replace(people, existence=existence, seen_ns=seen_ns))

@@ -19,13 +19,13 @@ from occlog.array_types import Floats, Ints
 X, Y, VX, VY, HEIGHT, WIDTH = range(6)
 """Places in a person's state: position and velocity of the axis of an upright cylinder on the floor, its height and
 its diameter."""
-STATE = 6
+STATE_SIZE = 6
 """Numbers of a person's state."""
-NOBODY = -1
+NO_ID = -1
 """In `hint` and `Event.other`: no identity."""
 
 
-class Look(NamedTuple):
+class FrameDetections(NamedTuple):
     """Boxes of one frame of one camera; a frame without boxes is a look, too: it says that nobody was detected.
 
     n boxes.  Edges may lie outside the image, where a detector completes people who are cut by its border.
@@ -40,7 +40,7 @@ class Look(NamedTuple):
     row: Ints  # (n,) place of the box in its table
 
 
-class Directions(NamedTuple):
+class DirectionsOfArrival(NamedTuple):
     """Directions of arrival that a microphone array heard at one time; n directions."""
 
     t_ns: int
@@ -50,7 +50,7 @@ class Directions(NamedTuple):
     row: Ints  # (n,) place in its table
 
 
-class Support(NamedTuple):
+class BoxAssociations(NamedTuple):
     """Which boxes speak for which people; k pairs with a probability that matters."""
 
     person: Ints  # (k,) place in `Moment.ids`
@@ -69,7 +69,7 @@ class Event(NamedTuple):
     probability: float  # of existence at a birth or death; that the two were exchanged at a doubt
 
 
-class Moment(NamedTuple):
+class TrackSnapshot(NamedTuple):
     """Everybody after the looks of one moment; m people, C cameras."""
 
     t_ns: int
@@ -80,11 +80,11 @@ class Moment(NamedTuple):
     visibility: (
         Floats  # (m, C) probability of being visible in each camera; NaN: it did not look, or shows not the place
     )
-    support: Support
+    support: BoxAssociations
     events: tuple[Event, ...]
 
 
-def no_support() -> Support:
+def no_associations() -> BoxAssociations:
     """No box speaks for anybody."""
     none = np.zeros(0, dtype=np.int64)
-    return Support(none, none, none, np.zeros(0), np.zeros(0))
+    return BoxAssociations(none, none, none, np.zeros(0), np.zeros(0))

@@ -21,28 +21,28 @@ import numpy as np
 from occlog.array_types import NS, Bools, Floats, Ints
 
 from .config import JipdaConfig
-from .interface import HEIGHT, NOBODY, STATE, WIDTH, X, Y
-from .kernels.exclusion import exclude
+from .interface import HEIGHT, NO_ID, STATE_SIZE, WIDTH, X, Y
+from .kernels.exclusion import apply_exclusion
 
-CALM, TURNING, BENDING = MODELS = 0, 1, 2
-GROWTH = 0.01
+CONSTANT_VELOCITY, MANOEUVRE, POSTURE_CHANGE = MODELS = 0, 1, 2
+SIZE_NOISE_PER_ROOT_S = 0.01
 """Standard deviation by which a body changes in a second, as a share of its size: how people carry themselves."""
-BENT_HEIGHT, BENT_WIDTH = 0.4, 0.8
+POSTURE_HEIGHT_NOISE, POSTURE_WIDTH_NOISE = 0.4, 0.8
 """The same of its height and its width while somebody bends, falls, lies or gets up."""
-SMALLEST = 0.15
+MIN_SIZE_RATIO = 0.15
 """No body is lower or narrower than this share of the usual one."""
-SUREST = 1e-6
+MIN_EXISTENCE_COMPLEMENT = 1e-6
 """Nobody's existence is surer than this, nor their absence."""
-OUTSIDE, OUTSIDE_AFTER_S = 0.5, 1.0
+TERMINATION_RATE_OUT_OF_VIEW, OUT_OF_VIEW_AFTER_S = 0.5, 1.0
 """People whose place no camera has shown for so long [s] leave at this rate [1/s]: nobody knows where they go."""
-DOUBLE, DOUBLE_S = 0.5, 2.0
+DUPLICATE_DISTANCE_WIDTHS, DUPLICATE_TIME_S = 0.5, 2.0
 """Two people whose axes are nearer than so many widths for so long [s] are one."""
-RIVAL = 0.5
+DUPLICATE_EXISTENCE_RATIO = 0.5
 """Of two who are one the older stays, but if they exist with less than this share of the other's probability."""
 
 
 @dataclass(frozen=True)
-class People:
+class TargetSet:
     """N people, confirmed or not."""
 
     mean: Floats  # (N, 6) as `interface.Moment.mean`, of all models together
@@ -61,52 +61,57 @@ class People:
     covariances: Floats  # (N, 3, 6, 6)
 
 
-def born(mean: Floats, covariance: Floats, existence: Floats, boxes: Floats, first_key: int, t_ns: int) -> People:
+def tentative_targets(
+    mean: Floats, covariance: Floats, existence: Floats, boxes: Floats, first_key: int, t_ns: int
+) -> TargetSet:
     """K people who are new at a time, with the numbers of boxes that speak for them."""
     K = len(mean)
-    return People(
+    return TargetSet(
         mean=mean,
         covariance=covariance,
         existence=existence,
         key=first_key + np.arange(K),
-        id=np.full(K, NOBODY, dtype=np.int64),
+        id=np.full(K, NO_ID, dtype=np.int64),
         seen_ns=np.full(K, t_ns, dtype=np.int64),
         boxes=boxes,
         born_ns=np.full(K, t_ns, dtype=np.int64),
         apart_ns=np.full(K, t_ns, dtype=np.int64),
         first=mean[:, :2].copy(),
         last=mean[:, :2].copy(),
-        model=np.tile(np.eye(len(MODELS))[CALM], (K, 1)),
+        model=np.tile(np.eye(len(MODELS))[CONSTANT_VELOCITY], (K, 1)),
         means=np.repeat(mean[:, None], len(MODELS), axis=1),
         covariances=np.repeat(covariance[:, None], len(MODELS), axis=1),
     )
 
 
-def nobody() -> People:
+def no_targets() -> TargetSet:
     """No people."""
-    return born(np.zeros((0, STATE)), np.zeros((0, STATE, STATE)), np.zeros(0), np.zeros(0), 0, 0)
+    return tentative_targets(
+        np.zeros((0, STATE_SIZE)), np.zeros((0, STATE_SIZE, STATE_SIZE)), np.zeros(0), np.zeros(0), 0, 0
+    )
 
 
-def take(people: People, rows: Ints) -> People:
+def select(people: TargetSet, rows: Ints) -> TargetSet:
     """Some of the people."""
-    return People(**{name: value[rows] for name, value in vars(people).items()})
+    return TargetSet(**{name: value[rows] for name, value in vars(people).items()})
 
 
-def join(people: People, more: People) -> People:
+def concat(people: TargetSet, more: TargetSet) -> TargetSet:
     """All of both."""
-    return People(**{name: np.concatenate([value, getattr(more, name)]) for name, value in vars(people).items()})
+    return TargetSet(**{name: np.concatenate([value, getattr(more, name)]) for name, value in vars(people).items()})
 
 
 def predict(
-    people: People, t_ns: int, *, dt: float, leaving: Floats, turning: float, bending: float, config: JipdaConfig
-) -> People:
+    people: TargetSet, t_ns: int, *, dt: float, leaving: Floats, turning: float, bending: float, config: JipdaConfig
+) -> TargetSet:
     """The people dt seconds later.
 
     Args:
         people: at the last moment.
         t_ns: time of the prediction.
         dt: seconds since the last moment, >= 0.
-        leaving: (N,) rates at which they leave [1/s]; those who are out of all images leave at the rate `OUTSIDE`.
+        leaving: (N,) rates at which they leave [1/s]; those who are out of all images leave at the rate
+            `TERMINATION_RATE_OUT_OF_VIEW`.
         turning: rate at which people who walk on begin to manoeuvre [1/s].
         bending: rate at which people begin to bend, fall, lie down or get up [1/s].
         config: spectral densities of the acceleration, how long manoeuvres last.
@@ -121,27 +126,33 @@ def predict(
     covariances = np.einsum("nab,nbij->naij", weight, people.covariances)
     covariances += np.einsum("nab,nabi,nabj->naij", weight, apart, apart)
     # White acceleration, integrated (Bar-Shalom, Li and Kirubarajan 2001, Sec. 6.2.2)
-    F, Q = np.eye(STATE), np.zeros((len(MODELS), STATE, STATE))
+    F, Q = np.eye(STATE_SIZE), np.zeros((len(MODELS), STATE_SIZE, STATE_SIZE))
     q = np.array([config.acceleration, config.manoeuvre, config.manoeuvre])
     for place, velocity in ((0, 2), (1, 3)):
         F[place, velocity] = dt
         Q[:, place, place], Q[:, velocity, velocity] = q * dt**3 / 3.0, q * dt
         Q[:, place, velocity] = Q[:, velocity, place] = q * dt**2 / 2.0
-    Q[:, HEIGHT, HEIGHT] = (np.array([GROWTH, GROWTH, BENT_HEIGHT]) * config.height) ** 2 * dt
-    Q[:, WIDTH, WIDTH] = (np.array([GROWTH, GROWTH, BENT_WIDTH]) * config.width) ** 2 * dt
-    outside = t_ns - people.seen_ns > OUTSIDE_AFTER_S * NS
-    rate = np.where(outside, np.maximum(leaving, OUTSIDE), leaving)
+    Q[:, HEIGHT, HEIGHT] = (
+        np.array([SIZE_NOISE_PER_ROOT_S, SIZE_NOISE_PER_ROOT_S, POSTURE_HEIGHT_NOISE]) * config.height
+    ) ** 2 * dt
+    Q[:, WIDTH, WIDTH] = (
+        np.array([SIZE_NOISE_PER_ROOT_S, SIZE_NOISE_PER_ROOT_S, POSTURE_WIDTH_NOISE]) * config.width
+    ) ** 2 * dt
+    outside = t_ns - people.seen_ns > OUT_OF_VIEW_AFTER_S * NS
+    rate = np.where(outside, np.maximum(leaving, TERMINATION_RATE_OUT_OF_VIEW), leaving)
     people = replace(
         people,
         model=model,
         means=means @ F.T,
         covariances=F @ covariances @ F.T + Q,
-        existence=np.clip(people.existence * np.exp(-dt * rate), SUREST, 1.0 - SUREST),
+        existence=np.clip(
+            people.existence * np.exp(-dt * rate), MIN_EXISTENCE_COMPLEMENT, 1.0 - MIN_EXISTENCE_COMPLEMENT
+        ),
     )
-    return _merged(people)
+    return _mixture_moments(people)
 
 
-def corrected(people: People, information: Floats, vector: Floats, sway: float, config: JipdaConfig) -> People:
+def update(people: TargetSet, information: Floats, vector: Floats, sway: float, config: JipdaConfig) -> TargetSet:
     """The people after a Gaussian factor of each state, exp(-x' I x / 2 + x' v).
 
     Args:
@@ -149,9 +160,9 @@ def corrected(people: People, information: Floats, vector: Floats, sway: float, 
         information: (N, 6, 6) I.
         vector: (N, 6) v.
         sway: variance of the place that a body shows about the one where it walks; the factor is of the former.
-        config: how large people are: no body is smaller than the share `SMALLEST` of it.
+        config: how large people are: no body is smaller than the share `MIN_SIZE_RATIO` of it.
     """
-    information, vector = _without_sway(information, vector, sway)
+    information, vector = _without_gait_variance(information, vector, sway)
     # Each model: information filter; evidence: the ratio of the normalisations before and after
     before = np.linalg.inv(people.covariances)
     covariances = np.linalg.inv(before + information[:, None])
@@ -164,11 +175,11 @@ def corrected(people: People, information: Floats, vector: Floats, sway: float, 
     model = people.model * np.exp(evidence - evidence.max(axis=1, keepdims=True))
     model /= model.sum(axis=1, keepdims=True)
     for size, usual in ((HEIGHT, config.height), (WIDTH, config.width)):
-        np.maximum(means[..., size], SMALLEST * usual, out=means[..., size])
-    return _merged(replace(people, model=model, means=means, covariances=covariances))
+        np.maximum(means[..., size], MIN_SIZE_RATIO * usual, out=means[..., size])
+    return _mixture_moments(replace(people, model=model, means=means, covariances=covariances))
 
 
-def _without_sway(information: Floats, vector: Floats, sway: float) -> tuple[Floats, Floats]:
+def _without_gait_variance(information: Floats, vector: Floats, sway: float) -> tuple[Floats, Floats]:
     """The factors (N, 6, 6) and (N, 6) of states whose places are off by a Gaussian of variance `sway`.
 
     A Gaussian factor convolved with W on the place, B W B': I - I B (W^-1 + B' I B)^-1 B' I (Woodbury).
@@ -181,14 +192,14 @@ def _without_sway(information: Floats, vector: Floats, sway: float) -> tuple[Flo
     return information - gain @ across.swapaxes(1, 2), vector - np.einsum("nij,nj->ni", gain, vector[:, :2])
 
 
-def shown_covariance(people: People, sway: float) -> Floats:
+def with_gait_variance(people: TargetSet, sway: float) -> Floats:
     """(N, 6, 6) covariances of the states that bodies show at a moment."""
     out = people.covariance.copy()
     out[:, [X, Y], [X, Y]] += sway
     return out
 
 
-def kept_apart(people: People, s: float) -> People:
+def apply_exclusion_prior(people: TargetSet, s: float) -> TargetSet:
     """The people, nobody where another one is (`kernels.exclusion`).
 
     Args:
@@ -199,9 +210,9 @@ def kept_apart(people: People, s: float) -> People:
         return people
     model, means, covariances = people.model.copy(), people.means.copy(), people.covariances.copy()
     place, spread = people.mean[:, [X, Y]], people.covariance[:, :2, :2].copy()
-    exclude(means, covariances, model, place, spread, people.existence, s)
+    apply_exclusion(means, covariances, model, place, spread, people.existence, s)
     model /= model.sum(axis=1, keepdims=True)
-    return _merged(replace(people, model=model, means=means, covariances=covariances))
+    return _mixture_moments(replace(people, model=model, means=means, covariances=covariances))
 
 
 def _transitions(dt: float, turning: float, bending: float, config: JipdaConfig) -> Floats:
@@ -215,8 +226,12 @@ def _transitions(dt: float, turning: float, bending: float, config: JipdaConfig)
         _two_states(dt, bending, 1.0 / config.bent_s),
     )
     out = np.zeros((len(MODELS), len(MODELS)))
-    out[:BENDING, :BENDING] = turn * bend[0, 0]
-    out[BENDING, :BENDING], out[CALM, BENDING], out[BENDING, BENDING] = bend[1, 0], bend[0, 1], bend[1, 1]
+    out[:POSTURE_CHANGE, :POSTURE_CHANGE] = turn * bend[0, 0]
+    (
+        out[POSTURE_CHANGE, :POSTURE_CHANGE],
+        out[CONSTANT_VELOCITY, POSTURE_CHANGE],
+        out[POSTURE_CHANGE, POSTURE_CHANGE],
+    ) = bend[1, 0], bend[0, 1], bend[1, 1]
     return out
 
 
@@ -227,7 +242,7 @@ def _two_states(dt: float, begin: float, end: float) -> Floats:
     return np.array([[1.0 - begin * gone, end * gone], [begin * gone, 1.0 - end * gone]])
 
 
-def _merged(people: People) -> People:
+def _mixture_moments(people: TargetSet) -> TargetSet:
     """The people with the moments of all models together."""
     mean = np.einsum("na,nai->ni", people.model, people.means)
     apart = people.means - mean[:, None]
@@ -236,44 +251,44 @@ def _merged(people: People) -> People:
     return replace(people, mean=mean, covariance=covariance)
 
 
-def doubles(people: People, t_ns: int) -> tuple[People, Bools]:
+def duplicate_tracks(people: TargetSet, t_ns: int) -> tuple[TargetSet, Bools]:
     """Find who stands where somebody stands who was there before them.
 
     Estimates of two people who pass each other may meet for a moment; two tracks of one person stay together.
 
     Returns:
         The people with the times at which they were apart, and (N,) who is a double: somebody who is not confirmed
-        at once, the younger of two confirmed people when they have been together for `DOUBLE_S`.
+        at once, the younger of two confirmed people when they have been together for `DUPLICATE_TIME_S`.
     """
     out = np.zeros(len(people.key), dtype=np.bool_)
     apart = people.mean[:, None, :2] - people.mean[None, :, :2]
-    near = np.hypot(apart[..., 0], apart[..., 1]) < DOUBLE * people.mean[:, None, WIDTH]
+    near = np.hypot(apart[..., 0], apart[..., 1]) < DUPLICATE_DISTANCE_WIDTHS * people.mean[:, None, WIDTH]
     near |= near.T
     np.fill_diagonal(near, False)
-    known = people.id != NOBODY
+    known = people.id != NO_ID
     together = near & known[:, None] & known
     since = np.where(together.any(axis=1), people.apart_ns, t_ns)
-    long = t_ns - since >= DOUBLE_S * NS
+    long = t_ns - since >= DUPLICATE_TIME_S * NS
     for a, b in np.argwhere(np.triu(near, 1)):
         if not (known[a] and known[b]):
             out[b if known[a] or people.existence[a] >= people.existence[b] else a] = True
         elif long[a] and long[b] and not (out[a] or out[b]):
-            out[a if people.existence[a] < RIVAL * people.existence[b] else b] = True
+            out[a if people.existence[a] < DUPLICATE_EXISTENCE_RATIO * people.existence[b] else b] = True
     return replace(people, apart_ns=since), out
 
 
-CELL, SMOOTH = 0.5, 1.0
+CELL_SIZE_M, SMOOTHING_SIGMA_M = 0.5, 1.0
 """Side of a cell and deviation of the smoothing, in metres."""
-PRIOR_LEFT = 1.0
+PRIOR_TERMINATIONS = 1.0
 """The rate of the whole place is worth so many departures at each place."""
 PRIOR_VELOCITY = 2.0
 """The first deviation of a velocity is worth so many arrivals at each place."""
-LEAST_BIRTHS = 0.02
+MIN_BIRTH_RATIO = 0.02
 """Wherever it is, arrivals are not rarer than this share of the first rate."""
 
 
 @dataclass(frozen=True)
-class PlaceMap:
+class BirthIntensityMap:
     """Counts in G cells that anybody was in."""
 
     metre: float  # in the scene's unit
@@ -287,15 +302,22 @@ class PlaceMap:
     watched: float  # seconds
 
 
-def no_map(metre: float) -> PlaceMap:
+def empty_map(metre: float) -> BirthIntensityMap:
     """Nothing was seen."""
     none = np.zeros(0)
-    return PlaceMap(metre, {}, np.zeros((0, 2)), none, none, none, np.zeros((0, 2)), np.zeros((0, 2, 2)), 0.0)
+    return BirthIntensityMap(metre, {}, np.zeros((0, 2)), none, none, none, np.zeros((0, 2)), np.zeros((0, 2, 2)), 0.0)
 
 
-def watch(
-    known: PlaceMap, dt: float, *, people: Floats, existence: Floats, left: Floats, came: Floats, velocity: Floats
-) -> PlaceMap:
+def update_map(
+    known: BirthIntensityMap,
+    dt: float,
+    *,
+    people: Floats,
+    existence: Floats,
+    left: Floats,
+    came: Floats,
+    velocity: Floats,
+) -> BirthIntensityMap:
     """The map after dt more seconds.
 
     Args:
@@ -310,15 +332,15 @@ def watch(
     places = np.concatenate([people, left, came])
     rows, cells = dict(known.row), []
     at = []
-    for x, y in np.floor(places / (CELL * known.metre)).astype(np.int64).tolist():
+    for x, y in np.floor(places / (CELL_SIZE_M * known.metre)).astype(np.int64).tolist():
         if (x, y) not in rows:
             rows[x, y] = len(rows)
             cells.append((x, y))
         at.append(rows[x, y])
     row, new = np.array(at, dtype=np.int64), len(cells)
-    centre = (np.array(cells, dtype=np.float64).reshape(-1, 2) + 0.5) * CELL * known.metre
+    centre = (np.array(cells, dtype=np.float64).reshape(-1, 2) + 0.5) * CELL_SIZE_M * known.metre
     n, k = len(people), len(people) + len(left)
-    return PlaceMap(
+    return BirthIntensityMap(
         metre=known.metre,
         row=rows,
         centre=np.concatenate([known.centre, centre]),
@@ -331,13 +353,13 @@ def watch(
     )
 
 
-def leaving_at(known: PlaceMap, places: Floats, overall: float) -> Floats:
+def termination_rate_at(known: BirthIntensityMap, places: Floats, overall: float) -> Floats:
     """(n,) rates [1/s] at which people leave at (n, 2) places, where `overall` is the rate of all."""
     near = _near(known, places)
-    return np.asarray((near @ known.left + PRIOR_LEFT) / (near @ known.spent + PRIOR_LEFT / overall))
+    return np.asarray((near @ known.left + PRIOR_TERMINATIONS) / (near @ known.spent + PRIOR_TERMINATIONS / overall))
 
 
-def arrivals(known: PlaceMap, first: float, worth_s: float) -> tuple[float, Floats]:
+def birth_intensity(known: BirthIntensityMap, first: float, worth_s: float) -> tuple[float, Floats]:
     """Rate of arrivals a unit of area and second: everywhere, and (G,) at a cell's centre besides.
 
     Args:
@@ -346,11 +368,11 @@ def arrivals(known: PlaceMap, first: float, worth_s: float) -> tuple[float, Floa
         worth_s: it is worth so many seconds of watching.
     """
     seconds = known.watched + worth_s
-    smooth = 2.0 * np.pi * (SMOOTH * known.metre) ** 2
-    return max(worth_s / seconds, LEAST_BIRTHS) * first, known.came / (smooth * seconds)
+    smooth = 2.0 * np.pi * (SMOOTHING_SIGMA_M * known.metre) ** 2
+    return max(worth_s / seconds, MIN_BIRTH_RATIO) * first, known.came / (smooth * seconds)
 
 
-def first_velocity(known: PlaceMap, places: Floats, deviation: float) -> tuple[Floats, Floats]:
+def birth_velocity(known: BirthIntensityMap, places: Floats, deviation: float) -> tuple[Floats, Floats]:
     """Mean (n, 2) and covariance (n, 2, 2) of the velocities of people who arrive at (n, 2) places."""
     near = _near(known, places)
     count = (near @ known.came + PRIOR_VELOCITY)[:, None]
@@ -359,10 +381,10 @@ def first_velocity(known: PlaceMap, places: Floats, deviation: float) -> tuple[F
     return mean, square / count[..., None] - mean[:, :, None] * mean[:, None, :]
 
 
-def _near(known: PlaceMap, places: Floats) -> Floats:
+def _near(known: BirthIntensityMap, places: Floats) -> Floats:
     """(n, G) weights of the cells for places."""
     apart = places[:, None] - known.centre[None]
-    return np.asarray(np.exp(-0.5 * np.sum(apart**2, axis=2) / (SMOOTH * known.metre) ** 2))
+    return np.asarray(np.exp(-0.5 * np.sum(apart**2, axis=2) / (SMOOTHING_SIGMA_M * known.metre) ** 2))
 
 
 def _added(sums: Floats, new: int, rows: Ints, values: Floats) -> Floats:

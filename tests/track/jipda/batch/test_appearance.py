@@ -6,9 +6,16 @@ import numpy as np
 import pytest
 from floor_places import WALK, chain_with, places_at
 
-from occlog.track.methods.jipda.batch.appearance import sum_up, worth
-from occlog.track.methods.jipda.batch.chains import NONE, candidates, nothing_known, renew_all, sweep, total
-from occlog.track.methods.jipda.cues import law_of, log_ratio
+from occlog.track.methods.jipda.batch.appearance import log_ratio_of_sum, sum_up
+from occlog.track.methods.jipda.batch.chains import (
+    NO_NODE,
+    candidates,
+    empty_link_cache,
+    log_posterior,
+    sweep,
+    update_all_messages,
+)
+from occlog.track.methods.jipda.cues import feature_likelihood, log_ratio
 
 SUMS = np.array([[200.0, 180.0, 162.5], [300.0, 180.0, 111.0]])
 """Likenesses of 0.9 +- 0.05 to the same person, of 0.6 +- 0.1 to others."""
@@ -38,8 +45,10 @@ def plain(sums, looks):
 def test_boxes_are_worth_what_their_pairs_say(person):
     v = vectors(8, 6, np.random.default_rng(1), person)
     S = v.sum(axis=0)
-    assert worth(law_of(SUMS), float(len(v)), float(S @ S)) == pytest.approx(plain(SUMS, v), abs=1e-9)
-    assert worth(law_of(SUMS), 0.0, 0.0) == 0.0
+    assert log_ratio_of_sum(feature_likelihood(SUMS), float(len(v)), float(S @ S)) == pytest.approx(
+        plain(SUMS, v), abs=1e-9
+    )
+    assert log_ratio_of_sum(feature_likelihood(SUMS), 0.0, 0.0) == 0.0
 
 
 def test_a_track_of_two_people_in_equal_parts_is_worth_half_of_either_kind():
@@ -49,14 +58,14 @@ def test_a_track_of_two_people_in_equal_parts_is_worth_half_of_either_kind():
     n, pairs = 40, 0.96**2
     pure = n + n * (n - 1) * pairs
     mixed = n + 2 * (n // 2) * (n // 2 - 1) * pairs
-    assert worth(law_of(sums), float(n), pure) == pytest.approx((n - 1) * same)
+    assert log_ratio_of_sum(feature_likelihood(sums), float(n), pure) == pytest.approx((n - 1) * same)
     # Of 39 others 19 are the same person's
-    assert worth(law_of(sums), float(n), mixed) == pytest.approx(19 * same + 20 * other)
+    assert log_ratio_of_sum(feature_likelihood(sums), float(n), mixed) == pytest.approx(19 * same + 20 * other)
 
 
 def test_looks_that_tell_nobody_apart_are_worth_nothing():
     alike = np.array([[400.0, 240.0, 150.0], [400.0, 240.0, 150.0]])
-    assert worth(law_of(alike), 10.0, 80.0) == 0.0
+    assert log_ratio_of_sum(feature_likelihood(alike), 10.0, 80.0) == 0.0
 
 
 def coloured(rng, moments=6, bare=3):
@@ -73,9 +82,9 @@ def coloured(rng, moments=6, bare=3):
 def textbook(look, count, after, used):
     """The log likelihood ratios of all tracks, each from its boxes."""
     out = 0.0
-    for head in set(np.flatnonzero(used).tolist()) - {j for j in after if j != NONE}:
+    for head in set(np.flatnonzero(used).tolist()) - {j for j in after if j != NO_NODE}:
         track = [head]
-        while after[track[-1]] != NONE:
+        while after[track[-1]] != NO_NODE:
             track.append(after[track[-1]])
         n, S = count[track].sum(), look[track].sum(axis=0)
         if n >= 2.0:
@@ -93,23 +102,23 @@ def test_the_density_of_the_chain_is_that_of_places_times_that_of_looks_through_
     worths = np.full(len(moment), 4.0)
     places, bare = places_at(moment, at, worths, (look, count), SUMS), places_at(moment, at, worths)
     looked = np.arange(7.0)[:, None]
-    chain = chain_with([NONE] * 12, [False] * 12, 5)
+    chain = chain_with([NO_NODE] * 12, [False] * 12, 5)
     listed = candidates(places, WALK, 1.5)
-    known = nothing_known(listed)
+    known = empty_link_cache(listed)
     moved = 0
     for _ in range(20):
         moved += sweep(places, WALK, looked, listed, known, chain, 10.0, rng.random((40, 4)))
         after, used = chain.after.tolist(), chain.used.tolist()
         plain = chain_with(after, used)
-        renew_all(bare, WALK, looked, plain)
-        expected = total(bare, plain) + textbook(look, count, after, used)
-        renew_all(places, WALK, looked, chain)
-        assert total(places, chain) == pytest.approx(expected, abs=1e-6)
+        update_all_messages(bare, WALK, looked, plain)
+        expected = log_posterior(bare, plain) + textbook(look, count, after, used)
+        update_all_messages(places, WALK, looked, chain)
+        assert log_posterior(places, chain) == pytest.approx(expected, abs=1e-6)
     assert moved > 100
     # Sums that moves have kept are those of the tracks
     sweep(places, WALK, looked, listed, known, chain, 10.0, rng.random((40, 4)))
     fresh = chain_with(chain.after.tolist(), chain.used.tolist(), 5)
-    for head in np.flatnonzero(chain.used & (chain.before == NONE)).tolist():
+    for head in np.flatnonzero(chain.used & (chain.before == NO_NODE)).tolist():
         sum_up(places.alike, fresh.sums, fresh.before, fresh.after, head)
     for kept, made in zip(chain.sums, fresh.sums, strict=True):
         np.testing.assert_allclose(kept[chain.used], made[chain.used], atol=1e-12)
@@ -125,20 +134,20 @@ def test_the_chain_visits_associations_as_often_as_places_and_looks_make_them_pr
     places = places_at([0, 0, 1, 1], at, np.full(4, 4.0), (look, np.ones(4)), sums)
     looked = np.arange(3.0)[:, None]
     states = {}
-    for one, other in itertools.product([NONE, 2, 3], [NONE, 2, 3]):
-        if one == other != NONE:
+    for one, other in itertools.product([NO_NODE, 2, 3], [NO_NODE, 2, 3]):
+        if one == other != NO_NODE:
             continue
-        after = (one, other, NONE, NONE)
-        linked = {k for k, j in enumerate(after) if j != NONE} | {one, other} - {NONE}
+        after = (one, other, NO_NODE, NO_NODE)
+        linked = {k for k, j in enumerate(after) if j != NO_NODE} | {one, other} - {NO_NODE}
         for used in itertools.product(*[[True] if k in linked else [False, True] for k in range(4)]):
             chain = chain_with(after, used, 5)
-            renew_all(places, WALK, looked, chain)
-            states[after, used] = total(places, chain)
+            update_all_messages(places, WALK, looked, chain)
+            states[after, used] = log_posterior(places, chain)
     value = np.array(list(states.values()))
     probability = np.exp(value - value.max())
     probability /= probability.sum()
     listed = candidates(places, WALK, 1.5)
-    known, chain = nothing_known(listed), chain_with([NONE] * 4, [False] * 4, 5)
+    known, chain = empty_link_cache(listed), chain_with([NO_NODE] * 4, [False] * 4, 5)
     visits = dict.fromkeys(states, 0)
     for _ in range(4000):
         sweep(places, WALK, looked, listed, known, chain, 1.0, rng.random((12, 4)))

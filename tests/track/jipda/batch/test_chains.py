@@ -8,34 +8,34 @@ import pytest
 from floor_places import WALK, chain_with, places_at
 
 from occlog.track.methods.jipda.batch.chains import (
-    NONE,
-    OTHER_FOLLOWED,
-    SAME_FOLLOWED,
-    between,
+    LOG_RATIO_OTHER_FILTER_ID,
+    LOG_RATIO_SAME_FILTER_ID,
+    NO_NODE,
+    can_link,
     candidates,
-    may_follow,
-    nothing_known,
-    renew_all,
+    empty_link_cache,
+    log_dwell_probability,
+    log_posterior,
     sweep,
-    total,
+    update_all_messages,
 )
-from occlog.track.methods.jipda.people import BENDING, CALM, TURNING
+from occlog.track.methods.jipda.people import CONSTANT_VELOCITY, MANOEUVRE, POSTURE_CHANGE
 
 
 def all_states(places, looked):
     """Every association and its log probability."""
     n = len(places.moment)
-    options = [[NONE, *(j for j in range(n) if may_follow(places, WALK, i, j))] for i in range(n)]
+    options = [[NO_NODE, *(j for j in range(n) if can_link(places, WALK, i, j))] for i in range(n)]
     out = {}
     for after in itertools.product(*options):
-        taken = [j for j in after if j != NONE]
+        taken = [j for j in after if j != NO_NODE]
         if len(set(taken)) < len(taken):
             continue
-        linked = {i for i, j in enumerate(after) if j != NONE} | set(taken)
+        linked = {i for i, j in enumerate(after) if j != NO_NODE} | set(taken)
         for used in itertools.product(*[[True] if k in linked else [False, True] for k in range(n)]):
             chain = chain_with(after, used)
-            renew_all(places, WALK, looked, chain)
-            out[after, used] = total(places, chain)
+            update_all_messages(places, WALK, looked, chain)
+            out[after, used] = log_posterior(places, chain)
     return out
 
 
@@ -48,8 +48,8 @@ def test_the_chain_visits_every_association_as_often_as_it_is_probable():
     probability = np.exp(value - value.max())
     probability /= probability.sum()
     listed = candidates(places, WALK, 1.5)
-    known = nothing_known(listed)
-    chain = chain_with([NONE] * 4, [False] * 4)
+    known = empty_link_cache(listed)
+    chain = chain_with([NO_NODE] * 4, [False] * 4)
     rng = np.random.default_rng(0)
     visits = Counter()
     runs = 4000
@@ -69,16 +69,16 @@ def test_an_exchange_of_tails_keeps_the_messages_of_both_tracks():
     at = np.column_stack([0.25 * moment, np.where(np.arange(24) % 2, 0.3, -0.3)]) + rng.normal(0.0, 0.1, (24, 2))
     places = places_at(moment, at, np.full(24, 4.0))
     looked = np.arange(13.0)[:, None]
-    after = [i + 2 if i < 22 else NONE for i in range(24)]
+    after = [i + 2 if i < 22 else NO_NODE for i in range(24)]
     chain = chain_with(after, [True] * 24)
-    renew_all(places, WALK, looked, chain)
+    update_all_messages(places, WALK, looked, chain)
     listed = candidates(places, WALK, 1.5)
-    known = nothing_known(listed)
+    known = empty_link_cache(listed)
     assert sweep(places, WALK, looked, listed, known, chain, 30.0, rng.random((400, 4))) > 5
     fresh = chain_with(chain.after.tolist(), chain.used.tolist())
     assert (fresh.before == chain.before).all()
-    renew_all(places, WALK, looked, fresh)
-    assert total(places, chain) == pytest.approx(total(places, fresh), abs=1e-4)
+    update_all_messages(places, WALK, looked, fresh)
+    assert log_posterior(places, chain) == pytest.approx(log_posterior(places, fresh), abs=1e-4)
     np.testing.assert_allclose(chain.J[chain.used], fresh.J[fresh.used], rtol=1e-5, atol=1e-6)
 
 
@@ -88,12 +88,12 @@ def test_two_people_who_cross_keep_their_ways():
     places = places_at(np.repeat(np.arange(9), 2), np.stack([one, other], 1).reshape(-1, 2), np.full(18, 6.0))
     looked = np.arange(10.0)[:, None]
     # At the crossing, in the middle, both turn back
-    after = [i + 2 for i in range(16)] + [NONE, NONE]
+    after = [i + 2 for i in range(16)] + [NO_NODE, NO_NODE]
     after[8], after[9] = 11, 10
     chain = chain_with(after, [True] * 18)
-    renew_all(places, WALK, looked, chain)
+    update_all_messages(places, WALK, looked, chain)
     listed = candidates(places, WALK, 1.5)
-    known = nothing_known(listed)
+    known = empty_link_cache(listed)
     sweep(places, WALK, looked, listed, known, chain, 0.1, np.random.default_rng(0).random((600, 4)))
     # Which of the two places where they meet is whose, nothing says
     after = chain.after
@@ -104,26 +104,32 @@ def test_two_people_who_cross_keep_their_ways():
 @pytest.mark.parametrize(
     ("other", "begins", "worth"),
     [
-        (0, 0.0, SAME_FOLLOWED),
-        (1, 0.0, OTHER_FOLLOWED),
-        (1, 0.4999, OTHER_FOLLOWED),
+        (0, 0.0, LOG_RATIO_SAME_FILTER_ID),
+        (1, 0.0, LOG_RATIO_OTHER_FILTER_ID),
+        (1, 0.4999, LOG_RATIO_OTHER_FILTER_ID),
         (1, 0.5001, 0.0),
-        (NONE, 0.0, 0.0),
+        (NO_NODE, 0.0, 0.0),
     ],
     ids=["same", "both at a time", "the other begins before it ends", "the other begins after it", "not followed"],
 )
 def test_what_the_filter_followed_speaks_for_links(other, begins, worth):
     places = places_at([0, 2], np.zeros((2, 2)), np.zeros(2))
     looked = np.arange(4.0)[:, None]
-    without = between(places, WALK, looked, 0, 1)
-    hint = np.array([[NONE, 0], [NONE, other]])
+    without = log_dwell_probability(places, WALK, looked, 0, 1)
+    hint = np.array([[NO_NODE, 0], [NO_NODE, other]])
     life = np.array([[0.0, 0.5], [begins, 1.0]])
-    assert between(places._replace(hint=hint, life=life), WALK, looked, 0, 1) - without == pytest.approx(worth)
+    assert log_dwell_probability(places._replace(hint=hint, life=life), WALK, looked, 0, 1) - without == pytest.approx(
+        worth
+    )
 
 
 @pytest.mark.parametrize(
     ("at", "body", "model"),
-    [((0.5, 0.0), (1.7, 0.5), CALM), ((0.0, 1.5), (1.7, 0.5), TURNING), ((0.5, 0.0), (0.5, 1.2), BENDING)],
+    [
+        ((0.5, 0.0), (1.7, 0.5), CONSTANT_VELOCITY),
+        ((0.0, 1.5), (1.7, 0.5), MANOEUVRE),
+        ((0.5, 0.0), (0.5, 1.2), POSTURE_CHANGE),
+    ],
 )
 def test_people_walk_on_turn_or_bend_before_the_next_place(at, body, model):
     walk = WALK._replace(often=np.array([0.0, 0.05, 1e-3]))
@@ -131,9 +137,9 @@ def test_people_walk_on_turn_or_bend_before_the_next_place(at, body, model):
     places = places._replace(J=20.0 * places.J, h=20.0 * places.h)
     places.h[3] = places.J[3] @ [*at, 0.0, 0.0, *body]
     looked = np.arange(5.0)[:, None]
-    chain = chain_with([1, 2, 3, NONE], [True] * 4)
+    chain = chain_with([1, 2, 3, NO_NODE], [True] * 4)
     # The models are chosen by the messages of all places, which are made first
     for _ in range(2):
-        renew_all(places, walk, looked, chain)
+        update_all_messages(places, walk, looked, chain)
     assert chain.model[2] == model
-    assert chain.model[3] == CALM
+    assert chain.model[3] == CONSTANT_VELOCITY

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from occlog.track.methods.jipda.batch.messages import absorb, back, meet, noise_of_walk, predict, start
+from occlog.track.methods.jipda.batch.messages import (
+    initial_density,
+    log_integral,
+    multiply_factor,
+    noise_of_walk,
+    predict,
+    predict_backwards,
+)
 
 DRIFT = np.array([0.06, 1e-3, 1e-3])
 PRIOR = np.array([0.0, 0.0, 1.2, 1.2, 60.0, 70.0])
@@ -59,12 +66,12 @@ def joint_log_density(H, R, z):
 
 def forward(J, v, c, upto):
     mean, P = np.empty(6), np.empty((6, 6))
-    total = start(PRIOR, AT, J[0], v[0], c[0], mean, P)
+    total = initial_density(PRIOR, AT, J[0], v[0], c[0], mean, P)
     for k in range(1, upto + 1):
         m, Q = np.empty(6), np.empty((6, 6))
         predict(mean, P, TIMES[k] - TIMES[k - 1], DRIFT, m, Q)
         mean, P = m, Q
-        total += absorb(mean, P, J[k], v[k], c[k])
+        total += multiply_factor(mean, P, J[k], v[k], c[k])
     return mean, P, total
 
 
@@ -72,7 +79,7 @@ def backward(J, v, c, downto):
     Jb, vb, total = J[-1].copy(), v[-1].copy(), c[-1]
     for k in range(len(TIMES) - 2, downto - 1, -1):
         out_J, out_h = np.empty((6, 6)), np.empty(6)
-        total = back(Jb, vb, total, TIMES[k + 1] - TIMES[k], DRIFT, out_J, out_h) + c[k]
+        total = predict_backwards(Jb, vb, total, TIMES[k + 1] - TIMES[k], DRIFT, out_J, out_h) + c[k]
         Jb, vb = out_J + J[k], out_h + v[k]
     return Jb, vb, total
 
@@ -89,11 +96,11 @@ def test_the_messages_give_the_same_density_at_every_link(at):
     m, Q = np.empty(6), np.empty((6, 6))
     predict(mean, P, TIMES[at + 1] - TIMES[at], DRIFT, m, Q)
     Jb, vb, future = backward(J, v, c, at + 1)
-    assert past + meet(m, Q, Jb, vb, future) == pytest.approx(forward(J, v, c, 3)[2], abs=1e-6)
+    assert past + log_integral(m, Q, Jb, vb, future) == pytest.approx(forward(J, v, c, 3)[2], abs=1e-6)
 
 
 def test_a_track_that_starts_with_everything_that_follows_has_the_same_density():
     *_, J, v, c = measured(2)
     Jb, vb, future = backward(J, v, c, 0)
     mean, P = np.empty(6), np.empty((6, 6))
-    assert start(PRIOR, AT, Jb, vb, future, mean, P) == pytest.approx(forward(J, v, c, 3)[2], abs=1e-6)
+    assert initial_density(PRIOR, AT, Jb, vb, future, mean, P) == pytest.approx(forward(J, v, c, 3)[2], abs=1e-6)

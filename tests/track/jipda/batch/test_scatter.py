@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from occlog.track.methods.jipda.batch.places import NU, scatter
+from occlog.track.methods.jipda.batch.places import NU, gait_variances
 
 
 def drawn(n, scale, seed):
@@ -22,7 +22,7 @@ def test_the_scale_is_found():
     _, J, h, mean, covariance = drawn(4000, 0.08, 0)
     square = 0.03**2
     for _ in range(6):
-        _, square = scatter(J, h, mean, covariance, square, 1.0)
+        _, square = gait_variances(J, h, mean, covariance, square, 1.0)
     assert np.sqrt(square) == pytest.approx(0.08, rel=0.1)
 
 
@@ -30,7 +30,7 @@ def test_a_place_far_off_the_walk_has_a_variance_of_its_own():
     off, J, h, mean, covariance = drawn(200, 0.02, 1)
     off[7] = [1.0, 0.0]
     h[:, :2] = 1e4 * off
-    own, square = scatter(J, h, mean, covariance, 0.02**2, 1.0)
+    own, square = gait_variances(J, h, mean, covariance, 0.02**2, 1.0)
     assert own[7] > 0.1
     assert np.median(own) < 2.0 * square
 
@@ -38,5 +38,5 @@ def test_a_place_far_off_the_walk_has_a_variance_of_its_own():
 @pytest.mark.parametrize(("places", "kept"), [(49, True), (50, False)])
 def test_few_places_leave_the_scale_as_it_is(places, kept):
     _, J, h, mean, covariance = drawn(places, 0.1, 2)
-    _, square = scatter(J, h, mean, covariance, 0.03**2, 1.0)
+    _, square = gait_variances(J, h, mean, covariance, 0.03**2, 1.0)
     assert (square == 0.03**2) == kept

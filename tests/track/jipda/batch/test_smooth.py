@@ -10,18 +10,18 @@ from scipy.optimize import linear_sum_assignment
 
 from occlog.settings import configure
 from occlog.track.methods.jipda.batch.smooth import (
-    Window,
+    SmoothingWindow,
     add,
     at_moments,
-    extent,
     finish,
-    looks_between,
-    moments_apart,
+    frames_between,
+    independent_steps,
     smooth,
+    track_extension,
 )
-from occlog.track.methods.jipda.batch.tracks import Span
+from occlog.track.methods.jipda.batch.tracks import WindowSpan
 from occlog.track.methods.jipda.config import JipdaConfig
-from occlog.track.methods.jipda.filter import begin, step
+from occlog.track.methods.jipda.filter import initial_state, step
 
 pytestmark = pytest.mark.jit
 
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.jit
 def filtered(frames=60, hz=5.0):
     """A small crowd, and what the filter says of it: the state at the end, looks, states and moments."""
     scene = crowd(5, cameras=4, frames=frames, hz=hz, seed=4)
-    state = begin(scene.scene, scene.scene.cameras, configure(JipdaConfig.in_unit("m"), {}))
+    state = initial_state(scene.scene, scene.scene.cameras, configure(JipdaConfig.in_unit("m"), {}))
     states, moments = [], []
     for looks in scene.moments:
         state, moment = step(state, looks)
@@ -79,27 +79,27 @@ def test_one_seed_gives_one_result():
 
 def span_of_looks(time, looks):
     looked = np.concatenate([np.zeros((1, looks.shape[1])), np.cumsum(looks, axis=0)])
-    return Span(np.asarray(time), looked, area=10.0, people=1.0, stay=60.0, turning=0.05, bending=0.0, metre=1.0)
+    return WindowSpan(np.asarray(time), looked, area=10.0, people=1.0, stay=60.0, turning=0.05, bending=0.0, metre=1.0)
 
 
 def test_moments_are_linked_that_are_apart_for_some_camera():
     fast = span_of_looks(np.arange(50) / 25.0, np.ones((50, 2)))
-    assert moments_apart(fast).tolist() == [0, 10, 20, 30, 40]
-    apart = at_moments(fast, moments_apart(fast))
+    assert independent_steps(fast).tolist() == [0, 10, 20, 30, 40]
+    apart = at_moments(fast, independent_steps(fast))
     assert apart.looked[-1].tolist() == [5.0, 5.0]
-    assert looks_between(fast, apart) == 10.0
-    assert looks_between(fast, fast) == 1.0
-    assert looks_between(fast, at_moments(fast, np.array([], dtype=np.int64))) == 1.0
+    assert frames_between(fast, apart) == 10.0
+    assert frames_between(fast, fast) == 1.0
+    assert frames_between(fast, at_moments(fast, np.array([], dtype=np.int64))) == 1.0
     # Cameras that look in turn are each looked at as often
     in_turn = span_of_looks(np.arange(20) / 10.0, np.eye(4)[np.arange(20) % 4])
-    assert moments_apart(in_turn).tolist() == list(range(20))
+    assert independent_steps(in_turn).tolist() == list(range(20))
     slow = span_of_looks(np.arange(5) / 2.0, np.ones((5, 1)))
-    assert moments_apart(slow).tolist() == list(range(5))
+    assert independent_steps(slow).tolist() == list(range(5))
 
 
 def test_a_person_whom_no_camera_sees_for_a_second_is_the_same_at_25_frames_a_second():
     scene = crowd(2, cameras=3, frames=100, hz=25.0, miss=0.0, false=0.0, seed=1)
-    state = begin(scene.scene, scene.scene.cameras, configure(JipdaConfig.in_unit("m"), {}))
+    state = initial_state(scene.scene, scene.scene.cameras, configure(JipdaConfig.in_unit("m"), {}))
     all_looks, moments = [], []
     for t, looks in enumerate(scene.moments):
         if 40 <= t < 65:  # without the boxes of the first person
@@ -142,7 +142,7 @@ def test_everybody_is_there_while_all_cameras_are_blind():
 
 def test_people_are_reported_whom_the_last_association_did_not_expect():
     scene = crowd(3, cameras=2, frames=30, hz=5.0, miss=0.6, false=0.5, seed=7)
-    state = begin(scene.scene, scene.scene.cameras, configure(JipdaConfig.in_unit("m"), {}))
+    state = initial_state(scene.scene, scene.scene.cameras, configure(JipdaConfig.in_unit("m"), {}))
     moments = []
     for looks in scene.moments:
         state, moment = step(state, looks)
@@ -169,7 +169,7 @@ def test_births_and_deaths_are_those_of_the_identities():
 
 def through(lag_ns):
     scene, states, moments = filtered()
-    window, out, most = Window(lag_ns, np.random.default_rng(0)), [], 0
+    window, out, most = SmoothingWindow(lag_ns, np.random.default_rng(0)), [], 0
     for state, looks, moment in zip(states, scene.moments, moments, strict=True):
         window, part = add(window, state, looks, moment)
         out += part
@@ -211,7 +211,7 @@ def test_nothing_at_all_is_smoothed_to_nothing():
     scene, states, _ = filtered()
     assert smooth(states[-1], [], [], np.random.default_rng(0)) == []
     empty = [[emptied(look) for look in looks] for looks in scene.moments[:3]]
-    state = begin(scene.scene, scene.scene.cameras, states[0].config)
+    state = initial_state(scene.scene, scene.scene.cameras, states[0].config)
     out = []
     for looks in empty:
         state, moment = step(state, looks)
@@ -225,7 +225,7 @@ def paused(pause, seed, apart):
     """The filter's people of a recording that pauses for so long [s] amid it; people walk on for some of that time."""
     scene = crowd(5, cameras=3, frames=86 + apart, hz=10.0, seed=seed)
     kept = [*range(43), *range(43 + apart, 86 + apart)]
-    state = begin(scene.scene, scene.scene.cameras, configure(JipdaConfig.in_unit("m"), {}))
+    state = initial_state(scene.scene, scene.scene.cameras, configure(JipdaConfig.in_unit("m"), {}))
     steps = []
     for k, t in enumerate(kept):
         t_ns = round((0.1 * k + (pause if k >= 43 else 0.0)) * 1e9)
@@ -241,7 +241,7 @@ def paused(pause, seed, apart):
 )
 def test_everybody_is_followed_up_to_a_pause_and_from_its_end_on(pause, seed, apart, lag_ns):
     steps, truth = paused(pause, seed, apart)
-    window, out = Window(lag_ns, np.random.default_rng(0)), []
+    window, out = SmoothingWindow(lag_ns, np.random.default_rng(0)), []
     for state, looks, moment in steps:
         window, part = add(window, state, looks, moment)
         out += part
@@ -259,7 +259,7 @@ def test_pauses_do_not_count_for_the_time_between_moments():
     with_pauses = span_of_looks(time, np.ones((150, 1)))
     assert with_pauses.step == pytest.approx(0.1)
     assert with_pauses.gaps.sum() == pytest.approx(14.7)
-    assert extent(with_pauses) == pytest.approx(1.05)
+    assert track_extension(with_pauses) == pytest.approx(1.05)
     # Frames that are all so far apart are no pauses
     assert span_of_looks(np.arange(20) * 30.0, np.ones((20, 1))).step == 30.0
     assert span_of_looks(np.zeros(1), np.ones((1, 1))).step == 1.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from floor_places import WALK, chain_with, places_at
 
-from occlog.track.methods.jipda.batch.chains import NONE, renew_all
+from occlog.track.methods.jipda.batch.chains import NO_NODE, update_all_messages
 from occlog.track.methods.jipda.batch.messages import noise_of_walk
 from occlog.track.methods.jipda.batch.states import states
 
@@ -39,9 +39,9 @@ def track():
     rng = np.random.default_rng(5)
     at = np.column_stack([0.4 * np.array(MOMENTS), rng.normal(0.0, 0.2, 4)])
     places = places_at(MOMENTS, at, np.zeros(4))
-    chain = chain_with([1, 2, 3, NONE], [True] * 4)
+    chain = chain_with([1, 2, 3, NO_NODE], [True] * 4)
     looked = np.arange(9.0)[:, None]
-    renew_all(places, WALK._replace(reach=8), looked, chain)
+    update_all_messages(places, WALK._replace(reach=8), looked, chain)
     return places, chain
 
 
@@ -50,9 +50,9 @@ def test_a_state_is_that_of_least_squares_without_the_place_of_its_moment():
     at = np.arange(8)
     rows = states(places, WALK, chain, TIME, at, at)
     assert rows.moment.tolist() == [1, 2, 3, 4, 5, 6]
-    assert rows.place.tolist() == [0, 1, NONE, NONE, 2, 3]
-    assert rows.last.tolist() == [NONE, 0, 1, 1, 1, 2]
-    assert rows.next.tolist() == [1, 2, 2, 2, 3, NONE]
+    assert rows.place.tolist() == [0, 1, NO_NODE, NO_NODE, 2, 3]
+    assert rows.last.tolist() == [NO_NODE, 0, 1, 1, 1, 2]
+    assert rows.next.tolist() == [1, 2, 2, 2, 3, NO_NODE]
     # The first moment is left to the next test: there the prior of somebody new and the walk back meet
     for k in range(1, 6):
         mean, covariance = least_squares(places, rows.moment[k])

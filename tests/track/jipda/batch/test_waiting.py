@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from occlog.track.methods.jipda.batch.states import waiting
+from occlog.track.methods.jipda.batch.states import dwell_times
 
 pytestmark = pytest.mark.jit
 MISS = np.log([[0.5]])
@@ -11,7 +11,7 @@ MISS = np.log([[0.5]])
 
 def wait(time, k, step, rate=1e-6):
     looked = np.arange(len(time) + 1, dtype=np.float64)[:, None]
-    total, rest = waiting(np.asarray(time), looked, np.array([k]), MISS, np.array([rate]), step)
+    total, rest = dwell_times(np.asarray(time), looked, np.array([k]), MISS, np.array([rate]), step)
     return total[0], rest[0]
 
 
@@ -34,7 +34,7 @@ def test_a_pause_counts_beside_itself_only(pause):
 
 def test_all_are_there_at_first_or_have_come_since_or_left():
     for step, k in ((-1, 3), (1, 1)):
-        total, rest = waiting(
+        total, rest = dwell_times(
             np.array([0.0, 1.0, 4.0, 4.5, 9.0]), np.zeros((6, 1)), np.array([k]), MISS, np.array([0.3]), step
         )
         assert 0.3 * total[0] + rest[0] == pytest.approx(1.0)

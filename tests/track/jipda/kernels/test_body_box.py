@@ -8,7 +8,13 @@ from jipda_reference import outline_of
 
 from occlog.array_types import Floats
 from occlog.records.scene import Camera, camera_rotation
-from occlog.track.methods.jipda.kernels.body_box import NEAR, box_and_slope, expected_box, pack_views, project
+from occlog.track.methods.jipda.kernels.body_box import (
+    MIN_DEPTH_HEIGHTS,
+    box_and_slope,
+    expected_box,
+    pack_views,
+    project,
+)
 
 LENSES = {
     "ideal": (np.zeros(5), "brown"),
@@ -98,7 +104,7 @@ def test_a_body_that_reaches_the_camera_has_no_box() -> None:
         "a", np.array([0.0, 0.0, 0.85]), camera_rotation(0.0, 0.0, 0.0), np.full(2, 900.0), np.zeros(2), (1280, 720)
     )
     views, box = pack_views([level]), np.empty(4)
-    nearest = 0.25 + NEAR * 1.7
+    nearest = 0.25 + MIN_DEPTH_HEIGHTS * 1.7
     assert expected_box(views.lens[0], nearest + 1e-6, 0.0, 1.7, 0.5, box) > 0.0
     assert expected_box(views.lens[0], nearest - 1e-6, 0.0, 1.7, 0.5, box) == -1.0
     assert expected_box(views.lens[0], -3.0, 0.0, 1.7, 0.5, box) == -1.0

@@ -6,11 +6,11 @@ import numpy as np
 from crowds import cameras_around
 
 from occlog.track.methods.jipda.kernels.body_box import expected_box, pack_views
-from occlog.track.methods.jipda.kernels.detections import Boxes, Rates
-from occlog.track.methods.jipda.kernels.disagreement import disagreement
+from occlog.track.methods.jipda.kernels.detections import DetectorModel, PackedDetections
+from occlog.track.methods.jipda.kernels.disagreement import camera_disagreement
 
 VIEWS = pack_views(cameras_around(4, 10.0, 8.0))
-RATES = Rates(
+RATES = DetectorModel(
     np.full(4, 0.9), np.ones(6), 0.0, 0.0, np.zeros((4, 4)), np.array([[4.5, 0.0], [18.0, 0.0]] * 2), 0.0, np.ones(4),
     merge=np.zeros(4), slow=1.0,
 )  # fmt: skip
@@ -24,10 +24,10 @@ def test_a_common_shift_is_no_disagreement_and_noise_is_found_by_its_share() -> 
         box = np.empty((4, 4))
         for c in range(4):
             expected_box(VIEWS.lens[c], 5.0, 4.0, 1.7, 0.5, box[c])
-        made = Boxes(np.arange(4), np.zeros(4), np.arange(5), box + rng.normal(0.0, 3.0, (4, 4)),
+        made = PackedDetections(np.arange(4), np.zeros(4), np.arange(5), box + rng.normal(0.0, 3.0, (4, 4)),
                      np.ones((4, 4), dtype=bool), np.zeros(4))  # fmt: skip
         owner = np.zeros(4, dtype=np.int64)
-        found = disagreement(believed, covariance, VIEWS, made, RATES, owner, owner == 0)
+        found = camera_disagreement(believed, covariance, VIEWS, made, RATES, owner, owner == 0)
         squares.append(found.residual**2)
         kept.append(found.kept)
         places.append(found.place[0])
@@ -38,9 +38,11 @@ def test_a_common_shift_is_no_disagreement_and_noise_is_found_by_its_share() -> 
 
 
 def test_boxes_that_are_not_good_say_nothing() -> None:
-    made = Boxes(np.arange(4), np.zeros(4), np.arange(5), np.ones((4, 4)), np.ones((4, 4), dtype=bool), np.zeros(4))
+    made = PackedDetections(
+        np.arange(4), np.zeros(4), np.arange(5), np.ones((4, 4)), np.ones((4, 4), dtype=bool), np.zeros(4)
+    )
     none = np.zeros(4, dtype=bool)
     mean, covariance = np.array([[5.0, 4.0, 0.0, 0.0, 1.7, 0.5]]), np.eye(6)[None]
-    found = disagreement(mean, covariance, VIEWS, made, RATES, np.zeros(4, dtype=np.int64), none)
+    found = camera_disagreement(mean, covariance, VIEWS, made, RATES, np.zeros(4, dtype=np.int64), none)
     assert not found.kept.any()
     assert np.isnan(found.place).all()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occlog.array_types import Floats
-from occlog.track.methods.jipda.kernels.exclusion import exclude
+from occlog.track.methods.jipda.kernels.exclusion import apply_exclusion
 
 S = 0.22
 
@@ -25,7 +25,7 @@ def one_of(
     means[0, 0], covariances[0, 0], weight = mean, covariance, np.ones((2, 1))
     places, spreads = np.array([mean[:2], place]), np.array([covariance[:2, :2], spread])
     means[1, 0, :2], covariances[1, 0, :2, :2] = place, spread
-    exclude(means, covariances, weight, places, spreads, np.array([0.3, existence]), S)
+    apply_exclusion(means, covariances, weight, places, spreads, np.array([0.3, existence]), S)
     return means[0, 0], covariances[0, 0], float(weight[0, 0])
 
 
@@ -87,9 +87,9 @@ def test_the_order_of_two_people_does_not_matter() -> None:
     means, covariances = rng.normal(0.0, 0.2, (2, 2, 6)), np.array([[normal(rng, 6) for _ in "ab"] for _ in "ab"])
     place, spread, existence = means[:, 0, :2].copy(), covariances[:, 0, :2, :2].copy(), np.array([0.9, 0.6])
     a, A, w = means.copy(), covariances.copy(), np.full((2, 2), 0.5)
-    exclude(a, A, w, place, spread, existence, S)
+    apply_exclusion(a, A, w, place, spread, existence, S)
     b, B, v = means[::-1].copy(), covariances[::-1].copy(), np.full((2, 2), 0.5)
-    exclude(b, B, v, place[::-1].copy(), spread[::-1].copy(), existence[::-1].copy(), S)
+    apply_exclusion(b, B, v, place[::-1].copy(), spread[::-1].copy(), existence[::-1].copy(), S)
     np.testing.assert_allclose(a, b[::-1])
     np.testing.assert_allclose(A, B[::-1])
     np.testing.assert_allclose(w, v[::-1])

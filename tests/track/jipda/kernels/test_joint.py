@@ -10,15 +10,15 @@ from occlog.array_types import Floats
 from occlog.records.scene import Camera, camera_rotation
 from occlog.track.methods.jipda.kernels.body_box import box_and_slope, pack_views
 from occlog.track.methods.jipda.kernels.detections import (
-    Boxes,
-    Rates,
+    DetectorModel,
+    PackedDetections,
     add_precision,
     edge_noise,
     interpolate,
     log_clutter,
     log_density,
 )
-from occlog.track.methods.jipda.kernels.joint import Result, update
+from occlog.track.methods.jipda.kernels.joint import JipdaResult, update_targets
 
 TURNED = camera_rotation(np.pi / 2, -0.35, 0.0)
 VIEW = Camera("a", np.array([0.0, -6.0, 3.0]), TURNED, np.full(2, 900.0), np.array([640.0, 360.0]), (1280, 720))
@@ -27,9 +27,9 @@ P = np.diag([0.05, 0.08, 0.1, 0.1, 0.01, 0.01])[None]
 NOISE = np.array([[8.0, 1e-4], [20.0, 4e-4], [6.0, 1e-4], [15.0, 2e-4]])
 
 
-def rates(detection: float = 0.9, merge: float = 0.0, wrong: float = 0.0, slow: float = 1.0) -> Rates:
+def rates(detection: float = 0.9, merge: float = 0.0, wrong: float = 0.0, slow: float = 1.0) -> DetectorModel:
     """One camera without bias."""
-    return Rates(
+    return DetectorModel(
         detection=np.array([detection]),
         curve=np.ones(6),
         cut=0.0,
@@ -43,18 +43,20 @@ def rates(detection: float = 0.9, merge: float = 0.0, wrong: float = 0.0, slow: 
     )
 
 
-def boxes(*box: Floats) -> Boxes:
+def boxes(*box: Floats) -> PackedDetections:
     """One look."""
     n = len(box)
-    return Boxes(np.zeros(1, dtype=np.int64), np.zeros(1), np.array([0, n]), np.array(box).reshape(-1, 4),
+    return PackedDetections(np.zeros(1, dtype=np.int64), np.zeros(1), np.array([0, n]), np.array(box).reshape(-1, 4),
                  np.ones((n, 4), dtype=bool), np.full(n, np.log(1e-9)))  # fmt: skip
 
 
-def after(made: Boxes, existence: float = 0.95, known: Rates | None = None, mean: Floats = MEAN) -> Result:
+def after(
+    made: PackedDetections, existence: float = 0.95, known: DetectorModel | None = None, mean: Floats = MEAN
+) -> JipdaResult:
     """The update of the people."""
     N, bonus = len(mean), np.zeros((len(mean), len(made.box)))
     there, known = np.full(N, existence), rates() if known is None else known
-    return update(mean, np.repeat(P, N, axis=0), there, pack_views([VIEW]), made, known, bonus, 0.0, 30.0)
+    return update_targets(mean, np.repeat(P, N, axis=0), there, pack_views([VIEW]), made, known, bonus, 0.0, 30.0)
 
 
 def expected() -> tuple[Floats, Floats]:

@@ -9,39 +9,39 @@ import pytest
 
 from occlog.array_types import Floats, Ints
 from occlog.track.methods.jipda.kernels.marginals import box_messages
-from occlog.track.methods.jipda.kernels.merged import outline, own_edges, pair_messages, touching
+from occlog.track.methods.jipda.kernels.merged import add_edges_of_one, merged_box, overlapping_pairs, pair_messages
 
 BOX = np.array([[100.0, 50.0, 140.0, 170.0], [135.0, 60.0, 175.0, 160.0], [300.0, 50.0, 340.0, 170.0]])
 
 
 def test_people_touch_whose_boxes_overlap_or_nearly_do() -> None:
     depth, across, there = np.ones(3), np.zeros(3), np.ones(3)
-    assert touching(BOX, depth, across, there).tolist() == [[0, 1]]
+    assert overlapping_pairs(BOX, depth, across, there).tolist() == [[0, 1]]
     # 10 % of the narrower width apart, and more
     apart = BOX.copy()
     apart[1, [0, 2]] = 143.9, 183.9
-    assert len(touching(apart, depth, across, there)) == 1
+    assert len(overlapping_pairs(apart, depth, across, there)) == 1
     apart[1, [0, 2]] = 144.1, 184.1
-    assert len(touching(apart, depth, across, there)) == 0
+    assert len(overlapping_pairs(apart, depth, across, there)) == 0
     # Not at all: one above the other, one who is behind the camera, one who hardly exists
     above = BOX.copy()
     above[1, [1, 3]] = 171.0, 260.0
-    assert len(touching(above, depth, across, there)) == 0
-    assert len(touching(BOX, np.array([1.0, -1.0, 1.0]), across, there)) == 0
-    assert len(touching(BOX, depth, across, np.array([1.0, 0.19, 1.0]))) == 0
+    assert len(overlapping_pairs(above, depth, across, there)) == 0
+    assert len(overlapping_pairs(BOX, np.array([1.0, -1.0, 1.0]), across, there)) == 0
+    assert len(overlapping_pairs(BOX, depth, across, np.array([1.0, 0.19, 1.0]))) == 0
 
 
 def test_the_edges_of_an_outline_are_those_of_whoever_is_farther_out() -> None:
     noise = np.repeat(np.diag([4.0, 4.0, 4.0, 4.0])[None], 3, axis=0)
     spread = np.zeros((3, 4, 4))
     box, whole, wide, own = np.empty(4), np.empty((4, 4)), np.empty((4, 4)), np.empty(4)
-    outline(0, 1, BOX, noise, spread, box, whole, wide, own)
+    merged_box(0, 1, BOX, noise, spread, box, whole, wide, own)
     assert box.tolist() == [100.0, 50.0, 175.0, 170.0]
     np.testing.assert_allclose(own, [1.0, 1.0, 0.0, 1.0], atol=1e-3)
     # Each tells of its own person alone
     first, second, every = np.zeros((4, 4)), np.zeros((4, 4)), np.ones(4, dtype=bool)
-    own_edges(noise[0], every, own, True, 1.0, first)
-    own_edges(noise[1], every, own, False, 1.0, second)
+    add_edges_of_one(noise[0], every, own, True, 1.0, first)
+    add_edges_of_one(noise[1], every, own, False, 1.0, second)
     np.testing.assert_allclose(np.diag(first), [0.25, 0.25, 0.0, 0.25], atol=1e-3)
     np.testing.assert_allclose(np.diag(second), [0.0, 0.0, 0.25, 0.0], atol=1e-3)
 

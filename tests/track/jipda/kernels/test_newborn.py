@@ -13,19 +13,19 @@ from scipy.stats import multivariate_normal, norm
 
 from occlog.array_types import Floats
 from occlog.track.methods.jipda.kernels.body_box import expected_box, pack_views
-from occlog.track.methods.jipda.kernels.detections import Boxes, Rates
-from occlog.track.methods.jipda.kernels.newborn import Arrival, fit_body, newborn, on_floor
+from occlog.track.methods.jipda.kernels.detections import DetectorModel, PackedDetections
+from occlog.track.methods.jipda.kernels.newborn import BirthIntensity, ground_point, initiate_targets, state_from_box
 
 VIEWS = pack_views(cameras_around(4, 10.0, 8.0))._replace(range=np.full(4, 40.0))
 BODY = np.array([1.7, 0.12, 0.55, 0.12, 0.9])
 NOISE = np.array([[8.0, 1e-4], [20.0, 4e-4], [6.0, 1e-4], [15.0, 2e-4]])
-RATES = Rates(
+RATES = DetectorModel(
     np.full(4, 0.9), np.ones(6), 0.0, 0.0, np.zeros((4, 4)), NOISE, 0.0, np.ones(4), merge=np.zeros(4), slow=1.0
 )
 PLACES = np.array([[4.0, 3.0], [6.5, 4.5]])
 
 
-def boxes(people: Floats, cameras: tuple[int, ...] = (0, 1, 2, 3), height: float = 1.75) -> Boxes:
+def boxes(people: Floats, cameras: tuple[int, ...] = (0, 1, 2, 3), height: float = 1.75) -> PackedDetections:
     """True boxes of bodies of this height, 0.5 m wide."""
     made, first = [], [0]
     for c in range(4):
@@ -36,16 +36,16 @@ def boxes(people: Floats, cameras: tuple[int, ...] = (0, 1, 2, 3), height: float
                 made.append(box)
         first.append(len(made))
     n = len(made)
-    return Boxes(np.arange(4), np.zeros(4), np.array(first), np.array(made).reshape(-1, 4),
+    return PackedDetections(np.arange(4), np.zeros(4), np.array(first), np.array(made).reshape(-1, 4),
                  np.ones((n, 4), dtype=bool), np.full(n, np.log(0.5)))  # fmt: skip
 
 
-def found(made: Boxes, free: float = 1.0, everywhere: float = 0.01) -> tuple[Floats, Floats, Floats, Floats]:
+def found(made: PackedDetections, free: float = 1.0, everywhere: float = 0.01) -> tuple[Floats, Floats, Floats, Floats]:
     """New people, nobody being there before."""
-    arrival = Arrival(everywhere, 10.0, np.zeros((0, 2)), np.zeros(0), 1.0)
+    arrival = BirthIntensity(everywhere, 10.0, np.zeros((0, 2)), np.zeros(0), 1.0)
     nobody = np.zeros((0, 6)), np.zeros(0), np.zeros(0)
     n = len(made.box)
-    return newborn(VIEWS, made, RATES, BODY, arrival, *nobody, np.full(n, free), 30.0, math.log(0.05))
+    return initiate_targets(VIEWS, made, RATES, BODY, arrival, *nobody, np.full(n, free), 30.0, math.log(0.05))
 
 
 def test_people_are_found_where_they_stand_each_once() -> None:
@@ -89,15 +89,17 @@ def test_arrivals_are_expected_within_four_deviations_of_where_people_came_from(
     nobody = np.zeros((0, 6)), np.zeros(0), np.zeros(0)
     odds = []
     for at in (0.0, 1e-3):
-        arrival = Arrival(1e-3, 10.0, PLACES[:1] + np.array([0.0, away]), np.array([at]), 1.0)
-        odds.append(newborn(VIEWS, made, RATES, BODY, arrival, *nobody, np.ones(4), 30.0, math.log(0.05))[2].max())
+        arrival = BirthIntensity(1e-3, 10.0, PLACES[:1] + np.array([0.0, away]), np.array([at]), 1.0)
+        odds.append(
+            initiate_targets(VIEWS, made, RATES, BODY, arrival, *nobody, np.ones(4), 30.0, math.log(0.05))[2].max()
+        )
     assert odds[1] - odds[0] == pytest.approx(math.log(1.0 + more), abs=0.02)
 
 
 def test_a_pixel_above_the_horizon_shows_no_floor() -> None:
     place = np.empty(2)
-    assert on_floor(VIEWS, 0, 640.0, 700.0, 0.0, place)
-    assert not on_floor(VIEWS, 0, 640.0, -900.0, 0.0, place)
+    assert ground_point(VIEWS, 0, 640.0, 700.0, 0.0, place)
+    assert not ground_point(VIEWS, 0, 640.0, -900.0, 0.0, place)
 
 
 @pytest.mark.parametrize(
@@ -109,8 +111,8 @@ def test_a_body_is_the_most_probable_one_with_laplaces_approximation(c: int, bel
     z = made.box[c] + np.array([2.0, -3.0, 4.0, 1.0])
     made = made._replace(box=z[None].repeat(4, axis=0), believed=use[None].repeat(4, axis=0))
     mean, covariance = np.empty(6), np.empty((6, 6))
-    arrival = Arrival(0.02, 1e9, PLACES[:1] + np.array([[0.5, 0.0]]), np.array([0.01]), 0.7)
-    got = fit_body(VIEWS, made, RATES, BODY, arrival, c, c, mean, covariance)
+    arrival = BirthIntensity(0.02, 1e9, PLACES[:1] + np.array([[0.5, 0.0]]), np.array([0.01]), 0.7)
+    got = state_from_box(VIEWS, made, RATES, BODY, arrival, c, c, mean, covariance)
 
     def box_of(body: Floats) -> Floats:
         return textbook.body_box(camera, *body)
@@ -144,5 +146,5 @@ def test_a_body_is_the_most_probable_one_with_laplaces_approximation(c: int, bel
     slopes = [(box_of(fit.x + s) - box_of(fit.x - s)) / 2e-4 for s in step]
     slope = np.array([[0.5 * (d[0] + d[2]), d[3]] for d in slopes])
     area = abs(np.linalg.det(slope)) / (camera.image_size[0] * camera.image_size[1])
-    few = fit_body(VIEWS, made, RATES, BODY, arrival._replace(in_image=1e-9), c, c, mean, covariance)
+    few = state_from_box(VIEWS, made, RATES, BODY, arrival._replace(in_image=1e-9), c, c, mean, covariance)
     assert few - got == pytest.approx(math.log(1e-9 * area) - log_new, abs=0.02)

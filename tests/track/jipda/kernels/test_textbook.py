@@ -11,8 +11,8 @@ from random_frames import Scene, plain, random_scene
 
 from occlog.array_types import Floats, Ints
 from occlog.track.methods.jipda.kernels import joint
-from occlog.track.methods.jipda.kernels.likelihood import likelihood_ratios
-from occlog.track.methods.jipda.kernels.merged import pair_likelihoods, touching
+from occlog.track.methods.jipda.kernels.likelihood import association_likelihood_ratios
+from occlog.track.methods.jipda.kernels.merged import overlapping_pairs, pair_likelihoods
 
 NEW, GATE = 0.1, 30.0
 SEEDS = range(5)
@@ -24,7 +24,7 @@ class Frame:
     def __init__(self, scene: Scene) -> None:
         N = len(scene.mean)
         self.scene, self.detector = scene, scene.detectors[0]
-        self.predicted = joint.Predicted(
+        self.predicted = joint.PredictedBoxes(
             mean=scene.mean, covariance=scene.covariance, existence=scene.existence, outline=np.empty((N, 4)),
             slope=np.zeros((N, 4, 6)), box=np.empty((N, 4)), spread=np.empty((N, 4, 4)), noise=np.empty((N, 4, 4)),
             update_noise=np.empty((N, 4, 4)), depth=np.empty(N), across=np.zeros(N), deep=np.ones(N),
@@ -83,7 +83,7 @@ def test_detection_follows_the_visible_share(frame: Frame) -> None:
 
 def test_pairs_touch_in_the_image(frame: Frame) -> None:
     p = frame.predicted
-    assert touching(p.outline, p.depth, p.across, p.existence).tolist() == frame.pair.tolist()
+    assert overlapping_pairs(p.outline, p.depth, p.across, p.existence).tolist() == frame.pair.tolist()
 
 
 def ratios(frame: Frame) -> tuple[Floats, Floats, Ints]:
@@ -103,7 +103,7 @@ def ratios(frame: Frame) -> tuple[Floats, Floats, Ints]:
 
 def test_likelihoods_are_mixtures_of_whole_boxes_and_of_outlier_edges(frame: Frame) -> None:
     p, s = frame.predicted, frame.scene
-    got = plain(likelihood_ratios)(
+    got = plain(association_likelihood_ratios)(
         p.box, p.noise, p.spread, p.covered, frame.detection, s.boxes, 0, frame.m, s.rates,
         1280.0, 720.0, s.features, GATE,
     )  # fmt: skip
@@ -142,11 +142,11 @@ def test_likelihoods_of_two_are_those_of_their_outline(frame: Frame) -> None:
     np.testing.assert_allclose(own, np.array(whose).reshape(-1, 4), atol=1e-6)
 
 
-def associated(frame: Frame) -> tuple[joint.Association, textbook.Association]:
+def associated(frame: Frame) -> tuple[joint.BoxAssociation, textbook.Association]:
     """Both, from the likelihood ratios of the equations."""
     ratio, both = ratios(frame)[0], outlines(frame)[0]
     given = frame.scene.existence, frame.detection, ratio
-    got = plain(joint.associate)(*given, frame.pair, both, NEW)
+    got = plain(joint.associate_frame)(*given, frame.pair, both, NEW)
     return got, textbook.associate(*given, frame.pairs, both, NEW)
 
 
@@ -163,7 +163,7 @@ def test_association_probabilities_are_those_of_belief_propagation_on_all_hypoth
 def test_a_pair_without_loops_is_associated_by_bayes_rule() -> None:
     # One box, two people: it is of nobody, of either, or of both; sums over existence and detection
     r, d, ratio, both = np.array([0.7, 0.9]), np.array([0.8, 0.6]), np.array([[3.0], [0.0]]), np.array([[0.0]])
-    got = plain(joint.associate)(r, d, ratio, np.array([[0, 1]]), both, 0.25)
+    got = plain(joint.associate_frame)(r, d, ratio, np.array([[0, 1]]), both, 0.25)
     evidence = 1.0 - r[0] * d[0] + r[0] * d[0] * 3.0 / 1.25
     assert got.beta[0, 0] * r[0] * got.ratio[0] / (1.0 - r[0] + r[0] * got.ratio[0]) == pytest.approx(
         r[0] * d[0] * 3.0 / 1.25 / evidence
@@ -183,7 +183,7 @@ def test_hypotheses_are_assigned_to_people_and_boxes(frame: Frame) -> None:
         np.ones(frame.m),
         np.zeros(frame.m, dtype=int),
     )
-    plain(joint.assign)(r, found, frame.pair, share, both, free, owner)
+    plain(joint.marginal_probabilities)(r, found, frame.pair, share, both, free, owner)
     posterior = (r * found.ratio / (1.0 - r + r * found.ratio))[:, None]
     wanted = np.zeros((N, frame.m))
     for k, pair in enumerate(frame.pairs):
@@ -195,7 +195,7 @@ def test_hypotheses_are_assigned_to_people_and_boxes(frame: Frame) -> None:
     np.testing.assert_allclose(free, np.maximum(left, 0.0), atol=1e-12)
     largest = (posterior * share).max(axis=0)
     np.testing.assert_array_equal(owner, np.where(largest > 0.0, (posterior * share).argmax(axis=0), -1))
-    best = plain(joint.likeliest)(found.beta, frame.pair, found.joint)
+    best = plain(joint.map_hypothesis)(found.beta, frame.pair, found.joint)
     for i in range(N):
         every = [(found.beta[i, j], j, -1) for j in range(frame.m)]
         every += [(found.joint[k, s, j], j, k) for k, p in enumerate(frame.pairs) for s in range(2) if p[s] == i
@@ -227,7 +227,7 @@ def test_the_site_of_boxes_has_the_moments_of_the_mixture_over_all_hypotheses(fr
                     mine = own[k] if s == 0 else 1.0 - own[k]
                     hypotheses.append(textbook.of_two(use[j], mine, both[k, s, j], z[j]))
         J, h = np.empty((6, 6)), np.empty(6)
-        plain(joint.site_of_boxes)(p, i, z, use, whole, outlier, beta, pair, both, own, J, h)
+        plain(joint.expectation_propagation_site)(p, i, z, use, whole, outlier, beta, pair, both, own, J, h)
         m, P = textbook.mixture(p.mean[i], p.covariance[i], seen, hypotheses)
         wanted_J, wanted_h = textbook.quotient(m, P, p.mean[i], p.covariance[i])
         size = np.sqrt(np.outer(np.diag(p.covariance[i]), np.diag(p.covariance[i])))
@@ -250,7 +250,7 @@ def test_information_that_a_mixture_takes_away_is_none() -> None:
 @pytest.mark.parametrize(("existence", "frames"), [([0.9, 0.4], 1), ([0.99] * 6, 1), ([0.99] * 6, 3)])
 def test_a_frame_without_boxes_is_a_miss_of_all_or_blind(existence: list[float], frames: int) -> None:
     r, detection = np.array(existence), np.linspace(0.3, 0.98, len(existence))
-    got = plain(joint.missed_by_all)(r, detection, frames)
+    got = plain(joint.missed_detection_ratio)(r, detection, frames)
     blind = np.log(0.01) / (max(float(r @ detection), 1.0) * frames)
     np.testing.assert_allclose(got, np.maximum(np.log(1.0 - detection), blind))
     assert np.isclose(got, blind).any() == (len(existence) > 2)
@@ -271,7 +271,7 @@ def test_frames_without_any_boxes_are_blind_together() -> None:
 
 def agree(s: Scene) -> None:
     """All that the update gives is that of the equations."""
-    got = joint.update(s.mean, s.covariance, s.existence, s.views, s.boxes, s.rates, s.features, NEW, GATE)
+    got = joint.update_targets(s.mean, s.covariance, s.existence, s.views, s.boxes, s.rates, s.features, NEW, GATE)
     wanted = textbook.update(s.mean, s.covariance, s.existence, s.cameras, s.detectors, s.frames(), NEW, GATE)
     for name, value in wanted.items():
         if name not in ("information", "vector"):

@@ -11,10 +11,10 @@ from occlog.track.methods.jipda.kernels.body_box import pack_views
 from occlog.track.methods.jipda.kernels.visible_share import (
     COLUMNS,
     ROWS,
-    below,
-    clear_cells,
-    hide_behind,
+    cells_unoccluded_by,
     inside_image,
+    normal_cdf,
+    occlude_by_static,
 )
 
 BOXES = np.array([[100.0, 100.0, 160.0, 280.0], [130.0, 120.0, 200.0, 330.0]])
@@ -24,7 +24,9 @@ def clear(existence: float = 1.0, nearer: float = 2.0, spread: float = 12.0) -> 
     """Cells of person 0, with person 1 nearer by so much."""
     cells = np.ones((ROWS, COLUMNS))
     depth = np.array([10.0, 10.0 - nearer])
-    clear_cells(0, BOXES, depth, np.array([5.0, spread]), np.array([0.3, 0.4]), np.array([1.0, existence]), cells)
+    cells_unoccluded_by(
+        0, BOXES, depth, np.array([5.0, spread]), np.array([0.3, 0.4]), np.array([1.0, existence]), cells
+    )
     return cells
 
 
@@ -49,14 +51,14 @@ def test_nobody_covers_those_who_are_clearly_nearer() -> None:
 def test_several_cover_independently() -> None:
     boxes = np.vstack([BOXES[0], BOXES[1], BOXES[1]])
     cells = np.ones((ROWS, COLUMNS))
-    clear_cells(0, boxes, np.array([10.0, 8.0, 8.0]), np.array([5.0, 12.0, 12.0]), np.array([0.3, 0.4, 0.4]),
+    cells_unoccluded_by(0, boxes, np.array([10.0, 8.0, 8.0]), np.array([5.0, 12.0, 12.0]), np.array([0.3, 0.4, 0.4]),
                 np.array([1.0, 0.6, 0.6]), cells)  # fmt: skip
     np.testing.assert_allclose(cells, clear(0.6) ** 2, atol=1e-12)
 
 
 def test_somebody_behind_the_camera_covers_nobody() -> None:
     cells = np.ones((ROWS, COLUMNS))
-    clear_cells(0, BOXES, np.array([10.0, -1.0]), np.ones(2), np.ones(2), np.ones(2), cells)
+    cells_unoccluded_by(0, BOXES, np.array([10.0, -1.0]), np.ones(2), np.ones(2), np.ones(2), cells)
     assert cells.min() == 1.0
 
 
@@ -70,10 +72,10 @@ def test_the_share_inside_the_image_counts_cells() -> None:
 
 
 def test_the_distribution_function_is_the_normal_one() -> None:
-    assert below(0.0) == pytest.approx(0.5)
-    assert below(1.0) == pytest.approx(0.841344746, abs=1e-9)
-    assert below(-7.0) == 0.0
-    assert below(7.0) == 1.0
+    assert normal_cdf(0.0) == pytest.approx(0.5)
+    assert normal_cdf(1.0) == pytest.approx(0.841344746, abs=1e-9)
+    assert normal_cdf(-7.0) == 0.0
+    assert normal_cdf(7.0) == 1.0
 
 
 PILLAR = np.array([[1.8, -0.35], [2.2, -0.3], [2.25, 0.2], [1.85, 0.25]])
@@ -83,7 +85,7 @@ def behind(place: tuple[float, float], top: float, polygon: np.ndarray = PILLAR)
     """Cells of a person, 1.8 m and 0.6 m, that a camera at the origin, 2.5 m high, sees past an occluder."""
     camera = Camera("a", np.array([0.0, 0.0, 2.5]), camera_rotation(0.0, 0.0, 0.0), np.ones(2), np.zeros(2), (9, 9))
     cells = np.ones((ROWS, COLUMNS))
-    hide_behind(pack_views([camera], [(polygon, top)]), 0, *place, 1.8, 0.6, cells)
+    occlude_by_static(pack_views([camera], [(polygon, top)]), 0, *place, 1.8, 0.6, cells)
     return cells
 
 

@@ -8,14 +8,14 @@ import pytest
 from occlog.measure.appearance.stage import IdentityEvidence
 from occlog.records.tables import Events, PeopleTracks
 from occlog.track.people.named import (
-    Cut,
-    Names,
-    begun,
+    FragmentNames,
+    TrackSplit,
     name_probability,
     named_events,
     named_tracks,
-    names_of,
-    pieces_of,
+    reidentification_events,
+    reidentify_fragments,
+    split_tracks,
 )
 
 LEAST = {"least_likeness": 0.8, "least_boxes": 10}
@@ -36,14 +36,14 @@ def evidence(pieces: dict[int, tuple[float, ...]], gallery=(0, 1), boxes=20) -> 
     return IdentityEvidence(track, np.array(gallery, dtype=np.int32), np.nan_to_num(mean) * count, count)
 
 
-def exchanged() -> tuple[tuple[np.ndarray, np.ndarray], list[Cut]]:
+def exchanged() -> tuple[tuple[np.ndarray, np.ndarray], list[TrackSplit]]:
     """Tracks 3 and 5, who may have been exchanged at time 10."""
-    return rows((3, 0, 20), (5, 4, 20)), [Cut(3, 10, 5), Cut(5, 10, 3)]
+    return rows((3, 0, 20), (5, 4, 20)), [TrackSplit(3, 10, 5), TrackSplit(5, 10, 3)]
 
 
 def test_rows_are_of_the_piece_of_their_time():
     where, cuts = exchanged()
-    pieces = pieces_of(*where, [*cuts, Cut(9, 12, 3)])
+    pieces = split_tracks(*where, [*cuts, TrackSplit(9, 12, 3)])
     assert pieces.track.tolist() == [3, 3, 5, 5]
     assert (pieces.first_ns.tolist(), pieces.last_ns.tolist()) == ([0, 10, 4, 10], [9, 20, 9, 20])
     found = pieces.of(np.array([3, 3, 5, 5, 4, 9], dtype=np.int32), np.array([9, 10, 9, 10, 9, 12]))
@@ -52,29 +52,29 @@ def test_rows_are_of_the_piece_of_their_time():
 
 def test_looks_put_an_exchange_right():
     where, cuts = exchanged()
-    pieces = pieces_of(*where, cuts)
+    pieces = split_tracks(*where, cuts)
     # After they met each looks like the other
     told = evidence({0: (0.99, 0.85), 1: (0.85, 0.99), 2: (0.85, 0.99), 3: (0.99, 0.85)})
-    assert names_of(pieces, told, (0, 1), **LEAST).name.tolist() == [0, 1, 1, 0]
+    assert reidentify_fragments(pieces, told, (0, 1), **LEAST).name.tolist() == [0, 1, 1, 0]
     # Where looks tell of one of them alone, the other is who is left
     told = evidence({0: (0.99, 0.85), 1: (0.85, 0.99), 2: (0.85, 0.99)})
-    assert names_of(pieces, told, (0, 1), **LEAST).name.tolist() == [0, 1, 1, 0]
+    assert reidentify_fragments(pieces, told, (0, 1), **LEAST).name.tolist() == [0, 1, 1, 0]
 
 
 def test_pieces_that_do_not_tell_go_on_as_they_were():
     where, cuts = exchanged()
-    pieces = pieces_of(*where, cuts)
-    names = names_of(pieces, evidence({0: (0.99, 0.85), 1: (0.86, 0.86)}), (0, 1), **LEAST)
+    pieces = split_tracks(*where, cuts)
+    names = reidentify_fragments(pieces, evidence({0: (0.99, 0.85), 1: (0.86, 0.86)}), (0, 1), **LEAST)
     assert names.name.tolist() == [0, 0, 2, 2]
     assert np.isfinite(names.probability).tolist() == [True, False, False, False]
 
 
 def test_the_parts_of_somebody_who_was_lost_are_one_and_two_at_a_time_are_two():
-    pieces = pieces_of(*rows((3, 0, 10), (5, 15, 30), (6, 20, 30)), [])
-    names = names_of(pieces, evidence({0: (0.95, 0.8), 1: (0.98, 0.8), 2: (0.96, 0.8)}), (0, 1), **LEAST)
+    pieces = split_tracks(*rows((3, 0, 10), (5, 15, 30), (6, 20, 30)), [])
+    names = reidentify_fragments(pieces, evidence({0: (0.95, 0.8), 1: (0.98, 0.8), 2: (0.96, 0.8)}), (0, 1), **LEAST)
     assert names.name.tolist() == [0, 0, 2]
-    assert begun(pieces, names, 0, 14) == [(0, "named", 0, -1, pytest.approx(names.probability[0]))]
-    assert [row[0] for row in begun(pieces, names, 15, 30)] == [15]
+    assert reidentification_events(pieces, names, 0, 14) == [(0, "named", 0, -1, pytest.approx(names.probability[0]))]
+    assert [row[0] for row in reidentification_events(pieces, names, 15, 30)] == [15]
 
 
 def test_a_name_is_as_probable_as_its_margin_is_wide():
@@ -85,8 +85,8 @@ def test_a_name_is_as_probable_as_its_margin_is_wide():
     # Nobody else was compared: it must be more alike than a box of somebody else may be
     assert alone > 0.99
     # Less than half is no name
-    pieces = pieces_of(*rows((3, 0, 9)), [])
-    assert names_of(pieces, evidence({0: (0.92, 0.9)}), (0, 1), **LEAST).name.tolist() == [2]
+    pieces = split_tracks(*rows((3, 0, 9)), [])
+    assert reidentify_fragments(pieces, evidence({0: (0.92, 0.9)}), (0, 1), **LEAST).name.tolist() == [2]
 
 
 def events() -> Events:
@@ -97,8 +97,8 @@ def events() -> Events:
 @pytest.mark.parametrize(("sure", "left"), [(1.0, 0), (0.7, 2), (np.nan, 2)])
 def test_a_doubt_is_what_looks_leave_of_it(sure, left):
     where, cuts = exchanged()
-    pieces = pieces_of(*where, cuts)
-    names = Names(np.array([7, 8, 8, 7], dtype=np.int32), np.array([1.0, 1.0, 1.0, sure]))
+    pieces = split_tracks(*where, cuts)
+    names = FragmentNames(np.array([7, 8, 8, 7], dtype=np.int32), np.array([1.0, 1.0, 1.0, sure]))
     found = named_events(events(), pieces, names)
     doubts = found.take(found.kind == "doubt")
     assert len(doubts) == left

@@ -22,21 +22,21 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import kernel
 
-from ..cues import OTHER, SAME, Law, log_ratio_at
+from ..cues import OTHER_TARGET, SAME_TARGET, FeatureLikelihood, log_ratio_at
 
-LEAST_DIFFERENCE = 0.01
+MIN_SIMILARITY_DIFFERENCE = 0.01
 """Of the mean likenesses to the same person and to others, for looks to count."""
 
 
-class Alike(NamedTuple):
+class AppearanceVectors(NamedTuple):
     """Appearance at n places, vectors of K numbers; K is 0 where boxes have none."""
 
     total: Floats  # (n, K) sum over the boxes of the place
     boxes: Floats  # (n,) boxes with an appearance
-    law: Law  # what likenesses say
+    law: FeatureLikelihood  # what likenesses say
 
 
-class Sums(NamedTuple):
+class AppearanceSums(NamedTuple):
     """Sums over the boxes of tracks; changed in place."""
 
     earlier: Floats  # (n, K) up to and with the place
@@ -45,20 +45,20 @@ class Sums(NamedTuple):
     later_count: Floats  # (n,)
 
 
-def no_sums(alike: Alike) -> Sums:
+def no_sums(alike: AppearanceVectors) -> AppearanceSums:
     """Sums that are to be made (`sum_up`)."""
-    return Sums(
+    return AppearanceSums(
         np.zeros_like(alike.total), np.zeros_like(alike.boxes), np.zeros_like(alike.total), np.zeros_like(alike.boxes)
     )
 
 
 @kernel
-def worth(law: Law, count: float, square: float) -> float:
+def log_ratio_of_sum(law: FeatureLikelihood, count: float, square: float) -> float:
     """Log likelihood ratio of so many boxes whose vectors' sum has this squared length being one person's."""
     if count < 2.0:
         return 0.0
-    same, other = law.mean[SAME], law.mean[OTHER]
-    if same - other < LEAST_DIFFERENCE:
+    same, other = law.mean[SAME_TARGET], law.mean[OTHER_TARGET]
+    if same - other < MIN_SIMILARITY_DIFFERENCE:
         return 0.0  # they tell nobody apart
     alike = (square - count) / (count * (count - 1.0))
     share = (alike / same - other) / (same - other)
@@ -66,7 +66,7 @@ def worth(law: Law, count: float, square: float) -> float:
 
 
 @kernel
-def together(alike: Alike, sums: Sums, i: int, k: int, j: int) -> float:
+def log_ratio_joined(alike: AppearanceVectors, sums: AppearanceSums, i: int, k: int, j: int) -> float:
     """Log likelihood ratio of the boxes up to place i, those of k, and those from j on being one person's; -1: none."""
     if alike.total.shape[1] == 0:
         return 0.0
@@ -86,11 +86,11 @@ def together(alike: Alike, sums: Sums, i: int, k: int, j: int) -> float:
         count += alike.boxes[k]
     if j >= 0:
         count += sums.later_count[j]
-    return worth(alike.law, count, square)
+    return log_ratio_of_sum(alike.law, count, square)
 
 
 @kernel
-def sum_up(alike: Alike, sums: Sums, before: Ints, after: Ints, k: int) -> None:
+def sum_up(alike: AppearanceVectors, sums: AppearanceSums, before: Ints, after: Ints, k: int) -> None:
     """Sum up the track of place k in both directions; -1: there is none."""
     if k < 0 or alike.total.shape[1] == 0:
         return

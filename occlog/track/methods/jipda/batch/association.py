@@ -9,25 +9,32 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 
-from ..filter import CROWD, GATE, IN_IMAGE, LEAST_BIRTH, NEW_SHARE, State
+from ..filter import (
+    BIRTH_DENSITY_PER_M2,
+    GATE_CHI2,
+    MAX_BIRTHS_PER_IMAGE,
+    MIN_EXISTENCE_TO_INITIATE,
+    UNTRACKED_TO_CLUTTER_RATIO,
+    JipdaState,
+)
 from ..interface import WIDTH
-from ..kernels.detections import Boxes, Rates
-from ..kernels.joint import update
-from ..kernels.newborn import Arrival, newborn
-from ..people import DOUBLE
-from .chains import NONE
-from .places import factors, misses, visibilities
+from ..kernels.detections import DetectorModel, PackedDetections
+from ..kernels.joint import update_targets
+from ..kernels.newborn import BirthIntensity, initiate_targets
+from ..people import DUPLICATE_DISTANCE_WIDTHS
+from .chains import NO_NODE
+from .places import factors, frame_visibilities, missed_detection_log_probabilities
 
-OWN = 0.5
+MIN_ASSOCIATION_PROBABILITY = 0.5
 """A box is given to a person if it is theirs with a greater probability."""
-LEAST_FIT = -30.0
+MIN_LOG_FIT = -30.0
 """Boxes whose log likelihood ratio to boxes of nobody is lower, wherever the person is, are not one person's: who was
 expected far off, as after a pause, was linearised there."""
-RARE = 0.05
+NEW_TARGET_DENSITY_RATIO = 0.05
 """Somebody new at a moment, against how crowded a place is where nobody has looked yet."""
 
 
-class Found(NamedTuple):
+class AssociatedPeople(NamedTuple):
     """People of one moment with boxes; N people, L looks, C cameras."""
 
     track: Ints  # (N,) track that expected them; NONE: nobody did
@@ -42,7 +49,7 @@ class Found(NamedTuple):
     looks: Floats  # (N,) boxes of that sum
 
 
-class Expected(NamedTuple):
+class PredictedPeople(NamedTuple):
     """N people who are expected at a moment."""
 
     track: Ints  # (N,)
@@ -51,33 +58,42 @@ class Expected(NamedTuple):
     existence: Floats  # (N,) probability that they are there
 
 
-class Seen(NamedTuple):
+class AssociatedBoxes(NamedTuple):
     """The same after the boxes; M boxes."""
 
-    people: Expected
+    people: PredictedPeople
     share: Floats  # (N, M) probability that they are there and the box is theirs alone
     joint: Floats  # (N, M) the same, with a neighbour
     visible: Floats  # (L, N)
 
-    def without(self, far: Ints) -> Seen:
+    def without(self, far: Ints) -> AssociatedBoxes:
         """The others."""
         stay = np.setdiff1d(np.arange(len(self.share)), far)
         p = self.people
-        people = Expected(p.track[stay], p.mean[stay], p.covariance[stay], p.existence[stay])
-        return Seen(people, self.share[stay], self.joint[stay], self.visible[:, stay])
+        people = PredictedPeople(p.track[stay], p.mean[stay], p.covariance[stay], p.existence[stay])
+        return AssociatedBoxes(people, self.share[stay], self.joint[stay], self.visible[:, stay])
 
 
-def associate(state: State, boxes: Boxes, rates: Rates, people: Expected, bonus: Floats) -> Seen:
+def associate(
+    state: JipdaState, boxes: PackedDetections, rates: DetectorModel, people: PredictedPeople, bonus: Floats
+) -> AssociatedBoxes:
     """Update the people by the boxes of the moment, all cameras jointly, as the filter does."""
-    after = update(
-        people.mean, people.covariance, people.existence, state.views, boxes, rates, bonus, NEW_SHARE, GATE
+    after = update_targets(
+        people.mean, people.covariance, people.existence, state.views, boxes, rates, bonus, UNTRACKED_TO_CLUTTER_RATIO, GATE_CHI2
     )  # fmt: skip
-    who = Expected(people.track, after.mean, after.covariance, after.existence)
+    who = PredictedPeople(people.track, after.mean, after.covariance, after.existence)
     there = after.existence[:, None]
-    return Seen(who, there * after.share, there * after.joint, after.visible)
+    return AssociatedBoxes(who, there * after.share, there * after.joint, after.visible)
 
 
-def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, appearance: Floats, seen: Seen) -> Found:
+def assign_boxes(
+    state: JipdaState,
+    boxes: PackedDetections,
+    rates: DetectorModel,
+    hint: Ints,
+    appearance: Floats,
+    seen: AssociatedBoxes,
+) -> AssociatedPeople:
     """Give boxes to the people whose they are, and make new people of those that are left.
 
     Args:
@@ -92,25 +108,25 @@ def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, appearance: Float
     c = state.config
     body = np.array([c.height, c.sigma_height, c.width, c.sigma_width, c.speed])
     spread = np.sqrt(0.5 * (people.covariance[:, 0, 0] + people.covariance[:, 1, 1]))
-    arrival = Arrival(
-        everywhere=RARE * CROWD / state.metre**2,
-        in_image=RARE * IN_IMAGE,
+    arrival = BirthIntensity(
+        everywhere=NEW_TARGET_DENSITY_RATIO * BIRTH_DENSITY_PER_M2 / state.metre**2,
+        in_image=NEW_TARGET_DENSITY_RATIO * MAX_BIRTHS_PER_IMAGE,
         centre=np.zeros((0, 2)),
         at=np.zeros(0),
         smooth=state.metre,
     )
     free = np.clip(1.0 - share.sum(axis=0) - 0.5 * joint.sum(axis=0), 0.0, 1.0)
-    mean, covariance, odds, used = newborn(
+    mean, covariance, odds, used = initiate_targets(
         state.views, boxes, rates, body, arrival, people.mean, spread,
-        people.existence, free, GATE, math.log(LEAST_BIRTH),
+        people.existence, free, GATE_CHI2, math.log(MIN_EXISTENCE_TO_INITIATE),
     )  # fmt: skip
     given = np.concatenate([best_boxes(boxes, share), best_boxes(boxes, used)], axis=1)
-    track = np.concatenate([people.track, np.full(len(odds), NONE)])
+    track = np.concatenate([people.track, np.full(len(odds), NO_NODE)])
     mean, covariance = np.concatenate([people.mean, mean]), np.concatenate([people.covariance, covariance])
     _join_doubles(mean, given, len(people.track))
     # Whoever is new may be nobody, and hides others half as much
     there = np.concatenate([people.existence, 0.5 / (1.0 + np.exp(-odds))])
-    _, feet, detection = visibilities(state.views, boxes, rates, mean, covariance, there)
+    _, feet, detection = frame_visibilities(state.views, boxes, rates, mean, covariance, there)
     # Who is in one box with a neighbour was not missed
     for look in range(len(boxes.camera)):
         here = slice(boxes.first[look], boxes.first[look + 1])
@@ -121,24 +137,24 @@ def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, appearance: Float
         state.views, boxes, rates, mean, given,
         np.ascontiguousarray(detection[:, rows]), np.ascontiguousarray(feet[:, rows]),
     )  # fmt: skip
-    far = rows[(rows < len(people.track)) & (best_fit(J, h, constant) < LEAST_FIT)]
+    far = rows[(rows < len(people.track)) & (best_fit(J, h, constant) < MIN_LOG_FIT)]
     if len(far):
-        return find(state, boxes, rates, hint, appearance, seen.without(far))
+        return assign_boxes(state, boxes, rates, hint, appearance, seen.without(far))
     # Who hides a person hides them for a while: beside this moment they are missed as probably as at it, at least
-    miss = misses(state.views, rates, mean)
+    miss = missed_detection_log_probabilities(state.views, rates, mean)
     for look, camera in enumerate(boxes.camera.tolist()):
         miss[:, camera] = np.maximum(miss[:, camera], np.log1p(-detection[look, rows]))
-    named = np.full((len(rows), 2, len(state.views.size)), NONE)
+    named = np.full((len(rows), 2, len(state.views.size)), NO_NODE)
     for look, camera in enumerate(boxes.camera.tolist()):
         has = np.flatnonzero(given[look] >= 0)
         named[has, :, camera] = hint[given[look, has]]
-    name_shared(named[:, 1], rows, joint, given, boxes)
+    assign_shared_boxes(named[:, 1], rows, joint, given, boxes)
     # How the boxes look, of those that have an appearance
     shows = np.append(np.isfinite(appearance).all(axis=1) & (appearance.shape[1] > 0), False)[given]
     vectors = np.append(np.nan_to_num(appearance), np.zeros((1, appearance.shape[1])), axis=0)[given]
     look, looks = (vectors * shows[..., None]).sum(axis=0), shows.sum(axis=0, dtype=np.float64)
     names = named.reshape(len(rows), 2 * len(state.views.size))
-    return Found(track[rows], mean, given, J, h, constant, miss, names, look, looks)
+    return AssociatedPeople(track[rows], mean, given, J, h, constant, miss, names, look, looks)
 
 
 def best_fit(J: Floats, h: Floats, c: Floats) -> Floats:
@@ -146,7 +162,7 @@ def best_fit(J: Floats, h: Floats, c: Floats) -> Floats:
     return np.asarray(c + 0.5 * np.einsum("ni,nij,nj->n", h, np.linalg.pinv(J, hermitian=True), h))
 
 
-def name_shared(followed: Ints, rows: Ints, joint: Floats, given: Ints, boxes: Boxes) -> None:
+def assign_shared_boxes(followed: Ints, rows: Ints, joint: Floats, given: Ints, boxes: PackedDetections) -> None:
     """Give people who share a box with a neighbour the filter's identity, that of most of their boxes; in place.
 
     Args:
@@ -156,11 +172,11 @@ def name_shared(followed: Ints, rows: Ints, joint: Floats, given: Ints, boxes: B
         given: (L, n) box of each person alone in each look; NONE.
         boxes: of the moment.
     """
-    for k in np.flatnonzero((rows < len(joint)) & (followed != NONE).any(axis=1)).tolist():
-        names, often = np.unique(followed[k][followed[k] != NONE], return_counts=True)
+    for k in np.flatnonzero((rows < len(joint)) & (followed != NO_NODE).any(axis=1)).tolist():
+        names, often = np.unique(followed[k][followed[k] != NO_NODE], return_counts=True)
         for look, camera in enumerate(boxes.camera.tolist()):
             here = slice(boxes.first[look], boxes.first[look + 1])
-            if given[look, k] == NONE and joint[rows[k], here].sum() > OWN:
+            if given[look, k] == NO_NODE and joint[rows[k], here].sum() > MIN_ASSOCIATION_PROBABILITY:
                 followed[k, camera] = names[np.argmax(often)]
 
 
@@ -174,16 +190,16 @@ def _join_doubles(mean: Floats, given: Ints, known: int) -> None:
     """
     for j in range(known, len(mean)):
         apart = np.hypot(*(mean[:j, :2] - mean[j, :2]).T)
-        apart[(given[:, :j] == NONE).all(axis=0)] = np.inf
+        apart[(given[:, :j] == NO_NODE).all(axis=0)] = np.inf
         i = int(np.argmin(apart)) if j else j
-        if i < j and apart[i] < DOUBLE * mean[i, WIDTH]:
-            given[:, i] = np.where(given[:, i] == NONE, given[:, j], given[:, i])
-            given[:, j] = NONE
+        if i < j and apart[i] < DUPLICATE_DISTANCE_WIDTHS * mean[i, WIDTH]:
+            given[:, i] = np.where(given[:, i] == NO_NODE, given[:, j], given[:, i])
+            given[:, j] = NO_NODE
 
 
-def best_boxes(boxes: Boxes, share: Floats) -> Ints:
-    """(L, N) the box that is most probably each person's in each look; NONE if no share (N, M) is above `OWN`."""
-    out = np.full((len(boxes.camera), len(share)), NONE)
+def best_boxes(boxes: PackedDetections, share: Floats) -> Ints:
+    """(L, N) the box that is most probably each person's in each look; NONE if no share (N, M) is above `MIN_ASSOCIATION_PROBABILITY`."""
+    out = np.full((len(boxes.camera), len(share)), NO_NODE)
     if not len(share):
         return out
     for look in range(len(boxes.camera)):
@@ -194,6 +210,6 @@ def best_boxes(boxes: Boxes, share: Floats) -> Ints:
         best = np.argmax(here, axis=1)
         # Of a person and of a box alike there is one best, or none
         who = np.arange(len(here))
-        own = np.flatnonzero((here[who, best] > OWN) & (np.argmax(here, axis=0)[best] == who))
+        own = np.flatnonzero((here[who, best] > MIN_ASSOCIATION_PROBABILITY) & (np.argmax(here, axis=0)[best] == who))
         out[look, own] = first + best[own]
     return out

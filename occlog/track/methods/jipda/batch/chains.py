@@ -26,27 +26,27 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel, kernel_part
 
-from ..interface import STATE
-from ..people import CALM
-from .appearance import Alike, Sums, sum_up, together
-from .messages import absorb, back, meet, predict, start
+from ..interface import STATE_SIZE
+from ..people import CONSTANT_VELOCITY
+from .appearance import AppearanceSums, AppearanceVectors, log_ratio_joined, sum_up
+from .messages import initial_density, log_integral, multiply_factor, predict, predict_backwards
 
-NONE = -1
+NO_NODE = -1
 """Instead of a place: nothing before, or nothing after."""
 IMPOSSIBLE = -1e300
-SAME = 1e-7
+MESSAGE_TOLERANCE_SIGMAS = 1e-7
 """Messages that change by less than this share of a standard deviation are the same."""
-KINDS = (0.6, 0.85)
+MOVE_THRESHOLDS = (0.6, 0.85)
 """Bounds of the shares of the three kinds of moves."""
-SAME_HINT, OTHER_HINT = 2.0, -2.0
+LOG_RATIO_SAME_TRACKLET, LOG_RATIO_OTHER_TRACKLET = 2.0, -2.0
 """Log likelihood ratios of one identity, and of two, that a single-camera tracker gives two places of one person, or a
 place of the track and a box that may be the next."""
-SAME_FOLLOWED, OTHER_FOLLOWED = 6.0, -6.0
+LOG_RATIO_SAME_FILTER_ID, LOG_RATIO_OTHER_FILTER_ID = 6.0, -6.0
 """The same of identities that the filter gives the boxes of a camera at two places; it saw moments between them that
 the chain does not see."""
 
 
-class Places(NamedTuple):
+class TrackletNodes(NamedTuple):
     """n places, in the order of their moments; C cameras."""
 
     moment: Ints  # (n,) place in the list of moments
@@ -60,10 +60,10 @@ class Places(NamedTuple):
     death: Floats  # (n,) log of the probability that it is somebody's last place
     hint: Ints  # (n, 2 C) identities by a tracker in the camera's images, then by the filter; NONE: none
     life: Floats  # (I, 2) first and last time of each identity of the filter [s]
-    alike: Alike  # how they look
+    alike: AppearanceVectors  # how they look
 
 
-class Walk(NamedTuple):
+class WalkModel(NamedTuple):
     """How people walk and what is known of somebody new."""
 
     drift: Floats  # (3, 3) of each model of motion (`people.MODELS`), as in `messages.noise_of_walk`
@@ -76,7 +76,7 @@ class Walk(NamedTuple):
     stay: float  # how long people stay on average [s]
 
 
-class Candidates(NamedTuple):
+class LinkCandidates(NamedTuple):
     """Which places may follow which, and which of one moment may change roles: lists one after the other."""
 
     first_next: Ints  # (n + 1,)
@@ -87,7 +87,7 @@ class Candidates(NamedTuple):
     beside: Ints
 
 
-class Known(NamedTuple):
+class LinkCache(NamedTuple):
     """Links whose probability was asked before; changed in place.
 
     A link's log probability is kept without the constants of the two messages, with the stamps that the messages had.
@@ -100,7 +100,7 @@ class Known(NamedTuple):
     first: Ints  # (n,) stamp of the backward message
 
 
-class Chain(NamedTuple):
+class MarkovChainState(NamedTuple):
     """The state of the Markov chain with its messages; changed in place."""
 
     after: Ints  # (n,) the next place of the track; NONE
@@ -115,11 +115,11 @@ class Chain(NamedTuple):
     future: Floats  # (n,) their constants
     earlier: Ints  # (n,) how often the forward message was made anew
     later: Ints  # (n,) the same of the backward one
-    sums: Sums  # of how the boxes of tracks look
+    sums: AppearanceSums  # of how the boxes of tracks look
 
 
 @kernel
-def may_follow(places: Places, walk: Walk, i: int, j: int) -> bool:
+def can_link(places: TrackletNodes, walk: WalkModel, i: int, j: int) -> bool:
     """Whether place j can be the next of place i's track."""
     gap = places.moment[j] - places.moment[i]
     if gap < 1 or gap > walk.reach:
@@ -130,7 +130,7 @@ def may_follow(places: Places, walk: Walk, i: int, j: int) -> bool:
 
 
 @kernel
-def candidates(places: Places, walk: Walk, beside: float) -> Candidates:
+def candidates(places: TrackletNodes, walk: WalkModel, beside: float) -> LinkCandidates:
     """List who may follow whom, and places of one moment that are nearer to each other than `beside`."""
     n = places.moment.shape[0]
     first_next, first_last, first_beside = (
@@ -153,7 +153,7 @@ def candidates(places: Places, walk: Walk, beside: float) -> Candidates:
             count, count_beside = 0, 0
             j = i + 1
             while j < n and places.moment[j] - places.moment[i] <= walk.reach:
-                if may_follow(places, walk, i, j):
+                if can_link(places, walk, i, j):
                     if fill == 1:
                         following[first_next[i] + count] = j
                         preceding[first_last[j] + count_last[j]] = i
@@ -174,18 +174,18 @@ def candidates(places: Places, walk: Walk, beside: float) -> Candidates:
         if fill == 0:
             for i in range(n):
                 first_last[i + 1] = count_last[i]
-    return Candidates(first_next, following, first_last, preceding, first_beside, neighbour)
+    return LinkCandidates(first_next, following, first_last, preceding, first_beside, neighbour)
 
 
-def nothing_known(listed: Candidates) -> Known:
+def empty_link_cache(listed: LinkCandidates) -> LinkCache:
     """No link was asked."""
     pairs, n = len(listed.next), len(listed.first_next) - 1
-    stamp = np.full(pairs, NONE)
-    return Known(np.zeros(pairs), stamp, stamp.copy(), np.zeros(n), np.full(n, NONE))
+    stamp = np.full(pairs, NO_NODE)
+    return LinkCache(np.zeros(pairs), stamp, stamp.copy(), np.zeros(n), np.full(n, NO_NODE))
 
 
 @kernel
-def between(places: Places, walk: Walk, looked: Floats, i: int, j: int) -> float:
+def log_dwell_probability(places: TrackletNodes, walk: WalkModel, looked: Floats, i: int, j: int) -> float:
     """Log of the probability of staying from place i to place j and being missed at all looks between, with hints."""
     total: float = -(places.time[j] - places.time[i]) / walk.stay
     a, b = places.moment[i] + 1, places.moment[j]
@@ -195,58 +195,60 @@ def between(places: Places, walk: Walk, looked: Floats, i: int, j: int) -> float
             if count > 0.0:
                 total += count * 0.5 * (places.miss[i, c] + places.miss[j, c])
     for c in range(places.hint.shape[1]):
-        if places.hint[i, c] != NONE and places.hint[j, c] != NONE:
+        if places.hint[i, c] != NO_NODE and places.hint[j, c] != NO_NODE:
             one, other = places.hint[i, c], places.hint[j, c]
             if c < looked.shape[1]:
-                total += SAME_HINT if one == other else OTHER_HINT
+                total += LOG_RATIO_SAME_TRACKLET if one == other else LOG_RATIO_OTHER_TRACKLET
             elif one == other:
-                total += SAME_FOLLOWED
+                total += LOG_RATIO_SAME_FILTER_ID
             elif places.life[one, 0] <= places.life[other, 1] and places.life[other, 0] <= places.life[one, 1]:
                 # Who begins after the other has ended may be the same person, whom the filter lost
-                total += OTHER_FOLLOWED
+                total += LOG_RATIO_OTHER_FILTER_ID
     return total
 
 
 @kernel
 def joined(
-    places: Places, walk: Walk, looked: Floats, i: int, mean: Floats, covariance: Floats, past: float,
+    places: TrackletNodes, walk: WalkModel, looked: Floats, i: int, mean: Floats, covariance: Floats, past: float,
     j: int, J: Floats, h: Floats, future: float,
 ) -> tuple[float, int]:  # fmt: skip
     """Log probability of a track whose place i has a forward message and next place j a backward one, and the motion.
 
     Between the two the person walks on, manoeuvres or bends, whichever is most probable.
     """
-    m, P = np.empty(STATE), np.empty((STATE, STATE))
+    m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
     dt = places.time[j] - places.time[i]
-    most, best = -np.inf, CALM
+    most, best = -np.inf, CONSTANT_VELOCITY
     for model in range(walk.often.shape[0]):
-        if model != CALM and walk.often[model] == 0.0:
+        if model != CONSTANT_VELOCITY and walk.often[model] == 0.0:
             continue
         predict(mean, covariance, dt, walk.drift[model], m, P)
-        value = meet(m, P, J, h, future) + log_of_model(walk, dt, model)
+        value = log_integral(m, P, J, h, future) + log_of_model(walk, dt, model)
         if value > most:
             most, best = value, model
-    return past + between(places, walk, looked, i, j) + most, best
+    return past + log_dwell_probability(places, walk, looked, i, j) + most, best
 
 
 @kernel
-def log_of_model(walk: Walk, dt: float, model: int) -> float:
+def log_of_model(walk: WalkModel, dt: float, model: int) -> float:
     """Log of the probability that a manoeuvre, or bending, begins within dt; of the first model: that none does."""
-    if model == CALM:
+    if model == CONSTANT_VELOCITY:
         return -float(np.sum(walk.often)) * dt
     return math.log(1.0 - math.exp(-walk.often[model] * dt))
 
 
 @kernel
-def link(places: Places, walk: Walk, looked: Floats, chain: Chain, i: int, j: int) -> float:
+def log_link_probability(
+    places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState, i: int, j: int
+) -> float:
     """Log probability of the track in which j follows i; NONE: a beginning or an end; 0 for neither."""
-    if i == NONE and j == NONE:
+    if i == NO_NODE and j == NO_NODE:
         return 0.0
-    if i == NONE:
-        m, P = np.empty(STATE), np.empty((STATE, STATE))
-        begun = start(walk.prior, walk.mean, chain.J[j], chain.h[j], chain.future[j], m, P)
+    if i == NO_NODE:
+        m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
+        begun = initial_density(walk.prior, walk.mean, chain.J[j], chain.h[j], chain.future[j], m, P)
         return float(places.birth[j] + begun)
-    if j == NONE:
+    if j == NO_NODE:
         return float(chain.past[i] + places.death[i])
     value, _ = joined(
         places, walk, looked, i, chain.mean[i], chain.covariance[i], chain.past[i],
@@ -256,15 +258,22 @@ def link(places: Places, walk: Walk, looked: Floats, chain: Chain, i: int, j: in
 
 
 @kernel
-def known_link(
-    places: Places, walk: Walk, looked: Floats, listed: Candidates, known: Known, chain: Chain, i: int, j: int
+def cached_link(
+    places: TrackletNodes,
+    walk: WalkModel,
+    looked: Floats,
+    listed: LinkCandidates,
+    known: LinkCache,
+    chain: MarkovChainState,
+    i: int,
+    j: int,
 ) -> float:
-    """The same as `link`; a link between listed places is made anew only when one of its messages was."""
-    if j == NONE:
-        return link(places, walk, looked, chain, i, j)
-    if i == NONE:
+    """The same as `log_link_probability`; a link between listed places is made anew only when one of its messages was."""
+    if j == NO_NODE:
+        return log_link_probability(places, walk, looked, chain, i, j)
+    if i == NO_NODE:
         if known.first[j] != chain.later[j]:
-            known.begun[j] = link(places, walk, looked, chain, i, j) - chain.future[j]
+            known.begun[j] = log_link_probability(places, walk, looked, chain, i, j) - chain.future[j]
             known.first[j] = chain.later[j]
         return float(known.begun[j] + chain.future[j])
     # Bisection: the places that may follow one rise
@@ -276,50 +285,60 @@ def known_link(
         else:
             high = middle
     if known.earlier[low] != chain.earlier[i] or known.later[low] != chain.later[j]:
-        known.link[low] = link(places, walk, looked, chain, i, j) - chain.past[i] - chain.future[j]
+        known.link[low] = log_link_probability(places, walk, looked, chain, i, j) - chain.past[i] - chain.future[j]
         known.earlier[low], known.later[low] = chain.earlier[i], chain.later[j]
     return float(chain.past[i] + known.link[low] + chain.future[j])
 
 
 @kernel
 def forward_of(
-    places: Places, walk: Walk, looked: Floats, chain: Chain, i: int, k: int, model: int, mean: Floats, P: Floats
+    places: TrackletNodes,
+    walk: WalkModel,
+    looked: Floats,
+    chain: MarkovChainState,
+    i: int,
+    k: int,
+    model: int,
+    mean: Floats,
+    P: Floats,
 ) -> float:
     """Write the forward message of place k after place i (or NONE), and give its log likelihood."""
-    if i == NONE:
-        begun = start(walk.prior, walk.mean, places.J[k], places.h[k], places.c[k], mean, P)
+    if i == NO_NODE:
+        begun = initial_density(walk.prior, walk.mean, places.J[k], places.h[k], places.c[k], mean, P)
         return float(places.birth[k] + begun)
     dt = places.time[k] - places.time[i]
     predict(chain.mean[i], chain.covariance[i], dt, walk.drift[model], mean, P)
-    past = chain.past[i] + between(places, walk, looked, i, k) + log_of_model(walk, dt, model)
-    return float(past + absorb(mean, P, places.J[k], places.h[k], places.c[k]))
+    past = chain.past[i] + log_dwell_probability(places, walk, looked, i, k) + log_of_model(walk, dt, model)
+    return float(past + multiply_factor(mean, P, places.J[k], places.h[k], places.c[k]))
 
 
 @kernel
-def with_place(places: Places, walk: Walk, looked: Floats, chain: Chain, i: int, k: int, j: int) -> float:
+def log_insertion_probability(
+    places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState, i: int, k: int, j: int
+) -> float:
     """Log probability of the track in which place k lies between i and j (each may be NONE)."""
-    m, P = np.empty(STATE), np.empty((STATE, STATE))
-    model = CALM
-    if i != NONE:
+    m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
+    model = CONSTANT_VELOCITY
+    if i != NO_NODE:
         _, model = joined(
             places, walk, looked, i, chain.mean[i], chain.covariance[i], chain.past[i],
             k, places.J[k], places.h[k], places.c[k],
         )  # fmt: skip
     past = forward_of(places, walk, looked, chain, i, k, model, m, P)
-    if j == NONE:
+    if j == NO_NODE:
         return float(past + places.death[k])
     value, _ = joined(places, walk, looked, k, m, P, past, j, chain.J[j], chain.h[j], chain.future[j])
     return value
 
 
 @kernel
-def choose(places: Places, walk: Walk, looked: Floats, chain: Chain, i: int) -> None:
+def choose_motion(places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState, i: int) -> None:
     """Say how the person of place i, if it has a next one, moves before it."""
-    if i == NONE:
+    if i == NO_NODE:
         return
     j = chain.after[i]
-    if j == NONE:
-        chain.model[i] = CALM
+    if j == NO_NODE:
+        chain.model[i] = CONSTANT_VELOCITY
     else:
         _, chain.model[i] = joined(
             places, walk, looked, i, chain.mean[i], chain.covariance[i], chain.past[i],
@@ -328,111 +347,125 @@ def choose(places: Places, walk: Walk, looked: Floats, chain: Chain, i: int) -> 
 
 
 @kernel
-def renew(places: Places, walk: Walk, looked: Floats, chain: Chain, forward_at: int, backward_at: int) -> None:
+def update_messages(
+    places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState, forward_at: int, backward_at: int
+) -> None:
     """Renew forward messages from a place on, and backward ones from another place back, until nothing changes."""
-    m, P = np.empty(STATE), np.empty((STATE, STATE))
+    m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
     k = forward_at
-    while k != NONE:
+    while k != NO_NODE:
         i = chain.before[k]
-        past = forward_of(places, walk, looked, chain, i, k, chain.model[i] if i != NONE else CALM, m, P)
+        past = forward_of(
+            places, walk, looked, chain, i, k, chain.model[i] if i != NO_NODE else CONSTANT_VELOCITY, m, P
+        )
         same = True
-        for a in range(STATE):
+        for a in range(STATE_SIZE):
             moved = abs(m[a] - chain.mean[k, a]) / math.sqrt(P[a, a])
             widened = abs(P[a, a] - chain.covariance[k, a, a]) / P[a, a]
-            if not (moved < SAME and widened < SAME):
+            if not (moved < MESSAGE_TOLERANCE_SIGMAS and widened < MESSAGE_TOLERANCE_SIGMAS):
                 same = False
         more = past - chain.past[k]
         chain.mean[k], chain.covariance[k], chain.past[k] = m, P, past
         chain.earlier[k] += 1
         k = chain.after[k]
         if same:
-            while k != NONE:
+            while k != NO_NODE:
                 chain.past[k] += more
                 k = chain.after[k]
     k = backward_at
-    J, h = np.empty((STATE, STATE)), np.empty(STATE)
-    while k != NONE:
+    J, h = np.empty((STATE_SIZE, STATE_SIZE)), np.empty(STATE_SIZE)
+    while k != NO_NODE:
         j = chain.after[k]
-        if j == NONE:
+        if j == NO_NODE:
             J[:], h[:] = places.J[k], places.h[k]
             future = places.c[k] + places.death[k]
         else:
             dt = places.time[j] - places.time[k]
-            future = back(chain.J[j], chain.h[j], chain.future[j], dt, walk.drift[chain.model[k]], J, h)
-            future += places.c[k] + between(places, walk, looked, k, j) + log_of_model(walk, dt, chain.model[k])
+            future = predict_backwards(chain.J[j], chain.h[j], chain.future[j], dt, walk.drift[chain.model[k]], J, h)
+            future += (
+                places.c[k] + log_dwell_probability(places, walk, looked, k, j) + log_of_model(walk, dt, chain.model[k])
+            )
             J += places.J[k]
             h += places.h[k]
         same = True
-        for a in range(STATE):
-            if not abs(J[a, a] - chain.J[k, a, a]) <= SAME * J[a, a]:
+        for a in range(STATE_SIZE):
+            if not abs(J[a, a] - chain.J[k, a, a]) <= MESSAGE_TOLERANCE_SIGMAS * J[a, a]:
                 same = False
-            if not abs(h[a] - chain.h[k, a]) <= SAME * math.sqrt(max(J[a, a], 0.0)):
+            if not abs(h[a] - chain.h[k, a]) <= MESSAGE_TOLERANCE_SIGMAS * math.sqrt(max(J[a, a], 0.0)):
                 same = False
         more = future - chain.future[k]
         chain.J[k], chain.h[k], chain.future[k] = J, h, future
         chain.later[k] += 1
         k = chain.before[k]
         if same:
-            while k != NONE:
+            while k != NO_NODE:
                 chain.future[k] += more
                 k = chain.before[k]
 
 
 @kernel
-def enter(places: Places, walk: Walk, looked: Floats, chain: Chain, k: int) -> None:
+def insert_node(places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState, k: int) -> None:
     """Make and renew the messages of a track that place k has entered."""
     i, j = chain.before[k], chain.after[k]
-    if i != NONE:
+    if i != NO_NODE:
         # As if it were the last place, then with what follows
         _, chain.model[i] = joined(
             places, walk, looked, i, chain.mean[i], chain.covariance[i], chain.past[i],
             k, places.J[k], places.h[k], places.c[k],
         )  # fmt: skip
     chain.past[k] = forward_of(
-        places, walk, looked, chain, i, k, chain.model[i] if i != NONE else CALM, chain.mean[k], chain.covariance[k]
+        places,
+        walk,
+        looked,
+        chain,
+        i,
+        k,
+        chain.model[i] if i != NO_NODE else CONSTANT_VELOCITY,
+        chain.mean[k],
+        chain.covariance[k],
     )
     chain.earlier[k] += 1
-    choose(places, walk, looked, chain, k)
-    if j != NONE:
-        renew(places, walk, looked, chain, j, NONE)
+    choose_motion(places, walk, looked, chain, k)
+    if j != NO_NODE:
+        update_messages(places, walk, looked, chain, j, NO_NODE)
     chain.J[k] = np.nan
-    renew(places, walk, looked, chain, NONE, k)
+    update_messages(places, walk, looked, chain, NO_NODE, k)
 
 
 @kernel
-def renew_all(places: Places, walk: Walk, looked: Floats, chain: Chain) -> None:
+def update_all_messages(places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState) -> None:
     """Renew all messages of all tracks, and say anew where people manoeuvre, by the messages as they were."""
     for k in range(places.moment.shape[0]):
         if chain.used[k] and not math.isnan(chain.mean[k, 0]) and not math.isnan(chain.J[k, 0, 0]):
-            choose(places, walk, looked, chain, k)
+            choose_motion(places, walk, looked, chain, k)
     chain.mean[:] = np.nan
     chain.J[:] = np.nan
     for k in range(places.moment.shape[0]):
-        if chain.used[k] and chain.before[k] == NONE:
-            renew(places, walk, looked, chain, k, NONE)
+        if chain.used[k] and chain.before[k] == NO_NODE:
+            update_messages(places, walk, looked, chain, k, NO_NODE)
             sum_up(places.alike, chain.sums, chain.before, chain.after, k)
-        if chain.used[k] and chain.after[k] == NONE:
-            renew(places, walk, looked, chain, NONE, k)
+        if chain.used[k] and chain.after[k] == NO_NODE:
+            update_messages(places, walk, looked, chain, NO_NODE, k)
 
 
 @kernel
-def total(places: Places, chain: Chain) -> float:
+def log_posterior(places: TrackletNodes, chain: MarkovChainState) -> float:
     """Log probability of the state, up to a constant."""
     value = 0.0
     for k in range(places.moment.shape[0]):
-        if chain.used[k] and chain.after[k] == NONE:
-            value += chain.past[k] + places.death[k] + together(places.alike, chain.sums, k, NONE, NONE)
+        if chain.used[k] and chain.after[k] == NO_NODE:
+            value += chain.past[k] + places.death[k] + log_ratio_joined(places.alike, chain.sums, k, NO_NODE, NO_NODE)
     return value
 
 
 @kernel
 def sweep(
-    places: Places,
-    walk: Walk,
+    places: TrackletNodes,
+    walk: WalkModel,
     looked: Floats,
-    listed: Candidates,
-    known: Known,
-    chain: Chain,
+    listed: LinkCandidates,
+    known: LinkCache,
+    chain: MarkovChainState,
     temperature: float,
     drawn: Floats,
 ) -> int:
@@ -442,23 +475,25 @@ def sweep(
     for row in range(drawn.shape[0]):
         k = min(int(drawn[row, 1] * n), n - 1)
         log_u = temperature * math.log(max(drawn[row, 3], 1e-300))
-        if drawn[row, 0] < KINDS[0]:
-            accepted += tails(places, walk, looked, listed, known, chain, k, drawn[row, 2], log_u)
-        elif drawn[row, 0] < KINDS[1]:
-            accepted += in_or_out(places, walk, looked, listed, known, chain, k, drawn[row, 2], log_u, temperature)
+        if drawn[row, 0] < MOVE_THRESHOLDS[0]:
+            accepted += propose_successor(places, walk, looked, listed, known, chain, k, drawn[row, 2], log_u)
+        elif drawn[row, 0] < MOVE_THRESHOLDS[1]:
+            accepted += propose_insertion(
+                places, walk, looked, listed, known, chain, k, drawn[row, 2], log_u, temperature
+            )
         else:
-            accepted += places_change(places, walk, looked, listed, known, chain, k, drawn[row, 2], log_u)
+            accepted += propose_swap(places, walk, looked, listed, known, chain, k, drawn[row, 2], log_u)
     return accepted
 
 
 @kernel_part
-def tails(
-    places: Places,
-    walk: Walk,
+def propose_successor(
+    places: TrackletNodes,
+    walk: WalkModel,
     looked: Floats,
-    listed: Candidates,
-    known: Known,
-    chain: Chain,
+    listed: LinkCandidates,
+    known: LinkCache,
+    chain: MarkovChainState,
     i: int,
     u: float,
     log_u: float,
@@ -468,44 +503,48 @@ def tails(
         return 0
     count = listed.first_next[i + 1] - listed.first_next[i]
     pick = min(int(u * (count + 1)), count)
-    j = NONE if pick == count else listed.next[listed.first_next[i] + pick]
-    if j != NONE and not chain.used[j]:
+    j = NO_NODE if pick == count else listed.next[listed.first_next[i] + pick]
+    if j != NO_NODE and not chain.used[j]:
         return 0
     a = chain.after[i]
     if j == a:
         return 0
-    b = chain.before[j] if j != NONE else NONE
-    if b != NONE and a != NONE and not may_follow(places, walk, b, a):
+    b = chain.before[j] if j != NO_NODE else NO_NODE
+    if b != NO_NODE and a != NO_NODE and not can_link(places, walk, b, a):
         return 0
-    now = known_link(places, walk, looked, listed, known, chain, i, a)
-    if j != NONE:
-        now += known_link(places, walk, looked, listed, known, chain, b, j)
-    then = known_link(places, walk, looked, listed, known, chain, i, j)
-    if not (b == NONE and a == NONE):
-        then += known_link(places, walk, looked, listed, known, chain, b, a)
-    then += together(places.alike, chain.sums, i, NONE, j) + together(places.alike, chain.sums, b, NONE, a)
-    now += together(places.alike, chain.sums, i, NONE, a) + together(places.alike, chain.sums, b, NONE, j)
+    now = cached_link(places, walk, looked, listed, known, chain, i, a)
+    if j != NO_NODE:
+        now += cached_link(places, walk, looked, listed, known, chain, b, j)
+    then = cached_link(places, walk, looked, listed, known, chain, i, j)
+    if not (b == NO_NODE and a == NO_NODE):
+        then += cached_link(places, walk, looked, listed, known, chain, b, a)
+    then += log_ratio_joined(places.alike, chain.sums, i, NO_NODE, j) + log_ratio_joined(
+        places.alike, chain.sums, b, NO_NODE, a
+    )
+    now += log_ratio_joined(places.alike, chain.sums, i, NO_NODE, a) + log_ratio_joined(
+        places.alike, chain.sums, b, NO_NODE, j
+    )
     if not then - now > log_u:
         return 0
     chain.after[i] = j
-    if j != NONE:
+    if j != NO_NODE:
         chain.before[j] = i
-    if a != NONE:
+    if a != NO_NODE:
         chain.before[a] = b
-    if b != NONE:
+    if b != NO_NODE:
         chain.after[b] = a
-    choose(places, walk, looked, chain, i)
-    choose(places, walk, looked, chain, b)
-    renew(places, walk, looked, chain, j, i)
-    renew(places, walk, looked, chain, a, b)
+    choose_motion(places, walk, looked, chain, i)
+    choose_motion(places, walk, looked, chain, b)
+    update_messages(places, walk, looked, chain, j, i)
+    update_messages(places, walk, looked, chain, a, b)
     sum_up(places.alike, chain.sums, chain.before, chain.after, i)
-    sum_up(places.alike, chain.sums, chain.before, chain.after, a if a != NONE else b)
+    sum_up(places.alike, chain.sums, chain.before, chain.after, a if a != NO_NODE else b)
     return 1
 
 
 @kernel_part
-def in_or_out(
-    places: Places, walk: Walk, looked: Floats, listed: Candidates, known: Known, chain: Chain, k: int, u: float,
+def propose_insertion(
+    places: TrackletNodes, walk: WalkModel, looked: Floats, listed: LinkCandidates, known: LinkCache, chain: MarkovChainState, k: int, u: float,
     log_u: float, temperature: float,
 ) -> int:  # fmt: skip
     """Propose that place k enters a track or leaves its track."""
@@ -514,57 +553,57 @@ def in_or_out(
     log_options = temperature * math.log(before + after + 1.0)
     if chain.used[k]:
         i, j = chain.before[k], chain.after[k]
-        if i != NONE and j != NONE and not may_follow(places, walk, i, j):
+        if i != NO_NODE and j != NO_NODE and not can_link(places, walk, i, j):
             return 0
-        now = known_link(places, walk, looked, listed, known, chain, i, k)
-        then = known_link(places, walk, looked, listed, known, chain, i, j)
-        now += together(places.alike, chain.sums, i, k, j)
-        then += together(places.alike, chain.sums, i, NONE, j)
+        now = cached_link(places, walk, looked, listed, known, chain, i, k)
+        then = cached_link(places, walk, looked, listed, known, chain, i, j)
+        now += log_ratio_joined(places.alike, chain.sums, i, k, j)
+        then += log_ratio_joined(places.alike, chain.sums, i, NO_NODE, j)
         if not then - now - log_options > log_u:
             return 0
-        chain.used[k], chain.before[k], chain.after[k] = False, NONE, NONE
+        chain.used[k], chain.before[k], chain.after[k] = False, NO_NODE, NO_NODE
     else:
         pick = min(int(u * (before + after + 1)), before + after)
-        i, j = NONE, NONE
+        i, j = NO_NODE, NO_NODE
         if pick < before:
             i = listed.last[listed.first_last[k] + pick]
             if not chain.used[i]:
                 return 0
             j = chain.after[i]
-            if j != NONE and not may_follow(places, walk, k, j):
+            if j != NO_NODE and not can_link(places, walk, k, j):
                 return 0
         elif pick < before + after:
             j = listed.next[listed.first_next[k] + pick - before]
-            if not chain.used[j] or chain.before[j] != NONE:
+            if not chain.used[j] or chain.before[j] != NO_NODE:
                 return 0
-        now = known_link(places, walk, looked, listed, known, chain, i, j)
-        then = with_place(places, walk, looked, chain, i, k, j)
-        now += together(places.alike, chain.sums, i, NONE, j)
-        then += together(places.alike, chain.sums, i, k, j)
+        now = cached_link(places, walk, looked, listed, known, chain, i, j)
+        then = log_insertion_probability(places, walk, looked, chain, i, k, j)
+        now += log_ratio_joined(places.alike, chain.sums, i, NO_NODE, j)
+        then += log_ratio_joined(places.alike, chain.sums, i, k, j)
         if not then - now + log_options > log_u:
             return 0
         chain.used[k], chain.before[k], chain.after[k] = True, i, j
-    if i != NONE:
+    if i != NO_NODE:
         chain.after[i] = k if chain.used[k] else j
-    if j != NONE:
+    if j != NO_NODE:
         chain.before[j] = k if chain.used[k] else i
     if chain.used[k]:
-        enter(places, walk, looked, chain, k)
+        insert_node(places, walk, looked, chain, k)
     else:
-        choose(places, walk, looked, chain, i)
-        renew(places, walk, looked, chain, j, i)
-    sum_up(places.alike, chain.sums, chain.before, chain.after, k if chain.used[k] else (i if i != NONE else j))
+        choose_motion(places, walk, looked, chain, i)
+        update_messages(places, walk, looked, chain, j, i)
+    sum_up(places.alike, chain.sums, chain.before, chain.after, k if chain.used[k] else (i if i != NO_NODE else j))
     return 1
 
 
 @kernel_part
-def places_change(
-    places: Places,
-    walk: Walk,
+def propose_swap(
+    places: TrackletNodes,
+    walk: WalkModel,
     looked: Floats,
-    listed: Candidates,
-    known: Known,
-    chain: Chain,
+    listed: LinkCandidates,
+    known: LinkCache,
+    chain: MarkovChainState,
     k: int,
     u: float,
     log_u: float,
@@ -578,18 +617,18 @@ def places_change(
         return 0
     for one, other in ((k, m), (m, k)):
         i, j = chain.before[one], chain.after[one]
-        if i != NONE and not may_follow(places, walk, i, other):
+        if i != NO_NODE and not can_link(places, walk, i, other):
             return 0
-        if j != NONE and not may_follow(places, walk, other, j):
+        if j != NO_NODE and not can_link(places, walk, other, j):
             return 0
     now, then = 0.0, 0.0
     for one, other in ((k, m), (m, k)):
         if chain.used[one]:
             i, j = chain.before[one], chain.after[one]
-            now += known_link(places, walk, looked, listed, known, chain, i, one)
-            then += with_place(places, walk, looked, chain, i, other, j)
-            now += together(places.alike, chain.sums, i, one, j)
-            then += together(places.alike, chain.sums, i, other, j)
+            now += cached_link(places, walk, looked, listed, known, chain, i, one)
+            then += log_insertion_probability(places, walk, looked, chain, i, other, j)
+            now += log_ratio_joined(places.alike, chain.sums, i, one, j)
+            then += log_ratio_joined(places.alike, chain.sums, i, other, j)
     if not then - now > log_u:
         return 0
     ik, jk, im, jm = chain.before[k], chain.after[k], chain.before[m], chain.after[m]
@@ -598,12 +637,12 @@ def places_change(
     chain.before[m], chain.after[m], chain.used[m] = ik, jk, uk
     for one in (k, m):
         i, j = chain.before[one], chain.after[one]
-        if i != NONE:
+        if i != NO_NODE:
             chain.after[i] = one
-        if j != NONE:
+        if j != NO_NODE:
             chain.before[j] = one
     for one in (k, m):
         if chain.used[one]:
-            enter(places, walk, looked, chain, one)
+            insert_node(places, walk, looked, chain, one)
             sum_up(places.alike, chain.sums, chain.before, chain.after, one)
     return 1

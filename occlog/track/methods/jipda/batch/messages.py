@@ -21,11 +21,11 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
-from ..interface import STATE
+from ..interface import STATE_SIZE
 from ..kernels.linear import invert
 
 HALF_LOG_2PI = 0.5 * math.log(2.0 * math.pi)
-LEAST_DT = 1e-6
+MIN_STEP_S = 1e-6
 """Moments are at least so far apart [s]: the noise of a shorter step has no inverse."""
 
 
@@ -39,7 +39,7 @@ def noise_of_walk(dt: float, drift: Floats, Q: Floats) -> None:
         Q: (6, 6) written.
     """
     Q[:] = 0.0
-    t, q = max(dt, LEAST_DT), drift[0]
+    t, q = max(dt, MIN_STEP_S), drift[0]
     for a in range(2):
         Q[a, a] = q * t * t * t / 3.0
         Q[a, a + 2] = Q[a + 2, a] = 0.5 * q * t * t
@@ -50,12 +50,12 @@ def noise_of_walk(dt: float, drift: Floats, Q: Floats) -> None:
 @kernel
 def predict(mean: Floats, covariance: Floats, dt: float, drift: Floats, out_mean: Floats, out: Floats) -> None:
     """Write mean (6,) and covariance (6, 6) a time dt later: F m and F P F' + Q."""
-    t = max(dt, LEAST_DT)
+    t = max(dt, MIN_STEP_S)
     noise_of_walk(t, drift, out)
-    for a in range(STATE):
+    for a in range(STATE_SIZE):
         out_mean[a] = mean[a] + (t * mean[a + 2] if a < 2 else 0.0)
-    for a in range(STATE):
-        for b in range(STATE):
+    for a in range(STATE_SIZE):
+        for b in range(STATE_SIZE):
             value = covariance[a, b]
             if a < 2:
                 value += t * covariance[a + 2, b]
@@ -67,7 +67,7 @@ def predict(mean: Floats, covariance: Floats, dt: float, drift: Floats, out_mean
 
 
 @kernel
-def absorb(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: float) -> float:
+def multiply_factor(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: float) -> float:
     """Multiply a density by a factor, in place, and give the log of the integral of the product.
 
     Args:
@@ -77,27 +77,29 @@ def absorb(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: float) -> 
         h: (6,) its vector.
         c: its constant.
     """
-    prior, post = np.empty((STATE, STATE)), np.empty((STATE, STATE))
+    prior, post = np.empty((STATE_SIZE, STATE_SIZE)), np.empty((STATE_SIZE, STATE_SIZE))
     log_det = invert(covariance, prior)
     vector = prior @ mean
     total = c - 0.5 * log_det
-    for a in range(STATE):
+    for a in range(STATE_SIZE):
         total -= 0.5 * mean[a] * vector[a]
         vector[a] += h[a]
-        for b in range(STATE):
+        for b in range(STATE_SIZE):
             post[a, b] = prior[a, b] + J[a, b]
     total -= 0.5 * invert(post, covariance)
-    for a in range(STATE):
+    for a in range(STATE_SIZE):
         mean[a] = 0.0
-        for b in range(STATE):
+        for b in range(STATE_SIZE):
             mean[a] += covariance[a, b] * vector[b]
-    for a in range(STATE):
+    for a in range(STATE_SIZE):
         total += 0.5 * vector[a] * mean[a]
     return total
 
 
 @kernel
-def start(prior: Floats, at: Floats, J: Floats, h: Floats, c: float, mean: Floats, covariance: Floats) -> float:
+def initial_density(
+    prior: Floats, at: Floats, J: Floats, h: Floats, c: float, mean: Floats, covariance: Floats
+) -> float:
     """Write the density of the state after the first place, and give the log of its marginal likelihood.
 
     A new person is anywhere with density 1 a unit of area (the caller divides by the area).
@@ -111,11 +113,11 @@ def start(prior: Floats, at: Floats, J: Floats, h: Floats, c: float, mean: Float
         mean: (6,) written.
         covariance: (6, 6) written.
     """
-    information, vector = np.empty((STATE, STATE)), np.empty(STATE)
+    information, vector = np.empty((STATE_SIZE, STATE_SIZE)), np.empty(STATE_SIZE)
     total = c
-    for a in range(STATE):
+    for a in range(STATE_SIZE):
         vector[a] = h[a]
-        for b in range(STATE):
+        for b in range(STATE_SIZE):
             information[a, b] = J[a, b]
         if a < 2:
             information[a, a] += 1e-9
@@ -125,25 +127,25 @@ def start(prior: Floats, at: Floats, J: Floats, h: Floats, c: float, mean: Float
             vector[a] += prior[a] * at[a]
             total += 0.5 * math.log(prior[a]) - 0.5 * prior[a] * at[a] * at[a]
     total -= 0.5 * invert(information, covariance)
-    for a in range(STATE):
+    for a in range(STATE_SIZE):
         mean[a] = 0.0
-        for b in range(STATE):
+        for b in range(STATE_SIZE):
             mean[a] += covariance[a, b] * vector[b]
-    for a in range(STATE):
+    for a in range(STATE_SIZE):
         total += 0.5 * vector[a] * mean[a]
     return total
 
 
 @kernel
-def meet(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: float) -> float:
-    """Log of the integral of a density times a factor; as `absorb`, but nothing is changed.
+def log_integral(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: float) -> float:
+    """Log of the integral of a density times a factor; as `multiply_factor`, but nothing is changed.
 
     With P = L L', A = I + L' J L and v = L' (h - J m) it is c + h' m - m' J m / 2 + (v' A^-1 v - log|A|) / 2.
     """
-    L, A = np.empty((STATE, STATE)), np.empty((STATE, STATE))
-    v, off = np.empty(STATE), np.empty(STATE)
+    L, A = np.empty((STATE_SIZE, STATE_SIZE)), np.empty((STATE_SIZE, STATE_SIZE))
+    v, off = np.empty(STATE_SIZE), np.empty(STATE_SIZE)
     # Cholesky: P = L L'
-    for a in range(STATE):
+    for a in range(STATE_SIZE):
         for b in range(a + 1):
             value = covariance[a, b]
             for k in range(b):
@@ -155,30 +157,30 @@ def meet(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: float) -> fl
             else:
                 return math.nan
     total = c
-    for a in range(STATE):
+    for a in range(STATE_SIZE):
         value = 0.0
-        for b in range(STATE):
+        for b in range(STATE_SIZE):
             value += J[a, b] * mean[b]
         off[a] = h[a] - value
         total += 0.5 * mean[a] * (h[a] + off[a])
-    for b in range(STATE):
+    for b in range(STATE_SIZE):
         v[b] = 0.0
-        for k in range(b, STATE):
+        for k in range(b, STATE_SIZE):
             v[b] += L[k, b] * off[k]
-    for b in range(STATE):
-        for a in range(b, STATE):
+    for b in range(STATE_SIZE):
+        for a in range(b, STATE_SIZE):
             A[a, b] = 0.0
-        for k in range(STATE):
+        for k in range(STATE_SIZE):
             # (J L)_kb
             value = 0.0
-            for n in range(b, STATE):
+            for n in range(b, STATE_SIZE):
                 value += J[k, n] * L[n, b]
             for a in range(b, k + 1):
                 A[a, b] += L[k, a] * value
         A[b, b] += 1.0
     # Cholesky of A in place, and the solution of its lower triangle for v
     det = 1.0
-    for a in range(STATE):
+    for a in range(STATE_SIZE):
         for b in range(a + 1):
             value = A[a, b]
             for k in range(b):
@@ -196,29 +198,33 @@ def meet(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: float) -> fl
 
 
 @kernel
-def back(J: Floats, h: Floats, c: float, dt: float, drift: Floats, out_J: Floats, out_h: Floats) -> float:
+def predict_backwards(J: Floats, h: Floats, c: float, dt: float, drift: Floats, out_J: Floats, out_h: Floats) -> float:
     """Write the factor of the state a time dt earlier: the mean of the given one over the noise; give its constant.
 
     With C = (Q^-1 + J)^-1 it is J - J C J, h - J C h, c + (h' C h + log|C| - log|Q|) / 2, before F is applied.
     """
-    t = max(dt, LEAST_DT)
-    Q, inner, C = np.empty((STATE, STATE)), np.empty((STATE, STATE)), np.empty((STATE, STATE))
+    t = max(dt, MIN_STEP_S)
+    Q, inner, C = (
+        np.empty((STATE_SIZE, STATE_SIZE)),
+        np.empty((STATE_SIZE, STATE_SIZE)),
+        np.empty((STATE_SIZE, STATE_SIZE)),
+    )
     noise_of_walk(t, drift, Q)
     log_q = invert(Q, inner)
-    for a in range(STATE):
-        for b in range(STATE):
+    for a in range(STATE_SIZE):
+        for b in range(STATE_SIZE):
             inner[a, b] += J[a, b]
     log_c = -invert(inner, C)
     JC = J @ C
     kept, vector = J - JC @ J, h - JC @ h
     total = c + 0.5 * (log_c - log_q)
-    for a in range(STATE):
-        for b in range(STATE):
+    for a in range(STATE_SIZE):
+        for b in range(STATE_SIZE):
             total += 0.5 * h[a] * C[a, b] * h[b]
     # F' J F and F' h
-    for a in range(STATE):
+    for a in range(STATE_SIZE):
         out_h[a] = vector[a] + (t * vector[a - 2] if 2 <= a < 4 else 0.0)
-        for b in range(STATE):
+        for b in range(STATE_SIZE):
             value = 0.5 * (kept[a, b] + kept[b, a])
             if 2 <= a < 4:
                 value += t * 0.5 * (kept[a - 2, b] + kept[b, a - 2])

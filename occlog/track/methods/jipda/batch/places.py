@@ -22,21 +22,37 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 
-from ..kernels.body_box import Views, box_and_slope, expected_box
-from ..kernels.detections import Boxes, Rates, add_precision, biased, edge_noise, interpolate, log_clutter
+from ..kernels.body_box import PackedCameras, box_and_slope, expected_box
+from ..kernels.detections import (
+    DetectorModel,
+    PackedDetections,
+    add_precision,
+    biased,
+    edge_noise,
+    interpolate,
+    log_clutter,
+)
 from ..kernels.likelihood import outlier_density
-from ..kernels.visible_share import COLUMNS, ROWS, centre_deviation, hide_behind, in_view, visible_feet, visible_share
+from ..kernels.visible_share import (
+    COLUMNS,
+    ROWS,
+    centre_deviation,
+    in_view,
+    occlude_by_static,
+    visibility,
+    visible_feet,
+)
 
 LOG_2PI = math.log(2.0 * math.pi)
-MOST_SURE = 0.995
+MAX_DETECTION_PROBABILITY = 0.995
 """No person is detected with a greater probability."""
-PLAIN = 0.85
+MEAN_VISIBILITY = 0.85
 """Share of the probability of detection that is left on average where nobody knows who hides whom."""
 
 
 @kernel
-def visibilities(
-    views: Views, boxes: Boxes, rates: Rates, mean: Floats, covariance: Floats, there: Floats
+def frame_visibilities(
+    views: PackedCameras, boxes: PackedDetections, rates: DetectorModel, mean: Floats, covariance: Floats, there: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Visible shares (L, N) of N people in L looks, the same of their feet, and the probabilities of detection.
 
@@ -67,14 +83,16 @@ def visibilities(
         for i in range(N):
             if depth[i] < 0.0:
                 continue
-            visible[l, i] = visible_share(views, c, mean[i], i, box, depth, across, deep, there, cells)
+            visible[l, i] = visibility(views, c, mean[i], i, box, depth, across, deep, there, cells)
             feet[l, i] = visible_feet(cells)
-            detection[l, i] = min(rates.detection[c] * interpolate(rates.curve, visible[l, i]), MOST_SURE)
+            detection[l, i] = min(
+                rates.detection[c] * interpolate(rates.curve, visible[l, i]), MAX_DETECTION_PROBABILITY
+            )
     return visible, feet, detection
 
 
 @kernel
-def misses(views: Views, rates: Rates, mean: Floats) -> Floats:
+def missed_detection_log_probabilities(views: PackedCameras, rates: DetectorModel, mean: Floats) -> Floats:
     """Log probabilities (N, C) that each camera does not detect somebody at a place (N, 6), others being unknown."""
     N, C = mean.shape[0], views.size.shape[0]
     out = np.zeros((N, C))
@@ -85,16 +103,26 @@ def misses(views: Views, rates: Rates, mean: Floats) -> Floats:
                 continue
             if not in_view(views, c, mean[i, 0], mean[i, 1], box, cells):
                 continue
-            hide_behind(views, c, mean[i, 0], mean[i, 1], mean[i, 4], mean[i, 5], cells)
+            occlude_by_static(views, c, mean[i, 0], mean[i, 1], mean[i, 4], mean[i, 5], cells)
             share = float(np.mean(cells))
             if share > 0.0:
-                out[i, c] = math.log(1.0 - PLAIN * min(rates.detection[c] * interpolate(rates.curve, share), MOST_SURE))
+                out[i, c] = math.log(
+                    1.0
+                    - MEAN_VISIBILITY
+                    * min(rates.detection[c] * interpolate(rates.curve, share), MAX_DETECTION_PROBABILITY)
+                )
     return out
 
 
 @kernel
 def factors(
-    views: Views, boxes: Boxes, rates: Rates, mean: Floats, given: Ints, detection: Floats, feet: Floats
+    views: PackedCameras,
+    boxes: PackedDetections,
+    rates: DetectorModel,
+    mean: Floats,
+    given: Ints,
+    detection: Floats,
+    feet: Floats,
 ) -> tuple[Floats, Floats, Floats]:
     """Factors of N people's states: J (N, 6, 6), h (N, 6) and c (N,).
 
@@ -179,7 +207,7 @@ def log_of(off: Floats, use: Bools, noise: Floats, W: Floats) -> float:
 
 
 @kernel
-def about(J: Floats, h: Floats, c: Floats, sway: Floats, out_J: Floats, out_h: Floats, out_c: Floats) -> None:
+def widen_by_gait(J: Floats, h: Floats, c: Floats, sway: Floats, out_J: Floats, out_h: Floats, out_c: Floats) -> None:
     """Write the factors (n) of the walk of people whose place is about it with variance `sway` (n,), per axis.
 
     With e ~ N(0, S) added to the place, the factor's mean over e is, with A the columns of J for x and y and
@@ -200,18 +228,20 @@ def about(J: Floats, h: Floats, c: Floats, sway: Floats, out_J: Floats, out_h: F
 
 
 NU = 3.0
-FIRST = 0.03
+INITIAL_SCALE_M = 0.03
 """s at first [m]."""
-MOST = 0.2
+MAX_SCALE_M = 0.2
 """s at most [m]."""
-LEAST = 1e-3
+MIN_SCALE_M = 1e-3
 """s at least [m]."""
-ENOUGH = 50
+MIN_NODES = 50
 """With fewer places the scale stays as it is."""
-STEPS = 5
+EM_STEPS = 5
 
 
-def scatter(J: Floats, h: Floats, mean: Floats, covariance: Floats, scale: float, metre: float) -> tuple[Floats, float]:
+def gait_variances(
+    J: Floats, h: Floats, mean: Floats, covariance: Floats, scale: float, metre: float
+) -> tuple[Floats, float]:
     """Variances (n,) of the places about the walk, per axis, and their scale s^2 anew.
 
     Args:
@@ -238,14 +268,16 @@ def scatter(J: Floats, h: Floats, mean: Floats, covariance: Floats, scale: float
     S = C[:, :2, :2] + covariance[:, :2, :2]
     own = np.full(len(J), scale)
     one = np.eye(2)
-    for _ in range(STEPS):
+    for _ in range(EM_STEPS):
         # Expectation of e' e, and of the weight
         gain = own[:, None, None] * np.linalg.inv(S + own[:, None, None] * one)
         e = np.einsum("nij,nj->ni", gain, off)
         square = (e**2).sum(axis=1) + own * (2.0 - np.trace(gain, axis1=1, axis2=2))
         weight = (NU + 2.0) / (NU + square / scale)
         # Maximisation
-        if len(J) >= ENOUGH:
-            scale = float(np.clip(0.5 * np.mean(weight * square), (LEAST * metre) ** 2, (MOST * metre) ** 2))
+        if len(J) >= MIN_NODES:
+            scale = float(
+                np.clip(0.5 * np.mean(weight * square), (MIN_SCALE_M * metre) ** 2, (MAX_SCALE_M * metre) ** 2)
+            )
         own = scale / weight
     return own, scale

@@ -2,8 +2,8 @@
 
 From the filter's people of every moment, twice:
 
-1. Markov chain Monte Carlo over all tracks (`chains`), but where the filter's links are kept (`SLOW`), then gaps are
-   bridged.
+1. Markov chain Monte Carlo over all tracks (`chains`), but where the filter's links are kept
+   (`CORRELATED_NOISE_LIMIT`), then gaps are bridged.
 2. Each person's state at each moment, from all other moments of the track (`states`).
 3. The boxes of each moment are associated anew with these people, all cameras jointly, as the filter does it; boxes
    that are left show people whom nobody expected.
@@ -26,50 +26,53 @@ from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import NS, Floats, Ints
 
-from ..cues import appearance_of, are_histograms, law_of, log_ratio, unit_vectors
-from ..detectors import bending_rate, blind_looks, leaving_rate, rates_of, turning_rate
-from ..filter import State, pack, support_of
-from ..interface import HEIGHT, NOBODY, Event, Look, Moment, Support
-from ..kernels.detections import Boxes, Rates
-from .appearance import together
-from .association import OWN, Expected, Seen, associate, find
-from .chains import NONE, OTHER_HINT, SAME_HINT
-from .places import FIRST, scatter
+from ..cues import appearance_of, are_histograms, feature_likelihood, log_ratio, unit_vectors
+from ..detectors import blind_frames, detector_model, manoeuvre_rate, posture_change_rate, termination_rate
+from ..filter import JipdaState, associations_of, pack_detections
+from ..interface import HEIGHT, NO_ID, BoxAssociations, Event, FrameDetections, TrackSnapshot
+from ..kernels.detections import DetectorModel, PackedDetections
+from .appearance import log_ratio_joined
+from .association import MIN_ASSOCIATION_PROBABILITY, AssociatedBoxes, PredictedPeople, assign_boxes, associate
+from .chains import LOG_RATIO_OTHER_TRACKLET, LOG_RATIO_SAME_TRACKLET, NO_NODE
+from .places import INITIAL_SCALE_M, gait_variances
 from .states import States, states
-from .tracks import Span, Tracks, anneal, bridge, tracks_from
-from .uncertainty import doubts, presence, widening
+from .tracks import ChainTracks, WindowSpan, anneal, bridge, tracks_from
+from .uncertainty import existence_at, possible_switches, widening
 
-HOTTEST = (3.0, 1.5)
+INITIAL_TEMPERATURES = (3.0, 1.5)
 """Temperature at which each run of the chain begins."""
-STAYED = 0.97
+PRESENCE_WITHIN_TRACK = 0.97
 """Probability that somebody is there between the first and the last place of the track, ..."""
-STAYS = 0.3
+PRESENCE_OUTSIDE_TRACK = 0.3
 """... and before the first or after the last, ..."""
-EXTEND_S, LEAST_EXTEND = 1.0, 2
+MIN_EXTENSION_S, MIN_EXTENSION_STEPS = 1.0, 2
 """... for so long and so many moments, at least."""
-LIKELY = 0.5
+MIN_PRESENCE_TO_REPORT = 0.5
 """Before the first and after the last place of a track its person is reported while they are there so probably."""
-APART_S = 0.4
+INDEPENDENT_AFTER_S = 0.4
 """Moments at which places are linked are so far apart at least: who hides or merges with whom lasts, so that boxes and
 misses of nearer moments tell the same again, and a chain that took them for new would end tracks that only hide."""
-SLOW = 2.0
+CORRELATED_NOISE_LIMIT = 2.0
 """Where errors of boxes go on from look to look, so that they count more than so many times, as those of regions of
 video do, which split and merge for many frames at a time, the links of the filter, which sees all frames, are kept: a
 chain that sees few of them exchanges people there.  Gaps are bridged all the same."""
 REFINEMENTS = 4
 """Steps of expectation maximisation of the scatter about the walk."""
-LASTING = 0.01
+SYSTEMATIC_ERROR_HEIGHTS = 0.01
 """Error of a place that smoothing does not average out, as a share of the person's height, per axis: what is wrong with
 the poses of cameras and with bodies."""
 ROUNDING = 1e-6
 """Share of a time by which two moments may be nearer than they are said to be."""
-SUREST = 1e-3
+MIN_EXISTENCE_COMPLEMENT = 1e-3
 """No track exists more surely than but for this probability."""
 
 
 def smooth(
-    state: State, looks: Sequence[Sequence[Look]], moments: Sequence[Moment], generator: np.random.Generator
-) -> list[Moment]:
+    state: JipdaState,
+    looks: Sequence[Sequence[FrameDetections]],
+    moments: Sequence[TrackSnapshot],
+    generator: np.random.Generator,
+) -> list[TrackSnapshot]:
     """Everybody at the same moments, with what was seen before and after each.
 
     Identities are new: they rise from 0 in the order of first appearance.
@@ -88,44 +91,44 @@ def smooth(
     # Blind frames are not looks
     packed = [_seeing(boxes, rates, moment) for boxes, moment in zip(packed, moments, strict=True)]
     span = span_of(state, packed, moments)
-    chosen = moments_apart(span)
+    chosen = independent_steps(span)
     apart = at_moments(span, chosen)
     # Errors of boxes that are farther apart in time are less alike: those of the chosen moments count for more
-    rates_apart = _rates(state, apart, looks_between(span, apart))
+    rates_apart = _rates(state, apart, frames_between(span, apart))
     # What the filter followed through moments that the chain does not see tells it what it would have to find out anew
     followed = len(chosen) < len(moments)
     hints = [_identities(group, moment, followed) for group, moment in zip(looks, moments, strict=True)]
-    appearance, law = _appearances(looks), law_of(state.cues.likeness)
+    appearance, law = _appearances(looks), feature_likelihood(state.cues.likeness)
     seen = {k: _filtered(packed[k], looks[k], moments[k]) for k in chosen.tolist()}
-    square = (FIRST * state.metre) ** 2
-    for hottest, coming in zip(HOTTEST, (chosen, np.arange(len(moments))), strict=True):
-        found = [find(state, packed[k], rates_apart, hints[k], appearance[k], seen[k]) for k in chosen.tolist()]
+    square = (INITIAL_SCALE_M * state.metre) ** 2
+    for hottest, coming in zip(INITIAL_TEMPERATURES, (chosen, np.arange(len(moments))), strict=True):
+        found = [assign_boxes(state, packed[k], rates_apart, hints[k], appearance[k], seen[k]) for k in chosen.tolist()]
         tracks = tracks_from(found, apart, state.config, state.places, square, free=True, law=law)
-        if not (followed and rates.slow > SLOW):
+        if not (followed and rates.slow > CORRELATED_NOISE_LIMIT):
             anneal(tracks, apart, generator, hottest)
         bridge(tracks, apart)
         tracks = tracks._replace(places=tracks.places._replace(moment=chosen[tracks.places.moment]))
         own, square = _scattered(tracks, span, square, state.metre)
-        seen = _again(state, packed, rates, hints, appearance, tracks, span, own, square, coming)
+        seen = _reassociate(state, packed, rates, hints, appearance, tracks, span, own, square, coming)
     # Smooth: the scatter and the walk follow from each other
-    found = [find(state, packed[k], rates, hints[k], appearance[k], seen[k]) for k in range(len(moments))]
+    found = [assign_boxes(state, packed[k], rates, hints[k], appearance[k], seen[k]) for k in range(len(moments))]
     tracks = tracks_from(found, span, state.config, state.places, square, free=False, law=law)
     for _ in range(REFINEMENTS):
         own, square = _scattered(tracks, span, square, state.metre)
         tracks = tracks_from(found, span, state.config, state.places, own, free=False, law=law)
-    walk = _states(tracks, span, extent(span))
+    walk = _states(tracks, span, track_extension(span))
     wide = widening(state.views, rates, packed, found, walk, span)
     return _moments(tracks, span, packed, looks, moments, seen, own, square, walk, wide)
 
 
-def _scored(state: State, group: Sequence[Look], t_ns: int) -> Boxes:
+def _scored(state: JipdaState, group: Sequence[FrameDetections], t_ns: int) -> PackedDetections:
     """The looks of a moment for the kernels; what scores say of boxes is that of the whole recording."""
-    boxes = pack(state, group, t_ns)
+    boxes = pack_detections(state, group, t_ns)
     scores = np.concatenate([look.score for look in group])
     return boxes._replace(clutter=boxes.clutter - log_ratio(state.cues.score, scores))
 
 
-def span_of(state: State, packed: Sequence[Boxes], moments: Sequence[Moment]) -> Span:
+def span_of(state: JipdaState, packed: Sequence[PackedDetections], moments: Sequence[TrackSnapshot]) -> WindowSpan:
     """The moments, who looked, and how crowded it is."""
     looked = np.zeros((len(moments) + 1, len(state.views.size)))
     for k, boxes in enumerate(packed):
@@ -133,37 +136,37 @@ def span_of(state: State, packed: Sequence[Boxes], moments: Sequence[Moment]) ->
         np.add.at(looked[k + 1], boxes.camera, 1.0)
     places = np.concatenate([m.mean[:, :2] for m in moments]) / state.metre
     area = max(len(np.unique(np.floor(places), axis=0)), 10) * state.metre**2
-    return Span(
+    return WindowSpan(
         time=np.array([(m.t_ns - moments[0].t_ns) / NS for m in moments]),
         looked=looked,
         area=area,
         people=max(len(places) / len(moments), 0.5),
-        stay=1.0 / leaving_rate(state.counts),
-        turning=turning_rate(state.counts),
-        bending=bending_rate(state.counts),
+        stay=1.0 / termination_rate(state.counts),
+        turning=manoeuvre_rate(state.counts),
+        bending=posture_change_rate(state.counts),
         metre=state.metre,
     )
 
 
-def _seeing(boxes: Boxes, rates: Rates, moment: Moment) -> Boxes:
+def _seeing(boxes: PackedDetections, rates: DetectorModel, moment: TrackSnapshot) -> PackedDetections:
     """The boxes without the looks that are blind, by the filter's people."""
     visible = np.nan_to_num(moment.visibility[:, boxes.camera].T)
     places = np.linspace(0.0, 1.0, len(rates.curve))
     detection = rates.detection[boxes.camera, None] * np.interp(visible, places, rates.curve)
-    keep = ~blind_looks(boxes, moment.existence, np.where(visible > 0.0, detection, 0.0))
+    keep = ~blind_frames(boxes, moment.existence, np.where(visible > 0.0, detection, 0.0))
     first = np.concatenate([[0], np.cumsum(np.diff(boxes.first)[keep])])
     return boxes._replace(camera=boxes.camera[keep], delay=boxes.delay[keep], first=first)
 
 
-def _rates(state: State, span: Span, between: float = 1.0) -> Rates:
+def _rates(state: JipdaState, span: WindowSpan, between: float = 1.0) -> DetectorModel:
     """Rates of the detectors, for looks of which so many of a camera are from one to the next that counts."""
     # Mean time between looks of each camera
     with np.errstate(divide="ignore", invalid="ignore"):
         interval = span.gaps.sum() / (span.looked[-1] - 1.0)
-    return rates_of(state.counts, state.edges, state.config, np.where(interval > 0.0, interval, np.inf), between)
+    return detector_model(state.counts, state.edges, state.config, np.where(interval > 0.0, interval, np.inf), between)
 
 
-def looks_between(span: Span, apart: Span) -> float:
+def frames_between(span: WindowSpan, apart: WindowSpan) -> float:
     """How many looks of a camera there are to one of the moments that are apart, at least 1."""
     looked = apart.looked[-1] > 0.0
     if not looked.any():
@@ -171,25 +174,25 @@ def looks_between(span: Span, apart: Span) -> float:
     return max(float(np.min(span.looked[-1, looked] / apart.looked[-1, looked])), 1.0)
 
 
-def moments_apart(span: Span) -> Ints:
-    """Moments at which some camera looks that has not looked at one of the chosen moments for `APART_S`."""
+def independent_steps(span: WindowSpan) -> Ints:
+    """Moments at which some camera looks that has not looked at one of the chosen moments for `INDEPENDENT_AFTER_S`."""
     looks = np.diff(span.looked, axis=0) > 0.0
     chosen, last = [], np.full(looks.shape[1], -np.inf)
     for k, t in enumerate(span.time.tolist()):
-        if (t - last[looks[k]] >= APART_S * (1.0 - ROUNDING)).any():
+        if (t - last[looks[k]] >= INDEPENDENT_AFTER_S * (1.0 - ROUNDING)).any():
             chosen.append(k)
             last[looks[k]] = t
     return np.array(chosen, dtype=np.int64)
 
 
-def at_moments(span: Span, chosen: Ints) -> Span:
+def at_moments(span: WindowSpan, chosen: Ints) -> WindowSpan:
     """The chosen moments alone."""
     looks = np.diff(span.looked, axis=0)[chosen]
     looked = np.concatenate([np.zeros((1, looks.shape[1])), np.cumsum(looks, axis=0)])
     return span._replace(time=span.time[chosen], looked=looked)
 
 
-def _appearances(looks: Sequence[Sequence[Look]]) -> list[Floats]:
+def _appearances(looks: Sequence[Sequence[FrameDetections]]) -> list[Floats]:
     """(M, K) vectors of length 1 of the boxes of each moment; NaN: a box has none."""
     every = [look for group in looks for look in group]
     dimension = max((look.appearance.shape[1] for look in every), default=0)
@@ -199,7 +202,7 @@ def _appearances(looks: Sequence[Sequence[Look]]) -> list[Floats]:
     ]
 
 
-def _likeness(tracks: Tracks, head: Ints, place: Ints, boxes: Floats) -> Floats:
+def _likeness(tracks: ChainTracks, head: Ints, place: Ints, boxes: Floats) -> Floats:
     """(N, M) likeness of boxes (M, K) to those of tracks at other moments; NaN: one of them has none.
 
     Args:
@@ -209,34 +212,34 @@ def _likeness(tracks: Tracks, head: Ints, place: Ints, boxes: Floats) -> Floats:
         boxes: vectors of length 1.
     """
     look = tracks.chain.sums.later[head]
-    has = place != NONE
+    has = place != NO_NODE
     look[has] -= tracks.places.alike.total[place[has]]
     if not look.shape[1]:
         return np.full((len(look), len(boxes)), np.nan)
     return np.asarray(unit_vectors(look, histograms=False) @ boxes.T)
 
 
-def _identities(group: Sequence[Look], moment: Moment, followed: bool) -> Ints:
+def _identities(group: Sequence[FrameDetections], moment: TrackSnapshot, followed: bool) -> Ints:
     """(M, 2) identities of boxes: those of trackers in the images and, where it is `followed`, the filter's; NOBODY."""
     by_tracker = np.concatenate([look.hint for look in group]).astype(np.int64)
-    by_filter = np.full(len(by_tracker), NOBODY)
+    by_filter = np.full(len(by_tracker), NO_ID)
     if followed:
-        mine = moment.support.probability > OWN
+        mine = moment.support.probability > MIN_ASSOCIATION_PROBABILITY
         by_filter[_supporting(group, moment)[mine]] = moment.ids[moment.support.person[mine]]
     return np.column_stack([by_tracker, by_filter])
 
 
-def _filtered(boxes: Boxes, group: Sequence[Look], moment: Moment) -> Seen:
+def _filtered(boxes: PackedDetections, group: Sequence[FrameDetections], moment: TrackSnapshot) -> AssociatedBoxes:
     """The filter's people, their boxes, and those that they share with a neighbour."""
     share = np.zeros((len(moment.ids), len(boxes.box)))
     joint = np.zeros_like(share)
     says, box = moment.support, _supporting(group, moment)
     share[says.person, box], joint[says.person, box] = says.probability - says.joint, says.joint
-    people = Expected(moment.ids, moment.mean, moment.covariance, moment.existence)
-    return Seen(people, share, joint, moment.visibility[:, boxes.camera].T)
+    people = PredictedPeople(moment.ids, moment.mean, moment.covariance, moment.existence)
+    return AssociatedBoxes(people, share, joint, moment.visibility[:, boxes.camera].T)
 
 
-def _supporting(group: Sequence[Look], moment: Moment) -> Ints:
+def _supporting(group: Sequence[FrameDetections], moment: TrackSnapshot) -> Ints:
     """(k,) which of the moment's boxes each row of its support is."""
     keys = ((look.camera, row) for look in group for row in look.row.tolist())
     place = {key: k for k, key in enumerate(keys)}
@@ -245,119 +248,121 @@ def _supporting(group: Sequence[Look], moment: Moment) -> Ints:
     return np.array([place[at] for at in rows], dtype=np.int64)
 
 
-def _scattered(tracks: Tracks, span: Span, square: float, metre: float) -> tuple[Floats, float]:
+def _scattered(tracks: ChainTracks, span: WindowSpan, square: float, metre: float) -> tuple[Floats, float]:
     """Variance of each place (n,) about its track's walk, and the scale of those; of nobody's places the scale."""
     walk = _states(tracks, span, 0.0)
-    rows = np.flatnonzero(walk.place != NONE)
+    rows = np.flatnonzero(walk.place != NO_NODE)
     k = walk.place[rows]
-    own, square = scatter(tracks.J[k], tracks.h[k], walk.mean[rows], walk.covariance[rows], square, metre)
+    own, square = gait_variances(tracks.J[k], tracks.h[k], walk.mean[rows], walk.covariance[rows], square, metre)
     out = np.full(len(tracks.J), square)
     out[k] = own
     return out, square
 
 
-def extent(span: Span) -> float:
+def track_extension(span: WindowSpan) -> float:
     """How long before its first and after its last place a track is looked for [s]; not beyond a pause."""
-    return max(EXTEND_S, LEAST_EXTEND * span.step) + 0.5 * span.step
+    return max(MIN_EXTENSION_S, MIN_EXTENSION_STEPS * span.step) + 0.5 * span.step
 
 
-def _states(tracks: Tracks, span: Span, extend: float) -> States:
+def _states(tracks: ChainTracks, span: WindowSpan, extend: float) -> States:
     """States without the place of the moment, in the order of moments, so long beyond each track [s]."""
     early = np.searchsorted(span.time, span.time - extend)
     late = np.searchsorted(span.time, span.time + extend, side="right") - 1
     return states(tracks.places, tracks.walk, tracks.chain, span.time, early, late)
 
 
-def _again(
-    state: State,
-    packed: Sequence[Boxes],
-    rates: Rates,
+def _reassociate(
+    state: JipdaState,
+    packed: Sequence[PackedDetections],
+    rates: DetectorModel,
     hints: Sequence[Ints],
     appearance: Sequence[Floats],
-    tracks: Tracks,
-    span: Span,
+    tracks: ChainTracks,
+    span: WindowSpan,
     own: Floats,
     square: float,
     moments: Ints,
-) -> dict[int, Seen]:
+) -> dict[int, AssociatedBoxes]:
     """Associate the boxes of some moments anew."""
-    walk = _states(tracks, span, extent(span))
+    walk = _states(tracks, span, track_extension(span))
     # The place is about the walk, as far as it was found to be
-    spread = np.where(walk.place != NONE, own[walk.place] if len(own) else 0.0, square)
+    spread = np.where(walk.place != NO_NODE, own[walk.place] if len(own) else 0.0, square)
     walk.covariance[:, [0, 1], [0, 1]] += spread[:, None]
     bounds = np.searchsorted(walk.moment, np.arange(len(packed) + 1))
     out = {}
     for k in moments.tolist():
         rows = slice(bounds[k], bounds[k + 1])
-        people = Expected(
+        people = PredictedPeople(
             walk.track[rows],
             walk.mean[rows],
             walk.covariance[rows],
-            np.where(walk.inside[rows], STAYED, STAYS),
+            np.where(walk.inside[rows], PRESENCE_WITHIN_TRACK, PRESENCE_OUTSIDE_TRACK),
         )
-        bonus = _bonus(packed[k], hints[k][:, 0], tracks, walk.last[rows], walk.next[rows])
+        bonus = _feature_ratios(packed[k], hints[k][:, 0], tracks, walk.last[rows], walk.next[rows])
         bonus += log_ratio(state.cues.likeness, _likeness(tracks, walk.head[rows], walk.place[rows], appearance[k]))
         out[k] = associate(state, packed[k], rates, people, bonus)
     return out
 
 
-def _bonus(boxes: Boxes, hint: Ints, tracks: Tracks, last: Ints, following: Ints) -> Floats:
+def _feature_ratios(boxes: PackedDetections, hint: Ints, tracks: ChainTracks, last: Ints, following: Ints) -> Floats:
     """(N, M) logs of likelihood ratios of hints of trackers in the images, by those of the places beside the moment."""
     out = np.zeros((len(last), len(hint)))
-    if (hint == NOBODY).all():
+    if (hint == NO_ID).all():
         return out
     camera = np.repeat(boxes.camera, np.diff(boxes.first))
     for beside in (last, following):
-        known = np.where(beside[:, None] != NONE, tracks.places.hint[beside][:, camera], NOBODY)
-        both = (known != NOBODY) & (hint != NOBODY)
-        out += np.where(both, np.where(known == hint, SAME_HINT, OTHER_HINT), 0.0)
+        known = np.where(beside[:, None] != NO_NODE, tracks.places.hint[beside][:, camera], NO_ID)
+        both = (known != NO_ID) & (hint != NO_ID)
+        out += np.where(both, np.where(known == hint, LOG_RATIO_SAME_TRACKLET, LOG_RATIO_OTHER_TRACKLET), 0.0)
     return out
 
 
 def _moments(
-    tracks: Tracks,
-    span: Span,
-    packed: Sequence[Boxes],
-    looks: Sequence[Sequence[Look]],
-    moments: Sequence[Moment],
-    seen: dict[int, Seen],
+    tracks: ChainTracks,
+    span: WindowSpan,
+    packed: Sequence[PackedDetections],
+    looks: Sequence[Sequence[FrameDetections]],
+    moments: Sequence[TrackSnapshot],
+    seen: dict[int, AssociatedBoxes],
     own: Floats,
     square: float,
     walk: States,
     wide: float,
-) -> list[Moment]:
+) -> list[TrackSnapshot]:
     """Smoothed people of every moment; tracks that are less likely than boxes of nobody are left out."""
-    walk = walk.taken(np.flatnonzero(presence(tracks, span, walk) > LIKELY))
+    walk = walk.taken(np.flatnonzero(existence_at(tracks, span, walk) > MIN_PRESENCE_TO_REPORT))
     mean, covariance = _with_places(walk, tracks, own, square, wide)
     # Log odds of each track against its boxes being of nobody
     odds = np.zeros(walk.track.max(initial=-1) + 1)
-    ends = np.flatnonzero(tracks.chain.used & (tracks.chain.after == NONE))
-    number = np.full(len(own), NONE)
-    has = walk.place != NONE
+    ends = np.flatnonzero(tracks.chain.used & (tracks.chain.after == NO_NODE))
+    number = np.full(len(own), NO_NODE)
+    has = walk.place != NO_NODE
     number[walk.place[has]] = walk.track[has]
     odds[number[ends]] = tracks.chain.past[ends] + tracks.places.death[ends]
-    odds[number[ends]] += [together(tracks.places.alike, tracks.chain.sums, k, NONE, NONE) for k in ends.tolist()]
-    existence = np.clip(1.0 / (1.0 + np.exp(-np.clip(odds, -50.0, 50.0))), 0.0, 1.0 - SUREST)
-    identity = np.where(odds > 0.0, np.cumsum(odds > 0.0) - 1, NOBODY)
-    exchanged = doubts(tracks, span, number, identity)
+    odds[number[ends]] += [
+        log_ratio_joined(tracks.places.alike, tracks.chain.sums, k, NO_NODE, NO_NODE) for k in ends.tolist()
+    ]
+    existence = np.clip(1.0 / (1.0 + np.exp(-np.clip(odds, -50.0, 50.0))), 0.0, 1.0 - MIN_EXISTENCE_COMPLEMENT)
+    identity = np.where(odds > 0.0, np.cumsum(odds > 0.0) - 1, NO_ID)
+    exchanged = possible_switches(tracks, span, number, identity)
     begins, ceases = np.full(len(odds), len(moments)), np.full(len(odds), -1)
     np.minimum.at(begins, walk.track, walk.moment)
     np.maximum.at(ceases, walk.track, walk.moment)
     bounds = np.searchsorted(walk.moment, np.arange(len(moments) + 1))
-    earlier = [np.flatnonzero((ceases == k - 1) & (identity != NOBODY)) for k in range(len(moments))]
+    earlier = [np.flatnonzero((ceases == k - 1) & (identity != NO_ID)) for k in range(len(moments))]
     out = []
     for k, moment in enumerate(moments):
         rows = np.arange(bounds[k], bounds[k + 1])
-        rows = rows[identity[walk.track[rows]] != NOBODY]
+        rows = rows[identity[walk.track[rows]] != NO_ID]
         rows = rows[np.argsort(identity[walk.track[rows]], kind="stable")]
         track = walk.track[rows]
         new = track[begins[track] == k]
-        events = [Event("birth", int(identity[t]), NOBODY, float(existence[t])) for t in new]
-        events += [Event("death", int(identity[t]), NOBODY, float(existence[t])) for t in earlier[k]]
+        events = [Event("birth", int(identity[t]), NO_ID, float(existence[t])) for t in new]
+        events += [Event("death", int(identity[t]), NO_ID, float(existence[t])) for t in earlier[k]]
         events += exchanged.get(k, [])
         support, visible = _seen_by(tracks, walk, rows, packed[k], looks[k], seen[k], len(span.looked[0]))
         out.append(
-            Moment(
+            TrackSnapshot(
                 t_ns=moment.t_ns,
                 ids=identity[track],
                 mean=mean[rows],
@@ -371,13 +376,13 @@ def _moments(
     return out
 
 
-def _with_places(walk: States, tracks: Tracks, own: Floats, square: float, wide: float) -> tuple[Floats, Floats]:
+def _with_places(walk: States, tracks: ChainTracks, own: Floats, square: float, wide: float) -> tuple[Floats, Floats]:
     """Means and covariances of people where they are: about the walk, with the place of the moment.
 
     The means weigh walks and places as the smoother does; the covariances hold walks whose variances are so many times
     as `wide`.
     """
-    has = walk.place != NONE
+    has = walk.place != NO_NODE
     spread = np.where(has, own[walk.place] if len(own) else 0.0, square)
     inverses = []
     for times in (1.0, wide):
@@ -392,13 +397,19 @@ def _with_places(walk: States, tracks: Tracks, own: Floats, square: float, wide:
     mean = np.einsum("nij,nj->ni", inverses[0], vector)
     covariance = inverses[1]
     covariance = 0.5 * (covariance + covariance.swapaxes(1, 2))
-    covariance[:, [0, 1], [0, 1]] += (LASTING * mean[:, HEIGHT, None]) ** 2
+    covariance[:, [0, 1], [0, 1]] += (SYSTEMATIC_ERROR_HEIGHTS * mean[:, HEIGHT, None]) ** 2
     return mean, covariance
 
 
 def _seen_by(
-    tracks: Tracks, walk: States, rows: Ints, boxes: Boxes, group: Sequence[Look], seen: Seen, cameras: int
-) -> tuple[Support, Floats]:
+    tracks: ChainTracks,
+    walk: States,
+    rows: Ints,
+    boxes: PackedDetections,
+    group: Sequence[FrameDetections],
+    seen: AssociatedBoxes,
+    cameras: int,
+) -> tuple[BoxAssociations, Floats]:
     """The boxes that speak for the people of some rows, and (m, C) how visible they are."""
     visible = np.full((len(rows), cameras), np.nan)
     share = np.zeros((len(rows), len(boxes.box)))
@@ -410,31 +421,33 @@ def _seen_by(
     k = np.searchsorted(seen.people.track, label[expected])
     share[expected], joint[expected] = seen.share[k], seen.joint[k]
     visible[np.ix_(expected, boxes.camera)] = seen.visible[:, k].T
-    return support_of(share, joint, boxes, group), visible
+    return associations_of(share, joint, boxes, group), visible
 
 
-MOST_MOMENTS = 4096
+MAX_STEPS_PER_REPORT = 4096
 """So many moments are reported at a time at most, and as many wait after them."""
-LEAST_MOMENTS = 8
+MIN_STEPS_PER_REPORT = 8
 """So many moments are reported at a time at least, so that a short lag does not cost much more than a long one."""
-SAME_PERSON = 1.0
+SAME_TARGET_DISTANCE = 1.0
 """The person of a window is the one of the window before who is this near at the last moment that both have [m]."""
 
 
 @dataclass(frozen=True)
-class Window:
+class SmoothingWindow:
     """Moments that wait, after some that were reported."""
 
     lag_ns: int | None  # what must have come after a moment at least; None: everything
     generator: np.random.Generator
-    looks: tuple[Sequence[Look], ...] = ()
-    moments: tuple[Moment, ...] = ()
+    looks: tuple[Sequence[FrameDetections], ...] = ()
+    moments: tuple[TrackSnapshot, ...] = ()
     reported: int = 0  # so many of the moments were
-    last: Moment | None = None  # the last one that was reported
+    last: TrackSnapshot | None = None  # the last one that was reported
     next_id: int = 0
 
 
-def add(window: Window, state: State, looks: Sequence[Look], moment: Moment) -> tuple[Window, list[Moment]]:
+def add(
+    window: SmoothingWindow, state: JipdaState, looks: Sequence[FrameDetections], moment: TrackSnapshot
+) -> tuple[SmoothingWindow, list[TrackSnapshot]]:
     """Take in what the filter said of a moment, and give the moments that have waited long enough.
 
     Args:
@@ -445,24 +458,24 @@ def add(window: Window, state: State, looks: Sequence[Look], moment: Moment) -> 
     """
     window = replace(window, looks=(*window.looks, looks), moments=(*window.moments, moment))
     waiting = len(window.moments) - window.reported
-    if waiting >= 2 * MOST_MOMENTS:
-        return _report(window, state, window.reported + MOST_MOMENTS)
+    if waiting >= 2 * MAX_STEPS_PER_REPORT:
+        return _report(window, state, window.reported + MAX_STEPS_PER_REPORT)
     if window.lag_ns is None:
         return window, []
     # Ready: what has the lag after it
     t_ns = np.array([m.t_ns for m in window.moments])
     ready = int(np.searchsorted(t_ns, moment.t_ns - window.lag_ns, side="right"))
-    if ready - window.reported < max(LEAST_MOMENTS, waiting - (ready - window.reported)):
+    if ready - window.reported < max(MIN_STEPS_PER_REPORT, waiting - (ready - window.reported)):
         return window, []
     return _report(window, state, ready)
 
 
-def finish(window: Window, state: State) -> list[Moment]:
+def finish(window: SmoothingWindow, state: JipdaState) -> list[TrackSnapshot]:
     """The moments that still wait, when nothing comes any more."""
     return _report(window, state, len(window.moments))[1]
 
 
-def _report(window: Window, state: State, stop: int) -> tuple[Window, list[Moment]]:
+def _report(window: SmoothingWindow, state: JipdaState, stop: int) -> tuple[SmoothingWindow, list[TrackSnapshot]]:
     """Smooth the window, give the moments before `stop` that were not given yet, and move on."""
     if stop <= window.reported:
         return window, []
@@ -473,7 +486,7 @@ def _report(window: Window, state: State, stop: int) -> tuple[Window, list[Momen
     out[0] = _first(out[0], window.last)
     # As much as waits stays before it, so that tracks do not begin at the window's edge
     keep = max(2 * stop - len(window.moments), 0) if stop < len(window.moments) else stop
-    keep = min(max(keep, stop - MOST_MOMENTS), max(stop - LEAST_MOMENTS, 0))
+    keep = min(max(keep, stop - MAX_STEPS_PER_REPORT), max(stop - MIN_STEPS_PER_REPORT, 0))
     window = replace(
         window,
         looks=window.looks[keep:],
@@ -486,15 +499,15 @@ def _report(window: Window, state: State, stop: int) -> tuple[Window, list[Momen
 
 
 def _window_identities(
-    window: Window, coming: Sequence[Moment], joint: Moment, metre: float
+    window: SmoothingWindow, coming: Sequence[TrackSnapshot], joint: TrackSnapshot, metre: float
 ) -> tuple[dict[int, int], int]:
     """What the identities of this window are called: as before, where they were; and the next free one."""
     number: dict[int, int] = {}
     if window.last is not None and len(window.last.ids) and len(joint.ids):
         apart = np.hypot(*(joint.mean[:, None, :2] - window.last.mean[None, :, :2]).transpose(2, 0, 1))
-        rows, columns = linear_sum_assignment(np.minimum(apart, SAME_PERSON * metre))
+        rows, columns = linear_sum_assignment(np.minimum(apart, SAME_TARGET_DISTANCE * metre))
         for a, b in zip(rows, columns, strict=True):
-            if apart[a, b] < SAME_PERSON * metre:
+            if apart[a, b] < SAME_TARGET_DISTANCE * metre:
                 number[int(joint.ids[a])] = int(window.last.ids[b])
     next_id = window.next_id
     for moment in coming:
@@ -505,16 +518,16 @@ def _window_identities(
     return number, next_id
 
 
-def _renamed(moment: Moment, number: dict[int, int]) -> Moment:
+def _renamed(moment: TrackSnapshot, number: dict[int, int]) -> TrackSnapshot:
     """The moment with other identities, rising."""
     ids: Ints = np.array([number[k] for k in moment.ids.tolist()], dtype=np.int64)
     order = np.argsort(ids, kind="stable")
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
     events = tuple(
-        Event(e.kind, number[e.id], e.other if e.other == NOBODY else number[e.other], e.probability)
+        Event(e.kind, number[e.id], e.other if e.other == NO_ID else number[e.other], e.probability)
         for e in moment.events
-        if e.id in number and (e.other == NOBODY or e.other in number)
+        if e.id in number and (e.other == NO_ID or e.other in number)
     )
     return moment._replace(
         ids=ids[order],
@@ -527,10 +540,10 @@ def _renamed(moment: Moment, number: dict[int, int]) -> Moment:
     )
 
 
-def _first(moment: Moment, last: Moment | None) -> Moment:
+def _first(moment: TrackSnapshot, last: TrackSnapshot | None) -> TrackSnapshot:
     """The first moment of a part, with births and deaths against the last one that was reported."""
     before = {} if last is None else dict(zip(last.ids.tolist(), last.existence.tolist(), strict=True))
     now = dict(zip(moment.ids.tolist(), moment.existence.tolist(), strict=True))
-    events = [Event("birth", k, NOBODY, p) for k, p in now.items() if k not in before]
-    events += [Event("death", k, NOBODY, p) for k, p in before.items() if k not in now]
+    events = [Event("birth", k, NO_ID, p) for k, p in now.items() if k not in before]
+    events += [Event("death", k, NO_ID, p) for k, p in before.items() if k not in now]
     return moment._replace(events=(*events, *(e for e in moment.events if e.kind == "doubt")))

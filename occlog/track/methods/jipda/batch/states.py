@@ -15,11 +15,11 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 
-from ..interface import STATE
+from ..interface import STATE_SIZE
 from ..kernels.linear import invert
-from ..people import CALM
-from .chains import NONE, Chain, Places, Walk
-from .messages import back, predict
+from ..people import CONSTANT_VELOCITY
+from .chains import NO_NODE, MarkovChainState, TrackletNodes, WalkModel
+from .messages import predict, predict_backwards
 
 
 class States(NamedTuple):
@@ -41,10 +41,12 @@ class States(NamedTuple):
     @property
     def inside(self) -> Bools:
         """(K,) whether the moment is neither before the first nor after the last place of the track."""
-        return np.asarray((self.place != NONE) | ((self.last != NONE) & (self.next != NONE)))
+        return np.asarray((self.place != NO_NODE) | ((self.last != NO_NODE) & (self.next != NO_NODE)))
 
 
-def states(places: Places, walk: Walk, chain: Chain, time: Floats, first: Ints, last: Ints) -> States:
+def states(
+    places: TrackletNodes, walk: WalkModel, chain: MarkovChainState, time: Floats, first: Ints, last: Ints
+) -> States:
     """States of all tracks at all moments, and before and after them for a while.
 
     Args:
@@ -61,12 +63,12 @@ def states(places: Places, walk: Walk, chain: Chain, time: Floats, first: Ints, 
 
 
 @kernel
-def _count_states(places: Places, chain: Chain, first: Ints, last: Ints) -> int:
+def _count_states(places: TrackletNodes, chain: MarkovChainState, first: Ints, last: Ints) -> int:
     count = 0
     for k in range(places.moment.shape[0]):
-        if chain.used[k] and chain.before[k] == NONE:
+        if chain.used[k] and chain.before[k] == NO_NODE:
             j = k
-            while chain.after[j] != NONE:
+            while chain.after[j] != NO_NODE:
                 j = chain.after[j]
             count += last[places.moment[j]] - first[places.moment[k]] + 1
     return count
@@ -74,38 +76,43 @@ def _count_states(places: Places, chain: Chain, first: Ints, last: Ints) -> int:
 
 @kernel
 def _states(
-    places: Places, walk: Walk, chain: Chain, time: Floats, first: Ints, last: Ints
+    places: TrackletNodes, walk: WalkModel, chain: MarkovChainState, time: Floats, first: Ints, last: Ints
 ) -> tuple[Ints, Ints, Ints, Ints, Ints, Ints, Floats, Floats]:
     """The parts of `States`, track by track."""
     K = _count_states(places, chain, first, last)
     track, moment, heads = np.empty(K, np.int64), np.empty(K, np.int64), np.empty(K, np.int64)
     place, past, coming = np.empty(K, np.int64), np.empty(K, np.int64), np.empty(K, np.int64)
-    mean, covariance = np.empty((K, STATE)), np.empty((K, STATE, STATE))
-    m, P, J, h = np.empty(STATE), np.empty((STATE, STATE)), np.empty((STATE, STATE)), np.empty(STATE)
-    information, vector = np.empty((STATE, STATE)), np.empty(STATE)
+    mean, covariance = np.empty((K, STATE_SIZE)), np.empty((K, STATE_SIZE, STATE_SIZE))
+    m, P, J, h = (
+        np.empty(STATE_SIZE),
+        np.empty((STATE_SIZE, STATE_SIZE)),
+        np.empty((STATE_SIZE, STATE_SIZE)),
+        np.empty(STATE_SIZE),
+    )
+    information, vector = np.empty((STATE_SIZE, STATE_SIZE)), np.empty(STATE_SIZE)
     row, count = 0, 0
     for head in range(places.moment.shape[0]):
-        if not (chain.used[head] and chain.before[head] == NONE):
+        if not (chain.used[head] and chain.before[head] == NO_NODE):
             continue
         tail = head
-        while chain.after[tail] != NONE:
+        while chain.after[tail] != NO_NODE:
             tail = chain.after[tail]
-        i, j = NONE, head  # the last place before the moment, the next one at or after it
+        i, j = NO_NODE, head  # the last place before the moment, the next one at or after it
         for t in range(first[places.moment[head]], last[places.moment[tail]] + 1):
-            here = NONE
-            if j != NONE and places.moment[j] == t:
+            here = NO_NODE
+            if j != NO_NODE and places.moment[j] == t:
                 here = j
                 j = chain.after[j]
             # Forward: the filter's prediction; before the first place what is known of somebody new
             information[:] = 0.0
             vector[:] = 0.0
-            if i != NONE:
+            if i != NO_NODE:
                 drift = walk.drift[chain.model[i]]
                 predict(chain.mean[i], chain.covariance[i], time[t] - places.time[i], drift, m, P)
                 invert(P, information)
                 vector[:] = information @ m
             else:
-                for a in range(2, STATE):
+                for a in range(2, STATE_SIZE):
                     information[a, a] = walk.prior[a]
                     vector[a] = walk.prior[a] * walk.mean[a]
                 # Anywhere, as far as the greatest speed lets them go in a thousand seconds
@@ -113,30 +120,32 @@ def _states(
                     information[a, a] = 1e-6 / (walk.speed * walk.speed)
                     vector[a] = information[a, a] * places.at[head, a]
             # Backward: the information of everything after the moment
-            if j != NONE:
-                drift = walk.drift[chain.model[i] if i != NONE else CALM]
-                back(chain.J[j], chain.h[j], 0.0, places.time[j] - time[t], drift, J, h)
+            if j != NO_NODE:
+                drift = walk.drift[chain.model[i] if i != NO_NODE else CONSTANT_VELOCITY]
+                predict_backwards(chain.J[j], chain.h[j], 0.0, places.time[j] - time[t], drift, J, h)
                 information += J
                 vector += h
             track[row], moment[row], heads[row] = count, t, head
             place[row], past[row], coming[row] = here, i, j
             invert(information, covariance[row])
             mean[row] = covariance[row] @ vector
-            if here != NONE:
+            if here != NO_NODE:
                 i = here
             row += 1
         count += 1
     return track, moment, heads, place, past, coming, mean, covariance
 
 
-LEAST_UNSEEN = 1e-4
+MIN_MISS_PROBABILITY = 1e-4
 """Whoever is missed so long with a lower probability is not there any longer."""
-LEAST_RATE = 1e-9
+MIN_TERMINATION_RATE = 1e-9
 """Rate of leaving of those who never leave [1/s]."""
 
 
 @kernel
-def waiting(time: Floats, looked: Floats, moment: Ints, miss: Floats, rate: Floats, step: int) -> tuple[Floats, Floats]:
+def dwell_times(
+    time: Floats, looked: Floats, moment: Ints, miss: Floats, rate: Floats, step: int
+) -> tuple[Floats, Floats]:
     """Expected time [s] that people are there, and missed by all looks, before or after the moment of a place.
 
     Args:
@@ -153,7 +162,7 @@ def waiting(time: Floats, looked: Floats, moment: Ints, miss: Floats, rate: Floa
     n, T = moment.shape[0], time.shape[0]
     total, rest = np.zeros(n), np.zeros(n)
     for k in range(n):
-        leaves = max(rate[k], LEAST_RATE)
+        leaves = max(rate[k], MIN_TERMINATION_RATE)
         t, there = moment[k], 1.0
         while 0 <= t + step < T:
             gone = -math.expm1(-leaves * abs(time[t + step] - time[t]))
@@ -163,7 +172,7 @@ def waiting(time: Floats, looked: Floats, moment: Ints, miss: Floats, rate: Floa
             for c in range(miss.shape[1]):
                 log += miss[k, c] * (looked[t + 1, c] - looked[t, c])
             there *= (1.0 - gone) * math.exp(log)
-            if there < LEAST_UNSEEN:
+            if there < MIN_MISS_PROBABILITY:
                 there = 0.0
                 break
         rest[k] = there

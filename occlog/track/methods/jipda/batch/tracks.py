@@ -11,51 +11,59 @@ from scipy.optimize import linear_sum_assignment
 from occlog.array_types import Floats, Ints
 
 from ..config import JipdaConfig
-from ..cues import Law
-from ..people import BENT_HEIGHT, BENT_WIDTH, CALM, CELL, GROWTH, PlaceMap, leaving_at
-from .appearance import Alike, no_sums, together
-from .association import Found
-from .chains import (
-    NONE,
-    Candidates,
-    Chain,
-    Places,
-    Walk,
-    candidates,
-    link,
-    may_follow,
-    nothing_known,
-    renew_all,
-    sweep,
+from ..cues import FeatureLikelihood
+from ..people import (
+    CELL_SIZE_M,
+    CONSTANT_VELOCITY,
+    POSTURE_HEIGHT_NOISE,
+    POSTURE_WIDTH_NOISE,
+    SIZE_NOISE_PER_ROOT_S,
+    BirthIntensityMap,
+    termination_rate_at,
 )
-from .places import about
-from .states import waiting
+from .appearance import AppearanceVectors, log_ratio_joined, no_sums
+from .association import AssociatedPeople
+from .chains import (
+    NO_NODE,
+    LinkCandidates,
+    MarkovChainState,
+    TrackletNodes,
+    WalkModel,
+    can_link,
+    candidates,
+    empty_link_cache,
+    log_link_probability,
+    sweep,
+    update_all_messages,
+)
+from .places import widen_by_gait
+from .states import dwell_times
 
-SPEEDS = 3.0
+MAX_SPEED_SIGMAS = 3.0
 """Nobody walks faster than so many standard deviations of a new person's velocity."""
-SLACK = 0.6
+LINK_SLACK_M = 0.6
 """Distance by which two places of one person may be farther apart than that allows [m]."""
-BESIDE = 1.5
+SWAP_DISTANCE_M = 1.5
 """Places of one moment that are this near may change roles [m]."""
-DETECTIONS = 4.0
+LINK_DETECTIONS = 4.0
 """One place follows another within a time in which a person is detected so often on average, ..."""
-MOST_REACH = 64
+MAX_LINK_STEPS = 64
 """... and within so many moments."""
-BRIDGE_S = 8.0
+MAX_BRIDGE_S = 8.0
 """Gaps between tracks are bridged up to this long."""
-USUAL = 0.9
+USUAL_LINK_SHARE = 0.9
 PAUSE_S, PAUSE = 8.0, 10.0
 """The recording pauses from a moment to the next if that takes longer than this, and so many times as long as the share
-`USUAL` of the others."""
+`USUAL_LINK_SHARE` of the others."""
 TEMPERATURES = 12
-COLDEST = 0.2
+FINAL_TEMPERATURE = 0.2
 PROPOSALS = 60
 """For each place in each run of the chain."""
-LEAST_ACCELERATION = 1e-6
+MIN_PROCESS_NOISE_DENSITY = 1e-6
 """A walk without any noise has no inverse [m^2/s^3]."""
 
 
-class Span(NamedTuple):
+class WindowSpan(NamedTuple):
     """The moments: T of them, C cameras."""
 
     time: Floats  # (T,) [s]
@@ -73,7 +81,7 @@ class Span(NamedTuple):
         every = np.diff(self.time)
         if not len(every):
             return every
-        usual = float(np.quantile(every, USUAL, method="lower"))
+        usual = float(np.quantile(every, USUAL_LINK_SHARE, method="lower"))
         return np.asarray(every[every <= max(PAUSE_S, PAUSE * usual)])
 
     @property
@@ -83,18 +91,18 @@ class Span(NamedTuple):
         return float(gaps.mean()) if len(gaps) and gaps.any() else 1.0
 
 
-class Tracks(NamedTuple):
+class ChainTracks(NamedTuple):
     """Places in a chain, and what they are without the scatter about the walk."""
 
-    places: Places
-    walk: Walk
-    chain: Chain
+    places: TrackletNodes
+    walk: WalkModel
+    chain: MarkovChainState
     J: Floats  # (n, 6, 6)
     h: Floats  # (n, 6)
     label: Ints  # (n,) number that `Found.track` gave it; NONE
 
 
-def walk_of(config: JipdaConfig, span: Span, reach: int, free: bool) -> Walk:
+def walk_of(config: JipdaConfig, span: WindowSpan, reach: int, free: bool) -> WalkModel:
     """How people walk, by the settings.
 
     While links are to be found (`free`), they walk on or manoeuvre.  Once they are, turns that are too slight to be
@@ -102,37 +110,37 @@ def walk_of(config: JipdaConfig, span: Span, reach: int, free: bool) -> Walk:
     """
     often = span.turning * config.turn_s / (1.0 + span.turning * config.turn_s)
     mean = (1.0 - often) * config.acceleration + often * config.manoeuvre
-    calm = max(config.acceleration if free else mean, LEAST_ACCELERATION * span.metre**2)
+    calm = max(config.acceleration if free else mean, MIN_PROCESS_NOISE_DENSITY * span.metre**2)
     agile = max(config.manoeuvre, calm)
     deviation = np.array([config.speed, config.speed, config.sigma_height, config.sigma_width])
     height, width = config.height**2, config.width**2
-    return Walk(
+    return WalkModel(
         drift=np.array(
             [
-                [calm, GROWTH**2 * height, GROWTH**2 * width],
-                [agile, GROWTH**2 * height, GROWTH**2 * width],
-                [agile, BENT_HEIGHT**2 * height, BENT_WIDTH**2 * width],
+                [calm, SIZE_NOISE_PER_ROOT_S**2 * height, SIZE_NOISE_PER_ROOT_S**2 * width],
+                [agile, SIZE_NOISE_PER_ROOT_S**2 * height, SIZE_NOISE_PER_ROOT_S**2 * width],
+                [agile, POSTURE_HEIGHT_NOISE**2 * height, POSTURE_WIDTH_NOISE**2 * width],
             ]
         ),
         often=np.array([0.0, span.turning, span.bending]),
         prior=np.concatenate([[0.0, 0.0], deviation**-2]),
         mean=np.array([0.0, 0.0, 0.0, 0.0, config.height, config.width]),
-        speed=SPEEDS * config.speed,
-        slack=SLACK * span.metre,
+        speed=MAX_SPEED_SIGMAS * config.speed,
+        slack=LINK_SLACK_M * span.metre,
         reach=reach,
         stay=span.stay,
     )
 
 
 def tracks_from(
-    found: Sequence[Found],
-    span: Span,
+    found: Sequence[AssociatedPeople],
+    span: WindowSpan,
     config: JipdaConfig,
-    known: PlaceMap,
+    known: BirthIntensityMap,
     scatter: float | Floats,
     free: bool,
-    law: Law,
-) -> Tracks:
+    law: FeatureLikelihood,
+) -> ChainTracks:
     """The people of all moments as places, those of one track linked.
 
     Args:
@@ -150,16 +158,16 @@ def tracks_from(
     raw_J, raw_h = np.concatenate([f.J for f in found]), np.concatenate([f.h for f in found])
     c = np.concatenate([f.c for f in found])
     J, h, constant = np.empty_like(raw_J), np.empty_like(raw_h), np.empty_like(c)
-    about(raw_J, raw_h, c, np.broadcast_to(scatter, c.shape).astype(np.float64), J, h, constant)
+    widen_by_gait(raw_J, raw_h, c, np.broadcast_to(scatter, c.shape).astype(np.float64), J, h, constant)
     # Those who came before the first place, or were there when the recording began; who left, or is there at its end
     T = len(span.time)
     unseen = np.exp(miss @ (span.looked[-1] / T))
     leaving = _leaving(known, mean[:, :2], span)
-    coming, early = waiting(span.time, span.looked, moment, miss, np.full(len(moment), 1.0 / span.stay), -1)
-    going, late = waiting(span.time, span.looked, moment, miss, leaving, 1)
+    coming, early = dwell_times(span.time, span.looked, moment, miss, np.full(len(moment), 1.0 / span.stay), -1)
+    going, late = dwell_times(span.time, span.looked, moment, miss, leaving, 1)
     hint, life = _lives(np.concatenate([f.hint for f in found]), span.time[moment])
     arrivals = span.people / span.area / span.stay
-    places = Places(
+    places = TrackletNodes(
         moment=moment,
         time=span.time[moment],
         at=np.ascontiguousarray(mean[:, :2]),
@@ -171,17 +179,17 @@ def tracks_from(
         death=np.log(np.minimum(going * leaving + late, 1.0)),
         hint=hint,
         life=life,
-        alike=Alike(np.concatenate([f.look for f in found]), np.concatenate([f.looks for f in found]), law),
+        alike=AppearanceVectors(np.concatenate([f.look for f in found]), np.concatenate([f.looks for f in found]), law),
     )
     often = float(np.mean(1.0 - unseen)) if len(unseen) else 1.0
-    reach = int(min(np.ceil(DETECTIONS / max(often, 1e-3)), MOST_REACH)) if free else T
+    reach = int(min(np.ceil(LINK_DETECTIONS / max(often, 1e-3)), MAX_LINK_STEPS)) if free else T
     walk = walk_of(config, span, reach, free)
     label = np.concatenate([f.track for f in found])
     chain = _chain(places, walk, label, free)
     # Once as if all walked on calmly, then with manoeuvres where these are more probable
     for _ in range(2):
-        renew_all(places, walk, span.looked, chain)
-    return Tracks(places, walk, chain, raw_J, raw_h, label)
+        update_all_messages(places, walk, span.looked, chain)
+    return ChainTracks(places, walk, chain, raw_J, raw_h, label)
 
 
 def _lives(hint: Ints, time: Floats) -> tuple[Ints, Floats]:
@@ -189,7 +197,7 @@ def _lives(hint: Ints, time: Floats) -> tuple[Ints, Floats]:
     C = hint.shape[1] // 2
     hint = hint.copy()
     own = hint[:, C:]
-    place, camera = np.nonzero(own != NONE)
+    place, camera = np.nonzero(own != NO_NODE)
     number, code = np.unique(own[place, camera], return_inverse=True)
     own[place, camera] = code
     life = np.column_stack([np.full(len(number), np.inf), np.full(len(number), -np.inf)])
@@ -198,26 +206,26 @@ def _lives(hint: Ints, time: Floats) -> tuple[Ints, Floats]:
     return hint, life
 
 
-def _leaving(known: PlaceMap, places: Floats, span: Span) -> Floats:
+def _leaving(known: BirthIntensityMap, places: Floats, span: WindowSpan) -> Floats:
     """(n,) rates [1/s] at which people leave at (n, 2) places, by the cells that these are in."""
-    side = CELL * known.metre
+    side = CELL_SIZE_M * known.metre
     cells, cell = np.unique(np.floor(places / side), axis=0, return_inverse=True)
-    return leaving_at(known, (cells + 0.5) * side, 1.0 / span.stay)[cell.reshape(-1)]
+    return termination_rate_at(known, (cells + 0.5) * side, 1.0 / span.stay)[cell.reshape(-1)]
 
 
-def _chain(places: Places, walk: Walk, track: Ints, free: bool) -> Chain:
+def _chain(places: TrackletNodes, walk: WalkModel, track: Ints, free: bool) -> MarkovChainState:
     """The state in which places of one track follow each other."""
     n = len(track)
-    after, before = np.full(n, NONE), np.full(n, NONE)
+    after, before = np.full(n, NO_NODE), np.full(n, NO_NODE)
     order = np.lexsort((np.arange(n), track))
     for i, j in zip(order[:-1].tolist(), order[1:].tolist(), strict=True):
-        if track[i] == track[j] != NONE and (not free or may_follow(places, walk, i, j)):
+        if track[i] == track[j] != NO_NODE and (not free or can_link(places, walk, i, j)):
             after[i], before[j] = j, i
-    return Chain(
+    return MarkovChainState(
         after=after,
         before=before,
-        used=track != NONE,
-        model=np.full(n, CALM),
+        used=track != NO_NODE,
+        model=np.full(n, CONSTANT_VELOCITY),
         mean=np.full((n, 6), np.nan),
         covariance=np.zeros((n, 6, 6)),
         past=np.zeros(n),
@@ -230,50 +238,50 @@ def _chain(places: Places, walk: Walk, track: Ints, free: bool) -> Chain:
     )
 
 
-def anneal(tracks: Tracks, span: Span, generator: np.random.Generator, hottest: float) -> None:
+def anneal(tracks: ChainTracks, span: WindowSpan, generator: np.random.Generator, hottest: float) -> None:
     """Run the Markov chain, hot at first and cold at the end, in place."""
     n = len(tracks.places.moment)
     if n == 0:
         return
     listed = listed_of(tracks, span)
-    known = nothing_known(listed)
+    known = empty_link_cache(listed)
     each = max(PROPOSALS * n // TEMPERATURES, 1)
-    for temperature in np.geomspace(hottest, COLDEST, TEMPERATURES):
+    for temperature in np.geomspace(hottest, FINAL_TEMPERATURE, TEMPERATURES):
         drawn = generator.random((each, 4))
         sweep(tracks.places, tracks.walk, span.looked, listed, known, tracks.chain, float(temperature), drawn)
         # Rounding and the tolerance of renewals do not add up
-        renew_all(tracks.places, tracks.walk, span.looked, tracks.chain)
+        update_all_messages(tracks.places, tracks.walk, span.looked, tracks.chain)
 
 
-def listed_of(tracks: Tracks, span: Span) -> Candidates:
+def listed_of(tracks: ChainTracks, span: WindowSpan) -> LinkCandidates:
     """Which places may follow which."""
-    return candidates(tracks.places, tracks.walk, BESIDE * span.metre)
+    return candidates(tracks.places, tracks.walk, SWAP_DISTANCE_M * span.metre)
 
 
-def bridge(tracks: Tracks, span: Span) -> None:
+def bridge(tracks: ChainTracks, span: WindowSpan) -> None:
     """Join ends of tracks with beginnings of later ones, where that is likelier, all at once; in place.
 
     Who could have walked there in that time, and not been seen on the way, is the same person.
     """
     places, walk, chain = tracks.places, tracks.walk, tracks.chain
-    ends = np.flatnonzero(chain.used & (chain.after == NONE))
-    heads = np.flatnonzero(chain.used & (chain.before == NONE))
+    ends = np.flatnonzero(chain.used & (chain.after == NO_NODE))
+    heads = np.flatnonzero(chain.used & (chain.before == NO_NODE))
     gain = np.zeros((len(ends), len(heads)))
     for a, i in enumerate(ends.tolist()):
         wait = places.time[heads] - places.time[i]
         apart = np.hypot(*(places.at[heads] - places.at[i]).T)
-        near = (wait > 0.0) & (wait <= BRIDGE_S) & (apart <= walk.speed * wait + walk.slack)
+        near = (wait > 0.0) & (wait <= MAX_BRIDGE_S) & (apart <= walk.speed * wait + walk.slack)
         if not near.any():
             continue
-        alone = link(places, walk, span.looked, chain, i, NONE)
+        alone = log_link_probability(places, walk, span.looked, chain, i, NO_NODE)
         for b in np.flatnonzero(near).tolist():
             j = int(heads[b])
-            joint = link(places, walk, span.looked, chain, i, j)
-            gain[a, b] = joint - alone - link(places, walk, span.looked, chain, NONE, j)
-            for one, other, sign in ((i, j, 1.0), (i, NONE, -1.0), (NONE, j, -1.0)):
-                gain[a, b] += sign * together(places.alike, chain.sums, one, NONE, other)
+            joint = log_link_probability(places, walk, span.looked, chain, i, j)
+            gain[a, b] = joint - alone - log_link_probability(places, walk, span.looked, chain, NO_NODE, j)
+            for one, other, sign in ((i, j, 1.0), (i, NO_NODE, -1.0), (NO_NODE, j, -1.0)):
+                gain[a, b] += sign * log_ratio_joined(places.alike, chain.sums, one, NO_NODE, other)
     rows, columns = linear_sum_assignment(-np.maximum(gain, 0.0))
     for a, b in zip(rows.tolist(), columns.tolist(), strict=True):
         if gain[a, b] > 0.0:
             chain.after[ends[a]], chain.before[heads[b]] = heads[b], ends[a]
-    renew_all(places, walk, span.looked, chain)
+    update_all_messages(places, walk, span.looked, chain)

@@ -21,25 +21,25 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import kernel
-from occlog.track.methods.jipda.detectors import LEAST_KEPT, MIDDLES
-from occlog.track.methods.jipda.interface import NOBODY, Event
-from occlog.track.methods.jipda.kernels.body_box import Views
-from occlog.track.methods.jipda.kernels.detections import Boxes, Rates
-from occlog.track.methods.jipda.kernels.disagreement import disagreement
+from occlog.track.methods.jipda.detectors import MIDDLES, MIN_KEPT_SHARE
+from occlog.track.methods.jipda.interface import NO_ID, Event
+from occlog.track.methods.jipda.kernels.body_box import PackedCameras
+from occlog.track.methods.jipda.kernels.detections import DetectorModel, PackedDetections
+from occlog.track.methods.jipda.kernels.disagreement import camera_disagreement
 
-from .appearance import together
-from .association import Found
-from .chains import NONE, Candidates, Chain, Places, Walk, link, may_follow
+from .appearance import log_ratio_joined
+from .association import AssociatedPeople
+from .chains import NO_NODE, LinkCandidates, MarkovChainState, TrackletNodes, WalkModel, can_link, log_link_probability
 from .states import States
-from .tracks import Span, Tracks, listed_of
+from .tracks import ChainTracks, WindowSpan, listed_of
 
-LEAST = 0.05
+MIN_SWITCH_PROBABILITY = 0.05
 """Less probable exchanges are not named."""
-APART_S = 4.0
+SWITCH_WINDOW_S = 4.0
 """Of exchanges of the same two people within so long, the most probable one is named."""
 
 
-def doubts(tracks: Tracks, span: Span, number: Ints, identity: Ints) -> dict[int, list[Event]]:
+def possible_switches(tracks: ChainTracks, span: WindowSpan, number: Ints, identity: Ints) -> dict[int, list[Event]]:
     """Exchanges that are doubtful, by the moment from which on the identities may be wrong.
 
     Args:
@@ -56,12 +56,12 @@ def doubts(tracks: Tracks, span: Span, number: Ints, identity: Ints) -> dict[int
     # The most probable first
     for k in np.argsort(-probability, kind="stable").tolist():
         one, other = int(identity[number[i[k]]]), int(identity[number[j[k]]])
-        if NOBODY in (one, other):
+        if NO_ID in (one, other):
             continue
         moment = int(tracks.places.moment[j[k]])
         time = float(span.time[moment])
         pair = (min(one, other), max(one, other))
-        if any(abs(time - t) < APART_S for t, _ in named.get(pair, [])):
+        if any(abs(time - t) < SWITCH_WINDOW_S for t, _ in named.get(pair, [])):
             continue
         named.setdefault(pair, []).append((time, moment))
         for a, b in (pair, pair[::-1]):
@@ -71,39 +71,52 @@ def doubts(tracks: Tracks, span: Span, number: Ints, identity: Ints) -> dict[int
 
 @kernel
 def _exchanges(
-    places: Places, walk: Walk, looked: Floats, listed: Candidates, chain: Chain, number: Ints
+    places: TrackletNodes,
+    walk: WalkModel,
+    looked: Floats,
+    listed: LinkCandidates,
+    chain: MarkovChainState,
+    number: Ints,
 ) -> tuple[Ints, Ints, Floats]:
-    """Places i and j whose link, with that of the tails that are left, has a probability of at least `LEAST`."""
+    """Places i and j whose link, with that of the tails that are left, has a probability of at least `MIN_SWITCH_PROBABILITY`."""
     before, after, probability = [0], [0], [0.0]
     for i in range(places.moment.shape[0]):
         a = chain.after[i]
-        if not chain.used[i] or a == NONE:
+        if not chain.used[i] or a == NO_NODE:
             continue
         for k in range(listed.first_next[i], listed.first_next[i + 1]):
             j = listed.next[k]
             if not chain.used[j] or number[j] == number[i]:
                 continue
             b = chain.before[j]
-            if b == NONE or not may_follow(places, walk, b, a):
+            if b == NO_NODE or not can_link(places, walk, b, a):
                 continue
-            now = link(places, walk, looked, chain, i, a) + link(places, walk, looked, chain, b, j)
-            then = link(places, walk, looked, chain, i, j) + link(places, walk, looked, chain, b, a)
+            now = log_link_probability(places, walk, looked, chain, i, a) + log_link_probability(
+                places, walk, looked, chain, b, j
+            )
+            then = log_link_probability(places, walk, looked, chain, i, j) + log_link_probability(
+                places, walk, looked, chain, b, a
+            )
             sums = chain.sums
-            now += together(places.alike, sums, i, NONE, a) + together(places.alike, sums, b, NONE, j)
-            then += together(places.alike, sums, i, NONE, j) + together(places.alike, sums, b, NONE, a)
+            now += log_ratio_joined(places.alike, sums, i, NO_NODE, a) + log_ratio_joined(
+                places.alike, sums, b, NO_NODE, j
+            )
+            then += log_ratio_joined(places.alike, sums, i, NO_NODE, j) + log_ratio_joined(
+                places.alike, sums, b, NO_NODE, a
+            )
             p = 1.0 / (1.0 + np.exp(min(now - then, 50.0)))
-            if p >= LEAST:
+            if p >= MIN_SWITCH_PROBABILITY:
                 before.append(i)
                 after.append(j)
                 probability.append(p)
     return np.array(before[1:]), np.array(after[1:]), np.array(probability[1:])
 
 
-LASTS_S = 1.0
+ERROR_CORRELATION_S = 1.0
 """Errors are compared up to so long apart [s]: what lasts longer is a bias."""
-MOST_OFF = 5.0
+MAX_ERROR_SIGMAS = 5.0
 """Errors count at most so many standard deviations of one look: an edge farther off is not the body's."""
-ENOUGH = 100
+MIN_DISAGREEMENTS = 100
 """With fewer disagreements nothing is said."""
 NOISE_SHARE = 0.75
 """Share of the variance of a smoothed walk that is the noise of places; the rest is what the smoother lags behind.
@@ -113,7 +126,12 @@ With white acceleration the smoother passes the share 1 / (1 + x^4) of a frequen
 
 
 def widening(
-    views: Views, rates: Rates, packed: Sequence[Boxes], found: Sequence[Found], walk: States, span: Span
+    views: PackedCameras,
+    rates: DetectorModel,
+    packed: Sequence[PackedDetections],
+    found: Sequence[AssociatedPeople],
+    walk: States,
+    span: WindowSpan,
 ) -> float:
     """How many times as large the variances of smoothed walks are as the smoother says, at least 1.
 
@@ -129,16 +147,16 @@ def widening(
     worst = 1.0
     for axis in range(2):
         fine = np.isfinite(error[:, axis])
-        if fine.sum() >= ENOUGH:
+        if fine.sum() >= MIN_DISAGREEMENTS:
             measured = long_run_variance(key[fine], look[fine], error[fine, axis], _most_looks(span))
             worst = max(worst, measured / float(np.mean(held[fine, axis])))
     return 1.0 + NOISE_SHARE * (worst - 1.0)
 
 
-def _most_looks(span: Span) -> int:
-    """How many looks of a camera there are in `LASTS_S`."""
+def _most_looks(span: WindowSpan) -> int:
+    """How many looks of a camera there are in `ERROR_CORRELATION_S`."""
     looks = float(span.looked[-1].max())
-    return round(LASTS_S * max(looks - 1.0, 0.0) / max(float(span.gaps.sum()), LASTS_S))
+    return round(ERROR_CORRELATION_S * max(looks - 1.0, 0.0) / max(float(span.gaps.sum()), ERROR_CORRELATION_S))
 
 
 def long_run_variance(key: Ints, look: Ints, error: Floats, most: int) -> float:
@@ -157,7 +175,12 @@ def long_run_variance(key: Ints, look: Ints, error: Floats, most: int) -> float:
 
 
 def _errors(
-    views: Views, rates: Rates, packed: Sequence[Boxes], found: Sequence[Found], walk: States, span: Span
+    views: PackedCameras,
+    rates: DetectorModel,
+    packed: Sequence[PackedDetections],
+    found: Sequence[AssociatedPeople],
+    walk: States,
+    span: WindowSpan,
 ) -> tuple[Ints, Ints, Floats, Floats]:
     """Errors of boxes' middles, and what the smoother holds of them.
 
@@ -168,38 +191,38 @@ def _errors(
         held: (n, 2) long-run variance of these that places hold.
     """
     first = np.cumsum([0, *(len(f.track) for f in found)])
-    row = np.full(first[-1], NONE)
-    has = np.flatnonzero(walk.place != NONE)
+    row = np.full(first[-1], NO_NODE)
+    has = np.flatnonzero(walk.place != NO_NODE)
     row[walk.place[has]] = has
     C = span.looked.shape[1]
     parts = []
     for k, (boxes, of) in enumerate(zip(packed, found, strict=True)):
         rows = row[first[k] : first[k + 1]]
-        who = np.flatnonzero(rows != NONE)
-        owner = np.full(len(boxes.box), NONE)
+        who = np.flatnonzero(rows != NO_NODE)
+        owner = np.full(len(boxes.box), NO_NODE)
         for given in of.given[:, who]:
-            owner[given[given != NONE]] = np.flatnonzero(given != NONE)
-        whole = (owner != NONE) & boxes.believed.all(axis=1)
+            owner[given[given != NO_NODE]] = np.flatnonzero(given != NO_NODE)
+        whole = (owner != NO_NODE) & boxes.believed.all(axis=1)
         if not whole.any():
             continue
         rows = rows[who]
-        apart = disagreement(walk.mean[rows], walk.covariance[rows], views, boxes, rates, owner, whole)
+        apart = camera_disagreement(walk.mean[rows], walk.covariance[rows], views, boxes, rates, owner, whole)
         box = np.flatnonzero(whole)
         camera = np.repeat(boxes.camera, np.diff(boxes.first))[box]
         size, kept = apart.size[box][:, MIDDLES] ** 2, apart.kept[box][:, MIDDLES]
         new, sway = rates.noise[MIDDLES, 0] + rates.noise[MIDDLES, 1] * size, rates.sway * size
-        error = apart.residual[box][:, MIDDLES] / np.sqrt((new + sway) * np.maximum(kept, LEAST_KEPT))
-        error = np.clip(error, -MOST_OFF, MOST_OFF)
+        error = apart.residual[box][:, MIDDLES] / np.sqrt((new + sway) * np.maximum(kept, MIN_KEPT_SHARE))
+        error = np.clip(error, -MAX_ERROR_SIGMAS, MAX_ERROR_SIGMAS)
         held = (rates.slow * new + rates.lasting[camera, None] * sway) / (new + sway)
         key, look = walk.track[rows[owner[box]]] * C + camera, span.looked[k, camera].astype(np.int64)
-        parts.append((key, look, np.where(kept > LEAST_KEPT, error, np.nan), held))
+        parts.append((key, look, np.where(kept > MIN_KEPT_SHARE, error, np.nan), held))
     if not parts:
         return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2))
     key, look, error, held = (np.concatenate(part) for part in zip(*parts, strict=True))
     return key, look, error, held
 
 
-def presence(tracks: Tracks, span: Span, walk: States) -> Floats:
+def existence_at(tracks: ChainTracks, span: WindowSpan, walk: States) -> Floats:
     """(K,) probability that the person of each row is there at its moment; 1 from the first to the last place.
 
     Whoever was not seen after their last place has left at once, or was missed, and missed again, and left, or is
@@ -207,14 +230,14 @@ def presence(tracks: Tracks, span: Span, walk: States) -> Floats:
     """
     out = np.ones(len(walk.track))
     for ends, step in ((walk.last, 1), (walk.next, -1)):
-        rows = np.flatnonzero(~walk.inside & (ends != NONE))
+        rows = np.flatnonzero(~walk.inside & (ends != NO_NODE))
         for place in np.unique(ends[rows]).tolist():
             of = rows[ends[rows] == place]
             out[of] = _still(tracks, span, place, step)[np.abs(walk.moment[of] - tracks.places.moment[place])]
     return out
 
 
-def _still(tracks: Tracks, span: Span, place: int, step: int) -> Floats:
+def _still(tracks: ChainTracks, span: WindowSpan, place: int, step: int) -> Floats:
     """Probabilities of being there 0, 1, .. moments after a last place (step 1), or before a first one (step -1)."""
     here = tracks.places.moment[place]
     at = np.arange(here, len(span.time)) if step > 0 else np.arange(here, -1, -1)

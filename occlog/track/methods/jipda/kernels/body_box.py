@@ -22,14 +22,14 @@ from occlog.core.sight.camera import undistort
 from occlog.records.scene import Camera
 
 LEFT, TOP, RIGHT, BOTTOM = range(4)
-UNSEEN_SIZE = 1e9
+UNOBSERVED_SIZE_PX = 1e9
 """Width and height [px] of an image of which the scene does not say them: no border cuts its boxes."""
-BEYOND = 1.2
+LENS_LIMIT_RATIO = 1.2
 """The lens is believed to so many times the distance of the farthest corner from the optical axis; farther out its
 polynomial may turn back, so that it is continued by a straight line."""
-STEP = 1e-4
+DIFFERENCE_STEP_HEIGHTS = 1e-4
 """Step of the difference quotients, in heights of the person."""
-NEAR = 0.05
+MIN_DEPTH_HEIGHTS = 0.05
 """No camera sees a person whose nearest point is nearer than this many heights, along its axis."""
 LENS = 23
 """Numbers of a row of `Views.lens`."""
@@ -40,7 +40,7 @@ MODELS = {"brown": BENT, "tsai": BENT_BACK, "equidistant": FISHEYE}
 """Lens of each model of distortion."""
 
 
-class Views(NamedTuple):
+class PackedCameras(NamedTuple):
     """C cameras, packed for the kernels."""
 
     position: Floats  # (C, 3)
@@ -55,10 +55,10 @@ class Views(NamedTuple):
     top: Floats  # (W,) height; may be infinite
 
 
-def pack_views(cameras: Sequence[Camera], occluders: Sequence[tuple[Floats, float]] = ()) -> Views:
+def pack_views(cameras: Sequence[Camera], occluders: Sequence[tuple[Floats, float]] = ()) -> PackedCameras:
     """Pack cameras whose poses are known in space, and static occluders: polygon (K, 2) and height of each."""
-    size = [c.image_size if c.image_size is not None else (UNSEEN_SIZE, UNSEEN_SIZE) for c in cameras]
-    return Views(
+    size = [c.image_size if c.image_size is not None else (UNOBSERVED_SIZE_PX, UNOBSERVED_SIZE_PX) for c in cameras]
+    return PackedCameras(
         position=np.array([c.position for c in cameras], dtype=np.float64).reshape(-1, 3),
         rotation=np.array([c.rotation for c in cameras], dtype=np.float64).reshape(-1, 3, 3),
         focal=np.array([c.focal_px for c in cameras], dtype=np.float64).reshape(-1, 2),
@@ -91,7 +91,7 @@ def _limit(camera: Camera) -> float:
     w, h = camera.image_size
     corners = np.array([[u, v] for u in (-0.5, w - 0.5) for v in (-0.5, h - 0.5)])
     ideal = undistort((corners - camera.principal_px) / camera.focal_px, camera.distortion, camera.distortion_model)
-    return BEYOND * float(np.hypot(ideal[:, 0], ideal[:, 1]).max())
+    return LENS_LIMIT_RATIO * float(np.hypot(ideal[:, 0], ideal[:, 1]).max())
 
 
 @kernel
@@ -138,7 +138,8 @@ def expected_box(lens: Floats, x: float, y: float, height: float, width: float, 
         box: (4,) left, top, right, bottom [px], written; it may lie outside the image.
 
     Returns:
-        Depth > 0; -1, and no box, where part of the person is behind the camera or closer than `NEAR` heights.
+        Depth > 0; -1, and no box, where part of the person is behind the camera or closer than `MIN_DEPTH_HEIGHTS`
+        heights.
     """
     dx, dy, dz = x - lens[0], y - lens[1], 0.5 * height - lens[2]
     a2, b2 = 0.25 * width * width, 0.25 * height * height
@@ -149,7 +150,7 @@ def expected_box(lens: Floats, x: float, y: float, height: float, width: float, 
     lean = b2 - a2  # A = a^2 I + (b^2 - a^2) r r', r the last row of R
     rx, ry, rz = lens[9], lens[10], lens[11]
     azz = a2 + lean * rz * rz
-    if pz - math.sqrt(azz) < NEAR * height:
+    if pz - math.sqrt(azz) < MIN_DEPTH_HEIGHTS * height:
         return -1.0
     # Dual conic C = A - p p'
     cxx, cyy, czz = a2 + lean * rx * rx - px * px, a2 + lean * ry * ry - py * py, azz - pz * pz
@@ -186,7 +187,7 @@ def box_and_slope(lens: Floats, state: Floats, delay: float, box: Floats, slope:
     depth = expected_box(lens, x, y, height, width, box)
     if depth < 0.0:
         return depth
-    step = STEP * height
+    step = DIFFERENCE_STEP_HEIGHTS * height
     high, low = np.empty(4), np.empty(4)
     for k in range(4):
         ex, ey = (step if k == 0 else 0.0), (step if k == 1 else 0.0)
@@ -204,7 +205,7 @@ def box_and_slope(lens: Floats, state: Floats, delay: float, box: Floats, slope:
 
 
 @kernel
-def project(views: Views, c: int, mean: Floats, covariance: Floats, delay: float, out: Floats) -> None:
+def project(views: PackedCameras, c: int, mean: Floats, covariance: Floats, delay: float, out: Floats) -> None:
     """Write boxes of n people in camera c, with the covariances of their centres.
 
     Args:

@@ -24,7 +24,7 @@ LOG_SIZE_RANGE = math.log(20.0)
 """Sizes of false alarms are uniform in the logarithm over a factor of 20."""
 
 
-class Boxes(NamedTuple):
+class PackedDetections(NamedTuple):
     """Frames of one time step, packed: L frames with M boxes in all."""
 
     camera: Ints  # (L,)
@@ -35,7 +35,7 @@ class Boxes(NamedTuple):
     clutter: Floats  # (M,) log of the expected number of false alarms like it in score, in the frame
 
 
-class Rates(NamedTuple):
+class DetectorModel(NamedTuple):
     """Parameters of the detectors of C cameras."""
 
     detection: Floats  # (C,) probability of detection of a person in plain view
@@ -60,7 +60,7 @@ def interpolate(curve: Floats, share: float) -> float:
 
 
 @kernel
-def axis_noise(rates: Rates, axis: int, width: float, height: float, lasting: float) -> tuple[float, float]:
+def axis_noise(rates: DetectorModel, axis: int, width: float, height: float, lasting: float) -> tuple[float, float]:
     """Variances [px^2] of the centre and of the size of a box of this width and height [px].
 
     Args:
@@ -76,7 +76,7 @@ def axis_noise(rates: Rates, axis: int, width: float, height: float, lasting: fl
 
 
 @kernel
-def edge_noise(box: Floats, rates: Rates, lasting: float, noise: Floats) -> None:
+def edge_noise(box: Floats, rates: DetectorModel, lasting: float, noise: Floats) -> None:
     """Write the covariance (4, 4) of the edges of a box that is expected at `box` (4,).
 
     The sway of bodies counts `lasting` times.

@@ -15,13 +15,13 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 
-from .body_box import Views, box_and_slope
-from .detections import Boxes, Rates, axis_noise, biased
+from .body_box import PackedCameras, box_and_slope
+from .detections import DetectorModel, PackedDetections, axis_noise, biased
 from .linear import invert
 
 
-class Disagreement(NamedTuple):
-    """M boxes and N people; middle and width across, middle and height down, as everywhere in `Rates`."""
+class BoxDisagreement(NamedTuple):
+    """M boxes and N people; middle and width across, middle and height down, as everywhere in `DetectorModel`."""
 
     residual: Floats  # (M, 4) of the boxes that were used [px]; 0: not used
     kept: Floats  # (M, 4) share of the noise's variance that a residual keeps; 0: not used
@@ -31,9 +31,15 @@ class Disagreement(NamedTuple):
 
 
 @kernel
-def disagreement(
-    mean: Floats, covariance: Floats, views: Views, boxes: Boxes, rates: Rates, owner: Ints, good: Bools
-) -> Disagreement:
+def camera_disagreement(
+    mean: Floats,
+    covariance: Floats,
+    views: PackedCameras,
+    boxes: PackedDetections,
+    rates: DetectorModel,
+    owner: Ints,
+    good: Bools,
+) -> BoxDisagreement:
     """Fit the place of each person to the boxes of the moment, and give what is left over.
 
     Args:
@@ -94,4 +100,4 @@ def disagreement(
         if n >= 2:
             place[i, 0], place[i, 1] = mean[i, 0] + shift[0], mean[i, 1] + shift[1]
             variance[i] = 0.5 * (inverse[0, 0] + inverse[1, 1])
-    return Disagreement(residual, kept, size, place, variance)
+    return BoxDisagreement(residual, kept, size, place, variance)

@@ -17,12 +17,12 @@ import math
 from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
-REACH2 = 16.0
+EXCLUSION_GATE_CHI2 = 16.0
 """Pairs are passed over whose squared distance is more than so many times the variances that it has together."""
 
 
 @kernel
-def exclude(
+def apply_exclusion(
     mean: Floats, covariance: Floats, weight: Floats, place: Floats, spread: Floats, existence: Floats, s: float
 ) -> None:
     """Multiply the densities of states by the probability that nobody else is there; in place.
@@ -41,7 +41,7 @@ def exclude(
         for j in range(place.shape[0]):
             square = (place[i, 0] - place[j, 0]) ** 2 + (place[i, 1] - place[j, 1]) ** 2
             variance = spread[i, 0, 0] + spread[i, 1, 1] + spread[j, 0, 0] + spread[j, 1, 1] + s2
-            if i == j or square > REACH2 * variance:
+            if i == j or square > EXCLUSION_GATE_CHI2 * variance:
                 continue
             for a in range(mean.shape[1]):
                 weight[i, a] *= _without(mean[i, a], covariance[i, a], place[j], spread[j], existence[j], s2)

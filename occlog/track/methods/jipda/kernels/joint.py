@@ -16,22 +16,22 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel, kernel_part
 
-from .body_box import BOTTOM, Views, box_and_slope
-from .detections import Boxes, Rates, add_precision, biased, edge_noise, interpolate
-from .likelihood import Likelihoods, likelihood_ratios
+from .body_box import BOTTOM, PackedCameras, box_and_slope
+from .detections import DetectorModel, PackedDetections, add_precision, biased, edge_noise, interpolate
+from .likelihood import Likelihoods, association_likelihood_ratios
 from .linear import cholesky, eigen, invert
-from .merged import own_edges, pair_likelihoods, pair_messages, touching
-from .visible_share import COLUMNS, ROWS, centre_deviation, in_view, visible_feet, visible_share
+from .merged import add_edges_of_one, overlapping_pairs, pair_likelihoods, pair_messages
+from .visible_share import COLUMNS, ROWS, centre_deviation, in_view, visibility, visible_feet
 
 SWEEPS = 2
 NOISE_INFLATION = 2.0
 """Factor of the variance of edges in association: boxes have heavier tails than a normal distribution, and a person who
 turns is off from the prediction in all cameras alike, which must not deny them the cameras' boxes."""
-BLIND_FRAME = 0.01
+BLIND_FRAME_PROBABILITY = 0.01
 """Probability that a frame shows none of the people who are there: it was not recorded, or the lens is covered."""
-MIN_MISS = 1e-6
+MIN_MISS_PROBABILITY = 1e-6
 """Least probability of a missed detection."""
-MIN_RATIO = 1e-12
+MIN_LIKELIHOOD_RATIO = 1e-12
 """Least likelihood ratio of existence."""
 MIN_ASSOCIATION = 0.02
 """Least association probability of a box that updates a state."""
@@ -41,7 +41,7 @@ DEPTH_OF_WIDTH = 0.1
 """Standard deviation of the depth of a body, in widths."""
 
 
-class Predicted(NamedTuple):
+class PredictedBoxes(NamedTuple):
     """N people as one frame is expected to show them, from the cavity."""
 
     mean: Floats  # (N, 6)
@@ -59,7 +59,7 @@ class Predicted(NamedTuple):
     covered: Floats  # (N,) probability that the feet are covered
 
 
-class Association(NamedTuple):
+class BoxAssociation(NamedTuple):
     """Association probabilities of m boxes of a frame with N people and K pairs, given existence."""
 
     beta: Floats  # (N, m) the box is the person's alone
@@ -67,7 +67,7 @@ class Association(NamedTuple):
     ratio: Floats  # (N,) likelihood ratio of existence, by all boxes of the frame
 
 
-class Likeliest(NamedTuple):
+class MapHypothesis(NamedTuple):
     """Likeliest hypothesis of each of N people in a frame."""
 
     probability: Floats  # (N,)
@@ -76,7 +76,7 @@ class Likeliest(NamedTuple):
     side: Ints  # (N,) 0: the person is the first of the pair, 1: the second
 
 
-class Statistics(NamedTuple):
+class StepStatistics(NamedTuple):
     """Expected counts of a time step, from which detectors are learned; L frames, M boxes."""
 
     cuts: Floats  # (2,) boxes that end where the cover of the feet begins, and boxes of people whose feet are covered
@@ -85,7 +85,7 @@ class Statistics(NamedTuple):
     merges: Floats  # (L, 2) pairs who touch and are one box, and all pairs who touch and are detected
 
 
-class Result(NamedTuple):
+class JipdaResult(NamedTuple):
     """People after the update; N people, L frames, M boxes."""
 
     mean: Floats  # (N, 6)
@@ -99,14 +99,14 @@ class Result(NamedTuple):
     joint: Floats  # (N, M) the same of the person and a neighbour together
     free: Floats  # (M,) probability that the box is of none of the people
     owner: Ints  # (M,) likeliest person; -1: none
-    cuts: Floats  # (2,) as in `Statistics`
+    cuts: Floats  # (2,) as in `StepStatistics`
     odd: Floats  # (M,)
     wrong: Floats  # (2,)
     merges: Floats  # (L, 2)
 
 
 @kernel_part
-def predict_boxes(views: Views, c: int, delay: float, rates: Rates, predicted: Predicted) -> None:
+def predict_boxes(views: PackedCameras, c: int, delay: float, rates: DetectorModel, predicted: PredictedBoxes) -> None:
     """Write the expected boxes, their covariances and depths, from the states of the cavity.
 
     Args:
@@ -141,7 +141,7 @@ def predict_boxes(views: Views, c: int, delay: float, rates: Rates, predicted: P
 
 @kernel_part
 def detection_probabilities(
-    views: Views, c: int, rates: Rates, predicted: Predicted, visible: Floats, detection: Floats
+    views: PackedCameras, c: int, rates: DetectorModel, predicted: PredictedBoxes, visible: Floats, detection: Floats
 ) -> None:
     """Write visible shares (N,) and probabilities of detection (N,), and the probability of covered feet.
 
@@ -153,13 +153,13 @@ def detection_probabilities(
         visible[i], detection[i], p.covered[i] = np.nan, 0.0, 0.0
         if p.depth[i] < 0.0:
             continue
-        visible[i] = visible_share(views, c, p.mean[i], i, p.outline, p.depth, p.across, p.deep, p.existence, cells)
+        visible[i] = visibility(views, c, p.mean[i], i, p.outline, p.depth, p.across, p.deep, p.existence, cells)
         p.covered[i] = 1.0 - visible_feet(cells)
         detection[i] = rates.detection[c] * interpolate(rates.curve, visible[i])
 
 
 @kernel_part
-def detect_alone(pair: Ints, merge: float, existence: Floats, detection: Floats) -> None:
+def unmerged_detection_probability(pair: Ints, merge: float, existence: Floats, detection: Floats) -> None:
     """Multiply probabilities of detection (N,) by those that people who touch others are not merged with them."""
     for k in range(pair.shape[0]):
         a, b = pair[k]
@@ -168,10 +168,11 @@ def detect_alone(pair: Ints, merge: float, existence: Floats, detection: Floats)
 
 
 @kernel_part
-def missed_by_all(existence: Floats, detection: Floats, frames: int) -> Floats:
+def missed_detection_ratio(existence: Floats, detection: Floats, frames: int) -> Floats:
     """Log-likelihood ratio of existence (N,) of a frame without boxes: all are missed, or the frame is blind.
 
-    A blind frame, of probability `BLIND_FRAME`, counts once for all people and for all frames that are blind at once.
+    A blind frame, of probability `BLIND_FRAME_PROBABILITY`, counts once for all people and for all frames that are
+    blind at once.
 
     Args:
         existence: (N,).
@@ -181,17 +182,17 @@ def missed_by_all(existence: Floats, detection: Floats, frames: int) -> Floats:
     expected = 0.0
     for i in range(existence.shape[0]):
         expected += existence[i] * detection[i]
-    least = math.log(BLIND_FRAME) / (max(expected, 1.0) * frames)
+    least = math.log(BLIND_FRAME_PROBABILITY) / (max(expected, 1.0) * frames)
     log_odds = np.empty(existence.shape[0])
     for i in range(existence.shape[0]):
-        log_odds[i] = max(math.log(max(1.0 - detection[i], MIN_MISS)), least)
+        log_odds[i] = max(math.log(max(1.0 - detection[i], MIN_MISS_PROBABILITY)), least)
     return log_odds
 
 
 @kernel_part
-def associate(
+def associate_frame(
     existence: Floats, detection: Floats, ratio: Floats, pair: Ints, pair_ratio: Floats, new: float
-) -> Association:
+) -> BoxAssociation:
     """Association probabilities and likelihood ratios of existence, by loopy belief propagation.
 
     With r existence, P_D detection, l the likelihood ratio and b the share of boxes of new people, the weight of "box j
@@ -234,11 +235,11 @@ def associate(
     for k in range(K):
         for s in range(2):
             joint[k, s] /= total[pair[k, s]]
-    return Association(beta, joint, total)
+    return BoxAssociation(beta, joint, total)
 
 
 @kernel_part
-def likeliest(beta: Floats, pair: Ints, joint: Floats) -> Likeliest:
+def map_hypothesis(beta: Floats, pair: Ints, joint: Floats) -> MapHypothesis:
     """The likeliest hypothesis of each person: a box of theirs alone, or together with a neighbour."""
     N, M = beta.shape
     best, box = np.zeros(N), np.full(N, -1)
@@ -253,12 +254,12 @@ def likeliest(beta: Floats, pair: Ints, joint: Floats) -> Likeliest:
             for j in range(M):
                 if joint[k, s, j] > best[i]:
                     best[i], box[i], of_pair[i], side[i] = joint[k, s, j], j, k, s
-    return Likeliest(best, box, of_pair, side)
+    return MapHypothesis(best, box, of_pair, side)
 
 
 @kernel_part
-def assign(
-    existence: Floats, found: Association, pair: Ints, share: Floats, joint: Floats, free: Floats, owner: Ints
+def marginal_probabilities(
+    existence: Floats, found: BoxAssociation, pair: Ints, share: Floats, joint: Floats, free: Floats, owner: Ints
 ) -> None:
     """Write a frame's association probabilities by person and box, and the unassigned probability and MAP person.
 
@@ -337,8 +338,8 @@ def without_negative(information: Floats, P: Floats, precision: Floats) -> None:
 
 
 @kernel_part
-def site_of_boxes(
-    predicted: Predicted,
+def expectation_propagation_site(
+    predicted: PredictedBoxes,
     i: int,
     box: Floats,
     believed: Bools,
@@ -393,7 +394,7 @@ def site_of_boxes(
                 if pair[k, s] == i and joint[k, s, j] > MIN_ASSOCIATION:
                     missed -= joint[k, s, j]
                     W[:] = 0.0
-                    own_edges(noise, believed[j], own[k], s == 0, 1.0, W)
+                    add_edges_of_one(noise, believed[j], own[k], s == 0, 1.0, W)
                     add_hypothesis(precision, H, W, off, joint[k, s, j], d, second)
     if missed > 1.0 - MIN_ASSOCIATION:
         information[:], vector[:] = 0.0, 0.0
@@ -409,7 +410,12 @@ def site_of_boxes(
 
 @kernel_part
 def count_edges(
-    boxes: Boxes, start: int, predicted: Predicted, likelihoods: Likelihoods, best: Likeliest, counts: Statistics
+    boxes: PackedDetections,
+    start: int,
+    predicted: PredictedBoxes,
+    likelihoods: Likelihoods,
+    best: MapHypothesis,
+    counts: StepStatistics,
 ) -> None:
     """Add the outlier edges of a frame's boxes, each of its person alone, to the expected counts."""
     for i in range(predicted.mean.shape[0]):
@@ -428,7 +434,7 @@ def count_edges(
 
 
 @kernel_part
-def count_merges(existence: Floats, found: Association, pair: Ints, merges: Floats) -> None:
+def count_merges(existence: Floats, found: BoxAssociation, pair: Ints, merges: Floats) -> None:
     """Add the pairs (K, 2) who are one box, and those who are detected, to the expected counts (2,)."""
     for k in range(pair.shape[0]):
         a, b = pair[k]
@@ -440,17 +446,17 @@ def count_merges(existence: Floats, found: Association, pair: Ints, merges: Floa
 
 
 @kernel
-def update(
+def update_targets(
     mean: Floats,
     covariance: Floats,
     existence: Floats,
-    views: Views,
-    boxes: Boxes,
-    rates: Rates,
+    views: PackedCameras,
+    boxes: PackedDetections,
+    rates: DetectorModel,
     log_features: Floats,
     new: float,
     gate: float,
-) -> Result:
+) -> JipdaResult:
     """Update all people by the frames of a time step.
 
     Args:
@@ -474,8 +480,8 @@ def update(
     log_odds, site_odds = np.log(existence) - np.log1p(-existence), np.zeros((L, N))
     visible, detection = np.full((L, N), np.nan), np.zeros((L, N))
     share, joint, free, owner = np.zeros((N, M)), np.zeros((N, M)), np.ones(M), np.full(M, -1)
-    counts = Statistics(cuts=np.zeros(2), wrong=np.zeros(2), odd=np.zeros(M), merges=np.zeros((L, 2)))
-    predicted = Predicted(
+    counts = StepStatistics(cuts=np.zeros(2), wrong=np.zeros(2), odd=np.zeros(M), merges=np.zeros((L, 2)))
+    predicted = PredictedBoxes(
         mean=np.empty((N, 6)),
         covariance=np.empty((N, 6, 6)),
         existence=np.empty(N),
@@ -505,16 +511,16 @@ def update(
             # Predicted boxes, and probabilities of detection by the expected occlusion
             predict_boxes(views, c, boxes.delay[l], rates, predicted)
             detection_probabilities(views, c, rates, predicted, visible[l], detection[l])
-            pair = touching(predicted.outline, predicted.depth, predicted.across, predicted.existence)
-            detect_alone(pair, rates.merge[c], predicted.existence, detection[l])
+            pair = overlapping_pairs(predicted.outline, predicted.depth, predicted.across, predicted.existence)
+            unmerged_detection_probability(pair, rates.merge[c], predicted.existence, detection[l])
             if stop == start:
-                odds = missed_by_all(predicted.existence, detection[l], 1 if M > 0 else L)
+                odds = missed_detection_ratio(predicted.existence, detection[l], 1 if M > 0 else L)
                 for i in range(N):
                     log_odds[i] += odds[i] - site_odds[l, i]
                     site_odds[l, i] = odds[i]
                 continue
             # Association
-            likelihoods = likelihood_ratios(
+            likelihoods = association_likelihood_ratios(
                 predicted.box, predicted.noise, predicted.spread, predicted.covered, detection[l],
                 boxes, start, stop, rates, width, height, log_features, gate,
             )  # fmt: skip
@@ -522,20 +528,20 @@ def update(
                 pair, predicted.box, predicted.noise, predicted.spread, visible[l],
                 boxes, start, stop, rates, c, width, height, new, gate,
             )  # fmt: skip
-            found = associate(predicted.existence, detection[l], likelihoods.ratio, pair, pair_ratio, new)
-            assign(
+            found = associate_frame(predicted.existence, detection[l], likelihoods.ratio, pair, pair_ratio, new)
+            marginal_probabilities(
                 predicted.existence, found, pair,
                 share[:, start:stop], joint[:, start:stop], free[start:stop], owner[start:stop],
             )  # fmt: skip
             # Measurement update by all boxes
-            best = likeliest(found.beta, pair, found.joint)
+            best = map_hypothesis(found.beta, pair, found.joint)
             for i in range(N):
-                odds_of = math.log(max(found.ratio[i], MIN_RATIO))
+                odds_of = math.log(max(found.ratio[i], MIN_LIKELIHOOD_RATIO))
                 log_odds[i] += odds_of - site_odds[l, i]
                 site_odds[l, i] = odds_of
                 information[i] -= site[l, i]
                 vector[i] -= site_vector[l, i]
-                site_of_boxes(
+                expectation_propagation_site(
                     predicted, i, boxes.box[start:stop], boxes.believed[start:stop], likelihoods.whole[i],
                     likelihoods.outlier[i], found.beta[i], pair, found.joint, own, site[l, i], site_vector[l, i],
                 )  # fmt: skip
@@ -546,7 +552,7 @@ def update(
             if sweep == SWEEPS - 1:
                 count_edges(boxes, start, predicted, likelihoods, best, counts)
                 count_merges(predicted.existence, found, pair, counts.merges[l])
-    return Result(
+    return JipdaResult(
         mean=m,
         covariance=P,
         information=site.sum(axis=0),

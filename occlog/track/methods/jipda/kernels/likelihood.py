@@ -16,13 +16,13 @@ from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel, kernel_part
 
 from .body_box import BOTTOM
-from .detections import Boxes, Rates, log_clutter, log_density
+from .detections import DetectorModel, PackedDetections, log_clutter, log_density
 
 MIN_DETECTION = 1e-4
 """People with a lower probability of detection are not associated."""
-MIN_COVERED = 0.01
+MIN_COVERED_SHARE = 0.01
 """Boxes of people whose feet are covered with a lower probability do not end early."""
-CUT_EXTENT, OUTLIER_EXTENT = 0.8, 2.0
+TRUNCATED_EXTENT, OUTLIER_EXTENT = 0.8, 2.0
 """Range of the lower edge of a box that ends early, and of an outlier, in sizes of the box."""
 OUTLIER_CHI2 = 4.0
 """An edge may be an outlier beyond this squared number of standard deviations."""
@@ -50,22 +50,22 @@ def outlier_density(edge: int, box: Floats, below: float, cut: float, wrong: flo
         wrong: probability that one of the four edges is something else's.
     """
     size = box[2 + edge % 2] - box[edge % 2]
-    if edge == BOTTOM and cut > MIN_COVERED and below < 0.0:
-        return float(cut / (CUT_EXTENT * size))
+    if edge == BOTTOM and cut > MIN_COVERED_SHARE and below < 0.0:
+        return float(cut / (TRUNCATED_EXTENT * size))
     return float(0.25 * wrong / (OUTLIER_EXTENT * size))
 
 
 @kernel_part
-def likelihood_ratios(
+def association_likelihood_ratios(
     box: Floats,
     noise: Floats,
     spread: Floats,
     covered: Floats,
     detection: Floats,
-    boxes: Boxes,
+    boxes: PackedDetections,
     start: int,
     stop: int,
-    rates: Rates,
+    rates: DetectorModel,
     width: float,
     height: float,
     log_features: Floats,

@@ -9,7 +9,7 @@ from occlog.core.numerics.jit import kernel
 
 SWEEPS = 30
 """Most sweeps of rotations; a few are enough."""
-SMALL = 1e-15
+OFF_DIAGONAL_TOLERANCE = 1e-15
 """Share of the diagonal at which an entry beside it counts as zero."""
 
 
@@ -83,7 +83,7 @@ def eigen(matrix: Floats, axes: Floats) -> None:
         rotated = False
         for a in range(n - 1):
             for b in range(a + 1, n):
-                if abs(matrix[a, b]) <= SMALL * math.sqrt(abs(matrix[a, a] * matrix[b, b])):
+                if abs(matrix[a, b]) <= OFF_DIAGONAL_TOLERANCE * math.sqrt(abs(matrix[a, a] * matrix[b, b])):
                     continue
                 rotated = True
                 # The smaller angle that makes the entry zero (Golub and Van Loan, Sec. 8.5)

@@ -13,7 +13,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
-MOST_ITERATIONS = 200
+MAX_ITERATIONS = 200
 CONVERGED = 1e-5
 
 
@@ -27,7 +27,7 @@ def box_messages(weight: Floats) -> Floats:
     N, M = weight.shape
     nu = np.ones((N, M))
     mu = np.zeros((N, M))
-    for _ in range(MOST_ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         # From people to boxes: mu_ij = w_ij / (1 + sum_{k != j} w_ik nu_ik)
         for i in range(N):
             total = 1.0

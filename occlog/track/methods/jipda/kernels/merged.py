@@ -16,16 +16,16 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel, kernel_part
 
-from .detections import Boxes, Rates, add_axis_precision, interpolate, log_clutter, log_density
+from .detections import DetectorModel, PackedDetections, add_axis_precision, interpolate, log_clutter, log_density
 from .likelihood import EDGE_GATE
-from .marginals import CONVERGED, MOST_ITERATIONS
-from .visible_share import below
+from .marginals import CONVERGED, MAX_ITERATIONS
+from .visible_share import normal_cdf
 
-SURE_PAIR = 0.2
+MIN_PAIR_EXISTENCE = 0.2
 """Pairs are looked at if both exist with at least this probability."""
-FAR_GAP = 0.1
+MAX_PAIR_GAP = 0.1
 """People whose boxes are apart by less than this share of the narrower one touch."""
-OWN_EDGE = 0.5
+MIN_EDGE_OWNERSHIP = 0.5
 """An edge of the outline tells of a person if it is theirs with a greater probability."""
 
 
@@ -38,7 +38,7 @@ class PairMessages(NamedTuple):
 
 
 @kernel
-def touching(box: Floats, depth: Floats, across: Floats, there: Floats) -> Ints:
+def overlapping_pairs(box: Floats, depth: Floats, across: Floats, there: Floats) -> Ints:
     """Give the pairs (K, 2) of people who touch in the image.
 
     Args:
@@ -50,13 +50,13 @@ def touching(box: Floats, depth: Floats, across: Floats, there: Floats) -> Ints:
     N = box.shape[0]
     pair, count = np.empty((N * N, 2), dtype=np.int64), 0
     for a in range(N):
-        if depth[a] < 0.0 or there[a] < SURE_PAIR:
+        if depth[a] < 0.0 or there[a] < MIN_PAIR_EXISTENCE:
             continue
         for b in range(a + 1, N):
-            if depth[b] < 0.0 or there[b] < SURE_PAIR:
+            if depth[b] < 0.0 or there[b] < MIN_PAIR_EXISTENCE:
                 continue
             narrow = min(box[a, 2] - box[a, 0], box[b, 2] - box[b, 0])
-            slack = math.sqrt(across[a] * across[a] + across[b] * across[b]) + FAR_GAP * narrow
+            slack = math.sqrt(across[a] * across[a] + across[b] * across[b]) + MAX_PAIR_GAP * narrow
             if max(box[a, 0], box[b, 0]) - min(box[a, 2], box[b, 2]) > slack:
                 continue
             if max(box[a, 1], box[b, 1]) > min(box[a, 3], box[b, 3]):
@@ -67,7 +67,7 @@ def touching(box: Floats, depth: Floats, across: Floats, there: Floats) -> Ints:
 
 
 @kernel
-def outline(
+def merged_box(
     a: int, b: int, drawn: Floats, noise: Floats, spread: Floats, box: Floats, whole: Floats, wide: Floats, own: Floats
 ) -> None:
     """Write the expected outline of two people, its noise and spread, and whose its edges are.
@@ -86,7 +86,7 @@ def outline(
     for e in range(4):
         sign = -1.0 if e < 2 else 1.0
         apart = math.sqrt(noise[a, e, e] + noise[b, e, e] + spread[a, e, e] + spread[b, e, e] + 1e-12)
-        own[e] = below(sign * (drawn[a, e] - drawn[b, e]) / apart)
+        own[e] = normal_cdf(sign * (drawn[a, e] - drawn[b, e]) / apart)
         box[e] = drawn[a, e] if own[e] >= 0.5 else drawn[b, e]
     for e in range(4):
         one = a if own[e] >= 0.5 else b
@@ -103,10 +103,10 @@ def pair_likelihoods(
     noise: Floats,
     spread: Floats,
     visible: Floats,
-    boxes: Boxes,
+    boxes: PackedDetections,
     start: int,
     stop: int,
-    rates: Rates,
+    rates: DetectorModel,
     c: int,
     width: float,
     height: float,
@@ -138,7 +138,7 @@ def pair_likelihoods(
     off, use, inverse = np.empty(4), np.empty(4, dtype=np.bool_), np.empty((4, 4))
     for k in range(pair.shape[0]):
         a, b = pair[k]
-        outline(a, b, box, noise, spread, union, union_noise, union_spread, own[k])
+        merged_box(a, b, box, noise, spread, union, union_noise, union_spread, own[k])
         seen = rates.detection[c] * interpolate(rates.curve, max(visible[a], visible[b]))
         for j in range(start, stop):
             near = True
@@ -157,7 +157,7 @@ def pair_likelihoods(
 
 
 @kernel
-def own_edges(noise: Floats, use: Bools, own: Floats, first: bool, share: float, out: Floats) -> None:
+def add_edges_of_one(noise: Floats, use: Bools, own: Floats, first: bool, share: float, out: Floats) -> None:
     """Add to (4, 4) `out` the inverse covariance of the edges of an outline that are a person's.
 
     Args:
@@ -171,7 +171,7 @@ def own_edges(noise: Floats, use: Bools, own: Floats, first: bool, share: float,
     for axis in range(2):
         a, b = axis, axis + 2
         of_a, of_b = own[a] if first else 1.0 - own[a], own[b] if first else 1.0 - own[b]
-        low, high = use[a] and of_a > OWN_EDGE, use[b] and of_b > OWN_EDGE
+        low, high = use[a] and of_a > MIN_EDGE_OWNERSHIP, use[b] and of_b > MIN_EDGE_OWNERSHIP
         both = share * math.sqrt(of_a * of_b)
         add_axis_precision(noise, axis, low, high, share * of_a, share * of_b, both, out)
 
@@ -190,7 +190,7 @@ def pair_messages(weight: Floats, pair: Ints, joint: Floats) -> PairMessages:
     single, both, partner = np.ones((N, M)), np.ones((K, M)), np.ones((K, 2, M))
     mu = np.zeros((N, M))
     total = np.empty(N)
-    for _ in range(MOST_ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         # How probable each person's hypotheses are together
         for i in range(N):
             total[i] = 1.0

@@ -16,17 +16,27 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
-from .body_box import Views, box_and_slope
-from .detections import LOG_2PI, Boxes, Rates, add_precision, biased, edge_noise, interpolate, log_clutter, log_density
+from .body_box import PackedCameras, box_and_slope
+from .detections import (
+    LOG_2PI,
+    DetectorModel,
+    PackedDetections,
+    add_precision,
+    biased,
+    edge_noise,
+    interpolate,
+    log_clutter,
+    log_density,
+)
 from .linear import invert
-from .visible_share import COLUMNS, ROWS, centre_deviation, in_view, visible_share
+from .visible_share import COLUMNS, ROWS, centre_deviation, in_view, visibility
 
 NEWTON_STEPS = 4
-LEAST_FREE = 0.2
+MIN_UNASSIGNED_PROBABILITY = 0.2
 """Boxes that are free with a lower probability propose nobody."""
 
 
-class Tracked(NamedTuple):
+class TrackedPeople(NamedTuple):
     """People who are tracked, as the looks of a moment are expected to see them; N people, L looks."""
 
     existence: Floats  # (N,)
@@ -36,7 +46,7 @@ class Tracked(NamedTuple):
     deep: Floats  # (N + 1,) standard deviation of the depth
 
 
-class Arrival(NamedTuple):
+class BirthIntensity(NamedTuple):
     """Expected numbers of people who are new since the last moment."""
 
     everywhere: float  # a unit of area
@@ -47,7 +57,7 @@ class Arrival(NamedTuple):
 
 
 @kernel
-def on_floor(views: Views, c: int, u: float, v: float, z: float, place: Floats) -> bool:
+def ground_point(views: PackedCameras, c: int, u: float, v: float, z: float, place: Floats) -> bool:
     """Write the place (2,) at height z that pixel (u, v) of camera c shows; False where there is none ahead.
 
     The lens's distortion is left out: the place is where an iteration begins.
@@ -67,12 +77,12 @@ def on_floor(views: Views, c: int, u: float, v: float, z: float, place: Floats) 
 
 
 @kernel
-def fit_body(
-    views: Views,
-    boxes: Boxes,
-    rates: Rates,
+def state_from_box(
+    views: PackedCameras,
+    boxes: PackedDetections,
+    rates: DetectorModel,
     body: Floats,
-    arrival: Arrival,
+    arrival: BirthIntensity,
     c: int,
     j: int,
     mean: Floats,
@@ -87,9 +97,9 @@ def fit_body(
     middle = 0.5 * (box[0] + box[2])
     found = False
     if believed[3]:
-        found = on_floor(views, c, middle, box[3], 0.0, place)
+        found = ground_point(views, c, middle, box[3], 0.0, place)
     elif believed[1]:
-        found = on_floor(views, c, middle, box[1], body[0], place)
+        found = ground_point(views, c, middle, box[1], body[0], place)
     if not found or not (believed[0] or believed[2]):
         return math.nan
     distance = math.hypot(place[0] - views.position[c, 0], place[1] - views.position[c, 1])
@@ -139,7 +149,9 @@ def fit_body(
 
 
 @kernel
-def tracked_by(views: Views, boxes: Boxes, people: Floats, spread: Floats, existence: Floats) -> Tracked:
+def predicted_targets(
+    views: PackedCameras, boxes: PackedDetections, people: Floats, spread: Floats, existence: Floats
+) -> TrackedPeople:
     """The people (N, 6), whose places have the standard deviations (N,) `spread`, as each look expects to see them."""
     L, N = boxes.camera.shape[0], people.shape[0]
     box, depth, across = np.empty((L, N + 1, 4)), np.empty((L, N + 1)), np.empty((L, N + 1))
@@ -151,17 +163,17 @@ def tracked_by(views: Views, boxes: Boxes, people: Floats, spread: Floats, exist
             depth[l, i] = box_and_slope(views.lens[c], people[i], 0.0, box[l, i], slope)
             if depth[l, i] > 0.0:
                 across[l, i] = spread[i] * views.focal[c, 0] / depth[l, i]
-    return Tracked(there, box, depth, across, deep)
+    return TrackedPeople(there, box, depth, across, deep)
 
 
 @kernel
-def propose(
-    views: Views,
-    boxes: Boxes,
-    rates: Rates,
+def propose_track(
+    views: PackedCameras,
+    boxes: PackedDetections,
+    rates: DetectorModel,
     body: Floats,
-    arrival: Arrival,
-    tracked: Tracked,
+    arrival: BirthIntensity,
+    tracked: TrackedPeople,
     free: Floats,
     look: int,
     seed: int,
@@ -189,7 +201,7 @@ def propose(
     """
     c = boxes.camera[look]
     used[:] = 0.0
-    log_seed = fit_body(views, boxes, rates, body, arrival, c, seed, mean, covariance)
+    log_seed = state_from_box(views, boxes, rates, body, arrival, c, seed, mean, covariance)
     if math.isnan(log_seed) or mean[4] > body[0] + 4.0 * body[1] or mean[4] < body[0] - 5.0 * body[1]:
         return -math.inf
     width, height = views.size[c]
@@ -212,7 +224,7 @@ def propose(
         P = slope @ covariance @ slope.T
         across[N] = centre_deviation(P)
         deep[N] = math.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1])) + 0.1 * mean[5]
-        visible = visible_share(views, c, mean, N, box, depth, across, deep, tracked.existence, cells)
+        visible = visibility(views, c, mean, N, box, depth, across, deep, tracked.existence, cells)
         detection = rates.detection[c] * interpolate(rates.curve, visible)
         if l == look:
             total += math.log(max(detection, 1e-6))
@@ -250,12 +262,12 @@ def propose(
 
 
 @kernel
-def newborn(
-    views: Views,
-    boxes: Boxes,
-    rates: Rates,
+def initiate_targets(
+    views: PackedCameras,
+    boxes: PackedDetections,
+    rates: DetectorModel,
     body: Floats,
-    arrival: Arrival,
+    arrival: BirthIntensity,
     people: Floats,
     spread: Floats,
     existence: Floats,
@@ -286,10 +298,10 @@ def newborn(
     mean, covariance = np.zeros((M, 6)), np.zeros((M, 6, 6))
     odds, used = np.full(M, -np.inf), np.zeros((M, M))
     stale = np.zeros(M, dtype=np.bool_)
-    tracked = tracked_by(views, boxes, people, spread, existence)
+    tracked = predicted_targets(views, boxes, people, spread, existence)
     for j in range(M):
-        if open_share[j] > LEAST_FREE:
-            odds[j] = propose(
+        if open_share[j] > MIN_UNASSIGNED_PROBABILITY:
+            odds[j] = propose_track(
                 views, boxes, rates, body, arrival, tracked, open_share, look_of[j], j, gate,
                 mean[j], covariance[j], used[j],
             )  # fmt: skip
@@ -303,8 +315,8 @@ def newborn(
             # One of its boxes went to somebody else since: propose anew
             stale[j] = False
             odds[j] = -np.inf
-            if open_share[j] > LEAST_FREE:
-                odds[j] = propose(
+            if open_share[j] > MIN_UNASSIGNED_PROBABILITY:
+                odds[j] = propose_track(
                     views, boxes, rates, body, arrival, tracked, open_share, look_of[j], j, gate,
                     mean[j], covariance[j], used[j],
                 )  # fmt: skip

@@ -15,26 +15,26 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
-from .body_box import Views
+from .body_box import PackedCameras
 
 COLUMNS, ROWS = 5, 6
 ROOT_HALF = math.sqrt(0.5)
-SHARP = 6.0
+NORMAL_TAIL_SIGMAS = 6.0
 """Beyond so many standard deviations a normal distribution is over."""
 
 
 @kernel
-def below(z: float) -> float:
-    """Standard normal distribution function; 0 or 1 beyond `SHARP`."""
-    if z < -SHARP:
+def normal_cdf(z: float) -> float:
+    """Standard normal distribution function; 0 or 1 beyond `NORMAL_TAIL_SIGMAS`."""
+    if z < -NORMAL_TAIL_SIGMAS:
         return 0.0
-    if z > SHARP:
+    if z > NORMAL_TAIL_SIGMAS:
         return 1.0
     return 0.5 * math.erfc(-z * ROOT_HALF)
 
 
 @kernel
-def in_view(views: Views, c: int, x: float, y: float, box: Floats, cells: Floats) -> bool:
+def in_view(views: PackedCameras, c: int, x: float, y: float, box: Floats, cells: Floats) -> bool:
     """Whether a person at (x, y) is in range of camera c and a cell of the box (4,) in its image; cells are written."""
     if inside_image(box, views.size[c, 0], views.size[c, 1], cells) == 0.0:
         return False
@@ -42,8 +42,8 @@ def in_view(views: Views, c: int, x: float, y: float, box: Floats, cells: Floats
 
 
 @kernel
-def visible_share(
-    views: Views,
+def visibility(
+    views: PackedCameras,
     c: int,
     state: Floats,
     i: int,
@@ -61,7 +61,7 @@ def visible_share(
         c: which camera.
         state: (6,) of the person.
         i: their index among all people.
-        box: (N, 4) expected boxes [px], and so on as in `clear_cells`.
+        box: (N, 4) expected boxes [px], and so on as in `cells_unoccluded_by`.
         depth: (N,)
         spread_px: (N,)
         spread_depth: (N,)
@@ -69,8 +69,8 @@ def visible_share(
         cells: (ROWS, COLUMNS) written: probability that a cell is seen.
     """
     inside_image(box[i], views.size[c, 0], views.size[c, 1], cells)
-    hide_behind(views, c, state[0], state[1], state[4], state[5], cells)
-    clear_cells(i, box, depth, spread_px, spread_depth, existence, cells)
+    occlude_by_static(views, c, state[0], state[1], state[4], state[5], cells)
+    cells_unoccluded_by(i, box, depth, spread_px, spread_depth, existence, cells)
     return float(np.mean(cells))
 
 
@@ -90,7 +90,7 @@ def centre_deviation(spread: Floats) -> float:
 
 
 @kernel
-def clear_cells(
+def cells_unoccluded_by(
     i: int,
     boxes: Floats,
     depth: Floats,
@@ -115,17 +115,17 @@ def clear_cells(
         if j == i or depth[j] < 0.0:
             continue
         spread = math.sqrt(spread_px[i] ** 2 + spread_px[j] ** 2) + 1e-9
-        reach = SHARP * spread
+        reach = NORMAL_TAIL_SIGMAS * spread
         if boxes[j, 0] > right + reach or boxes[j, 2] < left - reach or boxes[j, 1] > bottom or boxes[j, 3] < top:
             continue
         # Nearer than i, by the normal distribution of the difference of depths
         apart = math.sqrt(spread_depth[i] ** 2 + spread_depth[j] ** 2)
-        nearer = existence[j] * below((depth[i] - depth[j]) / apart)
+        nearer = existence[j] * normal_cdf((depth[i] - depth[j]) / apart)
         if nearer < 1e-3:
             continue
         for column in range(COLUMNS):
             u = left + (right - left) * (column + 0.5) / COLUMNS
-            across = below((boxes[j, 2] - u) / spread) - below((boxes[j, 0] - u) / spread)
+            across = normal_cdf((boxes[j, 2] - u) / spread) - normal_cdf((boxes[j, 0] - u) / spread)
             if across < 1e-3:
                 continue
             for row in range(ROWS):
@@ -149,7 +149,9 @@ def inside_image(box: Floats, width: float, height: float, cells: Floats) -> flo
 
 
 @kernel
-def hide_behind(views: Views, c: int, x: float, y: float, height: float, width: float, cells: Floats) -> None:
+def occlude_by_static(
+    views: PackedCameras, c: int, x: float, y: float, height: float, width: float, cells: Floats
+) -> None:
     """Set the cells (ROWS, COLUMNS) of a person to 0, in place, that a static occluder hides from camera c.
 
     A cell is a point of the upright rectangle through the person's axis that faces the camera.  The sight line to it

@@ -10,7 +10,7 @@ from occlog.settings import configure
 from occlog.track.methods.jipda.batch.smooth import smooth
 from occlog.track.methods.jipda.batch.uncertainty import long_run_variance
 from occlog.track.methods.jipda.config import JipdaConfig
-from occlog.track.methods.jipda.filter import begin, step
+from occlog.track.methods.jipda.filter import initial_state, step
 
 
 def correlated(r, series, looks):
@@ -41,7 +41,7 @@ def test_looks_of_other_series_and_looks_that_are_missing_are_not_compared():
 def filtered():
     """A small crowd, the filter's state at the end, and what it said."""
     scene = crowd(5, cameras=4, frames=60, hz=5.0, seed=4)
-    state, moments = begin(scene.scene, scene.scene.cameras, configure(JipdaConfig.in_unit("m"), {})), []
+    state, moments = initial_state(scene.scene, scene.scene.cameras, configure(JipdaConfig.in_unit("m"), {})), []
     for looks in scene.moments:
         state, moment = step(state, looks)
         moments.append(moment)
