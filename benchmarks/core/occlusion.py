@@ -29,7 +29,7 @@ from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
 from occlog.track.methods.apf import filter as apf
 from occlog.track.methods.apf.config import ApfConfig
-from occlog.track.methods.apf.model import FINE, pack_scan
+from occlog.track.methods.apf.model import OCCLUDER_SUPPORT_SIGMAS, pack_scan
 
 NAME = "occlusion"
 SUMMARY = "APF step, 1000 particles, 8 cameras, a static occluder, 40 priors: time to that of plain vectorised NumPy"
@@ -112,7 +112,7 @@ def erf_counts(at: Moment) -> dict[str, float]:
     model, priors, xy = at.state.model, at.scan.occluders, at.state.particles.xy
     assert priors is not None
     free = on_floor(xy, *model.floor)
-    grid = make_grid(xy, free, priors, FINE)
+    grid = make_grid(xy, free, priors, OCCLUDER_SUPPORT_SIGMAS)
     plain = culled = gridded = 0.0
     for i in range(len(at.scene.cameras)):
         rows = np.flatnonzero(seen_from(xy, i, model.sensors) & free)
@@ -130,7 +130,7 @@ def per_place(xy: Floats, x0: float, y0: float, priors: Any) -> float:
     rays = rays_to(xy, np.arange(len(xy)), x0, y0)
     count = 0.0
     for j in range(len(priors.sigma)):
-        mx, my, reach = priors.mean[j, 0] - x0, priors.mean[j, 1] - y0, extent(j, priors, FINE)
+        mx, my, reach = priors.mean[j, 0] - x0, priors.mean[j, 1] - y0, extent(j, priors, OCCLUDER_SUPPORT_SIGMAS)
         a, b = rays.ux * mx + rays.uy * my, rays.ux * my - rays.uy * mx
         if np.abs(b).min() > reach + priors.radius[j] or a.max() < -reach or np.all(a > rays.r + reach):
             continue
@@ -184,7 +184,7 @@ def _floor(at: Moment, step: float, repeats: int) -> dict[str, float]:
     counts, ns = erf_counts(at), erf_ns()
     model = at.state.model
     looks, xy = pack_scan(at.scan, model.read_px, True), at.state.particles.xy
-    free, occlusion = on_floor(xy, *model.floor), model.occlusion._replace(far=FINE)
+    free, occlusion = on_floor(xy, *model.floor), model.occlusion._replace(far=OCCLUDER_SUPPORT_SIGMAS)
     packed = model.sensors, model.noise, model.informed
     work = median(
         per_call(lambda: log_likelihood_among(xy, looks, *packed, free, at.scan.occluders, occlusion))  # type: ignore[arg-type]

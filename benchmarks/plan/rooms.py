@@ -35,7 +35,7 @@ from occlog.simulate.sensors.arrays import observe_arrays
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf.config import ApfConfig
 
 NAME = "plan-rooms"
@@ -161,7 +161,7 @@ def simulated(room: Room, seed: int) -> Run:
 
 def found_error(room: Room, run: Run, seed: int) -> tuple[float, float]:
     """Mean square error of the filter in a run, and its mean normalised square error."""
-    tracked = track([run.bearings], room.scene, Tracking(ApfConfig.in_unit("m"), seed))
+    tracked = track([run.bearings], room.scene, TrackingTask(ApfConfig.in_unit("m"), seed))
     tracks = Tracks.concat(part.tracks for part in tracked)
     at = np.searchsorted(run.truth.t_ns, tracks.t_ns)
     away = np.column_stack([tracks.x, tracks.y]) - _places(run.truth)[at]

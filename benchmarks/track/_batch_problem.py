@@ -8,7 +8,7 @@ from occlog.array_types import Floats
 from occlog.papers.rahimi.example import example, identified, sparse_scene
 from occlog.scans.grouping import BearingRows, scans_of, sensor_names
 from occlog.track.methods.map.config import MapConfig
-from occlog.track.methods.map.kernels.problem import Problem
+from occlog.track.methods.map.kernels.problem import TrajectoryProblem
 from occlog.track.methods.map.record import record_of
 from occlog.track.methods.map.search.pending import begin, problem_of, start_of
 
@@ -19,7 +19,7 @@ def sparse_config() -> MapConfig:
     return replace(MapConfig.in_unit("m"), acceleration=acceleration, jitter=jitter, walls=False, depth=1.0)
 
 
-def sparse_problem(steps: int, seed: int) -> tuple[Problem, Floats, float]:
+def sparse_problem(steps: int, seed: int) -> tuple[TrajectoryProblem, Floats, float]:
     """A problem of so many states, the paper's initial guess, and the size of the room."""
     scene = sparse_scene(known_range=False)
     table = example(0, seed, steps).bearings

@@ -14,7 +14,7 @@ from benchmarks.track._batch_problem import sparse_problem
 from occlog.array_types import Floats
 from occlog.track.methods.map.config import PACKAGES
 from occlog.track.methods.map.kernels.interior_point import MU_LAST, Options, Solution, minimise
-from occlog.track.methods.map.kernels.problem import Problem
+from occlog.track.methods.map.kernels.problem import TrajectoryProblem
 from occlog.track.methods.map.kernels.quadratic_program import program, sequential_programs
 from occlog.track.methods.map.kernels.windows import minimise_windows
 from occlog.track.methods.map.qp_solvers import program_solver
@@ -28,12 +28,12 @@ AGREE = 1e-4
 """Largest difference of positions [m] at which two solutions are one."""
 
 
-def newton(problem: Problem, start: Floats, extent: float) -> Floats:
+def newton(problem: TrajectoryProblem, start: Floats, extent: float) -> Floats:
     """States by occlog, as `track` finds them."""
     return solved(problem, start, extent).X
 
 
-def solved(problem: Problem, start: Floats, extent: float) -> Solution:
+def solved(problem: TrajectoryProblem, start: Floats, extent: float) -> Solution:
     """The whole trajectory, after its windows where it has several; iterations are those of the whole."""
     options = Options(1e-7 * extent)
     if problem.T > WINDOW:
@@ -43,11 +43,11 @@ def solved(problem: Problem, start: Floats, extent: float) -> Solution:
     return minimise(problem, start, options)
 
 
-def programs(name: str) -> Callable[[Problem, Floats, float], Floats]:
+def programs(name: str) -> Callable[[TrajectoryProblem, Floats, float], Floats]:
     """States by the paper's sequence of programs, with a general solver."""
     solver = program_solver(name)
 
-    def run_programs(problem: Problem, start: Floats, extent: float) -> Floats:
+    def run_programs(problem: TrajectoryProblem, start: Floats, extent: float) -> Floats:
         return sequential_programs(problem, start, Options(1e-6 * extent, 100), solver).X
 
     return run_programs
@@ -77,7 +77,7 @@ def run(repeats: int = 3) -> dict[str, Any]:
     return {"ratio": median(a / b for a, b in zip(ours, theirs, strict=True)), "limit": LIMIT, "parts": parts}
 
 
-def _one_program(case: tuple[Problem, Floats, float]) -> dict[str, float]:
+def _one_program(case: tuple[TrajectoryProblem, Floats, float]) -> dict[str, float]:
     """Time of one program about the initial guess, and of one of our iterations there."""
     problem, start, extent = case
     each, solver = program(problem, start), program_solver("clarabel")
@@ -90,7 +90,7 @@ def _one_program(case: tuple[Problem, Floats, float]) -> dict[str, float]:
 
 
 def _timed(
-    search: Callable[[Problem, Floats, float], Floats], case: tuple[Problem, Floats, float]
+    search: Callable[[TrajectoryProblem, Floats, float], Floats], case: tuple[TrajectoryProblem, Floats, float]
 ) -> tuple[float, Floats]:
     begin = time.perf_counter()
     X = search(*case)

@@ -27,7 +27,7 @@ from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf.config import ApfConfig
 
 NAME = "crowd-priors"
@@ -68,7 +68,7 @@ def follow(made: World, priors: str, settings: Mapping[str, Any]) -> Outcome:
     temper = {} if priors in (NONE, TRUE) else {"temper": float(priors)}
     config = configure(ApfConfig(), {**temper, **settings})
     told = None if priors == NONE else virtual_priors([made.truth], 0.0 if priors == TRUE else SIGMA, Q, made.seed)
-    parts = list(track([made.bearings], made.scene, Tracking(config, made.seed), told))
+    parts = list(track([made.bearings], made.scene, TrackingTask(config, made.seed), told))
     tracks, fared = Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
     own = made.truth.take(made.truth.target_id == TARGET)
     rows = np.searchsorted(own.t_ns, tracks.t_ns)

@@ -19,7 +19,7 @@ from occlog.records.tables import Tracks
 from occlog.settings import configure
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 
 NAME = "false-bearings"
 SUMMARY = "RMSE of map with 10 % false bearings to that without, four sharp cameras, five kinds of motion"
@@ -40,7 +40,7 @@ class Outcome(NamedTuple):
 def follow(recording: Recording, method: str, settings: Mapping[str, Any], skip_s: float = 0.0) -> Outcome:
     """Track one recording by the code of `occlog track`; the first `skip_s` seconds do not count."""
     config = configure(settings_of(method).in_unit("m"), settings)
-    parts = track([recording.bearings], recording.scene, Tracking(config, 0, method=method))
+    parts = track([recording.bearings], recording.scene, TrackingTask(config, 0, method=method))
     tracks = Tracks.concat(p.tracks for p in parts)
     tracks = tracks.take(tracks.t_ns >= recording.t_ns[0] + round(skip_s * 1e9))
     away = np.column_stack([tracks.x, tracks.y]) - recording.xy[np.searchsorted(recording.t_ns, tracks.t_ns)]

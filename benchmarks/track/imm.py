@@ -65,7 +65,7 @@ def run(repeats: int = 5) -> dict[str, Any]:
 def kernel(given: Recording) -> tuple[float, Floats]:
     """Microseconds a step of the kernel, and the means (T, 4)."""
     rng, means = np.random.default_rng(problem.SEED), []
-    cloud = imm.Cloud(_start(rng), np.zeros(PARTICLES, dtype=np.int64))
+    cloud = imm.ImmParticles(_start(rng), np.zeros(PARTICLES, dtype=np.int64))
     models, sigma = three_models(problem.ALPHA), np.full(3, SIGMA)
     begin = time.process_time()
     for k in range(STEPS):

@@ -25,7 +25,7 @@ from occlog.scans.measured import DistanceMeasurementFeed, make_stations, pack
 from occlog.settings import configure
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 
 NAME = "ranges"
 SUMMARY = "RMSE of map with ranges of 0.05 m to the bound of smoothing, four stations"
@@ -108,7 +108,7 @@ def follow(recording: Recording, method: str) -> Outcome:
     config = configure(settings_of(method).in_unit("m"), known)
     measured = DistanceMeasurementConfig(propagation="sound")
     feed = DistanceMeasurementFeed([recording.table], recording.scene, measured)
-    parts = track([], recording.scene, Tracking(config, 0, method=method), None, feed)
+    parts = track([], recording.scene, TrackingTask(config, 0, method=method), None, feed)
     parts = list(parts)
     tracks, doubts = Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
     settled = tracks.take(tracks.t_ns >= round(SKIP_S * NS))

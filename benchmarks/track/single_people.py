@@ -28,7 +28,7 @@ from occlog.records.tables import Bearings, Residuals, Tracks, Truth
 from occlog.settings import configure
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf.config import SelectConfig
 
 NAME = "single-people"
@@ -65,7 +65,7 @@ def follow(
 ) -> Outcome:
     """Track one person by the code of `occlog track`."""
     config = configure(settings_of(method).in_unit(scene.length_unit), settings)
-    parts = list(track([person.bearings], scene, Tracking(config, seed, method=method, selection=selection)))
+    parts = list(track([person.bearings], scene, TrackingTask(config, seed, method=method, selection=selection)))
     tracks = Tracks.concat(p.tracks for p in parts)
     at = np.searchsorted(person.t_ns, tracks.t_ns)
     away = np.column_stack([tracks.x, tracks.y]) - person.xy[at]

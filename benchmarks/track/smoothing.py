@@ -24,7 +24,7 @@ from occlog.scans.inputs import MeasurementInputs
 from occlog.settings import configure
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 
 NAME = "smoothing"
 SUMMARY = (
@@ -80,7 +80,9 @@ def seconds(case: Case, settings: Mapping[str, Any]) -> float:
     """Processor time of tracking a recording."""
     config = configure(settings_of(case.method).in_unit("m"), settings)
     begin = time.process_time()
-    rows = sum(len(part.tracks) for part in track(case.bearings, case.scene, Tracking(config, 0, method=case.method)))
+    rows = sum(
+        len(part.tracks) for part in track(case.bearings, case.scene, TrackingTask(config, 0, method=case.method))
+    )
     taken = time.process_time() - begin
     assert rows
     return taken

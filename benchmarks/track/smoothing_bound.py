@@ -48,7 +48,7 @@ from occlog.track.methods.jipda.filter import JipdaState, initial_state, step
 from occlog.track.methods.jipda.interface import HEIGHT, WIDTH, FrameDetections, TrackSnapshot
 from occlog.track.methods.jipda.kernels.detections import DetectorModel, PackedDetections
 from occlog.track.people.inputs import PeopleInput
-from occlog.track.request import PeopleRequest
+from occlog.track.request import TrackPeopleRequest
 
 SURE = 0.999
 SPREAD_M = 0.05
@@ -77,7 +77,7 @@ class Run(NamedTuple):
 
 def run_of(case: Case, recording: Path, px: float) -> Run:
     """Run the filter, and find out whose each box is."""
-    request = PeopleRequest(
+    request = TrackPeopleRequest(
         bearings=recording, output=recording.with_name("tracks.parquet"), method="jipda", settings={"smooth": True}
     )
     inputs = PeopleInput(request)

@@ -16,7 +16,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.papers.lee.space import worlds
-from occlog.track.interface import Estimate, Past
+from occlog.track.interface import Estimate, SmoothedState
 from occlog.track.methods.in_space import direct3d
 from occlog.track.methods.in_space.config import Direct3dConfig
 from occlog.track.methods.in_space.importance_step import drift_matrix
@@ -25,7 +25,7 @@ RUNS, STEPS, PARTICLES = 30, 50, (1000, 2000, 10000)
 ITERATIONS = 20
 
 
-def normalised(found: Sequence[Estimate | Past], truth: Floats) -> tuple[float, float]:
+def normalised(found: Sequence[Estimate | SmoothedState], truth: Floats) -> tuple[float, float]:
     """Mean normalised squared error and mean squared error of (T, 3) true places."""
     nees, square = [], []
     for one, x in zip(found, truth, strict=True):

@@ -20,7 +20,7 @@ from occlog.papers.rahimi.example import example, sparse_scene
 from occlog.records.tables import Tracks
 from occlog.settings import configure
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.run import TrackSummary
 
 NAME = "sparse-false-bearings"
@@ -41,7 +41,7 @@ class Outcome(NamedTuple):
 def solve(run: int, false: float, settings: Mapping[str, Any]) -> Outcome:
     """One random problem with a share of false bearings, by the code of `occlog track`."""
     made, scene = example(0, run, STEPS, false), sparse_scene(known_range=False)
-    parts = list(track([made.bearings], scene, Tracking(configure(sparse_config(), settings), 0, method="map")))
+    parts = list(track([made.bearings], scene, TrackingTask(configure(sparse_config(), settings), 0, method="map")))
     tracks, summary = Tracks.concat(p.tracks for p in parts), TrackSummary(scene, joint=False)
     for part in parts:
         summary.add(part)

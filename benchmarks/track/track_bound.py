@@ -23,7 +23,7 @@ from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf.config import ApfConfig
 
 NAME = "track_bound"
@@ -73,7 +73,7 @@ def squares(scene: Scene, redirect: float, config: ApfConfig, seed: int, steps: 
     late = truth.t_ns[0] + round(SKIP_S * 1e9)
     found = []
     for settings in (config, replace(config, smooth=True)):
-        tracks = Tracks.concat(part.tracks for part in track([bearings], scene, Tracking(settings, seed)))
+        tracks = Tracks.concat(part.tracks for part in track([bearings], scene, TrackingTask(settings, seed)))
         result = evaluate(tracks, truth, bearings, scene, EvaluateConfig(sigma_v=world.sigma))
         counted = result.errors.t_ns >= late
         bound = result.bound.take(np.isin(result.bound.t_ns, result.errors.t_ns[counted]))

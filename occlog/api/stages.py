@@ -33,7 +33,7 @@ from occlog.report.request import OverlayRequest, PageRequest, Report
 from occlog.request import Form, Request
 from occlog.simulate.request import VERB as SIMULATE_VERB
 from occlog.track.catalogue import form_of
-from occlog.track.request import Tracking
+from occlog.track.request import TrackRequestBase
 
 from .call import Setting, call, check_taken, names_of, record
 from .recordings import Recording, SceneSource, Source
@@ -541,7 +541,7 @@ def track(
 
 def _scene_of(request: Request) -> Scene | None:
     """Where the targets are; None: no input says it."""
-    assert isinstance(request, Tracking)
+    assert isinstance(request, TrackRequestBase)
     return open_input(request.bearings).scene if request.scene is None else scene_in(request.scene)
 
 

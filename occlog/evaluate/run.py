@@ -37,7 +37,7 @@ from occlog.records.verdicts import Verdict, summary_of, texts_of
 from occlog.request import Form
 from occlog.runner import Done, Job
 from occlog.settings import configure, declaration, declared
-from occlog.track.methods.images.run.inputs import born_from_detections, other_video, own_notes
+from occlog.track.methods.images.run.inputs import independent_id_note, initiated_from_detections, other_video
 
 from .bearings.detections import doa_metrics
 from .bearings.noise import MeasuredNoise, comment, scene_with
@@ -154,7 +154,7 @@ def _on_ground(sides: Sequence[EvaluateRequest], chosen: EvaluateConfig) -> tupl
     for side, (sources, scene, _) in zip(sides, opened, strict=True):
         if sources.truth is None:
             raise UsageError(f"{option('also')}: {side.truth} holds no true positions")
-        born = born_from_detections(side.tracks) or is_external(side.tracks)
+        born = initiated_from_detections(side.tracks) or is_external(side.tracks)
         own = "start" if born else own_targets_by(chosen, numbered_itself=False)
         config = configure(ManyConfig.in_unit(scene.length_unit), {"own": own, **side.many})
         figures = Evaluator(sources, scene, chosen).of_many(config)
@@ -261,7 +261,7 @@ def _in_world(request: EvaluateRequest, job: Job) -> tuple[Evaluation, str]:
     sources, scene, tracks = open_sources(request, held_boxes=held_boxes)
     unit = scene.length_unit
     # A tracker that numbers its tracks itself gives them numbers of targets by chance only
-    numbered_itself = born_from_detections(request.tracks) or is_external(request.tracks)
+    numbered_itself = initiated_from_detections(request.tracks) or is_external(request.tracks)
     own_numbers = "match" not in given and numbered_itself
     paired = {"match": "optimal"} if own_numbers else {}
     config = configure(EvaluateConfig.in_unit(unit), {**simulated(request.truth), **paired, **given})
@@ -273,7 +273,7 @@ def _in_world(request: EvaluateRequest, job: Job) -> tuple[Evaluation, str]:
     if sources.tracks is not None and sources.truth is not None and (evaluator.several or asked_for):
         many, unknown = many_config(unit, own_targets_by(config, numbered_itself=numbered_itself), many_given)
     asked = None if many_given.get("own") is None else str(many_given["own"])
-    numbers = () if many is None else own_notes(request.tracks, many.own, asked)
+    numbers = () if many is None else independent_id_note(request.tracks, many.own, asked)
     provenance = job.provenance(_parameters(request, config, many, unit), lost_earlier(request.inputs))
     kept: list[Errors] = []
     with job.tables(provenance, unit) as tables:

@@ -14,7 +14,7 @@ from occlog.errors import UsageError, did_you_mean
 from occlog.request import Form, Kind, Request, Verb, load
 from occlog.settings import Settings
 
-from .request import PeopleRequest, ReadsRequest, SingleViewRequest, Tracking, TrackRequest, ViewsRequest
+from .request import ReadsRequest, SingleViewRequest, TrackPeopleRequest, TrackRequest, TrackRequestBase, ViewsRequest
 
 if TYPE_CHECKING:
     from occlog.plugins.loading import Plugin
@@ -59,7 +59,7 @@ BEARINGS, IMAGES, BOXES, READS, VIEW = "bearings", "images", "boxes", "reads", "
 
 
 @dataclass(frozen=True)
-class Entry:
+class MethodEntry:
     """A method.
 
     Attributes:
@@ -86,14 +86,14 @@ class Entry:
         return self.takes_in == IMAGES
 
 
-class Methods(dict[str, Entry]):
+class Methods(dict[str, MethodEntry]):
     """Our methods; a name that is none of them is looked for among the plug-ins, which are not iterated over."""
 
     def __contains__(self, name: object) -> bool:
         """Whether there is a method of that name, ours or a plug-in's."""
         return super().__contains__(name) or (isinstance(name, str) and _plugged(name) is not None)
 
-    def __missing__(self, name: str) -> Entry:
+    def __missing__(self, name: str) -> MethodEntry:
         """The method of a plug-in; KeyError where there is none of that name."""
         found = _plugged(name)
         if found is None:
@@ -101,7 +101,7 @@ class Methods(dict[str, Entry]):
         return found
 
 
-def _plugged(name: str) -> Entry | None:
+def _plugged(name: str) -> MethodEntry | None:
     """The method of a plug-in; None where there is none of that name."""
     from occlog.plugins.loading import METHOD, VIEW_TRACKER, find
 
@@ -109,127 +109,127 @@ def _plugged(name: str) -> Entry | None:
     return None if plugin is None else entry_of(plugin)
 
 
-def entry_of(plugin: Plugin) -> Entry:
+def entry_of(plugin: Plugin) -> MethodEntry:
     """The line of a plug-in's method; PluginError where it cannot be loaded."""
     from occlog.plugins.loading import VIEW_TRACKER
 
     summary = str(plugin.load().summary)
     if plugin.kind == VIEW_TRACKER:
-        return Entry(summary, plugin.where, plugin.where, (), takes_in=VIEW, plugin=plugin)
-    return Entry(summary, plugin.where, plugin.where, IN_WORLD, plugin=plugin)
+        return MethodEntry(summary, plugin.where, plugin.where, (), takes_in=VIEW, plugin=plugin)
+    return MethodEntry(summary, plugin.where, plugin.where, IN_WORLD, plugin=plugin)
 
 
-OURS: dict[str, Entry] = {
-    "apf": Entry(
+OURS: dict[str, MethodEntry] = {
+    "apf": MethodEntry(
         "auxiliary particle filter with random waypoints (Ercan, El Gamal, Guibas 2013)",
         "occlog.track.methods.apf.filter:METHOD",
         "occlog.track.methods.apf.config:ApfConfig",
         (*IN_WORLD, *MEASURED, "starts", "occluders", "calibration", "cloud", *SELECTION),
     ),
-    "map": Entry(
+    "map": MethodEntry(
         "most probable trajectory from all bearings at once (Rahimi, Dunagan, Darrell 2004)",
         "occlog.track.methods.map.method:METHOD",
         "occlog.track.methods.map.config:MapConfig",
         (*IN_WORLD, *MEASURED, "starts", "occluders", "motion"),
     ),
-    "ekf": Entry(
+    "ekf": MethodEntry(
         "baseline of apf: extended Kalman filter of readings and bearings",
         "occlog.track.methods.kalman.filter:EKF",
         "occlog.track.methods.kalman.config:EkfConfig",
         (*IN_WORLD, *MEASURED, "starts"),
     ),
-    "ukf": Entry(
+    "ukf": MethodEntry(
         "baseline of apf: unscented Kalman filter (Julier, Uhlmann 1997)",
         "occlog.track.methods.kalman.filter:UKF",
         "occlog.track.methods.kalman.config:UkfConfig",
         (*IN_WORLD, *MEASURED, "starts"),
     ),
-    "iekf": Entry(
+    "iekf": MethodEntry(
         "baseline of apf: MAP estimate of each scan in a Kalman filter, the iterated EKF (Bell, Cathey 1993)",
         "occlog.track.methods.kalman.filter:IEKF",
         "occlog.track.methods.kalman.config:IekfConfig",
         (*IN_WORLD, "starts"),
     ),
-    "joint": Entry(
+    "joint": MethodEntry(
         "one particle filter for all labelled objects, which hide one another ([Ercan] Sec. 4.4; Doucet et al. 2002)",
         "occlog.track.methods.joint.filter:METHOD",
         "occlog.track.methods.joint.config:JointConfig",
         IN_WORLD,
     ),
-    "direct3d": Entry(
+    "direct3d": MethodEntry(
         "particle filter in space from azimuths and elevations (Lee 2009)",
         "occlog.track.methods.in_space.direct3d:METHOD",
         "occlog.track.methods.in_space.config:Direct3dConfig",
         (*IN_WORLD, "starts", "cloud", *SELECTION),
     ),
-    "pps": Entry(
+    "pps": MethodEntry(
         "projected planes selection: particle filters in the planes xy, yz and zx (Lee 2009)",
         "occlog.track.methods.in_space.projected_planes:METHOD",
         "occlog.track.methods.in_space.config:PpsConfig",
         (*IN_WORLD, "starts", *SELECTION),
     ),
-    "imm": Entry(
+    "imm": MethodEntry(
         "several motion models for several targets that microphone arrays hear, unlabelled (Lee 2009)",
         "occlog.track.methods.imm.filter:METHOD",
         "occlog.track.methods.imm.config:ImmConfig",
         (*IN_WORLD, "starts", "cooperation", "answer_delay"),
     ),
-    "fix": Entry(
+    "fix": MethodEntry(
         "each moment's position from its bearings alone (Lenth 1981)",
         "occlog.track.methods.fix.method:METHOD",
         "occlog.track.methods.fix.config:FixConfig",
         (*IN_WORLD, *MEASURED, "residuals"),
     ),
-    "jipda": Entry(
+    "jipda": MethodEntry(
         "everybody on the floor, from the boxes of all cameras jointly (Musicki, Evans 2004; Williams, Lau 2014)",
         "occlog.track.people.stage:JIPDA",
         "occlog.track.methods.jipda.config:JipdaConfig",
         OF_EVERYBODY,
         takes_in=BOXES,
     ),
-    "virtual": Entry(
+    "virtual": MethodEntry(
         "tags in the regions that sets of readers cover, the virtual sensors (Lee 2009)",
         "occlog.track.methods.readers.stage:track_virtual",
         "occlog.track.methods.readers.config:VirtualConfig",
         (*OF_TAGS, "virtual_sensors"),
         takes_in=READS,
     ),
-    "rssi": Entry(
+    "rssi": MethodEntry(
         "tags by the strength of their signals: particles with path loss and shadowing",
         "occlog.track.methods.readers.stage:track_rssi",
         "occlog.track.methods.readers.config:RssiConfig",
         OF_TAGS,
         takes_in=READS,
     ),
-    "mipf": Entry(
+    "mipf": MethodEntry(
         "in images: a particle filter for each target and view, on its own (Qu, Schonfeld, Mohamed 2007)",
         "occlog.track.methods.images.run.run:run_track_views",
         "occlog.track.methods.images.methods.config:MipfConfig",
         IN_IMAGES,
         takes_in=IMAGES,
     ),
-    "idmot": Entry(
+    "idmot": MethodEntry(
         "in images: trackers that touch repel each other and keep their ways (Qu, Schonfeld, Mohamed 2007)",
         "occlog.track.methods.images.run.run:run_track_views",
         "occlog.track.methods.images.methods.config:IdmotConfig",
         IN_IMAGES,
         takes_in=IMAGES,
     ),
-    "cmct": Entry(
+    "cmct": MethodEntry(
         "in images: particles on the epipolar lines of the other views, colours that adapt; no interaction",
         "occlog.track.methods.images.run.run:run_track_views",
         "occlog.track.methods.images.methods.config:CmctConfig",
         IN_IMAGES,
         takes_in=IMAGES,
     ),
-    "bmct": Entry(
+    "bmct": MethodEntry(
         "in images: as idmot, helped by the other views through epipolar lines (Qu, Schonfeld, Mohamed 2007)",
         "occlog.track.methods.images.run.run:run_track_views",
         "occlog.track.methods.images.methods.config:BmctConfig",
         IN_IMAGES,
         takes_in=IMAGES,
     ),
-    "mcmc": Entry(
+    "mcmc": MethodEntry(
         "in images: a filter for each view, whose samples hold all of its targets",
         "occlog.track.methods.images.run.run:run_track_views",
         "occlog.track.methods.images.methods.config:McmcConfig",
@@ -241,7 +241,7 @@ METHODS = Methods(OURS)
 """Every method by the name that `--method` takes."""
 
 
-def entry(name: str) -> Entry:
+def entry(name: str) -> MethodEntry:
     """The method's line in the table; UsageError names the nearest method, or all."""
     if name not in METHODS:
         raise UsageError(f"no tracking method {name!r}; {did_you_mean(name, METHODS)}")
@@ -283,7 +283,7 @@ def smooths(command: str, parameters: Mapping[str, object]) -> bool:
 
 REQUESTS: Mapping[str, type[Request]] = {
     BEARINGS: TrackRequest,
-    BOXES: PeopleRequest,
+    BOXES: TrackPeopleRequest,
     READS: ReadsRequest,
     VIEW: SingleViewRequest,
     IMAGES: ViewsRequest,
@@ -295,7 +295,7 @@ def form_of(method: str) -> Form:
     """The form of a request for a method; UsageError where there is no such method."""
     found = entry(method)
     around = (load("occlog.track.methods.images.births.config:ViewsConfig"),) if found.images else ()
-    shared = (each.name for each in Form(Tracking).entries())
+    shared = (each.name for each in Form(TrackRequestBase).entries())
     settings = {"settings": settings_of(method)}
     return Form(REQUESTS[found.takes_in], {*shared, *found.takes, "settings"}, settings, around)
 
@@ -309,7 +309,7 @@ def _plugged_kinds() -> dict[str, Kind]:
 
 
 VERB = Verb(
-    Tracking,
+    TrackRequestBase,
     {name: Kind(each.summary, partial(form_of, name)) for name, each in OURS.items()},
     default="apf",
     by={"method": str},

@@ -23,7 +23,7 @@ from occlog.scans.grouping import Scan
 from .smoothing_and_lag import LagConfig
 
 
-class Height(NamedTuple):
+class HeightEstimate(NamedTuple):
     """The third coordinate of an estimate in space."""
 
     z: float
@@ -31,7 +31,7 @@ class Height(NamedTuple):
     covariance: Floats  # (3,) of x and z, y and z, z and z
 
 
-class Cloud(NamedTuple):
+class ParticleSet(NamedTuple):
     """Where a filter thinks that the target is: L weighted places."""
 
     xy: Floats  # (L, 2)
@@ -45,7 +45,7 @@ class SensorErrors(NamedTuple):
     deviation: Floats  # (S, 3) standard deviations
 
 
-class Fit(NamedTuple):
+class BearingResiduals(NamedTuple):
     """How n bearings agree with the estimates."""
 
     row: Ints  # (n,) which estimate, from 0; 0 where there is one alone
@@ -55,7 +55,7 @@ class Fit(NamedTuple):
     believed: Floats  # (n,) probability that it is
 
 
-class Noise(NamedTuple):
+class NoiseScales(NamedTuple):
     """By how much variances are larger than stated, as residuals tell."""
 
     bearings: float
@@ -76,20 +76,20 @@ class Estimate(NamedTuple):
     used: tuple[int, ...]  # sensors, places in `sensor_names`
     seen_by: tuple[int, ...] | None = None  # those of them that saw the target; None: the method does not say which
     calibration: SensorErrors | None = None  # None: not estimated
-    height: Height | None = None  # None: the method tracks on the ground
-    fit: Fit | None = None  # None: the method does not judge bearings
+    height: HeightEstimate | None = None  # None: the method tracks on the ground
+    fit: BearingResiduals | None = None  # None: the method does not judge bearings
 
 
-class Past(NamedTuple):
+class SmoothedState(NamedTuple):
     """A state estimated from what was seen before and after it; as in `Estimate`."""
 
     xy: Floats  # (2,)
     velocity: Floats  # (2,) per second
     covariance: Floats  # (2, 2) of xy
-    height: Height | None = None
+    height: HeightEstimate | None = None
 
 
-class Smoothed(NamedTuple):
+class SmoothedTrajectory(NamedTuple):
     """T states of one target, estimated from what was seen before and after them."""
 
     t_ns: Ints  # (T,)
@@ -104,8 +104,8 @@ class Smoothed(NamedTuple):
     seen_by: tuple[tuple[int, ...], ...]  # (T,) those of them that saw the target
     iterations: int  # that it took
     converged: bool
-    fit: Fit | None = None  # None: the method does not judge bearings
-    noise: Noise | None = None  # None: the method takes it as stated
+    fit: BearingResiduals | None = None  # None: the method does not judge bearings
+    noise: NoiseScales | None = None  # None: the method takes it as stated
 
 
 State = TypeVar("State")
@@ -123,10 +123,12 @@ class OccluderTerms(NamedTuple):
     max_age_s: float  # priors that are older are not used
 
 
-class Prediction(NamedTuple, Generic[State, Config]):
+class TargetPredictor(NamedTuple, Generic[State, Config]):
     """How a method says where its target will be: what the selection of cameras needs."""
 
-    cloud: Callable[[State, int, Generator], Cloud]  # at a time not before the last scan; the state stays as it is
+    cloud: Callable[
+        [State, int, Generator], ParticleSet
+    ]  # at a time not before the last scan; the state stays as it is
     step_s: Callable[[Config], float]  # reference step, in which the time between selections is counted
     detection: Callable[[Config], float | None]  # P_D of cameras of which the scene says none; None: 1
     hiding: Callable[[Config], int] | None = (
@@ -142,7 +144,9 @@ class Smoothing(NamedTuple, Generic[State, Config]):
 
     wanted: Callable[[Config], LagConfig]  # whether and how
     trace: Callable[[State], Any]  # of the last step
-    back: Callable[[Sequence[Any], Config, Generator], list[Past]]  # traces of steps in order; a state for each
+    back: Callable[
+        [Sequence[Any], Config, Generator], list[SmoothedState]
+    ]  # traces of steps in order; a state for each
 
 
 class Online(NamedTuple, Generic[State, Config]):
@@ -153,7 +157,7 @@ class Online(NamedTuple, Generic[State, Config]):
     step: Callable[[State, Scan, Generator], tuple[State, Estimate | None]]  # None: the scan tells no position
     started: Callable[[Config], bool]  # whether the settings say where the target is at first
     occluders: Callable[[Config], OccluderTerms] | None = None  # None: it knows nothing of moving occluders
-    prediction: Prediction[State, Config] | None = None  # None: cameras cannot be selected for it
+    prediction: TargetPredictor[State, Config] | None = None  # None: cameras cannot be selected for it
     calibrates: Callable[[Config], bool] | None = None  # whether poses are estimated; None: they never are
     smoothing: Smoothing[State, Config] | None = None  # None: it cannot look back
     measured: bool = False  # whether it takes ranges, signal strengths and time differences
@@ -165,7 +169,9 @@ class Batch(NamedTuple, Generic[State, Config]):
 
     config: type[Config]
     begin: Callable[[Scene, Config, bool], State]  # nothing is known yet; true: it is back, so that no start holds
-    advance: Callable[[State, Sequence[Scan], bool], tuple[State, Smoothed]]  # more scans; whether none will follow
+    advance: Callable[
+        [State, Sequence[Scan], bool], tuple[State, SmoothedTrajectory]
+    ]  # more scans; whether none will follow
     started: Callable[[Config], bool]  # whether the settings say where the target is at first
     lag_ns: Callable[[Config], int | None]  # how long states wait for what comes after them; None: to the end
     forgets_ns: Callable[[Scene, Config], int | None] = lambda *_: None  # after such a pause a target begins anew
@@ -183,7 +189,7 @@ class Joint(NamedTuple, Generic[State, Config, Report]):
     smoothing: Smoothing[tuple[State, int], Config] | None = None  # of one target of a state; None: cannot look back
 
 
-class Together(NamedTuple, Generic[State, Config]):
+class JointMethod(NamedTuple, Generic[State, Config]):
     """A method with one state for all objects that carry a label, which hide one another."""
 
     config: type[Config]
@@ -192,5 +198,5 @@ class Together(NamedTuple, Generic[State, Config]):
     started: Callable[[Config], bool] = lambda _: False
 
 
-AnyMethod = Online[Any, Any] | Batch[Any, Any] | Joint[Any, Any, Any] | Together[Any, Any]
+AnyMethod = Online[Any, Any] | Batch[Any, Any] | Joint[Any, Any, Any] | JointMethod[Any, Any]
 """A method that was chosen by its name; only the method itself knows the types of its state and settings."""

@@ -17,7 +17,7 @@ NS_PER_S = 1e9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tracking(Request):
+class TrackRequestBase(Request):
     """Estimate target tracks from BEARINGS (Parquet, or a recording that holds bearings).
 
     Each labelled target has its own filter. Candidates without a label (target_id -1, for example
@@ -87,7 +87,7 @@ class Tracking(Request):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _InWorld(Tracking):
+class _InWorld(TrackRequestBase):
     """What methods take that track in the world by bearings, or by reads of tags."""
 
     JUDGED: ClassVar[bool] = True
@@ -193,7 +193,7 @@ class TrackRequest(_InWorld):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PeopleRequest(Tracking):
+class TrackPeopleRequest(TrackRequestBase):
     """Boxes of all cameras to follow people by."""
 
     RUN: ClassVar[str] = "occlog.track.people.run:run_track_people"
@@ -212,7 +212,7 @@ class PeopleRequest(Tracking):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SingleViewRequest(Tracking):
+class SingleViewRequest(TrackRequestBase):
     """Boxes to follow in each camera on its own."""
 
     RUN: ClassVar[str] = "occlog.track.single_view.run:run_track_single_view"
@@ -237,7 +237,7 @@ class ReadsRequest(_InWorld):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViewsRequest(Tracking):
+class ViewsRequest(TrackRequestBase):
     """A recording to track in the images of."""
 
     RUN: ClassVar[str] = "occlog.track.methods.images.run.run:run_track_views"

@@ -25,9 +25,9 @@ from occlog.scans.inputs import MeasurementInputs
 from occlog.scans.measured import DistanceMeasurementFeed, Radio, SignalErrors
 from occlog.scans.sources import only_measured, round_robin
 from occlog.settings import METRES, Settings, configure
-from occlog.track.drivers.rows import Messages
+from occlog.track.drivers.rows import NetworkTraffic
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf.config import SelectConfig
 from occlog.track.methods.imm.config import START_NUMBERS, ImmConfig
 from occlog.track.request import TrackRequest
@@ -39,7 +39,7 @@ from .smoothing_and_lag import SmoothingConfig
 if TYPE_CHECKING:
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
-    from occlog.track.drivers.rows import Solve, Tracked
+    from occlog.track.drivers.rows import Solve, TrackChunk
 
 
 NUMBER = "number of targets"
@@ -62,13 +62,13 @@ class TrackSummary:
         self.targets: set[int] = set()
         self.evidence = ConsistencyEvidence(distances=distances)
         self.compass, self.sharp = AngleConventionCheck(scene), SmallNoiseCheck()
-        self.messages = Messages()
+        self.messages = NetworkTraffic()
         self.solves: list[Solve] = []
         self.asked: Counter[str] = Counter()
         self.cooperated = False
         self.requests = self.answered = self.frames = self.offered = 0
 
-    def add(self, part: Tracked) -> None:
+    def add(self, part: TrackChunk) -> None:
         """Count some more rows."""
         self.targets.update(part.tracks.target_id.tolist())
         self.evidence.fared(part.diagnostics)
@@ -159,7 +159,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
             f"{option('calibration')} wants estimates to write; add "
             f"{option('set.calibrate')}joint or {option('set.calibrate')}initial"
         )
-    measured, said = make_measured(request, inputs)
+    measured, said = distance_measurements(request, inputs)
     sensors = choose_sensors(inputs.scene, request.cameras, request.without, readers=measured is not None)
     targets = request.targets or None
     selection = make_selection(request)
@@ -171,7 +171,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
         chunks = one_at_a_time(chunks, inputs.scene, sensors, request.in_turn)
     # Track
     plugin = METHODS[request.method].plugin
-    tracking = Tracking(
+    tracking = TrackingTask(
         config,
         request.seed,
         method=request.method,
@@ -236,7 +236,7 @@ def takes_distances(method: AnyMethod) -> bool:
     return isinstance(method, Online | Batch) and method.measured
 
 
-def make_measured(
+def distance_measurements(
     request: TrackRequest, inputs: MeasurementInputs
 ) -> tuple[DistanceMeasurementFeed | None, dict[str, Any]]:
     """The measurements of distances, and what provenance says of them; None and nothing where there are none.
@@ -253,13 +253,15 @@ def make_measured(
     config = configure(DistanceMeasurementConfig.in_unit(inputs.scene.length_unit), dict(request.measured))
     radio = None if request.path_loss is None else radio_of(request, inputs.scene)
     name = None if request.path_loss is None else request.path_loss.name
-    said = {"measurements": {**asdict(config), "path_loss": name, "radio": None if radio is None else _told(radio)}}
+    said = {
+        "measurements": {**asdict(config), "path_loss": name, "radio": None if radio is None else _note_inputs(radio)}
+    }
     return DistanceMeasurementFeed(
         inputs.measurements, inputs.scene, config, radio, moments=request.method == "fix"
     ), said
 
 
-def _told(radio: Radio) -> dict[str, Any]:
+def _note_inputs(radio: Radio) -> dict[str, Any]:
     """A path loss as provenance has it."""
     return {**radio._asdict(), "shadowing": radio.shadowing._asdict()}
 
@@ -309,7 +311,7 @@ def make_config(request: TrackRequest, unit: str) -> Settings:
         if "answer_s" in values:
             raise UsageError(f"{option('answer_delay')} and {option('set.answer_s')} say the same; give one of them")
         delay = request.answer_delay
-        values["answer_s"] = slowest_router(delay) if isinstance(delay, Path) else delay
+        values["answer_s"] = max_router_delay(delay) if isinstance(delay, Path) else delay
     return configure(defaults, values)
 
 
@@ -327,7 +329,7 @@ def motion_settings(path: Path, unit: str, given: Mapping[str, Any]) -> dict[str
     return {"A": A, "Sigma": sigma, "step_s": motion.step_s}
 
 
-def slowest_router(path: Path) -> float:
+def max_router_delay(path: Path) -> float:
     """Return the largest end-to-end delay in a table of delays [s]; UsageError where it has those of several cases.
 
     An answer takes at most as long as the whole cycle of the router that waits longest: from the detection to the last

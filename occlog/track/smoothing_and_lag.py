@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from occlog.settings import Settings, setting
 
-MOST_STEPS = 4096
+MAX_SMOOTHING_STEPS = 4096
 """Steps of a target that wait at most: a state is smoothed with at least half as many steps after it."""
 
 
@@ -20,7 +20,8 @@ class LagConfig(Settings):
 
     smooth: bool = setting(
         False,
-        f"Estimate each state from what was recorded before and after it, {MOST_STEPS} scans of a target at a time.",
+        f"Estimate each state from what was recorded before and after it, {MAX_SMOOTHING_STEPS} scans of a target "
+        "at a time.",
         option="--smooth",
     )
     lag_s: float | None = setting(

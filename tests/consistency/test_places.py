@@ -16,7 +16,7 @@ from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene, camer
 from occlog.records.tables import Bearings, Diagnostics, Residuals, Tracks
 from occlog.records.verdicts import findings
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf.config import ApfConfig
 
 ROOM = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
@@ -158,7 +158,7 @@ def test_a_pillar_that_is_not_there_makes_a_wrong_track_and_the_verdict_says_so(
     rng = np.random.default_rng(8)
     path = walk(100, rng)
     bearings = observe(scene, path, rng)
-    parts = list(track([bearings], scene, Tracking(ApfConfig(), 0)))
+    parts = list(track([bearings], scene, TrackingTask(ApfConfig(), 0)))
     tracks, diagnostics = Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
     found = ConsistencyEvidence()
     found.fared(diagnostics)

@@ -18,7 +18,7 @@ from occlog.io.files.tables.table_writer import write_table
 from occlog.records.tables import Delays
 from occlog.settings import SettingError
 from occlog.track.request import TrackRequest
-from occlog.track.run import make_config, slowest_router
+from occlog.track.run import make_config, max_router_delay
 
 ONE_CASE = ("--protocol", "sbvc", "--image-kb", "40", "--objects-share", ".1")
 
@@ -41,7 +41,7 @@ def request(delay: float | Path | None, **settings: object) -> TrackRequest:
 def test_delays_of_one_case_count_by_their_slowest_router(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = traffic(tmp_path / "sbvc.parquet", *ONE_CASE)
     (longest,) = json.loads(capsys.readouterr().out)["delay_s"].values()
-    assert slowest_router(path) == longest == pytest.approx(1.031, abs=5e-4)
+    assert max_router_delay(path) == longest == pytest.approx(1.031, abs=5e-4)
     assert make_config(request(path), "m") == make_config(request(longest), "m")
     assert request(path).inputs == [Path("heard.parquet"), path]
     assert request(longest).inputs == [Path("heard.parquet")]
@@ -50,11 +50,11 @@ def test_delays_of_one_case_count_by_their_slowest_router(tmp_path: Path, capsys
 def test_delays_of_several_cases_or_of_none_are_refused(tmp_path: Path) -> None:
     path = traffic(tmp_path / "both.parquet", "--image-kb", "10", "--objects-share", ".1")
     with pytest.raises(UsageError, match=r"delays of 2 cases \(rbvc, shared, 10 kB, 0.1; sbvc, shared, 10 kB, 0.1"):
-        slowest_router(path)
+        max_router_delay(path)
     rows = read_table(path, Delays)
     write_table(tmp_path / "messages.parquet", rows.take(rows.kind != "end-to-end"), Provenance("traffic"))
     with pytest.raises(InputError, match="has no end-to-end delays"):
-        slowest_router(tmp_path / "messages.parquet")
+        max_router_delay(tmp_path / "messages.parquet")
 
 
 def test_seconds_are_those_of_the_setting_and_both_are_an_error() -> None:

@@ -17,7 +17,7 @@ from occlog.records.tables import Diagnostics, Tracks
 from occlog.settings import configure
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 
 pytestmark = pytest.mark.jit
 STEPS = 100
@@ -35,7 +35,7 @@ class Found(NamedTuple):
 def followed(scene: Scene, path: Floats, method: str, seed: int) -> Found:
     bearings = observe(scene, path, np.random.default_rng(seed))
     config = configure(settings_of(method).in_unit("unit"), {})
-    parts = list(track([bearings], scene, Tracking(config, seed, method=method)))
+    parts = list(track([bearings], scene, TrackingTask(config, seed, method=method)))
     tracks, notes = Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
     away = np.column_stack([tracks.x, tracks.y]) - path[np.rint(tracks.t_ns / SECOND).astype(int)]
     nees = normalised_squared_errors(away, covariances(tracks))

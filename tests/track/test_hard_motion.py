@@ -13,7 +13,7 @@ from occlog.records.verdicts import findings
 from occlog.settings import configure
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.run import TrackSummary
 
 pytestmark = pytest.mark.jit
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.jit
 def followed(made: Recording, **settings: float) -> tuple[float, set[str]]:
     """Mean NEES of `map`, and what its verdict warns of."""
     config = configure(settings_of("map").in_unit("m"), settings)
-    parts = list(track([made.bearings], made.scene, Tracking(config, 0, method="map")))
+    parts = list(track([made.bearings], made.scene, TrackingTask(config, 0, method="map")))
     tracks, summary = Tracks.concat(p.tracks for p in parts), TrackSummary(made.scene, joint=False)
     for part in parts:
         summary.add(part)

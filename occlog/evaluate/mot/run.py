@@ -38,7 +38,7 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, TruthBoxes, windows
 from occlog.runner import Job
 from occlog.settings import configure
-from occlog.track.methods.images.run.inputs import born_from_detections, other_video, own_notes
+from occlog.track.methods.images.run.inputs import independent_id_note, initiated_from_detections, other_video
 
 from .config import ManyConfig
 from .stage import ComparedBoxes, Sides
@@ -78,7 +78,7 @@ def evaluate_in_images(request: EvaluateRequest, job: Job) -> Evaluation:
     provenance = job.provenance(asdict(config), lost_earlier(request.inputs))
     with job.tables(provenance, "m") as tables:
         result = compared.evaluate(None if request.failures is None else lambda rows: tables.write(failures=rows))
-    told = own_notes(request.tracks, config.own, _asked(request.many))
+    told = independent_id_note(request.tracks, config.own, _asked(request.many))
     notes = (*result.notes, *told, *other_video(request.tracks, [request.truth]))
     result = replace(result, notes=notes, verdicts=provenance.judged)
     if request.mot is not None and request.tracks is not None:
@@ -93,7 +93,7 @@ def evaluate_in_images(request: EvaluateRequest, job: Job) -> Evaluation:
 def _configured(request: EvaluateRequest, ours: Opened | None) -> ManyConfig:
     """Settings; UsageError for a cutoff that boxes do not have."""
     named = ours is not None and ours.has(ViewTracks)
-    own = "label" if named and not born_from_detections(request.tracks) else "start"
+    own = "label" if named and not initiated_from_detections(request.tracks) else "start"
     overlap = configure(EvaluateConfig(), request.settings).box_overlap
     frames = {} if request.frames is None else {"frames": request.frames}
     config = configure(ManyConfig(), {"own": own, "overlap": overlap, **request.many, **frames})

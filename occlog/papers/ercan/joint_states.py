@@ -21,9 +21,9 @@ from occlog.settings import Settings
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
-from occlog.track.drivers.rows import Tracked
+from occlog.track.drivers.rows import TrackChunk
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf.config import ApfConfig
 from occlog.track.methods.joint.config import JointConfig
 
@@ -46,7 +46,7 @@ def figures_of(spec: Spec) -> dict[str, float]:
     bearings = Bearings.concat(list(observe(scene, [truth], ObserveConfig(diameter=world.diameter), seed)))
     L, out = int(spec["particles"]), {}
 
-    def add(name: str, parts: list[Tracked], seconds: float) -> None:
+    def add(name: str, parts: list[TrackChunk], seconds: float) -> None:
         tracks, notes = Tracks.concat([p.tracks for p in parts]), Diagnostics.concat([p.diagnostics for p in parts])
         out[f"{name}, rmse"] = errors_of(tracks, truth, scene, SKIP)["rmse"]
         out[f"{name}, ess"] = float(notes.ess[notes.target_id == 0].mean())
@@ -72,11 +72,11 @@ def _tracked(
     method: str,
     targets: tuple[int, ...] | None = None,
     priors: Occluders | None = None,
-) -> tuple[list[Tracked], float]:
+) -> tuple[list[TrackChunk], float]:
     """What a method gives out, and the CPU seconds that it took."""
     start = time.process_time()
     sensors = frozenset(names(SQUARE_ORDER[:CAMERAS]))
-    tracking = Tracking(config, seed, method=method, sensors=sensors, targets=targets)
+    tracking = TrackingTask(config, seed, method=method, sensors=sensors, targets=targets)
     parts = list(track([bearings], scene, tracking, None if priors is None else [priors]))
     return parts, time.process_time() - start
 

@@ -57,7 +57,7 @@ from occlog.scans.occluder_priors import known_positions
 from occlog.simulate.config import WorldConfig
 from occlog.simulate.stage import simulate_truth
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf.config import ApfConfig, SelectConfig, read_selection
 
 from .selection import ALL, BRUTE, CLOSEST, FIXED, GREEDY, HEURISTICS, RANDOM
@@ -104,7 +104,7 @@ def recorded_target(scene: Scene, bearings: Bearings) -> Recorded:
     if scene.length_unit != "m":
         raise InputError(f"the recording is in {scene.length_unit}, the experiment wants metres")
     config = replace(ApfConfig.in_unit("m"), particles=4000)
-    tracks = Tracks.concat([p.tracks for p in track([bearings], scene, Tracking(config, 0))])
+    tracks = Tracks.concat([p.tracks for p in track([bearings], scene, TrackingTask(config, 0))])
     if len(tracks) <= SKIP + 1:
         raise InputError(f"{len(tracks)} times with detections, want more than {SKIP + 1}")
     target = tracks.target_id[0]
@@ -356,7 +356,7 @@ def trial(
     table = recorded.bearings if kind == CLEAR else crowd.left
     used = (table.t_ns <= last) & np.isin(table.sensor, list(cameras))
     priors = crowd.priors.get(kind)
-    tracking = Tracking(settings_of(recorded, size, kind), seed, sensors=frozenset(cameras), selection=select)
+    tracking = TrackingTask(settings_of(recorded, size, kind), seed, sensors=frozenset(cameras), selection=select)
     parts = track([table.take(used)], recorded.scene, tracking, None if priors is None else [priors])
     rmse = _error(recorded, Tracks.concat([p.tracks for p in parts]))
     lost = crowd.gone[used & recorded.bearings.seen]

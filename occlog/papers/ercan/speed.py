@@ -25,7 +25,7 @@ from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
 from occlog.track.methods.apf.config import ApfConfig
 from occlog.track.methods.apf.model import (
-    FINE,
+    OCCLUDER_SUPPORT_SIGMAS,
     occlusion_of,
     pack_detection,
     pack_noise,
@@ -137,7 +137,7 @@ def _likelihood(scene: Scene, form: LikelihoodForm) -> Callable[[LikelihoodInput
                 log_likelihood(step.xy, step.looks, sensors=sensors, noise=noise, model=detection, free=free)
             )
         priors = step.priors[form.series]
-        occlusion = occlusion_of(form.config)._replace(far=FINE)
+        occlusion = occlusion_of(form.config)._replace(far=OCCLUDER_SUPPORT_SIGMAS)
         return log_likelihood_among(
             step.xy,
             step.looks,

@@ -12,7 +12,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.papers import verdicts as v
 from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, quotient_of
-from occlog.track.methods.readers.refine import PARALLEL, PRINTED, RAYS, Sights, refine
+from occlog.track.methods.readers.refine import PARALLEL, PRINTED, RAYS, TagSightings, refine
 from occlog.track.methods.readers.virtual import locate, most_virtual_sensors, virtual_sensors
 
 SIDE = 10.0
@@ -60,7 +60,7 @@ def errors(size: Size, execute: Execute) -> Table:  # noqa: ARG001
             medians[COARSE].append(float(np.median(away)))
             to = xy[:, None, :] - CAMERAS
             bearing = np.arctan2(to[..., 1], to[..., 0])
-            sights = Sights(CAMERAS, YAWS, bearing, np.full(bearing.shape, SIGMA))
+            sights = TagSightings(CAMERAS, YAWS, bearing, np.full(bearing.shape, SIGMA))
             for form in FORMS:
                 found = refine(coarse.xy, coarse.covariance, sights, form)
                 error = np.sqrt(((found.xy - xy) ** 2).sum(axis=1))

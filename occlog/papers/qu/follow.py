@@ -19,7 +19,7 @@ from occlog.errors import InputError
 from occlog.measure.epipolar.views import ViewGeometry
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.video import BallsFrame
-from occlog.track.methods.images.interface import START, Birth, Outlines
+from occlog.track.methods.images.interface import START, Birth, TrackerOutlines
 from occlog.track.methods.images.methods.config import BmctConfig, MipfConfig
 from occlog.track.methods.images.methods.state import VisualState, initial_state
 from occlog.track.methods.images.methods.step import advance, initiate_trackers
@@ -61,9 +61,9 @@ class Followed(NamedTuple):
         target: (n,) identity of the tracker.
         ellipse: (n, 5) centre [px], half axes [px], angle of the first axis [rad].
         mode: (n,) index in `MODES`; -1 in the first frame.
-        counterpart: (n,) see `Outlines`.
-        event: (n,) see `Outlines`.
-        ess: (n,) see `Outlines`; NaN in the first frame.
+        counterpart: (n,) see `TrackerOutlines`.
+        event: (n,) see `TrackerOutlines`.
+        ess: (n,) see `TrackerOutlines`; NaN in the first frame.
         seconds: (steps,) CPU time of each step of the method.
         parts: (k, 3) CPU time of the local, the interaction and the collaboration likelihood in some of the
             steps [s]; (0, 3) for a method that is not `timed`.
@@ -91,7 +91,7 @@ class FollowedFrame(NamedTuple):
     """A frame of the video with the trackers of each method."""
 
     frame: BallsFrame
-    rows: Mapping[str, Outlines]
+    rows: Mapping[str, TrackerOutlines]
 
 
 def follow(
@@ -113,7 +113,7 @@ def follow(
     Returns:
         The output of each method by label; the truth as boxes, with `view`; and the radius of each true row [px].
     """
-    done: dict[str, list[Outlines]] = {label: [] for label in runners}
+    done: dict[str, list[TrackerOutlines]] = {label: [] for label in runners}
     seconds: dict[str, list[float]] = {label: [] for label in runners}
     parts: dict[str, list[tuple[float, float, float]]] = {label: [] for label in runners}
     states, rngs = {}, {label: generator(r.seed, RandomStream.TRACK) for label, r in runners.items()}
@@ -169,11 +169,11 @@ def led_astray(state: VisualState, astray: Astray) -> VisualState:
     return state._replace(trackers=t._replace(particles=particles, estimate=estimate, velocity=velocity, path=path))
 
 
-def _first(births: Sequence[Birth], views: int) -> Outlines:
+def _first(births: Sequence[Birth], views: int) -> TrackerOutlines:
     """Return the rows of the first frame, of trackers that were just born."""
     n = len(births)
     zero, unknown = np.zeros(n, dtype=np.int64), np.full(n, np.nan)
-    return Outlines(
+    return TrackerOutlines(
         view=np.array([b.view for b in births], dtype=np.int64),
         target_id=np.array([b.target_id for b in births], dtype=np.int64),
         ellipse=np.stack([b.ellipse for b in births]),
@@ -189,7 +189,7 @@ def _first(births: Sequence[Birth], views: int) -> Outlines:
 
 
 def _joined(
-    rows: Sequence[Outlines], seconds: Sequence[float], parts: Sequence[tuple[float, float, float]]
+    rows: Sequence[TrackerOutlines], seconds: Sequence[float], parts: Sequence[tuple[float, float, float]]
 ) -> Followed:
     """Join the rows of frames 0, 1, ..."""
     return Followed(

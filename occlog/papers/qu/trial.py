@@ -25,7 +25,7 @@ from occlog.errors import InputError
 from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.settings import configure
 from occlog.simulate.balls.config import BallsConfig
-from occlog.track.methods.images.interface import BAD, GOOD, LEFT, LOST, MODES
+from occlog.track.methods.images.interface import BAD, GOOD, LEFT, MODES, TERMINATED
 from occlog.track.methods.images.methods.config import CONFIGS, MipfConfig
 
 from .follow import Astray, Followed, Runner, follow
@@ -324,7 +324,7 @@ def scores(truth: Objects, followed: Followed, tau: Floats) -> dict[str, float]:
         "hota": hota(boxes).means()["hota"],
         "mota": clear_mot(boxes).mota,
         "left": float(np.sum(f.event == LEFT)),
-        "lost": float(np.sum(f.event == LOST)),
+        "lost": float(np.sum(f.event == TERMINATED)),
         "track_seconds": float(np.sum(f.seconds)),
         "frame_ms": 1e3 * float(np.median(f.seconds)),
         "ess": float(np.nanmedian(f.ess)) if np.isfinite(f.ess).any() else math.nan,

@@ -21,7 +21,7 @@ from occlog.simulate.config import ObserveConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.track.methods.map.fit_motion.em import fit_em
 from occlog.track.methods.map.fit_motion.parameters import Shape
-from occlog.track.methods.map.fit_motion.smoother import Path
+from occlog.track.methods.map.fit_motion.smoother import MeasuredPath
 
 HALF = 5.0
 """Half the side of the square room [m]."""
@@ -152,7 +152,7 @@ def identified(seed: int, fit_step_s: float = STEP_S) -> tuple[float, float]:
     """
     rng, every = _rng(seed, 0, TRAINING), round(fit_step_s / STEP_S)
     t_ns = times(TRAINING_STEPS)[::every]
-    paths = [Path(t_ns, reflected_path(TRAINING_STEPS, rng)[::every]) for _ in range(TRAINING_PATHS)]
+    paths = [MeasuredPath(t_ns, reflected_path(TRAINING_STEPS, rng)[::every]) for _ in range(TRAINING_PATHS)]
     shape, step_s = Shape("cv", "white", alike=True, noise=False), every * STEP_S
     fit = fit_em(paths, step_s, shape, longest_gap_s=step_s, noise=TRAINING_NOISE)
     return fit.parameters["acceleration"], fit.parameters["jitter"]

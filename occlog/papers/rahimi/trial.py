@@ -17,7 +17,7 @@ from occlog.pipeline.sweep.trial import Spec
 from occlog.records.tables import Bearings, Diagnostics, Tracks
 from occlog.settings import configure
 from occlog.track.drivers.batch import track_batch
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.map import method as batch_map
 from occlog.track.methods.map.config import MapConfig
 from occlog.track.methods.map.kernels.interior_point import Iterate
@@ -110,7 +110,7 @@ def solve_problem(spec: Spec) -> Solved:
         iterates.append(at.X[:, ::2].copy())
 
     method = batch_map.METHOD._replace(advance=functools.partial(batch_map.advance, watch=watch))
-    found = list(track_batch([problem.bearings], scene, method, Tracking(config, seed=0, method="map")))
+    found = list(track_batch([problem.bearings], scene, method, TrackingTask(config, seed=0, method="map")))
     tracks, diagnostics = (Tracks.concat(p.tracks for p in found), Diagnostics.concat(p.diagnostics for p in found))
     solve = found[0].solves[0]
     return Solved(

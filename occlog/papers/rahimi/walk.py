@@ -28,12 +28,12 @@ from occlog.settings import configure
 from occlog.simulate.config import ObserveConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.track.drivers.batch import track_batch
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.map import method as batch_map
 from occlog.track.methods.map.config import MapConfig
 from occlog.track.methods.map.fit_motion.em import fit_em
 from occlog.track.methods.map.fit_motion.parameters import Shape
-from occlog.track.methods.map.fit_motion.smoother import Path
+from occlog.track.methods.map.fit_motion.smoother import MeasuredPath
 
 STEP_S, SPEED = 0.25, 0.7
 SMOOTHING, MOVED = 3.0, 0.15
@@ -128,7 +128,7 @@ def _estimate(bearings: Bearings, seed: int, *, walls: bool) -> Tracks:
     settings |= {"initial": "axes", "depth": 1.0, "estimate": "mode", "covariance": "hessian"}
     config: MapConfig = configure(MapConfig.in_unit("m"), settings)
     config = replace(config, window=max(config.window, 1000))
-    tracking = Tracking(config, seed=0, method="map")
+    tracking = TrackingTask(config, seed=0, method="map")
     return Tracks.concat(p.tracks for p in track_batch([bearings], building(known=walls), batch_map.METHOD, tracking))
 
 
@@ -138,7 +138,7 @@ def _identified(seed: int) -> tuple[float, float]:
     rng, paths = _rng(seed, 0, FIT), []
     for _ in range(TRAINING):
         xy, _ = walk(rng)
-        paths.append(Path(_times(len(xy))[::FIT_EVERY], xy[::FIT_EVERY]))
+        paths.append(MeasuredPath(_times(len(xy))[::FIT_EVERY], xy[::FIT_EVERY]))
     step_s, shape = FIT_EVERY * STEP_S, Shape("cv", "white", alike=True, noise=False)
     fit = fit_em(paths, step_s, shape, longest_gap_s=step_s, noise=1e-3)
     return fit.parameters["acceleration"], fit.parameters["jitter"]

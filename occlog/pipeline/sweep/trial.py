@@ -28,9 +28,9 @@ from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
 from occlog.track.catalogue import settings_of
-from occlog.track.drivers.rows import Messages
+from occlog.track.drivers.rows import NetworkTraffic
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf.config import read_selection
 
 Values = Mapping[str, Any]
@@ -84,7 +84,7 @@ def run_trial(spec: Spec) -> dict[str, float]:
     select = None if spec.get("select") is None else read_selection(spec["select"])
     chosen = choose_sensors(scene, spec.get("cameras") or ())
     start = time.process_time()
-    tracking = Tracking(config, seed, method=method, sensors=chosen, selection=select)
+    tracking = TrackingTask(config, seed, method=method, sensors=chosen, selection=select)
     parts = list(track([world.bearings], scene, tracking, None if occluders is None else [occluders]))
     seconds = time.process_time() - start
     tracks, diagnostics = Tracks.concat([p.tracks for p in parts]), Diagnostics.concat([p.diagnostics for p in parts])
@@ -173,7 +173,7 @@ def errors_of(tracks: Tracks, truth: Truth, scene: Scene, skip: int) -> dict[str
 
 def _filter_figures(diagnostics: Diagnostics) -> dict[str, float]:
     fallbacks = Counter(diagnostics.fallback.tolist())
-    messages = Messages()
+    messages = NetworkTraffic()
     messages.add(diagnostics)
     mse: Floats = diagnostics.predicted_mse[np.isfinite(diagnostics.predicted_mse)]
     return {

@@ -12,18 +12,18 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Calibration, Diagnostics, Hulls, Occluders, Residuals, Tracks
 from occlog.scans.grouping import Scan, sensor_names
 from occlog.scans.measured import DistanceMeasurementFeed
-from occlog.track.interface import Batch, Config, Smoothed, State
+from occlog.track.interface import Batch, Config, SmoothedTrajectory, State
 
-from .rows import Solve, Tracked, residual_rows
-from .tracking import Tracking, check_start, feed_of
+from .rows import Solve, TrackChunk, residual_rows
+from .tracking import TrackingTask, check_start, feed_of
 
 FOREVER_NS = 2**62
 """No two times are further apart."""
-PATIENCE = 4
+MAX_PAUSE_LAGS = 4
 """A pause of a target lets the others wait for so many times the lag besides, at most."""
 
 
-class _Gathered(NamedTuple, Generic[State]):
+class _TargetScans(NamedTuple, Generic[State]):
     """A target's scans since the last call of the method."""
 
     state: State
@@ -36,10 +36,10 @@ def track_batch(
     bearings: Iterable[Bearings],
     scene: Scene,
     method: Batch[State, Config],
-    tracking: Tracking[Config],
+    tracking: TrackingTask[Config],
     occluders: Iterable[Occluders] | Iterable[Hulls] | None = None,
     measured: DistanceMeasurementFeed | None = None,
-) -> Iterator[Tracked]:
+) -> Iterator[TrackChunk]:
     """Tracks of all labelled targets; see `occlog.track.drivers.stage.track`.
 
     Without a lag everything is kept until the end, in memory that grows with the number of rows.
@@ -55,8 +55,8 @@ def track_batch(
     """
     config, names = tracking.config, sensor_names(scene) if measured is None else measured.names
     feed = feed_of(occluders, method, tracking)
-    targets: dict[int, _Gathered[State]] = {}
-    waiting: list[Tracked] = []
+    targets: dict[int, _TargetScans[State]] = {}
+    waiting: list[TrackChunk] = []
     given_lag = method.lag_ns(config)
     lag_ns = FOREVER_NS if given_lag is None else given_lag
     hop_ns = max(1, lag_ns // 2)
@@ -78,10 +78,10 @@ def track_batch(
         for target in sorted(scan.targets):
             if target not in met:
                 check_start(method.started(config), target, met)
-            step_ns = min(now - met[target][0], PATIENCE * lag_ns) if target in met else 0
+            step_ns = min(now - met[target][0], MAX_PAUSE_LAGS * lag_ns) if target in met else 0
             if target not in targets:
                 state = method.begin(scene, config, target in met)
-                targets[target] = _Gathered(state, now + lag_ns + hop_ns, now - 1, [])
+                targets[target] = _TargetScans(state, now + lag_ns + hop_ns, now - 1, [])
             met[target] = (now, step_ns)
             own_measured = None if scan.measured is None else scan.measured.of_target(target)
             own_rows = scan.take(scan.target_id == target)
@@ -110,15 +110,15 @@ def track_batch(
 
 
 def _advance(
-    own: _Gathered[State], target: int, method: Batch[State, Config], names: tuple[str, ...], *, last: bool
-) -> tuple[_Gathered[State], Tracked]:
+    own: _TargetScans[State], target: int, method: Batch[State, Config], names: tuple[str, ...], *, last: bool
+) -> tuple[_TargetScans[State], TrackChunk]:
     """The method's next call, and what it gave out."""
     state, smoothed = method.advance(own.state, own.scans, last)
     given = int(smoothed.t_ns[-1]) if len(smoothed.t_ns) else own.given_ns
     return own._replace(state=state, given_ns=given, scans=[]), as_tables(smoothed, target, names)
 
 
-def _until(waiting: list[Tracked], horizon_ns: int) -> tuple[list[Tracked], list[Tracked]]:
+def _until(waiting: list[TrackChunk], horizon_ns: int) -> tuple[list[TrackChunk], list[TrackChunk]]:
     """Rows up to a time, of all targets by time; and the others."""
     early, late = [], []
     for part in waiting:
@@ -126,7 +126,7 @@ def _until(waiting: list[Tracked], horizon_ns: int) -> tuple[list[Tracked], list
         early.append(_cut(part, n, first=True))
         if n < len(part.tracks):
             late.append(_cut(part, n, first=False))
-    merged = Tracked(
+    merged = TrackChunk(
         Tracks.merge(p.tracks for p in early),
         Diagnostics.merge(p.diagnostics for p in early),
         Calibration.empty(),
@@ -136,7 +136,7 @@ def _until(waiting: list[Tracked], horizon_ns: int) -> tuple[list[Tracked], list
     return ([merged] if len(merged.tracks) else []), late
 
 
-def _cut(part: Tracked, n: int, *, first: bool) -> Tracked:
+def _cut(part: TrackChunk, n: int, *, first: bool) -> TrackChunk:
     """The first n rows with what belongs to them, or the others; the solves stay with the first ones."""
     rows = slice(None, n) if first else slice(n, None)
     residuals = part.residuals
@@ -146,10 +146,12 @@ def _cut(part: Tracked, n: int, *, first: bool) -> Tracked:
     elif not first:
         residuals = None
     solves = part.solves if first else ()
-    return Tracked(part.tracks.take(rows), part.diagnostics.take(rows), part.calibration, solves, residuals=residuals)
+    return TrackChunk(
+        part.tracks.take(rows), part.diagnostics.take(rows), part.calibration, solves, residuals=residuals
+    )
 
 
-def as_tables(found: Smoothed, target: int, names: tuple[str, ...]) -> Tracked:
+def as_tables(found: SmoothedTrajectory, target: int, names: tuple[str, ...]) -> TrackChunk:
     """The tables of one target's states."""
     T, C = len(found.t_ns), found.covariance
     identity = np.full(T, target, dtype=np.int32)
@@ -184,4 +186,4 @@ def as_tables(found: Smoothed, target: int, names: tuple[str, ...]) -> Tracked:
     )
     solve = Solve(target, found.iterations, found.converged, found.noise)
     residuals = None if found.fit is None else residual_rows(found.fit, found.t_ns, target, names)
-    return Tracked(tracks, diagnostics, Calibration.empty(), (solve,), residuals=residuals)
+    return TrackChunk(tracks, diagnostics, Calibration.empty(), (solve,), residuals=residuals)

@@ -14,23 +14,23 @@ from occlog.errors import InputError, UsageError
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Cooperation, Hulls, Occluders
 from occlog.scans.grouping import scans_of, sensor_names
-from occlog.track.interface import Config, Joint, State, Together
+from occlog.track.interface import Config, Joint, JointMethod, State
 from occlog.track.methods.imm import ask_cameras as when_to_ask
 from occlog.track.methods.imm.ask_cameras import CameraRequest, CameraRequests
 from occlog.track.methods.imm.config import ImmConfig
-from occlog.track.methods.imm.filter import ImmState, Listener, Report
+from occlog.track.methods.imm.filter import ArrayScans, ImmState, ImmStepResult
 
-from .online import lookback
-from .rows import ROWS_PER_CHUNK, Row, Tracked, tables
-from .tracking import Tracking
+from .online import backward_smoother
+from .rows import ROWS_PER_CHUNK, EstimateRow, TrackChunk, tables
+from .tracking import TrackingTask
 
 
 def track_joint(
     bearings: Iterable[Bearings],
     scene: Scene,
-    method: Joint[ImmState, ImmConfig, Report],
-    tracking: Tracking[ImmConfig],
-) -> Iterator[Tracked]:
+    method: Joint[ImmState, ImmConfig, ImmStepResult],
+    tracking: TrackingTask[ImmConfig],
+) -> Iterator[TrackChunk]:
     """Tracks of all targets that arrays hear, chunk by chunk; see `occlog.track.drivers.stage.track`.
 
     Rows of cameras are only looked at when the method asks for them.  There is a row for each
@@ -48,10 +48,10 @@ def track_joint(
             f"cooperate: {','.join(sorted(asking))} wants two cameras with a pose; the scene has {len(seeing)} in use"
         )
     rng, helping = generator(tracking.seed, RandomStream.TRACK, 0), generator(tracking.seed, RandomStream.COOPERATE, 0)
-    state, memory = method.init(scene, config, rng), when_to_ask.Memory()
-    listener, cameras = Listener(scene, config.forget_s), CameraRequests(scene, config)
-    later = lookback(method.smoothing, config, tracking.seed)
-    rows: list[Row] = []
+    state, memory = method.init(scene, config, rng), when_to_ask.RequestMemory()
+    listener, cameras = ArrayScans(scene, config.forget_s), CameraRequests(scene, config)
+    later = backward_smoother(method.smoothing, config, tracking.seed)
+    rows: list[EstimateRow] = []
     requests: list[tuple[int, CameraRequest]] = []
     heard, told, offered = False, 0, 0  # frames offered up to the last chunk, and up to the last row
     for scan in scans_of(bearings, scene, use, tracking.window_ns):
@@ -62,14 +62,14 @@ def track_joint(
             state, report = method.step(state, sounds, rng)
             # Cooperate: ask cameras where targets are, and take in their answers ([Lee] Sec. 3.3)
             if asking:
-                asked, memory = when_to_ask.asks(state, report, memory, helping)
-                answered = cameras.ask(asked, when_to_ask.others(state, report, asked), sounds.t_ns)
+                asked, memory = when_to_ask.requests_after_scan(state, report, memory, helping)
+                answered = cameras.ask(asked, when_to_ask.other_targets(state, report, asked), sounds.t_ns)
                 requests += [(sounds.t_ns, r) for r in answered]
                 answers = [r.answer for r in answered]
-                state, report, memory = when_to_ask.located(state, report, answers, memory, helping)
+                state, report, memory = when_to_ask.apply_answer(state, report, answers, memory, helping)
             # Estimate
             for target, estimate in method.estimates(report, scene):
-                row = Row(target, sounds.t_ns, estimate, cameras.offered - offered + estimate.n_looked)
+                row = EstimateRow(target, sounds.t_ns, estimate, cameras.offered - offered + estimate.n_looked)
                 if later is None:
                     rows.append(row)
                 else:
@@ -92,8 +92,8 @@ def track_joint(
 
 
 def _tracked(
-    rows: list[Row], requests: list[tuple[int, CameraRequest]], offered: int, names: tuple[str, ...]
-) -> Tracked:
+    rows: list[EstimateRow], requests: list[tuple[int, CameraRequest]], offered: int, names: tuple[str, ...]
+) -> TrackChunk:
     return tables(rows, names)._replace(cooperation=cooperation_of(requests), offered=offered)
 
 
@@ -121,13 +121,13 @@ def cooperation_of(requests: list[tuple[int, CameraRequest]]) -> Cooperation:
     )
 
 
-def track_together(
+def track_joint_objects(
     bearings: Iterable[Bearings],
     scene: Scene,
-    method: Together[State, Config],
-    tracking: Tracking[Config],
+    method: JointMethod[State, Config],
+    tracking: TrackingTask[Config],
     occluders: Iterable[Occluders] | Iterable[Hulls] | None,
-) -> Iterator[Tracked]:
+) -> Iterator[TrackChunk]:
     """Tracks of all labelled objects, chunk by chunk; see `occlog.track.drivers.stage.track`.
 
     Candidates without a label are left out.  UsageError for priors of occluders or a selection of cameras.
@@ -137,11 +137,11 @@ def track_together(
     if tracking.selection is not None:
         raise UsageError(f"select: method {tracking.method} cannot predict where one target will be; leave it out")
     names, rng = sensor_names(scene), generator(tracking.seed, RandomStream.TRACK, 0)
-    state, rows = method.init(scene, tracking.config, rng), list[Row]()
+    state, rows = method.init(scene, tracking.config, rng), list[EstimateRow]()
     for scan in scans_of(bearings, scene, tracking.rows(scene), tracking.window_ns):
         offered = len(np.unique(scan.sensor))
         state, estimates = method.step(state, scan.take(scan.labelled), rng)
-        rows += [Row(target, scan.t_ns, estimate, offered) for target, estimate in estimates]
+        rows += [EstimateRow(target, scan.t_ns, estimate, offered) for target, estimate in estimates]
         if len(rows) >= ROWS_PER_CHUNK:
             yield tables(rows, names)
             rows = []

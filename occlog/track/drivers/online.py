@@ -21,24 +21,24 @@ from occlog.scans.grouping import Scan, sensor_names
 from occlog.scans.measured import DistanceMeasurementFeed
 from occlog.track.interface import Config, Online, Smoothing, State
 from occlog.track.methods.apf.selector import Selector, TargetFilter
-from occlog.track.smoothing_and_lag import MOST_STEPS
+from occlog.track.smoothing_and_lag import MAX_SMOOTHING_STEPS
 
-from .rows import ROWS_PER_CHUNK, Row, Tracked, tables, thinned
-from .tracking import Tracking, check_start, feed_of
+from .rows import ROWS_PER_CHUNK, EstimateRow, TrackChunk, downsample, tables
+from .tracking import TrackingTask, check_start, feed_of
 
-SPAN = 3
+WINDOW_LAGS = 3
 """Lags that a target's rows span when they are smoothed: each row is smoothed SPAN / (SPAN - 1) times on average."""
 
 
-class Waiting(NamedTuple):
+class PendingRows(NamedTuple):
     """The rows of one target that wait, each with what its step left for the way back."""
 
-    rows: list[Row]
+    rows: list[EstimateRow]
     traces: list[Any]
     rng: Generator
 
 
-class Lookback(Generic[State, Config]):
+class BackwardSmoother(Generic[State, Config]):
     """Holds the rows of all targets until enough was seen after them, and smooths them then."""
 
     def __init__(self, smoothing: Smoothing[State, Config], config: Config, seed: int) -> None:
@@ -51,32 +51,32 @@ class Lookback(Generic[State, Config]):
         """
         self._smoothing, self._config, self._seed = smoothing, config, seed
         self._lag_ns = smoothing.wanted(config).lag_ns
-        self._waiting: dict[int, Waiting] = {}
-        self._ready: list[Row] = []
+        self._waiting: dict[int, PendingRows] = {}
+        self._ready: list[EstimateRow] = []
 
-    def add(self, row: Row, state: State) -> None:
+    def add(self, row: EstimateRow, state: State) -> None:
         """One more row of a target, and its filter's state after it."""
         if row.target not in self._waiting:
             rng = generator(self._seed, RandomStream.SMOOTH, row.target)
-            self._waiting[row.target] = Waiting([], [], rng)
+            self._waiting[row.target] = PendingRows([], [], rng)
         own = self._waiting[row.target]
         own.rows.append(row)
         own.traces.append(self._smoothing.trace(state))
 
-    def settled(self, now_ns: int) -> list[Row]:
+    def settled(self, now_ns: int) -> list[EstimateRow]:
         """Rows that need not wait any longer, of all targets, in the order of time.
 
-        With a lag a target's rows are smoothed whenever they span `SPAN` lags, and those older than one are given out;
-        all of them when the target was not met for longer than that.
+        With a lag a target's rows are smoothed whenever they span `WINDOW_LAGS` lags, and those older than one are
+        given out; all of them when the target was not met for longer than that.
         """
         for target, own in list(self._waiting.items()):
             first, last = own.rows[0].t_ns, own.rows[-1].t_ns
-            if self._lag_ns is not None and now_ns - last > SPAN * self._lag_ns:
+            if self._lag_ns is not None and now_ns - last > WINDOW_LAGS * self._lag_ns:
                 self._release(target, len(own.rows))
-            elif self._lag_ns is not None and last - first >= SPAN * self._lag_ns:
+            elif self._lag_ns is not None and last - first >= WINDOW_LAGS * self._lag_ns:
                 self._release(target, sum(row.t_ns <= last - self._lag_ns for row in own.rows))
-            elif len(own.rows) >= MOST_STEPS:
-                self._release(target, MOST_STEPS // 2)
+            elif len(own.rows) >= MAX_SMOOTHING_STEPS:
+                self._release(target, MAX_SMOOTHING_STEPS // 2)
         horizon = min((own.rows[0].t_ns for own in self._waiting.values()), default=now_ns + 1)
         return self._until(horizon)
 
@@ -85,7 +85,7 @@ class Lookback(Generic[State, Config]):
         """How many rows wait, or are ready and wait for an earlier one of another target."""
         return len(self._ready) + sum(len(own.rows) for own in self._waiting.values())
 
-    def rest(self) -> list[Row]:
+    def rest(self) -> list[EstimateRow]:
         """All rows that still wait, in the order of time."""
         for target, own in list(self._waiting.items()):
             self._release(target, len(own.rows))
@@ -106,7 +106,7 @@ class Lookback(Generic[State, Config]):
         else:
             del own.rows[:count], own.traces[:count]
 
-    def _until(self, horizon_ns: int | None) -> list[Row]:
+    def _until(self, horizon_ns: int | None) -> list[EstimateRow]:
         """Ready rows before a time; None: all.  They are in the order of time and target."""
         count = (
             len(self._ready) if horizon_ns is None else bisect_left(self._ready, horizon_ns, key=lambda row: row.t_ns)
@@ -116,11 +116,13 @@ class Lookback(Generic[State, Config]):
         return early
 
 
-def lookback(smoothing: Smoothing[State, Config] | None, config: Config, seed: int) -> Lookback[State, Config] | None:
+def backward_smoother(
+    smoothing: Smoothing[State, Config] | None, config: Config, seed: int
+) -> BackwardSmoother[State, Config] | None:
     """What holds the rows back; None where the method cannot smooth or the settings want none."""
     if smoothing is None or not smoothing.wanted(config).smoothed:
         return None
-    return Lookback(smoothing, config, seed)
+    return BackwardSmoother(smoothing, config, seed)
 
 
 FIRST_TARGET = 0
@@ -131,19 +133,19 @@ def track_online(
     bearings: Iterable[Bearings],
     scene: Scene,
     method: Online[State, Config],
-    tracking: Tracking[Config],
+    tracking: TrackingTask[Config],
     occluders: Iterable[Occluders] | Iterable[Hulls] | None = None,
     measured: DistanceMeasurementFeed | None = None,
-) -> Iterator[Tracked]:
+) -> Iterator[TrackChunk]:
     """Tracks of all targets, chunk by chunk; see `occlog.track.drivers.stage.track`."""
     config, names = tracking.config, sensor_names(scene) if measured is None else measured.names
     feed = feed_of(occluders, method, tracking)
     selector = _selector(scene, method, tracking)
     filters: dict[int, TargetFilter[State]] = {}
-    later = lookback(method.smoothing, config, tracking.seed)
+    later = backward_smoother(method.smoothing, config, tracking.seed)
     clouds = method.prediction.cloud if tracking.particles and method.prediction is not None else None
     drawn = generator(tracking.seed, RandomStream.SELECT)  # nothing is drawn at the time of the scan itself
-    rows: list[Row] = []
+    rows: list[EstimateRow] = []
     for everything in tracking.scans(bearings, scene, measured):
         # Priors of the moving occluders at the time of the scan
         if feed is not None:
@@ -163,7 +165,7 @@ def track_online(
             # Step: select cameras, take their rows in, estimate
             filters[target], row = _stepped(filters[target], method, selector, scan)
             if row is not None and clouds is not None:
-                row = row._replace(cloud=thinned(clouds(filters[target].state, scan.t_ns, drawn)))
+                row = row._replace(cloud=downsample(clouds(filters[target].state, scan.t_ns, drawn)))
             if row is not None and later is not None:
                 later.add(row, filters[target].state)
             elif row is not None:
@@ -181,7 +183,7 @@ def track_online(
 
 
 def _selector(
-    scene: Scene, method: Online[State, Config], tracking: Tracking[Config]
+    scene: Scene, method: Online[State, Config], tracking: TrackingTask[Config]
 ) -> Selector[State, Config] | None:
     """The selection of cameras, if there is one; UsageError for a method that cannot say where a target will be."""
     if tracking.selection is None:
@@ -196,7 +198,7 @@ def _selector(
 
 def _stepped(
     own: TargetFilter[State], method: Online[State, Config], selector: Selector[State, Config] | None, scan: Scan
-) -> tuple[TargetFilter[State], Row | None]:
+) -> tuple[TargetFilter[State], EstimateRow | None]:
     """The filter after a scan, and its row; None where the scan gives none: the next row counts its frames, too."""
     offered = own.offered + len(np.unique(scan.sensor))
     asked: Scan | None = scan
@@ -211,7 +213,7 @@ def _stepped(
     if estimate is None:
         return own._replace(state=state, offered=offered), None
     cameras = () if own.selected is None else own.selected.choice.cameras
-    row = Row(own.target, scan.t_ns, estimate, offered, cameras, own.mse)
+    row = EstimateRow(own.target, scan.t_ns, estimate, offered, cameras, own.mse)
     return own._replace(state=state, offered=0, mse=math.nan), row
 
 

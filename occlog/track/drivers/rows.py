@@ -22,13 +22,13 @@ from occlog.array_types import Floats, Ints, Ints32
 from occlog.consistency.bearings import CandidateFrames
 from occlog.filtering.particles import systematic_ancestors
 from occlog.records.tables import Calibration, Cooperation, Diagnostics, Particles, Residuals, Tracks
-from occlog.track.interface import Cloud, Estimate, Fit, Height, Noise
+from occlog.track.interface import BearingResiduals, Estimate, HeightEstimate, NoiseScales, ParticleSet
 
-MOST = 200
+MAX_PARTICLES = 200
 """Particles of one cloud."""
 
 
-def thinned(cloud: Cloud, most: int = MOST) -> Cloud:
+def downsample(cloud: ParticleSet, most: int = MAX_PARTICLES) -> ParticleSet:
     """A cloud as it is, or of a larger one `most` particles of equal weight.
 
     Systematic resampling without a random number: of a weight w there come w * most particles, rounded up or down.
@@ -37,10 +37,10 @@ def thinned(cloud: Cloud, most: int = MOST) -> Cloud:
     if len(cloud.weights) <= most:
         return cloud
     chosen = systematic_ancestors(cloud.weights, most, 0.5)
-    return Cloud(cloud.xy[chosen], np.full(most, 1.0 / most))
+    return ParticleSet(cloud.xy[chosen], np.full(most, 1.0 / most))
 
 
-def particle_rows(clouds: Sequence[tuple[int, int, Cloud]]) -> Particles:
+def particle_rows(clouds: Sequence[tuple[int, int, ParticleSet]]) -> Particles:
     """The table of clouds, each with its time [ns] and target, in order."""
     if not clouds:
         return Particles.empty()
@@ -62,10 +62,10 @@ class Solve(NamedTuple):
     target: int
     iterations: int
     converged: bool
-    noise: Noise | None = None  # None: taken as stated
+    noise: NoiseScales | None = None  # None: taken as stated
 
 
-class Tracked(NamedTuple):
+class TrackChunk(NamedTuple):
     """Some more rows of a track and how the filter fared, equal in number, and what it learned of the sensors."""
 
     tracks: Tracks
@@ -83,7 +83,7 @@ ROWS_PER_CHUNK = 4096
 """Rows that are gathered before they are given out."""
 
 
-class Row(NamedTuple):
+class EstimateRow(NamedTuple):
     """One estimate of one target."""
 
     target: int
@@ -92,10 +92,10 @@ class Row(NamedTuple):
     n_offered: int  # frames of sensors since the row before
     selected: tuple[int, ...] = ()
     mse: float = math.nan  # NaN: nothing was selected anew
-    cloud: Cloud | None = None  # None: not asked for
+    cloud: ParticleSet | None = None  # None: not asked for
 
 
-def tables(rows: Sequence[Row], names: tuple[str, ...]) -> Tracked:
+def tables(rows: Sequence[EstimateRow], names: tuple[str, ...]) -> TrackChunk:
     """The tables of estimates in order.
 
     Args:
@@ -103,9 +103,9 @@ def tables(rows: Sequence[Row], names: tuple[str, ...]) -> Tracked:
         names: of the sensors, see `occlog.scans.grouping.sensor_names`.
     """
     if not rows:
-        return Tracked(Tracks.empty(), Diagnostics.empty(), Calibration.empty())
+        return TrackChunk(Tracks.empty(), Diagnostics.empty(), Calibration.empty())
     estimates = [r.estimate for r in rows]
-    return Tracked(
+    return TrackChunk(
         _tracks(rows, estimates),
         _diagnostics(rows, estimates, names),
         _calibration(rows, names),
@@ -114,7 +114,7 @@ def tables(rows: Sequence[Row], names: tuple[str, ...]) -> Tracked:
     )
 
 
-def _residuals(rows: Sequence[Row], names: tuple[str, ...]) -> Residuals | None:
+def _residuals(rows: Sequence[EstimateRow], names: tuple[str, ...]) -> Residuals | None:
     """How bearings agree with the estimates; None if the method does not judge them."""
     fits = [(r, r.estimate.fit) for r in rows if r.estimate.fit is not None]
     if not fits:
@@ -122,7 +122,7 @@ def _residuals(rows: Sequence[Row], names: tuple[str, ...]) -> Residuals | None:
     return Residuals.concat(residual_rows(fit, np.array([r.t_ns], dtype=np.int64), r.target, names) for r, fit in fits)
 
 
-def residual_rows(fit: Fit, t_ns: Ints, target: int, names: tuple[str, ...]) -> Residuals:
+def residual_rows(fit: BearingResiduals, t_ns: Ints, target: int, names: tuple[str, ...]) -> Residuals:
     """The table of how bearings agree with the estimates of a target at T times, t_ns."""
     return Residuals.of(
         t_ns=t_ns[fit.row],
@@ -134,7 +134,7 @@ def residual_rows(fit: Fit, t_ns: Ints, target: int, names: tuple[str, ...]) -> 
     )
 
 
-def _tracks(rows: Sequence[Row], estimates: list[Estimate]) -> Tracks:
+def _tracks(rows: Sequence[EstimateRow], estimates: list[Estimate]) -> Tracks:
     xy, velocity = np.array([e.xy for e in estimates]), np.array([e.velocity for e in estimates])
     cov = np.array([e.covariance for e in estimates])
     return Tracks.of(
@@ -151,7 +151,7 @@ def _tracks(rows: Sequence[Row], estimates: list[Estimate]) -> Tracks:
     )
 
 
-def _diagnostics(rows: Sequence[Row], estimates: list[Estimate], names: tuple[str, ...]) -> Diagnostics:
+def _diagnostics(rows: Sequence[EstimateRow], estimates: list[Estimate], names: tuple[str, ...]) -> Diagnostics:
     return Diagnostics(
         t_ns=_times(rows),
         target_id=_identities(rows),
@@ -168,11 +168,11 @@ def _diagnostics(rows: Sequence[Row], estimates: list[Estimate], names: tuple[st
     )
 
 
-def _times(rows: Sequence[Row]) -> Ints:
+def _times(rows: Sequence[EstimateRow]) -> Ints:
     return np.array([r.t_ns for r in rows], dtype=np.int64)
 
 
-def _identities(rows: Sequence[Row]) -> Ints32:
+def _identities(rows: Sequence[EstimateRow]) -> Ints32:
     return np.array([r.target for r in rows], dtype=np.int32)
 
 
@@ -180,14 +180,14 @@ def _heights(estimates: list[Estimate]) -> dict[str, Floats]:
     """Columns of estimates in space; none if all are on the ground."""
     if all(e.height is None for e in estimates):
         return {}
-    none = Height(math.nan, math.nan, np.full(3, math.nan))
+    none = HeightEstimate(math.nan, math.nan, np.full(3, math.nan))
     heights = [none if e.height is None else e.height for e in estimates]
     xz, yz, zz = np.array([h.covariance for h in heights]).T
     z, vz = np.array([[h.z, h.vz] for h in heights]).T
     return {"z": z, "vz": vz, "cov_xz": xz, "cov_yz": yz, "cov_zz": zz}
 
 
-def _calibration(rows: Sequence[Row], names: tuple[str, ...]) -> Calibration:
+def _calibration(rows: Sequence[EstimateRow], names: tuple[str, ...]) -> Calibration:
     """Errors of all sensors after each scan, where they are estimated."""
     found = [(r.t_ns, r.target, r.estimate.calibration) for r in rows if r.estimate.calibration is not None]
     if not found:
@@ -209,7 +209,7 @@ REPORT_BYTES = 18
 ORDER_BYTES = 4
 
 
-class Messages:
+class NetworkTraffic:
     """Counts over the chunks of the diagnostics."""
 
     def __init__(self) -> None:

@@ -12,23 +12,23 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders, Residuals
 from occlog.scans.measured import DistanceMeasurementFeed
 from occlog.track.catalogue import tracker
-from occlog.track.interface import AnyMethod, Batch, Config, Joint, Online, Together
+from occlog.track.interface import AnyMethod, Batch, Config, Joint, JointMethod, Online
 from occlog.track.methods.imm.config import ImmConfig
 
 from .batch import track_batch
-from .joint import track_joint, track_together
+from .joint import track_joint, track_joint_objects
 from .online import track_online
-from .rows import Tracked
-from .tracking import Tracking
+from .rows import TrackChunk
+from .tracking import TrackingTask
 
 
 def track(
     bearings: Iterable[Bearings],
     scene: Scene,
-    tracking: Tracking[Config],
+    tracking: TrackingTask[Config],
     occluders: Iterable[Occluders] | Iterable[Hulls] | None = None,
     measured: DistanceMeasurementFeed | None = None,
-) -> Iterator[Tracked]:
+) -> Iterator[TrackChunk]:
     """Tracks of all targets, chunk by chunk, in the order of time; memory does not grow with their length.
 
     Each labelled target has a filter of its own, with its own random numbers, which starts
@@ -83,16 +83,16 @@ def _tracked(
     bearings: Iterable[Bearings],
     scene: Scene,
     method: AnyMethod,
-    tracking: Tracking[Config],
+    tracking: TrackingTask[Config],
     occluders: Iterable[Occluders] | Iterable[Hulls] | None,
     measured: DistanceMeasurementFeed | None,
-) -> Iterator[Tracked]:
+) -> Iterator[TrackChunk]:
     """Tracks by the driver for the kind of the method."""
     if isinstance(method, Online):
         yield from track_online(bearings, scene, method, tracking, occluders, measured)
         return
-    if isinstance(method, Together):
-        yield from track_together(bearings, scene, method, tracking, occluders)
+    if isinstance(method, JointMethod):
+        yield from track_joint_objects(bearings, scene, method, tracking, occluders)
         return
     why = "takes all that was recorded at once" if isinstance(method, Batch) else "asks cameras itself (cooperate)"
     if tracking.selection is not None:
@@ -103,4 +103,4 @@ def _tracked(
     if occluders is not None:
         raise UsageError(f"occluders: method {tracking.method} {why}; leave occluders out")
     # Method imm alone has one state for all targets
-    yield from track_joint(bearings, scene, method, cast("Tracking[ImmConfig]", tracking))
+    yield from track_joint(bearings, scene, method, cast("TrackingTask[ImmConfig]", tracking))

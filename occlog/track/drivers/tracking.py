@@ -18,7 +18,7 @@ from occlog.track.methods.apf.config import SelectConfig
 
 
 @dataclass(frozen=True)
-class Tracking(Generic[Config]):
+class TrackingTask(Generic[Config]):
     """What to track and how, beside the measurements.
 
     Attributes:
@@ -68,7 +68,7 @@ def check_start(started: bool, target: int, others: Collection[int]) -> None:
 def feed_of(
     occluders: Iterable[Occluders] | Iterable[Hulls] | None,
     method: Online[State, Config] | Batch[State, Config],
-    tracking: Tracking[Config],
+    tracking: TrackingTask[Config],
 ) -> OccluderFeed | None:
     """Priors of the moving occluders at any time; UsageError for a method that knows nothing of them."""
     if occluders is None:

@@ -24,7 +24,7 @@ from occlog.scans.sources import bearings_of_doa
 from occlog.settings import LENGTH_POWER, METRES, Settings, configure, declaration, declared
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.jipda.interface import DirectionsOfArrival
-from occlog.track.request import PeopleRequest
+from occlog.track.request import TrackPeopleRequest
 
 from .boxes_by_moment import (
     BoxStatistics,
@@ -134,7 +134,7 @@ class PeopleInput:
         regions_smoothed: the future of regions of video, which split and merge for many frames at a time, is wanted.
     """
 
-    def __init__(self, request: PeopleRequest) -> None:
+    def __init__(self, request: TrackPeopleRequest) -> None:
         """Open the boxes and read the first ones."""
         self.request = request
         self.opened = open_input(request.bearings)

@@ -16,7 +16,7 @@ from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_o
 from occlog.request import load
 from occlog.runner import Job
 from occlog.track.catalogue import METHODS
-from occlog.track.request import PeopleRequest
+from occlog.track.request import TrackPeopleRequest
 
 from .agreement import CameraAgreement
 from .inputs import PeopleInput, inconsistent_cameras
@@ -207,7 +207,7 @@ class PeopleSummary:
             )
 
 
-def run_track_people(request: PeopleRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
+def run_track_people(request: TrackPeopleRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Follow everybody and write; return the summary, and what had been lost before."""
     inputs = PeopleInput(request)
     for line in inputs.notes:

@@ -15,7 +15,7 @@ from occlog.runner import Job
 from occlog.track.catalogue import METHODS
 from occlog.track.request import SingleViewRequest
 
-from .stage import Trackers, follow
+from .stage import CameraTrackers, follow
 
 FOUND = "number of people"
 """Name of the check."""
@@ -52,7 +52,7 @@ def run_track_single_view(request: SingleViewRequest, job: Job) -> tuple[dict[st
         **told,
     }
     provenance = job.provenance(parameters, opened.losses, request.seed)
-    trackers = Trackers(chosen.plugin, make)
+    trackers = CameraTrackers(chosen.plugin, make)
     rows = opened.rows(Boxes) if opened.has(Boxes) else opened.rows(Views)
     with job.tables(provenance, unit) as tables:
         for part in follow(job.progress(rows, "track"), trackers, used):

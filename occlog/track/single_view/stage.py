@@ -14,7 +14,7 @@ from occlog.plugins.loading import Plugin, said_by
 from occlog.records.tables import Boxes, Views
 
 
-class Trackers:
+class CameraTrackers:
     """A tracker for each camera, and what their identities are called: a number is of one camera alone."""
 
     def __init__(self, plugin: Plugin, make: Callable[[str], ViewTracker]) -> None:
@@ -78,7 +78,9 @@ def fault_of(ids: object, count: int) -> str | None:
     return None
 
 
-def follow(chunks: Iterable[Boxes | Views], trackers: Trackers, cameras: Callable[[str], bool]) -> Iterator[Boxes]:
+def follow(
+    chunks: Iterable[Boxes | Views], trackers: CameraTrackers, cameras: Callable[[str], bool]
+) -> Iterator[Boxes]:
     """Boxes with the identities that trackers give them; those of nobody are left out.
 
     A frame without any other has a row that says that nobody is there.

@@ -22,7 +22,7 @@ from occlog.scans.measured import DistanceMeasurementFeed
 from occlog.settings import configure
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.kalman.stations import extended
 
 TARGETS, STEPS, DT = 100, 15, 0.5
@@ -125,7 +125,9 @@ def test_covariances_are_those_of_the_errors(
     scene, table, truth = simulated
     config = configure(settings_of(method).in_unit("m"), settings)
     feed = DistanceMeasurementFeed([table], scene, DistanceMeasurementConfig.in_unit("m"))
-    tracking = Tracking(config, 0, method=method, sensors=frozenset({"east", "south"}), targets=tuple(range(targets)))
+    tracking = TrackingTask(
+        config, 0, method=method, sensors=frozenset({"east", "south"}), targets=tuple(range(targets))
+    )
     found = Tracks.concat(part.tracks for part in track([Bearings.empty()], scene, tracking, measured=feed))
     at = found.take(found.t_ns == round(12 * DT * NS))
     assert len(at) == targets

@@ -22,7 +22,7 @@ from occlog.pipeline.sweep.engine import run_all
 from occlog.records.tables import Diagnostics, Tracks
 from occlog.settings import configure
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.map.config import MapConfig
 
 SMALL = Size(3, 80, quick=True)
@@ -107,7 +107,9 @@ def test_problems_are_solved_as_the_command_does() -> None:
     spec = sparse_spec(SMALL, 1, fit_step_s=8.0)
     solved = solve_problem(spec)
     config = configure(MapConfig.in_unit("m"), spec["track"])
-    found = list(track([solved.problem.bearings], sparse_scene(known_range=False), Tracking(config, 0, method="map")))
+    found = list(
+        track([solved.problem.bearings], sparse_scene(known_range=False), TrackingTask(config, 0, method="map"))
+    )
     tracks = Tracks.concat(p.tracks for p in found)
     np.testing.assert_array_equal(tracks.x, solved.tracks.x)
     np.testing.assert_array_equal(tracks.cov_xy, solved.tracks.cov_xy)

@@ -16,7 +16,7 @@ from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf.config import ApfConfig
 
 
@@ -26,7 +26,7 @@ def test_a_trial_gives_what_the_stages_give():
     seed = int(np.random.SeedSequence(3, spawn_key=(0,)).generate_state(1, np.uint32)[0])
     truth = Truth.concat(list(simulate_truth(scene, WorldConfig(steps=30, occluders=5), seed)))
     bearings = list(observe(scene, [truth], ObserveConfig(), seed))
-    (part,) = track(bearings, scene, Tracking(ApfConfig(particles=100), seed))
+    (part,) = track(bearings, scene, TrackingTask(ApfConfig(particles=100), seed))
     own = truth.take(truth.target_id == 0)
     error = np.hypot(part.tracks.x - own.x, part.tracks.y - own.y)[5:]
     assert result["rmse"] == pytest.approx(math.sqrt(np.mean(error**2)), rel=1e-12)

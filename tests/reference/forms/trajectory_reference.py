@@ -7,7 +7,13 @@ import math
 import numpy as np
 
 from occlog.track.methods.map.kernels.gauss_markov import GaussMarkov
-from occlog.track.methods.map.kernels.problem import HalfPlanes, Problem, SightLines, Steps, chain
+from occlog.track.methods.map.kernels.problem import (
+    BearingLinesByStep,
+    ChainSteps,
+    HalfPlanes,
+    TrajectoryProblem,
+    chain,
+)
 
 PAPER_A = np.array([[1.0, 0.5, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.5], [0, 0, 0, 1]])
 PAPER_SIGMA = 1e-6 * np.diag([1e-4, 1.0, 1e-4, 1.0])
@@ -26,7 +32,7 @@ def plain_loss(r: float, loss: int, k: float) -> float:
     return r * r / 2
 
 
-def plain_cost(problem: Problem, X) -> float:
+def plain_cost(problem: TrajectoryProblem, X) -> float:
     """The negative log posterior up to a constant, term by term as in [Rahimi] Eq. 1, 2, 4 and [Ercan] Eq. 2."""
     s, lines = problem.steps, problem.lines
     e = X[0] - s.mean
@@ -80,7 +86,7 @@ def random_model(rng) -> GaussMarkov:
     return GaussMarkov(A, 0.05 * M @ M.T + 0.05 * np.eye(4), 0.5)
 
 
-def make_steps(model: GaussMarkov, seconds, mean, spread) -> Steps:
+def make_steps(model: GaussMarkov, seconds, mean, spread) -> ChainSteps:
     """The chain of states at (T,) rising times [s]; the rest as in `chain`."""
     return chain(model, np.diff(seconds), mean, spread)
 
@@ -94,7 +100,7 @@ def random_steps(rng, T: int, model: GaussMarkov | None = None):
     )
 
 
-def random_lines(rng, X, per_state: float, kinds=("pixel", "distance", "direction")) -> SightLines:
+def random_lines(rng, X, per_state: float, kinds=("pixel", "distance", "direction")) -> BearingLinesByStep:
     """Sight lines of random kinds of random sensors around states, with the target in front."""
     step = np.sort(rng.integers(0, len(X), round(per_state * len(X))))
     n = len(step)
@@ -107,7 +113,7 @@ def random_lines(rng, X, per_state: float, kinds=("pixel", "distance", "directio
     z = np.where(direction, 0.0, f * np.tan(off + 0.1 * rng.normal(size=n)))
     c1 = np.where((kind == "distance") | linear, rng.uniform(0.01, 0.5, n), 0.0)
     place = X[step][:, [0, 2]] - away[:, None] * bearing
-    return SightLines(
+    return BearingLinesByStep(
         step,
         place,
         axis,

@@ -1,6 +1,7 @@
 """One frame of `bmct` in plain NumPy, written from [Qu] Alg. 1 and the project's notes alone.
 
-Trackers are rows of arrays, as in `occlog.track.methods.images.methods.state.Trackers`; all random numbers are given.
+Trackers are rows of arrays, as in `occlog.track.methods.images.methods.state.ImageTrackers`; all random numbers are
+given.
 """
 
 from __future__ import annotations

@@ -7,8 +7,8 @@ from tracker_scenes import SECOND, camera
 
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.scans.grouping import Scan
-from occlog.track.interface import Smoothed
-from occlog.track.methods.map.record import Record
+from occlog.track.interface import SmoothedTrajectory
+from occlog.track.methods.map.record import TargetRecord
 
 FOCAL = 500.0
 CLEAN = {"focal": FOCAL, "sigma_position": 0.0, "sigma_yaw": 0.0, "sigma_read_px": 0.5, "fov": np.radians(60.0)}
@@ -29,7 +29,7 @@ def place(*cameras, half: float = 10.0, arrays=(), at=(0.0, 0.0), **options) -> 
     return Scene(made, ears, room=square(half, x0, y0))
 
 
-def record(scene: Scene, t_s, xy, *, noise=None, blind=()) -> Record:
+def record(scene: Scene, t_s, xy, *, noise=None, blind=()) -> TargetRecord:
     """What all sensors say of a target at times [s] and places (T, 2); `blind` pairs of state and sensor see nothing.
 
     Args:
@@ -58,18 +58,18 @@ def record(scene: Scene, t_s, xy, *, noise=None, blind=()) -> Record:
     numbers[0] = (numbers[0] + np.pi) % (2 * np.pi) - np.pi
     columns = dict(zip(("bearing", "sigma", "u_px", "sigma_px"), numbers, strict=True))
     rows = Scan.of(0, sensor, target_id=np.zeros(len(state)), seen=seen, **columns)
-    return Record(np.round(t_s * SECOND).astype(np.int64), state, rows)
+    return TargetRecord(np.round(t_s * SECOND).astype(np.int64), state, rows)
 
 
-def scans_of(made: Record) -> list[Scan]:
+def scans_of(made: TargetRecord) -> list[Scan]:
     """The scans of a record."""
     return [made.rows.take(made.state == k)._replace(t_ns=t_ns) for k, t_ns in enumerate(made.t_ns.tolist())]
 
 
-def joined(parts: list[Smoothed]) -> Smoothed:
+def joined(parts: list[SmoothedTrajectory]) -> SmoothedTrajectory:
     """What was given out in blocks."""
     arrays = [np.concatenate([p[i] for p in parts]) for i in range(7)]
-    return Smoothed(
+    return SmoothedTrajectory(
         *arrays,
         sum((p.fallback for p in parts), ()),
         sum((p.used for p in parts), ()),

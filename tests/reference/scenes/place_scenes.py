@@ -3,7 +3,7 @@
 import numpy as np
 from epipolar_rigs import looking
 
-from occlog.track.methods.images.ground.place import Rig, Sights
+from occlog.track.methods.images.ground.place import CameraRig, CentresInViews
 
 
 def room_rig(rng, views):
@@ -20,7 +20,7 @@ def room_rig(rng, views):
 
 def rig_of(cameras):
     names = ("focal_px", "principal_px", "rotation", "position")
-    return Rig(*(np.array([getattr(camera, name) for camera in cameras]) for name in names))
+    return CameraRig(*(np.array([getattr(camera, name) for camera in cameras]) for name in names))
 
 
 def covariances(rng, n, views, size=3.0):
@@ -31,7 +31,7 @@ def covariances(rng, n, views, size=3.0):
 def seen(rng, cameras, points, cov):
     exact = np.stack([camera.project(points) for camera in cameras], axis=1)
     noise = np.einsum("nvij,nvj->nvi", np.linalg.cholesky(cov), rng.standard_normal(exact.shape))
-    return Sights(np.ones(exact.shape[:2], dtype=bool), exact + noise, cov)
+    return CentresInViews(np.ones(exact.shape[:2], dtype=bool), exact + noise, cov)
 
 
 def room(rng, n):

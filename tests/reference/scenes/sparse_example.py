@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter1d
 from trajectory_reference import make_steps
 
 from occlog.track.methods.map.kernels.gauss_markov import GaussMarkov, constant_velocity
-from occlog.track.methods.map.kernels.problem import HalfPlanes, Problem, SightLines
+from occlog.track.methods.map.kernels.problem import BearingLinesByStep, HalfPlanes, TrajectoryProblem
 
 SIDE, HALF_VIEW, RANGE, SPEED, STEP_S, SIGMA = 5.0, np.radians(20.0), 3.5, 0.5, 0.5, 0.01
 CAMERAS = [(-5, -5, 45), (0, -5, 90), (5, -5, 135), (5, 0, 180), (5, 5, 225), (0, 5, 270), (-5, 5, 315), (-5, 0, 0)]
@@ -42,7 +42,7 @@ def example(seed: int, T: int = 200, model: GaussMarkov = WALKER, near: float = 
         rows += [(t, *place, *axis, z_t) for t, z_t in zip(np.flatnonzero(seen), z, strict=True)]
     table = np.array(sorted(rows)).reshape(-1, 6)
     n, place, axis = len(table), table[:, 1:3].copy(), table[:, 3:5].copy()
-    lines = SightLines(
+    lines = BearingLinesByStep(
         table[:, 0].astype(np.int64),
         place,
         axis,
@@ -58,4 +58,4 @@ def example(seed: int, T: int = 200, model: GaussMarkov = WALKER, near: float = 
     steps = make_steps(model, np.arange(T) * STEP_S, np.zeros(4), np.diag([25.0, 1.0, 25.0, 1.0]))
     X = np.zeros((T, 4))
     X[lines.step, ::2] = place + axis  # one metre along the axis
-    return Problem(steps, lines, planes, 0, 1.0), X, xy
+    return TrajectoryProblem(steps, lines, planes, 0, 1.0), X, xy

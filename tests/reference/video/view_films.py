@@ -14,7 +14,7 @@ from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import ball_cameras
 from occlog.simulate.balls.video import BallsFrame, render_balls
-from occlog.track.methods.images.interface import Birth, FrameSet, Outlines
+from occlog.track.methods.images.interface import Birth, FrameSet, TrackerOutlines
 from occlog.track.methods.images.methods.config import CONFIGS
 from occlog.track.methods.images.methods.state import initial_state
 from occlog.track.methods.images.methods.step import advance, initiate_trackers
@@ -77,7 +77,7 @@ def tracked(
     between: Callable[[int, Any], Any] = lambda _, state: state,
     without: Callable[[int], Iterable[int]] = lambda _: (),
     **settings: Any,
-) -> tuple[list[Outlines], Any]:
+) -> tuple[list[TrackerOutlines], Any]:
     """What a method says of all frames after the first, and its last state.
 
     `between` may change the state before frame t, `without` names the views that have no frame t.
@@ -90,7 +90,7 @@ def tracked(
     return out, state
 
 
-def off(frames: Sequence[BallsFrame], said: Sequence[Outlines]) -> np.ndarray:
+def off(frames: Sequence[BallsFrame], said: Sequence[TrackerOutlines]) -> np.ndarray:
     """(T, V, n) distances of the trackers from the centres of their balls; inf without tracker."""
     out = np.full((len(said), *frames[0].ellipses.shape[:2]), np.inf)
     for t, (frame, one) in enumerate(zip(frames[1:], said, strict=True)):

@@ -8,7 +8,7 @@ from view_reference import bins_of
 
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.video import render_balls
-from occlog.track.methods.images.kernels.appearance import colour_likeness, colours_in
+from occlog.track.methods.images.kernels.appearance import colour_similarity, colours_in
 from occlog.track.methods.images.methods.config import MipfConfig
 
 RING = np.array([[np.cos(t), np.sin(t)] for t in np.linspace(0, 2 * np.pi, 8, endpoint=False)])
@@ -27,7 +27,7 @@ def test_the_likelihood_of_a_visible_ball_falls_beside_it(step):
             for k in np.flatnonzero(share == 1.0):
                 moved = np.repeat(ellipses[k : k + 1], 9, axis=0)
                 moved[1:, :2] += 11.0 * RING  # half a radius
-                alike = colour_likeness(bins_of(image), moved, np.full(9, k), model, whole, step)
+                alike = colour_similarity(bins_of(image), moved, np.full(9, k), model, whole, step)
                 likelihood = np.exp((alike - 1.0) / (2.0 * MipfConfig().sigma_colour ** 2))
                 better.append(alike[0] > alike[1:].max())
                 ratio.append(likelihood[1:].mean() / likelihood[0])

@@ -18,7 +18,7 @@ from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf import filter as apf
 from occlog.track.methods.apf.calibration import begin, corrected, corrected_sensors
 from occlog.track.methods.apf.config import ApfConfig
@@ -190,14 +190,14 @@ def test_directions_of_arrays_count_and_arrays_have_no_errors():
 def test_the_table_has_every_sensor_at_every_time_and_target():
     scene = room100(cameras=4)
     bearings, _, _ = recorded(scene, "calibration", 0, 10)
-    parts = list(track([bearings], scene, Tracking(ApfConfig(particles=100, calibrate="joint"), 1)))
+    parts = list(track([bearings], scene, TrackingTask(ApfConfig(particles=100, calibrate="joint"), 1)))
     table = parts[0].calibration
     assert len(table) == 4 * len(parts[0].tracks)
     assert table.sensor[:4].tolist() == ["cam1", "cam2", "cam3", "cam4"]
     np.testing.assert_allclose(table.sd_dyaw[:4], 0.01, rtol=0.2)
-    again = list(track([bearings], scene, Tracking(ApfConfig(particles=100, calibrate="joint"), 1)))
+    again = list(track([bearings], scene, TrackingTask(ApfConfig(particles=100, calibrate="joint"), 1)))
     np.testing.assert_array_equal(again[0].calibration.dx, table.dx)
-    assert not len(next(iter(track([bearings], scene, Tracking(ApfConfig(particles=100), 1)))).calibration)
+    assert not len(next(iter(track([bearings], scene, TrackingTask(ApfConfig(particles=100), 1)))).calibration)
 
 
 def test_an_unknown_mode_is_refused():

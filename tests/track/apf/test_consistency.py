@@ -15,7 +15,7 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import evaluate
 from occlog.records.tables import Diagnostics, Tracks, Truth
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf.config import ApfConfig
 
 pytestmark = [pytest.mark.jit]
@@ -23,7 +23,7 @@ SKIP_S = 2.0
 
 
 def tracked(bearings, scene, config, seed=0):
-    parts = list(track([bearings], scene, Tracking(config, seed)))
+    parts = list(track([bearings], scene, TrackingTask(config, seed)))
     return Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
 
 

@@ -12,7 +12,7 @@ from occlog.core.plane import on_floor
 from occlog.errors import InputError
 from occlog.records.scene import Occluder, Scene
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf import filter as apf
 from occlog.track.methods.apf.config import ApfConfig
 from occlog.track.methods.apf.model import likelihood, pack_scan
@@ -107,7 +107,7 @@ def test_a_walker_is_followed_with_a_consistent_covariance(seed):
     scene = room100(pillar=False)
     rng = np.random.default_rng(seed)
     path = walk(150, rng)
-    rows = track([observe(scene, path, rng)], scene, Tracking(ApfConfig(particles=1000), seed))
+    rows = track([observe(scene, path, rng)], scene, TrackingTask(ApfConfig(particles=1000), seed))
     tracks = next(rows).tracks
     error = np.column_stack([tracks.x, tracks.y])[20:] - path[20:]
     assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 1.2
@@ -252,7 +252,7 @@ def test_tracking_does_not_depend_on_the_frame_rate(rate):
     seconds = 20
     path = np.column_stack([20 + np.arange(0, seconds, 1 / rate), np.full(int(seconds * rate), 40.0)])
     bearings = observe(scene, path, rng, step_s=1 / rate)
-    tracks = next(iter(track([bearings], scene, Tracking(ApfConfig(particles=1000), 0)))).tracks
+    tracks = next(iter(track([bearings], scene, TrackingTask(ApfConfig(particles=1000), 0)))).tracks
     late = tracks.t_ns >= 8e9
     error = np.hypot(tracks.x - path[:, 0], tracks.y - path[:, 1])[late]
     assert np.sqrt(np.mean(error**2)) < 1.0

@@ -9,7 +9,14 @@ from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_rotation
 from occlog.scans.grouping import Scan
 from occlog.track.methods.apf import filter as apf
 from occlog.track.methods.apf.config import ApfConfig
-from occlog.track.methods.apf.model import pack_noise, pack_scan, pack_sensors, read_noise, sight_lines, wander
+from occlog.track.methods.apf.model import (
+    max_destination_distance,
+    pack_noise,
+    pack_scan,
+    pack_sensors,
+    read_noise,
+    sight_lines,
+)
 
 pytestmark = pytest.mark.jit
 
@@ -92,6 +99,6 @@ def test_sight_lines_have_the_errors_of_reading_yaw_and_place():
 
 
 def test_destinations_are_half_the_sensors_extent_away_or_ten_seconds():
-    assert wander(Scene(cameras=(camera("a", 0.0, 0.0, 0.0),)), speed=1.0) == 10.0
+    assert max_destination_distance(Scene(cameras=(camera("a", 0.0, 0.0, 0.0),)), speed=1.0) == 10.0
     wide = Scene(cameras=(camera("a", 0.0, 0.0, 0.0), camera("b", 98.0, 0.0, 180.0)))
-    assert wander(wide, speed=1.0) == pytest.approx(0.5 * np.hypot(98.0 + 2 * 10.8, 2 * 10.8))
+    assert max_destination_distance(wide, speed=1.0) == pytest.approx(0.5 * np.hypot(98.0 + 2 * 10.8, 2 * 10.8))

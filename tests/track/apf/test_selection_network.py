@@ -10,10 +10,10 @@ from tracker_scenes import PLACES, SECOND, observe, room100, walk, with_array
 
 from occlog.core.occlusion.priors import gaussian_priors
 from occlog.records.tables import Bearings, Diagnostics, Occluders, Tracks
-from occlog.track.drivers.rows import Messages
+from occlog.track.drivers.rows import NetworkTraffic
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
-from occlog.track.interface import Cloud
+from occlog.track.drivers.tracking import TrackingTask
+from occlog.track.interface import ParticleSet
 from occlog.track.methods.apf import selector as stage
 from occlog.track.methods.apf.config import ApfConfig, SelectConfig
 from occlog.track.methods.apf.filter import METHOD
@@ -56,12 +56,12 @@ def of_array(steps=STEPS):
 
 
 def whole(bearings, selection, *, scene=SCENE, seed=3, config=CONFIG, occluders=None, **options):
-    parts = list(track([bearings], scene, Tracking(config, seed, selection=selection, **options), occluders))
+    parts = list(track([bearings], scene, TrackingTask(config, seed, selection=selection, **options), occluders))
     return Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
 
 
 def counted(diagnostics):
-    messages = Messages()
+    messages = NetworkTraffic()
     messages.add(diagnostics)
     return messages
 
@@ -220,7 +220,7 @@ def test_the_form_in_which_occluders_count_is_that_of_the_filter():
     rng = np.random.default_rng(2)
     mean = rng.uniform(20.0, 80.0, (30, 2))
     priors = gaussian_priors(mean, np.broadcast_to(np.diag([200.0, 1.0]), (30, 2, 2)), 3.33)
-    cloud = Cloud(rng.uniform(40.0, 60.0, (200, 2)), np.full(200, 1 / 200))
+    cloud = ParticleSet(rng.uniform(40.0, 60.0, (200, 2)), np.full(200, 1 / 200))
     found = {}
     for q in ("printed", "improved"):
         assert METHOD.prediction is not None

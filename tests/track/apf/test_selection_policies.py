@@ -12,10 +12,10 @@ from tracker_scenes import PLACES, room100
 
 from occlog.core.occlusion.priors import gaussian_priors, no_priors
 from occlog.errors import InputError, UsageError
-from occlog.track.interface import Cloud
+from occlog.track.interface import ParticleSet
 from occlog.track.methods.apf import selector as selection_policies
 from occlog.track.methods.apf.config import POLICIES, SelectConfig, read_selection
-from occlog.track.methods.apf.kernels.selection_metric import Moments, mean_square_errors
+from occlog.track.methods.apf.kernels.selection_metric import CameraMoments, mean_square_errors
 from occlog.track.methods.apf.selector import choose, greedy, network
 
 pytestmark = pytest.mark.jit
@@ -25,7 +25,7 @@ NAMES = frozenset(c.name for c in SCENE.cameras)
 
 def cloud(seed=0, L=300, spread=4.0):
     rng = np.random.default_rng(seed)
-    return Cloud(rng.uniform(25, 75, 2) + spread * rng.standard_normal((L, 2)), rng.dirichlet(np.full(L, 2.0)))
+    return ParticleSet(rng.uniform(25, 75, 2) + spread * rng.standard_normal((L, 2)), rng.dirichlet(np.full(L, 2.0)))
 
 
 def people(seed):
@@ -95,7 +95,7 @@ def test_greedy_is_close_to_the_best_where_all_cameras_see(seed):
 
 def test_greedy_takes_the_camera_most_likely_to_see_where_none_adds_anything():
     seen = np.array([0.2, 0.9, 0.9, 0.0])
-    blind = Moments(np.eye(2), np.zeros((4, 2)), np.diag([1.0, 1.0, 1.0, 0.0]), seen)
+    blind = CameraMoments(np.eye(2), np.zeros((4, 2)), np.diag([1.0, 1.0, 1.0, 0.0]), seen)
     assert greedy(blind, 4) == [1, 2, 0, 3]
     assert greedy(blind, 9) == [1, 2, 0, 3]  # no more than there are
 
@@ -117,7 +117,7 @@ def test_fixed_takes_the_given_order_or_that_of_the_scene():
 def test_random_takes_every_subset_equally_often():
     config, rng = SelectConfig("random", 2), np.random.default_rng(11)
     net = network(SCENE, config, NAMES, None)
-    few = Cloud(np.array([[30.0, 30.0], [31.0, 30.0]]), np.array([0.5, 0.5]))
+    few = ParticleSet(np.array([[30.0, 30.0], [31.0, 30.0]]), np.array([0.5, 0.5]))
     drawn = [choose(few, None, net, config, rng).cameras for _ in range(1400)]
     counts = np.array([drawn.count(s) for s in combinations(range(8), 2)])
     assert counts.sum() == 1400
@@ -178,9 +178,9 @@ def test_a_large_cloud_is_thinned_without_changing_much():
     config = SelectConfig("greedy", 3)
     net = network(SCENE, config, NAMES, None)
     rng = np.random.default_rng(2)
-    large = Cloud(np.array([40.0, 30.0]) + 4 * rng.standard_normal((8000, 2)), np.full(8000, 1 / 8000))
+    large = ParticleSet(np.array([40.0, 30.0]) + 4 * rng.standard_normal((8000, 2)), np.full(8000, 1 / 8000))
     found = choose(large, None, net, config, rng)
-    thin = choose(Cloud(large.xy[:1000].copy(), np.full(1000, 1e-3)), None, net, config, rng)
+    thin = choose(ParticleSet(large.xy[:1000].copy(), np.full(1000, 1e-3)), None, net, config, rng)
     assert found.cameras == thin.cameras
     assert found.mse == pytest.approx(thin.mse, rel=0.15)  # 1000 draws: about 5 %
 
@@ -235,7 +235,7 @@ def test_brute_force_is_refused_over_its_limit_only(monkeypatch):
         network(many, SelectConfig("brute-force", 8), names, None)
     for policy in set(POLICIES) - {"brute-force"}:
         network(many, SelectConfig(policy, 8), names, None)
-    monkeypatch.setattr(selection_policies, "MOST_SUBSETS", 28)
+    monkeypatch.setattr(selection_policies, "MAX_SUBSETS", 28)
     network(SCENE, SelectConfig("brute-force", 2), NAMES, None)  # 28 pairs
     with pytest.raises(UsageError, match="56 subsets, limit 28; use greedy"):
         network(SCENE, SelectConfig("brute-force", 3), NAMES, None)

@@ -10,9 +10,9 @@ import pytest
 from tracker_scenes import SECOND, observe, room100, walk
 
 from occlog.records.tables import Bearings, Diagnostics, Tracks
-from occlog.track.drivers.rows import Messages
+from occlog.track.drivers.rows import NetworkTraffic
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf.config import ApfConfig, SelectConfig
 
 pytestmark = pytest.mark.jit
@@ -37,15 +37,15 @@ def asynchronous(seed=0):
 
 
 def whole(bearings, selection, **options):
-    parts = list(track([bearings], SCENE, Tracking(CONFIG, 3, selection=selection, **options)))
+    parts = list(track([bearings], SCENE, TrackingTask(CONFIG, 3, selection=selection, **options)))
     return Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
 
 
 def counted(diagnostics):
-    messages = Messages()
+    messages = NetworkTraffic()
     for k in range(len(diagnostics)):
         messages.add(diagnostics.take(slice(k, k + 1)))
-    together = Messages()
+    together = NetworkTraffic()
     together.add(diagnostics)
     assert messages.summary() == together.summary()
     return messages
@@ -68,7 +68,7 @@ def test_only_selected_cameras_are_used_and_written():
 
 def test_steps_between_selections_are_reference_steps():
     config = ApfConfig(particles=200, start_factor=2, reference_s=2.0)
-    parts = track([recording()], SCENE, Tracking(config, 3, selection=SelectConfig("closest", 2, every=2.5)))
+    parts = track([recording()], SCENE, TrackingTask(config, 3, selection=SelectConfig("closest", 2, every=2.5)))
     d = Diagnostics.concat(p.diagnostics for p in parts)
     np.testing.assert_array_equal(np.flatnonzero(np.isfinite(d.predicted_mse)), np.arange(0, STEPS, 5))
 
@@ -135,7 +135,7 @@ def test_all_cameras_give_the_track_without_selection():
 def test_the_same_seed_selects_the_same():
     a, b = (whole(recording(), SelectConfig("random", 2, every=1))[1] for _ in range(2))
     np.testing.assert_array_equal(a.selected, b.selected)
-    parts = track([recording()], SCENE, Tracking(CONFIG, 4, selection=SelectConfig("random", 2, every=1)))
+    parts = track([recording()], SCENE, TrackingTask(CONFIG, 4, selection=SelectConfig("random", 2, every=1)))
     assert np.any(Diagnostics.concat(p.diagnostics for p in parts).selected != a.selected)
 
 

@@ -13,7 +13,7 @@ from benchmarks.track.false_bearings import ELLIPSE, follow
 from occlog.records.scene import Scene
 from occlog.records.tables import Tracks
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf import filter as apf
 from occlog.track.methods.apf.config import ApfConfig
 
@@ -224,7 +224,7 @@ def test_smoothing_leaves_the_filter_as_it_is_and_a_lag_over_the_record_is_smoot
     tracked = {
         name: Tracks.concat(
             part.tracks
-            for part in track([bearings], made.scene, Tracking(replace(ApfConfig.in_unit("m"), **options), 4))
+            for part in track([bearings], made.scene, TrackingTask(replace(ApfConfig.in_unit("m"), **options), 4))
         )
         for name, options in {"smooth": {"smooth": True}, "lag": {"lag_s": 1000.0}, "again": {"smooth": True}}.items()
     }

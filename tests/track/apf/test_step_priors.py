@@ -14,7 +14,7 @@ from occlog.filtering.motion.waypoint import CHANGE
 from occlog.track.methods.apf import filter as apf
 from occlog.track.methods.apf import propose
 from occlog.track.methods.apf.config import ApfConfig
-from occlog.track.methods.apf.model import FINE
+from occlog.track.methods.apf.model import OCCLUDER_SUPPORT_SIGMAS
 
 
 def people(seed, isotropic):
@@ -32,7 +32,9 @@ def people(seed, isotropic):
 @pytest.mark.parametrize("spread", [1.0, 8.0])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_step_is_that_of_the_plain_form(seed, spread, isotropic, likelihood, monkeypatch):
-    monkeypatch.setattr(propose, "ROUGH", FINE)  # stage 1 as near as stage 2, so that parents are the same
+    monkeypatch.setattr(
+        propose, "OCCLUDER_SUPPORT_SIGMAS_STAGE1", OCCLUDER_SUPPORT_SIGMAS
+    )  # stage 1 as near as stage 2, so that parents are the same
     scene = room100()
     options = {"defensive": 0.1, "soften": 0.02, "false": 1e-3}
     config = ApfConfig(

@@ -16,7 +16,7 @@ from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf.config import ApfConfig
 
 HEIGHT = 1.7  # of the point of the target that is seen
@@ -50,7 +50,7 @@ def recorded(scene, seed, steps=120, occluders=20):
 
 
 def tracked(bearings, scene, seed=0):
-    parts = list(track([bearings], scene, Tracking(ApfConfig(particles=500), seed)))
+    parts = list(track([bearings], scene, TrackingTask(ApfConfig(particles=500), seed)))
     return np.column_stack([np.concatenate([getattr(p.tracks, c) for p in parts]) for c in ("x", "y")])
 
 

@@ -17,8 +17,8 @@ from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Occluders, 
 from occlog.scans.grouping import Scan
 from occlog.track.drivers.batch import track_batch
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
-from occlog.track.interface import Batch, OccluderTerms, Smoothed
+from occlog.track.drivers.tracking import TrackingTask
+from occlog.track.interface import Batch, OccluderTerms, SmoothedTrajectory
 from occlog.track.methods.map.config import MapConfig
 from occlog.track.methods.map.method import lag_ns
 from occlog.track.methods.map.search.pending import begin
@@ -48,7 +48,7 @@ def whole(parts) -> tuple[Tracks, Diagnostics]:
 
 
 def by_map(chunks, config=CONFIG, **options):
-    return whole(track(chunks, SCENE, Tracking(config, 0, method="map", **options)))
+    return whole(track(chunks, SCENE, TrackingTask(config, 0, method="map", **options)))
 
 
 def same(a: ColumnTable, b: ColumnTable) -> bool:
@@ -83,7 +83,7 @@ class Calls:
         T = len(times)
         keep = T if last else min(int(np.searchsorted(times, times[-1] - self.lag_ns, side="right")), T - 1)
         zeros, none = np.zeros((keep, 2)), np.zeros(keep, np.int64)
-        out = Smoothed(
+        out = SmoothedTrajectory(
             times[:keep],
             zeros,
             zeros,
@@ -101,7 +101,7 @@ class Calls:
 
     def run(self, chunks, lag_s: float | None):
         config = replace(CONFIG, lag_s=lag_s)
-        return list(track_batch(chunks, SCENE, self.method, Tracking(config, 0)))
+        return list(track_batch(chunks, SCENE, self.method, TrackingTask(config, 0)))
 
 
 @pytest.mark.parametrize("lag", [None, 4.0])
@@ -154,7 +154,7 @@ def test_rows_are_given_out_with_a_bounded_delay_and_memory(lag: float) -> None:
 
     config = replace(CONFIG, lag_s=lag)
     waits = []
-    for part in track_batch(chunks(), SCENE, calls.method, Tracking(config, 0)):
+    for part in track_batch(chunks(), SCENE, calls.method, TrackingTask(config, 0)):
         if now[0] < 59:
             waits += (now[0] - part.tracks.t_ns / SECOND).tolist()
     assert lag <= min(waits)
@@ -233,13 +233,13 @@ def test_a_lag_gives_nearly_the_whole_track() -> None:
 
 def test_searches_are_counted_for_each_target() -> None:
     parts = list(
-        track([Bearings.merge([seen_walk(30, 0), seen_walk(30, 1)])], SCENE, Tracking(LAGGED, 0, method="map"))
+        track([Bearings.merge([seen_walk(30, 0), seen_walk(30, 1)])], SCENE, TrackingTask(LAGGED, 0, method="map"))
     )
     solves = [s for p in parts for s in p.solves]
     assert {s.target for s in solves} == {0, 1}
     assert all(s.converged and s.iterations > 0 for s in solves)
     assert sum(s.target == 0 for s in solves) > 5
-    assert len(next(iter(track([seen_walk(30)], SCENE, Tracking(CONFIG, 0, method="map")))).solves) == 1
+    assert len(next(iter(track([seen_walk(30)], SCENE, TrackingTask(CONFIG, 0, method="map")))).solves) == 1
 
 
 def test_occluders_come_with_the_scan_or_are_refused() -> None:
@@ -255,7 +255,7 @@ def test_occluders_come_with_the_scan_or_are_refused() -> None:
     )
     calls = Calls(None)
     with pytest.raises(UsageError, match="knows nothing of moving occluders"):
-        list(track_batch([chunk], SCENE, calls.method, Tracking(CONFIG, 0, method="map"), [people]))
+        list(track_batch([chunk], SCENE, calls.method, TrackingTask(CONFIG, 0, method="map"), [people]))
     met: list[bool] = []
 
     def advance(state, scans, last):
@@ -263,7 +263,7 @@ def test_occluders_come_with_the_scan_or_are_refused() -> None:
         return calls.method.advance(state, scans, last)
 
     informed = calls.method._replace(advance=advance, occluders=lambda _: OccluderTerms(1.0, 1.5))
-    list(track_batch([chunk], SCENE, informed, Tracking(CONFIG, 0, method="map"), [people]))
+    list(track_batch([chunk], SCENE, informed, TrackingTask(CONFIG, 0, method="map"), [people]))
     assert met == [True, True, False]
 
 
@@ -298,6 +298,6 @@ def test_a_target_that_is_hardly_ever_seen_holds_the_others_back_only_so_long() 
             yield take_times(table, range(start, start + 4))
 
     config = replace(CONFIG, lag_s=lag)
-    parts = track_batch(chunks(), SCENE, Calls(lag).method, Tracking(config, 0))
+    parts = track_batch(chunks(), SCENE, Calls(lag).method, TrackingTask(config, 0))
     late = [fed[0] - int(part.tracks.t_ns[0]) // SECOND for part in parts]
     assert max(late) <= 5.5 * lag + lag / 2 + 4 + 1

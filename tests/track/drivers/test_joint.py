@@ -9,7 +9,7 @@ from heard_scenes import NS, ROOM, line, room, rows, table
 from occlog.errors import InputError, UsageError
 from occlog.records.tables import Bearings, Cooperation, Tracks
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.imm.config import ImmConfig
 
 pytestmark = pytest.mark.jit
@@ -19,7 +19,7 @@ CONFIG = replace(ImmConfig.in_unit("m"), particles=200)
 
 
 def run(bearings, config=CONFIG, scene=SCENE, seed=0, **more):
-    parts = list(track(bearings, scene, Tracking(config, seed, method="imm", **more)))
+    parts = list(track(bearings, scene, TrackingTask(config, seed, method="imm", **more)))
     asked = [p.cooperation for p in parts if p.cooperation is not None]
     return Tracks.concat([p.tracks for p in parts]), Cooperation.concat(asked), parts
 
@@ -232,7 +232,7 @@ def test_rows_with_a_lag_come_in_the_order_of_time(two):
             yield two.take(slice(n, n + 50))
 
     config = replace(CONFIG, lag_s=1.0)
-    for part in track(feed(), SCENE, Tracking(config, 0, method="imm")):
+    for part in track(feed(), SCENE, TrackingTask(config, 0, method="imm")):
         assert (np.diff(part.tracks.t_ns) >= 0).all()
         assert part.tracks.t_ns[0] >= given
         given = int(part.tracks.t_ns[-1])

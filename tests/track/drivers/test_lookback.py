@@ -10,11 +10,11 @@ import pytest
 from tracker_scenes import SECOND, observe, room100, walk
 
 from occlog.records.tables import Bearings, Diagnostics, Tracks
-from occlog.track.drivers.online import Lookback, lookback, track_online
-from occlog.track.drivers.rows import ROWS_PER_CHUNK, Row
-from occlog.track.drivers.tracking import Tracking
-from occlog.track.interface import Estimate, Height, Online, Past, Smoothing
-from occlog.track.smoothing_and_lag import MOST_STEPS, SmoothingConfig
+from occlog.track.drivers.online import BackwardSmoother, backward_smoother, track_online
+from occlog.track.drivers.rows import ROWS_PER_CHUNK, EstimateRow
+from occlog.track.drivers.tracking import TrackingTask
+from occlog.track.interface import Estimate, HeightEstimate, Online, SmoothedState, Smoothing
+from occlog.track.smoothing_and_lag import MAX_SMOOTHING_STEPS, SmoothingConfig
 
 SCENE = room100(pillar=False)
 
@@ -54,7 +54,7 @@ def back(traces, _config, rng):
     """y: how many steps came after; vx: how many before among those that wait; vy: a random number."""
     rest = len(traces) - 1
     return [
-        Past(np.array([t / SECOND, rest - k]), np.array([k, rng.random()]), 2.0 * np.eye(2))
+        SmoothedState(np.array([t / SECOND, rest - k]), np.array([k, rng.random()]), 2.0 * np.eye(2))
         for k, t in enumerate(traces)
     ]
 
@@ -77,25 +77,25 @@ def seen(steps, target=0, every=1, first=0):
 
 
 def run(bearings, config, seed=0):
-    parts = list(track_online(bearings, SCENE, METHOD, Tracking(config, seed)))
+    parts = list(track_online(bearings, SCENE, METHOD, TrackingTask(config, seed)))
     return Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts), parts
 
 
 def feed(config, times, target=0, seed=0):
     """Rows given out after each row of one target that went in, those that were left, and how many waited at most."""
-    held, given, most = Lookback(WAY_BACK, config, seed), [], 0
+    held, given, most = BackwardSmoother(WAY_BACK, config, seed), [], 0
     for t in times:
-        held.add(Row(target, t, estimate(t), 1), Seen(0, t))
+        held.add(EstimateRow(target, t, estimate(t), 1), Seen(0, t))
         given += held.settled(t)
         most = max(most, held.held)
     return given, held.rest(), most
 
 
 def test_without_smoothing_nothing_waits() -> None:
-    assert lookback(WAY_BACK, Settings(), 0) is None
-    assert lookback(None, Settings(smooth=True), 0) is None
-    assert lookback(WAY_BACK, Settings(smooth=True), 0) is not None
-    assert lookback(WAY_BACK, Settings(lag_s=1.0), 0) is not None
+    assert backward_smoother(WAY_BACK, Settings(), 0) is None
+    assert backward_smoother(None, Settings(smooth=True), 0) is None
+    assert backward_smoother(WAY_BACK, Settings(smooth=True), 0) is not None
+    assert backward_smoother(WAY_BACK, Settings(lag_s=1.0), 0) is not None
 
 
 def test_smoothed_rows_know_everything_that_came_after_them() -> None:
@@ -120,11 +120,11 @@ def test_rows_of_targets_at_different_rates_come_in_the_order_of_time(config) ->
 
 def test_a_target_that_leaves_does_not_hold_the_others_back_for_longer_than_the_lag() -> None:
     held, config = {}, Settings(lag_s=4.0)
-    queue = Lookback(WAY_BACK, config, 0)
+    queue = BackwardSmoother(WAY_BACK, config, 0)
     for second in range(60):
         for target in (0, 1):
             if target == 0 or second < 5:
-                queue.add(Row(target, second * SECOND, estimate(second * SECOND), 1), Seen(0, second * SECOND))
+                queue.add(EstimateRow(target, second * SECOND, estimate(second * SECOND), 1), Seen(0, second * SECOND))
         given = queue.settled(second * SECOND)
         held[second] = queue.held
         assert all(row.t_ns <= (second - 4) * SECOND for row in given)
@@ -162,9 +162,9 @@ def test_with_a_lag_a_row_is_smoothed_one_and_a_half_times_on_average() -> None:
         lengths.append(len(traces))
         return back(traces, config, rng)
 
-    held, n = Lookback(WAY_BACK._replace(back=counted), Settings(lag_s=5.0), 0), 2000
+    held, n = BackwardSmoother(WAY_BACK._replace(back=counted), Settings(lag_s=5.0), 0), 2000
     for t in range(0, n * SECOND // 10, SECOND // 10):
-        held.add(Row(0, t, estimate(t), 1), Seen(0, t))
+        held.add(EstimateRow(0, t, estimate(t), 1), Seen(0, t))
         held.settled(t)
     held.rest()
     assert sum(lengths) / n == pytest.approx(1.5, abs=0.05)
@@ -185,19 +185,19 @@ def test_what_waits_does_not_grow_with_the_record() -> None:
 
 
 def test_without_a_lag_no_more_than_the_most_steps_wait() -> None:
-    times = [k * SECOND for k in range(MOST_STEPS + 10)]
-    assert feed(Settings(smooth=True), times[: MOST_STEPS - 1])[0] == []
+    times = [k * SECOND for k in range(MAX_SMOOTHING_STEPS + 10)]
+    assert feed(Settings(smooth=True), times[: MAX_SMOOTHING_STEPS - 1])[0] == []
     given, rest, most = feed(Settings(smooth=True), times)
-    assert most == MOST_STEPS - 1  # with the next row the first half goes
-    assert len(given) == MOST_STEPS // 2
-    assert min(row.estimate.xy[1] for row in given) == MOST_STEPS // 2
+    assert most == MAX_SMOOTHING_STEPS - 1  # with the next row the first half goes
+    assert len(given) == MAX_SMOOTHING_STEPS // 2
+    assert min(row.estimate.xy[1] for row in given) == MAX_SMOOTHING_STEPS // 2
     assert [row.t_ns for row in given + rest] == times
 
 
 def test_a_target_that_is_gone_for_more_than_three_lags_does_not_wait() -> None:
     config = Settings(lag_s=2.0)
-    queue = Lookback(WAY_BACK, config, 0)
-    queue.add(Row(0, 0, estimate(0), 1), Seen(0, 0))
+    queue = BackwardSmoother(WAY_BACK, config, 0)
+    queue.add(EstimateRow(0, 0, estimate(0), 1), Seen(0, 0))
     assert queue.settled(6 * SECOND) == []
     assert [row.t_ns for row in queue.settled(6 * SECOND + 1)] == [0]
     assert queue.held == 0
@@ -221,8 +221,10 @@ def test_random_numbers_of_a_target_do_not_depend_on_the_others() -> None:
 
 def test_a_height_is_smoothed_along() -> None:
     def with_height(traces, _config, _rng):
-        return [Past(np.zeros(2), np.zeros(2), np.eye(2), Height(3.0, 0.5, np.ones(3))) for _ in traces]
+        return [
+            SmoothedState(np.zeros(2), np.zeros(2), np.eye(2), HeightEstimate(3.0, 0.5, np.ones(3))) for _ in traces
+        ]
 
-    queue = Lookback(WAY_BACK._replace(back=with_height), Settings(smooth=True), 0)
-    queue.add(Row(0, 0, estimate(0), 1), Seen(0, 0))
+    queue = BackwardSmoother(WAY_BACK._replace(back=with_height), Settings(smooth=True), 0)
+    queue.add(EstimateRow(0, 0, estimate(0), 1), Seen(0, 0))
     assert queue.rest()[0].estimate.height.z == 3.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occlog.records.tables import Diagnostics
-from occlog.track.drivers.rows import ORDER_BYTES, REPORT_BYTES, Messages
+from occlog.track.drivers.rows import ORDER_BYTES, REPORT_BYTES, NetworkTraffic
 
 
 def rows(*given):
@@ -29,7 +29,7 @@ def rows(*given):
 
 
 def counted(*parts):
-    messages = Messages()
+    messages = NetworkTraffic()
     for part in parts:
         messages.add(part)
     return messages
@@ -41,7 +41,7 @@ def test_sizes_are_those_of_the_documented_fields():
 
 
 def test_nothing_was_sent():
-    assert Messages().summary() == {"messages": 0, "bytes": 0}
+    assert NetworkTraffic().summary() == {"messages": 0, "bytes": 0}
 
 
 def test_without_selection_there_are_reports_only():

@@ -12,8 +12,8 @@ from tracker_scenes import SECOND, observe, room100, walk
 from occlog.errors import UsageError
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Occluders, Tracks
 from occlog.track.drivers.online import FIRST_TARGET, track_online
-from occlog.track.drivers.tracking import Tracking
-from occlog.track.interface import Cloud, Estimate, OccluderTerms, Online, Prediction
+from occlog.track.drivers.tracking import TrackingTask
+from occlog.track.interface import Estimate, OccluderTerms, Online, ParticleSet, TargetPredictor
 from occlog.track.methods.apf.selector import SelectConfig
 
 SCENE = room100(pillar=False)
@@ -59,12 +59,12 @@ def step(state, scan, rng):
 
 
 def cloud(_state, _t_ns, rng):
-    return Cloud(rng.uniform(40.0, 60.0, (50, 2)), np.full(50, 0.02))
+    return ParticleSet(rng.uniform(40.0, 60.0, (50, 2)), np.full(50, 0.02))
 
 
 METHOD = Online(config=Settings, init=init, step=step, started=lambda config: config.start is not None)
 INFORMED = METHOD._replace(occluders=lambda _: OccluderTerms(diameter=1.0, max_age_s=2.0))
-SELECTING = METHOD._replace(prediction=Prediction(cloud, lambda _: 2.0, lambda _: None))
+SELECTING = METHOD._replace(prediction=TargetPredictor(cloud, lambda _: 2.0, lambda _: None))
 
 
 def seen(steps=5, target=0, cameras=NAMES, first=0):
@@ -74,7 +74,7 @@ def seen(steps=5, target=0, cameras=NAMES, first=0):
 
 
 def run(bearings, method=METHOD, config=None, occluders=None, seed=0, **options):
-    parts = list(track_online(bearings, SCENE, method, Tracking(config or Settings(), seed, **options), occluders))
+    parts = list(track_online(bearings, SCENE, method, TrackingTask(config or Settings(), seed, **options), occluders))
     return Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
 
 

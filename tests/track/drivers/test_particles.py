@@ -12,31 +12,31 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.tables.parquet import read_table
 from occlog.records.tables import Particles, Tracks
-from occlog.track.drivers.rows import MOST, particle_rows, thinned
+from occlog.track.drivers.rows import MAX_PARTICLES, downsample, particle_rows
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
-from occlog.track.interface import Cloud
+from occlog.track.drivers.tracking import TrackingTask
+from occlog.track.interface import ParticleSet
 from occlog.track.methods.apf.config import ApfConfig
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 
 
-def cloud(n: int, seed: int = 1) -> Cloud:
+def cloud(n: int, seed: int = 1) -> ParticleSet:
     rng = np.random.default_rng(seed)
     weights = rng.random(n) ** 3
-    return Cloud(rng.normal(size=(n, 2)), weights / weights.sum())
+    return ParticleSet(rng.normal(size=(n, 2)), weights / weights.sum())
 
 
 def test_a_cloud_that_is_small_enough_stays_as_it_is() -> None:
-    kept = cloud(MOST)
-    assert thinned(kept) is kept
-    assert len(thinned(cloud(MOST + 1)).weights) == MOST
+    kept = cloud(MAX_PARTICLES)
+    assert downsample(kept) is kept
+    assert len(downsample(cloud(MAX_PARTICLES + 1)).weights) == MAX_PARTICLES
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_larger_cloud_keeps_each_particle_by_its_weight(seed: int) -> None:
     whole = cloud(5000, seed)
-    found = thinned(whole, 100)
+    found = downsample(whole, 100)
     assert found.weights.sum() == pytest.approx(1.0, abs=1e-12)
     rows = [int(np.flatnonzero((whole.xy == xy).all(axis=1))[0]) for xy in found.xy]
     counts, expected = np.bincount(rows, minlength=5000), 100 * whole.weights
@@ -44,8 +44,8 @@ def test_a_larger_cloud_keeps_each_particle_by_its_weight(seed: int) -> None:
 
 
 def test_rows_have_times_targets_and_numbers_of_their_own() -> None:
-    two = [(5, 1, Cloud(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([0.25, 0.75])))]
-    table = particle_rows([*two, (5, 2, Cloud(np.array([[5.0, 6.0]]), np.ones(1)))])
+    two = [(5, 1, ParticleSet(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([0.25, 0.75])))]
+    table = particle_rows([*two, (5, 2, ParticleSet(np.array([[5.0, 6.0]]), np.ones(1)))])
     assert table.t_ns.tolist() == [5, 5, 5]
     assert table.target_id.tolist() == [1, 1, 2]
     assert table.particle.tolist() == [0, 1, 0]
@@ -61,22 +61,22 @@ def test_the_mean_of_the_particles_is_the_estimate_of_the_filter(smooth: bool) -
     scene = room100()
     rng = np.random.default_rng(5)
     bearings = observe(scene, walk(30, rng), rng)
-    settings = ApfConfig(particles=MOST)
-    filtered = Tracks.concat([p.tracks for p in track([bearings], scene, Tracking(settings, 3))])
-    config = ApfConfig(particles=MOST, smooth=smooth)
-    plain = list(track([bearings], scene, Tracking(config, 3)))
-    parts = list(track([bearings], scene, Tracking(config, 3, particles=True)))
+    settings = ApfConfig(particles=MAX_PARTICLES)
+    filtered = Tracks.concat([p.tracks for p in track([bearings], scene, TrackingTask(settings, 3))])
+    config = ApfConfig(particles=MAX_PARTICLES, smooth=smooth)
+    plain = list(track([bearings], scene, TrackingTask(config, 3)))
+    parts = list(track([bearings], scene, TrackingTask(config, 3, particles=True)))
     assert all(p.particles is None or not len(p.particles) for p in plain)
     tracks, before = (Tracks.concat([p.tracks for p in each]) for each in (parts, plain))
     for name in ("t_ns", "target_id", "x", "y", "cov_xx"):
         np.testing.assert_array_equal(getattr(tracks, name), getattr(before, name))
     particles = Particles.concat([p.particles for p in parts if p.particles is not None])
     particles.check()
-    assert len(particles) == MOST * len(tracks)
-    weights = particles.weight.reshape(-1, MOST)
+    assert len(particles) == MAX_PARTICLES * len(tracks)
+    weights = particles.weight.reshape(-1, MAX_PARTICLES)
     np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-12)
     for name in ("x", "y"):
-        mean = (weights * getattr(particles, name).reshape(-1, MOST)).sum(axis=1)
+        mean = (weights * getattr(particles, name).reshape(-1, MAX_PARTICLES)).sum(axis=1)
         np.testing.assert_allclose(mean, getattr(filtered, name), atol=1e-9)
 
 
@@ -90,7 +90,7 @@ def test_the_command_writes_them(tmp_path: Path, method: str) -> None:
     assert run(asked) in (ExitCode.DONE, ExitCode.LOSSY)
     particles, tracks = read_table(Path(written), Particles), read_table(Path(out), Tracks)
     assert set(particles.t_ns.tolist()) == set(tracks.t_ns.tolist())
-    assert np.bincount(np.searchsorted(np.unique(particles.t_ns), particles.t_ns)).max() <= MOST
+    assert np.bincount(np.searchsorted(np.unique(particles.t_ns), particles.t_ns)).max() <= MAX_PARTICLES
     middle = np.array([particles.x[particles.t_ns == t].mean() for t in tracks.t_ns.tolist()])
     deviation = np.sqrt(tracks.cov_xx + 1e-6)
     assert (np.abs(middle - tracks.x) < deviation).all()

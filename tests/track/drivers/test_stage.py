@@ -13,7 +13,7 @@ from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Tracks
 from occlog.scans.grouping import choose_sensors
 from occlog.track.catalogue import BEARINGS, METHODS, settings_of, tracker
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf.config import ApfConfig
 
 pytestmark = pytest.mark.jit
@@ -51,7 +51,7 @@ def same(a, b):
 
 def test_a_row_for_every_scan_and_what_it_says():
     bearings = recording(25)
-    tracks, diagnostics = whole(track([bearings], SCENE, Tracking(CONFIG, 0)))
+    tracks, diagnostics = whole(track([bearings], SCENE, TrackingTask(CONFIG, 0)))
     assert len(tracks) == len(diagnostics) == 25
     np.testing.assert_array_equal(tracks.t_ns, np.arange(25) * SECOND)
     assert set(tracks.target_id.tolist()) == {0}
@@ -66,56 +66,59 @@ def test_a_row_for_every_scan_and_what_it_says():
 
 def test_the_same_seed_gives_the_same_track_and_another_seed_another():
     bearings = recording()
-    first, again = whole(track([bearings], SCENE, Tracking(FEW, 3))), whole(track([bearings], SCENE, Tracking(FEW, 3)))
+    first, again = (
+        whole(track([bearings], SCENE, TrackingTask(FEW, 3))),
+        whole(track([bearings], SCENE, TrackingTask(FEW, 3))),
+    )
     assert all(same(a, b) for a, b in zip(first, again, strict=True))
-    assert not same(first[0], whole(track([bearings], SCENE, Tracking(FEW, 4)))[0])
+    assert not same(first[0], whole(track([bearings], SCENE, TrackingTask(FEW, 4)))[0])
 
 
 def test_the_track_does_not_depend_on_where_the_input_is_cut():
     bearings = recording(12, targets=(0, 2))
-    expected = whole(track([bearings], SCENE, Tracking(FEW, 1)))
+    expected = whole(track([bearings], SCENE, TrackingTask(FEW, 1)))
     for rows in (1, 7, 64, 191):
         parts = [bearings.take(slice(a, a + rows)) for a in range(0, len(bearings), rows)]
-        assert all(same(a, b) for a, b in zip(whole(track(parts, SCENE, Tracking(FEW, 1))), expected, strict=True))
+        assert all(same(a, b) for a, b in zip(whole(track(parts, SCENE, TrackingTask(FEW, 1))), expected, strict=True))
 
 
 def test_each_labelled_target_has_a_track_of_its_own_that_does_not_depend_on_the_others():
     both = recording(targets=(0, 5))
-    tracks, _ = whole(track([both], SCENE, Tracking(FEW, 0)))
+    tracks, _ = whole(track([both], SCENE, TrackingTask(FEW, 0)))
     assert tracks.target_id.tolist() == [0, 5] * 25
     for k in (0, 5):
-        alone, _ = whole(track([recording(targets=(k,))], SCENE, Tracking(FEW, 0)))
+        alone, _ = whole(track([recording(targets=(k,))], SCENE, TrackingTask(FEW, 0)))
         assert same(alone, tracks.take(tracks.target_id == k))
-        chosen, _ = whole(track([both], SCENE, Tracking(FEW, 0, targets=(k,))))
+        chosen, _ = whole(track([both], SCENE, TrackingTask(FEW, 0, targets=(k,))))
         assert same(alone, chosen)
 
 
 def test_unlabelled_candidates_make_one_track():
     bearings = unlabelled(recording())
-    tracks, diagnostics = whole(track([bearings], SCENE, Tracking(CONFIG, 0)))
+    tracks, diagnostics = whole(track([bearings], SCENE, TrackingTask(CONFIG, 0)))
     assert set(tracks.target_id.tolist()) == {0}
     assert len(tracks) == 25
-    labelled, _ = whole(track([recording()], SCENE, Tracking(CONFIG, 0)))
+    labelled, _ = whole(track([recording()], SCENE, TrackingTask(CONFIG, 0)))
     late = slice(10, None)
     apart = np.hypot(tracks.x - labelled.x, tracks.y - labelled.y)[late]
     assert np.median(apart) < 1.5
     assert diagnostics.n_looked.tolist() == [8] * 25
-    numbered, _ = whole(track([bearings], SCENE, Tracking(CONFIG, 0, targets=(9,))))
+    numbered, _ = whole(track([bearings], SCENE, TrackingTask(CONFIG, 0, targets=(9,))))
     assert set(numbered.target_id.tolist()) == {9}
 
 
 def test_candidates_can_be_left_out():
-    assert list(track([unlabelled(recording())], SCENE, Tracking(CONFIG, 0, unlabelled=False))) == []
+    assert list(track([unlabelled(recording())], SCENE, TrackingTask(CONFIG, 0, unlabelled=False))) == []
 
 
 def test_candidates_of_cameras_without_a_label_help_a_labelled_target():
     bearings = recording(40)
     odd = np.isin(bearings.sensor, ["cam1", "cam3", "cam5", "cam7"])
     mixed = Bearings.merge([unlabelled(bearings.take(odd)), bearings.take(~odd)])
-    tracks, diagnostics = whole(track([mixed], SCENE, Tracking(ApfConfig(particles=600), 0)))
+    tracks, diagnostics = whole(track([mixed], SCENE, TrackingTask(ApfConfig(particles=600), 0)))
     assert set(tracks.target_id.tolist()) == {0}
     assert set(diagnostics.n_looked.tolist()) == {8}
-    some, _ = whole(track([bearings.take(~odd)], SCENE, Tracking(ApfConfig(particles=600), 0)))
+    some, _ = whole(track([bearings.take(~odd)], SCENE, TrackingTask(ApfConfig(particles=600), 0)))
     spread = [np.sqrt(np.median(t.cov_xx + t.cov_yy)) for t in (tracks, some)]
     assert spread[0] < 0.95 * spread[1]
 
@@ -123,7 +126,7 @@ def test_candidates_of_cameras_without_a_label_help_a_labelled_target():
 def test_a_target_may_appear_later_and_disappear():
     bearings = recording(targets=(0, 1))
     late = (bearings.target_id == 0) | ((bearings.t_ns >= 10 * SECOND) & (bearings.t_ns < 15 * SECOND))
-    tracks, _ = whole(track([bearings.take(late)], SCENE, Tracking(CONFIG, 0)))
+    tracks, _ = whole(track([bearings.take(late)], SCENE, TrackingTask(CONFIG, 0)))
     ones = tracks.take(tracks.target_id == 1)
     np.testing.assert_array_equal(ones.t_ns, np.arange(10, 15) * SECOND)
 
@@ -131,7 +134,7 @@ def test_a_target_may_appear_later_and_disappear():
 def test_only_the_chosen_sensors_are_used():
     used = choose_sensors(SCENE, only=["cam1", "cam2", "cam3"], without=["cam2"])
     assert used == {"cam1", "cam3"}
-    tracks, diagnostics = whole(track([recording()], SCENE, Tracking(CONFIG, 0, sensors=used)))
+    tracks, diagnostics = whole(track([recording()], SCENE, TrackingTask(CONFIG, 0, sensors=used)))
     assert len(tracks) == 25
     assert set(diagnostics.cameras.tolist()) == {"cam1,cam3"}
 
@@ -146,14 +149,14 @@ def test_unknown_sensors_and_none_at_all_are_refused():
 def test_a_start_for_two_targets_is_refused():
     config = ApfConfig(particles=50, start=(50.0, 50.0, 1.0))
     with pytest.raises(UsageError, match=r"target 2 besides 1; choose one target, e\.g\. 2"):
-        list(track([recording(targets=(1, 2))], SCENE, Tracking(config, 0)))
-    tracks, _ = whole(track([recording(targets=(1, 2))], SCENE, Tracking(config, 0, targets=(2,))))
+        list(track([recording(targets=(1, 2))], SCENE, TrackingTask(config, 0)))
+    tracks, _ = whole(track([recording(targets=(1, 2))], SCENE, TrackingTask(config, 0, targets=(2,))))
     assert set(tracks.target_id.tolist()) == {2}
 
 
 def test_nothing_comes_of_nothing():
-    assert list(track([], SCENE, Tracking(CONFIG, 0))) == []
-    assert list(track([Bearings.empty(), Bearings.empty()], SCENE, Tracking(CONFIG, 0))) == []
+    assert list(track([], SCENE, TrackingTask(CONFIG, 0))) == []
+    assert list(track([Bearings.empty(), Bearings.empty()], SCENE, TrackingTask(CONFIG, 0))) == []
 
 
 def test_an_unknown_method_is_refused_with_the_names_of_those_there_are():
@@ -177,7 +180,7 @@ def test_output_comes_while_input_is_read():
             shifted["t_ns"] = bearings.t_ns + 30 * SECOND * k
             yield Bearings(**shifted)
 
-    first = next(iter(track(chunks(), SCENE, Tracking(ApfConfig(particles=1), 0))))
+    first = next(iter(track(chunks(), SCENE, TrackingTask(ApfConfig(particles=1), 0))))
     assert read < 399
     assert len(first.tracks) >= 1
 
@@ -195,5 +198,5 @@ def test_rows_are_doubted_while_the_clock_of_one_sensor_is_wrong():
     assert np.count_nonzero(doubt[45:60] == "sensor-disagrees") >= 10
 
 
-def fixes() -> Tracking:
-    return Tracking(settings_of("fix").in_unit("unit"), 0, method="fix")
+def fixes() -> TrackingTask:
+    return TrackingTask(settings_of("fix").in_unit("unit"), 0, method="fix")

@@ -9,7 +9,7 @@ from occlog.errors import InputError
 from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_rotation
 from occlog.records.tables import UNLABELLED, Bearings
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.fix.config import FixConfig
 
 CORNERS = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
@@ -56,7 +56,7 @@ def test_cameras_and_arrays_give_positions_and_scans_without_one_give_no_row() -
         heard = NAMES[:1] if step % 4 == 3 else NAMES
         rows += [(step, s, 5, direction(s, true[step]) + 0.02 * rng.standard_normal()) for s in heard]
     config = FixConfig(spread="stated")
-    (found,) = track([table(rows)], make_scene(), Tracking(config, 0, method="fix"))
+    (found,) = track([table(rows)], make_scene(), TrackingTask(config, 0, method="fix"))
     steps = (found.tracks.t_ns // NS).tolist()
     assert steps == [k for k in range(40) if k % 4 != 3]
     assert set(found.tracks.target_id.tolist()) == {5}
@@ -84,12 +84,12 @@ def test_consensus_of_candidates_finds_the_target_among_false_directions() -> No
             if s != "mic1":
                 angles.append(direction(s, true[step]) + 0.01 * rng.standard_normal())
             rows += [(step, s, UNLABELLED, a) for a in angles]
-    (found,) = track([table(rows, 0.01)], make_scene(), Tracking(FixConfig(), 0, method="fix"))
+    (found,) = track([table(rows, 0.01)], make_scene(), TrackingTask(FixConfig(), 0, method="fix"))
     assert len(found.tracks) == 50
     error = np.hypot(found.tracks.x - [true[k][0] for k in range(50)], found.tracks.y - [true[k][1] for k in range(50)])
     assert np.median(error) < 0.15
     assert (error < 0.5).mean() > 0.8  # now and then false directions agree better
-    assert not list(track([table(rows)], make_scene(), Tracking(FixConfig(candidates="ignore"), 0, method="fix")))
+    assert not list(track([table(rows)], make_scene(), TrackingTask(FixConfig(candidates="ignore"), 0, method="fix")))
 
 
 def test_where_chunks_are_cut_does_not_matter() -> None:
@@ -100,8 +100,8 @@ def test_where_chunks_are_cut_does_not_matter() -> None:
     whole = table(rows)
     parts = [whole.take(slice(a, b)) for a, b in ((0, 7), (7, 8), (8, 30), (30, 36))]
     config = FixConfig(estimator="huber")
-    one = [t.tracks for t in track([whole], make_scene(), Tracking(config, 0, method="fix"))]
-    more = [t.tracks for t in track(parts, make_scene(), Tracking(config, 9, method="fix"))]
+    one = [t.tracks for t in track([whole], make_scene(), TrackingTask(config, 0, method="fix"))]
+    more = [t.tracks for t in track(parts, make_scene(), TrackingTask(config, 9, method="fix"))]
     assert np.array_equal(one[0].x, more[0].x)
 
 
@@ -109,7 +109,7 @@ def test_two_bearings_are_told_apart_from_more() -> None:
     rows = [
         (k, s, 1, direction(s, np.array([5.0, 4.0]))) for k, n in ((0, 2), (1, 4)) for s in NAMES[1 - n // 4 : 4][:n]
     ]
-    (found,) = track([table(rows)], make_scene(), Tracking(FixConfig(), 0, method="fix"))
+    (found,) = track([table(rows)], make_scene(), TrackingTask(FixConfig(), 0, method="fix"))
     assert found.diagnostics.fallback.tolist() == ["pair", ""]
 
 

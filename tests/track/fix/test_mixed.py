@@ -15,11 +15,11 @@ from occlog.filtering.likelihood.distances import (
     residuals,
 )
 from occlog.track.methods.fix.estimators import Modes, modes, spread_of
-from occlog.track.methods.fix.mixed import Lines, contested, modes_of
+from occlog.track.methods.fix.mixed import BearingLines, has_rival_mode, modes_of
 
 BEND = 3.7
 PLACES = np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 8.0], [10.0, 8.0]])
-NO_LINES = Lines(np.empty((0, 2)), np.empty(0), np.empty(0), BEND)
+NO_LINES = BearingLines(np.empty((0, 2)), np.empty(0), np.empty(0), BEND)
 
 
 def measured(
@@ -66,7 +66,7 @@ def test_without_errors_the_place_is_exact(kind: int) -> None:
 
 
 def test_a_range_and_a_bearing_of_one_station_are_a_place() -> None:
-    line = Lines(PLACES[:1], np.array([np.pi / 6]), np.array([0.01]), BEND)
+    line = BearingLines(PLACES[:1], np.array([np.pi / 6]), np.array([0.01]), BEND)
     found = modes_of(line, measured(RANGE, np.array([4.0 * np.cos(np.pi / 6), 2.0]), 0.05, PLACES[:1]))
     np.testing.assert_allclose(found.xy, [[4.0 * np.cos(np.pi / 6), 2.0]], atol=1e-6)
     np.testing.assert_allclose(np.trace(found.covariance[0]), 0.05**2 + 0.04**2, rtol=0.01)
@@ -93,7 +93,7 @@ def test_bearings_alone_give_what_they_give_without_distances() -> None:
     bearings, sigma = np.arctan2(away[:, 1], away[:, 0]) + 1e-3, np.full(4, 0.01)
     one, other = (
         modes(PLACES, bearings, sigma, BEND),
-        modes_of(Lines(PLACES, bearings, sigma, BEND), no_measurements(BEND)),
+        modes_of(BearingLines(PLACES, bearings, sigma, BEND), no_measurements(BEND)),
     )
     np.testing.assert_allclose(one.xy[0], other.xy[0], atol=1e-7)
     np.testing.assert_allclose(one.covariance[0], other.covariance[0], rtol=0.02)
@@ -176,7 +176,7 @@ def test_other_places_and_a_large_scatter_contest_a_place(
     residual: list[float], believed: list[int], elsewhere: float, said: bool
 ) -> None:
     one = np.zeros((1, 2)), np.eye(2)[None], np.array([believed], dtype=float), np.array([residual]), np.ones(1)
-    assert contested(Modes(*one, elsewhere)) == said
+    assert has_rival_mode(Modes(*one, elsewhere)) == said
 
 
 def test_with_a_false_range_of_four_rows_that_nothing_contests_are_near_the_bound() -> None:
@@ -189,7 +189,9 @@ def test_with_a_false_range_of_four_rows_that_nothing_contests_are_near_the_boun
         rows.value[trial % 4] = rng.uniform(0.0, 20.0)
         found = modes_of(NO_LINES, rows)
         squares.append(((found.xy[0] - xy) ** 2).sum())
-        flags.append(contested(found) or (found.believed[0] >= 0.5).sum() <= 2 or found.probability[1:2].sum() > 0.05)
+        flags.append(
+            has_rival_mode(found) or (found.believed[0] >= 0.5).sum() <= 2 or found.probability[1:2].sum() > 0.05
+        )
         true = np.delete(np.arange(4), trial % 4)
         bounds.append(np.trace(np.linalg.inv(information(rows.take(true), np.tile(xy, (3, 1))).sum(axis=0))))
     good = ~np.array(flags)

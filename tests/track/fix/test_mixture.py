@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from occlog.track.methods.fix.estimators import WORTH, modes, pooled_factor, spread_of
+from occlog.track.methods.fix.estimators import PRIOR_RESIDUALS, modes, pooled_factor, spread_of
 
 PLACES = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0], [5.0, 0.0]])
 BEND = 3.7
@@ -83,10 +83,10 @@ def test_parallel_lines_and_lines_that_part_tell_no_position() -> None:
 
 
 def test_few_residuals_are_pooled_with_what_is_stated() -> None:
-    assert pooled_factor(0.0, 0.0) == WORTH / (WORTH - 2.0)
+    assert pooled_factor(0.0, 0.0) == PRIOR_RESIDUALS / (PRIOR_RESIDUALS - 2.0)
     assert pooled_factor(1e6, 1e6) == pytest.approx(1.0, rel=1e-4)
     assert pooled_factor(9e6, 1e6) == pytest.approx(9.0, rel=1e-4)
-    assert pooled_factor(2.0, 2.0) == (WORTH + 2.0) / WORTH
+    assert pooled_factor(2.0, 2.0) == (PRIOR_RESIDUALS + 2.0) / PRIOR_RESIDUALS
 
 
 @pytest.mark.parametrize("n", [2, 3, 4])

@@ -8,7 +8,7 @@ import pytest
 from heard_scenes import ROOM, line, room, rows, table
 
 from occlog.scans.grouping import BearingRows, scans_of
-from occlog.track.methods.imm.ask_cameras import Ask, CameraRequests
+from occlog.track.methods.imm.ask_cameras import CameraQuestion, CameraRequests
 from occlog.track.methods.imm.config import ImmConfig
 
 CONFIG = ImmConfig.in_unit("m")
@@ -31,7 +31,7 @@ def standing(*, labels=True, only=("c1", "c2", "c3"), places=(HERE, THERE)):
 
 
 def ask(number, place, *, label=-1, sigma=1.0, cause="spread"):
-    return Ask(number, (cause,), label, np.array(place, dtype=float), sigma**2 * np.eye(2))
+    return CameraQuestion(number, (cause,), label, np.array(place, dtype=float), sigma**2 * np.eye(2))
 
 
 def test_the_best_pair_is_asked_and_finds_the_target():

@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from occlog.track.methods.imm import association
-from occlog.track.methods.imm.association import Direction, associate, both, close_by, direction, hear, reweigh
+from occlog.track.methods.imm.association import (
+    Direction,
+    bearing_fit,
+    direction,
+    joint_data_association,
+    merge_probability,
+    merged_bearing_density,
+    reweigh,
+)
 
 CLUTTER = 0.05
 
@@ -68,7 +76,7 @@ def problem(rng, K, N, gaps=0.3):
 @pytest.mark.parametrize("seed", range(3))
 def test_association_is_that_of_all_events(K, N, seed):
     given = problem(np.random.default_rng([seed, K, N]), K, N)
-    found, (a, u, s, total) = associate(*given), by_all_events(*given)
+    found, (a, u, s, total) = joint_data_association(*given), by_all_events(*given)
     np.testing.assert_allclose(found.alone, a, rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(found.unheard, u, rtol=1e-12)
     np.testing.assert_allclose(found.shared, s, rtol=1e-12, atol=1e-15)
@@ -78,16 +86,16 @@ def test_association_is_that_of_all_events(K, N, seed):
 @pytest.mark.parametrize("seed", range(5))
 def test_probabilities_of_a_target_sum_to_one(seed):
     alone, unheard, shared, apart, clutter = problem(np.random.default_rng(seed), 4, 3)
-    found = associate(alone, unheard, shared, apart, clutter)
+    found = joint_data_association(alone, unheard, shared, apart, clutter)
     np.testing.assert_allclose(found.alone.sum(axis=1) + found.unheard + found.shared.sum(axis=(1, 2)), 1.0, rtol=1e-12)
 
 
 def test_with_too_many_events_the_least_likely_are_left_out(monkeypatch):
-    monkeypatch.setattr(association, "MOST_EVENTS", 20)
+    monkeypatch.setattr(association, "MAX_JOINT_EVENTS", 20)
     rng = np.random.default_rng(0)
     alone = 1e-9 * rng.random((4, 4)) + np.diag([5.0, 6.0, 7.0, 8.0])
     none = np.zeros((4, 4, 4))
-    found = associate(alone, np.full(4, 0.1), none, np.ones((4, 4)), np.full(4, CLUTTER))
+    found = joint_data_association(alone, np.full(4, 0.1), none, np.ones((4, 4)), np.full(4, CLUTTER))
     exact = by_all_events(alone, np.full(4, 0.1), none, np.ones((4, 4)), np.full(4, CLUTTER))
     np.testing.assert_allclose(found.alone, exact[0], atol=1e-7)
 
@@ -100,11 +108,11 @@ def test_weights_are_those_of_the_joint_posterior(seed, reach):
     heard = bearings(30.0, 45.0, 200.0, sigma=10.0)
     clouds = [cloud(rng, 4.0, 2.0), cloud(rng, 3.0, 4.0)]
     detection, N = np.array([0.9, 0.7]), 3
-    each = [hear(x, w, **heard, reach=reach) for x, w in clouds]
+    each = [bearing_fit(x, w, **heard, reach=reach) for x, w in clouds]
     fit = np.array([h.fit for h in each])
     alone = detection[:, None] * fit
     unheard = 1.0 - detection * np.array([h.reached for h in each])
-    found = associate(alone, unheard, np.zeros((2, 2, N)), np.ones((2, 2)), np.full(N, CLUTTER))
+    found = joint_data_association(alone, unheard, np.zeros((2, 2, N)), np.ones((2, 2)), np.full(N, CLUTTER))
     post = [np.zeros(4), np.zeros(4)]
     for p, q in itertools.product(range(4), repeat=2):
         like = 0.0
@@ -128,7 +136,7 @@ def test_weights_are_those_of_the_joint_posterior(seed, reach):
 def test_densities_wrap_and_end_at_the_range():
     x = np.zeros((1, 2, 4))
     x[0, :, 0], x[0, :, 2] = (-4.0, -40.0), (0.05, 0.5)
-    heard = hear(x, np.full((1, 2), 0.5), **bearings(-179.0), reach=10.0)
+    heard = bearing_fit(x, np.full((1, 2), 0.5), **bearings(-179.0), reach=10.0)
     sigma = math.radians(3.0)
     off = math.radians(181.0) - math.atan2(0.05, -4.0)
     expected = math.exp(-0.5 * (off / sigma) ** 2) / (sigma * math.sqrt(2 * math.pi))
@@ -153,18 +161,20 @@ def test_two_targets_heard_as_one_by_drawing_them():
     for at in (8.0, 10.0, 12.0):
         look = bearings(at, sigma=2.0)
         a, b = (
-            hear(one, np.ones((1, 1)), **look, reach=math.inf),
-            hear(other, np.full((1, 4000), 1 / 4000), **look, reach=math.inf),
+            bearing_fit(one, np.ones((1, 1)), **look, reach=math.inf),
+            bearing_fit(other, np.full((1, 4000), 1 / 4000), **look, reach=math.inf),
         )
         heard = {"bearing": look["bearing"], "sigma": look["sigma"]}
         middle = 0.5 * (angle1 + angle2)
         z = (math.radians(at) - middle) / sigma
         exact = float(np.mean(np.exp(-0.5 * z * z) / (sigma * math.sqrt(2 * math.pi)) * near))
         pair = direction(a, np.ones((1, 1))), direction(b, np.full((1, 4000), 1 / 4000))
-        assert both(a, *pair, **heard, resolution=resolution)[0, 0, 0] == pytest.approx(exact, rel=0.15)
+        assert merged_bearing_density(a, *pair, **heard, resolution=resolution)[0, 0, 0] == pytest.approx(
+            exact, rel=0.15
+        )
     far = Direction(math.radians(60.0), 0.01)
-    assert not both(a, pair[0], far, **heard, resolution=resolution).any()
-    assert not both(a, *pair, **heard, resolution=0.0).any()
+    assert not merged_bearing_density(a, pair[0], far, **heard, resolution=resolution).any()
+    assert not merged_bearing_density(a, *pair, **heard, resolution=0.0).any()
 
 
 def test_directions_are_means_around_the_circle():
@@ -173,7 +183,7 @@ def test_directions_are_means_around_the_circle():
     x = np.zeros((1, 20_000, 4))
     x[0, :, 0], x[0, :, 2] = np.cos(angle), np.sin(angle)
     weights = np.full((1, 20_000), 1 / 20_000)
-    found = direction(hear(x, weights, **bearings(), reach=math.inf), weights)
+    found = direction(bearing_fit(x, weights, **bearings(), reach=math.inf), weights)
     assert abs(math.remainder(found.centre - math.pi, 2 * math.pi)) < 0.01
     assert found.spread == pytest.approx(0.3, rel=0.02)
 
@@ -183,14 +193,14 @@ def test_close_by_is_the_probability_of_a_normal():
     draws = np.random.default_rng(1).normal(size=1_000_000)
     # Standard error at most 5e-4
     expected = [[np.mean(np.abs(o + 0.5 * draws) < 0.4) for o in off[0]]]
-    np.testing.assert_allclose(close_by(off, 0.5, 0.4), expected, atol=2e-3)
+    np.testing.assert_allclose(merge_probability(off, 0.5, 0.4), expected, atol=2e-3)
 
 
 def test_nothing_heard_pushes_particles_out_of_range():
     x = np.zeros((1, 2, 4))
     x[0, :, 0] = 5.0, 15.0
     weights = np.full((1, 2), 0.5)
-    silent = hear(x, weights, **bearings(), reach=10.0)
+    silent = bearing_fit(x, weights, **bearings(), reach=10.0)
     got = reweigh(weights, silent, 0.9, np.empty(0), 1.0, ())
     np.testing.assert_allclose(got, [[0.1 / 1.1, 1.0 / 1.1]])
 
@@ -202,13 +212,13 @@ def test_many_targets_far_apart_are_all_heard(K):
     off = np.abs(np.angle(np.exp(1j * (angle[:, None] - angle))))
     sigma = math.radians(3.0)
     alone = 0.95 * np.exp(-0.5 * (off / sigma) ** 2) / (math.sqrt(2.0 * math.pi) * sigma)
-    found = associate(alone, np.full(K, 0.05), np.zeros((K, K, K)), np.ones((K, K)), np.full(K, 0.016))
+    found = joint_data_association(alone, np.full(K, 0.05), np.zeros((K, K, K)), np.ones((K, K)), np.full(K, 0.016))
     assert np.diag(found.alone).min() > 0.99
     assert found.unheard.max() < 0.01
 
 
 def test_of_many_targets_on_one_bearing_none_is_left_out_while_another_has_a_choice(monkeypatch):
-    monkeypatch.setattr(association, "MOST_EVENTS", 8)
+    monkeypatch.setattr(association, "MAX_JOINT_EVENTS", 8)
     rng = np.random.default_rng(3)
     alone = rng.uniform(0.5, 1.0, (3, 4))
     groups = association._groups(alone > 0.0, alone / CLUTTER)

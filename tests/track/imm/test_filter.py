@@ -9,17 +9,17 @@ from heard_scenes import NS, ROOM, room
 
 from occlog.scans.grouping import Scan, concat, empty_scan
 from occlog.track.methods.imm import kernel as imm
-from occlog.track.methods.imm.association import hear
+from occlog.track.methods.imm.association import bearing_fit
 from occlog.track.methods.imm.config import ImmConfig
 from occlog.track.methods.imm.filter import init, step
 from occlog.track.methods.imm.tracks import (
+    TENTATIVE,
     UNLABELLED_TRACK,
-    UNNUMBERED,
-    after,
     make_world,
     move_track,
-    on_line,
     switching,
+    track_on_bearing,
+    update_existence,
 )
 
 SCENE = room(ROOM.replace("position: [2, 2, 1], sigma_deg: 2", "position: [2, 2, 1], sigma_deg: 2, range: 9"))
@@ -124,7 +124,7 @@ def test_association_any_is_the_filter_of_the_kernel():
     world = make_world(SCENE, config)
     moved = move_track(world, state.tracks[0], 1.0, np.random.default_rng(2))
     prior = imm.prior_weights(cloud.models, 3, None)
-    weights = imm.weigh(moved.predicted, prior, heard.bearing, heard.sigma, world.places[0])
+    weights = imm.update_weights(moved.predicted, prior, heard.bearing, heard.sigma, world.places[0])
     expected = imm.moments(moved.predicted, weights.total)
     np.testing.assert_allclose(report.beliefs[0].estimate.mean, expected.mean, rtol=1e-12)
 
@@ -134,16 +134,18 @@ def test_existence_and_sound_follow_bayes(unheard):
     """States: not there; there and silent; there, sounding and missed; there and heard."""
     world = make_world(SCENE, replace(STILL, particles=100, birth_factor=10))
     rng = np.random.default_rng(0)
-    track = on_line(world, 0, 0.7, 0.05, 0, UNLABELLED_TRACK, rng)._replace(exists=0.6, sounds=0.7)
+    track = track_on_bearing(world, 0, 0.7, 0.05, 0, UNLABELLED_TRACK, rng)._replace(exists=0.6, sounds=0.7)
     states = track.cloud.states[None]
     none = np.empty(0)
-    silent = hear(states, np.full((1, 1000), 1e-3), bearing=none, sigma=none, position=world.places[0], reach=9.0)
+    silent = bearing_fit(
+        states, np.full((1, 1000), 1e-3), bearing=none, sigma=none, position=world.places[0], reach=9.0
+    )
     d = 0.9 * silent.reached
     states = {"none": 0.4, "silent": 0.6 * 0.3, "missed": 0.6 * 0.7 * (1 - d)}
     total = sum(states.values())
     exists = 1.0 - unheard + unheard * (states["silent"] + states["missed"]) / total
     sounds = (1.0 - unheard + unheard * states["missed"] / total) / exists
-    got = after(track, silent.reached, 0.9, unheard)
+    got = update_existence(track, silent.reached, 0.9, unheard)
     assert got.exists == pytest.approx(exists, rel=1e-12)
     assert got.sounds == pytest.approx(sounds, rel=1e-12)
 
@@ -151,15 +153,17 @@ def test_existence_and_sound_follow_bayes(unheard):
 def test_births_are_on_the_sight_line_in_range_and_room():
     config = ImmConfig.in_unit("m")
     world = make_world(SCENE, config)
-    track = on_line(world, 0, math.radians(30.0), math.radians(1.0), 5, UNLABELLED_TRACK, np.random.default_rng(0))
+    track = track_on_bearing(
+        world, 0, math.radians(30.0), math.radians(1.0), 5, UNLABELLED_TRACK, np.random.default_rng(0)
+    )
     xy = track.cloud.states[:, ::2] - world.places[0]
     assert len(xy) == 6000
     np.testing.assert_allclose(np.degrees(np.arctan2(xy[:, 1], xy[:, 0])), 30.0, atol=5.0)
     far = np.hypot(*xy.T)
     assert far.max() <= 9.0
     assert np.mean(far) == pytest.approx(4.5, abs=0.15)  # uniform in the distance; standard error 0.04
-    assert (track.number, track.exists, track.met_ns) == (UNNUMBERED, config.birth, 5)
-    out = on_line(world, 0, math.radians(-135.0), 0.01, 5, 4, np.random.default_rng(0))
+    assert (track.number, track.exists, track.met_ns) == (TENTATIVE, config.birth, 5)
+    out = track_on_bearing(world, 0, math.radians(-135.0), 0.01, 5, 4, np.random.default_rng(0))
     inside = (out.cloud.states[:, [0, 2]] >= 0).all()
     assert inside  # the array is 2.8 m from the corner
     assert (out.number, out.exists) == (4, 1.0)

@@ -10,13 +10,13 @@ from occlog.array_types import Floats
 from occlog.core.sight.camera import wrap_angle
 from occlog.filtering.motion.coordinated_turn import acceleration_root, move, three_models
 from occlog.track.methods.imm import kernel as imm
-from occlog.track.methods.imm.kernel import Cloud, MotionModels
+from occlog.track.methods.imm.kernel import ImmParticles, MotionModels
 
 SENSOR = np.array([25.0, 22.0])
 
 
 class Heard(NamedTuple):
-    """Bearings of one sensor, in the order in which `weigh` takes them."""
+    """Bearings of one sensor, in the order in which `update_weights` takes them."""
 
     bearing: Floats  # (N,) [rad]
     sigma: Floats  # (N,) [rad]
@@ -40,7 +40,7 @@ def equal(J, L):
 
 
 def cloud(rng, L, J=3):
-    return Cloud(particles(rng, 1, L)[0], rng.integers(J, size=L))
+    return ImmParticles(particles(rng, 1, L)[0], rng.integers(J, size=L))
 
 
 def by_triple_loop(x, prior, heard):
@@ -74,7 +74,7 @@ def test_weights_are_those_of_a_triple_loop(seed, shape):
     rng = np.random.default_rng(seed)
     x, prior = particles(rng, J, L, centre=SENSOR), rng.dirichlet(np.ones(J * L)).reshape(J, L)
     heard = Heard(rng.uniform(-9.0, 9.0, N), rng.uniform(0.3, 1.0, N), SENSOR)
-    got = imm.weigh(x, prior, *heard)
+    got = imm.update_weights(x, prior, *heard)
     for wanted, log_evidence in (by_triple_loop(x, prior, heard), by_numpy(x, prior, heard)):
         np.testing.assert_allclose(got.each, wanted, rtol=1e-9, atol=1e-15)
         assert got.log_evidence == pytest.approx(log_evidence, rel=1e-9)
@@ -86,7 +86,7 @@ def test_weights_survive_bearings_far_from_all_particles():
     """Here the plain exponentials are all 0."""
     x = particles(np.random.default_rng(1), 2, 50, centre=(60.0, 25.0), extent=1.0)
     heard = bearings(170.0, sigma=0.5)
-    got = imm.weigh(x, equal(2, 50), *heard)
+    got = imm.update_weights(x, equal(2, 50), *heard)
     wanted, log_evidence = by_numpy(x, equal(2, 50), heard)
     np.testing.assert_allclose(got.each, wanted, rtol=1e-9, atol=1e-300)
     assert got.log_evidence == pytest.approx(log_evidence, rel=1e-12)
@@ -97,7 +97,7 @@ def test_particles_that_cannot_be_do_not_drown_the_others():
     """The one of prior 0 fits by more than the range of floating point numbers better."""
     x = np.zeros((1, 3, 4))
     x[0, :, 0], x[0, :, 2] = SENSOR[0] + 10.0, SENSOR[1] + np.array([0.0, 1.0, 1.1])
-    got = imm.weigh(x, np.array([[0.0, 0.5, 0.5]]), *bearings(0.0, sigma=0.05))
+    got = imm.update_weights(x, np.array([[0.0, 0.5, 0.5]]), *bearings(0.0, sigma=0.05))
     offs = np.degrees(np.arctan([0.1, 0.11])) / 0.05
     ratio = math.exp(0.5 * (offs[0] ** 2 - offs[1] ** 2))
     np.testing.assert_allclose(got.total[0], [0.0, 1.0 / (1.0 + ratio), ratio / (1.0 + ratio)], rtol=1e-9)
@@ -111,7 +111,7 @@ def test_bearings_wrap_at_the_back_of_the_sensor(turns):
     at = np.radians([182.0, 180.0, 178.0])
     x[0, :, 0], x[0, :, 2] = SENSOR[0] + 10.0 * np.cos(at), SENSOR[1] + 10.0 * np.sin(at)
     for degrees, offs in ((179.0, [3.0, 1.0, 1.0]), (-179.0, [1.0, 1.0, 3.0])):
-        got = imm.weigh(x, equal(1, 3), *bearings(degrees + 360.0 * turns)).total[0]
+        got = imm.update_weights(x, equal(1, 3), *bearings(degrees + 360.0 * turns)).total[0]
         wanted = np.exp(-0.5 * (np.array(offs) / 3.0) ** 2)
         np.testing.assert_allclose(got, wanted / wanted.sum(), rtol=1e-9)
 
@@ -153,7 +153,7 @@ def test_far_targets_are_updated_as_by_a_kalman_filter(seed):
     rng = np.random.default_rng(seed)
     L, dt, root = 50_000, 2.0, acceleration_root(0.05, 2.0)
     m0, P0 = np.array([1800.0, 0.3, 900.0, -0.5]), np.diag([4.0, 0.2, 9.0, 0.3])
-    start = Cloud(rng.multivariate_normal(m0, P0, size=L), np.zeros(L, dtype=np.int64))
+    start = ImmParticles(rng.multivariate_normal(m0, P0, size=L), np.zeros(L, dtype=np.int64))
     F = np.kron(np.eye(2), [[1.0, dt], [0.0, 1.0]])
     m, P = F @ m0, F @ P0 @ F.T + np.kron(np.eye(2), root @ root.T)
     r2, sigma = m[0] ** 2 + m[2] ** 2, 1e-3
@@ -221,7 +221,7 @@ def test_switching_probabilities_weigh_the_models():
     prior = imm.prior_weights(np.array([0, 1, 1, 0]), 2, matrix)
     np.testing.assert_allclose(prior, np.array([[0.9, 0.0, 0.0, 0.9], [0.1, 1.0, 1.0, 0.1]]) / 4)
     rng = np.random.default_rng(9)
-    start = Cloud(particles(rng, 1, 100)[0], np.ones(100, dtype=np.int64))
+    start = ImmParticles(particles(rng, 1, 100)[0], np.ones(100, dtype=np.int64))
     motion = MotionModels(three_models(0.1)[:2], np.zeros((2, 2)), matrix)
     for heard in (bearings(140.0), bearings()):
         got = imm.step(start, motion, 1.0, imm.draw(rng, 2, 100), **heard._asdict())
@@ -328,6 +328,6 @@ def test_the_ellipse_holds_95_percent_of_a_gaussian():
 
 def test_spread_trigger_looks_at_positions_only():
     C = state_covariance(9.0, 2.0, 16.0) + np.diag([0.0, 100.0, 0.0, 100.0])
-    assert imm.spread(C) == 5.0
-    assert imm.spread_above(C, 4.99)
-    assert not imm.spread_above(C, 5.0)
+    assert imm.position_sigma(C) == 5.0
+    assert imm.position_sigma_exceeds(C, 4.99)
+    assert not imm.position_sigma_exceeds(C, 5.0)

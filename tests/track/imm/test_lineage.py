@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.track.methods.imm.tracks import MADE_UP, Lineage, begun, made_up
+from occlog.track.methods.imm.tracks import REJUVENATION_VARIANCE_SHARE, Genealogy, is_rejuvenated, new_genealogy
 
 
 def test_each_particle_is_a_family_at_first_and_draws_leave_fewer() -> None:
-    first = begun(100)
+    first = new_genealogy(100)
     assert first.effective() == pytest.approx(100.0)
     half = first.drawn(np.repeat(np.arange(50), 2), 0.5)
     assert half.effective() == pytest.approx(50.0)
@@ -21,12 +21,12 @@ def test_each_particle_is_a_family_at_first_and_draws_leave_fewer() -> None:
 
 def test_a_large_family_counts_more_than_small_ones() -> None:
     families = np.array([0] * 90 + list(range(1, 11)))
-    assert Lineage(families, 1.0).effective() == pytest.approx(100**2 / (90**2 + 10))
+    assert Genealogy(families, 1.0).effective() == pytest.approx(100**2 / (90**2 + 10))
 
 
 @pytest.mark.parametrize(("factor", "enough"), [(0.999, False), (1.001, True)])
 def test_noise_makes_up_for_lost_families_when_it_has_a_share_of_the_widest_variance(factor, enough) -> None:
     covariance, sigma_v = np.array([[4.0, 1.5], [1.5, 1.0]]), 0.3
     widest = np.linalg.eigvalsh(covariance).max()
-    time = np.cbrt(3.0 * MADE_UP * widest / sigma_v**2)
-    assert made_up(Lineage(np.zeros(5, dtype=np.int64), factor * time), covariance, sigma_v) is enough
+    time = np.cbrt(3.0 * REJUVENATION_VARIANCE_SHARE * widest / sigma_v**2)
+    assert is_rejuvenated(Genealogy(np.zeros(5, dtype=np.int64), factor * time), covariance, sigma_v) is enough

@@ -5,7 +5,7 @@ import pytest
 from heard_scenes import NS, ROOM, room, table
 
 from occlog.scans.grouping import BearingRows, scans_of
-from occlog.track.methods.imm.filter import Listener
+from occlog.track.methods.imm.filter import ArrayScans
 
 SCENE = room(ROOM.replace(", rate_hz: 5}\n- {name: a2", "}\n- {name: a2"))
 """a1 has no stated rate; a2 has 5 Hz."""
@@ -14,7 +14,7 @@ SCENE = room(ROOM.replace(", rate_hz: 5}\n- {name: a2", "}\n- {name: a2"))
 def scans(times, scene=SCENE, forget_s=10.0):
     """What is heard [s -> sensors] as (time [s], arrays with bearings, arrays without)."""
     bearings = table([(round(t * NS), name, -1, 0.5, 0.1) for t, names in times for name in names])
-    listener, out = Listener(scene, forget_s), []
+    listener, out = ArrayScans(scene, forget_s), []
     for scan in scans_of([bearings], scene, BearingRows(frozenset({"a1", "a2", "c1"}))):
         for sounds in listener.scans(scan):
             arrays = [(sensor - len(scene.cameras), len(rows.bearing)) for sensor, rows in sounds.by_sensor()]
@@ -76,6 +76,6 @@ def test_rows_that_are_not_seen_are_silence():
         | {"seen": np.array([False]), "bearing": empty, "sigma": empty}
     )
     (scan,) = scans_of([unseen], SCENE, BearingRows(frozenset({"a2"})))
-    (sounds,) = Listener(SCENE, 10.0).scans(scan)
+    (sounds,) = ArrayScans(SCENE, 10.0).scans(scan)
     ((sensor, rows),) = sounds.by_sensor()
     assert (sensor, len(rows.bearing)) == (len(SCENE.cameras) + 1, 0)

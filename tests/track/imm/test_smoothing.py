@@ -12,13 +12,13 @@ from heard_scenes import NS
 from occlog.filtering.motion.coordinated_turn import acceleration_root, move, three_models
 from occlog.track.methods.imm import kernel as imm
 from occlog.track.methods.imm.config import ImmConfig
-from occlog.track.methods.imm.tracks import Track, back, moved_back, noise_back, trace_of
+from occlog.track.methods.imm.tracks import Track, moved_back, noise_back, smooth_backwards, trace_of
 
 pytestmark = pytest.mark.jit
 
 
 def trace(t_ns: int, states, models):
-    return trace_of(Track(0, -1, imm.Cloud(states, models), 1.0, 1.0, 3, t_ns), t_ns)
+    return trace_of(Track(0, -1, imm.ImmParticles(states, models), 1.0, 1.0, 3, t_ns), t_ns)
 
 
 @pytest.mark.parametrize("dt", [0.1, 1.0, 5.0])
@@ -55,7 +55,7 @@ def test_equal_models_give_the_smoother_of_rauch_tung_and_striebel(sigma_v: floa
             m, P = m + gain @ (H @ (x - m) + 0.5 * rng.standard_normal(2)), P - gain @ H @ P
             kept.append((m, P))
             traces.append(trace(k * NS, rng.multivariate_normal(m, P, 4000), rng.integers(3, size=4000)))
-        found = back(traces, config, rng)
+        found = smooth_backwards(traces, config, rng)
         for k in range(steps - 1, -1, -1):
             if k < steps - 1:
                 m0, P0 = kept[k]
@@ -87,7 +87,7 @@ def test_a_turn_that_shows_later_is_known_before() -> None:
     # At the end it is known that it turned to the left
     left = kinds == 2
     traces[-1] = trace(5 * NS, states[left], kinds[left])
-    found = back(traces, config, rng)
+    found = smooth_backwards(traces, config, rng)
     for k in (1, 3, 5):
         expected = cloud[k][left][:, ::2].mean(axis=0)
         assert math.dist(found[k].xy, expected) < 0.1 * max(1.0, np.ptp(cloud[k][:, 2]))

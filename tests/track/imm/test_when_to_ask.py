@@ -10,14 +10,20 @@ from heard_scenes import NS, room
 from occlog.errors import InputError
 from occlog.scans.grouping import Scan, concat, empty_scan
 from occlog.track.methods.imm import kernel as imm
-from occlog.track.methods.imm.ask_cameras import Answer, Memory, asks, located, others
+from occlog.track.methods.imm.ask_cameras import (
+    CameraAnswer,
+    RequestMemory,
+    apply_answer,
+    other_targets,
+    requests_after_scan,
+)
 from occlog.track.methods.imm.config import ImmConfig
-from occlog.track.methods.imm.filter import Belief, Count, ImmState, Report
-from occlog.track.methods.imm.tracks import UNNUMBERED, known, make_world, standing
+from occlog.track.methods.imm.filter import Count, ImmState, ImmStepResult, TrackPosterior
+from occlog.track.methods.imm.tracks import TENTATIVE, confirmed_track, make_world, new_track
 
 SCENE = room()
 RNG = np.random.default_rng
-FRESH = Memory()
+FRESH = RequestMemory()
 NOBODY = np.empty(0, dtype=np.int64)
 
 
@@ -25,18 +31,18 @@ def at(policy, *places, t_s=0.0, config=None, counts=(), looks=(), predicted=Non
     """A state of targets that stand at places, and the report of a scan."""
     config = replace(config or ImmConfig.in_unit("m"), cooperate=policy)
     world = make_world(SCENE, config)
-    tracks = tuple(known(config, k, (x, y, sigma, 0, 0, 0.1), 0, RNG(k)) for k, (x, y) in enumerate(places))
+    tracks = tuple(confirmed_track(config, k, (x, y, sigma, 0, 0, 0.1), 0, RNG(k)) for k, (x, y) in enumerate(places))
     state = ImmState(world, tracks, round(t_s * NS), len(tracks))
     beliefs = []
     for track in tracks:
-        moved = standing(world, track)
+        moved = new_track(world, track)
         shown = moved if predicted is None else moved._replace(predicted=moved.predicted + predicted)
-        beliefs.append(Belief(track.number, shown, imm.moments(moved.predicted, moved.weights), 100.0))
-    return state, Report(tuple(beliefs), tuple(counts), concat([Scan.of(0, []), *looks]), 0.0)
+        beliefs.append(TrackPosterior(track.number, shown, imm.moments(moved.predicted, moved.weights), 100.0))
+    return state, ImmStepResult(tuple(beliefs), tuple(counts), concat([Scan.of(0, []), *looks]), 0.0)
 
 
 def asked(state, report, memory=FRESH):
-    found, memory = asks(state, report, memory, RNG(0))
+    found, memory = requests_after_scan(state, report, memory, RNG(0))
     return [(a.number, a.causes) for a in found], memory
 
 
@@ -54,7 +60,7 @@ def test_none_never_asks():
 
 @pytest.mark.jit
 def test_periodic_asks_for_all_at_every_period():
-    memory, times = Memory(), []
+    memory, times = RequestMemory(), []
     for n in range(41):
         state, report = at("periodic", (5, 5), (9, 9), t_s=0.7 * n)
         found, memory = asked(state, report, memory)
@@ -86,14 +92,14 @@ def test_more_bearings_than_targets_ask_who_is_there():
     free = np.array([1])
     state, report = at("printed", (5, 5), counts=[Count(0, 2, 1, free)], looks=[look(45.0, 10.0)])
     state = state._replace(world=state.world._replace(config=replace(state.world.config, triggers="count")))
-    found, _ = asks(state, report, Memory(), RNG(0))
-    assert [a.number for a in found] == [0, UNNUMBERED]
+    found, _ = requests_after_scan(state, report, RequestMemory(), RNG(0))
+    assert [a.number for a in found] == [0, TENTATIVE]
     away = found[1].place - SCENE.arrays[0].position[:2]
     assert math.degrees(math.atan2(away[1], away[0])) == pytest.approx(10.0, abs=3.0)
 
 
 def test_change_of_count_asks_at_its_edges_only():
-    memory, times = Memory(), []
+    memory, times = RequestMemory(), []
     for n, bearings in enumerate([1, 1, 2, 2, 2, 1, 1]):
         state, report = at(
             "count", (5, 5), t_s=n, counts=[Count(0, bearings, 1, np.arange(bearings - 1))], looks=[look(45.0, 10.0)]
@@ -139,8 +145,8 @@ def test_several_policies_and_causes_make_one_request():
 
 def test_a_request_in_vain_is_not_made_anew_at_once():
     state, report = at("spread", (6, 6), sigma=2.0, t_s=1.0)
-    question = asks(state, report, Memory(), RNG(0))[0]
-    _, _, memory = located(state, report, [Answer(question[0], None, None, -1)], Memory(), RNG(0))
+    question = requests_after_scan(state, report, RequestMemory(), RNG(0))[0]
+    _, _, memory = apply_answer(state, report, [CameraAnswer(question[0], None, None, -1)], RequestMemory(), RNG(0))
     for t_s, expected in ((1.2, 0), (1.5, 1)):
         later, report = at("spread", (6, 6), sigma=2.0, t_s=t_s)
         assert len(asked(later, report, memory)[0]) == expected
@@ -150,9 +156,9 @@ def test_a_request_in_vain_is_not_made_anew_at_once():
 def test_an_answer_moves_the_cloud_and_gives_its_label(fix, tolerance):
     config = replace(ImmConfig.in_unit("m"), fix=fix)
     state, report = at("spread", (6, 6), (9, 9), sigma=2.0, config=config)
-    question = asks(state, report, Memory(), RNG(0))[0][0]
-    answer = Answer(question, np.array([7.0, 5.0]), 1e-4 * np.eye(2), 4)
-    new, told, _ = located(state, report, [answer], Memory(), RNG(0))
+    question = requests_after_scan(state, report, RequestMemory(), RNG(0))[0][0]
+    answer = CameraAnswer(question, np.array([7.0, 5.0]), 1e-4 * np.eye(2), 4)
+    new, told, _ = apply_answer(state, report, [answer], RequestMemory(), RNG(0))
     track = new.tracks[0]
     assert np.hypot(*(track.cloud.states[:, ::2].mean(axis=0) - [7.0, 5.0])) < tolerance
     assert track.label == 4
@@ -163,28 +169,30 @@ def test_an_answer_moves_the_cloud_and_gives_its_label(fix, tolerance):
 
 def test_who_is_found_and_not_known_gets_a_number():
     state, report = at("count", (6, 6))
-    question = asks(state, report, Memory(), RNG(0))[0]
+    question = requests_after_scan(state, report, RequestMemory(), RNG(0))[0]
     assert question == []
-    lead = others(state, report, [])
+    lead = other_targets(state, report, [])
     assert lead == []
-    unknown = asks(*at("count", (6, 6), counts=[Count(0, 2, 1, np.array([0]))], looks=[look(10.0)]), Memory(), RNG(0))
-    answer = Answer(unknown[0][1], np.array([12.0, 3.0]), 1e-4 * np.eye(2), -1)
-    new, _, _ = located(state, report, [answer], Memory(), RNG(0))
+    unknown = requests_after_scan(
+        *at("count", (6, 6), counts=[Count(0, 2, 1, np.array([0]))], looks=[look(10.0)]), RequestMemory(), RNG(0)
+    )
+    answer = CameraAnswer(unknown[0][1], np.array([12.0, 3.0]), 1e-4 * np.eye(2), -1)
+    new, _, _ = apply_answer(state, report, [answer], RequestMemory(), RNG(0))
     assert [t.number for t in new.tracks] == [0, 1]
     assert new.free == 2
-    labelled, _, _ = located(state, report, [answer._replace(label=5)], Memory(), RNG(0))
+    labelled, _, _ = apply_answer(state, report, [answer._replace(label=5)], RequestMemory(), RNG(0))
     assert [t.number for t in labelled.tracks] == [0, 5]
-    taken, _, _ = located(state, report, [answer._replace(label=0)], Memory(), RNG(0))
+    taken, _, _ = apply_answer(state, report, [answer._replace(label=0)], RequestMemory(), RNG(0))
     assert [t.number for t in taken.tracks] == [0, 1]
 
 
 def test_frames_are_shared_unless_told_otherwise():
     state, report = at("spread", (6, 6), (9, 9), sigma=2.0)
-    question = asks(state, report, Memory(), RNG(0))[0][:1]
-    assert [(a.number, a.causes) for a in others(state, report, question)] == [(1, ("shared",))]
-    assert others(state, report, []) == []
+    question = requests_after_scan(state, report, RequestMemory(), RNG(0))[0][:1]
+    assert [(a.number, a.causes) for a in other_targets(state, report, question)] == [(1, ("shared",))]
+    assert other_targets(state, report, []) == []
     alone = state._replace(world=state.world._replace(config=replace(state.world.config, share=False)))
-    assert others(alone, report, question) == []
+    assert other_targets(alone, report, question) == []
 
 
 @pytest.mark.parametrize(

@@ -17,10 +17,10 @@ from occlog.track.methods.in_space import projected_planes
 from occlog.track.methods.in_space.config import PpsConfig
 from occlog.track.methods.in_space.planes import (
     PLANE_ROWS,
-    Flat,
-    begun,
+    PlanePosterior,
     choose_pair,
     combine,
+    initial_errors,
     plane_angles,
     shared_axis,
 )
@@ -40,9 +40,9 @@ def run(scene: Scene, scans, seed=0, **settings):
     return state, estimate
 
 
-def flat(rng, evidence=0.0) -> Flat:
+def flat(rng, evidence=0.0) -> PlanePosterior:
     root = rng.standard_normal((4, 4))
-    return Flat(rng.standard_normal(4), root @ root.T, evidence, 10.0)
+    return PlanePosterior(rng.standard_normal(4), root @ root.T, evidence, 10.0)
 
 
 @pytest.mark.parametrize(
@@ -114,10 +114,11 @@ def test_planes_that_know_the_same_have_the_covariance_of_that_and_not_a_smaller
     root = rng.standard_normal((6, 6))
     covariance, mean = root @ root.T, rng.standard_normal(6)
     flats = [
-        Flat(mean[plane_axes(p)], covariance[np.ix_(plane_axes(p), plane_axes(p))], 0.0, 10.0) for p in (XY, YZ, ZX)
+        PlanePosterior(mean[plane_axes(p)], covariance[np.ix_(plane_axes(p), plane_axes(p))], 0.0, 10.0)
+        for p in (XY, YZ, ZX)
     ]
     for p, q in ((XY, YZ), (YZ, ZX), (ZX, XY)):
-        joined = combine((p, q), (flats[p], flats[q]), "inverse", begun(covariance))
+        joined = combine((p, q), (flats[p], flats[q]), "inverse", initial_errors(covariance))
         np.testing.assert_allclose(joined.mean, mean, rtol=1e-12)
         np.testing.assert_allclose(joined.covariance, covariance, atol=1e-12)
 

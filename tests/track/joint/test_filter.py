@@ -21,7 +21,7 @@ from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Occluders, Tracks
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf.config import SelectConfig
 from occlog.track.methods.joint import filter as joint
 from occlog.track.methods.joint.config import JointConfig
@@ -34,13 +34,13 @@ SEEN = Bearings.merge([observe(SCENE, path, np.random.default_rng(9 + k), target
 
 
 def follow(method: str, config, targets: tuple[int, ...] | None = None, bearings: Bearings = SEEN):
-    parts = list(track([bearings], SCENE, Tracking(config, 0, method=method, targets=targets)))
+    parts = list(track([bearings], SCENE, TrackingTask(config, 0, method=method, targets=targets)))
     return Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
 
 
 def test_who_hides_whom_is_the_simulators() -> None:
     xy, camera = np.random.default_rng(0).uniform(0, 30, (50, 6, 2)), np.array([15.0, -3.0])
-    found = joint.hidden_by_others(xy, camera, 3.33)
+    found = joint.occlusion_by_others(xy, camera, 3.33)
     for j in range(6):
         np.testing.assert_array_equal(found[:, j], behind_objects(camera, xy[:, j], np.delete(xy, j, axis=1), 3.33))
     assert 0.1 < found.mean() < 0.9
@@ -54,13 +54,15 @@ def test_factors_of_an_object_in_plain_view_and_behind_another() -> None:
     missed, seen = (
         joint.pack_scan(scan(0.0, [(1, u)]), state.read_px, False) for u in (None, true_u(SCENE, (50, 50))[1])
     )
-    nothing = joint.Look(missed._replace(sensor=missed.sensor[:0], first=missed.first[:1]), rows_of(missed))
+    nothing = joint.ObjectReports(missed._replace(sensor=missed.sensor[:0], first=missed.first[:1]), rows_of(missed))
     plain, hidden = np.exp(
-        joint.log_factors(xy, [joint.Look(missed, rows_of(missed)), nothing], state.world, state.chances, config)
+        joint.log_factors(
+            xy, [joint.ObjectReports(missed, rows_of(missed)), nothing], state.world, state.chances, config
+        )
     )
     assert (plain, hidden) == (pytest.approx(0.1), pytest.approx(0.99))
     plain, hidden = np.exp(
-        joint.log_factors(xy, [joint.Look(seen, rows_of(seen)), nothing], state.world, state.chances, config)
+        joint.log_factors(xy, [joint.ObjectReports(seen, rows_of(seen)), nothing], state.world, state.chances, config)
     )
     sigma = np.sqrt(4900 * (1e-4 + 1 / 2500) + 4.0)  # [Ercan] Eq. 2 on the axis, 50 away
     floor = 0.01 / 140.0
@@ -97,7 +99,7 @@ def test_what_the_scene_says_of_a_camera_comes_before_the_settings() -> None:
     sure = replace(SCENE, cameras=(replace(SCENE.cameras[1], detection=1.0, false_alarm=0.0),))
     state = joint.init(sure, config, generator(0, RandomStream.TRACK, 0))
     missed = joint.pack_scan(scan(0.0, [(0, None)]), state.read_px, False)
-    look = joint.Look(missed, rows_of(missed))
+    look = joint.ObjectReports(missed, rows_of(missed))
     assert np.isfinite(joint.log_factors(np.array([[[50.0, 50.0]]]), [look], state.world, state.chances, config)).all()
 
 
@@ -106,10 +108,10 @@ def test_nobody_hides_sounds_from_arrays() -> None:
     scene = Scene(arrays=(MicrophoneArray("mic", np.array([50.0, 0.0, 1.0])),), room=SCENE.room, length_unit="unit")
     state = joint.init(scene, config, generator(0, RandomStream.TRACK, 0))
     silent = joint.pack_scan(scan(0.0, [(0, None)]), state.read_px, False)
-    nothing = joint.Look(silent._replace(sensor=silent.sensor[:0], first=silent.first[:1]), rows_of(silent))
+    nothing = joint.ObjectReports(silent._replace(sensor=silent.sensor[:0], first=silent.first[:1]), rows_of(silent))
     behind = np.array([[[50.0, 50.0], [50.0, 30.0]]])
     found = joint.log_factors(
-        behind, [joint.Look(silent, rows_of(silent)), nothing], state.world, state.chances, config
+        behind, [joint.ObjectReports(silent, rows_of(silent)), nothing], state.world, state.chances, config
     )
     assert np.exp(found) == pytest.approx(0.1)
 
@@ -142,7 +144,7 @@ def test_the_command_tracks_and_refuses_what_others_have(tmp_path: Path, capsys)
 
 
 def test_priors_of_occluders_and_a_selection_are_refused() -> None:
-    tracking = Tracking(JointConfig(), 0, method="joint")
+    tracking = TrackingTask(JointConfig(), 0, method="joint")
     with pytest.raises(UsageError, match="occluders"):
         list(track([SEEN], SCENE, tracking, [Occluders.empty()]))
     with pytest.raises(UsageError, match="select"):

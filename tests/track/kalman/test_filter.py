@@ -22,7 +22,7 @@ from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Tracks
 from occlog.settings import configure
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.kalman.config import EkfConfig
 
 pytestmark = pytest.mark.jit
@@ -38,7 +38,7 @@ SEEN = observe(SCENE, PATH, np.random.default_rng(2))
 def follow(bearings: Bearings, method: str, **settings: object) -> tuple[Floats, Floats, Diagnostics]:
     """Errors (T, 2), covariances and diagnostics."""
     config = configure(settings_of(method).in_unit("unit"), {**QUICK.get(method, {}), **settings})
-    parts = list(track([bearings], SCENE, Tracking(config, 0, method=method)))
+    parts = list(track([bearings], SCENE, TrackingTask(config, 0, method=method)))
     tracks = Tracks.concat(p.tracks for p in parts)
     away = np.column_stack([tracks.x, tracks.y]) - PATH[np.rint(tracks.t_ns / SECOND).astype(int)]
     return away, covariances(tracks), Diagnostics.concat(p.diagnostics for p in parts)
@@ -82,9 +82,9 @@ def test_a_filter_that_begins_at_the_wrong_end_begins_anew() -> None:
 def test_after_a_gap_a_filter_begins_anew_and_no_earlier() -> None:
     late = replace(SEEN, t_ns=np.where(SEEN.t_ns >= 75 * SECOND, SEEN.t_ns + 60 * SECOND, SEEN.t_ns))
     config = configure(EkfConfig(), {"max_gap_s": 61.0})
-    (part,) = track([late], SCENE, Tracking(config, 0, method="ekf"))
+    (part,) = track([late], SCENE, TrackingTask(config, 0, method="ekf"))
     assert "gap" not in part.diagnostics.fallback.tolist()
-    (part,) = track([late], SCENE, Tracking(configure(EkfConfig(), {"max_gap_s": 60.0}), 0, method="ekf"))
+    (part,) = track([late], SCENE, TrackingTask(configure(EkfConfig(), {"max_gap_s": 60.0}), 0, method="ekf"))
     assert np.flatnonzero(part.diagnostics.fallback == "gap").tolist() == [75]
 
 

@@ -12,7 +12,7 @@ from occlog.filtering.likelihood.measurement_model import LinearisedRows, Measur
 from occlog.track.methods.apf.model import pack_noise, pack_sensors
 from occlog.track.methods.kalman import updates
 from occlog.track.methods.kalman.config import IGNORE, IekfConfig
-from occlog.track.methods.kalman.updates import along_the_ray
+from occlog.track.methods.kalman.updates import polar_update
 
 pytestmark = pytest.mark.jit
 SCENE = room100()
@@ -39,7 +39,7 @@ def test_a_narrow_state_is_updated_as_by_the_extended_filter(pixel: bool) -> Non
     root = 1e-3 * rng.normal(size=(4, 4))
     state = Gaussian(np.array([*AT, 0.3, -0.2]), root @ root.T)
     given = row(AT + np.array([1e-3, -1e-3]), pixel=pixel, sd=2.0 if pixel else 1e-5)
-    found, linear = along_the_ray(state, given, WORLD), updates.ekf(state, given, WORLD).state
+    found, linear = polar_update(state, given, WORLD), updates.ekf(state, given, WORLD).state
     assert found is not None
     np.testing.assert_allclose(found.mean, linear.mean, atol=2e-7)
     np.testing.assert_allclose(found.covariance, linear.covariance, rtol=2e-3, atol=2e-10)
@@ -52,7 +52,7 @@ def test_the_posterior_is_that_of_azimuth_and_log_distance() -> None:
     covariance = np.eye(4)
     covariance[:2, :2] = frame @ np.diag(np.square(spread)) @ frame.T
     c, s = np.cos(azimuth + off), np.sin(azimuth + off)
-    found = along_the_ray(
+    found = polar_update(
         Gaussian(np.array([*AT, 0.0, 0.0]), covariance),
         row(50.0 * np.array([c, s]), pixel=False, sd=noise),
         WORLD,
@@ -87,4 +87,4 @@ def test_many_looks_of_one_camera_do_not_draw_the_estimate_to_it() -> None:
 @pytest.mark.parametrize(("x", "none"), [(0.0, True), (0.9, True), (1.1, False)])
 def test_a_prediction_around_the_sensor_has_no_azimuth(x: float, none: bool) -> None:
     state = Gaussian(np.array([x, 0.0, 0.0, 0.0]), np.eye(4))
-    assert (along_the_ray(state, row(AT, pixel=True, sd=2.0), WORLD) is None) == none
+    assert (polar_update(state, row(AT, pixel=True, sd=2.0), WORLD) is None) == none

@@ -109,7 +109,7 @@ def test_points_that_a_camera_cannot_see_teach_nothing_and_leave_a_covariance() 
     assert np.linalg.eigvalsh(some.state.covariance)[0] > 0.0
     hidden = Gaussian(np.array([50.0, 80.0, 0.0, 0.0]), 0.1 * COVARIANCE)
     none = updates.ukf(hidden, given, WORLD, UkfConfig(points=VISIBLE))
-    assert none.fallback == updates.DISCARDED
+    assert none.fallback == updates.NO_SIGMA_POINTS
     np.testing.assert_array_equal(none.state.covariance, hidden.covariance)
 
 
@@ -140,6 +140,6 @@ def test_a_prediction_that_no_camera_can_see_ends_a_search_from_it_alone() -> No
     crossing = np.array([[73.0, 70.0]])
     alone = updates.iekf(state, given, WORLD, IekfConfig(feasible=DESCENT), crossing)
     several = updates.iekf(state, given, WORLD, IekfConfig(), crossing)
-    assert (alone.fallback, several.fallback) == (updates.STUCK, "")
+    assert (alone.fallback, several.fallback) == (updates.INFEASIBLE, "")
     np.testing.assert_array_equal(alone.state.mean, updates.ekf(state, given, WORLD).state.mean)
     assert np.hypot(*(several.state.mean[:2] - crossing[0])) < 1.5

@@ -11,12 +11,12 @@ from numpy.testing import assert_allclose
 
 from occlog.core.occlusion.hidden import IMPROVED, visibility_probability
 from occlog.core.occlusion.priors import Priors, gaussian_priors
-from occlog.track.interface import Smoothed
+from occlog.track.interface import SmoothedTrajectory
 from occlog.track.methods.map.config import MapConfig
-from occlog.track.methods.map.hiding import FAR, cavity, matched, quadrature
+from occlog.track.methods.map.hiding import OCCLUDER_SUPPORT_SIGMAS, cavity_distribution, matched, quadrature
 from occlog.track.methods.map.kernels.interior_point import cost, derivatives
-from occlog.track.methods.map.kernels.problem import MIXTURE, NO_PLANES, Hints, Problem
-from occlog.track.methods.map.kernels.terms import belief, leaning, loss_value
+from occlog.track.methods.map.kernels.problem import MIXTURE, NO_PLANES, QuadraticPriors, TrajectoryProblem
+from occlog.track.methods.map.kernels.terms import inlier_probability, log_odds_offset, loss_value
 from occlog.track.methods.map.method import advance, begin
 
 CORNERS = ((-5, -4, 45), (5, -4, 135), (5, 4, 225), (-5, 4, -45))
@@ -35,7 +35,7 @@ def made(blind=frozenset()):
     return scene, record(scene, t, xy, noise=np.random.default_rng(3), blind=set(blind)), xy
 
 
-def solve(scene, made, priors: Priors | None, **settings) -> Smoothed:
+def solve(scene, made, priors: Priors | None, **settings) -> SmoothedTrajectory:
     scans = [scan._replace(occluders=priors) for scan in scans_of(made)]
     return advance(begin(scene, MapConfig(occluder_diameter=0.5, **settings), False), scans, True)[1]
 
@@ -83,7 +83,7 @@ def test_the_term_of_a_well_known_place_has_the_slope_of_the_likelihood(seen: bo
 
     def value(xy) -> np.ndarray:
         clear = visibility_probability(
-            np.atleast_2d(xy), np.arange(len(np.atleast_2d(xy))), 0.0, 0.0, priors, IMPROVED, FAR
+            np.atleast_2d(xy), np.arange(len(np.atleast_2d(xy))), 0.0, 0.0, priors, IMPROVED, OCCLUDER_SUPPORT_SIGMAS
         )
         return -np.log(clear if seen else 1.0 - clear)
 
@@ -107,11 +107,11 @@ def test_a_gaussian_likelihood_is_matched_exactly_and_taken_out_again() -> None:
     centre, slope, bend = matched(there + nodes @ np.linalg.cholesky(after).T, weights, mean, covariance)
     assert_allclose(bend, H, rtol=1e-9)
     assert_allclose(slope, H @ (centre - p), atol=1e-9)
-    rest = cavity(there, after, (centre, slope, bend))
+    rest = cavity_distribution(there, after, (centre, slope, bend))
     assert rest is not None
     assert_allclose(rest[0], mean, atol=1e-9)
     assert_allclose(rest[1], covariance, atol=1e-9)
-    assert cavity(there, np.linalg.inv(H), (p, slope, H)) is None
+    assert cavity_distribution(there, np.linalg.inv(H), (p, slope, H)) is None
 
 
 def test_a_term_is_part_of_the_cost_and_its_derivatives() -> None:
@@ -119,8 +119,10 @@ def test_a_term_is_part_of_the_cost_and_its_derivatives() -> None:
 
     rng = np.random.default_rng(0)
     X = rng.normal(size=(4, 4))
-    bare = Problem(random_steps(rng, 4), random_lines(rng, X, 2.5), NO_PLANES, MIXTURE, 3.0)
-    hints = Hints(np.array([1, 3]), rng.normal(size=(2, 2)), rng.normal(size=(2, 2)), np.array([[2.0, 0.5, 1.0]] * 2))
+    bare = TrajectoryProblem(random_steps(rng, 4), random_lines(rng, X, 2.5), NO_PLANES, MIXTURE, 3.0)
+    hints = QuadraticPriors(
+        np.array([1, 3]), rng.normal(size=(2, 2)), rng.normal(size=(2, 2)), np.array([[2.0, 0.5, 1.0]] * 2)
+    )
     told = bare._replace(hints=hints)
     g, H = (a - b for a, b in zip(derivatives(told, X, 0.0), derivatives(bare, X, 0.0), strict=True))
     assert_allclose(H[[1, 3]], hints.bend)
@@ -134,8 +136,8 @@ def test_a_term_is_part_of_the_cost_and_its_derivatives() -> None:
 
 
 def test_odds_lean_until_nothing_is_believed() -> None:
-    assert leaning(3.7, 0.0) == 3.7
-    assert belief(0.0, leaning(2.0, -2.0)) == 0.5
-    assert belief(0.0, leaning(2.0, -2.0 - 1e-6)) < 0.5
-    assert belief(0.0, leaning(2.0, math.log(0.1) - 2.0)) == pytest.approx(1.0 / 11.0)
-    assert loss_value(0.0, MIXTURE, leaning(2.0, -9.0)) == pytest.approx(0.0, abs=1e-12)
+    assert log_odds_offset(3.7, 0.0) == 3.7
+    assert inlier_probability(0.0, log_odds_offset(2.0, -2.0)) == 0.5
+    assert inlier_probability(0.0, log_odds_offset(2.0, -2.0 - 1e-6)) < 0.5
+    assert inlier_probability(0.0, log_odds_offset(2.0, math.log(0.1) - 2.0)) == pytest.approx(1.0 / 11.0)
+    assert loss_value(0.0, MIXTURE, log_odds_offset(2.0, -9.0)) == pytest.approx(0.0, abs=1e-12)

@@ -12,10 +12,10 @@ from map_scenes import place, record, scans_of
 from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.records.scene import Occluder, Scene
-from occlog.track.interface import Smoothed
+from occlog.track.interface import SmoothedTrajectory
 from occlog.track.methods.map.config import MapConfig
 from occlog.track.methods.map.method import advance, begin
-from occlog.track.methods.map.record import Record
+from occlog.track.methods.map.record import TargetRecord
 
 NS = 1_000_000_000
 WALL = np.array([[-0.2, -10.0], [0.2, -10.0], [0.2, 4.0], [-0.2, 4.0]])
@@ -27,12 +27,12 @@ def walled() -> Scene:
     return replace(open_room, occluders=(Occluder("wall", WALL),))
 
 
-def estimate(scene: Scene, one: Record, **settings: object) -> Smoothed:
+def estimate(scene: Scene, one: TargetRecord, **settings: object) -> SmoothedTrajectory:
     config = replace(MapConfig.in_unit("m"), **settings)
     return advance(begin(scene, config), scans_of(one), True)[1]
 
 
-def around_the_wall(seed: int) -> Record:
+def around_the_wall(seed: int) -> TargetRecord:
     """A walk from one side of the wall to the other, seen with noise, and not at all near the gap."""
     corners = np.array([[-5.0, -4.0], [-4.0, 2.0], [-1.0, 6.0], [1.0, 6.0], [4.0, 2.0], [5.0, -4.0]])
     along = np.r_[0.0, np.cumsum(np.hypot(*np.diff(corners, axis=0).T))]

@@ -10,9 +10,9 @@ from map_scenes import FOCAL, joined, place, record, scans_of
 from numpy.testing import assert_allclose
 
 from occlog.errors import InputError
-from occlog.track.interface import Smoothed
+from occlog.track.interface import SmoothedTrajectory
 from occlog.track.methods.map.config import MapConfig
-from occlog.track.methods.map.kernels.windows import Knowledge
+from occlog.track.methods.map.kernels.windows import StatePrior
 from occlog.track.methods.map.method import advance, begin
 
 pytestmark = pytest.mark.jit
@@ -21,7 +21,7 @@ STEADY = MapConfig(acceleration=1e-3)  # as good as constant velocity
 TWO_APART = ((-4, -3, 90), (4, -3, 90))  # side by side, looking the same way: the views meet only behind the room
 
 
-def solve(scene, config, made) -> Smoothed:
+def solve(scene, config, made) -> SmoothedTrajectory:
     return advance(begin(scene, config), scans_of(made), last=True)[1]
 
 
@@ -35,7 +35,7 @@ def crossing():
     return t, line(t, (-7.0, 1.0), (0.9, 0.05))
 
 
-def check_sane(out: Smoothed, T: int) -> None:
+def check_sane(out: SmoothedTrajectory, T: int) -> None:
     """Finite numbers, covariances with positive eigenvalues, a row for each state."""
     assert len(out.t_ns) == len(out.fallback) == len(out.used) == T
     for values in (out.xy, out.velocity, out.covariance):
@@ -70,7 +70,7 @@ def test_known_velocity_with_one_camera() -> None:
     made = record(scene, t, xy)
     assert made.rows.seen.sum() > 10
     pending = begin(scene, STEADY)
-    known = Knowledge(np.array([0.0, 0.9, 0.0, 0.0]), np.diag([800.0, 1e-8, 800.0, 1e-8]))
+    known = StatePrior(np.array([0.0, 0.9, 0.0, 0.0]), np.diag([800.0, 1e-8, 800.0, 1e-8]))
     out = advance(pending._replace(before=known), scans_of(made), last=True)[1]
     assert set(out.fallback) == {""}
     assert_allclose(out.xy, xy, rtol=0, atol=0.02)

@@ -11,7 +11,7 @@ from occlog.scans.grouping import Scan, ScanMeasurements
 from occlog.track.methods.map import mixed
 from occlog.track.methods.map.config import MapConfig
 from occlog.track.methods.map.kernels.interior_point import covariance
-from occlog.track.methods.map.kernels.problem import Problem
+from occlog.track.methods.map.kernels.problem import TrajectoryProblem
 from occlog.track.methods.map.mixed import local, mixed_search, terms
 from occlog.track.methods.map.record import after, fill, join, record_of
 from occlog.track.methods.map.search.pending import begin, problem_of
@@ -126,7 +126,7 @@ def test_late_signals_that_are_expected_do_less_harm_and_none_where_there_are_no
 def test_a_path_that_the_filter_lost_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
     given, path = walk(3, late=0.1, told=0.05)
 
-    def astray(problem: Problem, *_: object) -> np.ndarray:
+    def astray(problem: TrajectoryProblem, *_: object) -> np.ndarray:
         X = np.zeros((len(path), 4))
         X[:, ::2] = path - np.array([5.0, 4.0])
         X[35:, ::2] += np.linspace(0.0, 4.0, len(path) - 35)[:, None] * [0.8, -0.6]

@@ -16,7 +16,7 @@ from occlog.io.formats.scenes.scene import read_scene
 from occlog.records.tables import Tracks
 from occlog.track.methods.map.config import MapConfig
 from occlog.track.methods.map.kernels.gauss_markov import transitions
-from occlog.track.methods.map.search.pending import FAR, forgets_ns, motion_of
+from occlog.track.methods.map.search.pending import FORGET_EXTENTS, memory_ns, motion_of
 
 SCENE = """occlog_scene: 1
 room: [[0, 0], [20, 0], [20, 20], [0, 20]]
@@ -61,14 +61,14 @@ def test_a_target_is_where_its_cameras_see_it_after_any_pause(
 @pytest.mark.parametrize("acceleration", [1e-3, 0.5, 10.0])
 def test_the_pause_is_the_one_after_which_a_target_may_be_anywhere(tmp_path: Path, acceleration: float) -> None:
     scene, config = read_scene(scene_file(tmp_path)), MapConfig(acceleration=acceleration)
-    pause_ns = forgets_ns(scene, config)
+    pause_ns = memory_ns(scene, config)
     assert pause_ns is not None
     _, sigma = transitions(motion_of(config), np.array([0.5, 1.0]) * pause_ns / NS)
     half, whole = np.sqrt(sigma[:, 0, 0]) / math.hypot(20, 20)
-    assert half <= FAR < whole
+    assert half <= FORGET_EXTENTS < whole
 
 
 def test_a_motion_that_stays_in_its_place_is_never_forgotten(tmp_path: Path) -> None:
     A = np.kron(np.eye(2), [[0.9, 0.0], [0.0, 0.9]])
     config = MapConfig(A=tuple(A.ravel()), Sigma=tuple(np.eye(4).ravel()))
-    assert forgets_ns(read_scene(scene_file(tmp_path)), config) is None
+    assert memory_ns(read_scene(scene_file(tmp_path)), config) is None

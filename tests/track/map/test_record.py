@@ -10,10 +10,10 @@ from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.track.methods.map.config import MapConfig
 from occlog.track.methods.map.method import lag_ns
-from occlog.track.methods.map.record import EMPTY, Record, fill
+from occlog.track.methods.map.record import EMPTY, TargetRecord, fill
 
 
-def silent(t_ns) -> Record:
+def silent(t_ns) -> TargetRecord:
     """A record without rows."""
     return EMPTY._replace(t_ns=np.asarray(t_ns, dtype=np.int64))
 

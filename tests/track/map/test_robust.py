@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from map_scenes import joined, place, record, scans_of
 
-from occlog.track.interface import Smoothed
+from occlog.track.interface import SmoothedTrajectory
 from occlog.track.methods.map.config import MapConfig
 from occlog.track.methods.map.method import advance, begin
-from occlog.track.methods.map.record import Record
+from occlog.track.methods.map.record import TargetRecord
 
 pytestmark = pytest.mark.jit
 
@@ -23,7 +23,7 @@ def walk(seconds: float = 30.0, rate: float = 5.0):
     return t, np.column_stack([3.0 * np.sin(0.4 * t), 2.0 * np.cos(0.3 * t)])
 
 
-def spoil(made: Record, scene, share: float, rng) -> np.ndarray:
+def spoil(made: TargetRecord, scene, share: float, rng) -> np.ndarray:
     """Replace bearings by ones uniform in the image; (N,) which of those seen are false, beyond the noise."""
     rows = made.rows
     false = rows.seen & (rng.random(len(rows.seen)) < share)
@@ -45,11 +45,11 @@ def observed(cameras: int, share: float, seed: int, **options):
     return scene, made, spoil(made, scene, share, rng), xy
 
 
-def solve(scene, made: Record, **settings) -> Smoothed:
+def solve(scene, made: TargetRecord, **settings) -> SmoothedTrajectory:
     return advance(begin(scene, MapConfig(**settings), False), scans_of(made), True)[1]
 
 
-def errors(out: Smoothed, xy):
+def errors(out: SmoothedTrajectory, xy):
     away = out.xy - xy
     nees = np.einsum("ti,tij,tj->t", away, np.linalg.inv(out.covariance[:, :2, :2]), away)
     return float(np.sqrt(np.mean(np.sum(away**2, axis=1)))), nees

@@ -7,16 +7,16 @@ import pytest
 from numpy.testing import assert_allclose
 
 from occlog.array_types import Floats
-from occlog.track.methods.readers.refine import FORMS, Sights, refine
+from occlog.track.methods.readers.refine import FORMS, TagSightings, refine
 
 CAMERAS, YAWS = np.array([[0.0, 5.0], [5.0, 0.0]]), np.array([0.0, 0.5 * np.pi])
 """In the middle of the left and of the bottom wall, as in [Lee] Fig. 5-36."""
 
 
-def sights(xy: Floats, sigma: float = 1e-3, noise: Floats | float = 0.0) -> Sights:
+def sights(xy: Floats, sigma: float = 1e-3, noise: Floats | float = 0.0) -> TagSightings:
     to = xy[:, None, :] - CAMERAS
     bearing = np.arctan2(to[..., 1], to[..., 0]) + noise
-    return Sights(CAMERAS, YAWS, bearing, np.full(bearing.shape, sigma))
+    return TagSightings(CAMERAS, YAWS, bearing, np.full(bearing.shape, sigma))
 
 
 def test_equation_5_39_by_hand() -> None:
@@ -74,7 +74,7 @@ def test_one_camera_makes_the_position_better_across_its_line_alone() -> None:
 
 @pytest.mark.parametrize("form", FORMS)
 def test_nothing_seen_changes_nothing(form: str) -> None:
-    nothing = Sights(CAMERAS, YAWS, np.full((1, 2), np.nan), np.full((1, 2), np.nan))
+    nothing = TagSightings(CAMERAS, YAWS, np.full((1, 2), np.nan), np.full((1, 2), np.nan))
     found = refine(np.array([[5.0, 6.0]]), np.eye(2)[None], nothing, form)
     assert_allclose(found.xy, [[5.0, 6.0]])
     assert_allclose(found.covariance, np.eye(2)[None])

@@ -9,7 +9,7 @@ import pytest
 
 from occlog.array_types import NS, Floats, Ints
 from occlog.core.numerics.seeds import RandomStream, generator
-from occlog.track.methods.readers.rssi import Located, PathLoss, Rules, begin, step
+from occlog.track.methods.readers.rssi import PathLoss, TagEstimate, TagFilterModel, begin, step
 
 ROOM = np.array([[0.0, 0.0], [12.0, 0.0], [12.0, 12.0], [0.0, 12.0]])
 PLACES = np.array([[x, y, 1.0] for x in (1.0, 6.0, 11.0) for y in (1.0, 6.0, 11.0)])
@@ -23,7 +23,7 @@ MODEL = PathLoss(
     height=1.0,
     metre=1.0,
 )
-RULES = Rules(
+RULES = TagFilterModel(
     model=MODEL,
     ranges=np.full(9, np.inf),
     room=ROOM,
@@ -60,7 +60,7 @@ def walk(seed: int, steps: int = 60) -> Walk:
     return Walk(xy, np.full((steps, 9), 2), rssi)
 
 
-def filtered(rules: Rules, reads: Walk, seed: int = 0) -> list[Located]:
+def filtered(rules: TagFilterModel, reads: Walk, seed: int = 0) -> list[TagEstimate]:
     rng = generator(seed, RandomStream.TRACK, 0)
     cloud = begin(rules, 0, rng)
     out = []
@@ -70,7 +70,7 @@ def filtered(rules: Rules, reads: Walk, seed: int = 0) -> list[Located]:
     return out
 
 
-def nees(reads: Walk, found: list[Located]) -> Floats:
+def nees(reads: Walk, found: list[TagEstimate]) -> Floats:
     error = np.array([f.xy for f in found]) - reads.xy
     inverse = np.linalg.inv(np.array([f.covariance[:2, :2] for f in found]))
     return np.einsum("ni,nij,nj->n", error, inverse, error)

@@ -11,7 +11,7 @@ from occlog.errors import PluginError
 from occlog.plugins.interface import BoxesInFrame
 from occlog.plugins.loading import VIEW_TRACKER, Plugin
 from occlog.records.tables import Boxes
-from occlog.track.single_view.stage import Trackers, follow
+from occlog.track.single_view.stage import CameraTrackers, follow
 
 PLUGIN = Plugin(VIEW_TRACKER, "mine", "mine:Mine", "my-package", "1")
 
@@ -47,7 +47,7 @@ ROWS = [(0, "a", 20.0), (0, "a", 30.0), (0, "b", 20.0), (1, "a", 30.0), (1, "a",
 @pytest.mark.parametrize("cuts", [(), (1,), (4,), (1, 2, 3, 4, 5, 6)])
 def test_identities_are_of_one_camera_and_chunks_do_not_matter(cuts: tuple[int, ...]) -> None:
     own: dict[str, ByWidth] = {}
-    trackers = Trackers(PLUGIN, lambda name: own.setdefault(name, ByWidth()))
+    trackers = CameraTrackers(PLUGIN, lambda name: own.setdefault(name, ByWidth()))
     whole = boxes(ROWS)
     chunks = [whole.take(slice(a, b)) for a, b in zip((0, *cuts), (*cuts, len(whole)), strict=True)]
     found = Boxes.concat(follow(chunks, trackers, lambda _: True))
@@ -62,7 +62,7 @@ def test_identities_are_of_one_camera_and_chunks_do_not_matter(cuts: tuple[int, 
 
 
 def test_cameras_that_are_not_used_are_not_asked() -> None:
-    trackers = Trackers(PLUGIN, lambda _: ByWidth())
+    trackers = CameraTrackers(PLUGIN, lambda _: ByWidth())
     found = Boxes.concat(follow([boxes(ROWS)], trackers, lambda name: name == "b"))
     assert set(found.sensor.tolist()) == {"b"}
     assert trackers.cameras == ["b"]
@@ -84,4 +84,4 @@ def test_what_no_identities_can_be_is_named(ids: Any, words: str) -> None:
             return ids
 
     with pytest.raises(PluginError, match=rf"plug-in mine \(my-package 1\): camera a: frame 0: {words}"):
-        list(follow([boxes(ROWS)], Trackers(PLUGIN, lambda _: Gives()), lambda _: True))
+        list(follow([boxes(ROWS)], CameraTrackers(PLUGIN, lambda _: Gives()), lambda _: True))

@@ -25,10 +25,10 @@ from occlog.records.scene import MicrophoneArray, Scene
 from occlog.scans.grouping import Scan
 from occlog.settings import configure
 from occlog.track.methods.imm import kernel as imm
-from occlog.track.methods.imm.ask_cameras import Memory, asks
+from occlog.track.methods.imm.ask_cameras import RequestMemory, requests_after_scan
 from occlog.track.methods.imm.config import ImmConfig
 from occlog.track.methods.imm.filter import init, step
-from occlog.track.methods.imm.tracks import Track, known
+from occlog.track.methods.imm.tracks import Track, confirmed_track
 
 from .trial import FORMS, SCENES, START_SIGMA, START_SIGMA_V
 
@@ -88,12 +88,12 @@ def change_trial(spec: Spec) -> dict[str, float]:
     scene = Scene(arrays=(MicrophoneArray("mic", np.zeros(3), sigma=SIGMA, planar=True, rate_hz=1.0),), length_unit="m")
     config = configure(ImmConfig(), {**SCENES["field"], **FORMS["thesis"], "cooperate": "printed", "walls": False})
     tracks = tuple(_track(config, start, velocity, group, rng) for group in case.before)
-    state, memory = init(scene, config, rng)._replace(tracks=tracks, free=5), Memory()
+    state, memory = init(scene, config, rng)._replace(tracks=tracks, free=5), RequestMemory()
     causes: list[set[str]] = []
     for k in range(BEFORE + WITHIN):
         heard = case.before if k < BEFORE else case.after
         state, report = step(state, _scan(k, start + k * velocity, heard, rng), rng)
-        asked, memory = asks(state, report, memory, rng)
+        asked, memory = requests_after_scan(state, report, memory, rng)
         causes.append({c for a in asked for c in a.causes})
     after = set().union(*causes[BEFORE:])
     fired = np.array([bool(c & set(PERFORMANCE)) for c in causes], dtype=np.float64)
@@ -135,7 +135,7 @@ def _track(config: ImmConfig, start: Floats, velocity: Floats, group: tuple[int,
     """Return a track of the first of a group that is heard as one."""
     i = group[0] - 1
     state = (*start[i], START_SIGMA, *velocity[i], START_SIGMA_V)
-    return known(config, group[0], state, 0, rng)
+    return confirmed_track(config, group[0], state, 0, rng)
 
 
 def _scan(k: int, places: Floats, heard: Sequence[tuple[int, ...]], rng: Generator) -> Scan:
@@ -222,7 +222,7 @@ def sketch_trial(spec: Spec) -> dict[str, float]:
         middle = distance * np.array([math.cos(angle), math.sin(angle)])
         predicted[m, :, ::2] = middle + width * rng.standard_normal((PARTICLES, 2))
     prior = np.full(predicted.shape[:2], 1.0 / predicted[..., 0].size)
-    weights = imm.weigh(predicted, prior, bearing, sigma, origin)
+    weights = imm.update_weights(predicted, prior, bearing, sigma, origin)
     # The estimate, and both conditions
     mean, ahead = imm.moments(predicted, weights.total).mean, imm.moments(predicted, prior)
     return {

@@ -16,7 +16,7 @@ from occlog.array_types import Bools, Floats
 from occlog.core.sight.triangulate import TRIANGULATED, triangulate
 from occlog.records.scene import Camera, Scene
 from occlog.track.methods.imm.ask_cameras import CameraRequest
-from occlog.track.methods.readers.refine import PARALLEL, PRINTED, Sights, refine
+from occlog.track.methods.readers.refine import PARALLEL, PRINTED, TagSightings, refine
 
 LINES = "sight lines"
 
@@ -36,7 +36,7 @@ PROJECTIONS = {
 }
 
 
-def projected(reference: Floats, sights: Sights, way: Projection) -> tuple[Floats, Bools]:
+def projected(reference: Floats, sights: TagSightings, way: Projection) -> tuple[Floats, Bools]:
     """Move (N, 2) references by what two cameras see; return places (N, 2), and whether the model has any (N,)."""
     xy, found = reference, np.ones(len(reference), dtype=np.bool_)
     covariance = np.tile(np.eye(2), (len(reference), 1, 1))
@@ -46,7 +46,7 @@ def projected(reference: Floats, sights: Sights, way: Projection) -> tuple[Float
     return xy, found
 
 
-def crossed(sights: Sights) -> tuple[Floats, Bools]:
+def crossed(sights: TagSightings) -> tuple[Floats, Bools]:
     """Return the places (N, 2) where the lines of two cameras cross, and whether they do (N,)."""
     n = len(sights.bearing)
     origins = np.tile(sights.place, (n, 1))
@@ -54,10 +54,10 @@ def crossed(sights: Sights) -> tuple[Floats, Bools]:
     return met.xy, met.status == TRIANGULATED
 
 
-def sights_of(cameras: tuple[Camera, ...], bearing: Floats, sigma: float) -> Sights:
+def sights_of(cameras: tuple[Camera, ...], bearing: Floats, sigma: float) -> TagSightings:
     """Return the (N, C) bearings of cameras with one standard deviation [rad]."""
     place = np.array([c.ground for c in cameras])
-    return Sights(place, np.array([c.yaw for c in cameras]), bearing, np.full(bearing.shape, sigma))
+    return TagSightings(place, np.array([c.yaw for c in cameras]), bearing, np.full(bearing.shape, sigma))
 
 
 def relocated(request: CameraRequest, scene: Scene, way: Projection) -> CameraRequest:

@@ -18,10 +18,18 @@ from occlog.papers.verdicts import Size
 from occlog.pipeline.sweep.trial import Spec
 from occlog.scans.grouping import BearingRows, scans_of
 from occlog.settings import configure
-from occlog.track.methods.imm.ask_cameras import CAUSES, CameraRequest, CameraRequests, Memory, asks, located, others
+from occlog.track.methods.imm.ask_cameras import (
+    CAUSES,
+    CameraRequest,
+    CameraRequests,
+    RequestMemory,
+    apply_answer,
+    other_targets,
+    requests_after_scan,
+)
 from occlog.track.methods.imm.config import ImmConfig
-from occlog.track.methods.imm.filter import ImmState, Listener, Report, init, step
-from occlog.track.methods.imm.tracks import known
+from occlog.track.methods.imm.filter import ArrayScans, ImmState, ImmStepResult, init, step
+from occlog.track.methods.imm.tracks import confirmed_track
 
 from .environments import Environment, environment
 from .projected_places import PROJECTIONS, relocated
@@ -153,8 +161,8 @@ def follow(made: Environment, spec: Spec) -> FilterOutput:
     )
     T, K = min(spec["steps"], len(made.truth.t_ns)), made.truth.xyz.shape[1]
     out = FilterOutput(np.full((T, K, 2), np.nan), np.zeros(T), [])
-    state, memory = init(scene, config, rng), Memory()
-    listener, desk = Listener(scene, 1e6), CameraRequests(scene, config)
+    state, memory = init(scene, config, rng), RequestMemory()
+    listener, desk = ArrayScans(scene, 1e6), CameraRequests(scene, config)
     place = {int(t): n for n, t in enumerate(made.truth.t_ns[:T].tolist())}
     for scan in scans_of([made.bearings], scene, use):
         if scan.t_ns > made.truth.t_ns[T - 1]:
@@ -164,16 +172,16 @@ def follow(made: Environment, spec: Spec) -> FilterOutput:
             t_ns = sounds.t_ns
             n = place[min(place, key=lambda t: abs(t - t_ns))] if t_ns not in place else place[t_ns]
             state, report = step(state, sounds, rng)
-            asked, memory = asks(state, report, memory, helping)
+            asked, memory = requests_after_scan(state, report, memory, helping)
             # Requests for new tracks (numbers below 0) are dropped: the roster starts all tracks.
             asked = [a for a in asked if a.number >= 0]
-            answers = desk.ask(asked, others(state, report, asked), t_ns)
+            answers = desk.ask(asked, other_targets(state, report, asked), t_ns)
             if spec["projection"]:
                 answers = [relocated(a, scene, PROJECTIONS[spec["projection"]]) for a in answers]
             out.requests.extend(answers)
             out.asked[n] = float(bool(asked))
             if spec["answer"]:
-                state, report, memory = located(state, report, [a.answer for a in answers], memory, helping)
+                state, report, memory = apply_answer(state, report, [a.answer for a in answers], memory, helping)
             state = _roster(state, made, config, array, n, rng)
             _note(out, report, made, n)
     return out
@@ -193,12 +201,12 @@ def _roster(
             seconds = float(made.truth.t_ns[n + 1] - made.truth.t_ns[max(n - 1, 0)]) * 1e-9
             v = (after - before) / seconds
             start = (at[0], at[1], START_SIGMA, v[0], v[1], START_SIGMA_V)
-            track = known(config, number, start, int(made.truth.t_ns[n]), rng)
+            track = confirmed_track(config, number, start, int(made.truth.t_ns[n]), rng)
             tracks.append(track._replace(label=number))
     return state._replace(tracks=tuple(sorted(tracks, key=lambda t: t.number)))
 
 
-def _note(out: FilterOutput, report: Report, made: Environment, n: int) -> None:
+def _note(out: FilterOutput, report: ImmStepResult, made: Environment, n: int) -> None:
     ids = made.truth.ids.tolist()
     for belief in report.beliefs:
         out.xy[n, ids.index(belief.number)] = belief.estimate.mean[::2]

@@ -27,7 +27,7 @@ from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
 from occlog.track.drivers.stage import track
-from occlog.track.drivers.tracking import Tracking
+from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf.config import ApfConfig
 
 DIAMETER = 3.33
@@ -90,7 +90,7 @@ def _rates(c: Counts, when: str) -> dict[str, float]:
 def _rmse(rows: Iterable[Bearings], truth: Truth, scene: Scene, seed: int) -> float:
     """Track with the defaults of the auxiliary particle filter, and return the RMSE."""
     config = ApfConfig.in_unit(scene.length_unit)
-    parts = track(rows, scene, Tracking(config, seed, sensors=choose_sensors(scene, ())))
+    parts = track(rows, scene, TrackingTask(config, seed, sensors=choose_sensors(scene, ())))
     tracks = Tracks.concat([p.tracks for p in parts])
     return errors_of(tracks, truth, scene, START)["rmse"]
 

@@ -19,7 +19,7 @@ from occlog.papers.qu.world import geometry_of
 from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, mean_of, share_of
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.video import BallsFrame
-from occlog.track.methods.images.interface import Outlines
+from occlog.track.methods.images.interface import TrackerOutlines
 
 SHOWN = ("mipf", "idmot", "bmct")
 """The methods of the figure."""
@@ -62,7 +62,7 @@ def fig7_shots(size: Size) -> Shots:
     )
 
 
-def shot_of(frame: BallsFrame, rows: Outlines, view: int, geometry: ViewGeometry) -> Shot:
+def shot_of(frame: BallsFrame, rows: TrackerOutlines, view: int, geometry: ViewGeometry) -> Shot:
     """Make the picture of one view of a frame with a method's trackers."""
     own = np.flatnonzero(rows.view == view)
     marks = tuple(Mark(int(rows.target_id[i]), rows.ellipse[i], _good(frame, rows, int(i))) for i in own)
@@ -72,13 +72,13 @@ def shot_of(frame: BallsFrame, rows: Outlines, view: int, geometry: ViewGeometry
     )
 
 
-def _good(frame: BallsFrame, rows: Outlines, i: int) -> bool:
+def _good(frame: BallsFrame, rows: TrackerOutlines, i: int) -> bool:
     true: Floats = frame.ellipses[rows.view[i], rows.target_id[i]]
     radius = float(np.sqrt(true[2] * true[3]))
     return bool(np.hypot(*(rows.ellipse[i, :2] - true[:2])) <= radius)
 
 
-def _lines(rows: Outlines, view: int, geometry: ViewGeometry) -> tuple[Line, ...]:
+def _lines(rows: TrackerOutlines, view: int, geometry: ViewGeometry) -> tuple[Line, ...]:
     """Return the epipolar lines of the views whose estimates help a tracker in this frame."""
     out = []
     for i in np.flatnonzero(rows.view == view):

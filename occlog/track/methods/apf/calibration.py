@@ -30,31 +30,31 @@ from occlog.records.scene import Camera, Scene
 from occlog.scans.grouping import Scan
 from occlog.track.interface import Estimate, SensorErrors
 from occlog.track.methods.apf.kernels.pose_errors import (
-    Belief,
     LabelledBearings,
+    PoseErrorBelief,
     jacobians,
-    no_evidence,
+    prior_belief,
     residuals,
     solve,
     spread,
     update,
 )
 
-from .model import LEAST_SIGMA, pack_sensors
+from .model import MIN_SIGMA, pack_sensors
 
-COMPACT = 0.1
+MAX_CLOUD_ANGLE = 0.1
 """Particles this near together, relative to their distance, see a camera under one angle as far as Eq. 2 goes."""
-STALE = 0.05
+REPACK_SHIFT_SIGMAS = 0.05
 """Corrected cameras are packed anew when an estimate has moved by this share of its prior deviation."""
-CONVINCED = 3.0
+MIN_LOG_ODDS = 3.0
 """Log-odds from which on errors are taken to stay: 20 to 1."""
-FAR = 4.0
+GATE_SIGMAS = 4.0
 """A bearing that misses the estimate by more standard deviations had no weight in it."""
-OFTEN = 1000
+MAX_INITIAL_SCANS = 1000
 """Scans that the initial phase keeps at most; of more every second is dropped, and so on."""
 
 
-class Stated(NamedTuple):
+class StatedSensors(NamedTuple):
     """The sensors as the scene has them."""
 
     scene: Scene
@@ -66,7 +66,7 @@ class Stated(NamedTuple):
     read_px: Floats  # (S,)
 
 
-class Phase(NamedTuple):
+class InitialPhase(NamedTuple):
     """What the initial phase has gathered."""
 
     until_ns: int | None  # None: not begun
@@ -74,24 +74,26 @@ class Phase(NamedTuple):
     places: tuple[Floats, ...]
 
 
-class Calibration(NamedTuple):
+class PoseCalibration(NamedTuple):
     """What is known about the sensors' errors, and the sensors as corrected by it."""
 
-    stated: Stated
-    belief: Belief
+    stated: StatedSensors
+    belief: PoseErrorBelief
     sensors: Sensors
     packed: Floats  # (S, 3) errors that `sensors` were corrected by
-    phase: Phase | None  # None: estimated jointly, or the phase is over
+    phase: InitialPhase | None  # None: estimated jointly, or the phase is over
     fixed: bool  # true: what the phase said stays
     follows: Floats  # (2, 3 S) how much of each error is in the estimate
 
     @property
     def believed(self) -> bool:
         """Whether cameras are corrected: something was learned, and errors that stay explain it better than noise."""
-        return self.phase is None and self.belief.log_odds > CONVINCED
+        return self.phase is None and self.belief.log_odds > MIN_LOG_ODDS
 
 
-def begin(scene: Scene, noise: MeasurementNoise, read_px: Floats, sensors: Sensors, mode: str) -> Calibration | None:
+def begin(
+    scene: Scene, noise: MeasurementNoise, read_px: Floats, sensors: Sensors, mode: str
+) -> PoseCalibration | None:
     """Nothing learned yet; None in mode `none`.
 
     Args:
@@ -104,13 +106,13 @@ def begin(scene: Scene, noise: MeasurementNoise, read_px: Floats, sensors: Senso
     if mode == "none":
         return None
     yaw = np.array([c.yaw for c in scene.cameras] + [a.yaw for a in scene.arrays], dtype=np.float64)
-    stated = Stated(scene, sensors, noise, sensors.xy, yaw, noise.focal_px, read_px)
-    belief = no_evidence(noise.sigma_position, noise.sigma_yaw)
-    phase = Phase(None, (), ()) if mode == "initial" else None
-    return Calibration(stated, belief, sensors, belief.mean, phase, False, np.zeros((2, belief.mean.size)))
+    stated = StatedSensors(scene, sensors, noise, sensors.xy, yaw, noise.focal_px, read_px)
+    belief = prior_belief(noise.sigma_position, noise.sigma_yaw)
+    phase = InitialPhase(None, (), ()) if mode == "initial" else None
+    return PoseCalibration(stated, belief, sensors, belief.mean, phase, False, np.zeros((2, belief.mean.size)))
 
 
-def corrected(calibration: Calibration, xy: Floats, weights: Floats) -> tuple[Sensors, MeasurementNoise]:
+def corrected(calibration: PoseCalibration, xy: Floats, weights: Floats) -> tuple[Sensors, MeasurementNoise]:
     """Sensors where they are thought to be, and the noise that is left of their errors.
 
     Where the (L, 2) particles are near together, the variance of a bearing to them goes into
@@ -123,7 +125,7 @@ def corrected(calibration: Calibration, xy: Floats, weights: Floats) -> tuple[Se
     belief = calibration.belief
     everyone = np.arange(len(belief.mean))
     away = np.hypot(*(mean - calibration.stated.places).T)
-    near_together = np.sqrt(np.trace(covariance)) < COMPACT * away
+    near_together = np.sqrt(np.trace(covariance)) < MAX_CLOUD_ANGLE * away
     angle2 = spread(mean, everyone, calibration.stated.places, belief) if away.min() > 0 else np.zeros(len(away))
     blocks = belief.blocks
     position2 = np.linalg.eigvalsh(blocks[:, :2, :2])[:, -1]
@@ -134,7 +136,7 @@ def corrected(calibration: Calibration, xy: Floats, weights: Floats) -> tuple[Se
     return calibration.sensors, left
 
 
-def corrected_looks(calibration: Calibration, looks: PackedScan) -> PackedScan:
+def corrected_scan(calibration: PoseCalibration, looks: PackedScan) -> PackedScan:
     """PackedScan with bearings turned by the errors of yaw, and readings as noisy as they turned out to be."""
     if not calibration.believed:
         return looks
@@ -143,7 +145,9 @@ def corrected_looks(calibration: Calibration, looks: PackedScan) -> PackedScan:
     return looks._replace(value=looks.value + turn, variance=looks.variance * calibration.belief.scale)
 
 
-def learned(calibration: Calibration, scan: Scan, estimate: Estimate, seconds: float) -> tuple[Calibration, Estimate]:
+def updated_calibration(
+    calibration: PoseCalibration, scan: Scan, estimate: Estimate, seconds: float
+) -> tuple[PoseCalibration, Estimate]:
     """What a scan says about the sensors' errors, and the estimate with what they add to its covariance.
 
     Args:
@@ -165,12 +169,14 @@ def learned(calibration: Calibration, scan: Scan, estimate: Estimate, seconds: f
     return after, estimate._replace(covariance=covariance, calibration=SensorErrors(belief.mean, deviation))
 
 
-def _gather(calibration: Calibration, sights: LabelledBearings, t_ns: int, xy: Floats, seconds: float) -> Calibration:
+def _gather(
+    calibration: PoseCalibration, sights: LabelledBearings, t_ns: int, xy: Floats, seconds: float
+) -> PoseCalibration:
     """The calibration with one more scan in its initial phase, solved when that is over."""
-    phase = calibration.phase or Phase(None, (), ())
+    phase = calibration.phase or InitialPhase(None, (), ())
     until = t_ns + round(seconds * NS) if phase.until_ns is None else phase.until_ns
-    phase = Phase(until, (*phase.scans, sights), (*phase.places, xy))
-    if len(phase.scans) > OFTEN:
+    phase = InitialPhase(until, (*phase.scans, sights), (*phase.places, xy))
+    if len(phase.scans) > MAX_INITIAL_SCANS:
         phase = phase._replace(scans=phase.scans[::2], places=phase.places[::2])
     if t_ns < until:
         return calibration._replace(phase=phase)
@@ -178,7 +184,7 @@ def _gather(calibration: Calibration, sights: LabelledBearings, t_ns: int, xy: F
     return _packed(calibration._replace(belief=belief, phase=None, fixed=True))
 
 
-def _follow(calibration: Calibration, sights: LabelledBearings, estimate: Estimate) -> Calibration:
+def _follow(calibration: PoseCalibration, sights: LabelledBearings, estimate: Estimate) -> PoseCalibration:
     """The calibration with `follows` as it is after the filter took in bearings.
 
     The gain of the particle filter is taken to be that of a Kalman filter with its covariance;
@@ -191,7 +197,7 @@ def _follow(calibration: Calibration, sights: LabelledBearings, estimate: Estima
     variance = sights.variance * belief.scale + spread(estimate.xy, sights.sensor, places, belief)
     about = variance + np.einsum("ni,ij,nj->n", by_target, estimate.covariance, by_target)
     miss = residuals(estimate.xy, sights, places, calibration.packed)
-    weight = np.where(miss**2 < FAR**2 * about, 1.0 / variance, 0.0)
+    weight = np.where(miss**2 < GATE_SIGMAS**2 * about, 1.0 / variance, 0.0)
     gain = estimate.covariance @ (by_target * weight[:, None]).T
     taken = gain @ by_target
     most = max(1.0, float(np.max(np.abs(np.linalg.eigvals(taken)))))  # above 1: the particles are not Gaussian
@@ -201,7 +207,7 @@ def _follow(calibration: Calibration, sights: LabelledBearings, estimate: Estima
     return calibration._replace(follows=follows)
 
 
-def _sights(scan: Scan, stated: Stated) -> LabelledBearings:
+def _sights(scan: Scan, stated: StatedSensors) -> LabelledBearings:
     """The labelled bearings of a scan, with the stated poses."""
     rows = np.flatnonzero(scan.labelled & scan.seen)
     sensor, u = scan.sensor[rows], scan.u_px[rows]
@@ -211,15 +217,15 @@ def _sights(scan: Scan, stated: Stated) -> LabelledBearings:
     tangent = np.where(pixel, u, 0.0) / f
     bearing = np.where(pixel, stated.yaw[sensor] - np.arctan(tangent), scan.bearing[rows])
     sigma = np.where(pixel, sigma_px / (f * (1.0 + tangent**2)), scan.sigma[rows])
-    return LabelledBearings(sensor, bearing, np.maximum(sigma, LEAST_SIGMA) ** 2)
+    return LabelledBearings(sensor, bearing, np.maximum(sigma, MIN_SIGMA) ** 2)
 
 
-def _packed(calibration: Calibration) -> Calibration:
+def _packed(calibration: PoseCalibration) -> PoseCalibration:
     """The calibration with sensors moved to where they are now thought to be, unless they hardly are elsewhere."""
     stated, mean = calibration.stated, calibration.belief.mean
     prior = np.array([(c.sigma_position, c.sigma_position, c.sigma_yaw) for c in stated.scene.cameras]).reshape(-1, 3)
     moved = np.abs(mean - calibration.packed)[: len(prior)]
-    if np.all(moved <= STALE * prior):
+    if np.all(moved <= REPACK_SHIFT_SIGMAS * prior):
         return calibration
     return calibration._replace(sensors=corrected_sensors(stated.scene, mean), packed=mean)
 

@@ -34,24 +34,32 @@ from occlog.filtering.motion.waypoint import WaypointParticles
 from occlog.filtering.particles import effective_sample_size, mean_and_covariance
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
-from occlog.track.interface import Cloud, Estimate, OccluderTerms, Online, Prediction, Smoothing
+from occlog.track.interface import Estimate, OccluderTerms, Online, ParticleSet, Smoothing, TargetPredictor
 
-from .calibration import Calibration, begin, corrected, corrected_looks, learned
+from .calibration import PoseCalibration, begin, corrected, corrected_scan, updated_calibration
 from .config import FORMS, ApfConfig
-from .model import Model, make_model, motion_of, occlusion_of, pack_scan, with_distances
-from .propose import Draw, auxiliary_step, begin_anew, drift, fresh, parts_of, weigh_start
-from .smoother import Trace, link, smooth
+from .model import ApfModel, make_model, motion_of, occlusion_of, pack_scan, with_distances
+from .propose import (
+    ProposedParticles,
+    auxiliary_step,
+    drift,
+    initial_particles,
+    parts_of,
+    reinitialise,
+    select_initial_particles,
+)
+from .smoother import Trace, record_particles, smooth
 
 
 class ApfState(NamedTuple):
     """Weighted particles at the time of the last scan; `t_ns` is None before the first."""
 
-    model: Model
+    model: ApfModel
     particles: WaypointParticles
     weights: Floats  # (L,)
     t_ns: int | None
     astray: int  # reports against the likeliest place more than for it, see `_track_loss`
-    calibration: Calibration | None = None  # None: errors of poses are white noise
+    calibration: PoseCalibration | None = None  # None: errors of poses are white noise
     trace: Trace = ()  # what the last step leaves for the way back; none where nothing looks back
 
 
@@ -62,7 +70,7 @@ def init(scene: Scene, config: ApfConfig, rng: Generator) -> ApfState:
     """
     model = make_model(scene, config)
     try:
-        particles = fresh(model, config.start, rng)
+        particles = initial_particles(model, config.start, rng)
     except ValueError as error:
         raise InputError(f"scene: {error}; make the room larger") from error
     weights = np.full(len(particles.speed), 1.0 / len(particles.speed))
@@ -86,10 +94,10 @@ def step(state: ApfState, scan: Scan, rng: Generator) -> tuple[ApfState, Estimat
     if calibration is not None:
         sensors, noise = corrected(calibration, state.particles.xy, state.weights)
         model = model._replace(sensors=sensors, noise=noise)
-        state, looks = state._replace(model=model), corrected_looks(calibration, looks)
+        state, looks = state._replace(model=model), corrected_scan(calibration, looks)
     # Moving occluders: their priors at this time ([Ercan] Sec. 4.2)
     if scan.occluders is not None:
-        model = _informed(model, scan.occluders, state)
+        model = _with_occluder_priors(model, scan.occluders, state)
         state = state._replace(model=model)
     # Propose, weigh, resample ([Ercan] Alg. 1); a filter that most reports have contradicted for some scans is lost
     (draw, trace), astray = advance(
@@ -104,11 +112,11 @@ def step(state: ApfState, scan: Scan, rng: Generator) -> tuple[ApfState, Estimat
     estimate = _estimate(model, draw, looks)
     # Calibrate: learn the errors of the poses
     if calibration is not None:
-        calibration, estimate = learned(calibration, scan, estimate, config.calibrate_s)
+        calibration, estimate = updated_calibration(calibration, scan, estimate, config.calibrate_s)
     return ApfState(base, draw.particles, draw.weights, scan.t_ns, astray, calibration, trace), estimate
 
 
-def _informed(model: Model, priors: Priors, state: ApfState) -> Model:
+def _with_occluder_priors(model: ApfModel, priors: Priors, state: ApfState) -> ApfModel:
     """The model with what is known about moving occluders; priors of the target itself are left out."""
     config = model.config
     if config.own_gate > 0.0 and state.t_ns is not None:
@@ -119,7 +127,7 @@ def _informed(model: Model, priors: Priors, state: ApfState) -> Model:
     return model._replace(priors=priors, occlusion=occlusion, detection=model.informed)
 
 
-def predict(state: ApfState, t_ns: int, rng: Generator) -> Cloud:
+def predict(state: ApfState, t_ns: int, rng: Generator) -> ParticleSet:
     """Where the target is thought to be at a time not before the last scan; the state stays as it is.
 
     Particles are drawn from the importance density, as [Ercan] Sec. 5 wants them for the
@@ -127,17 +135,17 @@ def predict(state: ApfState, t_ns: int, rng: Generator) -> Cloud:
     """
     if state.t_ns is None:
         n = len(state.particles.speed)
-        return Cloud(state.particles.xy, np.full(n, 1.0 / n))
+        return ParticleSet(state.particles.xy, np.full(n, 1.0 / n))
     dt = min((t_ns - state.t_ns) / NS, state.model.config.max_gap_s)
-    return Cloud(drift(state.model, state.particles, dt, rng).xy, state.weights)
+    return ParticleSet(drift(state.model, state.particles, dt, rng).xy, state.weights)
 
 
-def _updated(state: ApfState, looks: PackedScan, dt: float, rng: Generator) -> tuple[Draw, Trace] | None:
+def _updated(state: ApfState, looks: PackedScan, dt: float, rng: Generator) -> tuple[ProposedParticles, Trace] | None:
     """Weighted particles at the time of a scan, a time dt [s] after the last one; None where no particle agrees."""
     model = state.model
     if state.t_ns is None:
         start = model.config.start
-        draw = weigh_start(model, state.particles, None if start is None else start[2], looks, rng)
+        draw = select_initial_particles(model, state.particles, None if start is None else start[2], looks, rng)
         return draw, _last(model, draw, 0.0)
     # Predict without measurements, as far as one step does not reach
     particles, weights, parts = state.particles, state.weights, parts_of(dt, model)
@@ -145,26 +153,26 @@ def _updated(state: ApfState, looks: PackedScan, dt: float, rng: Generator) -> t
     for _ in range(parts - 1):
         particles = drift(model, particles, dt / parts, rng)
         if model.config.smoothed:
-            links = (*links, link(particles, weights, None, dt / parts, model))
+            links = (*links, record_particles(particles, weights, None, dt / parts, model))
     # Take the scan in
     draw = auxiliary_step(model, particles, weights, looks, dt / parts, rng)
     return (draw, links + _last(model, draw, dt / parts)) if math.isfinite(draw.log_likelihood) else None
 
 
-def _last(model: Model, draw: Draw, dt: float) -> Trace:
+def _last(model: ApfModel, draw: ProposedParticles, dt: float) -> Trace:
     """The link of a scan; none where nothing looks back."""
     if not model.config.smoothed:
         return ()
-    return (link(draw.particles, draw.weights, draw.parents, dt, model, draw.sharpness),)
+    return (record_particles(draw.particles, draw.weights, draw.parents, dt, model, draw.sharpness),)
 
 
-def _begin(model: Model, looks: PackedScan, reason: str, rng: Generator) -> tuple[Draw, Trace]:
+def _begin(model: ApfModel, looks: PackedScan, reason: str, rng: Generator) -> tuple[ProposedParticles, Trace]:
     """Particles drawn anew: all over the floor, or, without a room, where the scan says."""
-    draw = begin_anew(model, looks, rng)._replace(fallback=reason)
+    draw = reinitialise(model, looks, rng)._replace(fallback=reason)
     return draw, _last(model, draw, 0.0)
 
 
-def _track_loss(state: ApfState, draw: Draw, looks: PackedScan) -> tuple[int, bool]:
+def _track_loss(state: ApfState, draw: ProposedParticles, looks: PackedScan) -> tuple[int, bool]:
     """The track-loss counter after a scan, and whether the track is lost.
 
     A report speaks against it if the target should be elsewhere; a scan counts for two
@@ -192,7 +200,7 @@ def _track_loss(state: ApfState, draw: Draw, looks: PackedScan) -> tuple[int, bo
     return (0, True) if is_lost(after, model.config.lost_after) else (after, False)
 
 
-def _estimate(model: Model, draw: Draw, looks: PackedScan) -> Estimate:
+def _estimate(model: ApfModel, draw: ProposedParticles, looks: PackedScan) -> Estimate:
     mean, covariance = mean_and_covariance(draw.weights, draw.particles.xy)
     size, fallback = min(effective_sample_size(draw.weights), draw.effective), draw.fallback
     if size < MIN_EFFECTIVE_SAMPLE_SIZE:
@@ -206,7 +214,13 @@ def _estimate(model: Model, draw: Draw, looks: PackedScan) -> Estimate:
 
 
 def _as_estimate(
-    draw: Draw, mean: Floats, covariance: Floats, size: float, fallback: str, looks: PackedScan, seen: Bools
+    draw: ProposedParticles,
+    mean: Floats,
+    covariance: Floats,
+    size: float,
+    fallback: str,
+    looks: PackedScan,
+    seen: Bools,
 ) -> Estimate:
     """The estimate, and by which looks it was made."""
     return Estimate(
@@ -229,7 +243,7 @@ METHOD = Online(
     step=step,
     started=lambda config: config.start is not None,
     occluders=lambda config: OccluderTerms(config.occluder_diameter, config.prior_max_age_s),
-    prediction=Prediction(
+    prediction=TargetPredictor(
         predict,
         step_s=lambda config: config.reference_s,
         detection=lambda config: config.detection,

@@ -36,14 +36,14 @@ from occlog.filtering.likelihood.distances import RangeMeasurements, inlier_prob
 from occlog.filtering.motion.waypoint import WaypointModel
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
-from occlog.track.interface import Estimate, Fit
+from occlog.track.interface import BearingResiduals, Estimate
 
 from .config import FORMS, ApfConfig
 from .kernels import importance
 
 WIDEST = math.radians(170.0)
 """Fields of view are cut to this where the width of the image in z = f h/d is asked for."""
-LEAST_SIGMA = 1e-9
+MIN_SIGMA = 1e-9
 """Measurements without any noise get this much [px, rad], so that densities stay finite."""
 
 
@@ -112,7 +112,7 @@ def pack_scan(scan: Scan, read_px: Floats, use_score: bool) -> PackedScan:
         first=np.concatenate([before[start], before[-1:]]),
         pixel=pixel,
         value=np.where(pixel, -scan.u_px[seen], scan.bearing[seen]),
-        variance=np.maximum(np.where(pixel, sigma_px, scan.sigma[seen]), LEAST_SIGMA) ** 2,
+        variance=np.maximum(np.where(pixel, sigma_px, scan.sigma[seen]), MIN_SIGMA) ** 2,
         share=np.where(weigh, scan.score[seen], 1.0),
     )
 
@@ -157,7 +157,7 @@ def with_distances(estimate: Estimate, measured: RangeMeasurements) -> Estimate:
         n_seen=len(saw),
         used=tuple(looked.astype(int).tolist()),
         seen_by=tuple(saw.astype(int).tolist()),
-        fit=Fit(
+        fit=BearingResiduals(
             row=np.zeros(len(residual), dtype=np.int64),
             sensor=measured.station,
             residual=residual,
@@ -167,17 +167,17 @@ def with_distances(estimate: Estimate, measured: RangeMeasurements) -> Estimate:
     )
 
 
-WANDER_S = 10.0
+MAX_DESTINATION_S = 10.0
 """Without a room a new destination is at most as far as a target of usual speed comes in this time [s]."""
 
 
-def wander(scene: Scene, speed: float) -> float:
+def max_destination_distance(scene: Scene, speed: float) -> float:
     """How far a new destination is from a target, in a scene without a room.
 
-    Half the extent of the sensors, or `WANDER_S` at the speed of new particles if that is more.  Destinations all over
-    a region that reaches much farther on one side would nearly all lie in that direction.
+    Half the extent of the sensors, or `MAX_DESTINATION_S` at the speed of new particles if that is more.  Destinations
+    all over a region that reaches much farther on one side would nearly all lie in that direction.
     """
-    return max(0.5 * float(np.hypot(*np.ptp(scene.surroundings, axis=0))), WANDER_S * speed)
+    return max(0.5 * float(np.hypot(*np.ptp(scene.surroundings, axis=0))), MAX_DESTINATION_S * speed)
 
 
 def sight_lines(
@@ -198,11 +198,11 @@ def sight_lines(
     )
 
 
-FINE, ROUGH = 5.5, 3.5
+OCCLUDER_SUPPORT_SIGMAS, OCCLUDER_SUPPORT_SIGMAS_STAGE1 = 5.5, 3.5
 """Standard deviations at which a prior of an occluder counts as over; stage 1 only has to be near."""
 
 
-class Model(NamedTuple):
+class ApfModel(NamedTuple):
     """Scene and settings in the form of the kernels; priors of moving occluders are those of one scan."""
 
     config: ApfConfig
@@ -220,9 +220,9 @@ class Model(NamedTuple):
     measured: RangeMeasurements | None = None  # ranges and their like at the time of the scan
 
 
-def make_model(scene: Scene, config: ApfConfig) -> Model:
+def make_model(scene: Scene, config: ApfConfig) -> ApfModel:
     """The model before the first scan."""
-    return Model(
+    return ApfModel(
         config=config,
         floor=make_floor(scene.region, [o.polygon for o in scene.occluders]),
         sensors=pack_sensors(scene),
@@ -233,7 +233,7 @@ def make_model(scene: Scene, config: ApfConfig) -> Model:
         informed=pack_detection(scene, config, informed=True),
         occlusion=occlusion_of(config),
         views=scene.views,
-        wander=math.inf if scene.views is None else wander(scene, config.speed),
+        wander=math.inf if scene.views is None else max_destination_distance(scene, config.speed),
     )
 
 
@@ -260,7 +260,9 @@ def occlusion_of(config: ApfConfig) -> Occlusion:
     return Occlusion(kind, FORMS.index(config.q), config.p_floor, far=0.0, temper=config.temper)
 
 
-def likelihood(model: Model, xy: Floats, looks: PackedScan, far: float = FINE, *, anywhere: bool = False) -> Floats:
+def likelihood(
+    model: ApfModel, xy: Floats, looks: PackedScan, far: float = OCCLUDER_SUPPORT_SIGMAS, *, anywhere: bool = False
+) -> Floats:
     """(L,) log f(Z|u) at (L, 2) places ([Ercan] Eq. 6).
 
     Args:
@@ -280,7 +282,7 @@ def likelihood(model: Model, xy: Floats, looks: PackedScan, far: float = FINE, *
     return told if model.measured is None else told + distances.log_likelihood(model.measured, xy)
 
 
-def evidence(model: Model, looks: PackedScan) -> tuple[Ints, Floats]:
+def evidence(model: ApfModel, looks: PackedScan) -> tuple[Ints, Floats]:
     """Looks and measurements of a scan as the importance density takes them; see `kernels.importance.adapt`."""
     rows = importance.measurements(looks, model.sensors, model.noise, model.detection)
     if model.measured is None:

@@ -33,12 +33,12 @@ from occlog.filtering.motion.waypoint import WaypointParticles
 from occlog.filtering.particles import effective_sample_size, log_of, normalise_log_weights, systematic_ancestors
 
 from .kernels import importance
-from .model import ROUGH, Model, evidence, likelihood, sight_lines
+from .model import OCCLUDER_SUPPORT_SIGMAS_STAGE1, ApfModel, evidence, likelihood, sight_lines
 
-KERNEL = 1.0 / 3.0
+START_KERNEL_RATIO = 1.0 / 3.0
 """Share of the standard deviation of a given start that the kernel of each particle has."""
 
-EVEN = 0.2
+EVEN_HYPOTHESIS_SHARE = 0.2
 """Share of stage 1 that goes to the three hypotheses of the motion alike where a scan has no measurement.
 
 The next scan needs particles of rare hypotheses to choose among: a target that stops unseen, for example.  The
@@ -46,7 +46,7 @@ effective number falls by a tenth in such a step.
 """
 
 
-class Draw(NamedTuple):
+class ProposedParticles(NamedTuple):
     """Particles at the time of a scan, and how they came to be."""
 
     particles: WaypointParticles
@@ -59,8 +59,8 @@ class Draw(NamedTuple):
 
 
 def auxiliary_step(
-    model: Model, particles: WaypointParticles, weights: Floats, looks: PackedScan, dt: float, rng: Generator
-) -> Draw:
+    model: ApfModel, particles: WaypointParticles, weights: Floats, looks: PackedScan, dt: float, rng: Generator
+) -> ProposedParticles:
     """One step of the filter over a time of at most one reference step.
 
     Args:
@@ -75,19 +75,21 @@ def auxiliary_step(
         Particles at the time of the scan; their log-likelihood is -inf if none agrees with it.
     """
     if model.config.proposal == "scan" and dt > 0.0:
-        return _looking(model, particles, weights, looks, dt, rng)
-    return _blind(model, particles, weights, looks, dt, rng)
+        return _adapted_step(model, particles, weights, looks, dt, rng)
+    return _bootstrap_step(model, particles, weights, looks, dt, rng)
 
 
-def _blind(
-    model: Model, particles: WaypointParticles, weights: Floats, looks: PackedScan, dt: float, rng: Generator
-) -> Draw:
+def _bootstrap_step(
+    model: ApfModel, particles: WaypointParticles, weights: Floats, looks: PackedScan, dt: float, rng: Generator
+) -> ProposedParticles:
     """[Ercan] Alg. 1 as it is printed, but for the parent's weight in stage 2."""
     config = model.config
     # Stage 1, weigh the expected states kappa: w_l f(Z|kappa_l)
     arrived = waypoint.reached(particles, model.motion, model.floor)
     kappa = waypoint.expected_xy(particles, arrived, dt, model.motion)
-    first, fallback = _stage_1(log_of(weights) + likelihood(model, kappa, looks, ROUGH), weights, config.defensive)
+    first, fallback = _stage_1(
+        log_of(weights) + likelihood(model, kappa, looks, OCCLUDER_SUPPORT_SIGMAS_STAGE1), weights, config.defensive
+    )
     # Resample: systematic; pi_l is the parent of particle l
     parents, ratio = np.arange(len(weights)), weights
     if effective_sample_size(first) < config.resample_below * len(weights) or config.resample_below >= 1.0:
@@ -98,12 +100,12 @@ def _blind(
     particles = move(model, particles, arrived, dt, rng)
     # Stage 2, weigh: f(Z|u_l) over the stage-1 weight of the parent
     weights, log_sum = normalise_log_weights(log_of(ratio) + likelihood(model, particles.xy, looks))
-    return Draw(particles, weights, log_sum, fallback, parents)
+    return ProposedParticles(particles, weights, log_sum, fallback, parents)
 
 
-def _looking(
-    model: Model, particles: WaypointParticles, weights: Floats, looks: PackedScan, dt: float, rng: Generator
-) -> Draw:
+def _adapted_step(
+    model: ApfModel, particles: WaypointParticles, weights: Floats, looks: PackedScan, dt: float, rng: Generator
+) -> ProposedParticles:
     """[Ercan] Alg. 1 with hypotheses of the motion and the Laplace approximation of each."""
     config, L, n = model.config, len(weights), model.config.particles
     # Hypotheses: go on (MTD), change the destination (CD), wait (W)
@@ -118,12 +120,15 @@ def _looking(
     log_first = (log_of(prior) + near.log_volume + near.log_factors).reshape(3, L)
     # What the approximation leaves out, at the mode of each particle's best hypothesis
     best = np.argmax(log_first, axis=0) * L + np.arange(L)
-    log_first += likelihood(model, near.mode[best], looks, ROUGH, anywhere=True) - near.log_factors[best]
+    log_first += (
+        likelihood(model, near.mode[best], looks, OCCLUDER_SUPPORT_SIGMAS_STAGE1, anywhere=True)
+        - near.log_factors[best]
+    )
     # Stage 1, weigh the hypotheses, and resample: systematic
     first, fallback = _stage_1(log_first.reshape(-1), prior, config.defensive)
     if not len(rows):
         # Nobody saw the target: keep particles of every hypothesis for the next scan
-        first = (1.0 - EVEN) * first + EVEN * _evenly(weights, chance)
+        first = (1.0 - EVEN_HYPOTHESIS_SHARE) * first + EVEN_HYPOTHESIS_SHARE * _even_weights(weights, chance)
     chosen = systematic_ancestors(first, n, rng.random())
     parents, regime = chosen % L, chosen // L
     # Propose: places from the importance density, the velocity given the place
@@ -151,7 +156,7 @@ def _looking(
     log_ratio += log_of(prior[chosen]) - np.log(first[chosen]) - math.log(n)
     weights, log_sum = normalise_log_weights(log_ratio + likelihood(model, xy, looks))
     sharpness = float(0.5 * np.mean(np.sum(near.root[chosen] ** 2, axis=1)))
-    return Draw(moved, weights, log_sum, fallback, parents, sharpness)
+    return ProposedParticles(moved, weights, log_sum, fallback, parents, sharpness)
 
 
 def _stage_1(log_weights: Floats, prior: Floats, defensive: float) -> tuple[Floats, str]:
@@ -163,13 +168,13 @@ def _stage_1(log_weights: Floats, prior: Floats, defensive: float) -> tuple[Floa
     return (1.0 - defensive) * first + defensive * prior, fallback
 
 
-def _evenly(weights: Floats, chance: Floats) -> Floats:
+def _even_weights(weights: Floats, chance: Floats) -> Floats:
     """(3 L,) weights (L,) of particles, shared evenly among those hypotheses of each whose chance (3, L) is above 0."""
     possible = chance > 0.0
     return np.where(possible, weights / possible.sum(axis=0), 0.0).reshape(-1)
 
 
-def drift(model: Model, particles: WaypointParticles, dt: float, rng: Generator) -> WaypointParticles:
+def drift(model: ApfModel, particles: WaypointParticles, dt: float, rng: Generator) -> WaypointParticles:
     """Particles a time dt > 0 later, by steps no longer than the reference step."""
     parts = parts_of(dt, model)
     for _ in range(parts):
@@ -178,12 +183,12 @@ def drift(model: Model, particles: WaypointParticles, dt: float, rng: Generator)
     return particles
 
 
-def parts_of(dt: float, model: Model) -> int:
+def parts_of(dt: float, model: ApfModel) -> int:
     """Into how many steps a time is split, none longer than the reference step."""
     return max(1, math.ceil(dt / model.motion.reference_s - 1e-9))
 
 
-def move(model: Model, particles: WaypointParticles, arrived: Bools, dt: float, rng: Generator) -> WaypointParticles:
+def move(model: ApfModel, particles: WaypointParticles, arrived: Bools, dt: float, rng: Generator) -> WaypointParticles:
     """Draw from the importance density of [Ercan] Sec. 4.1; `arrived` is from `waypoint.reached`."""
     L = len(particles.speed)
     regime = waypoint.choose_regimes(particles, arrived, dt, model.motion, rng.random(L))
@@ -191,53 +196,53 @@ def move(model: Model, particles: WaypointParticles, arrived: Bools, dt: float, 
     return waypoint.move(particles, regime, places, rng.standard_normal((L, 4)), dt, model.motion)
 
 
-def destinations(model: Model, xy: Floats, rng: Generator) -> Floats:
+def destinations(model: ApfModel, xy: Floats, rng: Generator) -> Floats:
     """(n, 2) new destinations of targets at (n, 2) places: anywhere in the room, or without one not far away."""
     if model.views is None:
         return sample_floor(len(xy), model.floor, rng)
     return sample_near(xy, model.wander, model.floor, rng)
 
 
-def fresh(model: Model, start: tuple[float, ...] | None, rng: Generator) -> WaypointParticles:
+def initial_particles(model: ApfModel, start: tuple[float, ...] | None, rng: Generator) -> WaypointParticles:
     """Many particles, anywhere on the floor or around a start."""
     config = model.config
     n = config.particles * config.start_factor
     if start is not None:
-        shrink = math.sqrt(1.0 - KERNEL**2) if config.proposal == "scan" else 1.0
+        shrink = math.sqrt(1.0 - START_KERNEL_RATIO**2) if config.proposal == "scan" else 1.0
         xy = np.array(start[:2]) + shrink * start[2] * rng.standard_normal((n, 2))
     elif model.views is not None:
         xy = draw_places(n, model.views, rng)
     else:
         xy = sample_floor(n, model.floor, rng)
-    return _setting_out(model, xy, rng)
+    return _particles_at(model, xy, rng)
 
 
-def _setting_out(model: Model, xy: Floats, rng: Generator) -> WaypointParticles:
+def _particles_at(model: ApfModel, xy: Floats, rng: Generator) -> WaypointParticles:
     """Particles at (L, 2) places, on their way to anywhere at the usual speeds."""
     particles = waypoint.start_particles(xy, model.floor, model.config.speed, model.config.speed_spread, rng)
     return particles if model.views is None else particles._replace(destination=destinations(model, xy, rng))
 
 
-def begin_anew(model: Model, looks: PackedScan, rng: Generator) -> Draw:
+def reinitialise(model: ApfModel, looks: PackedScan, rng: Generator) -> ProposedParticles:
     """Particles drawn anew: all over the floor, or, without a room, where the scan says."""
     if model.views is None or model.measured is not None:
-        return weigh_start(model, fresh(model, None, rng), None, looks, rng)
+        return select_initial_particles(model, initial_particles(model, None, rng), None, looks, rng)
     n = model.config.particles * model.config.start_factor
     lines = sight_lines(looks, model.sensors, model.noise, model.views)
     xy, log_ratio = initial_positions(n, lines, model.views, rng)
-    return _chosen(model, _setting_out(model, xy, rng), log_ratio - math.log(n), 0.0, looks, rng)
+    return _chosen(model, _particles_at(model, xy, rng), log_ratio - math.log(n), 0.0, looks, rng)
 
 
-def weigh_start(
-    model: Model, particles: WaypointParticles, sigma: float | None, looks: PackedScan, rng: Generator
-) -> Draw:
+def select_initial_particles(
+    model: ApfModel, particles: WaypointParticles, sigma: float | None, looks: PackedScan, rng: Generator
+) -> ProposedParticles:
     """As many of fresh particles as the filter has, drawn by how well they agree with the scan.
 
     With the density `scan` each of them stands for a kernel about its place, which looks at the scan as in a step.
 
     Args:
         model: scene and settings.
-        particles: from `fresh`.
+        particles: from `initial_particles`.
         sigma: standard deviation of the start; None: they are all over the floor.
         looks: the scan.
         rng: draws.
@@ -246,7 +251,7 @@ def weigh_start(
     log_prior, sharpness = np.full(many, -math.log(many)), 0.0
     if config.proposal == "scan" and sigma != 0.0:
         # The kernels' width: what lies between the places of the floor, or a share of the start's
-        width2 = abs(signed_area(model.floor.room)) / many if sigma is None else (KERNEL * sigma) ** 2
+        width2 = abs(signed_area(model.floor.room)) / many if sigma is None else (START_KERNEL_RATIO * sigma) ** 2
         variance = np.full(many, width2)
         first_row, rows = evidence(model, looks)
         near = importance.adapt(particles.xy, variance, np.ones(many, dtype=np.bool_), first_row, rows)
@@ -265,14 +270,19 @@ def weigh_start(
 
 
 def _chosen(
-    model: Model, particles: WaypointParticles, log_prior: Floats, sharpness: float, looks: PackedScan, rng: Generator
-) -> Draw:
+    model: ApfModel,
+    particles: WaypointParticles,
+    log_prior: Floats,
+    sharpness: float,
+    looks: PackedScan,
+    rng: Generator,
+) -> ProposedParticles:
     """As many of the particles as the filter has, drawn by their weights (L,) and the likelihood of a scan."""
     weights, log_sum = normalise_log_weights(log_prior + likelihood(model, particles.xy, looks))
     n = model.config.particles
     drawn = systematic_ancestors(weights, n, rng.random())
     even = np.full(n, 1.0 / n)
-    return Draw(
+    return ProposedParticles(
         waypoint.select(particles, drawn),
         even,
         log_sum,

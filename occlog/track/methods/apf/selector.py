@@ -28,26 +28,26 @@ from occlog.filtering.likelihood.directions import MeasurementNoise
 from occlog.filtering.particles import mean_and_covariance
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
-from occlog.track.interface import Cloud, Config, Estimate, Prediction, State
+from occlog.track.interface import Config, Estimate, ParticleSet, State, TargetPredictor
 
 from .config import BY_ERROR, SelectConfig
 from .kernels.selection_metric import (
-    Moments,
+    CameraMoments,
+    joint_visibility,
     mean_square_errors,
     perspective_moments,
-    seen_together,
     views,
     weak_moments,
 )
 from .model import pack_noise, pack_sensors, read_noise
 
-MOST_SUBSETS = 50_000
+MAX_SUBSETS = 50_000
 """`brute-force` is refused where there are more subsets."""
-CLOUD = 1000
+MAX_PARTICLES = 1000
 """More particles than this are thinned out before the expectations are taken."""
 
 
-class Network(NamedTuple):
+class CameraChoice(NamedTuple):
     """The cameras to choose from."""
 
     cameras: tuple[int, ...]  # rows of the sensors
@@ -68,7 +68,7 @@ class Choice(NamedTuple):
 
 def network(
     scene: Scene, config: SelectConfig, usable: frozenset[str], detection: float | None, hiding: int = IMPROVED
-) -> Network:
+) -> CameraChoice:
     """What there is to choose from; UsageError for more cameras than there are, or an order that does not fit.
 
     Args:
@@ -90,19 +90,21 @@ def network(
         order = tuple(names.index(n) for n in config.order if names.index(n) in cameras)
         if config.policy == "fixed" and len(set(order)) < config.count:
             raise UsageError(f"select: order has {len(set(order))} usable cameras, want {config.count}")
-    if config.policy == "brute-force" and math.comb(len(cameras), config.count) > MOST_SUBSETS:
+    if config.policy == "brute-force" and math.comb(len(cameras), config.count) > MAX_SUBSETS:
         raise UsageError(
             f"select: brute-force of {config.count} out of {len(cameras)} cameras would try "
-            f"{math.comb(len(cameras), config.count)} subsets, limit {MOST_SUBSETS}; use greedy"
+            f"{math.comb(len(cameras), config.count)} subsets, limit {MAX_SUBSETS}; use greedy"
         )
     own = [scene.cameras[i].detection for i in cameras]
     hit = np.array([p if p is not None else 1.0 if detection is None else detection for p in own], dtype=np.float64)
-    return Network(
+    return CameraChoice(
         cameras, tuple(dict.fromkeys(order)), pack_sensors(scene), pack_noise(scene), read_noise(scene), hit, hiding
     )
 
 
-def choose(cloud: Cloud, priors: Priors | None, net: Network, config: SelectConfig, rng: Generator) -> Choice:
+def choose(
+    cloud: ParticleSet, priors: Priors | None, net: CameraChoice, config: SelectConfig, rng: Generator
+) -> Choice:
     """The cameras to use until the next selection.
 
     Args:
@@ -120,7 +122,9 @@ def choose(cloud: Cloud, priors: Priors | None, net: Network, config: SelectConf
     return Choice(tuple(sorted(net.cameras[n] for n in rows)), float(mse))
 
 
-def _rows(k: int, cloud: Cloud, moments: Moments, net: Network, policy: str, rng: Generator) -> list[int]:
+def _rows(
+    k: int, cloud: ParticleSet, moments: CameraMoments, net: CameraChoice, policy: str, rng: Generator
+) -> list[int]:
     """Places in `net.cameras` of the k cameras that a policy selects."""
     N = len(net.cameras)
     if policy == "greedy":
@@ -141,7 +145,7 @@ def _rows(k: int, cloud: Cloud, moments: Moments, net: Network, policy: str, rng
     return list(range(N))
 
 
-def greedy(moments: Moments, k: int) -> list[int]:
+def greedy(moments: CameraMoments, k: int) -> list[int]:
     """Alg. 2: k times the camera that, added to those selected, gives the least error."""
     chosen: list[int] = []
     N = len(moments.seen)
@@ -155,31 +159,31 @@ def greedy(moments: Moments, k: int) -> list[int]:
     return chosen
 
 
-def _moments(cloud: Cloud, priors: Priors, net: Network, model: str) -> Moments:
+def _moments(cloud: ParticleSet, priors: Priors, net: CameraChoice, model: str) -> CameraMoments:
     xy, weights = cloud
     inside = views(xy, net.cameras, net.sensors)
-    together = seen_together(xy, weights, net.cameras, net.sensors, inside, priors, net.hit, net.hiding)
+    together = joint_visibility(xy, weights, net.cameras, net.sensors, inside, priors, net.hit, net.hiding)
     if model == "weak":
         return weak_moments(xy, weights, net.cameras, net.sensors, net.noise, net.read_px, together)
     return perspective_moments(xy, weights, net.cameras, net.sensors, net.noise, net.read_px, inside, together)
 
 
-def _thin(cloud: Cloud) -> Cloud:
+def _thin(cloud: ParticleSet) -> ParticleSet:
     """Every n-th particle of a large cloud."""
-    every = -(-len(cloud.weights) // CLOUD)
+    every = -(-len(cloud.weights) // MAX_PARTICLES)
     if every == 1:
         return cloud
     weights = cloud.weights[::every]
-    return Cloud(np.ascontiguousarray(cloud.xy[::every]), weights / weights.sum())
+    return ParticleSet(np.ascontiguousarray(cloud.xy[::every]), weights / weights.sum())
 
 
-CLEAR = 0.8
+PRIOR_VISIBILITY = 0.8
 """Probability that a camera whose view holds the target has it in plain view, of which nothing is known yet."""
-MOST_SURE = 0.9
+MAX_DETECTION_PROBABILITY = 0.9
 """Probabilities of detection above this count as this when a camera looks in vain."""
-NEW = ("restart", "gap")
+RESTART_FALLBACKS = ("restart", "gap")
 """Values of `fallback` of estimates of a filter that has begun anew."""
-ENOUGH = 2
+MIN_CAMERAS_TO_LOCALISE = 2
 """Cameras that see a target tell where it is."""
 FOREVER_NS = 2.0**63
 """No two times are further apart."""
@@ -192,7 +196,7 @@ class Selected(NamedTuple):
     choice: Choice
 
 
-class InView(NamedTuple):
+class ObservedVisibility(NamedTuple):
     """What a target's cameras saw of it lately, beyond what the scene says of views."""
 
     clear: Floats  # (C,) probability that each camera of the scene has the target in plain view, if the scene says so
@@ -211,7 +215,7 @@ class TargetFilter(NamedTuple, Generic[State]):
     selected: Selected | None = None
     offered: int = 0  # frames of scans that are in no row yet
     mse: float = math.nan  # metric of a selection that is in no row yet
-    in_view: InView | None = None  # None: nothing was looked at yet
+    in_view: ObservedVisibility | None = None  # None: nothing was looked at yet
 
 
 class Selector(Generic[State, Config]):
@@ -219,7 +223,7 @@ class Selector(Generic[State, Config]):
 
     def __init__(
         self,
-        prediction: Prediction[State, Config],
+        prediction: TargetPredictor[State, Config],
         config: Config,
         scene: Scene,
         selection: SelectConfig,
@@ -263,7 +267,7 @@ class Selector(Generic[State, Config]):
         net = self._net
         if own.in_view is not None:
             clear = self._relaxed(own.in_view, t_ns)[list(net.cameras)]
-            net = net._replace(hit=net.hit * np.minimum(clear / CLEAR, 1.0))
+            net = net._replace(hit=net.hit * np.minimum(clear / PRIOR_VISIBILITY, 1.0))
         choice = choose(cloud, priors, net, self._selection, own.selecting)
         return own._replace(selected=Selected(t_ns, choice), mse=choice.mse)
 
@@ -271,29 +275,33 @@ class Selector(Generic[State, Config]):
         """The filter with what its cameras saw in a scan.
 
         A camera that looked in vain less probably has the target in plain view, by Bayes' rule: somebody or something
-        hides it there.  The probability goes back to `CLEAR` within the time between selections.  With priors of the
-        moving occluders these say who hides the target, and nothing is learned.
+        hides it there.  The probability goes back to `PRIOR_VISIBILITY` within the time between selections.  With
+        priors of the moving occluders these say who hides the target, and nothing is learned.
         """
         if not self._patience or scan.occluders is not None or estimate.seen_by is None:
             return own
-        before = own.in_view or InView(np.full(self._cameras, CLEAR), scan.t_ns, unseen=0, found=False)
+        before = own.in_view or ObservedVisibility(
+            np.full(self._cameras, PRIOR_VISIBILITY), scan.t_ns, unseen=0, found=False
+        )
         clear = self._relaxed(before, scan.t_ns)
         for camera, hit in zip(self._net.cameras, self._net.hit.tolist(), strict=True):
             if camera in estimate.seen_by:
                 clear[camera] = 1.0
             elif camera in estimate.used:
-                miss = clear[camera] * (1.0 - min(hit, MOST_SURE))
+                miss = clear[camera] * (1.0 - min(hit, MAX_DETECTION_PROBABILITY))
                 clear[camera] = miss / (miss + 1.0 - clear[camera])
         seen = len(set(estimate.seen_by))
         chosen = seen if own.selected is None else len(own.selected.choice.cameras)
-        unseen = before.unseen + 1 if seen < min(ENOUGH, chosen) else 0
-        found = seen >= min(ENOUGH, len(self._net.cameras)) or (before.found and estimate.fallback not in NEW)
-        return own._replace(in_view=InView(clear, scan.t_ns, unseen, found))
+        unseen = before.unseen + 1 if seen < min(MIN_CAMERAS_TO_LOCALISE, chosen) else 0
+        found = seen >= min(MIN_CAMERAS_TO_LOCALISE, len(self._net.cameras)) or (
+            before.found and estimate.fallback not in RESTART_FALLBACKS
+        )
+        return own._replace(in_view=ObservedVisibility(clear, scan.t_ns, unseen, found))
 
-    def _relaxed(self, in_view: InView, t_ns: int) -> Floats:
+    def _relaxed(self, in_view: ObservedVisibility, t_ns: int) -> Floats:
         """(C,) probabilities of plain views at a later time."""
         left = math.exp(-(t_ns - in_view.t_ns) / NS / self._memory_s)
-        return np.asarray(CLEAR + (in_view.clear - CLEAR) * left)
+        return np.asarray(PRIOR_VISIBILITY + (in_view.clear - PRIOR_VISIBILITY) * left)
 
     def asked(self, own: TargetFilter[State], scan: Scan) -> Scan | None:
         """What selected cameras and all microphone arrays say; None if that is nothing."""

@@ -13,20 +13,20 @@ from occlog.core.numerics.jit import kernel
 from occlog.filtering.motion import waypoint
 from occlog.filtering.motion.waypoint import WaypointModel, WaypointParticles
 from occlog.filtering.particles import systematic_ancestors
-from occlog.track.interface import Past
+from occlog.track.interface import SmoothedState
 
 from .config import ApfConfig
 from .kernels.backward import parents_of
-from .model import Model
+from .model import ApfModel
 
 CANDIDATES = 500
 """Particles of the step before among which each trajectory chooses, besides its own parent."""
 
-LEAST_EFFECTIVE = 1.5
+MIN_EFFECTIVE_SAMPLE_SIZE = 1.5
 """Fewer places count as so many, so that a single one does not count as certain."""
 
 
-class Link(NamedTuple):
+class ParticleRecord(NamedTuple):
     """The particles after one step of the filter, as the way back wants them."""
 
     states: Floats  # (L, 5) from `waypoint.headings`
@@ -38,19 +38,26 @@ class Link(NamedTuple):
     sharpness: float  # mean variance per axis of the densities that the places were drawn from; 0: not known
 
 
-Trace = tuple[Link, ...]
+Trace = tuple[ParticleRecord, ...]
 """What a scan leaves for the way back: its link, after those of the steps that led there without a scan."""
 
 
-def link(
-    particles: WaypointParticles, weights: Floats, parents: Ints | None, dt: float, model: Model, sharpness: float = 0.0
-) -> Link:
+def record_particles(
+    particles: WaypointParticles,
+    weights: Floats,
+    parents: Ints | None,
+    dt: float,
+    model: ApfModel,
+    sharpness: float = 0.0,
+) -> ParticleRecord:
     """The link of particles after a step."""
     arrived = waypoint.reached(particles, model.motion, model.floor)
-    return Link(waypoint.headings(particles, model.motion), particles.regime, arrived, weights, parents, dt, sharpness)
+    return ParticleRecord(
+        waypoint.headings(particles, model.motion), particles.regime, arrived, weights, parents, dt, sharpness
+    )
 
 
-def smooth(traces: Sequence[Trace], config: ApfConfig, motion: WaypointModel, rng: Generator) -> list[Past]:
+def smooth(traces: Sequence[Trace], config: ApfConfig, motion: WaypointModel, rng: Generator) -> list[SmoothedState]:
     """Smooth by trajectories drawn backwards, a state for each scan; see `occlog.track.methods.apf.kernels.backward`.
 
     Args:
@@ -60,8 +67,8 @@ def smooth(traces: Sequence[Trace], config: ApfConfig, motion: WaypointModel, rn
         rng: draws.
     """
     M = config.trajectories
-    found: list[Past] = []
-    later: Link | None = None
+    found: list[SmoothedState] = []
+    later: ParticleRecord | None = None
     chosen = np.empty(0, dtype=np.int64)
     for trace in reversed(traces):
         for step in range(len(trace) - 1, -1, -1):
@@ -77,7 +84,7 @@ def smooth(traces: Sequence[Trace], config: ApfConfig, motion: WaypointModel, rn
     return found[::-1]
 
 
-def _parents(now: Link, later: Link, chosen: Ints, motion: WaypointModel, rng: Generator) -> Ints:
+def _parents(now: ParticleRecord, later: ParticleRecord, chosen: Ints, motion: WaypointModel, rng: Generator) -> Ints:
     """The particles of a link from which those chosen of the later one came."""
     count = min(CANDIDATES, len(now.weights))
     own = chosen if later.parents is None else later.parents[chosen]
@@ -117,7 +124,7 @@ def kernel_variance(states: Floats, weights: Floats) -> tuple[float, float]:
     return 0.5 * (variance[0] + variance[1]) * share, 0.5 * (variance[2] + variance[3]) * share
 
 
-def _state(now: Link, chosen: Ints) -> Past:
+def _state(now: ParticleRecord, chosen: Ints) -> SmoothedState:
     """Mean and covariance of the places, and mean velocity, of the particles that trajectories go through.
 
     Where trajectories share particles there are fewer places than trajectories, n effective ones.  Their spread is
@@ -129,6 +136,6 @@ def _state(now: Link, chosen: Ints) -> Past:
     centred = states[:, :2] - xy
     M = len(chosen)
     counts = np.unique(chosen, return_counts=True)[1]
-    n = max(M * M / float(counts @ counts), LEAST_EFFECTIVE)
+    n = max(M * M / float(counts @ counts), MIN_EFFECTIVE_SAMPLE_SIZE)
     covariance = centred.T @ centred / M * (n / (n - 1.0)) + now.sharpness / n * np.eye(2)
-    return Past(xy=xy, velocity=(states[:, 2:4] * going[:, None]).mean(axis=0), covariance=covariance)
+    return SmoothedState(xy=xy, velocity=(states[:, 2:4] * going[:, None]).mean(axis=0), covariance=covariance)

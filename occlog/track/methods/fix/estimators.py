@@ -22,8 +22,8 @@ All of them are looked for, from where each two lines cross, by Gauss and Newton
 highest mode.  Its covariance is the second moment of all modes about it, by their heights, so that it is wide where it
 cannot be told which bearing is false.  (Volumes do not count: lines that are next to parallel would meet at infinity.)
 
-Few residuals tell little of the errors' scale: they are pooled with what is stated, which counts as much as `WORTH`
-of them, and the covariance is that of Student's distribution with so many degrees of freedom.
+Few residuals tell little of the errors' scale: they are pooled with what is stated, which counts as much as
+`PRIOR_RESIDUALS` of them, and the covariance is that of Student's distribution with so many degrees of freedom.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def repeated_median_jackknife(places: Floats, bearings: Floats) -> Folded | None
 
 
 ITERATIONS = 300
-TIGHT = 1e-10
+RELATIVE_TOLERANCE = 1e-10
 
 
 class Fix(NamedTuple):
@@ -204,7 +204,7 @@ def _iterate(
             return None
         # Converged: the position hardly moves
         scale = 1.0 + float(np.abs(places - new).max())
-        if xy is not None and iteration > 2 and float(np.abs(new - xy).max()) < TIGHT * scale:
+        if xy is not None and iteration > 2 and float(np.abs(new - xy).max()) < RELATIVE_TOLERANCE * scale:
             return _fix_at(new, equations, weights, kappa, learned)
         xy = new
     return None
@@ -282,16 +282,16 @@ def _ahead(places: Floats, bearings: Floats, found: Fix) -> bool:
     return finite and int(ahead.sum()) >= 2 and bool(counted > 0.5 * found.weights.sum())
 
 
-WORTH = 10.0
+PRIOR_RESIDUALS = 10.0
 """What is stated counts as much as so many residuals."""
 MAX_EM_ITERATIONS, HALVINGS = 50, 8
 EM_TOLERANCE = 1e-9
 """Largest move of a mode in its last iteration, as a share of the distances."""
-SAME = 1e-4
+MODE_MERGE_DISTANCE = 1e-4
 """Modes that are nearer, as a share of the distances, are one."""
-RARE = 0.01
+MIN_MODE_PROBABILITY = 0.01
 """Modes less probable than this do not count."""
-FLAT = 1e-9
+MIN_INFORMATION_RATIO = 1e-9
 """Modes whose information differs by a smaller factor along and across are no positions."""
 
 
@@ -313,8 +313,8 @@ def pooled_factor(squares: float, freedom: float) -> float:
         squares: sum of the squared residuals in standard deviations.
         freedom: how many of them are more than were fitted, >= 0.
     """
-    degrees = WORTH + freedom
-    return (WORTH + squares) / degrees * degrees / (degrees - 2.0)
+    degrees = PRIOR_RESIDUALS + freedom
+    return (PRIOR_RESIDUALS + squares) / degrees * degrees / (degrees - 2.0)
 
 
 def modes(places: Floats, bearings: Floats, sigma: Floats, bend: float) -> Modes | None:
@@ -335,7 +335,9 @@ def modes(places: Floats, bearings: Floats, sigma: Floats, bend: float) -> Modes
     residual, believed, across = _at(xy, places, bearings, sigma, bend)
     information = np.einsum("mn,mni,mnj->mij", believed, across, across)
     size = np.linalg.eigvalsh(information)
-    good = np.isfinite(xy).all(axis=1) & (size[:, 0] > FLAT * size[:, 1]) & (believed.sum(axis=1) > 1.5)
+    good = (
+        np.isfinite(xy).all(axis=1) & (size[:, 0] > MIN_INFORMATION_RATIO * size[:, 1]) & (believed.sum(axis=1) > 1.5)
+    )
     if not good.any():
         return None
     xy, residual, believed, information = xy[good], residual[good], believed[good], information[good]
@@ -344,10 +346,10 @@ def modes(places: Floats, bearings: Floats, sigma: Floats, bend: float) -> Modes
     scale = np.hypot(*(places - places.mean(axis=0)).T).max() + 1e-300
     kept: list[int] = []
     for m in order.tolist():
-        if all(np.hypot(*(xy[m] - xy[k])) > SAME * scale for k in kept):
+        if all(np.hypot(*(xy[m] - xy[k])) > MODE_MERGE_DISTANCE * scale for k in kept):
             kept.append(m)
     weight = np.exp(log[kept] - log[kept[0]])
-    chosen = np.array(kept)[weight / weight.sum() >= RARE]
+    chosen = np.array(kept)[weight / weight.sum() >= MIN_MODE_PROBABILITY]
     weight = weight[: len(chosen)]
     covariance = _with_distances(xy[chosen], np.linalg.inv(information[chosen]), believed[chosen], places, sigma)
     return Modes(xy[chosen], covariance, believed[chosen], residual[chosen], weight / weight.sum())

@@ -20,13 +20,13 @@ from occlog.errors import UsageError
 from occlog.filtering.likelihood.distances import RangeMeasurements
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
-from occlog.track.interface import Estimate, Fit, Online
+from occlog.track.interface import BearingResiduals, Estimate, Online
 
 from .config import BENDS, MIXTURE, FixConfig
 from .estimators import Fix, Modes, crossings, fix, modes, pooled_factor, spread_of
-from .mixed import SECOND, Lines, contested, measured_at, modes_of
+from .mixed import MIN_SECOND_MODE_PROBABILITY, BearingLines, has_rival_mode, measured_at, modes_of
 
-MOST_PAIRS = 40_000
+MAX_PAIRS = 40_000
 """Pairs of candidates that are tried; beyond, the least certain candidates are left out."""
 STATED, PAIR, AMBIGUOUS, UNCHECKED, CONTESTED = "stated", "pair", "ambiguous", "unchecked", "contested"
 
@@ -68,7 +68,7 @@ def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimat
     told = "" if found.estimated or (config.spread != "residuals" and len(rows) > 2) else scarce
     if config.spread == "stated":
         told = ""
-    believed = found.weights if config.estimator == MIXTURE else _beliefs(off / sigma)
+    believed = found.weights if config.estimator == MIXTURE else _inlier_probabilities(off / sigma)
     saw = np.unique(scan.sensor[rows][believed >= 0.5])
     return state, Estimate(
         xy=found.xy,
@@ -81,7 +81,7 @@ def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimat
         fallback=told,
         used=tuple(used.tolist()),
         seen_by=tuple(saw.tolist()),
-        fit=Fit(
+        fit=BearingResiduals(
             np.zeros(len(rows), dtype=np.int64),
             scan.sensor[rows],
             off / sigma,
@@ -101,7 +101,7 @@ def _mixed(state: FixState, scan: Scan, rows: Ints, distances: RangeMeasurements
         raise UsageError(f"estimator {config.estimator} takes bearings alone; with measurements use {MIXTURE}")
     if len(rows) + len(distances.kind) < 2:
         return None
-    lines = Lines(state.places[scan.sensor[rows]], scan.bearing[rows], scan.sigma[rows], config.bent)
+    lines = BearingLines(state.places[scan.sensor[rows]], scan.bearing[rows], scan.sigma[rows], config.bent)
     found = modes_of(lines, distances, state.room)
     if found is None:
         return None
@@ -123,10 +123,10 @@ def _mixed(state: FixState, scan: Scan, rows: Ints, distances: RangeMeasurements
         log_likelihood=float(score.sum()),
         n_looked=len(np.unique(np.concatenate([scan.sensor, distances.station]))),
         n_seen=len(used),
-        fallback=_doubt(found, config.spread),
+        fallback=_fallback(found, config.spread),
         used=tuple(used.tolist()),
         seen_by=tuple(np.unique(sensor[believed >= 0.5]).tolist()),
-        fit=Fit(
+        fit=BearingResiduals(
             row=np.zeros(len(sensor), dtype=np.int64),
             sensor=sensor,
             residual=found.residual[0],
@@ -136,16 +136,16 @@ def _mixed(state: FixState, scan: Scan, rows: Ints, distances: RangeMeasurements
     )
 
 
-def _doubt(found: Modes, spread: str) -> str:
+def _fallback(found: Modes, spread: str) -> str:
     """What is to be said of a place: several fit, two measurements alone tell it, or one of more may be false."""
-    if len(found.xy) > 1 and found.probability[1] >= SECOND:
+    if len(found.xy) > 1 and found.probability[1] >= MIN_SECOND_MODE_PROBABILITY:
         return AMBIGUOUS
     believed = found.believed[0]
     if len(believed) == 2:
         return PAIR if spread != "stated" else ""
     if np.count_nonzero(believed >= 0.5) <= 2:
         return UNCHECKED
-    return CONTESTED if contested(found) else ""
+    return CONTESTED if has_rival_mode(found) else ""
 
 
 def _estimated(config: FixConfig, places: Floats, bearings: Floats, sigma: Floats) -> Fix | None:
@@ -168,7 +168,7 @@ def _estimated(config: FixConfig, places: Floats, bearings: Floats, sigma: Float
     return fixed._replace(covariance=factor * fixed.kappa / stated * fixed.covariance, estimated=False)
 
 
-def _beliefs(residual: Floats) -> Floats:
+def _inlier_probabilities(residual: Floats) -> Floats:
     """Probability that bearings are true, given a position."""
     return np.asarray(1.0 / (1.0 + np.exp(np.minimum(0.5 * (residual**2 - BENDS[MIXTURE] ** 2), 700.0))))
 
@@ -196,8 +196,8 @@ def _rows(state: FixState, scan: Scan) -> Ints:
 
 def _agreed(state: FixState, scan: Scan, rows: Ints) -> Ints:
     """One row a sensor at most: those that agree with the crossing on which most sensors agree."""
-    if len(rows) ** 2 > MOST_PAIRS:
-        keep = np.lexsort((scan.sigma[rows], ~scan.labelled[rows]))[: int(MOST_PAIRS**0.5)]
+    if len(rows) ** 2 > MAX_PAIRS:
+        keep = np.lexsort((scan.sigma[rows], ~scan.labelled[rows]))[: int(MAX_PAIRS**0.5)]
         rows = rows[np.sort(keep)]
     sensor, bearings, sigma = scan.sensor[rows], scan.bearing[rows], scan.sigma[rows]
     places, gate = state.places[sensor], state.config.gate

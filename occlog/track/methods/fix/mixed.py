@@ -7,8 +7,8 @@ reweighting.  Several modes are usual: circles of two ranges meet twice, and sen
 the other.  A room speaks against modes outside of it, as one measurement more.
 
 Blunt measurements (a signal strength has an error of half the distance) leave likelihoods that are no Gaussians.  The
-spread about a mode is therefore the second moment of the likelihood itself over a grid of `ACROSS` x `ACROSS` places
-that are even in the Gaussian's own coordinates.
+spread about a mode is therefore the second moment of the likelihood itself over a grid of `MODE_GRID_SIZE` x
+`MODE_GRID_SIZE` places that are even in the Gaussian's own coordinates.
 """
 
 from __future__ import annotations
@@ -33,27 +33,36 @@ from occlog.filtering.likelihood.distances import (
     without_detours,
 )
 
-from .estimators import EM_TOLERANCE, FLAT, HALVINGS, MAX_EM_ITERATIONS, RARE, SAME, Modes, crossings
+from .estimators import (
+    EM_TOLERANCE,
+    HALVINGS,
+    MAX_EM_ITERATIONS,
+    MIN_INFORMATION_RATIO,
+    MIN_MODE_PROBABILITY,
+    MODE_MERGE_DISTANCE,
+    Modes,
+    crossings,
+)
 
-GRID, REACH, BEST = 24, 1.0, 12
+GRID, GRID_REACH_EXTENTS, MAX_STARTS = 24, 1.0, 12
 """Starts on a grid of so many places a side, which reaches so many extents beyond the sensors; the best are climbed."""
 COARSE = (0.5, 0.125, 0.03)
 """Shares of the grid's step that standard deviations hold besides, while places of the grid are climbed."""
-PAIRS, FITTING = 45, 2.0
+PAIRS, START_GATE_SIGMAS = 45, 2.0
 """Of at most so many pairs, meetings on the grid are starts: where both measurements are within so many deviations."""
-ACROSS, WIDE = 25, 5.0
+MODE_GRID_SIZE, MODE_GRID_SIGMAS = 25, 5.0
 """Places a side of the grid over a mode, and how many standard deviations it reaches."""
-SHORTER = 8
+MAX_REFINEMENTS = 8
 """How often such a grid is tried, each time with a quarter of the length where it is too coarse."""
-SECOND = 0.05
+MIN_SECOND_MODE_PROBABILITY = 0.05
 """Another mode at least so probable makes a position ambiguous."""
-RIVALS, SCATTERED = 0.005, 0.01
+MIN_RIVAL_LIKELIHOOD, MIN_SCATTER_SIGNIFICANCE = 0.005, 0.01
 """Where a measurement is not believed others may be false, too: other places with at least this share of the
-likelihood contest a position (where all are believed, with `SECOND`), and so do residuals of what is believed whose sum
-of squares is passed with a smaller probability than this."""
+likelihood contest a position (where all are believed, with `MIN_SECOND_MODE_PROBABILITY`), and so do residuals of what
+is believed whose sum of squares is passed with a smaller probability than this."""
 
 
-class Lines(NamedTuple):
+class BearingLines(NamedTuple):
     """n lines of sight."""
 
     places: Floats  # (n, 2) where they were taken
@@ -62,14 +71,14 @@ class Lines(NamedTuple):
     bend: float  # standard deviations at which one is as likely false as true
 
 
-class Both(NamedTuple):
+class LineAndDistanceResiduals(NamedTuple):
     """Residuals (M, n + m) of lines and distances at M places, and gradients (M, n + m, 2), in standard deviations."""
 
     residual: Floats
     gradient: Floats
 
 
-def modes_of(lines: Lines, distances: RangeMeasurements, room: Floats | None = None) -> Modes | None:
+def modes_of(lines: BearingLines, distances: RangeMeasurements, room: Floats | None = None) -> Modes | None:
     """The modes of the likelihood of a position; None where the measurements do not tell one.
 
     Args:
@@ -90,18 +99,23 @@ def modes_of(lines: Lines, distances: RangeMeasurements, room: Floats | None = N
     believed = there.direct
     information = np.einsum("mn,mni,mnj->mij", there.weight, at.gradient, at.gradient)
     size = np.linalg.eigvalsh(information)
-    near = np.abs(xy - _middle(lines, distances)).max(axis=1) < (1.0 + 2.0 * REACH) * scale
-    good = np.isfinite(xy).all(axis=1) & (size[:, 0] > FLAT * size[:, 1]) & (believed.sum(axis=1) > 1.5) & near
+    near = np.abs(xy - _middle(lines, distances)).max(axis=1) < (1.0 + 2.0 * GRID_REACH_EXTENTS) * scale
+    good = (
+        np.isfinite(xy).all(axis=1)
+        & (size[:, 0] > MIN_INFORMATION_RATIO * size[:, 1])
+        & (believed.sum(axis=1) > 1.5)
+        & near
+    )
     if not good.any():
         return None
     xy, residual, believed, information = xy[good], at.residual[good], believed[good], information[good]
     log = log_density(residual, errors).sum(axis=1) + _log_inside(xy, information, room, errors)
     kept: list[int] = []
     for m in np.argsort(-log, kind="stable").tolist():
-        if all(np.hypot(*(xy[m] - xy[k])) > SAME * scale for k in kept):
+        if all(np.hypot(*(xy[m] - xy[k])) > MODE_MERGE_DISTANCE * scale for k in kept):
             kept.append(m)
     weight = np.exp(log[kept] - log[kept[0]])
-    chosen = np.array(kept)[weight / weight.sum() >= RARE]
+    chosen = np.array(kept)[weight / weight.sum() >= MIN_MODE_PROBABILITY]
     weight = weight[: len(chosen)]
     narrow = np.linalg.inv(information[chosen])
     volume = log[kept] - 0.5 * np.linalg.slogdet(information[kept])[1]
@@ -111,7 +125,7 @@ def modes_of(lines: Lines, distances: RangeMeasurements, room: Floats | None = N
     return Modes(xy[chosen], covariance, believed[chosen], residual[chosen], weight / weight.sum(), elsewhere)
 
 
-def contested(found: Modes) -> bool:
+def has_rival_mode(found: Modes) -> bool:
     """Whether a false measurement may be among those that are believed at the first mode.
 
     Two tests: whether other places, at which fewer agree, are possible; and the sum of squares of the residuals, which
@@ -120,11 +134,11 @@ def contested(found: Modes) -> bool:
     believed = found.believed[0] >= 0.5
     spare = int(np.count_nonzero(believed)) - 2
     squares = float((found.residual[0, believed] ** 2).sum())
-    most = SECOND if believed.all() else RIVALS
-    return found.elsewhere >= most or (spare > 0 and float(chdtrc(spare, squares)) < SCATTERED)
+    most = MIN_SECOND_MODE_PROBABILITY if believed.all() else MIN_RIVAL_LIKELIHOOD
+    return found.elsewhere >= most or (spare > 0 and float(chdtrc(spare, squares)) < MIN_SCATTER_SIGNIFICANCE)
 
 
-def measured_at(lines: Lines, distances: RangeMeasurements, xy: Floats) -> Both:
+def measured_at(lines: BearingLines, distances: RangeMeasurements, xy: Floats) -> LineAndDistanceResiduals:
     """Residuals and gradients of lines, then of distances, at (M, 2) places."""
     away = xy[:, None, :] - lines.places[None]
     off = lines.bearings - np.arctan2(away[..., 1], away[..., 0])
@@ -132,10 +146,14 @@ def measured_at(lines: Lines, distances: RangeMeasurements, xy: Floats) -> Both:
     squared = np.maximum((away**2).sum(axis=2), 1e-24)
     across = np.stack([-away[..., 1], away[..., 0]], axis=2) / (squared * lines.sigma)[..., None]
     told = linearise(distances, xy)
-    return Both(np.concatenate([turned, told.residual], axis=1), np.concatenate([across, told.gradient], axis=1))
+    return LineAndDistanceResiduals(
+        np.concatenate([turned, told.residual], axis=1), np.concatenate([across, told.gradient], axis=1)
+    )
 
 
-def _moment(lines: Lines, distances: RangeMeasurements, errors: DistanceErrors, xy: Floats, narrow: Floats) -> Floats:
+def _moment(
+    lines: BearingLines, distances: RangeMeasurements, errors: DistanceErrors, xy: Floats, narrow: Floats
+) -> Floats:
     """(2, 2) second moment about a mode of the likelihood of what is not false there, by a grid.
 
     The grid is even in the coordinates of the Gaussian of the mode, whose covariance is `narrow`.  Where circles touch,
@@ -146,9 +164,9 @@ def _moment(lines: Lines, distances: RangeMeasurements, errors: DistanceErrors, 
     true = errors._replace(bend=np.full_like(errors.bend, np.inf))
     size, axes = np.linalg.eigh(narrow)
     reach = np.sqrt(size)
-    ticks = np.linspace(-WIDE, WIDE, ACROSS)
+    ticks = np.linspace(-MODE_GRID_SIGMAS, MODE_GRID_SIGMAS, MODE_GRID_SIZE)
     grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
-    for _ in range(SHORTER):
+    for _ in range(MAX_REFINEMENTS):
         away = grid * reach @ axes.T
         log = log_density(measured_at(lines, distances, xy + away).residual, true) @ believed
         weight = np.exp(log - log.max())
@@ -161,7 +179,7 @@ def _moment(lines: Lines, distances: RangeMeasurements, errors: DistanceErrors, 
 
 
 def _starts(
-    lines: Lines, distances: RangeMeasurements, errors: DistanceErrors, scale: float
+    lines: BearingLines, distances: RangeMeasurements, errors: DistanceErrors, scale: float
 ) -> tuple[Floats, Floats, float, Bools]:
     """Where to begin.
 
@@ -179,13 +197,13 @@ def _starts(
         _leaving(lines, distances.place[ring], flat[ring]),
     ]
     # A grid, with standard deviations that are no narrower than its cells; the best local minima
-    side = np.linspace(-(0.5 + REACH), 0.5 + REACH, GRID) * scale
+    side = np.linspace(-(0.5 + GRID_REACH_EXTENTS), 0.5 + GRID_REACH_EXTENTS, GRID) * scale
     grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2) + _middle(lines, distances)
     at = measured_at(lines, distances, grid)
     cell = side[1] - side[0]
     variance = _widened(at, 0.5 * cell)
     soft = at.residual / np.sqrt(variance)
-    best = _local_minima(_cost(soft, errors.widened(variance)).reshape(GRID, GRID), BEST)
+    best = _local_minima(_cost(soft, errors.widened(variance)).reshape(GRID, GRID), MAX_STARTS)
     differs = np.concatenate([np.zeros(len(lines.sigma), dtype=np.bool_), distances.kind == DIFFERENCE])
     met = [(pair, _meetings(soft[:, pair])) for pair in _pairs(differs)]
     own = np.zeros((len(best) + sum(len(places) for _, places in met), len(errors.bend)), dtype=np.bool_)
@@ -206,11 +224,11 @@ def _pairs(differs: Bools) -> list[list[int]]:
 
 def _meetings(soft: Floats) -> Ints:
     """Flat indices of the places of the grid where two measurements meet, from their (G, 2) softened residuals."""
-    low = _local_minima((soft**2).sum(axis=1).reshape(GRID, GRID), BEST)
-    return np.asarray(low[(np.abs(soft[low]) <= FITTING).all(axis=1)])
+    low = _local_minima((soft**2).sum(axis=1).reshape(GRID, GRID), MAX_STARTS)
+    return np.asarray(low[(np.abs(soft[low]) <= START_GATE_SIGMAS).all(axis=1)])
 
 
-def _widened(at: Both, wide: float) -> Floats:
+def _widened(at: LineAndDistanceResiduals, wide: float) -> Floats:
     """(M, n) variances of residuals that also hold an error of so much of the place."""
     return np.asarray(1.0 + wide**2 * np.sum(at.gradient**2, axis=2))
 
@@ -224,7 +242,7 @@ def _local_minima(cost: Floats, most: int) -> Ints:
     return np.asarray(low[np.argsort(cost.reshape(-1)[low], kind="stable")][:most])
 
 
-def _line_crossings(lines: Lines) -> Floats:
+def _line_crossings(lines: BearingLines) -> Floats:
     """(K, 2) where lines cross ahead of both sensors."""
     if len(lines.sigma) < 2:
         return np.empty((0, 2))
@@ -249,7 +267,7 @@ def _circle_crossings(centre: Floats, radius: Floats) -> Floats:
     return np.concatenate([middle + aside[:, None] * left, middle - aside[:, None] * left])
 
 
-def _leaving(lines: Lines, centre: Floats, radius: Floats) -> Floats:
+def _leaving(lines: BearingLines, centre: Floats, radius: Floats) -> Floats:
     """(K, 2) where half-lines meet circles, or come nearest to them."""
     ahead = np.column_stack([np.cos(lines.bearings), np.sin(lines.bearings)])[:, None, :]
     to = centre[None] - lines.places[:, None, :]
@@ -262,7 +280,7 @@ def _leaving(lines: Lines, centre: Floats, radius: Floats) -> Floats:
 
 def _climbed(
     xy: Floats,
-    lines: Lines,
+    lines: BearingLines,
     distances: RangeMeasurements,
     errors: DistanceErrors,
     scale: float,
@@ -286,7 +304,7 @@ def _climbed(
         variance = _widened(at, wide)
         soft = 1.0 / np.sqrt(variance) if own is None else own / np.sqrt(variance)
         blunt = errors.widened(variance)
-        at = Both(at.residual * soft, at.gradient * soft[..., None])
+        at = LineAndDistanceResiduals(at.residual * soft, at.gradient * soft[..., None])
         pulled = score_and_information(at.residual, blunt)
         information = np.einsum("mn,mni,mnj->mij", pulled.weight, at.gradient, at.gradient)
         ridge = 1e-9 * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(2) + 1e-300 * np.eye(2)
@@ -333,16 +351,16 @@ def _cost(residual: Floats, errors: DistanceErrors) -> Floats:
     return np.asarray(-log_density(residual, errors).sum(axis=1))
 
 
-def _places(lines: Lines, distances: RangeMeasurements) -> Floats:
+def _places(lines: BearingLines, distances: RangeMeasurements) -> Floats:
     return np.concatenate([lines.places, distances.place, distances.other])
 
 
-def _middle(lines: Lines, distances: RangeMeasurements) -> Floats:
+def _middle(lines: BearingLines, distances: RangeMeasurements) -> Floats:
     places = _places(lines, distances)
     return np.asarray(0.5 * (places.min(axis=0) + places.max(axis=0)))
 
 
-def _extent(lines: Lines, distances: RangeMeasurements) -> float:
+def _extent(lines: BearingLines, distances: RangeMeasurements) -> float:
     """Size of the place: of the sensors' box, or of the largest circle if that is more."""
     places = _places(lines, distances)
     size = float(np.ptp(places, axis=0).max())

@@ -25,7 +25,7 @@ MODES = ("mipf", "idmot", "bmct", "cmct", "mcmc")
 """`Outlines.mode` counts in this order."""
 NONE, BAD, GOOD = 1, 2, 3
 """`Outlines.counterpart`, places in `occlog.records.declared.views.COUNTERPARTS`; 0: not checked."""
-START, LEFT, LOST = 1, 2, 3
+START, LEFT, TERMINATED = 1, 2, 3
 """`Outlines.event`, places in `occlog.records.declared.views.EVENTS`; 0: none."""
 
 
@@ -47,7 +47,7 @@ class FrameSet(NamedTuple):
     masks: tuple[Image | None, ...] = ()  # (V,) (H, W), 0 on the background; None or (): not known
 
 
-class Outlines(NamedTuple):
+class TrackerOutlines(NamedTuple):
     """The n trackers of the views that had a frame, ordered by view and target, after that frame."""
 
     view: Ints  # (n,)
@@ -60,4 +60,4 @@ class Outlines(NamedTuple):
     counterpart: Ints  # (n,) `NONE`, `BAD` or `GOOD`; 0: not checked
     touching: Bools  # (n, n) which of them touch; false between views
     helpers: Bools  # (n, V) views whose trackers of the same target helped
-    event: Ints  # (n,) `LEFT` and `LOST` trackers have ended with this frame; 0: none
+    event: Ints  # (n,) `LEFT` and `TERMINATED` trackers have ended with this frame; 0: none

@@ -42,8 +42,8 @@ from occlog.track.methods.apf.model import pack_sensors
 
 from . import kernel as imm
 from .config import ImmConfig
-from .filter import Belief, Count, ImmState, Report
-from .tracks import UNLABELLED_TRACK, UNNUMBERED, Track, at_place, on_line
+from .filter import Count, ImmState, ImmStepResult, TrackPosterior
+from .tracks import TENTATIVE, UNLABELLED_TRACK, Track, track_at_position, track_on_bearing
 
 PLACE = (0, 2)
 """Rows of the position in a state."""
@@ -109,7 +109,7 @@ SHARED = "shared"
 """Cause of a row about a target that no question was about, but that the frames show as well."""
 
 
-class Memory(NamedTuple):
+class RequestMemory(NamedTuple):
     """What was asked before."""
 
     period_ns: int | None = None  # since when the period runs
@@ -117,7 +117,7 @@ class Memory(NamedTuple):
     refused: Mapping[int, int] = {}  # track -> when it was asked for in vain
 
 
-class Ask(NamedTuple):
+class CameraQuestion(NamedTuple):
     """A question to cameras: where is this target, or which target is on this sight line?"""
 
     number: int  # UNNUMBERED: a target that is not known yet
@@ -127,16 +127,18 @@ class Ask(NamedTuple):
     covariance: Floats  # (2, 2)
 
 
-class Answer(NamedTuple):
+class CameraAnswer(NamedTuple):
     """What the cameras found; `place` None: nothing."""
 
-    ask: Ask
+    ask: CameraQuestion
     place: Floats | None  # (2,)
     covariance: Floats | None  # (2, 2)
     label: int
 
 
-def asks(state: ImmState, report: Report, memory: Memory, rng: Generator) -> tuple[list[Ask], Memory]:
+def requests_after_scan(
+    state: ImmState, report: ImmStepResult, memory: RequestMemory, rng: Generator
+) -> tuple[list[CameraQuestion], RequestMemory]:
     """What to ask after a scan, by track, and what to remember."""
     assert state.t_ns is not None
     config, t_ns = state.world.config, state.t_ns
@@ -162,35 +164,35 @@ def asks(state: ImmState, report: Report, memory: Memory, rng: Generator) -> tup
         causes[belief.number] += _own_causes(state, report, belief)
     # Questions, unless one about the same target was in vain a moment ago
     out = [
-        Ask(b.number, tuple(dict.fromkeys(causes[b.number])), b.moved.track.label, *_where(b.estimate))
+        CameraQuestion(b.number, tuple(dict.fromkeys(causes[b.number])), b.moved.track.label, *_where(b.estimate))
         for b in report.beliefs
         if causes[b.number] and t_ns - memory.refused.get(b.number, -(2**62)) >= config.retry_s * NS
     ]
-    if unknown and t_ns - memory.refused.get(UNNUMBERED, -(2**62)) >= config.retry_s * NS:
+    if unknown and t_ns - memory.refused.get(TENTATIVE, -(2**62)) >= config.retry_s * NS:
         out += _leads(state, report, unknown, rng)
     bearings = {**memory.bearings, **{c.array: c.bearings for c in report.counts}}
     return out, memory._replace(period_ns=since, bearings=bearings)
 
 
-def others(state: ImmState, report: Report, asked: Sequence[Ask]) -> list[Ask]:
+def other_targets(state: ImmState, report: ImmStepResult, asked: Sequence[CameraQuestion]) -> list[CameraQuestion]:
     """Targets that no question is about, and that the frames may show as well; none if `config.share` is false."""
     if not state.world.config.share or not asked:
         return []
     numbers = {a.number for a in asked}
     return [
-        Ask(b.number, (SHARED,), b.moved.track.label, *_where(b.estimate))
+        CameraQuestion(b.number, (SHARED,), b.moved.track.label, *_where(b.estimate))
         for b in report.beliefs
         if b.number not in numbers
     ]
 
 
-def _count_asks(config: ImmConfig, count: Count, memory: Memory) -> bool:
+def _count_asks(config: ImmConfig, count: Count, memory: RequestMemory) -> bool:
     if "printed" in config.policies and "count" in config.printed and imm.count_differs(count.bearings, count.targets):
         return True
     return "count" in config.policies and count.bearings != memory.bearings.get(count.array, count.targets)
 
 
-def _own_causes(state: ImmState, report: Report, belief: Belief) -> list[str]:
+def _own_causes(state: ImmState, report: ImmStepResult, belief: TrackPosterior) -> list[str]:
     """Causes that lie in one track."""
     config, estimate, found = state.world.config, belief.estimate, []
     if "printed" in config.policies and "bearing" in config.printed:
@@ -205,33 +207,33 @@ def _own_causes(state: ImmState, report: Report, belief: Belief) -> list[str]:
         predicted = imm.moments(belief.moved.predicted, belief.moved.prior)
         if imm.outside_ellipses(estimate.mean, predicted.means, predicted.covariances):
             found.append("ellipse")
-    if "spread" in config.policies and imm.spread_above(estimate.covariance, config.spread):
+    if "spread" in config.policies and imm.position_sigma_exceeds(estimate.covariance, config.spread):
         found.append("spread")
     return found
 
 
-def _reaches(state: ImmState, array: int, belief: Belief) -> bool:
+def _reaches(state: ImmState, array: int, belief: TrackPosterior) -> bool:
     away = belief.estimate.mean[::2] - state.world.places[array]
     return math.hypot(*away) <= float(state.world.reach[array])
 
 
-def _where(estimate: imm.Estimate) -> tuple[Floats, Floats]:
+def _where(estimate: imm.ModelEstimates) -> tuple[Floats, Floats]:
     return estimate.mean[::2], estimate.covariance[::2, ::2]
 
 
-def _leads(state: ImmState, report: Report, unknown: Iterable[Count], rng: Generator) -> list[Ask]:
+def _leads(state: ImmState, report: ImmStepResult, unknown: Iterable[Count], rng: Generator) -> list[CameraQuestion]:
     """Questions about targets not known yet: tracks that are not confirmed, or else bearings of no target."""
-    waiting = [t for t in state.tracks if t.number == UNNUMBERED]
+    waiting = [t for t in state.tracks if t.number == TENTATIVE]
     if not waiting:
         waiting = [_lead(state, report.scan, count.array, i, rng) for count in unknown for i in count.free.tolist()]
-    return [Ask(UNNUMBERED, ("count",), t.label, *_middle(t)) for t in waiting]
+    return [CameraQuestion(TENTATIVE, ("count",), t.label, *_middle(t)) for t in waiting]
 
 
 def _lead(state: ImmState, scan: Scan, array: int, i: int, rng: Generator) -> Track:
     """A track on the sight line of bearing i of an array."""
     heard = dict(scan.by_sensor())[state.world.cameras + array]
     assert state.t_ns is not None
-    return on_line(
+    return track_on_bearing(
         state.world, array, float(heard.bearing[i]), float(heard.sigma[i]), state.t_ns, UNLABELLED_TRACK, rng
     )
 
@@ -241,9 +243,9 @@ def _middle(track: Track) -> tuple[Floats, Floats]:
     return xy.mean(axis=0), np.cov(xy.T, bias=True)
 
 
-def located(
-    state: ImmState, report: Report, answers: Iterable[Answer], memory: Memory, rng: Generator
-) -> tuple[ImmState, Report, Memory]:
+def apply_answer(
+    state: ImmState, report: ImmStepResult, answers: Iterable[CameraAnswer], memory: RequestMemory, rng: Generator
+) -> tuple[ImmState, ImmStepResult, RequestMemory]:
     """The state with what the cameras found, the report of it, and when they found nothing."""
     assert state.t_ns is not None
     config, t_ns, free = state.world.config, state.t_ns, state.free
@@ -257,22 +259,22 @@ def located(
             continue
         refused.pop(number, None)
         # A new target in the place of its candidate
-        if number == UNNUMBERED:
+        if number == TENTATIVE:
             number = _number(answer.label, tracks, free)
             free = max(free, number + 1)
-            new = at_place(state.world, answer.place, answer.covariance, number, answer.label, t_ns, rng)
+            new = track_at_position(state.world, answer.place, answer.covariance, number, answer.label, t_ns, rng)
             tracks = [t for t in tracks if not _same_lead(t, answer)] + [new]
             continue
         # A known target: its particles are updated with the place, or moved there
         k = next(i for i, t in enumerate(tracks) if t.number == number)
         tracks[k] = _fixed(config, tracks[k], answer, t_ns, rng)
         beliefs[number] = beliefs[number]._replace(estimate=_moments(tracks[k]))
-    tracks.sort(key=lambda t: (t.number == UNNUMBERED, t.number))
+    tracks.sort(key=lambda t: (t.number == TENTATIVE, t.number))
     told = tuple(beliefs[n] for n in sorted(beliefs))
     return (
         state._replace(tracks=tuple(tracks), free=free),
         report._replace(beliefs=told),
-        memory._replace(refused={n: at for n, at in refused.items() if n in {UNNUMBERED, *(t.number for t in tracks)}}),
+        memory._replace(refused={n: at for n, at in refused.items() if n in {TENTATIVE, *(t.number for t in tracks)}}),
     )
 
 
@@ -281,12 +283,12 @@ def _number(label: int, tracks: list[Track], free: int) -> int:
     return label if label != UNLABELLED_TRACK and all(t.number != label for t in tracks) else free
 
 
-def _same_lead(track: Track, answer: Answer) -> bool:
+def _same_lead(track: Track, answer: CameraAnswer) -> bool:
     """Whether a track that is not confirmed is the one that the answer is about."""
-    return track.number == UNNUMBERED and bool(np.array_equal(_middle(track)[0], answer.ask.place))
+    return track.number == TENTATIVE and bool(np.array_equal(_middle(track)[0], answer.ask.place))
 
 
-def _fixed(config: ImmConfig, track: Track, answer: Answer, t_ns: int, rng: Generator) -> Track:
+def _fixed(config: ImmConfig, track: Track, answer: CameraAnswer, t_ns: int, rng: Generator) -> Track:
     """The track once cameras found it."""
     assert answer.place is not None
     assert answer.covariance is not None
@@ -297,19 +299,19 @@ def _fixed(config: ImmConfig, track: Track, answer: Answer, t_ns: int, rng: Gene
     return track._replace(cloud=track.cloud._replace(states=states), exists=1.0, met_ns=t_ns, label=label)
 
 
-def _moments(track: Track) -> imm.Estimate:
+def _moments(track: Track) -> imm.ModelEstimates:
     """Moments of a track's particles, all models together."""
     states = track.cloud.states
     return imm.moments(states[None], np.full((1, len(states)), 1.0 / len(states)))
 
 
-UNKNOWN_SIGMA = math.radians(1.0)
+DEFAULT_BEARING_SIGMA_RAD = math.radians(1.0)
 """Standard deviation with which a camera is expected to tell a bearing before it has."""
 
 
-GOOD_ENOUGH = 2.0
+MAX_SIGMA_RATIO = 2.0
 """Two cameras that are asked already will do if their deviation is at most this many times the best two's."""
-LEAST = 1e-18
+MIN_VARIANCE = 1e-18
 """Added to variances, so that exact positions can be compared."""
 Pair = tuple[int, int]
 
@@ -317,12 +319,12 @@ Pair = tuple[int, int]
 class CameraRequest(NamedTuple):
     """One row of `Cooperation`, with the answer."""
 
-    answer: Answer
+    answer: CameraAnswer
     cameras: tuple[str, ...]
     frames: int
 
 
-class _Found(NamedTuple):
+class _CameraFix(NamedTuple):
     """Where sight lines of two cameras cross."""
 
     xy: Floats  # (C, 2)
@@ -357,7 +359,7 @@ class CameraRequests:
             while coming and coming[0].t_ns <= latest:
                 self._frames[camera] = coming.popleft()
 
-    def ask(self, asks: Sequence[Ask], others: Sequence[Ask], t_ns: int) -> list[CameraRequest]:
+    def ask(self, asks: Sequence[CameraQuestion], others: Sequence[CameraQuestion], t_ns: int) -> list[CameraRequest]:
         """Answers to all questions of one time, in their order, and then other targets found; frames count once.
 
         Args:
@@ -373,7 +375,7 @@ class CameraRequests:
         for ask in asks:
             pairs.append(self._pair(ask, sorted(fresh), [p for p in pairs if p is not None]))
         # Cross the sight lines of each pair's frames, and match what they show with the targets
-        answers: dict[int, Answer] = {}
+        answers: dict[int, CameraAnswer] = {}
         more: dict[int, CameraRequest] = {}
         for pair in sorted({p for p in pairs if p is not None}):
             mine = [n for n, p in enumerate(pairs) if p == pair]
@@ -388,14 +390,14 @@ class CameraRequests:
         for n, (ask, cameras) in enumerate(zip(asks, pairs, strict=True)):
             new = set(cameras or ()) - used
             used |= new
-            answer = answers.get(n, Answer(ask, None, None, UNLABELLED))
+            answer = answers.get(n, CameraAnswer(ask, None, None, UNLABELLED))
             out.append(CameraRequest(answer, self._names(cameras or ()), len(new)))
         return _once([*out, *(more[k] for k in sorted(more))])
 
     def _names(self, cameras: Sequence[int]) -> tuple[str, ...]:
         return tuple(self._cameras[c].name for c in cameras)
 
-    def _pair(self, ask: Ask, fresh: list[int], asked: list[Pair]) -> Pair | None:
+    def _pair(self, ask: CameraQuestion, fresh: list[int], asked: list[Pair]) -> Pair | None:
         """The two cameras whose sight lines should tell the place best, of those that can see it, or else of all.
 
         Two that are asked already will do if they tell it nearly as well.
@@ -405,7 +407,7 @@ class CameraRequests:
             return None
         best = min(ranks, key=lambda p: (ranks[p], p))
         for pair in asked:
-            if ranks[pair][0] == ranks[best][0] and ranks[pair][1] <= GOOD_ENOUGH**2 * ranks[best][1]:
+            if ranks[pair][0] == ranks[best][0] and ranks[pair][1] <= MAX_SIGMA_RATIO**2 * ranks[best][1]:
                 return pair
         return best
 
@@ -421,14 +423,14 @@ class CameraRequests:
         """Noise that the camera is known to have: nothing of the frame is looked at before it is asked for."""
         c = self._cameras[camera]
         sigma = math.hypot(c.sigma_yaw, c.sigma_read_px / float(c.focal_px[0]))
-        return sigma if sigma > 0.0 else UNKNOWN_SIGMA
+        return sigma if sigma > 0.0 else DEFAULT_BEARING_SIGMA_RAD
 
-    def _cross(self, pair: Pair, t_ns: int) -> _Found:
+    def _cross(self, pair: Pair, t_ns: int) -> _CameraFix:
         """Where lines of two frames cross: equal labels, and every two candidates without."""
         one, other = (self._frames[c] for c in pair)
         i, j = np.nonzero(one.target_id[:, None] == other.target_id)
         if not len(i):
-            return _Found(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0, dtype=np.int32))
+            return _CameraFix(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0, dtype=np.int32))
         label = one.target_id[i]
         origins = np.tile(np.array([self._cameras[c].position[:2] for c in pair]), (len(i), 1))
         azimuths = np.column_stack([one.bearing[i], other.bearing[j]]).ravel()
@@ -441,16 +443,18 @@ class CameraRequests:
         # The target has moved since the older frame was taken: widen the covariance by what it may have walked.
         age = max(t_ns - min(one.t_ns, other.t_ns), abs(one.t_ns - other.t_ns)) / NS
         moved = (self._config.speed * age) ** 2 * np.eye(2)
-        return _Found(met.xy[good], met.covariance[good] + moved, label[good])
+        return _CameraFix(met.xy[good], met.covariance[good] + moved, label[good])
 
-    def _match(self, asks: Sequence[Ask], others: Sequence[Ask], found: _Found) -> list[Answer]:
+    def _match(
+        self, asks: Sequence[CameraQuestion], others: Sequence[CameraQuestion], found: _CameraFix
+    ) -> list[CameraAnswer]:
         """What is found for each target: by label where it has one, else by distance; each crossing once.
 
         Known targets, asked for or not, go before those that are not known yet.
         """
         # Match by label
         everyone = [*asks, *others]
-        answers = [Answer(ask, None, None, UNLABELLED) for ask in everyone]
+        answers = [CameraAnswer(ask, None, None, UNLABELLED) for ask in everyone]
         free = np.ones(len(found.xy), dtype=np.bool_)
         for n, ask in enumerate(everyone):
             own = np.flatnonzero(free & (found.label == ask.label))
@@ -459,8 +463,8 @@ class CameraRequests:
                 free[own[0]] = False
         # A crossing with the label of a known target cannot belong to another target.
         free &= ~np.isin(found.label, [a.label for a in everyone if a.label != UNLABELLED])
-        first = [n for n, a in enumerate(asks) if a.number != UNNUMBERED]
-        unknown = [n for n, a in enumerate(asks) if a.number == UNNUMBERED]
+        first = [n for n, a in enumerate(asks) if a.number != TENTATIVE]
+        unknown = [n for n, a in enumerate(asks) if a.number == TENTATIVE]
         # Match the rest by distance, at the least cost within the gate
         for part in ([*first, *range(len(asks), len(everyone))], unknown):
             rows, columns = [n for n in part if answers[n].place is None], np.flatnonzero(free)
@@ -470,7 +474,7 @@ class CameraRequests:
                 np.array([everyone[n].place for n in rows]),
                 np.array([everyone[n].covariance for n in rows]),
             )
-            cost = distance2(found.xy[columns], found.covariance[columns] + LEAST * np.eye(2), known, spread).T
+            cost = distance2(found.xy[columns], found.covariance[columns] + MIN_VARIANCE * np.eye(2), known, spread).T
             labelled = np.array([everyone[n].label != UNLABELLED for n in rows])
             barred = labelled[:, None] & (found.label[columns] != UNLABELLED)
             for r, c in zip(*assign(np.where(barred, np.inf, cost), self._config.gate**2), strict=True):
@@ -479,8 +483,8 @@ class CameraRequests:
         return answers
 
 
-def _answer(ask: Ask, found: _Found, c: int) -> Answer:
-    return Answer(ask, found.xy[c], found.covariance[c], int(found.label[c]))
+def _answer(ask: CameraQuestion, found: _CameraFix, c: int) -> CameraAnswer:
+    return CameraAnswer(ask, found.xy[c], found.covariance[c], int(found.label[c]))
 
 
 def _once(requests: list[CameraRequest]) -> list[CameraRequest]:

@@ -21,9 +21,9 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 from occlog.core.sight.camera import wrap_angle
 
-MOST_EVENTS = 50_000
+MAX_JOINT_EVENTS = 50_000
 """Of targets that share bearings at most so many events are summed; then the least likely bearings are left out."""
-NEGLIGIBLE = 1e-9
+MIN_DENSITY_TO_CLUTTER_RATIO = 1e-9
 """A bearing whose density for a target is below this share of the clutter's cannot be the target's: without this
 gate all targets would share all bearings."""
 NEAR_SIGMAS = 3.0
@@ -48,7 +48,7 @@ class Direction(NamedTuple):
     spread: float  # standard deviation of them [rad]
 
 
-class Association(NamedTuple):
+class BearingAssociation(NamedTuple):
     """Probabilities of K targets and N bearings."""
 
     alone: Floats  # (K, N) bearing i is of target k and no other
@@ -57,7 +57,7 @@ class Association(NamedTuple):
     log_evidence: float  # log density of all bearings [1/rad^N]
 
 
-def hear(
+def bearing_fit(
     predicted: Floats, weights: Floats, *, bearing: Floats, sigma: Floats, position: Floats, reach: float
 ) -> BearingFit:
     """How one array's bearings fit one target.
@@ -106,7 +106,7 @@ def density(at: Floats, within: Bools, bearing: Floats, sigma: Floats) -> Floats
     return out
 
 
-def both(
+def merged_bearing_density(
     one: BearingFit, mine: Direction, other: Direction, *, bearing: Floats, sigma: Floats, resolution: float
 ) -> Floats:
     """(N, J, L) density of a bearing of two targets heard as one, for each particle of `one`.
@@ -120,13 +120,13 @@ def both(
     if resolution <= 0.0 or gap > resolution + NEAR_SIGMAS * (mine.spread + other.spread):
         return np.zeros_like(one.each)
     off = wrap_angle(other.centre - one.at)
-    near = close_by(np.ascontiguousarray(off), max(other.spread, 1e-9), resolution)
+    near = merge_probability(np.ascontiguousarray(off), max(other.spread, 1e-9), resolution)
     widened = np.sqrt(sigma**2 + resolution**2 / 12.0)
     return density(one.at, one.within, bearing, widened) * near
 
 
 @kernel
-def close_by(off: Floats, sigma: float, limit: float) -> Floats:
+def merge_probability(off: Floats, sigma: float, limit: float) -> Floats:
     """(J, L) probability that a normal of mean `off` and deviation sigma is within +- limit."""
     out = np.empty_like(off)
     scale = 1.0 / (math.sqrt(2.0) * sigma)
@@ -136,7 +136,9 @@ def close_by(off: Floats, sigma: float, limit: float) -> Floats:
     return out
 
 
-def associate(alone: Floats, unheard: Floats, shared: Floats, apart: Floats, clutter: Floats) -> Association:
+def joint_data_association(
+    alone: Floats, unheard: Floats, shared: Floats, apart: Floats, clutter: Floats
+) -> BearingAssociation:
     """Probabilities of which bearing is whose.
 
     Args:
@@ -147,10 +149,10 @@ def associate(alone: Floats, unheard: Floats, shared: Floats, apart: Floats, clu
         clutter: (N,) density of bearing i if it is clutter [1/rad], > 0.
     """
     K, N = alone.shape
-    out = Association(np.zeros((K, N)), np.ones(K), np.zeros((K, K, N)), float(np.log(clutter).sum()))
+    out = BearingAssociation(np.zeros((K, N)), np.ones(K), np.zeros((K, K, N)), float(np.log(clutter).sum()))
     evidence = out.log_evidence
     ratio = np.maximum(alone, shared.max(axis=1, initial=0.0)) / clutter
-    for group, own in _groups(ratio > NEGLIGIBLE, ratio):
+    for group, own in _groups(ratio > MIN_DENSITY_TO_CLUTTER_RATIO, ratio):
         some = np.ix_(group, group)
         a, u, s, total = _all_events(
             alone[group] / clutter,
@@ -193,7 +195,7 @@ def _groups(possible: Bools, ratio: Floats) -> list[tuple[Ints, Bools]]:
     while left:
         group = left.pop()
         own = keep[group]
-        if np.prod(1.0 + own.sum(axis=1)) <= MOST_EVENTS:
+        if np.prod(1.0 + own.sum(axis=1)) <= MAX_JOINT_EVENTS:
             found.append((group, own))
             continue
         several = own & (own.sum(axis=1, keepdims=True) > 1)
@@ -209,7 +211,7 @@ def _groups(possible: Bools, ratio: Floats) -> list[tuple[Ints, Bools]]:
 def _all_events(
     alone: Floats, unheard: Floats, shared: Floats, apart: Floats, possible: Bools
 ) -> tuple[Floats, Floats, Floats, float]:
-    """Sums over all events, `alone` and `shared` in units of the clutter; see `Association`."""
+    """Sums over all events, `alone` and `shared` in units of the clutter; see `BearingAssociation`."""
     K, N = alone.shape
     p_alone, p_unheard, p_shared = np.zeros((K, N)), np.zeros(K), np.zeros((K, K, N))
     choice = np.full(K, -1, dtype=np.int64)  # bearing of each target; -1: unheard
@@ -297,9 +299,9 @@ def reweigh(
         weights: (J, L) before.
         heard: of this target.
         detection: probability that a target in range is heard.
-        alone: (N,) row of `Association`.
+        alone: (N,) row of `BearingAssociation`.
         unheard: of this target.
-        shared: for each other target (N,) probabilities and (N, J, L) densities, see `both`.
+        shared: for each other target (N,) probabilities and (N, J, L) densities, see `merged_bearing_density`.
     """
     silent = 1.0 - detection * heard.within
     out = unheard * silent / max(float(np.vdot(weights, silent)), 1e-300)

@@ -33,30 +33,40 @@ from occlog.scans.grouping import Scan, concat, empty_scan
 from occlog.track.interface import Estimate, Joint, Smoothing
 
 from . import kernel as imm
-from .association import Association, BearingFit, Direction, associate, both, direction, hear, in_range, reweigh
+from .association import (
+    BearingAssociation,
+    BearingFit,
+    Direction,
+    bearing_fit,
+    direction,
+    in_range,
+    joint_data_association,
+    merged_bearing_density,
+    reweigh,
+)
 from .config import ImmConfig
 from .tracks import (
+    TENTATIVE,
     UNLABELLED_TRACK,
-    UNNUMBERED,
+    Genealogy,
     ImmWorld,
-    Lineage,
     Moved,
     Track,
     TrackTrace,
-    after,
-    back,
-    begun,
-    given,
-    made_up,
+    initial_tracks,
+    is_rejuvenated,
     make_world,
     move_track,
-    on_line,
+    new_genealogy,
+    new_track,
     resampled,
-    standing,
+    smooth_backwards,
     trace_of,
+    track_on_bearing,
+    update_existence,
 )
 
-FREE = 0.5
+MIN_UNASSIGNED_TO_INITIATE = 0.5
 """A bearing that is of no target with more than this probability may be a new target's."""
 
 
@@ -78,19 +88,19 @@ class Count(NamedTuple):
     free: Ints  # bearings of no target
 
 
-class Belief(NamedTuple):
+class TrackPosterior(NamedTuple):
     """Posterior of one confirmed track after a scan."""
 
     number: int
     moved: Moved
-    estimate: imm.Estimate
+    estimate: imm.ModelEstimates
     ess: float  # effective number of particles, or of the families that they come from
 
 
-class Report(NamedTuple):
+class ImmStepResult(NamedTuple):
     """Outcome of a scan."""
 
-    beliefs: tuple[Belief, ...]  # by number
+    beliefs: tuple[TrackPosterior, ...]  # by number
     counts: tuple[Count, ...]
     scan: Scan
     log_evidence: float  # of all bearings
@@ -98,11 +108,11 @@ class Report(NamedTuple):
 
 def init(scene: Scene, config: ImmConfig, rng: Generator) -> ImmState:
     """The state before the first scan: no tracks, or those of the targets in `config.start`."""
-    tracks = given(config, 0, rng)
+    tracks = initial_tracks(config, 0, rng)
     return ImmState(make_world(scene, config), tracks, None, len(tracks))
 
 
-def step(state: ImmState, scan: Scan, rng: Generator) -> tuple[ImmState, Report]:
+def step(state: ImmState, scan: Scan, rng: Generator) -> tuple[ImmState, ImmStepResult]:
     """The state after a scan of any arrays, and what came of it.
 
     Args:
@@ -119,16 +129,16 @@ def step(state: ImmState, scan: Scan, rng: Generator) -> tuple[ImmState, Report]
     counts, evidence = [], 0.0
     for sensor, heard in scan.by_sensor():
         array = sensor - world.cameras
-        expected = sum(_in_range(world, m, array) for m in moved if m.track.number != UNNUMBERED)
+        expected = sum(_in_range(world, m, array) for m in moved if m.track.number != TENTATIVE)
         # Associate and weigh (Eqs. 3.4-3.6)
-        moved, free, fit = _listen(world, moved, array, heard)
+        moved, free, fit = _update_by_array(world, moved, array, heard)
         evidence += fit
         counts.append(Count(array, len(heard.bearing), expected, free))
         # Births: tracks on the sight lines of bearings of no target
-        moved += _births(world, array, heard.take(free), {m.track.number for m in moved}, rng)
+        moved += _initiate_tracks(world, array, heard.take(free), {m.track.number for m in moved}, rng)
     # Deaths: end tracks that hardly exist, or were neither heard nor seen for long
-    moved = [m._replace(track=_met(m, t_ns)) for m in moved]
-    moved = [m for m in moved if _alive(m.track, t_ns, world.config)]
+    moved = [m._replace(track=_with_hit(m, t_ns)) for m in moved]
+    moved = [m for m in moved if _existing_tracks(m.track, t_ns, world.config)]
     # Confirm tracks that were heard often enough
     moved, least = _numbered(moved, state.free, world.config)
     # Resample: systematic, a model drawn for each row
@@ -139,12 +149,14 @@ def step(state: ImmState, scan: Scan, rng: Generator) -> tuple[ImmState, Report]
         if track.lineage is not None:
             estimate = imm.moments(m.predicted, m.weights)
             track, size = _rests_on(track, track.lineage, estimate, world.config)
-            beliefs.append(Belief(track.number, m, estimate, min(size, effective_sample_size(m.weights.ravel()))))
+            beliefs.append(
+                TrackPosterior(track.number, m, estimate, min(size, effective_sample_size(m.weights.ravel())))
+            )
         tracks.append(track)
-    return ImmState(world, tuple(tracks), t_ns, least), Report(tuple(beliefs), tuple(counts), scan, evidence)
+    return ImmState(world, tuple(tracks), t_ns, least), ImmStepResult(tuple(beliefs), tuple(counts), scan, evidence)
 
 
-def _rests_on(track: Track, lineage: Lineage, estimate: imm.Estimate, config: ImmConfig) -> tuple[Track, float]:
+def _rests_on(track: Track, lineage: Genealogy, estimate: imm.ModelEstimates, config: ImmConfig) -> tuple[Track, float]:
     """The track, and how many families of particles its covariance rests on; infinity where these are enough.
 
     Families are counted anew once the motion's noise has made up for those that were lost.
@@ -152,8 +164,8 @@ def _rests_on(track: Track, lineage: Lineage, estimate: imm.Estimate, config: Im
     families = lineage.effective()
     if families >= MIN_EFFECTIVE_SAMPLE_SIZE:
         return track, math.inf
-    if made_up(lineage, estimate.covariance[::2, ::2], config.sigma_v):
-        return track._replace(lineage=begun(len(lineage.families))), math.inf
+    if is_rejuvenated(lineage, estimate.covariance[::2, ::2], config.sigma_v):
+        return track._replace(lineage=new_genealogy(len(lineage.families))), math.inf
     return track, families
 
 
@@ -165,21 +177,21 @@ def _in_range(world: ImmWorld, moved: Moved, array: int) -> bool:
     return math.hypot(x, y) <= float(world.reach[array])
 
 
-def _listen(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> tuple[list[Moved], Ints, float]:
+def _update_by_array(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> tuple[list[Moved], Ints, float]:
     """Tracks after an array's bearings, which of these are of no target, and the log density of all."""
     if heard.labelled.any():
         moved = _labelled(world, moved, array, heard)
-    take = _take_any if world.config.association == "any" else _take_jointly
+    take = _associate_any if world.config.association == "any" else _associate_jointly
     found, moved = take(world, moved, array, heard, _allowed(moved, heard))
     taken = found.alone.sum(axis=0) + 0.5 * found.shared.sum(axis=(0, 1))
-    return moved, np.flatnonzero(taken < 1.0 - FREE), found.log_evidence
+    return moved, np.flatnonzero(taken < 1.0 - MIN_UNASSIGNED_TO_INITIATE), found.log_evidence
 
 
 def _fits(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> list[BearingFit]:
     """How an array's bearings fit each track."""
     position, reach = world.places[array], float(world.reach[array])
     return [
-        hear(m.predicted, m.weights, bearing=heard.bearing, sigma=heard.sigma, position=position, reach=reach)
+        bearing_fit(m.predicted, m.weights, bearing=heard.bearing, sigma=heard.sigma, position=position, reach=reach)
         for m in moved
     ]
 
@@ -213,9 +225,9 @@ def _clutter(world: ImmWorld, bearing: Floats) -> Floats:
     return np.full(len(bearing), world.config.clutter / (2.0 * math.pi))
 
 
-def _take_jointly(
+def _associate_jointly(
     world: ImmWorld, moved: list[Moved], array: int, heard: Scan, allowed: Bools
-) -> tuple[Association, list[Moved]]:
+) -> tuple[BearingAssociation, list[Moved]]:
     """Joint association of an array's bearings with all tracks, and the tracks with their weights after it."""
     K, N, config = len(moved), len(heard.bearing), world.config
     fits = _fits(world, moved, array, heard)
@@ -228,10 +240,10 @@ def _take_jointly(
     # A track whose label is among the bearings was heard.
     unheard = np.where((allowed & heard.labelled).any(axis=1), 1e-6 * unheard, unheard)
     # Likelihood that two tracks nearer than the array's resolution are heard as one
-    shared, apart, pairs = _together(world, moved, array, heard, fits)
+    shared, apart, pairs = _merged_densities(world, moved, array, heard, fits)
     shared *= (exists * chance)[:, None, None] * (exists * chance)[:, None] * allowed[:, None] * allowed
     # Joint association: marginals over all events
-    found = associate(alone, unheard, shared, apart, _clutter(world, heard.bearing))
+    found = joint_data_association(alone, unheard, shared, apart, _clutter(world, heard.bearing))
     # Weigh each track's particles by its share of every bearing
     out = []
     for k, m in enumerate(moved):
@@ -241,7 +253,7 @@ def _take_jointly(
     return found, out
 
 
-def _together(
+def _merged_densities(
     world: ImmWorld, moved: list[Moved], array: int, heard: Scan, fits: list[BearingFit]
 ) -> tuple[Floats, Floats, dict[tuple[int, int], Floats]]:
     """Two targets heard as one: (K, K, N) densities, (K, K) probabilities to be heard apart, and those by particle."""
@@ -252,26 +264,28 @@ def _together(
         return shared, apart, pairs
     at = [direction(f, m.weights) for f, m in zip(fits, moved, strict=True)]
     for k, b in permutations(range(K), 2):
-        each = both(fits[k], at[k], at[b], bearing=heard.bearing, sigma=heard.sigma, resolution=resolution)
+        each = merged_bearing_density(
+            fits[k], at[k], at[b], bearing=heard.bearing, sigma=heard.sigma, resolution=resolution
+        )
         if each.any():
             pairs[k, b] = each
             mean = 0.5 * np.einsum("nml,ml->n", each, moved[k].weights)  # the two ways to see it are averaged
             shared[k, b] += mean
             shared[b, k] += mean
-            apart[k, b] = apart[b, k] = _apart(at[k], at[b], resolution)
+            apart[k, b] = apart[b, k] = _resolution_probability(at[k], at[b], resolution)
     return shared, apart, pairs
 
 
-def _apart(one: Direction, other: Direction, resolution: float) -> float:
+def _resolution_probability(one: Direction, other: Direction, resolution: float) -> float:
     """Probability that two targets are heard apart, both taken for Gaussians in bearing."""
     gap = math.remainder(one.centre - other.centre, 2.0 * math.pi)
     scale = math.sqrt(2.0) * max(math.hypot(one.spread, other.spread), 1e-9)
     return 1.0 - 0.5 * (math.erf((resolution - gap) / scale) + math.erf((resolution + gap) / scale))
 
 
-def _take_any(
+def _associate_any(
     world: ImmWorld, moved: list[Moved], array: int, heard: Scan, allowed: Bools
-) -> tuple[Association, list[Moved]]:
+) -> tuple[BearingAssociation, list[Moved]]:
     """Every track takes any bearing, [Lee] Eq. 3.6; silence says nothing of where it is."""
     K, N, config = len(moved), len(heard.bearing), world.config
     position, reach = world.places[array], float(world.reach[array])
@@ -282,7 +296,7 @@ def _take_any(
         weights, fit = m.weights, np.zeros(len(some))
         chance = m.track.exists * m.track.sounds * config.detection
         if len(some):
-            found = imm.weigh(m.predicted, m.weights, heard.bearing[some], heard.sigma[some], position)
+            found = imm.update_weights(m.predicted, m.weights, heard.bearing[some], heard.sigma[some], position)
             weights, evidence = found.total, evidence + found.log_evidence
             # The mean density of each bearing is its share of that of all.
             share = found.each.reshape(len(some), -1).sum(axis=1)
@@ -291,38 +305,40 @@ def _take_any(
         alone[k, some] = fit / (fit.sum() + missed)
         unheard[k] = missed / (fit.sum() + missed)
         out.append(_after(m, weights, reached, config, float(unheard[k]), array))
-    return Association(alone, unheard, np.zeros((K, K, N)), evidence), out
+    return BearingAssociation(alone, unheard, np.zeros((K, K, N)), evidence), out
 
 
 def _after(m: Moved, weights: Floats, reached: float, config: ImmConfig, unheard: float, array: int) -> Moved:
-    track = after(m.track, reached, config.detection, unheard)
+    track = update_existence(m.track, reached, config.detection, unheard)
     arrays = (*m.arrays, array)
-    return m._replace(track=track, weights=weights, heard=m.heard or unheard < FREE, arrays=arrays)
+    return m._replace(
+        track=track, weights=weights, heard=m.heard or unheard < MIN_UNASSIGNED_TO_INITIATE, arrays=arrays
+    )
 
 
-def _births(world: ImmWorld, array: int, free: Scan, numbers: set[int], rng: Generator) -> list[Moved]:
+def _initiate_tracks(world: ImmWorld, array: int, free: Scan, numbers: set[int], rng: Generator) -> list[Moved]:
     """New tracks on the sight lines of bearings of no target; a label that is a track's number gets another."""
     # Where every track takes any bearing, several come to follow one source, and the others' bearings seem free.
     config, born = world.config, []
     unaided = config.birth > 0.0 and config.association == "joint"
     for label, bearing, sigma in zip(free.target_id.tolist(), free.bearing.tolist(), free.sigma.tolist(), strict=True):
         if unaided or label != UNLABELLED_TRACK:
-            track = on_line(world, array, bearing, sigma, free.t_ns, label, rng)
+            track = track_on_bearing(world, array, bearing, sigma, free.t_ns, label, rng)
             if track.number in numbers:
-                track = track._replace(number=UNNUMBERED)
+                track = track._replace(number=TENTATIVE)
             numbers.add(track.number)
-            born.append(standing(world, track)._replace(arrays=(array,)))
+            born.append(new_track(world, track)._replace(arrays=(array,)))
     return born
 
 
-def _met(m: Moved, t_ns: int) -> Track:
+def _with_hit(m: Moved, t_ns: int) -> Track:
     """The track with its hits and the time of the last."""
     if not m.heard:
         return m.track
     return m.track._replace(hits=m.track.hits + (not m.born), met_ns=t_ns)
 
 
-def _alive(track: Track, t_ns: int, config: ImmConfig) -> bool:
+def _existing_tracks(track: Track, t_ns: int, config: ImmConfig) -> bool:
     return track.exists >= config.die and t_ns - track.met_ns <= config.forget_s * NS
 
 
@@ -331,19 +347,19 @@ def _numbered(moved: list[Moved], free: int, config: ImmConfig) -> tuple[list[Mo
     out = []
     for m in moved:
         track = m.track
-        if track.number == UNNUMBERED and track.exists >= config.confirm and track.hits >= config.confirm_hits:
+        if track.number == TENTATIVE and track.exists >= config.confirm and track.hits >= config.confirm_hits:
             track, free = track._replace(number=free), free + 1
         free = max(free, track.number + 1)
         out.append(m._replace(track=track))
-    return sorted(out, key=lambda m: (m.track.number == UNNUMBERED, m.track.number)), free
+    return sorted(out, key=lambda m: (m.track.number == TENTATIVE, m.track.number)), free
 
 
-def estimates(report: Report, scene: Scene) -> list[tuple[int, Estimate]]:
+def estimates(report: ImmStepResult, scene: Scene) -> list[tuple[int, Estimate]]:
     """The confirmed targets' estimates by number."""
     return [(belief.number, _estimate(belief, report, len(scene.cameras))) for belief in report.beliefs]
 
 
-def _estimate(belief: Belief, report: Report, cameras: int) -> Estimate:
+def _estimate(belief: TrackPosterior, report: ImmStepResult, cameras: int) -> Estimate:
     e, m = belief.estimate, belief.moved
     evidence = report.log_evidence
     return Estimate(
@@ -371,19 +387,19 @@ METHOD = Joint(
     init=init,
     step=step,
     estimates=estimates,
-    smoothing=Smoothing(lambda config: config, trace, back),
+    smoothing=Smoothing(lambda config: config, trace, smooth_backwards),
 )
 
 
 INTERVALS = 15
 """Intervals of which the shortest counts as an array's period."""
-ENOUGH = 3
+MIN_INTERVALS = 3
 """With fewer intervals than this an array's rate is not known."""
-LATE = 0.5
+LATE_PERIOD_SHARE = 0.5
 """A row may be late by this share of the period before it counts as missing."""
 
 
-class Clock:
+class ListeningTimes:
     """The times at which one array listens."""
 
     def __init__(self, array: MicrophoneArray) -> None:
@@ -398,7 +414,7 @@ class Clock:
         """Time between two scans; None: not known."""
         if self._known is not None:
             return self._known
-        return min(self._gaps) if len(self._gaps) >= ENOUGH else None
+        return min(self._gaps) if len(self._gaps) >= MIN_INTERVALS else None
 
     def heard(self, t_ns: int) -> None:
         """It has a row at this time."""
@@ -411,14 +427,14 @@ class Clock:
         period = self.period_ns
         if period is None or self.last_ns is None or period <= 0:
             return []
-        count = max(0, int((t_ns - LATE * period - self.last_ns) // period))
+        count = max(0, int((t_ns - LATE_PERIOD_SHARE * period - self.last_ns) // period))
         times = [self.last_ns + (n + 1) * period for n in range(min(count, most))]
         if count:
             self.last_ns += count * period
         return times
 
 
-class Listener:
+class ArrayScans:
     """All arrays' scans, silent ones among them."""
 
     def __init__(self, scene: Scene, forget_s: float) -> None:
@@ -429,7 +445,7 @@ class Listener:
             forget_s: of a silence that is longer, only this much is gone through [s].
         """
         self._cameras = len(scene.cameras)
-        self._clocks = [Clock(a) for a in scene.arrays]
+        self._clocks = [ListeningTimes(a) for a in scene.arrays]
         self._forget_ns = round(forget_s * NS)
 
     def scans(self, scan: Scan) -> Iterator[Scan]:

@@ -29,13 +29,13 @@ from occlog.filtering.particles import systematic_ancestors
 
 CHI2_95 = -2.0 * math.log(0.05)
 """5.991: squared radius of the ellipse that holds 95 % of a Gaussian in the plane."""
-LEAST_LOG = -708.0
+MIN_LOG_WEIGHT = -708.0
 """Weights are 0 below the exponential of this, the least that is a normal number."""
 RANGE_SIGMAS = 2.0
 """Half width of the 95 % range of a bearing, as printed in [Lee] Eq. 3.15."""
 
 
-class Cloud(NamedTuple):
+class ImmParticles(NamedTuple):
     """Equally weighted particles after a step."""
 
     states: Floats  # (L, 4)
@@ -50,7 +50,7 @@ class MotionModels(NamedTuple):
     switching: Floats | None = None  # (J, J) P(now v | before u), rows sum to 1; None: every model alike
 
 
-class Draws(NamedTuple):
+class ImmNoise(NamedTuple):
     """The random numbers of one step."""
 
     normals: Floats  # (J, L, 4) standard normal
@@ -66,7 +66,7 @@ class Weights(NamedTuple):
     log_evidence: float  # log of sum over i of the predicted density of bearing i [1/rad]; 0 if there are none
 
 
-class Estimate(NamedTuple):
+class ModelEstimates(NamedTuple):
     """Weighted moments of one step; for a model of no weight its mean and covariance are NaN."""
 
     mean: Floats  # (4,)
@@ -76,27 +76,34 @@ class Estimate(NamedTuple):
     covariances: Floats  # (J, 4, 4) of each model
 
 
-class Step(NamedTuple):
+class ImmStep(NamedTuple):
     """Everything one step yields.
 
     The ellipses of Eq. 3.16 are those of the predicted particles: `moments(predicted, prior)`.
     """
 
-    cloud: Cloud
-    estimate: Estimate
+    cloud: ImmParticles
+    estimate: ModelEstimates
     predicted: Floats  # (J, L, 4)
     prior: Floats  # (J, L) weights of the predicted particles before the bearings
     weights: Weights
 
 
-def draw(rng: np.random.Generator, models: int, particles: int) -> Draws:
+def draw(rng: np.random.Generator, models: int, particles: int) -> ImmNoise:
     """The random numbers of one step for J models and L particles."""
-    return Draws(rng.standard_normal((models, particles, 4)), float(rng.random()), rng.random(particles))
+    return ImmNoise(rng.standard_normal((models, particles, 4)), float(rng.random()), rng.random(particles))
 
 
 def step(
-    cloud: Cloud, motion: MotionModels, dt: float, draws: Draws, *, bearing: Floats, sigma: Floats, position: Floats
-) -> Step:
+    cloud: ImmParticles,
+    motion: MotionModels,
+    dt: float,
+    draws: ImmNoise,
+    *,
+    bearing: Floats,
+    sigma: Floats,
+    position: Floats,
+) -> ImmStep:
     """One step of the filter for one target and one sensor: [Lee] Eqs. 3.3-3.6.
 
     Args:
@@ -104,7 +111,7 @@ def step(
         motion: models and noise.
         dt: time since the step before [s].
         draws: see `draw`.
-        bearing: see `weigh`, as the other two.
+        bearing: see `update_weights`, as the other two.
         sigma: (N,)
         position: (2,)
     """
@@ -112,11 +119,11 @@ def step(
     predicted = move_under_all(cloud.states, motion.models, dt, motion.root, draws.normals)
     prior = prior_weights(cloud.models, len(motion.models), motion.switching)
     # Weigh by every bearing (Eqs. 3.4-3.6)
-    weights = weigh(predicted, prior, bearing, sigma, position)
+    weights = update_weights(predicted, prior, bearing, sigma, position)
     # Resample: systematic
     rows, models = resample(weights.total, draws.u, draws.picks)
-    cloud = Cloud(taken(predicted, models, rows), models)
-    return Step(cloud, moments(predicted, weights.total), predicted, prior, weights)
+    cloud = ImmParticles(taken(predicted, models, rows), models)
+    return ImmStep(cloud, moments(predicted, weights.total), predicted, prior, weights)
 
 
 def prior_weights(models: Ints, count: int, switching: Floats | None) -> Floats:
@@ -132,7 +139,7 @@ def prior_weights(models: Ints, count: int, switching: Floats | None) -> Floats:
     return np.ascontiguousarray(switching[models].T) / len(models)
 
 
-def weigh(predicted: Floats, prior: Floats, bearing: Floats, sigma: Floats, position: Floats) -> Weights:
+def update_weights(predicted: Floats, prior: Floats, bearing: Floats, sigma: Floats, position: Floats) -> Weights:
     """Weights of particles after the bearings of one sensor; [Lee] Eqs. 3.4-3.6 in the log domain.
 
     Args:
@@ -187,25 +194,25 @@ def _times_prior(each: Floats, top: float, prior: Floats) -> tuple[Floats, float
         for m in range(J):
             for l in range(L):  # noqa: E741 - the paper's letter
                 log_weight = each[i, m, l] - top
-                each[i, m, l] = math.exp(log_weight) * prior[m, l] if log_weight > LEAST_LOG else 0.0
+                each[i, m, l] = math.exp(log_weight) * prior[m, l] if log_weight > MIN_LOG_WEIGHT else 0.0
                 total[m, l] += each[i, m, l]
                 mass += each[i, m, l]
     return total, mass
 
 
-def moments(particles: Floats, weights: Floats) -> Estimate:
+def moments(particles: Floats, weights: Floats) -> ModelEstimates:
     """Mean and covariance of (J, L, 4) particles with (J, L) weights of sum 1, in all and for each model."""
     mu, means, covariances = _moments(particles, weights)
     some = mu > 0.0
     mean = mu[some] @ means[some]
     off = means[some] - mean
     covariance = np.einsum("m,mab->ab", mu[some], covariances[some]) + (mu[some] * off.T) @ off
-    return Estimate(mean, covariance, mu, means, covariances)
+    return ModelEstimates(mean, covariance, mu, means, covariances)
 
 
 @array_kernel
 def _moments(x: Floats, w: Floats) -> tuple[Floats, Floats, Floats]:
-    """mu, means and covariances of `Estimate`; sums are kept in variables of their own, which is twice as fast."""
+    """mu, means and covariances of `ModelEstimates`; sums are kept in variables of their own, which is twice as fast."""
     J, L = w.shape
     mu, means, covariances = np.zeros(J), np.full((J, 4), math.nan), np.full((J, 4, 4), math.nan)
     for m in range(J):
@@ -294,7 +301,7 @@ def count_differs(bearings: int, objects: int) -> bool:
 def outside_ranges(mean: Floats, bearing: Floats, sigma: Floats, position: Floats) -> bool:
     """True if the bearing of the (4,) estimate is in no bearing's 95 % range; [Lee] Eq. 3.15, wrapped.
 
-    In silence there is no range, and it is True.  `bearing`, `sigma` and `position` are those of `weigh`.
+    In silence there is no range, and it is True.  `bearing`, `sigma` and `position` are those of `update_weights`.
     """
     expected = math.atan2(mean[2] - position[1], mean[0] - position[0])
     off = np.abs(wrap_angle(bearing - expected))
@@ -321,11 +328,11 @@ def outside_ellipses(mean: Floats, means: Floats, covariances: Floats) -> bool:
     return True
 
 
-def spread(covariance: Floats) -> float:
+def position_sigma(covariance: Floats) -> float:
     """Root of the trace of the position's covariance, of a (4, 4) one of the state [length]."""
     return math.sqrt(max(0.0, float(covariance[0, 0] + covariance[2, 2])))
 
 
-def spread_above(covariance: Floats, limit: float) -> bool:
-    """True if `spread` is above the limit [length]."""
-    return spread(covariance) > limit
+def position_sigma_exceeds(covariance: Floats, limit: float) -> bool:
+    """True if `position_sigma` is above the limit [length]."""
+    return position_sigma(covariance) > limit

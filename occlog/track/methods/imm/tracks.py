@@ -27,24 +27,24 @@ from occlog.core.plane import inside_polygon
 from occlog.filtering.kernel_density import KernelDensity, kernel_density, last_states, spread_of, states_before
 from occlog.filtering.motion.coordinated_turn import acceleration_root, move, move_under_all, three_models
 from occlog.records.scene import Scene
-from occlog.track.interface import Past
+from occlog.track.interface import SmoothedState
 
 from . import kernel as imm
 from .config import START_NUMBERS, ImmConfig
 
-MADE_UP = 0.25
+REJUVENATION_VARIANCE_SHARE = 0.25
 """The motion has made up for lost families when its noise has this share of the variance along the widest axis."""
 
 
-class Lineage(NamedTuple):
+class Genealogy(NamedTuple):
     """Families of a target's particles: those that come from one particle of the time when it began."""
 
     families: Ints  # (L,)
     since_s: float  # how long ago that was
 
-    def drawn(self, rows: Ints, dt: float) -> Lineage:
+    def drawn(self, rows: Ints, dt: float) -> Genealogy:
         """The lineage of the particles (n,) `rows` of those a time dt [s] before."""
-        return Lineage(self.families[rows], self.since_s + dt)
+        return Genealogy(self.families[rows], self.since_s + dt)
 
     def effective(self) -> float:
         """Effective number of families, 1 to L: L^2 / sum of their squared sizes."""
@@ -52,12 +52,12 @@ class Lineage(NamedTuple):
         return float(len(self.families) ** 2 / (sizes @ sizes))
 
 
-def begun(particles: int) -> Lineage:
+def new_genealogy(particles: int) -> Genealogy:
     """Each particle is a family of its own."""
-    return Lineage(np.arange(particles), 0.0)
+    return Genealogy(np.arange(particles), 0.0)
 
 
-def made_up(lineage: Lineage, covariance: Floats, sigma_v: float) -> bool:
+def is_rejuvenated(lineage: Genealogy, covariance: Floats, sigma_v: float) -> bool:
     """Whether the noise of the motion alone spreads particles as far as their covariance says, or nearly.
 
     White acceleration gives a place the variance sigma_v^2 t^3 / 3 per axis.
@@ -68,15 +68,15 @@ def made_up(lineage: Lineage, covariance: Floats, sigma_v: float) -> bool:
         sigma_v: noise of the velocity per axis, gathered in a second.
     """
     widest = float(np.linalg.eigvalsh(covariance)[-1])
-    return bool(sigma_v**2 * lineage.since_s**3 / 3.0 >= MADE_UP * widest)
+    return bool(sigma_v**2 * lineage.since_s**3 / 3.0 >= REJUVENATION_VARIANCE_SHARE * widest)
 
 
-UNNUMBERED = -1
+TENTATIVE = -1
 """Number of a track that is not confirmed."""
 UNLABELLED_TRACK = -1
-FEW_INSIDE = 0.1
+MIN_INSIDE_SHARE = 0.1
 """If no more than this share of a cloud stays in the room, the others are put back instead of left out."""
-ROUNDS = 20
+MAX_DRAWS = 20
 """Places on a sight line are drawn this often until enough of them are in the room."""
 
 
@@ -85,12 +85,12 @@ class Track(NamedTuple):
 
     number: int  # UNNUMBERED until it is confirmed
     label: int  # identity that sensors give it; UNLABELLED: none did
-    cloud: imm.Cloud
+    cloud: imm.ImmParticles
     exists: float  # probability
     sounds: float  # probability that it is not silent, if it exists
     hits: int  # times at which it was heard
     met_ns: int  # when it was heard or seen last
-    lineage: Lineage | None = None  # of a confirmed track's particles; None before its first scan
+    lineage: Genealogy | None = None  # of a confirmed track's particles; None before its first scan
 
 
 class Moved(NamedTuple):
@@ -146,13 +146,13 @@ def _reach(far: float, height: float, sources: float | None) -> float:
     return math.sqrt(max(far**2 - (height - sources) ** 2, 0.0))
 
 
-def given(config: ImmConfig, t_ns: int, rng: Generator) -> tuple[Track, ...]:
+def initial_tracks(config: ImmConfig, t_ns: int, rng: Generator) -> tuple[Track, ...]:
     """Tracks of the targets that are known at first, confirmed, numbered from 0."""
     starts = np.reshape(config.start or (), (-1, START_NUMBERS)).tolist()
-    return tuple(known(config, n, start, t_ns, rng) for n, start in enumerate(starts))
+    return tuple(confirmed_track(config, n, start, t_ns, rng) for n, start in enumerate(starts))
 
 
-def known(config: ImmConfig, number: int, start: Sequence[float], t_ns: int, rng: Generator) -> Track:
+def confirmed_track(config: ImmConfig, number: int, start: Sequence[float], t_ns: int, rng: Generator) -> Track:
     """A confirmed track of a target whose state X, Y, SIGMA, VX, VY, SIGMA_V is known."""
     x, y, s, vx, vy, sv = start
     states = np.array([x, vx, y, vy]) + rng.standard_normal((config.particles, 4)) * np.array([s, sv, s, sv])
@@ -165,7 +165,9 @@ def _confirmed(config: ImmConfig, number: int, label: int, states: Floats, t_ns:
     return Track(number=number, label=label, cloud=_cloud(states), exists=1.0, sounds=1.0, hits=hits, met_ns=t_ns)
 
 
-def on_line(world: ImmWorld, array: int, angle: float, sigma: float, t_ns: int, label: int, rng: Generator) -> Track:
+def track_on_bearing(
+    world: ImmWorld, array: int, angle: float, sigma: float, t_ns: int, label: int, rng: Generator
+) -> Track:
     """A track somewhere on the sight line of a bearing: as far as the array hears, and in the room.
 
     Places are equally likely per length of the line; where none is in the room any will do.
@@ -174,7 +176,7 @@ def on_line(world: ImmWorld, array: int, angle: float, sigma: float, t_ns: int, 
     n = config.particles * config.birth_factor
     longest = min(float(world.reach[array]), world.longest)
     xy, count = np.empty((0, 2)), 0
-    for _ in range(ROUNDS):
+    for _ in range(MAX_DRAWS):
         r, at = longest * rng.random(n), angle + sigma * rng.standard_normal(n)
         new = world.places[array] + np.column_stack([r * np.cos(at), r * np.sin(at)])
         good = new[inside_polygon(new, world.region)]
@@ -188,11 +190,11 @@ def on_line(world: ImmWorld, array: int, angle: float, sigma: float, t_ns: int, 
     states = np.column_stack([xy[:, 0], velocity[:, 0], xy[:, 1], velocity[:, 1]])
     labelled = label != UNLABELLED_TRACK
     exists = 1.0 if labelled else config.birth
-    number = label if labelled else UNNUMBERED
+    number = label if labelled else TENTATIVE
     return Track(number=number, label=label, cloud=_cloud(states), exists=exists, sounds=1.0, hits=1, met_ns=t_ns)
 
 
-def at_place(
+def track_at_position(
     world: ImmWorld, place: Floats, covariance: Floats, number: int, label: int, t_ns: int, rng: Generator
 ) -> Track:
     """A confirmed track of a new target at a place that cameras found."""
@@ -204,8 +206,8 @@ def at_place(
     return _confirmed(config, number, label, states, t_ns)
 
 
-def _cloud(states: Floats) -> imm.Cloud:
-    return imm.Cloud(np.ascontiguousarray(states), np.zeros(len(states), dtype=np.int64))
+def _cloud(states: Floats) -> imm.ImmParticles:
+    return imm.ImmParticles(np.ascontiguousarray(states), np.zeros(len(states), dtype=np.int64))
 
 
 def move_track(world: ImmWorld, track: Track, dt: float, rng: Generator) -> Moved:
@@ -219,7 +221,7 @@ def move_track(world: ImmWorld, track: Track, dt: float, rng: Generator) -> Move
     if world.walls:
         inside = inside_polygon(np.ascontiguousarray(predicted[..., ::2].reshape(-1, 2)), world.region).reshape(J, L)
         mass = float(prior[inside].sum())
-        if FEW_INSIDE < mass < 1.0:
+        if MIN_INSIDE_SHARE < mass < 1.0:
             prior = np.where(inside, prior, 0.0) / mass
         elif mass < 1.0:
             # At most a tenth of the weight is still in the room: particles outside keep their old position, at rest.
@@ -229,7 +231,7 @@ def move_track(world: ImmWorld, track: Track, dt: float, rng: Generator) -> Move
     return Moved(track._replace(sounds=sounds), predicted, prior, prior)
 
 
-def standing(world: ImmWorld, track: Track) -> Moved:
+def new_track(world: ImmWorld, track: Track) -> Moved:
     """A new track at its own time, under all models alike."""
     J, L = len(world.models), len(track.cloud.states)
     prior = np.full((J, L), 1.0 / (J * L))
@@ -248,7 +250,7 @@ def _chance(dt: float, mean_s: float) -> float:
     return -math.expm1(-dt / mean_s)
 
 
-def after(track: Track, reached: float, detection: float, unheard: float) -> Track:
+def update_existence(track: Track, reached: float, detection: float, unheard: float) -> Track:
     """The track's probabilities once an array has listened.
 
     Args:
@@ -276,11 +278,11 @@ def resampled(moved: Moved, particles: int, dt: float, rng: Generator) -> Track:
         rng: draws.
     """
     track = moved.track
-    confirmed = track.number != UNNUMBERED
+    confirmed = track.number != TENTATIVE
     n = particles if confirmed else len(track.cloud.states)
     rows, models = imm.resample(moved.weights, float(rng.random()), rng.random(n))
-    lineage = (track.lineage or begun(len(track.cloud.states))).drawn(rows, dt) if confirmed else None
-    return track._replace(cloud=imm.Cloud(imm.taken(moved.predicted, models, rows), models), lineage=lineage)
+    lineage = (track.lineage or new_genealogy(len(track.cloud.states))).drawn(rows, dt) if confirmed else None
+    return track._replace(cloud=imm.ImmParticles(imm.taken(moved.predicted, models, rows), models), lineage=lineage)
 
 
 class TrackTrace(NamedTuple):
@@ -298,7 +300,7 @@ def trace_of(track: Track, t_ns: int) -> TrackTrace:
     )
 
 
-def back(traces: Sequence[TrackTrace], config: ImmConfig, rng: Generator) -> list[Past]:
+def smooth_backwards(traces: Sequence[TrackTrace], config: ImmConfig, rng: Generator) -> list[SmoothedState]:
     """Past states of a target from trajectories that are drawn back from the last trace to the first."""
     models, out = three_models(config.alpha), []
     states, kinds = last_states(traces[-1].knot, config.trajectories, rng)
@@ -336,6 +338,6 @@ def noise_back(density: float, dt: float) -> Floats:
     return out
 
 
-def _past(states: Floats) -> Past:
+def _past(states: Floats) -> SmoothedState:
     mean, covariance = spread_of(states)
-    return Past(mean[::2], mean[1::2], np.ascontiguousarray(covariance[::2, ::2]))
+    return SmoothedState(mean[::2], mean[1::2], np.ascontiguousarray(covariance[::2, ::2]))

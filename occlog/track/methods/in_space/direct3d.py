@@ -28,42 +28,42 @@ from occlog.filtering.motion.white_acceleration import moved
 from occlog.filtering.particles import effective_sample_size, log_of, normalise_log_weights
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
-from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction, Smoothing
+from occlog.track.interface import Estimate, HeightEstimate, Online, ParticleSet, Smoothing, TargetPredictor
 
 from .config import Direct3dConfig, SpaceConfig
-from .importance_step import CloudTrace, Way, sight_lines, taken_in, through_clouds
+from .importance_step import CloudTrace, TimeStepPath, sight_lines, through_clouds, update_by_scan
 from .sensing import (
     C,
     ScanDirections,
-    Space,
+    SpaceModel,
     agrees,
-    around,
-    found,
-    log_leaving,
     log_likelihood,
+    log_room_factor,
     make_space,
     pack_directions,
+    particles_around,
+    particles_from_scan,
 )
 
 REFERENCE_S = 1.0
 """Step in which the time between selections of cameras is counted [s]."""
-PATIENCE = 4
+RESTART_BACKOFF = 4
 """How many times longer a sensor must speak against a filter that has already started anew because of it."""
 
 
 class Direct3dState(NamedTuple):
     """Weighted particles after the last scan; `t_ns` is None before the first."""
 
-    space: Space[Direct3dConfig]
+    space: SpaceModel[Direct3dConfig]
     cloud: Floats  # (6, L)
     log_weights: Floats  # (L,)
     near: Floats  # (2,) about where the target is
     t_ns: int | None
-    astray: Ints  # (S,) see `contradicted`
+    astray: Ints  # (S,) see `is_contradicted`
     begun: bool = True  # anew with the last scan
 
 
-class Draw(NamedTuple):
+class ScanUpdate(NamedTuple):
     """Outcome of taking in one scan."""
 
     cloud: Floats
@@ -76,7 +76,7 @@ def init(scene: Scene, config: Direct3dConfig, rng: Generator) -> Direct3dState:
     """State before the first scan: particles around `config.start`, or none yet."""
     space = make_space(scene, config, cone=config.likelihood == "cone")
     n = config.particles * config.start_factor
-    cloud = np.empty((6, 0)) if config.start is None else around(space, config.start, n, rng)
+    cloud = np.empty((6, 0)) if config.start is None else particles_around(space, config.start, n, rng)
     near = scene.region.mean(axis=0) if config.start is None else np.array(config.start[:2])
     return Direct3dState(
         space=space,
@@ -93,9 +93,9 @@ def step(state: Direct3dState, scan: Scan, rng: Generator) -> tuple[Direct3dStat
     space, config = state.space, state.space.config
     heard = pack_directions(scan, space.ears, state.near, use_score=config.use_score)
 
-    def loss(draw: Draw) -> tuple[Ints, bool]:
+    def loss(draw: ScanUpdate) -> tuple[Ints, bool]:
         best = draw.cloud[:3, int(np.argmax(draw.weights))]
-        return contradicted(state.astray, agrees(best[None], heard, config.gate)[0], heard, config)
+        return is_contradicted(state.astray, agrees(best[None], heard, config.gate)[0], heard, config)
 
     # Propose and weigh ([Lee] Eqs. 2.6-2.7 by particles)
     draw, astray = advance(
@@ -129,42 +129,42 @@ def trace(state: Direct3dState) -> CloudTrace:
     return CloudTrace(state.t_ns, kernel_density(state.cloud, weights / weights.sum()), state.begun)
 
 
-def predict(state: Direct3dState, t_ns: int, rng: Generator) -> Cloud:
+def predict(state: Direct3dState, t_ns: int, rng: Generator) -> ParticleSet:
     """Where the target is thought to be at a time not before the last scan; the state stays as it is."""
     cloud, weights = state.cloud, np.exp(state.log_weights)
     if not cloud.shape[1]:
         space, n = state.space, state.space.config.particles
-        return Cloud((space.low + (space.high - space.low) * rng.random((n, 3)))[:, :2], np.full(n, 1.0 / n))
+        return ParticleSet((space.low + (space.high - space.low) * rng.random((n, 3)))[:, :2], np.full(n, 1.0 / n))
     if state.t_ns is not None:
         dt = min((t_ns - state.t_ns) / NS, state.space.config.max_gap_s)
         cloud = moved(cloud, state.space.motion, dt, rng)
-    return Cloud(np.ascontiguousarray(cloud[:2].T), weights / weights.sum())
+    return ParticleSet(np.ascontiguousarray(cloud[:2].T), weights / weights.sum())
 
 
-def _updated(state: Direct3dState, heard: ScanDirections, dt: float, rng: Generator) -> Draw | None:
+def _updated(state: Direct3dState, heard: ScanDirections, dt: float, rng: Generator) -> ScanUpdate | None:
     """Weighted particles at the time of a scan, a time dt [s] after the last one; None where no particle agrees."""
     space = state.space
-    cloud, weights, log_sum = taken_in(
+    cloud, weights, log_sum = update_by_scan(
         state.cloud,
         state.log_weights,
-        Way(space.motion, dt),
+        TimeStepPath(space.motion, dt),
         lambda: sight_lines(heard, space.chances),
         lambda xyz: log_likelihood(xyz, heard, space),
         config=space.config,
         rng=rng,
-        log_going=lambda before, after: log_leaving(None if state.t_ns is None else before, after, space),
+        log_going=lambda before, after: log_room_factor(None if state.t_ns is None else before, after, space),
     )
-    return Draw(cloud, weights, log_sum, "") if math.isfinite(log_sum) else None
+    return ScanUpdate(cloud, weights, log_sum, "") if math.isfinite(log_sum) else None
 
 
-def begin(space: Space[C], heard: ScanDirections, reason: str, rng: Generator) -> Draw:
+def begin(space: SpaceModel[C], heard: ScanDirections, reason: str, rng: Generator) -> ScanUpdate:
     """Many particles where the scan says."""
-    cloud, log_weights = found(space, heard, space.config.particles * space.config.start_factor, rng)
+    cloud, log_weights = particles_from_scan(space, heard, space.config.particles * space.config.start_factor, rng)
     weights, log_sum = normalise_log_weights(log_weights)
-    return Draw(cloud, weights, log_sum - math.log(len(weights)), reason)
+    return ScanUpdate(cloud, weights, log_sum - math.log(len(weights)), reason)
 
 
-def contradicted(astray: Ints, good: Bools, heard: ScanDirections, config: SpaceConfig) -> tuple[Ints, bool]:
+def is_contradicted(astray: Ints, good: Bools, heard: ScanDirections, config: SpaceConfig) -> tuple[Ints, bool]:
     """How many more reports of each sensor contradict the likeliest place than agree with it, and whether that is lost.
 
     It is lost when one sensor has contradicted it `lost_after` times more.  Every sensor counts by
@@ -185,11 +185,11 @@ def contradicted(astray: Ints, good: Bools, heard: ScanDirections, config: Space
     astray[heard.sensor[reports & ~good]] += 1
     lost = is_lost(int(astray.max(initial=0)), config.lost_after)
     if lost:
-        astray = np.where(astray > 0, -PATIENCE * config.lost_after, 0)
+        astray = np.where(astray > 0, -RESTART_BACKOFF * config.lost_after, 0)
     return astray, lost
 
 
-def estimate_of(mean: Floats, covariance: Floats, draw: Draw, heard: ScanDirections, good: Bools) -> Estimate:
+def estimate_of(mean: Floats, covariance: Floats, draw: ScanUpdate, heard: ScanDirections, good: Bools) -> Estimate:
     """Mean (6,) and covariance (6, 6) as an estimate; `good` (N,): which sensors agree with it."""
     seen = np.diff(heard.sights.first) > 0
     seen &= heard.sights.labelled | good
@@ -204,7 +204,9 @@ def estimate_of(mean: Floats, covariance: Floats, draw: Draw, heard: ScanDirecti
         fallback=draw.fallback,
         used=tuple(heard.sensor.tolist()),
         seen_by=tuple(heard.sensor[seen].tolist()),
-        height=Height(float(mean[2]), float(mean[5]), np.array([covariance[0, 2], covariance[1, 2], covariance[2, 2]])),
+        height=HeightEstimate(
+            float(mean[2]), float(mean[5]), np.array([covariance[0, 2], covariance[1, 2], covariance[2, 2]])
+        ),
     )
 
 
@@ -213,6 +215,6 @@ METHOD = Online(
     init=init,
     step=step,
     started=lambda config: config.start is not None,
-    prediction=Prediction(predict, lambda _: REFERENCE_S, lambda _: None),
+    prediction=TargetPredictor(predict, lambda _: REFERENCE_S, lambda _: None),
     smoothing=Smoothing(lambda config: config, trace, through_clouds),
 )

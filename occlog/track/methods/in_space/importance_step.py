@@ -44,20 +44,20 @@ from occlog.filtering.kernel_density import (
 from occlog.filtering.motion.coordinated_turn import acceleration_root
 from occlog.filtering.motion.white_acceleration import AccelerationModel, moved, moved_back
 from occlog.filtering.particles import effective_sample_size, log_of, normalise_log_weights, systematic_ancestors
-from occlog.track.interface import Height, Past
+from occlog.track.interface import HeightEstimate, SmoothedState
 
 from .config import SpaceConfig
-from .kernels.importance import LEAST_RIVAL, Lines, adapt, draw
-from .kernels.likelihood import Chances
+from .kernels.importance import MIN_CLUTTER_DENSITY, ScanRows, adapt, draw
+from .kernels.likelihood import ReportProbabilities
 from .sensing import ScanDirections, motion_of
 
-DEFENSIVE = 0.05
+DEFENSIVE_FRACTION = 0.05
 """Share of parents and of places that are drawn without a look at the scan, so that no density is far too small."""
-LEAST_SIZE = 1e-9
+MIN_RELATIVE_EXTENT = 1e-9
 """A cloud without extent gets this much of the distance from the origin, so that densities stay finite."""
 
 
-class Way(NamedTuple):
+class TimeStepPath(NamedTuple):
     """A step of time."""
 
     motion: AccelerationModel
@@ -65,7 +65,7 @@ class Way(NamedTuple):
     jump: Floats | None = None  # (2d,) known change besides
 
 
-class Proposed(NamedTuple):
+class ProposedStates(NamedTuple):
     """Particles that were drawn with a look at the scan."""
 
     cloud: Floats  # (2d, n)
@@ -73,11 +73,11 @@ class Proposed(NamedTuple):
     log_likelihood: Floats  # (n,) of the scan
 
 
-def taken_in(
+def update_by_scan(
     cloud: Floats,
     log_weights: Floats,
-    way: Way,
-    lines: Callable[[], Lines],
+    way: TimeStepPath,
+    lines: Callable[[], ScanRows],
     log_likelihood: Callable[[Floats], Floats],
     *,
     config: SpaceConfig,
@@ -153,15 +153,15 @@ def kernel_density(cloud: Floats, weights: Floats, kernel: float) -> tuple[Float
 def propose(
     cloud: Floats,
     weights: Floats,
-    way: Way,
-    lines: Lines,
+    way: TimeStepPath,
+    lines: ScanRows,
     log_likelihood: Callable[[Floats], Floats],
     *,
     particles: int,
     kernel: float,
     rng: Generator,
     log_going: Callable[[Floats, Floats], Floats] | None = None,
-) -> Proposed:
+) -> ProposedStates:
     """Particles at the time of a scan.
 
     Args:
@@ -173,7 +173,7 @@ def propose(
         particles: how many are wanted.
         kernel: width of the kernel, of the one that is best for a Gaussian.
         rng: draws.
-        log_going: see `taken_in`.
+        log_going: see `update_by_scan`.
     """
     d, n = len(cloud) // 2, particles
     # Move the kernel density: its centres exactly, its covariance by a constant velocity
@@ -182,25 +182,25 @@ def propose(
     centres = moved(centres, still, way.dt, rng, way.jump)
     F = drift_matrix(d, way.dt)
     C = h * h * (F @ covariance @ F.T) + process_noise(way.motion, way.dt)
-    root, gain, rest = _conditional(C, d, LEAST_SIZE * (1.0 + float(np.abs(centres[:d]).max())))
+    root, gain, rest = _conditional(C, d, MIN_RELATIVE_EXTENT * (1.0 + float(np.abs(centres[:d]).max())))
     # Weigh the parents: predictive likelihood by Laplace's approximation
     modes, factors, volume = adapt(_in_space(centres[:d]), root, lines)
     at_modes = centres[:d] + root[:d, :d] @ modes[:d]
     prior = log_of(weights)
     going = 0.0 if log_going is None else log_going(cloud[:d], np.ascontiguousarray(at_modes))
     first, log_sum = normalise_log_weights(prior + going + volume + log_likelihood(np.ascontiguousarray(at_modes)))
-    first = weights if not math.isfinite(log_sum) else (1.0 - DEFENSIVE) * first + DEFENSIVE * weights
+    first = weights if not math.isfinite(log_sum) else (1.0 - DEFENSIVE_FRACTION) * first + DEFENSIVE_FRACTION * weights
     # Resample: systematic
     parents = systematic_ancestors(first, n, rng.random())
     # Propose: places from each parent's posterior, velocities given the place
-    y, ratio = draw(modes, factors, parents, DEFENSIVE, rng.random(n), rng.standard_normal((3, n)))
+    y, ratio = draw(modes, factors, parents, DEFENSIVE_FRACTION, rng.random(n), rng.standard_normal((3, n)))
     new = centres[:, parents]
     new[:d] += root[:d, :d] @ y[:d]
     new[d:] += gain @ y[:d] + rest @ rng.standard_normal((d, n))
     log_prior = prior[parents] - np.log(first[parents]) - math.log(n) + ratio
     if log_going is not None:
         log_prior += log_going(np.ascontiguousarray(cloud[:d, parents]), np.ascontiguousarray(new[:d]))
-    return Proposed(new, log_prior, log_likelihood(np.ascontiguousarray(new[:d])))
+    return ProposedStates(new, log_prior, log_likelihood(np.ascontiguousarray(new[:d])))
 
 
 def _conditional(C: Floats, d: int, least: float) -> tuple[Floats, Floats, Floats]:
@@ -217,7 +217,7 @@ def _in_space(places: Floats) -> Floats:
     return np.ascontiguousarray(places if len(places) == 3 else np.vstack([places, np.zeros(places.shape[1])]))
 
 
-def sight_lines(heard: ScanDirections, chances: Chances) -> Lines:
+def sight_lines(heard: ScanDirections, chances: ReportProbabilities) -> ScanRows:
     """The directions of a scan as residuals in space."""
     s = heard.sights
     flat = np.isnan(s.phi)
@@ -227,17 +227,17 @@ def sight_lines(heard: ScanDirections, chances: Chances) -> Lines:
     across = np.where(flat, 1.0, np.sin(phi[:, 0]) ** 2 + (np.cos(phi[:, 0]) * s.sigma_phi) ** 2)
     variance = np.stack([across * s.sigma_theta**2, np.where(flat, np.inf, s.sigma_phi**2)], axis=1)
     scale, rival = factors(heard, s.first, s.share, heard.uniform, chances)
-    return Lines(s.first, s.position, along, s.frame[:, 1].copy(), above, variance, scale * np.sqrt(across), rival)
+    return ScanRows(s.first, s.position, along, s.frame[:, 1].copy(), above, variance, scale * np.sqrt(across), rival)
 
 
 def factors(
-    heard: ScanDirections, first: Ints, share: Floats, uniform: Floats, chances: Chances
+    heard: ScanDirections, first: Ints, share: Floats, uniform: Floats, chances: ReportProbabilities
 ) -> tuple[Floats, Floats]:
-    """Scale and rival of `Lines`, as in `occlog.track.methods.in_space.kernels.likelihood.scan_log_likelihood`."""
+    """Scale and rival of `ScanRows`, as in `occlog.track.methods.in_space.kernels.likelihood.scan_log_likelihood`."""
     labelled = np.repeat(heard.sights.labelled, np.diff(first))
     scale = np.where(labelled, 1.0 - chances.false, chances.candidate / chances.clutter * share / uniform)
     rival = np.where(labelled, chances.false * uniform, 1.0 - chances.candidate)
-    return scale, np.maximum(rival, LEAST_RIVAL)
+    return scale, np.maximum(rival, MIN_CLUTTER_DENSITY)
 
 
 class CloudTrace(NamedTuple):
@@ -257,7 +257,7 @@ class GaussianTrace(NamedTuple):
     begun: bool
 
 
-def through_clouds(traces: Sequence[CloudTrace], config: SpaceConfig, rng: Generator) -> list[Past]:
+def through_clouds(traces: Sequence[CloudTrace], config: SpaceConfig, rng: Generator) -> list[SmoothedState]:
     """Past states from trajectories that are drawn back from the last trace to the first."""
     motion, out, states = motion_of(config), [], np.empty((6, 0))
     for k in range(len(traces) - 1, -1, -1):
@@ -271,7 +271,7 @@ def through_clouds(traces: Sequence[CloudTrace], config: SpaceConfig, rng: Gener
     return out[::-1]
 
 
-def through_gaussians(traces: Sequence[GaussianTrace], config: SpaceConfig, rng: Generator) -> list[Past]:
+def through_gaussians(traces: Sequence[GaussianTrace], config: SpaceConfig, rng: Generator) -> list[SmoothedState]:
     """Past states by the recursion of Rauch, Tung and Striebel."""
     motion, out = motion_of(config), []
     mean, covariance = np.empty(6), np.empty((6, 6))
@@ -298,7 +298,9 @@ def _before(
     return m + G @ (later - ahead), 0.5 * (covariance + covariance.T)
 
 
-def past_of(mean: Floats, covariance: Floats) -> Past:
+def past_of(mean: Floats, covariance: Floats) -> SmoothedState:
     """A state in space as a past one."""
-    height = Height(float(mean[2]), float(mean[5]), np.array([covariance[0, 2], covariance[1, 2], covariance[2, 2]]))
-    return Past(mean[:2], mean[3:5], np.ascontiguousarray(covariance[:2, :2]), height)
+    height = HeightEstimate(
+        float(mean[2]), float(mean[5]), np.array([covariance[0, 2], covariance[1, 2], covariance[2, 2]])
+    )
+    return SmoothedState(mean[:2], mean[3:5], np.ascontiguousarray(covariance[:2, :2]), height)

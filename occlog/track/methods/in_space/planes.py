@@ -42,18 +42,18 @@ from occlog.core.sight.projected_planes import (
 from occlog.filtering.motion.white_acceleration import AccelerationModel
 
 from .importance_step import drift_matrix, factors, process_noise
-from .kernels.importance import Lines
-from .kernels.likelihood import UNIFORM_AZIMUTH, Chances, log_in_plane, scan_log_likelihood
+from .kernels.importance import ScanRows
+from .kernels.likelihood import UNIFORM_AZIMUTH, ReportProbabilities, log_in_plane, scan_log_likelihood
 from .sensing import ScanDirections
 
 PLANE_ROWS = tuple(slice(4 * p, 4 * p + 4) for p in range(3))
 TO_PLANES = np.eye(6)[[k for p in range(3) for k in plane_axes(p)]]
 """(12, 6) from the state in space to those of the planes."""
-LEAST = 1e-12
+MIN_RELATIVE_VARIANCE = 1e-12
 """Variances below this share of the largest count as so much."""
 
 
-def begun(covariance: Floats) -> Floats:
+def initial_errors(covariance: Floats) -> Floats:
     """(12, 12) errors of planes that all begin from one estimate in space, of (6, 6) covariance."""
     return np.asarray(TO_PLANES @ covariance @ TO_PLANES.T)
 
@@ -61,7 +61,7 @@ def begun(covariance: Floats) -> Floats:
 def moved_errors(errors: Floats, motion: AccelerationModel, dt: float) -> Floats:
     """(12, 12) errors a time dt later; all planes have the noise of one motion."""
     F = np.kron(np.eye(3), drift_matrix(2, dt))
-    return np.asarray(F @ errors @ F.T + begun(process_noise(motion, dt)))
+    return np.asarray(F @ errors @ F.T + initial_errors(process_noise(motion, dt)))
 
 
 def measured_errors(errors: Floats, places: Floats, sensor: Floats, angles: Floats, used: Bools) -> Floats:
@@ -101,7 +101,7 @@ def rescaled(errors: Floats, covariances: dict[int, Floats]) -> Floats:
     return np.asarray(T @ errors @ T.T)
 
 
-def woken(errors: Floats, plane: int, combination: Floats) -> Floats:
+def reactivated(errors: Floats, plane: int, combination: Floats) -> Floats:
     """(12, 12) errors where a plane begins from the combined estimate, which is the (6, 12) combination of planes."""
     T = np.eye(12)
     T[PLANE_ROWS[plane]] = TO_PLANES[PLANE_ROWS[plane]] @ combination
@@ -127,15 +127,15 @@ def combination_of(planes: tuple[int, int], shared: int, shares: Floats) -> Floa
 def _roots(covariance: Floats) -> tuple[Floats, Floats]:
     """The symmetric root of a covariance, and its inverse."""
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    sd = np.sqrt(np.maximum(values, max(LEAST * values[-1], 1e-300)))
+    sd = np.sqrt(np.maximum(values, max(MIN_RELATIVE_VARIANCE * values[-1], 1e-300)))
     return (vectors * sd) @ vectors.T, (vectors / sd) @ vectors.T
 
 
-BELIEVED = 5.0
+GATE_SIGMAS = 5.0
 """Standard deviations from a plane's estimate within which an angle counts as taken in."""
 
 
-class Flat(NamedTuple):
+class PlanePosterior(NamedTuple):
     """What the filter of a plane knows."""
 
     mean: Floats  # (4,) a, b, va, vb
@@ -144,7 +144,7 @@ class Flat(NamedTuple):
     ess: float
 
 
-class Joined(NamedTuple):
+class CombinedPosterior(NamedTuple):
     """What two planes know of the target in space."""
 
     mean: Floats  # (6,) x, y, z, vx, vy, vz
@@ -157,7 +157,9 @@ def shared_axis(p: int, q: int) -> int:
     return next(k for k in AXES[p] if k in AXES[q])
 
 
-def combine(planes: tuple[int, int], flat: tuple[Flat, Flat], rule: str, errors: Floats) -> Joined:
+def combine(
+    planes: tuple[int, int], flat: tuple[PlanePosterior, PlanePosterior], rule: str, errors: Floats
+) -> CombinedPosterior:
     """The state in space from two planes.
 
     The axis that both have is a weighted mean.  The covariance is that of the combination: what both
@@ -177,10 +179,10 @@ def combine(planes: tuple[int, int], flat: tuple[Flat, Flat], rule: str, errors:
     states = np.zeros(12)
     for p, f in zip(planes, flat, strict=True):
         states[PLANE_ROWS[p]] = f.mean
-    return Joined(W @ states, W @ errors @ W.T, W)
+    return CombinedPosterior(W @ states, W @ errors @ W.T, W)
 
 
-def _shares(flat: tuple[Flat, Flat], rows: list[list[int]], rule: str) -> Floats:
+def _shares(flat: tuple[PlanePosterior, PlanePosterior], rows: list[list[int]], rule: str) -> Floats:
     """(2, 2) weights of the two planes, for position and velocity of the common axis."""
     if rule == "equal":
         return np.full((2, 2), 0.5)
@@ -197,7 +199,7 @@ Pair = tuple[tuple[int, int], tuple[int, int]]
 NOTHING: Pair = ((-1, XY), (-1, YZ))
 
 
-class Angles(NamedTuple):
+class ProjectedAngles(NamedTuple):
     """The rows of a scan in the three planes."""
 
     angle: Floats  # (R, 3) [rad]
@@ -207,7 +209,7 @@ class Angles(NamedTuple):
     toward: Floats  # (R, 3) unit vectors in the world
 
 
-def plane_angles(heard: ScanDirections) -> Angles:
+def plane_angles(heard: ScanDirections) -> ProjectedAngles:
     """Projected angles and their standard deviations; an azimuth alone is one of xy."""
     s = heard.sights
     phi = np.where(heard.flat, 0.5 * math.pi, s.phi)
@@ -218,10 +220,10 @@ def plane_angles(heard: ScanDirections) -> Angles:
     variance = np.diagonal(covariance, axis1=1, axis2=2)
     blind = blind_planes(*noise)
     blind = np.where(heard.flat[:, None], np.array([False, True, True]), blind | ~(variance > 0))
-    return Angles(projected_angles(toward), np.sqrt(np.where(blind, 1.0, variance)), covariance, blind, toward)
+    return ProjectedAngles(projected_angles(toward), np.sqrt(np.where(blind, 1.0, variance)), covariance, blind, toward)
 
 
-def choose_pair(rule: str, heard: ScanDirections, angles: Angles, near: Floats, before: Pair) -> Pair:
+def choose_pair(rule: str, heard: ScanDirections, angles: ProjectedAngles, near: Floats, before: Pair) -> Pair:
     """The two planes to use, with the sensor that tells most in each.
 
     Of the candidates of a sensor that one counts which points nearest to where the target should be.
@@ -261,7 +263,7 @@ def _filled(found: list[tuple[int, int]], before: Pair) -> Pair:
     return found[0], found[1]
 
 
-def nearest_rows(heard: ScanDirections, angles: Angles, near: Floats) -> Ints:
+def nearest_rows(heard: ScanDirections, angles: ProjectedAngles, near: Floats) -> Ints:
     """(N,) row of each sensor that points nearest to a place; -1 for a sensor that saw nothing."""
     first = heard.sights.first
     to = near - heard.sights.position
@@ -281,7 +283,7 @@ class PlaneSights(NamedTuple):
     sigma: Floats  # (K,) [rad]
 
 
-def sights_in_plane(plane: int, heard: ScanDirections, angles: Angles, only: int | None = None) -> PlaneSights:
+def sights_in_plane(plane: int, heard: ScanDirections, angles: ProjectedAngles, only: int | None = None) -> PlaneSights:
     """What a scan tells in a plane.
 
     A sensor counts if none of its candidates is blind in this plane: otherwise one that cannot be seen
@@ -305,7 +307,7 @@ def sights_in_plane(plane: int, heard: ScanDirections, angles: Angles, only: int
     return PlaneSights(rows, first, place, angles.angle[rows, plane], angles.sigma[rows, plane])
 
 
-def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances: Chances) -> Floats:
+def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances: ReportProbabilities) -> Floats:
     """(L,) log likelihoods of a scan for (2, L) places in a plane, up to a constant.
 
     Args:
@@ -322,12 +324,12 @@ def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances:
     return scan_log_likelihood(each, own.first, s.labelled, s.share[own.rows], uniform, chances)
 
 
-def lines_in_plane(own: PlaneSights, heard: ScanDirections, chances: Chances) -> Lines:
+def lines_in_plane(own: PlaneSights, heard: ScanDirections, chances: ReportProbabilities) -> ScanRows:
     """What a scan tells in a plane as azimuths in a space whose third axis nothing depends on."""
     none, c, s = np.zeros(len(own.angle)), np.cos(own.angle), np.sin(own.angle)
     share = heard.sights.share[own.rows]
     scale, rival = factors(heard, own.first, share, np.full(len(share), UNIFORM_AZIMUTH), chances)
-    return Lines(
+    return ScanRows(
         first=own.first,
         position=np.column_stack([own.place, none]),
         along=np.column_stack([c, s, none]),
@@ -340,12 +342,16 @@ def lines_in_plane(own: PlaneSights, heard: ScanDirections, chances: Chances) ->
 
 
 def errors_after(
-    errors: Floats, heard: ScanDirections, angles: Angles, own: dict[int, PlaneSights], flats: dict[int, Flat]
+    errors: Floats,
+    heard: ScanDirections,
+    angles: ProjectedAngles,
+    own: dict[int, PlaneSights],
+    flats: dict[int, PlanePosterior],
 ) -> Floats:
     """(12, 12) errors of all planes after a scan that those of `own` took in, see `plane_errors`.
 
     Of a sensor's candidates that one counts which is nearest to where the plane has the target, if it is
-    within `BELIEVED` standard deviations.
+    within `GATE_SIGMAS` standard deviations.
     """
     s = heard.sights
     places = np.zeros((3, 2))
@@ -361,7 +367,7 @@ def errors_after(
                 gap = angles.angle[a:b, p] - math.atan2(to[1], to[0])
                 off[:, p] = np.abs(np.remainder(gap + math.pi, 2.0 * math.pi) - math.pi) / angles.sigma[a:b, p]
         row = int(np.argmin(off.min(axis=1)))
-        used = off[row] < BELIEVED
+        used = off[row] < GATE_SIGMAS
         if used.any():
             errors = measured_errors(errors, places, s.position[a], angles.covariance[a + row], used)
     return rescaled(errors, {p: f.covariance for p, f in flats.items()})

@@ -32,32 +32,32 @@ from occlog.filtering.motion.white_acceleration import AccelerationModel, moved,
 from occlog.filtering.particles import effective_sample_size, log_of
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
-from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction, Smoothing
+from occlog.track.interface import Estimate, HeightEstimate, Online, ParticleSet, Smoothing, TargetPredictor
 
 from .config import PpsConfig
-from .direct3d import REFERENCE_S, Draw, begin, contradicted
-from .importance_step import GaussianTrace, Way, sight_lines, taken_in, through_gaussians
+from .direct3d import REFERENCE_S, ScanUpdate, begin, is_contradicted
+from .importance_step import GaussianTrace, TimeStepPath, sight_lines, through_gaussians, update_by_scan
 from .planes import (
     NOTHING,
-    Angles,
-    Flat,
-    Joined,
+    CombinedPosterior,
     Pair,
+    PlanePosterior,
     PlaneSights,
-    begun,
+    ProjectedAngles,
     choose_pair,
     combination_of,
     combine,
     errors_after,
+    initial_errors,
     lines_in_plane,
     log_likelihood,
     moved_errors,
     plane_angles,
+    reactivated,
     shared_axis,
     sights_in_plane,
-    woken,
 )
-from .sensing import ScanDirections, Space, agrees, around, log_leaving, make_space, pack_directions
+from .sensing import ScanDirections, SpaceModel, agrees, log_room_factor, make_space, pack_directions, particles_around
 from .sensing import log_likelihood as space_log_likelihood
 
 ALL = range(len(PLANES))
@@ -68,11 +68,11 @@ Clouds = tuple[tuple[Floats, Floats], ...]
 class PpsState(NamedTuple):
     """Three planes' particles after the last scan; `t_ns` is None before the first."""
 
-    space: Space[PpsConfig]
+    space: SpaceModel[PpsConfig]
     motions: tuple[AccelerationModel, ...]  # of each plane
     clouds: Clouds
     errors: Floats  # (12, 12) of the planes' states, see `plane_errors`
-    joined: Joined | None  # None: nothing is known
+    joined: CombinedPosterior | None  # None: nothing is known
     pair: Pair
     t_ns: int | None
     astray: Ints  # (S,) see `direct3d.contradicted`
@@ -103,15 +103,15 @@ def step(state: PpsState, scan: Scan, rng: Generator) -> tuple[PpsState, Estimat
     # Project the directions into the planes ([Lee] Eqs. 2.1-2.3, corrected)
     angles = plane_angles(heard)
 
-    def initiate(reason: str) -> Draw | Taken:
+    def initiate(reason: str) -> ScanUpdate | PlaneUpdate:
         return begin(space, heard, reason, rng) if reason else _first(state, heard, rng)
 
-    def loss(found: Draw | Taken) -> tuple[Ints, bool]:
+    def loss(found: ScanUpdate | PlaneUpdate) -> tuple[Ints, bool]:
         """Planes that a sensor has contradicted for some scans, or that explain nothing, are lost."""
-        if isinstance(found, Draw):
+        if isinstance(found, ScanUpdate):
             return state.astray, False
         agree = agrees(found.joined.mean[None, :3], heard, config.gate)[0]
-        astray, lost = contradicted(state.astray, agree, heard, config)
+        astray, lost = is_contradicted(state.astray, agree, heard, config)
         return astray, lost or not all(math.isfinite(f.log_evidence) for f in found.used)
 
     found, astray = advance(
@@ -122,7 +122,7 @@ def step(state: PpsState, scan: Scan, rng: Generator) -> tuple[PpsState, Estimat
         update=partial(_updated, state, heard, angles, rng),
         loss=loss,
     )
-    if isinstance(found, Draw):
+    if isinstance(found, ScanUpdate):
         return _started(state._replace(astray=astray), scan.t_ns, heard, angles, found, rng)
     after = state._replace(
         clouds=found.clouds,
@@ -137,17 +137,19 @@ def step(state: PpsState, scan: Scan, rng: Generator) -> tuple[PpsState, Estimat
     return after, _estimate(found.joined, heard, config, ess, log_sum, "", found.pair)
 
 
-class Taken(NamedTuple):
+class PlaneUpdate(NamedTuple):
     """Posterior of the planes after a scan."""
 
     clouds: Clouds
     errors: Floats  # (12, 12)
-    joined: Joined
+    joined: CombinedPosterior
     pair: Pair
-    used: tuple[Flat, Flat]  # what the two planes know
+    used: tuple[PlanePosterior, PlanePosterior]  # what the two planes know
 
 
-def _updated(state: PpsState, heard: ScanDirections, angles: Angles, rng: Generator, dt: float) -> Draw | Taken:
+def _updated(
+    state: PpsState, heard: ScanDirections, angles: ProjectedAngles, rng: Generator, dt: float
+) -> ScanUpdate | PlaneUpdate:
     """The planes at the time of a scan, a time dt [s] after the last one."""
     space, config = state.space, state.space.config
     assert state.joined is not None
@@ -162,21 +164,21 @@ def _updated(state: PpsState, heard: ScanDirections, angles: Angles, rng: Genera
     # Combine the two planes to one state in space (Eqs. 2.17-2.21)
     used = flats[pair[0][1]], flats[pair[1][1]]
     joined = combine((pair[0][1], pair[1][1]), used, config.combining, errors)
-    return Taken(clouds, errors, joined, pair, used)
+    return PlaneUpdate(clouds, errors, joined, pair, used)
 
 
-def predict(state: PpsState, t_ns: int, rng: Generator) -> Cloud:
+def predict(state: PpsState, t_ns: int, rng: Generator) -> ParticleSet:
     """Where the target is thought to be at a time not before the last scan; the state stays as it is."""
     space, n = state.space, state.space.config.particles
     even = np.full(n, 1.0 / n)
     if state.joined is None or state.t_ns is None:
-        return Cloud((space.low + (space.high - space.low) * rng.random((n, 3)))[:, :2], even)
+        return ParticleSet((space.low + (space.high - space.low) * rng.random((n, 3)))[:, :2], even)
     cloud, log_weights = state.clouds[XY]
     if space.config.running == "selected" and XY not in (state.pair[0][1], state.pair[1][1]):
         cloud, log_weights = _reseeded(state.joined, XY, n, rng), np.log(even)
     dt = min((t_ns - state.t_ns) / NS, space.config.max_gap_s)
     ahead = moved(cloud, state.motions[XY], dt, rng, _turned(state, XY, dt))
-    return Cloud(np.ascontiguousarray(ahead[:2].T), np.exp(log_weights))
+    return ParticleSet(np.ascontiguousarray(ahead[:2].T), np.exp(log_weights))
 
 
 def trace(state: PpsState) -> GaussianTrace:
@@ -186,27 +188,27 @@ def trace(state: PpsState) -> GaussianTrace:
     return GaussianTrace(state.t_ns, state.joined.mean, state.joined.covariance, state.begun)
 
 
-def _first(state: PpsState, heard: ScanDirections, rng: Generator) -> Draw:
+def _first(state: PpsState, heard: ScanDirections, rng: Generator) -> ScanUpdate:
     """Particles in space around the start, weighed by the first scan, or where that says."""
     space, config = state.space, state.space.config
     if config.start is None:
         return begin(space, heard, "", rng)
     n = config.particles * config.start_factor
-    cloud, weights, log_sum = taken_in(
-        around(space, config.start, n, rng),
+    cloud, weights, log_sum = update_by_scan(
+        particles_around(space, config.start, n, rng),
         np.full(n, -math.log(n)),
-        Way(space.motion, 0.0),
+        TimeStepPath(space.motion, 0.0),
         partial(sight_lines, heard, space.chances),
         lambda xyz: space_log_likelihood(xyz, heard, space),
         config=config,
         rng=rng,
-        log_going=lambda _, after: log_leaving(None, after, space),
+        log_going=lambda _, after: log_room_factor(None, after, space),
     )
-    return Draw(cloud, weights, log_sum, "") if math.isfinite(log_sum) else begin(space, heard, "restart", rng)
+    return ScanUpdate(cloud, weights, log_sum, "") if math.isfinite(log_sum) else begin(space, heard, "restart", rng)
 
 
 def _started(
-    state: PpsState, t_ns: int, heard: ScanDirections, angles: Angles, draw: Draw, rng: Generator
+    state: PpsState, t_ns: int, heard: ScanDirections, angles: ProjectedAngles, draw: ScanUpdate, rng: Generator
 ) -> tuple[PpsState, Estimate]:
     """All planes anew from particles in space."""
     config = state.space.config
@@ -222,9 +224,9 @@ def _started(
         clouds.append((cloud, np.full(n, -math.log(n))))
     pair = choose_pair(config.selection, heard, angles, mean[:3], state.pair)
     planes = (pair[0][1], pair[1][1])
-    joined = Joined(mean, covariance, combination_of(planes, shared_axis(*planes), np.full((2, 2), 0.5)))
+    joined = CombinedPosterior(mean, covariance, combination_of(planes, shared_axis(*planes), np.full((2, 2), 0.5)))
     after = state._replace(
-        clouds=tuple(clouds), errors=begun(covariance), joined=joined, pair=pair, t_ns=t_ns, begun=True
+        clouds=tuple(clouds), errors=initial_errors(covariance), joined=joined, pair=pair, t_ns=t_ns, begun=True
     )
     ess = effective_sample_size(draw.weights)
     return after, _estimate(joined, heard, config, ess, draw.log_likelihood, draw.fallback, pair)
@@ -239,11 +241,11 @@ def _woken(state: PpsState, pair: Pair, rng: Generator) -> PpsState:
         if p not in before:
             n = state.space.config.particles
             clouds[p] = (_reseeded(state.joined, p, n, rng), np.full(n, -math.log(n)))
-            errors = woken(errors, p, state.joined.combination)
+            errors = reactivated(errors, p, state.joined.combination)
     return state._replace(clouds=tuple(clouds), errors=errors)
 
 
-def _reseeded(joined: Joined, plane: int, n: int, rng: Generator) -> Floats:
+def _reseeded(joined: CombinedPosterior, plane: int, n: int, rng: Generator) -> Floats:
     """(4, n) particles around the combined estimate."""
     rows = plane_axes(plane)
     root = root_of(joined.covariance[np.ix_(rows, rows)])
@@ -270,8 +272,8 @@ def _turned(state: PpsState, plane: int, dt: float) -> Floats | None:
 
 
 def _taken_in(
-    state: PpsState, dt: float, pair: Pair, heard: ScanDirections, angles: Angles, rng: Generator
-) -> tuple[Clouds, dict[int, Flat], dict[int, PlaneSights]]:
+    state: PpsState, dt: float, pair: Pair, heard: ScanDirections, angles: ProjectedAngles, rng: Generator
+) -> tuple[Clouds, dict[int, PlanePosterior], dict[int, PlaneSights]]:
     """The running planes' particles after the scan, what they know, and what the scan told them."""
     config, n, chances = state.space.config, state.space.config.particles, state.space.chances
     best = {p: s for s, p in pair}
@@ -279,17 +281,17 @@ def _taken_in(
     for p in _running(state, pair):
         cloud, log_weights = state.clouds[p]
         own = sights_in_plane(p, heard, angles, best.get(p) if config.per_plane == "best" else None)
-        cloud, weights, log_sum = taken_in(
+        cloud, weights, log_sum = update_by_scan(
             cloud,
             log_weights,
-            Way(state.motions[p], dt, _turned(state, p, dt)),
+            TimeStepPath(state.motions[p], dt, _turned(state, p, dt)),
             partial(lines_in_plane, own, heard, chances),
             partial(log_likelihood, own=own, heard=heard, chances=chances),
             config=config,
             rng=rng,
         )
         mean, covariance = moments(cloud, weights)
-        flats[p], told[p] = Flat(mean, covariance, log_sum, effective_sample_size(weights)), own
+        flats[p], told[p] = PlanePosterior(mean, covariance, log_sum, effective_sample_size(weights)), own
         if config.proposal == "motion" and flats[p].ess < config.resample_below * n:
             cloud = resample_with_kernel(
                 cloud, weights, mean, covariance, n, config.kernel * silverman_bandwidth(n, 4), rng
@@ -300,7 +302,13 @@ def _taken_in(
 
 
 def _estimate(
-    joined: Joined, heard: ScanDirections, config: PpsConfig, ess: float, log_sum: float, fallback: str, pair: Pair
+    joined: CombinedPosterior,
+    heard: ScanDirections,
+    config: PpsConfig,
+    ess: float,
+    log_sum: float,
+    fallback: str,
+    pair: Pair,
 ) -> Estimate:
     seen = np.diff(heard.sights.first) > 0
     seen &= heard.sights.labelled | agrees(joined.mean[None, :3], heard, config.gate)[0]
@@ -319,7 +327,7 @@ def _estimate(
         fallback=fallback,
         used=tuple(used.tolist()),
         seen_by=tuple(heard.sensor[seen].tolist()),
-        height=Height(float(joined.mean[2]), float(joined.mean[5]), np.array([c[0, 2], c[1, 2], c[2, 2]])),
+        height=HeightEstimate(float(joined.mean[2]), float(joined.mean[5]), np.array([c[0, 2], c[1, 2], c[2, 2]])),
     )
 
 
@@ -328,6 +336,6 @@ METHOD = Online(
     init=init,
     step=step,
     started=lambda config: config.start is not None,
-    prediction=Prediction(predict, lambda _: REFERENCE_S, lambda _: None),
+    prediction=TargetPredictor(predict, lambda _: REFERENCE_S, lambda _: None),
     smoothing=Smoothing(lambda config: config, trace, through_gaussians),
 )

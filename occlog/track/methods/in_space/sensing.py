@@ -20,13 +20,21 @@ from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
 
 from .config import PLANES, SpaceConfig
-from .kernels.likelihood import UNIFORM, UNIFORM_AZIMUTH, Chances, Sights, log_cone, log_product, scan_log_likelihood
+from .kernels.likelihood import (
+    UNIFORM,
+    UNIFORM_AZIMUTH,
+    ReportProbabilities,
+    ScanDirectionSet,
+    log_cone,
+    log_product,
+    scan_log_likelihood,
+)
 
-LEAST_SIGMA = 1e-9
+MIN_SIGMA_RAD = 1e-9
 """Angles without any noise get this much [rad], so that densities stay finite."""
 
 
-class Ears(NamedTuple):
+class ArrayGeometry(NamedTuple):
     """Places and poses of S sensors, cameras first."""
 
     position: Floats  # (S, 3)
@@ -39,7 +47,7 @@ class Ears(NamedTuple):
 class ScanDirections(NamedTuple):
     """R directions of a scan of N sensors in the frames of the sensors: what the likelihoods in space need of it."""
 
-    sights: Sights
+    sights: ScanDirectionSet
     theta: Floats  # (R,) measured azimuths in the sensor's frame [rad]
     rotation: Floats  # (R, 3, 3) world-from-sensor
     uniform: Floats  # (R,) density of clutter
@@ -47,11 +55,11 @@ class ScanDirections(NamedTuple):
     flat: Bools  # (R,) azimuth only
 
 
-def pack_ears(scene: Scene) -> Ears:
+def pack_ears(scene: Scene) -> ArrayGeometry:
     """Places, poses and ranges of all sensors."""
     cameras, arrays = scene.cameras, scene.arrays
     eye = np.eye(3)
-    return Ears(
+    return ArrayGeometry(
         np.array([c.position for c in cameras] + [a.position for a in arrays], dtype=np.float64).reshape(-1, 3),
         np.array([eye] * len(cameras) + [a.rotation for a in arrays]).reshape(-1, 3, 3),
         np.array([c.range for c in cameras] + [a.range for a in arrays], dtype=np.float64),
@@ -60,7 +68,7 @@ def pack_ears(scene: Scene) -> Ears:
     )
 
 
-def pack_directions(scan: Scan, ears: Ears, near: Floats, *, use_score: bool) -> ScanDirections:
+def pack_directions(scan: Scan, ears: ArrayGeometry, near: Floats, *, use_score: bool) -> ScanDirections:
     """The directions of a scan in the frames of their sensors; those not seen tell nothing and have no row.
 
     Args:
@@ -80,14 +88,14 @@ def pack_directions(scan: Scan, ears: Ears, near: Floats, *, use_score: bool) ->
     world = direction(bearing, polar_from_elevation(np.where(flat, 0.0, up)))
     theta, phi = direction_angles((world[:, None, :] @ rotation)[:, 0])
     weigh = np.isfinite(scan.score[keep]) & ~scan.labelled[keep] & use_score
-    sights = Sights(
+    sights = ScanDirectionSet(
         first=first,
         labelled=scan.labelled[start],
         position=ears.position[sensor],
         frame=_frames(theta, rotation),
         phi=np.where(flat, np.nan, phi),
         sigma_theta=_with_pose(scan.sigma[keep], sensor, ears, near),
-        sigma_phi=np.maximum(np.where(flat, 1.0, sigma_up), LEAST_SIGMA),
+        sigma_phi=np.maximum(np.where(flat, 1.0, sigma_up), MIN_SIGMA_RAD),
         reach=ears.reach[sensor],
         share=np.where(weigh, scan.score[keep], 1.0),
     )
@@ -106,12 +114,12 @@ def _frames(theta: Floats, rotation: Floats) -> Floats:
     return frame
 
 
-def _with_pose(sigma: Floats, sensor: Ints, ears: Ears, near: Floats) -> Floats:
+def _with_pose(sigma: Floats, sensor: Ints, ears: ArrayGeometry, near: Floats) -> Floats:
     """(R,) standard deviations of azimuths with the errors of the sensors' poses."""
     offset = near - ears.position[sensor, :2]
     distance = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 3.0 * ears.sigma_position[sensor])
     shift = ears.sigma_position[sensor] / np.where(distance > 0, distance, 1.0)
-    return np.maximum(np.sqrt(sigma**2 + ears.sigma_yaw[sensor] ** 2 + shift**2), LEAST_SIGMA)
+    return np.maximum(np.sqrt(sigma**2 + ears.sigma_yaw[sensor] ** 2 + shift**2), MIN_SIGMA_RAD)
 
 
 def agrees(places: Floats, heard: ScanDirections, gate: float) -> Bools:
@@ -141,20 +149,20 @@ def agrees(places: Floats, heard: ScanDirections, gate: float) -> Bools:
     return out
 
 
-ANYWHERE = 0.1
+DEFENSIVE_FRACTION = 0.1
 """Share of the first particles that does not look at the scan."""
 
 
 C = TypeVar("C", bound=SpaceConfig)
 
 
-class Space(NamedTuple, Generic[C]):
+class SpaceModel(NamedTuple, Generic[C]):
     """Scene and settings as the filters want them; they do not change with time."""
 
     config: C
-    ears: Ears
+    ears: ArrayGeometry
     motion: AccelerationModel
-    chances: Chances
+    chances: ReportProbabilities
     cone: bool
     low: Floats  # (3,) of the box that holds the room and all sensors
     high: Floats  # (3,)
@@ -170,12 +178,12 @@ def motion_of(config: SpaceConfig) -> AccelerationModel:
     return AccelerationModel(np.array(config.acceleration), np.array([config.q, config.q, up]), config.turn, axes)
 
 
-def chances_of(config: SpaceConfig) -> Chances:
+def chances_of(config: SpaceConfig) -> ReportProbabilities:
     """The measurements' part of the settings."""
-    return Chances(config.false, config.soften, config.candidate, config.clutter)
+    return ReportProbabilities(config.false, config.soften, config.candidate, config.clutter)
 
 
-def make_space(scene: Scene, config: C, *, cone: bool = False) -> Space[C]:
+def make_space(scene: Scene, config: C, *, cone: bool = False) -> SpaceModel[C]:
     """The scene as the filters want it; `cone`: likelihoods are those of the angle from the sight line."""
     ears = pack_ears(scene)
     ground = np.concatenate([scene.region, ears.position[:, :2]])
@@ -183,7 +191,7 @@ def make_space(scene: Scene, config: C, *, cone: bool = False) -> Space[C]:
     low = np.append(ground.min(axis=0), heights.min())
     high = np.append(ground.max(axis=0), heights.max())
     floor = None if scene.room is None else make_floor(scene.room, [o.polygon for o in scene.occluders])
-    return Space(
+    return SpaceModel(
         config,
         ears,
         motion_of(config),
@@ -197,7 +205,7 @@ def make_space(scene: Scene, config: C, *, cone: bool = False) -> Space[C]:
     )
 
 
-def log_likelihood(xyz: Floats, heard: ScanDirections, space: Space[C]) -> Floats:
+def log_likelihood(xyz: Floats, heard: ScanDirections, space: SpaceModel[C]) -> Floats:
     """(L,) log likelihoods of a scan for (3, L) particles, up to a constant."""
     s = heard.sights
     each = (log_cone if space.cone else log_product)(xyz, s, space.chances.soften)
@@ -208,7 +216,7 @@ def log_likelihood(xyz: Floats, heard: ScanDirections, space: Space[C]) -> Float
     return scan_log_likelihood(each, s.first, s.labelled, s.share, uniform, space.chances)
 
 
-def log_leaving(before: Floats | None, after: Floats, space: Space[C]) -> Floats:
+def log_room_factor(before: Floats | None, after: Floats, space: SpaceModel[C]) -> Floats:
     """(L,) log of what it costs to leave the room, once and not at every scan that the target is outside.
 
     Args:
@@ -222,7 +230,7 @@ def log_leaving(before: Floats | None, after: Floats, space: Space[C]) -> Floats
     return np.where(stays, 0.0, math.log(space.config.outside))
 
 
-def in_room(xyz: Floats, space: Space[C]) -> Bools:
+def in_room(xyz: Floats, space: SpaceModel[C]) -> Bools:
     """(L,) whether (3, L) places are in the room, above its floor and below its ceiling; all where none is known."""
     if space.floor is None:
         return np.ones(xyz.shape[1], dtype=np.bool_)
@@ -230,7 +238,7 @@ def in_room(xyz: Floats, space: Space[C]) -> Bools:
     return np.asarray(inside & (xyz[2] >= 0.0) & (xyz[2] <= space.ceiling))
 
 
-def around(space: Space[C], start: tuple[float, ...], n: int, rng: Generator) -> Floats:
+def particles_around(space: SpaceModel[C], start: tuple[float, ...], n: int, rng: Generator) -> Floats:
     """(6, n) particles around a start; see `SpaceConfig.start`."""
     unit = rng.standard_normal((6, n))
     mean, sigma = np.zeros(6), np.append(np.zeros(3), _speeds(space))
@@ -244,7 +252,7 @@ def around(space: Space[C], start: tuple[float, ...], n: int, rng: Generator) ->
     return np.asarray(cloud)
 
 
-def found(space: Space[C], heard: ScanDirections, n: int, rng: Generator) -> tuple[Floats, Floats]:
+def particles_from_scan(space: SpaceModel[C], heard: ScanDirections, n: int, rng: Generator) -> tuple[Floats, Floats]:
     """(6, n) particles where a scan says that the target is, and their log weights.
 
     Places are drawn along the sight lines of all candidates, out to where they leave the
@@ -253,7 +261,7 @@ def found(space: Space[C], heard: ScanDirections, n: int, rng: Generator) -> tup
     """
     s = heard.sights
     R = len(s.phi)
-    each = math.floor(n * (1.0 - ANYWHERE) / R) if R else 0
+    each = math.floor(n * (1.0 - DEFENSIVE_FRACTION) / R) if R else 0
     parts = [_along(space, s, r, each, rng) for r in range(R)]
     parts.append(space.low[:, None] + (space.high - space.low)[:, None] * rng.random((3, n - R * each)))
     xyz = np.ascontiguousarray(np.concatenate(parts, axis=1))
@@ -262,7 +270,7 @@ def found(space: Space[C], heard: ScanDirections, n: int, rng: Generator) -> tup
     if R:
         density += volume * each / n * np.sum(np.exp(log_product(xyz, s, 1.0) - _log_volume(xyz, s, space)), axis=0)
     inside = np.all((xyz >= space.low[:, None]) & (xyz <= space.high[:, None]), axis=0)
-    told = log_likelihood(xyz, heard, space) + log_leaving(None, xyz, space)
+    told = log_likelihood(xyz, heard, space) + log_room_factor(None, xyz, space)
     weights = np.where(inside, told - np.log(density), -math.inf)
     if space.far is not None:
         weights = weights + np.log(volume) + _log_prior(xyz, space.ears.position, space.far)
@@ -278,11 +286,11 @@ def _log_prior(xyz: Floats, position: Floats, far: Floats) -> Floats:
         return np.asarray(np.log(each.mean(axis=1)))
 
 
-def _speeds(space: Space[C]) -> Floats:
+def _speeds(space: SpaceModel[C]) -> Floats:
     return np.array([space.config.speed, space.config.speed, space.config.speed_z])
 
 
-def _along(space: Space[C], s: Sights, r: int, n: int, rng: Generator) -> Floats:
+def _along(space: SpaceModel[C], s: ScanDirectionSet, r: int, n: int, rng: Generator) -> Floats:
     """(3, n) places along a sight, evenly in distance; an azimuth alone: evenly in height, too."""
     flat = math.isnan(s.phi[r])
     theta = s.sigma_theta[r] * rng.standard_normal(n)
@@ -296,7 +304,7 @@ def _along(space: Space[C], s: Sights, r: int, n: int, rng: Generator) -> Floats
     return np.asarray(places)
 
 
-def _log_volume(xyz: Floats, s: Sights, space: Space[C]) -> Floats:
+def _log_volume(xyz: Floats, s: ScanDirectionSet, space: SpaceModel[C]) -> Floats:
     """(R, n) log of the volume that each sight has there, per area of its angles and share of its length."""
     out = np.empty((len(s.phi), xyz.shape[1]))
     height = space.high[2] - space.low[2]
@@ -312,7 +320,7 @@ def _log_volume(xyz: Floats, s: Sights, space: Space[C]) -> Floats:
     return out
 
 
-def _way_out(space: Space[C], position: Floats, line: Floats, flat: bool) -> Floats:
+def _way_out(space: SpaceModel[C], position: Floats, line: Floats, flat: bool) -> Floats:
     """(n,) distances along directions (3, n) from a sensor to where they leave the box, > 0."""
     d = 2 if flat else 3
     p = position[:d]

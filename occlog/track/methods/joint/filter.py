@@ -39,20 +39,20 @@ from occlog.filtering.particles import (
 )
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
-from occlog.track.interface import Estimate, Together
+from occlog.track.interface import Estimate, JointMethod
 from occlog.track.methods.apf.model import pack_scan, read_noise
-from occlog.track.methods.kalman.filter import anywhere_of, first_place, motion_of, world_of
-from occlog.track.methods.kalman.updates import agreeing
+from occlog.track.methods.kalman.filter import anywhere_of, initial_position, motion_of, world_of
+from occlog.track.methods.kalman.updates import gated_rows
 
 from .config import JointConfig
 
-WIDER = 1.2
+PROPOSAL_INFLATION = 1.2
 """Proposals are so much wider than the linearised posterior, so that weights stay bounded."""
-CERTAIN = 1.0 - 1e-6
+MAX_PROBABILITY = 1.0 - 1e-6
 """Largest probability of a detection, or of none."""
 
 
-class Chances(NamedTuple):
+class DetectionProbabilities(NamedTuple):
     """Of S sensors: a camera's own by the scene, else those of the settings."""
 
     detection: Floats  # (S,) P_D
@@ -64,7 +64,7 @@ class JointState(NamedTuple):
 
     config: JointConfig
     world: MeasurementWorld
-    chances: Chances
+    chances: DetectionProbabilities
     read_px: Floats
     anywhere: Gaussian
     objects: tuple[int, ...]  # their identities, in the order in which they were first seen
@@ -73,7 +73,7 @@ class JointState(NamedTuple):
     t_ns: int | None = None
 
 
-class Look(NamedTuple):
+class ObjectReports(NamedTuple):
     """What the sensors say of one object."""
 
     packed: PackedScan
@@ -96,12 +96,14 @@ def init(scene: Scene, config: JointConfig, rng: Generator) -> JointState:
     )
 
 
-def chances_of(scene: Scene, config: JointConfig) -> Chances:
-    """How reliable sensors are; none is so to more than `CERTAIN`, or one look could contradict every particle."""
+def chances_of(scene: Scene, config: JointConfig) -> DetectionProbabilities:
+    """How reliable sensors are; none is so to more than `MAX_PROBABILITY`, or one look could contradict every particle."""
     own = [(c.detection, c.false_alarm) for c in scene.cameras] + [(None, None)] * len(scene.arrays)
     found = [config.detection if detection is None else detection for detection, _ in own]
     false = [config.false if false is None else false for _, false in own]
-    return Chances(*(np.clip(np.array(p, dtype=np.float64), 1.0 - CERTAIN, CERTAIN) for p in (found, false)))
+    return DetectionProbabilities(
+        *(np.clip(np.array(p, dtype=np.float64), 1.0 - MAX_PROBABILITY, MAX_PROBABILITY) for p in (found, false))
+    )
 
 
 def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, list[tuple[int, Estimate]]]:
@@ -111,7 +113,7 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
     looks = {}
     for target in sorted(set(scan.target_id.tolist()).union(state.objects)):
         packed = pack_scan(scan.take(scan.target_id == target), state.read_px, use_score=False)
-        looks[target] = Look(packed, rows_of(packed))
+        looks[target] = ObjectReports(packed, rows_of(packed))
     # Begin: an object has a state from the first scan on in which a sensor sees it
     begun = [t for t in looks if t not in state.objects and len(looks[t].rows.sensor)]
     objects = (*state.objects, *begun)
@@ -136,7 +138,7 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
             continue
         before = state.particles[:, j]
         known = Gaussian(*mean_and_covariance(np.full(L, 1.0 / L), before))
-        inside = agreeing(predicted(known, *motion_of(config).transition(dt)), rows, state.world, config.gate)
+        inside = gated_rows(predicted(known, *motion_of(config).transition(dt)), rows, state.world, config.gate)
         astray[target] = track_loss_count(astray[target], int(np.count_nonzero(~inside)), len(inside))
         particles[:, j], corrected = _proposed(before, rows.take(inside), dt, state, rng)
         log_weights += corrected
@@ -159,8 +161,8 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
 
 def _placed(rows: LinearisedRows, state: JointState, rng: Generator) -> tuple[Floats, Floats]:
     """(L, 4) states of an object drawn where its first rows say, and (L,) logarithms of anywhere over proposal."""
-    first, _ = first_place(state.anywhere, rows, state.world, state.config.gate)
-    drawn = Gaussian(first.state.mean, WIDER**2 * first.state.covariance)
+    first, _ = initial_position(state.anywhere, rows, state.world, state.config.gate)
+    drawn = Gaussian(first.state.mean, PROPOSAL_INFLATION**2 * first.state.covariance)
     states = rng.multivariate_normal(drawn.mean, drawn.covariance, state.config.particles, method="cholesky")
     return states, _log_density(states, state.anywhere) - _log_density(states, drawn)
 
@@ -201,7 +203,7 @@ def _proposed(
     mean = ahead[:, :2] + np.einsum("lij,lj->li", covariance, pull)
     root = np.linalg.cholesky(covariance)
     noise = rng.standard_normal((L, 2))
-    xy = mean + WIDER * np.einsum("lij,lj->li", root, noise)
+    xy = mean + PROPOSAL_INFLATION * np.einsum("lij,lj->li", root, noise)
     moved = xy - ahead[:, :2]
     # Velocity given the place, by the motion
     G = np.linalg.solve(prior, Q[:2, 2:]).T
@@ -209,11 +211,13 @@ def _proposed(
     drawn = rng.standard_normal((L, 2)) * np.sqrt(np.maximum(np.diag(rest), 0.0))
     velocity = ahead[:, 2:] + moved @ G.T + drawn
     log_motion = -0.5 * np.einsum("li,ij,lj->l", moved, P0, moved) - 0.5 * np.linalg.slogdet(prior)[1]
-    log_drawn = -0.5 * (noise**2).sum(axis=1) - 2.0 * math.log(WIDER) - np.log(root[:, 0, 0] * root[:, 1, 1])
+    log_drawn = (
+        -0.5 * (noise**2).sum(axis=1) - 2.0 * math.log(PROPOSAL_INFLATION) - np.log(root[:, 0, 0] * root[:, 1, 1])
+    )
     return np.hstack([xy, velocity]), log_motion - log_drawn
 
 
-def hidden_by_others(xy: Floats, camera: Floats, diameter: float) -> Bools:
+def occlusion_by_others(xy: Floats, camera: Floats, diameter: float) -> Bools:
     """(L, M) which of (L, M, 2) objects another one of the same row hides from a camera (2,) ([Ercan] Fig. 3)."""
     away = xy - camera
     r = np.maximum(np.hypot(away[..., 0], away[..., 1]), 1e-12)
@@ -227,7 +231,11 @@ def hidden_by_others(xy: Floats, camera: Floats, diameter: float) -> Bools:
 
 
 def log_factors(
-    xy: Floats, looks: list[Look], world: MeasurementWorld, chances: Chances, config: JointConfig
+    xy: Floats,
+    looks: list[ObjectReports],
+    world: MeasurementWorld,
+    chances: DetectionProbabilities,
+    config: JointConfig,
 ) -> Floats:
     """(L,) log-likelihoods of what all sensors say of M objects at (L, M, 2) places; nobody hides sounds from arrays.
 
@@ -237,7 +245,7 @@ def log_factors(
     total = np.zeros(len(xy))
     sensors = sorted({int(i) for look in looks for i in look.packed.sensor})
     cameras = [i for i in sensors if world.sensors.cos2[i] >= 0.0]
-    hidden = {i: hidden_by_others(xy, world.sensors.xy[i], config.occluder_diameter) for i in cameras}
+    hidden = {i: occlusion_by_others(xy, world.sensors.xy[i], config.occluder_diameter) for i in cameras}
     for j, look in enumerate(looks):
         place = np.ascontiguousarray(xy[:, j])
         expected, _ = measured(place, look.rows, world)
@@ -260,7 +268,7 @@ def log_factors(
     return total
 
 
-def _estimate(own: Floats, weights: Floats, look: Look, fallback: str, log_likelihood: float) -> Estimate:
+def _estimate(own: Floats, weights: Floats, look: ObjectReports, fallback: str, log_likelihood: float) -> Estimate:
     mean, covariance = mean_and_covariance(weights, own)
     size = effective_sample_size(weights)
     seen = np.diff(look.packed.first) > 0
@@ -278,4 +286,4 @@ def _estimate(own: Floats, weights: Floats, look: Look, fallback: str, log_likel
     )
 
 
-METHOD = Together(config=JointConfig, init=init, step=step)
+METHOD = JointMethod(config=JointConfig, init=init, step=step)

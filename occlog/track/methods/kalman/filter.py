@@ -32,24 +32,24 @@ from occlog.filtering.likelihood.measurement_model import (
 from occlog.filtering.motion.ornstein_uhlenbeck import OrnsteinUhlenbeck
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
-from occlog.track.interface import Estimate, Online, Past, Smoothing
+from occlog.track.interface import Estimate, Online, SmoothedState, Smoothing
 from occlog.track.methods.apf.model import pack_noise, pack_scan, pack_sensors, read_noise, with_distances
 
 from . import updates
 from .config import IGNORE, EkfConfig, IekfConfig, KalmanConfig, UkfConfig, WalkConfig
 from .stations import StationUpdate, extended, first_position, inside_gate, unscented
-from .updates import Updated, agreeing, descended, linear
+from .updates import Updated, gated_rows, gauss_newton, linear
 
 K = TypeVar("K", bound=KalmanConfig)
-DRAWS = 500
+INITIAL_SAMPLES = 500
 """Places drawn for the mean and the covariance of where a target can be at first."""
-MOST_ROWS = 40
+MAX_INITIAL_MEASUREMENTS = 40
 """A filter begins from so many measurements at most, the most certain ones."""
-AWAY_S = 1.0
+INFLATION_TIME_S = 1.0
 """A target of which most reports disagree with the prediction is as far from it as it goes in about this time [s]."""
-WIDENED = "widened"
+INFLATED = "widened"
 """Value of `fallback`: most reports disagreed with the prediction, which was made wider."""
-SEARCH = IekfConfig(feasible=IGNORE)
+INITIAL_SEARCH_CONFIG = IekfConfig(feasible=IGNORE)
 """How the first place is searched."""
 
 
@@ -86,7 +86,11 @@ def world_of(scene: Scene) -> MeasurementWorld:
 def anywhere_of(scene: Scene, world: MeasurementWorld, config: WalkConfig, rng: Generator) -> Gaussian:
     """Mean and covariance of where a target can be before anything was seen; InputError without free floor."""
     try:
-        places = sample_floor(DRAWS, world.floor, rng) if scene.views is None else draw(DRAWS, scene.views, rng)
+        places = (
+            sample_floor(INITIAL_SAMPLES, world.floor, rng)
+            if scene.views is None
+            else draw(INITIAL_SAMPLES, scene.views, rng)
+        )
     except ValueError as error:
         raise InputError(f"scene: {error}; make the room larger") from error
     return gaussian_of(places.mean(axis=0), np.cov(places.T), config)
@@ -120,14 +124,14 @@ def stepper(
         distances = None if scan.measured is None or by_stations is None else scan.measured.distances
         stations = 0 if distances is None else len(distances.kind)
 
-        def initiate(reason: str) -> Taken:
+        def initiate(reason: str) -> KalmanUpdate:
             if distances is not None:
                 first, used = first_position(state.anywhere, rows, distances, world, config.gate)
-                return Taken(Updated(first, math.nan, reason), used, begun=True, anew=True)
-            done, used = first_place(state.anywhere, rows, world, config.gate)
-            return Taken(done._replace(fallback=reason), used, begun=True, anew=True)
+                return KalmanUpdate(Updated(first, math.nan, reason), used, begun=True, anew=True)
+            done, used = initial_position(state.anywhere, rows, world, config.gate)
+            return KalmanUpdate(done._replace(fallback=reason), used, begun=True, anew=True)
 
-        def predict_and_update(dt: float) -> Taken:
+        def predict_and_update(dt: float) -> KalmanUpdate:
             known = predicted(state.known, *motion_of(config).transition(dt))
             taken = by_directions(known)
             if distances is None or by_stations is None:
@@ -137,18 +141,18 @@ def stepper(
             done = Updated(after, taken.done.score + score, taken.done.fallback)
             return taken._replace(done=done, against=int(np.count_nonzero(~inside)))
 
-        def by_directions(known: Gaussian) -> Taken:
-            inside = agreeing(known, rows, world, config.gate)
+        def by_directions(known: Gaussian) -> KalmanUpdate:
+            inside = gated_rows(known, rows, world, config.gate)
             used, begun = rows.sensor[inside], state.t_ns is None
-            if _outvoted(rows, inside):
+            if _most_outside_gate(rows, inside):
                 # Most reports disagree, as of a target that has turned: where they meet, not far from the prediction
-                done, used = first_place(_widened(known, config), rows, world, config.gate)
-                return Taken(done._replace(fallback=WIDENED), used, begun=True)
+                done, used = initial_position(_inflated(known, config), rows, world, config.gate)
+                return KalmanUpdate(done._replace(fallback=INFLATED), used, begun=True)
             if inside.any():
-                return Taken(update(known, rows.take(inside), world, config), used, begun)
-            return Taken(Updated(known, 0.0), used, begun)
+                return KalmanUpdate(update(known, rows.take(inside), world, config), used, begun)
+            return KalmanUpdate(Updated(known, 0.0), used, begun)
 
-        def loss(taken: Taken) -> tuple[int, bool]:
+        def loss(taken: KalmanUpdate) -> tuple[int, bool]:
             count = 0 if taken.anew else _track_loss(state.astray, looks, taken, stations)
             lost = not taken.anew and (is_lost(count, config.lost_after) or left_scene(taken.done.state, world))
             return (0, True) if lost else (count, False)
@@ -165,7 +169,7 @@ def stepper(
     return step
 
 
-class Taken(NamedTuple):
+class KalmanUpdate(NamedTuple):
     """A posterior, the sensors that it is from, and whether it forgets what was known before."""
 
     done: Updated
@@ -175,15 +179,15 @@ class Taken(NamedTuple):
     against: int = 0  # measurements of stations outside the gate
 
 
-def _outvoted(rows: LinearisedRows, inside: Bools) -> bool:
+def _most_outside_gate(rows: LinearisedRows, inside: Bools) -> bool:
     """Whether at least two labelled rows are outside the gate, and more than inside."""
     against = int(np.count_nonzero(rows.labelled & ~inside))
     return against >= 2 and against > int(np.count_nonzero(rows.labelled & inside))
 
 
-def _widened(known: Gaussian, config: KalmanConfig) -> Gaussian:
-    """A prediction as wide as a target gets away in `AWAY_S`, whose velocity is not known."""
-    away = (config.speed * AWAY_S) ** 2 * np.eye(2)
+def _inflated(known: Gaussian, config: KalmanConfig) -> Gaussian:
+    """A prediction as wide as a target gets away in `INFLATION_TIME_S`, whose velocity is not known."""
+    away = (config.speed * INFLATION_TIME_S) ** 2 * np.eye(2)
     return gaussian_of(known.mean[:2], known.covariance[:2, :2] + away, config)
 
 
@@ -194,23 +198,25 @@ def left_scene(known: Gaussian, world: MeasurementWorld) -> bool:
     return not bool(np.all((xy >= 2.0 * low - high) & (xy <= 2.0 * high - low)))
 
 
-def first_place(anywhere: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float) -> tuple[Updated, Ints]:
+def initial_position(
+    anywhere: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float
+) -> tuple[Updated, Ints]:
     """The most probable place by the rows of one scan, and the sensors that it is from.
 
     Of each sensor the nearest row counts, up to the gate, so that candidates of others and false bearings do not.
     """
-    rows = rows.take(np.sort(np.argsort(rows.variance, kind="stable")[:MOST_ROWS]))
-    starts = np.vstack([anywhere.mean[None, :2], crossings(rows, world)])
-    _, costs = zip(*(_agreed(place, anywhere, rows, world, gate) for place in starts), strict=True)
-    kept, _ = _agreed(starts[int(np.argmin(costs))], anywhere, rows, world, gate)
+    rows = rows.take(np.sort(np.argsort(rows.variance, kind="stable")[:MAX_INITIAL_MEASUREMENTS]))
+    starts = np.vstack([anywhere.mean[None, :2], bearing_intersections(rows, world)])
+    _, costs = zip(*(_gated_rows(place, anywhere, rows, world, gate) for place in starts), strict=True)
+    kept, _ = _gated_rows(starts[int(np.argmin(costs))], anywhere, rows, world, gate)
     rows = rows.take(kept)
     if not len(rows.sensor):
         return Updated(anywhere, 0.0), rows.sensor
-    place, _, _ = descended(starts[int(np.argmin(costs))], anywhere, rows, world, SEARCH)
+    place, _, _ = gauss_newton(starts[int(np.argmin(costs))], anywhere, rows, world, INITIAL_SEARCH_CONFIG)
     return linear(anywhere, place, rows, world), rows.sensor
 
 
-def _agreed(
+def _gated_rows(
     place: Floats, anywhere: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float
 ) -> tuple[Ints, float]:
     """Rows that agree with a place, one a sensor, and the cost of the place; a sensor that disagrees costs the gate."""
@@ -225,7 +231,7 @@ def _agreed(
     return chosen[off[chosen] <= gate**2], cost
 
 
-def crossings(rows: LinearisedRows, world: MeasurementWorld) -> Floats:
+def bearing_intersections(rows: LinearisedRows, world: MeasurementWorld) -> Floats:
     """(K, 2) places where sight lines of two sensors cross ahead of both."""
     azimuth = azimuths(rows, world)
     e, origin = np.column_stack([np.cos(azimuth), np.sin(azimuth)]), world.sensors.xy[rows.sensor]
@@ -239,7 +245,7 @@ def crossings(rows: LinearisedRows, world: MeasurementWorld) -> Floats:
     return np.asarray(origin[i][ahead] + along_i[ahead, None] * e[i][ahead])
 
 
-def _track_loss(before: int, looks: PackedScan, taken: Taken, measured: int) -> int:
+def _track_loss(before: int, looks: PackedScan, taken: KalmanUpdate, measured: int) -> int:
     """The track-loss counter after a scan with so many measurements of stations besides its labelled reports."""
     reports = looks.sensor[looks.labelled & (np.diff(looks.first) > 0)]
     against = int(np.count_nonzero(~np.isin(reports, taken.used))) + taken.against
@@ -268,9 +274,9 @@ def _trace(state: KalmanState[K]) -> PosteriorRecord:
     return state.link
 
 
-def _smoothed(traces: Sequence[PosteriorRecord], config: K) -> list[Past]:
+def _smoothed(traces: Sequence[PosteriorRecord], config: K) -> list[SmoothedState]:
     found = rts_smooth(traces, motion_of(config).transition)
-    return [Past(one.mean[:2], one.mean[2:], one.covariance[:2, :2]) for one in found]
+    return [SmoothedState(one.mean[:2], one.mean[2:], one.covariance[:2, :2]) for one in found]
 
 
 def _method(config: type[K], update: Update[K], by_stations: StationUpdate | None) -> Online[KalmanState[K], K]:
@@ -294,6 +300,6 @@ EKF: Online[KalmanState[EkfConfig], EkfConfig] = _method(
 UKF: Online[KalmanState[UkfConfig], UkfConfig] = _method(UkfConfig, updates.ukf, unscented)
 IEKF: Online[KalmanState[IekfConfig], IekfConfig] = _method(
     IekfConfig,
-    lambda known, rows, world, config: updates.iekf(known, rows, world, config, crossings(rows, world)),
+    lambda known, rows, world, config: updates.iekf(known, rows, world, config, bearing_intersections(rows, world)),
     None,
 )

@@ -22,7 +22,7 @@ from .updates import WEIGHTS, by_sigma_points, sigma_points
 
 GRID = 32
 """A first position is sought from the best of so many squared places of a grid over the floor."""
-STEPS, HALVINGS, CLOSE = 30, 12, 1e-9
+MAX_ITERATIONS, HALVINGS, STEP_CHI2_TOLERANCE = 30, 12, 1e-9
 """Of the Gauss-Newton search: most steps, most halvings of a step, squared length of the last one in variances."""
 
 StationUpdate = Callable[[Gaussian, RangeMeasurements], tuple[Gaussian, float]]
@@ -86,12 +86,12 @@ def first_position(
     best = int(np.argmin(np.minimum(wide, gate**2).sum(axis=1)))
     at, use, off, H = grid[best], wide[best] <= gate**2, every_off[best], every_H[best]
     state = anywhere
-    for _ in range(STEPS if use.any() else 0):
+    for _ in range(MAX_ITERATIONS if use.any() else 0):
         # Posterior of the measurements linearised at the place
         innovation = off[use] - H[use] @ (anywhere.mean[:2] - at)
         state, _ = updated(anywhere, _whole(H[use]), innovation, np.ones(len(innovation)))
         step = state.mean[:2] - at
-        if float(step @ np.linalg.solve(state.covariance[:2, :2], step)) < CLOSE:
+        if float(step @ np.linalg.solve(state.covariance[:2, :2], step)) < STEP_CHI2_TOLERANCE:
             break
         # Line search: the longest of the halved steps that lowers the cost
         tried = at + 0.5 ** np.arange(HALVINGS)[:, None] * step

@@ -36,7 +36,7 @@ from occlog.filtering.likelihood.measurement_model import (
 from .config import IGNORE, STARTS, VISIBLE, IekfConfig, UkfConfig
 
 
-def along_the_ray(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Gaussian | None:
+def polar_update(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Gaussian | None:
     """Return the state after rows of one sensor; None where the prediction is around the sensor.
 
     The place is Gaussian in azimuth and log distance with the moments of `state` to first order; the velocity stays
@@ -74,19 +74,19 @@ def _outwards(azimuth: float, distance: float) -> Floats:
     return distance * np.array([[-s, c], [c, s]])
 
 
-SPREAD = math.sqrt(3.0)
+SIGMA_POINT_SPREAD = math.sqrt(3.0)
 """Sigma points lie so many standard deviations off: n + kappa = 3, which suits a Gaussian's fourth moment."""
 WEIGHTS = np.array([1.0 / 3.0, *[1.0 / 6.0] * 4])
 """Of the mean and of the four points about it."""
 HALVINGS = 12
 """A step of the search is halved at most so often."""
-CLOSE = 1e-6
+STEP_SIGMA_TOLERANCE = 1e-6
 """The search ends where a step is shorter than this share of the standard deviation of the prediction."""
-BESIDE = 1.0
+MAX_RELATIVE_DISTANCE_SIGMA = 1.0
 """A place is beside a sensor if the standard deviation of its distance is larger than this share of it."""
-LEAST_SQUARE = 1e-30
+MIN_SQUARE = 1e-30
 """The same of a squared distance, so that nothing is divided by 0."""
-STUCK, DISCARDED = "stuck", "discarded"
+INFEASIBLE, NO_SIGMA_POINTS = "stuck", "discarded"
 """Values of `fallback`: the search ended at the border of the feasible set; no sigma point was left."""
 
 
@@ -98,7 +98,7 @@ class Updated(NamedTuple):
     fallback: str = ""
 
 
-def agreeing(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float) -> Bools:
+def gated_rows(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float) -> Bools:
     """(R,) rows whose innovation is within the gate; of a sensor's candidates the nearest one alone."""
     at = state.mean[:2]
     expected, ahead = measured(at[None], rows, world)
@@ -125,11 +125,11 @@ def linear(state: Gaussian, at: Floats, rows: LinearisedRows, world: Measurement
     # Innovation of the measurement that is linear about `at`
     off = residuals(expected[0], rows) - H2 @ (state.mean[:2] - at)
     found = updated(state, H, off, R)
-    wedge = _wedges(at, rows, world, found[0].covariance[:2, :2])
+    wedge = _near_sensor_inflation(at, rows, world, found[0].covariance[:2, :2])
     return Updated(*(found if (wedge == 1.0).all() else updated(state, H, off, R * wedge)))
 
 
-def _wedges(at: Floats, rows: LinearisedRows, world: MeasurementWorld, covariance: Floats) -> Floats:
+def _near_sensor_inflation(at: Floats, rows: LinearisedRows, world: MeasurementWorld, covariance: Floats) -> Floats:
     """(R,) by how much larger variances are beside a sensor, where the place's distance is not known.
 
     A sight line's error across is its angle times the distance r, whose second moment is r^2 + v; linearised at the
@@ -137,9 +137,9 @@ def _wedges(at: Floats, rows: LinearisedRows, world: MeasurementWorld, covarianc
     one.
     """
     away = at - world.sensors.xy[rows.sensor]
-    r2 = np.maximum((away**2).sum(axis=1), LEAST_SQUARE)
+    r2 = np.maximum((away**2).sum(axis=1), MIN_SQUARE)
     along = np.einsum("ri,ij,rj->r", away, covariance, away) / r2
-    return np.where(along > BESIDE**2 * r2, 1.0 + along / r2, 1.0)
+    return np.where(along > MAX_RELATIVE_DISTANCE_SIGMA**2 * r2, 1.0 + along / r2, 1.0)
 
 
 def ukf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config: UkfConfig) -> Updated:
@@ -163,12 +163,12 @@ def ukf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config: 
         _, R = linearised(points[int(np.argmax(w))], row, world)
         state, log_p = by_sigma_points(state, points, w, residuals(expected, row)[:, 0], float(R[0]))
         score += log_p
-    return Updated(state, score, DISCARDED if left == len(rows.sensor) else "")
+    return Updated(state, score, NO_SIGMA_POINTS if left == len(rows.sensor) else "")
 
 
 def sigma_points(state: Gaussian) -> Floats:
     """(5, 2) sigma points of the place, to which `WEIGHTS` belong."""
-    root = SPREAD * np.linalg.cholesky(state.covariance[:2, :2])
+    root = SIGMA_POINT_SPREAD * np.linalg.cholesky(state.covariance[:2, :2])
     return np.asarray(state.mean[:2] + np.vstack([np.zeros(2), root.T, -root.T]))
 
 
@@ -207,7 +207,7 @@ def iekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config:
         config: settings.
         starts: (K, 2) further places to search from.
     """
-    alone = along_the_ray(state, rows, world) if len(np.unique(rows.sensor)) == 1 else None
+    alone = polar_update(state, rows, world) if len(np.unique(rows.sensor)) == 1 else None
     if alone is not None and (config.feasible == IGNORE or visible(alone.mean[None, :2], rows, world).all()):
         return Updated(alone, linear(state, state.mean[:2], rows, world).score)
     first = state.mean[None, :2]
@@ -215,10 +215,10 @@ def iekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config:
     if config.feasible != IGNORE:
         tried = tried[visible(tried, rows, world).all(axis=1)]
         if not len(tried):
-            return linear(state, first[0], rows, world)._replace(fallback=STUCK)
-    found = [descended(place, state, rows, world, config) for place in tried]
+            return linear(state, first[0], rows, world)._replace(fallback=INFEASIBLE)
+    found = [gauss_newton(place, state, rows, world, config) for place in tried]
     best = min(found, key=lambda one: one[1])
-    return linear(state, best[0], rows, world)._replace(fallback=STUCK if best[2] else "")
+    return linear(state, best[0], rows, world)._replace(fallback=INFEASIBLE if best[2] else "")
 
 
 def map_cost(places: Floats, state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Floats:
@@ -231,13 +231,13 @@ def map_cost(places: Floats, state: Gaussian, rows: LinearisedRows, world: Measu
     return np.asarray(np.where(ahead.all(axis=1), cost + np.where(ahead, terms, 0.0).sum(axis=1), np.inf))
 
 
-def descended(
+def gauss_newton(
     start: Floats, state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config: IekfConfig
 ) -> tuple[Floats, float, bool]:
     """Where a search by Gauss and Newton ends, its cost, and whether the border of the feasible set ended it."""
     at, cost = start, float(map_cost(start[None], state, rows, world)[0])
     information = np.linalg.inv(state.covariance[:2, :2])
-    scale = CLOSE * math.sqrt(float(np.trace(state.covariance[:2, :2])))
+    scale = STEP_SIGMA_TOLERANCE * math.sqrt(float(np.trace(state.covariance[:2, :2])))
     for _ in range(config.iterations):
         if not math.isfinite(cost):
             break

@@ -11,8 +11,8 @@ from occlog.core.plane import convex_pieces, counter_clockwise, offset
 from occlog.track.methods.map.kernels.detours import Obstacle
 
 from .config import MapConfig
-from .measurements import Stations
-from .record import Record
+from .measurements import SensorStations
+from .record import TargetRecord
 
 ARC = math.radians(10.0)
 """The far end of a view is a polygon with such sides."""
@@ -20,7 +20,9 @@ BORDER = 2.0
 """Standard deviations from the border of a view, or from a wall in it, within which a target may go unseen."""
 
 
-def obstacles(record: Record, at: Stations, config: MapConfig, extent: float, T: int) -> tuple[Obstacle, ...]:
+def obstacles(
+    record: TargetRecord, at: SensorStations, config: MapConfig, extent: float, T: int
+) -> tuple[Obstacle, ...]:
     """The obstacles of a record of T states.
 
     Walls are there if the configuration has them.  A view is an obstacle at the states at which its
@@ -32,7 +34,7 @@ def obstacles(record: Record, at: Stations, config: MapConfig, extent: float, T:
     return (*walls, *(_view(s, when, at, config, extent) for s, when in _unseen(record, at, config, T)))
 
 
-def _unseen(record: Record, at: Stations, config: MapConfig, T: int) -> list[tuple[int, Bools]]:
+def _unseen(record: TargetRecord, at: SensorStations, config: MapConfig, T: int) -> list[tuple[int, Bools]]:
     """Cameras with a known probability of detection, and at which states each did not see the target."""
     found = []
     unseen = ~record.rows.seen
@@ -46,14 +48,14 @@ def _unseen(record: Record, at: Stations, config: MapConfig, T: int) -> list[tup
     return found
 
 
-def _detection(s: int, at: Stations, config: MapConfig) -> float:
+def _detection(s: int, at: SensorStations, config: MapConfig) -> float:
     own = float(at.detection[s])
     if math.isnan(own) and config.detection is not None:
         return config.detection
     return own
 
 
-def _view(s: int, when: Bools, at: Stations, config: MapConfig, extent: float) -> Obstacle:
+def _view(s: int, when: Bools, at: SensorStations, config: MapConfig, extent: float) -> Obstacle:
     """The field of view of a camera, as far as it reaches."""
     missed = 1.0 - _detection(s, at, config)
     price = -math.log(missed) if missed > 0.0 else math.inf

@@ -26,33 +26,33 @@ import numpy as np
 from occlog.array_types import Bools, Floats
 from occlog.core.occlusion.hidden import IMPROVED, visibility_probability
 from occlog.core.sight.visibility import seen_from
-from occlog.track.methods.map.kernels.problem import Hints
+from occlog.track.methods.map.kernels.problem import QuadraticPriors
 from occlog.track.methods.map.search.pending import Pending
 
-from .record import Record
+from .record import TargetRecord
 
-FLOOR = 1e-4
+MIN_PROBABILITY = 1e-4
 """No probability counts as less, so that no single camera decides."""
-FAR = 5.5
+OCCLUDER_SUPPORT_SIGMAS = 5.5
 """Standard deviations at which a normal prior counts as over."""
 NODES = 7
 """Points of the quadrature for each axis."""
-VAGUE = 0.04
+MAX_RELATIVE_SIGMA = 0.04
 """A state known worse than this, as a share of the place's extent, is told nothing: it is no Gaussian."""
-LEAST_REST = 1e-6
+MIN_CAVITY_SHARE = 1e-6
 """Nothing is told either where all else says less than this share of what is known of the state."""
 
 
-class Told(NamedTuple):
+class OccluderHints(NamedTuple):
     """What occluders say of N sight lines and T states."""
 
     lean: Floats  # (N,) added to the log odds that each is true, at most 0
-    hints: Hints
+    hints: QuadraticPriors
 
 
-def told_by_occluders(
-    pending: Pending, record: Record, X: Floats, spread: Floats, believed: Bools, before: Told | None
-) -> Told:
+def occlusion_terms(
+    pending: Pending, record: TargetRecord, X: Floats, spread: Floats, believed: Bools, before: OccluderHints | None
+) -> OccluderHints:
     """What occluders say along a trajectory.
 
     Args:
@@ -79,8 +79,8 @@ def told_by_occluders(
         temper = 1.0 if not priors.sigma.any() else config.temper
         # What all else says of the state
         said = None if before is None or t not in old else _term(before.hints, old[t])
-        rest = cavity(X[t, ::2], spread[t, ::2, ::2], said)
-        if rest is None or math.sqrt(np.linalg.eigvalsh(rest[1])[-1]) > VAGUE * pending.extent:
+        rest = cavity_distribution(X[t, ::2], spread[t, ::2, ::2], said)
+        if rest is None or math.sqrt(np.linalg.eigvalsh(rest[1])[-1]) > MAX_RELATIVE_SIGMA * pending.extent:
             continue
         mean, covariance = rest
         points = mean + nodes @ np.linalg.cholesky(covariance).T
@@ -89,21 +89,23 @@ def told_by_occluders(
         for r in own.tolist():
             i = int(rows.sensor[r])
             xy, (x0, y0) = points + pending.origin, pending.sensors.xy[i].tolist()
-            clear = visibility_probability(xy, np.arange(len(xy)), x0, y0, priors, IMPROVED, FAR)
+            clear = visibility_probability(xy, np.arange(len(xy)), x0, y0, priors, IMPROVED, OCCLUDER_SUPPORT_SIGMAS)
             if rows.seen[r]:
-                lean[line[r]] = temper * math.log(max(float(weights @ clear), FLOOR))
+                lean[line[r]] = temper * math.log(max(float(weights @ clear), MIN_PROBABILITY))
                 if believed[line[r]]:
-                    total += np.log(np.maximum(clear, FLOOR))
+                    total += np.log(np.maximum(clear, MIN_PROBABILITY))
             else:
                 total += np.log(
-                    np.maximum(1.0 - _detection(pending, i) * seen_from(xy, i, pending.sensors) * clear, FLOOR)
+                    np.maximum(
+                        1.0 - _detection(pending, i) * seen_from(xy, i, pending.sensors) * clear, MIN_PROBABILITY
+                    )
                 )
         if not config.unseen or float(np.ptp(total)) == 0.0:
             continue
         # The Gaussian factor that leads to the same moments
         site = matched(points, weights * np.exp(temper * (total - total.max())), mean, covariance)
         made.append((t, *(site if said is None else _between(said, site))))
-    return Told(lean, _hints(made))
+    return OccluderHints(lean, _hints(made))
 
 
 def _detection(pending: Pending, i: int) -> float:
@@ -122,7 +124,7 @@ def quadrature() -> tuple[Floats, Floats]:
     return np.column_stack([first.ravel(), second.ravel()]), weights / weights.sum()
 
 
-def cavity(
+def cavity_distribution(
     place: Floats, covariance: Floats, term: tuple[Floats, Floats, Floats] | None
 ) -> tuple[Floats, Floats] | None:
     """Mean (2,) and covariance (2, 2) of a position without a term that it has; None: little is left.
@@ -137,7 +139,7 @@ def cavity(
     centre, slope, bend = term
     precision = np.linalg.inv(covariance)
     rest = precision - bend
-    if not np.linalg.eigvalsh(rest)[0] > LEAST_REST * np.linalg.eigvalsh(precision)[0]:
+    if not np.linalg.eigvalsh(rest)[0] > MIN_CAVITY_SHARE * np.linalg.eigvalsh(precision)[0]:
         return None
     left = np.linalg.inv(rest)
     return place + left @ (slope + bend @ (place - centre)), np.asarray(left, dtype=np.float64)
@@ -174,15 +176,15 @@ def _between(a: tuple[Floats, Floats, Floats], b: tuple[Floats, Floats, Floats])
     return b[0], 0.5 * (slope + b[1]), 0.5 * (a[2] + b[2])
 
 
-def _term(hints: Hints, m: int) -> tuple[Floats, Floats, Floats]:
+def _term(hints: QuadraticPriors, m: int) -> tuple[Floats, Floats, Floats]:
     """Centre, slope and curvature (2, 2) of a quadratic term."""
     xx, xy, yy = hints.bend[m]
     return hints.place[m], hints.slope[m], np.array([[xx, xy], [xy, yy]])
 
 
-def _hints(made: list[tuple[int, Floats, Floats, Floats]]) -> Hints:
+def _hints(made: list[tuple[int, Floats, Floats, Floats]]) -> QuadraticPriors:
     """The terms of states as arrays."""
-    return Hints(
+    return QuadraticPriors(
         np.array([t for t, *_ in made], dtype=np.int64),
         np.array([c for _, c, _, _ in made]).reshape(-1, 2),
         np.array([g for _, _, g, _ in made]).reshape(-1, 2),

@@ -12,19 +12,19 @@ from occlog.core.plane import convex_pieces, counter_clockwise, pockets
 from occlog.core.sight.camera import wrap_angle
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
-from occlog.track.methods.apf.model import LEAST_SIGMA
-from occlog.track.methods.map.kernels.problem import NO_PLANES, HalfPlanes, SightLines, join_planes, some_lines
+from occlog.track.methods.apf.model import MIN_SIGMA
+from occlog.track.methods.map.kernels.problem import NO_PLANES, BearingLinesByStep, HalfPlanes, join_planes, some_lines
 
 from .config import MapConfig
-from .record import Record
+from .record import TargetRecord
 
-BESIDE = math.radians(89.0)
+MAX_OFF_AXIS_RAD = math.radians(89.0)
 """A bearing farther off the optical axis cannot be read off a picture; it counts as a direction."""
 BESIDE_WALL = 4.0
 """Standard deviations by which a sight line must meet a wall to say that the target is before it."""
 
 
-class Stations(NamedTuple):
+class SensorStations(NamedTuple):
     """All sensors of a scene, in the order of `sensor_names`."""
 
     place: Floats  # (S, 2)
@@ -41,7 +41,7 @@ class Stations(NamedTuple):
     walls: tuple[Floats, ...]  # polygons in which the target cannot be: static occluders and pockets of the room
 
 
-def stations(scene: Scene, origin: Floats, *, walls: bool) -> Stations:
+def stations(scene: Scene, origin: Floats, *, walls: bool) -> SensorStations:
     """The sensors of a scene, in coordinates about an origin.
 
     Args:
@@ -72,7 +72,7 @@ def stations(scene: Scene, origin: Floats, *, walls: bool) -> Stations:
     if walls:
         solid = tuple(o.polygon - origin for o in scene.occluders)
         solid += () if scene.room is None else tuple(p - origin for p in pockets(scene.room))
-    return Stations(
+    return SensorStations(
         place=places - origin,
         yaw=yaw,
         focal_px=focal,
@@ -95,22 +95,22 @@ def convex_hull(polygon: Floats) -> Floats:
     return np.asarray(counter_clockwise(polygon[ConvexHull(polygon).vertices]))
 
 
-def sight_lines(record: Record, at: Stations) -> SightLines:
+def sight_lines(record: TargetRecord, at: SensorStations) -> BearingLinesByStep:
     """The sight lines of the rows that saw the target; readings of cameras with the noise of [Ercan] Eq. 2."""
     seen = record.rows.take(record.rows.seen)
     sensor, u = seen.sensor, seen.u_px
     off_axis = np.abs(wrap_angle(seen.bearing - at.yaw[sensor]))
-    pixel = np.isfinite(u) & (off_axis < BESIDE)
+    pixel = np.isfinite(u) & (off_axis < MAX_OFF_AXIS_RAD)
     f = np.where(pixel, at.focal_px[sensor], 1.0)
     z = np.where(pixel, -u, 0.0)
     angle = np.where(pixel, at.yaw[sensor], seen.bearing)
     sigma_px = np.where(np.isfinite(seen.sigma_px), seen.sigma_px, at.read_px[sensor])
-    sigma = np.maximum(np.where(pixel, sigma_px, seen.sigma), LEAST_SIGMA)
+    sigma = np.maximum(np.where(pixel, sigma_px, seen.sigma), MIN_SIGMA)
     # The poses' part of Eq. 2, at the reading itself; the distance stays.
     ratio2 = 1.0 + (z / f) ** 2
     yaw2 = np.where(pixel, f**2 * ratio2**2 * at.sigma_yaw[sensor] ** 2, 0.0)
     place2 = np.where(pixel, f**2 * ratio2 * at.sigma_position[sensor] ** 2, 0.0)
-    return SightLines(
+    return BearingLinesByStep(
         step=record.state[record.rows.seen],
         place=np.ascontiguousarray(at.place[sensor]),
         axis=np.column_stack([np.cos(angle), np.sin(angle)]),
@@ -125,7 +125,12 @@ def sight_lines(record: Record, at: Stations) -> SightLines:
 
 
 def constraints(
-    lines: SightLines, record: Record, at: Stations, config: MapConfig, T: int, believed: Bools | None = None
+    lines: BearingLinesByStep,
+    record: TargetRecord,
+    at: SensorStations,
+    config: MapConfig,
+    T: int,
+    believed: Bools | None = None,
 ) -> HalfPlanes:
     """Half-planes of a trajectory: in front of every camera that saw the target, within its range, in the room.
 
@@ -162,7 +167,7 @@ def constraints(
     return join_planes(NO_PLANES, *parts)
 
 
-def _before_walls(lines: SightLines, seen: Scan, at: Stations) -> HalfPlanes:
+def _before_walls(lines: BearingLinesByStep, seen: Scan, at: SensorStations) -> HalfPlanes:
     """Half-planes on the camera's side of the first wall that each sight line meets.
 
     A sight line that may also pass beside that wall, by its standard deviation, says nothing.

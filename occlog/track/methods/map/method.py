@@ -30,22 +30,22 @@ from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.sight.camera import wrap_angle
 from occlog.errors import InputError
 from occlog.scans.grouping import Scan
-from occlog.track.interface import Batch, Fit, Noise, OccluderTerms, Smoothed
+from occlog.track.interface import Batch, BearingResiduals, NoiseScales, OccluderTerms, SmoothedTrajectory
 
 from .barriers import obstacles
 from .config import MapConfig
-from .kernels.detours import Detours, Obstacle, find_detours
+from .kernels.detours import Obstacle, PathsAroundObstacles, find_paths_around
 from .kernels.evidence import evidence, sandwich
 from .kernels.interior_point import Options, Solution, covariance
 from .kernels.invariant import invariant, second_moment
-from .kernels.problem import Problem, SightLines
-from .kernels.terms import beliefs, depths, leverages, losses, residuals
+from .kernels.problem import BearingLinesByStep, TrajectoryProblem
+from .kernels.terms import depths, inlier_probabilities, leverages, losses, residuals
 from .kernels.windows import summary
 from .measurements import sight_lines
 from .mixed import mixed_search, with_distances
-from .record import EMPTY, Record, after, fill, join, record_of
-from .search.pending import Pending, begin, forgets_ns
-from .search.robust import Sought, Watch, plain_search, robust_search, trust_of
+from .record import EMPTY, TargetRecord, after, fill, join, record_of
+from .search.pending import Pending, begin, memory_ns
+from .search.robust import RobustSearchResult, Watch, inlier_weights, plain_search, robust_search
 from .search.start import rays_of
 
 
@@ -66,7 +66,9 @@ def settled(t_ns: Ints, lag_ns: int | None) -> int:
     return min(int(np.searchsorted(t_ns, t_ns[-1] - lag_ns, side="right")), len(t_ns) - 1)
 
 
-def judge(pending: Pending, record: Record, sought: Sought, found: Detours) -> tuple[Fit, Noise]:
+def residuals_and_noise_scales(
+    pending: Pending, record: TargetRecord, sought: RobustSearchResult, found: PathsAroundObstacles
+) -> tuple[BearingResiduals, NoiseScales]:
     """How the bearings of a record agree with the estimate, and by how much they and the motion are noisier.
 
     Args:
@@ -86,16 +88,18 @@ def judge(pending: Pending, record: Record, sought: Sought, found: Detours) -> t
     if sought.told is not None:
         stated = stated._replace(lean=sought.told.lean)
     scaled = stated._replace(c0=stated.c0 * sought.scales[0], c1=stated.c1 * sought.scales[0])
-    believed = np.where(sought.used, beliefs(scaled, X, trust_of(pending.config, sought.scales[0])), 0.0)
+    believed = np.where(
+        sought.used, inlier_probabilities(scaled, X, inlier_weights(pending.config, sought.scales[0])), 0.0
+    )
     expected = np.ones(len(off))
     shares = leverages(problem.lines, X, problem.loss, problem.k, spread)
     expected[sought.used] = np.clip(1.0 - shares, 0.0, 1.0)
     told = evidence(problem, X, spread)
-    noise = Noise(told.lines_scale * sought.scales[0], told.steps_scale * sought.scales[1])
-    return Fit(stated.step, record.rows.sensor[record.rows.seen], off, expected, believed), noise
+    noise = NoiseScales(told.lines_scale * sought.scales[0], told.steps_scale * sought.scales[1])
+    return BearingResiduals(stated.step, record.rows.sensor[record.rows.seen], off, expected, believed), noise
 
 
-def _angles(lines: SightLines, record: Record, pending: Pending, X: Floats) -> Floats:
+def _angles(lines: BearingLinesByStep, record: TargetRecord, pending: Pending, X: Floats) -> Floats:
     """(N,) angles between sight lines and the states, in standard deviations."""
     rays = rays_of(lines, record, pending.at)
     away = X[lines.step, ::2] - lines.place
@@ -104,11 +108,13 @@ def _angles(lines: SightLines, record: Record, pending: Pending, X: Floats) -> F
     return np.asarray(np.minimum(np.abs(wrap_angle(angle)), math.pi) / sigma)
 
 
-UNOBSERVABLE, CONTRADICTION, WALL = "unobservable", "contradiction", "wall"
-UNFINISHED, DOUBTED = "unfinished", "doubted"
+UNOBSERVABLE, INFEASIBLE_CONSTRAINTS, NO_PATH = "unobservable", "contradiction", "wall"
+NOT_CONVERGED, FEW_INLIERS = "unfinished", "doubted"
 
 
-def advance(pending: Pending, scans: Sequence[Scan], last: bool, watch: Watch = None) -> tuple[Pending, Smoothed]:
+def advance(
+    pending: Pending, scans: Sequence[Scan], last: bool, watch: Watch = None
+) -> tuple[Pending, SmoothedTrajectory]:
     """One more block of a target's record, and the states that are settled by it.
 
     Args:
@@ -142,7 +148,7 @@ def advance(pending: Pending, scans: Sequence[Scan], last: bool, watch: Watch = 
     problem, solution, stuck = found.problem, found.solution, sought.stuck
     walls = np.array([o.seen_through is None for o in around], dtype=np.bool_)
     through = np.asarray(found.left_alone[walls].any(axis=0), dtype=np.bool_)
-    judged = judge(pending, whole, sought, found)
+    judged = residuals_and_noise_scales(pending, whole, sought, found)
     out = _smoothed(pending, problem, solution, spread[:keep], whole, stuck, through, judged)
     if whole.measured is not None:
         out = with_distances(out, pending, whole, found)
@@ -154,8 +160,8 @@ def advance(pending: Pending, scans: Sequence[Scan], last: bool, watch: Watch = 
 
 
 def _estimate(
-    sought: Sought, around: tuple[Obstacle, ...], pending: Pending, *, stated: bool = False
-) -> tuple[Detours, Floats]:
+    sought: RobustSearchResult, around: tuple[Obstacle, ...], pending: Pending, *, stated: bool = False
+) -> tuple[PathsAroundObstacles, Floats]:
     """The estimate that is given out, and its covariances (T, 4, 4).
 
     Args:
@@ -186,7 +192,7 @@ def _estimate(
     # It may lead through walls that the mode did not come near.
     flat = sought.problem._replace(lines=other.problem.lines)
     solved = other.problem, other.solution
-    found = find_detours(flat, solved, around, options, extent, config.clearance, mode.holds, mode.left_alone)
+    found = find_paths_around(flat, solved, around, options, extent, config.clearance, mode.holds, mode.left_alone)
     if len(found.holds) == len(mode.holds):
         return found, spread
     return found, covariance(found.problem, found.solution.X)
@@ -194,14 +200,14 @@ def _estimate(
 
 def _smoothed(
     pending: Pending,
-    problem: Problem,
+    problem: TrajectoryProblem,
     solution: Solution,
     spread: Floats,
-    record: Record,
+    record: TargetRecord,
     stuck: Bools,
     through: Bools,
-    judged: tuple[Fit, Noise],
-) -> Smoothed:
+    judged: tuple[BearingResiduals, NoiseScales],
+) -> SmoothedTrajectory:
     """The first states, as many as there are covariances, as they are given out."""
     X = solution.X
     T, keep = len(X), len(spread)
@@ -211,16 +217,18 @@ def _smoothed(
     fit, noise = judged
     doubted = np.bincount(fit.row, weights=fit.believed >= 0.5, minlength=T) < 0.5 * seen
     flags = np.select(
-        [stuck[:keep], through[:keep], vague, doubted[:keep]], [CONTRADICTION, WALL, UNOBSERVABLE, DOUBTED], ""
+        [stuck[:keep], through[:keep], vague, doubted[:keep]],
+        [INFEASIBLE_CONSTRAINTS, NO_PATH, UNOBSERVABLE, FEW_INLIERS],
+        "",
     )
     if not solution.converged:
-        flags = np.where(flags == "", UNFINISHED, flags)
+        flags = np.where(flags == "", NOT_CONVERGED, flags)
     order = np.array([0, 2, 1, 3])
     bounds = np.searchsorted(record.state, np.arange(keep + 1)).tolist()
     sensors = record.rows.sensor.tolist()
     saw_it = record.rows.seen.copy()
     saw_it[saw_it] = fit.believed >= 0.5
-    return Smoothed(
+    return SmoothedTrajectory(
         t_ns=record.t_ns[:keep],
         xy=X[:keep, ::2] + pending.origin,
         velocity=X[:keep, 1::2],
@@ -236,12 +244,12 @@ def _smoothed(
         ),
         iterations=solution.iterations,
         converged=solution.converged,
-        fit=Fit._make(column[fit.row < keep] for column in fit),
+        fit=BearingResiduals._make(column[fit.row < keep] for column in fit),
         noise=noise,
     )
 
 
-def _scores(problem: Problem, X: Floats) -> Floats:
+def _scores(problem: TrajectoryProblem, X: Floats) -> Floats:
     """(T,) log likelihood of the measurements of each state: of Gaussian errors, by the loss."""
     lines = problem.lines
     away = X[lines.step, ::2] - lines.place
@@ -258,7 +266,7 @@ METHOD = Batch(
     advance=advance,
     started=lambda config: config.start is not None,
     lag_ns=lambda config: lag_ns(config.lag_s),
-    forgets_ns=forgets_ns,
+    forgets_ns=memory_ns,
     occluders=lambda config: OccluderTerms(config.occluder_diameter, config.prior_max_age_s),
     measured=True,
 )

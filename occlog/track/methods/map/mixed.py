@@ -25,18 +25,18 @@ from occlog.filtering.likelihood.distances import (
     residuals_at_own_position,
     score_and_information,
 )
-from occlog.track.interface import Fit, Smoothed
-from occlog.track.methods.map.kernels.detours import Detours, Obstacle
+from occlog.track.interface import BearingResiduals, SmoothedTrajectory
+from occlog.track.methods.map.kernels.detours import Obstacle, PathsAroundObstacles
 from occlog.track.methods.map.kernels.interior_point import covariance
-from occlog.track.methods.map.kernels.problem import Hints
-from occlog.track.methods.map.kernels.terms import beliefs as line_beliefs
+from occlog.track.methods.map.kernels.problem import QuadraticPriors
 from occlog.track.methods.map.kernels.terms import hints_cost
+from occlog.track.methods.map.kernels.terms import inlier_probabilities as line_beliefs
 from occlog.track.methods.map.search.pending import Pending, problem_of
-from occlog.track.methods.map.search.robust import Sought, Watch, search_from, still, trust_of
-from occlog.track.methods.map.search.start import Agreed, filtered_start
+from occlog.track.methods.map.search.robust import RobustSearchResult, Watch, has_converged, inlier_weights, search_from
+from occlog.track.methods.map.search.start import ConsensusPath, filtered_start
 
-from .hiding import Told
-from .record import Record
+from .hiding import OccluderHints
+from .record import TargetRecord
 
 ROUNDS = 15
 """How often the search is repeated at most."""
@@ -46,7 +46,9 @@ IN_A_ROW = 12
 """A path is lost where of so many measurements in a row most are not believed."""
 
 
-def mixed_search(pending: Pending, record: Record, around: tuple[Obstacle, ...], watch: Watch) -> Sought:
+def mixed_search(
+    pending: Pending, record: TargetRecord, around: tuple[Obstacle, ...], watch: Watch
+) -> RobustSearchResult:
     """Search for the mode with measurements of distances.
 
     UsageError for a solver that does not take them, or for priors of occluders besides.
@@ -63,12 +65,12 @@ def mixed_search(pending: Pending, record: Record, around: tuple[Obstacle, ...],
     here = local(record.measured, pending.origin)
     # Start
     X = filtered_start(problem, record, pending, here)
-    trust = trust_of(config, 1.0)
+    trust = inlier_weights(config, 1.0)
     lines = problem.lines
     believed = np.ones(len(lines.step), dtype=np.bool_)
     if config.loss != "square" and len(lines.step):
         believed = line_beliefs(lines, X, trust) >= 0.5
-    found = _settled(here, Agreed(X, believed, 0.0), pending, record, around, watch)
+    found = _settled(here, ConsensusPath(X, believed, 0.0), pending, record, around, watch)
     if config.loss == "square" or not _lost(here, found.mode.solution.X[record.measured_state]):
         return found
     # Where a filter went astray nothing pulls it back: again, with measurements that reach as far as it may be
@@ -80,12 +82,17 @@ def mixed_search(pending: Pending, record: Record, around: tuple[Obstacle, ...],
 
 
 def _settled(
-    rows: RangeMeasurements, path: Agreed, pending: Pending, record: Record, around: tuple[Obstacle, ...], watch: Watch
-) -> Sought:
+    rows: RangeMeasurements,
+    path: ConsensusPath,
+    pending: Pending,
+    record: TargetRecord,
+    around: tuple[Obstacle, ...],
+    watch: Watch,
+) -> RobustSearchResult:
     """Search from a path until nothing moves."""
     for _ in range(ROUNDS):
         found = _once(rows, path, pending, record, around, watch)
-        if still(path.X, found.mode):
+        if has_converged(path.X, found.mode):
             break
         path = _path(found)
     return found
@@ -93,22 +100,22 @@ def _settled(
 
 def _once(
     rows: RangeMeasurements,
-    path: Agreed,
+    path: ConsensusPath,
     pending: Pending,
-    record: Record,
+    record: TargetRecord,
     around: tuple[Obstacle, ...],
     watch: Watch,
     wide: float = 0.0,
-) -> Sought:
+) -> RobustSearchResult:
     """One search with terms about a path, with measurements that are blunter by an error of the place."""
     square = pending.config.loss == "square"
     hints = terms(rows, record.measured_state, path.X, square=square, wide=wide)
-    told = Told(np.zeros(len(path.agree)), hints)
+    told = OccluderHints(np.zeros(len(path.agree)), hints)
     return search_from(pending, record, around, watch, path, (1.0, 1.0), among=told)
 
 
-def _path(found: Sought) -> Agreed:
-    return Agreed(found.mode.solution.X, found.used if found.believed is None else found.believed, 0.0)
+def _path(found: RobustSearchResult) -> ConsensusPath:
+    return ConsensusPath(found.mode.solution.X, found.used if found.believed is None else found.believed, 0.0)
 
 
 def _lost(rows: RangeMeasurements, X: Floats) -> bool:
@@ -118,7 +125,7 @@ def _lost(rows: RangeMeasurements, X: Floats) -> bool:
     return bool(several) and bool((np.convolve(doubted, np.ones(several), "valid") > 0.5 * several).any())
 
 
-def _cost(rows: RangeMeasurements, state: Ints, found: Sought) -> float:
+def _cost(rows: RangeMeasurements, state: Ints, found: RobustSearchResult) -> float:
     """What a search minimises: its own cost, in which terms are replaced by what they stand for."""
     assert found.told is not None
     assert found.told.hints is not None
@@ -132,7 +139,7 @@ def local(rows: RangeMeasurements, origin: Floats) -> RangeMeasurements:
     return rows._replace(place=rows.place - origin, other=rows.other - origin)
 
 
-def terms(rows: RangeMeasurements, state: Ints, X: Floats, *, square: bool, wide: float = 0.0) -> Hints:
+def terms(rows: RangeMeasurements, state: Ints, X: Floats, *, square: bool, wide: float = 0.0) -> QuadraticPriors:
     """The quadratic terms of Gauss and Newton about a trajectory.
 
     Args:
@@ -148,10 +155,12 @@ def terms(rows: RangeMeasurements, state: Ints, X: Floats, *, square: bool, wide
     r, g = r / root, g / root[:, None]
     slope, w = (r, np.ones(len(r))) if square else score_and_information(r, rows.errors.widened(variance))[:2]
     bend = w[:, None] * np.column_stack([g[:, 0] ** 2, g[:, 0] * g[:, 1], g[:, 1] ** 2])
-    return Hints(state, np.ascontiguousarray(X[state][:, ::2]), -slope[:, None] * g, bend)
+    return QuadraticPriors(state, np.ascontiguousarray(X[state][:, ::2]), -slope[:, None] * g, bend)
 
 
-def with_distances(out: Smoothed, pending: Pending, record: Record, found: Detours) -> Smoothed:
+def with_distances(
+    out: SmoothedTrajectory, pending: Pending, record: TargetRecord, found: PathsAroundObstacles
+) -> SmoothedTrajectory:
     """The states with what they say of measurements of distances, which stand in no row of the record.
 
     Args:
@@ -169,10 +178,10 @@ def with_distances(out: Smoothed, pending: Pending, record: Record, found: Detou
     spread = covariance(found.problem, X)[:keep][:, ::2, ::2][state]
     believed = inlier_probability(residual, rows.errors)
     leverage = believed * np.einsum("ni,nij,nj->n", gradient, spread, gradient)
-    fit = Fit(state, rows.station, residual, np.clip(1.0 - leverage, 0.0, 1.0), believed)
+    fit = BearingResiduals(state, rows.station, residual, np.clip(1.0 - leverage, 0.0, 1.0), believed)
     if out.fit is not None:
-        joined = Fit._make(np.concatenate(both) for both in zip(out.fit, fit, strict=True))
-        fit = Fit._make(column[np.argsort(joined.row, kind="stable")] for column in joined)
+        joined = BearingResiduals._make(np.concatenate(both) for both in zip(out.fit, fit, strict=True))
+        fit = BearingResiduals._make(column[np.argsort(joined.row, kind="stable")] for column in joined)
     used, saw = [set(u) for u in out.used], [set(s) for s in out.seen_by]
     for t, station, told in zip(state.tolist(), rows.station.tolist(), believed.tolist(), strict=True):
         used[t].add(station)

@@ -14,14 +14,14 @@ from occlog.filtering.likelihood import distances
 from occlog.filtering.likelihood.distances import RangeMeasurements
 from occlog.scans.grouping import Scan, concat
 
-MOST_STATES = 10_000_000
+MAX_STATES = 10_000_000
 """States that `fill_s` may make."""
 
 
 NO_STATES = np.empty(0, dtype=np.int64)
 
 
-class Record(NamedTuple):
+class TargetRecord(NamedTuple):
     """The rows of T scans of one target, one scan after the other: a trajectory has a state at each time."""
 
     t_ns: Ints  # (T,) rising
@@ -36,16 +36,16 @@ class Record(NamedTuple):
         return self.occluders[state] if state < len(self.occluders) else None
 
 
-EMPTY = Record(np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), Scan.of(0, []))
+EMPTY = TargetRecord(np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), Scan.of(0, []))
 """A record of no times."""
 
 
-def record_of(scans: Sequence[Scan]) -> Record:
+def record_of(scans: Sequence[Scan]) -> TargetRecord:
     """The record of scans in the order of time."""
     counts = [len(scan.sensor) for scan in scans]
     t_ns = np.array([scan.t_ns for scan in scans], dtype=np.int64)
     rows, occluders = concat([EMPTY.rows, *scans]), tuple(scan.occluders for scan in scans)
-    record = Record(t_ns, np.repeat(np.arange(len(scans)), counts), rows, _told(occluders))
+    record = TargetRecord(t_ns, np.repeat(np.arange(len(scans)), counts), rows, _occluder_priors_of(occluders))
     told = [(t, scan.measured.distances) for t, scan in enumerate(scans) if scan.measured is not None]
     if not told:
         return record
@@ -53,13 +53,13 @@ def record_of(scans: Sequence[Scan]) -> Record:
     return record._replace(measured=distances.concat([rows for _, rows in told]), measured_state=state)
 
 
-def join(a: Record, b: Record) -> Record:
+def join(a: TargetRecord, b: TargetRecord) -> TargetRecord:
     """One record and what came after it."""
     state = np.concatenate([a.state, b.state + len(a.t_ns)])
     silent = (None,) * (len(a.t_ns) - len(a.occluders))
-    occluders = _told((*a.occluders, *silent, *b.occluders))
+    occluders = _occluder_priors_of((*a.occluders, *silent, *b.occluders))
     parts = [rows for rows in (a.measured, b.measured) if rows is not None]
-    return Record(
+    return TargetRecord(
         t_ns=np.concatenate([a.t_ns, b.t_ns]),
         state=state,
         rows=concat([a.rows, b.rows]),
@@ -69,11 +69,11 @@ def join(a: Record, b: Record) -> Record:
     )
 
 
-def after(record: Record, state: int) -> Record:
+def after(record: TargetRecord, state: int) -> TargetRecord:
     """What the record has from a state on."""
     rows = record.state >= state
     own = record.measured_state >= state
-    return Record(
+    return TargetRecord(
         t_ns=record.t_ns[state:],
         state=record.state[rows] - state,
         rows=record.rows.take(rows),
@@ -83,25 +83,25 @@ def after(record: Record, state: int) -> Record:
     )
 
 
-def _told(occluders: tuple[Priors | None, ...]) -> tuple[Priors | None, ...]:
+def _occluder_priors_of(occluders: tuple[Priors | None, ...]) -> tuple[Priors | None, ...]:
     """None at all where nothing is known at any time."""
     return () if all(priors is None for priors in occluders) else occluders
 
 
-def fill(record: Record, longest_s: float | None) -> Record:
+def fill(record: TargetRecord, longest_s: float | None) -> TargetRecord:
     """The record with times added where there is none for a longer time than `longest_s` [s]; None: nowhere.
 
-    InputError for more than `MOST_STATES` times.
+    InputError for more than `MAX_STATES` times.
     """
     if longest_s is None or len(record.t_ns) < 2:
         return record
     gaps = np.diff(record.t_ns)
     # Pieces of whole ns may be a little longer, and must not be filled again with the next block.
     pieces = np.maximum(1.0, np.ceil((gaps - 2) / (longest_s * NS) - 1e-9))
-    if pieces.sum() > MOST_STATES:
+    if pieces.sum() > MAX_STATES:
         raise InputError(
             f"map: fill_s {longest_s:g} would make {pieces.sum():.3g} states of {len(record.t_ns)} times, "
-            f"at most {MOST_STATES:.0e} are possible; raise it"
+            f"at most {MAX_STATES:.0e} are possible; raise it"
         )
     pieces = pieces.astype(np.int64)
     if not (pieces > 1).any():

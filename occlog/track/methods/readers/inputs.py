@@ -24,9 +24,9 @@ from occlog.settings import METRES, configure
 from occlog.track.request import ReadsRequest
 
 from .config import RefineConfig, RssiConfig, VirtualConfig
-from .refine import SightLines
-from .rssi import PathLoss, Rules
-from .virtual import VirtualSensors, virtual_sensors
+from .refine import RefineBearings
+from .rssi import PathLoss, TagFilterModel
+from .virtual import ReaderRegions, virtual_sensors
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +185,7 @@ class ReadsInput:
             raise InputError(f"{path}: has no reader {missing}; fit it to reads of all readers, or leave it out")
         return spec
 
-    def virtual(self) -> tuple[VirtualConfig, VirtualSensors, Floats]:
+    def virtual(self) -> tuple[VirtualConfig, ReaderRegions, Floats]:
         """Settings of method `virtual`, its virtual sensors, and the (R,) strengths from which a read counts [dBm]."""
         given = dict(self.request.settings)
         config = configure(VirtualConfig.in_unit(self.scene.length_unit), given)
@@ -213,7 +213,7 @@ class ReadsInput:
             )
         return usual
 
-    def rssi(self) -> tuple[RssiConfig, Rules]:
+    def rssi(self) -> tuple[RssiConfig, TagFilterModel]:
         """Settings of method `rssi`, and its rules."""
         given = dict(self.request.settings)
         config = configure(RssiConfig.in_unit(self.scene.length_unit), given)
@@ -234,7 +234,7 @@ class ReadsInput:
                 height=config.height,
                 metre=metre_of(self.scene.length_unit),
             )
-        rules = Rules(
+        rules = TagFilterModel(
             model=model,
             ranges=np.array([r.range for r in self.readers]),
             room=self.scene.surroundings,
@@ -246,7 +246,7 @@ class ReadsInput:
         )
         return config, rules
 
-    def sight_lines(self, config: RefineConfig) -> SightLines | None:
+    def sight_lines(self, config: RefineConfig) -> RefineBearings | None:
         """The bearings of the cameras that refine; None: none do."""
         if config.refine is None:
             if self._sights is not None:
@@ -257,7 +257,7 @@ class ReadsInput:
             raise UsageError(f"{config.form} wants two cameras to refine with, got {len(cameras)}; use rays")
         remedy = "give bearings of the cameras that refine (sights)"
         bearings = (self._sights or self._opened).rows(Bearings, remedy=remedy)
-        return SightLines(Bearings.concat(bearings), cameras, config.frame_age_s, config.gate, config.pace)
+        return RefineBearings(Bearings.concat(bearings), cameras, config.frame_age_s, config.gate, config.pace)
 
     def _camera(self, name: str) -> Camera:
         """A camera with a pose; UsageError names those there are."""

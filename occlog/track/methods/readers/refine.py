@@ -28,7 +28,7 @@ NEAREST = 1e-6
 """Depth below which a camera says nothing of a place; sight lines more parallel than this do not cross."""
 
 
-class Sights(NamedTuple):
+class TagSightings(NamedTuple):
     """What C cameras see of a tag in N windows; NaN: nothing."""
 
     place: Floats  # (C, 2) of the cameras on the ground
@@ -45,7 +45,7 @@ class Refined(NamedTuple):
     used: Bools  # (N, C) cameras that it was refined by
 
 
-def refine(xy: Floats, covariance: Floats, sights: Sights, form: str) -> Refined:
+def refine(xy: Floats, covariance: Floats, sights: TagSightings, form: str) -> Refined:
     """Refine coarse positions.
 
     Args:
@@ -60,7 +60,7 @@ def refine(xy: Floats, covariance: Floats, sights: Sights, form: str) -> Refined
     return _by_planes(xy, covariance, sights, seen, deep=form == PARALLEL)
 
 
-def _by_rays(xy: Floats, covariance: Floats, sights: Sights, seen: Bools) -> Refined:
+def _by_rays(xy: Floats, covariance: Floats, sights: TagSightings, seen: Bools) -> Refined:
     """Maximise the posterior of Gaussian bearings with the coarse position as prior, by Levenberg-Marquardt."""
     prior = np.linalg.inv(covariance)
     weight = np.where(seen, 1.0 / np.where(seen, sights.sigma, 1.0) ** 2, 0.0)
@@ -97,7 +97,7 @@ def _by_rays(xy: Floats, covariance: Floats, sights: Sights, seen: Bools) -> Ref
     )
 
 
-def _by_planes(xy: Floats, covariance: Floats, sights: Sights, seen: Bools, *, deep: bool) -> Refined:
+def _by_planes(xy: Floats, covariance: Floats, sights: TagSightings, seen: Bools, *, deep: bool) -> Refined:
     """Move by what the first two cameras that see the tag see between it and the coarse position (Eqs. 5.39, 5.40).
 
     With cameras at a right angle, one along each axis, (dx, dy) = (du_2, du_1) as printed; else the two displacements
@@ -138,7 +138,7 @@ def _wrapped(angle: Floats) -> Floats:
     return np.asarray((angle + np.pi) % (2.0 * np.pi) - np.pi)
 
 
-class SightLines:
+class RefineBearings:
     """Bearings of the cameras that refine, to be asked for by time."""
 
     def __init__(self, bearings: Bearings, cameras: Sequence[Camera], frame_age_s: float, gate: float, pace: float):
@@ -155,7 +155,7 @@ class SightLines:
         self._rows = [bearings.take((bearings.sensor == c.name) & bearings.seen) for c in cameras]
         self._age_ns, self._gate, self._pace = round(frame_age_s * NS), gate, pace
 
-    def of(self, tracks: TagTracks) -> Sights:
+    def of(self, tracks: TagTracks) -> TagSightings:
         """Choose the sight line of each camera for each row: the tag's own, else the candidate that agrees best."""
         n, c = len(tracks), len(self.cameras)
         bearing, sigma = np.full((n, c), np.nan), np.full((n, c), np.nan)
@@ -165,7 +165,7 @@ class SightLines:
                 if found is not None:
                     bearing[row, k], sigma[row, k] = found
         places = np.array([camera.ground for camera in self.cameras]).reshape(-1, 2)
-        return Sights(places, np.array([camera.yaw for camera in self.cameras]), bearing, sigma)
+        return TagSightings(places, np.array([camera.yaw for camera in self.cameras]), bearing, sigma)
 
     def _choose(self, k: int, camera: Camera, tracks: TagTracks, row: int) -> tuple[float, float] | None:
         """The sight line of a camera for a row, and its standard deviation; None: it has none."""
@@ -197,7 +197,7 @@ class SightLines:
         return (float(own.bearing[frame[free[best]]]), float(sigma[free[best]])) if score[best] <= self._gate else None
 
 
-def refined(tracks: TagTracks, lines: SightLines, form: str) -> TagTracks:
+def refined_positions(tracks: TagTracks, lines: RefineBearings, form: str) -> TagTracks:
     """Refine the positions of tracks; velocities follow as a Gaussian's do, where the form has a posterior (`rays`)."""
     if not len(tracks):
         return tracks

@@ -54,7 +54,7 @@ class PathLoss(NamedTuple):
         return received_power(self.power, self.exponent, distance / self.metre)
 
 
-class Shadowing(NamedTuple):
+class ShadowingState(NamedTuple):
     """What is known of the shadowing of R readers, for each of N hypotheses of where a tag is.
 
     The variance does not depend on the hypothesis, since it does not depend on the strengths.
@@ -64,22 +64,22 @@ class Shadowing(NamedTuple):
     variance: Floats  # (R,) [dB^2]
 
 
-def no_shadowing(model: PathLoss, hypotheses: int) -> Shadowing:
+def no_shadowing(model: PathLoss, hypotheses: int) -> ShadowingState:
     """Begin with the stationary distribution."""
     readers = len(model.power)
-    return Shadowing(np.zeros((hypotheses, readers)), np.full(readers, model.shadow_db**2))
+    return ShadowingState(np.zeros((hypotheses, readers)), np.full(readers, model.shadow_db**2))
 
 
-def predict_shadowing(model: PathLoss, known: Shadowing, dt_s: float) -> Shadowing:
+def predict_shadowing(model: PathLoss, known: ShadowingState, dt_s: float) -> ShadowingState:
     """Predict over `dt_s` seconds: the mean decays, the variance goes to the stationary one."""
     decay = np.exp(-dt_s / model.shadow_s)
     variance = decay**2 * known.variance + model.shadow_db**2 * (1.0 - decay**2)
-    return Shadowing(decay * known.mean, variance)
+    return ShadowingState(decay * known.mean, variance)
 
 
 def update_shadowing(
-    model: PathLoss, known: Shadowing, expected: Floats, rssi: Floats, count: Ints
-) -> tuple[Shadowing, Floats]:
+    model: PathLoss, known: ShadowingState, expected: Floats, rssi: Floats, count: Ints
+) -> tuple[ShadowingState, Floats]:
     """Kalman update with mean strengths of a window.
 
     Args:
@@ -98,7 +98,7 @@ def update_shadowing(
     spread = known.variance + model.noise_db**2 / np.maximum(count, 1)
     gain = np.where(told, known.variance / spread, 0.0)
     log_likelihood = -0.5 * (innovation**2 / spread + np.where(told, np.log(2.0 * np.pi * spread), 0.0)).sum(axis=1)
-    return Shadowing(known.mean + gain * innovation, (1.0 - gain) * known.variance), log_likelihood
+    return ShadowingState(known.mean + gain * innovation, (1.0 - gain) * known.variance), log_likelihood
 
 
 EDGE = 0.1
@@ -107,7 +107,7 @@ TRIES = 20
 """Draws of a place in the room; what is then still outside is at the corner of the room."""
 
 
-class Rules(NamedTuple):
+class TagFilterModel(NamedTuple):
     """What does not change while a tag is tracked."""
 
     model: PathLoss
@@ -120,25 +120,25 @@ class Rules(NamedTuple):
     stray: float
 
 
-class Cloud(NamedTuple):
+class TagParticles(NamedTuple):
     """Weighted particles of one tag."""
 
     t_ns: int
     xy: Floats  # (N, 2)
     velocity: Floats  # (N, 2)
     weights: Floats  # (N,) sum 1
-    shadowing: Shadowing
+    shadowing: ShadowingState
 
 
-class Draw(NamedTuple):
+class ReadUpdate(NamedTuple):
     """Particles after a window."""
 
-    cloud: Cloud
+    cloud: TagParticles
     log_likelihood: float  # of the window; -inf: no particle explains it
     restarted: bool = False
 
 
-class Located(NamedTuple):
+class TagEstimate(NamedTuple):
     """The estimate of a window."""
 
     xy: Floats  # (2,)
@@ -148,14 +148,16 @@ class Located(NamedTuple):
     restarted: bool  # no particle explained the window, and all were drawn anew
 
 
-def begin(rules: Rules, t_ns: int, rng: Generator) -> Cloud:
+def begin(rules: TagFilterModel, t_ns: int, rng: Generator) -> TagParticles:
     """Draw particles evenly over the room."""
     n = rules.particles
     velocity = rules.speed * rng.standard_normal((n, 2))
-    return Cloud(t_ns, _places(rules.room, n, rng), velocity, np.full(n, 1.0 / n), no_shadowing(rules.model, n))
+    return TagParticles(t_ns, _places(rules.room, n, rng), velocity, np.full(n, 1.0 / n), no_shadowing(rules.model, n))
 
 
-def step(rules: Rules, cloud: Cloud, t_ns: int, count: Ints, rssi: Floats, rng: Generator) -> tuple[Cloud, Located]:
+def step(
+    rules: TagFilterModel, cloud: TagParticles, t_ns: int, count: Ints, rssi: Floats, rng: Generator
+) -> tuple[TagParticles, TagEstimate]:
     """Take in the reads of a window.
 
     Args:
@@ -167,13 +169,13 @@ def step(rules: Rules, cloud: Cloud, t_ns: int, count: Ints, rssi: Floats, rng: 
         rng: random numbers.
     """
 
-    def weighed(moved: Cloud) -> Draw:
+    def weighed(moved: TagParticles) -> ReadUpdate:
         """Particles weighed by strengths with the shadowing integrated out, coverage, and walls."""
         shadowing, log_weights = _weigh(rules, moved, count, rssi)
         weights, total = normalise_log_weights(log_weights)
-        return Draw(moved._replace(weights=weights, shadowing=shadowing), total)
+        return ReadUpdate(moved._replace(weights=weights, shadowing=shadowing), total)
 
-    def update(dt_s: float) -> Draw | None:
+    def update(dt_s: float) -> ReadUpdate | None:
         """Propose: the prior, velocities that are forgotten (Ornstein-Uhlenbeck)."""
         draw = weighed(_predict(rules, cloud, t_ns, dt_s, rng))
         return draw if draw.log_likelihood > -math.inf else None
@@ -190,30 +192,30 @@ def step(rules: Rules, cloud: Cloud, t_ns: int, count: Ints, rssi: Floats, rng: 
     # Estimate
     mean, covariance = mean_and_covariance(weights, np.column_stack([after.xy, after.velocity]))
     effective = effective_sample_size(weights)
-    found = Located(mean[:2], mean[2:], covariance, effective, restarted)
+    found = TagEstimate(mean[:2], mean[2:], covariance, effective, restarted)
     # Resample: systematic, where fewer than half of the particles count
     if effective < 0.5 * rules.particles:
         rows = systematic_ancestors(weights, rules.particles, float(rng.random()))
-        after = Cloud(
+        after = TagParticles(
             t_ns,
             after.xy[rows],
             after.velocity[rows],
             np.full(rules.particles, 1.0 / rules.particles),
-            Shadowing(after.shadowing.mean[rows], after.shadowing.variance),
+            ShadowingState(after.shadowing.mean[rows], after.shadowing.variance),
         )
     return after, found
 
 
-def _predict(rules: Rules, cloud: Cloud, t_ns: int, dt_s: float, rng: Generator) -> Cloud:
+def _predict(rules: TagFilterModel, cloud: TagParticles, t_ns: int, dt_s: float, rng: Generator) -> TagParticles:
     """Move the particles to the time of the next window."""
     decay = math.exp(-dt_s / rules.turn_s)
     noise = rng.standard_normal(cloud.velocity.shape)
     velocity = decay * cloud.velocity + rules.speed * math.sqrt(1.0 - decay**2) * noise
     xy = cloud.xy + 0.5 * dt_s * (cloud.velocity + velocity)
-    return Cloud(t_ns, xy, velocity, cloud.weights, predict_shadowing(rules.model, cloud.shadowing, dt_s))
+    return TagParticles(t_ns, xy, velocity, cloud.weights, predict_shadowing(rules.model, cloud.shadowing, dt_s))
 
 
-def _weigh(rules: Rules, cloud: Cloud, count: Ints, rssi: Floats) -> tuple[Shadowing, Floats]:
+def _weigh(rules: TagFilterModel, cloud: TagParticles, count: Ints, rssi: Floats) -> tuple[ShadowingState, Floats]:
     """Update the shadowing of each particle, and return the log-weights with it."""
     expected = rules.model.expected(cloud.xy)
     shadowing, log_likelihood = update_shadowing(rules.model, cloud.shadowing, expected, rssi, count)
@@ -221,7 +223,7 @@ def _weigh(rules: Rules, cloud: Cloud, count: Ints, rssi: Floats) -> tuple[Shado
     return shadowing, np.where(inside_polygon(cloud.xy, rules.room), log_weights, -np.inf)
 
 
-def _coverage(rules: Rules, xy: Floats, read: Bools) -> Floats:
+def _coverage(rules: TagFilterModel, xy: Floats, read: Bools) -> Floats:
     """(N,) log-probability that those readers of known range read the tag that did, and the others did not."""
     known = np.isfinite(rules.ranges)
     if not known.any():

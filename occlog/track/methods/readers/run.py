@@ -16,13 +16,13 @@ from occlog.track.request import ReadsRequest
 
 from .config import VirtualConfig
 from .inputs import ReadsInput
-from .refine import refined
-from .stage import UNMATCHED, region_table, track_rssi, track_virtual
+from .refine import refined_positions
+from .stage import NO_MATCHING_REGION, region_table, track_rssi, track_virtual
 
-OFTEN = 0.05
+MAX_FLAGGED_SHARE = 0.05
 """Share of rows with a doubt that a user must know."""
 REMEDIES = {
-    UNMATCHED: "ranges are not as stated, or reads are missed; state detection and stray, or fit them",
+    NO_MATCHING_REGION: "ranges are not as stated, or reads are missed; state detection and stray, or fit them",
     "restart": "no place explained the reads; check the path losses and the places of the readers",
     "depleted": "so few particles count that the covariance says little; use more",
 }
@@ -71,12 +71,12 @@ class ReadsSummary:
                     "doubts of the rows",
                     "warning",
                     name,
-                    f"{share:.0%} of the rows have the doubt {name} (limit {OFTEN:.0%}): {REMEDIES[name]}",
+                    f"{share:.0%} of the rows have the doubt {name} (limit {MAX_FLAGGED_SHARE:.0%}): {REMEDIES[name]}",
                     share=share,
-                    allowed=OFTEN,
+                    allowed=MAX_FLAGGED_SHARE,
                 )
                 for name, share in shares.items()
-                if share > OFTEN
+                if share > MAX_FLAGGED_SHARE
             ),
             unless="" if self.rows else "there are no rows",
             rows=self.rows,
@@ -99,7 +99,7 @@ def run_track_reads(request: ReadsRequest, job: Job) -> tuple[dict[str, object],
         tracked = track_rssi(windows, rules, inputs.names, request.seed)
         parameters, lines, form = inputs.parameters(rssi), inputs.sight_lines(rssi), rssi.form
     if lines is not None:
-        tracked = (refined(part, lines, form) for part in tracked)
+        tracked = (refined_positions(part, lines, form) for part in tracked)
     provenance = job.provenance(parameters, inputs.losses, request.seed)
     unit = inputs.scene.length_unit
     summary = ReadsSummary()

@@ -11,13 +11,13 @@ from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.records.tables import TagTracks, VirtualSensors
 
 from .inputs import Windows
-from .rssi import Cloud, Rules, begin, step
-from .virtual import VirtualSensors as Regions
+from .rssi import TagFilterModel, TagParticles, begin, step
+from .virtual import ReaderRegions as Regions
 from .virtual import locate
 
-FEW = 10.0
+MIN_EFFECTIVE_SAMPLE_SIZE = 10.0
 """Fewer effective particles are too few for a covariance."""
-UNMATCHED, RESTART, DEPLETED = "unmatched", "restart", "depleted"
+NO_MATCHING_REGION, RESTART, DEPLETED = "unmatched", "restart", "depleted"
 
 
 def track_virtual(
@@ -45,11 +45,13 @@ def track_virtual(
         rows, seen = part.take(kept), detected[kept]
         found = locate(regions, seen, detection, stray)
         unknown = np.full((len(rows), 2), np.nan)
-        doubt = np.where(found.matched, "", UNMATCHED)
+        doubt = np.where(found.matched, "", NO_MATCHING_REGION)
         yield _tracks(rows.t_ns, rows.target_id, found.xy, unknown, found.covariance, _names(seen, names), doubt)
 
 
-def track_rssi(windows: Iterable[Windows], rules: Rules, names: Sequence[str], seed: int) -> Iterator[TagTracks]:
+def track_rssi(
+    windows: Iterable[Windows], rules: TagFilterModel, names: Sequence[str], seed: int
+) -> Iterator[TagTracks]:
     """Filter each tag's reads; each tag has its own particles and random numbers.
 
     Args:
@@ -58,7 +60,7 @@ def track_rssi(windows: Iterable[Windows], rules: Rules, names: Sequence[str], s
         names: (R,) of the readers.
         seed: of all random numbers.
     """
-    clouds: dict[int, Cloud] = {}
+    clouds: dict[int, TagParticles] = {}
     draws: dict[int, np.random.Generator] = {}
     for part in windows:
         xy, velocity = np.zeros((len(part), 2)), np.zeros((len(part), 2))
@@ -72,7 +74,7 @@ def track_rssi(windows: Iterable[Windows], rules: Rules, names: Sequence[str], s
                 rules, clouds[target], t_ns, part.count[row], part.rssi[row], rng=draws[target]
             )
             xy[row], velocity[row], covariance[row] = found.xy, found.velocity, found.covariance
-            reasons = {RESTART: found.restarted, DEPLETED: found.effective < FEW}
+            reasons = {RESTART: found.restarted, DEPLETED: found.effective < MIN_EFFECTIVE_SAMPLE_SIZE}
             doubt.append(",".join(name for name, holds in reasons.items() if holds))
         yield _tracks(
             part.t_ns, part.target_id, xy, velocity, covariance, _names(part.count > 0, names), np.array(doubt, np.str_)

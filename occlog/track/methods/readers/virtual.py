@@ -22,11 +22,11 @@ from occlog.filtering.particles import log_of
 
 QUARTER = 32
 """Corners of a quarter of a coverage's rim; the polygon has the area of the disc."""
-LEAST_SHARE = 1e-5
+MIN_SHARE = 1e-5
 """A region of a smaller share of the smallest disc is rounding."""
 
 
-class VirtualSensors(NamedTuple):
+class ReaderRegions(NamedTuple):
     """V regions of R readers, in the order in which readers cut the floor."""
 
     members: Bools  # (V, R) which readers cover the region
@@ -35,7 +35,7 @@ class VirtualSensors(NamedTuple):
     covariance: Floats  # (V, 2, 2) of a place that is even over the region
 
 
-def virtual_sensors(places: Floats, ranges: Floats, room: Floats | None = None) -> VirtualSensors:
+def virtual_sensors(places: Floats, ranges: Floats, room: Floats | None = None) -> ReaderRegions:
     """Cut the floor by the discs of the readers.
 
     A region may be of several pieces; a part of the floor that no reader covers is no virtual sensor.
@@ -47,7 +47,7 @@ def virtual_sensors(places: Floats, ranges: Floats, room: Floats | None = None) 
     """
     discs = [_disc(place, float(reach)) for place, reach in zip(places, ranges, strict=True)]
     floor: BaseGeometry = shapely.union_all(discs) if room is None else shapely.Polygon(room)
-    least = LEAST_SHARE * math.pi * float(np.min(ranges)) ** 2
+    least = MIN_SHARE * math.pi * float(np.min(ranges)) ** 2
     cut: list[tuple[BaseGeometry, tuple[int, ...]]] = [(floor, ())]
     for reader, disc in enumerate(discs):
         halves = []
@@ -60,7 +60,7 @@ def virtual_sensors(places: Floats, ranges: Floats, room: Floats | None = None) 
     for row, (_, covered) in enumerate(found):
         members[row, list(covered)] = True
     moments = [region_moments(region) for region, _ in found]
-    return VirtualSensors(
+    return ReaderRegions(
         members=members,
         area=np.array([m.area for m in moments]),
         centroid=np.array([m.centroid for m in moments]).reshape(-1, 2),
@@ -73,7 +73,7 @@ def most_virtual_sensors(readers: int, overlap: int) -> int:
     return sum(math.comb(readers, i) for i in range(1, min(overlap, readers) + 1))
 
 
-class Moments(NamedTuple):
+class RegionMoments(NamedTuple):
     """Area, centroid (2,) and covariance (2, 2) of a region over which a place is even."""
 
     area: float
@@ -81,7 +81,7 @@ class Moments(NamedTuple):
     covariance: Floats
 
 
-def region_moments(region: BaseGeometry) -> Moments:
+def region_moments(region: BaseGeometry) -> RegionMoments:
     """Integrate 1, x, y, xx, xy and yy over a polygon with holes, or over several, by Green's theorem.
 
     Args:
@@ -99,7 +99,7 @@ def region_moments(region: BaseGeometry) -> Moments:
     area, first, second = total[0], total[1:3], total[3:]
     mean = first / area
     spread = np.array([[second[0], second[1]], [second[1], second[2]]]) / area - np.outer(mean, mean)
-    return Moments(float(area), middle + mean, spread)
+    return RegionMoments(float(area), middle + mean, spread)
 
 
 def _ring(ring: BaseGeometry, middle: Floats, sign: float) -> Floats:
@@ -127,7 +127,7 @@ def _disc(place: Floats, radius: float) -> BaseGeometry:
     return shapely.Point(place).buffer(radius / math.sqrt(share), quad_segs=QUARTER)
 
 
-class Coarse(NamedTuple):
+class CoarsePositions(NamedTuple):
     """W coarse positions."""
 
     xy: Floats  # (W, 2) means
@@ -135,7 +135,7 @@ class Coarse(NamedTuple):
     matched: Bools  # (W,) false: the readers that read the tag cover no place together, and others do not
 
 
-def locate(sensors: VirtualSensors, detected: Bools, detection: float, stray: float) -> Coarse:
+def locate(sensors: ReaderRegions, detected: Bools, detection: float, stray: float) -> CoarsePositions:
     """Find the mean and covariance of a tag's place given which readers read it.
 
     P(detected | virtual sensor v) = prod over readers of `detection` or 1 - `detection` where v is in their range, and
@@ -169,4 +169,4 @@ def locate(sensors: VirtualSensors, detected: Bools, detection: float, stray: fl
     mean = weights @ sensors.centroid
     squares = sensors.covariance + sensors.centroid[:, :, None] * sensors.centroid[:, None, :]
     covariance = np.einsum("wv,vij->wij", weights, squares) - mean[:, :, None] * mean[:, None, :]
-    return Coarse(mean, covariance, matched)
+    return CoarsePositions(mean, covariance, matched)

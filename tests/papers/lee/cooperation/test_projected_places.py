@@ -7,7 +7,7 @@ from occlog.papers.lee.cooperation.environments import environment
 from occlog.papers.lee.cooperation.parallel_projection import judge_errors
 from occlog.papers.lee.cooperation.projected_places import PROJECTIONS, crossed, projected, relocated, sights_of
 from occlog.papers.verdicts import Row
-from occlog.track.methods.imm.ask_cameras import Answer, Ask, CameraRequest
+from occlog.track.methods.imm.ask_cameras import CameraAnswer, CameraQuestion, CameraRequest
 
 
 def seen(cameras, xy):
@@ -35,8 +35,8 @@ def test_passes_of_the_projection_end_where_sight_lines_cross():
 @pytest.mark.jit
 def test_an_answer_is_moved_from_the_estimate_and_one_in_vain_stays_in_vain():
     scene = environment("pair", 0, 0).scene
-    ask = Ask(1, ("count",), 1, np.array([27.0, 24.0]), np.eye(2))
-    request = CameraRequest(Answer(ask, np.array([25.0, 25.0]), np.eye(2), 1), ("cam1", "cam2"), 2)
+    ask = CameraQuestion(1, ("count",), 1, np.array([27.0, 24.0]), np.eye(2))
+    request = CameraRequest(CameraAnswer(ask, np.array([25.0, 25.0]), np.eye(2), 1), ("cam1", "cam2"), 2)
     found = relocated(request, scene, PROJECTIONS["Eq. 5.39"])
     sights = seen(scene.cameras, np.array([[25.0, 25.0]]))
     expected, _ = projected(ask.place[None], sights, PROJECTIONS["Eq. 5.39"])
@@ -48,8 +48,8 @@ def test_an_answer_is_moved_from_the_estimate_and_one_in_vain_stays_in_vain():
 @pytest.mark.jit
 def test_parallel_cameras_have_no_place_by_projection():
     scene = environment("field", 0, 0).scene
-    ask = Ask(1, ("count",), 1, np.array([27.0, 24.0]), np.eye(2))
-    request = CameraRequest(Answer(ask, np.array([25.5, 25.0]), np.eye(2), 1), ("cam2", "cam3"), 2)
+    ask = CameraQuestion(1, ("count",), 1, np.array([27.0, 24.0]), np.eye(2))
+    request = CameraRequest(CameraAnswer(ask, np.array([25.5, 25.0]), np.eye(2), 1), ("cam2", "cam3"), 2)
     assert relocated(request, scene, PROJECTIONS["Eq. 5.39"]).answer.place is None
 
 

@@ -100,7 +100,7 @@ def test_measurements_give_the_factors_of_the_likelihood(seed, kind):
         model, looks, rows = tilted(scene, kind, rng)
     for place in PLACE + rng.normal(0, 1, (5, 2)):
         for k in range(len(looks.sensor)):
-            mine = rows[looks.first[k], importance.RIVAL]
+            mine = rows[looks.first[k], importance.CLUTTER]
             for row in rows[looks.first[k] : looks.first[k + 1]]:
                 r, _, _, v = linearise(*place, row)
                 mine += row[importance.SCALE] * norm.pdf(r, scale=np.sqrt(v))
@@ -159,7 +159,7 @@ def test_far_cameras_give_the_posterior_of_a_linear_sensor_and_its_evidence(seed
     for row, xy in zip(rows, [(-5e3, -5e3), (1e4, -5e3), (1e4, 1e4)], strict=True):
         row[importance.X0], row[importance.Y0] = xy
         row[importance.COS], row[importance.SIN] = (PLACE - xy) / np.hypot(*(PLACE - xy))
-        row[importance.READ], row[importance.RIVAL] = sigma**2, 1e-30
+        row[importance.READING_NOISE], row[importance.CLUTTER] = sigma**2, 1e-30
         row[importance.VALUE] -= linearise(*PLACE, row)[0] - sigma * rng.normal()
     near = importance.adapt(m0[None], np.array([p0]), np.ones(1, dtype=np.bool_), np.arange(4), rows)
     P = p0 * np.eye(2)
@@ -214,7 +214,7 @@ def test_a_false_bearing_is_not_believed(wrong, shift):
     np.testing.assert_allclose(near.mode, better.mode, atol=0.3 * deviation)
     np.testing.assert_allclose(covariances(near.root), covariances(better.root), rtol=1e-2, atol=1e-9)
     # It counts as a false report: by no more than its density over the image
-    floor = np.log(packed[wrong, importance.RIVAL])
+    floor = np.log(packed[wrong, importance.CLUTTER])
     assert near.log_factors[0] == pytest.approx(better.log_factors[0] + floor, abs=0.2)
 
 
@@ -306,6 +306,6 @@ def test_late_signals_share_the_factor_of_a_distance_with_false_ones():
     np.testing.assert_allclose(packed[:, importance.SCALE], [0.9, 1.0, 0.81])
     u = np.array([3.0, 0.0, 3.0])  # a residual that only a detour or a false value explains
     whole = np.exp(log_density(u, rows.errors)) / np.sqrt(2.0 * np.pi) / 0.5
-    told = packed[:, importance.SCALE] * norm.pdf(u) / 0.5 + packed[:, importance.RIVAL]
+    told = packed[:, importance.SCALE] * norm.pdf(u) / 0.5 + packed[:, importance.CLUTTER]
     assert (told >= whole * 0.999).all()
     assert (told <= 2.5 * whole).all()

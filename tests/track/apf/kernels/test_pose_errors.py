@@ -10,13 +10,13 @@ from scipy.optimize import least_squares
 
 from occlog.core.sight.camera import noise_variance, planar_offsets
 from occlog.track.methods.apf.kernels.pose_errors import (
-    NEAREST,
+    MIN_DISTANCE_RATIO,
     PRIOR_COUNT,
     LabelledBearings,
     evidence,
     jacobians,
     meeting_point,
-    no_evidence,
+    prior_belief,
     residuals,
     solve,
     spread,
@@ -41,7 +41,7 @@ def make(seed, scans=60, noise=0.01, sensors=5, sigma=SIGMA):
 
 
 def prior(sensors=5):
-    return no_evidence(np.full(sensors, SIGMA[0]), np.full(sensors, SIGMA[2]))
+    return prior_belief(np.full(sensors, SIGMA[0]), np.full(sensors, SIGMA[2]))
 
 
 def gauges(sensors=5):
@@ -217,7 +217,7 @@ def test_a_false_bearing_is_not_learned_from():
 def test_a_sensor_without_errors_keeps_none():
     errors, path, scans = make(9, sigma=SIGMA * np.ones((5, 1)) * np.array([[0], [1], [1], [1], [1]]))
     sigma = np.array([0.0, 1.0, 1.0, 1.0, 1.0])
-    belief = no_evidence(sigma, 0.01 * sigma)
+    belief = prior_belief(sigma, 0.01 * sigma)
     assert np.all(errors[0] == 0.0)
     solved = solve(belief, scans, PLACES, path)
     for xy, sights in zip(path, scans, strict=True):
@@ -239,7 +239,7 @@ def test_residuals_are_the_shorter_way_round():
 def test_a_target_much_nearer_to_one_sensor_than_to_the_others_is_refused(share, found):
     """From sensors 100 apart the target is beside the first one, at `share * NEAREST` of its distance to the other."""
     places = np.array([[0.0, 0.0], [100.0, 0.0]])
-    ratio = share * NEAREST
+    ratio = share * MIN_DISTANCE_RATIO
     target = np.array([0.0, 100.0 * ratio / np.sqrt(1.0 - ratio**2)])
     away = target - places
     sights = LabelledBearings(np.arange(2), np.arctan2(away[:, 1], away[:, 0]), np.full(2, 1e-6))

@@ -11,10 +11,10 @@ from tracker_scenes import room100
 
 from occlog.core.occlusion.priors import gaussian_priors, no_priors
 from occlog.track.methods.apf.kernels.selection_metric import (
-    Moments,
+    CameraMoments,
+    joint_visibility,
     mean_square_errors,
     perspective_moments,
-    seen_together,
     views,
     weak_moments,
 )
@@ -40,7 +40,7 @@ def people(seed, M=20):
 def moments(model, xy, weights, priors=None, hit=None, cameras=ALL):
     inside = views(xy, cameras, SENSORS)
     hit = np.ones(len(cameras)) if hit is None else hit
-    together = seen_together(xy, weights, cameras, SENSORS, inside, priors or no_priors(), hit)
+    together = joint_visibility(xy, weights, cameras, SENSORS, inside, priors or no_priors(), hit)
     if model == "weak":
         return weak_moments(xy, weights, cameras, SENSORS, NOISE, READ, together)
     return perspective_moments(xy, weights, cameras, SENSORS, NOISE, READ, inside, together)
@@ -74,7 +74,7 @@ def test_probabilities_of_seeing_together_are_sums_over_the_particles(seed):
     mean, covariance = people(seed)
     hit = np.random.default_rng(seed).uniform(0.8, 1.0, 8)
     inside = views(xy, ALL, SENSORS)
-    found = seen_together(xy, weights, ALL, SENSORS, inside, gaussian_priors(mean, covariance, 3.33), hit)
+    found = joint_visibility(xy, weights, ALL, SENSORS, inside, gaussian_priors(mean, covariance, 3.33), hit)
     given = ref.RefPriors(mean, covariance, 3.33)
     q = np.stack([ref.hiding(xy, SCENE.cameras[i].ground, given) for i in ALL], axis=1)
     for i, j in itertools.product(ALL, ALL):
@@ -92,7 +92,7 @@ def test_perspective_moments_by_loops(seed):
     priors = gaussian_priors(*people(seed), 3.33)
     found = moments("perspective", xy, weights, priors)
     inside = views(xy, ALL, SENSORS)
-    together = seen_together(xy, weights, ALL, SENSORS, inside, priors, np.ones(8))
+    together = joint_visibility(xy, weights, ALL, SENSORS, inside, priors, np.ones(8))
     mean = weights @ xy
     z, v = np.zeros((8, 50)), np.zeros((8, 50))
     for i, p in itertools.product(ALL, range(50)):
@@ -166,7 +166,7 @@ def test_perspective_is_the_best_linear_estimate_of_simulated_measurements(rows)
 
 def test_two_cameras_by_hand():
     """Tr(Sigma_x - Sigma_Zx' Sigma_Z^-1 Sigma_Zx) with numbers."""
-    given = Moments(
+    given = CameraMoments(
         np.diag([4.0, 1.0]), np.array([[2.0, 0.0], [0.0, 1.0], [0.0, 0.0]]), np.diag([2.0, 4.0, 1.0]), np.ones(3)
     )
     found = mean_square_errors(given, np.array([[0, 1], [0, 2], [1, 2]]))

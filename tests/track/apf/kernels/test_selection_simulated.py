@@ -16,9 +16,9 @@ from tracker_scenes import room100
 
 from occlog.core.occlusion.priors import gaussian_priors, no_priors
 from occlog.track.methods.apf.kernels.selection_metric import (
+    joint_visibility,
     mean_square_errors,
     perspective_moments,
-    seen_together,
     views,
     weak_moments,
 )
@@ -43,7 +43,7 @@ def cloud(seed, L=150, spread=2.0, place=(30.0, 25.0)):
 def moments(model, xy, weights, priors=None, hit=None, cameras=ALL):
     inside = views(xy, cameras, SENSORS)
     hit = np.ones(len(cameras)) if hit is None else hit
-    together = seen_together(xy, weights, cameras, SENSORS, inside, priors or no_priors(), hit)
+    together = joint_visibility(xy, weights, cameras, SENSORS, inside, priors or no_priors(), hit)
     if model == "weak":
         return weak_moments(xy, weights, cameras, SENSORS, NOISE, READ, together)
     return perspective_moments(xy, weights, cameras, SENSORS, NOISE, READ, inside, together)
@@ -187,7 +187,7 @@ def test_people_who_walk_about_hide_the_target_as_simulated_people_do(seed):
     priors = gaussian_priors(means, covariance, DIAMETER)
     inside = views(xy, IN_VIEW, SENSORS)
     assert inside.all()
-    together = seen_together(xy, weights, IN_VIEW, SENSORS, inside, priors, np.ones(4))
+    together = joint_visibility(xy, weights, IN_VIEW, SENSORS, inside, priors, np.ones(4))
     x = xy[rng.choice(len(xy), N, p=weights)]
     people = means + 6.0 * rng.standard_normal((N, 12, 2))
     seen = np.array([~hidden(x, people, SCENE.cameras[i].ground) for i in IN_VIEW])

@@ -9,7 +9,7 @@ from occlog.measure.epipolar.views import TrackedView
 from occlog.measure.regions.background import make_subtractor
 from occlog.records.frames import Frame
 from occlog.track.methods.images.births.regions import (
-    MOST,
+    MAX_FOREGROUND_SHARE,
     BackgroundModel,
     background_models,
     foreground_mask,
@@ -59,7 +59,7 @@ def test_light_that_changes_masks_nothing(grey):
         part = wall.copy()
         part[:rows] = 255
         assert (foreground_mask(model, part, number) is not None) is masked
-    assert MOST == 36 / 60
+    assert MAX_FOREGROUND_SHARE == 36 / 60
 
 
 def test_a_model_of_shrunk_images_gives_masks_of_whole_ones():

@@ -7,9 +7,9 @@ import pytest
 
 from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.records.tables import Boxes
-from occlog.track.methods.images.births.births import anchors, births_and_ends, loop_distances, no_candidates
+from occlog.track.methods.images.births.births import anchors, empty_candidates, initiate_and_terminate, loop_distances
 from occlog.track.methods.images.births.config import ViewsConfig
-from occlog.track.methods.images.births.regions import Regions, RegionStream, regions_of_boxes
+from occlog.track.methods.images.births.regions import DetectorRegions, RegionStream, regions_of_boxes
 
 VIEWS = (TrackedView("a", 320, 240), TrackedView("b", 320, 240))
 LEVEL = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -30,10 +30,10 @@ def rows(*ellipses):
 
 def live(regions, config=None, geometry=ROWS, trackers=None, moments=10):
     """Births by moment, where trackers stay where they were born."""
-    config, trackers, state = config or ViewsConfig(), dict(trackers or {}), no_candidates(2)
+    config, trackers, state = config or ViewsConfig(), dict(trackers or {}), empty_candidates(2)
     births, ends = [], []
     for k in range(moments):
-        state, born, ended = births_and_ends(state, regions(k), trackers, VIEWS, geometry, config)
+        state, born, ended = initiate_and_terminate(state, regions(k), trackers, VIEWS, geometry, config)
         births += [(k, b.view, b.target_id, b.ellipse[0]) for b in born]
         ends += [(k, key) for key in ended]
         trackers |= {(b.view, b.target_id): b.ellipse for b in born}
@@ -111,11 +111,11 @@ def test_a_view_that_sees_it_later_joins_its_target():
 
 
 def test_a_target_whose_tracker_ended_in_this_moment_begins_in_the_next():
-    state, there = no_candidates(2, 1), {(0, 0): disc(50, 60)}
+    state, there = empty_candidates(2, 1), {(0, 0): disc(50, 60)}
     for k in range(4):
         gone = {(1, 0)} if k == 2 else ()
         both = [rows(disc(50, 60)), rows(disc(90, 60))]
-        state, born, _ = births_and_ends(state, both, there, VIEWS, ROWS, ViewsConfig(), gone=gone)
+        state, born, _ = initiate_and_terminate(state, both, there, VIEWS, ROWS, ViewsConfig(), gone=gone)
         assert [(b.view, b.target_id) for b in born] == ([(1, 0)] if k == 3 else [])
 
 
@@ -212,7 +212,7 @@ def test_feed_gives_the_regions_of_a_frame_and_knows_who_looked():
 
 
 def test_a_sparse_feed_takes_frames_without_rows_for_looked_at():
-    region = Regions(np.array([10]), np.array(["a"]), rows(disc(1, 2)), np.array([True]))
+    region = DetectorRegions(np.array([10]), np.array(["a"]), rows(disc(1, 2)), np.array([True]))
     stream = RegionStream(iter([region]), True)
     found = stream.at(("a", "b"), np.array([10, -1]))
     assert found[0].shape == (1, 5)
@@ -248,7 +248,9 @@ def test_people_are_joined_by_their_feet():
     short, tall = np.array([50.0, 100.0, 5.0, 10.0, 0.0]), np.array([80.0, 70.0, 8.0, 40.0, 0.0])
     assert loop_distances(ROWS, 0, 1, short[None], tall[None], True)[0] < 1e-9
     for bottom, targets in ((False, 2), (True, 1)):
-        state, born = no_candidates(2), ()
+        state, born = empty_candidates(2), ()
         for _ in range(3):
-            state, born, _ = births_and_ends(state, [rows(short), rows(tall)], {}, VIEWS, ROWS, ViewsConfig(), bottom)
+            state, born, _ = initiate_and_terminate(
+                state, [rows(short), rows(tall)], {}, VIEWS, ROWS, ViewsConfig(), bottom
+            )
         assert len({b.target_id for b in born}) == targets

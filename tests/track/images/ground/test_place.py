@@ -7,17 +7,17 @@ from place_scenes import covariances, rig_of, room, room_rig, seen
 from scipy.optimize import minimize
 
 from occlog.track.methods.images.ground.place import (
-    APART,
     BEHIND,
+    DISAGREEING,
     MET,
     NEAR_PARALLEL,
     TOO_FEW,
-    Height,
-    Sights,
-    meet_in_space,
+    CentresInViews,
+    TargetHeightPrior,
+    triangulate_in_space,
 )
 
-HEIGHT = Height(0.9, 0.1)
+HEIGHT = TargetHeightPrior(0.9, 0.1)
 
 
 def nees(met, points):
@@ -33,7 +33,7 @@ def test_places_are_those_of_a_search(views):
         rng = np.random.default_rng(seed)
         cameras, points = room_rig(rng, views), room(rng, 1) * [1, 1, 0.5]
         sights = seen(rng, cameras, points, covariances(rng, 1, views))
-        met = meet_in_space(sights, rig_of(cameras), HEIGHT, gate=1e-9)
+        met = triangulate_in_space(sights, rig_of(cameras), HEIGHT, gate=1e-9)
 
         def cost(x, sights=sights, cameras=cameras):
             total = ((x[2] - HEIGHT.mean) / HEIGHT.sigma) ** 2 if len(cameras) == 1 else 0.0
@@ -58,7 +58,7 @@ def test_covariances_are_those_of_many_draws(views):
         points[:, 2] = rng.normal(HEIGHT.mean, HEIGHT.sigma, n)
         points[:, :2] = 0.5
     cov = np.tile(covariances(rng, 1, views), (n, 1, 1, 1))
-    met = meet_in_space(seen(rng, cameras, points, cov), rig_of(cameras), HEIGHT, gate=1e-9)
+    met = triangulate_in_space(seen(rng, cameras, points, cov), rig_of(cameras), HEIGHT, gate=1e-9)
     e = met.xyz - points
     drawn, stated = np.cov(e.T), met.covariance.mean(axis=0)
     size = np.sqrt(np.diag(stated))
@@ -71,11 +71,11 @@ def test_covariances_are_those_of_many_draws(views):
 def test_misfits_are_chi_square(views):
     rng = np.random.default_rng(views)
     cameras, points = room_rig(rng, views), room(rng, 4000)
-    met = meet_in_space(seen(rng, cameras, points, covariances(rng, 4000, views)), rig_of(cameras), gate=1e-12)
+    met = triangulate_in_space(seen(rng, cameras, points, covariances(rng, 4000, views)), rig_of(cameras), gate=1e-12)
     free = 2 * views - 3
     assert met.misfit.mean() == pytest.approx(free, abs=5 * np.sqrt(2 * free / 4000))
-    strict = meet_in_space(seen(rng, cameras, points, covariances(rng, 4000, views)), rig_of(cameras), gate=0.05)
-    doubted = (strict.status == APART) | (strict.used.sum(axis=1) < views)
+    strict = triangulate_in_space(seen(rng, cameras, points, covariances(rng, 4000, views)), rig_of(cameras), gate=0.05)
+    doubted = (strict.status == DISAGREEING) | (strict.used.sum(axis=1) < views)
     assert doubted.mean() == pytest.approx(0.05, abs=0.015)
 
 
@@ -85,7 +85,7 @@ def test_a_view_that_is_on_something_else_is_left_out(views):
     cameras, points = room_rig(rng, views), room(rng, 1000)
     sights = seen(rng, cameras, points, np.broadcast_to(4.0 * np.eye(2), (1000, views, 2, 2)))
     sights.pixels[:, 1] = cameras[1].project(points + rng.choice([-1, 1], (1000, 3)) * [0.8, 0.8, 0.0])
-    met = meet_in_space(sights, rig_of(cameras))
+    met = triangulate_in_space(sights, rig_of(cameras))
     good = met.status == MET
     assert good.mean() > 0.97
     # Of three views a wrong one can agree with one of the others by chance: it stands on the line of it.
@@ -98,10 +98,10 @@ def test_two_views_that_contradict_each_other_give_no_place():
     cameras, points = room_rig(rng, 2), room(rng, 200)
     sights = seen(rng, cameras, points, np.broadcast_to(4.0 * np.eye(2), (200, 2, 2, 2)))
     sights.pixels[:, 1, 1] += 60.0
-    met = meet_in_space(sights, rig_of(cameras))
-    assert (met.status == APART).mean() > 0.95
-    assert np.isnan(met.xyz[met.status == APART]).all()
-    assert np.isnan(met.covariance[met.status == APART]).all()
+    met = triangulate_in_space(sights, rig_of(cameras))
+    assert (met.status == DISAGREEING).mean() > 0.95
+    assert np.isnan(met.xyz[met.status == DISAGREEING]).all()
+    assert np.isnan(met.covariance[met.status == DISAGREEING]).all()
 
 
 def test_views_without_the_point_do_not_count():
@@ -110,8 +110,8 @@ def test_views_without_the_point_do_not_count():
     sights = seen(rng, cameras, points, covariances(rng, 50, 4))
     there = np.broadcast_to([True, False, True, False], (50, 4)).copy()
     filled = sights._replace(there=there, pixels=np.where(there[:, :, None], sights.pixels, 1e5))
-    two = Sights(np.ones((50, 2), dtype=bool), sights.pixels[:, ::2], sights.covariance[:, ::2])
-    some, same = meet_in_space(filled, rig_of(cameras)), meet_in_space(two, rig_of(cameras[::2]))
+    two = CentresInViews(np.ones((50, 2), dtype=bool), sights.pixels[:, ::2], sights.covariance[:, ::2])
+    some, same = triangulate_in_space(filled, rig_of(cameras)), triangulate_in_space(two, rig_of(cameras[::2]))
     assert np.allclose(some.xyz, same.xyz, atol=1e-9, equal_nan=True)
     assert np.array_equal(some.used, there)
 
@@ -126,7 +126,7 @@ def test_sight_lines_that_tell_no_place():
     def status(*views, height=None):
         there = np.zeros((1, 3), dtype=bool)
         there[0, list(views)] = True
-        met = meet_in_space(Sights(there, pixels, cov), rig, height)
+        met = triangulate_in_space(CentresInViews(there, pixels, cov), rig, height)
         assert met.status[0] == MET or np.isnan(met.xyz).all()
         return met.status[0]
 
@@ -139,9 +139,9 @@ def test_sight_lines_that_tell_no_place():
 
 def test_a_height_above_the_camera_of_a_line_that_looks_down_is_behind():
     camera = looking("a", np.array([-8.0, 0.0, 2.5]), (0, 0, 0), 600.0)
-    sights = Sights(np.ones((1, 1), dtype=bool), np.full((1, 1, 2), [319.5, 239.5]), np.eye(2)[None, None])
-    assert meet_in_space(sights, rig_of([camera]), Height(3.5, 0.1)).status[0] == BEHIND
-    met = meet_in_space(sights, rig_of([camera]), Height(0.0, 0.1))
+    sights = CentresInViews(np.ones((1, 1), dtype=bool), np.full((1, 1, 2), [319.5, 239.5]), np.eye(2)[None, None])
+    assert triangulate_in_space(sights, rig_of([camera]), TargetHeightPrior(3.5, 0.1)).status[0] == BEHIND
+    met = triangulate_in_space(sights, rig_of([camera]), TargetHeightPrior(0.0, 0.1))
     assert met.xyz[0] == pytest.approx([0, 0, 0], abs=1e-9)
 
 
@@ -154,7 +154,7 @@ def test_cameras_far_away_lose_nothing():
     points = rng.uniform([-150, -150, 0], [150, 150, 240], (500, 3))
     cov = np.broadcast_to(4.0 * np.eye(2), (500, 2, 2, 2))
     exact = np.stack([camera.project(points) for camera in cameras], axis=1)
-    met = meet_in_space(Sights(np.ones((500, 2), dtype=bool), exact, cov), rig_of(cameras))
+    met = triangulate_in_space(CentresInViews(np.ones((500, 2), dtype=bool), exact, cov), rig_of(cameras))
     assert np.abs(met.xyz - points).max() < 1e-5
     assert np.allclose(met.covariance, np.diag([4.0, 4.0, 2.0]), atol=0.01)
 
@@ -166,8 +166,8 @@ def test_rows_do_not_depend_on_each_other():
     sights.there[:7, 0] = False
     sights.pixels[3, 1] += 90.0
     rig = rig_of(cameras)
-    together = meet_in_space(sights, rig)
+    together = triangulate_in_space(sights, rig)
     for row in range(20):
-        alone = meet_in_space(sights.take(np.array([row])), rig)
+        alone = triangulate_in_space(sights.take(np.array([row])), rig)
         assert np.allclose(alone.xyz[0], together.xyz[row], rtol=1e-12, equal_nan=True)
         assert alone.status[0] == together.status[row]

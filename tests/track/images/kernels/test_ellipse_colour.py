@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ellipse_reference import ellipse_distance
 
-from occlog.track.methods.images.kernels.appearance import WIDTH, colour_likeness, colours_in, level, upright
+from occlog.track.methods.images.kernels.appearance import WIDTH, colour_similarity, colours_in, level, upright
 
 W, H = 40, 30
 
@@ -22,7 +22,7 @@ def likenesses(bins, ellipses, owner, models, step):
     """Bhattacharyya coefficients with models of whole ellipses, of the first bins."""
     colours = np.zeros((len(models), WIDTH))
     colours[:, : models.shape[1]] = models
-    return colour_likeness(bins, ellipses, owner, colours, np.zeros(len(models), dtype=bool), step)
+    return colour_similarity(bins, ellipses, owner, colours, np.zeros(len(models), dtype=bool), step)
 
 
 def plain_histogram(bins, e, n_bins, step=1):

@@ -6,7 +6,7 @@ from ellipse_reference import pixels_inside
 
 from occlog.core.image import N_BINS, support_radius
 from occlog.core.sight import fundamental
-from occlog.track.methods.images.kernels.appearance import WIDTH, colour_likeness, colours_in
+from occlog.track.methods.images.kernels.appearance import WIDTH, colour_similarity, colours_in
 from occlog.track.methods.images.kernels.collaboration import Interaction, neighbours, repel_into
 from occlog.track.methods.images.kernels.epipolar_lines import (
     APART,
@@ -231,6 +231,6 @@ def test_halves_of_an_ellipse():
                 want[bins[y, x] + (N_BINS if dy >= 0 else 0)] += weight
         np.testing.assert_allclose(found, want / mass, atol=1e-12)
     models, owner = np.stack([whole[0], halves[1]]), rng.integers(0, 2, 12)
-    got = colour_likeness(bins, some, owner, models, np.array([False, True]), 2)
+    got = colour_similarity(bins, some, owner, models, np.array([False, True]), 2)
     want = np.where(owner == 0, np.sqrt(whole * models[0]).sum(axis=1), np.sqrt(halves * models[1]).sum(axis=1))
     np.testing.assert_allclose(got, want, atol=1e-12)

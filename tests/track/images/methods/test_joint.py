@@ -8,8 +8,8 @@ from view_reference import bins_of
 
 from occlog.errors import InputError
 from occlog.measure.epipolar.views import TrackedView, ViewGeometry
-from occlog.track.methods.images.interface import LEFT, LOST, MODES, Birth, FrameSet
-from occlog.track.methods.images.kernels.appearance import colour_likeness
+from occlog.track.methods.images.interface import LEFT, MODES, TERMINATED, Birth, FrameSet
+from occlog.track.methods.images.kernels.appearance import colour_similarity
 from occlog.track.methods.images.kernels.joint_samples import overlap
 from occlog.track.methods.images.methods.config import McmcConfig
 from occlog.track.methods.images.methods.joint import ViewFrame, run_mcmc, run_sir
@@ -92,7 +92,7 @@ def test_sir_weighs_by_the_product_over_targets_and_the_prior():
     whole, t = bins_of(image), state.trackers
     for k in range(30):
         sample, want = samples.particles[:, k], 0.0
-        bc = colour_likeness(whole, sample, np.arange(3), t.colours, t.split, 2)
+        bc = colour_similarity(whole, sample, np.arange(3), t.colours, t.split, 2)
         want = sum((b - 1.0) / (2 * 0.1**2) for b in bc)
         want -= 1.5 * sum(overlap(sample[i], sample[j]) for i in range(3) for j in range(i))
         assert samples.log_weights[k] == pytest.approx(want, rel=1e-9)
@@ -170,7 +170,7 @@ def test_targets_leave_the_image_or_are_lost():
     for t in range(1, 8):
         state, o = advance(state, frame_set(t, picture([], t), None), rng)
         events.append(o.event.tolist())
-    assert events == [[0], [0], [0], [LOST], [], [], []]
+    assert events == [[0], [0], [0], [TERMINATED], [], [], []]
 
 
 def test_targets_are_born_later_and_ended_from_outside():

@@ -8,7 +8,7 @@ from view_states import BLIND, BLUE, RED, ROWS, changed, disc, frames_at, painte
 
 from occlog.track.methods.images.interface import MODES
 from occlog.track.methods.images.methods.config import CmctConfig
-from occlog.track.methods.images.methods.restart import APART, adapt_colours, propose_on_lines
+from occlog.track.methods.images.methods.restart import SAME_TARGET_RADII, adapt_colours, propose_on_lines
 from occlog.track.methods.images.methods.step import advance
 from occlog.track.methods.images.methods.weigh import arrival_of, local_weights, weigh
 
@@ -50,7 +50,7 @@ def test_all_particles_are_drawn_on_the_line_when_the_estimate_was_not_like_the_
     assert drawn(changed(state, likeness=np.array([likeness, 1.0, 1.0, 1.0]))) == [count, 3, 3, 3]
 
 
-@pytest.mark.parametrize(("radii", "count"), [(APART, 3), (APART - 1e-9, COUNT), (0.0, COUNT)])
+@pytest.mark.parametrize(("radii", "count"), [(SAME_TARGET_RADII, 3), (SAME_TARGET_RADII - 1e-9, COUNT), (0.0, COUNT)])
 def test_all_are_drawn_when_a_counterpart_is_bad_and_another_tracker_is_at_the_same_place(radii, count):
     state = pair(distance=16.0 * radii)
     assert drawn(state) == [3] * 4

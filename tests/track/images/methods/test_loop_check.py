@@ -8,7 +8,12 @@ from view_states import BLIND, BLUE, RED, ROWS, changed, disc, painted, state_of
 
 from occlog.track.methods.images.interface import BAD, GOOD, NONE
 from occlog.track.methods.images.methods.config import BmctConfig, CmctConfig
-from occlog.track.methods.images.methods.restart import check_loops, check_new_pairs, counterpart_status, helpers
+from occlog.track.methods.images.methods.restart import (
+    assisting_views,
+    check_loops,
+    check_new_pairs,
+    counterpart_status,
+)
 
 ONE, TWO = disc(40.0, 40.0), disc(80.0, 60.0)
 BOTH = painted((ONE, RED), (TWO, BLUE))
@@ -65,7 +70,7 @@ def test_an_estimate_that_is_old_is_not_checked(old):
     for _ in range(5):
         state = state._replace(trackers=check_loops(state, FEW, fresh))
     assert counterpart_status(state.trackers)[0] == GOOD
-    assert helpers(state.trackers, fresh).tolist() == [
+    assert assisting_views(state.trackers, fresh).tolist() == [
         [-1, 2 if old != 2 else -1],
         [-1, -1],
         [-1 if not old else 0, -1],

@@ -11,7 +11,7 @@ from occlog.settings import configure
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import BallPaths, ball_paths
 from occlog.simulate.balls.video import render_balls
-from occlog.track.methods.images.interface import BAD, GOOD, LEFT, LOST, MODES, NONE, Birth, FrameSet
+from occlog.track.methods.images.interface import BAD, GOOD, LEFT, MODES, NONE, TERMINATED, Birth, FrameSet
 from occlog.track.methods.images.methods.config import BmctConfig, MipfConfig
 from occlog.track.methods.images.methods.state import end_trackers, initial_state
 from occlog.track.methods.images.methods.step import advance, initiate_trackers
@@ -184,7 +184,7 @@ def test_trackers_end_when_nothing_is_left_of_their_targets(method):
     ended = [t for t, event in enumerate(events, 1) if event and any(event)]
     assert min(ended) >= 5 + 8
     assert len(state.trackers.view) == 0
-    assert {e for event in events for e in event} <= {0, LOST, LEFT}
+    assert {e for event in events for e in event} <= {0, TERMINATED, LEFT}
 
 
 def test_a_tracker_whose_target_leaves_the_image_ends():

@@ -8,7 +8,7 @@ from view_states import BLUE, RED, ROWS, H, W, changed, disc, frames_at, painted
 
 from occlog.core.image import nearness
 from occlog.track.methods.images.methods.config import BmctConfig
-from occlog.track.methods.images.methods.restart import APART, CLEAR, EVERY, nearest, restart_one
+from occlog.track.methods.images.methods.restart import EVERY, OCCLUSION_RADII, SAME_TARGET_RADII, nearest, restart_one
 
 ONE, TWO = disc(30.0, 40.0), disc(80.0, 44.0)
 IMAGE = painted((ONE, RED), (TWO, BLUE))
@@ -80,11 +80,11 @@ def test_without_the_setting_or_a_bad_counterpart_or_a_frame_nothing_restarts():
 @pytest.mark.parametrize(
     ("radii", "likeness", "wrong"),
     [
-        (APART, 0.85, False),
-        (APART - 1e-9, 0.85, True),
+        (SAME_TARGET_RADII, 0.85, False),
+        (SAME_TARGET_RADII - 1e-9, 0.85, True),
         (2.0, 0.85, False),
         (2.0, np.nextafter(0.85, 0.0), True),
-        (APART, np.nextafter(0.85, 0.0), True),
+        (SAME_TARGET_RADII, np.nextafter(0.85, 0.0), True),
     ],
 )
 def test_a_tracker_is_wrong_on_another_one_or_on_something_of_other_colours(radii, likeness, wrong):
@@ -98,8 +98,8 @@ def test_a_tracker_is_wrong_on_another_one_or_on_something_of_other_colours(radi
     [
         (2.0, 0.85, True),
         (2.0, np.nextafter(0.85, 0.0), False),
-        (CLEAR, 1.0, False),
-        (CLEAR + 1e-9, 1.0, True),
+        (OCCLUSION_RADII, 1.0, False),
+        (OCCLUSION_RADII + 1e-9, 1.0, True),
     ],
 )
 def test_a_counterpart_guides_when_it_is_clear_of_others_and_looks_right(radii, likeness, guides):
@@ -127,7 +127,7 @@ def test_no_place_is_good_where_nothing_looks_like_the_target():
     assert restarted(hijacked(), images=(gone, IMAGE))[0] == []
 
 
-@pytest.mark.parametrize(("radii", "off"), [(0.2, None), (APART - 1e-9, 2.0), (APART, 0.0)])
+@pytest.mark.parametrize(("radii", "off"), [(0.2, None), (SAME_TARGET_RADII - 1e-9, 2.0), (SAME_TARGET_RADII, 0.0)])
 def test_a_place_nearer_than_that_to_another_tracker_does_not_count(radii, off):
     """A third tracker stands below the target; places are 2 px apart, and one is at the target itself."""
     third = disc(30.0, 40.0 + 16.0 * radii)
@@ -140,7 +140,7 @@ def test_a_place_nearer_than_that_to_another_tracker_does_not_count(radii, off):
     assert moved == ([] if off is None else [0])
     if off is not None:
         assert abs(after.trackers.estimate[0, 0] - 30.0) == pytest.approx(off)
-        assert nearness(after.trackers.estimate[:3])[0, 2] >= APART - 1e-9
+        assert nearness(after.trackers.estimate[:3])[0, 2] >= SAME_TARGET_RADII - 1e-9
 
 
 def test_the_line_is_tried_through_the_whole_image_and_not_beyond():

@@ -20,12 +20,12 @@ from view_states import (
 
 from occlog.measure.epipolar.views import ViewGeometry
 from occlog.track.methods.images.interface import Birth
-from occlog.track.methods.images.kernels.appearance import colour_likeness
+from occlog.track.methods.images.kernels.appearance import colour_similarity
 from occlog.track.methods.images.methods.config import BmctConfig, IdmotConfig, MipfConfig
 from occlog.track.methods.images.methods.state import (
     INTERVALS,
     LONGEST,
-    Clock,
+    FrameClock,
     add_trackers,
     advance_clock,
     ages,
@@ -109,7 +109,7 @@ def test_colours_of_a_masked_target_are_wholly_alike_where_as_much_of_it_is_left
     other = add_trackers(state, frames_at(1, plain, None, masks=(later, None)), [Birth(0, 2, LEFT)])
     share = [1.0 / t.colours.sum() for t in (state.trackers, keep_trackers(other, np.array([False, True])).trackers)]
     bins = other.bins[0]
-    found = colour_likeness(bins, LEFT[None], np.zeros(1, int), state.trackers.colours, np.zeros(1, bool), 1)[0]
+    found = colour_similarity(bins, LEFT[None], np.zeros(1, int), state.trackers.colours, np.zeros(1, bool), 1)[0]
     assert found == pytest.approx(likeness if likeness is not None else np.sqrt(share[1] / share[0]))
 
 
@@ -128,7 +128,7 @@ def clock(last, *intervals):
     """Clock of one view, times and intervals in frame periods."""
     known = np.full((1, INTERVALS), np.nan)
     known[0, len(known[0]) - len(intervals) :] = np.array(intervals) * PERIOD_NS
-    return Clock(np.array([last * PERIOD_NS if last >= 0 else -1]), known)
+    return FrameClock(np.array([last * PERIOD_NS if last >= 0 else -1]), known)
 
 
 def test_age_is_counted_in_the_median_of_the_last_intervals():

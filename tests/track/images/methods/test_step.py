@@ -7,7 +7,7 @@ import pytest
 from view_states import BLUE, PERIOD_NS, RED, H, W, changed, disc, frames_at, painted, state_of
 
 from occlog.core.image import nearness
-from occlog.track.methods.images.interface import GOOD, LEFT, LOST, NONE
+from occlog.track.methods.images.interface import GOOD, LEFT, NONE, TERMINATED
 from occlog.track.methods.images.methods.config import BmctConfig, CmctConfig, IdmotConfig, MipfConfig
 from occlog.track.methods.images.methods.state import LONGEST
 from occlog.track.methods.images.methods.step import advance, advance_with, end_events
@@ -181,13 +181,15 @@ def test_a_target_leaves_when_its_centre_passes_the_edge_of_the_image(x, y):
     assert end_events(one(x + out[0], y + out[1], good=True), SIZE, config).tolist() == [LEFT]
 
 
-@pytest.mark.parametrize(("weak", "event"), [(0, 0), (24, 0), (25, LOST), (26, LOST)])
+@pytest.mark.parametrize(("weak", "event"), [(0, 0), (24, 0), (25, TERMINATED), (26, TERMINATED)])
 def test_a_target_is_lost_after_so_many_weak_frames(weak, event):
     assert end_events(one(60.0, 45.0, weak=weak), SIZE, MipfConfig(lost_after=25)).tolist() == [event]
     assert end_events(one(60.0, 45.0, weak=weak), SIZE, MipfConfig(lost_after=0)).tolist() == [0]
 
 
-@pytest.mark.parametrize(("x", "event"), [(7.5, LOST), (7.5 - 1e-9, LEFT), (W - 8.5, LOST), (W - 8.5 + 1e-9, LEFT)])
+@pytest.mark.parametrize(
+    ("x", "event"), [(7.5, TERMINATED), (7.5 - 1e-9, LEFT), (W - 8.5, TERMINATED), (W - 8.5 + 1e-9, LEFT)]
+)
 def test_a_target_lost_while_it_reaches_over_the_edge_has_left(x, event):
     assert end_events(one(x, 45.0, weak=25), SIZE, MipfConfig()).tolist() == [event]
     assert end_events(one(x, 45.0, weak=24), SIZE, MipfConfig()).tolist() == [0]
@@ -206,7 +208,7 @@ def test_a_tracker_on_nothing_ends_unless_its_counterpart_is_good():
     good = np.array([[False, True], [False, False], [True, False]])
     state = changed(state, good=good, checked=good, weak=np.array([2, 2, 0]))
     after, outlines = advance(state, frames_at(1, gone, BOTH), rng())
-    assert outlines.event.tolist() == [0, LOST, 0]
+    assert outlines.event.tolist() == [0, TERMINATED, 0]
     assert after.trackers.target.tolist() == [1, 1]
     assert after.trackers.weak.tolist() == [3, 0]
 

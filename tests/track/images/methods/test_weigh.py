@@ -7,7 +7,7 @@ from view_states import BLUE, RED, W, changed, disc, painted, state_of
 from occlog.track.methods.images.interface import MODES
 from occlog.track.methods.images.methods.config import BmctConfig, IdmotConfig, MipfConfig
 from occlog.track.methods.images.methods.state import OwnRegions
-from occlog.track.methods.images.methods.weigh import Arrival, LocalWeights, weigh, weighing_model
+from occlog.track.methods.images.methods.weigh import FrameContext, LocalWeights, weigh, weighing_model
 
 MIPF, IDMOT, BMCT = (MODES.index(name) for name in ("mipf", "idmot", "bmct"))
 COUNT = 25
@@ -40,7 +40,7 @@ def arrival(state, here=None, age=1.0, gap=1.0):
     n = len(state.trackers.view)
     nowhere = OwnRegions(np.zeros(n, dtype=bool), np.full((n, 5), np.nan))
     here = np.ones(n, dtype=bool) if here is None else here
-    return Arrival(here, np.broadcast_to(age, n), np.broadcast_to(gap, n), nowhere)
+    return FrameContext(here, np.broadcast_to(age, n), np.broadcast_to(gap, n), nowhere)
 
 
 def test_mipf_weighs_by_the_local_likelihood_alone():

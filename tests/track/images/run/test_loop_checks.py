@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from occlog.measure.epipolar.views import ViewGeometry
-from occlog.track.methods.images.interface import Birth, Outlines
-from occlog.track.methods.images.run.stage import check_births, check_outlines, gather, no_checks, without_contradicted
+from occlog.track.methods.images.interface import Birth, TrackerOutlines
+from occlog.track.methods.images.run.stage import check_births, check_outlines, drop_contradicted, gather, no_checks
 
 LEVEL = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 NOTHING = np.full((3, 3), np.nan)
@@ -21,7 +21,7 @@ def births(*rows):
 def outlines(made):
     n = len(made)
     zeros = np.zeros(n, dtype=np.int64)
-    return Outlines(
+    return TrackerOutlines(
         np.array([b.view for b in made]),
         np.array([b.target_id for b in made]),
         np.array([b.ellipse for b in made]),
@@ -64,22 +64,22 @@ def wrong(*targets):
 
 def test_a_matrix_that_most_starts_contradict_is_not_used():
     good = births(*[(v, k, 50 * k + 20, 40 * k + 30) for k in range(4) for v in (0, 1)])
-    kept, counts, dropped = without_contradicted(ROWS, check_births(good, ROWS), {})
+    kept, counts, dropped = drop_contradicted(ROWS, check_births(good, ROWS), {})
     assert not dropped
     assert counts == {(0, 1): (4, 0)}
     np.testing.assert_array_equal(kept.fundamental, ROWS.fundamental)
-    kept, counts, dropped = without_contradicted(ROWS, check_births(wrong(0, 1, 2), ROWS), {})
+    kept, counts, dropped = drop_contradicted(ROWS, check_births(wrong(0, 1, 2), ROWS), {})
     assert dropped == ((0, 1),)
     assert np.isnan(kept.fundamental).all()
     assert np.isfinite(ROWS.fundamental[0, 1]).all()  # as it was
 
 
 def test_fewer_than_three_targets_do_not_say_that_a_matrix_is_wrong_but_are_remembered():
-    _, counts, dropped = without_contradicted(ROWS, check_births(wrong(0, 1), ROWS), {})
+    _, counts, dropped = drop_contradicted(ROWS, check_births(wrong(0, 1), ROWS), {})
     assert (counts, dropped) == ({(0, 1): (2, 2)}, ())
-    assert without_contradicted(ROWS, check_births(wrong(2), ROWS), counts)[1:] == ({(0, 1): (3, 3)}, ((0, 1),))
+    assert drop_contradicted(ROWS, check_births(wrong(2), ROWS), counts)[1:] == ({(0, 1): (3, 3)}, ((0, 1),))
     # Three that are right have decided
-    assert without_contradicted(ROWS, check_births(wrong(2, 3, 4), ROWS), {(0, 1): (3, 1)})[1:] == (
+    assert drop_contradicted(ROWS, check_births(wrong(2, 3, 4), ROWS), {(0, 1): (3, 1)})[1:] == (
         {(0, 1): (3, 1)},
         (),
     )
@@ -91,13 +91,13 @@ def test_a_matrix_goes_when_more_than_half_of_the_starts_fail(failed, dropped):
         *wrong(*range(failed)),
         *births(*[(v, k, 50 * k + 20, 40 * k + 30) for k in range(failed, 4) for v in (0, 1)]),
     ]
-    assert without_contradicted(ROWS, check_births(made, ROWS), {})[1:] == ({(0, 1): (4, failed)}, dropped)
+    assert drop_contradicted(ROWS, check_births(made, ROWS), {})[1:] == ({(0, 1): (4, failed)}, dropped)
 
 
 @pytest.mark.parametrize(("off", "failed"), [(10.0, 0), (10.0 + 1e-6, 1)])
 def test_a_check_fails_above_a_radius(off, failed):
     made = births((0, 1, 50, 60), (1, 1, 200, 60.0 + off))
-    assert without_contradicted(ROWS, check_births(made, ROWS), {})[1] == {(0, 1): (1, failed)}
+    assert drop_contradicted(ROWS, check_births(made, ROWS), {})[1] == {(0, 1): (1, failed)}
 
 
 def test_a_birth_is_checked_with_the_tracker_of_another_view():

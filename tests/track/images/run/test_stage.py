@@ -11,10 +11,10 @@ from occlog.errors import InputError
 from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.records.declared.views import ViewTracks
 from occlog.track.methods.images.births.config import ViewsConfig
-from occlog.track.methods.images.births.regions import Regions, RegionStream
+from occlog.track.methods.images.births.regions import DetectorRegions, RegionStream
 from occlog.track.methods.images.interface import FrameSet
 from occlog.track.methods.images.methods.config import BmctConfig, MipfConfig
-from occlog.track.methods.images.run.frames_in_step import Moment
+from occlog.track.methods.images.run.frames_in_step import FrameSetImages
 from occlog.track.methods.images.run.stage import MOMENTS, Start, TrackingSetup, track_views
 
 VIEWS = (TrackedView("b", 80, 60), TrackedView("a", 80, 60))
@@ -30,7 +30,7 @@ def moments(n, missing=(), other=()):
     """Moments in which the second view is 5 ns later; (moment, view) without a frame, moments of another colour."""
     for k in range(n):
         there, image = [(k, v) not in missing for v in range(2)], 255 - IMAGE if k in other else IMAGE
-        yield Moment(
+        yield FrameSetImages(
             FrameSet(
                 100 * k + 5,
                 np.array([k if t else -1 for t in there]),
@@ -106,9 +106,11 @@ def test_a_tracker_that_was_lost_is_over_and_its_target_may_start_again():
 def regions(where):
     """Regions of the first view, (moment, x) each."""
     if not where:
-        return Regions(np.zeros(0, np.int64), np.empty(0, "U1"), np.zeros((0, 5)), np.zeros(0, bool))
+        return DetectorRegions(np.zeros(0, np.int64), np.empty(0, "U1"), np.zeros((0, 5)), np.zeros(0, bool))
     ellipse = np.array([[x, 30.0, 5.0, 5.0, 0.0] for _, x in where])
-    return Regions(np.array([100 * k for k, _ in where]), np.full(len(where), "b"), ellipse, np.ones(len(where), bool))
+    return DetectorRegions(
+        np.array([100 * k for k, _ in where]), np.full(len(where), "b"), ellipse, np.ones(len(where), bool)
+    )
 
 
 def test_trackers_are_born_and_ended_by_regions():

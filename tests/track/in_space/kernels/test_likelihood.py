@@ -16,8 +16,8 @@ from occlog.filtering.motion.coordinated_turn import acceleration_root, turn_mat
 from occlog.filtering.motion.white_acceleration import AccelerationModel, known_jump, moved, turn_jump
 from occlog.filtering.particles import effective_sample_size, normalise_log_weights
 from occlog.track.methods.in_space.kernels.likelihood import (
-    Chances,
-    Sights,
+    ReportProbabilities,
+    ScanDirectionSet,
     log_cone,
     log_in_plane,
     log_product,
@@ -28,7 +28,7 @@ POSES = [np.eye(3), array_rotation(0.4, 0.7, -0.3), array_rotation(-2.5, -1.2, 1
 SIGMA_THETA, SIGMA_PHI = 0.07, 0.05
 
 
-def sights(theta, phi, rotation, position=(1.0, -2.0, 0.5), reach=math.inf) -> Sights:
+def sights(theta, phi, rotation, position=(1.0, -2.0, 0.5), reach=math.inf) -> ScanDirectionSet:
     """One labelled sensor with a row for each measured direction in its own frame."""
     theta, phi = np.atleast_1d(theta), np.atleast_1d(phi)
     n = len(theta)
@@ -36,7 +36,7 @@ def sights(theta, phi, rotation, position=(1.0, -2.0, 0.5), reach=math.inf) -> S
     for t in theta:
         own = np.array([[math.cos(t), math.sin(t), 0], [-math.sin(t), math.cos(t), 0], [0, 0, 1]])
         frame.append(own @ rotation.T)
-    return Sights(
+    return ScanDirectionSet(
         np.arange(n + 1),
         np.ones(n, dtype=bool),
         np.tile(position, (n, 1)).astype(float),
@@ -151,7 +151,7 @@ def test_planes_density_is_that_of_the_projected_angle(plane: int) -> None:
 def test_scan_is_the_better_of_target_and_nothing_or_a_mixture_of_candidates() -> None:
     rng = np.random.default_rng(1)
     each, share = rng.normal(0.0, 3.0, (4, 10)), np.array([1.0, 0.5, 0.9, 0.2])
-    uniform, chances = np.array([0.05, 0.05, 0.16, 0.16]), Chances(0.1, 1.0, 0.8, 2.0)
+    uniform, chances = np.array([0.05, 0.05, 0.16, 0.16]), ReportProbabilities(0.1, 1.0, 0.8, 2.0)
     got = scan_log_likelihood(each, np.array([0, 1, 1, 4]), np.array([True, True, False]), share, uniform, chances)
     for k in range(10):
         labelled = max(0.9 * math.exp(each[0, k]), 0.1 * 0.05)

@@ -18,7 +18,7 @@ from occlog.track.methods.map.fit_motion.parameters import (
     start,
 )
 from occlog.track.methods.map.fit_motion.smoother import (
-    Path,
+    MeasuredPath,
     make_nodes,
     median_step,
     split,
@@ -32,7 +32,7 @@ SHAPES = [
 SHAPES += [Shape(f, "full") for f in ("cv", "damped", "full")]
 
 
-def walk(model: GaussMarkov, n: int, rng, noise: float = 0.0, dt=None, begin=(0, 1.0, 0, 0.5)) -> Path:
+def walk(model: GaussMarkov, n: int, rng, noise: float = 0.0, dt=None, begin=(0, 1.0, 0, 0.5)) -> MeasuredPath:
     dt = np.full(n - 1, model.step_s) if dt is None else dt
     x, places = np.array(begin, dtype=float), []
     places.append(x)
@@ -40,7 +40,7 @@ def walk(model: GaussMarkov, n: int, rng, noise: float = 0.0, dt=None, begin=(0,
         x = A @ x + np.linalg.cholesky(sigma) @ rng.standard_normal(4)
         places.append(x)
     t_ns = np.rint(np.concatenate([[0.0], np.cumsum(dt)]) * 1e9).astype(np.int64)
-    return Path(t_ns, np.array(places)[:, [0, 2]] + noise * rng.standard_normal((n, 2)))
+    return MeasuredPath(t_ns, np.array(places)[:, [0, 2]] + noise * rng.standard_normal((n, 2)))
 
 
 @pytest.mark.jit
@@ -198,7 +198,7 @@ def test_gaps_are_bridged_or_cut() -> None:
     path = walk(constant_velocity(0.4, 0.0, 0.25), 400, rng, noise=0.02)
     kept = np.ones(400, np.bool_)
     kept[50:53] = kept[200:260] = False
-    path = Path(path.t_ns[kept], path.xy[kept])
+    path = MeasuredPath(path.t_ns[kept], path.xy[kept])
     fit = fit_em([path], 0.25, Shape(), longest_gap_s=1.25)
     assert (fit.trajectories, fit.measurements, fit.transitions) == (2, 337, 338)
     assert fit.parameters["acceleration"] == pytest.approx(0.4, abs=4 * fit.errors["acceleration"])
@@ -210,7 +210,7 @@ def test_units_only_scale() -> None:
     rng = np.random.default_rng(12)
     path = walk(constant_velocity(0.4, 0.1, 0.25), 150, rng, noise=0.05)
     one = fit_em([path], 0.25, Shape("damped"), longest_gap_s=1.0)
-    two = fit_em([Path(path.t_ns * 2, path.xy * 3.0)], 0.5, Shape("damped"), longest_gap_s=2.0)
+    two = fit_em([MeasuredPath(path.t_ns * 2, path.xy * 3.0)], 0.5, Shape("damped"), longest_gap_s=2.0)
     assert two.noise == pytest.approx(3 * one.noise, rel=1e-4)
     D = np.array([3, 1.5, 3, 1.5])
     assert_allclose(two.model.sigma, one.model.sigma * np.outer(D, D), rtol=1e-3, atol=1e-12)
@@ -252,23 +252,23 @@ def test_exact_positions_have_no_noise() -> None:
 
 
 def test_too_little_is_refused() -> None:
-    line = Path(np.arange(8) * 10**9, np.column_stack([np.arange(8.0), np.zeros(8)]))
+    line = MeasuredPath(np.arange(8) * 10**9, np.column_stack([np.arange(8.0), np.zeros(8)]))
     with pytest.raises(ValueError, match="8 positions are too few"):
         fit_em([line], 1.0, Shape(), longest_gap_s=5.0)
     with pytest.raises(ValueError, match="5 transitions are too few"):
         fit_differences([line], 1.0, Shape(), longest_gap_s=5.0)
-    still = Path(np.arange(50) * 10**9, np.ones((50, 2)))
+    still = MeasuredPath(np.arange(50) * 10**9, np.ones((50, 2)))
     with pytest.raises(ValueError, match="nothing moves"):
         fit_em([still], 1.0, Shape(), longest_gap_s=5.0)
     with pytest.raises(ValueError, match="two positions"):
-        median_step([Path(np.array([5]), np.zeros((1, 2)))])
+        median_step([MeasuredPath(np.array([5]), np.zeros((1, 2)))])
     with pytest.raises(ValueError, match="0 positions"):
         fit_em([], 1.0, Shape(), longest_gap_s=5.0)
 
 
 def test_nodes_take_the_nearest_position_and_count_the_others() -> None:
     t_ns = np.array([0, 92, 110, 140, 200, 900, 1000]) * 10**6
-    path = Path(t_ns, np.column_stack([t_ns / 1e9, np.zeros(7)]))
+    path = MeasuredPath(t_ns, np.column_stack([t_ns / 1e9, np.zeros(7)]))
     nodes = make_nodes([path], 0.1, 0.5)
     assert nodes.first.tolist() == [True, False, False, True, False]
     assert nodes.seen.tolist() == [True] * 5
@@ -280,7 +280,7 @@ def test_nodes_take_the_nearest_position_and_count_the_others() -> None:
 
 def test_differences_are_not_taken_over_gaps() -> None:
     t_ns = np.concatenate([np.arange(10), np.arange(13, 20)]) * 10**8
-    path = Path(t_ns, np.column_stack([t_ns / 1e9, -2 * t_ns / 1e9]))
+    path = MeasuredPath(t_ns, np.column_stack([t_ns / 1e9, -2 * t_ns / 1e9]))
     x, y = transitions_by_differences([path], 0.1, 10.0)
     assert len(x) == 7 + 4
     assert_allclose(x[:, [1, 3]], np.tile([0.1, -0.2], (11, 1)))

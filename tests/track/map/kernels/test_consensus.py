@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from occlog.track.methods.map.kernels.consensus import MOST, Rays, agreed_path, believed_cost, candidates, crossing
+from occlog.track.methods.map.kernels.consensus import (
+    MAX_CROSSINGS,
+    BearingHalfLines,
+    agreed_path,
+    candidates,
+    crossing,
+    inlier_cost,
+)
 from occlog.track.methods.map.kernels.gauss_markov import constant_velocity
 from occlog.track.methods.map.kernels.problem import chain
 
@@ -17,9 +24,9 @@ K = 3.7
 GROUND = np.array([1.0, 2.0, 20.0])
 
 
-def rays(step, sensor, place, angle, a=1e-4, b=0.0, reach=math.inf) -> Rays:
+def rays(step, sensor, place, angle, a=1e-4, b=0.0, reach=math.inf) -> BearingHalfLines:
     n = len(step)
-    return Rays(
+    return BearingHalfLines(
         step=np.array(step, dtype=np.int64),
         sensor=np.array(sensor, dtype=np.int64),
         place=np.array(place, dtype=float).reshape(-1, 2),
@@ -51,7 +58,7 @@ def walk(T: int, rng, false=()):
     return made, np.searchsorted(step, np.arange(T + 1)), np.arange(T, dtype=float), steps, truth
 
 
-def filter_cost(made: Rays, first, steps, believed) -> float:
+def filter_cost(made: BearingHalfLines, first, steps, believed) -> float:
     """The cost of one choice by a plain Kalman filter from the prior of the first state."""
     x, P, total = steps.mean.copy(), steps.spread.copy(), 0.0
     for t in range(len(first) - 1):
@@ -105,19 +112,19 @@ def test_lines_cross_within_the_reach_of_both() -> None:
 def test_believing_costs_the_squared_distance_and_what_the_prediction_leaves_open() -> None:
     made = rays([0], [0], [[0, 0]], [0.0], a=0.01, b=0.02)
     x, P = np.array([3.0, 0.0, 0.5, 0.0]), np.diag([0.2, 1.0, 0.3, 1.0])
-    cost, across, S = believed_cost(made, 0, x, P)
+    cost, across, S = inlier_cost(made, 0, x, P)
     R = 0.01 * (9.0 + 0.2) + 0.02
     assert across == pytest.approx(0.5)
     assert pytest.approx(R + 0.3) == S
     assert cost == pytest.approx(0.25 / S + math.log(S / R))
-    assert believed_cost(made, 0, -x, P)[0] == math.inf
+    assert inlier_cost(made, 0, -x, P)[0] == math.inf
 
 
 def test_candidates_are_the_crossings_on_which_most_agree_by_rising_cost() -> None:
     truth = np.array([1.0, 2.0])
     angle = towards(PLACES, np.tile(truth, (3, 1)))
     made = rays([0, 0, 0], [0, 1, 2], PLACES, angle)
-    out = np.empty((MOST, 7))
+    out = np.empty((MAX_CROSSINGS, 7))
     count = candidates(made, np.array([0, 3]), np.zeros(1), 0, 1.0, 2.0, K**2, out)
     assert count == 3
     assert_allclose(out[:3, :2], np.tile(truth, (3, 1)), atol=1e-9)
@@ -150,12 +157,12 @@ def test_one_in_five_false_sight_lines_are_found_over_a_long_walk(seed: int) -> 
 def test_states_without_sight_lines_are_passed() -> None:
     made, first, seconds, steps, truth = walk(20, np.random.default_rng(1))
     gone = (made.step < 3) | ((made.step > 8) & (made.step < 12)) | (made.step > 16)
-    made = Rays._make(column[~gone] for column in made)
+    made = BearingHalfLines._make(column[~gone] for column in made)
     first = np.searchsorted(made.step, np.arange(21))
     X, believed, _ = agreed_path(made, first, seconds, steps, GROUND, K)
     assert believed.all()
     assert np.hypot(*(X[4:17, ::2] - truth[4:17]).T).max() < 1.0
-    nothing = Rays._make(column[:0] for column in made)
+    nothing = BearingHalfLines._make(column[:0] for column in made)
     X, believed, cost = agreed_path(nothing, np.zeros(21, dtype=np.int64), seconds, steps, GROUND, K)
     assert np.isfinite(X).all()
     assert (len(believed), cost) == (0, 0.0)

@@ -14,10 +14,10 @@ from shapely.geometry import LineString, Point, Polygon
 from trajectory_reference import dense_chain, make_steps
 
 from occlog.core.plane import convex_pieces
-from occlog.track.methods.map.kernels.detours import Detours, Obstacle, find_detours, settle
+from occlog.track.methods.map.kernels.detours import Obstacle, PathsAroundObstacles, find_paths_around, settle
 from occlog.track.methods.map.kernels.gauss_markov import constant_velocity
 from occlog.track.methods.map.kernels.interior_point import Options, derivatives, minimise
-from occlog.track.methods.map.kernels.problem import NO_PLANES, HalfPlanes, Problem, SightLines, slack
+from occlog.track.methods.map.kernels.problem import NO_PLANES, BearingLinesByStep, HalfPlanes, TrajectoryProblem, slack
 
 EXTENT = 12.0
 FINE = Options(1e-9)
@@ -56,7 +56,7 @@ def places(seen: Sequence[tuple[int, float, float]], T: int, *, acceleration=0.3
     """A target whose position is measured at some of T states, one a second."""
     step = np.repeat([s[0] for s in seen], 2)
     n = len(step)
-    lines = SightLines(
+    lines = BearingLinesByStep(
         step,
         np.repeat([s[1:] for s in seen], 2, axis=0).astype(float),
         np.tile(np.eye(2), (len(seen), 1)),
@@ -71,19 +71,19 @@ def places(seen: Sequence[tuple[int, float, float]], T: int, *, acceleration=0.3
     steps = make_steps(
         constant_velocity(acceleration, 0.0, 1.0), np.arange(T, dtype=float), np.zeros(4), np.diag([100.0, 1, 100, 1])
     )
-    return Problem(steps, lines, planes, 0, 1.0)
+    return TrajectoryProblem(steps, lines, planes, 0, 1.0)
 
 
-def straight(T: int, y: float = 0.0, **options) -> Problem:
+def straight(T: int, y: float = 0.0, **options) -> TrajectoryProblem:
     """From (1, y) to (9, y) in T - 1 seconds, seen at both ends only."""
     x = np.linspace(1.0, 9.0, T)
     return places([(t, x[t], y) for t in (0, 1, T - 2, T - 1)], T, **options)
 
 
-def go(problem: Problem, *obstacles: Obstacle, clearance: float = 0.0, start=None):
+def go(problem: TrajectoryProblem, *obstacles: Obstacle, clearance: float = 0.0, start=None):
     free = minimise(problem, np.zeros((problem.T, 4)) if start is None else start, FINE)
     assert free.converged
-    return free, find_detours(problem, (problem, free), obstacles, FINE, EXTENT, clearance)
+    return free, find_paths_around(problem, (problem, free), obstacles, FINE, EXTENT, clearance)
 
 
 def cut(X, polygon) -> float:
@@ -96,7 +96,7 @@ def clear_of(X, polygon) -> float:
     return float(LineString(X[:, ::2]).distance(Polygon(polygon)))
 
 
-def check_minimum(found: Detours) -> None:
+def check_minimum(found: PathsAroundObstacles) -> None:
     """Conditions of Karush, Kuhn and Tucker under the half-planes that were drawn."""
     p, s = found.problem, found.solution
     g, _ = derivatives(p, s.X, 1.0)
@@ -109,7 +109,7 @@ def check_minimum(found: Detours) -> None:
     assert (s.multiplier * gap).max(initial=0.0) < 1e-6
 
 
-def quadratic(problem: Problem):
+def quadratic(problem: TrajectoryProblem):
     """P and q of the cost 1/2 X'PX - q.X + c of places measured on both axes."""
     P = dense_chain(problem.steps)
     q, c = P[:, :4] @ problem.steps.mean, 0.5 * problem.steps.mean @ P[:4, :4] @ problem.steps.mean
@@ -121,7 +121,7 @@ def quadratic(problem: Problem):
     return P, q, c
 
 
-def best_around(problem: Problem, polygon, guess) -> float:
+def best_around(problem: TrajectoryProblem, polygon, guess) -> float:
     """Least cost near a guess of paths around a convex polygon: a program in the states and a line for every step."""
     P, q, c = quadratic(problem)
     T = problem.T

@@ -7,14 +7,21 @@ import pytest
 from numpy.testing import assert_allclose
 from trajectory_reference import dense_hessian, random_lines, random_steps
 
-from occlog.track.methods.map.kernels.evidence import WORTH, Evidence, between, evidence, rescaled, sandwich
+from occlog.track.methods.map.kernels.evidence import (
+    PRIOR_RESIDUALS,
+    ResidualEvidence,
+    between,
+    evidence,
+    rescaled,
+    sandwich,
+)
 from occlog.track.methods.map.kernels.gauss_markov import constant_velocity
 from occlog.track.methods.map.kernels.interior_point import Options, covariance, derivatives, minimise
-from occlog.track.methods.map.kernels.problem import NO_PLANES, Problem, SightLines, chain
+from occlog.track.methods.map.kernels.problem import NO_PLANES, BearingLinesByStep, TrajectoryProblem, chain
 from occlog.track.methods.map.kernels.terms import residuals
 
 
-def fixed(T: int, per: int, rng, *, noise: float, acceleration: float) -> Problem:
+def fixed(T: int, per: int, rng, *, noise: float, acceleration: float) -> TrajectoryProblem:
     """A walk at 2 Hz with so much acceleration, stated as 1, seen by linear sight lines of that noise, stated as 1."""
     model = constant_velocity(1.0, 0.0, 1.0)
     steps = chain(model, np.full(T - 1, 0.5), np.zeros(4), np.eye(4))
@@ -27,9 +34,9 @@ def fixed(T: int, per: int, rng, *, noise: float, acceleration: float) -> Proble
     axis = np.column_stack([np.cos(angle), np.sin(angle)])
     h = axis[:, 0] * X[step, 2] - axis[:, 1] * X[step, 0]
     place = (h + noise * rng.standard_normal(n))[:, None] * np.column_stack([-axis[:, 1], axis[:, 0]])
-    return Problem(
+    return TrajectoryProblem(
         steps,
-        SightLines(
+        BearingLinesByStep(
             step=step,
             place=np.ascontiguousarray(place),
             axis=axis,
@@ -47,14 +54,14 @@ def fixed(T: int, per: int, rng, *, noise: float, acceleration: float) -> Proble
     )
 
 
-def solved(problem: Problem):
+def solved(problem: TrajectoryProblem):
     return minimise(problem, np.zeros((problem.T, 4)), Options(1e-9)).X
 
 
 def test_sums_of_squares_and_their_freedoms() -> None:
     rng = np.random.default_rng(0)
     X = rng.normal(size=(6, 4))
-    problem = Problem(random_steps(rng, 6), random_lines(rng, X, 3.0), NO_PLANES, 0, 1.0)
+    problem = TrajectoryProblem(random_steps(rng, 6), random_lines(rng, X, 3.0), NO_PLANES, 0, 1.0)
     spread = covariance(problem, X)
     told = evidence(problem, X, spread)
     assert told.lines == pytest.approx(np.sum(residuals(problem.lines, X) ** 2))
@@ -85,9 +92,9 @@ def test_scales_are_those_of_the_noise(noise: float, acceleration: float) -> Non
 
 
 def test_what_is_stated_counts_as_some_residuals() -> None:
-    nothing = Evidence(0.0, 0.0, 0.0, 0.0)
+    nothing = ResidualEvidence(0.0, 0.0, 0.0, 0.0)
     assert (nothing.lines_scale, nothing.steps_scale) == (1.0, 1.0)
-    assert Evidence(60.0, 20.0, 0.0, 0.0).lines_scale == (WORTH + 60.0) / (WORTH + 20.0)
+    assert ResidualEvidence(60.0, 20.0, 0.0, 0.0).lines_scale == (PRIOR_RESIDUALS + 60.0) / (PRIOR_RESIDUALS + 20.0)
 
 
 def test_the_sandwich_is_that_of_dense_matrices() -> None:

@@ -10,7 +10,14 @@ from trajectory_reference import dense_hessian, make_steps, plain_cost, random_l
 from occlog.track.methods.map.kernels.gauss_markov import constant_velocity
 from occlog.track.methods.map.kernels.interior_point import Options, cost, covariance, derivatives, minimise
 from occlog.track.methods.map.kernels.invariant import invariant, second_moment
-from occlog.track.methods.map.kernels.problem import NO_PLANES, HalfPlanes, Problem, SightLines, slack, some_lines
+from occlog.track.methods.map.kernels.problem import (
+    NO_PLANES,
+    BearingLinesByStep,
+    HalfPlanes,
+    TrajectoryProblem,
+    slack,
+    some_lines,
+)
 from occlog.track.methods.map.kernels.terms import in_front, leverages
 
 
@@ -19,10 +26,10 @@ def problem(seed: int, T: int = 6, kinds=("pixel", "direction")):
     X = rng.normal(size=(T, 4))
     lines = random_lines(rng, X, 1.5, kinds)
     planes = HalfPlanes(lines.step, lines.axis, np.einsum("ni,ni->n", lines.axis, lines.place) + 0.05)
-    return Problem(random_steps(rng, T), lines, planes, 0, 1.0), X
+    return TrajectoryProblem(random_steps(rng, T), lines, planes, 0, 1.0), X
 
 
-def information(p: Problem, X) -> float:
+def information(p: TrajectoryProblem, X) -> float:
     """1/2 log det of the Hessian of Gauss and Newton."""
     return 0.5 * float(np.linalg.slogdet(dense_hessian(p.steps, derivatives(p, X, 0.0)[1]))[1])
 
@@ -82,7 +89,7 @@ def known_velocity(speed_sigma: float, f: float = 1.0):
     x = v * (t - t.mean())
     n = np.ones(T)
     # axis +y: h is to the left, -x
-    lines = SightLines(
+    lines = BearingLinesByStep(
         np.arange(T),
         np.zeros((T, 2)),
         np.tile([0.0, 1.0], (T, 1)),
@@ -103,7 +110,7 @@ def known_velocity(speed_sigma: float, f: float = 1.0):
     planes = HalfPlanes(np.arange(T), np.tile([0.0, 1.0], (T, 1)), np.full(T, 0.01))
     X = np.zeros((T, 4))
     X[:, 2] = 1.0
-    return Problem(steps, lines, planes, 0, 1.0), X
+    return TrajectoryProblem(steps, lines, planes, 0, 1.0), X
 
 
 @pytest.mark.parametrize("speed_sigma", [0.05, 0.15])

@@ -11,7 +11,7 @@ from sparse_example import example
 from trajectory_reference import dense_chain, plain_cost, random_lines, random_planes, random_steps
 
 from occlog.track.methods.map.kernels.interior_point import Options, minimise, move_inside
-from occlog.track.methods.map.kernels.problem import HalfPlanes, Problem, join_planes, slack
+from occlog.track.methods.map.kernels.problem import HalfPlanes, TrajectoryProblem, join_planes, slack
 from occlog.track.methods.map.kernels.quadratic_program import program, sequential_programs
 from occlog.track.methods.map.kernels.terms import residuals
 from occlog.track.methods.map.qp_solvers import program_solver
@@ -26,7 +26,7 @@ def small(seed: int, kinds, T: int = 6):
     X = rng.normal(scale=2.0, size=(T, 4))
     lines = random_lines(rng, X, 1.5, kinds)
     front = HalfPlanes(lines.step, lines.axis, np.einsum("ni,ni->n", lines.axis, lines.place) + 0.3)
-    return Problem(steps, lines, join_planes(front, random_planes(rng, X, 5, 1.0)), 0, 1.0), X
+    return TrajectoryProblem(steps, lines, join_planes(front, random_planes(rng, X, 5, 1.0)), 0, 1.0), X
 
 
 @pytest.mark.parametrize("kinds", [("pixel", "direction"), ("pixel", "distance", "direction")])
@@ -56,7 +56,7 @@ def test_the_program_is_that_of_dense_matrices(seed: int, kinds) -> None:
     assert_allclose(each.b, A @ X.ravel() - p.planes.offset)
 
 
-def with_room(problem: Problem, X, half: float) -> tuple[Problem, np.ndarray]:
+def with_room(problem: TrajectoryProblem, X, half: float) -> tuple[TrajectoryProblem, np.ndarray]:
     """The example in a room so small that its walls hold the trajectory off."""
     T = problem.T
     normal = np.array([[1.0, 0], [-1, 0], [0, 1], [0, -1]])

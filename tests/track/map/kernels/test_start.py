@@ -11,7 +11,7 @@ from trajectory_reference import random_lines, random_steps
 from occlog.track.methods.map.kernels.interior_point import Options, covariance, derivatives, minimise
 from occlog.track.methods.map.kernels.problem import (
     NO_PLANES,
-    Problem,
+    TrajectoryProblem,
     linear_problem,
     slack,
     some_lines,
@@ -47,7 +47,7 @@ def test_linear_residuals_are_those_of_the_problem_at_their_distance(seed: int) 
     rng = np.random.default_rng(seed)
     X = rng.normal(size=(8, 4))
     lines = random_lines(rng, X, 2.0, ("pixel", "distance"))
-    p = Problem(random_steps(rng, 8), lines, NO_PLANES, 2, 0.5)
+    p = TrajectoryProblem(random_steps(rng, 8), lines, NO_PLANES, 2, 0.5)
     d = np.einsum("ni,ni->n", X[lines.step][:, ::2] - lines.place, lines.axis)
     flat = linear_problem(p, d)
     assert flat.loss == 0
@@ -58,7 +58,7 @@ def test_linear_residual_of_a_direction_is_the_sine_of_its_error_for_the_distanc
     rng = np.random.default_rng(3)
     X = rng.normal(size=(8, 4))
     lines = random_lines(rng, X, 2.0, ("direction",))
-    p = Problem(random_steps(rng, 8), lines, NO_PLANES, 0, 1.0)
+    p = TrajectoryProblem(random_steps(rng, 8), lines, NO_PLANES, 0, 1.0)
     away = X[lines.step][:, ::2] - lines.place
     flat = linear_problem(p, np.hypot(*away.T))
     assert_allclose(
@@ -71,7 +71,9 @@ def test_linear_problems_are_quadratic(seed: int) -> None:
     rng = np.random.default_rng(seed)
     X = rng.normal(size=(8, 4))
     lines = random_lines(rng, X, 2.0)
-    p = linear_problem(Problem(random_steps(rng, 8), lines, NO_PLANES, 1, 1.3), rng.uniform(0.5, 3.0, len(lines.step)))
+    p = linear_problem(
+        TrajectoryProblem(random_steps(rng, 8), lines, NO_PLANES, 1, 1.3), rng.uniform(0.5, 3.0, len(lines.step))
+    )
     Y = 5.0 * rng.normal(size=(8, 4))
     for exact in (0.0, 1.0):
         assert_allclose(derivatives(p, X, exact)[1], derivatives(p, Y, exact)[1], rtol=1e-12)

@@ -10,8 +10,15 @@ from numpy.testing import assert_allclose
 from trajectory_reference import dense_hessian, plain_cost, plain_loss, random_lines, random_planes, random_steps
 
 from occlog.track.methods.map.kernels.interior_point import cost, derivatives
-from occlog.track.methods.map.kernels.problem import MIXTURE, NO_PLANES, Problem
-from occlog.track.methods.map.kernels.terms import add_planes, barrier_cost, belief, loss_slopes, loss_value, residuals
+from occlog.track.methods.map.kernels.problem import MIXTURE, NO_PLANES, TrajectoryProblem
+from occlog.track.methods.map.kernels.terms import (
+    add_planes,
+    barrier_cost,
+    inlier_probability,
+    loss_slopes,
+    loss_value,
+    residuals,
+)
 
 LOSSES = [(0, 1.0), (1, 1.345), (2, 2.385), (3, 3.0), (1, 0.3), (2, 0.4), (3, 1.5)]
 KINDS = ("pixel", "distance", "direction", "linear")
@@ -20,7 +27,7 @@ KINDS = ("pixel", "distance", "direction", "linear")
 def problem(seed: int, kinds=KINDS, loss: int = 0, k: float = 1.0, T: int = 6):
     rng = np.random.default_rng(seed)
     X = rng.normal(size=(T, 4))
-    return Problem(random_steps(rng, T), random_lines(rng, X, 2.5, kinds), NO_PLANES, loss, k), X
+    return TrajectoryProblem(random_steps(rng, T), random_lines(rng, X, 2.5, kinds), NO_PLANES, loss, k), X
 
 
 def differences(function, X, h: float = 2e-4):
@@ -37,7 +44,7 @@ def differences(function, X, h: float = 2e-4):
     return np.array(out)
 
 
-def gap_to_bends(p: Problem, X) -> float:
+def gap_to_bends(p: TrajectoryProblem, X) -> float:
     """Distance of the residuals from the corners of Huber's loss, where there is no second derivative."""
     r = residuals(p.lines, X)
     return float(np.abs(np.abs(r) - p.k).min()) if p.loss == 1 else math.inf
@@ -62,12 +69,12 @@ def test_losses_are_their_formulas_and_slopes_their_derivatives(loss: int) -> No
 
 @pytest.mark.parametrize("k", [0.5, 3.7, 60.0])
 def test_belief_is_one_half_at_the_bend_and_the_weight_of_the_mixture(k: float) -> None:
-    assert belief(k, k) == 0.5
+    assert inlier_probability(k, k) == 0.5
     for r in (0.0, 0.5 * k, 2.0 * k, 1e3):
-        assert belief(r, k) == loss_slopes(r, MIXTURE, k)[2]
-        assert belief(-r, k) == belief(r, k)
-    assert belief(k * (1 + 1e-9), k) < 0.5 < belief(k * (1 - 1e-9), k)
-    assert belief(1e6, k) == 0.0
+        assert inlier_probability(r, k) == loss_slopes(r, MIXTURE, k)[2]
+        assert inlier_probability(-r, k) == inlier_probability(r, k)
+    assert inlier_probability(k * (1 + 1e-9), k) < 0.5 < inlier_probability(k * (1 - 1e-9), k)
+    assert inlier_probability(1e6, k) == 0.0
 
 
 @pytest.mark.parametrize(("loss", "k"), LOSSES)

@@ -16,17 +16,17 @@ from occlog.track.methods.map.kernels.interior_point import (
     minimise,
     move_inside,
 )
-from occlog.track.methods.map.kernels.problem import NO_PLANES, Problem, linear_problem, slack, some_lines
-from occlog.track.methods.map.kernels.windows import Knowledge, minimise_windows, part, summary
+from occlog.track.methods.map.kernels.problem import NO_PLANES, TrajectoryProblem, linear_problem, slack, some_lines
+from occlog.track.methods.map.kernels.windows import StatePrior, minimise_windows, part, summary
 
 FINE = Options(1e-11)
 
 
-def linear(seed: int, T: int = 12) -> Problem:
+def linear(seed: int, T: int = 12) -> TrajectoryProblem:
     rng = np.random.default_rng(seed)
     X = rng.normal(size=(T, 4))
     lines = random_lines(rng, X, 1.5)
-    p = Problem(random_steps(rng, T), lines, NO_PLANES, 1, 1.3)
+    p = TrajectoryProblem(random_steps(rng, T), lines, NO_PLANES, 1, 1.3)
     return linear_problem(p, rng.uniform(1.0, 4.0, len(lines.step)))
 
 
@@ -43,10 +43,10 @@ def held(seed: int, T: int = 12):
     return p._replace(planes=type(planes)(planes.step[keep], planes.normal[keep], planes.offset[keep])), start
 
 
-def filtered(p: Problem, state: int):
+def filtered(p: TrajectoryProblem, state: int):
     """Mean and covariance of a state given the prior and all sight lines before it, by dense matrices."""
     s = p.steps._replace(kind=p.steps.kind[:state])
-    head = Problem(s, some_lines(p.lines, p.lines.step < state), NO_PLANES, 0, 1.0)
+    head = TrajectoryProblem(s, some_lines(p.lines, p.lines.step < state), NO_PLANES, 0, 1.0)
     g, H = derivatives(head, np.zeros((state + 1, 4)), 1.0)  # of a quadratic at 0
     inverse = np.linalg.inv(dense_hessian(s, H))
     return -(inverse @ g.ravel())[-4:], inverse[-4:, -4:]
@@ -99,7 +99,7 @@ def test_summaries_of_summaries_are_summaries() -> None:
 
 def test_a_part_has_its_own_rows() -> None:
     p, _ = held(1)
-    here = part(p, 4, 9, Knowledge(np.arange(4.0), 2.0 * np.eye(4)))
+    here = part(p, 4, 9, StatePrior(np.arange(4.0), 2.0 * np.eye(4)))
     assert here.T == 5
     assert np.array_equal(here.steps.kind, p.steps.kind[4:8])
     assert np.array_equal(here.lines.step + 4, p.lines.step[(p.lines.step >= 4) & (p.lines.step < 9)])
@@ -107,7 +107,7 @@ def test_a_part_has_its_own_rows() -> None:
     assert np.array_equal(here.lines.reading, p.lines.reading[(p.lines.step >= 4) & (p.lines.step < 9)])
     assert np.array_equal(here.steps.mean, np.arange(4.0))
     assert_allclose(here.steps.whiten_first @ here.steps.spread @ here.steps.whiten_first.T, np.eye(4), atol=1e-14)
-    assert part(p, p.T - 1, p.T, Knowledge(np.zeros(4), np.eye(4))).T == 1
+    assert part(p, p.T - 1, p.T, StatePrior(np.zeros(4), np.eye(4))).T == 1
 
 
 @pytest.mark.parametrize("window", [4, 7, 16, 64])

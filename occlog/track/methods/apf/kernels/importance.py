@@ -9,7 +9,7 @@ information there (Gauss-Newton), e a defensive share.  For a linear sensor with
 optimal importance density (Doucet, Godsill and Andrieu 2000), and the predictive likelihood is exact.
 
 Which measurements are believed is found along with the mode.  The variance of each residual begins with what
-the motion leaves open, and that part falls in steps (`ANNEAL`); a measurement counts by the probability that
+the motion leaves open, and that part falls in steps (`ANNEALING_FACTOR`); a measurement counts by the probability that
 it is the target's and not a false report or another object's.  At the end those above one half are believed.
 """
 
@@ -35,20 +35,21 @@ from occlog.filtering.likelihood.directions import (
 from occlog.filtering.likelihood.distances import COMPILED, RangeMeasurements
 from occlog.filtering.likelihood.distances import NEAREST as CLOSEST
 
-ANNEAL, MOST_STEPS = 1e-2, 8
+ANNEALING_FACTOR, MAX_STEPS = 1e-2, 8
 """From one Gauss-Newton step to the next the motion's share in the variance of a residual falls by this factor."""
-OPEN, SETTLED = 1e-2, 1e-2
-"""The search ends when that share is below `OPEN` of the noise and the squared step below `SETTLED` variances."""
-BELIEVED, NEGLIGIBLE = 0.5, 1e-6
-LEAST_RIVAL = 1e-30
+MAX_MOTION_SHARE, MAX_STEP_CHI2 = 1e-2, 1e-2
+"""The search ends when that share is below `MAX_MOTION_SHARE` of the noise and the squared step below `MAX_STEP_CHI2`
+variances."""
+MIN_INLIER_PROBABILITY, NEGLIGIBLE_PROBABILITY = 0.5, 1e-6
+MIN_CLUTTER_DENSITY = 1e-30
 """A sensor without false reports is believed as far as numbers go."""
 
 
-KIND, VALUE, READ, SCALE, X0, Y0, COS, SIN, FOCAL, POSITION2, YAW2, RIVAL = range(12)
+KIND, VALUE, READING_NOISE, SCALE, X0, Y0, COS, SIN, FOCAL, POSITION2, YAW2, CLUTTER = range(12)
 """Columns of `measurements`."""
 X1, Y1, RISE2, OTHER_RISE2 = 6, 7, 8, 9
 """Columns of measurements of distances, which have no axis and no focal length."""
-BEARING, PIXEL, FAR, LOG_FAR, DIFFERENCE = range(5)
+BEARING, PIXEL, RANGE, LOG_RANGE, DIFFERENCE = range(5)
 """Kinds of measurements, `compiled` of `occlog.filtering.likelihood.measurement_model`."""
 
 
@@ -68,8 +69,12 @@ def measurements(scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, mo
                 scale, rival = model.hit[i], model.miss[i] * model.false[i] / width
             else:
                 scale, rival = model.candidate[i] * width / model.clutter[i], 1.0 - model.candidate[i]
-            out[m, KIND], out[m, VALUE], out[m, READ] = 1.0 if scan.pixel[m] else 0.0, scan.value[m], scan.variance[m]
-            out[m, SCALE], out[m, RIVAL] = scale * scan.share[m], max(rival, LEAST_RIVAL)
+            out[m, KIND], out[m, VALUE], out[m, READING_NOISE] = (
+                1.0 if scan.pixel[m] else 0.0,
+                scan.value[m],
+                scan.variance[m],
+            )
+            out[m, SCALE], out[m, CLUTTER] = scale * scan.share[m], max(rival, MIN_CLUTTER_DENSITY)
             out[m, X0], out[m, Y0] = sensors.xy[i, 0], sensors.xy[i, 1]
             out[m, COS], out[m, SIN], out[m, FOCAL] = sensors.axis[i, 0], sensors.axis[i, 1], noise.focal_px[i]
             out[m, POSITION2], out[m, YAW2] = noise.sigma_position[i] ** 2, noise.sigma_yaw[i] ** 2
@@ -81,13 +86,13 @@ def linearise_distance(x: float, y: float, z: Floats) -> tuple[float, float, flo
     """The same as `linearise` for a range, a logarithm of one, or a difference; the variance is never -1."""
     dx, dy = x - z[X0], y - z[Y0]
     d = math.sqrt(max(dx * dx + dy * dy + z[RISE2], CLOSEST))
-    if z[KIND] == LOG_FAR:
-        return z[VALUE] - math.log(d), dx / (d * d), dy / (d * d), z[READ]
-    if z[KIND] == FAR:
-        return z[VALUE] - d, dx / d, dy / d, z[READ]
+    if z[KIND] == LOG_RANGE:
+        return z[VALUE] - math.log(d), dx / (d * d), dy / (d * d), z[READING_NOISE]
+    if z[KIND] == RANGE:
+        return z[VALUE] - d, dx / d, dy / d, z[READING_NOISE]
     ex, ey = x - z[X1], y - z[Y1]
     e = math.sqrt(max(ex * ex + ey * ey + z[OTHER_RISE2], CLOSEST))
-    return z[VALUE] - (d - e), dx / d - ex / e, dy / d - ey / e, z[READ]
+    return z[VALUE] - (d - e), dx / d - ex / e, dy / d - ey / e, z[READING_NOISE]
 
 
 @kernel
@@ -97,7 +102,7 @@ def linearise(x: float, y: float, z: Floats) -> tuple[float, float, float, float
     The variance is -1 where the place is behind the camera or at the sensor.
     """
     dx, dy = x - z[X0], y - z[Y0]
-    if z[KIND] >= FAR:
+    if z[KIND] >= RANGE:
         return linearise_distance(x, y, z)
     if z[KIND] > 0.0:  # [Ercan] Eqs. 1 and 2
         h, d = z[COS] * dy - z[SIN] * dx, z[COS] * dx + z[SIN] * dy
@@ -105,14 +110,14 @@ def linearise(x: float, y: float, z: Floats) -> tuple[float, float, float, float
             return 0.0, 0.0, 0.0, -1.0
         f, ratio = z[FOCAL], h / d
         spread, scale = 1.0 + ratio * ratio, f / d
-        variance = z[READ] + spread * (f * f * spread * z[YAW2] + scale * scale * z[POSITION2])
+        variance = z[READING_NOISE] + spread * (f * f * spread * z[YAW2] + scale * scale * z[POSITION2])
         return z[VALUE] - f * ratio, scale * (-z[SIN] - ratio * z[COS]), scale * (z[COS] - ratio * z[SIN]), variance
     square = dx * dx + dy * dy
     if not square > MIN_DEPTH:
         return 0.0, 0.0, 0.0, -1.0
     residual = z[VALUE] - math.atan2(dy, dx)
     residual -= 2.0 * math.pi * math.floor((residual + math.pi) / (2.0 * math.pi))
-    return residual, -dy / square, dx / square, z[READ]
+    return residual, -dy / square, dx / square, z[READING_NOISE]
 
 
 def with_distances(first: Ints, rows: Floats, measured: RangeMeasurements) -> tuple[Ints, Floats]:
@@ -128,12 +133,12 @@ def with_distances(first: Ints, rows: Floats, measured: RangeMeasurements) -> tu
     out[:, KIND] = COMPILED[measured.kind]
     errors = measured.errors
     tail = errors.late + errors.early
-    out[:, VALUE], out[:, READ], out[:, SCALE] = measured.value, measured.sigma**2, 1.0 - tail
+    out[:, VALUE], out[:, READING_NOISE], out[:, SCALE] = measured.value, measured.sigma**2, 1.0 - tail
     out[:, [X0, Y0]], out[:, [X1, Y1]] = measured.place, measured.other
     out[:, RISE2], out[:, OTHER_RISE2] = measured.rise2, measured.other_rise2
     # The tail of late signals counts as if it were flat: what that leaves out is in the weights
     rival = np.exp(-0.5 * errors.bend**2) / ROOT_2PI + tail * errors.rate
-    out[:, RIVAL] = np.maximum(rival / measured.sigma, LEAST_RIVAL)
+    out[:, CLUTTER] = np.maximum(rival / measured.sigma, MIN_CLUTTER_DENSITY)
     return np.concatenate([first, first[-1] + 1 + np.arange(m)]), np.concatenate([rows, out])
 
 
@@ -169,8 +174,8 @@ def adapt(mean: Floats, variance: Floats, wanted: Bools, first: Ints, rows: Floa
         x0, y0 = mean[p, 0], mean[p, 1]
         x, y, share, last = x0, y0, 1.0, False
         a, b, c = 1.0 / spread, 0.0, 1.0 / spread
-        for step in range(MOST_STEPS):
-            last = last or step == MOST_STEPS - 1
+        for step in range(MAX_STEPS):
+            last = last or step == MAX_STEPS - 1
             open_still = False
             # Root (a b; 0 c) of the information, and its right side: the motion first
             a, b, c = 1.0 / spread, 0.0, 1.0 / spread
@@ -184,15 +189,15 @@ def adapt(mean: Floats, variance: Floats, wanted: Bools, first: Ints, rows: Floa
                     density[m] = 0.0
                     if v > 0.0:
                         wide = share * variance[p] * (hx * hx + hy * hy)
-                        open_still = open_still or wide > OPEN * v
+                        open_still = open_still or wide > MAX_MOTION_SHARE * v
                         v += wide
                         density[m] = rows[m, SCALE] * math.exp(-0.5 * r * r / v) / (ROOT_2PI * math.sqrt(v))
                     total += density[m]
                 for m in range(first[k], first[k + 1]):
-                    g = density[m] / (total + rows[m, RIVAL])
+                    g = density[m] / (total + rows[m, CLUTTER])
                     if last:
-                        g = 1.0 if g > BELIEVED else 0.0
-                    if g < NEGLIGIBLE:
+                        g = 1.0 if g > MIN_INLIER_PROBABILITY else 0.0
+                    if g < NEGLIGIBLE_PROBABILITY:
                         continue
                     # Maximise (Gauss-Newton): one more row of the root of the information, by Givens rotations
                     weight = math.sqrt(g / terms[m, 3])
@@ -209,8 +214,8 @@ def adapt(mean: Floats, variance: Floats, wanted: Bools, first: Ints, rows: Floa
             x, y = x + dx, y + dy
             if last:
                 break
-            last = not open_still and e * e + f * f < SETTLED
-            share = share * ANNEAL if open_still else 0.0
+            last = not open_still and e * e + f * f < MAX_STEP_CHI2
+            share = share * ANNEALING_FACTOR if open_still else 0.0
         mode[p, 0], mode[p, 1] = x, y
         root[p, 0], root[p, 1], root[p, 2] = 1.0 / a, -b / (a * c), 1.0 / c
         # Laplace: the motion at the mode, and the volume of the approximation
@@ -223,7 +228,7 @@ def adapt(mean: Floats, variance: Floats, wanted: Bools, first: Ints, rows: Floa
                 if v > 0.0:
                     total += rows[m, SCALE] * math.exp(-0.5 * r * r / v) / (ROOT_2PI * math.sqrt(v))
             if first[k] < first[k + 1]:
-                product *= total + rows[first[k], RIVAL]
+                product *= total + rows[first[k], CLUTTER]
                 if product < PRODUCT_FLOOR or product > 1.0 / PRODUCT_FLOOR:
                     log_factors[p] += math.log(product)
                     product = 1.0

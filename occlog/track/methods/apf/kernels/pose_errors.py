@@ -26,20 +26,20 @@ from scipy.special import chdtri
 
 from occlog.array_types import Floats, Ints
 
-GATE = 1e-3
+GATE_SIGNIFICANCE = 1e-3
 """Scans with residuals less likely than this are left out: some bearing is not the target's."""
 PRIOR_COUNT = 30.0
 """Weight, in residuals, of the assumption that bearings are as noisy as they say."""
-ROUNDS = 20
-CLOSE = 1e-6
-SETTLED = 1e-3
+MAX_ITERATIONS = 20
+RELATIVE_TOLERANCE = 1e-6
+CONVERGENCE_SIGMAS = 1e-3
 """Change of the errors, in prior deviations, at which the fit stops."""
-NEAREST = 0.02
+MIN_DISTANCE_RATIO = 0.02
 """Bearings whose target is nearer than this, relative to the farthest, are too far from linear."""
-FEW = 3
+MIN_BEARINGS = 3
 
 
-class Belief(NamedTuple):
+class PoseErrorBelief(NamedTuple):
     """Gaussian over the errors of S sensors, and how noisy bearings turned out to be."""
 
     mean: Floats  # (S, 3) dx, dy, dyaw [rad]
@@ -70,7 +70,7 @@ class LabelledBearings(NamedTuple):
     variance: Floats  # (n,) [rad^2] of the reading alone
 
 
-def no_evidence(sigma_position: Floats, sigma_yaw: Floats) -> Belief:
+def prior_belief(sigma_position: Floats, sigma_yaw: Floats) -> PoseErrorBelief:
     """The belief before any bearing: independent errors of mean 0.
 
     Args:
@@ -79,7 +79,7 @@ def no_evidence(sigma_position: Floats, sigma_yaw: Floats) -> Belief:
     """
     sigma = np.column_stack([sigma_position, sigma_position, sigma_yaw])
     variance = sigma.ravel() ** 2
-    return Belief(
+    return PoseErrorBelief(
         mean=np.zeros_like(sigma), covariance=np.diag(variance), excess=0.0, counted=0.0, log_odds=0.0, prior=variance
     )
 
@@ -105,7 +105,7 @@ def residuals(xy: Floats, sights: LabelledBearings, places: Floats, mean: Floats
     return np.asarray((difference + math.pi) % (2.0 * math.pi) - math.pi)
 
 
-def spread(xy: Floats, which: Ints, places: Floats, belief: Belief) -> Floats:
+def spread(xy: Floats, which: Ints, places: Floats, belief: PoseErrorBelief) -> Floats:
     """(n,) variance [rad^2] of bearings to (2,) that comes from the errors of sensors `which`: J C J^T.
 
     This is [Ercan] Eq. 2's calibration part for any covariance, in angles.
@@ -122,22 +122,22 @@ def meeting_point(sights: LabelledBearings, places: Floats, mean: Floats, start:
     root = 1.0 / np.sqrt(sights.variance)
     centres = places[sights.sensor] + mean[sights.sensor, :2]
     xy = start.copy()
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ITERATIONS):
         away = np.hypot(*(xy - centres).T)
-        if away.min() < NEAREST * away.max():
+        if away.min() < MIN_DISTANCE_RATIO * away.max():
             return None
         by_target = jacobians(xy, centres)[0] * root[:, None]
         move = np.linalg.lstsq(by_target, residuals(xy, sights, places, mean) * root, rcond=1e-9)[0]
         # Long steps leave the range in which the bearings are linear.
         length, most = math.hypot(*move), 0.5 * float(away.min())
         xy = xy + move * min(1.0, most / length if length > 0 else 1.0)
-        if length < CLOSE * away.max():
+        if length < RELATIVE_TOLERANCE * away.max():
             break
     else:
         return None
     near = np.hypot(*(xy - centres).T)
     facing = np.abs(residuals(xy, sights, places, mean)) < 0.5 * math.pi
-    return xy if facing.all() and near.min() >= NEAREST * near.max() else None
+    return xy if facing.all() and near.min() >= MIN_DISTANCE_RATIO * near.max() else None
 
 
 def evidence(sights: LabelledBearings, places: Floats, mean: Floats, start: Floats) -> tuple[Floats, Floats] | None:
@@ -152,7 +152,7 @@ def evidence(sights: LabelledBearings, places: Floats, mean: Floats, start: Floa
     Returns:
         (n - 2,) y and (n - 2, 3 S) G; None for fewer than three bearings or bearings that do not meet.
     """
-    if len(sights.sensor) < FEW:
+    if len(sights.sensor) < MIN_BEARINGS:
         return None
     xy = meeting_point(sights, places, mean, start)
     if xy is None:
@@ -167,7 +167,7 @@ def evidence(sights: LabelledBearings, places: Floats, mean: Floats, start: Floa
     return y, G.reshape(len(y), -1)
 
 
-def update(belief: Belief, sights: LabelledBearings, places: Floats, start: Floats) -> Belief:
+def update(belief: PoseErrorBelief, sights: LabelledBearings, places: Floats, start: Floats) -> PoseErrorBelief:
     """The belief after the bearings of one scan; unchanged where they say nothing or are not to be believed.
 
     An extended Kalman update with `evidence`, and the odds of the two models by how well they
@@ -189,7 +189,7 @@ def update(belief: Belief, sights: LabelledBearings, places: Floats, start: Floa
     explained = G @ C @ G.T
     S = explained + belief.scale * unit
     # Gate: chi-squared
-    if y @ np.linalg.solve(S, y) > chdtri(len(y), GATE):
+    if y @ np.linalg.solve(S, y) > chdtri(len(y), GATE_SIGNIFICANCE):
         return belief
     excess = float(y @ np.linalg.solve(explained + unit, y))
     # Kalman update
@@ -216,15 +216,19 @@ def _log_density(y: Floats, covariance: Floats) -> float:
 
 
 def solve(
-    belief: Belief, scans: Sequence[LabelledBearings], places: Floats, starts: Floats, rounds: int = ROUNDS
-) -> Belief:
+    belief: PoseErrorBelief,
+    scans: Sequence[LabelledBearings],
+    places: Floats,
+    starts: Floats,
+    rounds: int = MAX_ITERATIONS,
+) -> PoseErrorBelief:
     """The belief after many scans at once: trajectory and errors by Gauss-Newton, the trajectory eliminated.
 
     Every place of the trajectory is free (flat prior); errors have `belief` as their prior.
     Scans are linearised anew in every round, and those whose bearings cannot be the target's are left out.
 
     Args:
-        belief: prior, of mean 0 and independent errors (`no_evidence`).
+        belief: prior, of mean 0 and independent errors (`prior_belief`).
         scans: T scans.
         places: (S, 2) stated positions.
         starts: (T, 2) roughly where the target was.
@@ -238,14 +242,18 @@ def solve(
     for _ in range(rounds):
         after = _round(now, scans, places, starts, deviation)
         moved = np.abs(after.mean - now.mean).ravel()
-        settled = abs(after.scale - now.scale) < SETTLED and bool(np.all(moved <= SETTLED * deviation))
+        settled = abs(after.scale - now.scale) < CONVERGENCE_SIGMAS and bool(
+            np.all(moved <= CONVERGENCE_SIGMAS * deviation)
+        )
         now = after
         if settled:
             break
     return now._replace(log_odds=one_by_one.log_odds)
 
 
-def _round(now: Belief, scans: Sequence[LabelledBearings], places: Floats, starts: Floats, deviation: Floats) -> Belief:
+def _round(
+    now: PoseErrorBelief, scans: Sequence[LabelledBearings], places: Floats, starts: Floats, deviation: Floats
+) -> PoseErrorBelief:
     """One round of Gauss-Newton from the belief of the round before."""
     information, pull = np.eye(len(deviation)), np.zeros(len(deviation))
     excess, count = 0.0, 0.0
@@ -255,7 +263,7 @@ def _round(now: Belief, scans: Sequence[LabelledBearings], places: Floats, start
             continue
         y, G = found
         S = G @ now.covariance @ G.T + now.scale * np.eye(len(y))
-        if y @ np.linalg.solve(S, y) > chdtri(len(y), GATE):
+        if y @ np.linalg.solve(S, y) > chdtri(len(y), GATE_SIGNIFICANCE):
             continue
         scaled = G * deviation
         information += scaled.T @ scaled / now.scale

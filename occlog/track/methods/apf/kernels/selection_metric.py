@@ -23,15 +23,15 @@ from occlog.core.occlusion.priors import Priors
 from occlog.core.sight.visibility import Sensors, seen_from
 from occlog.filtering.likelihood.directions import MeasurementNoise
 
-LEAST = 1e-12
+MIN_DETECTION_PROBABILITY = 1e-12
 """Cameras that see the target with a smaller probability are left out of Sigma_Z."""
-FLAT = 1e-9
+MIN_EIGENVALUE = 1e-9
 """Eigenvalues of Sigma_Z, in units of the cameras' variances, that are not above this tell nothing."""
-FAR = 3.5
+OCCLUDER_SUPPORT_SIGMAS = 3.5
 """Standard deviations at which a prior of an occluder counts as over."""
 
 
-class Moments(NamedTuple):
+class CameraMoments(NamedTuple):
     """Covariances of the place and the measurements of N cameras, of which the metric is made."""
 
     x: Floats  # (2, 2) Sigma_x
@@ -45,7 +45,7 @@ def views(xy: Floats, cameras: Sequence[int], sensors: Sensors) -> Bools:
     return np.array([seen_from(xy, i, sensors) for i in cameras]).reshape(len(cameras), len(xy))
 
 
-def seen_together(
+def joint_visibility(
     xy: Floats,
     weights: Floats,
     cameras: Sequence[int],
@@ -71,7 +71,9 @@ def seen_together(
     q = np.zeros((len(cameras), len(priors.sigma), len(xy)))
     if len(priors.sigma):
         for n, i in enumerate(cameras):
-            q[n] = blocking_probabilities(xy, rows, sensors.xy[i, 0], sensors.xy[i, 1], priors, hiding, FAR)
+            q[n] = blocking_probabilities(
+                xy, rows, sensors.xy[i, 0], sensors.xy[i, 1], priors, hiding, OCCLUDER_SUPPORT_SIGMAS
+            )
     pairs = np.outer(hit, hit)
     pairs[np.diag_indices(len(cameras))] = hit
     return np.asarray(_together(q, inside, weights)) * pairs
@@ -106,7 +108,7 @@ def perspective_moments(
     read_px: Floats,
     inside: Bools,
     together: Floats,
-) -> Moments:
+) -> CameraMoments:
     """Moments of the perspective model, Eqs. 10-13.
 
     Args:
@@ -117,7 +119,7 @@ def perspective_moments(
         noise: their noise.
         read_px: (S,) their read noise.
         inside: (N, L) from `views`.
-        together: (N, N) from `seen_together`.
+        together: (N, N) from `joint_visibility`.
     """
     N, rows = len(cameras), np.asarray(cameras, dtype=np.int64)
     away, cov = _centred(xy, weights)
@@ -134,14 +136,14 @@ def perspective_moments(
         variance[n] = read_px[i] ** 2 + f**2 * spread * angle2
     # Covariances over the particles in view (Eqs. 11-13)
     share = inside @ weights
-    own = inside * weights / np.maximum(share, LEAST)[:, None]
+    own = inside * weights / np.maximum(share, MIN_DETECTION_PROBABILITY)[:, None]
     z = np.where(inside, z - (own * z).sum(axis=1)[:, None], 0.0)
     both = (inside * weights) @ inside.T
-    sigma_z = together * ((z * weights) @ z.T / np.maximum(both, LEAST))
+    sigma_z = together * ((z * weights) @ z.T / np.maximum(both, MIN_DETECTION_PROBABILITY))
     sigma_z[np.diag_indices(N)] += np.diag(together) * (own * variance).sum(axis=1)
     # P E(z x~) over the particles in view
     sigma_zx = np.diag(together)[:, None] * ((own * z) @ away)
-    return Moments(cov, sigma_zx, sigma_z, np.diag(together).copy())
+    return CameraMoments(cov, sigma_zx, sigma_z, np.diag(together).copy())
 
 
 def weak_moments(
@@ -152,7 +154,7 @@ def weak_moments(
     noise: MeasurementNoise,
     read_px: Floats,
     together: Floats,
-) -> Moments:
+) -> CameraMoments:
     """Moments of the weak perspective model, Eqs. 14-16; see `perspective_moments` for the arguments.
 
     A camera that has the mean of the particles behind it does not count.
@@ -167,7 +169,7 @@ def weak_moments(
     variance = (noise.sigma_yaw[rows] ** 2 + (read_px[rows] / f) ** 2) * depth**2 + noise.sigma_position[rows] ** 2
     seen = np.diag(together) * (depth > 0.0)
     sigma_z = together * (across @ cov @ across.T + np.diag(variance))
-    return Moments(cov, seen[:, None] * (across @ cov), sigma_z, seen)
+    return CameraMoments(cov, seen[:, None] * (across @ cov), sigma_z, seen)
 
 
 def _centred(xy: Floats, weights: Floats) -> tuple[Floats, Floats]:
@@ -175,7 +177,7 @@ def _centred(xy: Floats, weights: Floats) -> tuple[Floats, Floats]:
     return away, (away * weights[:, None]).T @ away
 
 
-def mean_square_errors(moments: Moments, subsets: np.ndarray[tuple[int, int], np.dtype[np.int64]]) -> Floats:
+def mean_square_errors(moments: CameraMoments, subsets: np.ndarray[tuple[int, int], np.dtype[np.int64]]) -> Floats:
     """(n,) metric of n subsets (n, k) of the N cameras, between 0 and Tr(Sigma_x).
 
     Cameras that cannot see the target add nothing, and neither do directions in which
@@ -184,7 +186,7 @@ def mean_square_errors(moments: Moments, subsets: np.ndarray[tuple[int, int], np
     whole = float(np.trace(moments.x))
     if subsets.shape[1] == 0:
         return np.full(len(subsets), whole)
-    blind = moments.seen < LEAST
+    blind = moments.seen < MIN_DETECTION_PROBABILITY
     z, zx = moments.z.copy(), np.where(blind[:, None], 0.0, moments.zx)
     z[blind], z[:, blind] = 0.0, 0.0
     # Normalise by each camera's standard deviation
@@ -194,6 +196,6 @@ def mean_square_errors(moments: Moments, subsets: np.ndarray[tuple[int, int], np
     # Tr(Sigma_Zx' Sigma_Z^-1 Sigma_Zx) by eigenvalues, without the directions that tell nothing
     values, vectors = np.linalg.eigh(z[subsets[:, :, None], subsets[:, None, :]])
     parts = np.einsum("nki,nkj->nij", vectors, zx[subsets])
-    inverse = np.where(values > FLAT, 1.0 / np.maximum(values, FLAT), 0.0)
+    inverse = np.where(values > MIN_EIGENVALUE, 1.0 / np.maximum(values, MIN_EIGENVALUE), 0.0)
     gain = np.einsum("nij,ni->n", parts**2, inverse)
     return np.asarray(np.clip(whole - gain, 0.0, whole))

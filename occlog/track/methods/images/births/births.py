@@ -71,7 +71,7 @@ Trail = tuple[tuple[int, Floats], ...]
 
 EDGE_PX = 1.0
 """The edge of the image cuts a region that comes nearer to it than this."""
-CLEARLY = 0.5
+MAX_MISFIT_RATIO = 0.5
 """The best fit is clear when its misfit is at most this share of the second one's."""
 
 
@@ -99,12 +99,12 @@ class BirthCandidates:
     moment: int = 0
 
 
-def no_candidates(n_views: int, next_id: int = 0) -> BirthCandidates:
+def empty_candidates(n_views: int, next_id: int = 0) -> BirthCandidates:
     """State before the first moment; new targets are numbered from `next_id`."""
     return BirthCandidates(next_id, ((),) * n_views)
 
 
-def births_and_ends(
+def initiate_and_terminate(
     state: BirthCandidates,
     regions: Sequence[Floats | None],
     trackers: Mapping[TrackerKey, Floats],
@@ -147,7 +147,7 @@ def births_and_ends(
     state = replace(state, trails=alive)
     # Begin trackers from candidates that were seen often enough
     if config.birth_frames == 0:
-        return replace(state, candidates=no_candidates(len(views)).candidates), (), ended
+        return replace(state, candidates=empty_candidates(len(views)).candidates), (), ended
     state, births = _births(state, geometry, config, bottom, {*gone, *ended})
     return state, births, ended
 
@@ -327,4 +327,4 @@ def _decide(misfit: Floats, c: int, candidate: Candidate, config: ViewsConfig) -
         return None
     best = int(fits[np.argmin(misfit[c, fits])])
     others = np.concatenate([np.delete(misfit[c], best), np.delete(misfit[:, best], c)])
-    return best if not (others <= 1.0).any() or misfit[c, best] <= CLEARLY * float(others.min()) else -1
+    return best if not (others <= 1.0).any() or misfit[c, best] <= MAX_MISFIT_RATIO * float(others.min()) else -1

@@ -30,7 +30,7 @@ from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Boxes, Views
 
 
-class Regions(NamedTuple):
+class DetectorRegions(NamedTuple):
     """Regions of some frames, in the order of time."""
 
     t_ns: Ints  # (N,)
@@ -45,18 +45,18 @@ def inscribed(left: Floats, top: Floats, width: Floats, height: Floats) -> Float
     return np.column_stack(rows)
 
 
-def regions_of_boxes(chunks: Iterable[Boxes], min_confidence: float) -> Iterator[Regions]:
+def regions_of_boxes(chunks: Iterable[Boxes], min_confidence: float) -> Iterator[DetectorRegions]:
     """Read boxes of a detector; the detector did not look at frames without a row."""
     for c in chunks:
         there = (c.box >= 0) & ~(c.confidence < min_confidence)
-        yield Regions(c.t_ns, c.sensor, inscribed(c.left_px, c.top_px, c.width_px, c.height_px), there)
+        yield DetectorRegions(c.t_ns, c.sensor, inscribed(c.left_px, c.top_px, c.width_px, c.height_px), there)
 
 
-def regions_of_views(chunks: Iterable[Views]) -> Iterator[Regions]:
+def regions_of_views(chunks: Iterable[Views]) -> Iterator[DetectorRegions]:
     """Read the clusters of every frame, without those that the fusion of detections put in or took out."""
     for c in chunks:
         there = ~np.isin(c.cause, ("recovered", "removed"))
-        yield Regions(c.t_ns, c.sensor, inscribed(c.left_px, c.top_px, c.width_px, c.height_px), there)
+        yield DetectorRegions(c.t_ns, c.sensor, inscribed(c.left_px, c.top_px, c.width_px, c.height_px), there)
 
 
 @dataclass
@@ -70,7 +70,7 @@ class RegionStream:
         read: number of regions read.
     """
 
-    chunks: Iterator[Regions]
+    chunks: Iterator[DetectorRegions]
     sparse: bool
     met: int = 0
     read: int = 0
@@ -119,13 +119,13 @@ class RegionStream:
 
 SAMPLES = 40
 """First frames of each camera in which the size of what moves is measured, where it is not known."""
-LEAST_AREA = 5e-4
+MIN_AREA = 5e-4
 """Least area of a blob that counts in that, as a share of the image."""
 
 
 def moving_regions(
     frames: Callable[[], Iterable[Frame]], scene: Scene | None, views: Sequence[TrackedView], workers: int = 1
-) -> Iterator[Regions]:
+) -> Iterator[DetectorRegions]:
     """Find people-sized regions in all frames as `occlog detect` does with its defaults, in the order of time.
 
     Where neither the cameras' poses nor the people seen give a size, the regions are connected
@@ -204,12 +204,12 @@ def _heights(image: Image, empty: Image) -> list[float]:
     left, top, width, height, area = stats[1:].T
     rows, columns = mask.shape
     inside = (left > 0) & (top > 0) & (left + width < columns) & (top + height < rows)
-    return [float(h) * factor for h in height[inside & (area >= LEAST_AREA * mask.size)]]
+    return [float(h) * factor for h in height[inside & (area >= MIN_AREA * mask.size)]]
 
 
 HISTORY = 5_000
 """Memory of the model [frames]; a person who stands still for a tenth of it becomes background."""
-MOST = 0.6
+MAX_FOREGROUND_SHARE = 0.6
 """Share of foreground in an image above which the light has changed or the camera has moved: nothing is masked."""
 
 
@@ -258,7 +258,7 @@ def foreground_mask(model: BackgroundModel | None, image: Image, number: int) ->
     if small.shape[:2] != model.shape:
         return None
     found = foreground(model.subtractor, small, number, 5)
-    if np.count_nonzero(found) > MOST * found.size:
+    if np.count_nonzero(found) > MAX_FOREGROUND_SHARE * found.size:
         return None
     if small.shape[:2] == image.shape[:2]:
         return found

@@ -3,7 +3,7 @@
 A camera without distortion shows X at f (x / z, y / z) + c, where (x, y, z) is X - centre in
 the camera's axes.  Residuals are weighted by the inverse covariances of the centres
 (Gauss-Newton); the covariance of a place is the inverse of the information.  A point in one
-view alone has a place only with a prior on its height.  `meet_in_space` leaves out single views
+view alone has a place only with a prior on its height.  `triangulate_in_space` leaves out single views
 whose tracker is on something else.
 
 Covariances of places whose views may contradict each other.
@@ -31,19 +31,19 @@ MET = 0
 TOO_FEW = 1
 NEAR_PARALLEL = 2
 BEHIND = 3
-APART = 4
+DISAGREEING = 4
 STATUS = ("met", "too few views", "sight lines nearly parallel", "behind a camera", "views contradict each other")
-"""Meaning of the status numbers of a `Meeting`."""
+"""Meaning of the status numbers of a `GroundPosition`."""
 
 STEPS = 30
 """Steps of Gauss-Newton, at most."""
 HALVINGS = 12
 """Halvings of a step, at most."""
-ENOUGH = 1e-10
+RELATIVE_COST_TOLERANCE = 1e-10
 """The search ends when the cost would fall by less than this share of 1 + cost: such a step is far below 1 sigma."""
 
 
-class Rig(NamedTuple):
+class CameraRig(NamedTuple):
     """V cameras without distortion."""
 
     focal: Floats  # (V, 2) [px]
@@ -52,26 +52,26 @@ class Rig(NamedTuple):
     centre: Floats  # (V, 3) position in the world
 
 
-class Sights(NamedTuple):
+class CentresInViews(NamedTuple):
     """Centres of N points in V views."""
 
     there: Bools  # (N, V) whether the view shows the point; without it the other fields may be anything finite
     pixels: Floats  # (N, V, 2)
     covariance: Floats  # (N, V, 2, 2) [px^2], positive definite
 
-    def take(self, rows: Bools | Ints) -> Sights:
+    def take(self, rows: Bools | Ints) -> CentresInViews:
         """Some of the points."""
-        return Sights(self.there[rows], self.pixels[rows], self.covariance[rows])
+        return CentresInViews(self.there[rows], self.pixels[rows], self.covariance[rows])
 
 
-class Height(NamedTuple):
+class TargetHeightPrior(NamedTuple):
     """Normal prior on the height z of a point that one view alone shows."""
 
     mean: float
     sigma: float
 
 
-class Meeting(NamedTuple):
+class GroundPosition(NamedTuple):
     """Places of N points; NaN where `status` is not MET."""
 
     xyz: Floats  # (N, 3)
@@ -84,18 +84,20 @@ class Meeting(NamedTuple):
 class LeastSquares(NamedTuple):
     """Weighted least squares for the places of N points."""
 
-    sights: Sights
+    sights: CentresInViews
     weights: Floats  # (N, V, 2, 2) inverse covariances, 0 where the view does not show the point
     known: Floats  # (N,) 1 where the prior on the height counts, else 0
-    height: Height
-    rig: Rig
+    height: TargetHeightPrior
+    rig: CameraRig
 
     def take(self, rows: Bools | Ints) -> LeastSquares:
         """Some of the points."""
         return self._replace(sights=self.sights.take(rows), weights=self.weights[rows], known=self.known[rows])
 
 
-def fit_places(sights: Sights, rig: Rig, height: Height | None, min_sine: float) -> Meeting:
+def triangulate_points(
+    sights: CentresInViews, rig: CameraRig, height: TargetHeightPrior | None, min_sine: float
+) -> GroundPosition:
     """Find the places by all the views that show a point.
 
     The misfit of a point in one view with a height is near 0: it has as many unknowns as measurements.
@@ -114,7 +116,7 @@ def fit_places(sights: Sights, rig: Rig, height: Height | None, min_sine: float)
     status = np.where(count - ~prior < 1, TOO_FEW, np.where(sine < min_sine, NEAR_PARALLEL, MET))
     good = np.flatnonzero(status == MET)
     n = len(count)
-    out = Meeting(np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan), status, sights.there, np.full(n, np.nan))
+    out = GroundPosition(np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan), status, sights.there, np.full(n, np.nan))
     if not len(good):
         return out
     # Linear start, then Gauss-Newton
@@ -123,7 +125,7 @@ def fit_places(sights: Sights, rig: Rig, height: Height | None, min_sine: float)
         sights=some,
         weights=np.asarray(np.linalg.inv(some.covariance), dtype=np.float64) * some.there[:, :, None, None],
         known=np.where(prior[good], 1.0, 0.0),
-        height=height if height is not None else Height(0.0, 1.0),
+        height=height if height is not None else TargetHeightPrior(0.0, 1.0),
         rig=rig,
     )
     xyz, information, cost = _refine(_start(rays[good], problem), problem)
@@ -135,14 +137,14 @@ def fit_places(sights: Sights, rig: Rig, height: Height | None, min_sine: float)
     return out
 
 
-def _rays(pixels: Floats, rig: Rig) -> Floats:
+def _rays(pixels: Floats, rig: CameraRig) -> Floats:
     """(N, V, 3) unit vectors along the sight lines."""
     local = np.concatenate([(pixels - rig.principal) / rig.focal, np.ones((*pixels.shape[:2], 1))], axis=2)
     rays = np.einsum("vij,nvj->nvi", rig.rotation, local)
     return np.asarray(rays / np.linalg.norm(rays, axis=2, keepdims=True))
 
 
-def _crossing(rays: Floats, sights: Sights) -> Floats:
+def _crossing(rays: Floats, sights: CentresInViews) -> Floats:
     """(N,) largest sine of the angles between two sight lines; 0 for fewer than two."""
     widest = np.zeros(len(rays))
     for i in range(rays.shape[1]):
@@ -169,7 +171,7 @@ def _refine(start: Floats, problem: LeastSquares) -> tuple[Floats, Floats, Float
         Places (N, 3), information (N, 3, 3) and cost (N,), inf behind a camera.
     """
     xyz = start.copy()
-    cost = _cost(xyz, _residuals(xyz, problem)[0], problem)
+    cost = _cost(xyz, _reprojection_errors(xyz, problem)[0], problem)
     information = np.broadcast_to(np.eye(3), (len(xyz), 3, 3)).copy()
     moving = np.flatnonzero(np.isfinite(cost))
     for _ in range(STEPS):
@@ -177,7 +179,7 @@ def _refine(start: Floats, problem: LeastSquares) -> tuple[Floats, Floats, Float
             break
         some, here = problem.take(moving), xyz[moving]
         # Normal equations
-        left, local = _residuals(here, some)
+        left, local = _reprojection_errors(here, some)
         matrix, slope = _normal(here, left, local, some)
         information[moving] = matrix
         step: Floats = np.asarray(
@@ -186,7 +188,7 @@ def _refine(start: Floats, problem: LeastSquares) -> tuple[Floats, Floats, Float
         # Line search
         xyz[moving], cost[moving] = _shortened(here, step, cost[moving], some)
         # Points whose cost would still fall by enough go on
-        moving = moving[(step * slope).sum(axis=1) > ENOUGH * (1.0 + cost[moving])]
+        moving = moving[(step * slope).sum(axis=1) > RELATIVE_COST_TOLERANCE * (1.0 + cost[moving])]
     return xyz, information, cost
 
 
@@ -195,7 +197,7 @@ def _shortened(here: Floats, step: Floats, cost: Floats, problem: LeastSquares) 
     size = np.ones(len(here))
     for _ in range(HALVINGS):
         trial = here + size[:, None] * step
-        new = _cost(trial, _residuals(trial, problem)[0], problem)
+        new = _cost(trial, _reprojection_errors(trial, problem)[0], problem)
         worse = ~(new <= cost)
         if not worse.any():
             return trial, new
@@ -208,7 +210,7 @@ def _ridge(matrix: Floats) -> Floats:
     return np.asarray(1e-14 * np.trace(matrix, axis1=1, axis2=2)[:, None, None] * np.eye(3))
 
 
-def _residuals(xyz: Floats, problem: LeastSquares) -> tuple[Floats, Floats]:
+def _reprojection_errors(xyz: Floats, problem: LeastSquares) -> tuple[Floats, Floats]:
     """(N, V, 2) seen minus expected [px], NaN behind a camera, and the places (N, V, 3) in the cameras' axes."""
     sights, rig = problem.sights, problem.rig
     local = np.einsum("nvi,vij->nvj", xyz[:, None, :] - rig.centre, rig.rotation)
@@ -249,9 +251,13 @@ def _normal(xyz: Floats, left: Floats, local: Floats, problem: LeastSquares) -> 
     return information, slope
 
 
-def meet_in_space(
-    sights: Sights, rig: Rig, height: Height | None = None, gate: float = 1e-3, min_crossing: float = np.radians(5.0)
-) -> Meeting:
+def triangulate_in_space(
+    sights: CentresInViews,
+    rig: CameraRig,
+    height: TargetHeightPrior | None = None,
+    gate: float = 1e-3,
+    min_crossing: float = np.radians(5.0),
+) -> GroundPosition:
     """Find the places of points, and leave out single views that are on something else.
 
     Views agree when their misfit passes a chi-square test.  Where they do not, the view without
@@ -267,7 +273,7 @@ def meet_in_space(
     """
     # Gate: chi-square with 2 views - 3 degrees of freedom
     limits = np.array([np.inf, np.inf, *(chdtri(2 * n - 3, gate) for n in range(2, sights.there.shape[1] + 1))])
-    met = fit_places(sights, rig, height, np.sin(min_crossing))
+    met = triangulate_points(sights, rig, height, np.sin(min_crossing))
     for _ in range(sights.there.shape[1] - 2):
         count = met.used.sum(axis=1)
         again = np.flatnonzero(_bad(met, limits) & (count > 2))
@@ -278,23 +284,23 @@ def meet_in_space(
     return met._replace(
         xyz=np.where(apart[:, None], np.nan, met.xyz),
         covariance=np.where(apart[:, None, None], np.nan, met.covariance),
-        status=np.where(apart & (met.status == MET), APART, met.status),
+        status=np.where(apart & (met.status == MET), DISAGREEING, met.status),
     )
 
 
-def _bad(met: Meeting, limits: Floats) -> Bools:
+def _bad(met: GroundPosition, limits: Floats) -> Bools:
     """Points whose views do not agree, or meet behind one of them."""
     bad: Bools = (met.status == BEHIND) | ((met.status == MET) & (met.misfit > limits[met.used.sum(axis=1)]))
     return bad
 
 
-def _without_one(sights: Sights, used: Bools, rig: Rig, min_sine: float) -> Meeting:
+def _without_one(sights: CentresInViews, used: Bools, rig: CameraRig, min_sine: float) -> GroundPosition:
     """Find for each point the best fit without one of its views."""
-    best: Meeting | None = None
+    best: GroundPosition | None = None
     for view in range(used.shape[1]):
         there = used.copy()
         there[:, view] = False
-        trial = fit_places(sights._replace(there=there), rig, None, min_sine)
+        trial = triangulate_points(sights._replace(there=there), rig, None, min_sine)
         ok = (trial.status == MET) & used[:, view]
         trial = trial._replace(misfit=np.where(ok, trial.misfit, np.inf))
         if best is None:
@@ -307,14 +313,14 @@ def _without_one(sights: Sights, used: Bools, rig: Rig, min_sine: float) -> Meet
     return best
 
 
-def _taken(met: Meeting, rows: Ints) -> Meeting:
+def _taken(met: GroundPosition, rows: Ints) -> GroundPosition:
     """The rows of some points."""
-    return Meeting(met.xyz[rows], met.covariance[rows], met.status[rows], met.used[rows], met.misfit[rows])
+    return GroundPosition(met.xyz[rows], met.covariance[rows], met.status[rows], met.used[rows], met.misfit[rows])
 
 
-def _replaced(met: Meeting, rows: Ints, others: Meeting) -> Meeting:
+def _replaced(met: GroundPosition, rows: Ints, others: GroundPosition) -> GroundPosition:
     """The places with those of some rows replaced."""
-    out = Meeting(met.xyz.copy(), met.covariance.copy(), met.status.copy(), met.used.copy(), met.misfit.copy())
+    out = GroundPosition(met.xyz.copy(), met.covariance.copy(), met.status.copy(), met.used.copy(), met.misfit.copy())
     for old, new in zip(out, others, strict=True):
         old[rows] = new
     return out
@@ -326,7 +332,7 @@ HEIGHTS = 30.0
 """Heights of places that several views find are uniform over so many standard deviations of the height."""
 
 
-class Odds(NamedTuple):
+class ViewOdds(NamedTuple):
     """How likely views are right, and how well they agree if they are."""
 
     right: float  # probability that a view is on the target, in (0, 1]; 1: all are
@@ -334,14 +340,21 @@ class Odds(NamedTuple):
     areas: Floats  # (V,) sizes of the images [px^2]
 
 
-class Contest(NamedTuple):
+class ViewContradictions(NamedTuple):
     """Covariances of N places, and how far their views contradict each other."""
 
     covariance: Floats  # (N, 3, 3) NaN where there is no place
     contested: Floats  # (N,) probability that a view is on something else; 0 for one view, 1 if no views agree
 
 
-def contest_places(met: Meeting, sights: Sights, rig: Rig, height: Height | None, odds: Odds, sine: float) -> Contest:
+def covariances_with_contradiction(
+    met: GroundPosition,
+    sights: CentresInViews,
+    rig: CameraRig,
+    height: TargetHeightPrior | None,
+    odds: ViewOdds,
+    sine: float,
+) -> ViewContradictions:
     """Find the covariances of places by all hypotheses on which views are on the target.
 
     Args:
@@ -356,7 +369,7 @@ def contest_places(met: Meeting, sights: Sights, rig: Rig, height: Height | None
     several = sights.there.sum(axis=1) > 1
     contested[~several] = 0.0
     if odds.right >= 1.0:
-        return Contest(covariance, contested)
+        return ViewContradictions(covariance, contested)
     for pattern in np.unique(sights.there[several & (met.status == MET)], axis=0):
         rows = np.flatnonzero((sights.there == pattern).all(axis=1) & (met.status == MET))
         some = sights.take(rows)
@@ -365,17 +378,23 @@ def contest_places(met: Meeting, sights: Sights, rig: Rig, height: Height | None
         known = np.isfinite(spread).all(axis=(1, 2))
         covariance[rows[known]] = spread[known]
         contested[rows] = 1.0 - everyone
-    return Contest(covariance, contested)
+    return ViewContradictions(covariance, contested)
 
 
 def _mixture(
-    xyz: Floats, sights: Sights, pattern: Bools, rig: Rig, height: Height | None, odds: Odds, sine: float
+    xyz: Floats,
+    sights: CentresInViews,
+    pattern: Bools,
+    rig: CameraRig,
+    height: TargetHeightPrior | None,
+    odds: ViewOdds,
+    sine: float,
 ) -> tuple[Floats, Floats]:
     """(N, 3, 3) second moments about the places (N, 3) in the views `pattern`, and (N,) weight of all views."""
     density = np.log(2.0 * np.pi) + 0.5 * np.linalg.slogdet(sights.covariance)[1] + np.log(odds.agreement)
     logs, moments = [], []
     for views in _sets(pattern):
-        fit = fit_places(sights._replace(there=np.broadcast_to(views, sights.there.shape)), rig, height, sine)
+        fit = triangulate_points(sights._replace(there=np.broadcast_to(views, sights.there.shape)), rig, height, sine)
         found = fit.status == MET
         cov = np.where(found[:, None, None], fit.covariance, np.eye(3))
         # Laplace: the integral of the likelihood over the places

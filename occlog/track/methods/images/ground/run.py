@@ -15,7 +15,7 @@ from occlog.settings import configure
 
 from .config import STARTS, GroundConfig, in_scene
 from .request import GroundRequest
-from .stage import GroundPart, Verdict, ground_tracks
+from .stage import GroundConsistency, GroundTracksPart, ground_tracks
 
 if TYPE_CHECKING:
     from occlog.io.files.provenance import Provenance
@@ -64,9 +64,9 @@ class GroundSummary:
         """Begin with all counts at 0."""
         self.counts: Counter[str] = Counter()
         self.targets: dict[int, None] = {}
-        self.verdict = Verdict()
+        self.verdict = GroundConsistency()
 
-    def add(self, part: GroundPart) -> None:
+    def add(self, part: GroundTracksPart) -> None:
         """Count some more rows."""
         self.verdict.add(part)
         self.counts.update(part.counts)
@@ -95,7 +95,7 @@ class GroundSummary:
 
         times: of targets with a tracker in some view.  views: places by the number of views that made them.
         left_out: views that did not agree with the others.  no_place: times without a place, and why.
-        The rest is of `Verdict`.
+        The rest is of `GroundConsistency`.
         """
         views = {k.removeprefix("views_"): n for k, n in sorted(self.counts.items()) if k.startswith("views_")}
         return {

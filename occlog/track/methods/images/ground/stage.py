@@ -29,28 +29,28 @@ from occlog.records.tables import FusedTracks
 
 from .config import GroundConfig, in_scene
 from .place import (
-    APART,
     BEHIND,
+    DISAGREEING,
     MET,
     NEAR_PARALLEL,
     TOO_FEW,
-    Contest,
-    Height,
-    Meeting,
-    Odds,
-    Rig,
-    Sights,
-    contest_places,
-    meet_in_space,
+    CameraRig,
+    CentresInViews,
+    GroundPosition,
+    TargetHeightPrior,
+    ViewContradictions,
+    ViewOdds,
+    covariances_with_contradiction,
+    triangulate_in_space,
 )
 
-CONTESTED = 0.5
+MIN_CONTRADICTION_PROBABILITY = 0.5
 """Views contradict each other if one of them is on something else with at least this probability."""
-LONGEST_S = 1.0
+MAX_GAP_S = 1.0
 """Longer times without a row count as this long [s]."""
 
 
-class Known(NamedTuple):
+class LastGroundState(NamedTuple):
     """What was known of a target when it had its last row."""
 
     t_ns: int
@@ -58,7 +58,7 @@ class Known(NamedTuple):
     together: bool  # several views have shown it at once
 
 
-class Exchanges:
+class SwitchProbabilities:
     """Probability that each target was exchanged, carried from time to time."""
 
     def __init__(self, rate: float, alone: float, start: float) -> None:
@@ -70,7 +70,7 @@ class Exchanges:
             start: probability that the trackers of a target begin on different ones.
         """
         self._rate, self._alone, self._start = rate, alone, start
-        self._known: dict[int, Known] = {}
+        self._known: dict[int, LastGroundState] = {}
 
     def update(self, t_ns: int, targets: Ints, contested: Floats, views: Ints) -> Floats:
         """(K,) probabilities that the targets of one time have been exchanged.
@@ -84,17 +84,17 @@ class Exchanges:
         out = np.zeros(len(targets))
         rows = zip(targets.tolist(), contested.tolist(), views.tolist(), strict=True)
         for k, (target, doubt, several) in enumerate(rows):
-            last = self._known.get(target, Known(t_ns, self._start, False))
-            seconds = min((t_ns - last.t_ns) / NS, LONGEST_S)
-            contradiction = doubt if doubt >= CONTESTED else 0.0
+            last = self._known.get(target, LastGroundState(t_ns, self._start, False))
+            seconds = min((t_ns - last.t_ns) / NS, MAX_GAP_S)
+            contradiction = doubt if doubt >= MIN_CONTRADICTION_PROBABILITY else 0.0
             left_alone = self._alone if last.together else 0.0
             strength = contradiction if several > 1 else left_alone
             out[k] = 1.0 - (1.0 - last.exchanged) * np.exp(-self._rate * strength * seconds)
-            self._known[target] = Known(t_ns, float(out[k]), last.together or several > 1)
+            self._known[target] = LastGroundState(t_ns, float(out[k]), last.together or several > 1)
         return out
 
 
-def among_others(xyz: Floats, covariance: Floats, exchanged: Floats) -> Floats:
+def spread_over_others(xyz: Floats, covariance: Floats, exchanged: Floats) -> Floats:
     """(K, 3, 3) second moments about the places of one time, of targets that may be where the others are.
 
     Args:
@@ -107,16 +107,16 @@ def among_others(xyz: Floats, covariance: Floats, exchanged: Floats) -> Floats:
     return np.asarray(covariance + exchanged[:, None, None] * spread)
 
 
-WHY = {TOO_FEW: "one_view", NEAR_PARALLEL: "parallel", BEHIND: "behind", APART: "contradict"}
+WHY = {TOO_FEW: "one_view", NEAR_PARALLEL: "parallel", BEHIND: "behind", DISAGREEING: "contradict"}
 """Names in `GroundPart.counts` of the reasons why a target has no place at a time."""
 
-ONE_VIEW, CONTRADICTION, EXCHANGE = "one-view", "contradiction", "exchange"
+SINGLE_VIEW, INCONSISTENT_VIEWS, POSSIBLE_SWITCH = "one-view", "contradiction", "exchange"
 """Values of the column `doubt`, in the order in which they stand there."""
-EXCHANGED = 0.25
+MIN_SWITCH_PROBABILITY = 0.25
 """A target is said to be exchanged from this probability on."""
 
 
-class GroundPart(NamedTuple):
+class GroundTracksPart(NamedTuple):
     """Tracks of some times, and their counts.
 
     `counts` has `times`, at which a target has a tracker; `views_N`, places by N views; `left_out`,
@@ -131,7 +131,7 @@ class GroundPart(NamedTuple):
 
 def ground_tracks(
     chunks: Iterable[ViewTracks], scene: Scene, config: GroundConfig | None = None, cameras: Sequence[str] = ()
-) -> Iterator[GroundPart]:
+) -> Iterator[GroundTracksPart]:
     """Find tracks in the world: places by each time itself, covariances by what was seen before, too.
 
     The result does not depend on how chunks are cut.
@@ -148,7 +148,7 @@ def ground_tracks(
     config = in_scene(config or GroundConfig(), scene)
     window = round(config.window_s * 1e9)
     rest, last_ns, seen = ViewTracks.empty(), None, 0
-    exchanges = Exchanges(config.exchange_rate, config.exchange_alone, config.exchange_start)
+    exchanges = SwitchProbabilities(config.exchange_rate, config.exchange_alone, config.exchange_start)
     for chunk in chunks:
         if not len(chunk):
             continue
@@ -195,33 +195,35 @@ def _starts(table: ViewTracks, window_ns: int) -> Ints:
     return np.array(starts, dtype=np.int64)
 
 
-def _part(table: ViewTracks, starts: Ints, scene: Scene, config: GroundConfig, exchanges: Exchanges) -> GroundPart:
+def _part(
+    table: ViewTracks, starts: Ints, scene: Scene, config: GroundConfig, exchanges: SwitchProbabilities
+) -> GroundTracksPart:
     """Find the places of all targets at the times that begin at the rows `starts`."""
     if not len(table):
-        return GroundPart(FusedTracks.empty(), Counter(), 0.0, 0)
+        return GroundTracksPart(FusedTracks.empty(), Counter(), 0.0, 0)
     moment = np.searchsorted(starts, np.arange(len(table)), side="right") - 1
     t_ns = table.t_ns[np.append(starts[1:], len(table)) - 1]
     keys, point = np.unique(np.column_stack([moment, table.target_id]), axis=0, return_inverse=True)
     names, view = np.unique(table.sensor, return_inverse=True)
     cameras = [scene.camera(str(name)) for name in names]
     sights = _sights(table, point.reshape(-1), view, len(keys), cameras, config.model_share)
-    height = Height(config.height, config.height_sigma) if config.height and config.height_sigma else None
+    height = TargetHeightPrior(config.height, config.height_sigma) if config.height and config.height_sigma else None
     rig, angle = _rig(cameras), np.radians(config.min_crossing_deg)
-    met = meet_in_space(sights, rig, height, config.gate, angle)
-    odds = Odds(config.right, _agreement(config), _areas(cameras))
-    contest = contest_places(met, sights, rig, height, odds, float(np.sin(angle)))
+    met = triangulate_in_space(sights, rig, height, config.gate, angle)
+    odds = ViewOdds(config.right, _agreement(config), _areas(cameras))
+    contest = covariances_with_contradiction(met, sights, rig, height, odds, float(np.sin(angle)))
     times, targets = t_ns[keys[:, 0]], keys[:, 1]
-    covariance, exchanged = _exchanged(exchanges, keys, times, met, contest, sights)
+    covariance, exchanged = _possible_switches(exchanges, keys, times, met, contest, sights)
     met = met._replace(covariance=covariance)
     doubts = np.column_stack(
         [
             met.used.sum(axis=1) == 1,
-            (contest.contested >= CONTESTED) | (sights.there & ~met.used).any(axis=1),
-            exchanged > EXCHANGED,
+            (contest.contested >= MIN_CONTRADICTION_PROBABILITY) | (sights.there & ~met.used).any(axis=1),
+            exchanged > MIN_SWITCH_PROBABILITY,
         ]
     )
     several = (met.status == MET) & (met.used.sum(axis=1) > 1)
-    return GroundPart(
+    return GroundTracksPart(
         tracks=_tracks(met, times, targets, [c.name for c in cameras], doubts),
         counts=_counts(met, sights),
         nis=float(met.misfit[several].sum()),
@@ -240,8 +242,13 @@ def _areas(cameras: Sequence[Camera]) -> Floats:
     return np.array([max(float(w * h), 1.0) for w, h in sizes])
 
 
-def _exchanged(
-    exchanges: Exchanges, keys: Ints, t_ns: Ints, met: Meeting, contest: Contest, sights: Sights
+def _possible_switches(
+    exchanges: SwitchProbabilities,
+    keys: Ints,
+    t_ns: Ints,
+    met: GroundPosition,
+    contest: ViewContradictions,
+    sights: CentresInViews,
 ) -> tuple[Floats, Floats]:
     """(N, 3, 3) covariances with the chance that the targets were exchanged, and (N,) that chance."""
     covariance, exchanged = contest.covariance.copy(), np.zeros(len(keys))
@@ -249,13 +256,13 @@ def _exchanged(
     for rows in np.split(np.arange(len(keys)), np.flatnonzero(np.diff(keys[:, 0])) + 1):
         exchanged[rows] = exchanges.update(int(t_ns[rows[0]]), keys[rows, 1], contest.contested[rows], views[rows])
         placed = rows[met.status[rows] == MET]
-        covariance[placed] = among_others(met.xyz[placed], covariance[placed], exchanged[placed])
+        covariance[placed] = spread_over_others(met.xyz[placed], covariance[placed], exchanged[placed])
     return covariance, exchanged
 
 
-def _rig(cameras: Sequence[Camera]) -> Rig:
+def _rig(cameras: Sequence[Camera]) -> CameraRig:
     """The cameras' parameters as arrays."""
-    return Rig(
+    return CameraRig(
         focal=np.array([c.focal_px for c in cameras]),
         principal=np.array([c.principal_px for c in cameras]),
         rotation=np.array([c.rotation for c in cameras]),
@@ -265,7 +272,7 @@ def _rig(cameras: Sequence[Camera]) -> Rig:
 
 def _sights(
     table: ViewTracks, point: Ints, view: Ints, points: int, cameras: Sequence[Camera], model_share: float
-) -> Sights:
+) -> CentresInViews:
     """The centres without lens distortion, and their covariance.
 
     The covariance is that of the tracker, and that of the target's middle about the ellipse's
@@ -283,7 +290,7 @@ def _sights(
         kept = rows[good]
         there[point[kept], k], pixels[point[kept], k] = True, ideal[good]
         covariance[point[kept], k] = slopes[good] @ own[kept] @ slopes[good].transpose(0, 2, 1)
-    return Sights(there, pixels, covariance)
+    return CentresInViews(there, pixels, covariance)
 
 
 def _covariances(table: ViewTracks) -> Floats:
@@ -313,7 +320,7 @@ def _ideal(camera: Camera, centres: Floats) -> tuple[Floats, Floats]:
     return ideal, np.stack(changes, axis=2)
 
 
-def _tracks(met: Meeting, t_ns: Ints, target: Ints, names: Sequence[str], doubts: Bools) -> FusedTracks:
+def _tracks(met: GroundPosition, t_ns: Ints, target: Ints, names: Sequence[str], doubts: Bools) -> FusedTracks:
     """Rows of the places that were found; velocities are not known.
 
     Args:
@@ -338,7 +345,7 @@ def _tracks(met: Meeting, t_ns: Ints, target: Ints, names: Sequence[str], doubts
         **{f"cov_{name}": cov[:, i, j] for i, j, name in places},
         cov_zz=cov[:, 2, 2],
         seen_by=_joined(met.used[good], names),
-        doubt=_joined(doubts[good], (ONE_VIEW, CONTRADICTION, EXCHANGE)),
+        doubt=_joined(doubts[good], (SINGLE_VIEW, INCONSISTENT_VIEWS, POSSIBLE_SWITCH)),
     )
 
 
@@ -347,8 +354,8 @@ def _joined(mask: Bools, words: Sequence[str]) -> Strings:
     return np.array([",".join(w for w, has in zip(words, row, strict=True) if has) for row in mask.tolist()], np.str_)
 
 
-def _counts(met: Meeting, sights: Sights) -> Counter[str]:
-    """See `GroundPart`."""
+def _counts(met: GroundPosition, sights: CentresInViews) -> Counter[str]:
+    """See `GroundTracksPart`."""
     good = met.status == MET
     counts: Counter[str] = Counter(times=len(good))
     for views in met.used.sum(axis=1)[good].tolist():
@@ -359,21 +366,21 @@ def _counts(met: Meeting, sights: Sights) -> Counter[str]:
     return counts
 
 
-ALONE = 0.9
+MIN_SINGLE_VIEW_SHARE = 0.9
 """One view alone supports a target if it alone made this share of its rows."""
-MANY = 0.1
+MIN_FLAGGED_SHARE = 0.1
 """A line warns of doubts that so large a share of the rows has."""
-TOO_FAR = 1.5
+MAX_NIS_RATIO = 1.5
 """A line warns where squared standardised residuals are so many times as large as stated."""
 WORDS = {
-    ONE_VIEW: "one view alone made the place, at the height of a person's middle",
-    CONTRADICTION: "a view is on something else; covariances are widened by where the others would have it",
-    EXCHANGE: "the target may have taken another one's identity; its covariance reaches to the other targets",
+    SINGLE_VIEW: "one view alone made the place, at the height of a person's middle",
+    INCONSISTENT_VIEWS: "a view is on something else; covariances are widened by where the others would have it",
+    POSSIBLE_SWITCH: "the target may have taken another one's identity; its covariance reaches to the other targets",
 }
 """What each doubt means."""
 
 
-class Verdict:
+class GroundConsistency:
     """Counts doubts while parts stream by."""
 
     def __init__(self) -> None:
@@ -383,7 +390,7 @@ class Verdict:
         self._alone: Counter[int] = Counter()
         self._nis, self._freedom = 0.0, 0
 
-    def add(self, part: GroundPart) -> None:
+    def add(self, part: GroundTracksPart) -> None:
         """Count some more rows."""
         self._nis += part.nis
         self._freedom += part.freedom
@@ -391,7 +398,7 @@ class Verdict:
             words = doubt.split(",") if doubt else []
             self._doubts.update(words)
             self._rows[target] += 1
-            self._alone[target] += ONE_VIEW in words
+            self._alone[target] += SINGLE_VIEW in words
 
     def figures(self) -> dict[str, object]:
         """Rows by doubt, targets that one view supports, and the mean of the squared standardised residuals."""
@@ -407,12 +414,12 @@ class Verdict:
         lines = [
             f"{self._doubts[word]} of {total} places: {word}: {text}"
             for word, text in WORDS.items()
-            if self._doubts[word] > MANY * total
+            if self._doubts[word] > MIN_FLAGGED_SHARE * total
         ]
         if alone := self._one_view():
             names = ", ".join(str(target) for target in alone)
             lines.append(f"targets that one view alone supports, which may be nobody: {names}")
-        if self._freedom and self._nis > TOO_FAR * self._freedom:
+        if self._freedom and self._nis > MAX_NIS_RATIO * self._freedom:
             lines.append(
                 f"views are {(self._nis / self._freedom) ** 0.5:.1f} times as far from agreeing as their covariances "
                 "say; check the calibration and the clocks, or give a larger model_share to `occlog ground`"
@@ -421,4 +428,6 @@ class Verdict:
 
     def _one_view(self) -> list[int]:
         """Targets that one view alone supports."""
-        return [target for target, rows in sorted(self._rows.items()) if self._alone[target] > ALONE * rows]
+        return [
+            target for target, rows in sorted(self._rows.items()) if self._alone[target] > MIN_SINGLE_VIEW_SHARE * rows
+        ]

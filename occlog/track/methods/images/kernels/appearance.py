@@ -135,7 +135,7 @@ def colours_in(bins: Bytes, ellipses: Floats, split: Bools, step: int) -> Floats
 
 
 @kernel
-def colour_likeness(bins: Bytes, ellipses: Floats, owner: Ints, colours: Floats, split: Bools, step: int) -> Floats:
+def colour_similarity(bins: Bytes, ellipses: Floats, owner: Ints, colours: Floats, split: Bools, step: int) -> Floats:
     """Bhattacharyya coefficients of the colours in ellipses with those of their targets.
 
     The sums of sqrt(h_k m_k) of `colours_in` h and the targets' m, without the tables in between.

@@ -30,7 +30,7 @@ from occlog.track.methods.images.kernels.motion import boxes_of, covariance_and_
 
 from .config import McmcConfig
 from .state import VisualState
-from .weigh import Arrival, Samples, local_likelihood, motion_of
+from .weigh import FrameContext, TrackerParticles, local_likelihood, motion_of
 
 MCMC = MODES.index("mcmc")
 
@@ -41,7 +41,7 @@ class ViewFrame(NamedTuple):
     state: VisualState
     config: McmcConfig
     frames: FrameSet
-    arrival: Arrival
+    arrival: FrameContext
     rows: Ints  # (n,) rows of the view's trackers
 
 
@@ -55,12 +55,12 @@ class ViewSamples(NamedTuple):
 
 
 def joint_samples(
-    state: VisualState, config: McmcConfig, frames: FrameSet, arrival: Arrival, rng: Generator
-) -> Samples:
+    state: VisualState, config: McmcConfig, frames: FrameSet, arrival: FrameContext, rng: Generator
+) -> TrackerParticles:
     """Move, weigh and resample the targets of each view together."""
     t = state.trackers
     n, count = t.particles.shape[:2]
-    out = Samples(
+    out = TrackerParticles(
         weights=np.full((n, count), 1.0 / count),
         estimate=t.estimate.copy(),
         touching=np.zeros((n, n), dtype=np.bool_),

@@ -26,7 +26,7 @@ from numpy.random import Generator
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.image import nearness, nearness_between
 from occlog.track.methods.images.interface import BAD, GOOD, NONE, FrameSet
-from occlog.track.methods.images.kernels.appearance import colour_likeness, colours_in
+from occlog.track.methods.images.kernels.appearance import colour_similarity, colours_in
 from occlog.track.methods.images.kernels.epipolar_lines import (
     TOGETHER,
     UNKNOWN,
@@ -38,10 +38,10 @@ from occlog.track.methods.images.kernels.epipolar_lines import (
 )
 
 from .config import BmctConfig, CmctConfig, LoopCheckConfig
-from .state import LEAST, Trackers, VisualState, update_map
+from .state import LEAST, ImageTrackers, VisualState, update_map
 
 IDENTITY = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-APART = 0.5
+SAME_TARGET_RADII = 0.5
 """Nearer than this many times the sum of their radii, two trackers are on the same target."""
 
 
@@ -62,7 +62,7 @@ def affine_maps(state: VisualState, estimate: Floats) -> Floats:
     return out
 
 
-def check_loops(state: VisualState, config: LoopCheckConfig, fresh: Bools) -> Trackers:
+def check_loops(state: VisualState, config: LoopCheckConfig, fresh: Bools) -> ImageTrackers:
     """Check the estimates of all counterparts against each other, and say which counterparts are good.
 
     The first check of a pair decides at once.  After that a good counterpart becomes bad when
@@ -80,7 +80,7 @@ def check_loops(state: VisualState, config: LoopCheckConfig, fresh: Bools) -> Tr
     return t._replace(good=good, streak=streak, checked=checked)
 
 
-def check_new_pairs(state: VisualState, config: LoopCheckConfig) -> Trackers:
+def check_new_pairs(state: VisualState, config: LoopCheckConfig) -> ImageTrackers:
     """Check for the first time the pairs that have never been checked; the others stay as they are."""
     t = state.trackers
     good, streak, checked = _first(t, _check(state, config, np.ones(len(t.view), dtype=np.bool_)), t.good, t.streak)
@@ -101,30 +101,30 @@ def _check(state: VisualState, config: LoopCheckConfig, fresh: Bools) -> Ints:
     return np.where(fresh[:, None] & fresh[t.counterpart], found, UNKNOWN)
 
 
-def _first(t: Trackers, check: Ints, good: Bools, streak: Ints) -> tuple[Bools, Ints, Bools]:
+def _first(t: ImageTrackers, check: Ints, good: Bools, streak: Ints) -> tuple[Bools, Ints, Bools]:
     """`good`, `streak` and `checked` where the first check of a pair decides at once."""
     first = ~t.checked & (check != UNKNOWN)
     return np.where(first, check == TOGETHER, good), np.where(first, 0, streak), t.checked | first
 
 
-def counterpart_status(t: Trackers) -> Ints:
+def counterpart_status(t: ImageTrackers) -> Ints:
     """(n,) `GOOD` with a good counterpart, `BAD` with bad ones only, `NONE` without one that can be checked."""
     return np.where(t.good.any(axis=1), GOOD, np.where(t.checked.any(axis=1), BAD, NONE))
 
 
-def helpers(t: Trackers, fresh: Bools) -> Ints:
+def assisting_views(t: ImageTrackers, fresh: Bools) -> Ints:
     """(n, V) rows of the trackers that may help: good counterparts whose estimates are fresh (n,); -1: none."""
     return np.where(t.good & (t.counterpart >= 0) & fresh[t.counterpart], t.counterpart, -1)
 
 
-def nearest(t: Trackers) -> Floats:
+def nearest(t: ImageTrackers) -> Floats:
     """(n,) distance to the nearest tracker of the same view, in sums of radii; inf for none."""
     return np.asarray(
         np.where(t.view[:, None] == t.view[None, :], nearness(t.estimate), np.inf).min(axis=1, initial=np.inf)
     )
 
 
-CLEAR = 0.75
+OCCLUSION_RADII = 0.75
 """Farther than this many times the sum of their radii, one target hardly hides another."""
 STEP_PX = 2.0
 """Distance of the places on a line that are tried."""
@@ -145,8 +145,8 @@ def restart_one(state: VisualState, config: BmctConfig, frames: FrameSet) -> Vis
     if not (config.restart and bad.any()):
         return state
     ratio = nearest(t)
-    wrong = bad & ((ratio < APART) | (t.likeness < config.restart_likeness))
-    clear = (ratio > CLEAR) & (t.likeness >= config.restart_likeness)
+    wrong = bad & ((ratio < SAME_TARGET_RADII) | (t.likeness < config.restart_likeness))
+    clear = (ratio > OCCLUSION_RADII) & (t.likeness >= config.restart_likeness)
     for i in np.flatnonzero(wrong).tolist():
         guides = [j for j in t.counterpart[i].tolist() if j >= 0 and clear[j] and _views_agree(t, i, j)]
         if not guides or frames.number[t.view[i]] % EVERY:
@@ -157,7 +157,7 @@ def restart_one(state: VisualState, config: BmctConfig, frames: FrameSet) -> Vis
     return state
 
 
-def _views_agree(t: Trackers, i: int, j: int) -> bool:
+def _views_agree(t: ImageTrackers, i: int, j: int) -> bool:
     """Whether at least half of the pairs of the two trackers' views are good, so that their geometry is not wrong."""
     pairs = (t.view == t.view[i]) & t.checked[:, t.view[j]]
     return bool(2 * (pairs & t.good[:, t.view[j]]).sum() >= pairs.sum())
@@ -173,10 +173,10 @@ def _best_place(state: VisualState, config: BmctConfig, i: int, guide: int, fram
     tried = _places_on_line(state, config, i, guide)
     tried = tried[((tried[:, :2] >= 0) & (tried[:, :2] < [view.width, view.height])).all(axis=1)]
     others = np.flatnonzero((t.view == t.view[i]) & (np.arange(len(t.view)) != i))
-    tried = tried[(nearness_between(t.estimate[others], tried) >= APART).all(axis=0)]
+    tried = tried[(nearness_between(t.estimate[others], tried) >= SAME_TARGET_RADII).all(axis=0)]
     # Weigh them by the colours
     bins = update_map(state, frames, v, np.array([[0, 0, view.width, view.height]]))
-    found = colour_likeness(bins, tried, np.full(len(tried), i), t.colours, t.split, config.pixel_step)
+    found = colour_similarity(bins, tried, np.full(len(tried), i), t.colours, t.split, config.pixel_step)
     if not len(tried) or found.max() < config.restart_likeness:
         return None
     return np.asarray(tried[int(np.argmax(found))])
@@ -199,9 +199,9 @@ def _places_on_line(state: VisualState, config: BmctConfig, i: int, guide: int) 
     return out
 
 
-def _moved_to(t: Trackers, i: int, place: Floats) -> Trackers:
+def _moved_to(t: ImageTrackers, i: int, place: Floats) -> ImageTrackers:
     """Put tracker i in another place, at rest; its counterparts stay bad until checks in a row say otherwise."""
-    out = Trackers._make(field.copy() for field in t)
+    out = ImageTrackers._make(field.copy() for field in t)
     out.particles[i], out.estimate[i] = place, place
     out.velocity[i], out.path[i], out.weak[i] = 0.0, 0.0, 0
     others = t.counterpart[i][t.counterpart[i] >= 0]
@@ -215,7 +215,7 @@ def propose_on_lines(state: VisualState, c: CmctConfig, particles: Floats, gap: 
     """Move a share of the particles, or all after a loss, to the epipolar lines of the last estimates in other views.
 
     A target counts as lost when the likeness of its estimate is below `search_below`, or when
-    its estimate is nearer than `APART` to another tracker while a counterpart is bad: of two
+    its estimate is nearer than `SAME_TARGET_RADII` to another tracker while a counterpart is bad: of two
     targets that look alike the tracker then has the wrong one.  Only counterparts that had a
     frame in the last frame period give a line.
 
@@ -234,7 +234,7 @@ def propose_on_lines(state: VisualState, c: CmctConfig, particles: Floats, gap: 
     expected[:, :2] += gap[:, None] * t.velocity
     many = particles.shape[1]
     bad = ((t.counterpart >= 0) & t.checked & ~t.good).any(axis=1)
-    lost = (t.likeness < c.search_below) | (bad & (nearest(t) < APART))
+    lost = (t.likeness < c.search_below) | (bad & (nearest(t) < SAME_TARGET_RADII))
     return drawn_on_lines(
         particles,
         estimate=expected,
@@ -250,7 +250,7 @@ def propose_on_lines(state: VisualState, c: CmctConfig, particles: Floats, gap: 
     )
 
 
-def adapt_colours(state: VisualState, c: CmctConfig, here: Bools) -> Trackers:
+def adapt_colours(state: VisualState, c: CmctConfig, here: Bools) -> ImageTrackers:
     """Move the colours of trackers towards those in their estimates: new = (1 - adapt) old + adapt found.
 
     Estimates count where they are alike enough (`adapt_above`).

@@ -215,7 +215,7 @@ LEAST = 1e-9
 NO_APPEARANCE: AppearanceModels = {}
 
 
-class Trackers(NamedTuple):
+class ImageTrackers(NamedTuple):
     """n trackers, ordered by view and target."""
 
     view: Ints  # (n,)
@@ -235,7 +235,7 @@ class Trackers(NamedTuple):
     split: Bools  # (n,) whether the colours are those of the upper and the lower half
 
 
-class Clock(NamedTuple):
+class FrameClock(NamedTuple):
     """Times of the last frames of V views."""
 
     t_ns: Ints  # (V,) of the last one; -1: none yet
@@ -248,9 +248,9 @@ class VisualState(NamedTuple):
     views: tuple[TrackedView, ...]
     geometry: ViewGeometry
     config: MipfConfig
-    clock: Clock
+    clock: FrameClock
     bins: tuple[Bytes, ...]  # (V,) maps of bins (H, W); only what the latest frame's trackers look at is up to date
-    trackers: Trackers
+    trackers: ImageTrackers
     appearance: AppearanceModels = NO_APPEARANCE  # models of the targets' patches; empty for `model=colour`
 
 
@@ -263,7 +263,7 @@ def initial_state(views: Sequence[TrackedView], geometry: ViewGeometry, config: 
         config: settings of the method.
     """
     n = len(views)
-    clock = Clock(t_ns=np.full(n, -1), interval_ns=np.full((n, INTERVALS), np.nan))
+    clock = FrameClock(t_ns=np.full(n, -1), interval_ns=np.full((n, INTERVALS), np.nan))
     bins = tuple(np.zeros((view.height, view.width), dtype=np.uint8) for view in views)
     none, ellipses = np.zeros(0, dtype=np.int64), np.zeros((0, 5))
     trackers = _at_rest(none, none, ellipses, np.zeros((0, WIDTH)), np.zeros(0, dtype=np.bool_), n, config)
@@ -279,10 +279,10 @@ def both_directions(geometry: ViewGeometry) -> ViewGeometry:
 
 def _at_rest(
     view: Ints, target: Ints, ellipse: Floats, colours: Floats, split: Bools, views: int, config: MipfConfig
-) -> Trackers:
+) -> ImageTrackers:
     """Trackers with all particles at the given ellipses (n, 5), at rest, without counterparts yet."""
     n, memory = len(view), config.memory if isinstance(config, IdmotConfig) else 1
-    return Trackers(
+    return ImageTrackers(
         view=view,
         target=target,
         particles=np.repeat(ellipse[:, None], config.particles, axis=1),
@@ -311,20 +311,20 @@ def add_trackers(state: VisualState, frames: FrameSet, births: Sequence[Birth]) 
         return state
     new = {(birth.view, birth.target_id) for birth in births}
     kept = keep_trackers(state, np.array([key not in new for key in keys_of(state.trackers)], dtype=np.bool_))
-    parts = zip(kept.trackers, _newborn(state, frames, births), strict=True)
-    joined = Trackers._make(np.concatenate(fields) for fields in parts)
+    parts = zip(kept.trackers, _initiated(state, frames, births), strict=True)
+    joined = ImageTrackers._make(np.concatenate(fields) for fields in parts)
     order = np.lexsort((joined.target, joined.view))
-    trackers = _paired(Trackers._make(field[order] for field in joined), len(state.views))
+    trackers = _paired(ImageTrackers._make(field[order] for field in joined), len(state.views))
     appearance = learn_appearance(state.appearance, keys_of(kept.trackers), frames, births, state.config)
     return advance_clock(state._replace(trackers=trackers, appearance=appearance), frames)
 
 
-def keys_of(trackers: Trackers) -> list[TrackerKey]:
+def keys_of(trackers: ImageTrackers) -> list[TrackerKey]:
     """View and target of each tracker."""
     return list(zip(trackers.view.tolist(), trackers.target.tolist(), strict=True))
 
 
-def _newborn(state: VisualState, frames: FrameSet, births: Sequence[Birth]) -> Trackers:
+def _initiated(state: VisualState, frames: FrameSet, births: Sequence[Birth]) -> ImageTrackers:
     """New trackers, with the colours in the frames."""
     config = state.config
     ellipse = level(np.array([birth.ellipse for birth in births], dtype=np.float64))
@@ -358,7 +358,7 @@ def update_map(state: VisualState, frames: FrameSet, view: int, boxes: Ints) -> 
     return bins
 
 
-def _paired(trackers: Trackers, views: int) -> Trackers:
+def _paired(trackers: ImageTrackers, views: int) -> ImageTrackers:
     """Find the counterparts of all trackers; the loop check starts anew for a pair that has changed."""
     row = {key: i for i, key in enumerate(keys_of(trackers))}
     counterpart = np.full((len(trackers.view), views), -1)
@@ -379,7 +379,7 @@ def keep_trackers(state: VisualState, keep: Bools) -> VisualState:
     """Remove the trackers for which `keep` (n,) is false."""
     if keep.all():
         return state
-    trackers = _paired(Trackers._make(field[keep] for field in state.trackers), len(state.views))
+    trackers = _paired(ImageTrackers._make(field[keep] for field in state.trackers), len(state.views))
     return state._replace(trackers=trackers)
 
 
@@ -396,19 +396,19 @@ def advance_clock(state: VisualState, frames: FrameSet) -> VisualState:
     interval = np.where(clock.t_ns >= 0, frames.t_ns - clock.t_ns, np.nan)
     later = np.column_stack([clock.interval_ns[:, 1:], interval])
     return state._replace(
-        clock=Clock(
+        clock=FrameClock(
             t_ns=np.where(have, frames.t_ns, clock.t_ns),
             interval_ns=np.where(have[:, None], later, clock.interval_ns),
         )
     )
 
 
-def gaps(clock: Clock, t_ns: int) -> Floats:
+def gaps(clock: FrameClock, t_ns: int) -> Floats:
     """(V,) frames of each view from its last one to one at a time: whole numbers, 1 to `LONGEST`."""
     return np.clip(np.round(ages(clock, t_ns)), 1.0, LONGEST)
 
 
-def ages(clock: Clock, t_ns: int) -> Floats:
+def ages(clock: FrameClock, t_ns: int) -> Floats:
     """(V,) time since each view's last frame over the median of its last intervals; 1 where that is not known.
 
     Of an even number of intervals the upper one of the two in the middle counts.

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.track.methods.images.interface import LEFT, LOST, Birth, FrameSet, Outlines
+from occlog.track.methods.images.interface import LEFT, TERMINATED, Birth, FrameSet, TrackerOutlines
 
 from .config import BmctConfig, CmctConfig, IdmotConfig, LoopCheckConfig, McmcConfig, MipfConfig
 from .joint import joint_samples
 from .restart import adapt_colours, check_loops, check_new_pairs, counterpart_status, restart_one
-from .state import Trackers, VisualState, add_trackers, advance_clock, keep_trackers
-from .weigh import Arrival, Samples, arrival_of, likeness_of_estimates, local_weights, weigh
+from .state import ImageTrackers, VisualState, add_trackers, advance_clock, keep_trackers
+from .weigh import FrameContext, TrackerParticles, arrival_of, likeness_of_estimates, local_weights, weigh
 
 
 def initiate_trackers(state: VisualState, frames: FrameSet, births: Sequence[Birth]) -> VisualState:
@@ -34,7 +34,7 @@ def initiate_trackers(state: VisualState, frames: FrameSet, births: Sequence[Bir
     return state
 
 
-def advance(state: VisualState, frames: FrameSet, rng: Generator) -> tuple[VisualState, Outlines]:
+def advance(state: VisualState, frames: FrameSet, rng: Generator) -> tuple[VisualState, TrackerOutlines]:
     """Take in the frames of one time, which come after those of births.
 
     Args:
@@ -55,8 +55,8 @@ def advance(state: VisualState, frames: FrameSet, rng: Generator) -> tuple[Visua
 
 
 def advance_with(
-    state: VisualState, frames: FrameSet, arrival: Arrival, samples: Samples
-) -> tuple[VisualState, Outlines]:
+    state: VisualState, frames: FrameSet, arrival: FrameContext, samples: TrackerParticles
+) -> tuple[VisualState, TrackerOutlines]:
     """Take in the weighted particles of one time: all of `advance` after the estimate."""
     config, here = state.config, arrival.here
     after = _updated(state.trackers, arrival, samples, config)
@@ -79,7 +79,7 @@ def advance_with(
     return keep_trackers(state, event == 0), outlines
 
 
-def _updated(t: Trackers, arrival: Arrival, samples: Samples, config: MipfConfig) -> Trackers:
+def _updated(t: ImageTrackers, arrival: FrameContext, samples: TrackerParticles, config: MipfConfig) -> ImageTrackers:
     """Trackers with the particles and estimates of their frame, and with what follows from these."""
     # Update the velocity: exponential mean of the displacements
     step = (samples.estimate[:, :2] - t.estimate[:, :2]) / arrival.gap[:, None]
@@ -101,16 +101,16 @@ def _updated(t: Trackers, arrival: Arrival, samples: Samples, config: MipfConfig
     )
 
 
-def _where(rows: Bools, one: Trackers, other: Trackers) -> Trackers:
+def _where(rows: Bools, one: ImageTrackers, other: ImageTrackers) -> ImageTrackers:
     """Trackers of one set in the rows (n,), and of another elsewhere."""
     if rows.all():
         return one
     pairs = zip(one, other, strict=True)
-    return Trackers._make(np.where(rows.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs)
+    return ImageTrackers._make(np.where(rows.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs)
 
 
-def end_events(t: Trackers, size: Floats, config: MipfConfig) -> Ints:
-    """Which trackers end, [Qu] Sec. 3.4.3: `LEFT`, `LOST`, or 0 for those that go on.
+def end_events(t: ImageTrackers, size: Floats, config: MipfConfig) -> Ints:
+    """Which trackers end, [Qu] Sec. 3.4.3: `LEFT`, `TERMINATED`, or 0 for those that go on.
 
     A target has left when the centre is outside the image, or when it was lost while the
     ellipse reaches over the edge.  It was lost when no particle has had its colours for
@@ -125,13 +125,13 @@ def end_events(t: Trackers, size: Floats, config: MipfConfig) -> Ints:
     outside = ((centre < -0.5) | (centre > size - 0.5)).any(axis=1)
     over = ((centre < reach - 0.5) | (centre > size - 0.5 - reach)).any(axis=1)
     lost = (t.weak >= config.lost_after) & (config.lost_after > 0) & ~t.good.any(axis=1)
-    return np.where(outside | (lost & over), LEFT, np.where(lost, LOST, 0))
+    return np.where(outside | (lost & over), LEFT, np.where(lost, TERMINATED, 0))
 
 
-def _outlines(state: VisualState, here: Bools, samples: Samples, event: Ints) -> Outlines:
+def _outlines(state: VisualState, here: Bools, samples: TrackerParticles, event: Ints) -> TrackerOutlines:
     """Rows of the trackers whose views had a frame."""
     t, rows, checked = state.trackers, np.flatnonzero(here), isinstance(state.config, LoopCheckConfig)
-    return Outlines(
+    return TrackerOutlines(
         view=t.view[rows],
         target_id=t.target[rows],
         ellipse=samples.estimate[rows],

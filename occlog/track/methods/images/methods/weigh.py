@@ -17,7 +17,7 @@ from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.track.methods.images.interface import MODES, FrameSet
-from occlog.track.methods.images.kernels.appearance import colour_likeness
+from occlog.track.methods.images.kernels.appearance import colour_similarity
 from occlog.track.methods.images.kernels.collaboration import (
     CameraCollaboration,
     Interaction,
@@ -36,7 +36,7 @@ from occlog.track.methods.images.kernels.motion import (
 )
 
 from .config import BmctConfig, CmctConfig, IdmotConfig, MipfConfig
-from .restart import affine_maps, helpers, propose_on_lines
+from .restart import affine_maps, assisting_views, propose_on_lines
 from .state import (
     LONGEST,
     OwnRegions,
@@ -50,11 +50,11 @@ from .state import (
     update_map,
 )
 
-FRESH = 1.5
+MAX_ESTIMATE_AGE_PERIODS = 1.5
 """Age [frame periods] below which the last estimate of a view without a frame still helps other views."""
 
 
-class Arrival(NamedTuple):
+class FrameContext(NamedTuple):
     """What the frames of one time are to n trackers."""
 
     here: Bools  # (n,) whether the view has a frame
@@ -65,7 +65,7 @@ class Arrival(NamedTuple):
     @property
     def fresh(self) -> Bools:
         """(n,) whether the estimate is recent enough to help other views."""
-        return self.here | (self.age < FRESH)
+        return self.here | (self.age < MAX_ESTIMATE_AGE_PERIODS)
 
 
 class LocalWeights(NamedTuple):
@@ -76,17 +76,17 @@ class LocalWeights(NamedTuple):
     log_local: Floats  # (n, N) log p(z | x) of [Qu] Eq. 4 without its constant; 0 where there is no frame
 
 
-def arrival_of(state: VisualState, frames: FrameSet) -> Arrival:
+def arrival_of(state: VisualState, frames: FrameSet) -> FrameContext:
     """Find which trackers have a frame and an own region at one time."""
     t = state.trackers
     here = np.array([image is not None for image in frames.images])[t.view]
     age, gap = ages(state.clock, frames.t_ns)[t.view], gaps(state.clock, frames.t_ns)[t.view]
     expected = t.estimate.copy()
     expected[:, :2] += gap[:, None] * t.velocity
-    return Arrival(here, age, gap, own_regions(frames, t.view, expected, state.config.region_reach))
+    return FrameContext(here, age, gap, own_regions(frames, t.view, expected, state.config.region_reach))
 
 
-def local_weights(state: VisualState, frames: FrameSet, arrival: Arrival, rng: Generator) -> LocalWeights:
+def local_weights(state: VisualState, frames: FrameSet, arrival: FrameContext, rng: Generator) -> LocalWeights:
     """Move the particles of all trackers into the frames, and weigh them by the images alone."""
     t, c = state.trackers, state.config
     # Propose: by the motion, p(x_t | x_t-1), over as many frames as are missing
@@ -146,7 +146,7 @@ def local_likelihood(
     """
     t, c, v = state.trackers, state.config, int(state.trackers.view[owner[0]])
     bins = update_map(state, frames, v, boxes)
-    likeness = colour_likeness(bins, ellipses, owner, t.colours, t.split, c.pixel_step)
+    likeness = colour_similarity(bins, ellipses, owner, t.colours, t.split, c.pixel_step)
     # p_c = exp(-(1 - BC) / (2 sigma^2)) of the Bhattacharyya coefficient BC
     log_likelihood = (likeness - 1.0) / (2.0 * c.sigma_colour**2)
     image = frames.images[v]
@@ -163,7 +163,7 @@ def likeness_of_estimates(state: VisualState, here: Bools) -> Floats:
     out = np.ones(len(t.view))
     for v, bins in enumerate(state.bins):
         rows = np.flatnonzero((t.view == v) & here)
-        out[rows] = colour_likeness(bins, t.estimate[rows], rows, t.colours, t.split, state.config.pixel_step)
+        out[rows] = colour_similarity(bins, t.estimate[rows], rows, t.colours, t.split, state.config.pixel_step)
     return out
 
 
@@ -172,7 +172,7 @@ NEVER = -1.0
 """Distance at which no trackers touch, and none are close."""
 
 
-class Samples(NamedTuple):
+class TrackerParticles(NamedTuple):
     """Weighted particles of n trackers in one frame, and what follows from them."""
 
     weights: Floats  # (n, N) w of [Qu] Eq. 4; each row sums to 1
@@ -186,7 +186,7 @@ class Samples(NamedTuple):
     resampled: Floats  # (n, N, 5) particles of equal weight
 
 
-def weigh(state: VisualState, arrival: Arrival, local: LocalWeights, rng: Generator) -> Samples:
+def weigh(state: VisualState, arrival: FrameContext, local: LocalWeights, rng: Generator) -> TrackerParticles:
     """Weigh by the local likelihood, the interaction of trackers that touch and the other views; resample.
 
     A target that is close to others in all views is worked out in the views in turn, in random order ([Qu] Sec. 3.2).
@@ -206,7 +206,7 @@ def weigh(state: VisualState, arrival: Arrival, local: LocalWeights, rng: Genera
     alone = CMCT if isinstance(c, CmctConfig) else MIPF
     mode = np.where(helped.any(axis=1), BMCT, np.where(touching.any(axis=1), IDMOT, alone))
     covariance, ess = covariance_and_ess(local.particles, weights, estimate)
-    return Samples(
+    return TrackerParticles(
         weights=weights,
         estimate=estimate,
         touching=touching,
@@ -220,7 +220,7 @@ def weigh(state: VisualState, arrival: Arrival, local: LocalWeights, rng: Genera
     )
 
 
-def weighing_model(state: VisualState, arrival: Arrival, local: LocalWeights) -> WeighingModel:
+def weighing_model(state: VisualState, arrival: FrameContext, local: LocalWeights) -> WeighingModel:
     """What besides the local likelihood counts, by the temporary estimates of [Qu] Alg. 1.
 
     Args:
@@ -261,7 +261,7 @@ def weighing_model(state: VisualState, arrival: Arrival, local: LocalWeights) ->
         close, cameras = (
             c.close,
             cameras._replace(
-                helper=helpers(t, arrival.fresh),
+                helper=assisting_views(t, arrival.fresh),
                 affine=affine_maps(state, first),
                 bottom=c.bottom,
                 band=c.band,

@@ -29,7 +29,7 @@ STAMPS = 64
 """First frames of a camera from which its frame period is taken."""
 READ_AHEAD_BYTES = 64 * 1024 * 1024
 """Images decoded ahead take at most about this."""
-MOST_AHEAD = 8
+MAX_AHEAD = 8
 """Moments decoded at a time, at most."""
 
 
@@ -50,7 +50,7 @@ class MaskedImage(NamedTuple):
     mask: Image | None
 
 
-class Moment(NamedTuple):
+class FrameSetImages(NamedTuple):
     """The frames of one time."""
 
     frames: FrameSet
@@ -118,7 +118,7 @@ def in_step(
     workers: int = 1,
     bits: int | None = None,
     background: Sequence[BackgroundModel | None] = (),
-) -> Iterator[Moment]:
+) -> Iterator[FrameSetImages]:
     """Yield moments in the order of time, decoded a little ahead; the result does not depend on `workers`.
 
     Args:
@@ -134,7 +134,7 @@ def in_step(
     """
     place = {view.name: v for v, view in enumerate(views)}
     size = sum(3 * view.width * view.height for view in views)
-    ahead = int(np.clip(READ_AHEAD_BYTES // max(size, 1), 1, MOST_AHEAD))
+    ahead = int(np.clip(READ_AHEAD_BYTES // max(size, 1), 1, MAX_AHEAD))
     last: dict[str, Future[list[MaskedImage | str]]] = {}
     waiting: deque[tuple[tuple[dict[str, Frame], ...], dict[str, Future[list[MaskedImage | str]]]]] = deque()
     with ThreadPoolExecutor(max(1, min(workers, len(views)))) as pool:
@@ -215,14 +215,14 @@ def _image(decode: Callable[[], Image], view: TrackedView, bits: int | None) -> 
 
 def _moments(
     groups: Sequence[dict[str, Frame]], jobs: dict[str, Future[list[MaskedImage | str]]], place: dict[str, int]
-) -> Iterator[Moment]:
+) -> Iterator[FrameSetImages]:
     """Yield the moments of a batch when its frames are decoded."""
     decoded = {name: iter(job.result()) for name, job in jobs.items()}
     for group in groups:
         yield _moment(group, {name: next(decoded[name]) for name in place if name in group}, place)
 
 
-def _moment(group: dict[str, Frame], decoded: dict[str, MaskedImage | str], place: dict[str, int]) -> Moment:
+def _moment(group: dict[str, Frame], decoded: dict[str, MaskedImage | str], place: dict[str, int]) -> FrameSetImages:
     """Put the frames of one moment in the order of the views; `place` is the number of each camera's view."""
     number, t_ns = np.full(len(place), -1), np.full(len(place), -1, dtype=np.int64)
     images: list[Image | None] = [None] * len(place)
@@ -238,9 +238,9 @@ def _moment(group: dict[str, Frame], decoded: dict[str, MaskedImage | str], plac
     frames = FrameSet(time, number.astype(np.int64), tuple(images))
     if any(m is not None for m in masks):
         frames = frames._replace(masks=tuple(masks))
-    return Moment(frames, t_ns, tuple(lost))
+    return FrameSetImages(frames, t_ns, tuple(lost))
 
 
-def there(moment: Moment) -> Bools:
+def there(moment: FrameSetImages) -> Bools:
     """(V,) views that have a frame."""
     return np.array([image is not None for image in moment.frames.images])

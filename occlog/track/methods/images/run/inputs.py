@@ -26,7 +26,7 @@ from occlog.scans.grouping import nearest
 from occlog.track.methods.images.births.config import ViewsConfig
 from occlog.track.methods.images.births.regions import (
     BackgroundModel,
-    Regions,
+    DetectorRegions,
     RegionStream,
     background_models,
     moving_regions,
@@ -35,7 +35,7 @@ from occlog.track.methods.images.births.regions import (
     with_cameras,
 )
 from occlog.track.methods.images.ground.config import STARTS, GroundConfig
-from occlog.track.methods.images.ground.stage import GroundPart, ground_tracks
+from occlog.track.methods.images.ground.stage import GroundTracksPart, ground_tracks
 from occlog.track.request import ViewsRequest
 
 from .frames_in_step import step_window, survey
@@ -90,7 +90,7 @@ class ViewsInput:
         """Names of the cameras with a pose."""
         return [c.name for c in map(self._camera, self.names) if c is not None and c.placed]
 
-    def on_ground(self, tracks: Iterable[ViewTracks], window_ns: int) -> Iterator[GroundPart]:
+    def on_ground(self, tracks: Iterable[ViewTracks], window_ns: int) -> Iterator[GroundTracksPart]:
         """Tracks in the world from tracks in the images; none without a scene."""
         if self.scene is None:
             return iter(())
@@ -167,7 +167,7 @@ class ViewsInput:
         return self._of_boxes(opened.rows(Boxes))
 
     def _of_boxes(self, chunks: Iterator[Boxes]) -> RegionStream:
-        regions: Iterator[Regions] = regions_of_boxes(chunks, self.stage.birth_confidence)
+        regions: Iterator[DetectorRegions] = regions_of_boxes(chunks, self.stage.birth_confidence)
         return RegionStream(regions, False)
 
 
@@ -227,13 +227,13 @@ def video_provenance(tracks: Path | None) -> Provenance | None:
     return made if made.command == "track" and "births" in made.parameters else None
 
 
-def born_from_detections(tracks: Path | None) -> bool:
+def initiated_from_detections(tracks: Path | None) -> bool:
     """Whether trackers came from detections, perhaps beside those that were given."""
     made = video_provenance(tracks)
     return made is not None and made.parameters["births"] != "initial"
 
 
-def own_notes(tracks: Path | None, own: str, asked: str | None) -> list[str]:
+def independent_id_note(tracks: Path | None, own: str, asked: str | None) -> list[str]:
     """A line on which target is a tracker's own where trackers came from detections.
 
     Args:
@@ -241,7 +241,7 @@ def own_notes(tracks: Path | None, own: str, asked: str | None) -> list[str]:
         own: how it is found.
         asked: value of --own; None: not given.
     """
-    if not born_from_detections(tracks) or asked not in (None, "label"):
+    if not initiated_from_detections(tracks) or asked not in (None, "label"):
         return []
     how = f"--own {own} is used" if asked is None else "FR needs --own start"
     return [f"{tracks}: {FROM_DETECTIONS}; {how}"]

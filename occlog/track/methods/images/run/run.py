@@ -26,7 +26,7 @@ from occlog.runner import Job, Tables
 from occlog.settings import configure
 from occlog.track.methods.images.births.config import ViewsConfig
 from occlog.track.methods.images.births.regions import RegionStream
-from occlog.track.methods.images.ground.stage import Verdict
+from occlog.track.methods.images.ground.stage import GroundConsistency
 from occlog.track.methods.images.methods.config import CONFIGS, LoopCheckConfig, MipfConfig
 from occlog.track.request import ViewsRequest
 
@@ -38,9 +38,9 @@ NUMBER, AT_ONCE, PARTICLES = "number of targets", "targets at a time", "effectiv
 FIRST, SHARED, ENDS = "first ellipses", "views that help one another", "ends of the views"
 GEOMETRY, PLACES = "fundamental matrices", "places in the world"
 """Names of checks."""
-MOST_AT_ONCE = 30.0
+MAX_TARGETS_PER_FRAME = 30.0
 """Targets in a frame that regions can be: one man without a calibration gives 72, the rendered balls of [Qu] 8.8."""
-FEWEST_CHECKS = 20
+MIN_LOOP_CHECKS = 20
 """Loop checks below which the summary does not judge a fundamental matrix."""
 BIN_PX, BINS = 0.1, 20_001
 """Width and number of the bins of the histogram of distances; the last bin holds all that are farther."""
@@ -67,7 +67,7 @@ class ViewsSummary:
         self.distances = {pair: np.zeros(BINS, dtype=np.int64) for pair in combinations(range(n), 2)}
         self.dropped: list[tuple[int, int]] = []
         self.places: Counter[str] = Counter()
-        self.verdict = Verdict()
+        self.verdict = GroundConsistency()
         self.particles = EffectiveSampleSizes()
         self.rows_of: Counter[str] = Counter()
 
@@ -123,7 +123,7 @@ class ViewsSummary:
 
     def checks(self) -> tuple[Check, ...]:
         """What was checked of the tracks, and what was found."""
-        pairs = sum(int(each.sum()) >= FEWEST_CHECKS for each in self.distances.values())
+        pairs = sum(int(each.sum()) >= MIN_LOOP_CHECKS for each in self.distances.values())
         uncounted = "" if self._uses_regions else "trackers do not begin from what moves in the images"
         depleted = "" if self.particles.rows else "the method has no particles"
         places = "" if self.places else "no places in the world were asked for"
@@ -134,7 +134,7 @@ class ViewsSummary:
                 () if uncounted else self._too_many(),
                 unless=uncounted,
                 per_frame=max(self._at_a_time().values(), default=0.0),
-                allowed=MOST_AT_ONCE,
+                allowed=MAX_TARGETS_PER_FRAME,
             ),
             *outcome(
                 PARTICLES,
@@ -148,7 +148,7 @@ class ViewsSummary:
             *outcome(
                 GEOMETRY,
                 (self._misfit(a, b) for a, b in self._misfits()),
-                unless="" if pairs else f"no two views have {FEWEST_CHECKS} loop checks",
+                unless="" if pairs else f"no two views have {MIN_LOOP_CHECKS} loop checks",
             ),
             *outcome(
                 PLACES,
@@ -179,17 +179,18 @@ class ViewsSummary:
     def _too_many(self) -> Iterator[Check]:
         """Views with more targets at a time than silhouettes of people can be told apart in."""
         for name, count in self._at_a_time().items():
-            if count > MOST_AT_ONCE:
+            if count > MAX_TARGETS_PER_FRAME:
                 yield finding(
                     AT_ONCE,
                     "warning",
                     "targets-many",
-                    f"view {name}: {count:.0f} targets in a frame on average (allowed: {MOST_AT_ONCE:.0f}): regions "
+                    f"view {name}: {count:.0f} targets in a frame on average (allowed: "
+                    f"{MAX_TARGETS_PER_FRAME:.0f}): regions "
                     "that move are not people; state how tall people are in the images (--person-height-px of `occlog "
                     "detect`), give a calibration, or boxes of a detector",
                     sensors=[name],
                     per_frame=count,
-                    allowed=MOST_AT_ONCE,
+                    allowed=MAX_TARGETS_PER_FRAME,
                 )
 
     def _depleted(self) -> Iterator[Check]:
@@ -250,7 +251,7 @@ class ViewsSummary:
         most = [
             pair
             for pair, distances in self.distances.items()
-            if (n := int(distances.sum())) >= FEWEST_CHECKS and 2 * int(self.failed[pair]) > n
+            if (n := int(distances.sum())) >= MIN_LOOP_CHECKS and 2 * int(self.failed[pair]) > n
         ]
         return sorted({*most, *self.dropped})
 
@@ -315,7 +316,7 @@ def run_track_views(request: ViewsRequest, job: Job) -> tuple[dict[str, object],
     made = job.provenance(parameters, earlier, request.seed)
     summary = ViewsSummary(request.method, inputs)
     with job.tables(made, inputs.length_unit, {"world": FusedTracks}) as tables:
-        passed = _passed(parts, tables, summary)
+        passed = _written(parts, tables, summary)
         if request.world is not None:
             for part in inputs.on_ground(passed, window):
                 tables.write(world=part.tracks)
@@ -345,7 +346,7 @@ def _check_met(stream: RegionStream | None, request: ViewsRequest, inputs: Views
         )
 
 
-def _passed(parts: Iterator[ViewsPart], tables: Tables, summary: ViewsSummary) -> Iterator[ViewTracks]:
+def _written(parts: Iterator[ViewsPart], tables: Tables, summary: ViewsSummary) -> Iterator[ViewTracks]:
     """Write, count and pass on the tables."""
     for part in parts:
         tables.write(output=part.tracks)

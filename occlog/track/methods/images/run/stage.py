@@ -26,19 +26,28 @@ from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.records.declared.views import COUNTERPARTS, EVENTS, ViewTracks
 from occlog.track.methods.images.births.births import (
     BirthCandidates,
-    births_and_ends,
+    empty_candidates,
+    initiate_and_terminate,
     loop_distances,
-    no_candidates,
     radius,
 )
 from occlog.track.methods.images.births.config import ViewsConfig
 from occlog.track.methods.images.births.regions import RegionStream
-from occlog.track.methods.images.interface import LEFT, LOST, MODES, START, Birth, FrameSet, Outlines, TrackerKey
+from occlog.track.methods.images.interface import (
+    LEFT,
+    MODES,
+    START,
+    TERMINATED,
+    Birth,
+    FrameSet,
+    TrackerKey,
+    TrackerOutlines,
+)
 from occlog.track.methods.images.methods.config import LoopCheckConfig, MipfConfig
 from occlog.track.methods.images.methods.state import VisualState, end_trackers, initial_state, with_geometry
 from occlog.track.methods.images.methods.step import advance, initiate_trackers
 
-from .frames_in_step import Moment, there
+from .frames_in_step import FrameSetImages, there
 
 NO_TRACKERS: Mapping[TrackerKey, Floats] = MappingProxyType({})
 FEWEST = 3
@@ -67,7 +76,7 @@ def gather(parts: Sequence[Checks]) -> Checks:
     return Checks(*(np.concatenate(columns) for columns in zip(*parts, strict=True))) if parts else no_checks()
 
 
-def check_outlines(outlines: Outlines, geometry: ViewGeometry, bottom: bool = False) -> Checks:
+def check_outlines(outlines: TrackerOutlines, geometry: ViewGeometry, bottom: bool = False) -> Checks:
     """Check the targets that touch no other in either view.
 
     Args:
@@ -130,7 +139,7 @@ def _checks(
     return gather(parts)
 
 
-def without_contradicted(
+def drop_contradicted(
     geometry: ViewGeometry, checks: Checks, counts: StartCounts
 ) -> tuple[ViewGeometry, StartCounts, tuple[tuple[int, int], ...]]:
     """Drop the matrices of pairs of views that more than half of the first targets contradict.
@@ -162,7 +171,7 @@ MOMENTS = 64
 """Moments in a part."""
 START_VARIANCE = 1.0
 """Variance of a centre that was given or detected [px^2], each axis."""
-RECENT = 1.5
+MAX_COMPARISON_AGE_PERIODS = 1.5
 """Age [frame periods] to which a tracker's ellipse is compared with that of a tracker born in another view."""
 
 
@@ -236,8 +245,8 @@ class _RunState:
 class _MomentResult(NamedTuple):
     """What one moment gave."""
 
-    moment: Moment
-    outlines: Outlines | None
+    moment: FrameSetImages
+    outlines: TrackerOutlines | None
     births: tuple[Birth, ...]
     ended: tuple[TrackerKey, ...]
     checks: Checks
@@ -246,7 +255,7 @@ class _MomentResult(NamedTuple):
 
 
 def track_views(
-    moments: Iterable[Moment], setup: TrackingSetup, seed: int, stream: RegionStream | None = None
+    moments: Iterable[FrameSetImages], setup: TrackingSetup, seed: int, stream: RegionStream | None = None
 ) -> Iterator[ViewsPart]:
     """Track, and yield view tracks in the order of time, with what happened.
 
@@ -264,7 +273,7 @@ def track_views(
     run = _RunState(
         state=None,
         geometry=setup.geometry,
-        candidates=no_candidates(len(setup.views), setup.next_id),
+        candidates=empty_candidates(len(setup.views), setup.next_id),
         last_ns=np.full(len(setup.views), -1, dtype=np.int64),
         start_counts={},
         waiting=setup.starts,
@@ -282,7 +291,7 @@ def track_views(
 
 
 def _advance(
-    run: _RunState, moment: Moment, setup: TrackingSetup, rng: np.random.Generator, stream: RegionStream | None
+    run: _RunState, moment: FrameSetImages, setup: TrackingSetup, rng: np.random.Generator, stream: RegionStream | None
 ) -> tuple[_RunState, _MomentResult]:
     """Take in the frames of one moment."""
     outlines, checks, gone = None, no_checks(), frozenset[TrackerKey]()
@@ -304,7 +313,7 @@ def _advance(
     ended: tuple[TrackerKey, ...] = ()
     if stream is not None:
         trackers = {**run.trackers, **{(b.view, b.target_id): b.ellipse for b in births}}
-        candidates, born, ended = births_and_ends(
+        candidates, born, ended = initiate_and_terminate(
             run.candidates,
             found,
             trackers,
@@ -323,14 +332,14 @@ def _advance(
     return run, _MomentResult(moment, outlines, births, ended, checks, start_checks, dropped)
 
 
-def _survivors(trackers: Mapping[TrackerKey, Floats], outlines: Outlines) -> dict[TrackerKey, Floats]:
+def _survivors(trackers: Mapping[TrackerKey, Floats], outlines: TrackerOutlines) -> dict[TrackerKey, Floats]:
     """The trackers after a step, with their latest ellipses."""
     out = dict(trackers)
     rows = zip(
         outlines.view.tolist(), outlines.target_id.tolist(), outlines.ellipse, outlines.event.tolist(), strict=True
     )
     for view, target, ellipse, event in rows:
-        if event in (LEFT, LOST):
+        if event in (LEFT, TERMINATED):
             out.pop((view, target), None)
         else:
             out[view, target] = ellipse
@@ -350,7 +359,7 @@ def _due(run: _RunState, frames: FrameSet, gone: frozenset[TrackerKey]) -> tuple
     return replace(run, waiting=tuple(s for s in run.waiting if s not in due)), births
 
 
-def _recent(run: _RunState, moment: Moment, setup: TrackingSetup) -> dict[TrackerKey, Floats]:
+def _recent(run: _RunState, moment: FrameSetImages, setup: TrackingSetup) -> dict[TrackerKey, Floats]:
     """Ellipses of trackers with which births of other views may be compared.
 
     There are none without collaboration: the trackers of two views may then be on different
@@ -360,7 +369,7 @@ def _recent(run: _RunState, moment: Moment, setup: TrackingSetup) -> dict[Tracke
         return {}
     period = np.array(setup.period_ns or (0,) * len(setup.views))
     age = moment.t_ns.max() - run.last_ns
-    fresh = there(moment) | ((run.last_ns >= 0) & (age <= RECENT * period))
+    fresh = there(moment) | ((run.last_ns >= 0) & (age <= MAX_COMPARISON_AGE_PERIODS * period))
     return {(view, target): ellipse for (view, target), ellipse in run.trackers.items() if fresh[view]}
 
 
@@ -368,7 +377,7 @@ def _without_contradicted(
     run: _RunState, checks: Checks, setup: TrackingSetup
 ) -> tuple[_RunState, tuple[tuple[int, int], ...]]:
     """The run without the matrices that births contradict, and the pairs of views that lost theirs now."""
-    geometry, counts, dropped = without_contradicted(run.geometry, checks, run.start_counts)
+    geometry, counts, dropped = drop_contradicted(run.geometry, checks, run.start_counts)
     state = run.state
     if dropped and state is not None and setup.views_help:
         state = with_geometry(state, geometry)
@@ -418,7 +427,7 @@ def _table(result: _MomentResult, views: Sequence[TrackedView]) -> ViewTracks:
     return ViewTracks.merge(parts)
 
 
-def _born(births: Sequence[Birth], moment: Moment, views: Sequence[TrackedView]) -> ViewTracks:
+def _born(births: Sequence[Birth], moment: FrameSetImages, views: Sequence[TrackedView]) -> ViewTracks:
     """Rows of births."""
     n = len(births)
     view = np.array([birth.view for birth in births])
@@ -439,10 +448,12 @@ def _born(births: Sequence[Birth], moment: Moment, views: Sequence[TrackedView])
     ).sorted()
 
 
-def _tracked(o: Outlines, moment: Moment, views: Sequence[TrackedView], ended: Sequence[TrackerKey]) -> ViewTracks:
+def _tracked(
+    o: TrackerOutlines, moment: FrameSetImages, views: Sequence[TrackedView], ended: Sequence[TrackerKey]
+) -> ViewTracks:
     """Rows of outlines; trackers that regions ended are lost."""
     keys = list(zip(o.view.tolist(), o.target_id.tolist(), strict=True))
-    event = np.where(np.array([key in ended for key in keys], dtype=np.bool_), LOST, o.event)
+    event = np.where(np.array([key in ended for key in keys], dtype=np.bool_), TERMINATED, o.event)
     names = np.array([view.name for view in views])
     return ViewTracks.of(
         **_places(o.view, o.target_id, o.ellipse, moment, views),
@@ -460,7 +471,7 @@ def _tracked(o: Outlines, moment: Moment, views: Sequence[TrackedView], ended: S
 
 
 def _places(
-    view: Ints, target: Ints, ellipse: Floats, moment: Moment, views: Sequence[TrackedView]
+    view: Ints, target: Ints, ellipse: Floats, moment: FrameSetImages, views: Sequence[TrackedView]
 ) -> dict[str, NDArray[np.generic]]:
     """Columns of time, camera, frame, target and ellipse."""
     rho = (ellipse[:, 4] + 0.5 * np.pi) % np.pi - 0.5 * np.pi

@@ -12,8 +12,8 @@ optimal importance density (Doucet, Godsill and Andrieu 2000), and the predictiv
 A sight counts by the tangents of the angles to its left and above, (left . d) / (along . d) and
 (above . d) / (along . d), d being the way from the sensor: on the sight line itself both are 0
 at any distance, so that the iteration hardly bends.  Which sights are believed is found along with the mode: the
-variance of each residual begins with what the motion leaves open, and that part falls in steps (`ANNEAL`); a sight
-counts by the probability that it is the target's and not a false report or another object's.
+variance of each residual begins with what the motion leaves open, and that part falls in steps (`ANNEALING_FACTOR`); a
+sight counts by the probability that it is the target's and not a false report or another object's.
 
 The angles of one plane count as azimuths in a space whose third axis nothing depends on.
 """
@@ -28,18 +28,19 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import kernel
 
-ANNEAL, MOST_STEPS = 1e-2, 8
+ANNEALING_FACTOR, MAX_STEPS = 1e-2, 8
 """From one Gauss-Newton step to the next the motion's share in the variance of a residual falls by this factor."""
-OPEN, SETTLED = 1e-2, 1e-2
-"""The search ends when that share is below `OPEN` of the noise and the squared step below `SETTLED` variances."""
-BELIEVED, NEGLIGIBLE = 0.5, 1e-6
-LEAST_RIVAL = 1e-30
+MAX_MOTION_SHARE, MAX_STEP_CHI2 = 1e-2, 1e-2
+"""The search ends when that share is below `MAX_MOTION_SHARE` of the noise and the squared step below `MAX_STEP_CHI2`
+variances."""
+MIN_INLIER_PROBABILITY, NEGLIGIBLE_PROBABILITY = 0.5, 1e-6
+MIN_CLUTTER_DENSITY = 1e-30
 """A sensor without false reports is believed as far as numbers go."""
-AHEAD = 0.05
+MIN_DEPTH_RATIO = 0.05
 """A place that is not ahead of a sensor by so much of its distance is not found by this sight."""
 
 
-class Lines(NamedTuple):
+class ScanRows(NamedTuple):
     """R sights of N sensors as residuals; the factor of a sensor is the sum of scale times density, plus rival."""
 
     first: Ints  # (N + 1,) rows of each sensor
@@ -53,7 +54,7 @@ class Lines(NamedTuple):
 
 
 @kernel
-def adapt(mean: Floats, root: Floats, lines: Lines) -> tuple[Floats, Floats, Floats]:
+def adapt(mean: Floats, root: Floats, lines: ScanRows) -> tuple[Floats, Floats, Floats]:
     """Laplace approximations of the posteriors of n Gaussians.
 
     Args:
@@ -89,8 +90,8 @@ def adapt(mean: Floats, root: Floats, lines: Lines) -> tuple[Floats, Floats, Flo
         y0, y1, y2, share, last = 0.0, 0.0, 0.0, 1.0, False
         l11 = l22 = l33 = 1.0
         l21 = l31 = l32 = 0.0
-        for step in range(MOST_STEPS):
-            last = last or step == MOST_STEPS - 1
+        for step in range(MAX_STEPS):
+            last = last or step == MAX_STEPS - 1
             open_still = False
             a11 = a22 = a33 = 1.0
             a21 = a31 = a32 = 0.0
@@ -104,19 +105,19 @@ def adapt(mean: Floats, root: Floats, lines: Lines) -> tuple[Floats, Floats, Flo
                     v = base[r, 1] + t[1, 0] * y0 + t[1, 1] * y1 + t[1, 2] * y2
                     w = base[r, 2] + t[2, 0] * y0 + t[2, 1] * y1 + t[2, 2] * y2
                     density[r] = 0.0
-                    if not (u > 0.0 and u * u > AHEAD * AHEAD * (u * u + v * v + w * w)):
+                    if not (u > 0.0 and u * u > MIN_DEPTH_RATIO * MIN_DEPTH_RATIO * (u * u + v * v + w * w)):
                         continue
                     one, two = v / u, w / u
                     g, h, sight[r, 0], sight[r, 1] = slopes[r, 0], slopes[r, 1], one, two
                     for j in range(3):
                         g[j], h[j] = (t[1, j] - one * t[0, j]) / u, (t[2, j] - two * t[0, j]) / u
                     wide = share * (g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
-                    open_still = open_still or wide > OPEN * lines.variance[r, 0]
+                    open_still = open_still or wide > MAX_MOTION_SHARE * lines.variance[r, 0]
                     wide += lines.variance[r, 0]
                     exponent, spread = one * one / wide, wide
                     if lines.variance[r, 1] < math.inf:
                         wide = share * (h[0] * h[0] + h[1] * h[1] + h[2] * h[2])
-                        open_still = open_still or wide > OPEN * lines.variance[r, 1]
+                        open_still = open_still or wide > MAX_MOTION_SHARE * lines.variance[r, 1]
                         wide += lines.variance[r, 1]
                         exponent, spread = exponent + two * two / wide, spread * wide * 2.0 * math.pi
                     density[r] = lines.scale[r] * math.exp(-0.5 * exponent) / math.sqrt(2.0 * math.pi * spread)
@@ -125,8 +126,8 @@ def adapt(mean: Floats, root: Floats, lines: Lines) -> tuple[Floats, Floats, Flo
                     # Maximise: Gauss-Newton with the sights that are believed
                     e = density[r] / (total + lines.rival[r])
                     if last:
-                        e = 1.0 if e > BELIEVED else 0.0
-                    if e > NEGLIGIBLE:
+                        e = 1.0 if e > MIN_INLIER_PROBABILITY else 0.0
+                    if e > NEGLIGIBLE_PROBABILITY:
                         for c in range(2):
                             f = e / lines.variance[r, c]  # 0 for what is not measured
                             x, g0, g1, g2 = sight[r, c], slopes[r, c, 0], slopes[r, c, 1], slopes[r, c, 2]
@@ -154,8 +155,8 @@ def adapt(mean: Floats, root: Floats, lines: Lines) -> tuple[Floats, Floats, Flo
             y0, y1, y2 = y0 + d0, y1 + d1, y2 + d2
             if last:
                 break
-            last = not open_still and moved < SETTLED
-            share = share * ANNEAL if open_still else 0.0
+            last = not open_still and moved < MAX_STEP_CHI2
+            share = share * ANNEALING_FACTOR if open_still else 0.0
         modes[0, p], modes[1, p], modes[2, p] = y0, y1, y2
         factors[0, p], factors[1, p], factors[2, p] = l11, l21, l22
         factors[3, p], factors[4, p], factors[5, p] = l31, l32, l33

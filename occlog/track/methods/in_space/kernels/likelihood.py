@@ -26,7 +26,7 @@ UNIFORM_AZIMUTH = 1.0 / (2.0 * math.pi)
 """Densities of false reports: even in both angles, and in one."""
 
 
-class Sights(NamedTuple):
+class ScanDirectionSet(NamedTuple):
     """R measured directions of N sensors in one scan."""
 
     first: Ints  # (N + 1,) rows of each sensor
@@ -40,7 +40,7 @@ class Sights(NamedTuple):
     share: Floats  # (R,) weight of a candidate
 
 
-class Chances(NamedTuple):
+class ReportProbabilities(NamedTuple):
     """How reports come about; see `scan_log_likelihood`."""
 
     false: float
@@ -49,7 +49,7 @@ class Chances(NamedTuple):
     clutter: float
 
 
-def log_product(xyz: Floats, sights: Sights, soften: float) -> Floats:
+def log_product(xyz: Floats, sights: ScanDirectionSet, soften: float) -> Floats:
     """(R, L) log densities [1/rad^2; 1/rad of an azimuth] of each sight for (3, L) particles.
 
     Azimuth and polar angle are Gaussian, independent, in the sensor's frame ([Lee] Sec. 2.2.2
@@ -116,7 +116,7 @@ def _log_product(
     return out
 
 
-def log_cone(xyz: Floats, sights: Sights, soften: float) -> Floats:
+def log_cone(xyz: Floats, sights: ScanDirectionSet, soften: float) -> Floats:
     """(R, L) log densities of each sight, Gaussian in the angle between sight line and particle ([Lee] Sec. 2.2.2).
 
     Its variance is the mean of those of the sight line towards theta and phi,
@@ -188,7 +188,7 @@ def _log_in_plane(ab: Floats, place: Floats, along: Floats, sigma: Floats, reach
 
 
 def scan_log_likelihood(
-    each: Floats, first: Ints, labelled: Bools, share: Floats, uniform: Floats, chances: Chances
+    each: Floats, first: Ints, labelled: Bools, share: Floats, uniform: Floats, chances: ReportProbabilities
 ) -> Floats:
     """(L,) log likelihoods of a scan, up to a constant, from the log densities of its sights.
 
@@ -219,7 +219,7 @@ def scan_log_likelihood(
     return total
 
 
-def rows_of(sights: Sights, keep: Bools) -> Sights:
+def rows_of(sights: ScanDirectionSet, keep: Bools) -> ScanDirectionSet:
     """The chosen rows, without their sensors."""
     s = sights
     return s._replace(

@@ -18,8 +18,8 @@ from scipy.optimize import minimize
 from occlog.array_types import Floats
 
 from .parameters import SMALLEST, Shape, build, expected, limits, names, regression, slope, start
-from .report import Fit, Optimum, at_limit, information, report
-from .smoother import CV, Nodes, Path, Sums, make_nodes, smooth, split, transitions_by_differences
+from .report import MotionFit, Optimum, at_limit, information, report
+from .smoother import CV, MeasuredPath, Nodes, SmootherSums, make_nodes, smooth, split, transitions_by_differences
 
 EM_STEPS = 25
 CLOSE = 1e-3
@@ -28,7 +28,7 @@ LEAST = 10
 """Measurements (or transitions) that a fit needs, and 3 for each parameter."""
 
 
-class Problem(NamedTuple):
+class FitProblem(NamedTuple):
     """Measurements in steps and scales."""
 
     nodes: Nodes
@@ -38,14 +38,14 @@ class Problem(NamedTuple):
 
 
 def fit_em(
-    paths: Sequence[Path],
+    paths: Sequence[MeasuredPath],
     step_s: float,
     shape: Shape,
     *,
     longest_gap_s: float,
     noise: float | None = None,
     rounds: int = 200,
-) -> Fit:
+) -> MotionFit:
     """The most likely model of positions that are measured with errors.
 
     Args:
@@ -70,7 +70,7 @@ def fit_em(
     return report(shape, problem.scale, step_s, best._replace(value=value), known, counts)
 
 
-def fit_differences(paths: Sequence[Path], step_s: float, shape: Shape, *, longest_gap_s: float) -> Fit:
+def fit_differences(paths: Sequence[MeasuredPath], step_s: float, shape: Shape, *, longest_gap_s: float) -> MotionFit:
     """Regression of each state on the one before: positions are exact, velocities are central differences.
 
     Errors of the positions become disturbances of the motion.  The log-likelihood is that of the
@@ -84,7 +84,7 @@ def fit_differences(paths: Sequence[Path], step_s: float, shape: Shape, *, longe
     need(len(x), shape, "transitions")
     scale = _scale(x[:, [1, 3]])
     x, d = x / scale, (y - x @ CV.T) / scale
-    sums = Sums(len(x), d.T @ d, d.T @ x, x.T @ x, 0, np.zeros((2, 2)))
+    sums = SmootherSums(len(x), d.T @ d, d.T @ x, x.T @ x, 0, np.zeros((2, 2)))
     bend = float(np.sqrt(np.mean(d[:, [1, 3]] ** 2)))
     theta, moved = start(shape, max(bend, SMALLEST)), np.inf
     rounds = 0
@@ -106,8 +106,8 @@ def need(count: int, shape: Shape, what: str) -> None:
 
 
 def prepare(
-    paths: Sequence[Path], step_s: float, shape: Shape, longest_gap_s: float, noise: float | None = None
-) -> Problem:
+    paths: Sequence[MeasuredPath], step_s: float, shape: Shape, longest_gap_s: float, noise: float | None = None
+) -> FitProblem:
     """The measurements in steps and scales; raises as `fit_em`."""
     nodes = make_nodes(paths, step_s, longest_gap_s)
     need(int(nodes.seen.sum()), shape, "positions")
@@ -120,7 +120,7 @@ def prepare(
         raise ValueError("the positions have no covariance; give the noise, or have it estimated")
     # Limit from below, as for noise that is fitted.
     R = R * (0.0 if shape.noise else scale**-2) + (0.0 if shape.noise else SMALLEST**2) * np.eye(2)
-    return Problem(nodes._replace(xy=nodes.xy / scale), shape, scale, np.ascontiguousarray(R))
+    return FitProblem(nodes._replace(xy=nodes.xy / scale), shape, scale, np.ascontiguousarray(R))
 
 
 def _scale(steps: Floats) -> float:
@@ -130,7 +130,7 @@ def _scale(steps: Floats) -> float:
     return scale
 
 
-def e_step(problem: Problem, theta: Floats) -> tuple[float, Sums]:
+def e_step(problem: FitProblem, theta: Floats) -> tuple[float, SmootherSums]:
     """Log-likelihood (of positions in scales) and the expected sums."""
     A, sigma, noise = build(problem.shape, theta)
     n = problem.nodes
@@ -138,7 +138,7 @@ def e_step(problem: Problem, theta: Floats) -> tuple[float, Sums]:
     return smooth(first=n.first, seen=n.seen, off=n.off, xy=n.xy, R=R, A=np.ascontiguousarray(A), sigma=sigma)[:2]
 
 
-def m_step(shape: Shape, theta: Floats, sums: Sums, iterations: int = 15) -> Floats:
+def m_step(shape: Shape, theta: Floats, sums: SmootherSums, iterations: int = 15) -> Floats:
     """Parameters whose expected log-likelihood is higher, or the same if there are none."""
     theta = regression(shape, theta, sums)
     size = 1.0 / max(1, sums.n + sums.m)
@@ -157,7 +157,7 @@ def m_step(shape: Shape, theta: Floats, sums: Sums, iterations: int = 15) -> Flo
     return np.asarray(found.x) if -found.fun / size >= expected(shape, theta, sums) else theta
 
 
-def em(problem: Problem, theta: Floats, steps: int) -> tuple[Floats, list[float]]:
+def em(problem: FitProblem, theta: Floats, steps: int) -> tuple[Floats, list[float]]:
     """Parameters after some steps of EM, and the log-likelihood before each; it never falls."""
     trace = []
     for _ in range(steps):
@@ -169,11 +169,11 @@ def em(problem: Problem, theta: Floats, steps: int) -> tuple[Floats, list[float]
     return theta, trace
 
 
-def _gradient(problem: Problem, theta: Floats) -> Floats:
+def _gradient(problem: FitProblem, theta: Floats) -> Floats:
     return slope(problem.shape, theta, e_step(problem, theta)[1])
 
 
-def _maximise(problem: Problem, rounds: int) -> Optimum:
+def _maximise(problem: FitProblem, rounds: int) -> Optimum:
     nodes, shape = problem.nodes, problem.shape
     three = nodes.seen[2:] & nodes.seen[1:-1] & nodes.seen[:-2] & ~nodes.first[2:] & ~nodes.first[1:-1]
     bends = np.diff(nodes.xy, n=2, axis=0)[three]
@@ -201,7 +201,7 @@ def _maximise(problem: Problem, rounds: int) -> Optimum:
     return Optimum(best, value, len(trace) + int(found.nit), bool(found.success), tuple(trace))
 
 
-def _unit_sizes(problem: Problem, theta: Floats) -> Floats:
+def _unit_sizes(problem: FitProblem, theta: Floats) -> Floats:
     """About the standard error that each parameter would have if the states were known."""
     sums = e_step(problem, theta)[1]
     at = np.diag(information(lambda there: slope(problem.shape, there, sums), problem.shape, theta))

@@ -25,7 +25,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.track.methods.map.kernels.gauss_markov import VELOCITY
 
-from .smoother import CV, Sums
+from .smoother import CV, SmootherSums
 
 SMALLEST, LARGEST = 1e-5, 1e3
 """Limits of standard deviations, in scales of the data."""
@@ -46,7 +46,7 @@ class Shape(NamedTuple):
     free: tuple[int, ...] = VELOCITY  # rows of A that `full` fits
 
 
-class Model(NamedTuple):
+class MotionModelParameters(NamedTuple):
     """A, Sigma and the standard deviation of measured positions (None: it is given)."""
 
     A: Floats
@@ -103,7 +103,7 @@ def start(shape: Shape, bend: float) -> Floats:
     return np.array(list(values.values()))
 
 
-def build(shape: Shape, theta: Floats) -> Model:
+def build(shape: Shape, theta: Floats) -> MotionModelParameters:
     """The model of some parameters."""
     known = names(shape)
     if shape.form == "cv":
@@ -117,7 +117,7 @@ def build(shape: Shape, theta: Floats) -> Model:
         A[list(shape.free)] = theta[:used].reshape(-1, 4)
     noise = float(np.exp(theta[-1])) if shape.noise else None
     own = theta[used : len(known) - int(shape.noise)]
-    return Model(A, _sigma(shape, own, beta), noise)
+    return MotionModelParameters(A, _sigma(shape, own, beta), noise)
 
 
 def _sigma(shape: Shape, own: Floats, beta: float) -> Floats:
@@ -156,7 +156,7 @@ def _white(beta: float) -> Floats:
     return gathered
 
 
-def expected(shape: Shape, theta: Floats, sums: Sums) -> float:
+def expected(shape: Shape, theta: Floats, sums: SmootherSums) -> float:
     """Expected log-likelihood of states and measurements, without what parameters do not change (the Q of EM)."""
     A, sigma, noise = build(shape, theta)
     B = A - CV
@@ -170,7 +170,7 @@ def expected(shape: Shape, theta: Floats, sums: Sums) -> float:
     return value
 
 
-def slope(shape: Shape, theta: Floats, sums: Sums, h: float = 1e-5) -> Floats:
+def slope(shape: Shape, theta: Floats, sums: SmootherSums, h: float = 1e-5) -> Floats:
     """Gradient of `expected` by central differences."""
     out = np.empty(len(theta))
     for i in range(len(theta)):
@@ -181,7 +181,7 @@ def slope(shape: Shape, theta: Floats, sums: Sums, h: float = 1e-5) -> Floats:
     return out
 
 
-def regression(shape: Shape, theta: Floats, sums: Sums) -> Floats:
+def regression(shape: Shape, theta: Floats, sums: SmootherSums) -> Floats:
     """The parameters with A's free rows by least squares (the exact maximum for the Sigma given); `full` only.
 
     K = CV_f + (W_ff)^-1 W_f. DX XX^-1, W = Sigma^-1, f the free rows.

@@ -13,7 +13,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.track.methods.map.kernels.gauss_markov import GaussMarkov
 
-from .parameters import Model, Shape, build, limits, names
+from .parameters import MotionModelParameters, Shape, build, limits, names
 
 UNKNOWN = 10.0
 """Variance (of a logarithm, or of an entry of A) from which a parameter counts as not decided by the data."""
@@ -22,7 +22,7 @@ LOOSE = 0.1
 """Share of its dependence that makes a quantity undecided, too, where it depends on what is undecided."""
 
 
-class Fit(NamedTuple):
+class MotionFit(NamedTuple):
     """A motion model with how sure it is; lengths in the unit of the positions."""
 
     model: GaussMarkov
@@ -86,7 +86,7 @@ def _covariance(information: Floats) -> tuple[Floats, Floats]:
 
 def report(
     shape: Shape, scale: float, step_s: float, best: Optimum, known_by: Floats, counts: tuple[int, int, int, int]
-) -> Fit:
+) -> MotionFit:
     """The fit in units of the positions and seconds.
 
     Args:
@@ -121,7 +121,7 @@ def report(
     values = {k: _plain(k, v) * u for k, v, u in zip(known, theta, units, strict=True) if u}
     size = spread(lambda at: np.array([_plain(k, v) * u for k, v, u in zip(known, at, units, strict=True)]))
     errors = spread(matrices)
-    return Fit(
+    return MotionFit(
         model=model,
         noise=noise,
         parameters=values,
@@ -158,7 +158,7 @@ def _units(known: tuple[str, ...], scale: float, step_s: float) -> list[float]:
     return [unit.get(k, 0.0) for k in plain]
 
 
-def in_units(model: Model, scale: float, step_s: float) -> tuple[GaussMarkov, float | None]:
+def in_units(model: MotionModelParameters, scale: float, step_s: float) -> tuple[GaussMarkov, float | None]:
     """The model in the positions' unit and seconds, and the noise."""
     D = scale * np.array([1.0, 1.0 / step_s, 1.0, 1.0 / step_s])
     sigma = model.sigma * np.outer(D, D)

@@ -18,9 +18,9 @@ from occlog.settings import configure
 from .config import COVARIANCE, ESTIMATED, FitConfig
 from .em import fit_differences, fit_em
 from .parameters import Shape
-from .report import Fit
+from .report import MotionFit
 from .request import FitMotionRequest
-from .smoother import Path, median_step
+from .smoother import MeasuredPath, median_step
 
 if TYPE_CHECKING:
     from occlog.records.losses import Loss
@@ -63,7 +63,7 @@ def run_fit(request: FitMotionRequest, job: Job) -> tuple[dict[str, object], tup
     return {"motion": str(request.output), "step_s": step_s, "length_unit": unit, **figures, **shown}, losses
 
 
-def _check_step(paths: list[Path], step_s: float, gap_s: float) -> None:
+def _check_step(paths: list[MeasuredPath], step_s: float, gap_s: float) -> None:
     if gap_s < step_s:
         raise ValueError(
             f"the longest gap, {gap_s:g} s, is shorter than the step, {step_s:g} s; give a larger {option('gap')}"
@@ -76,14 +76,14 @@ def _check_step(paths: list[Path], step_s: float, gap_s: float) -> None:
         )
 
 
-def _fit(config: FitConfig, paths: list[Path], step_s: float, gap_s: float) -> Fit:
+def _fit(config: FitConfig, paths: list[MeasuredPath], step_s: float, gap_s: float) -> MotionFit:
     shape = Shape(config.form, config.disturbance, alike=config.axes == "same", noise=config.noise == ESTIMATED)
     if config.method == "differences":
         return fit_differences(paths, step_s, shape, longest_gap_s=gap_s)
     return fit_em(paths, step_s, shape, longest_gap_s=gap_s, noise=config.noise_length)
 
 
-def _figures(fit: Fit, config: FitConfig) -> dict[str, object]:
+def _figures(fit: MotionFit, config: FitConfig) -> dict[str, object]:
     """How it was fitted, and how well."""
     return {
         "method": config.method,
@@ -113,7 +113,7 @@ def spectral_radius(A: Floats) -> float:
     return float(np.abs(np.linalg.eigvals(A)).max())
 
 
-def warnings(fit: Fit, config: FitConfig, paths: list[Path]) -> list[str]:
+def warnings(fit: MotionFit, config: FitConfig, paths: list[MeasuredPath]) -> list[str]:
     """What a user should know before trusting the model."""
     out = []
     radius = spectral_radius(fit.model.A)
@@ -134,9 +134,9 @@ def warnings(fit: Fit, config: FitConfig, paths: list[Path]) -> list[str]:
     return out
 
 
-def read_paths(request: FitMotionRequest, config: FitConfig) -> tuple[list[Path], str, tuple[Loss, ...]]:
+def read_paths(request: FitMotionRequest, config: FitConfig) -> tuple[list[MeasuredPath], str, tuple[Loss, ...]]:
     """Positions of each object and file, the unit of length, and what had been lost before."""
-    paths: list[Path] = []
+    paths: list[MeasuredPath] = []
     inputs = [open_input(file, Truth, Tracks) for file in request.positions]
     unit, source = common_unit(inputs)
     for opened in inputs:
@@ -156,7 +156,7 @@ def read_paths(request: FitMotionRequest, config: FitConfig) -> tuple[list[Path]
     return paths, unit, input_losses(inputs)
 
 
-def paths_of(table: Truth | Tracks, targets: tuple[int, ...]) -> list[Path]:
+def paths_of(table: Truth | Tracks, targets: tuple[int, ...]) -> list[MeasuredPath]:
     """The path of each object, by rising identity; of several positions at one time the first."""
     used = np.isin(table.target_id, targets) if targets else np.ones(len(table), np.bool_)
     if isinstance(table, Truth) and not targets:
@@ -169,5 +169,5 @@ def paths_of(table: Truth | Tracks, targets: tuple[int, ...]) -> list[Path]:
         if isinstance(table, Tracks) and not np.isnan(table.cov_xx[rows]).any():
             xx, xy, yy = table.cov_xx[rows], table.cov_xy[rows], table.cov_yy[rows]
             cov = np.stack([np.stack([xx, xy], axis=1), np.stack([xy, yy], axis=1)], axis=1)
-        out.append(Path(table.t_ns[rows], np.stack([table.x[rows], table.y[rows]], axis=1), cov))
+        out.append(MeasuredPath(table.t_ns[rows], np.stack([table.x[rows], table.y[rows]], axis=1), cov))
     return out

@@ -34,7 +34,7 @@ CV = np.kron(np.eye(2), np.array([[1.0, 1.0], [0.0, 1.0]]))
 """A of constant velocity."""
 
 
-class Sums(NamedTuple):
+class SmootherSums(NamedTuple):
     """Expectations of products, summed over transitions, given all measurements.
 
     They are of x_t and of d = x_t+1 - CV x_t, what constant velocity does not explain: sums of
@@ -51,7 +51,7 @@ class Sums(NamedTuple):
 
 def smooth(
     first: Bools, seen: Bools, off: Floats, xy: Floats, R: Floats, A: Floats, sigma: Floats
-) -> tuple[float, Sums, Floats, Floats]:
+) -> tuple[float, SmootherSums, Floats, Floats]:
     """Log-likelihood, the sums, and (K, 4) means and (K, 4, 4) covariances of the states.
 
     Args:
@@ -69,11 +69,11 @@ def smooth(
     n, DD, DX, XX, m, E = _smooth(
         first=first, seen=seen, off=off, xy=xy, mean=mean, cov=cov, before=before, before_cov=before_cov, A=A, F=CV
     )
-    return log_likelihood, Sums(n, DD, DX, XX, m, E), mean, cov
+    return log_likelihood, SmootherSums(n, DD, DX, XX, m, E), mean, cov
 
 
 @kernel
-def _look(off: float) -> Floats:
+def _observation_matrix(off: float) -> Floats:
     """C of a measurement that is `off` steps after its node."""
     C = np.zeros((2, 4))
     C[0, 0] = C[1, 2] = 1.0
@@ -101,7 +101,7 @@ def _filter(
         before[k], before_cov[k] = x, P
         if seen[k]:
             # Update, in the form of Joseph, which stays positive
-            C = _look(off[k])
+            C = _observation_matrix(off[k])
             Ct = np.ascontiguousarray(C.T)
             V = C @ P @ Ct + R[k]
             det = V[0, 0] * V[1, 1] - V[0, 1] * V[1, 0]
@@ -150,7 +150,7 @@ def _smooth(
             XX += cov[k] + np.outer(mean[k], mean[k])
             n += 1
         if seen[k]:
-            C = _look(off[k])
+            C = _observation_matrix(off[k])
             e = xy[k] - C @ mean[k]
             E += C @ cov[k] @ np.ascontiguousarray(C.T) + np.outer(e, e)
             m += 1
@@ -161,7 +161,7 @@ BRIDGED = 2.0
 """Steps between two positions between which others are interpolated."""
 
 
-class Path(NamedTuple):
+class MeasuredPath(NamedTuple):
     """Positions of one object, as measured."""
 
     t_ns: Ints  # (N,) rising
@@ -180,7 +180,7 @@ class Nodes(NamedTuple):
     skipped: int  # measurements left out: another of the same trajectory was nearer to the node
 
 
-def median_step(paths: Iterable[Path]) -> float:
+def median_step(paths: Iterable[MeasuredPath]) -> float:
     """Median time between successive positions [s].
 
     Raises:
@@ -193,7 +193,7 @@ def median_step(paths: Iterable[Path]) -> float:
     return float(np.median(steps)) / 1e9
 
 
-def make_nodes(paths: Iterable[Path], step_s: float, longest_gap_s: float) -> Nodes:
+def make_nodes(paths: Iterable[MeasuredPath], step_s: float, longest_gap_s: float) -> Nodes:
     """All paths on their grids; trajectories of a single position are left out (and not counted as skipped).
 
     Args:
@@ -211,17 +211,17 @@ def make_nodes(paths: Iterable[Path], step_s: float, longest_gap_s: float) -> No
     return Nodes(join(first), join(seen), join(off), join(xy), join(cov), sum(skipped))
 
 
-def split(path: Path, longest_gap_s: float) -> list[Path]:
+def split(path: MeasuredPath, longest_gap_s: float) -> list[MeasuredPath]:
     """The path cut where two positions are farther apart in time than that."""
     cuts = np.flatnonzero(np.diff(path.t_ns) > longest_gap_s * 1e9 * (1.0 + 1e-9)) + 1
     bounds = [0, *cuts.tolist(), len(path.t_ns)]
     return [
-        Path(path.t_ns[a:b], path.xy[a:b], None if path.cov is None else path.cov[a:b])
+        MeasuredPath(path.t_ns[a:b], path.xy[a:b], None if path.cov is None else path.cov[a:b])
         for a, b in itertools.pairwise(bounds)
     ]
 
 
-def _nodes_of(path: Path, step_s: float) -> Nodes | None:
+def _nodes_of(path: MeasuredPath, step_s: float) -> Nodes | None:
     """One trajectory on its grid, which begins at its first position; None if only one node is measured."""
     if len(path.t_ns) < 2:
         return None
@@ -242,7 +242,9 @@ def _nodes_of(path: Path, step_s: float) -> Nodes | None:
     return out._replace(skipped=len(node) - len(used))
 
 
-def transitions_by_differences(paths: Iterable[Path], step_s: float, longest_gap_s: float) -> tuple[Floats, Floats]:
+def transitions_by_differences(
+    paths: Iterable[MeasuredPath], step_s: float, longest_gap_s: float
+) -> tuple[Floats, Floats]:
     """(M, 4) states u u' v v' by central differences, in steps, and (M, 4) the next states.
 
     Positions are interpolated linearly to equal steps, over gaps of at most BRIDGED steps.
@@ -253,7 +255,7 @@ def transitions_by_differences(paths: Iterable[Path], step_s: float, longest_gap
     return np.concatenate([a for a, _ in pairs]), np.concatenate([b for _, b in pairs])
 
 
-def _pairs(path: Path, step_s: float) -> tuple[Floats, Floats]:
+def _pairs(path: MeasuredPath, step_s: float) -> tuple[Floats, Floats]:
     steps = int((path.t_ns[-1] - path.t_ns[0]) * 1e-9 / step_s + 1e-6) if len(path.t_ns) else 0
     if steps < 3:
         return np.empty((0, 4)), np.empty((0, 4))

@@ -23,29 +23,29 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 
-from .problem import Steps
+from .problem import ChainSteps
 
-BEAM = 20
+BEAM_WIDTH = 20
 """Hypotheses that are kept."""
-MOST = 5
+MAX_CROSSINGS = 5
 """Crossings of a state at which hypotheses begin."""
-RANGES = 6
+START_RANGES = 6
 """Distances along a sight line that crosses no other, at which hypotheses begin."""
-ENOUGH = 8
+MIN_CROSSINGS = 8
 """Crossings with sight lines of states around are tried where there are fewer than so many in all."""
-AROUND = 3.0
+NEIGHBOUR_TIME_S = 3.0
 """Seconds within which they are."""
-LEAST_SINE = 1e-3
+MIN_CROSSING_SINE = 1e-3
 """Sight lines at a smaller angle do not cross."""
-ALIKE = 0.3
+MERGE_DISTANCE_SIGMAS = 0.3
 """Hypotheses all of whose coordinates differ by less than so many standard deviations are the same."""
-JUMP = 2.0
+JUMP_COST_OUTLIERS = 2.0
 """A target that is lost and found elsewhere costs as much as so many false sight lines, and the new place."""
 BITS = 62
 """Sight lines of a state beyond so many are not believed."""
 
 
-class Rays(NamedTuple):
+class BearingHalfLines(NamedTuple):
     """N sight lines as half-lines, by rising step; the variance of a point d away across them is a d^2 + b."""
 
     step: Ints  # (N,)
@@ -57,7 +57,7 @@ class Rays(NamedTuple):
     reach: Floats  # (N,) farthest distance
 
 
-class Beam(NamedTuple):
+class HypothesisBeam(NamedTuple):
     """Hypotheses at one state; those whose cost is inf are none."""
 
     x: Floats  # (BEAM, 4)
@@ -68,7 +68,7 @@ class Beam(NamedTuple):
 
 
 @kernel
-def off_line2(rays: Rays, n: int, x: float, y: float, extra: float) -> tuple[float, float]:
+def off_line2(rays: BearingHalfLines, n: int, x: float, y: float, extra: float) -> tuple[float, float]:
     """Squared distance of a place from a sight line in standard deviations, and how much more a vague place costs.
 
     The distance is inf behind the sensor and out of reach.
@@ -90,14 +90,14 @@ def off_line2(rays: Rays, n: int, x: float, y: float, extra: float) -> tuple[flo
 
 
 @kernel
-def off_line(rays: Rays, n: int, x: float, y: float, extra: float, k2: float) -> float:
+def off_line(rays: BearingHalfLines, n: int, x: float, y: float, extra: float, k2: float) -> float:
     """Cost of a sight line at a place; at most k2."""
     distance2, vague = off_line2(rays, n, x, y, extra)
     return min(distance2 + vague, k2)
 
 
 @kernel
-def crossing(rays: Rays, i: int, j: int, moved2: float) -> tuple[float, float, float, float]:
+def crossing(rays: BearingHalfLines, i: int, j: int, moved2: float) -> tuple[float, float, float, float]:
     """Where two sight lines cross: x, y, standard deviation in the worst direction, area; inf where they do not.
 
     Args:
@@ -107,7 +107,7 @@ def crossing(rays: Rays, i: int, j: int, moved2: float) -> tuple[float, float, f
         moved2: variance, per axis, of its motion between these times.
     """
     sine = rays.direction[i, 0] * rays.direction[j, 1] - rays.direction[i, 1] * rays.direction[j, 0]
-    if abs(sine) < LEAST_SINE:
+    if abs(sine) < MIN_CROSSING_SINE:
         return 0.0, 0.0, math.inf, math.inf
     dx, dy = rays.place[j, 0] - rays.place[i, 0], rays.place[j, 1] - rays.place[i, 1]
     far_i = (dx * rays.direction[j, 1] - dy * rays.direction[j, 0]) / sine
@@ -125,7 +125,7 @@ def _around(first: Ints, seconds: Floats, t: int, longest: float) -> tuple[int, 
     """Sight lines first .. last - 1 of a state, and of those around it where it has few."""
     T = seconds.shape[0]
     a, b = t, t
-    while first[b + 1] - first[a] < ENOUGH:
+    while first[b + 1] - first[a] < MIN_CROSSINGS:
         before = seconds[t] - seconds[a - 1] if a > 0 else math.inf
         after = seconds[b + 1] - seconds[t] if b < T - 1 else math.inf
         if min(before, after) > longest:
@@ -139,7 +139,7 @@ def _around(first: Ints, seconds: Floats, t: int, longest: float) -> tuple[int, 
 
 @kernel
 def candidates(
-    rays: Rays, first: Ints, seconds: Floats, t: int, speed: float, widest: float, k2: float, out: Floats
+    rays: BearingHalfLines, first: Ints, seconds: Floats, t: int, speed: float, widest: float, k2: float, out: Floats
 ) -> int:
     """The best crossings for a state into `out` (MOST, 7): and their number.
 
@@ -155,7 +155,7 @@ def candidates(
         k2: most that a sight line costs.
         out: changed in place.
     """
-    begin, end = _around(first, seconds, t, AROUND)
+    begin, end = _around(first, seconds, t, NEIGHBOUR_TIME_S)
     count = 0
     for i in range(first[t], first[t + 1]):
         for j in range(begin, end):
@@ -172,48 +172,48 @@ def candidates(
                 away = speed * (seconds[rays.step[n]] - seconds[t])
                 cost += off_line(rays, n, x, y, away * away, k2)
             # Keep the best ones, by rising cost
-            if count == MOST and cost >= out[MOST - 1, 4]:
+            if count == MAX_CROSSINGS and cost >= out[MAX_CROSSINGS - 1, 4]:
                 continue
-            m = min(count, MOST - 1)
+            m = min(count, MAX_CROSSINGS - 1)
             while m > 0 and out[m - 1, 4] > cost:
                 out[m] = out[m - 1]
                 m -= 1
             out[m, 0], out[m, 1], out[m, 2], out[m, 3], out[m, 4] = x, y, sigma, area, cost
             out[m, 5], out[m, 6] = i, j
-            count = min(count + 1, MOST)
+            count = min(count + 1, MAX_CROSSINGS)
     return count
 
 
 @kernel
-def empty_beam() -> Beam:
+def empty_beam() -> HypothesisBeam:
     """No hypotheses."""
-    return Beam(
-        np.zeros((BEAM, 4)),
-        np.zeros((BEAM, 4, 4)),
-        np.full(BEAM, math.inf),
-        np.zeros(BEAM, dtype=np.int64),
-        np.full(BEAM, -1, dtype=np.int64),
+    return HypothesisBeam(
+        np.zeros((BEAM_WIDTH, 4)),
+        np.zeros((BEAM_WIDTH, 4, 4)),
+        np.full(BEAM_WIDTH, math.inf),
+        np.zeros(BEAM_WIDTH, dtype=np.int64),
+        np.full(BEAM_WIDTH, -1, dtype=np.int64),
     )
 
 
 @kernel
-def _put(to: Beam, m: int, source: Beam, s: int) -> None:
+def _put(to: HypothesisBeam, m: int, source: HypothesisBeam, s: int) -> None:
     """Copy a hypothesis."""
     to.x[m], to.P[m], to.cost[m] = source.x[s], source.P[s], source.cost[s]
     to.bits[m], to.parent[m] = source.bits[s], source.parent[s]
 
 
 @kernel
-def _predict(beam: Beam, A: Floats, sigma: Floats) -> None:
+def _predict(beam: HypothesisBeam, A: Floats, sigma: Floats) -> None:
     """Move all hypotheses on by a step of the chain."""
-    for m in range(BEAM):
+    for m in range(BEAM_WIDTH):
         if beam.cost[m] < math.inf:
             beam.x[m] = A @ beam.x[m]
             beam.P[m] = A @ beam.P[m] @ A.T + sigma
 
 
 @kernel
-def believed_cost(rays: Rays, n: int, x: Floats, P: Floats) -> tuple[float, float, float]:
+def inlier_cost(rays: BearingHalfLines, n: int, x: Floats, P: Floats) -> tuple[float, float, float]:
     """Cost of believing a sight line, the distance from it, and the variance of that; inf behind or out of reach."""
     c, s = rays.direction[n, 0], rays.direction[n, 1]
     dx, dy = x[0] - rays.place[n, 0], x[2] - rays.place[n, 1]
@@ -228,7 +228,7 @@ def believed_cost(rays: Rays, n: int, x: Floats, P: Floats) -> tuple[float, floa
 
 
 @kernel
-def _update(beam: Beam, m: int, rays: Rays, n: int, across: float, S: float) -> None:
+def _update(beam: HypothesisBeam, m: int, rays: BearingHalfLines, n: int, across: float, S: float) -> None:
     """Kalman update of a hypothesis by a sight line that it believes."""
     c, s = rays.direction[n, 0], rays.direction[n, 1]
     gain = np.empty(4)
@@ -241,21 +241,21 @@ def _update(beam: Beam, m: int, rays: Rays, n: int, across: float, S: float) -> 
 
 
 @kernel
-def _split(beam: Beam, rays: Rays, n: int, bit: int, k2: float, spare: Beam) -> None:
+def _split(beam: HypothesisBeam, rays: BearingHalfLines, n: int, bit: int, k2: float, spare: HypothesisBeam) -> None:
     """Split all hypotheses by a sight line, and keep the best ones."""
     mask = np.int64(1) << bit
-    costs, across, S = np.full(2 * BEAM, math.inf), np.zeros(BEAM), np.ones(BEAM)
-    for m in range(BEAM):
+    costs, across, S = np.full(2 * BEAM_WIDTH, math.inf), np.zeros(BEAM_WIDTH), np.ones(BEAM_WIDTH)
+    for m in range(BEAM_WIDTH):
         if beam.cost[m] == math.inf:
             continue
         if beam.bits[m] & mask:  # it began with this sight line
             costs[2 * m] = beam.cost[m]
             continue
         costs[2 * m] = beam.cost[m] + k2
-        extra, across[m], S[m] = believed_cost(rays, n, beam.x[m], beam.P[m])
+        extra, across[m], S[m] = inlier_cost(rays, n, beam.x[m], beam.P[m])
         costs[2 * m + 1] = beam.cost[m] + extra
     order = np.argsort(costs)
-    for m in range(BEAM):
+    for m in range(BEAM_WIDTH):
         which = order[m]
         old = which // 2
         _put(spare, m, beam, old)
@@ -263,12 +263,14 @@ def _split(beam: Beam, rays: Rays, n: int, bit: int, k2: float, spare: Beam) -> 
         if which % 2 == 1 and costs[which] < math.inf:
             spare.bits[m] |= mask
             _update(spare, m, rays, n, across[old], S[old])
-    for m in range(BEAM):
+    for m in range(BEAM_WIDTH):
         _put(beam, m, spare, m)
 
 
 @kernel
-def _begin(beam: Beam, x: float, y: float, spread: Floats, speed: float, cost: float, bits: int, parent: int) -> None:
+def _begin(
+    beam: HypothesisBeam, x: float, y: float, spread: Floats, speed: float, cost: float, bits: int, parent: int
+) -> None:
     """Put a new hypothesis in the place of the worst, or where there is none; spread: variances xx, xy, yy.
 
     It is worse than most at first: nearly all that are kept share what was believed before.
@@ -283,7 +285,15 @@ def _begin(beam: Beam, x: float, y: float, spread: Floats, speed: float, cost: f
 
 @kernel
 def _births(
-    beam: Beam, rays: Rays, first: Ints, seconds: Floats, t: int, price: float, parent: int, ground: Floats, k2: float
+    beam: HypothesisBeam,
+    rays: BearingHalfLines,
+    first: Ints,
+    seconds: Floats,
+    t: int,
+    price: float,
+    parent: int,
+    ground: Floats,
+    k2: float,
 ) -> None:
     """Begin hypotheses at the best crossings of a state, or along its sight lines where none cross.
 
@@ -298,7 +308,7 @@ def _births(
         ground: (3,) typical speed, standard deviation at which a crossing says nothing, and extent of the place.
         k2: cost of a false sight line.
     """
-    found, spread = np.empty((MOST, 7)), np.empty(3)
+    found, spread = np.empty((MAX_CROSSINGS, 7)), np.empty(3)
     speed, extent2 = ground[0], ground[2] ** 2
     count = candidates(rays, first, seconds, t, speed, ground[1], k2, found)
     for m in range(count):
@@ -314,8 +324,8 @@ def _births(
         return
     for i in range(first[t], first[t + 1]):
         c, s, far = rays.direction[i, 0], rays.direction[i, 1], min(rays.reach[i], ground[2])
-        for r in range(RANGES):
-            d = far * 0.6 ** (RANGES - r)
+        for r in range(START_RANGES):
+            d = far * 0.6 ** (START_RANGES - r)
             along, across = (0.35 * d) ** 2, rays.a[i] * d * d + rays.b[i]
             spread[0] = c * c * along + s * s * across
             spread[1] = c * s * (along - across)
@@ -326,16 +336,16 @@ def _births(
 
 
 @kernel
-def _merge(beam: Beam) -> None:
+def _merge(beam: HypothesisBeam) -> None:
     """Of hypotheses that are nearly the same keep the better one."""
-    for m in range(BEAM):
+    for m in range(BEAM_WIDTH):
         for n in range(m):
             if beam.cost[m] == math.inf or beam.cost[n] == math.inf:
                 continue
             alike = True
             for i in range(4):
                 away2 = (beam.x[m, i] - beam.x[n, i]) ** 2
-                if away2 > ALIKE**2 * min(beam.P[m, i, i], beam.P[n, i, i]):
+                if away2 > MERGE_DISTANCE_SIGMAS**2 * min(beam.P[m, i, i], beam.P[n, i, i]):
                     alike = False
                     break
             if alike:
@@ -344,7 +354,7 @@ def _merge(beam: Beam) -> None:
 
 @kernel
 def agreed_path(
-    rays: Rays, first: Ints, seconds: Floats, steps: Steps, ground: Floats, k: float
+    rays: BearingHalfLines, first: Ints, seconds: Floats, steps: ChainSteps, ground: Floats, k: float
 ) -> tuple[Floats, Bools, float]:
     """(T, 4) states of the most probable hypothesis as filtered, (N,) the sight lines it believes, and its cost.
 
@@ -357,20 +367,20 @@ def agreed_path(
         k: standard deviations beyond which a sight line counts as false.
     """
     T, k2 = seconds.shape[0], k * k
-    parent, bits = np.full((T, BEAM), -1, dtype=np.int8), np.zeros((T, BEAM), dtype=np.int64)
-    places = np.zeros((T, BEAM, 4), dtype=np.float32)
+    parent, bits = np.full((T, BEAM_WIDTH), -1, dtype=np.int8), np.zeros((T, BEAM_WIDTH), dtype=np.int64)
+    places = np.zeros((T, BEAM_WIDTH, 4), dtype=np.float32)
     beam, spare = empty_beam(), empty_beam()
     beam.x[0], beam.P[0], beam.cost[0] = steps.mean, steps.spread, 0.0
     skipped = 0.0
     for t in range(T):
         if t > 0:
             _predict(beam, steps.A[steps.kind[t - 1]], steps.sigma[steps.kind[t - 1]])
-        for m in range(BEAM):
+        for m in range(BEAM_WIDTH):
             beam.bits[m], beam.parent[m] = 0, m
         if first[t + 1] > first[t]:
             # Begin: all sight lines before are false, or the target was lost
             best = int(np.argmin(beam.cost))
-            lost = beam.cost[best] + JUMP * k2
+            lost = beam.cost[best] + JUMP_COST_OUTLIERS * k2
             _births(beam, rays, first, seconds, t, min(skipped, lost), best if lost < skipped else -1, ground, k2)
             # Believe each sight line or not
             for n in range(first[t], min(first[t + 1], first[t] + BITS)):

@@ -22,8 +22,8 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.plane import beside, route, separate, spread_along
 
 from .interior_point import Options, Solution, cost, minimise, move_inside
-from .problem import NO_PLANES, HalfPlanes, Problem, SightLines, join_lines, join_planes
-from .windows import Knowledge, part
+from .problem import NO_PLANES, BearingLinesByStep, HalfPlanes, TrajectoryProblem, join_lines, join_planes
+from .windows import StatePrior, part
 
 
 class Obstacle(NamedTuple):
@@ -163,25 +163,25 @@ MU = 1e-2
 """Weight of the barrier when a detour is tried."""
 
 
-class Detours(NamedTuple):
+class PathsAroundObstacles(NamedTuple):
     """The minimum around the obstacles."""
 
-    problem: Problem  # with the half-planes of the detours
+    problem: TrajectoryProblem  # with the half-planes of the detours
     solution: Solution
     holds: tuple[Hold, ...]
     left_alone: Bools  # (K, T) states inside each obstacle that no cheaper way around was found for
 
 
-def find_detours(
-    problem: Problem,
-    solved: tuple[Problem, Solution],
+def find_paths_around(
+    problem: TrajectoryProblem,
+    solved: tuple[TrajectoryProblem, Solution],
     obstacles: tuple[Obstacle, ...],
     options: Options,
     extent: float,
     clearance: float = 0.0,
     holds: Iterable[Hold] = (),
     left_alone: Bools | None = None,
-) -> Detours:
+) -> PathsAroundObstacles:
     """The minimum around all obstacles, as far as ways around are found.
 
     Args:
@@ -229,11 +229,11 @@ def find_detours(
     xy = np.ascontiguousarray(solution.X[:, ::2])
     inside = [overlaps(xy, o, TOUCH * extent) for o in obstacles]
     alone = np.array(inside, dtype=np.bool_).reshape(len(obstacles), problem.T)
-    return Detours(here, solution._replace(iterations=iterations), held, alone)
+    return PathsAroundObstacles(here, solution._replace(iterations=iterations), held, alone)
 
 
 def _local_way(
-    problem: Problem,
+    problem: TrajectoryProblem,
     X: Floats,
     obstacles: tuple[Obstacle, ...],
     stretch: Hold,
@@ -275,13 +275,13 @@ def _local_way(
     return Y, spent
 
 
-def _pinned(problem: Problem, X: Floats, first: int, last: int, extent: float) -> Problem:
+def _pinned(problem: TrajectoryProblem, X: Floats, first: int, last: int, extent: float) -> TrajectoryProblem:
     """The problem of states first .. last - 1 with those before and after as they are in X."""
     steps = problem.steps
-    before = Knowledge(steps.mean, steps.spread)
+    before = StatePrior(steps.mean, steps.spread)
     if first > 0:
         kind = steps.kind[first - 1]
-        before = Knowledge(steps.A[kind] @ X[first - 1], steps.sigma[kind])
+        before = StatePrior(steps.A[kind] @ X[first - 1], steps.sigma[kind])
     local = part(problem, first, last, before)
     if last == problem.T or last - first < 3:
         return local
@@ -289,7 +289,7 @@ def _pinned(problem: Problem, X: Floats, first: int, last: int, extent: float) -
     rows = np.array([last - first - 2, last - first - 1]).repeat(2)
     place = X[first:last][rows, ::2]
     axis = np.tile(np.eye(2), (2, 1))
-    still = SightLines(
+    still = BearingLinesByStep(
         step=rows,
         place=place,
         axis=axis,
@@ -343,20 +343,20 @@ def _piece_planes(xy: Floats, o: Obstacle, piece: Floats, hold: Hold, clearance:
 
 
 def settle(
-    problem: Problem,
+    problem: TrajectoryProblem,
     guess: Floats,
     obstacles: tuple[Obstacle, ...],
     holds: tuple[Hold, ...],
     options: Options,
     extent: float,
     clearance: float,
-) -> tuple[Problem, Solution] | None:
+) -> tuple[TrajectoryProblem, Solution] | None:
     """The minimum near a guess with lines drawn anew until nothing moves; None where no line fits.
 
     Args:
         problem: with all other constraints.
         guess: (T, 4) states outside the obstacles where they are held.
-        obstacles: as in `find_detours`, as the others.
+        obstacles: as in `find_paths_around`, as the others.
         holds: which states are kept out of which obstacle.
         options: of each search.
         extent: size of the place.

@@ -19,21 +19,21 @@ from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
 from .interior_point import covariance
-from .problem import Problem, SightLines, Steps
-from .terms import chain_cost, leaning, leverages, loss_slopes, residuals
+from .problem import BearingLinesByStep, ChainSteps, TrajectoryProblem
+from .terms import chain_cost, leverages, log_odds_offset, loss_slopes, residuals
 
-WORTH = 20.0
+PRIOR_RESIDUALS = 20.0
 """What is stated counts as much as so many residuals."""
 
 STEP = 0.01
 """Of the finite difference of covariances."""
 BEYOND = 0.005
 """Share by which that difference may be more than all of a covariance, or less than nothing: it stays one by far."""
-LEAST_SCALE, MOST_SCALE = 0.2, 20.0
+MIN_VARIANCE_SCALE, MAX_VARIANCE_SCALE = 0.2, 20.0
 """Limits of what residuals are taken to say of variances."""
 
 
-class Evidence(NamedTuple):
+class ResidualEvidence(NamedTuple):
     """Sums of squares of residuals, and how many degrees of freedom they have."""
 
     lines: float
@@ -44,25 +44,25 @@ class Evidence(NamedTuple):
     @property
     def lines_scale(self) -> float:
         """Variance of sight lines as a multiple of what is stated."""
-        return (WORTH + self.lines) / (WORTH + self.lines_freedom)
+        return (PRIOR_RESIDUALS + self.lines) / (PRIOR_RESIDUALS + self.lines_freedom)
 
     @property
     def steps_scale(self) -> float:
         """Variance of the motion as a multiple of what is stated."""
-        return (WORTH + self.steps) / (WORTH + self.steps_freedom)
+        return (PRIOR_RESIDUALS + self.steps) / (PRIOR_RESIDUALS + self.steps_freedom)
 
 
 @kernel
-def weights(lines: SightLines, X: Floats, loss: int, k: float) -> Floats:
+def weights(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> Floats:
     """(N,) weights of sight lines in iteratively reweighted least squares."""
     r = residuals(lines, X)
     out = np.empty(r.shape[0])
     for n in range(out.shape[0]):
-        out[n] = loss_slopes(r[n], loss, leaning(k, lines.lean[n]))[2]
+        out[n] = loss_slopes(r[n], loss, log_odds_offset(k, lines.lean[n]))[2]
     return out
 
 
-def evidence(problem: Problem, X: Floats, spread: Floats) -> Evidence:
+def evidence(problem: TrajectoryProblem, X: Floats, spread: Floats) -> ResidualEvidence:
     """Sums over all sight lines and steps.
 
     Args:
@@ -75,7 +75,7 @@ def evidence(problem: Problem, X: Floats, spread: Floats) -> Evidence:
     r2 = residuals(lines, X) ** 2
     gamma = float(np.clip(leverages(lines, X, problem.loss, problem.k, spread), 0.0, 1.0).sum())
     first = steps.whiten_first @ (X[0] - steps.mean)
-    return Evidence(
+    return ResidualEvidence(
         lines=float(w @ r2),
         lines_freedom=max(float(w.sum()) - gamma, 0.0),
         steps=max(2.0 * chain_cost(steps, X) - float(first @ first), 0.0),
@@ -83,16 +83,16 @@ def evidence(problem: Problem, X: Floats, spread: Floats) -> Evidence:
     )
 
 
-def rescaled(problem: Problem, lines2: float, steps2: float) -> Problem:
+def rescaled(problem: TrajectoryProblem, lines2: float, steps2: float) -> TrajectoryProblem:
     """The problem with the variances of sight lines and of steps multiplied."""
-    steps: Steps = problem.steps._replace(
+    steps: ChainSteps = problem.steps._replace(
         sigma=problem.steps.sigma * steps2, whiten=problem.steps.whiten / np.sqrt(steps2)
     )
     lines = problem.lines._replace(c0=problem.lines.c0 * lines2, c1=problem.lines.c1 * lines2)
     return problem._replace(steps=steps, lines=lines)
 
 
-def sandwich(problem: Problem, X: Floats, spread: Floats) -> Floats:
+def sandwich(problem: TrajectoryProblem, X: Floats, spread: Floats) -> Floats:
     """(T, 4, 4) covariances of the states if sight lines and motion are as noisy as their residuals tell.
 
     With C the inverse of M + G, M the information of sight lines and G that of the motion, the covariance is
@@ -105,7 +105,10 @@ def sandwich(problem: Problem, X: Floats, spread: Floats) -> Floats:
         spread: (T, 4, 4) C.
     """
     told = evidence(problem, X, spread)
-    s2, m2 = min(max(told.lines_scale, LEAST_SCALE), MOST_SCALE), min(max(told.steps_scale, 1.0), MOST_SCALE)
+    s2, m2 = (
+        min(max(told.lines_scale, MIN_VARIANCE_SCALE), MAX_VARIANCE_SCALE),
+        min(max(told.steps_scale, 1.0), MAX_VARIANCE_SCALE),
+    )
     by_lines = (covariance(rescaled(problem, 1.0 + STEP, 1.0), X) - spread) / STEP
     by_lines = between(by_lines, spread)
     return np.asarray(spread + (s2 - 1.0) * by_lines + (m2 - 1.0) * (spread - by_lines))

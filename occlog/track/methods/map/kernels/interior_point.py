@@ -36,7 +36,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats
 from occlog.core.numerics.jit import kernel
 
-from .problem import HalfPlanes, Problem, Steps, slack, slack_change, within
+from .problem import ChainSteps, HalfPlanes, TrajectoryProblem, slack, slack_change, within
 from .terms import (
     add_chain,
     add_hints,
@@ -172,7 +172,7 @@ def _cholesky(S: Floats, R: Floats) -> bool:
 
 
 @kernel
-def factor_sum(steps: Steps, H: Floats, R: Floats, N: Floats) -> bool:
+def factor_sum(steps: ChainSteps, H: Floats, R: Floats, N: Floats) -> bool:
     """R and N by Cholesky; false if the Hessian is not positive definite as far as can be told.
 
     Args:
@@ -246,7 +246,7 @@ def _reflect(M: Floats, rows: int, columns: int, start: int, count: int) -> None
 
 
 @kernel
-def factor_rows(steps: Steps, H: Floats, R: Floats, N: Floats) -> None:
+def factor_rows(steps: ChainSteps, H: Floats, R: Floats, N: Floats) -> None:
     """R and N by reflections, for H that is positive semi-definite.
 
     Args:
@@ -343,7 +343,7 @@ KAPPA = 1e10
 """Multipliers stay within this factor of mu / slack."""
 NEAR = 10.0
 """Exact second derivatives are tried once the model promises less than this much."""
-LEAST_EXACT = 0.1
+MIN_EXACT = 0.1
 """A smaller share of them is not tried."""
 
 
@@ -377,14 +377,14 @@ class Options(NamedTuple):
     mu: float = MU_FIRST  # weight of the barrier at first
 
 
-def cost(problem: Problem, X: Floats) -> float:
+def cost(problem: TrajectoryProblem, X: Floats) -> float:
     """The negative log posterior of states (T, 4), up to a constant."""
     total: float = chain_cost(problem.steps, X) + lines_cost(problem.lines, X, problem.loss, problem.k)
     return total + hints_cost(problem.hints, X) if len(problem.hints.step) else total
 
 
 def minimise(
-    problem: Problem, start: Floats, options: Options, watch: Callable[[Iterate], None] | None = None
+    problem: TrajectoryProblem, start: Floats, options: Options, watch: Callable[[Iterate], None] | None = None
 ) -> Solution:
     """The local minimum of the cost that the start leads to.
 
@@ -408,7 +408,7 @@ def minimise(
         watch(Iterate(0, X.copy(), here, 0.0, 0.0, mu, 0.0))
     for number in range(1, options.most + 1):
         # Newton direction; exact second derivatives are tried near the minimum
-        tried = min(1.0, 2.0 * exact + LEAST_EXACT) if promise < NEAR else 0.0
+        tried = min(1.0, 2.0 * exact + MIN_EXACT) if promise < NEAR else 0.0
         g, dX, exact = _direction(problem, X, mu, multiplier, tried)
         slope = float(np.vdot(g, dX))
         promise = max(-slope, 0.0)
@@ -433,7 +433,7 @@ def minimise(
 
 
 def _direction(
-    problem: Problem, X: Floats, mu: float, multiplier: Floats, exact: float
+    problem: TrajectoryProblem, X: Floats, mu: float, multiplier: Floats, exact: float
 ) -> tuple[Floats, Floats, float]:
     """Gradient of the cost with its barrier, a step downhill, and the share of exact second derivatives in it."""
     R, N = np.empty((len(X), 4, 4)), np.empty((len(X), 4, 4))
@@ -448,14 +448,14 @@ def _direction(
                 return g, dX, exact
         if exact == 0.0:
             break
-        exact = 0.5 * exact if exact > LEAST_EXACT else 0.0
+        exact = 0.5 * exact if exact > MIN_EXACT else 0.0
     # Reflections of the rows of Gauss and Newton, which never fail
     factor_rows(problem.steps, H, R, N)
     solve(R, N, -g, dX)
     return g, dX, 0.0
 
 
-def derivatives(problem: Problem, X: Floats, exact: float) -> tuple[Floats, Floats]:
+def derivatives(problem: TrajectoryProblem, X: Floats, exact: float) -> tuple[Floats, Floats]:
     """Gradient (T, 4) of the cost, and the Hessian (T, 3) of all but the chain's part, by position; see `add_lines`."""
     g, H = np.zeros((len(X), 4)), np.zeros((len(X), 3))
     add_chain(problem.steps, X, g)
@@ -465,7 +465,9 @@ def derivatives(problem: Problem, X: Floats, exact: float) -> tuple[Floats, Floa
     return g, H
 
 
-def _search(problem: Problem, X: Floats, dX: Floats, slope: float, mu: float, here: float) -> tuple[float, float]:
+def _search(
+    problem: TrajectoryProblem, X: Floats, dX: Floats, slope: float, mu: float, here: float
+) -> tuple[float, float]:
     """Share of the step to take, and the cost after it; 0 if no share lowers the cost with its barrier."""
     # Fraction to the boundary: stay inside the constraints
     share, barrier = 1.0, 0.0
@@ -484,7 +486,7 @@ def _search(problem: Problem, X: Floats, dX: Floats, slope: float, mu: float, he
     return 0.0, here
 
 
-def _follow(problem: Problem, X: Floats, dX: Floats, share: float, mu: float, multiplier: Floats) -> Floats:
+def _follow(problem: TrajectoryProblem, X: Floats, dX: Floats, share: float, mu: float, multiplier: Floats) -> Floats:
     """(M,) multipliers after a primal-dual step, before X has moved; see `KAPPA`."""
     if not len(multiplier):
         return multiplier
@@ -495,7 +497,7 @@ def _follow(problem: Problem, X: Floats, dX: Floats, share: float, mu: float, mu
     return np.asarray(np.clip(multiplier + full * step, mu / (KAPPA * then), KAPPA * mu / then))
 
 
-def covariance(problem: Problem, X: Floats) -> Floats:
+def covariance(problem: TrajectoryProblem, X: Floats) -> Floats:
     """(T, 4, 4) covariance of each state: blocks of the inverse Hessian at X, without the constraints.
 
     The Hessian is that of Gauss and Newton, the information that the measurements have at X.

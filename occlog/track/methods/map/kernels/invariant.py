@@ -21,11 +21,11 @@ import numpy as np
 from occlog.array_types import Floats
 
 from .interior_point import Options, Solution, covariance, minimise, move_inside
-from .problem import Problem
+from .problem import TrajectoryProblem
 from .terms import in_front, leverages
 
 ROUNDS = 8
-SETTLED = 0.02
+CONVERGENCE_SIGMAS = 0.02
 """Change of every position, in its standard deviations, at which leverages have settled."""
 MU = 1e-4
 APART = 1e-3
@@ -35,12 +35,12 @@ APART = 1e-3
 class Invariant(NamedTuple):
     """The minimum of the cost with its volume."""
 
-    problem: Problem
+    problem: TrajectoryProblem
     solution: Solution
     covariance: Floats  # (T, 4, 4)
 
 
-def invariant(problem: Problem, start: Solution, options: Options, extent: float) -> Invariant:
+def invariant(problem: TrajectoryProblem, start: Solution, options: Options, extent: float) -> Invariant:
     """The invariant estimate that the mode leads to.
 
     Args:
@@ -66,7 +66,7 @@ def invariant(problem: Problem, start: Solution, options: Options, extent: float
         sigma = np.sqrt(spread[:, (0, 2), (0, 2)].sum(axis=1))
         moved = np.hypot(*(solution.X - X)[:, ::2].T) / sigma
         X = solution.X
-        if moved.max() < SETTLED:
+        if moved.max() < CONVERGENCE_SIGMAS:
             break
     return Invariant(here, solution._replace(iterations=iterations), spread)
 

@@ -32,7 +32,7 @@ SQUARE, HUBER, CAUCHY, MIXTURE = 0, 1, 2, 3
 true and false sight lines, - log((exp(-r^2/2) + c) / (1 + c)) with c = exp(-k^2/2), so that at k both are as likely."""
 
 
-class Steps(NamedTuple):
+class ChainSteps(NamedTuple):
     """Where the chain starts and how it moves on; K kinds of steps."""
 
     mean: Floats  # (4,) of x_1
@@ -44,7 +44,7 @@ class Steps(NamedTuple):
     whiten_first: Floats  # (4, 4) the same of `spread`
 
 
-class SightLines(NamedTuple):
+class BearingLinesByStep(NamedTuple):
     """N measured sight lines, by rising step."""
 
     step: Ints  # (N,) which state is seen, from 0
@@ -67,7 +67,7 @@ class HalfPlanes(NamedTuple):
     offset: Floats  # (M,)
 
 
-class Hints(NamedTuple):
+class QuadraticPriors(NamedTuple):
     """K quadratic terms of positions, by rising step: g . (x - p) + 1/2 (x - p)' H (x - p), H never negative."""
 
     step: Ints  # (K,) which state
@@ -76,15 +76,17 @@ class Hints(NamedTuple):
     bend: Floats  # (K, 3) H: xx, xy, yy
 
 
-class Problem(NamedTuple):
+class TrajectoryProblem(NamedTuple):
     """Cost and constraints of a trajectory of T states."""
 
-    steps: Steps
-    lines: SightLines
+    steps: ChainSteps
+    lines: BearingLinesByStep
     planes: HalfPlanes
     loss: int  # SQUARE, HUBER, CAUCHY or MIXTURE
     k: float  # parameter of the loss, in standard deviations
-    hints: Hints = Hints(np.empty(0, dtype=np.int64), np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 3)))
+    hints: QuadraticPriors = QuadraticPriors(
+        np.empty(0, dtype=np.int64), np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 3))
+    )
 
     @property
     def T(self) -> int:  # noqa: N802
@@ -92,12 +94,12 @@ class Problem(NamedTuple):
         return len(self.steps.kind) + 1
 
 
-MOST_GROWTH = 100.0
+MAX_GROWTH = 100.0
 """Decimal logarithm of the factor by which a motion may grow over a whole record."""
 NO_PLANES = HalfPlanes(np.empty(0, dtype=np.int64), np.empty((0, 2)), np.empty(0))
 
 
-def chain(model: GaussMarkov, dt: Floats, mean: Floats, spread: Floats) -> Steps:
+def chain(model: GaussMarkov, dt: Floats, mean: Floats, spread: Floats) -> ChainSteps:
     """The chain of T states with steps of given lengths.
 
     Args:
@@ -111,14 +113,14 @@ def chain(model: GaussMarkov, dt: Floats, mean: Floats, spread: Floats) -> Steps
         numpy.linalg.LinAlgError: a noise or `spread` is not positive definite.
     """
     radius = float(np.abs(np.linalg.eigvals(model.A)).max())
-    if not np.log10(max(radius, 1e-300)) * float(dt.sum()) / model.step_s < MOST_GROWTH:
+    if not np.log10(max(radius, 1e-300)) * float(dt.sum()) / model.step_s < MAX_GROWTH:
         raise ValueError("it grows without bound over these times (spectral radius above 1)")
     lengths, kind = np.unique(np.round(dt, 9), return_inverse=True)
     A, sigma = transitions(model, lengths)
     eye = np.broadcast_to(np.eye(4), sigma.shape)
     whiten = np.linalg.solve(np.linalg.cholesky(sigma), eye) if len(sigma) else sigma
     first = np.linalg.solve(np.linalg.cholesky(spread), np.eye(4))
-    return Steps(
+    return ChainSteps(
         mean=np.ascontiguousarray(mean, dtype=np.float64),
         spread=np.ascontiguousarray(spread, dtype=np.float64),
         kind=kind.astype(np.int64),
@@ -129,9 +131,9 @@ def chain(model: GaussMarkov, dt: Floats, mean: Floats, spread: Floats) -> Steps
     )
 
 
-def some_lines(lines: SightLines, rows: slice | Bools | Ints) -> SightLines:
+def some_lines(lines: BearingLinesByStep, rows: slice | Bools | Ints) -> BearingLinesByStep:
     """Some of the sight lines."""
-    return SightLines._make(column[rows] for column in lines)
+    return BearingLinesByStep._make(column[rows] for column in lines)
 
 
 def some_planes(planes: HalfPlanes, rows: slice | Bools) -> HalfPlanes:
@@ -139,15 +141,15 @@ def some_planes(planes: HalfPlanes, rows: slice | Bools) -> HalfPlanes:
     return HalfPlanes(planes.step[rows], planes.normal[rows], planes.offset[rows])
 
 
-def some_hints(hints: Hints, rows: slice | Bools) -> Hints:
+def some_hints(hints: QuadraticPriors, rows: slice | Bools) -> QuadraticPriors:
     """Some of the quadratic terms."""
-    return Hints._make(column[rows] for column in hints)
+    return QuadraticPriors._make(column[rows] for column in hints)
 
 
-def join_lines(*parts: SightLines) -> SightLines:
+def join_lines(*parts: BearingLinesByStep) -> BearingLinesByStep:
     """All sight lines of several sets, by rising step."""
     order = np.argsort(np.concatenate([p.step for p in parts]), kind="stable")
-    joined = SightLines(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    joined = BearingLinesByStep(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     return some_lines(joined, order)
 
 
@@ -189,7 +191,7 @@ def within(change: Floats, size: Floats, share: float) -> float:
     return most
 
 
-def start_on_axes(lines: SightLines, T: int, centre: Floats, depth: float) -> Floats:
+def start_on_axes(lines: BearingLinesByStep, T: int, centre: Floats, depth: float) -> Floats:
     """(T, 4) states of [Rahimi] Sec. 6: unseen ones in the centre, seen ones on the axis of the camera that saw them.
 
     A state that several cameras saw is put on the axis of the last of them, which is
@@ -207,7 +209,7 @@ def start_on_axes(lines: SightLines, T: int, centre: Floats, depth: float) -> Fl
     return X
 
 
-def linear_problem(problem: Problem, distance: Floats) -> Problem:
+def linear_problem(problem: TrajectoryProblem, distance: Floats) -> TrajectoryProblem:
     """The problem with each residual replaced by one that is linear in the state (pseudo-linear).
 
     r = (f h - z d) / (sigma D) with a distance D that is fixed in advance.

@@ -16,7 +16,7 @@ from scipy import sparse
 from occlog.array_types import Floats
 
 from .interior_point import ARMIJO, SHORTEST, Iterate, Options, Solution, cost, derivatives
-from .problem import Problem, slack
+from .problem import TrajectoryProblem, slack
 
 
 class Program(NamedTuple):
@@ -32,7 +32,7 @@ Solver = Callable[[Program], tuple[Floats, Floats]]
 """Change (4 T,) and multipliers (M,) of a program."""
 
 
-def program(problem: Problem, X: Floats) -> Program:
+def program(problem: TrajectoryProblem, X: Floats) -> Program:
     """The program about states X (T, 4)."""
     g, H = derivatives(problem, X, 0.0)
     u = 4 * np.arange(len(X))
@@ -48,7 +48,7 @@ def program(problem: Problem, X: Floats) -> Program:
     return Program((G.T @ G + blocks).tocsc(), g.ravel(), A, slack(problem.planes, X))
 
 
-def _chain_rows(problem: Problem) -> sparse.csc_matrix:
+def _chain_rows(problem: TrajectoryProblem) -> sparse.csc_matrix:
     """(4 T, 4 T) G of Eq. 3: the rows whose squares the chain's cost is the sum of."""
     steps, T = problem.steps, problem.T
     after = steps.whiten[steps.kind]
@@ -62,7 +62,11 @@ def _chain_rows(problem: Problem) -> sparse.csc_matrix:
 
 
 def sequential_programs(
-    problem: Problem, start: Floats, options: Options, solver: Solver, watch: Callable[[Iterate], None] | None = None
+    problem: TrajectoryProblem,
+    start: Floats,
+    options: Options,
+    solver: Solver,
+    watch: Callable[[Iterate], None] | None = None,
 ) -> Solution:
     """The local minimum that the start leads to, as `minimise` has it.
 

@@ -9,14 +9,14 @@ import numpy as np
 from occlog.array_types import Bools, Floats
 from occlog.core.numerics.jit import kernel
 
-from .problem import CAUCHY, HUBER, MIXTURE, HalfPlanes, Hints, SightLines, Steps
+from .problem import CAUCHY, HUBER, MIXTURE, BearingLinesByStep, ChainSteps, HalfPlanes, QuadraticPriors
 
 TINY = 1e-150
 """Squares of distances are not below this, so that a state in a camera gives large numbers, not none."""
 
 
 @kernel
-def leaning(k: float, lean: float) -> float:
+def log_odds_offset(k: float, lean: float) -> float:
     """The mixture's k with so much added to the log odds k^2/2; below 0 where these are."""
     if lean == 0.0:
         return k
@@ -26,7 +26,7 @@ def leaning(k: float, lean: float) -> float:
 
 @kernel
 def loss_value(r: float, loss: int, k: float) -> float:
-    """Loss of a residual, in units of a negative log likelihood; a k below 0 is the mixture's of `leaning`."""
+    """Loss of a residual, in units of a negative log likelihood; a k below 0 is the mixture's of `log_odds_offset`."""
     if loss == HUBER and abs(r) > k:
         return k * (abs(r) - 0.5 * k)
     if loss == CAUCHY:
@@ -40,7 +40,7 @@ def loss_value(r: float, loss: int, k: float) -> float:
 
 
 @kernel
-def belief(r: float, k: float) -> float:
+def inlier_probability(r: float, k: float) -> float:
     """Probability that a sight line with that residual is true, if it is 1/2 at k."""
     a = 0.5 * (k * abs(k) - r * r)
     return 1.0 / (1.0 + math.exp(-a)) if a >= 0.0 else math.exp(a) / (1.0 + math.exp(a))
@@ -55,13 +55,13 @@ def loss_slopes(r: float, loss: int, k: float) -> tuple[float, float, float]:
         q = 1.0 + (r / k) ** 2
         return r / q, (1.0 - (r / k) ** 2) / (q * q), 1.0 / q
     if loss == MIXTURE:
-        w = belief(r, k)
+        w = inlier_probability(r, k)
         return w * r, w - w * (1.0 - w) * r * r, w
     return r, 1.0, 1.0
 
 
 @kernel
-def in_camera(lines: SightLines, n: int, X: Floats) -> tuple[float, float]:
+def in_camera(lines: BearingLinesByStep, n: int, X: Floats) -> tuple[float, float]:
     """Offset to the left of the axis, h, and distance along it, d, of the state that sight line n is of."""
     t = lines.step[n]
     dx, dy = X[t, 0] - lines.place[n, 0], X[t, 2] - lines.place[n, 1]
@@ -70,7 +70,7 @@ def in_camera(lines: SightLines, n: int, X: Floats) -> tuple[float, float]:
 
 
 @kernel
-def residual(lines: SightLines, n: int, h: float, d: float) -> float:
+def residual(lines: BearingLinesByStep, n: int, h: float, d: float) -> float:
     """Residual of a sight line in standard deviations."""
     if lines.direction[n]:
         return math.atan2(h, d) / math.sqrt(lines.c0[n])
@@ -79,7 +79,7 @@ def residual(lines: SightLines, n: int, h: float, d: float) -> float:
 
 
 @kernel
-def residuals(lines: SightLines, X: Floats) -> Floats:
+def residuals(lines: BearingLinesByStep, X: Floats) -> Floats:
     """(N,) residuals of all sight lines in standard deviations."""
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):
@@ -89,27 +89,31 @@ def residuals(lines: SightLines, X: Floats) -> Floats:
 
 
 @kernel
-def losses(lines: SightLines, X: Floats, loss: int, k: float) -> Floats:
+def losses(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> Floats:
     """(N,) losses of all sight lines."""
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):
         h, d = in_camera(lines, n, X)
-        out[n] = loss_value(residual(lines, n, h, d), loss, leaning(k, lines.lean[n]))
+        out[n] = loss_value(residual(lines, n, h, d), loss, log_odds_offset(k, lines.lean[n]))
     return out
 
 
 @kernel
-def beliefs(lines: SightLines, X: Floats, k: float) -> Floats:
+def inlier_probabilities(lines: BearingLinesByStep, X: Floats, k: float) -> Floats:
     """(N,) probability that each sight line is true, 1/2 for a residual of k; 0 behind the camera."""
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):
         h, d = in_camera(lines, n, X)
-        out[n] = belief(residual(lines, n, h, d), leaning(k, lines.lean[n])) if d > 0.0 or lines.direction[n] else 0.0
+        out[n] = (
+            inlier_probability(residual(lines, n, h, d), log_odds_offset(k, lines.lean[n]))
+            if d > 0.0 or lines.direction[n]
+            else 0.0
+        )
     return out
 
 
 @kernel
-def depths(lines: SightLines, X: Floats) -> Floats:
+def depths(lines: BearingLinesByStep, X: Floats) -> Floats:
     """(N,) distance of each state along the axis of the camera that saw it."""
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):
@@ -118,12 +122,12 @@ def depths(lines: SightLines, X: Floats) -> Floats:
 
 
 @kernel
-def lines_cost(lines: SightLines, X: Floats, loss: int, k: float) -> float:
+def lines_cost(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> float:
     """Part of the cost that the measurements have."""
     total = 0.0
     for n in range(lines.step.shape[0]):
         h, d = in_camera(lines, n, X)
-        total += loss_value(residual(lines, n, h, d), loss, leaning(k, lines.lean[n]))
+        total += loss_value(residual(lines, n, h, d), loss, log_odds_offset(k, lines.lean[n]))
         if lines.volume[n] > 0.0:
             total += -lines.volume[n] * math.log(d) if d > 0.0 else math.inf
         if lines.c1[n] > 0.0 and lines.c0[n] > 0.0:
@@ -132,7 +136,7 @@ def lines_cost(lines: SightLines, X: Floats, loss: int, k: float) -> float:
 
 
 @kernel
-def chain_cost(steps: Steps, X: Floats) -> float:
+def chain_cost(steps: ChainSteps, X: Floats) -> float:
     """Part of the cost that the motion has."""
     total = 0.0
     for i in range(4):
@@ -154,7 +158,7 @@ def chain_cost(steps: Steps, X: Floats) -> float:
 
 
 @kernel
-def add_chain(steps: Steps, X: Floats, g: Floats) -> None:
+def add_chain(steps: ChainSteps, X: Floats, g: Floats) -> None:
     """Add the gradient of `chain_cost` to `g` (T, 4)."""
     e = np.empty(4)
     for i in range(4):
@@ -182,7 +186,7 @@ def add_chain(steps: Steps, X: Floats, g: Floats) -> None:
 
 
 @kernel
-def hints_cost(hints: Hints, X: Floats) -> float:
+def hints_cost(hints: QuadraticPriors, X: Floats) -> float:
     """Part of the cost that the quadratic terms have."""
     total = 0.0
     for m in range(hints.step.shape[0]):
@@ -194,7 +198,7 @@ def hints_cost(hints: Hints, X: Floats) -> float:
 
 
 @kernel
-def add_hints(hints: Hints, X: Floats, g: Floats, H: Floats) -> None:
+def add_hints(hints: QuadraticPriors, X: Floats, g: Floats, H: Floats) -> None:
     """Add the quadratic terms' derivatives to `g` (T, 4) and, by position, to `H` (T, 3)."""
     for m in range(hints.step.shape[0]):
         t = hints.step[m]
@@ -219,7 +223,7 @@ def barrier_cost(planes: HalfPlanes, X: Floats) -> float:
 
 
 @kernel
-def add_lines(lines: SightLines, X: Floats, loss: int, k: float, exact: float, g: Floats, H: Floats) -> None:
+def add_lines(lines: BearingLinesByStep, X: Floats, loss: int, k: float, exact: float, g: Floats, H: Floats) -> None:
     """Add the measurements' derivatives to `g` (T, 4) and, by position, to `H` (T, 3): xx, xy, yy.
 
     Args:
@@ -248,7 +252,7 @@ def add_lines(lines: SightLines, X: Floats, loss: int, k: float, exact: float, g
             rh, rd = lines.focal[n] / w, -lines.reading[n] / w - r * v
             rhd = -rh * v
             rdd = lines.reading[n] / w * v - rd * v - r * vd
-        first, second, weight = loss_slopes(r, loss, leaning(k, lines.lean[n]))
+        first, second, weight = loss_slopes(r, loss, log_odds_offset(k, lines.lean[n]))
         gh, gd = first * rh, first * rd
         curved, bent = weight + exact * (second - weight), exact * first
         hh, hd, dd = curved * rh * rh + bent * rhh, curved * rh * rd + bent * rhd, curved * rd * rd + bent * rdd
@@ -282,7 +286,7 @@ def add_planes(planes: HalfPlanes, X: Floats, mu: float, multiplier: Floats, g: 
 
 
 @kernel
-def in_front(lines: SightLines, X: Floats) -> Bools:
+def in_front(lines: BearingLinesByStep, X: Floats) -> Bools:
     """(N,) which states are in front of their camera."""
     out = np.empty(lines.step.shape[0], dtype=np.bool_)
     for n in range(out.shape[0]):
@@ -291,7 +295,7 @@ def in_front(lines: SightLines, X: Floats) -> Bools:
 
 
 @kernel
-def leverages(lines: SightLines, X: Floats, loss: int, k: float, C: Floats) -> Floats:
+def leverages(lines: BearingLinesByStep, X: Floats, loss: int, k: float, C: Floats) -> Floats:
     """(N,) share of each sight line in what is known of its own direction, 0 to 1.
 
     That is J' C J with J the gradient of the residual and C (T, 4, 4) the covariances of the states.
@@ -307,7 +311,7 @@ def leverages(lines: SightLines, X: Floats, loss: int, k: float, C: Floats) -> F
             w2 = max(lines.c0[n] * d * d + lines.c1[n], TINY)
             r = (lines.focal[n] * h - lines.reading[n] * d) / math.sqrt(w2)
             rh, rd = lines.focal[n] / math.sqrt(w2), -lines.reading[n] / math.sqrt(w2) - r * lines.c0[n] * d / w2
-        weight = loss_slopes(r, loss, leaning(k, lines.lean[n]))[2]
+        weight = loss_slopes(r, loss, log_odds_offset(k, lines.lean[n]))[2]
         c, s = lines.axis[n, 0], lines.axis[n, 1]
         gu, gv = -s * rh + c * rd, c * rh + s * rd
         out[n] = weight * (gu * gu * C[t, 0, 0] + 2.0 * gu * gv * C[t, 0, 2] + gv * gv * C[t, 2, 2])

@@ -15,17 +15,17 @@ import numpy as np
 from occlog.array_types import Floats
 
 from .interior_point import Solution, derivatives, factor_rows, solve
-from .problem import Problem, Steps, some_hints, some_lines, some_planes
+from .problem import ChainSteps, TrajectoryProblem, some_hints, some_lines, some_planes
 
 
-class Knowledge(NamedTuple):
+class StatePrior(NamedTuple):
     """A Gaussian of one state."""
 
     mean: Floats  # (4,)
     spread: Floats  # (4, 4) covariance, positive definite
 
 
-def part(problem: Problem, first: int, last: int, before: Knowledge) -> Problem:
+def part(problem: TrajectoryProblem, first: int, last: int, before: StatePrior) -> TrajectoryProblem:
     """The problem of states first .. last - 1 alone.
 
     Args:
@@ -46,13 +46,13 @@ def part(problem: Problem, first: int, last: int, before: Knowledge) -> Problem:
     )
 
 
-def make_first(steps: Steps, before: Knowledge) -> Steps:
+def make_first(steps: ChainSteps, before: StatePrior) -> ChainSteps:
     """The chain with another prior of its first state."""
     whiten = np.linalg.solve(np.linalg.cholesky(before.spread), np.eye(4))
     return steps._replace(mean=before.mean, spread=before.spread, whiten_first=np.ascontiguousarray(whiten))
 
 
-def summary(problem: Problem, solution: Solution, state: int) -> Knowledge:
+def summary(problem: TrajectoryProblem, solution: Solution, state: int) -> StatePrior:
     """Marginal of a state, given everything before it.
 
     Constraints that hold the trajectory off where it would go keep their force.
@@ -64,7 +64,7 @@ def summary(problem: Problem, solution: Solution, state: int) -> Knowledge:
     """
     # The problem of all states before and this one, without what is measured at this one
     X = solution.X[: state + 1]
-    head = part(problem, 0, state + 1, Knowledge(problem.steps.mean, problem.steps.spread))
+    head = part(problem, 0, state + 1, StatePrior(problem.steps.mean, problem.steps.spread))
     lines, planes = some_lines(head.lines, head.lines.step < state), some_planes(head.planes, head.planes.step < state)
     head = head._replace(lines=lines, planes=planes, hints=some_hints(head.hints, head.hints.step < state))
     # Linearise; active constraints keep pulling by their multipliers
@@ -77,14 +77,14 @@ def summary(problem: Problem, solution: Solution, state: int) -> Knowledge:
     factor_rows(head.steps, H, R, N)
     solve(R, N, -g, dX)
     inverse = np.linalg.solve(R[-1], np.eye(4))
-    return Knowledge(X[-1] + dX[-1], inverse @ inverse.T)
+    return StatePrior(X[-1] + dX[-1], inverse @ inverse.T)
 
 
-Search = Callable[[Problem, Floats, int], tuple[Problem, Solution]]
+Search = Callable[[TrajectoryProblem, Floats, int], tuple[TrajectoryProblem, Solution]]
 """Finds the minimum of a problem from a start; gets its first state's number, and may add constraints."""
 
 
-def minimise_windows(problem: Problem, start: Floats, window: int, search: Search) -> tuple[Floats, int]:
+def minimise_windows(problem: TrajectoryProblem, start: Floats, window: int, search: Search) -> tuple[Floats, int]:
     """States near the minimum, found in windows that overlap by a quarter, and the iterations all of them took.
 
     Args:
@@ -94,7 +94,7 @@ def minimise_windows(problem: Problem, start: Floats, window: int, search: Searc
         search: of each window.
     """
     X, T = np.array(start), len(start)
-    before, first, iterations = Knowledge(problem.steps.mean, problem.steps.spread), 0, 0
+    before, first, iterations = StatePrior(problem.steps.mean, problem.steps.spread), 0, 0
     while True:
         last = min(first + window, T)
         # Solve one window with what is known of its first state

@@ -14,10 +14,18 @@ from occlog.track.methods.apf.model import pack_sensors
 from occlog.track.methods.map.config import MapConfig
 from occlog.track.methods.map.kernels.gauss_markov import GaussMarkov, constant_velocity, transitions
 from occlog.track.methods.map.kernels.interior_point import move_inside
-from occlog.track.methods.map.kernels.problem import CAUCHY, HUBER, MIXTURE, SQUARE, Problem, chain, start_on_axes
-from occlog.track.methods.map.kernels.windows import Knowledge
-from occlog.track.methods.map.measurements import Stations, constraints, sight_lines, stations
-from occlog.track.methods.map.record import EMPTY, Record
+from occlog.track.methods.map.kernels.problem import (
+    CAUCHY,
+    HUBER,
+    MIXTURE,
+    SQUARE,
+    TrajectoryProblem,
+    chain,
+    start_on_axes,
+)
+from occlog.track.methods.map.kernels.windows import StatePrior
+from occlog.track.methods.map.measurements import SensorStations, constraints, sight_lines, stations
+from occlog.track.methods.map.record import EMPTY, TargetRecord
 
 LOSS = {"square": SQUARE, "huber": HUBER, "cauchy": CAUCHY, "mixture": MIXTURE}
 BEND = {"square": 1.0, "huber": 1.345, "cauchy": 2.385, "mixture": 3.7}
@@ -29,7 +37,7 @@ START = 1e-3
 """Distance to the constraints, as a share of the room's extent, at which a search begins."""
 
 
-FAR = 1000.0
+FORGET_EXTENTS = 1000.0
 """Where the motion alone spreads positions by so many times the extent of the place, what was before says nothing."""
 LONGEST_S = 1e9
 """No longer pause is looked at."""
@@ -39,11 +47,11 @@ class Pending(NamedTuple):
     """A target's record that is not given out yet, and what is known from before it."""
 
     config: MapConfig
-    at: Stations
+    at: SensorStations
     origin: Floats  # (2,)
     extent: float
-    before: Knowledge
-    record: Record
+    before: StatePrior
+    record: TargetRecord
     X: Floats  # (T, 4) states found so far; fewer than times: the rest is new
     sensors: Sensors  # in the scene's own coordinates
     scales: tuple[float, float] = (1.0, 1.0)  # factors of the stated variances of sight lines and steps, so far
@@ -85,14 +93,14 @@ def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
         at=at,
         origin=origin,
         extent=extent,
-        before=Knowledge(mean, spread),
+        before=StatePrior(mean, spread),
         record=EMPTY,
         X=np.empty((0, 4)),
         sensors=pack_sensors(scene, None if config.walls else [()] * len(scene.cameras)),
     )
 
 
-def forgets_ns(scene: Scene, config: MapConfig) -> int | None:
+def memory_ns(scene: Scene, config: MapConfig) -> int | None:
     """The pause [ns] after which a target may be anywhere by its motion, to a factor of 2; None: there is none.
 
     A chain over a longer one would only have variances that 64 bits do not hold beside those of bearings.
@@ -102,7 +110,7 @@ def forgets_ns(scene: Scene, config: MapConfig) -> int | None:
         seconds = model.step_s
         while seconds < LONGEST_S:
             _, (sigma,) = transitions(model, np.array([seconds]))
-            if np.sqrt(np.linalg.eigvalsh(sigma[::2, ::2])[-1]) > FAR * extent:
+            if np.sqrt(np.linalg.eigvalsh(sigma[::2, ::2])[-1]) > FORGET_EXTENTS * extent:
                 return round(seconds * NS)
             seconds *= 2.0
     except (ValueError, np.linalg.LinAlgError):  # the model is refused where it is used
@@ -119,7 +127,7 @@ def _moves_freely(config: MapConfig) -> bool:
     return bool(np.allclose(motion_of(config).A[:, ::2], np.eye(4)[:, ::2], rtol=0.0, atol=1e-12))
 
 
-def problem_of(pending: Pending, record: Record, believed: Bools | None = None) -> Problem:
+def problem_of(pending: Pending, record: TargetRecord, believed: Bools | None = None) -> TrajectoryProblem:
     """What is minimised for a record ([Rahimi] Eq. 8).
 
     Args:
@@ -140,7 +148,7 @@ def problem_of(pending: Pending, record: Record, believed: Bools | None = None) 
     lines = sight_lines(record, pending.at)
     # Constraints: half-planes in front of the cameras (Eq. 9), and in the room
     planes = constraints(lines, record, pending.at, config, len(record.t_ns), believed)
-    return Problem(steps, lines, planes, LOSS[config.loss], bend_of(config))
+    return TrajectoryProblem(steps, lines, planes, LOSS[config.loss], bend_of(config))
 
 
 def bend_of(config: MapConfig) -> float:
@@ -148,7 +156,7 @@ def bend_of(config: MapConfig) -> float:
     return BEND[config.loss] if config.bend is None else config.bend
 
 
-def start_of(pending: Pending, problem: Problem) -> tuple[Floats, Bools]:
+def start_of(pending: Pending, problem: TrajectoryProblem) -> tuple[Floats, Bools]:
     """Where the search begins, inside the constraints; and the states whose constraints contradict each other.
 
     States that a camera saw begin on its optical axis, the others in the centre of the room ([Rahimi] Sec. 6);

@@ -20,8 +20,8 @@ import numpy as np
 from occlog.array_types import NS, Bools, Floats
 from occlog.consistency.bearings import MIN_OVERLAP_SHARE, confirmed_by_another
 from occlog.track.methods.map.config import MapConfig
-from occlog.track.methods.map.hiding import Told, told_by_occluders
-from occlog.track.methods.map.kernels.detours import Detours, Hold, Obstacle, find_detours, settle
+from occlog.track.methods.map.hiding import OccluderHints, occlusion_terms
+from occlog.track.methods.map.kernels.detours import Hold, Obstacle, PathsAroundObstacles, find_paths_around, settle
 from occlog.track.methods.map.kernels.evidence import evidence, rescaled
 from occlog.track.methods.map.kernels.interior_point import (
     MU_FIRST,
@@ -36,20 +36,20 @@ from occlog.track.methods.map.kernels.problem import (
     CAUCHY,
     HUBER,
     SQUARE,
-    Problem,
-    SightLines,
+    BearingLinesByStep,
+    TrajectoryProblem,
     linear_problem,
     some_lines,
     some_planes,
 )
 from occlog.track.methods.map.kernels.quadratic_program import sequential_programs
-from occlog.track.methods.map.kernels.terms import beliefs, depths, leverages, residuals
+from occlog.track.methods.map.kernels.terms import depths, inlier_probabilities, leverages, residuals
 from occlog.track.methods.map.kernels.windows import minimise_windows
 from occlog.track.methods.map.qp_solvers import program_solver
-from occlog.track.methods.map.record import Record
+from occlog.track.methods.map.record import TargetRecord
 
 from .pending import BEND, START, Pending, bend_of, problem_of, start_of
-from .start import Agreed, agreed
+from .start import ConsensusPath, ransac_path
 
 ROUGH = 1e-3
 """Windows that only start the whole are solved to this tolerance, as a share of the room's extent."""
@@ -61,7 +61,7 @@ LOOKS = 3
 Watch = Callable[[Iterate], None] | None
 
 
-def linear_start(problem: Problem, X: Floats, config: MapConfig, extent: float) -> Floats:
+def linear_start(problem: TrajectoryProblem, X: Floats, config: MapConfig, extent: float) -> Floats:
     """The minimum of linear problems: first with all targets at one distance, then at those found."""
     distance = np.full(len(problem.lines.step), 0.3 * extent)
     for _ in range(LOOKS):
@@ -72,14 +72,14 @@ def linear_start(problem: Problem, X: Floats, config: MapConfig, extent: float) 
 
 
 def search_around(
-    problem: Problem,
+    problem: TrajectoryProblem,
     start: Floats,
     around: tuple[Obstacle, ...],
     config: MapConfig,
     extent: float,
     watch: Watch = None,
     mu: float = MU_FIRST,
-) -> Detours:
+) -> PathsAroundObstacles:
     """The minimum around all obstacles that the start leads to; long records are first solved in windows.
 
     Args:
@@ -95,18 +95,18 @@ def search_around(
     # Another solver: quadratic programs in turn (Eqs. 7 and 10)
     if config.solver != "newton":
         by_programs = sequential_programs(problem, start, options, program_solver(config.solver), watch)
-        return find_detours(problem, (problem, by_programs), around, options, *space)
+        return find_paths_around(problem, (problem, by_programs), around, options, *space)
     # A short record at once: Newton's method inside the constraints
     if len(start) <= config.window:
-        return find_detours(problem, (problem, minimise(problem, start, options, watch)), around, options, *space)
+        return find_paths_around(problem, (problem, minimise(problem, start, options, watch)), around, options, *space)
     # A long one first roughly in windows that move along, each around its own obstacles
     rough = options._replace(tolerance=ROUGH * extent)
     holds: list[Hold] = []
     alone = np.zeros((len(around), len(start)), dtype=np.bool_)
 
-    def search(here: Problem, X: Floats, first: int) -> tuple[Problem, Solution]:
+    def search(here: TrajectoryProblem, X: Floats, first: int) -> tuple[TrajectoryProblem, Solution]:
         own = tuple(o._replace(when=o.when[first : first + len(X)]) for o in around)
-        found = find_detours(here, (here, minimise(here, X, rough)), own, rough, *space)
+        found = find_paths_around(here, (here, minimise(here, X, rough)), own, rough, *space)
         holds.extend(Hold(h.obstacle, h.first + first, h.last + first) for h in found.holds)
         alone[:, first : first + len(X)] |= found.left_alone
         return found.problem, found.solution
@@ -120,10 +120,10 @@ def search_around(
         start, _ = move_inside(start, problem.planes, APART * extent)
         settled = problem, minimise(problem, start, options._replace(mu=MU), watch)
     solved = settled[0], settled[1]._replace(iterations=settled[1].iterations + iterations)
-    return find_detours(problem, solved, around, options, *space, holds, alone)
+    return find_paths_around(problem, solved, around, options, *space, holds, alone)
 
 
-def roughly(problem: Problem, start: Floats, config: MapConfig, extent: float) -> tuple[Floats, int]:
+def roughly(problem: TrajectoryProblem, start: Floats, config: MapConfig, extent: float) -> tuple[Floats, int]:
     """States near the minimum, inside the constraints but not on their border, and the iterations that they took.
 
     Args:
@@ -134,33 +134,33 @@ def roughly(problem: Problem, start: Floats, config: MapConfig, extent: float) -
     """
     options = Options(ROUGH * extent, config.iterations, MU)
 
-    def search(here: Problem, X: Floats, first: int) -> tuple[Problem, Solution]:  # noqa: ARG001
+    def search(here: TrajectoryProblem, X: Floats, first: int) -> tuple[TrajectoryProblem, Solution]:  # noqa: ARG001
         return here, minimise(here, X, options)
 
     X, spent = minimise_windows(problem, start, config.window, search)
     return move_inside(X, problem.planes, APART * extent)[0], spent
 
 
-BELIEVED = BEND["mixture"]
+OUTLIER_SIGMAS = BEND["mixture"]
 """Standard deviations at which a bearing is as likely false as true, with losses other than the mixture's."""
 
-LEAST_TRUST = 2.0
+MIN_OUTLIER_SIGMAS = 2.0
 """Sight lines nearer than so many standard deviations are never false."""
-GENTLE = 2.5
+INITIAL_HUBER_K = 2.5
 """Parameter of Huber's loss at first."""
-COARSE = 4.0
+VARIANCE_STEP_FACTOR = 4.0
 """Factor between variances of the motion, or of sight lines, that are tried."""
-MOST_NOISY = 1e4
+MAX_VARIANCE_FACTOR = 1e4
 """Variances are not multiplied by more."""
-WORTH_IT = 10.0
+MIN_DEVIANCE_GAIN = 10.0
 """A factor is taken if -2 log of the likelihood falls by more."""
-MODEST, FEW = 1.3, 0.01
+MIN_RESIDUAL_FACTOR, MIN_OUTLIER_SHARE = 1.3, 0.01
 """Other variances are tried where residuals show more than this factor, or more than this share is not believed."""
-ALONE = 0.01
+MIN_CAVITY_SHARE = 0.01
 """Sight lines of which the others tell more than this share are judged by their residuals alone."""
-SETTLED = 0.1
+LOG_FACTOR_TOLERANCE = 0.1
 """Change of a factor's logarithm at which it has settled."""
-ROUNDS_AMONG, STILL = 6, 0.1
+MAX_OCCLUDER_ROUNDS, POSITION_TOLERANCE_SIGMAS = 6, 0.1
 """How often the search is repeated among moving occluders, until no position moves by more standard deviations."""
 ROUNDS = 8
 """How often the search is repeated at most with what is believed after the one before."""
@@ -169,22 +169,24 @@ Scales = tuple[float, float]
 """Factors of the stated variances of sight lines and of steps."""
 
 
-class Sought(NamedTuple):
+class RobustSearchResult(NamedTuple):
     """What a search found."""
 
-    problem: Problem  # without the half-planes of detours
-    mode: Detours
+    problem: TrajectoryProblem  # without the half-planes of detours
+    mode: PathsAroundObstacles
     stuck: Bools  # (T,) states whose constraints contradict each other
     used: Bools  # (N,) which sight lines the problem has
     scales: Scales
     score: float = math.nan  # cost with that of the sight lines that the problem does not have
     believed: Bools | None = None  # (N,) more probably true than false; None: all
     chance: Bools | None = None  # (N,) of these, met by chance alone; None: none
-    careful: Detours | None = None  # the minimum without those; None: there are none
-    told: Told | None = None  # what moving occluders say; None: nothing
+    careful: PathsAroundObstacles | None = None  # the minimum without those; None: there are none
+    told: OccluderHints | None = None  # what moving occluders say; None: nothing
 
 
-def plain_search(pending: Pending, record: Record, around: tuple[Obstacle, ...], watch: Watch) -> Sought:
+def plain_search(
+    pending: Pending, record: TargetRecord, around: tuple[Obstacle, ...], watch: Watch
+) -> RobustSearchResult:
     """Search from the paper's start, or from linear problems, with all bearings believed."""
     config = pending.config
     problem = problem_of(pending, record)
@@ -197,42 +199,46 @@ def plain_search(pending: Pending, record: Record, around: tuple[Obstacle, ...],
         start = linear_start(problem, start, config, pending.extent)
     if config.loss == "mixture":
         # Far from the minimum the loss itself is flat.
-        start, _ = roughly(problem._replace(loss=HUBER, k=GENTLE), start, config, pending.extent)
+        start, _ = roughly(problem._replace(loss=HUBER, k=INITIAL_HUBER_K), start, config, pending.extent)
     mode = search_around(problem, start, around, config, pending.extent, watch)
-    told: Told | None = None
+    told: OccluderHints | None = None
     # Among moving occluders: again with what they say there
-    for _ in range(ROUNDS_AMONG if record.occluders else 0):
+    for _ in range(MAX_OCCLUDER_ROUNDS if record.occluders else 0):
         before = mode.solution.X
-        told = told_by_occluders(pending, record, before, covariance(mode.problem, before), used, told)
+        told = occlusion_terms(pending, record, before, covariance(mode.problem, before), used, told)
         lean = told.lean[used]
         problem = problem._replace(lines=problem.lines._replace(lean=lean), hints=told.hints)
         start, _ = move_inside(before, problem.planes, APART * pending.extent)
         mode = search_around(problem, start, around, config, pending.extent, watch, mu=MU)
-        if still(before, mode):
+        if has_converged(before, mode):
             break
-    return Sought(problem, mode, stuck, used, (1.0, 1.0), told=told)
+    return RobustSearchResult(problem, mode, stuck, used, (1.0, 1.0), told=told)
 
 
-def robust_search(pending: Pending, record: Record, around: tuple[Obstacle, ...], watch: Watch) -> Sought:
+def robust_search(
+    pending: Pending, record: TargetRecord, around: tuple[Obstacle, ...], watch: Watch
+) -> RobustSearchResult:
     """Search among false bearings, and once more without what is met by chance alone, if there is something."""
     found = _most_probable(pending, record, around, watch)
     # Among moving occluders: again with what they say there
-    for _ in range(ROUNDS_AMONG if record.occluders else 0):
+    for _ in range(MAX_OCCLUDER_ROUNDS if record.occluders else 0):
         before, believed = found.mode.solution.X, found.used if found.believed is None else found.believed
         spread = covariance(found.mode.problem, before)
-        told = told_by_occluders(pending, record, before, spread, believed, found.told)
-        path = Agreed(before, believed, 0.0)
+        told = occlusion_terms(pending, record, before, spread, believed, found.told)
+        path = ConsensusPath(before, believed, 0.0)
         found = search_from(pending, record, around, watch, path, found.scales, among=told)
-        if still(before, found.mode):
+        if has_converged(before, found.mode):
             break
     if found.chance is None or found.believed is None or not found.chance.any():
         return found
-    path = Agreed(found.mode.solution.X, found.believed & ~found.chance, 0.0)
+    path = ConsensusPath(found.mode.solution.X, found.believed & ~found.chance, 0.0)
     other = search_from(pending, record, around, None, path, found.scales, careful=True, among=found.told)
     return found._replace(careful=other.mode)
 
 
-def _most_probable(pending: Pending, record: Record, around: tuple[Obstacle, ...], watch: Watch) -> Sought:
+def _most_probable(
+    pending: Pending, record: TargetRecord, around: tuple[Obstacle, ...], watch: Watch
+) -> RobustSearchResult:
     """Search from consensus, with the half-planes of those sight lines alone that are believed.
 
     Where some are not believed, or residuals are too large, the motion may be livelier and bearings noisier than
@@ -241,8 +247,10 @@ def _most_probable(pending: Pending, record: Record, around: tuple[Obstacle, ...
     config = pending.config
     whole = problem_of(pending, record)
 
-    def path(scales: Scales) -> Agreed:
-        told = agreed(rescaled(whole, *scales), record, pending.at, config, pending.extent, trust_of(config, scales[0]))
+    def path(scales: Scales) -> ConsensusPath:
+        told = ransac_path(
+            rescaled(whole, *scales), record, pending.at, config, pending.extent, inlier_weights(config, scales[0])
+        )
         return told._replace(cost=told.cost + len(told.agree) * float(np.log(scales[0])))
 
     # Start: what agrees with what is stated
@@ -251,7 +259,7 @@ def _most_probable(pending: Pending, record: Record, around: tuple[Obstacle, ...
     # Where one camera sees it at a time, distances hang on the motion: the paper's start may lead to a lower minimum
     sparse = _overlap(record) < MIN_OVERLAP_SHARE
     if sparse:
-        far = _from_axes(pending, whole, trust_of(config, pending.scales[0]))
+        far = _from_axes(pending, whole, inlier_weights(config, pending.scales[0]))
         other = search_from(pending, record, around, watch, far, pending.scales)
         found = min(found, other, key=lambda sought: sought.score)
     if sparse or config.loss == "square" or not config.adapt or _plausible(found, first):
@@ -260,9 +268,13 @@ def _most_probable(pending: Pending, record: Record, around: tuple[Obstacle, ...
     best, scales = first, pending.scales
     for which in (1, 0):
         while True:
-            tried = (scales[0], scales[1] * COARSE) if which else (scales[0] * COARSE, scales[1])
+            tried = (
+                (scales[0], scales[1] * VARIANCE_STEP_FACTOR)
+                if which
+                else (scales[0] * VARIANCE_STEP_FACTOR, scales[1])
+            )
             noisier = path(tried)
-            if not noisier.cost < best.cost - WORTH_IT or max(tried) > MOST_NOISY:
+            if not noisier.cost < best.cost - MIN_DEVIANCE_GAIN or max(tried) > MAX_VARIANCE_FACTOR:
                 break
             best, scales = noisier, tried
     if scales == pending.scales:
@@ -270,48 +282,48 @@ def _most_probable(pending: Pending, record: Record, around: tuple[Obstacle, ...
     return search_from(pending, record, around, watch, best, scales)
 
 
-def _overlap(record: Record) -> float:
+def _overlap(record: TargetRecord) -> float:
     """Share of sight lines near to which, in time, another sensor has one; 1 without any."""
     seen = record.rows.seen
     near = confirmed_by_another(record.rows.sensor[seen], (record.t_ns[record.state[seen]] - record.t_ns[0]) / NS)
     return float(near.mean()) if len(near) else 1.0
 
 
-def _from_axes(pending: Pending, whole: Problem, trust: float) -> Agreed:
+def _from_axes(pending: Pending, whole: TrajectoryProblem, trust: float) -> ConsensusPath:
     """A path from the paper's start by ever narrower losses, and the sight lines that agree with it."""
     config, extent = pending.config, pending.extent
     X, stuck = start_of(pending, whole)
     problem = without(whole, stuck) if stuck.any() else whole
-    for loss, k in ((HUBER, GENTLE), (CAUCHY, BEND["cauchy"])):
+    for loss, k in ((HUBER, INITIAL_HUBER_K), (CAUCHY, BEND["cauchy"])):
         X, _ = roughly(problem._replace(loss=loss, k=k), X, config, extent)
-    return Agreed(X, beliefs(whole.lines, X, trust) >= 0.5, math.inf)
+    return ConsensusPath(X, inlier_probabilities(whole.lines, X, trust) >= 0.5, math.inf)
 
 
-def _plausible(found: Sought, path: Agreed) -> bool:
+def _plausible(found: RobustSearchResult, path: ConsensusPath) -> bool:
     """Whether nearly all sight lines are believed, and residuals are what is stated."""
     told = evidence(found.mode.problem, found.mode.solution.X, covariance(found.mode.problem, found.mode.solution.X))
     doubted = float(np.mean(~path.agree)) if len(path.agree) else 0.0
-    return max(told.lines_scale, told.steps_scale) < MODEST and doubted < FEW
+    return max(told.lines_scale, told.steps_scale) < MIN_RESIDUAL_FACTOR and doubted < MIN_OUTLIER_SHARE
 
 
-def trust_of(config: MapConfig, lines2: float) -> float:
+def inlier_weights(config: MapConfig, lines2: float) -> float:
     """Standard deviations at which a sight line is as likely false as true, its variance multiplied by lines2."""
-    bend = bend_of(config) if config.loss == "mixture" else BELIEVED
+    bend = bend_of(config) if config.loss == "mixture" else OUTLIER_SIGMAS
     # False ones are as likely as before, and the peak of true ones is lower.
-    return float(np.sqrt(max(bend**2 - np.log(lines2), LEAST_TRUST**2)))
+    return float(np.sqrt(max(bend**2 - np.log(lines2), MIN_OUTLIER_SIGMAS**2)))
 
 
 def search_from(
     pending: Pending,
-    record: Record,
+    record: TargetRecord,
     around: tuple[Obstacle, ...],
     watch: Watch,
-    path: Agreed,
+    path: ConsensusPath,
     scales: Scales,
     *,
     careful: bool = False,
-    among: Told | None = None,
-) -> Sought:
+    among: OccluderHints | None = None,
+) -> RobustSearchResult:
     """Search from a path.
 
     Args:
@@ -321,7 +333,7 @@ def search_from(
         watch: as of `occlog.track.methods.map.method.advance`.
         path: where the search begins, and the sight lines that agree there.
         scales: factors of variances; those that are not what was known before are refined along with the trajectory.
-        careful: leave out what is met by chance alone, see `_contrived`.
+        careful: leave out what is met by chance alone, see `_overfits`.
         among: what moving occluders say; None: nothing.
     """
     config, extent = pending.config, pending.extent
@@ -329,7 +341,7 @@ def search_from(
     banned = np.zeros(len(kept), dtype=np.bool_)
     for number in range(ROUNDS):
         # Constrain by what is believed; drop what says nothing in front of its camera
-        trust = trust_of(config, scales[0])
+        trust = inlier_weights(config, scales[0])
         problem = rescaled(problem_of(pending, record, kept), *scales)
         if config.loss == "mixture":
             problem = problem._replace(k=trust)
@@ -344,7 +356,7 @@ def search_from(
             used &= ~stuck[lines.step]
         if number == 0:
             # Begin with the sight lines that agree, and a loss that is next to convex
-            agreeing = problem._replace(lines=some_lines(problem.lines, kept[used]), loss=HUBER, k=GENTLE)
+            agreeing = problem._replace(lines=some_lines(problem.lines, kept[used]), loss=HUBER, k=INITIAL_HUBER_K)
             X, spent = roughly(agreeing, X, config, extent)
             iterations += spent
         # Search with the loss itself
@@ -355,9 +367,9 @@ def search_from(
         believed, chance = used, np.zeros_like(used)
         if config.loss == "square":
             break
-        believed = used & (beliefs(lines, X, trust) >= 0.5)
+        believed = used & (inlier_probabilities(lines, X, trust) >= 0.5)
         spread = covariance(mode.problem, X)
-        chance = believed & _contrived(lines, X, spread, trust)
+        chance = believed & _overfits(lines, X, spread, trust)
         if careful:
             banned, believed = banned | chance, believed & ~chance
         settled = bool((believed == kept)[~stuck[lines.step]].all())
@@ -365,23 +377,23 @@ def search_from(
             told = evidence(mode.problem, X, spread)
             before = scales
             scales = max(scales[0] * told.lines_scale, 1.0), max(scales[1] * told.steps_scale, 1.0)
-            settled = settled and bool(np.abs(np.log(scales) - np.log(before)).max() < SETTLED)
+            settled = settled and bool(np.abs(np.log(scales) - np.log(before)).max() < LOG_FACTOR_TOLERANCE)
         if settled:
             break
         kept = believed
     mode = mode._replace(solution=mode.solution._replace(iterations=iterations))
     score = mode.solution.cost + 0.5 * trust**2 * float(np.count_nonzero(~used))
-    return Sought(problem, mode, stuck, used, scales, score, believed, chance, told=among)
+    return RobustSearchResult(problem, mode, stuck, used, scales, score, believed, chance, told=among)
 
 
-def still(before: Floats, mode: Detours) -> bool:
-    """Whether no position has moved by more than `STILL` of its standard deviations."""
+def has_converged(before: Floats, mode: PathsAroundObstacles) -> bool:
+    """Whether no position has moved by more than `POSITION_TOLERANCE_SIGMAS` of its standard deviations."""
     X = mode.solution.X
     sigma = np.sqrt(covariance(mode.problem, X)[:, (0, 2), (0, 2)].sum(axis=1))
-    return bool((np.hypot(*(X - before)[:, ::2].T) <= STILL * sigma).all())
+    return bool((np.hypot(*(X - before)[:, ::2].T) <= POSITION_TOLERANCE_SIGMAS * sigma).all())
 
 
-def _contrived(lines: SightLines, X: Floats, spread: Floats, trust: float) -> Bools:
+def _overfits(lines: BearingLinesByStep, X: Floats, spread: Floats, trust: float) -> Bools:
     """(N,) sight lines that are met by chance alone: the others make it less probable than that they are false.
 
     Next to a camera a trajectory meets whatever the camera says.  With h the leverage of a sight line, the others
@@ -389,18 +401,18 @@ def _contrived(lines: SightLines, X: Floats, spread: Floats, trust: float) -> Bo
     `occlog.track.methods.map.kernels.consensus`.
     """
     rest = np.maximum(1.0 - leverages(lines, X, SQUARE, 1.0, spread), 1e-100)
-    surprise = np.minimum(residuals(lines, X) ** 2, MOST_NOISY) / rest - np.log(rest)
-    return np.asarray((surprise > trust**2 + 2.0 * lines.lean) & (rest < ALONE))
+    surprise = np.minimum(residuals(lines, X) ** 2, MAX_VARIANCE_FACTOR) / rest - np.log(rest)
+    return np.asarray((surprise > trust**2 + 2.0 * lines.lean) & (rest < MIN_CAVITY_SHARE))
 
 
-def _frozen(lines: SightLines, kept: Bools, X: Floats) -> SightLines:
+def _frozen(lines: BearingLinesByStep, kept: Bools, X: Floats) -> BearingLinesByStep:
     """The sight lines, those not kept with the variance that they have at X."""
     d2 = np.maximum(depths(lines, X) ** 2, 1e-300)
     loose = ~kept & (lines.c1 > 0.0)
     return lines._replace(c0=np.where(loose, lines.c0 + lines.c1 / d2, lines.c0), c1=np.where(loose, 0.0, lines.c1))
 
 
-def without(problem: Problem, states: Bools) -> Problem:
+def without(problem: TrajectoryProblem, states: Bools) -> TrajectoryProblem:
     """The problem without the half-planes and the sight lines of some states.
 
     A sight line without its half-plane leads into its sensor, where the cost is not continuous.

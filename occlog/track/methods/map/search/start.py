@@ -23,15 +23,15 @@ from occlog.filtering.likelihood.distances import (
     without_detours,
 )
 from occlog.track.methods.map.config import MapConfig
-from occlog.track.methods.map.kernels.consensus import Rays, agreed_path
-from occlog.track.methods.map.kernels.problem import Problem, SightLines
-from occlog.track.methods.map.measurements import Stations
-from occlog.track.methods.map.record import Record
+from occlog.track.methods.map.kernels.consensus import BearingHalfLines, agreed_path
+from occlog.track.methods.map.kernels.problem import BearingLinesByStep, TrajectoryProblem
+from occlog.track.methods.map.measurements import SensorStations
+from occlog.track.methods.map.record import TargetRecord
 
 from .pending import BEND, Pending
 
 
-class Agreed(NamedTuple):
+class ConsensusPath(NamedTuple):
     """A path, and the sight lines that agree with it."""
 
     X: Floats  # (T, 4) states
@@ -39,7 +39,7 @@ class Agreed(NamedTuple):
     cost: float  # -2 log of the likelihood, up to a constant
 
 
-def rays_of(lines: SightLines, record: Record, at: Stations) -> Rays:
+def rays_of(lines: BearingLinesByStep, record: TargetRecord, at: SensorStations) -> BearingHalfLines:
     """The sight lines as half-lines with the variance across them, by [Ercan] Eq. 2."""
     sensor = record.rows.sensor[record.rows.seen]
     left = np.column_stack([-lines.axis[:, 1], lines.axis[:, 0]])
@@ -47,7 +47,7 @@ def rays_of(lines: SightLines, record: Record, at: Stations) -> Rays:
     ratio2 = 1.0 + ratio**2
     direction = (lines.axis + ratio[:, None] * left) / np.sqrt(ratio2)[:, None]
     to_angle = np.where(lines.direction, 1.0, 1.0 / (lines.focal * ratio2)) ** 2
-    return Rays(
+    return BearingHalfLines(
         step=lines.step,
         sensor=sensor,
         place=lines.place,
@@ -59,7 +59,9 @@ def rays_of(lines: SightLines, record: Record, at: Stations) -> Rays:
     )
 
 
-def agreed(problem: Problem, record: Record, at: Stations, config: MapConfig, extent: float, bend: float) -> Agreed:
+def ransac_path(
+    problem: TrajectoryProblem, record: TargetRecord, at: SensorStations, config: MapConfig, extent: float, bend: float
+) -> ConsensusPath:
     """The most probable choice of true sight lines, and a path along them.
 
     Args:
@@ -74,29 +76,29 @@ def agreed(problem: Problem, record: Record, at: Stations, config: MapConfig, ex
     first = np.searchsorted(rays.step, np.arange(len(record.t_ns) + 1))
     seconds = (record.t_ns - record.t_ns[0]) / NS
     ground = np.array([max(config.speed, config.acceleration), config.vague * extent, extent])
-    return Agreed(*agreed_path(rays, first, seconds, problem.steps, ground, bend))
+    return ConsensusPath(*agreed_path(rays, first, seconds, problem.steps, ground, bend))
 
 
-GRID, MOST, FIRST_S, FIRST = 30, 24, 2.0, 100
+GRID, MAX_FILTERS, FIRST_S, FIRST = 30, 24, 2.0, 100
 """Places a side, most filters, and the time [s] and the number of measurements that decide where they begin."""
-LEAST_LOG, SAME = 20.0, 1e-3
+MAX_LOG_GAP, MERGE_DISTANCE_EXTENTS = 20.0, 1e-3
 """Filters that are less probable by so much in the logarithm end, and those nearer to a better one, by the extent."""
-SURE = 0.05
+MAX_RELATIVE_START_SIGMA = 0.05
 """A start that is known to a smaller share of the extent is the only one."""
-LONGEST = 1000
+MAX_STATES = 1000
 """The best filter is chosen after so many states."""
 
 
-class Rows(NamedTuple):
+class SearchMeasurements(NamedTuple):
     """All measurements of a record of T states, in the coordinates of the search."""
 
-    lines: Floats  # (N, 6) place, direction, a and b of `Rays`
+    lines: Floats  # (N, 6) place, direction, a and b of `BearingHalfLines`
     line_first: Ints  # (T + 1,) first line of each state
     distances: RangeMeasurements  # m
     distance_first: Ints  # (T + 1,)
 
 
-class Bank(NamedTuple):
+class FilterBank(NamedTuple):
     """H filters."""
 
     x: Floats  # (H, 4)
@@ -104,7 +106,9 @@ class Bank(NamedTuple):
     log: Floats  # (H,) log-likelihood so far
 
 
-def filtered_start(problem: Problem, record: Record, pending: Pending, distances: RangeMeasurements) -> Floats:
+def filtered_start(
+    problem: TrajectoryProblem, record: TargetRecord, pending: Pending, distances: RangeMeasurements
+) -> Floats:
     """(T, 4) states of the most probable filter, smoothed.
 
     Args:
@@ -118,19 +122,19 @@ def filtered_start(problem: Problem, record: Record, pending: Pending, distances
     lines = np.column_stack([rays.place, rays.direction, rays.a, rays.b])
     every = np.arange(T + 1)
     state = record.measured_state
-    rows = Rows(lines, np.searchsorted(rays.step, every), distances, np.searchsorted(state, every))
+    rows = SearchMeasurements(lines, np.searchsorted(rays.step, every), distances, np.searchsorted(state, every))
     bank = _begun(rows, record, pending)
     # Choose: run all filters until one is left
     first, bank = np.arange(len(bank.log)), _updated(bank, rows, 0)
     starts = bank
-    for t in range(1, min(T, LONGEST)):
+    for t in range(1, min(T, MAX_STATES)):
         kept = _kept(bank, pending.extent)
-        bank, first = Bank(*(column[kept] for column in bank)), first[kept]
+        bank, first = FilterBank(*(column[kept] for column in bank)), first[kept]
         if len(first) == 1:
             break
         bank = _updated(_predicted(bank, steps.A[steps.kind[t - 1]], steps.sigma[steps.kind[t - 1]]), rows, t)
     best = first[np.argmax(bank.log)]
-    one = Bank(*(column[[best]] for column in starts))
+    one = FilterBank(*(column[[best]] for column in starts))
     # Smooth (Rauch, Tung and Striebel)
     found, spread = [one.x[0]], [one.P[0]]
     ahead: list[tuple[Floats, Floats]] = []
@@ -147,11 +151,11 @@ def filtered_start(problem: Problem, record: Record, pending: Pending, distances
     return X
 
 
-def _begun(rows: Rows, record: Record, pending: Pending) -> Bank:
+def _begun(rows: SearchMeasurements, record: TargetRecord, pending: Pending) -> FilterBank:
     """Filters at the places that the first measurements fit best, or at what is known from before."""
     before, extent = pending.before, pending.extent
-    if np.sqrt(np.linalg.eigvalsh(before.spread[::2, ::2])[-1]) < SURE * extent:
-        return Bank(before.mean[None].copy(), before.spread[None].copy(), np.zeros(1))
+    if np.sqrt(np.linalg.eigvalsh(before.spread[::2, ::2])[-1]) < MAX_RELATIVE_START_SIGMA * extent:
+        return FilterBank(before.mean[None].copy(), before.spread[None].copy(), np.zeros(1))
     places = np.concatenate([rows.lines[:, :2], rows.distances.place, rows.distances.other])
     low, high = places.min(axis=0), places.max(axis=0)
     size = max(float((high - low).max()), extent)
@@ -172,14 +176,14 @@ def _begun(rows: Rows, record: Record, pending: Pending) -> Bank:
     beside = [(i, j) for i in (0, 1, 2) for j in (0, 1, 2) if (i, j) != (1, 1)]
     around = np.min([padded[i : i + GRID, j : j + GRID] for i, j in beside], axis=0).reshape(-1)
     low_ones = np.flatnonzero(cost <= around)
-    chosen = low_ones[np.argsort(cost[low_ones], kind="stable")][:MOST]
+    chosen = low_ones[np.argsort(cost[low_ones], kind="stable")][:MAX_FILTERS]
     x = np.zeros((len(chosen), 4))
     x[:, ::2] = grid[chosen]
     spread = np.diag([cell**2, before.spread[1, 1], cell**2, before.spread[3, 3]])
-    return Bank(x, np.tile(spread, (len(chosen), 1, 1)), np.zeros(len(chosen)))
+    return FilterBank(x, np.tile(spread, (len(chosen), 1, 1)), np.zeros(len(chosen)))
 
 
-def _seen(rows: Rows, t: int, xy: Floats) -> tuple[Floats, Floats, DistanceErrors]:
+def _seen(rows: SearchMeasurements, t: int, xy: Floats) -> tuple[Floats, Floats, DistanceErrors]:
     """What is measured at a state: residuals (H, n), gradients (H, n, 2) at (H, 2) places, and how these n err."""
     own = rows.distances.take(slice(*rows.distance_first[t : t + 2].tolist()))
     told = linearise(own, xy)
@@ -198,11 +202,11 @@ def _seen(rows: Rows, t: int, xy: Floats) -> tuple[Floats, Floats, DistanceError
     return residual, np.concatenate([gradient, told.gradient], axis=1), errors
 
 
-def _predicted(bank: Bank, A: Floats, sigma: Floats) -> Bank:
-    return Bank(bank.x @ A.T, A @ bank.P @ A.T + sigma, bank.log)
+def _predicted(bank: FilterBank, A: Floats, sigma: Floats) -> FilterBank:
+    return FilterBank(bank.x @ A.T, A @ bank.P @ A.T + sigma, bank.log)
 
 
-def _updated(bank: Bank, rows: Rows, t: int) -> Bank:
+def _updated(bank: FilterBank, rows: SearchMeasurements, t: int) -> FilterBank:
     """The filters with what is measured at a state; what is more probably false than true is passed over."""
     residual, gradient, errors = _seen(rows, t, bank.x[:, ::2])
     n = residual.shape[1]
@@ -220,16 +224,16 @@ def _updated(bank: Bank, rows: Rows, t: int) -> Bank:
     gain = np.linalg.solve(whole, cross).transpose(0, 2, 1)
     x = bank.x + (gain @ (used * residual)[..., None])[..., 0]
     P = bank.P - gain @ cross
-    return Bank(x, 0.5 * (P + P.transpose(0, 2, 1)), log)
+    return FilterBank(x, 0.5 * (P + P.transpose(0, 2, 1)), log)
 
 
-def _kept(bank: Bank, extent: float) -> Ints:
+def _kept(bank: FilterBank, extent: float) -> Ints:
     """Which filters go on: those that are probable, and not next to a better one."""
     order = np.argsort(-bank.log, kind="stable")
     kept: list[int] = []
     for k in order.tolist():
-        if bank.log[k] < bank.log[order[0]] - LEAST_LOG:
+        if bank.log[k] < bank.log[order[0]] - MAX_LOG_GAP:
             break
-        if all(np.abs(bank.x[k, ::2] - bank.x[j, ::2]).max() > SAME * extent for j in kept):
+        if all(np.abs(bank.x[k, ::2] - bank.x[j, ::2]).max() > MERGE_DISTANCE_EXTENTS * extent for j in kept):
             kept.append(k)
     return np.array(kept, dtype=np.int64)

@@ -15,7 +15,7 @@ from occlog.track.methods.readers.virtual import locate, virtual_sensors
 
 SEARCH = 120
 """Steps of the search for the shadowing."""
-LEAST_LOSS = 0.1
+MIN_LOSS = 0.1
 """Smallest exponent: nearer to 0 strengths say nothing of distances."""
 
 
@@ -29,7 +29,7 @@ class Losses(NamedTuple):
     residual_db: float  # standard deviation of the residuals
 
 
-class Stretch(NamedTuple):
+class TagWindows(NamedTuple):
     """T windows of one tag in one recording, with its true places."""
 
     t_s: Floats  # (T,) from the first window on
@@ -69,7 +69,7 @@ def fit_losses(reader: Ints, distance_m: Floats, rssi: Floats, readers: int) -> 
     design[:, -1] = -10.0 * np.log10(np.maximum(distance_m, NEAREST_M))
     used = np.append(present, readers)
     solution, _, rank, _ = np.linalg.lstsq(design[:, used], rssi, rcond=None)
-    if rank < len(used) or not solution[-1] >= LEAST_LOSS:
+    if rank < len(used) or not solution[-1] >= MIN_LOSS:
         raise ValueError("strengths do not fall with the distance; are the places those of the tags?")
     residual = rssi - design[:, used] @ solution
     variance = float(residual @ residual) / (len(rssi) - len(used))
@@ -79,7 +79,7 @@ def fit_losses(reader: Ints, distance_m: Floats, rssi: Floats, readers: int) -> 
     return Losses(power, error, float(solution[-1]), float(spread[-1]), float(np.sqrt(variance)))
 
 
-def fit_shadowing(model: PathLoss, sequences: Sequence[Stretch]) -> PathLoss:
+def fit_shadowing(model: PathLoss, sequences: Sequence[TagWindows]) -> PathLoss:
     """Maximise the likelihood of the residuals over noise, shadowing and the time in which it is forgotten.
 
     Args:
@@ -98,7 +98,7 @@ def fit_shadowing(model: PathLoss, sequences: Sequence[Stretch]) -> PathLoss:
     return model._replace(noise_db=noise, shadow_db=shadow, shadow_s=forget)
 
 
-def _log_likelihood(model: PathLoss, tag: Stretch) -> float:
+def _log_likelihood(model: PathLoss, tag: TagWindows) -> float:
     """Log-likelihood of a tag's strengths at its true places."""
     expected = model.expected(tag.xy)
     known, total = no_shadowing(model, 1), 0.0
@@ -111,7 +111,7 @@ def _log_likelihood(model: PathLoss, tag: Stretch) -> float:
 
 
 def choose_range(
-    model: PathLoss, sequences: Sequence[Stretch], ranges: Sequence[float], room: Floats | None
+    model: PathLoss, sequences: Sequence[TagWindows], ranges: Sequence[float], room: Floats | None
 ) -> Coverage:
     """Choose the range with the least RMS error of the virtual sensors over windows with true places.
 

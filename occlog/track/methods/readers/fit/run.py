@@ -20,19 +20,19 @@ from occlog.track.methods.readers.inputs import metre_of, windows_of
 from occlog.track.methods.readers.rssi import PathLoss
 
 from .config import FitReadersConfig
-from .estimate import Stretch, choose_range, fit_losses, fit_shadowing, usual_ranges
+from .estimate import TagWindows, choose_range, fit_losses, fit_shadowing, usual_ranges
 from .request import FitReadersRequest
 
 if TYPE_CHECKING:
     from occlog.records.losses import Loss
 
-FEWEST_WINDOWS = 20
+MIN_WINDOWS = 20
 """Fewer windows with a true place say little."""
 START_SHADOW_DB, START_SHADOW_S = 3.0, 5.0
 """Where the search for the shadowing begins."""
 
 
-class _Gathered:
+class _FitSamples:
     """Strengths with their distances, and windows with true places, of all recordings."""
 
     def __init__(self, readers: tuple[TagReader, ...], config: FitReadersConfig, metre: float) -> None:
@@ -40,7 +40,7 @@ class _Gathered:
         self.reader: list[Ints] = []
         self.distance: list[Floats] = []
         self.rssi: list[Floats] = []
-        self.stretches: list[Stretch] = []
+        self.stretches: list[TagWindows] = []
         self.without = 0
 
     def add(self, opened: Opened) -> None:
@@ -82,7 +82,7 @@ class _Gathered:
             if good.any():
                 kept = part.take(good)
                 seconds = (kept.t_ns - kept.t_ns[0]) / NS
-                self.stretches.append(Stretch(seconds, xy[good], kept.count, kept.rssi))
+                self.stretches.append(TagWindows(seconds, xy[good], kept.count, kept.rssi))
 
 
 def run_fit_readers(request: FitReadersRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
@@ -93,14 +93,14 @@ def run_fit_readers(request: FitReadersRequest, job: Job) -> tuple[dict[str, obj
     scene = _common_scene(request, inputs)
     config = configure(FitReadersConfig.in_unit(scene.length_unit), request.settings)
     metre = metre_of(scene.length_unit)
-    gathered = _Gathered(scene.readers, config, metre)
+    gathered = _FitSamples(scene.readers, config, metre)
     for opened in job.progress(inputs, "read"):
         gathered.add(opened)
     where = ", ".join(str(p) for p in request.recordings)
     windows = sum(len(s.t_s) for s in gathered.stretches)
-    if windows < FEWEST_WINDOWS:
+    if windows < MIN_WINDOWS:
         raise InputError(
-            f"{where}: {windows} windows have a true place, want {FEWEST_WINDOWS}; give more, or bridge longer gaps"
+            f"{where}: {windows} windows have a true place, want {MIN_WINDOWS}; give more, or bridge longer gaps"
         )
     places = np.array([r.position for r in scene.readers])
     reader, rssi = np.concatenate(gathered.reader), np.concatenate(gathered.rssi)

@@ -22,7 +22,14 @@ from occlog.track.methods.map.kernels.interior_point import (
     move_inside,
     solve,
 )
-from occlog.track.methods.map.kernels.problem import NO_PLANES, HalfPlanes, Problem, join_planes, slack, some_planes
+from occlog.track.methods.map.kernels.problem import (
+    NO_PLANES,
+    HalfPlanes,
+    TrajectoryProblem,
+    join_planes,
+    slack,
+    some_planes,
+)
 from occlog.track.methods.map.kernels.terms import barrier_cost
 
 FINE = Options(1e-10)
@@ -38,7 +45,7 @@ def small(seed: int, T: int = 8, loss: int = 0, k: float = 1.0, kinds=("pixel", 
         X[t + 1] = steps.A[kind] @ X[t] + 0.5 * np.linalg.cholesky(steps.sigma[kind]) @ rng.normal(size=4)
     lines = random_lines(rng, X, 1.5, kinds)
     front = HalfPlanes(lines.step, lines.axis, np.einsum("ni,ni->n", lines.axis, lines.place) + 0.3)
-    return Problem(steps, lines, front, loss, k), X
+    return TrajectoryProblem(steps, lines, front, loss, k), X
 
 
 def held_off(seed: int, number: int = 7, **options):
@@ -56,7 +63,7 @@ def held_off(seed: int, number: int = 7, **options):
     return p._replace(planes=join_planes(p.planes, cuts)), start, free
 
 
-def general(problem: Problem, start):
+def general(problem: TrajectoryProblem, start):
     """The minimum by a general solver, in coordinates in which the prior is a unit sphere.
 
     It sees the plain cost and its gradient by central differences, none of the code under test.
@@ -92,7 +99,7 @@ def general(problem: Problem, start):
     return (L @ y).reshape(-1, 4)
 
 
-def check_conditions(problem: Problem, solution, tolerance: float = 1e-6) -> None:
+def check_conditions(problem: TrajectoryProblem, solution, tolerance: float = 1e-6) -> None:
     """Those of Karush, Kuhn and Tucker."""
     g, _ = derivatives(problem, solution.X, 1.0)
     scale = 1.0 + np.abs(solution.multiplier).max(initial=0.0)
