@@ -11,7 +11,7 @@ from occlog.core.metrics.mot import clear_mot, hota
 from occlog.core.metrics.mot import hota as idf1
 from occlog.core.metrics.mot.failure_rates import failures
 from occlog.core.metrics.mot.frame_pairs import Objects, of_boxes
-from occlog.evaluate.mot.stage import own_targets
+from occlog.evaluate.mot.stage import assigned_targets
 
 FIGURES = ("fr_p", "fr_l", "fr_l joint", "idf1", "hota", "mota", "recall", "precision", "switches")
 
@@ -77,6 +77,6 @@ def failure_rates(truth: LabelledBoxes, tracks: LabelledBoxes, *, joint: bool) -
     if not joint:
         tracks = tracks._replace(label=tracks.label * (1 + tracks.view.max(initial=0)) + tracks.view)
     targets, centres = truth.centres(), tracks.centres()
-    own = own_targets(targets, centres, tau, tracks.frame, "start")
+    own = assigned_targets(targets, centres, tau, tracks.frame, "start")
     found = failures(targets, centres, tau, own)
     return found.fr_p, found.fr_l

@@ -25,7 +25,7 @@ from benchmarks.peers.views_peer import seeds
 from benchmarks.track._crowd_cases import DEGREES, Case, room, wildtrack
 from benchmarks.track._crowd_trackers import TRACKERS, Outcome
 from occlog.array_types import NS
-from occlog.evaluate.mot.config import ManyConfig
+from occlog.evaluate.mot.config import MultiTargetConfig
 from occlog.evaluate.mot.on_ground import evaluate_ground
 from occlog.records.tables import Tracks, Truth
 
@@ -74,7 +74,7 @@ def scored(case: Case, outcome: Outcome) -> dict[str, float]:
         cov_xy=told[:, 1],
         cov_yy=told[:, 2],
     )
-    got = evaluate_ground(tracks, truth, ManyConfig.in_unit("m"), None).metrics
+    got = evaluate_ground(tracks, truth, MultiTargetConfig.in_unit("m"), None).metrics
     cost = {"ms a frame": 1e3 * outcome.seconds / case.frames, "MB": outcome.megabytes}
     return {name: got[key] for name, key in FIGURES.items()} | cost
 

@@ -26,7 +26,7 @@ from benchmarks.peers.views_peer import seeds
 from benchmarks.references import scene
 from benchmarks.track.crowd import cell
 from occlog.array_types import NS
-from occlog.evaluate.mot.config import ManyConfig
+from occlog.evaluate.mot.config import MultiTargetConfig
 from occlog.evaluate.mot.on_ground import evaluate_ground
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_table
@@ -56,7 +56,7 @@ class Given:
         given = [str(self.boxes), "--scene", str(self.where), "--method", "jipda", *arguments]
         quietly(["track", *given, "-o", str(out), "--overwrite", "-q", "--json"])
         tracks = read_table(out, Tracks)
-        got = evaluate_ground(tracks, self.truth, ManyConfig.in_unit("m"), None).metrics
+        got = evaluate_ground(tracks, self.truth, MultiTargetConfig.in_unit("m"), None).metrics
         got["tracks"] = float(len(np.unique(tracks.target_id)))
         return {name: got[key] for name, key in FIGURES.items()}
 

@@ -162,10 +162,10 @@ class EvaluateResult(Result):
         return self.metrics[name] if name in self.metrics else super().__getitem__(name)
 
     def _figures(self) -> Mapping[str, object]:
-        from occlog.evaluate.results import thinned
+        from occlog.evaluate.results import without_per_target
 
         judged = {} if self.plausible is None else {"plausible": self.plausible}
-        return {**thinned(self.metrics), **judged}
+        return {**without_per_target(self.metrics), **judged}
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -29,7 +29,7 @@ from occlog.measure.detect.request import VERB as DETECT_VERB
 from occlog.measure.fuse.request import FuseRequest, TrackFusionRequest
 from occlog.measure.label.request import LabelRequest
 from occlog.records.scene import Scene
-from occlog.report.request import OverlayRequest, PageRequest, Report
+from occlog.report.request import OverlayRequest, PageRequest, ReportRequestBase
 from occlog.request import Form, Request
 from occlog.simulate.request import VERB as SIMULATE_VERB
 from occlog.track.catalogue import form_of
@@ -620,7 +620,7 @@ def _words(request: Request) -> str | None:
 
 
 def _picture(request: Request) -> bytes | None:
-    assert isinstance(request, Report)
+    assert isinstance(request, ReportRequestBase)
     return None if request.png is None else request.png.read_bytes()
 
 

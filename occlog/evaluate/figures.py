@@ -55,7 +55,7 @@ OWN_ENDINGS = ("views_", "cooperation_requests_", "doa_of_")
 _OF = re.compile(r"_(sensor|target|recording)_.+$")
 
 
-def hint_if_unknown(name: str, more: Collection[str] = ()) -> str | None:
+def unknown_metric_hint(name: str, more: Collection[str] = ()) -> str | None:
     """A hint on a name that no evaluation gives, with the nearest ones that some give; None for a known name.
 
     `more` are full names that the evaluation gives besides.

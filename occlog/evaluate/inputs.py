@@ -20,11 +20,11 @@ from occlog.scans.config import DistanceMeasurementConfig
 from occlog.scans.measured import Radio, SignalErrors, measurements_of_reads
 
 from .request import EvaluateRequest
-from .sources import MeasuredSource, Sources, opened_rows, streamed_bearings
-from .verdict import Made
+from .sources import EvaluationSources, MeasuredSource, opened_rows, streamed_bearings
+from .verdict import TrackProvenance
 
 
-def open_sources(request: EvaluateRequest, *, held_boxes: bool) -> tuple[Sources, Scene, Opened | None]:
+def open_sources(request: EvaluateRequest, *, held_boxes: bool) -> tuple[EvaluationSources, Scene, Opened | None]:
     """Everything that is named, of which nothing is read yet; the scene, and the tracks.
 
     Args:
@@ -39,7 +39,7 @@ def open_sources(request: EvaluateRequest, *, held_boxes: bool) -> tuple[Sources
     if held_boxes and views is not None:
         # Of a recording with both those of the detector
         boxes = opened_rows(views, Boxes) if views.has(Boxes) else opened_rows(views, Views)
-    sources = Sources(
+    sources = EvaluationSources(
         tracks=opened_rows(tracks, PeopleTracks if held_boxes else Tracks),
         truth=opened_rows(truth, Truth),
         bearings=streamed_bearings(request.bearings, request.doa, request.doa_labels, scene),
@@ -49,7 +49,7 @@ def open_sources(request: EvaluateRequest, *, held_boxes: bool) -> tuple[Sources
         truth_boxes=opened_rows(truth, TruthBoxes),
         cooperation=opened_rows(_opened(request.cooperation, Cooperation), Cooperation),
         boxes=boxes,
-        made=Made() if tracks is None else Made.of(tracks.provenance),
+        made=TrackProvenance() if tracks is None else TrackProvenance.of(tracks.provenance),
     )
     return (sources if request.frames is None else sources.in_frames(request.frames)), scene, tracks
 
@@ -117,6 +117,6 @@ def _scene(request: EvaluateRequest, tracks: Opened | None, truth: Opened | None
     return load_scene(request.scene, recorded, request.truth or request.inputs[0])
 
 
-def lost_earlier(paths: Iterable[Path]) -> tuple[Loss, ...]:
+def previous_losses(paths: Iterable[Path]) -> tuple[Loss, ...]:
     """What was lost in making the inputs."""
     return input_losses(open_if_ours(path) for path in paths)

@@ -13,7 +13,7 @@ from occlog.request import Request, group, plugged, sink, source
 from occlog.settings import setting
 
 from .matching.config import AZIMUTHS, GROUND, IMAGES, KINDS, OTHERS, WORLD, EvaluateConfig
-from .mot.config import MANY, ManyConfig
+from .mot.config import MANY, MultiTargetConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +110,7 @@ class EvaluateRequest(Request):
         "metric", "The figures of this plug-in too; may be repeated.", "--metric", (GROUND,)
     )
     settings: Mapping[str, object] = group(lambda: EvaluateConfig)
-    many: Mapping[str, object] = group(lambda: ManyConfig)
+    many: Mapping[str, object] = group(lambda: MultiTargetConfig)
     frames: tuple[int, int] | None = setting(
         None,
         "Only frames A <= number < B; on the ground the times of the truth (without one, of the bearings) are "

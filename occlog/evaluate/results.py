@@ -330,7 +330,7 @@ GROUPS: tuple[tuple[str, tuple[Entry, ...]], ...] = (
     GROUP,
 )
 
-SHOWN = 10
+MAX_TARGETS_SHOWN = 10
 """Targets in the table; of more the worst are shown, and none of them in the summary in JSON."""
 OF_TARGET = re.compile(r"_target_\d+(_|$)")
 BY_TARGET = (
@@ -398,7 +398,7 @@ def summary_lines(metrics: Mapping[str, float], unit: str) -> list[str]:
     Of tracks that were smoothed (`tracks_smoothed`) each target's errors stand beside the bound of smoothing.
     """
     lines: list[str] = []
-    own = headline.own_identities(metrics)
+    own = headline.independent_ids(metrics)
     groups = (("tracks", PAIRS), GROUP, *GROUPS[:-1]) if own else GROUPS
     for heading, entries in groups:
         shown = [(label, metrics[key], of) for key, label, of in _keys(entries, "", unit) if key in metrics]
@@ -406,7 +406,7 @@ def summary_lines(metrics: Mapping[str, float], unit: str) -> list[str]:
             keys = [key for key, _, _ in _keys(entries, "", unit) if key in metrics]
             shown = [row for key, row in zip(keys, shown, strict=True) if key not in headline.names(unit)]
         if shown:
-            if heading == "errors" and (own or headline.errors_apart(metrics, unit)):
+            if heading == "errors" and (own or headline.matchings_differ(metrics, unit)):
                 heading = "errors, one-to-one matching over the whole run"
             lines += ["", heading] if lines else [heading]
             lines += [f"  {label:<{LABEL}}{number(value):>12} {of}".rstrip() for label, value, of in shown]
@@ -416,19 +416,19 @@ def summary_lines(metrics: Mapping[str, float], unit: str) -> list[str]:
     ):
         names = _names(metrics, kind, columns, unit)
         left = 0
-        if kind == "target" and len(names) > SHOWN:
-            left = len(names) - SHOWN
-            worst = sorted(names, key=lambda name: -metrics.get(f"rmse_target_{name}_{unit}", 0.0))[:SHOWN]
+        if kind == "target" and len(names) > MAX_TARGETS_SHOWN:
+            left = len(names) - MAX_TARGETS_SHOWN
+            worst = sorted(names, key=lambda name: -metrics.get(f"rmse_target_{name}_{unit}", 0.0))[:MAX_TARGETS_SHOWN]
             names = [name for name in names if name in worst]
         lines += _table(metrics, kind, names, columns, unit) if names else []
         lines += [f"and {left} targets with a smaller RMSE; the figures in a file (-o) are of all"] if left else []
     return lines
 
 
-def thinned(figures: Mapping[str, object]) -> dict[str, object]:
+def without_per_target(figures: Mapping[str, object]) -> dict[str, object]:
     """The figures without those of each target where these are many; the file of figures has all of them."""
     targets = {found[0] for name in figures if (found := OF_TARGET.search(name))}
-    few = len({name.rstrip("_") for name in targets}) <= SHOWN
+    few = len({name.rstrip("_") for name in targets}) <= MAX_TARGETS_SHOWN
     return {name: value for name, value in figures.items() if few or not OF_TARGET.search(name)}
 
 

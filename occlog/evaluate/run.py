@@ -40,12 +40,12 @@ from occlog.settings import configure, declaration, declared
 from occlog.track.methods.images.run.inputs import independent_id_note, initiated_from_detections, other_video
 
 from .bearings.detections import doa_metrics
-from .bearings.noise import MeasuredNoise, comment, scene_with
-from .figures import hint_if_unknown
-from .inputs import lost_earlier, open_sources
+from .bearings.noise import MeasuredNoise, noise_comment, scene_with
+from .figures import unknown_metric_hint
+from .inputs import open_sources, previous_losses
 from .matching.config import AZIMUTHS, GROUND, IMAGES, OTHERS, EvaluateConfig
 from .mot import figures as headline
-from .mot.config import ManyConfig, many_config, own_targets_by
+from .mot.config import MultiTargetConfig, many_config, own_targets_by
 from .mot.run import compared_boxes, evaluate_in_images, in_images
 from .request import EvaluateRequest
 from .results import (
@@ -57,7 +57,7 @@ from .results import (
     parse_threshold,
     recording_lines,
     summary_lines,
-    thinned,
+    without_per_target,
 )
 from .stage import Evaluator, names_of_figures, with_plugins
 
@@ -66,14 +66,14 @@ NOT_COMBINED = ("ospa2_window",)
 """Beginnings of names of figures that are of one recording only."""
 
 
-class Recording(NamedTuple):
+class EvaluatedRecording(NamedTuple):
     """Tracks and truth of one recording."""
 
     tracks: Path
     truth: Path
 
 
-class Several(NamedTuple):
+class MultiRecordingFigures(NamedTuple):
     """Figures of each recording by name, of all together, the unit of lengths; losses and verdicts of inputs."""
 
     each: dict[str, dict[str, float]]
@@ -96,14 +96,17 @@ ALONE = (
 """What is of one recording."""
 
 
-def evaluate_several(request: EvaluateRequest, job: Job) -> Several:
+def evaluate_several(request: EvaluateRequest, job: Job) -> MultiRecordingFigures:
     """Read, compare, write the figures of several recordings, all with tracks in images or all on the ground."""
     for entry in Form(EvaluateRequest).entries():
         if entry.field in ALONE and getattr(request, entry.field):
             raise UsageError(f"{option(entry.key)} is of one recording; leave out {option('also')}")
     if request.tracks is None or request.truth is None:
         raise UsageError(f"{option('also')} wants TRACKS with {option('truth')} beside it")
-    recordings = [Recording(request.tracks, request.truth), *(Recording(*pair) for pair in request.more)]
+    recordings = [
+        EvaluatedRecording(request.tracks, request.truth),
+        *(EvaluatedRecording(*pair) for pair in request.more),
+    ]
     kinds = {in_images(recording.tracks) for recording in recordings}
     if len(kinds) > 1:
         raise UsageError(f"{option('also')}: tracks in images and tracks on the ground cannot be put together")
@@ -115,9 +118,9 @@ def evaluate_several(request: EvaluateRequest, job: Job) -> Several:
     else:
         each, whole, unit = _on_ground(sides, chosen)
     combined = {n: v for n, v in whole.items() if not n.startswith(NOT_COMBINED) and "_sensor_" not in n}
-    provenance = job.provenance({**asdict(chosen), **request.many}, lost_earlier(request.inputs))
+    provenance = job.provenance({**asdict(chosen), **request.many}, previous_losses(request.inputs))
     named = dict(zip(_names(recordings), each, strict=True))
-    found = Several(named, combined, unit, provenance.losses, provenance.judged)
+    found = MultiRecordingFigures(named, combined, unit, provenance.losses, provenance.judged)
     if request.output is not None:
         values = {**found.metrics, **summary_of(found.verdicts), "_provenance": provenance.as_dict()}
         write_json(request.output, values, overwrite=job.overwrite)
@@ -156,7 +159,7 @@ def _on_ground(sides: Sequence[EvaluateRequest], chosen: EvaluateConfig) -> tupl
             raise UsageError(f"{option('also')}: {side.truth} holds no true positions")
         born = initiated_from_detections(side.tracks) or is_external(side.tracks)
         own = "start" if born else own_targets_by(chosen, numbered_itself=False)
-        config = configure(ManyConfig.in_unit(scene.length_unit), {"own": own, **side.many})
+        config = configure(MultiTargetConfig.in_unit(scene.length_unit), {"own": own, **side.many})
         figures = Evaluator(sources, scene, chosen).of_many(config)
         each.append(figures.result())
         if whole is None:
@@ -167,7 +170,7 @@ def _on_ground(sides: Sequence[EvaluateRequest], chosen: EvaluateConfig) -> tupl
     return each, whole.result(), units[0]
 
 
-def _names(recordings: Sequence[Recording]) -> list[str]:
+def _names(recordings: Sequence[EvaluatedRecording]) -> list[str]:
     """A name for each recording: that of its tracks, or of its truth where these differ and the former do not."""
     for side in ([r.tracks.stem for r in recordings], [r.truth.stem for r in recordings]):
         if len(set(side)) == len(side):
@@ -210,7 +213,7 @@ def run_evaluate(request: EvaluateRequest, job: Job) -> Done:
         return Done(summary, earlier=found.losses, failed=failed, shown=shown)
     result, unit = (evaluate_in_images(request, job), "px") if job.kind == IMAGES else _in_world(request, job)
     _note(job, result.notes, result.verdicts)
-    earlier, failed = lost_earlier(request.inputs), failures(result.metrics, thresholds)
+    earlier, failed = previous_losses(request.inputs), failures(result.metrics, thresholds)
     return Done(result.figures, earlier=earlier, failed=failed, shown=lambda as_json: _shown(result, unit, as_json))
 
 
@@ -226,8 +229,8 @@ def _lines(summary: Mapping[str, object], as_json: bool, first: Iterable[str] = 
 def _shown(result: Evaluation, unit: str, as_json: bool) -> str:
     """The figures as text."""
     if as_json:
-        first = headline.first_of(result.metrics) if headline.own_identities(result.metrics) else ()
-        return _lines(thinned(result.figures), True, first)
+        first = headline.first_of(result.metrics) if headline.independent_ids(result.metrics) else ()
+        return _lines(without_per_target(result.figures), True, first)
     lines = summary_lines(result.metrics, unit)
     if result.plugged:
         lines += ["", "plug-ins", *(f"  {name:<{LABEL}}{number(result.metrics[name]):>12}" for name in result.plugged)]
@@ -247,7 +250,7 @@ def _thresholds(texts: Iterable[str], more: Collection[str]) -> list[Threshold]:
             found.append(parse_threshold(text))
         except UsageError as error:
             raise UsageError(f"{option('fail_if')} {error}") from error
-        hint = hint_if_unknown(found[-1].metric, more)
+        hint = unknown_metric_hint(found[-1].metric, more)
         if hint is not None:
             raise UsageError(f"{option('fail_if')} {text!r}: there is no metric {found[-1].metric!r}; {hint}")
     return found
@@ -274,7 +277,7 @@ def _in_world(request: EvaluateRequest, job: Job) -> tuple[Evaluation, str]:
         many, unknown = many_config(unit, own_targets_by(config, numbered_itself=numbered_itself), many_given)
     asked = None if many_given.get("own") is None else str(many_given["own"])
     numbers = () if many is None else independent_id_note(request.tracks, many.own, asked)
-    provenance = job.provenance(_parameters(request, config, many, unit), lost_earlier(request.inputs))
+    provenance = job.provenance(_parameters(request, config, many, unit), previous_losses(request.inputs))
     kept: list[Errors] = []
     with job.tables(provenance, unit) as tables:
 
@@ -305,7 +308,7 @@ def _in_world(request: EvaluateRequest, job: Job) -> tuple[Evaluation, str]:
 
 
 def _parameters(
-    request: EvaluateRequest, config: EvaluateConfig, many: ManyConfig | None, unit: str
+    request: EvaluateRequest, config: EvaluateConfig, many: MultiTargetConfig | None, unit: str
 ) -> dict[str, object]:
     """Parameters of the comparison, as the provenance of outputs has them."""
     out = asdict(config) | ({"doa_labels": True} if request.doa_labels else {})
@@ -315,7 +318,7 @@ def _parameters(
 
 def _write_scene(path: Path, scene: Scene, noise: Mapping[str, MeasuredNoise], *, overwrite: bool) -> None:
     """Write the scene with the noise that was measured at known places."""
-    text = comment(noise) + scene_to_yaml(scene_with(scene, noise))
+    text = noise_comment(noise) + scene_to_yaml(scene_with(scene, noise))
     write_bytes(path, text.encode(), overwrite)
 
 
@@ -421,7 +424,7 @@ def _of_directions(request: EvaluateRequest, job: Job) -> tuple[dict[str, float]
         raise InputError(
             f"{truth}: has no time near those of {doa}; look at the times, or give a larger {option('max_gap')}"
         )
-    losses = lost_earlier([doa, truth])
+    losses = previous_losses([doa, truth])
     if request.output is not None:
         provenance = job.provenance({"doa_gate_deg": gate_deg, "max_gap_s": max_gap_s}, losses)
         write_json(request.output, {**metrics, "_provenance": provenance.as_dict()}, overwrite=job.overwrite)

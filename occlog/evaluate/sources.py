@@ -34,7 +34,7 @@ from occlog.scans.config import DistanceMeasurementConfig
 from occlog.scans.measured import Radio
 from occlog.scans.sources import bearings_of_doa, within_times
 
-from .verdict import Made
+from .verdict import TrackProvenance
 
 AT_ONCE = 1 << 16
 """Rows that are worked on at once, at least where there are as many: a table with fewer is one chunk."""
@@ -55,7 +55,7 @@ class MeasuredSource(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Sources:
+class EvaluationSources:
     """What is evaluated; None where it is not given.
 
     Attributes:
@@ -81,10 +81,10 @@ class Sources:
     truth_boxes: Chunks[TruthBoxes] | None = None
     cooperation: Chunks[Cooperation] | None = None
     boxes: Chunks[Boxes | Views] | None = None
-    made: Made = Made()
+    made: TrackProvenance = TrackProvenance()
     frames: tuple[int, int] | None = None
 
-    def in_frames(self, frames: tuple[int, int]) -> Sources:
+    def in_frames(self, frames: tuple[int, int]) -> EvaluationSources:
         """The rows of the frames first <= number < stop.
 
         Views and true boxes have numbers of frames; everything else is taken from the time of the first frame on up to
@@ -102,7 +102,7 @@ class Sources:
         spans = (span_of_frames(times, frames) for times in self._times_of_frames())
         span = next((span for span in spans if span is not None), None)
         if span is None:
-            raise no_frames(frames, 0)
+            raise missing_frames_message(frames, 0)
         given = {name: chunks for name in timed if (chunks := getattr(self, name)) is not None}
         during: dict[str, Any] = {name: partial(_during, chunks, span) for name, chunks in given.items()}
         if self.measured is not None:
@@ -226,15 +226,15 @@ def span_of_frames(chunks: Iterable[Ints], frames: tuple[int, int]) -> Span | No
     if not count:
         return None
     if not 0 <= first < min(stop, count):
-        raise no_frames(frames, count)
+        raise missing_frames_message(frames, count)
     return low, high
 
 
-def no_frames(frames: tuple[int, int], count: int) -> InputError:
+def missing_frames_message(frames: tuple[int, int], count: int) -> InputError:
     """What is said of frames that are not there."""
     return InputError(f"frames {frames[0]}:{frames[1]}: there are {count} of them, numbered from 0")
 
 
-def no_true_box(frames: tuple[int, int]) -> InputError:
+def no_true_box_message(frames: tuple[int, int]) -> InputError:
     """What is said of frames of views that have no true box."""
     return InputError(f"frames {frames[0]}:{frames[1]}: no true box is in them")

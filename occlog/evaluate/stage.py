@@ -47,20 +47,20 @@ from occlog.scans.config import DistanceMeasurementConfig
 from occlog.scans.measured import Radio
 from occlog.settings import METRES
 
-from .bearings.detections import ViewFigures
+from .bearings.detections import RegionFigures
 from .bearings.held_out import held_out_box_metrics
 from .bearings.noise import MeasuredNoise, figures_of, notes_of
 from .bearings.residuals import AgainstBearings
 from .errors.on_ground import PairSums, TrackErrors, no_targets, pairs_by_number
-from .errors.survey import Beside, Stretch, Survey, stretches, survey
+from .errors.survey import EvaluationChunk, EvaluationSurvey, StretchTables, chunks_in_time, survey
 from .matching.config import EvaluateConfig
-from .matching.outline import Outlines
+from .matching.outline import TruthOutlines
 from .mot import figures as headline
-from .mot.config import ManyConfig
-from .mot.on_ground import GroundFigures, GroundPart, places_of
+from .mot.config import MultiTargetConfig
+from .mot.on_ground import EvaluatedPart, GroundFigures, places_of
 from .results import Evaluation
-from .sources import Chunks, MeasuredSource, Sources, in_memory, no_true_box, rows_of
-from .verdict import AgainstTruth, Made, with_truth
+from .sources import Chunks, EvaluationSources, MeasuredSource, in_memory, no_true_box_message, rows_of
+from .verdict import CovarianceConsistency, TrackProvenance, checks_with_truth
 
 SHARED = "shared"
 CAUSES = ("periodic", "count", "bearing", "ellipse", "spread")
@@ -130,10 +130,10 @@ def evaluate(
     views: Views | None = None,
     truth_boxes: TruthBoxes | None = None,
     cooperation: Cooperation | None = None,
-    made: Made | None = None,
+    made: TrackProvenance | None = None,
     boxes: Boxes | Views | None = None,
     measured: tuple[Measurements, DistanceMeasurementConfig, Radio | None] | None = None,
-    many: ManyConfig | None = None,
+    many: MultiTargetConfig | None = None,
 ) -> Evaluation:
     """Evaluate tables in memory; see `Evaluator`.
 
@@ -155,7 +155,7 @@ def evaluate(
         InputError: the tables do not fit together (no common identity, time or sensor).
     """
     distances = None if measured is None else MeasuredSource(lambda: iter([measured[0]]), *measured[1:])
-    sources = Sources(
+    sources = EvaluationSources(
         tracks=in_memory(tracks),
         truth=in_memory(truth),
         bearings=in_memory(bearings),
@@ -164,7 +164,7 @@ def evaluate(
         truth_boxes=in_memory(truth_boxes),
         cooperation=in_memory(cooperation),
         boxes=in_memory(boxes),
-        made=made or Made(),
+        made=made or TrackProvenance(),
     )
     found: dict[str, list[Any]] = {kind.NAME: [] for kind in (Errors, Bound, Failures, Counts)}
     result = Evaluator(sources, scene, config or EvaluateConfig()).run(lambda rows: found[rows.NAME].append(rows), many)
@@ -185,7 +185,7 @@ class Evaluator:
     held-out sensors; views and true boxes give recall and precision; requests of cameras give their cost.
     """
 
-    def __init__(self, sources: Sources, scene: Scene, config: EvaluateConfig) -> None:
+    def __init__(self, sources: EvaluationSources, scene: Scene, config: EvaluateConfig) -> None:
         """Find what must be known of the whole.
 
         Args:
@@ -202,12 +202,12 @@ class Evaluator:
                 "evaluate: a held-out sensor needs tracks made without it, and bearings or boxes that include it"
             )
         self._sources, self._scene, self._config = sources, scene, config
-        self._outlines, self._high = Outlines(), False
+        self._outlines, self._high = TruthOutlines(), False
         self._compares = sources.tracks is not None and sources.truth is not None
         self._sees = sources.bearings is not None or (sources.measured is not None and sources.truth is not None)
         truth = rows_of(sources.truth) if self._compares or self._sees else iter(())
         truth = self._outlines.watch(truth) if self._sees else truth
-        self.known: Survey = survey(self._watched(rows_of(sources.tracks)), truth)
+        self.known: EvaluationSurvey = survey(self._watched(rows_of(sources.tracks)), truth)
         self.noise: dict[str, MeasuredNoise] = {}
         """Noise of each camera at known places, after `run` with `places`."""
         if self._compares and self.known.truth_ns is not None and not self.known.targets:
@@ -227,7 +227,7 @@ class Evaluator:
     def run(
         self,
         take: Callable[[ColumnTable], None],
-        many: ManyConfig | None = None,
+        many: MultiTargetConfig | None = None,
         *,
         places: bool = False,
         numbers: Sequence[str] = (),
@@ -244,7 +244,7 @@ class Evaluator:
             InputError: the tables do not fit together (no common identity, time or sensor).
         """
         known, unit, config, sources = self.known, self._scene.length_unit, self._config, self._sources
-        against, evidence = AgainstTruth(sources.made, self._scene), ConsistencyEvidence(rows=known.estimates)
+        against, evidence = CovarianceConsistency(sources.made, self._scene), ConsistencyEvidence(rows=known.estimates)
         if sources.diagnostics is not None:
             evidence.rows = 0
             for rows in sources.diagnostics():
@@ -274,7 +274,7 @@ class Evaluator:
         metrics, notes = self._figures(errors, seen)
         if ground is not None:
             metrics = {**metrics, **{name: v for name, v in ground.result().items() if name not in metrics}}
-            metrics = headline.first({**metrics, headline.OWN: 1.0}, unit) if own else metrics
+            metrics = headline.first({**metrics, headline.INDEPENDENT_IDS: 1.0}, unit) if own else metrics
             notes += [*ground.notes(), *numbers, *headline.notes(metrics, unit, config.match)]
         if places and seen is not None:
             self.noise = seen.noise_at_known_places()
@@ -283,12 +283,12 @@ class Evaluator:
         checks = None
         asked = errors.rows or (seen is not None and seen.rows) or (sources.diagnostics is not None and evidence.rows)
         if sources.tracks is not None and asked:
-            checks = with_truth(evidence, sources.made, against, unknown=known.unknown, metrics=metrics)
+            checks = checks_with_truth(evidence, sources.made, against, unknown=known.unknown, metrics=metrics)
         if sources.made.measured and sources.measured is None and seen is not None and seen.bound_rows:
             notes.append(BOUND_WITHOUT_DISTANCES)
         return Evaluation({name: float(v) for name, v in metrics.items()}, notes=tuple(notes), checks=checks)
 
-    def _prepare(self, ground: GroundFigures | None, many: ManyConfig | None) -> dict[int, int]:
+    def _prepare(self, ground: GroundFigures | None, many: MultiTargetConfig | None) -> dict[int, int]:
         """Which target each track is of; what the figures of many targets must know of all frames."""
         known, by_number = self.known, self._config.match == "id"
         if not self._compares:
@@ -303,7 +303,7 @@ class Evaluator:
             return sums.pairs()
         return pairs_by_number(known) if by_number or known.single is None else dict([known.single])
 
-    def of_many(self, many: ManyConfig) -> GroundFigures:
+    def of_many(self, many: MultiTargetConfig) -> GroundFigures:
         """The figures of many targets alone; many: their settings, with a match distance."""
         ground = GroundFigures.of(self.known, many, self._scene.length_unit)
         for take in (ground.prepare, ground.update):
@@ -313,8 +313,8 @@ class Evaluator:
         return ground
 
     def _parts(
-        self, many: ManyConfig | None, beside: Beside | None = None
-    ) -> Iterator[tuple[Stretch, GroundPart | None]]:
+        self, many: MultiTargetConfig | None, beside: StretchTables | None = None
+    ) -> Iterator[tuple[EvaluationChunk, EvaluatedPart | None]]:
         """Stretches of time, and their frames for the figures of many targets where there are any.
 
         Frames are the times of true targets; of an empty truth, in which no target is there, those of the tracks.
@@ -322,13 +322,13 @@ class Evaluator:
         known, limit, begin = self.known, self._config.limit_ns, 0
         truth = self._sources.truth if self._compares or self._sees else None
         gap = 0 if many is None else many.gap_ns(limit)
-        for part in stretches(rows_of(self._sources.tracks), rows_of(truth), known, self._config, gap, beside):
+        for part in chunks_in_time(rows_of(self._sources.tracks), rows_of(truth), known, self._config, gap, beside):
             times = np.unique(part.rows.t_ns) if known.truth_ns is None else part.times
             if many is None or not len(times):
                 yield part, None
                 continue
             places = places_of(part.targets, part.tracks, times, begin, many, limit, self._scene.length_unit)
-            yield part, GroundPart(places, begin, part.rows, part.targets, known.over(int(times[-1])))
+            yield part, EvaluatedPart(places, begin, part.rows, part.targets, known.over(int(times[-1])))
             begin += len(times)
 
     def _figures(self, errors: TrackErrors, seen: AgainstBearings | None) -> tuple[Metrics, list[str]]:
@@ -368,12 +368,12 @@ class Evaluator:
         views, true = self._sources.views, self._sources.truth_boxes
         if views is None or true is None:
             return {}
-        figures, boxes = ViewFigures(self._config), 0
+        figures, boxes = RegionFigures(self._config), 0
         for part in windows(views(), true(), (Views, TruthBoxes), 0):
             figures.update(part.a, part.b)
             boxes += len(part.b)
         if self._sources.frames is not None and not boxes:
-            raise no_true_box(self._sources.frames)
+            raise no_true_box_message(self._sources.frames)
         return figures.result()
 
     def _of_requests(self) -> Metrics:

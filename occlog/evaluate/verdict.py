@@ -36,28 +36,28 @@ from occlog.records.tables import LAST, Bearings, Diagnostics, Errors, Limits, R
 from occlog.records.verdicts import Check, finding, outcome
 from occlog.track.catalogue import smooths
 
-from .errors.sums import in_space, median_of
-from .mot.config import ManyConfig
-from .mot.figures import own_identities
+from .errors.sums import median_of, space_errors
+from .mot.config import MultiTargetConfig
+from .mot.figures import independent_ids
 
 COVARIANCES, IDENTITY = "covariances against the truth (NEES)", "truth and bearings of one target"
 DETECTIONS, BOUND = "detection rate at the true positions", "errors against the bound"
 """Names of checks."""
 NEES_HIGH, NEES_LOW = 2.0, 0.2
 """Normalised squared errors over their number of dimensions that matter."""
-OUTSIDE = 0.12
+MAX_OUTSIDE_95_SHARE = 0.12
 """Share of errors outside of the 95 % ellipse that matters."""
-SINGULAR = 0.01
+MAX_SINGULAR_SHARE = 0.01
 """Share of estimates with a singular covariance that matters."""
-DETECTED = 0.3
+MIN_DETECTION_RATE = 0.3
 """Share of visible targets seen where they are, below which bearings are not of the targets of the truth."""
-ASIDE = 4.0
+MAX_BEARING_NIS = 4.0
 """Normalised squared residual of bearings at the true places, above which these may be of something else."""
-FAR_FROM_BOUND = 5.0
+MAX_BOUND_RATIO = 5.0
 """RMSE over the bound that is worth a word."""
 
 
-class Made(NamedTuple):
+class TrackProvenance(NamedTuple):
     """How tracks were made, as far as a verdict needs it."""
 
     smoothed: bool = False  # they know what came after them
@@ -69,7 +69,7 @@ class Made(NamedTuple):
     measured: bool = False  # they were made with measurements of distances, too
 
     @classmethod
-    def of(cls, provenance: Provenance) -> Made:
+    def of(cls, provenance: Provenance) -> TrackProvenance:
         """As the tracks' provenance says."""
         parameters = provenance.parameters
         sensors, window = parameters.get("sensors"), parameters.get("window_ns")
@@ -84,7 +84,7 @@ class Made(NamedTuple):
         )
 
 
-def used(bearings: Bearings, made: Made, held_out: tuple[str, ...]) -> Bearings:
+def bearings_used(bearings: Bearings, made: TrackProvenance, held_out: tuple[str, ...]) -> Bearings:
     """Bearings that tracks were made from, as far as that is known; `held_out`: sensors that these did not have."""
     use = np.isin(bearings.sensor, list(held_out), invert=True)
     if made.sensors is not None:
@@ -94,8 +94,13 @@ def used(bearings: Bearings, made: Made, held_out: tuple[str, ...]) -> Bearings:
     return bearings.take(use)
 
 
-def with_truth(
-    found: ConsistencyEvidence, made: Made, against: AgainstTruth, *, unknown: bool, metrics: Mapping[str, object]
+def checks_with_truth(
+    found: ConsistencyEvidence,
+    made: TrackProvenance,
+    against: CovarianceConsistency,
+    *,
+    unknown: bool,
+    metrics: Mapping[str, object],
 ) -> tuple[Check, ...]:
     """Everything that speaks against tracks.
 
@@ -117,35 +122,36 @@ def with_truth(
     large = any(each.id == "nees-large" for each in errors)
     else_ = outcome(
         IDENTITY,
-        _of_something_else(found, metrics) if large else (),
+        _truth_of_another_target(found, metrics) if large else (),
         unless="" if math.isfinite(_number(metrics, "bearing_nis")) else "no bearings are compared with the truth",
     )
     return (*said, *errors, *else_, *_of_figures(metrics))
 
 
-def _of_something_else(found: ConsistencyEvidence, metrics: Mapping[str, object]) -> Iterator[Check]:
+def _truth_of_another_target(found: ConsistencyEvidence, metrics: Mapping[str, object]) -> Iterator[Check]:
     """Whether bearings agree with tracks that are far from the truth, and not with the truth."""
     nis, there = found.agreements.nis, _number(metrics, "bearing_nis")
-    if there > ASIDE and nis.value <= NIS_HIGH and found.agreements.doubted <= MAX_REJECTED_SHARE:
+    if there > MAX_BEARING_NIS and nis.value <= NIS_HIGH and found.agreements.doubted <= MAX_REJECTED_SHARE:
         yield finding(
             IDENTITY,
             "warning",
             "something-else",
             f"the bearings agree with the tracks (NIS {nis.value:.2g}) and not with the truth (NIS {there:.2g}, "
-            f"allowed up to {ASIDE:.0f}): they are of something else than the truth, such as a person who carries what "
+            f"allowed up to {MAX_BEARING_NIS:.0f}): they are of something else than the truth, such as a person "
+            "who carries what "
             "the truth is of, or the truth has other clocks or another frame; compare with a truth of what was "
             "detected",
             nis=there,
-            allowed=ASIDE,
+            allowed=MAX_BEARING_NIS,
         )
 
 
-def _on_their_targets(errors: Errors, scene: Scene) -> Errors:
+def _errors_on_assigned_target(errors: Errors, scene: Scene) -> Errors:
     """Errors of tracks while they are on the target that they are paired with.
 
     A track that is on another target after an exchange is as far away as that one, which says nothing of covariances.
     """
-    near = ManyConfig.in_unit(scene.length_unit).match_distance
+    near = MultiTargetConfig.in_unit(scene.length_unit).match_distance
     return errors if near is None else errors.take(errors.error <= near)
 
 
@@ -178,10 +184,10 @@ class _Nees:
         return Ratio.of_parts(self._outside[k] for k in sorted(self._outside))
 
 
-class AgainstTruth:
+class CovarianceConsistency:
     """Gathers errors while they stream by: whether covariances say how large they are."""
 
-    def __init__(self, made: Made, scene: Scene | None) -> None:
+    def __init__(self, made: TrackProvenance, scene: Scene | None) -> None:
         """No errors yet; how the tracks were made, and the scene of which they are."""
         self.rows = self._high = 0
         self._own_numbers, self._scene = made.own_numbers, scene
@@ -190,9 +196,9 @@ class AgainstTruth:
     def update(self, errors: Errors) -> None:
         """Some more, in the order of time."""
         if self._own_numbers and self._scene is not None:
-            errors = _on_their_targets(errors, self._scene)
+            errors = _errors_on_assigned_target(errors, self._scene)
         self.rows += len(errors)
-        self._high += int(np.count_nonzero(in_space(errors)))
+        self._high += int(np.count_nonzero(space_errors(errors)))
         for target in np.unique(errors.target_id).tolist():
             own = errors.target_id == target
             self._ground.update(target, errors.nees[own])
@@ -223,24 +229,25 @@ def _of_nees(found: _Nees, rows: int, where: str) -> Iterator[Check]:
     """Whether covariances say how large the errors are."""
     dimensions, mean, share = found.dimensions, found.mean, found.share
     singular = rows - found.told
-    if exceeds_share(singular, rows, SINGULAR):
+    if exceeds_share(singular, rows, MAX_SINGULAR_SHARE):
         yield finding(
             COVARIANCES,
             "warning",
             "singular",
-            f"{singular} of {rows} estimates have a singular covariance (allowed: {SINGULAR:.0%}): the filter has "
+            f"{singular} of {rows} estimates have a singular covariance (allowed: {MAX_SINGULAR_SHARE:.0%}): the "
+            "filter has "
             "run out of particles, or the noise that is stated is zero; use more particles, or state the noise",
             share=singular / rows,
-            allowed=SINGULAR,
+            allowed=MAX_SINGULAR_SHARE,
         )
     if not found.told:
         return
     large = mean.value > NEES_HIGH and mean.interval(SIGNIFICANCE)[0] > 1.0
-    many = 0.05 * share.value > OUTSIDE and share.interval(SIGNIFICANCE)[0] > 1.0
+    many = 0.05 * share.value > MAX_OUTSIDE_95_SHARE and share.interval(SIGNIFICANCE)[0] > 1.0
     words = (
         f"mean NEES{where} {mean.value * dimensions:.3g}, expected {dimensions}, allowed up to "
         f"{NEES_HIGH * dimensions:.0f}; {0.05 * share.value:.0%} of the errors are outside of the 95 % "
-        f"{'ellipsoid' if where else 'ellipse'}, expected 5 %, allowed {OUTSIDE:.0%}"
+        f"{'ellipsoid' if where else 'ellipse'}, expected 5 %, allowed {MAX_OUTSIDE_95_SHARE:.0%}"
     )
     if large or many:
         yield finding(
@@ -273,21 +280,21 @@ def _of_figures(metrics: Mapping[str, object]) -> tuple[Check, ...]:
             _not_detected(metrics),
             unless="" if math.isfinite(_number(metrics, "detection_rate")) else "no bearings are compared with a truth",
             share=_number(metrics, "detection_rate"),
-            allowed=DETECTED,
+            allowed=MIN_DETECTION_RATE,
         ),
         *outcome(
             BOUND,
             _far_from_bound(metrics),
             unless=_no_bound(metrics),
             ratio=_number(metrics, "bound_ratio"),
-            allowed=FAR_FROM_BOUND,
+            allowed=MAX_BOUND_RATIO,
         ),
     )
 
 
 def _no_bound(metrics: Mapping[str, object]) -> str:
     """Why errors are not compared with the bound; empty: they are."""
-    if own_identities(metrics):
+    if independent_ids(metrics):
         return "tracks have identities of their own, so that errors count their switches"
     return "" if _number(metrics, "bound_estimates") >= MIN_SAMPLES else "there is no bound"
 
@@ -295,30 +302,33 @@ def _no_bound(metrics: Mapping[str, object]) -> str:
 def _not_detected(metrics: Mapping[str, object]) -> Iterator[Check]:
     """Bearings that are not of the targets of the truth."""
     rate, visible = _number(metrics, "detection_rate"), _number(metrics, "visible")
-    if rate < DETECTED and exceeds_share(round((1.0 - rate) * visible), round(visible), 1.0 - DETECTED):
+    if rate < MIN_DETECTION_RATE and exceeds_share(
+        round((1.0 - rate) * visible), round(visible), 1.0 - MIN_DETECTION_RATE
+    ):
         yield finding(
             DETECTIONS,
             "warning",
             "not-detected",
-            f"only {rate:.0%} of the visible targets were seen where they are (expected at least {DETECTED:.0%}): the "
+            f"only {rate:.0%} of the visible targets were seen where they are (expected at least "
+            f"{MIN_DETECTION_RATE:.0%}): the "
             "bearings may be of something else than the truth, or the clocks or the calibration do not fit",
             share=rate,
-            allowed=DETECTED,
+            allowed=MIN_DETECTION_RATE,
         )
 
 
 def _far_from_bound(metrics: Mapping[str, object]) -> Iterator[Check]:
     """Errors that are far larger than the bearings would allow."""
     ratio = _number(metrics, "bound_ratio")
-    if ratio > FAR_FROM_BOUND and not _no_bound(metrics):
+    if ratio > MAX_BOUND_RATIO and not _no_bound(metrics):
         yield finding(
             BOUND,
             "note",
             "far-from-bound",
-            f"the RMSE is {ratio:.1f} times the Cramer-Rao bound (usual: up to {FAR_FROM_BOUND:.0f}): the bearings "
+            f"the RMSE is {ratio:.1f} times the Cramer-Rao bound (usual: up to {MAX_BOUND_RATIO:.0f}): the bearings "
             "would allow more, or the motion that the bound was told is too quiet",
             ratio=ratio,
-            allowed=FAR_FROM_BOUND,
+            allowed=MAX_BOUND_RATIO,
         )
 
 
@@ -335,7 +345,7 @@ class SightEvidence:
         self,
         evidence: ConsistencyEvidence,
         scene: Scene,
-        made: Made,
+        made: TrackProvenance,
         held_out: tuple[str, ...],
         in_memory: int = NUMBERS_IN_MEMORY,
     ) -> None:
@@ -370,11 +380,14 @@ class SightEvidence:
         window_ns, before = self._made.window_ns, Limits(limits.begin, limits.end)
         ours, its = before.about(tracks, window_ns, 0), before.about(bearings, window_ns, 0)
         fared = None if diagnostics is None else before.about(diagnostics, window_ns, 0)
-        its = used(its, self._made, self._held_out)
+        its = bearings_used(its, self._made, self._held_out)
         residuals, frames = self._of_estimates.compare(ours, its, fared)
         if window_ns:
             # A bearing may belong to an estimate after the stretch
-            ours, its = before.about(tracks, 0, self.margin_ns), used(before.of(bearings), self._made, self._held_out)
+            ours, its = (
+                before.about(tracks, 0, self.margin_ns),
+                bearings_used(before.of(bearings), self._made, self._held_out),
+            )
             fared = None if diagnostics is None else before.about(diagnostics, 0, self.margin_ns)
             _, frames = self._of_frames.compare(ours, its, fared)
             ours = before.about(tracks, window_ns, 0)

@@ -62,10 +62,10 @@ CLASSES: dict[str, tuple[str, ...]] = {
     "fit-readers": ("occlog.track.methods.readers.fit.config:FitReadersConfig",),
     "evaluate": (
         "occlog.evaluate.matching.config:EvaluateConfig",
-        "occlog.evaluate.mot.config:ManyConfig",
+        "occlog.evaluate.mot.config:MultiTargetConfig",
     ),
     "ground": ("occlog.track.methods.images.ground.config:GroundConfig",),
-    "report": ("occlog.report.beside.config:BesideConfig",),
+    "report": ("occlog.report.beside.config:RunComparisonConfig",),
     "navigate": ("occlog.papers.lee.navigation.config:NavigateConfig",),
     "plan": ("occlog.plan.config:PlanConfig",),
 }

@@ -56,18 +56,18 @@ def template(name: str, package: str = "occlog.report", folder: str = "templates
     return environment.get_template(name)
 
 
-class Script(NamedTuple):
+class PageScript(NamedTuple):
     """A script of a page, with the SHA-256 by which a Content Security Policy allows it and no other."""
 
     text: Markup
     digest: str
 
 
-def script(*names: str) -> Script:
+def script(*names: str) -> PageScript:
     """The scripts of these names, one after the other, as one."""
     folder = resources.files("occlog.report").joinpath("templates")
     text = "\n".join(folder.joinpath(name).read_text(encoding="utf-8") for name in names)
-    return Script(Markup(text), base64.b64encode(hashlib.sha256(text.encode()).digest()).decode())
+    return PageScript(Markup(text), base64.b64encode(hashlib.sha256(text.encode()).digest()).decode())
 
 
 COLOURS = {

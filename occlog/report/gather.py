@@ -23,9 +23,9 @@ from occlog.consistency.verdict import ConsistencyEvidence
 from occlog.core.metrics.errors import group_medians
 from occlog.evaluate.errors.sums import median_of
 from occlog.evaluate.matching.outline import NEAR_NS
-from occlog.evaluate.mot.figures import own_identities
+from occlog.evaluate.mot.figures import independent_ids
 from occlog.evaluate.sources import Chunks, opened_rows, streamed_bearings
-from occlog.evaluate.verdict import AgainstTruth, Made, SightEvidence, in_rows_of, with_truth
+from occlog.evaluate.verdict import CovarianceConsistency, SightEvidence, TrackProvenance, checks_with_truth, in_rows_of
 from occlog.io.files.spill import Blocks, Spool
 from occlog.io.files.tables.parquet import describe
 from occlog.io.open import open_in_unit
@@ -54,20 +54,43 @@ from occlog.records.tables import (
 from occlog.records.verdicts import Check
 
 from .content import thinned as rule
-from .content.accuracy import BesideBound, Fared, FaredStreams, deviation, followers, relabelled
-from .content.looks import MOST_SENSORS, MOST_TARGETS, Looked, LookStreams, Selections, SelectionStreams, known_first
-from .content.people import People, PeopleStreams, crowd
-from .content.sight import Distances, OffSightStreams, Residual, period_of, places, share_times, sight_lines
+from .content.accuracy import (
+    ErrorsAgainstBound,
+    FilterDiagnostics,
+    FilterDiagnosticsStreams,
+    deviation,
+    matching_tracks,
+    relabelled,
+)
+from .content.looks import (
+    MAX_SENSORS,
+    MAX_TARGETS,
+    ObservationCoverage,
+    ObservationStreams,
+    Selections,
+    SelectionStreams,
+    scene_order,
+)
+from .content.people import PeopleStatistics, PeopleStreams, people_statistics
+from .content.sight import (
+    BearingResidualStreams,
+    Residual,
+    TriangulationDistances,
+    has_common_time,
+    period_of,
+    places,
+    sight_lines,
+)
 from .content.thinned import (
-    MOST_MOVING,
+    MAX_MOVING,
+    DownsampledTable,
     ErrorsSoFar,
-    Thinned,
-    Whole,
-    chosen,
-    fewer,
-    shortly_before,
-    thinned,
-    with_rows,
+    TableTotals,
+    downsample,
+    downsample_with,
+    every_nth,
+    kept_steps,
+    rows_before,
 )
 
 STEP = np.dtype([("group", "i8"), ("step", "f8")])
@@ -109,7 +132,7 @@ class Posts:
 
 
 @dataclass(frozen=True)
-class Beside:
+class BearingReference:
     """What bearings are compared with.
 
     Attributes:
@@ -125,12 +148,12 @@ class Beside:
     diagnostics: Callable[[], Iterator[Diagnostics]] | None
     posts: Posts
     evidence: ConsistencyEvidence
-    made: Made
+    made: TrackProvenance
     without: frozenset[int]
 
 
 @dataclass
-class Found:
+class ThinnedBearings:
     """Bearings of which a part is drawn.
 
     Attributes:
@@ -143,11 +166,11 @@ class Found:
     """
 
     table: Bearings
-    whole: Whole
-    looked: Looked
+    whole: TableTotals
+    looked: ObservationCoverage
     every: int
     residuals: dict[int, Residual] = field(default_factory=dict)
-    sight: dict[int, Distances] = field(default_factory=dict)
+    sight: dict[int, TriangulationDistances] = field(default_factory=dict)
 
 
 class _Periods:
@@ -164,7 +187,7 @@ class _Periods:
         """Some more, which end between two times."""
         for k, (target, lines) in enumerate(sight_lines(bearings, self._scene, self._targets).items()):
             self._rows[target] += len(lines.t_ns)
-            self._together[target] += int(np.count_nonzero(share_times(lines.t_ns)))
+            self._together[target] += int(np.count_nonzero(has_common_time(lines.t_ns)))
             for sensor in np.unique(lines.sensor).tolist():
                 own, group = lines.t_ns[lines.sensor == sensor], k * self._sensors + sensor
                 steps = np.diff(own) if group not in self._last else np.diff(own, prepend=self._last[group])
@@ -195,9 +218,9 @@ def bearings_of(
     scene: Scene | None,
     targets: tuple[int, ...],
     moments: tuple[Ints, float],
-    beside: Beside | None,
+    beside: BearingReference | None,
     most: int = sys.maxsize,
-) -> Found:
+) -> ThinnedBearings:
     """Go through all bearings twice.
 
     Args:
@@ -208,7 +231,7 @@ def bearings_of(
         beside: what they are compared with; None: nothing.
         most: how many of them are drawn, about.
     """
-    looks, steps, times, span = LookStreams(), Spool(), 0, (0, 0)
+    looks, steps, times, span = ObservationStreams(), Spool(), 0, (0, 0)
     kept, step_ns = moments
     counts = np.zeros(len(kept), np.int64)
     periods = None if beside is None or scene is None else _Periods(scene, beside.without)
@@ -218,35 +241,35 @@ def bearings_of(
         span = int(first[0]) if not times else span[0], int(first[-1])
         times += len(first)
         looks.add(piece)
-        counts += np.bincount(shortly_before(kept, step_ns, piece.t_ns)[1], minlength=len(kept))
+        counts += np.bincount(rows_before(kept, step_ns, piece.t_ns)[1], minlength=len(kept))
         if periods is not None:
             periods.add(piece)
     every = max(-(-looks.rows // most), 1)
-    step = 1 if every == 1 else fewer(counts, most)
+    step = 1 if every == 1 else every_nth(counts, most)
     shown, parts = kept[::step], [Bearings.empty()]
 
     def keep(part: Bearings) -> None:
-        parts.append(part if every == 1 else part.take(shortly_before(shown, step_ns, part.t_ns)[0]))
+        parts.append(part if every == 1 else part.take(rows_before(shown, step_ns, part.t_ns)[0]))
 
-    residuals, sight = dict[int, Residual](), dict[int, Distances]()
+    residuals, sight = dict[int, Residual](), dict[int, TriangulationDistances]()
     if beside is None or scene is None or periods is None:
         for part in stream():
             keep(part)
     else:
-        off = OffSightStreams(scene, targets, looks.labels, periods.periods_ns(), every)
+        off = BearingResidualStreams(scene, targets, looks.labels, periods.periods_ns(), every)
         for ours, part in _beside(stream, scene, beside):
             off.add(ours, part)
             keep(part)
         residuals, sight = off.finish()
-    named = known_first(scene, looks.sensors)[:MOST_SENSORS]
+    named = scene_order(scene, looks.sensors)[:MAX_SENSORS]
     watched = tuple(i for i in looks.labels if i != UNLABELLED) or looks.labels
-    looked = looks.finish(named, dict.fromkeys((*watched[:MOST_TARGETS], *targets[:1])))
-    whole = Whole(looks.rows, times, every, shown, median_of(steps) if steps.count else float(NS), span)
-    return Found(Bearings.concat(parts), whole, looked, step, residuals, sight)
+    looked = looks.finish(named, dict.fromkeys((*watched[:MAX_TARGETS], *targets[:1])))
+    whole = TableTotals(looks.rows, times, every, shown, median_of(steps) if steps.count else float(NS), span)
+    return ThinnedBearings(Bearings.concat(parts), whole, looked, step, residuals, sight)
 
 
 def _beside(
-    stream: Callable[[], Iterator[Bearings]], scene: Scene, beside: Beside
+    stream: Callable[[], Iterator[Bearings]], scene: Scene, beside: BearingReference
 ) -> Iterator[tuple[Tracks, Bearings]]:
     """Stretches of bearings, and all estimates between which they are; evidence is gathered on the way."""
     sight = SightEvidence(beside.evidence, scene, beside.made, ())
@@ -269,7 +292,7 @@ TABLES = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics", "even
 
 
 @dataclass(frozen=True, eq=False)
-class Figures:
+class ReportFigures:
     """Figures of all rows: every number that a page says; None of tables that are not given, or say nothing.
 
     Attributes:
@@ -293,20 +316,20 @@ class Figures:
         judged: what was checked of the tracks; None: nothing was.
     """
 
-    whole: Mapping[str, Whole] = field(default_factory=dict)
+    whole: Mapping[str, TableTotals] = field(default_factory=dict)
     moments: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
     every: int = 1
     sight_every: int = 1
     priors_every: int = 1
     errors: ErrorsSoFar = field(default_factory=ErrorsSoFar)
     errors_so_far: Floats = field(default_factory=lambda: np.zeros(0))
-    bound: BesideBound = field(default_factory=BesideBound)
+    bound: ErrorsAgainstBound = field(default_factory=ErrorsAgainstBound)
     bound_so_far: Floats = field(default_factory=lambda: np.zeros((0, 2)))
-    looked: Looked | None = None
+    looked: ObservationCoverage | None = None
     residuals: Mapping[int, Residual] = field(default_factory=dict)
-    sight: Mapping[int, Distances] = field(default_factory=dict)
-    people: People | None = None
-    fared: Fared | None = None
+    sight: Mapping[int, TriangulationDistances] = field(default_factory=dict)
+    people: PeopleStatistics | None = None
+    fared: FilterDiagnostics | None = None
     deviation: float = float("nan")
     selections: Mapping[int, Selections] = field(default_factory=dict)
     events: Mapping[str, int] = field(default_factory=dict)
@@ -314,7 +337,7 @@ class Figures:
 
 
 @dataclass(frozen=True)
-class Rows(Generic[T]):
+class StreamedTable(Generic[T]):
     """A table that is gone through several times.
 
     Attributes:
@@ -338,16 +361,16 @@ class Rows(Generic[T]):
         return column in known
 
 
-Given = Callable[..., Rows[Any] | None]
+Given = Callable[..., StreamedTable[Any] | None]
 """Opens a table by its name, as the first of some kinds that it is; None where it is not given."""
 
 
 def in_memory(tables: Mapping[str, ColumnTable]) -> Given:
     """Tables in memory by their names, each as one chunk."""
 
-    def opened(name: str, *_: type[ColumnTable]) -> Rows[Any] | None:
+    def opened(name: str, *_: type[ColumnTable]) -> StreamedTable[Any] | None:
         table = tables.get(name)
-        return None if table is None else Rows(type(table), lambda: iter((table,) if len(table) else ()))
+        return None if table is None else StreamedTable(type(table), lambda: iter((table,) if len(table) else ()))
 
     return opened
 
@@ -358,14 +381,14 @@ def in_files(paths: Mapping[str, Path], unit: str | None, scene: Scene | None) -
     Bearings of a recording are its directions of arrival, too, as `occlog track` uses them, where there is a scene.
     """
 
-    def opened(name: str, *kinds: type[ColumnTable]) -> Rows[Any] | None:
+    def opened(name: str, *kinds: type[ColumnTable]) -> StreamedTable[Any] | None:
         path = paths.get(name)
         if path is None:
             return None
         found = open_in_unit(path, unit)
         if name == "bearings" and scene is not None and found.recording is not None and found.has(Doa):
             heard = streamed_bearings(path, None, False, scene)
-            return None if heard is None else Rows(Bearings, heard)
+            return None if heard is None else StreamedTable(Bearings, heard)
         kind = next((kind for kind in kinds if found.has(kind)), kinds[-1])
         if found.recording is not None and not found.has(kind):
             return None
@@ -373,14 +396,14 @@ def in_files(paths: Mapping[str, Path], unit: str | None, scene: Scene | None) -
         if found.recording is None and found.foreign is None:
             header = describe(path)
             said = int(header["rows"]), frozenset(column["name"] for column in header["columns"])
-        return Rows(kind, opened_rows(found, kind) or partial(found.rows, kind), said)
+        return StreamedTable(kind, opened_rows(found, kind) or partial(found.rows, kind), said)
 
     return opened
 
 
 def gather(
-    given: Given, made: Made, scene: Scene | None, metrics: Mapping[str, object], whole: Collection[str] = ()
-) -> tuple[dict[str, Any], Figures]:
+    given: Given, made: TrackProvenance, scene: Scene | None, metrics: Mapping[str, object], whole: Collection[str] = ()
+) -> tuple[dict[str, Any], ReportFigures]:
     """The part of each table that is drawn, by its name, and figures of all rows.
 
     Args:
@@ -396,21 +419,21 @@ def gather(
 class _Reading:
     """Goes through the tables, and gathers what is drawn and what is said."""
 
-    def __init__(self, given: Given, made: Made, scene: Scene | None, unthinned: Collection[str]) -> None:
+    def __init__(self, given: Given, made: TrackProvenance, scene: Scene | None, unthinned: Collection[str]) -> None:
         self._open, self._made, self._scene, self._unthinned = given, made, scene, unthinned
         self._tables: dict[str, Any] = {}
-        self._whole: dict[str, Whole] = {}
+        self._whole: dict[str, TableTotals] = {}
         self._figures: dict[str, Any] = {}
         self._moments = np.zeros(0, np.int64)
         self._unknown = self._own = False
-        self._selected: tuple[SelectionStreams, Rows[Diagnostics]] | None = None
+        self._selected: tuple[SelectionStreams, StreamedTable[Diagnostics]] | None = None
         self._posts = Posts()
         self._evidence = ConsistencyEvidence()
-        self._against = AgainstTruth(made, scene)
+        self._against = CovarianceConsistency(made, scene)
 
-    def all(self, metrics: Mapping[str, object]) -> tuple[dict[str, Any], Figures]:
+    def all(self, metrics: Mapping[str, object]) -> tuple[dict[str, Any], ReportFigures]:
         """Tables, and figures."""
-        self._own = own_identities(metrics)
+        self._own = independent_ids(metrics)
         self._read_tracks()
         self._read_truth()
         self._read_diagnostics()
@@ -421,29 +444,31 @@ class _Reading:
         self._read_bearings()
         asked = any(name in self._whole and self._whole[name].rows for name in ("diagnostics", "errors"))
         if "tracks" in self._whole and (asked or (self._scene is not None and self._with_bearings)):
-            self._figures["judged"] = with_truth(
+            self._figures["judged"] = checks_with_truth(
                 self._evidence, self._made, self._against, unknown=self._unknown, metrics=metrics
             )
-        return self._tables, Figures(whole=self._whole, moments=self._moments, **self._figures)
+        return self._tables, ReportFigures(whole=self._whole, moments=self._moments, **self._figures)
 
     def _most(self, name: str) -> int:
         """How many rows of a table are drawn, about."""
-        return sys.maxsize if name in self._unthinned else rule.MOST_ROWS
+        return sys.maxsize if name in self._unthinned else rule.MAX_ROWS
 
-    def _keep(self, name: str, found: Thinned[T]) -> T:
+    def _keep(self, name: str, found: DownsampledTable[T]) -> T:
         self._tables[name], self._whole[name] = found.table, found.whole
         return found.table
 
-    def _thin(self, name: str, given: Rows[T], chunks: Iterable[T] | None = None, *, ends: bool = True) -> Thinned[T]:
+    def _thin(
+        self, name: str, given: StreamedTable[T], chunks: Iterable[T] | None = None, *, ends: bool = True
+    ) -> DownsampledTable[T]:
         """Keep a part of a table, in chunks of which something else is made, too."""
         chunks, most = given.chunks() if chunks is None else chunks, self._most(name)
-        found = thinned(chunks, given.kind, given.rows, most, also=self._moments, ends=ends)
+        found = downsample(chunks, given.kind, given.rows, most, also=self._moments, ends=ends)
         self._keep(name, found)
         return found
 
     def _read_tracks(self) -> None:
         """Tracks, and of everybody how many people there are and who sees them."""
-        given: Rows[Tracks] | None = self._open("tracks", PeopleTracks)
+        given: StreamedTable[Tracks] | None = self._open("tracks", PeopleTracks)
         if given is None:
             return
         people, spread = PeopleStreams(), Spool()
@@ -470,9 +495,9 @@ class _Reading:
             people.begin_cells(whole.span_ns, whole.step_ns)
             for piece in given.chunks():
                 assert isinstance(piece, PeopleTracks)
-                people.see(piece, MOST_SENSORS)
+                people.see(piece, MAX_SENSORS)
             table = self._tables["tracks"]
-            self._figures["people"] = people.finish(crowd(table.take(np.isin(table.t_ns, whole.at))))
+            self._figures["people"] = people.finish(people_statistics(table.take(np.isin(table.t_ns, whole.at))))
 
     def _read_truth(self) -> None:
         """The truth, and with it the moments that the replay shows."""
@@ -487,20 +512,23 @@ class _Reading:
         if truth is not None and truth.whole.rows:
             shown = truth.whole.rows * _shown(truth.table)
             rows.append(min(round(shown), round(shown / truth.whole.times * len(leading.at))))
-        every = chosen(len(leading.at), rows)
+        every = kept_steps(len(leading.at), rows)
         self._moments = moments = leading.at[::every]
         self._figures["every"] = leading.every * every
         if given is not None and truth is not None and truth.whole.every > 1 and "tracks" in self._whole:
             step_ns = leading.step_ns
-            near = with_rows(truth, given.chunks(), lambda rows: shortly_before(moments, step_ns, rows.t_ns)[0])
+            near = downsample_with(truth, given.chunks(), lambda rows: rows_before(moments, step_ns, rows.t_ns)[0])
             self._keep("truth", near)
 
     def _read_diagnostics(self) -> None:
         """How the filter fared, and which cameras were selected."""
-        given: Rows[Diagnostics] | None = self._open("diagnostics", Diagnostics)
+        given: StreamedTable[Diagnostics] | None = self._open("diagnostics", Diagnostics)
         if given is None:
             return
-        fared, selected = FaredStreams(), SelectionStreams(max(-(-given.rows // self._most("diagnostics")), 1))
+        fared, selected = (
+            FilterDiagnosticsStreams(),
+            SelectionStreams(max(-(-given.rows // self._most("diagnostics")), 1)),
+        )
         self._evidence.rows = 0 if given.rows else self._evidence.rows
 
         def watched() -> Iterator[Diagnostics]:
@@ -518,7 +546,7 @@ class _Reading:
     def _relabelled(self) -> bool:
         """Whether tracks have names of their own, and errors those of the truth."""
         errors, tracks = self._tables.get("errors"), self._tables.get("tracks")
-        return errors is not None and tracks is not None and relabelled(followers(errors, tracks))
+        return errors is not None and tracks is not None and relabelled(matching_tracks(errors, tracks))
 
     def _read_selections(self) -> None:
         """What came out where cameras were selected; errors say nothing of tracks that have names of their own."""
@@ -532,7 +560,7 @@ class _Reading:
         self._figures["selections"] = selected.finish()
 
     def _came_out(
-        self, selected: SelectionStreams, diagnostics: Rows[Diagnostics], kind: type[Errors] | type[Tracks]
+        self, selected: SelectionStreams, diagnostics: StreamedTable[Diagnostics], kind: type[Errors] | type[Tracks]
     ) -> None:
         """What errors or tracks say at the times at which cameras were selected."""
         beside = self._open(kind.NAME, kind)
@@ -549,7 +577,7 @@ class _Reading:
         if errors is None:
             return
         ours = self._thin("errors", errors)
-        so_far, beside = ErrorsSoFar(), BesideBound()
+        so_far, beside = ErrorsSoFar(), ErrorsAgainstBound()
         # One pass more: the RMSE up to a row is of all rows before it
         sides = TableBuffer(errors.chunks(), Errors), TableBuffer(() if bound is None else bound.chunks(), Bound)
         drawn = _Drawn(ours.rows), _Drawn(np.zeros(0, np.int64) if theirs is None else theirs.rows)
@@ -564,7 +592,7 @@ class _Reading:
 
     def _read_events(self) -> None:
         """What happened, and how often."""
-        given: Rows[Events] | None = self._open("events", Events)
+        given: StreamedTable[Events] | None = self._open("events", Events)
         if given is None:
             return
         counts: Counter[str] = Counter()
@@ -588,9 +616,9 @@ class _Reading:
             for chunk in given.chunks():
                 at = np.searchsorted(moments, chunk.t_ns[np.isin(chunk.t_ns, moments)])
                 counts += np.bincount(at, minlength=len(moments))
-            every = fewer(counts, most)
+            every = every_nth(counts, most)
         self._keep(
-            "occluders", thinned(given.chunks(), given.kind, given.rows, most, also=moments[::every], ends=False)
+            "occluders", downsample(given.chunks(), given.kind, given.rows, most, also=moments[::every], ends=False)
         )
         self._figures["priors_every"] = every
 
@@ -601,7 +629,7 @@ class _Reading:
 
     def _read_bearings(self) -> None:
         """What sensors saw, how it fits the tracks, and the sight lines of the moments."""
-        stream: Rows[Bearings] | None = self._open("bearings", Bearings)
+        stream: StreamedTable[Bearings] | None = self._open("bearings", Bearings)
         if stream is None:
             return
         leading = self._whole.get("tracks") or self._whole.get("truth")
@@ -611,7 +639,7 @@ class _Reading:
             same = said is not None and self._whole["diagnostics"].rows == self._whole["tracks"].rows
             assert tracks is not None
             fared = said.chunks if said is not None and same else None
-            beside = Beside(tracks.chunks, fared, self._posts, self._evidence, self._made, self._without())
+            beside = BearingReference(tracks.chunks, fared, self._posts, self._evidence, self._made, self._without())
         step_ns = float("nan") if leading is None else leading.step_ns
         moments = self._moments, step_ns
         found = bearings_of(stream.chunks, self._scene, self._targets(), moments, beside, self._most("bearings"))
@@ -654,5 +682,5 @@ class _Drawn:
 def _shown(truth: Truth) -> float:
     """Share of true places that the replay shows: of others than targets where there are few of them."""
     others = truth.role != "target"
-    few = len(np.unique(truth.target_id[others])) <= MOST_MOVING
+    few = len(np.unique(truth.target_id[others])) <= MAX_MOVING
     return 1.0 if few or not len(truth) else 1.0 - float(others.mean())

@@ -15,16 +15,16 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.console.text import noun
-from occlog.evaluate.mot.figures import own_identities
+from occlog.evaluate.mot.figures import independent_ids
 from occlog.records.tables import UNLABELLED
 from occlog.records.verdicts import Check, Verdict, all_plausible, counts_of, made_checks
 
-from .content.looks import MOST_SENSORS, MOST_TARGETS
+from .content.looks import MAX_SENSORS, MAX_TARGETS
 from .content.metrics_in_words import Figure, groups, number
 from .content.model import ReportInput, TimeAxis
-from .content.people import People
+from .content.people import PeopleStatistics
 from .drawing import COLOURS, DARK, Plot, house_style, label, plot, script, template
-from .plots.floorplan import MOST_MOVING_OCCLUDERS, bold_from, draw_floorplan, moments, outside, plan_limits
+from .plots.floorplan import MAX_MOVING_OCCLUDERS, bold_from, draw_floorplan, moments, outside, plan_limits
 from .plots.over_time import (
     axes_of,
     cameras_of,
@@ -68,7 +68,7 @@ def headline(data: ReportInput) -> list[Figure]:
     return out
 
 
-def _people(people: People) -> list[Figure]:
+def _people(people: PeopleStatistics) -> list[Figure]:
     """How many people there were, all in all and at a time, and how many of them nobody saw."""
     at_a_time = number(float(f"{people.mean:.3g}"))
     unseen = number(round(100.0 * people.unseen, 1))
@@ -80,7 +80,7 @@ def _people(people: People) -> list[Figure]:
 
 def _headline_accuracy(data: ReportInput) -> list[Figure]:
     """RMSE, bound and their ratio over all targets; without truth, the distance from the sight lines."""
-    if own_identities(data.metrics):
+    if independent_ids(data.metrics):
         return _pairs(data)
     if data.errors is None or not len(data.errors):
         return _headline_sight(data)
@@ -211,13 +211,13 @@ def build_page(data: ReportInput, images: Thumbnails | None = None) -> str:
 def _plots(data: ReportInput) -> list[Plot]:
     out = [floorplan(data), *_everybody(data)]
     if data.relabelled:
-        for target in data.compared[:MOST_TARGETS]:
+        for target in data.compared[:MAX_TARGETS]:
             out += _accuracy(data, target)
     else:
-        for target in data.targets[:MOST_TARGETS]:
+        for target in data.targets[:MAX_TARGETS]:
             out += _accuracy(data, target) or _sight(data, target)
-    out += [_visibility(data, target) for target in watched(data)[:MOST_TARGETS]]
-    out += [_selection(data, target) for target in list(data.selections)[:MOST_TARGETS]]
+    out += [_visibility(data, target) for target in watched(data)[:MAX_TARGETS]]
+    out += [_selection(data, target) for target in list(data.selections)[:MAX_TARGETS]]
     return out + _filter(data)
 
 
@@ -233,7 +233,7 @@ def floorplan(data: ReportInput) -> Plot:
         words.append(f"Not drawn, as their pose is not known: {names}.")
     if data.truth is not None:
         moving = len(np.unique(data.truth.target_id[data.truth.role == "occluder"]))
-        if moving > MOST_MOVING_OCCLUDERS:
+        if moving > MAX_MOVING_OCCLUDERS:
             words.append(f"The {moving} moving occluders are not drawn.")
     if data.occluders is not None and (n := len(moments(data.occluders.t_ns[data.occluders.occluder_id >= 0]))):
         words.append(f"Moving occluders are drawn as the tracker knew them at {plural(n, 'moment')}.")
@@ -267,9 +267,9 @@ def _everybody(data: ReportInput) -> list[Plot]:
     if not names:
         return [who]
     caption = f"In {number(round(100.0 * people.several, 1))} % of the estimates several cameras see the person."
-    if len(names) > MOST_SENSORS:
-        caption += f" The first {MOST_SENSORS} of {len(names)} cameras are drawn."
-    size = (WIDTH, 1.15 + 0.27 * min(len(names), MOST_SENSORS))
+    if len(names) > MAX_SENSORS:
+        caption += f" The first {MAX_SENSORS} of {len(names)} cameras are drawn."
+    size = (WIDTH, 1.15 + 0.27 * min(len(names), MAX_SENSORS))
     seen = plot("seenby", "Which camera saw them", caption, size, lambda f: draw_seen_by(f, data, people))
     return [who, seen]
 
@@ -333,7 +333,7 @@ def _sight(data: ReportInput, target: int) -> list[Plot]:
 def _visibility(data: ReportInput, target: int) -> Plot:
     looked = data.looked
     assert looked is not None  # `watched` names no target without bearings
-    rows = min(len(sensors(data)), MOST_SENSORS)
+    rows = min(len(sensors(data)), MAX_SENSORS)
     caption = "A bar is blue as far up as the target was seen in the frames of that time."
     if len(sensors(data)) > rows:
         caption += f" The first {rows} of {len(sensors(data))} sensors are drawn."
@@ -351,7 +351,7 @@ def _selection(data: ReportInput, target: int) -> Plot:
     )
     if len(own.chosen) < own.count:
         caption += f" Drawn: one selection in {data.whole['diagnostics'].every}; figures are of all."
-    size = (WIDTH, 0.95 + 0.27 * min(len(cameras_of(data, own)), MOST_SENSORS))
+    size = (WIDTH, 0.95 + 0.27 * min(len(cameras_of(data, own)), MAX_SENSORS))
     heading = f"Selected cameras{_whose(data, target)}"
     return plot(f"selected{target}", heading, caption, size, lambda f: draw_selection(f, data, own))
 
@@ -393,7 +393,7 @@ def _render(data: ReportInput, plots: list[Plot], moments: Replay | None) -> str
         rows=row_counts(data),
         sensors=sensor_rows(data),
         plots=plots,
-        left_out=data.targets[MOST_TARGETS:],
+        left_out=data.targets[MAX_TARGETS:],
         losses=data.losses,
         provenance=_provenance(data.provenance),
         replay=moments,
@@ -408,7 +408,7 @@ def _provenance(values: object) -> str:
 
 
 SPECIAL = "\\`*_{}[]<>()#+-!|&~"
-MOST_LOSSES = 20
+MAX_LOSSES = 20
 
 
 def build_markdown(data: ReportInput) -> str:
@@ -423,10 +423,10 @@ def build_markdown(data: ReportInput) -> str:
     )
     if data.losses:
         out += ["## Input that was lost", ""]
-        lost = ((loss.source, loss.place, loss.what, str(loss.count or "")) for loss in data.losses[:MOST_LOSSES])
+        lost = ((loss.source, loss.place, loss.what, str(loss.count or "")) for loss in data.losses[:MAX_LOSSES])
         out += table_lines(("Source", "Where", "What", "Items"), lost, "lllr")
-        if len(data.losses) > MOST_LOSSES:
-            out += [f"and {len(data.losses) - MOST_LOSSES} more.", ""]
+        if len(data.losses) > MAX_LOSSES:
+            out += [f"and {len(data.losses) - MAX_LOSSES} more.", ""]
     for group in groups(data.metrics, data.unit):
         out += [f"## {plain(group.title)}", ""]
         if group.figures:

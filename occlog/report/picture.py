@@ -16,7 +16,7 @@ from occlog.report.plots.over_time import axes_of, draw_accuracy, draw_sight, dr
 from .page import headline
 
 
-class Panel(NamedTuple):
+class PicturePanel(NamedTuple):
     """One part of the picture."""
 
     heading: str
@@ -26,7 +26,7 @@ class Panel(NamedTuple):
 
 DPI = 110.0
 SIZE = (15.0, 9.6)
-MOST_ROWS = 20
+MAX_ROWS = 20
 """Sensors whose sightings fit beside the floor plan; the page has more."""
 
 
@@ -41,7 +41,7 @@ def build_picture(data: ReportInput) -> bytes:
         return to_png(canvas, DPI, texts)
 
 
-def _arrange(figure: SubFigure, data: ReportInput, panels: list[Panel]) -> None:
+def _arrange(figure: SubFigure, data: ReportInput, panels: list[PicturePanel]) -> None:
     """Floor plan on the left, what there is beside it."""
     if not panels:
         draw_floorplan(figure, data)
@@ -74,9 +74,9 @@ def _head(figure: FigureBase, text: str) -> None:
     figure.suptitle(text, x=0.015, ha="left", fontsize=10.5, fontweight="bold")
 
 
-def _panels(data: ReportInput) -> list[Panel]:
+def _panels(data: ReportInput) -> list[PicturePanel]:
     """What stands beside the floor plan: the first target's error, and who saw it."""
-    out: list[Panel] = []
+    out: list[PicturePanel] = []
     looked, errors = data.looked, data.errors
     first = data.targets[0] if data.targets else None
     whose = "" if len(data.targets) <= 1 else f", target {first}"
@@ -84,14 +84,16 @@ def _panels(data: ReportInput) -> list[Panel]:
     if compared is not None and errors is not None and (errors.target_id == compared).any():
         height = 4.8 if axes_of(errors.take(errors.target_id == compared)) == "xy" else 5.8
         of = f", {data.whose_errors(compared)}" if data.relabelled else whose
-        out.append(Panel(f"Error and bound{of}", height, lambda f: draw_accuracy(f, data, errors, compared)))
+        out.append(PicturePanel(f"Error and bound{of}", height, lambda f: draw_accuracy(f, data, errors, compared)))
     elif first is not None and first in data.residuals and data.residuals[first].any:
-        out.append(Panel(f"Track and sight lines{whose}", 4.4, lambda f: draw_sight(f, data, first)))
+        out.append(PicturePanel(f"Track and sight lines{whose}", 4.4, lambda f: draw_sight(f, data, first)))
     seen = watched(data)
     if looked is not None and seen:
         target = first if first in seen else seen[0]
-        rows = min(len(sensors(data)), MOST_ROWS)
+        rows = min(len(sensors(data)), MAX_ROWS)
         height = min(1.4 + 0.24 * rows, 4.8)
         of = whose if data.same_names else data.whose_bearings(target)
-        out.append(Panel(f"What each sensor saw{of}", height, lambda f: draw_visibility(f, data, looked, target, rows)))
+        out.append(
+            PicturePanel(f"What each sensor saw{of}", height, lambda f: draw_visibility(f, data, looked, target, rows))
+        )
     return out

@@ -11,7 +11,7 @@ from typing import ClassVar
 from occlog.request import Form, Kind, Request, Verb, group, load, scene_file, sink, source
 from occlog.settings import setting
 
-from .beside.config import BesideConfig
+from .beside.config import RunComparisonConfig
 
 PAGE, OVERLAY, BESIDE = "page", "overlay", "beside"
 OUTPUT_HELP = "The page: one HTML file that needs nothing else."
@@ -19,7 +19,7 @@ MARKDOWN_HELP = "Also write words and figures as Markdown."
 
 
 @dataclass(frozen=True, kw_only=True)
-class Report(Request):
+class ReportRequestBase(Request):
     """Show TRACKS and what else is given as one page: floor plan, errors and bound, what each sensor saw.
 
     TRACKS may be a run folder: then everything in it is shown that is not named otherwise.
@@ -49,7 +49,7 @@ class Report(Request):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PageRequest(Report):
+class PageRequest(ReportRequestBase):
     """A run to show as one page."""
 
     RUN: ClassVar[str] = "occlog.report.run:run_report"
@@ -93,7 +93,7 @@ class PageRequest(Report):
 
 
 @dataclass(frozen=True, kw_only=True)
-class OverlayRequest(Report):
+class OverlayRequest(ReportRequestBase):
     """Tracks and true boxes to draw over the video of a recording."""
 
     RUN: ClassVar[str] = "occlog.report.overlay.run:run_overlay"
@@ -174,7 +174,7 @@ class OverlayRequest(Report):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BesideRequest(Report):
+class RunComparisonRequest(ReportRequestBase):
     """Two runs to show side by side."""
 
     RUN: ClassVar[str] = "occlog.report.beside.run:run_beside"
@@ -182,7 +182,7 @@ class BesideRequest(Report):
 
     other: Path = source("The other run.", argument=True)
     output: Path | None = sink(OUTPUT_HELP, option="-o/--output")
-    settings: Mapping[str, object] = group(lambda: BesideConfig)
+    settings: Mapping[str, object] = group(lambda: RunComparisonConfig)
     seed: int = setting(0, "Of the draws.", at_least=0, option="--seed")
     markdown: Path | None = sink(MARKDOWN_HELP)
     title: str = setting("Two runs side by side", "Heading of the page.", option="--title")
@@ -201,7 +201,7 @@ class BesideRequest(Report):
 
 
 VERB = Verb(
-    Report,
+    ReportRequestBase,
     {
         PAGE: Kind("One offline page, and a picture of the main figures.", lambda: Form(PageRequest), "a page"),
         OVERLAY: Kind(
@@ -211,7 +211,7 @@ VERB = Verb(
         ),
         BESIDE: Kind(
             "Two runs side by side: differences, where they part, who became another one.",
-            lambda: Form(BesideRequest),
+            lambda: Form(RunComparisonRequest),
             "TRACKS OTHER (two runs side by side)",
         ),
     },

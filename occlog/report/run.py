@@ -20,14 +20,14 @@ from occlog.runner import Done, Job
 
 from .content.model import ReportInput
 from .gather import TABLES
-from .overlay.plan import Sources
+from .overlay.plan import OverlayTables
 from .page import build_markdown, build_page
 from .picture import build_picture
 from .replay.thumbnails import Thumbnails, thumbnails
 from .request import PageRequest
 
 if TYPE_CHECKING:
-    from occlog.evaluate.verdict import Made
+    from occlog.evaluate.verdict import TrackProvenance
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
     from occlog.records.verdicts import Verdict
@@ -93,13 +93,13 @@ def read_input(request: PageRequest, whole: Collection[str] = ()) -> ReportInput
     )
 
 
-def _made_tracks(tracks: Path | None) -> Made:
+def _made_tracks(tracks: Path | None) -> TrackProvenance:
     """How the tracks were made, as their provenance says."""
-    from occlog.evaluate.verdict import Made
+    from occlog.evaluate.verdict import TrackProvenance
     from occlog.io.open import open_if_ours
 
     opened = None if tracks is None else open_if_ours(tracks)
-    return Made() if opened is None else Made.of(opened.provenance)
+    return TrackProvenance() if opened is None else TrackProvenance.of(opened.provenance)
 
 
 def _scene(paths: PageRequest) -> Scene | None:
@@ -190,5 +190,5 @@ def _images(paths: PageRequest, data: ReportInput) -> Thumbnails | None:
         return None
     drawn = None
     if data.tracks is not None and paths.tracks is not None:
-        drawn = Sources(paths.tracks, paths.diagnostics)
+        drawn = OverlayTables(paths.tracks, paths.diagnostics)
     return thumbnails(paths.images, drawn, data.targets, round(paths.images_limit * 1e6))

@@ -15,12 +15,12 @@ from views_and_boxes import seen
 from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.mot.config import ManyConfig
+from occlog.evaluate.mot.config import MultiTargetConfig
 from occlog.evaluate.mot.stage import ComparedBoxes
 from occlog.evaluate.results import Evaluation
-from occlog.evaluate.sources import MeasuredSource, Sources
+from occlog.evaluate.sources import EvaluationSources, MeasuredSource
 from occlog.evaluate.stage import Evaluator
-from occlog.evaluate.verdict import Made, in_rows_of
+from occlog.evaluate.verdict import TrackProvenance, in_rows_of
 from occlog.records.columns import ColumnTable
 from occlog.records.declared.sensors import Measurements
 from occlog.records.declared.views import Failures
@@ -31,9 +31,9 @@ from occlog.scans.config import DistanceMeasurementConfig
 T = TypeVar("T", bound=ColumnTable)
 WHOLE = 10**6
 MANY = (
-    ManyConfig(match_distance=1.0, moda_distance=0.5, own="label"),
-    ManyConfig(match_distance=1.0, moda_distance=0.5, own="best", clear_rule="challenge", ospa_window=7),
-    ManyConfig(match_distance=0.4, moda_distance=0.5, own="start", gospa_switch=0.2, gospa_p=1.0),
+    MultiTargetConfig(match_distance=1.0, moda_distance=0.5, own="label"),
+    MultiTargetConfig(match_distance=1.0, moda_distance=0.5, own="best", clear_rule="challenge", ospa_window=7),
+    MultiTargetConfig(match_distance=0.4, moda_distance=0.5, own="start", gospa_switch=0.2, gospa_p=1.0),
 )
 WAYS = (
     EvaluateConfig(),
@@ -50,7 +50,12 @@ def chunks(table: T, rows: int) -> Callable[[], Iterator[T]]:
 
 
 def evaluated(
-    rows: int, place: Scene, config: EvaluateConfig, many: ManyConfig | None = None, made: Made | None = None, **of: Any
+    rows: int,
+    place: Scene,
+    config: EvaluateConfig,
+    many: MultiTargetConfig | None = None,
+    made: TrackProvenance | None = None,
+    **of: Any,
 ) -> tuple[Evaluation, dict[str, ColumnTable]]:
     """The evaluation of tables in chunks of about so many rows, and its tables."""
     given: dict[str, Any] = {name: chunks(table, rows + k) for k, (name, table) in enumerate(of.items())}
@@ -59,7 +64,7 @@ def evaluated(
             given["measured"], DistanceMeasurementConfig(tag_height=0.5, rssi_power=-40.0), None
         )
     parts: dict[type[ColumnTable], list[Any]] = {}
-    sources = Sources(**given, made=made or Made())
+    sources = EvaluationSources(**given, made=made or TrackProvenance())
     result = Evaluator(sources, place, config).run(lambda part: parts.setdefault(type(part), []).append(part), many)
     return result, {kind.NAME: kind.concat(found) for kind, found in parts.items()}
 
@@ -85,7 +90,7 @@ def same(a: tuple[Evaluation, dict[str, ColumnTable]], b: tuple[Evaluation, dict
 @pytest.mark.parametrize(("way", "cuts"), [(0, (1, 13)), (1, (13,)), (2, (17,))])
 @pytest.mark.parametrize("what", CASES)
 def test_of_tracks_truth_bearings_and_diagnostics(what: str, way: int, cuts: tuple[int, ...]) -> None:
-    case, made = CASES[what](way), Made(window_ns=40_000_000, sensors=frozenset({"a", "b", "c", "ear"}))
+    case, made = CASES[what](way), TrackProvenance(window_ns=40_000_000, sensors=frozenset({"a", "b", "c", "ear"}))
     of = {"tracks": case.tracks, "truth": case.truth, "bearings": case.bearings, "diagnostics": case.diagnostics}
     whole = evaluated(WHOLE, case.place, WAYS[way], made=made, **of)
     assert len(whole[1]["bound"]) > 20 < len(whole[1]["errors"])
@@ -184,12 +189,12 @@ def test_of_requests_of_cameras() -> None:
 @pytest.mark.parametrize(
     "config",
     [
-        ManyConfig(own="start"),
-        ManyConfig(own="best", clear_rule="challenge", gospa_px=30.0),
-        ManyConfig(own="start", frames=(2, 40), cameras=("b",)),
+        MultiTargetConfig(own="start"),
+        MultiTargetConfig(own="best", clear_rule="challenge", gospa_px=30.0),
+        MultiTargetConfig(own="start", frames=(2, 40), cameras=("b",)),
     ],
 )
-def test_of_tracks_in_images(config: ManyConfig, rows: int) -> None:
+def test_of_tracks_in_images(config: MultiTargetConfig, rows: int) -> None:
     tracks, truth = views(rows % 7)
 
     def of(rows: int) -> tuple[Evaluation, dict[str, ColumnTable]]:
@@ -213,12 +218,12 @@ def test_frames_are_times_of_the_truth() -> None:
     of = {"tracks": case.tracks, "truth": case.truth, "bearings": case.bearings}
     part = {n: t.take((t.t_ns >= times[10]) & (t.t_ns < times[45])) for n, t in of.items()}
     given: dict[str, Any] = {name: chunks(table, 11) for name, table in of.items()}
-    sources = Sources(**given).in_frames((10, 45))
+    sources = EvaluationSources(**given).in_frames((10, 45))
     found = Evaluator(sources, case.place, EvaluateConfig()).run(lambda _: None)
     whole, _ = evaluated(WHOLE, case.place, EvaluateConfig(), **part)
     assert found.metrics == pytest.approx(whole.metrics, rel=1e-10, abs=1e-13, nan_ok=True)
     with pytest.raises(InputError, match=f"frames {len(times)}:99: there are {len(times)} of them"):
-        Sources(**given).in_frames((len(times), 99))
+        EvaluationSources(**given).in_frames((len(times), 99))
 
 
 def test_fewer_diagnostics_than_tracks_are_refused() -> None:

@@ -11,11 +11,11 @@ from tracked_crowds import crowd, views
 
 from occlog.array_types import NS
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.mot.config import ManyConfig
+from occlog.evaluate.mot.config import MultiTargetConfig
 from occlog.evaluate.mot.on_ground import GroundFigures, evaluate_ground
 from occlog.evaluate.mot.stage import ComparedBoxes
 from occlog.evaluate.run import NOT_COMBINED
-from occlog.evaluate.sources import Sources, in_memory
+from occlog.evaluate.sources import EvaluationSources, in_memory
 from occlog.evaluate.stage import Evaluator
 from occlog.records.columns import ColumnTable
 from occlog.records.scene import Scene
@@ -24,8 +24,8 @@ from occlog.records.tables import Boxes, Tracks, Truth, TruthBoxes
 T = TypeVar("T", bound=ColumnTable)
 APART = 3600 * NS
 """Time between recordings that follow one another; no gap is bridged over it."""
-GROUND = ManyConfig(match_distance=1.0, moda_distance=0.5, own="best", ospa_window=7)
-IMAGES = ManyConfig(own="best", gospa_px=30.0)
+GROUND = MultiTargetConfig(match_distance=1.0, moda_distance=0.5, own="best", ospa_window=7)
+IMAGES = MultiTargetConfig(own="best", gospa_px=30.0)
 
 
 def later(table: T, number: int) -> T:
@@ -40,7 +40,7 @@ def later(table: T, number: int) -> T:
 
 
 def of_ground(tracks: Tracks, truth: Truth) -> GroundFigures:
-    sources = Sources(tracks=in_memory(tracks), truth=in_memory(truth))
+    sources = EvaluationSources(tracks=in_memory(tracks), truth=in_memory(truth))
     return Evaluator(sources, Scene(), EvaluateConfig(match="optimal")).of_many(GROUND)
 
 

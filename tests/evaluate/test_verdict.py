@@ -9,7 +9,15 @@ from occlog.consistency.bearings import ResidualStatistics
 from occlog.consistency.verdict import MIN_SAMPLES, ConsistencyEvidence
 from occlog.core.metrics.consistency import Ratio
 from occlog.core.metrics.errors import CHI2_95_2D
-from occlog.evaluate.verdict import DETECTED, FAR_FROM_BOUND, NEES_HIGH, OUTSIDE, AgainstTruth, Made, with_truth
+from occlog.evaluate.verdict import (
+    MAX_BOUND_RATIO,
+    MAX_OUTSIDE_95_SHARE,
+    MIN_DETECTION_RATE,
+    NEES_HIGH,
+    CovarianceConsistency,
+    TrackProvenance,
+    checks_with_truth,
+)
 from occlog.io.files.provenance import Provenance
 from occlog.records.tables import Errors
 from occlog.records.verdicts import Check, findings
@@ -31,9 +39,11 @@ def chi_square(factor: float = 1.0, n: int = N) -> np.ndarray:
 
 def judge(nees: np.ndarray, metrics: dict[str, float] | None = None) -> tuple[Check, ...]:
     """The verdict on tracks with errors of these normalised squares."""
-    against = AgainstTruth(Made(), None)
+    against = CovarianceConsistency(TrackProvenance(), None)
     against.update(errors(nees))
-    return with_truth(ConsistencyEvidence(rows=N), Made(), against, unknown=False, metrics=metrics or {})
+    return checks_with_truth(
+        ConsistencyEvidence(rows=N), TrackProvenance(), against, unknown=False, metrics=metrics or {}
+    )
 
 
 def codes(nees: np.ndarray | None = None, **metrics: float) -> list[str]:
@@ -66,8 +76,8 @@ def test_many_errors_outside_of_the_ellipse_are_said_though_a_few_make_the_mean(
         nees[np.random.default_rng(1).permutation(N)[: round(share * N)]] = CHI2_95_2D + 1e-6
         return nees
 
-    assert codes(with_outside(0.5 * OUTSIDE)) == []
-    assert codes(with_outside(1.3 * OUTSIDE)) == ["nees-large"]
+    assert codes(with_outside(0.5 * MAX_OUTSIDE_95_SHARE)) == []
+    assert codes(with_outside(1.3 * MAX_OUTSIDE_95_SHARE)) == ["nees-large"]
 
 
 def test_one_error_of_a_million_squared_sigmas_is_said_if_others_are_outside() -> None:
@@ -85,7 +95,7 @@ def test_singular_covariances_are_said() -> None:
     assert codes(np.full_like(nees, np.nan)) == ["singular"]
 
 
-@pytest.mark.parametrize(("rate", "said"), [(DETECTED, []), (DETECTED - 0.1, ["not-detected"])])
+@pytest.mark.parametrize(("rate", "said"), [(MIN_DETECTION_RATE, []), (MIN_DETECTION_RATE - 0.1, ["not-detected"])])
 def test_bearings_that_are_not_of_the_truth_are_said(rate: float, said: list[str]) -> None:
     assert codes(detection_rate=rate, visible=500.0) == said
     assert codes(detection_rate=rate, visible=2.0) == []
@@ -109,7 +119,7 @@ def test_bearings_that_agree_with_the_tracks_and_not_with_the_truth_are_of_somet
     assert ("something-else" in {f.id for f in found}) == said
 
 
-@pytest.mark.parametrize(("ratio", "said"), [(FAR_FROM_BOUND, []), (FAR_FROM_BOUND + 0.01, ["far-from-bound"])])
+@pytest.mark.parametrize(("ratio", "said"), [(MAX_BOUND_RATIO, []), (MAX_BOUND_RATIO + 0.01, ["far-from-bound"])])
 def test_an_error_far_above_the_bound_is_a_note(ratio: float, said: list[str]) -> None:
     assert codes(bound_ratio=ratio, bound_estimates=float(MIN_SAMPLES)) == said
     assert codes(bound_ratio=ratio, bound_estimates=MIN_SAMPLES - 1.0) == []
@@ -117,8 +127,8 @@ def test_an_error_far_above_the_bound_is_a_note(ratio: float, said: list[str]) -
 
 def test_provenance_says_how_tracks_were_made() -> None:
     parameters = {"method": "apf", "sensors": ["a", "b"], "window_ns": 5, "unlabelled": False}
-    made = Made.of(Provenance("track", parameters, 1, (), ()))
-    assert made == Made(False, True, False, frozenset("ab"), 5)
-    assert not Made.of(Provenance("track", {"method": "imm"}, 1, (), ())).one_target
-    assert Made.of(Provenance("track", {"method": "map"}, 1, (), ())).smoothed
-    assert Made.of(Provenance("ground", {}, 1, (), ())) == Made()
+    made = TrackProvenance.of(Provenance("track", parameters, 1, (), ()))
+    assert made == TrackProvenance(False, True, False, frozenset("ab"), 5)
+    assert not TrackProvenance.of(Provenance("track", {"method": "imm"}, 1, (), ())).one_target
+    assert TrackProvenance.of(Provenance("track", {"method": "map"}, 1, (), ())).smoothed
+    assert TrackProvenance.of(Provenance("ground", {}, 1, (), ())) == TrackProvenance()

@@ -14,8 +14,8 @@ from bearing_scenes import Case, hand_made, simulated
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.evaluate import sources
-from occlog.evaluate.bearings.detections import looks_of
-from occlog.evaluate.bearings.noise import KnownPlaces, figures_of, scene_with
+from occlog.evaluate.bearings.detections import observations_of
+from occlog.evaluate.bearings.noise import NoiseFromTruth, figures_of, scene_with
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.paths import paths_of
 from occlog.evaluate.stage import evaluate
@@ -107,11 +107,11 @@ def test_noise_at_known_places(tmp_path: Path, make: object) -> None:
         assert ours.sigma_read_px == pytest.approx(theirs.sigma_read_px, rel=1e-12)
 
 
-def known_places(case: Case, in_memory: int = 10**6) -> KnownPlaces:
+def known_places(case: Case, in_memory: int = 10**6) -> NoiseFromTruth:
     """Readings of all bearings at true places."""
-    found = KnownPlaces(case.place, in_memory)
+    found = NoiseFromTruth(case.place, in_memory)
     labels = {k: k for k in paths_of(case.truth, "target")}
-    found.update(looks_of(case.bearings, case.truth, case.place, labels, EvaluateConfig()))
+    found.update(observations_of(case.bearings, case.truth, case.place, labels, EvaluateConfig()))
     return found
 
 

@@ -19,7 +19,7 @@ from people_in_groups import walk
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.evaluate import sources
-from occlog.evaluate.verdict import Made
+from occlog.evaluate.verdict import TrackProvenance
 from occlog.io import open as opening
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import iter_table
@@ -31,12 +31,12 @@ from occlog.records.tables import Bearings, Diagnostics, Errors, Events, Occlude
 from occlog.report import drawing as plot
 from occlog.report.content import thinned as rule
 from occlog.report.content.model import ReportInput
-from occlog.report.content.thinned import ErrorsSoFar, Whole, fewer, thinned, with_rows
+from occlog.report.content.thinned import ErrorsSoFar, TableTotals, downsample, downsample_with, every_nth
 from occlog.report.gather import gather, in_files
 from occlog.report.page import build_markdown
 from occlog.report.plots.floorplan import plan_limits
 from occlog.report.replay.build import replay
-from occlog.report.replay.moments import Moments
+from occlog.report.replay.moments import ReplaySteps
 
 STEPS = 400
 RANDOM = np.random.default_rng(5)
@@ -80,8 +80,8 @@ def chunks(table: Errors, rows: int) -> Iterator[Errors]:
 @pytest.mark.parametrize("rows", [10**6, 97, 40])
 def test_what_is_kept(rows: int) -> None:
     *_, errors = tables()
-    found = thinned(chunks(errors, rows), Errors, len(errors), most=100)
-    assert found.whole == Whole(len(errors), STEPS, -(-len(errors) // 100))
+    found = downsample(chunks(errors, rows), Errors, len(errors), most=100)
+    assert found.whole == TableTotals(len(errors), STEPS, -(-len(errors) // 100))
     np.testing.assert_array_equal(found.table.t_ns, errors.t_ns[found.rows])
     assert len(np.unique(found.rows)) == len(found.rows)
     assert len(found.rows) < 400
@@ -95,7 +95,7 @@ def test_what_is_kept(rows: int) -> None:
 
 def test_a_short_table_stays_whole() -> None:
     *_, errors = tables()
-    found = thinned(chunks(errors, 50), Errors, len(errors), most=10_000)
+    found = downsample(chunks(errors, 50), Errors, len(errors), most=10_000)
     np.testing.assert_array_equal(found.rows, np.arange(len(errors)))
 
 
@@ -116,10 +116,10 @@ def test_figures_up_to_each_row_are_those_of_all_rows() -> None:
 def test_rows_of_some_times_are_kept_besides() -> None:
     *_, errors = tables()
     also = np.array([1, 3, 7], dtype=np.int64) * 10**8
-    found = thinned(chunks(errors, 60), Errors, len(errors), most=100, also=also)
+    found = downsample(chunks(errors, 60), Errors, len(errors), most=100, also=also)
     assert np.isin(np.flatnonzero(np.isin(errors.t_ns, also)), found.rows).all()
-    without = thinned(chunks(errors, 60), Errors, len(errors), most=100)
-    more = with_rows(without, chunks(errors, 33), lambda part: np.flatnonzero(np.isin(part.t_ns, also)))
+    without = downsample(chunks(errors, 60), Errors, len(errors), most=100)
+    more = downsample_with(without, chunks(errors, 33), lambda part: np.flatnonzero(np.isin(part.t_ns, also)))
     np.testing.assert_array_equal(more.rows, found.rows)
     np.testing.assert_array_equal(more.table.error, found.table.error)
     assert found.whole.step_ns == 10**8
@@ -131,7 +131,7 @@ def test_rows_of_some_times_are_kept_besides() -> None:
     ("counts", "most", "every"), [([3, 3, 3, 3], 12, 1), ([3, 3, 3, 3], 11, 2), ([9, 1, 9, 1], 10, 3)]
 )
 def test_the_smallest_step_that_leaves_few_enough(counts: list[int], most: int, every: int) -> None:
-    assert fewer(np.array(counts), most) == every
+    assert every_nth(np.array(counts), most) == every
 
 
 def words(page: Path) -> list[str]:
@@ -155,7 +155,7 @@ def pages(
     said, summaries = [], []
     monkeypatch.setattr(plot, "raw_svg", lambda _: "<svg></svg>")
     for most, rows in ((10**6, 10**6), (100, 37)):
-        monkeypatch.setattr(rule, "MOST_ROWS", most)
+        monkeypatch.setattr(rule, "MAX_ROWS", most)
         monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=rows))
         monkeypatch.setattr(sources, "AT_ONCE", rows)
         page = folder / f"{most}.html"
@@ -280,7 +280,7 @@ def read(folder: Path, given: dict[str, ColumnTable], scene: Scene | None) -> Re
     """What a report shows of tables that are written."""
     written(folder, **given)
     files = in_files({name: folder / f"{name}.parquet" for name in given}, None, scene)
-    tables, figures = gather(files, Made(), scene, {})
+    tables, figures = gather(files, TrackProvenance(), scene, {})
     return ReportInput(scene=scene, gathered=figures, **tables)
 
 
@@ -292,7 +292,7 @@ def test_words_and_figures_are_those_of_the_whole_where_tables_are_empty_or_miss
     data = made_up(steps=120, targets=2, cameras=3)
     tables = {name: getattr(data, name) for name in given}
     tables |= {empty: type(tables[empty]).empty()} if empty in given else {}
-    monkeypatch.setattr(rule, "MOST_ROWS", 50)
+    monkeypatch.setattr(rule, "MAX_ROWS", 50)
     monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=31))
     monkeypatch.setattr(sources, "AT_ONCE", 31)
     part = read(tmp_path, tables, data.scene)
@@ -316,9 +316,9 @@ def test_the_moments_of_long_tables_have_the_sight_lines_and_the_truth_of_their_
 ) -> None:
     data = made_up(steps=600, targets=2, cameras=4)
     given = {name: getattr(data, name) for name in ("tracks", "bearings", "truth", "diagnostics")}
-    monkeypatch.setattr(rule, "MOST_ROWS", 300)
+    monkeypatch.setattr(rule, "MAX_ROWS", 300)
     part = read(tmp_path, given, data.scene)
-    few, all_of = Moments(part, plan_limits(part)), Moments(data, plan_limits(data))
+    few, all_of = ReplaySteps(part, plan_limits(part)), ReplaySteps(data, plan_limits(data))
     step = part.figures.every
     assert step > 1
     np.testing.assert_array_equal(few.kept, all_of.kept[::step])

@@ -7,11 +7,11 @@ from dataclasses import replace
 from made_up import run
 
 from occlog.records.losses import Loss
-from occlog.report.page import MOST_LOSSES, build_markdown
+from occlog.report.page import MAX_LOSSES, build_markdown
 
 
 def test_verdict_figures_and_losses() -> None:
-    losses = tuple(Loss("cam.mp4", f"frame {n}", "ends early", 2) for n in range(MOST_LOSSES + 3))
+    losses = tuple(Loss("cam.mp4", f"frame {n}", "ends early", 2) for n in range(MAX_LOSSES + 3))
     text = build_markdown(replace(run(steps=60), losses=losses))
     assert text.startswith("# A made\\-up run\n")
     assert "| RMSE | " in text

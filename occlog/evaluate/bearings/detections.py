@@ -24,7 +24,7 @@ from occlog.core.metrics.errors import Sum, intersection_areas, intersection_ove
 from occlog.errors import InputError
 from occlog.evaluate.errors.sums import quantiles_of
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.looks import SensorLooks, look_at
+from occlog.evaluate.matching.looks import SensorObservationSet, observe
 from occlog.evaluate.matching.paths import paths_of, sensors_of
 from occlog.io.files.spill import NUMBERS_IN_MEMORY, Spool
 from occlog.records.scene import Scene
@@ -34,7 +34,7 @@ Metrics = dict[str, float]
 
 
 @dataclass(frozen=True)
-class Counts:
+class DetectionCounts:
     """Counts and sums over looks with a known truth; they add up over sensors."""
 
     frames: int = 0  # of a sensor
@@ -60,14 +60,14 @@ class Counts:
         return self.visible - self.detected
 
 
-def count(found: SensorLooks) -> Counts:
+def count(found: SensorObservationSet) -> DetectionCounts:
     """Counts of one sensor."""
     looks = found.looks.take(found.looks.truth)
     good = looks.visible & looks.hit
     up = good & np.isfinite(looks.residual_elevation)
     px = looks.residual_px[good & np.isfinite(looks.residual_px)]
     away = looks.reported & ~looks.hit
-    return Counts(
+    return DetectionCounts(
         frames=found.frames,
         looks=len(looks.t_ns),
         visible=int(np.count_nonzero(looks.visible)),
@@ -87,9 +87,9 @@ def count(found: SensorLooks) -> Counts:
     )
 
 
-def looks_of(
+def observations_of(
     bearings: Bearings, truth: Truth, scene: Scene, pairs: Mapping[int, int], config: EvaluateConfig
-) -> dict[str, SensorLooks]:
+) -> dict[str, SensorObservationSet]:
     """Looks of every sensor in the bearings, by its name.
 
     Args:
@@ -102,7 +102,7 @@ def looks_of(
     targets, others = paths_of(truth, "target"), paths_of(truth, "occluder")
     sensors = sensors_of(scene, np.unique(bearings.sensor).tolist())
     return {
-        name: look_at(sensor, bearings.take(bearings.sensor == name), pairs, targets, others, config)
+        name: observe(sensor, bearings.take(bearings.sensor == name), pairs, targets, others, config)
         for name, sensor in sensors.items()
     }
 
@@ -114,12 +114,12 @@ class DetectionFigures:
         """No look yet."""
         self._sensors: dict[str, dict[str, Sum]] = {}
 
-    def update(self, looks: Mapping[str, SensorLooks]) -> None:
+    def update(self, looks: Mapping[str, SensorObservationSet]) -> None:
         """Looks of some more frames, by sensor."""
         for name, found in looks.items():
-            own = self._sensors.setdefault(name, {f.name: Sum() for f in fields(Counts)})
+            own = self._sensors.setdefault(name, {f.name: Sum() for f in fields(DetectionCounts)})
             part = count(found)
-            for f in fields(Counts):
+            for f in fields(DetectionCounts):
                 own[f.name].add(float(getattr(part, f.name)))
 
     def result(self) -> Metrics:
@@ -131,19 +131,19 @@ class DetectionFigures:
         return out
 
 
-def _counts(sums: Mapping[str, Sum]) -> Counts:
+def _counts(sums: Mapping[str, Sum]) -> DetectionCounts:
     """Whole numbers, and sums."""
-    whole = {f.name: isinstance(f.default, int) for f in fields(Counts)}
-    return Counts(**{name: int(s.value) if whole[name] else s.value for name, s in sums.items()})  # type: ignore[arg-type]
+    whole = {f.name: isinstance(f.default, int) for f in fields(DetectionCounts)}
+    return DetectionCounts(**{name: int(s.value) if whole[name] else s.value for name, s in sums.items()})  # type: ignore[arg-type]
 
 
-def add_counts(parts: Iterable[Counts]) -> Counts:
+def add_counts(parts: Iterable[DetectionCounts]) -> DetectionCounts:
     """All parts together."""
     rows = list(parts)
-    return Counts(**{f.name: sum(getattr(c, f.name) for c in rows) for f in fields(Counts)})
+    return DetectionCounts(**{f.name: sum(getattr(c, f.name) for c in rows) for f in fields(DetectionCounts)})
 
 
-def _figures(c: Counts, whose: str) -> Metrics:
+def _figures(c: DetectionCounts, whose: str) -> Metrics:
     of_elevations = {
         f"elevation_rms{whose}_mrad": 1e3 * math.sqrt(ratio_or_nan(c.square_elevation, c.n_elevation)),
         f"elevation_nis{whose}": ratio_or_nan(c.square_elevation_normalised, c.n_elevation),
@@ -220,7 +220,7 @@ def _frames(table: Views | TruthBoxes) -> Iterator[tuple[tuple[str, int], Ints]]
         yield (str(table.sensor[rows[0]]), int(table.t_ns[rows[0]])), rows
 
 
-class ViewFigures:
+class RegionFigures:
     """Recall, precision and errors of views, of the frames that have true boxes or are known to have none.
 
     Frames are the same when sensor and time are.

@@ -31,7 +31,7 @@ from occlog.core.sight.camera import wrap_angle
 from occlog.errors import InputError
 from occlog.evaluate.errors.sums import quantiles_of
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.paths import Path, Sensor, sensors_of
+from occlog.evaluate.matching.paths import ObjectPath, SensorGeometry, sensors_of
 from occlog.io.files.spill import RECORD_BYTES_IN_MEMORY, RECORDS_PER_BLOCK, Blocks, Spool
 from occlog.records.declared.people import PeopleTracks
 from occlog.records.scene import Camera, Scene
@@ -40,18 +40,18 @@ from occlog.settings import METRES
 
 Metrics = dict[str, float]
 
-SHIFTS = 16
+CHANCE_SHIFTS = 16
 """Cyclic shifts in time, evenly spread between a tenth and nine tenths of the recording, that stand for chance."""
 
 
-MOST_ASIDE = 64
+MAX_SPILLED_SERIES = 64
 """Tracks times sensors whose frames are put aside, each in a file of its own; of more all are kept in memory."""
 FRAME = np.dtype([("bearing", "f8"), ("u_px", "f8"), ("usable", "?"), ("first", "i8"), ("reported", "i8")])
 """What a track predicts of a frame, whether it can be seen there, and which bearings were reported."""
 REPORTED = np.dtype([("bearing", "f8"), ("u_px", "f8")])
 
 
-class Frames(NamedTuple):
+class HeldOutFrames(NamedTuple):
     """Frames of one sensor with the bearings that each reported."""
 
     t_ns: Ints  # (N,)
@@ -59,7 +59,7 @@ class Frames(NamedTuple):
     u_px: Floats  # (N, K)
 
 
-class Prediction(NamedTuple):
+class HeldOutResiduals(NamedTuple):
     """Residuals of the nearest reported bearing, one a frame in which the target should be in view."""
 
     px: Floats  # (F,) reported minus predicted; NaN where the frame reported nothing, or not a camera
@@ -96,11 +96,11 @@ class HeldOutFigures:
         self._sensors = sensors_of(scene, config.held_out, "held out")
         self._rows = dict.fromkeys(self._sensors, 0)
         files = len(self._sensors) * len(targets)
-        self._each = in_memory // (2 * files) if 0 < files <= MOST_ASIDE else sys.maxsize
+        self._each = in_memory // (2 * files) if 0 < files <= MAX_SPILLED_SERIES else sys.maxsize
         self._in_memory = in_memory
-        self._aside: dict[tuple[str, int], _Aside] = {}
+        self._aside: dict[tuple[str, int], _SpilledFrames] = {}
 
-    def update(self, rows: Bearings, paths: Mapping[int, Path]) -> None:
+    def update(self, rows: Bearings, paths: Mapping[int, ObjectPath]) -> None:
         """The bearings of another stretch, and the tracks about it."""
         for name, sensor in self._sensors.items():
             own = rows.take(rows.sensor == name)
@@ -109,7 +109,7 @@ class HeldOutFigures:
                 mine = own.take((own.target_id == target) | (own.target_id < 0))
                 if len(mine):
                     frames = frames_of(mine)
-                    aside = self._aside.setdefault((name, target), _Aside(self._block, self._each))
+                    aside = self._aside.setdefault((name, target), _SpilledFrames(self._block, self._each))
                     aside.add(frames, *_expect(sensor, frames, paths.get(target), self._config))
 
     def result(self) -> Metrics:
@@ -132,7 +132,7 @@ class HeldOutFigures:
         return whole.result("") | out
 
 
-def frames_of(rows: Bearings) -> Frames:
+def frames_of(rows: Bearings) -> HeldOutFrames:
     """Rows of one sensor, gathered by time."""
     times, frame = np.unique(rows.t_ns, return_inverse=True)
     seen = np.flatnonzero(rows.seen)
@@ -142,10 +142,12 @@ def frames_of(rows: Bearings) -> Frames:
     shape = (len(times), max(1, int(count.max(initial=0))))
     bearing, u_px = np.full(shape, np.nan), np.full(shape, np.nan)
     bearing[frame[seen], slot], u_px[frame[seen], slot] = rows.bearing[seen], rows.u_px[seen]
-    return Frames(times, bearing, u_px)
+    return HeldOutFrames(times, bearing, u_px)
 
 
-def _expect(sensor: Sensor, frames: Frames, path: Path | None, config: EvaluateConfig) -> tuple[Floats, Floats, Bools]:
+def _expect(
+    sensor: SensorGeometry, frames: HeldOutFrames, path: ObjectPath | None, config: EvaluateConfig
+) -> tuple[Floats, Floats, Bools]:
     """(N,) bearings and offsets that the sensor should report at each frame, and where the track says that it can."""
     if path is None:
         unknown = np.full(len(frames.t_ns), np.nan)
@@ -155,7 +157,7 @@ def _expect(sensor: Sensor, frames: Frames, path: Path | None, config: EvaluateC
     return expected.bearing, expected.u_px, good & expected.clear
 
 
-class _Aside:
+class _SpilledFrames:
     """Frames of one sensor, and what one track predicts of them."""
 
     def __init__(self, block: int, in_memory: int) -> None:
@@ -163,7 +165,7 @@ class _Aside:
         self._frames, self._reported = Blocks(FRAME, block, in_memory), Blocks(REPORTED, block, in_memory)
         self._count = self._rows = 0
 
-    def add(self, frames: Frames, bearing: Floats, u_px: Floats, usable: Bools) -> None:
+    def add(self, frames: HeldOutFrames, bearing: Floats, u_px: Floats, usable: Bools) -> None:
         reported = np.isfinite(frames.bearing)
         rows = np.empty(int(reported.sum()), dtype=REPORTED)
         rows["bearing"], rows["u_px"] = frames.bearing[reported], frames.u_px[reported]
@@ -174,11 +176,11 @@ class _Aside:
         self._reported.append(rows)
         self._count, self._rows = self._count + len(out), self._rows + len(rows)
 
-    def predictions(self) -> Iterator[tuple[bool, Prediction]]:
+    def predictions(self) -> Iterator[tuple[bool, HeldOutResiduals]]:
         """Residuals in every frame, in pieces, and those in frames of other times; whether they are the former."""
         for blocks in (self._frames, self._reported):
             blocks.end()
-        shifts = np.unique(np.rint(np.linspace(0.1, 0.9, SHIFTS) * self._count).astype(int))
+        shifts = np.unique(np.rint(np.linspace(0.1, 0.9, CHANCE_SHIFTS) * self._count).astype(int))
         for shift in (0, *(s for s in shifts.tolist() if 0 < s < self._count)):
             # Frame n + shift is paired with the prediction n; after the last frame comes the first one
             for begin, end, at in ((0, self._count - shift, shift), (self._count - shift, self._count, 0)):
@@ -186,13 +188,13 @@ class _Aside:
                     stop = min(start + self._block, end)
                     yield shift == 0, self._nearest(start, stop, at + start - begin)
 
-    def _nearest(self, start: int, stop: int, at: int) -> Prediction:
+    def _nearest(self, start: int, stop: int, at: int) -> HeldOutResiduals:
         """Residuals of the bearings of frames from `at` on that are nearest to the predictions of these."""
         own = self._frames.rows(start, stop)
         usable = own["usable"]
         own, theirs = own[usable], self._frames.rows(at, at + stop - start)[usable]
         if not len(own):
-            return Prediction(np.zeros(0), np.zeros(0))
+            return HeldOutResiduals(np.zeros(0), np.zeros(0))
         rows = self._reported.rows(int(theirs["first"][0]), int(theirs["first"][-1] + theirs["reported"][-1]))
         slots = np.arange(max(1, int(theirs["reported"].max())))
         there = slots < theirs["reported"][:, None]
@@ -203,7 +205,9 @@ class _Aside:
         )
         px[there] = rows["u_px"][place[there]] - np.broadcast_to(own["u_px"][:, None], place.shape)[there]
         nearest = np.argmin(np.where(np.isnan(rad), np.inf, np.abs(rad)), axis=1)[:, None]
-        return Prediction(np.take_along_axis(px, nearest, axis=1)[:, 0], np.take_along_axis(rad, nearest, axis=1)[:, 0])
+        return HeldOutResiduals(
+            np.take_along_axis(px, nearest, axis=1)[:, 0], np.take_along_axis(rad, nearest, axis=1)[:, 0]
+        )
 
 
 class _Figures:
@@ -215,7 +219,7 @@ class _Figures:
         self._frames = self._near = self._within = self._chance = self._by_chance = 0
         self._squares, self._squares_within, self._sum, self._squares_rad = Sum(), Sum(), Sum(), Sum()
 
-    def update(self, found: Prediction, *, real: bool) -> None:
+    def update(self, found: HeldOutResiduals, *, real: bool) -> None:
         near = np.abs(found.rad) <= self._gate
         px = found.px[np.isfinite(found.px)]
         if not real:
@@ -260,7 +264,7 @@ HEIGHT = 1.7
 """Height of people whose track has none [m]."""
 
 
-class Looks(NamedTuple):
+class BoxFrames(NamedTuple):
     """Boxes of one camera, frame by frame."""
 
     t_ns: Ints  # (F,) times of the frames, rising
@@ -276,7 +280,7 @@ class Walker(NamedTuple):
     state: Floats  # (M, 3) x, y, height
 
 
-class Tally(NamedTuple):
+class HeldOutTally(NamedTuple):
     """Boxes of a camera, of them those predicted, tracks expected in the image, and distances [px] of the pairs."""
 
     boxes: int
@@ -295,19 +299,19 @@ def held_out_box_metrics(tracks: PeopleTracks, boxes: Boxes | Views, scene: Scen
     cameras = {camera.name: camera for camera in scene.cameras if camera.placed}
     height = HEIGHT / METRES.get(scene.length_unit, 1.0)
     walkers = _walkers(tracks, height)
-    real: list[Tally] = []
-    chance: list[Tally] = []
+    real: list[HeldOutTally] = []
+    chance: list[HeldOutTally] = []
     out: Metrics = {}
     for name in config.held_out:
         if name not in cameras:
             raise InputError(
                 f"held out: camera {name!r} is not in the scene, or has no pose; the scene has: {', '.join(cameras)}"
             )
-        looks = looks_of(boxes, name)
+        looks = frames_of_boxes(boxes, name)
         if not len(looks.t_ns):
             raise InputError(f"views: no row of the held-out camera {name!r}; give boxes that include it")
         own = tally(cameras[name], looks, walkers, config, 0)
-        steps = np.unique(np.rint(np.linspace(0.1, 0.9, SHIFTS) * len(looks.t_ns)).astype(int)).tolist()
+        steps = np.unique(np.rint(np.linspace(0.1, 0.9, CHANCE_SHIFTS) * len(looks.t_ns)).astype(int)).tolist()
         other = [tally(cameras[name], looks, walkers, config, s) for s in steps if 0 < s < len(looks.t_ns)]
         out |= _figures([own], other, f"_sensor_{name}")
         real.append(own)
@@ -315,7 +319,7 @@ def held_out_box_metrics(tracks: PeopleTracks, boxes: Boxes | Views, scene: Scen
     return _figures(real, chance, "") | (out if len(config.held_out) > 1 else {})
 
 
-def looks_of(boxes: Boxes | Views, camera: str) -> Looks:
+def frames_of_boxes(boxes: Boxes | Views, camera: str) -> BoxFrames:
     """Boxes of one camera; a frame without any is one with none."""
     rows = boxes.take(boxes.sensor == camera)
     times = np.unique(rows.t_ns)
@@ -324,7 +328,7 @@ def looks_of(boxes: Boxes | Views, camera: str) -> Looks:
     rows = rows.take(np.argsort(rows.t_ns, kind="stable"))
     across = rows.left_px + 0.5 * rows.width_px
     low = rows.top_px + rows.height_px
-    return Looks(
+    return BoxFrames(
         t_ns=times,
         start=np.append(np.searchsorted(rows.t_ns, times), len(rows)),
         middle=np.column_stack([across, rows.top_px + 0.5 * rows.height_px]),
@@ -342,7 +346,7 @@ def _walkers(tracks: PeopleTracks, height: float) -> list[Walker]:
     return out
 
 
-def tally(camera: Camera, looks: Looks, walkers: list[Walker], config: EvaluateConfig, shift: int) -> Tally:
+def tally(camera: Camera, looks: BoxFrames, walkers: list[Walker], config: EvaluateConfig, shift: int) -> HeldOutTally:
     """Pair the boxes of each frame with the tracks of the frame that is `shift` frames later, one to one."""
     times = np.roll(looks.t_ns, -shift)
     states = [interpolate_positions(times, w.t_ns, w.state, config.bridge_ns)[0] for w in walkers]
@@ -360,7 +364,7 @@ def tally(camera: Camera, looks: Looks, walkers: list[Walker], config: EvaluateC
         for found, box, expected in ((middles, looks.middle[rows], middle[f]), (below, looks.feet[rows], feet[f])):
             away = np.hypot(*np.moveaxis(box[:, None] - expected[None, seen], 2, 0))
             found += [float(away[i, j]) for i, j in pair_within(away, config.held_out_gate_px)]
-    return Tally(int(looks.start[-1]), np.array(middles), np.array(below), inside)
+    return HeldOutTally(int(looks.start[-1]), np.array(middles), np.array(below), inside)
 
 
 def project(camera: Camera, state: Floats, share: float) -> Floats:
@@ -382,7 +386,7 @@ def _in_image(camera: Camera, pixels: Floats) -> Bools:
     return known & inside[:, 0] & inside[:, 1]
 
 
-def _figures(real: list[Tally], chance: list[Tally], whose: str) -> Metrics:
+def _figures(real: list[HeldOutTally], chance: list[HeldOutTally], whose: str) -> Metrics:
     """Figures of some tallies together."""
     boxes, middles = sum(t.boxes for t in real), np.concatenate([np.zeros(0), *(t.middles for t in real)])
     feet = sum(len(t.feet) for t in real)

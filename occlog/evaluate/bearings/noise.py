@@ -35,8 +35,8 @@ from occlog.core.sight import triangulate
 from occlog.errors import InputError
 from occlog.evaluate.errors.sums import median_of
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.looks import SensorLooks
-from occlog.evaluate.matching.paths import Sensor
+from occlog.evaluate.matching.looks import SensorObservationSet
+from occlog.evaluate.matching.paths import SensorGeometry
 from occlog.io.files.spill import NUMBERS_IN_MEMORY, Spool
 from occlog.records.scene import Scene
 from occlog.records.tables import LAST, Bearings
@@ -110,18 +110,18 @@ def scan_starts(rows: Bearings, window_ns: int) -> Ints:
 
 Metrics = dict[str, float]
 
-FEWEST_SCANS = 20
+MIN_SCANS = 20
 """From fewer scans no noise is learned."""
-FALSE = 0.2
+INITIAL_OUTLIER_SHARE = 0.2
 """Share of scans with a false bearing at first."""
-FAR = 20.0
+MIN_OUTLIER_RANGE_SIGMAS = 20.0
 """False bearings leave up to so many standard deviations at least: what lies at the end of honest noise is none."""
-LEAST_FALSE, TINY = 1e-9, 1e-30
+MIN_SHARE, TINY = 1e-9, 1e-30
 """Neither share is less; nor is a square over its variance."""
 STARTS, DECIDED = (1.0, 0.01, 0.0001), 10.0
 """The search begins at these shares of the median, in which most scans may have a false bearing; a later start counts
 if its likelihood is greater by this logarithm."""
-SETTLED = 1e-5
+RELATIVE_TOLERANCE = 1e-5
 """The search ends where s^2 changes by less than this share of it, ..."""
 ITERATIONS = 200
 """... or after so many steps."""
@@ -139,7 +139,7 @@ class NoiseFigures:
         """Some more labelled rows, of scans or not."""
         self._sigma_px.add(rows.sigma_px[np.isfinite(rows.sigma_px)])
 
-    def update(self, scans: Scans, sensors: Mapping[str, Sensor]) -> None:
+    def update(self, scans: Scans, sensors: Mapping[str, SensorGeometry]) -> None:
         """Some more scans of a target, by sensors with these names."""
         origins = np.array([sensors[name].ground for name in scans.rows.sensor.tolist()]).reshape(-1, 2)
         squares, degrees = _misses(scans, origins, self._config)
@@ -167,14 +167,14 @@ class NoiseFigures:
 
 
 def noise_scale(squares: Floats, degrees: Ints, near: float | None = None) -> float:
-    """The factor on stated standard deviations; NaN from fewer than `FEWEST_SCANS` scans.
+    """The factor on stated standard deviations; NaN from fewer than `MIN_SCANS` scans.
 
     Args:
         squares: (S,) sums of squared residuals over stated variances.
         degrees: (S,) of freedom, >= 1.
         near: it is near to this, as that of most of the scans is; None: nothing is known.
     """
-    if len(squares) < FEWEST_SCANS:
+    if len(squares) < MIN_SCANS:
         return float("nan")
     return noise_scale_of_many(lambda: [(squares, degrees.astype(np.float64))], len(squares), near)
 
@@ -192,7 +192,7 @@ def noise_scale_of_many(
 
     Args:
         blocks: gives squares and degrees of freedom, the same every time.
-        count: how many there are, at least `FEWEST_SCANS`.
+        count: how many there are, at least `MIN_SCANS`.
         near: as there.
     """
 
@@ -213,16 +213,16 @@ def noise_scale_of_many(
     return math.sqrt(best.scale2)
 
 
-class Fit(NamedTuple):
+class NoiseFit(NamedTuple):
     """A local maximum of the likelihood."""
 
     scale2: float
     log_likelihood: float
 
 
-def _fitted(blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int, start: float, most: float) -> Fit:
+def _fitted(blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int, start: float, most: float) -> NoiseFit:
     """Where the search from a factor on the variances ends; `most`: the largest sum of squares."""
-    scale2, false, reach = start, FALSE, math.sqrt(max(most, FAR**2 * start))
+    scale2, false, reach = start, INITIAL_OUTLIER_SHARE, math.sqrt(max(most, MIN_OUTLIER_RANGE_SIGMAS**2 * start))
     for _ in range(ITERATIONS):
         total, expected, honest, fit = Sum(), Sum(), Sum(), Sum()
         for square, degree in blocks():
@@ -234,10 +234,10 @@ def _fitted(blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int, s
             honest.add(float(believed.sum()))
             fit.add(float(np.log(whole).sum()))
         before, scale2 = scale2, max(total.value / max(expected.value, TINY), TINY * start)
-        false = float(np.clip(1.0 - honest.value / count, LEAST_FALSE, 1.0 - LEAST_FALSE))
-        if abs(scale2 - before) <= SETTLED * before:
+        false = float(np.clip(1.0 - honest.value / count, MIN_SHARE, 1.0 - MIN_SHARE))
+        if abs(scale2 - before) <= RELATIVE_TOLERANCE * before:
             break
-    return Fit(scale2, fit.value)
+    return NoiseFit(scale2, fit.value)
 
 
 def _density(squares: Floats, degrees: Floats, scale2: float) -> Floats:
@@ -266,11 +266,11 @@ def _misses(scans: Scans, origins: Floats, config: EvaluateConfig) -> tuple[Floa
     return np.bincount(scan, weights=each, minlength=len(size))[good], size[good] - 2
 
 
-FEWEST_READINGS = 60
+MIN_READINGS = 60
 """From fewer readings no noise is measured."""
 STRETCHES = 10
 """Stretches of time that are left out in turn for the error bar: errors of neighbouring frames are alike."""
-BIASED = 3.0
+BIAS_SIGNIFICANCE = 3.0
 """A mean error of so many of its errors, and of half a standard deviation, is said: the pose is off."""
 
 
@@ -285,13 +285,13 @@ class MeasuredNoise(NamedTuple):
 
 
 def measured_noise(residual_px: Floats) -> MeasuredNoise | None:
-    """The noise of readings in the order of time, without false ones; None for fewer than `FEWEST_READINGS`.
+    """The noise of readings in the order of time, without false ones; None for fewer than `MIN_READINGS`.
 
     False readings are told as in `occlog.evaluate.bearings.noise`.  Error bars are those of a jackknife over
     `STRETCHES` of time.
     """
     n = len(residual_px)
-    if n < FEWEST_READINGS:
+    if n < MIN_READINGS:
         return None
     sigma = _sigma(residual_px)
     true = np.abs(residual_px) <= 4.0 * sigma
@@ -348,7 +348,7 @@ def _jackknife(without: Floats) -> float:
     return math.sqrt((B - 1) / B * float(((without - without.mean()) ** 2).sum()))
 
 
-class KnownPlaces:
+class NoiseFromTruth:
     """Gathers readings of targets in plain view, while looks stream by."""
 
     def __init__(self, scene: Scene, in_memory: int = NUMBERS_IN_MEMORY) -> None:
@@ -361,7 +361,7 @@ class KnownPlaces:
         share = in_memory // max(len(scene.cameras), 1)
         self._residuals = {camera.name: Spool(share) for camera in scene.cameras}
 
-    def update(self, looks: Mapping[str, SensorLooks]) -> None:
+    def update(self, looks: Mapping[str, SensorObservationSet]) -> None:
         """Looks of some more frames, by sensor."""
         for name in looks.keys() & self._residuals.keys():
             own = looks[name].looks
@@ -384,7 +384,7 @@ class KnownPlaces:
                 out[name] = found
         if not out:
             raise InputError(
-                f"write-scene: no camera has {FEWEST_READINGS} readings in pixels of a target in plain view whose "
+                f"write-scene: no camera has {MIN_READINGS} readings in pixels of a target in plain view whose "
                 "place is known; record more, or give the truth at more times"
             )
         return out
@@ -405,10 +405,10 @@ def notes_of(scene: Scene, noise: Mapping[str, MeasuredNoise]) -> tuple[str, ...
     lines = []
     if kept:
         lines.append(
-            f"{', '.join(kept)}: fewer than {FEWEST_READINGS} readings at known places; the noise stays as it is stated"
+            f"{', '.join(kept)}: fewer than {MIN_READINGS} readings at known places; the noise stays as it is stated"
         )
     for name, m in noise.items():
-        if abs(m.bias) > max(BIASED * m.bias_error, 0.5 * m.sigma):
+        if abs(m.bias) > max(BIAS_SIGNIFICANCE * m.bias_error, 0.5 * m.sigma):
             lines.append(
                 f"warning: {name}: readings are {m.bias:+.2g} px off in the mean, of {m.sigma:.2g} px in all; its pose "
                 "may be wrong, and no filter averages that out"
@@ -428,7 +428,7 @@ def figures_of(noise: Mapping[str, MeasuredNoise]) -> dict[str, float]:
     return out
 
 
-def comment(noise: Mapping[str, MeasuredNoise]) -> str:
+def noise_comment(noise: Mapping[str, MeasuredNoise]) -> str:
     """Lines of a scene file that say where its noise is from."""
     lines = ["# noise measured at known places (occlog evaluate), read_px +- standard error (readings):"]
     lines += [f"#   {name}: {m.sigma:.3g} +- {m.error:.2g} px ({m.readings})" for name, m in noise.items()]

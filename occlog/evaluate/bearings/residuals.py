@@ -15,15 +15,15 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.consistency.verdict import ConsistencyEvidence
 from occlog.core.metrics.errors import Sum, ratio_or_nan
 from occlog.core.sight import triangulate
-from occlog.evaluate.errors.bound import Bounds, Ways
+from occlog.evaluate.errors.bound import BoundDimensions, Bounds
 from occlog.evaluate.errors.information import DistancesOfTargets
 from occlog.evaluate.errors.sums import quantiles_of
-from occlog.evaluate.errors.survey import Beside, Stretch, Survey
+from occlog.evaluate.errors.survey import EvaluationChunk, EvaluationSurvey, StretchTables
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.looks import SensorLooks, look_at
-from occlog.evaluate.matching.outline import NEAR_NS, OCCLUDER, TARGET, Outlines
-from occlog.evaluate.matching.paths import Path, Sensor, paths_of, sensors_of
-from occlog.evaluate.sources import Sources, rows_of
+from occlog.evaluate.matching.looks import SensorObservationSet, observe
+from occlog.evaluate.matching.outline import NEAR_NS, OCCLUDER, TARGET, TruthOutlines
+from occlog.evaluate.matching.paths import ObjectPath, SensorGeometry, paths_of, sensors_of
+from occlog.evaluate.sources import EvaluationSources, rows_of
 from occlog.evaluate.verdict import SightEvidence, in_rows_of
 from occlog.io.files.spill import NUMBERS_IN_MEMORY, Spool
 from occlog.records.columns import ColumnTable
@@ -33,12 +33,12 @@ from occlog.records.tables import LAST, Bearings, Diagnostics, Errors, TableBuff
 
 from .detections import DetectionFigures
 from .held_out import HeldOutFigures
-from .noise import KnownPlaces, MeasuredNoise, NoiseFigures, ScanCuts, Scans, labelled
+from .noise import MeasuredNoise, NoiseFigures, NoiseFromTruth, ScanCuts, Scans, labelled
 
 Metrics = dict[str, float]
 
 
-class Meetings(NamedTuple):
+class TriangulationSeries(NamedTuple):
     """Where the sight lines to one target met, scan after scan; NaN where they were refused."""
 
     t_ns: Ints  # (S,) mean time of the scan's lines
@@ -49,7 +49,7 @@ class Meetings(NamedTuple):
     residual: Floats  # (R,) of the lines of scans that met with more than two lines [rad]
 
 
-def meeting_points(bearings: Bearings, scene: Scene, config: EvaluateConfig) -> dict[int, Meetings]:
+def triangulated_points(bearings: Bearings, scene: Scene, config: EvaluateConfig) -> dict[int, TriangulationSeries]:
     """Meeting points for every target that labelled bearings name, by its identity.
 
     Sensors held out are left out.  Scans with fewer than `lines_min_sensors` lines are not
@@ -57,10 +57,12 @@ def meeting_points(bearings: Bearings, scene: Scene, config: EvaluateConfig) -> 
     """
     rows = labelled(bearings, config)
     sensors = sensors_of(scene, np.unique(rows.sensor).tolist())
-    return {scans.target: meet(scans, sensors, config) for scans in ScanCuts(config).update(rows, LAST)}
+    return {scans.target: triangulate_scan(scans, sensors, config) for scans in ScanCuts(config).update(rows, LAST)}
 
 
-def meet(scans: Scans, sensors: Mapping[str, Sensor], config: EvaluateConfig) -> Meetings:
+def triangulate_scan(
+    scans: Scans, sensors: Mapping[str, SensorGeometry], config: EvaluateConfig
+) -> TriangulationSeries:
     """Meeting points of a target's scans, by sensors with these names."""
     rows, starts = scans.rows, scans.starts
     size = np.diff(starts)
@@ -75,7 +77,7 @@ def meet(scans: Scans, sensors: Mapping[str, Sensor], config: EvaluateConfig) ->
     since = np.bincount(scan, weights=(rows.t_ns - rows.t_ns[starts[scan]]).astype(np.float64), minlength=len(size))
     t_ns = rows.t_ns[starts[:-1]] + np.rint(since / np.maximum(size, 1)).astype(np.int64)
     checked = (size > 2) & (found.status == triangulate.TRIANGULATED)
-    return Meetings(
+    return TriangulationSeries(
         t_ns=t_ns,
         xy=found.xy,
         covariance=found.covariance,
@@ -85,7 +87,7 @@ def meet(scans: Scans, sensors: Mapping[str, Sensor], config: EvaluateConfig) ->
     )
 
 
-class MeetingFigures:
+class TriangulationFigures:
     """Gathers distances of tracks from where sight lines meet, while scans stream by."""
 
     def __init__(self, unit: str, config: EvaluateConfig, in_memory: int = NUMBERS_IN_MEMORY) -> None:
@@ -101,9 +103,9 @@ class MeetingFigures:
         self._distance, self._spread = Spool(in_memory), Spool(in_memory)
         self._squares, self._residual_squares = Sum(), Sum()
 
-    def update(self, scans: Scans, sensors: Mapping[str, Sensor], path: Path | None) -> None:
+    def update(self, scans: Scans, sensors: Mapping[str, SensorGeometry], path: ObjectPath | None) -> None:
         """Some more scans of a target, by sensors with these names, and its track, or the part of it about them."""
-        found = meet(scans, sensors, self._config)
+        found = triangulate_scan(scans, sensors, self._config)
         met = found.status == triangulate.TRIANGULATED
         self._total, self._met = self._total + len(met), self._met + int(np.count_nonzero(met))
         spread = np.sqrt(found.covariance[:, 0, 0] + found.covariance[:, 1, 1])
@@ -147,9 +149,9 @@ class AgainstBearings:
 
     def __init__(
         self,
-        sources: Sources,
-        known: Survey,
-        outlines: Outlines,
+        sources: EvaluationSources,
+        known: EvaluationSurvey,
+        outlines: TruthOutlines,
         scene: Scene,
         config: EvaluateConfig,
         *,
@@ -167,14 +169,14 @@ class AgainstBearings:
         """
         self._sources, self._known, self._outlines = sources, known, outlines
         self._scene, self._config = scene, config
-        self._sensors: dict[str, Sensor] = {}
+        self._sensors: dict[str, SensorGeometry] = {}
         self._cuts, self._noise = ScanCuts(config), NoiseFigures(config)
         sees = sources.bearings is not None
-        self._meeting = MeetingFigures(scene.length_unit, config) if sees and sources.tracks is not None else None
+        self._meeting = TriangulationFigures(scene.length_unit, config) if sees and sources.tracks is not None else None
         held_out = bool(config.held_out) and self._meeting is not None
         self._held_out = HeldOutFigures(scene, sorted(known.tracks), config) if held_out else None
         self._detections = DetectionFigures() if sees and sources.truth is not None else None
-        self._places = KnownPlaces(scene) if places else None
+        self._places = NoiseFromTruth(scene) if places else None
         self._bound: Bounds | None = None
         self._labels: dict[int, int] = {}
         self._sight: SightEvidence | None = None
@@ -184,7 +186,7 @@ class AgainstBearings:
         self.rows = 0
         """Bearings so far."""
 
-    def begin(self, pairs: Mapping[int, int], evidence: ConsistencyEvidence, *, high_tracks: bool) -> Beside:
+    def begin(self, pairs: Mapping[int, int], evidence: ConsistencyEvidence, *, high_tracks: bool) -> StretchTables:
         """Open bearings and measurements; what is to be gone through beside tracks and truth.
 
         Args:
@@ -211,7 +213,7 @@ class AgainstBearings:
             # A number below 0 is no identity in bearings, though a track may have it
             known = {track: target for track, target in pairs.items() if track >= 0}
             self._labels = {k: k for k in targets if k >= 0 and k not in taken} | known
-            ways = Ways.of(config, high=high_tracks and bool(self._outlines.high))
+            ways = BoundDimensions.of(config, high=high_tracks and bool(self._outlines.high))
             self._bound = Bounds(self._scene, config, self._outlines.high, ways)
             if sources.measured is not None:
                 how = sources.measured.config, sources.measured.radio
@@ -220,7 +222,7 @@ class AgainstBearings:
         margins_ns = [margin_ns] * len(sides)
         if self._distances is not None:
             sides, margins_ns = [*sides, self._measurements], [*margins_ns, 0]
-        return Beside(
+        return StretchTables(
             sides,
             margins_ns,
             tracks_ns=max(config.bridge_ns + self._cuts.window_ns + 1, margin_ns),
@@ -233,7 +235,7 @@ class AgainstBearings:
         gaps = self._outlines.gaps_ns(OCCLUDER, {})
         return max(NEAR_NS, self._config.limit_ns or 0, *self._known.gaps_ns.values(), *gaps.values()) + 1
 
-    def update(self, part: Stretch, errors: Errors, late: Bools) -> None:
+    def update(self, part: EvaluationChunk, errors: Errors, late: Bools) -> None:
         """Another stretch, with its errors, and which of them are after the transient."""
         rows, config = part.limits.of(self._bearings), self._config
         self.rows += len(rows)
@@ -264,13 +266,13 @@ class AgainstBearings:
             measured = None if self._distances is None else self._distances.add(part.limits.of(self._measurements))
             self._bound.update(counted, self._sensors, errors, late, targets, measured)
 
-    def _tracks_about(self, part: Stretch) -> Mapping[int, Path]:
+    def _tracks_about(self, part: EvaluationChunk) -> Mapping[int, ObjectPath]:
         """Tracks about the scans that end in a stretch, which may have begun before it."""
         if self._meeting is None:
             return {}
         return paths_of(part.limits.about(part.sides[0], self._config.bridge_ns + self._cuts.window_ns + 1))
 
-    def _true_paths(self, part: Stretch) -> tuple[dict[int, Path], dict[int, Path]]:
+    def _true_paths(self, part: EvaluationChunk) -> tuple[dict[int, ObjectPath], dict[int, ObjectPath]]:
         """Paths of targets and of moving occluders, which tell rough places far away, too."""
         around = self._around_ns
         near = part.limits.about(part.sides[1], around)
@@ -281,9 +283,11 @@ class AgainstBearings:
         )
         return targets, others
 
-    def _looks(self, rows: Bearings, targets: Mapping[int, Path], others: Mapping[int, Path]) -> dict[str, SensorLooks]:
+    def _looks(
+        self, rows: Bearings, targets: Mapping[int, ObjectPath], others: Mapping[int, ObjectPath]
+    ) -> dict[str, SensorObservationSet]:
         return {
-            name: look_at(
+            name: observe(
                 self._sensors[name], rows.take(rows.sensor == name), self._labels, targets, others, self._config
             )
             for name in np.unique(rows.sensor).tolist()

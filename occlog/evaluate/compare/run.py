@@ -22,7 +22,7 @@ from occlog.core.metrics.mot.frame_sums import FIGURES, LASTING, LESS_IS_BETTER,
 from occlog.core.metrics.paired import MANY_RECORDINGS, MIN_STRETCHES, PairedDifference, compare
 from occlog.errors import InputError, UsageError, option
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.mot.config import ManyConfig
+from occlog.evaluate.mot.config import MultiTargetConfig
 from occlog.evaluate.mot.figures import RULES
 from occlog.evaluate.mot.on_ground import points_in_true_frames, times_of
 from occlog.io.files.atomic import write_bytes
@@ -35,7 +35,7 @@ from occlog.settings import METRES
 
 from . import text
 from .request import CompareRequest
-from .text import Comparison, Condition, Implausible, Row
+from .text import ComparisonRow, Condition, Implausible, MetricComparison
 
 TRACKS = "tracks.parquet"
 RECORDING = "recording.mcap"
@@ -43,14 +43,14 @@ USUAL = (".mcap", ".parquet", ".csv")
 """Endings of truths; others count where none of these is there."""
 
 
-class Run(NamedTuple):
+class ComparedRun(NamedTuple):
     """One table of tracks, and the true positions to compare it with."""
 
     tracks: Path
     truth: Path
 
 
-def runs_of(method: Path, truth: Path | None) -> dict[str, Run]:
+def runs_of(method: Path, truth: Path | None) -> dict[str, ComparedRun]:
     """The runs of a method by the names of their recordings.
 
     Args:
@@ -63,14 +63,14 @@ def runs_of(method: Path, truth: Path | None) -> dict[str, Run]:
         InputError: no tracks are there, or no truth of some.
     """
     if not method.is_dir():
-        return {"": Run(method, _truth(truth, None, ""))}
+        return {"": ComparedRun(method, _truth(truth, None, ""))}
     found = {
         "" if path.parent == method else path.parent.relative_to(method).as_posix(): path
         for path in sorted(method.rglob(TRACKS))
     }
     if not found:
         raise InputError(f"{method}: holds no {TRACKS}; name a table of tracks, a run folder, or a folder of those")
-    runs = {name: Run(path, _truth(truth, path.parent, name)) for name, path in found.items()}
+    runs = {name: ComparedRun(path, _truth(truth, path.parent, name)) for name, path in found.items()}
     if truth is not None and truth.is_dir():
         _check_apart(truth, runs)
     return runs
@@ -97,7 +97,7 @@ def _truth(truth: Path | None, folder: Path | None, name: str) -> Path:
     raise UsageError("nothing says where the targets truly were; give --truth")
 
 
-def _check_apart(truth: Path, runs: dict[str, Run]) -> None:
+def _check_apart(truth: Path, runs: dict[str, ComparedRun]) -> None:
     """InputError where a file is the truth of two runs, which have it by their last name alone."""
     first: dict[Path, str] = {}
     for name, run in runs.items():
@@ -109,7 +109,7 @@ def _check_apart(truth: Path, runs: dict[str, Run]) -> None:
             )
 
 
-def paired(methods: Sequence[Path], truth: Path | None) -> tuple[list[str], list[dict[str, Run]]]:
+def paired(methods: Sequence[Path], truth: Path | None) -> tuple[list[str], list[dict[str, ComparedRun]]]:
     """Names of the recordings that all methods have, and the runs of each.
 
     Raises:
@@ -178,7 +178,7 @@ def compare_runs(
     conditions: Sequence[Condition],
     match_distance: float | None,
     seed: int,
-) -> Comparison:
+) -> MetricComparison:
     """Compare each later method with the first one.
 
     Args:
@@ -212,7 +212,9 @@ def compare_runs(
     }
     holm = _holm({key: each.p for key, each in found.items()})
     known = sum(np.isfinite(each.p) for each in found.values())
-    rows = tuple(Row(*key, each, holm[key], _verdict(key[1], each, holm[key], known)) for key, each in found.items())
+    rows = tuple(
+        ComparisonRow(*key, each, holm[key], _verdict(key[1], each, holm[key], known)) for key, each in found.items()
+    )
     failed = tuple(
         sentence
         for row in rows
@@ -227,10 +229,10 @@ def compare_runs(
         for name in names
         if all_plausible(verdicts := verdicts_of_file(own[name].tracks)) is False
     )
-    return Comparison(rows, tuple(names), sum(len(each) for each in sums[0]), unit, failed, losses, implausible)
+    return MetricComparison(rows, tuple(names), sum(len(each) for each in sums[0]), unit, failed, losses, implausible)
 
 
-def _unit(runs: Sequence[Run]) -> str:
+def _unit(runs: Sequence[ComparedRun]) -> str:
     """Unit of lengths of all tracks and truths; InputError where one of ours has another."""
     tracks = [open_input(run.tracks) for run in runs]
     truths = [open_input(path) for path in dict.fromkeys(run.truth for run in runs)]
@@ -240,7 +242,7 @@ def _unit(runs: Sequence[Run]) -> str:
     return unit
 
 
-def _sums(run: Run, first: Run, limit: float, unit: str) -> Floats:
+def _sums(run: ComparedRun, first: ComparedRun, limit: float, unit: str) -> Floats:
     """What each true frame of a recording adds to the figures of a run."""
     tracks, truth = open_in_unit(run.tracks, unit).read(Tracks), open_in_unit(run.truth, unit).read(Truth)
     if run.truth != first.truth and not _same(truth, open_in_unit(first.truth, unit).read(Truth)):
@@ -250,12 +252,12 @@ def _sums(run: Run, first: Run, limit: float, unit: str) -> Floats:
         raise InputError(f"{run.truth}: holds no true positions, so there are no frames to compare runs in")
     if len(tracks) and len(times):
         _check_clocks(run, tracks.t_ns, times)
-    config = ManyConfig(match_distance=limit)
+    config = MultiTargetConfig(match_distance=limit)
     places = points_in_true_frames(tracks, truth, times, config, EvaluateConfig().limit_ns, unit)
     return frame_sums(of_points(places.truth, places.tracks, limit), len(times), RULES[config.clear_rule])
 
 
-def _check_clocks(run: Run, tracks: Ints, truth: Ints) -> None:
+def _check_clocks(run: ComparedRun, tracks: Ints, truth: Ints) -> None:
     """InputError where all tracks are before or after the truth: that says nothing of the tracker."""
     (a, b), (c, d) = ((int(times.min()), int(times.max())) for times in (tracks, truth))
     if b < c or d < a:
@@ -292,7 +294,7 @@ def _verdict(figure: str, found: PairedDifference, holm: float, rows: int) -> st
     return "better" if (found.difference < 0) == (figure in LESS_IS_BETTER) else "worse"
 
 
-def _failure(condition: Condition, row: Row, later: int) -> str:
+def _failure(condition: Condition, row: ComparisonRow, later: int) -> str:
     """Why a condition is met, "" if it is not.
 
     The chance that any of `later` methods fails without being worse is `ALPHA` at most (Bonferroni).
@@ -309,7 +311,7 @@ def _failure(condition: Condition, row: Row, later: int) -> str:
     )
 
 
-def _why(row: Row, later: int) -> str:
+def _why(row: ComparisonRow, later: int) -> str:
     """Why a row is not decided beside `later` methods."""
     found = row.found
     if np.isfinite(found.p):

@@ -27,7 +27,7 @@ class Condition(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Row:
+class ComparisonRow:
     """One method against the first one in one figure.
 
     Attributes:
@@ -60,7 +60,7 @@ class Implausible(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Comparison:
+class MetricComparison:
     """All of it.
 
     Attributes:
@@ -73,7 +73,7 @@ class Comparison:
         implausible: tracks that a stage found not plausible.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[ComparisonRow, ...]
     recordings: tuple[str, ...]
     frames: int
     unit: str
@@ -86,19 +86,19 @@ HEAD = ("figure", "first", "this", "difference", "95 % interval", "p", "verdict"
 LEVEL = "p has all rows together in view (Holm); a verdict needs p < 0.05"
 
 
-def rows_of(found: Comparison, method: int) -> list[tuple[str, ...]]:
+def rows_of(found: MetricComparison, method: int) -> list[tuple[str, ...]]:
     """Cells of the rows of one method, numbers as text."""
     return [_cells(row) for row in found.rows if row.method == method]
 
 
-def _cells(row: Row) -> tuple[str, ...]:
+def _cells(row: ComparisonRow) -> tuple[str, ...]:
     d = row.found
     interval = "-" if math.isnan(d.low) else f"{d.low:+.4f} to {d.high:+.4f}"
     p = "-" if math.isnan(row.holm) else f"{row.holm:.2g}"
     return (row.figure, f"{d.a:.4f}", f"{d.b:.4f}", f"{d.difference:+.4f}", interval, p, row.verdict)
 
 
-def table(found: Comparison, methods: Sequence[Path]) -> str:
+def table(found: MetricComparison, methods: Sequence[Path]) -> str:
     """For the terminal."""
     out = []
     for m in range(1, len(methods)):
@@ -106,10 +106,10 @@ def table(found: Comparison, methods: Sequence[Path]) -> str:
         widths = [max(len(line[k]) for line in lines) for k in range(len(HEAD))]
         out.append(f"{methods[m]} beside {methods[0]}")
         out += ["  " + "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in lines]
-    return "\n".join(line.rstrip() for line in [*out, basis(found), *doubts(found, methods)])
+    return "\n".join(line.rstrip() for line in [*out, basis(found), *implausible_notes(found, methods)])
 
 
-def basis(found: Comparison) -> str:
+def basis(found: MetricComparison) -> str:
     """What the comparison rests on, in a sentence."""
     count = len(found.recordings)
     what = f"{found.frames} frames of {count} recording{'s' if count > 1 else ''}"
@@ -122,7 +122,7 @@ def basis(found: Comparison) -> str:
     return f"{what}; stretches of time exchanged, both runs at once; about these recordings alone; {few}. {LEVEL}."
 
 
-def doubts(found: Comparison, methods: Sequence[Path]) -> list[str]:
+def implausible_notes(found: MetricComparison, methods: Sequence[Path]) -> list[str]:
     """A sentence for each method with tracks that a stage found not plausible: its figures need care."""
     out = []
     for m, method in enumerate(methods):
@@ -134,18 +134,18 @@ def doubts(found: Comparison, methods: Sequence[Path]) -> list[str]:
     return out
 
 
-def markdown(found: Comparison, methods: Sequence[Path]) -> str:
+def markdown(found: MetricComparison, methods: Sequence[Path]) -> str:
     """For a pull request."""
     out = []
     for m in range(1, len(methods)):
         out += [f"### `{methods[m]}` beside `{methods[0]}`", "", "| " + " | ".join(HEAD) + " |"]
         out += ["|---|---:|---:|---:|---:|---:|---|", *("| " + " | ".join(c) + " |" for c in rows_of(found, m)), ""]
     notes = [f"\n**Failed**: {line}" for line in found.failed]
-    notes += [f"\n**Not plausible**: {line}" for line in doubts(found, methods)]
+    notes += [f"\n**Not plausible**: {line}" for line in implausible_notes(found, methods)]
     return "\n".join([*out, basis(found), *notes, ""])
 
 
-def as_dict(found: Comparison, methods: Sequence[Path]) -> dict[str, object]:
+def as_dict(found: MetricComparison, methods: Sequence[Path]) -> dict[str, object]:
     """For JSON; null where a number is not known."""
 
     def known(value: float) -> float | None:

@@ -22,15 +22,15 @@ from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.bounds import in_plane as crlb
 from occlog.core.metrics.errors import Sum, ratio_or_nan
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.looks import SensorLooks
-from occlog.evaluate.matching.paths import Path, Sensor
+from occlog.evaluate.matching.looks import SensorObservationSet
+from occlog.evaluate.matching.paths import ObjectPath, SensorGeometry
 from occlog.io.files.spill import RECORDS_PER_BLOCK, Blocks, Records
 from occlog.records.columns import ColumnTable
 from occlog.records.scene import Scene
 from occlog.records.tables import Bound, Errors
 
 from .information import (
-    Measured,
+    StationMeasurements,
     add_distances,
     bound_table,
     dimension,
@@ -39,20 +39,20 @@ from .information import (
     motion_of,
     prior_of,
 )
-from .sums import in_space
+from .sums import space_errors
 
 Metrics = dict[str, float]
 KINDS = ("bound", "smoothed")
 
 
-class Ways(NamedTuple):
+class BoundDimensions(NamedTuple):
     """In how many dimensions information is put aside; which one is used of each target is known at the end."""
 
     ground: bool
     space: bool
 
     @classmethod
-    def of(cls, config: EvaluateConfig, *, high: bool) -> Ways:
+    def of(cls, config: EvaluateConfig, *, high: bool) -> BoundDimensions:
         """`high`: whether any track and any target have heights."""
         if config.bound_in == "auto":
             return cls(True, high)
@@ -60,7 +60,7 @@ class Ways(NamedTuple):
 
 
 @dataclass
-class _Target:
+class _BoundTarget:
     """What is known of one target."""
 
     first_ns: int | None = None  # of its first look
@@ -73,7 +73,7 @@ class _Target:
     state: Floats | None = None  # that the last block has left
 
 
-class Figures:
+class BoundSums:
     """Sums over rows of the bound, and over those of errors beside them."""
 
     def __init__(self) -> None:
@@ -105,7 +105,7 @@ class Figures:
         return float(np.sqrt(self._sums[name].value / count)) if count else float("nan")
 
     @classmethod
-    def together(cls, parts: Iterable[Figures]) -> Figures:
+    def together(cls, parts: Iterable[BoundSums]) -> BoundSums:
         """Those of all parts."""
         out = cls()
         out.update(Bound.empty(), np.zeros(0), np.zeros(0))
@@ -142,7 +142,12 @@ class Bounds:
     """Gathers information and errors while stretches come by, and then makes the bound of them."""
 
     def __init__(
-        self, scene: Scene, config: EvaluateConfig, high: set[int], ways: Ways, block: int = RECORDS_PER_BLOCK
+        self,
+        scene: Scene,
+        config: EvaluateConfig,
+        high: set[int],
+        ways: BoundDimensions,
+        block: int = RECORDS_PER_BLOCK,
     ) -> None:
         """Nothing yet.
 
@@ -155,7 +160,7 @@ class Bounds:
         """
         self._scene, self._config, self._high, self._ways = scene, config, high, ways
         self._block = block
-        self._targets: dict[int, _Target] = {}
+        self._targets: dict[int, _BoundTarget] = {}
         kinds: list[Any] = [("t_ns", "i8"), ("target", "i8"), ("n_seen", "i8"), ("error", "f8"), ("error_space", "f8")]
         kinds += [(name, "?") for name in ("look", "estimate", "late", "known")]
         kinds += [("ground", "f8", (2, 2))] if ways.ground else []
@@ -164,18 +169,18 @@ class Bounds:
         self._told = Blocks(self._record, block)
         self.rows = 0
         """Rows of the bound, once it is made."""
-        self._all: dict[int, Figures] = {}
-        self._estimates: dict[int, Figures] = {}
-        self._late: dict[int, Figures] = {}
+        self._all: dict[int, BoundSums] = {}
+        self._estimates: dict[int, BoundSums] = {}
+        self._late: dict[int, BoundSums] = {}
 
     def update(
         self,
-        looks: Mapping[str, SensorLooks],
-        sensors: Mapping[str, Sensor],
+        looks: Mapping[str, SensorObservationSet],
+        sensors: Mapping[str, SensorGeometry],
         errors: Errors,
         late: Bools,
-        targets: Mapping[int, Path],
-        measured: Measured | None = None,
+        targets: Mapping[int, ObjectPath],
+        measured: StationMeasurements | None = None,
     ) -> None:
         """What there is in another stretch of time.
 
@@ -192,10 +197,10 @@ class Bounds:
         parts = [np.zeros(0, dtype=self._record)]
         for target in np.unique(np.concatenate(labels)).tolist():
             own = errors.target_id == target
-            known = self._targets.setdefault(target, _Target())
+            known = self._targets.setdefault(target, _BoundTarget())
             known.errors += int(np.count_nonzero(own))
             known.late += int(np.count_nonzero(late[own]))
-            known.in_space |= bool(in_space(errors)[own].any())
+            known.in_space |= bool(space_errors(errors)[own].any())
             parts.append(self._records(target, looks, sensors, errors.take(own), late[own], targets[target], measured))
         rows = np.concatenate(parts)
         self._told.append(rows[np.lexsort((rows["target"], rows["t_ns"]))])
@@ -203,12 +208,12 @@ class Bounds:
     def _records(
         self,
         target: int,
-        looks: Mapping[str, SensorLooks],
-        sensors: Mapping[str, Sensor],
+        looks: Mapping[str, SensorObservationSet],
+        sensors: Mapping[str, SensorGeometry],
         errors: Errors,
         late: Bools,
-        path: Path,
-        measured: Measured | None,
+        path: ObjectPath,
+        measured: StationMeasurements | None,
     ) -> Records:
         """A target's moments of a stretch."""
         known = self._targets[target]
@@ -313,10 +318,10 @@ class Bounds:
             )
             self.rows += len(table)
             nothing = np.full(len(table), np.nan)
-            self._all.setdefault(target, Figures()).update(table, nothing, nothing)
+            self._all.setdefault(target, BoundSums()).update(table, nothing, nothing)
             for figures, some in ((self._estimates, own["estimate"]), (self._late, own["late"])):
                 errors = own["error"][some], own["error_space"][some]
-                figures.setdefault(target, Figures()).update(table.take(some), *errors)
+                figures.setdefault(target, BoundSums()).update(table.take(some), *errors)
             parts.append(table)
         return Bound.merge(parts)
 
@@ -325,9 +330,9 @@ class Bounds:
         counts = {k: known.late if late else known.errors for k, known in self._targets.items()}
         beside = self._late if late else self._estimates
         if any(counts.values()):
-            out = Figures.together(beside.values()).result(unit, "", with_errors=True)
+            out = BoundSums.together(beside.values()).result(unit, "", with_errors=True)
         else:
-            out = Figures.together(self._all.values()).result(unit, "", with_errors=False)
+            out = BoundSums.together(self._all.values()).result(unit, "", with_errors=False)
         for target, own in sorted(self._all.items()):
             if own.rows:
                 with_errors = counts[target] > 0

@@ -19,8 +19,8 @@ from occlog.core.bounds import in_plane as crlb
 from occlog.core.bounds import in_space as bounds3d
 from occlog.errors import InputError
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.looks import Looks
-from occlog.evaluate.matching.paths import Path, Sensor
+from occlog.evaluate.matching.looks import SensorObservations
+from occlog.evaluate.matching.paths import ObjectPath, SensorGeometry
 from occlog.filtering.likelihood.distances import RangeMeasurements
 from occlog.filtering.likelihood.distances import information as distance_information
 from occlog.records.declared.sensors import Measurements
@@ -32,7 +32,7 @@ from occlog.scans.measured import LastReads, Radio, RangeDifferenceCheck, make_s
 Metrics = dict[str, float]
 
 
-def ground_information(sensor: Sensor, seen: Looks) -> Floats:
+def ground_information(sensor: SensorGeometry, seen: SensorObservations) -> Floats:
     """(N, 2, 2) Fisher information of the azimuths of one sensor about (x, y); elevations tell of heights only.
 
     Of a tilted array the world's azimuth has errors of both of its angles.  Both are taken in
@@ -46,7 +46,7 @@ def ground_information(sensor: Sensor, seen: Looks) -> Floats:
     return np.asarray(np.where(pixels[:, None, None], _of_pixels(sensor, seen, pixels), information))
 
 
-def space_information(sensor: Sensor, seen: Looks) -> Floats:
+def space_information(sensor: SensorGeometry, seen: SensorObservations) -> Floats:
     """(N, 3, 3) Fisher information of all that one sensor told about (x, y, z).
 
     A row without elevation tells its azimuth only; so does a planar array, whose azimuth is the world's.
@@ -69,7 +69,7 @@ def space_information(sensor: Sensor, seen: Looks) -> Floats:
     return total
 
 
-def _of_pixels(sensor: Sensor, seen: Looks, pixels: Bools) -> Floats:
+def _of_pixels(sensor: SensorGeometry, seen: SensorObservations, pixels: Bools) -> Floats:
     camera = sensor.camera
     assert camera is not None
     noise = np.where(pixels, seen.sigma_px, 1.0)
@@ -84,7 +84,7 @@ def _of_pixels(sensor: Sensor, seen: Looks, pixels: Bools) -> Floats:
     )
 
 
-def _without_pixels(sensor: Sensor, seen: Looks) -> Floats:
+def _without_pixels(sensor: SensorGeometry, seen: SensorObservations) -> Floats:
     by_azimuth = crlb.bearing_information(seen.xy, sensor.ground, seen.sigma)
     tells = np.isfinite(seen.elevation)
     if sensor.upright or not tells.any():
@@ -99,7 +99,7 @@ def _without_pixels(sensor: Sensor, seen: Looks) -> Floats:
     return np.asarray(np.where(tells[:, None, None], bounds3d.ground_information(whole), by_azimuth))
 
 
-class Measured(NamedTuple):
+class StationMeasurements(NamedTuple):
     """What stations measured of distances, of all targets."""
 
     t_ns: Ints  # (m,)
@@ -161,7 +161,7 @@ def bound_table(t_ns: Ints, target: int, covariance: Floats, smoothed: Floats, n
 
 
 def information_of(
-    times: Ints, looks: Mapping[str, Looks], sensors: Mapping[str, Sensor], d: int
+    times: Ints, looks: Mapping[str, SensorObservations], sensors: Mapping[str, SensorGeometry], d: int
 ) -> tuple[Floats, Ints]:
     """(T, d, d) information of all bearings at each time, and how many there were."""
     total, n_seen = np.zeros((len(times), d, d)), np.zeros(len(times), dtype=np.int64)
@@ -178,9 +178,9 @@ def add_distances(
     information: Floats,
     n_seen: Ints,
     times: Ints,
-    measured: Measured,
+    measured: StationMeasurements,
     target: int,
-    path: Path,
+    path: ObjectPath,
     config: EvaluateConfig,
 ) -> None:
     """Add the information of measurements of distances, where the true place is known, in place."""
@@ -193,7 +193,7 @@ def add_distances(
     np.add.at(n_seen, at, 1)
 
 
-def counted(looks: Looks) -> Bools:
+def counted(looks: SensorObservations) -> Bools:
     """(N,) bool: reports that can be of the target."""
     return looks.reported & (looks.in_view | looks.hit)
 
@@ -253,7 +253,7 @@ class DistancesOfTargets:
         self._last: LastReads = {}
         self._differences = RangeDifferenceCheck()
 
-    def add(self, rows: Measurements) -> Measured:
+    def add(self, rows: Measurements) -> StationMeasurements:
         """Some more rows, with all of each time, in the order of time.
 
         Raises:
@@ -263,7 +263,7 @@ class DistancesOfTargets:
         own = with_strengths(own, self._config, self._radio, self._last)
         row, found = pack(own, self._stations, self._config, self._radio, self._differences)
         target = np.array([self._labels[k] for k in own.target_id[row].tolist()], dtype=np.int64)
-        return Measured(own.t_ns[row], target, found)
+        return StationMeasurements(own.t_ns[row], target, found)
 
     def finish(self) -> None:
         """Say that all rows came.

@@ -21,13 +21,13 @@ from occlog.core.metrics.errors import (
 from occlog.core.metrics.mot.frame_pairs import TargetTrackSums
 from occlog.errors import InputError
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.paths import Path
+from occlog.evaluate.matching.paths import ObjectPath
 from occlog.io.files.spill import NUMBERS_IN_MEMORY
 from occlog.records.columns import rows_by_label
 from occlog.records.tables import Errors, Tracks
 
 from .sums import ErrorFigures
-from .survey import Stretch, Survey
+from .survey import EvaluationChunk, EvaluationSurvey
 
 Metrics = dict[str, float]
 
@@ -56,7 +56,7 @@ def errors_in_space(tracks: Tracks, error: Floats, covariance: Floats, truth_z: 
     }
 
 
-def pairs_by_number(known: Survey) -> dict[int, int]:
+def pairs_by_number(known: EvaluationSurvey) -> dict[int, int]:
     """Tracks with the number of a target, each with that target.
 
     Raises:
@@ -83,7 +83,7 @@ class Gaps:
         """No estimates yet."""
         self._inside = self._missed = self._widest_ns = 0
 
-    def add(self, t_ns: Ints, path: Path, span_ns: tuple[int, int], config: EvaluateConfig) -> None:
+    def add(self, t_ns: Ints, path: ObjectPath, span_ns: tuple[int, int], config: EvaluateConfig) -> None:
         """Some more estimates of one track.
 
         Args:
@@ -110,7 +110,7 @@ class Gaps:
         )
 
 
-def apart(tracks_ns: tuple[int, int], truth_ns: tuple[int, int], config: EvaluateConfig) -> InputError:
+def errors_of_pairs(tracks_ns: tuple[int, int], truth_ns: tuple[int, int], config: EvaluateConfig) -> InputError:
     """What is said where the truth covers the time of no estimate; first and last times of both."""
     tracks, truth = (f"{first} to {last} ns" for first, last in (tracks_ns, truth_ns))
     if config.match == "id" and tracks_ns[0] <= truth_ns[1] and truth_ns[0] <= tracks_ns[1]:
@@ -125,7 +125,7 @@ def apart(tracks_ns: tuple[int, int], truth_ns: tuple[int, int], config: Evaluat
     )
 
 
-def errors_of(rows: Tracks, target: int, path: Path, config: EvaluateConfig) -> tuple[Errors, Bools]:
+def errors_of(rows: Tracks, target: int, path: ObjectPath, config: EvaluateConfig) -> tuple[Errors, Bools]:
     """Errors of the estimates of a target, and (N,) which of them have a truth near enough in time.
 
     Args:
@@ -185,13 +185,13 @@ def no_targets() -> InputError:
 class PairSums:
     """Squared distances of each track from each target, for the one-to-one pairs of least overall RMSE."""
 
-    def __init__(self, known: Survey) -> None:
+    def __init__(self, known: EvaluationSurvey) -> None:
         """No estimate yet."""
         self._tracks, self._targets = list(known.tracks), list(known.targets)
         self._place = {label: n for n, label in enumerate(self._targets)}
         self._sums, self._worst = TargetTrackSums(len(self._targets), len(self._tracks), sums=3), 0.0
 
-    def update(self, part: Stretch, config: EvaluateConfig) -> None:
+    def update(self, part: EvaluationChunk, config: EvaluateConfig) -> None:
         """Estimates of another stretch."""
         rows = part.rows
         number = np.searchsorted(self._tracks, rows.target_id)
@@ -226,7 +226,7 @@ class TrackErrors:
 
     def __init__(
         self,
-        known: Survey,
+        known: EvaluationSurvey,
         pairs: Mapping[int, int],
         config: EvaluateConfig,
         unit: str,
@@ -250,9 +250,9 @@ class TrackErrors:
         self.late: Bools = np.zeros(0, dtype=np.bool_)
         """Which errors of the last stretch are after the transient; none without one."""
 
-    def update(self, part: Stretch) -> Errors:
+    def update(self, part: EvaluationChunk) -> Errors:
         """Estimates of another stretch, in the order of time; their errors."""
-        config, nothing = self._config, Path(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0))
+        config, nothing = self._config, ObjectPath(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0))
         found = []
         for track, which in rows_by_label(part.rows.target_id):
             target = self._pairs.get(track)
@@ -298,7 +298,7 @@ class TrackErrors:
         """
         known, figures, matched = self._known, self._figures, self._pairs
         if not figures.rows and known.tracks_ns is not None and known.truth_ns is not None:
-            raise apart(known.tracks_ns, known.truth_ns, self._config)
+            raise errors_of_pairs(known.tracks_ns, known.truth_ns, self._config)
         unmatched = [life.rows for label, life in known.tracks.items() if label not in matched]
         metrics: Metrics = {
             "estimates": figures.rows,

@@ -26,7 +26,7 @@ from occlog.records.tables import Errors
 Metrics = dict[str, float]
 
 
-def in_space(errors: Errors) -> Bools:
+def space_errors(errors: Errors) -> Bools:
     """(N,) bool: errors of estimates whose height and true height are known."""
     return np.isfinite(errors.error_space)
 
@@ -146,7 +146,7 @@ class Spread:
         }
 
 
-class _Target:
+class _ErrorTarget:
     """Errors of one target."""
 
     def __init__(self) -> None:
@@ -180,7 +180,7 @@ class ErrorFigures:
         """
         self.rows = 0
         self._unit = unit
-        self._targets: dict[int, _Target] = {}
+        self._targets: dict[int, _ErrorTarget] = {}
         self._spread, self._spread_space = Spread(in_memory), Spread(in_memory)
         self._bias = {axis: Sum() for axis in "xyz"}
         self._nees, self._space = Consistency(CHI2_95_2D), InSpace()
@@ -190,12 +190,12 @@ class ErrorFigures:
         self.rows += len(errors)
         for k, rows in rows_by_label(errors.target_id):
             part = errors.take(rows)
-            self._targets.setdefault(k, _Target()).update(part, part.take(in_space(part)))
+            self._targets.setdefault(k, _ErrorTarget()).update(part, part.take(space_errors(part)))
         self._spread.update(errors.error)
         for axis in "xy":
             self._bias[axis].add(float(getattr(errors, f"error_{axis}").sum()))
         self._nees.update(errors.nees)
-        high = errors.take(in_space(errors))
+        high = errors.take(space_errors(errors))
         self._space.update(high)
         self._spread_space.update(high.error_space)
         self._bias["z"].add(float(high.error_z.sum()))

@@ -18,13 +18,13 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.metrics.errors import group_medians
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.paths import Path, paths_of, usual_gap_ns
+from occlog.evaluate.matching.paths import ObjectPath, paths_of, usual_gap_ns
 from occlog.io.files.spill import NUMBERS_IN_MEMORY, Spool
 from occlog.records.tables import Limits, TableBuffer, Tracks, Truth, in_step
 
 
 @dataclass
-class Life:
+class Lifetime:
     """How long a target or a track is there.
 
     Attributes:
@@ -39,7 +39,7 @@ class Life:
 
 
 @dataclass
-class Survey:
+class EvaluationSurvey:
     """What a pass over tracks and truth finds.
 
     Attributes:
@@ -52,8 +52,8 @@ class Survey:
         gaps_ns: of each target the widest gap of the truth that is bridged unless one is given.
     """
 
-    tracks: dict[int, Life] = field(default_factory=dict)
-    targets: dict[int, Life] = field(default_factory=dict)
+    tracks: dict[int, Lifetime] = field(default_factory=dict)
+    targets: dict[int, Lifetime] = field(default_factory=dict)
     unknown: bool = False
     tracks_ns: tuple[int, int] | None = None
     truth_ns: tuple[int, int] | None = None
@@ -79,7 +79,7 @@ class Survey:
         return (min(self.tracks), min(self.targets)) if len(self.tracks) == len(self.targets) == 1 else None
 
 
-def survey(tracks: Iterable[Tracks], truth: Iterable[Truth], in_memory: int = NUMBERS_IN_MEMORY) -> Survey:
+def survey(tracks: Iterable[Tracks], truth: Iterable[Truth], in_memory: int = NUMBERS_IN_MEMORY) -> EvaluationSurvey:
     """Go through tracks and truth once.
 
     Args:
@@ -87,7 +87,7 @@ def survey(tracks: Iterable[Tracks], truth: Iterable[Truth], in_memory: int = NU
         truth: likewise.
         in_memory: how many times are kept in memory; more go to a file without a name.
     """
-    found, steps = Survey(), Steps(in_memory)
+    found, steps = EvaluationSurvey(), TruthIntervals(in_memory)
     latest: int | None = None
     for rows in truth:
         if not len(rows):
@@ -133,12 +133,12 @@ def _by_identity(labels: np.ndarray, t_ns: Ints) -> Iterator[tuple[int, Ints]]:
         yield int(name), t_ns[order[start:stop]]
 
 
-def _live(lives: dict[int, Life], label: int, t_ns: Ints) -> None:
-    known = lives.setdefault(label, Life(0, int(t_ns[0]), int(t_ns[-1])))
+def _live(lives: dict[int, Lifetime], label: int, t_ns: Ints) -> None:
+    known = lives.setdefault(label, Lifetime(0, int(t_ns[0]), int(t_ns[-1])))
     known.rows, known.last_ns = known.rows + len(t_ns), int(t_ns[-1])
 
 
-class Steps:
+class TruthIntervals:
     """Times between one true position of an object and the next."""
 
     def __init__(self, in_memory: int = NUMBERS_IN_MEMORY) -> None:
@@ -171,7 +171,7 @@ class Steps:
             yield whose.astype(np.int64), steps
 
 
-class Stretch(NamedTuple):
+class EvaluationChunk(NamedTuple):
     """What there is during a stretch of time.
 
     Attributes:
@@ -186,14 +186,14 @@ class Stretch(NamedTuple):
 
     rows: Tracks
     truth: Truth
-    targets: Mapping[int, Path]
-    tracks: Mapping[int, Path]
+    targets: Mapping[int, ObjectPath]
+    tracks: Mapping[int, ObjectPath]
     times: Ints
     limits: Limits
     sides: tuple[TableBuffer[Tracks], TableBuffer[Truth]]
 
 
-class Beside(NamedTuple):
+class StretchTables(NamedTuple):
     """Tables that are gone through beside tracks and truth, and how much of these there is about a stretch [ns].
 
     Attributes:
@@ -209,14 +209,14 @@ class Beside(NamedTuple):
     truth_ns: int = 0
 
 
-def stretches(
+def chunks_in_time(
     tracks: Iterable[Tracks],
     truth: Iterable[Truth],
-    known: Survey,
+    known: EvaluationSurvey,
     config: EvaluateConfig,
     track_gap_ns: int = 0,
-    beside: Beside | None = None,
-) -> Iterator[Stretch]:
+    beside: StretchTables | None = None,
+) -> Iterator[EvaluationChunk]:
     """Go through tracks and truth side by side.
 
     A stretch has about it as much as gaps are bridged, so that what is interpolated in it is the same as in the whole.
@@ -229,7 +229,7 @@ def stretches(
         track_gap_ns: how far apart samples of tracks may be, if that is further.
         beside: other tables, of which rows may be looked at while a stretch is.
     """
-    more = beside or Beside()
+    more = beside or StretchTables()
     limit = max(known.gaps_ns.values(), default=0) if config.limit_ns is None else config.limit_ns
     margin = max(limit, config.bridge_ns, track_gap_ns)
     ours, theirs = TableBuffer(tracks, Tracks), TableBuffer(truth, Truth)
@@ -243,4 +243,4 @@ def stretches(
             for label, path in paths_of(limits.about(theirs, margin), "target").items()
         }
         times = np.unique(true.t_ns[true.role == "target"])
-        yield Stretch(rows, true, targets, paths_of(limits.about(ours, margin)), times, limits, (ours, theirs))
+        yield EvaluationChunk(rows, true, targets, paths_of(limits.about(ours, margin)), times, limits, (ours, theirs))

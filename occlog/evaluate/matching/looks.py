@@ -24,10 +24,10 @@ from occlog.core.sight.visibility import behind_objects
 from occlog.records.tables import Bearings
 
 from .config import EvaluateConfig
-from .paths import Expected, Path, Sensor
+from .paths import ExpectedMeasurement, ObjectPath, SensorGeometry
 
 
-class Residuals(NamedTuple):
+class BearingErrors(NamedTuple):
     """Reported minus expected, in pixels, radians and standard deviations; NaN where nothing was reported.
 
     Of an array that reports an elevation `rad` and `normalised` are of the azimuth about its
@@ -47,7 +47,7 @@ class Residuals(NamedTuple):
         return np.where(np.isnan(self.elevation), flat, np.hypot(flat, self.elevation_normalised))
 
 
-def residuals(rows: Bearings, expected: Expected, sensor: Sensor) -> Residuals:
+def residuals(rows: Bearings, expected: ExpectedMeasurement, sensor: SensorGeometry) -> BearingErrors:
     """Residuals of N rows against (N,) expectations, or against (N, M): each row against M objects.
 
     A target that is not in front of a camera is infinitely far off.
@@ -64,7 +64,7 @@ def residuals(rows: Bearings, expected: Expected, sensor: Sensor) -> Residuals:
     behind = pixels & np.isnan(expected.u_px)
     px = np.where(behind, np.inf, u_px - expected.u_px)
     normalised = np.where(pixels, px / np.sqrt(expected.variance_px + sigma_px**2), rad / sigma)
-    return Residuals(
+    return BearingErrors(
         px=px,
         rad=rad,
         normalised=np.where(behind, np.inf, normalised),
@@ -73,7 +73,9 @@ def residuals(rows: Bearings, expected: Expected, sensor: Sensor) -> Residuals:
     )
 
 
-def _in_own_frame(rows: Bearings, expected: Expected, sensor: Sensor, shape: tuple[int, ...]) -> tuple[Floats, Floats]:
+def _in_own_frame(
+    rows: Bearings, expected: ExpectedMeasurement, sensor: SensorGeometry, shape: tuple[int, ...]
+) -> tuple[Floats, Floats]:
     """Residuals [rad] of azimuth and elevation about the sensor's own axes.
 
     A sight line near the z axis may be reported from beyond it, with an azimuth half a
@@ -88,7 +90,7 @@ def _in_own_frame(rows: Bearings, expected: Expected, sensor: Sensor, shape: tup
     return np.where(nearer, beyond, across), np.where(nearer, over, up)
 
 
-def gated(residual: Residuals, config: EvaluateConfig) -> Floats:
+def inside_gate(residual: BearingErrors, config: EvaluateConfig) -> Floats:
     """Residual as a share of the gate: up to 1 is within; NaN where nothing was reported.
 
     An azimuth with an elevation is within the ellipse of `gate_sigma` standard deviations.
@@ -99,8 +101,13 @@ def gated(residual: Residuals, config: EvaluateConfig) -> Floats:
     return np.asarray(np.where(np.isnan(residual.px), by_sigma, np.abs(residual.px) / config.gate_px))
 
 
-def behind_moving(
-    sensor: Sensor, t_ns: Ints, xy: Floats, target: int, everyone: Mapping[int, Path], config: EvaluateConfig
+def occluded_by_moving(
+    sensor: SensorGeometry,
+    t_ns: Ints,
+    xy: Floats,
+    target: int,
+    everyone: Mapping[int, ObjectPath],
+    config: EvaluateConfig,
 ) -> Bools:
     """(N,) bool: which looks at a target a moving object blocks ([Ercan] Fig. 3).
 
@@ -121,7 +128,7 @@ class Paired(NamedTuple):
     stray: int  # candidates that are near no true object
 
 
-class _Frames(NamedTuple):
+class _SensorFrames(NamedTuple):
     """Frames of a sensor (N) against true objects (M)."""
 
     starts: list[int]  # first row of each frame, then the number of rows
@@ -130,12 +137,12 @@ class _Frames(NamedTuple):
     cost: Floats  # (R, M) residual of each row as a share of the gate; infinite where it cannot be
 
 
-def pair_candidates(
-    sensor: Sensor,
+def match_candidates(
+    sensor: SensorGeometry,
     rows: Bearings,
     told: Collection[tuple[int, int]],
-    targets: Mapping[int, Path],
-    everyone: Mapping[int, Path],
+    targets: Mapping[int, ObjectPath],
+    everyone: Mapping[int, ObjectPath],
     config: EvaluateConfig,
 ) -> Paired:
     """Pair the candidates of every frame: with objects that should be visible first, then with hidden ones.
@@ -169,7 +176,9 @@ def pair_candidates(
     return Paired(chosen, target.astype(np.int64), stray)
 
 
-def _compare(sensor: Sensor, rows: Bearings, everyone: Mapping[int, Path], config: EvaluateConfig) -> _Frames:
+def _compare(
+    sensor: SensorGeometry, rows: Bearings, everyone: Mapping[int, ObjectPath], config: EvaluateConfig
+) -> _SensorFrames:
     times, first, frame = np.unique(rows.t_ns, return_index=True, return_inverse=True)
     shape = (len(times), len(everyone))
     places, heights = np.full((*shape, 2), np.nan), np.full(shape, np.nan)
@@ -177,13 +186,13 @@ def _compare(sensor: Sensor, rows: Bearings, everyone: Mapping[int, Path], confi
     for j, (k, path) in enumerate(everyone.items()):
         places[:, j], _ = path.at(times, config.limit_ns)
         heights[:, j] = path.height_at(times, config.limit_ns)
-        hidden[:, j] = behind_moving(sensor, times, places[:, j], k, everyone, config)
+        hidden[:, j] = occluded_by_moving(sensor, times, places[:, j], k, everyone, config)
     present = np.isfinite(places[:, :, 0])
     expected = sensor.expect(places.reshape(-1, 2), heights.ravel()).reshape(shape)
-    cost = gated(residuals(rows, expected.take(frame), sensor), config)
+    cost = inside_gate(residuals(rows, expected.take(frame), sensor), config)
     possible = present[frame] & rows.seen[:, None] & (cost <= 1.0)
     starts = [*first.tolist(), len(rows)]
-    return _Frames(starts, present, present & expected.clear & ~hidden, np.where(possible, cost, np.inf))
+    return _SensorFrames(starts, present, present & expected.clear & ~hidden, np.where(possible, cost, np.inf))
 
 
 def _pair(cost: Floats, visible: Bools) -> dict[int, int]:
@@ -206,7 +215,7 @@ def _chosen(rows: Bearings, row: Ints, seen: Bools) -> Bearings:
 
 
 @dataclass(frozen=True, eq=False)
-class Looks:
+class SensorObservations:
     """Looks of one sensor; residuals and noise are NaN where no bearing was reported."""
 
     t_ns: Ints
@@ -228,27 +237,27 @@ class Looks:
     residual_elevation: Floats  # reported minus true, about the sensor's own axes [rad]
     normalised_elevation: Floats
 
-    def take(self, rows: Bools) -> Looks:
+    def take(self, rows: Bools) -> SensorObservations:
         """The looks selected by a mask."""
-        return Looks(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
+        return SensorObservations(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
 
 
-class SensorLooks(NamedTuple):
+class SensorObservationSet(NamedTuple):
     """All looks of one sensor, and the candidates that are of nothing in the truth."""
 
-    looks: Looks
+    looks: SensorObservations
     frames: int  # with a known truth
     stray: int  # candidates in these frames that are near no true object
 
 
-def look_at(
-    sensor: Sensor,
+def observe(
+    sensor: SensorGeometry,
     rows: Bearings,
     labels: Mapping[int, int],
-    targets: Mapping[int, Path],
-    others: Mapping[int, Path],
+    targets: Mapping[int, ObjectPath],
+    others: Mapping[int, ObjectPath],
     config: EvaluateConfig,
-) -> SensorLooks:
+) -> SensorObservationSet:
     """Compare one sensor's rows with the truth.
 
     Args:
@@ -263,19 +272,21 @@ def look_at(
     known = rows.take(np.isin(rows.target_id, list(labels)))
     target = np.array([labels[k] for k in known.target_id.tolist()], dtype=np.int64)
     told = set(zip(known.t_ns.tolist(), target.tolist(), strict=True))
-    paired = pair_candidates(sensor, rows.take(rows.target_id < 0), told, targets, everyone, config)
+    paired = match_candidates(sensor, rows.take(rows.target_id < 0), told, targets, everyone, config)
     looks = _concat(
         _looks(sensor, known, target, everyone, config),
         _looks(sensor, paired.rows, paired.target, everyone, config),
     )
-    return SensorLooks(looks, len(np.unique(looks.t_ns[looks.truth])), paired.stray)
+    return SensorObservationSet(looks, len(np.unique(looks.t_ns[looks.truth])), paired.stray)
 
 
-def _concat(a: Looks, b: Looks) -> Looks:
-    return Looks(**{n: np.concatenate([getattr(a, n), getattr(b, n)]) for n in a.__dataclass_fields__})
+def _concat(a: SensorObservations, b: SensorObservations) -> SensorObservations:
+    return SensorObservations(**{n: np.concatenate([getattr(a, n), getattr(b, n)]) for n in a.__dataclass_fields__})
 
 
-def _looks(sensor: Sensor, rows: Bearings, target: Ints, everyone: Mapping[int, Path], config: EvaluateConfig) -> Looks:
+def _looks(
+    sensor: SensorGeometry, rows: Bearings, target: Ints, everyone: Mapping[int, ObjectPath], config: EvaluateConfig
+) -> SensorObservations:
     xy, truth = np.full((len(rows), 2), np.nan), np.zeros(len(rows), dtype=np.bool_)
     z = np.full(len(rows), np.nan)
     hidden = np.zeros(len(rows), dtype=np.bool_)
@@ -284,17 +295,17 @@ def _looks(sensor: Sensor, rows: Bearings, target: Ints, everyone: Mapping[int, 
         xy[mine] = everyone[k].roughly_at(rows.t_ns[mine])
         z[mine] = everyone[k].rough_height_at(rows.t_ns[mine])
         truth[mine] = everyone[k].at(rows.t_ns[mine], config.limit_ns)[1]
-        hidden[mine] = behind_moving(sensor, rows.t_ns[mine], xy[mine], k, everyone, config)
+        hidden[mine] = occluded_by_moving(sensor, rows.t_ns[mine], xy[mine], k, everyone, config)
     expected = sensor.expect(xy, z)
     residual = residuals(rows, expected, sensor)
-    return Looks(
+    return SensorObservations(
         t_ns=rows.t_ns,
         target=target,
         truth=truth,
         xy=xy,
         z=z,
         reported=rows.seen,
-        hit=rows.seen & (gated(residual, config) <= 1.0),
+        hit=rows.seen & (inside_gate(residual, config) <= 1.0),
         visible=expected.clear & ~hidden,
         in_view=expected.in_view,
         residual_px=residual.px,

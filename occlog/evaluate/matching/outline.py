@@ -1,7 +1,7 @@
 """Paths of true objects about a stretch of time that are as good there as the whole ones.
 
 Most of what is asked of a path is told by its samples near by.  A rough place, over a gap of any width or before the
-first and after the last sample, is told by samples that may be far away: those are kept of the whole (`Outlines`).
+first and after the last sample, is told by samples that may be far away: those are kept of the whole (`TruthOutlines`).
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
-from occlog.evaluate.errors.survey import Steps
+from occlog.evaluate.errors.survey import TruthIntervals
 from occlog.records.tables import Truth
 
-from .paths import Path
+from .paths import ObjectPath
 
 NEAR_NS = 60 * NS
 """Samples further apart than this are kept of the whole; so far about a stretch its samples are needed."""
@@ -58,13 +58,13 @@ class _Outline:
         return t_ns[order], xyz[order]
 
 
-class Outlines:
+class TruthOutlines:
     """Gathers what must be known of the whole of true objects, while chunks pass by."""
 
     def __init__(self) -> None:
         """Nothing passed yet."""
         self._found: dict[tuple[str, int], _Outline] = {}
-        self._steps = Steps()
+        self._steps = TruthIntervals()
         self.high: set[int] = set()
         """Targets whose height is known somewhere."""
         self._kept: dict[tuple[str, int], tuple[Ints, Floats]] | None = None
@@ -101,7 +101,7 @@ class Outlines:
             self._gaps_ns = self._steps.usual_gaps_ns()
         return self._gaps_ns
 
-    def paths(self, near: Truth, limits: tuple[int, int], role: str, gaps_ns: dict[int, int]) -> dict[int, Path]:
+    def paths(self, near: Truth, limits: tuple[int, int], role: str, gaps_ns: dict[int, int]) -> dict[int, ObjectPath]:
         """Path of each object, by rising identity, with what is known far away.
 
         Args:
@@ -123,5 +123,5 @@ class Outlines:
             before, after = t_ns < limits[0], t_ns >= limits[1]
             at = np.concatenate([t_ns[before], near.t_ns[rows], t_ns[after]])
             place = np.concatenate([far[before], xyz[rows], far[after]])
-            out[label] = Path(at, place[:, :2], place[:, 2], gaps_ns[label])
+            out[label] = ObjectPath(at, place[:, :2], place[:, 2], gaps_ns[label])
         return out

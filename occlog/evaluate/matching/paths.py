@@ -21,14 +21,14 @@ from occlog.records.tables import Tracks, Truth
 
 from .config import BRIDGE_S
 
-USUAL = 1.5
+MAX_GAP_STEPS = 1.5
 """Gaps of the truth of up to so many usual steps are bridged, ..."""
-LEAST_BRIDGE_S = 0.2
+MIN_BRIDGE_S = 0.2
 """... all up to this, and none above `BRIDGE_S`, unless a width is given [s]."""
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class ObjectPath:
     """Positions of one object over time."""
 
     t_ns: Ints  # (M,) not falling
@@ -85,20 +85,20 @@ class Path:
 
 def usual_gap_ns(step_ns: float) -> int:
     """Widest gap that is bridged between samples that usually are `step_ns` apart."""
-    return round(min(max(USUAL * step_ns, LEAST_BRIDGE_S * NS), BRIDGE_S * NS))
+    return round(min(max(MAX_GAP_STEPS * step_ns, MIN_BRIDGE_S * NS), BRIDGE_S * NS))
 
 
-def paths_of(table: Truth | Tracks, role: str | None = None) -> dict[int, Path]:
+def paths_of(table: Truth | Tracks, role: str | None = None) -> dict[int, ObjectPath]:
     """Path of every identity, by rising identity; of one role only if that is given."""
     keep = np.ones(len(table), dtype=np.bool_)
     if role is not None and isinstance(table, Truth):
         keep = table.role == role
     t_ns, ids, xy = table.t_ns[keep], table.target_id[keep], np.column_stack([table.x, table.y])[keep]
     z = table.z[keep]
-    return {name: Path(t_ns[rows], xy[rows], z[rows]) for name, rows in rows_by_label(ids)}
+    return {name: ObjectPath(t_ns[rows], xy[rows], z[rows]) for name, rows in rows_by_label(ids)}
 
 
-class Expected(NamedTuple):
+class ExpectedMeasurement(NamedTuple):
     """What a sensor should report of positions (N, 2)."""
 
     bearing: Floats  # (N,) azimuth [rad]
@@ -109,17 +109,17 @@ class Expected(NamedTuple):
     theta: Floats  # (N,) azimuth about the sensor's own z axis [rad]; NaN where the height is not known
     phi: Floats  # (N,) angle from that axis [rad]; NaN where the height is not known
 
-    def reshape(self, shape: tuple[int, ...]) -> Expected:
+    def reshape(self, shape: tuple[int, ...]) -> ExpectedMeasurement:
         """The same in another shape."""
-        return Expected._make(column.reshape(shape) for column in self)
+        return ExpectedMeasurement._make(column.reshape(shape) for column in self)
 
-    def take(self, rows: Ints) -> Expected:
+    def take(self, rows: Ints) -> ExpectedMeasurement:
         """The entries at these places of the first axis."""
-        return Expected._make(column[rows] for column in self)
+        return ExpectedMeasurement._make(column[rows] for column in self)
 
 
 @dataclass(frozen=True, eq=False)
-class Sensor:
+class SensorGeometry:
     """A camera or an array with what hides targets from it."""
 
     name: str
@@ -136,7 +136,7 @@ class Sensor:
         """(3,) in the world."""
         return np.append(self.ground, self.height)
 
-    def expect(self, xy: Floats, z: Floats) -> Expected:
+    def expect(self, xy: Floats, z: Floats) -> ExpectedMeasurement:
         """What the sensor should report of positions (N, 2), NaN ones included (not in view), at heights (N,).
 
         A height that is not known (NaN) counts as the sensor's own in the distance.
@@ -148,7 +148,7 @@ class Sensor:
             with np.errstate(invalid="ignore"):
                 near = np.hypot(np.hypot(*(xy - self.ground).T), rise) <= self.reach
             nan = np.full(len(xy), np.nan)
-            return Expected(
+            return ExpectedMeasurement(
                 bearing=bearing, u_px=nan, variance_px=nan, in_view=near, clear=near, theta=theta, phi=phi
             )  # sound goes past walls
         camera, f = self.camera, float(self.camera.focal_px[0])
@@ -159,7 +159,7 @@ class Sensor:
         spread = (1.0 + rho**2) * camera.sigma_yaw**2 + (camera.sigma_position / np.where(front, d, 1.0)) ** 2
         clear = view.copy()
         clear[view] = ~behind_walls(self.ground, xy[view], self.walls)
-        return Expected(
+        return ExpectedMeasurement(
             bearing=bearing,
             u_px=-f * rho,
             variance_px=f**2 * (1.0 + rho**2) * spread,
@@ -170,7 +170,7 @@ class Sensor:
         )
 
 
-def sensors_of(scene: Scene, names: Iterable[str], source: str = "bearings") -> dict[str, Sensor]:
+def sensors_of(scene: Scene, names: Iterable[str], source: str = "bearings") -> dict[str, SensorGeometry]:
     """The sensors of these names, sorted by name; InputError names one that is not in the scene."""
     cameras = {c.name: c for c in scene.cameras if c.placed}
     arrays = {a.name: a for a in scene.arrays}
@@ -178,7 +178,7 @@ def sensors_of(scene: Scene, names: Iterable[str], source: str = "bearings") -> 
     for name in sorted(set(names)):
         if name in cameras:
             c = cameras[name]
-            out[name] = Sensor(
+            out[name] = SensorGeometry(
                 name=name,
                 ground=c.ground,
                 camera=c,
@@ -188,7 +188,7 @@ def sensors_of(scene: Scene, names: Iterable[str], source: str = "bearings") -> 
             )
         elif name in arrays:
             a = arrays[name]
-            out[name] = Sensor(
+            out[name] = SensorGeometry(
                 name=name,
                 ground=a.position[:2],
                 camera=None,

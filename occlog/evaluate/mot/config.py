@@ -10,14 +10,14 @@ from occlog.evaluate.matching.config import BRIDGE_S, GROUND, IMAGES, EvaluateCo
 from occlog.settings import Settings, configure, setting
 
 MANY = (IMAGES, GROUND)
-MOST_POWER = 10.0
+MAX_POWER = 10.0
 """Largest exponent of distances: of a larger one tenths of a cutoff would vanish in floating-point numbers, ..."""
-LEAST_LENGTH, MOST_LENGTH = 1e-9, 1e9
+MIN_LENGTH, MAX_LENGTH = 1e-9, 1e9
 """... and with this one powers of such lengths are far from doing so."""
 
 
 @dataclass(frozen=True)
-class ManyConfig(Settings):
+class MultiTargetConfig(Settings):
     """Settings of the figures for many targets.
 
     Which target is a track's own ([Qu] Eq. 9): `label`, the one of its number; `start`, the first one that
@@ -77,8 +77,8 @@ class ManyConfig(Settings):
         None,
         "On the ground: a track meets a target this near.",
         unit="length",
-        at_least=LEAST_LENGTH,
-        at_most=MOST_LENGTH,
+        at_least=MIN_LENGTH,
+        at_most=MAX_LENGTH,
         people=1.0,
         option="--match-distance",
         metavar="LENGTH",
@@ -98,20 +98,20 @@ class ManyConfig(Settings):
     gospa_cutoff: float | None = setting(
         None,
         "GOSPA's cutoff, of 1 - IoU or of the distance on the ground.",
-        at_least=LEAST_LENGTH,
-        at_most=MOST_LENGTH,
+        at_least=MIN_LENGTH,
+        at_most=MAX_LENGTH,
         option="--gospa-cutoff",
         nothing="where a pair meets",
         kinds=MANY,
     )
-    gospa_p: float = setting(2.0, "GOSPA's exponent.", at_least=1, at_most=MOST_POWER, option="--gospa-p", kinds=MANY)
+    gospa_p: float = setting(2.0, "GOSPA's exponent.", at_least=1, at_most=MAX_POWER, option="--gospa-p", kinds=MANY)
     gospa_alpha: float = setting(2.0, "GOSPA's alpha.", above=0, at_most=2, option="--gospa-alpha", kinds=MANY)
     gospa_switch: float | None = setting(
         None,
         "Trajectory GOSPA's price of a change from one track to another, on the ground.",
         unit="length",
-        at_least=LEAST_LENGTH,
-        at_most=MOST_LENGTH,
+        at_least=MIN_LENGTH,
+        at_most=MAX_LENGTH,
         option="--gospa-switch",
         metavar="LENGTH",
         nothing="GOSPA's cutoff",
@@ -121,15 +121,15 @@ class ManyConfig(Settings):
         None,
         "Cutoff of OSPA(2), on the ground.",
         unit="length",
-        at_least=LEAST_LENGTH,
-        at_most=MOST_LENGTH,
+        at_least=MIN_LENGTH,
+        at_most=MAX_LENGTH,
         option="--ospa-cutoff",
         metavar="LENGTH",
         nothing="--match-distance",
         kinds=(GROUND,),
     )
     ospa_p: float = setting(
-        1.0, "Exponent of OSPA(2), on the ground.", at_least=1, at_most=MOST_POWER, option="--ospa-p", kinds=(GROUND,)
+        1.0, "Exponent of OSPA(2), on the ground.", at_least=1, at_most=MAX_POWER, option="--ospa-p", kinds=(GROUND,)
     )
     ospa_window: int | None = setting(
         None,
@@ -143,8 +143,8 @@ class ManyConfig(Settings):
         None,
         "Of MODA and MODP, on the ground: a track meets a target this near.",
         unit="length",
-        at_least=LEAST_LENGTH,
-        at_most=MOST_LENGTH,
+        at_least=MIN_LENGTH,
+        at_most=MAX_LENGTH,
         people=0.5,
         option="--moda-distance",
         metavar="LENGTH",
@@ -154,8 +154,8 @@ class ManyConfig(Settings):
     gospa_px: float | None = setting(
         None,
         "Give GOSPA of the centres in the image too, with this cutoff.",
-        at_least=LEAST_LENGTH,
-        at_most=MOST_LENGTH,
+        at_least=MIN_LENGTH,
+        at_most=MAX_LENGTH,
         option="--gospa-px",
         metavar="PX",
         kinds=(IMAGES,),
@@ -208,7 +208,7 @@ def own_targets_by(config: EvaluateConfig, *, numbered_itself: bool) -> str:
     return "label" if config.match == "id" else ("start" if numbered_itself else "best")
 
 
-def many_config(unit: str, own: str, told: Mapping[str, object]) -> tuple[ManyConfig | None, str | None]:
+def many_config(unit: str, own: str, told: Mapping[str, object]) -> tuple[MultiTargetConfig | None, str | None]:
     """Options of many targets on the ground; or None, and a line on why there are no figures of them.
 
     Args:
@@ -216,7 +216,7 @@ def many_config(unit: str, own: str, told: Mapping[str, object]) -> tuple[ManyCo
         own: which target is a track's own, unless that was given.
         told: options that were given.
     """
-    many = configure(ManyConfig.in_unit(unit), {"own": own, **told})
+    many = configure(MultiTargetConfig.in_unit(unit), {"own": own, **told})
     if many.match_distance is None:
         return None, f"lengths are in {unit}: give --match-distance for the figures of many targets"
     return many, None

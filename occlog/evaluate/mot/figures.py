@@ -21,7 +21,7 @@ from occlog.core.metrics.mot.frame_pairs import MatchedFrames, Objects
 from occlog.core.metrics.mot.gospa import GospaSums, gospa
 from occlog.core.metrics.mot.hota import Alignment, HotaCounts, Identity, IdentityCounts
 
-from .config import ManyConfig
+from .config import MultiTargetConfig
 
 Metrics = dict[str, float]
 RULES = {"classic": CLASSIC, "challenge": CHALLENGE}
@@ -34,7 +34,7 @@ class MotFigures:
     Numbers of targets and tracks are the same in all parts of a recording.
     """
 
-    def __init__(self, frames: MatchedFrames, config: ManyConfig) -> None:
+    def __init__(self, frames: MatchedFrames, config: MultiTargetConfig) -> None:
         """No frame yet.
 
         Args:
@@ -116,7 +116,7 @@ def _identity(got: Identity, whose: str) -> Metrics:
 class GospaFigures:
     """Mean of GOSPA over frames that come in parts."""
 
-    def __init__(self, config: ManyConfig, cutoff: float) -> None:
+    def __init__(self, config: MultiTargetConfig, cutoff: float) -> None:
         """No frame yet; exponent and alpha, and the largest distance that counts."""
         self._config, self._cutoff, self._sums = config, cutoff, GospaSums(config.gospa_p)
 
@@ -137,7 +137,7 @@ class GospaFigures:
         return out | {f"gospa_{name}{end}{power}": means[name] for name in ("localisation", "missed", "false")}
 
 
-def power_of(config: ManyConfig, unit: str) -> str:
+def power_of(config: MultiTargetConfig, unit: str) -> str:
     """What follows the unit in the names of parts of GOSPA: its exponent, unless that is 1 or there is no unit."""
     return f"{config.gospa_p:g}".replace(".", "p") if unit and config.gospa_p != 1 else ""
 
@@ -182,17 +182,17 @@ class FailureCounts:
         }
 
 
-OWN = "tracks_own_identities"
+INDEPENDENT_IDS = "tracks_own_identities"
 """Figure that is 1 where tracks have identities of their own and several tracks or targets were compared."""
-APART = 2.0
+MIN_RMSE_RATIO = 2.0
 """Ratio of the RMSE of whole tracks to that of the pairs of each frame from which on a note says what each is of."""
-MOST = 0.5
+MIN_MATCHED_SHARE = 0.5
 """Share of the true positions that must be met for the errors of pairs to describe the tracks."""
 
 
-def own_identities(metrics: Mapping[str, object]) -> bool:
+def independent_ids(metrics: Mapping[str, object]) -> bool:
     """Whether the figures are of tracks with identities of their own, so that those of the pairs come first."""
-    return metrics.get(OWN) == 1.0
+    return metrics.get(INDEPENDENT_IDS) == 1.0
 
 
 def first_of(metrics: Mapping[str, object]) -> dict[str, object]:
@@ -213,10 +213,10 @@ def first(metrics: Mapping[str, float], unit: str) -> dict[str, float]:
     return {name: metrics[name] for name in names(unit) if name in metrics} | dict(metrics)
 
 
-def errors_apart(metrics: Mapping[str, float], unit: str) -> bool:
-    """Whether errors of whole tracks are more than `APART` times those of the pairs of each frame."""
+def matchings_differ(metrics: Mapping[str, float], unit: str) -> bool:
+    """Whether errors of whole tracks are more than `MIN_RMSE_RATIO` times those of the pairs of each frame."""
     whole, pairs = metrics.get(f"rmse_{unit}", math.nan), metrics.get(f"pairs_rmse_{unit}", math.nan)
-    return whole > APART * pairs
+    return whole > MIN_RMSE_RATIO * pairs
 
 
 def notes(metrics: Mapping[str, float], unit: str, match: str) -> tuple[str, ...]:
@@ -227,10 +227,10 @@ def notes(metrics: Mapping[str, float], unit: str, match: str) -> tuple[str, ...
         unit: of lengths.
         match: how each track was paired with one target.
     """
-    if not errors_apart(metrics, unit):
+    if not matchings_differ(metrics, unit):
         return ()
     whole, pairs = metrics[f"rmse_{unit}"], metrics[f"pairs_rmse_{unit}"]
-    if own_identities(metrics):
+    if independent_ids(metrics):
         gate = metrics[f"pairs_gate_{unit}"]
         return (
             f"RMSE {pairs:.3g} {unit} with matching per frame ({gate:g} {unit} gate); {whole:.3g} {unit} with "
@@ -240,7 +240,7 @@ def notes(metrics: Mapping[str, float], unit: str, match: str) -> tuple[str, ...
     read = (
         f"{met:.0%} of the true positions are met: read the pairs for errors and NEES, and IDF1 and identity switches "
         f"({metrics['id_switches']:.0f}) for tracks that change people"
-        if met >= MOST
+        if met >= MIN_MATCHED_SHARE
         else f"only {met:.0%} of the true positions are met: read the first"
     )
     return (

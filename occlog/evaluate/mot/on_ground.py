@@ -21,16 +21,16 @@ from occlog.core.metrics.mot.trajectory_gospa import TrajectoryCosts
 from occlog.errors import InputError
 from occlog.evaluate.errors.on_ground import no_targets
 from occlog.evaluate.errors.sums import Consistency, Spread
-from occlog.evaluate.errors.survey import Survey, survey
-from occlog.evaluate.matching.paths import Path, paths_of
+from occlog.evaluate.errors.survey import EvaluationSurvey, survey
+from occlog.evaluate.matching.paths import ObjectPath, paths_of
 from occlog.evaluate.results import Evaluation
 from occlog.io.files.spill import NUMBERS_IN_MEMORY
 from occlog.records.declared.views import Counts, Failures
 from occlog.records.tables import Tracks, Truth
 
-from .config import ManyConfig
+from .config import MultiTargetConfig
 from .figures import FailureCounts, Metrics, MotFigures, power_of
-from .stage import Owners, Places, failure_rows, find_failures, without_common_numbers
+from .stage import AssignedTargets, PointTracks, failure_rows, find_failures, unrelated_ids_note
 
 EACH_FRAME = ClearRule(memory=0)
 """Pairs of each frame alone, as many as can be: detections without identities."""
@@ -39,7 +39,7 @@ EACH_FRAME = ClearRule(memory=0)
 def evaluate_ground(
     tracks: Tracks,
     truth: Truth,
-    config: ManyConfig,
+    config: MultiTargetConfig,
     limit_ns: int | None,
     unit: str = "m",
 ) -> Evaluation:
@@ -64,19 +64,19 @@ def evaluate_ground(
     times = times_of(tracks, truth)
     places = points_in_true_frames(tracks, truth, times, config, limit_ns, unit)
     found = GroundFigures.of(known, config, unit)
-    part = GroundPart(places, 0, tracks, paths_of(truth, "target"))
+    part = EvaluatedPart(places, 0, tracks, paths_of(truth, "target"))
     found.prepare(part)
     counts, failures = found.update(part)
     return Evaluation(found.result(), failures=failures, counts=counts, notes=tuple(found.notes()))
 
 
-class GroundPart(NamedTuple):
+class EvaluatedPart(NamedTuple):
     """Frames of a part of a recording."""
 
-    places: Places
+    places: PointTracks
     begin: int  # number of frames before it
     rows: Tracks  # rows of the tracks at the times of these frames, and perhaps others
-    targets: Mapping[int, Path]  # true positions at these times, and perhaps others
+    targets: Mapping[int, ObjectPath]  # true positions at these times, and perhaps others
     over: tuple[Bools, Bools] | None = None  # of each target and track whether no row is to come; None: not known
 
 
@@ -92,7 +92,7 @@ class GroundFigures:
         targets: Ints,
         tracks: Ints,
         frames: int,
-        config: ManyConfig,
+        config: MultiTargetConfig,
         unit: str,
         in_memory: int = NUMBERS_IN_MEMORY,
     ) -> None:
@@ -118,7 +118,7 @@ class GroundFigures:
         none = np.zeros(0, dtype=np.int64)
         empty = Objects(none, none, np.zeros((0, 2)))
         self._mot = MotFigures(numbered(of_points(empty, empty, limit), *self._keys), config)
-        self._owners, self._failures, self._interpolated = Owners(config.own), FailureCounts(), 0
+        self._owners, self._failures, self._interpolated = AssignedTargets(config.own), FailureCounts(), 0
         self._labels: tuple[set[int], set[int]] = set(), set()
         self._moda_limit = config.moda_distance or limit
         self._moda_matcher, self._moda = Matcher(g, EACH_FRAME), ClearCounts(g)
@@ -134,17 +134,17 @@ class GroundFigures:
         """Target and NEES of each pair of the last part whose track has a row of its own."""
 
     @classmethod
-    def of(cls, known: Survey, config: ManyConfig, unit: str) -> GroundFigures:
+    def of(cls, known: EvaluationSurvey, config: MultiTargetConfig, unit: str) -> GroundFigures:
         """Those of tracks and truth of which a survey was made."""
         targets, tracks = (np.array(list(each), dtype=np.int64) for each in (known.targets, known.tracks))
         return cls(targets, tracks, known.frames, config, unit)
 
-    def _frames_of(self, part: GroundPart) -> MatchedFrames:
+    def _frames_of(self, part: EvaluatedPart) -> MatchedFrames:
         found = of_points(part.places.truth, part.places.tracks, self._limit)
         found = numbered(found, *self._keys)
         return found._replace(frame=found.frame + part.begin)
 
-    def prepare(self, part: GroundPart) -> None:
+    def prepare(self, part: EvaluatedPart) -> None:
         """Learn what must be known of all frames; parts are in the order of time."""
         places = part.places
         self._labels[0].update(np.unique(places.truth.label).tolist())
@@ -152,7 +152,7 @@ class GroundFigures:
         self._owners.update(places.truth, places.tracks, places.tau, places.times(places.tracks))
         self._mot.prepare(self._frames_of(part))
 
-    def update(self, part: GroundPart) -> tuple[Counts, Failures]:
+    def update(self, part: EvaluatedPart) -> tuple[Counts, Failures]:
         """Some more frames, in the order of time: how many targets and tracks they have, and failures of trackers."""
         places, frames = part.places, self._frames_of(part)
         self._interpolated += _interpolated(places, part.targets)
@@ -200,7 +200,7 @@ class GroundFigures:
     def notes(self) -> list[str]:
         """Lines that the user must know of."""
         theirs, ours = (np.array(sorted(each), dtype=np.int64) for each in self._labels)
-        return without_common_numbers(ours, theirs, self._config)
+        return unrelated_ids_note(ours, theirs, self._config)
 
     def _detection(self) -> Metrics:
         """MODA and MODP: how many people are found, and how near, whatever their identities.
@@ -249,7 +249,9 @@ class PairErrors:
         self._distances, self._squares = Spread(in_memory), Sum()
         self._nees, self._pairs = Consistency(CHI2_95_2D), 0
 
-    def update(self, frames: MatchedFrames, made: MatchedPairs, places: Places, tracks: Tracks) -> tuple[Ints, Floats]:
+    def update(
+        self, frames: MatchedFrames, made: MatchedPairs, places: PointTracks, tracks: Tracks
+    ) -> tuple[Ints, Floats]:
         """Pairs of some more frames; (n,) target and (n,) NEES of those whose track has a row at the time.
 
         Args:
@@ -304,7 +306,7 @@ def _rows_at(tracks: Tracks, times: Ints, labels: Ints) -> Ints:
     return np.array([place.get(key, -1) for key in wanted], dtype=np.int64)
 
 
-def counts_over_time(frames: MatchedFrames, made: MatchedPairs, places: Places, begin: int) -> Counts:
+def counts_over_time(frames: MatchedFrames, made: MatchedPairs, places: PointTracks, begin: int) -> Counts:
     """How many targets and tracks there are in each frame, and how many of them are pairs; see `GroundPart.begin`."""
     cells = len(places.t_ns[0])
     true = np.bincount(places.truth.frame, minlength=cells)
@@ -359,7 +361,7 @@ class CountSums:
         }
 
 
-def _interpolated(places: Places, paths: Mapping[int, Path]) -> int:
+def _interpolated(places: PointTracks, paths: Mapping[int, ObjectPath]) -> int:
     """True objects at times of which the truth has no row for them, but for others."""
     times = places.t_ns[0]
     mine = ((path, times[places.truth.frame[places.truth.label == k]]) for k, path in paths.items())
@@ -372,8 +374,8 @@ def times_of(tracks: Tracks, truth: Truth) -> Ints:
 
 
 def points_in_true_frames(
-    tracks: Tracks, truth: Truth, times: Ints, config: ManyConfig, limit_ns: int | None, unit: str
-) -> Places:
+    tracks: Tracks, truth: Truth, times: Ints, config: MultiTargetConfig, limit_ns: int | None, unit: str
+) -> PointTracks:
     """Truth and tracks at the times of the frames, as the one view without a name."""
     targets = paths_of(truth, "target")
     if len(truth) and not targets:
@@ -382,19 +384,19 @@ def points_in_true_frames(
 
 
 def places_of(
-    targets: Mapping[int, Path],
-    tracks: Mapping[int, Path],
+    targets: Mapping[int, ObjectPath],
+    tracks: Mapping[int, ObjectPath],
     times: Ints,
     begin: int,
-    config: ManyConfig,
+    config: MultiTargetConfig,
     limit_ns: int | None,
     unit: str,
-) -> Places:
+) -> PointTracks:
     """Paths at the times of frames, of which the first one has number `begin`."""
     left = _points(targets, times, limit_ns)
     right = _points(tracks, times, config.gap_ns(limit_ns))
     tau = np.full(len(left.frame), config.match_distance)
-    return Places(
+    return PointTracks(
         truth=left,
         tracks=right,
         tau=tau,
@@ -406,7 +408,7 @@ def places_of(
     )
 
 
-def _points(paths: Mapping[int, Path], times: Ints, limit_ns: int | None) -> Objects:
+def _points(paths: Mapping[int, ObjectPath], times: Ints, limit_ns: int | None) -> Objects:
     """Where each path is at these times; no row where that is not known."""
     parts = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)))]
     for label, path in paths.items():

@@ -13,7 +13,7 @@ import numpy as np
 
 from occlog.console.notes import begin_work
 from occlog.errors import InputError, UsageError, option
-from occlog.evaluate.inputs import lost_earlier
+from occlog.evaluate.inputs import previous_losses
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.request import EvaluateRequest
 from occlog.evaluate.results import Evaluation
@@ -40,7 +40,7 @@ from occlog.runner import Job
 from occlog.settings import configure
 from occlog.track.methods.images.run.inputs import independent_id_note, initiated_from_detections, other_video
 
-from .config import ManyConfig
+from .config import MultiTargetConfig
 from .stage import ComparedBoxes, Sides
 from .truth_and_tracks import (
     MAX_FRAMES,
@@ -75,7 +75,7 @@ def evaluate_in_images(request: EvaluateRequest, job: Job) -> Evaluation:
     """Read, compare, write; what came out."""
     compared, config, scene = compared_boxes(request)
     begin_work()
-    provenance = job.provenance(asdict(config), lost_earlier(request.inputs))
+    provenance = job.provenance(asdict(config), previous_losses(request.inputs))
     with job.tables(provenance, "m") as tables:
         result = compared.evaluate(None if request.failures is None else lambda rows: tables.write(failures=rows))
     told = independent_id_note(request.tracks, config.own, _asked(request.many))
@@ -90,13 +90,13 @@ def evaluate_in_images(request: EvaluateRequest, job: Job) -> Evaluation:
     return result
 
 
-def _configured(request: EvaluateRequest, ours: Opened | None) -> ManyConfig:
+def _configured(request: EvaluateRequest, ours: Opened | None) -> MultiTargetConfig:
     """Settings; UsageError for a cutoff that boxes do not have."""
     named = ours is not None and ours.has(ViewTracks)
     own = "label" if named and not initiated_from_detections(request.tracks) else "start"
     overlap = configure(EvaluateConfig(), request.settings).box_overlap
     frames = {} if request.frames is None else {"frames": request.frames}
-    config = configure(ManyConfig(), {"own": own, "overlap": overlap, **request.many, **frames})
+    config = configure(MultiTargetConfig(), {"own": own, "overlap": overlap, **request.many, **frames})
     if config.gospa_cutoff is not None and config.gospa_cutoff > 1:
         raise UsageError(
             f"{option('gospa_cutoff')} {config.gospa_cutoff:g}: boxes are at most 1 apart (1 - IoU); in pixels "
@@ -105,7 +105,7 @@ def _configured(request: EvaluateRequest, ours: Opened | None) -> ManyConfig:
     return config
 
 
-def compared_boxes(request: EvaluateRequest) -> tuple[ComparedBoxes, ManyConfig, Scene | None]:
+def compared_boxes(request: EvaluateRequest) -> tuple[ComparedBoxes, MultiTargetConfig, Scene | None]:
     """Open tracks and truth and lay them against each other; with the settings, and the scene of the truth."""
     if request.tracks is None or request.truth is None:
         raise UsageError(
@@ -150,9 +150,9 @@ def _timed(ours: Opened, theirs: Opened) -> Sides:
     return sides
 
 
-def _benchmark(truth: Path, config: ManyConfig, text: bool) -> str:
+def _benchmark(truth: Path, config: MultiTargetConfig, text: bool) -> str:
     """The rules for classes: as asked for, or as the columns of the truth want them if it is MOTChallenge text."""
-    classes = text and not is_blank(truth) and has_classes(truth)
+    classes = text and not has_no_rows(truth) and has_classes(truth)
     if config.benchmark == "auto":
         return "mot17" if classes else "mot15"
     if config.benchmark in DISTRACTORS and not classes:
@@ -162,7 +162,7 @@ def _benchmark(truth: Path, config: ManyConfig, text: bool) -> str:
     return config.benchmark
 
 
-def is_blank(path: Path) -> bool:
+def has_no_rows(path: Path) -> bool:
     """Whether a text has no line of data: nothing was tracked, or nobody is there."""
     return path.stat().st_size == 0 or not first_line(path, "MOTChallenge text")
 
@@ -193,7 +193,9 @@ def _is_text(path: Path) -> bool:
     return not path.stat().st_size or not is_external(path)
 
 
-def _read_both(tracks: Path, truth: Path, config: ManyConfig, rule: str) -> tuple[Boxes, TruthBoxes, Scene | None]:
+def _read_both(
+    tracks: Path, truth: Path, config: MultiTargetConfig, rule: str
+) -> tuple[Boxes, TruthBoxes, Scene | None]:
     """Tracks and truth; text is of the camera that the other file has.  With classes the truth has all its rows."""
     if not _is_text(truth):
         boxes, scene = _read_truth(truth)
@@ -205,14 +207,14 @@ def _read_both(tracks: Path, truth: Path, config: ManyConfig, rule: str) -> tupl
     return found, boxes if _is_text(tracks) else timed_like(boxes, found, name, config, truth), None
 
 
-def _read_annotated(tracks: Path, truth: Path, config: ManyConfig, counted: str) -> tuple[Boxes, TruthBoxes]:
+def _read_annotated(tracks: Path, truth: Path, config: MultiTargetConfig, counted: str) -> tuple[Boxes, TruthBoxes]:
     """Tracks, and truth in a format of an annotation tool, which is of one camera of theirs."""
     found, name = _tracks_of_one(tracks, config)
     boxes = read_annotation(truth, counted, name, config)
     return found, boxes if _is_text(tracks) else timed_like(boxes, found, name, config, truth)
 
 
-def _tracks_of_one(path: Path, config: ManyConfig) -> tuple[Boxes, str]:
+def _tracks_of_one(path: Path, config: MultiTargetConfig) -> tuple[Boxes, str]:
     """Tracks, and the camera that a truth of one camera without its name is of."""
     if not _is_text(path):
         found = _read_tracks(path)
@@ -233,7 +235,7 @@ def _read_truth(path: Path) -> tuple[TruthBoxes, Scene | None]:
     return opened.read(TruthBoxes), opened.scene
 
 
-def _sole_camera(path: Path, boxes: Boxes, config: ManyConfig) -> str:
+def _sole_camera(path: Path, boxes: Boxes, config: MultiTargetConfig) -> str:
     names = list(config.cameras) or np.unique(boxes.sensor).tolist()
     if len(names) != 1:
         raise UsageError(
@@ -243,14 +245,14 @@ def _sole_camera(path: Path, boxes: Boxes, config: ManyConfig) -> str:
 
 
 def _read_text(
-    path: Path, camera: str, table: type[B], config: ManyConfig, last: int | None = None, *, marked: bool = False
+    path: Path, camera: str, table: type[B], config: MultiTargetConfig, last: int | None = None, *, marked: bool = False
 ) -> B:
     """MOTChallenge text; rows that are marked as not to be counted (0) are left out if `marked`.
 
     The truth knows of all frames from the first one on, also of those up to `last` that come after its rows.
     """
     times: dict[str, FrameTimes] = {camera: frame_times(config)}
-    if is_blank(path):
+    if has_no_rows(path):
         empty = fill_frames(iter(()), table, [camera], 0, 0 if last is None else last + 1, times)
         return table.concat(empty) if last is not None else table.empty()
     head = first_line(path, "MOTChallenge text")

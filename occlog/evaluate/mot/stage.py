@@ -31,7 +31,7 @@ from occlog.evaluate.results import Evaluation
 from occlog.records.declared.views import Failures
 from occlog.records.tables import Boxes, TruthBoxes
 
-from .config import ManyConfig
+from .config import MultiTargetConfig
 from .figures import FailureCounts, GospaFigures, Metrics, MotFigures, centres, of_view
 from .truth_and_tracks import TruthAndTracks, asked_for, boxes_in_true_frames, compared_views
 
@@ -44,7 +44,7 @@ class NearPairs(NamedTuple):
     share: Floats  # distance over tau
 
 
-def own_targets(truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints, how: str) -> Ints:
+def assigned_targets(truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints, how: str) -> Ints:
     """(m,) label of the target that each row's track belongs to; `NO_TARGET`: the track has no target.
 
     Args:
@@ -56,22 +56,22 @@ def own_targets(truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints, how: s
             in any view, of several at that time the nearest in terms of tau; `best`: by the
             one-to-one assignment over all views in which most estimates are on their own target.
     """
-    found = Owners(how)
+    found = AssignedTargets(how)
     found.update(truth, tracks, tau, t_ns)
     return found.of(tracks.label)
 
 
-class Owners:
+class AssignedTargets:
     """Finds which target is each track's own, while parts of a recording come by, in the order of time."""
 
     def __init__(self, how: str) -> None:
-        """Nothing yet; `how`: as `own_targets` has it."""
+        """Nothing yet; `how`: as `assigned_targets` has it."""
         self._how = how
         self._first: dict[int, int] = {}
         self._met: Counter[tuple[int, int]] = Counter()
 
     def update(self, truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints) -> None:
-        """Another part; see `own_targets`."""
+        """Another part; see `assigned_targets`."""
         if self._how == "label":
             return
         near = _near(truth, tracks, tau)
@@ -114,7 +114,7 @@ def _near(truth: Objects, tracks: Objects, tau: Floats) -> NearPairs:
     return NearPairs(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-class Places(NamedTuple):
+class PointTracks(NamedTuple):
     """Truth and tracks as points, with the limits of distance and the frames that failures are told by."""
 
     truth: Objects
@@ -144,13 +144,13 @@ def keys_of(side: Objects) -> Ints:
     return np.unique(np.column_stack([_views_of(side), side.label]), axis=0).astype(np.int64)
 
 
-class ViewFigures:
+class ImageTrackFigures:
     """Every figure of many targets in images, of parts of a recording that come twice: to `prepare`, then to `update`.
 
     What it keeps grows with the number of targets and tracks, not with that of frames.
     """
 
-    def __init__(self, views: tuple[str, ...], targets: Ints, tracks: Ints, config: ManyConfig) -> None:
+    def __init__(self, views: tuple[str, ...], targets: Ints, tracks: Ints, config: MultiTargetConfig) -> None:
         """No frame yet.
 
         Args:
@@ -160,11 +160,11 @@ class ViewFigures:
             config: options.
         """
         self._views, self._keys, self._config = views, (targets, tracks), config
-        self._owners = Owners(config.own)
-        self._pooled = _Boxes(targets, tracks, config)
+        self._owners = AssignedTargets(config.own)
+        self._pooled = _ImageFigures(targets, tracks, config)
         # Objects of one view alone have no view
         own = [[side[side[:, 0] == v] * [0, 1] for side in self._keys] for v in range(len(views))]
-        self._each = [_Boxes(theirs, ours, config) for theirs, ours in own] if len(views) > 1 else []
+        self._each = [_ImageFigures(theirs, ours, config) for theirs, ours in own] if len(views) > 1 else []
         self._labels = labels = [np.unique(side[:, 1]) for side in self._keys]
         self._across = IdentityCounts(len(labels[0]), len(labels[1]), config.overlap)
 
@@ -187,7 +187,7 @@ class ViewFigures:
             self._across.update(_across_views(part.truth, part.tracks, self._labels))
         return failure_rows(found, points)
 
-    def merge(self, other: ViewFigures) -> None:
+    def merge(self, other: ImageTrackFigures) -> None:
         """Take in another recording, in which every view is another one; figures of single views are dropped.
 
         No frame is added after it.
@@ -219,13 +219,13 @@ class ViewFigures:
     def notes(self) -> list[str]:
         """Lines that the user must know of."""
         theirs, ours = self._labels
-        return without_common_numbers(ours, theirs, self._config)
+        return unrelated_ids_note(ours, theirs, self._config)
 
 
-class _Boxes:
+class _ImageFigures:
     """Figures of all views or of one."""
 
-    def __init__(self, targets: Ints, tracks: Ints, config: ManyConfig) -> None:
+    def __init__(self, targets: Ints, tracks: Ints, config: MultiTargetConfig) -> None:
         self._keys, self._config, self._failures = (targets, tracks), config, FailureCounts()
         self._sizes = len(targets), len(tracks)
         none = np.zeros(0, dtype=np.int64)
@@ -248,7 +248,7 @@ class _Boxes:
             self._centres.update(of_points(centres(truth), centres(tracks), self._config.gospa_px))
         self._failures.update(found, own, len(truth.frame))
 
-    def merge(self, other: _Boxes) -> None:
+    def merge(self, other: _ImageFigures) -> None:
         self.mot.merge(other.mot)
         self._failures.merge(other._failures)
         self._sizes = self._sizes[0] + other._sizes[0], self._sizes[1] + other._sizes[1]
@@ -271,11 +271,11 @@ def _across_views(truth: Objects, tracks: Objects, labels: Sequence[Ints]) -> Ma
     return numbered(of_boxes(*sides), *keys)
 
 
-def centres_and_limits(compared: TruthAndTracks, config: ManyConfig) -> Places:
+def centres_and_limits(compared: TruthAndTracks, config: MultiTargetConfig) -> PointTracks:
     """Middles of the boxes; a target's radius is sqrt(half width * half height)."""
     radius = 0.5 * np.sqrt(compared.truth.place[:, 2] * compared.truth.place[:, 3])
     tau = config.tau * radius if config.tau_px is None else np.full(len(radius), config.tau_px)
-    return Places(
+    return PointTracks(
         truth=centres(compared.truth),
         tracks=centres(compared.tracks),
         tau=tau,
@@ -287,13 +287,13 @@ def centres_and_limits(compared: TruthAndTracks, config: ManyConfig) -> Places:
     )
 
 
-def find_failures(places: Places, owners: Owners) -> failure_rates.FailureRates:
+def find_failures(places: PointTracks, owners: AssignedTargets) -> failure_rates.FailureRates:
     """Failures of trackers, each of which has a target of its own or none."""
     own = owners.of(places.tracks.label)
     return failure_rates.failures(places.truth, places.tracks, places.tau, own)
 
 
-def failure_rows(found: failure_rates.FailureRates, places: Places) -> Failures:
+def failure_rows(found: failure_rates.FailureRates, places: PointTracks) -> Failures:
     """The table of failures, by time, camera and target."""
     view = found.view.astype(np.int64)
     at = Objects(found.frame, found.target, np.zeros((len(view), 2)), view)
@@ -316,7 +316,7 @@ def _views_of(side: Objects) -> Ints:
     return np.zeros(len(side.frame), dtype=np.int64) if side.view is None else side.view
 
 
-def _visible(at: Objects, places: Places) -> Floats:
+def _visible(at: Objects, places: PointTracks) -> Floats:
     """(n,) visible share of the target of each row; NaN where it is not known or not in the frame."""
     known = zip(_views_of(places.truth).tolist(), places.truth.frame.tolist(), places.truth.label.tolist(), strict=True)
     share = dict(zip(known, places.visible.tolist(), strict=True))
@@ -324,12 +324,12 @@ def _visible(at: Objects, places: Places) -> Floats:
     return np.array([share.get(row, np.nan) for row in rows], dtype=np.float64)
 
 
-def left_out_note(names: Sequence[str]) -> list[str]:
+def skipped_cameras_note(names: Sequence[str]) -> list[str]:
     """A line on cameras of the truth that no track is in; none where there is no such camera."""
     return [f"left out: {', '.join(names)}, which the truth knows and no track is in"] if names else []
 
 
-def without_common_numbers(ours: Ints, theirs: Ints, config: ManyConfig) -> list[str]:
+def unrelated_ids_note(ours: Ints, theirs: Ints, config: MultiTargetConfig) -> list[str]:
     """A line if the numbers of tracks and targets, rising both, have nothing to do with each other."""
     if config.own != "label" or not len(ours) or np.isin(ours, theirs).any():
         return []
@@ -357,7 +357,7 @@ class _Side:
     frames: tuple[int, int] | None = None
     rows: int = 0
 
-    def update(self, boxes: Boxes, config: ManyConfig) -> None:
+    def update(self, boxes: Boxes, config: MultiTargetConfig) -> None:
         keep = asked_for(boxes, config)
         self.cameras.update(np.unique(boxes.sensor).tolist())
         self.wanted.update(np.unique(boxes.sensor[keep]).tolist())
@@ -366,7 +366,7 @@ class _Side:
             low, high = self.frames or (int(boxes.frame[0]), int(boxes.frame[0]))
             self.frames = min(low, int(boxes.frame.min())), max(high, int(boxes.frame.max()))
 
-    def check(self, what: str, config: ManyConfig) -> None:
+    def check(self, what: str, config: MultiTargetConfig) -> None:
         """InputError where a camera, or of the truth any frame, that is asked for is missing."""
         if missing := [name for name in config.cameras if name not in self.cameras]:
             raise InputError(
@@ -392,7 +392,7 @@ class ComparedBoxes:
     def __init__(
         self,
         sides: Sides,
-        config: ManyConfig,
+        config: MultiTargetConfig,
         *,
         looked: Collection[str] = (),
         by_number: bool = False,
@@ -468,9 +468,9 @@ class ComparedBoxes:
             "times must be the same"
         )
 
-    def figures(self, take: Callable[[Failures], None] | None = None) -> ViewFigures:
+    def figures(self, take: Callable[[Failures], None] | None = None) -> ImageTrackFigures:
         """All figures, while `take` gets failures as they come."""
-        out = ViewFigures(self.views, self.targets, self.tracks, self._config)
+        out = ImageTrackFigures(self.views, self.targets, self.tracks, self._config)
         for begin, part in self.parts():
             out.prepare(part, begin)
         for begin, part in self.parts():
@@ -482,7 +482,7 @@ class ComparedBoxes:
     def evaluate(self, take: Callable[[Failures], None] | None = None) -> Evaluation:
         """The evaluation, while `take` gets failures as they come."""
         found = self.figures(take)
-        notes = (*left_out_note(self.left_out), *found.notes())
+        notes = (*skipped_cameras_note(self.left_out), *found.notes())
         return Evaluation(found.result(self.frames, self.counts), notes=notes)
 
 

@@ -36,7 +36,7 @@ from occlog.io.frames.streams import rate_times
 from occlog.io.open import open_if_ours
 from occlog.records.tables import Boxes, TruthBoxes
 
-from .config import ManyConfig
+from .config import MultiTargetConfig
 from .figures import of_view
 
 
@@ -117,7 +117,7 @@ def boxes_in_true_frames(
     )
 
 
-def asked_for(boxes: Boxes, config: ManyConfig) -> Bools:
+def asked_for(boxes: Boxes, config: MultiTargetConfig) -> Bools:
     """(n,) which rows are of the cameras and frames asked for."""
     keep = np.isin(boxes.sensor, config.cameras) if config.cameras else np.ones(len(boxes), dtype=np.bool_)
     if config.frames is not None:
@@ -267,7 +267,7 @@ def annotation_format(path: Path) -> str | None:
         return None
 
 
-def read_annotation(path: Path, name: str, camera: str, config: ManyConfig) -> TruthBoxes:
+def read_annotation(path: Path, name: str, camera: str, config: MultiTargetConfig) -> TruthBoxes:
     """All true boxes of a file, those of frames that are not compared included.
 
     Args:
@@ -294,13 +294,13 @@ def read_annotation(path: Path, name: str, camera: str, config: ManyConfig) -> T
     return truth
 
 
-def frame_times(config: ManyConfig) -> FrameTimes:
+def frame_times(config: MultiTargetConfig) -> FrameTimes:
     """Times of frames by the given rate; where none is given, 25 a second are assumed."""
     rate = RATE if config.fps is None else config.fps
     return rate_times(as_rate(rate), "assumed" if config.fps is None else "given")
 
 
-def timed_like(truth: TruthBoxes, tracks: Boxes, camera: str, config: ManyConfig, path: Path) -> TruthBoxes:
+def timed_like(truth: TruthBoxes, tracks: Boxes, camera: str, config: MultiTargetConfig, path: Path) -> TruthBoxes:
     """The truth with the times that its frames have in the tracks; frames between and beyond these lie evenly.
 
     Args:
@@ -329,7 +329,7 @@ def timed_like(truth: TruthBoxes, tracks: Boxes, camera: str, config: ManyConfig
     return replace(truth, t_ns=table_times(known, 0, stop, f"tracks of {camera}").at(truth.frame))
 
 
-def check_counted(path: Path, name: str | None, text: bool, config: ManyConfig) -> None:
+def check_counted(path: Path, name: str | None, text: bool, config: MultiTargetConfig) -> None:
     """UsageError for a frame rate or a first number that the file with the truth has no use for.
 
     Args:
@@ -344,7 +344,7 @@ def check_counted(path: Path, name: str | None, text: bool, config: ManyConfig) 
         raise UsageError(f"{option('first_number')} is for true boxes in XML; the frames of {path} have their numbers")
 
 
-OVERLAP = 0.5
+IOU_THRESHOLD = 0.5
 """Intersection over union from which a track is of a true box here, whatever it is later."""
 
 
@@ -386,7 +386,7 @@ def _on(compared: TruthAndTracks, distractor: Bools) -> Bools:
         if theirs is None:
             continue
         overlap = intersection_over_union(compared.truth.place[theirs], compared.tracks.place[ours])
-        overlap[overlap < OVERLAP - EPS] = 0.0
+        overlap[overlap < IOU_THRESHOLD - EPS] = 0.0
         i, j = linear_sum_assignment(overlap, maximize=True)
         met = overlap[i, j] > EPS
         out[ours[j[met]]] = distractor[theirs[i[met]]]

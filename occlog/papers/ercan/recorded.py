@@ -35,7 +35,7 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.sight.triangulate import TRIANGULATED
 from occlog.core.sight.visibility import behind_objects
 from occlog.errors import InputError, UsageError
-from occlog.evaluate.bearings.residuals import meeting_points
+from occlog.evaluate.bearings.residuals import triangulated_points
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.tables.parquet import read_table
@@ -148,7 +148,7 @@ def stand_in(scene: Scene, mine: Bearings, lines: int) -> Truth:
     Raises:
         InputError: too few meetings to smooth.
     """
-    met = meeting_points(mine, scene, EvaluateConfig(lines_min_sensors=lines))[TARGET]
+    met = triangulated_points(mine, scene, EvaluateConfig(lines_min_sensors=lines))[TARGET]
     good = met.status == TRIANGULATED
     if good.sum() < MEETINGS:
         raise InputError(f"{lines} sight lines met at {good.sum()} times, want at least {MEETINGS}")

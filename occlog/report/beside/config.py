@@ -9,7 +9,7 @@ from occlog.settings import Settings, setting
 
 
 @dataclass(frozen=True)
-class BesideConfig(Settings):
+class RunComparisonConfig(Settings):
     """When two tracks are of one person, and when two runs have parted; lengths in the scene's unit."""
 
     OWNER: ClassVar[str] = "two runs side by side"

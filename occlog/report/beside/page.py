@@ -12,26 +12,26 @@ import math
 
 from occlog.array_types import NS
 from occlog.console.text import counted
-from occlog.evaluate.compare.text import Row
+from occlog.evaluate.compare.text import ComparisonRow
 from occlog.records.verdicts import all_plausible
 from occlog.records.verdicts import summary_of as verdict_summary
 from occlog.report.content.metrics_in_words import number
 from occlog.report.drawing import COLOURS, DARK, Plot, house_style, plot, script, template
-from occlog.report.page import MOST_LOSSES, plain, table_lines
-from occlog.report.request import BesideRequest
+from occlog.report.page import MAX_LOSSES, plain, table_lines
+from occlog.report.request import RunComparisonRequest
 
 from . import words
-from .comparison.pairs import Followed
-from .comparison.partings import Moment
-from .plots import MOST_LIVES, Life, beside_replay, draw_errors, draw_lives
-from .words import Beside, Cell
+from .comparison.pairs import MatchedRuns
+from .comparison.partings import RunComparisonStep
+from .plots import MAX_LIVES, PersonLifeline, beside_replay, draw_errors, draw_lives
+from .words import Cell, RunComparisonPage
 
 WIDTH = 8.4
 SCRIPTS = ("plan.js", "time.js", "beside.js")
 MAX_LISTED_LOSSES = 100
 
 
-def build_page(found: Beside) -> str:
+def build_page(found: RunComparisonPage) -> str:
     """The page of two runs.
 
     Args:
@@ -46,13 +46,13 @@ def build_page(found: Beside) -> str:
         unit=found.unit,
         start=found.time.start,
         found=found,
-        heading=words.heading(found),
+        heading=words.comparison_heading(found),
         sentences=words.sentences(found),
         first=None if (first := found.partings.first) is None else words.seconds(found, first[1].t_ns),
-        sides=[(letter, side, *words.believed(side)) for letter, side in found.sides],
+        sides=[(letter, side, *words.verdict_words(side)) for letter, side in found.sides],
         figures=words.figure_rows(found),
-        basis=words.basis(found),
-        own_figures=words.own_figures(found),
+        basis=words.basis_sentence(found),
+        own_figures=words.stored_metrics(found),
         partings=words.parting_rows(found),
         length=number,
         errors=errors,
@@ -64,7 +64,7 @@ def build_page(found: Beside) -> str:
         passing=sum(each.passing for each in words.followed(found)),
         losses=found.losses,
         most_losses=MAX_LISTED_LOSSES,
-        replay=beside_replay(found, words.led_to(found)),
+        replay=beside_replay(found, words.consequence_of_change(found)),
         provenance=json.dumps(found.provenance, indent=2, sort_keys=True, ensure_ascii=False, default=str),
         script=script(*SCRIPTS),
         light=COLOURS,
@@ -72,7 +72,7 @@ def build_page(found: Beside) -> str:
     )
 
 
-def _errors(found: Beside) -> Plot | None:
+def _errors(found: RunComparisonPage) -> Plot | None:
     """Errors over time."""
     truth = found.against_truth
     if truth is None or not truth.over_time.both:
@@ -89,16 +89,16 @@ def _errors(found: Beside) -> Plot | None:
     )
 
 
-def _lives(found: Beside) -> Plot | None:
+def _lives(found: RunComparisonPage) -> Plot | None:
     """Who follows whom over time: those of whom tracks change, or else all, as many as fit."""
     truth = found.against_truth
     if truth is not None:
         names = _whose(truth.a, truth.b)
-        lives = [Life(f"person {k}", truth.a.of(k), truth.b.of(k)) for k in names]
+        lives = [PersonLifeline(f"person {k}", truth.a.of(k), truth.b.of(k)) for k in names]
     else:
-        lives = [Life(f"A {k}", (), found.in_b.of(k)) for k in _whose(found.in_b)]
+        lives = [PersonLifeline(f"A {k}", (), found.in_b.of(k)) for k in _whose(found.in_b)]
     changing = [life for life in lives if any(len({p.track for p in part}) > 1 for part in (life.a, life.b))]
-    shown = (changing or lives)[:MOST_LIVES]
+    shown = (changing or lives)[:MAX_LIVES]
     if not shown:
         return None
     who = "true person" if truth is not None else "track of A"
@@ -111,24 +111,24 @@ def _lives(found: Beside) -> Plot | None:
     return plot("lives", "Who follows whom", caption.strip(), size, lambda f: draw_lives(f, found.time, shown))
 
 
-def _whose(*followed: Followed) -> list[int]:
+def _whose(*followed: MatchedRuns) -> list[int]:
     return sorted({piece.who for each in followed for piece in each.pieces})
 
 
-def build_markdown(found: Beside) -> str:
+def build_markdown(found: RunComparisonPage) -> str:
     """The verdict, what is not to be believed, figures, partings and identities; no pictures."""
-    out = [f"# {plain(found.title)}", "", f"**{plain(words.heading(found))}.**", ""]
+    out = [f"# {plain(found.title)}", "", f"**{plain(words.comparison_heading(found))}.**", ""]
     out += [f"- {plain(f'{letter}: {side.name}')}" for letter, side in found.sides]
     out += ["", *(f"- {plain(sentence)}" for sentence in words.sentences(found)), ""]
     for letter, side in found.sides:
-        said, _ = words.believed(side)
+        said, _ = words.verdict_words(side)
         out += [f"**{letter}: {plain(said)}.**", ""]
         out += [f"- **{plain(check.id)}** ({stage}): {plain(check.text)}" for stage, check in side.data.findings]
         out += [""] if side.data.findings else []
     if rows := words.figure_rows(found):
         head = ("Figure", "A", "B", "B - A", "95 % interval", "p", "Verdict")
         cells = ((r.name, r.a, r.b, r.difference, r.interval, r.p, r.verdict) for r in rows)
-        out += ["## Figures", "", *table_lines(head, cells, "lrrrrrl"), plain(words.basis(found)), ""]
+        out += ["## Figures", "", *table_lines(head, cells, "lrrrrrl"), plain(words.basis_sentence(found)), ""]
     out += ["## Where they part", ""]
     parted = ((r.what, _when(r.seconds), r.who, r.distance, r.often) for r in words.parting_rows(found))
     out += table_lines(("What", "When", "Tracks", "Apart", "In all"), parted, "lrlrr")
@@ -144,7 +144,7 @@ def build_markdown(found: Beside) -> str:
         out += [f"and {more} more.", ""] if more else []
     if found.losses:
         out += ["## Input that was lost", ""]
-        lost = ((w, x.source, x.place, x.what, str(x.count or "")) for w, x in found.losses[:MOST_LOSSES])
+        lost = ((w, x.source, x.place, x.what, str(x.count or "")) for w, x in found.losses[:MAX_LOSSES])
         out += table_lines(("Run", "Source", "Where", "What", "Items"), lost, "llllr")
     return "\n".join(out)
 
@@ -157,13 +157,13 @@ def _when(seconds: float | None) -> str:
     return "" if seconds is None else f"{seconds:.2f} s"
 
 
-def summary_of(found: Beside, request: BesideRequest) -> dict[str, object]:
+def summary_of(found: RunComparisonPage, request: RunComparisonRequest) -> dict[str, object]:
     """What was written, whether the runs differ, where they part and who became another one."""
     first, truth = found.partings.first, found.against_truth
     out: dict[str, object] = {"page": request.output}
     out |= {} if request.markdown is None else {"markdown": request.markdown}
     out |= {letter.lower(): side.name for letter, side in found.sides}
-    out |= {"heading": words.heading(found), "same": found.same, "frames": found.partings.frames}
+    out |= {"heading": words.comparison_heading(found), "same": found.same, "frames": found.partings.frames}
     out |= {"frames_parted": found.partings.parted, "tolerance": found.tolerance, "length_unit": found.unit}
     if first is not None:
         out["first_parting"] = {"kind": first[0], **_moment(found, first[1])}
@@ -184,14 +184,14 @@ def summary_of(found: Beside, request: BesideRequest) -> dict[str, object]:
     return out
 
 
-def _figure(row: Row) -> dict[str, object]:
+def _figure(row: ComparisonRow) -> dict[str, object]:
     """What is known of a figure of both."""
     d = row.found
     values = {"a": d.a, "b": d.b, "difference": d.difference, "low": d.low, "high": d.high, "p": row.holm}
     return {name: value for name, value in values.items() if math.isfinite(value)} | {"verdict": row.verdict}
 
 
-def _moment(found: Beside, moment: Moment) -> dict[str, object]:
+def _moment(found: RunComparisonPage, moment: RunComparisonStep) -> dict[str, object]:
     """Values of a moment that are known."""
     values: dict[str, object] = {"seconds": (moment.t_ns - found.time.start_ns) / NS, "t_ns": moment.t_ns}
     values |= {name: label for name, label in (("a", moment.a), ("b", moment.b)) if label is not None}

@@ -2,8 +2,8 @@
 
 What the script of a page of two runs is given: both plans in the same moments, and who is whom.
 
-The rule: of the common frames every k-th is kept, with the smallest k by which not more than `MOST_MOMENTS` of them,
-`MOST_SHOWN` estimates of both runs together and as many true places are left; beside them those that the page leads to.
+The rule: of the common frames every k-th is kept, with the smallest k by which not more than `MAX_MOMENTS` of them,
+`MAX_SHOWN` estimates of both runs together and as many true places are left; beside them those that the page leads to.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from matplotlib.lines import Line2D
 from occlog.array_types import NS, Floats, Ints
 from occlog.records.tables import Tracks, Truth
 from occlog.report.content.model import ReportInput, TimeAxis
-from occlog.report.content.thinned import MOST_MOMENTS, MOST_SHOWN
+from occlog.report.content.thinned import MAX_MOMENTS, MAX_SHOWN
 from occlog.report.drawing import COLOURS, Style, label, sensible_top, target_colour
 from occlog.report.plots.floorplan import plan_limits
 from occlog.report.plots.over_time import line
-from occlog.report.replay.build import MOST_BOXES, MOST_EVENTS, Layer, plan_values, safe_json
-from occlog.report.replay.moments import NONE, Moments, packed
+from occlog.report.replay.build import MAX_BOXES, MAX_EVENTS, Layer, plan_values, safe_json
+from occlog.report.replay.moments import MISSING, ReplaySteps, packed
 
 from .comparison.pairs import Piece
-from .comparison.partings import OverTime
-from .words import Beside, Side, followed
+from .comparison.partings import ErrorsOverTime
+from .words import RunComparisonPage, RunSide, followed
 
-MOST_LIVES = 20
+MAX_LIVES = 20
 """People who have rows of their own."""
-MOST_PIECES = 300
+MAX_PIECES = 300
 """Of one person that are drawn."""
 LEAST = 0.01
 """Share of the distance at which tracks meet that axes of errors show at least."""
@@ -45,7 +45,7 @@ STYLES: dict[str, Style] = {
 """How lines of the runs are drawn: by colour, and by dashes where there is none."""
 
 
-class Life(NamedTuple):
+class PersonLifeline(NamedTuple):
     """A person whom tracks of both runs follow."""
 
     name: str
@@ -53,7 +53,7 @@ class Life(NamedTuple):
     b: tuple[Piece, ...]
 
 
-def draw_errors(figure: FigureBase, time: TimeAxis, found: OverTime, near: float, unit: str) -> None:
+def draw_errors(figure: FigureBase, time: TimeAxis, found: ErrorsOverTime, near: float, unit: str) -> None:
     """Draw errors of both runs, their difference below, and how many targets each has not found, lowest.
 
     Args:
@@ -86,13 +86,13 @@ def draw_errors(figure: FigureBase, time: TimeAxis, found: OverTime, near: float
     figure.legend(*errors.get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
 
-def draw_lives(figure: FigureBase, time: TimeAxis, lives: Sequence[Life]) -> None:
+def draw_lives(figure: FigureBase, time: TimeAxis, lives: Sequence[PersonLifeline]) -> None:
     """Draw two bars for each person, of A above that of B; a bar changes its colour where another track follows."""
     axes = figure.add_subplot()
     for place, life in enumerate(lives):
         for letter, pieces, offset in (("A", life.a, 0.21), ("B", life.b, -0.21)):
             y = offset - float(place)
-            _bar(axes, time, pieces[:MOST_PIECES], y)
+            _bar(axes, time, pieces[:MAX_PIECES], y)
             axes.text(-0.006, y, letter, transform=axes.get_yaxis_transform(), ha="right", va="center", fontsize=7.5)
     axes.set_yticks(-np.arange(len(lives), dtype=float), [label(life.name, 18) for life in lives])
     axes.tick_params(axis="y", length=0, pad=14)
@@ -125,7 +125,7 @@ PAIR_COLOURS = 6
 
 
 @dataclass(frozen=True, eq=False)
-class CommonMoments(Moments):
+class CommonMoments(ReplaySteps):
     """Moments of a run that are those of the other run, too.
 
     Attributes:
@@ -146,7 +146,7 @@ class CommonMoments(Moments):
 
 
 @dataclass(frozen=True)
-class BesideReplay:
+class RunComparisonReplay:
     """The moments of two runs for the page.
 
     Attributes:
@@ -162,7 +162,7 @@ class BesideReplay:
     layers: list[Layer]
 
 
-def beside_replay(found: Beside, led_to: list[int]) -> BesideReplay | None:
+def beside_replay(found: RunComparisonPage, led_to: list[int]) -> RunComparisonReplay | None:
     """The moments of two runs; None where there are fewer than two.
 
     Args:
@@ -173,7 +173,7 @@ def beside_replay(found: Beside, led_to: list[int]) -> BesideReplay | None:
     truth = found.a.data.truth
     rows = len(found.a.laid.frame) + len(found.b.laid.frame)
     true = 0 if truth is None else len(truth)
-    every = max(1, -(-len(times) // MOST_MOMENTS), -(-rows // MOST_SHOWN), -(-true // MOST_SHOWN))
+    every = max(1, -(-len(times) // MAX_MOMENTS), -(-rows // MAX_SHOWN), -(-true // MAX_SHOWN))
     kept = np.union1d(times[::every], times[np.isin(times, led_to)])
     if len(kept) < 2:
         return None
@@ -199,8 +199,8 @@ def beside_replay(found: Beside, led_to: list[int]) -> BesideReplay | None:
         "changes": _changes(found, start),
     }
     layers = list(dict.fromkeys([*parts[0][1], *parts[1][1]]))
-    people = [(name_of(person), k, colours[k]) for k, person in enumerate(found.pairs.people[:MOST_BOXES])]
-    return BesideReplay(safe_json(values), _words(found, kept, every, moments[0].step), people, layers)
+    people = [(name_of(person), k, colours[k]) for k, person in enumerate(found.pairs.people[:MAX_BOXES])]
+    return RunComparisonReplay(safe_json(values), _words(found, kept, every, moments[0].step), people, layers)
 
 
 def name_of(person: Any) -> str:
@@ -209,7 +209,7 @@ def name_of(person: Any) -> str:
     return " · ".join(f"{letter} {', '.join(map(str, labels))}" for letter, labels in sides if labels)
 
 
-def _drawn(side: Side, times: Ints, truth: Truth | None) -> ReportInput:
+def _drawn(side: RunSide, times: Ints, truth: Truth | None) -> ReportInput:
     """What is drawn of a run: its estimates in the common frames, and what it was told of occluders."""
     table: Tracks = side.laid.table(side.tracks, times)
     return replace(
@@ -222,7 +222,7 @@ def _both(a: Floats, b: Floats) -> Floats:
     return np.array([np.minimum(a[0], b[0]), np.maximum(a[1], b[1])])
 
 
-def _colours(found: Beside) -> list[int]:
+def _colours(found: RunComparisonPage) -> list[int]:
     """Number of each person's colour; -1: one run alone has them."""
     out, k = [], 0
     for person in found.pairs.people:
@@ -232,9 +232,9 @@ def _colours(found: Beside) -> list[int]:
     return out
 
 
-def _partners(found: Beside, moments: Moments) -> Any:
+def _partners(found: RunComparisonPage, moments: ReplaySteps) -> Any:
     """Of each of A's estimates at the kept moments the number of its partner among B's targets; NONE: it has none."""
-    partner = np.full(len(found.a.laid.frame), NONE, dtype=np.int64)
+    partner = np.full(len(found.a.laid.frame), MISSING, dtype=np.int64)
     targets = np.unique(found.b.laid.label)
     partner[found.pairs.a] = np.searchsorted(targets, found.b.laid.label[found.pairs.b])
     rows, _ = moments.at(found.times[found.a.laid.frame])
@@ -246,15 +246,15 @@ def _most(values: np.ndarray, frames: Ints) -> np.ndarray:
     return np.asarray(np.maximum.reduceat(values, np.concatenate([[0], frames[:-1] + 1])))
 
 
-def _changes(found: Beside, start: int) -> list[float]:
+def _changes(found: RunComparisonPage, start: int) -> list[float]:
     """Times [s] at which somebody is another one in one of the runs; evenly taken where there are many."""
     changes = [change for each in followed(found) for change in each.changes]
     times = np.unique(np.array([change.t_ns for change in changes], dtype=np.int64))
-    some = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), MOST_EVENTS)).round().astype(int))]
+    some = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), MAX_EVENTS)).round().astype(int))]
     return [round(float(t - start) / NS, 6) for t in some]
 
 
-def _words(found: Beside, kept: Ints, every: int, step: float) -> str:
+def _words(found: RunComparisonPage, kept: Ints, every: int, step: float) -> str:
     count = f"{len(kept):,}"
     out = [f"{count} of {len(found.times):,} moments: every {every}-th." if every > 1 else f"{count} moments."]
     out.append("The same colour is the same person, as far as the runs agree; grey: one run alone has them.")

@@ -21,17 +21,17 @@ from occlog.io.files.tables.parquet import describe
 from occlog.io.open import check_unit, open_input
 from occlog.records.tables import Tracks, Truth
 from occlog.report.content.model import ReportInput
-from occlog.report.request import BesideRequest, PageRequest
+from occlog.report.request import PageRequest, RunComparisonRequest
 from occlog.report.run import read_input, write
 from occlog.runner import Done, Job
 from occlog.settings import configure
 
-from .comparison.pairs import by_each_other, common_times, laid, pairs_of
-from .comparison.partings import partings_of
-from .config import BesideConfig
+from .comparison.pairs import align_estimates, common_times, mutual_matches, pairs_of
+from .comparison.partings import divergences_of
+from .config import RunComparisonConfig
 from .page import build_markdown, build_page, summary_of
 from .stage import (
-    followed_by_truth,
+    matched_by_truth,
     notes_on_recordings,
     notes_on_scenes,
     notes_on_time,
@@ -40,9 +40,9 @@ from .stage import (
     same_room,
     same_rows,
 )
-from .words import AgainstTruth, Beside, Side, lengths_of
+from .words import RunComparisonPage, RunSide, TruthComparison, lengths_of
 
-MOST_ROWS = 1_000_000
+MAX_ROWS = 1_000_000
 """Estimates of one run that are laid beside another: they are in memory as a whole."""
 
 
@@ -50,7 +50,7 @@ WHOLE = ("tracks", "diagnostics", "occluders")
 """Tables of which everything is laid beside another run's, or shown at its moments."""
 
 
-class Run(NamedTuple):
+class ReportRun(NamedTuple):
     """One of two runs: its name, the table of its tracks, all of it, and what a report shows of it."""
 
     name: str
@@ -85,25 +85,25 @@ def files_of(run: Path, shared: PageRequest) -> PageRequest:
     return found
 
 
-def open_run(name: str, paths: PageRequest) -> Run:
+def open_run(name: str, paths: PageRequest) -> ReportRun:
     """Everything of a run; InputError where it has no estimates, or too many."""
     file = paths.tracks
     assert file is not None
     opened = open_input(file)
     rows = describe(file)["rows"] if opened.recording is None and opened.foreign is None else 0
-    data = read_input(replace(paths, title=name), whole=WHOLE) if rows <= MOST_ROWS else None
+    data = read_input(replace(paths, title=name), whole=WHOLE) if rows <= MAX_ROWS else None
     tracks = None if data is None else data.tracks
-    if data is None or tracks is None or len(tracks) > MOST_ROWS:
+    if data is None or tracks is None or len(tracks) > MAX_ROWS:
         raise InputError(
-            f"{file}: holds {rows if tracks is None else len(tracks):,} estimates, of a run {MOST_ROWS:,} at most are "
+            f"{file}: holds {rows if tracks is None else len(tracks):,} estimates, of a run {MAX_ROWS:,} at most are "
             "laid beside another; name runs of a part of the recording, or compare figures alone (occlog compare)"
         )
     if not len(tracks):
         raise InputError(f"{file}: holds no estimates, so that there is nothing to lay beside another run")
-    return Run(name, file, tracks, data)
+    return ReportRun(name, file, tracks, data)
 
 
-def check_scenes(a: Run, b: Run) -> None:
+def check_scenes(a: ReportRun, b: ReportRun) -> None:
     """InputError where two runs are not of one scene."""
     if a.data.unit != b.data.unit:
         raise InputError(
@@ -132,7 +132,7 @@ def truth_of(files: Sequence[PageRequest], unit: str) -> tuple[Path, Truth] | No
     return None if first is None or not (first[1].role == "target").any() else first
 
 
-def run_beside(request: BesideRequest, job: Job) -> Done:
+def run_beside(request: RunComparisonRequest, job: Job) -> Done:
     """Read both runs, lay them beside each other, write the page and its words.
 
     Raises:
@@ -145,14 +145,14 @@ def run_beside(request: BesideRequest, job: Job) -> Done:
         raise UsageError(f"{option('png')}: of two runs there is a page alone; leave it out")
     assert request.tracks is not None
     files, names = request.runs, names_of(request.tracks, request.other)
-    config = configure(BesideConfig(), request.settings)
+    config = configure(RunComparisonConfig(), request.settings)
     runs = [open_run(name, each) for name, each in zip(names, files, strict=True)]
     check_scenes(*runs)
     near, tolerance = lengths_of(config, runs[0].data.unit)
     truth = truth_of(files, runs[0].data.unit)
     begin_work()
     config = replace(config, match_distance=near, tolerance=tolerance)
-    found = lay(runs[0], runs[1], truth, config, request.seed)
+    found = align_runs(runs[0], runs[1], truth, config, request.seed)
     found = replace(found, title=request.title, provenance=_provenance(request, job, found, config))
     made = {request.output: as_bytes(build_page(found))}
     if request.markdown is not None:
@@ -166,7 +166,9 @@ def run_beside(request: BesideRequest, job: Job) -> Done:
     return Done(summary_of(found, request))
 
 
-def lay(a: Run, b: Run, truth: tuple[Path, Truth] | None, config: BesideConfig, seed: int) -> Beside:
+def align_runs(
+    a: ReportRun, b: ReportRun, truth: tuple[Path, Truth] | None, config: RunComparisonConfig, seed: int
+) -> RunComparisonPage:
     """Lay two runs beside each other.
 
     Args:
@@ -180,18 +182,18 @@ def lay(a: Run, b: Run, truth: tuple[Path, Truth] | None, config: BesideConfig, 
     assert near is not None
     assert tolerance is not None
     times = common_times(a.tracks, b.tracks)
-    sides = [Side(run.name, run.data, run.tracks, laid(run.tracks, times)) for run in (a, b)]
+    sides = [RunSide(run.name, run.data, run.tracks, align_estimates(run.tracks, times)) for run in (a, b)]
     places = sides[0].laid, sides[1].laid
     pairs = pairs_of(*places, near)
     against = None
     if truth is not None:
         path, table = truth
         comparison = compare_runs((a.file, b.file), path, (), (), near, seed)
-        of_a, of_b, switches, errors = followed_by_truth(a.tracks, b.tracks, table, near, a.data.unit, lasting)
-        against = AgainstTruth(comparison, of_a, of_b, switches, errors)
+        of_a, of_b, switches, errors = matched_by_truth(a.tracks, b.tracks, table, near, a.data.unit, lasting)
+        against = TruthComparison(comparison, of_a, of_b, switches, errors)
         sides = [replace(side, data=replace(side.data, truth=table)) for side in sides]
-    in_b, in_a = by_each_other(*places, pairs, times, lasting)
-    return Beside(
+    in_b, in_a = mutual_matches(*places, pairs, times, lasting)
+    return RunComparisonPage(
         title="",
         a=sides[0],
         b=sides[1],
@@ -200,7 +202,7 @@ def lay(a: Run, b: Run, truth: tuple[Path, Truth] | None, config: BesideConfig, 
         lasting_s=config.lasting_s,
         times=times,
         pairs=pairs,
-        partings=partings_of(*places, pairs, times, tolerance, (in_b, in_a)),
+        partings=divergences_of(*places, pairs, times, tolerance, (in_b, in_a)),
         in_b=in_b,
         in_a=in_a,
         against_truth=against,
@@ -214,13 +216,15 @@ def lay(a: Run, b: Run, truth: tuple[Path, Truth] | None, config: BesideConfig, 
     )
 
 
-def _made(run: Run) -> dict[str, object]:
+def _made(run: ReportRun) -> dict[str, object]:
     """How each table of a run was made."""
     made = run.data.provenance.get("made", {})
     return made if isinstance(made, dict) else {}
 
 
-def _provenance(request: BesideRequest, job: Job, found: Beside, config: BesideConfig) -> dict[str, object]:
+def _provenance(
+    request: RunComparisonRequest, job: Job, found: RunComparisonPage, config: RunComparisonConfig
+) -> dict[str, object]:
     """How this page and everything in both runs was made."""
     own = job.provenance({"title": request.title, **asdict(config)}, seed=request.seed)
     made = {f"{letter}: {side.name}": side.data.provenance.get("made", {}) for letter, side in found.sides}

@@ -10,7 +10,7 @@ from occlog.array_types import Ints
 from occlog.core.metrics.mot.clear_mot import match
 from occlog.core.metrics.mot.frame_pairs import of_points
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.mot.config import ManyConfig
+from occlog.evaluate.mot.config import MultiTargetConfig
 from occlog.evaluate.mot.figures import RULES
 from occlog.evaluate.mot.on_ground import points_in_true_frames, times_of
 from occlog.records.columns import ColumnTable
@@ -18,8 +18,8 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Tracks, Truth
 from occlog.report.content.model import TimeAxis
 
-from .comparison.pairs import EACH_FRAME, Followed, by_truth
-from .comparison.partings import OverTime, Paired, over_time
+from .comparison.pairs import EACH_FRAME, MatchedRuns, tracks_by_target
+from .comparison.partings import ErrorsOverTime, Paired, over_time
 
 MOVED = 1e-6
 """Sensors that are farther than this share of a unit of length from where they were stand elsewhere."""
@@ -33,9 +33,9 @@ def same_rows(a: ColumnTable, b: ColumnTable) -> bool:
     return all(np.array_equal(x, y, equal_nan=x.dtype.kind == "f") for x, y in columns)
 
 
-def followed_by_truth(
+def matched_by_truth(
     a: Tracks, b: Tracks, truth: Truth, near: float, unit: str, lasting_ns: int
-) -> tuple[Followed, Followed, tuple[int, int], OverTime]:
+) -> tuple[MatchedRuns, MatchedRuns, tuple[int, int], ErrorsOverTime]:
     """What the truth says of both runs, in all true frames.
 
     Args:
@@ -50,7 +50,7 @@ def followed_by_truth(
         The tracks of each run that follow each true target, identity switches of each run as CLEAR-MOT counts them,
         and errors over time.
     """
-    config, limit = ManyConfig(match_distance=near), EvaluateConfig().limit_ns
+    config, limit = MultiTargetConfig(match_distance=near), EvaluateConfig().limit_ns
     times: Ints = times_of(a, truth)
     pairs: list[Paired] = []
     switches = []
@@ -59,7 +59,7 @@ def followed_by_truth(
         frames = of_points(places.truth, places.tracks, near)
         pairs.append((frames, match(frames, EACH_FRAME)))
         switches.append(int(match(frames, RULES[config.clear_rule]).switch.sum()))
-    of_a, of_b = (by_truth(*each, times, lasting_ns) for each in pairs)
+    of_a, of_b = (tracks_by_target(*each, times, lasting_ns) for each in pairs)
     return of_a, of_b, (switches[0], switches[1]), over_time(pairs[0], pairs[1], times)
 
 
@@ -80,7 +80,7 @@ def notes_on_time(a: Tracks, b: Tracks, *, truth: bool) -> Iterator[str]:
         yield said + more
 
 
-def notes_on_truth(found: OverTime, near: float, unit: str) -> Iterator[str]:
+def notes_on_truth(found: ErrorsOverTime, near: float, unit: str) -> Iterator[str]:
     """Runs that have tracks, none of which is ever on a true target."""
     for letter, nobody in zip(("A", "B"), found.on_nobody, strict=True):
         if nobody:

@@ -15,7 +15,7 @@ from occlog.array_types import NS, Ints
 from occlog.console.text import counted
 from occlog.errors import UsageError
 from occlog.evaluate.compare import text
-from occlog.evaluate.compare.text import Comparison, Row
+from occlog.evaluate.compare.text import ComparisonRow, MetricComparison
 from occlog.records.losses import Loss
 from occlog.records.tables import Tracks
 from occlog.report.content.metrics_in_words import groups, number
@@ -23,13 +23,13 @@ from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.report.page import verdict_heading
 from occlog.settings import METRES
 
-from .comparison.pairs import Change, Followed, Laid, Pairs, Piece, without_counterpart
-from .comparison.partings import APART, ONLY_A, ONLY_B, OTHER, Moment, OverTime, Partings
-from .config import BesideConfig
+from .comparison.pairs import AlignedEstimates, MatchedRuns, Piece, RunPairs, TrackChange, unmatched_changes
+from .comparison.partings import ONLY_B, ONLY_IN_A, OTHER, TOO_FAR_APART, Divergences, ErrorsOverTime, RunComparisonStep
+from .config import RunComparisonConfig
 
 
 @dataclass(frozen=True, eq=False)
-class Side:
+class RunSide:
     """One of two runs.
 
     Attributes:
@@ -42,11 +42,11 @@ class Side:
     name: str
     data: ReportInput
     tracks: Tracks
-    laid: Laid
+    laid: AlignedEstimates
 
 
 @dataclass(frozen=True, eq=False)
-class AgainstTruth:
+class TruthComparison:
     """What the truth says of both.
 
     Attributes:
@@ -56,15 +56,15 @@ class AgainstTruth:
         over_time: errors.
     """
 
-    comparison: Comparison
-    a: Followed
-    b: Followed
+    comparison: MetricComparison
+    a: MatchedRuns
+    b: MatchedRuns
     switches: tuple[int, int]
-    over_time: OverTime
+    over_time: ErrorsOverTime
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
+class RunComparisonPage:
     """Two runs side by side.
 
     Attributes:
@@ -84,17 +84,17 @@ class Beside:
     """
 
     title: str
-    a: Side
-    b: Side
+    a: RunSide
+    b: RunSide
     near: float
     tolerance: float
     lasting_s: float
     times: Ints
-    pairs: Pairs
-    partings: Partings
-    in_b: Followed
-    in_a: Followed
-    against_truth: AgainstTruth | None
+    pairs: RunPairs
+    partings: Divergences
+    in_b: MatchedRuns
+    in_a: MatchedRuns
+    against_truth: TruthComparison | None
     same: bool
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, object] = field(default_factory=dict)
@@ -105,7 +105,7 @@ class Beside:
         return self.a.data.unit
 
     @property
-    def sides(self) -> tuple[tuple[str, Side], tuple[str, Side]]:
+    def sides(self) -> tuple[tuple[str, RunSide], tuple[str, RunSide]]:
         """Both, with their letters."""
         return ("A", self.a), ("B", self.b)
 
@@ -126,7 +126,7 @@ class Beside:
         return tuple((whose, loss) for loss, whose in known.items())
 
 
-def lengths_of(config: BesideConfig, unit: str) -> tuple[float, float]:
+def lengths_of(config: RunComparisonConfig, unit: str) -> tuple[float, float]:
     """How near tracks meet, and the tolerance, in a scene's unit; UsageError where neither they nor defaults are known.
 
     Args:
@@ -134,7 +134,7 @@ def lengths_of(config: BesideConfig, unit: str) -> tuple[float, float]:
         unit: of lengths.
     """
     if unit in METRES:
-        usual = BesideConfig.in_unit(unit)
+        usual = RunComparisonConfig.in_unit(unit)
         near, tolerance = usual.match_distance, usual.tolerance
     else:
         near, tolerance = None, None
@@ -158,14 +158,14 @@ MEANINGS = {
     "pairs_rmse": "distance from the truth of those that are found",
 }
 KINDS = {
-    APART: "partners too far apart",
-    ONLY_A: "A alone has somebody",
+    TOO_FAR_APART: "partners too far apart",
+    ONLY_IN_A: "A alone has somebody",
     ONLY_B: "B alone has somebody",
     OTHER: "another partner",
 }
-MOST_ROWS = 50
+MAX_ROWS = 50
 """People and changes that are told; how many more there are is said."""
-MOST_PIECES = 8
+MAX_PIECES = 8
 """Pieces of one person in a cell."""
 
 
@@ -182,7 +182,7 @@ class FigureRow(NamedTuple):
     verdict: str
 
 
-class PartingRow(NamedTuple):
+class DivergenceRow(NamedTuple):
     """One way in which the runs part."""
 
     what: str
@@ -218,12 +218,12 @@ class ChangeRow(NamedTuple):
     other: str
 
 
-def seconds(found: Beside, t_ns: int) -> float:
+def seconds(found: RunComparisonPage, t_ns: int) -> float:
     """Time since the page's start."""
     return round((t_ns - found.time.start_ns) / NS, 6)
 
 
-def clock(found: Beside, t_ns: int) -> str:
+def format_time(found: RunComparisonPage, t_ns: int) -> str:
     """The same as it is told."""
     return f"{seconds(found, t_ns):.2f} s"
 
@@ -231,17 +231,17 @@ def clock(found: Beside, t_ns: int) -> str:
 # ---- the heading and what is below it
 
 
-def heading(found: Beside) -> str:
+def comparison_heading(found: RunComparisonPage) -> str:
     """Whether the runs differ, in a line."""
     if found.same:
         return "The two runs are the same"
     if found.against_truth is not None:
         return _of_verdicts(found.against_truth.comparison.rows)
     first = found.partings.first
-    return "They do not part" if first is None else f"They part at {clock(found, first[1].t_ns)}"
+    return "They do not part" if first is None else f"They part at {format_time(found, first[1].t_ns)}"
 
 
-def _of_verdicts(rows: Sequence[Row]) -> str:
+def _of_verdicts(rows: Sequence[ComparisonRow]) -> str:
     """What figures show, in a line."""
     decided = [f"{v} in {names}" for v in ("better", "worse") if (names := _names(r for r in rows if r.verdict == v))]
     if decided:
@@ -252,7 +252,7 @@ def _of_verdicts(rows: Sequence[Row]) -> str:
     return f"No difference {'is shown in what can be decided' if open_ones else 'in accuracy is shown'}"
 
 
-def _names(rows: Iterable[Row]) -> str:
+def _names(rows: Iterable[ComparisonRow]) -> str:
     return listed([NAMES.get(row.figure, row.figure) for row in rows])
 
 
@@ -261,7 +261,7 @@ def listed(names: Sequence[str]) -> str:
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
-def sentences(found: Beside) -> list[str]:
+def sentences(found: RunComparisonPage) -> list[str]:
     """What is below the heading, each one sentence or two."""
     out = []
     if found.same:
@@ -270,7 +270,7 @@ def sentences(found: Beside) -> list[str]:
         out.append("Which one is better only the truth can say: give it, as a recording or a table of true positions.")
     else:
         out += _of_figures(found)
-    out.append(first_parting(found))
+    out.append(first_divergence(found))
     out.append(of_identities(found))
     return [*out, *(_sentence(note) for note in found.notes)]
 
@@ -279,7 +279,7 @@ def _sentence(note: str) -> str:
     return f"{note[:1].upper()}{note[1:]}{'' if note.endswith('?') else '.'}"
 
 
-def _of_figures(found: Beside) -> list[str]:
+def _of_figures(found: RunComparisonPage) -> list[str]:
     assert found.against_truth is not None
     comparison, out = found.against_truth.comparison, []
     for row, cells in zip(comparison.rows, text.rows_of(comparison, 1), strict=True):
@@ -297,7 +297,7 @@ def _of_figures(found: Beside) -> list[str]:
     return out
 
 
-def first_parting(found: Beside) -> str:
+def first_divergence(found: RunComparisonPage) -> str:
     """Where the runs first part, or that they do not."""
     first, measure = found.partings.first, f"{number(found.tolerance)} {found.unit}"
     if first is None:
@@ -308,29 +308,30 @@ def first_parting(found: Beside) -> str:
     kind, moment = first
     share = f"{found.partings.parted} of {counted(found.partings.frames, 'frame')}"
     return (
-        f"They first part at {clock(found, moment.t_ns)}: {_told(found, kind, moment)}. They are apart in {share}: one "
+        f"They first part at {format_time(found, moment.t_ns)}: {_told(found, kind, moment)}. They are apart in "
+        f"{share}: one "
         f"has somebody whom the other has not, or partners are farther than {measure} from each other."
     )
 
 
-def _told(found: Beside, kind: str, moment: Moment) -> str:
+def _told(found: RunComparisonPage, kind: str, moment: RunComparisonStep) -> str:
     away = f"{number(float(f'{moment.distance:.3g}'))} {found.unit}"
-    if kind == APART:
+    if kind == TOO_FAR_APART:
         return f"track {moment.a} of A is {away} from track {moment.b} of B"
     if kind == OTHER:
         return f"from here on track {moment.b} of B goes with track {moment.a} of A, which had another partner before"
-    letter, other, track = ("A", "B", moment.a) if kind == ONLY_A else ("B", "A", moment.b)
+    letter, other, track = ("A", "B", moment.a) if kind == ONLY_IN_A else ("B", "A", moment.b)
     nobody = not np.isfinite(moment.distance)
     where = f"{other} has nobody" if nobody else f"the nearest of {other} is {away} away"
     return f"track {track} of {letter} has no partner within {number(found.near)} {found.unit}; {where}"
 
 
-def of_identities(found: Beside) -> str:
+def of_identities(found: RunComparisonPage) -> str:
     """How many became another one."""
     truth = found.against_truth
     if truth is not None:
         a, b = len(truth.a.changes), len(truth.b.changes)
-        own = [len(without_counterpart(x, y, lasting_ns(found))) for x, y in ((truth.a, truth.b), (truth.b, truth.a))]
+        own = [len(unmatched_changes(x, y, lasting_ns(found))) for x, y in ((truth.a, truth.b), (truth.b, truth.a))]
         said = (
             f"Another track goes on with a person {counted(a, 'time')} in A and {counted(b, 'time')} in B; {own[0]} of "
             f"A and {own[1]} of B the other run does not have"
@@ -348,22 +349,22 @@ def of_identities(found: Beside) -> str:
     )
 
 
-def followed(found: Beside) -> tuple[Followed, Followed]:
+def followed(found: RunComparisonPage) -> tuple[MatchedRuns, MatchedRuns]:
     """Tracks of A and of B that follow true targets, or without a truth those of the other run."""
     truth = found.against_truth
     return (found.in_a, found.in_b) if truth is None else (truth.a, truth.b)
 
 
-def _changed(followed: Followed) -> int:
+def _changed(followed: MatchedRuns) -> int:
     return len({change.who for change in followed.changes})
 
 
-def lasting_ns(found: Beside) -> int:
+def lasting_ns(found: RunComparisonPage) -> int:
     """What lasts less is not told."""
     return round(found.lasting_s * NS)
 
 
-def believed(side: Side) -> tuple[str, bool]:
+def verdict_words(side: RunSide) -> tuple[str, bool]:
     """Whether something speaks against a run, in a line; whether it may be believed."""
     return verdict_heading(side.data.verdicts), side.data.plausible is not False
 
@@ -371,7 +372,7 @@ def believed(side: Side) -> tuple[str, bool]:
 # ---- tables
 
 
-def figure_rows(found: Beside) -> list[FigureRow]:
+def figure_rows(found: RunComparisonPage) -> list[FigureRow]:
     """Figures with their differences."""
     if found.against_truth is None:
         return []
@@ -386,14 +387,14 @@ def figure_rows(found: Beside) -> list[FigureRow]:
     return out
 
 
-def basis(found: Beside) -> str:
+def basis_sentence(found: RunComparisonPage) -> str:
     """What figures rest on."""
     if found.against_truth is None:
         return ""
     return text.basis(found.against_truth.comparison)
 
 
-def own_figures(found: Beside) -> list[tuple[str, str, str, str]]:
+def stored_metrics(found: RunComparisonPage) -> list[tuple[str, str, str, str]]:
     """Figures that `evaluate` left in the folders of both runs: name, A, B, unit."""
     values = [_values(side, found.unit) for _, side in found.sides]
     if not all(values):
@@ -402,13 +403,13 @@ def own_figures(found: Beside) -> list[tuple[str, str, str, str]]:
     return [(f"{key[0]}: {key[1]}", values[0].get(key, "–"), values[1].get(key, "–"), key[2]) for key in keys]
 
 
-def _values(side: Side, unit: str) -> dict[tuple[str, str, str], str]:
+def _values(side: RunSide, unit: str) -> dict[tuple[str, str, str], str]:
     """Figures of a run that have words, by their group, name and unit."""
     known = [group for group in groups(side.data.metrics, unit) if group.title != "Other figures"]
     return {(group.title, f.name, f.unit): f.value for group in known for f in group.figures}
 
 
-def parting_rows(found: Beside) -> list[PartingRow]:
+def parting_rows(found: RunComparisonPage) -> list[DivergenceRow]:
     """Each way of parting, what is farthest apart, and the longest stretches."""
     out = []
     for kind in found.partings.kinds:
@@ -418,21 +419,21 @@ def parting_rows(found: Beside) -> list[PartingRow]:
     if found.partings.farthest is not None:
         out.append(_row(found, "farthest partners", found.partings.farthest, ""))
     for stretch in found.partings.stretches:
-        length = f"{clock(found, stretch.start_ns)} to {clock(found, stretch.end_ns)}"
+        length = f"{format_time(found, stretch.start_ns)} to {format_time(found, stretch.end_ns)}"
         at_start = stretch.worst._replace(t_ns=stretch.start_ns)
         out.append(_row(found, f"apart from {length}", at_start, ""))
     return out
 
 
-def _row(found: Beside, what: str, moment: Moment | None, often: str) -> PartingRow:
+def _row(found: RunComparisonPage, what: str, moment: RunComparisonStep | None, often: str) -> DivergenceRow:
     if moment is None:
-        return PartingRow(what, None, "", "", often)
+        return DivergenceRow(what, None, "", "", often)
     who = " · ".join(f"{letter} {k}" for letter, k in (("A", moment.a), ("B", moment.b)) if k is not None)
     away = "nobody else" if np.isnan(moment.distance) else f"{number(float(f'{moment.distance:.3g}'))} {found.unit}"
-    return PartingRow(what, seconds(found, moment.t_ns), who, away, often)
+    return DivergenceRow(what, seconds(found, moment.t_ns), who, away, often)
 
 
-def identity_rows(found: Beside) -> tuple[list[IdentityRow], int]:
+def identity_rows(found: RunComparisonPage) -> tuple[list[IdentityRow], int]:
     """Who follows whom, those first of whom tracks differ; how many more there are."""
     rows = []
     truth = found.against_truth
@@ -443,11 +444,11 @@ def identity_rows(found: Beside) -> tuple[list[IdentityRow], int]:
         rows += [(f"A {who}", (), found.in_b.of(who)) for who in _own(found.in_b)]
         rows += [(f"B {who}", found.in_a.of(who), ()) for who in _own(found.in_a) if _several(found.in_a.of(who))]
     rows.sort(key=lambda row: -max(_several(row[1]), _several(row[2])))
-    cells = [IdentityRow(who, _cells(found, a), _cells(found, b)) for who, a, b in rows[:MOST_ROWS]]
-    return cells, max(len(rows) - MOST_ROWS, 0)
+    cells = [IdentityRow(who, _cells(found, a), _cells(found, b)) for who, a, b in rows[:MAX_ROWS]]
+    return cells, max(len(rows) - MAX_ROWS, 0)
 
 
-def _own(followed: Followed) -> list[int]:
+def _own(followed: MatchedRuns) -> list[int]:
     return sorted({piece.who for piece in followed.pieces})
 
 
@@ -456,39 +457,39 @@ def _several(pieces: Sequence[Piece]) -> int:
     return max(len({piece.track for piece in pieces}) - 1, 0)
 
 
-def _cells(found: Beside, pieces: Sequence[Piece]) -> list[Cell]:
+def _cells(found: RunComparisonPage, pieces: Sequence[Piece]) -> list[Cell]:
     out = [
         Cell(
             f"{p.track} ({seconds(found, p.start_ns):.2f} to {seconds(found, p.end_ns):.2f} s)",
             seconds(found, p.start_ns),
         )
-        for p in pieces[:MOST_PIECES]
+        for p in pieces[:MAX_PIECES]
     ]
-    return [*out, Cell(f"and {len(pieces) - MOST_PIECES} more", None)] if len(pieces) > MOST_PIECES else out
+    return [*out, Cell(f"and {len(pieces) - MAX_PIECES} more", None)] if len(pieces) > MAX_PIECES else out
 
 
-def change_rows(found: Beside) -> tuple[list[ChangeRow], int]:
+def change_rows(found: RunComparisonPage) -> tuple[list[ChangeRow], int]:
     """Every change of track in the order of time, as many as are told; how many more there are."""
     truth, rows = found.against_truth, list[tuple[int, ChangeRow]]()
     if truth is not None:
         for letter, own, other in (("A", truth.a, truth.b), ("B", truth.b, truth.a)):
-            alone = set(without_counterpart(own, other, lasting_ns(found)))
+            alone = set(unmatched_changes(own, other, lasting_ns(found)))
             rows += [(c.t_ns, _change(found, letter, f"person {c.who}", c, c in alone)) for c in own.changes]
     else:
         rows += [(c.t_ns, _change(found, "B", f"A {c.who}", c, None)) for c in found.in_b.changes]
         rows += [(c.t_ns, _change(found, "A", f"B {c.who}", c, None)) for c in found.in_a.changes]
     rows.sort(key=lambda row: row[0])
-    return [row for _, row in rows[:MOST_ROWS]], max(len(rows) - MOST_ROWS, 0)
+    return [row for _, row in rows[:MAX_ROWS]], max(len(rows) - MAX_ROWS, 0)
 
 
-def _change(found: Beside, run: str, who: str, change: Change, alone: bool | None) -> ChangeRow:
+def _change(found: RunComparisonPage, run: str, who: str, change: TrackChange, alone: bool | None) -> ChangeRow:
     other = {None: "", True: "does not", False: "does, too"}[alone]
     return ChangeRow(seconds(found, change.t_ns), run, who, f"{run} {change.before}", f"{run} {change.after}", other)
 
 
-def led_to(found: Beside) -> list[int]:
+def consequence_of_change(found: RunComparisonPage) -> list[int]:
     """Times [ns] of common frames that the page leads to: a moment of the replay is there for each."""
     moments = [kind.first.t_ns for kind in found.partings.kinds if kind.first is not None]
     moments += [found.partings.farthest.t_ns] if found.partings.farthest is not None else []
     moments += [stretch.start_ns for stretch in found.partings.stretches]
-    return moments + [c.t_ns for each in followed(found) for c in each.changes[:MOST_ROWS]]
+    return moments + [c.t_ns for each in followed(found) for c in each.changes[:MAX_ROWS]]

@@ -21,7 +21,7 @@ WHERE = ("", "_space")
 KINDS = ("bound", "smoothed")
 
 
-def _both(errors: Errors, bound: Bound, target: int, kind: str, where: str) -> tuple[Floats, Floats]:
+def _common_times(errors: Errors, bound: Bound, target: int, kind: str, where: str) -> tuple[Floats, Floats]:
     """Errors and bounds of a target at the times that have both."""
     error, least = getattr(errors, f"error{where}"), getattr(bound, f"{kind}{where}")
     mine = (errors.target_id == target) & np.isfinite(error)
@@ -41,7 +41,7 @@ class _Sums:
 
 
 @dataclass
-class _Target:
+class _BoundSoFar:
     """Squares of a target's bounds up to now, whatever errors there are."""
 
     rows: int = 0
@@ -49,13 +49,13 @@ class _Target:
     smoothed: bool = True  # whether all of it is known
 
 
-class BesideBound:
+class ErrorsAgainstBound:
     """Gathers errors and bounds while both stream by, in stretches of the same time."""
 
     def __init__(self) -> None:
         """Nothing yet."""
         self._sums: dict[tuple[int, str, str], _Sums] = {}
-        self._targets: dict[int, _Target] = {}
+        self._targets: dict[int, _BoundSoFar] = {}
 
     def add(self, errors: Errors, bound: Bound) -> Floats:
         """Another stretch; (N, 2) root mean square of the target's bounds up to each one, and of those of smoothing."""
@@ -64,7 +64,7 @@ class BesideBound:
             for where in WHERE:
                 for kind in KINDS:
                     self._pairs(errors, bound, target, kind, where)
-            own = self._targets.setdefault(target, _Target())
+            own = self._targets.setdefault(target, _BoundSoFar())
             rows = bound.target_id == target
             count = own.rows + np.arange(1, int(rows.sum()) + 1)
             for k, kind in enumerate(KINDS):
@@ -76,7 +76,7 @@ class BesideBound:
         return out
 
     def _pairs(self, errors: Errors, bound: Bound, target: int, kind: str, where: str) -> None:
-        found, least = _both(errors, bound, target, kind, where)
+        found, least = _common_times(errors, bound, target, kind, where)
         sums = self._sums.setdefault((target, kind, where), _Sums())
         sums.rows += len(found)
         sums.errors.add(float(np.sum(found**2)))
@@ -108,16 +108,16 @@ class BesideBound:
         return target in self._targets and self._targets[target].smoothed
 
 
-LOOKS = 200
+MAX_LOOKUPS = 200
 """Errors of each target that are looked up among the tracks, evenly taken."""
 
 
 def relabelled(found: Mapping[int, int | None]) -> bool:
-    """Whether tracks have names of their own, and errors those of the truth, of what `followers` found."""
+    """Whether tracks have names of their own, and errors those of the truth, of what `matching_tracks` found."""
     return any(target != track for target, track in found.items())
 
 
-def followers(errors: Errors, tracks: Tracks) -> dict[int, int | None]:
+def matching_tracks(errors: Errors, tracks: Tracks) -> dict[int, int | None]:
     """By the identity that errors name, that of the track whose estimates they are of.
 
     An error is of the estimate of its time and place.
@@ -134,7 +134,7 @@ def followers(errors: Errors, tracks: Tracks) -> dict[int, int | None]:
     shared = np.isin(errors.t_ns, tracks.t_ns)
     for target in np.unique(errors.target_id).tolist():
         rows = np.flatnonzero(shared & (errors.target_id == target))
-        some = np.unique(np.linspace(0, max(len(rows) - 1, 0), min(len(rows), LOOKS)).round().astype(np.int64))
+        some = np.unique(np.linspace(0, max(len(rows) - 1, 0), min(len(rows), MAX_LOOKUPS)).round().astype(np.int64))
         found: set[int] | None = None
         for k in rows[some].tolist():
             start, stop = np.searchsorted(tracks.t_ns, errors.t_ns[k] + np.array([0, 1])).tolist()
@@ -175,7 +175,7 @@ class Fallbacks:
 
 
 @dataclass(frozen=True, eq=False)
-class Fared:
+class FilterDiagnostics:
     """What all diagnostics tell together.
 
     Attributes:
@@ -195,7 +195,7 @@ class Fared:
     doubts: tuple[str, ...]
 
 
-class FaredStreams:
+class FilterDiagnosticsStreams:
     """Gathers how the filter fared while diagnostics stream by."""
 
     def __init__(self, in_memory: int = 1 << 16) -> None:
@@ -223,11 +223,11 @@ class FaredStreams:
         self._doubtful += int(np.count_nonzero(part.doubt != ""))
         self._doubts.update(kind for text in np.unique(part.doubt).tolist() if text for kind in text.split(","))
 
-    def finish(self) -> Fared:
+    def finish(self) -> FilterDiagnostics:
         """All that was gathered."""
         fallbacks = {kind: self._drawn(times) for kind, times in sorted(self._fallbacks.items())}
         doubts = tuple(sorted(self._doubts))
-        return Fared(self._rows, self._particles, self._lowest, fallbacks, self._doubtful, doubts)
+        return FilterDiagnostics(self._rows, self._particles, self._lowest, fallbacks, self._doubtful, doubts)
 
     def _drawn(self, times: Spool) -> Fallbacks:
         every, count, parts = -(-times.count // MARKS), 0, list[Ints]()

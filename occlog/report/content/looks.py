@@ -21,18 +21,18 @@ LOOK = np.dtype([("pair", "i8"), ("t_ns", "i8"), ("step", "f8"), ("seen", "?")])
 """A look of a sensor for one label: the number of both, its time, that since the look before, whether it saw it."""
 Pair = tuple[str, int]
 """A sensor and a label of bearings."""
-MOST_SENSORS, MOST_TARGETS = 60, 6
+MAX_SENSORS, MAX_TARGETS = 60, 6
 """Sensors in a figure; targets that have a figure of their own."""
 
 
-def known_first(scene: Scene | None, found: Iterable[str]) -> tuple[str, ...]:
+def scene_order(scene: Scene | None, found: Iterable[str]) -> tuple[str, ...]:
     """Names of the sensors of a scene, in its order, then others of those found."""
     known = [] if scene is None else [c.name for c in scene.cameras] + [a.name for a in scene.arrays]
     return (*known, *(n for n in found if n not in known))
 
 
 @dataclass(frozen=True, eq=False)
-class Sightings:
+class SensorSightings:
     """One sensor's frames and how many of them saw the target.
 
     Attributes:
@@ -56,8 +56,8 @@ class Sightings:
         return float(self.seen.sum()) / frames if frames else float("nan")
 
 
-def _nothing(sensor: str) -> Sightings:
-    return Sightings(sensor, np.zeros(1, np.int64), np.empty(0, np.int64), np.empty(0, np.int64))
+def _nothing(sensor: str) -> SensorSightings:
+    return SensorSightings(sensor, np.zeros(1, np.int64), np.empty(0, np.int64), np.empty(0, np.int64))
 
 
 class _Cells:
@@ -85,7 +85,7 @@ def _frame_cells(times: Ints, seen: Bools, period: int) -> tuple[Ints, Ints, Int
 
 
 @dataclass(frozen=True, eq=False)
-class Looked:
+class ObservationCoverage:
     """What all bearings tell together.
 
     Attributes:
@@ -100,14 +100,14 @@ class Looked:
     seen: int
     sensors: Mapping[str, tuple[int, int]]
     labels: tuple[int, ...]
-    found: Mapping[Pair, Sightings] = field(default_factory=dict)
+    found: Mapping[Pair, SensorSightings] = field(default_factory=dict)
 
     @property
     def watched(self) -> tuple[int, ...]:
         """Targets that bearings are labelled with; -1 (any object) only if there is no other."""
         return tuple(i for i in self.labels if i != UNLABELLED) or self.labels
 
-    def sightings(self, sensor: str, target: int) -> Sightings:
+    def sightings(self, sensor: str, target: int) -> SensorSightings:
         """Frames of one sensor that were to see a target."""
         return self.found.get((sensor, target)) or _nothing(sensor)
 
@@ -117,7 +117,7 @@ def _by_sensor(names: Strings, which: Ints, seen: Bools) -> dict[str, tuple[int,
     return {str(name): (int(n), int(s)) for name, n, s in zip(names, rows, saw, strict=True)}
 
 
-class LookStreams:
+class ObservationStreams:
     """Gathers looks while bearings stream by; each is put aside, for cells whose borders are known at the end."""
 
     def __init__(self, blocks: Blocks | None = None) -> None:
@@ -171,7 +171,7 @@ class LookStreams:
         """Names of the sensors, ascending."""
         return tuple(sorted(self._sensors))
 
-    def finish(self, sensors: Iterable[str], targets: Iterable[int]) -> Looked:
+    def finish(self, sensors: Iterable[str], targets: Iterable[int]) -> ObservationCoverage:
         """All that was gathered, with the sightings of some sensors and targets."""
         self._told.end()
         wanted: dict[Pair, tuple[int, bool]] = {}
@@ -185,11 +185,11 @@ class LookStreams:
                     wanted[sensor, target] = number, free
         found = self._sightings({number for number, _ in wanted.values()})
         told = {
-            (sensor, target): Sightings(sensor, *found[number], free)
+            (sensor, target): SensorSightings(sensor, *found[number], free)
             for (sensor, target), (number, free) in wanted.items()
         }
         by_name = dict(sorted(self._sensors.items()))
-        return Looked(self.rows, self._seen, by_name, self.labels, told)
+        return ObservationCoverage(self.rows, self._seen, by_name, self.labels, told)
 
     def _sightings(self, wanted: set[int]) -> dict[int, tuple[Ints, Ints, Ints]]:
         """Edges, looks and sightings of pairs."""
@@ -254,7 +254,7 @@ class Selections:
 
 
 @dataclass
-class _Target:
+class _SelectionTarget:
     count: int = 0
     expected: Sum = field(default_factory=Sum)
     first: int = 0
@@ -278,7 +278,7 @@ class SelectionStreams:
     def __init__(self, every: int = 1) -> None:
         """Nothing was selected yet; each so manieth selection is drawn."""
         self._every = every
-        self._targets: dict[int, _Target] = {}
+        self._targets: dict[int, _SelectionTarget] = {}
 
     def add(self, part: Diagnostics) -> None:
         """Some more, in the order of time."""
@@ -287,7 +287,7 @@ class SelectionStreams:
             mine = part.target_id == target
             if not mine.any():
                 continue
-            own = self._targets.setdefault(target, _Target())
+            own = self._targets.setdefault(target, _SelectionTarget())
             chosen = np.flatnonzero(mine & rows)
             for row in chosen.tolist():
                 t_ns, cameras = int(part.t_ns[row]), frozenset(part.selected[row].split(","))
@@ -325,7 +325,7 @@ class SelectionStreams:
         return {target: _finished(own) for target, own in sorted(self._targets.items())}
 
 
-def _finished(own: _Target) -> Selections:
+def _finished(own: _SelectionTarget) -> Selections:
     own.hold(own.last)
     whole = max(float(own.last - own.first), 1.0)
     what = next((what for what in ("error", "stated spread") if own.found.get(what, (0,))[0]), "")

@@ -194,7 +194,7 @@ class Breakdown:
 
 
 @dataclass
-class Group:
+class MetricGroup:
     """Figures that belong together: over everything, then broken down."""
 
     title: str
@@ -206,7 +206,7 @@ Value = str | int | float | np.number | np.bool_ | None
 """A figure of merit, as a file of metrics holds it."""
 
 
-class Metric(NamedTuple):
+class MetricValue(NamedTuple):
     """One number and what it is of."""
 
     word: Word
@@ -230,12 +230,12 @@ def number(value: Value) -> str:
     return f"{size:.4g}".replace("-", "\N{MINUS SIGN}")
 
 
-def groups(metrics: Mapping[str, object], length_unit: str) -> list[Group]:
+def groups(metrics: Mapping[str, object], length_unit: str) -> list[MetricGroup]:
     """All metrics, gathered in the order of the vocabulary; unknown ones last, under their own names."""
     parsed = [_parse(key, value, length_unit) for key, value in _flat(metrics)]
     order = {word.base + word.unit: n for n, word in enumerate(WORDS)}
     found = sorted(parsed, key=lambda m: (m.settled, order.get(m.word.base + m.word.unit, len(order))))
-    out: dict[str, list[Metric]] = {}
+    out: dict[str, list[MetricValue]] = {}
     for metric in found:
         title = metric.word.group + (", after the start" if metric.settled else "")
         out.setdefault(title, []).append(metric)
@@ -255,7 +255,7 @@ def _flat(values: Mapping[str, object], prefix: str = "") -> list[tuple[str, Val
     return out
 
 
-def _parse(key: str, value: Value, length_unit: str) -> Metric:
+def _parse(key: str, value: Value, length_unit: str) -> MetricValue:
     settled = key.startswith(SETTLED)
     plain = key.removeprefix(SETTLED)
     for word in LONGEST_FIRST:
@@ -265,18 +265,18 @@ def _parse(key: str, value: Value, length_unit: str) -> Metric:
         ending = f"_{re.escape(unit)}" if unit else ""
         if match := re.fullmatch(f"{word.base}{WHOSE}{ending}", plain):
             kind = next((k for k in ("target", "sensor", "box") if match[k] is not None), "")
-            return Metric(word, settled, kind, match[kind] if kind else "", value)
-    return Metric(Word("Other figures", key, key.replace("_", " "), "", "", False), False, "", "", value)
+            return MetricValue(word, settled, kind, match[kind] if kind else "", value)
+    return MetricValue(Word("Other figures", key, key.replace("_", " "), "", "", False), False, "", "", value)
 
 
-def _group(title: str, members: list[Metric], length_unit: str) -> Group:
+def _group(title: str, members: list[MetricValue], length_unit: str) -> MetricGroup:
     figures = [_figure(m, length_unit) for m in members if not m.kind]
     kinds = [k for k in ("target", "sensor", "box") if any(m.kind == k for m in members)]
     tables = [_breakdown(k, [m for m in members if m.kind == k and m.word.short], length_unit) for k in kinds]
-    return Group(title, figures, [t for t in tables if t.rows])
+    return MetricGroup(title, figures, [t for t in tables if t.rows])
 
 
-def _breakdown(kind: str, members: list[Metric], length_unit: str) -> Breakdown:
+def _breakdown(kind: str, members: list[MetricValue], length_unit: str) -> Breakdown:
     words = list(dict.fromkeys(m.word for m in members))
     names = list(dict.fromkeys(m.whose for m in members))
     values = {(m.whose, m.word): _shown(m) for m in members}
@@ -285,7 +285,7 @@ def _breakdown(kind: str, members: list[Metric], length_unit: str) -> Breakdown:
     return Breakdown({"box": "boxes"}.get(kind, kind), heads, rows)
 
 
-def _figure(metric: Metric, length_unit: str) -> Figure:
+def _figure(metric: MetricValue, length_unit: str) -> Figure:
     return Figure(metric.word.name, _shown(metric), _unit(metric.word, length_unit), metric.word.note)
 
 
@@ -293,7 +293,7 @@ def _unit(word: Word, length_unit: str) -> str:
     return {LENGTH: length_unit, SHARE: "%", "mrad": "°"}.get(word.unit, word.unit)
 
 
-def _shown(metric: Metric) -> str:
+def _shown(metric: MetricValue) -> str:
     """The number as a person reads it: shares in per cent, angles in degrees."""
     value = metric.value
     if isinstance(value, int | float | np.number) and not isinstance(value, bool):

@@ -11,7 +11,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
 from occlog.errors import InputError
-from occlog.evaluate.verdict import Made
+from occlog.evaluate.verdict import TrackProvenance
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import (
@@ -27,13 +27,13 @@ from occlog.records.tables import (
     Truth,
 )
 from occlog.records.verdicts import Check, Verdict, all_plausible, found_by_stage
-from occlog.report.gather import TABLES, Figures, gather, in_memory
+from occlog.report.gather import TABLES, ReportFigures, gather, in_memory
 
-from .accuracy import Fared, followers, relabelled
-from .looks import Looked, Selections
-from .people import People
-from .sight import Distances, Residual
-from .thinned import Whole
+from .accuracy import FilterDiagnostics, matching_tracks, relabelled
+from .looks import ObservationCoverage, Selections
+from .people import PeopleStatistics
+from .sight import Residual, TriangulationDistances
+from .thinned import TableTotals
 
 TIME_LABEL = "time since start"
 CALENDAR_FROM_NS = 365 * 86_400 * NS
@@ -122,10 +122,10 @@ class ReportInput:
     metrics: Mapping[str, object] = field(default_factory=dict)
     provenance: Mapping[str, object] = field(default_factory=dict)
     losses: tuple[Loss, ...] = ()
-    made: Made = field(default_factory=Made)
+    made: TrackProvenance = field(default_factory=TrackProvenance)
     length_unit: str = "m"
     earlier: tuple[Verdict, ...] = ()
-    gathered: Figures | None = None
+    gathered: ReportFigures | None = None
 
     def __post_init__(self) -> None:
         """Raise InputError where there is nothing to draw."""
@@ -133,7 +133,7 @@ class ReportInput:
             raise InputError("report: neither a scene nor tracks are given; give at least one of them")
 
     @cached_property
-    def figures(self) -> Figures:
+    def figures(self) -> ReportFigures:
         """Figures of all rows."""
         if self.gathered is not None:
             return self.gathered
@@ -141,7 +141,7 @@ class ReportInput:
         return gather(in_memory(tables), self.made, self.scene, self.metrics, whole=TABLES)[1]
 
     @property
-    def whole(self) -> Mapping[str, Whole]:
+    def whole(self) -> Mapping[str, TableTotals]:
         """What is known of all rows of each table that is given, by its name."""
         return self.figures.whole
 
@@ -201,7 +201,7 @@ class ReportInput:
     @cached_property
     def followers(self) -> Mapping[int, int | None]:
         """By the target that errors name, the track that they are of; None: of several."""
-        return {} if self.errors is None or self.tracks is None else followers(self.errors, self.tracks)
+        return {} if self.errors is None or self.tracks is None else matching_tracks(self.errors, self.tracks)
 
     @cached_property
     def relabelled(self) -> bool:
@@ -243,7 +243,7 @@ class ReportInput:
         return tuple(int(i) for i in np.unique(np.concatenate(tracked))) if tracked else ()
 
     @property
-    def sight(self) -> Mapping[int, Distances]:
+    def sight(self) -> Mapping[int, TriangulationDistances]:
         """Distances of each track without errors from where its sight lines meet; without any where they cannot."""
         return self.figures.sight
 
@@ -253,7 +253,7 @@ class ReportInput:
         return self.figures.residuals
 
     @property
-    def looked(self) -> Looked | None:
+    def looked(self) -> ObservationCoverage | None:
         """What bearings tell; None without bearings."""
         return self.figures.looked
 
@@ -266,12 +266,12 @@ class ReportInput:
         return tuple(name for name in self.looked.sensors if name not in known)
 
     @property
-    def people(self) -> People | None:
+    def people(self) -> PeopleStatistics | None:
         """What tracks of everybody tell; None: they are not of everybody."""
         return self.figures.people
 
     @property
-    def fared(self) -> Fared | None:
+    def fared(self) -> FilterDiagnostics | None:
         """What diagnostics tell; None without any."""
         return self.figures.fared
 

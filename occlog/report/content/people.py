@@ -12,14 +12,14 @@ from occlog.core.metrics.errors import Sum, ratio_or_nan
 from occlog.records.declared.people import has_word
 from occlog.records.tables import PeopleTracks, Truth
 
-from .looks import CELLS, Sightings
+from .looks import CELLS, SensorSightings
 
-MOST_PEOPLE = 60
+MAX_PEOPLE = 60
 """People who have a row of their own, those who are there longest."""
 
 
 @dataclass(frozen=True, eq=False)
-class Crowd:
+class PeopleCount:
     """How many people there are at each time.
 
     Attributes:
@@ -35,11 +35,11 @@ class Crowd:
     seen: Floats
 
 
-def crowd(tracks: PeopleTracks) -> Crowd:
+def people_statistics(tracks: PeopleTracks) -> PeopleCount:
     """Counts of the times that have rows."""
     times, row = np.unique(tracks.t_ns, return_inverse=True)
     counts = [np.bincount(row, w, len(times)) for w in (None, tracks.existence, tracks.seen_by != "")]
-    return Crowd(times, *(c.astype(np.float64) for c in counts))
+    return PeopleCount(times, *(c.astype(np.float64) for c in counts))
 
 
 def true_people(truth: Truth, at: Ints) -> tuple[Ints, Floats]:
@@ -50,7 +50,7 @@ def true_people(truth: Truth, at: Ints) -> tuple[Ints, Floats]:
 
 
 def _longest(ids: Ints, first: Ints, rows: Ints) -> Ints:
-    longest = np.argsort(-rows, kind="stable")[:MOST_PEOPLE]
+    longest = np.argsort(-rows, kind="stable")[:MAX_PEOPLE]
     return ids[longest[np.argsort(first[longest], kind="stable")]].astype(np.int64)
 
 
@@ -58,7 +58,7 @@ def _names(tracks: PeopleTracks) -> set[str]:
     return {name for text in np.unique(tracks.seen_by).tolist() for name in text.split(",") if name}
 
 
-def sees(tracks: PeopleTracks, name: str) -> Bools:
+def camera_has_box(tracks: PeopleTracks, name: str) -> Bools:
     """(N,) whether a camera has a box of the person."""
     return has_word(tracks.seen_by, name)
 
@@ -69,7 +69,7 @@ def usual_step(t_ns: Ints) -> int:
     return max(int(np.median(np.diff(times))), 1) if len(times) > 1 else 1
 
 
-class _Seen:
+class _VisibilityCells:
     """People there, and those of whom a camera has a box, in cells of equal time."""
 
     def __init__(self, first: int, end: int, step: int) -> None:
@@ -82,19 +82,19 @@ class _Seen:
         cell = np.clip(np.searchsorted(self._edges, tracks.t_ns, side="right") - 1, 0, self._cells - 1)
         self._looked += np.bincount(cell, minlength=self._cells)
         for name in names:
-            seen = np.bincount(cell, sees(tracks, name), self._cells).astype(np.int64)
+            seen = np.bincount(cell, camera_has_box(tracks, name), self._cells).astype(np.int64)
             self._seen[name] = self._seen.get(name, np.zeros(self._cells, np.int64)) + seen
 
     @property
     def names(self) -> set[str]:
         return set(self._seen)
 
-    def sightings(self, name: str) -> Sightings:
-        return Sightings(name, self._edges, self._looked, self._seen[name])
+    def sightings(self, name: str) -> SensorSightings:
+        return SensorSightings(name, self._edges, self._looked, self._seen[name])
 
 
 @dataclass(frozen=True, eq=False)
-class People:
+class PeopleStatistics:
     """What all estimates of everybody tell together.
 
     Attributes:
@@ -120,10 +120,10 @@ class People:
     identities: int
     drawn: Ints
     cameras: tuple[str, ...]
-    crowd: Crowd
-    found: Mapping[str, Sightings] = field(default_factory=dict)
+    crowd: PeopleCount
+    found: Mapping[str, SensorSightings] = field(default_factory=dict)
 
-    def sightings(self, name: str) -> Sightings:
+    def sightings(self, name: str) -> SensorSightings:
         """People there, and those of them of whom a camera has a box, in cells of equal time."""
         return self.found[name]
 
@@ -137,7 +137,7 @@ class PeopleStreams:
         self._existence = Sum()
         self._identities: dict[int, list[int]] = {}  # first row, rows
         self._cameras: set[str] = set()
-        self._cells: _Seen | None = None
+        self._cells: _VisibilityCells | None = None
 
     @property
     def any(self) -> bool:
@@ -146,7 +146,7 @@ class PeopleStreams:
 
     def add(self, tracks: PeopleTracks) -> None:
         """Some more, which end between two times."""
-        found = crowd(tracks)
+        found = people_statistics(tracks)
         self._times += len(found.t_ns)
         self._people += int(found.people.sum())
         self._most = max(self._most, int(found.people.max(initial=0)))
@@ -163,20 +163,20 @@ class PeopleStreams:
     def begin_cells(self, span_ns: tuple[int, int], step_ns: float) -> None:
         """Say that all came once, and will come again to `see`; when the first and the last time were, and the step."""
         step = max(int(step_ns), 1) if self._times > 1 else 1
-        self._cells = _Seen(span_ns[0], span_ns[1] + step, step)
+        self._cells = _VisibilityCells(span_ns[0], span_ns[1] + step, step)
 
     def see(self, tracks: PeopleTracks, cameras: int) -> None:
         """Count what the first so many cameras saw of some more."""
         assert self._cells is not None
         self._cells.add(tracks, tuple(sorted(self._cameras))[:cameras])
 
-    def finish(self, drawn: Crowd) -> People:
+    def finish(self, drawn: PeopleCount) -> PeopleStatistics:
         """All that was gathered; `drawn`: at the times that are drawn."""
         names = np.array(sorted(self._identities), dtype=np.int64)
         first, rows = (np.array([self._identities[n][k] for n in names.tolist()], dtype=np.int64) for k in (0, 1))
         cameras = tuple(sorted(self._cameras))
         cells = self._cells
-        return People(
+        return PeopleStatistics(
             rows=self._rows,
             mean=ratio_or_nan(self._people, self._times),
             most=self._most,

@@ -86,7 +86,7 @@ def positions_at(tracks: Tracks, target: int, t_ns: Ints) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Residuals:
+class DirectionErrors:
     """Measured minus expected direction of a target at each sighting, ordered by time."""
 
     t_ns: Ints
@@ -97,7 +97,7 @@ class Residuals:
 
 
 @dataclass(frozen=True, eq=False)
-class SightLines:
+class LabelledSightings:
     """Sightings of one label by sensors whose place is known, ordered by time."""
 
     t_ns: Ints  # (N,)
@@ -106,13 +106,13 @@ class SightLines:
     sigma: Floats  # (N,) rad
 
 
-def sight_lines(bearings: Bearings, scene: Scene, labels: Iterable[int]) -> dict[int, SightLines]:
+def sight_lines(bearings: Bearings, scene: Scene, labels: Iterable[int]) -> dict[int, LabelledSightings]:
     """Those of each label."""
     sensor = _index(bearings.sensor, tuple(places(scene)))
     seen, out = bearings.seen & (sensor >= 0), {}
     for label in labels:
         rows = np.flatnonzero((bearings.target_id == label) & seen)
-        out[label] = SightLines(bearings.t_ns[rows], sensor[rows], bearings.bearing[rows], bearings.sigma[rows])
+        out[label] = LabelledSightings(bearings.t_ns[rows], sensor[rows], bearings.bearing[rows], bearings.sigma[rows])
     return out
 
 
@@ -121,7 +121,7 @@ def label_of(target: int, labels: Collection[int]) -> int:
     return target if target in labels else UNLABELLED
 
 
-def off_lines(lines: SightLines, estimate: Floats, scene: Scene, *, nearest: bool) -> Residuals:
+def distance_to_lines(lines: LabelledSightings, estimate: Floats, scene: Scene, *, nearest: bool) -> DirectionErrors:
     """How far (N, 2) estimates are from sight lines; `nearest`: the nearest line of each time and sensor alone."""
     known = places(scene)
     origins = np.array(list(known.values())).reshape(-1, 2)[lines.sensor]
@@ -130,7 +130,7 @@ def off_lines(lines: SightLines, estimate: Floats, scene: Scene, *, nearest: boo
     keep = np.flatnonzero(np.isfinite(value))
     if nearest:
         keep = _nearest(lines.t_ns, lines.sensor, value, keep)
-    return Residuals(
+    return DirectionErrors(
         t_ns=lines.t_ns[keep],
         sensor=lines.sensor[keep],
         names=tuple(known),
@@ -154,7 +154,7 @@ def _index(names: np.ndarray, known: tuple[str, ...]) -> Ints:
     return numbers[inverse] if len(unique) else np.empty(0, np.int64)
 
 
-def share_times(t_ns: Ints) -> Bools:
+def has_common_time(t_ns: Ints) -> Bools:
     """(N,) which of the times, in their order, are there more than once."""
     same = np.diff(t_ns) == 0
     return np.append(False, same) | np.append(same, False) if len(t_ns) else np.zeros(0, np.bool_)
@@ -165,7 +165,7 @@ def period_of(steps: Sequence[float]) -> int:
     return max(int(np.median(steps)) if len(steps) else 1, 1)
 
 
-def scans(lines: SightLines, period_ns: int | None, start_ns: int) -> tuple[Ints, Ints]:
+def scans(lines: LabelledSightings, period_ns: int | None, start_ns: int) -> tuple[Ints, Ints]:
     """Rows that form scans, and the scan of each, ascending; a scan has each sensor at most once.
 
     A scan is all rows of equal time; where sensors do not share their times, it is all rows within one period.
@@ -183,7 +183,7 @@ def scans(lines: SightLines, period_ns: int | None, start_ns: int) -> tuple[Ints
     return first, scan[first]
 
 
-def meet(lines: SightLines, rows: Ints, scan: Ints, scene: Scene) -> tuple[Ints, Floats]:
+def triangulate_scans(lines: LabelledSightings, rows: Ints, scan: Ints, scene: Scene) -> tuple[Ints, Floats]:
     """First row and meeting point of each scan whose lines meet; see `scans`."""
     origins = np.array(list(places(scene).values())).reshape(-1, 2)[lines.sensor[rows]]
     _, first = np.unique(scan, return_index=True)
@@ -204,7 +204,7 @@ class Residual:
         every: of each sensor each so manieth sighting is drawn.
     """
 
-    drawn: Residuals
+    drawn: DirectionErrors
     rows: Mapping[str, int]
     squares: Mapping[str, Floats]
     every: int = 1
@@ -220,7 +220,7 @@ def _squares(residual: Floats, sigma: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Distances:
+class TriangulationDistances:
     """Distances of a track from where the sight lines of scans meet.
 
     Attributes:
@@ -248,8 +248,8 @@ class _Off:
 
     rows: Ints
     squares: Floats
-    drawn: list[Residuals] = field(default_factory=list)
-    held: tuple[SightLines, Floats] | None = None  # lines of a scan that may not be over, and estimates at them
+    drawn: list[DirectionErrors] = field(default_factory=list)
+    held: tuple[LabelledSightings, Floats] | None = None  # lines of a scan that may not be over, and estimates at them
     start_ns: int | None = None
     scans: int = 0
     total: Sum = field(default_factory=Sum)
@@ -258,7 +258,7 @@ class _Off:
     so_far: list[Floats] = field(default_factory=list)
 
 
-class OffSightStreams:
+class BearingResidualStreams:
     """Gathers residuals and distances while tracks and bearings stream by."""
 
     def __init__(
@@ -292,11 +292,11 @@ class OffSightStreams:
         for target, label in self._labels.items():
             own, mine = self._off[target], lines[label]
             estimate = positions_at(tracks, target, mine.t_ns)
-            self._residuals(own, off_lines(mine, estimate, self._scene, nearest=label == UNLABELLED))
+            self._residuals(own, distance_to_lines(mine, estimate, self._scene, nearest=label == UNLABELLED))
             if target in self._periods_ns and label == target:
                 self._distances(target, mine, estimate, last=False)
 
-    def _residuals(self, own: _Off, found: Residuals) -> None:
+    def _residuals(self, own: _Off, found: DirectionErrors) -> None:
         number = np.zeros(len(found.sensor), dtype=np.int64)
         for i in np.unique(found.sensor).tolist():
             mine = found.sensor == i
@@ -307,9 +307,9 @@ class OffSightStreams:
         keep |= largest(np.abs(found.residual), found.sensor, number // self._every)
         parts = (each[keep] for each in (found.t_ns, found.sensor, found.residual, found.sigma))
         t_ns, sensor, residual, sigma = parts
-        own.drawn.append(Residuals(t_ns, sensor, found.names, residual, sigma))
+        own.drawn.append(DirectionErrors(t_ns, sensor, found.names, residual, sigma))
 
-    def _distances(self, target: int, lines: SightLines, estimate: Floats, *, last: bool) -> None:
+    def _distances(self, target: int, lines: LabelledSightings, estimate: Floats, *, last: bool) -> None:
         """Distances at the scans that are over."""
         own, period = self._off[target], self._periods_ns[target]
         if own.held is not None:
@@ -323,7 +323,7 @@ class OffSightStreams:
             over = int(np.searchsorted(scan, scan[-1]))
         own.held = _part(lines, slice(over, None)), estimate[over:]
         rows, scan = scans(_part(lines, slice(0, over)), period, own.start_ns)
-        first, xy = meet(lines, rows, scan, self._scene)
+        first, xy = triangulate_scans(lines, rows, scan, self._scene)
         found = np.hypot(*(estimate[first] - xy).T)
         told = np.isfinite(found)
         t_ns, found = lines.t_ns[first][told], found[told]
@@ -337,19 +337,19 @@ class OffSightStreams:
         own.scans += len(found)
         self._spools[target].add(found)
 
-    def finish(self) -> tuple[dict[int, Residual], dict[int, Distances]]:
+    def finish(self) -> tuple[dict[int, Residual], dict[int, TriangulationDistances]]:
         """Everything, by target."""
         names = tuple(places(self._scene))
         off, apart = {}, {}
         for target, own in self._off.items():
             empty = (np.zeros(0, np.int64), np.zeros(0, np.int64), names, np.zeros(0), np.zeros(0))
-            parts = [Residuals(*empty), *own.drawn]
+            parts = [DirectionErrors(*empty), *own.drawn]
             columns = {
                 c: np.concatenate([getattr(p, c) for p in parts]) for c in ("t_ns", "sensor", "residual", "sigma")
             }
             rows = {name: int(count) for name, count in zip(names, own.rows, strict=True)}
             squares = dict(zip(names, own.squares, strict=True))
-            off[target] = Residual(Residuals(names=names, **columns), rows, squares, self._every)
+            off[target] = Residual(DirectionErrors(names=names, **columns), rows, squares, self._every)
             if target in self._periods_ns:
                 if own.held is not None:
                     nothing = _part(own.held[0], slice(0, 0))
@@ -357,10 +357,10 @@ class OffSightStreams:
                 apart[target] = self._apart(own, self._spools[target])
         return off, apart
 
-    def _apart(self, own: _Off, spool: Spool) -> Distances:
+    def _apart(self, own: _Off, spool: Spool) -> TriangulationDistances:
         count = own.scans
         (high,) = quantiles_of(spool, [0.95])
-        return Distances(
+        return TriangulationDistances(
             np.concatenate([np.zeros(0, np.int64), *own.t_ns]),
             np.concatenate([np.zeros(0), *own.distance]),
             np.concatenate([np.zeros(0), *own.so_far]),
@@ -371,10 +371,10 @@ class OffSightStreams:
         )
 
 
-def _part(lines: SightLines, rows: slice) -> SightLines:
-    return SightLines(lines.t_ns[rows], lines.sensor[rows], lines.bearing[rows], lines.sigma[rows])
+def _part(lines: LabelledSightings, rows: slice) -> LabelledSightings:
+    return LabelledSightings(lines.t_ns[rows], lines.sensor[rows], lines.bearing[rows], lines.sigma[rows])
 
 
-def _joined(a: SightLines, b: SightLines) -> SightLines:
+def _joined(a: LabelledSightings, b: LabelledSightings) -> LabelledSightings:
     columns = ("t_ns", "sensor", "bearing", "sigma")
-    return SightLines(*(np.concatenate([getattr(a, c), getattr(b, c)]) for c in columns))
+    return LabelledSightings(*(np.concatenate([getattr(a, c), getattr(b, c)]) for c in columns))

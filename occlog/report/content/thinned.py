@@ -1,6 +1,6 @@
 """What is drawn of tables: of long ones every so manieth time; what is said in numbers is of all rows.
 
-The rule: of a table of more than `MOST_ROWS` rows those of every k-th time are kept, with the smallest k by which not
+The rule: of a table of more than `MAX_ROWS` rows those of every k-th time are kept, with the smallest k by which not
 more than so many are left, if all times have as many; beside them the first and the last row of each target, of
 errors the largest one of each target between two times that are kept, and what the moments of the replay need.
 """
@@ -21,18 +21,18 @@ from occlog.records.columns import ColumnTable
 from occlog.records.tables import Errors, times, whole_times
 
 T = TypeVar("T", bound=ColumnTable)
-MOST_ROWS = 200_000
+MAX_ROWS = 200_000
 """Rows of a table that are drawn whole."""
-MOST_MOMENTS = 10_000
+MAX_MOMENTS = 10_000
 """Moments of a replay."""
-MOST_SHOWN = 45_000
+MAX_SHOWN = 45_000
 """Estimates, and true positions, of all moments of a replay."""
-MOST_MOVING = 40
+MAX_MOVING = 40
 """Moving objects that are no targets and are drawn."""
 
 
 @dataclass(frozen=True)
-class Whole:
+class TableTotals:
     """What is known of all rows of a table of which a part is drawn.
 
     Attributes:
@@ -53,7 +53,7 @@ class Whole:
 
 
 @dataclass(frozen=True, eq=False)
-class Thinned(Generic[T]):
+class DownsampledTable(Generic[T]):
     """A table of which a part is kept.
 
     Attributes:
@@ -64,12 +64,12 @@ class Thinned(Generic[T]):
 
     table: T
     rows: Ints
-    whole: Whole
+    whole: TableTotals
 
 
-def thinned(
-    chunks: Iterable[T], kind: type[T], rows: int, most: int = MOST_ROWS, *, also: Ints | None = None, ends: bool = True
-) -> Thinned[T]:
+def downsample(
+    chunks: Iterable[T], kind: type[T], rows: int, most: int = MAX_ROWS, *, also: Ints | None = None, ends: bool = True
+) -> DownsampledTable[T]:
     """Keep rows by the rule of this file.
 
     Args:
@@ -107,12 +107,14 @@ def thinned(
         numbers.append(at[keep])
         span = int(t_ns[0]) if not count else span[0], int(t_ns[-1])
         count, moments = count + len(piece), int(moment[-1]) + 1
-    whole = Whole(count, moments, every, np.concatenate(drawn), median_of(steps) if steps.count else float(NS), span)
+    whole = TableTotals(
+        count, moments, every, np.concatenate(drawn), median_of(steps) if steps.count else float(NS), span
+    )
     table, found = _in_place(kind, [*parts, last], [*numbers, last_at])
-    return Thinned(table, found, whole)
+    return DownsampledTable(table, found, whole)
 
 
-def with_rows(found: Thinned[T], chunks: Iterable[T], pick: Callable[[T], Ints]) -> Thinned[T]:
+def downsample_with(found: DownsampledTable[T], chunks: Iterable[T], pick: Callable[[T], Ints]) -> DownsampledTable[T]:
     """The same with other rows of the table, too: those of each chunk whose places in it `pick` gives."""
     parts, numbers, count = [found.table], [found.rows], 0
     for chunk in chunks:
@@ -121,15 +123,15 @@ def with_rows(found: Thinned[T], chunks: Iterable[T], pick: Callable[[T], Ints])
         numbers.append(count + rows)
         count += len(chunk)
     table, kept = _in_place(type(found.table), parts, numbers)
-    return Thinned(table, kept, found.whole)
+    return DownsampledTable(table, kept, found.whole)
 
 
-def chosen(times: int, rows: Iterable[int]) -> int:
+def kept_steps(times: int, rows: Iterable[int]) -> int:
     """Each so manieth time is shown of so many, of tables of so many rows."""
-    return max(1, -(-times // MOST_MOMENTS), *(-(-n // MOST_SHOWN) for n in rows))
+    return max(1, -(-times // MAX_MOMENTS), *(-(-n // MAX_SHOWN) for n in rows))
 
 
-def shortly_before(kept: Ints, period_ns: float, t_ns: Ints) -> tuple[Ints, Ints]:
+def rows_before(kept: Ints, period_ns: float, t_ns: Ints) -> tuple[Ints, Ints]:
     """Rows at a moment that is kept or since the time before it, and the moment of each.
 
     Args:
@@ -145,7 +147,7 @@ def shortly_before(kept: Ints, period_ns: float, t_ns: Ints) -> tuple[Ints, Ints
     return rows, moment[rows]
 
 
-def fewer(counts: Ints, most: int) -> int:
+def every_nth(counts: Ints, most: int) -> int:
     """The smallest number by which not more than so many are left if each so manieth count is kept."""
     every = max(-(-int(counts.sum()) // max(most, 1)), 1)
     while every < len(counts) and int(counts[::every].sum()) > most:
@@ -186,7 +188,7 @@ def largest(values: Floats, target: Ints, stretch: Ints) -> Bools:
 
 
 @dataclass
-class _Target:
+class _ErrorsOfTarget:
     squares: Sum = field(default_factory=Sum)
     rows: int = 0
     worst: float = 0.0
@@ -199,13 +201,13 @@ class ErrorsSoFar:
 
     def __init__(self) -> None:
         """No errors yet."""
-        self._targets: dict[int, _Target] = {}
+        self._targets: dict[int, _ErrorsOfTarget] = {}
 
     def add(self, errors: Errors) -> Floats:
         """Some more, in the order of time; (N,) the RMSE of each one's target up to it."""
         out = np.zeros(len(errors))
         for k in np.unique(errors.target_id).tolist():
-            own = self._targets.setdefault(k, _Target())
+            own = self._targets.setdefault(k, _ErrorsOfTarget())
             rows = errors.target_id == k
             squares = errors.error[rows] ** 2
             count = own.rows + np.arange(1, len(squares) + 1)
@@ -232,7 +234,7 @@ class ErrorsSoFar:
         """Largest error of a target on the ground."""
         return self._targets[target].worst
 
-    def _of(self, target: int | None) -> list[_Target]:
+    def _of(self, target: int | None) -> list[_ErrorsOfTarget]:
         return [own for k, own in self._targets.items() if target is None or k == target]
 
 

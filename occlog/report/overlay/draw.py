@@ -36,7 +36,7 @@ class Outline(NamedTuple):
     wrong: str = ""  # what is wrong with it
 
 
-class Place(NamedTuple):
+class TruePosition(NamedTuple):
     """Where a target truly is."""
 
     box: Floats  # (4,) left, top, width, height [px]
@@ -46,7 +46,7 @@ class Place(NamedTuple):
     coloured: bool = True  # in the colour of its number; else white
 
 
-class Way(NamedTuple):
+class LineDrawing(NamedTuple):
     """A line of a target: where it was, or where a camera should see it."""
 
     points: Floats  # (k, 2)
@@ -56,17 +56,17 @@ class Way(NamedTuple):
     words: str = ""  # above its highest point
 
 
-class Shot(NamedTuple):
+class FrameDrawing(NamedTuple):
     """What is drawn over one frame of one view; all in pixels of the frame, their centres at whole numbers."""
 
     title: str
     outlines: Sequence[Outline] = ()
     links: Sequence[Floats] = ()  # each (2, 2): centres of two that touch
     lines: Sequence[tuple[int, Floats]] = ()  # target and (k, 2) points of an epipolar line
-    places: Sequence[Place] = ()
+    places: Sequence[TruePosition] = ()
     boxed: bool = False  # true boxes instead of crosses
     notes: Sequence[str] = ()  # said at the bottom
-    ways: Sequence[Way] = ()
+    ways: Sequence[LineDrawing] = ()
     ranks: Mapping[int, int] = {}  # place of a target among all by identity, which says its colour; else its number
 
     def colour(self, target_id: int) -> Colour:
@@ -80,7 +80,7 @@ def colour_of(index: int) -> Colour:
     return b, g, r
 
 
-def draw_shot(image: Bytes, shot: Shot, scale: float) -> Bytes:
+def draw_shot(image: Bytes, shot: FrameDrawing, scale: float) -> Bytes:
     """The frame, enlarged, under a bar with its title, with everything of the shot drawn over it.
 
     Args:
@@ -164,7 +164,7 @@ def _dashes(points: Floats, scale: float) -> list[Floats]:
     return [np.column_stack([np.interp(part, way, points[:, k]) for k in (0, 1)]) for part in parts]
 
 
-def draw_way(picture: Bytes, way: Way, scale: float, colour: Colour) -> None:
+def draw_way(picture: Bytes, way: LineDrawing, scale: float, colour: Colour) -> None:
     """Draw a line, dashed or not."""
     for part in _dashes(way.points, scale) if way.dashed else [way.points]:
         _path(picture, part, scale, colour, way.width, halo=way.width > 1)
@@ -215,14 +215,14 @@ def _corners(box: Floats) -> Floats:
     return np.array([[left, top], [right, top], [right, bottom], [left, bottom], [left, top]])
 
 
-def _true_box(picture: Bytes, place: Place, scale: float, colour: Colour) -> None:
+def _true_box(picture: Bytes, place: TruePosition, scale: float, colour: Colour) -> None:
     """The box, dashed where the target is hidden."""
     corners, hidden = _corners(place.box), place.visible < HIDDEN
     for part in _dashes(corners, scale) if hidden else [corners]:
         _path(picture, part, scale, colour, 2, halo=True)
 
 
-def _true_cross(picture: Bytes, place: Place, scale: float, own: Colour) -> None:
+def _true_cross(picture: Bytes, place: TruePosition, scale: float, own: Colour) -> None:
     """A cross in the middle of the target, a ring too where it is hidden; in red around one without a tracker."""
     middle, colour = place.box[:2] + 0.5 * place.box[2:], own if place.coloured else WHITE
     arms = [np.array([middle - arm, middle + arm]) for arm in 5.0 / scale * np.eye(2)]

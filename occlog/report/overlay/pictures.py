@@ -30,9 +30,9 @@ from occlog.report.request import OverlayRequest
 from occlog.runner import Job
 from occlog.settings import METRES
 
-from .draw import BAR, Shot, Way, draw_shot, tile
-from .plan import Plan, Sources, Trails, World, targets_of
-from .stage import FrameRows, Rig, frame_shot
+from .draw import BAR, FrameDrawing, LineDrawing, draw_shot, tile
+from .plan import GroundTrackPositions, OverlayTables, PlanRenderer, Trails, targets_of
+from .stage import OverlayFrameRows, OverlayRig, frame_shot
 
 NO_IMAGE = "no image: lost"
 """What is said in place of an image."""
@@ -81,7 +81,7 @@ LARGEST = (3840, 2160)
 """Width and height that no video exceeds unless a scale is given: images are made smaller [px]."""
 
 
-class Rows(Generic[T]):
+class FrameRowReader(Generic[T]):
     """Rows of a table sorted by time, chunk by chunk, taken by time and camera; earlier ones are let go."""
 
     def __init__(self, chunks: Iterable[T]) -> None:
@@ -146,10 +146,10 @@ class Pictures:
         most = min(LARGEST[0] / (self._columns * width), (LARGEST[1] / rows - BAR) / height)
         return float(min(max(1, round(GOOD_HEIGHT / height)), most))
 
-    def _make_plan(self, scene: Scene) -> Plan:
+    def _make_plan(self, scene: Scene) -> PlanRenderer:
         height, width = (max(getattr(view, side) for view in self._rig.views) for side in ("height", "width"))
         size = (max(1, round(self.scale * width)), max(1, round(self.scale * height)))
-        return Plan(scene, METRES.get(scene.length_unit, 1.0), size, self._ranks)
+        return PlanRenderer(scene, METRES.get(scene.length_unit, 1.0), size, self._ranks)
 
     def strange(self) -> bool:
         """Whether the table of tracks in images has rows, none of which is of a frame so far."""
@@ -163,8 +163,8 @@ class Pictures:
     def __iter__(self) -> Iterator[tuple[int, Image]]:
         images: list[Image] = [np.zeros((v.height, v.width, 3), dtype=np.uint8) for v in self._rig.views]
         numbers = self._numbers = [-1] * len(self.names)
-        rows = [FrameRows(None, None, None)] * len(self.names)
-        ways: list[list[Way]] = [[] for _ in self.names]
+        rows = [OverlayFrameRows(None, None, None)] * len(self.names)
+        ways: list[list[LineDrawing]] = [[] for _ in self.names]
         fresh: set[int] = set()
         t_ns = 0
         for frame in self._recording.frames(self.names):
@@ -191,11 +191,11 @@ class Pictures:
         for name, number in zip(self.names, self._numbers, strict=True):
             self._lost.miss(name, number)
 
-    def _rows_of(self, frame: Frame) -> FrameRows:
+    def _rows_of(self, frame: Frame) -> OverlayFrameRows:
         """Rows of one frame of every table."""
-        return FrameRows(_at(self._tracks, frame), _at(self._truth, frame), _at(self._failures, frame))
+        return OverlayFrameRows(_at(self._tracks, frame), _at(self._truth, frame), _at(self._failures, frame))
 
-    def _ways_of(self, view: int, frame: Frame, rows: FrameRows) -> list[Way]:
+    def _ways_of(self, view: int, frame: Frame, rows: OverlayFrameRows) -> list[LineDrawing]:
         """Trails in the image; of targets that are followed in the world alone where they should be seen."""
         if self._world is not None:
             self._world.move(frame.t_ns)
@@ -206,7 +206,7 @@ class Pictures:
             return []
         return self._world.ways(camera, frame.t_ns)
 
-    def _shot(self, view: int, number: int, rows: list[FrameRows]) -> Shot:
+    def _shot(self, view: int, number: int, rows: list[OverlayFrameRows]) -> FrameDrawing:
         """What is drawn over one frame; true boxes only where no estimates are drawn as boxes."""
         shot = frame_shot(view, number, rows, self._rig)
         if self._lost.is_lost(self.names[view], number):
@@ -214,7 +214,12 @@ class Pictures:
         return shot._replace(boxed=shot.boxed and self._world is None)
 
     def _drawn(
-        self, images: list[Image], numbers: list[int], rows: list[FrameRows], ways: list[list[Way]], t_ns: int
+        self,
+        images: list[Image],
+        numbers: list[int],
+        rows: list[OverlayFrameRows],
+        ways: list[list[LineDrawing]],
+        t_ns: int,
     ) -> Image:
         shots = [
             self._shot(view, number, rows)._replace(ways=ways[view], ranks=self._ranks)
@@ -233,7 +238,7 @@ def _columns(cells: int) -> int:
 
 def _world(
     asked: OverlayRequest, recording: McapRecording, scene: Scene | None, ranks: Mapping[int, int], job: Job
-) -> World | None:
+) -> GroundTrackPositions | None:
     """Tracks of the world; None: there are none, or nothing says where the cameras are."""
     if asked.world is None:
         return None
@@ -247,7 +252,9 @@ def _world(
     if asked.tracks is None and without:
         job.note(f"cameras of unknown height show no tracks of the world: {', '.join(without)}")
     metres = METRES.get(scene.length_unit, 1.0)
-    return World(Sources(asked.world, asked.diagnostics, asked.truth, scene.length_unit), metres, ranks, asked.trail)
+    return GroundTrackPositions(
+        OverlayTables(asked.world, asked.diagnostics, asked.truth, scene.length_unit), metres, ranks, asked.trail
+    )
 
 
 def _first_image(recording: McapRecording, name: str, lost: LostFrames) -> Image:
@@ -261,18 +268,18 @@ def _first_image(recording: McapRecording, name: str, lost: LostFrames) -> Image
 
 def _rig(
     asked: OverlayRequest, recording: McapRecording, names: list[str], scene: Scene | None, lost: LostFrames, job: Job
-) -> Rig:
+) -> OverlayRig:
     """The views, as large as their first images, and the geometry that the tracker had, as far as it is known."""
     cameras = [next((c for c in scene.cameras if c.name == name), None) if scene else None for name in names]
     sizes = [_first_image(recording, name, lost).shape for name in names]
     views = [TrackedView(name, size[1], size[0]) for name, size in zip(names, sizes, strict=True)]
     if asked.tracks is None:
-        return Rig(views, cameras, None)
+        return OverlayRig(views, cameras, None)
     known = known_geometry(views, recording, scene if asked.scene is not None else None, asked.fundamental)
     for line in known.notes:
         job.note(line)
     bottom = read_provenance(asked.tracks).parameters.get("anchor") == "bottom"
-    return Rig(views, cameras, known.geometry, _numbered(asked), bottom)
+    return OverlayRig(views, cameras, known.geometry, _numbered(asked), bottom)
 
 
 def _numbered(asked: OverlayRequest) -> bool:
@@ -283,11 +290,11 @@ def _numbered(asked: OverlayRequest) -> bool:
     return births in (None, "initial") and own in (None, "label")
 
 
-def _rows(path: Path | None, table: type[T]) -> Rows[T] | None:
+def _rows(path: Path | None, table: type[T]) -> FrameRowReader[T] | None:
     if path is None:
         return None
-    return Rows(open_input(path).rows(table))
+    return FrameRowReader(open_input(path).rows(table))
 
 
-def _at(rows: Rows[T] | None, frame: Frame) -> T | None:
+def _at(rows: FrameRowReader[T] | None, frame: Frame) -> T | None:
     return rows.at(frame.t_ns, frame.sensor) if rows is not None else None

@@ -38,7 +38,7 @@ from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Diagnostics, Tracks, Truth, whole_times
 from occlog.track.methods.images.births.births import anchors
 
-from .draw import WHITE, Box, Way, bar, colour_of, draw_way, label
+from .draw import WHITE, Box, LineDrawing, bar, colour_of, draw_way, label
 
 GROUND, FLOOR, WALL, PILLAR = (24, 24, 24), (44, 42, 40), (170, 165, 160), (96, 92, 88)
 MARGIN = 0.06
@@ -47,7 +47,7 @@ MARK = 7.0
 """Size of a camera's mark [px]."""
 
 
-class Plan:
+class PlanRenderer:
     """Draws the plan of a scene into pictures of one size."""
 
     def __init__(self, scene: Scene, metres: float, size: tuple[int, int], ranks: Mapping[int, int]) -> None:
@@ -87,10 +87,10 @@ class Plan:
             colour = colour_of(self._ranks.get(person.target, person.target))
             trail = crowd.trail(person.target)
             if len(trail) > 1:
-                draw_way(picture, Way(self._at(trail), person.target, 1), 1.0, colour)
+                draw_way(picture, LineDrawing(self._at(trail), person.target, 1), 1.0, colour)
             if np.isfinite(person.covariance).all():
                 ring = self._at(rim(person.xy, person.covariance))
-                draw_way(picture, Way(ring, person.target, 2, person.unsure), 1.0, colour)
+                draw_way(picture, LineDrawing(ring, person.target, 2, person.unsure), 1.0, colour)
         for place in truth:
             cv2.drawMarker(picture, _pixel(self._at(place)), WHITE, cv2.MARKER_TILTED_CROSS, 9, 1, cv2.LINE_AA)
         for person in people:
@@ -106,7 +106,7 @@ class Plan:
         for name in sorted(person.seen_by or ()):
             if name in self._sensors:
                 ends = np.array([self._sensors[name], self._at(person.xy)])
-                draw_way(picture, Way(ends, person.target, 1), 1.0, (dim[0], dim[1], dim[2]))
+                draw_way(picture, LineDrawing(ends, person.target, 1), 1.0, (dim[0], dim[1], dim[2]))
 
     def _at(self, points: Floats) -> Floats:
         """Pixels of places [m]; y goes up."""
@@ -169,7 +169,7 @@ class Latest(Generic[T]):
             yield piece
 
 
-class Sources(NamedTuple):
+class OverlayTables(NamedTuple):
     """Tables of the world: tracks, what the filter said of itself, and the input with true positions.
 
     `unit`: of their lengths; None: as the files have them.
@@ -181,10 +181,10 @@ class Sources(NamedTuple):
     unit: str | None = None
 
 
-class World:
+class GroundTrackPositions:
     """Where targets are in the world at the time of the frames, which must not go back."""
 
-    def __init__(self, sources: Sources, metres: float, ranks: Mapping[int, int], trail_s: float) -> None:
+    def __init__(self, sources: OverlayTables, metres: float, ranks: Mapping[int, int], trail_s: float) -> None:
         """Open the tables; lengths are of a unit of `metres`, trails are as long as `trail_s`."""
         tracks, diagnostics, truth, unit = sources
         self._tracks = Latest(tracks, PeopleTracks, unit)
@@ -210,7 +210,7 @@ class World:
             own = true.role == "target"
             self.true = list(self._metres * np.column_stack([true.x[own], true.y[own]]))
 
-    def ways(self, camera: Camera, t_ns: int) -> list[Way]:
+    def ways(self, camera: Camera, t_ns: int) -> list[LineDrawing]:
         """Bodies, ellipses on the floor and trails as a camera sees them; dashed what it does not see."""
         out = []
         for person in self.crowd.at(t_ns):
@@ -218,16 +218,16 @@ class World:
             if box is None:
                 continue
             unseen = person.unsure or (person.seen_by is not None and camera.name not in person.seen_by)
-            out.append(Way(corners(box), person.target, 2, unseen, name_of(person)))
+            out.append(LineDrawing(corners(box), person.target, 2, unseen, name_of(person)))
             feet = feet_in_image(person, camera, self._metres)
             if feet is not None:
-                out.append(Way(feet, person.target, 1, unseen))
+                out.append(LineDrawing(feet, person.target, 1, unseen))
             trail = self.crowd.trail(person.target)
             if camera.above_floor and len(trail) > 1:
                 floor = np.column_stack([trail, np.full(len(trail), person.floor)])
                 pixels = camera.project(floor / self._metres)
                 if np.isfinite(pixels).all():
-                    out.append(Way(pixels, person.target, 1))
+                    out.append(LineDrawing(pixels, person.target, 1))
         return out
 
 
@@ -239,7 +239,7 @@ class Trails:
         self._keep_ns = round(trail_s * NS)
         self._places: dict[int, deque[tuple[int, Floats]]] = {}
 
-    def ways(self, rows: ViewTracks, t_ns: int) -> list[Way]:
+    def ways(self, rows: ViewTracks, t_ns: int) -> list[LineDrawing]:
         """Take the rows of a frame; the trails of those who are in it."""
         ellipses = np.column_stack([rows.x_px, rows.y_px, rows.a_px, rows.b_px, rows.rho])
         for target, foot in zip(rows.target_id.tolist(), anchors(ellipses, True), strict=True):
@@ -251,7 +251,7 @@ class Trails:
             if not places:
                 del self._places[target]
             elif len(places) > 1 and places[-1][0] == t_ns:
-                out.append(Way(np.array([place for _, place in places]), target, 1))
+                out.append(LineDrawing(np.array([place for _, place in places]), target, 1))
         return out
 
 

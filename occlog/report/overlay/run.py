@@ -22,7 +22,7 @@ from occlog.track.methods.images.run.inputs import other_video
 from .pictures import Pictures
 
 
-def _lost_earlier(asked: OverlayRequest) -> tuple[Loss, ...]:
+def _previous_losses(asked: OverlayRequest) -> tuple[Loss, ...]:
     """What was lost in making the inputs."""
     tables = (asked.recording, asked.tracks, asked.world, asked.diagnostics, asked.truth, asked.failures)
     found = input_losses(open_if_ours(path) for path in tables if path is not None)
@@ -31,7 +31,7 @@ def _lost_earlier(asked: OverlayRequest) -> tuple[Loss, ...]:
 
 def run_overlay(request: OverlayRequest, job: Job) -> Done:
     """Draw, write the video and the picture; what they show, and which of their frames were lost."""
-    asked = sorted_out(request)
+    asked = classify_inputs(request)
     _check(asked)
     recording = open_recording(asked.recording)
     names = _cameras(recording, asked.cameras)
@@ -62,7 +62,7 @@ def run_overlay(request: OverlayRequest, job: Job) -> Done:
         _check_shown(asked, shown, png, pictures)
     if asked.png is not None:
         write_bytes(asked.png, png, job.overwrite)
-    return Done(_summary(asked, names, shown, rate, pictures), pictures.losses, _lost_earlier(asked))
+    return Done(_summary(asked, names, shown, rate, pictures), pictures.losses, _previous_losses(asked))
 
 
 def _check(asked: OverlayRequest) -> None:
@@ -79,7 +79,7 @@ def _check(asked: OverlayRequest) -> None:
         raise UsageError(f"{asked.video}: video can be {' or '.join(SHOWN)}; name it so")
 
 
-def sorted_out(asked: OverlayRequest) -> OverlayRequest:
+def classify_inputs(asked: OverlayRequest) -> OverlayRequest:
     """What a run folder holds, and tracks of the world, in the places where they belong."""
     given = asked.tracks
     if given is not None and given.is_dir():

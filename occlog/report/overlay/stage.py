@@ -18,13 +18,13 @@ from occlog.records.scene import Camera
 from occlog.records.tables import TruthBoxes
 from occlog.track.methods.images.births.births import anchors
 
-from .draw import Outline, Place, Shot
+from .draw import FrameDrawing, Outline, TruePosition
 
 BENT = 65
 """Points of a line that lens distortion bends."""
 
 
-class FrameRows(NamedTuple):
+class OverlayFrameRows(NamedTuple):
     """The rows of one frame of one view; None: there is no such table."""
 
     tracks: ViewTracks | None
@@ -32,7 +32,7 @@ class FrameRows(NamedTuple):
     failures: Failures | None
 
 
-class Rig(NamedTuple):
+class OverlayRig(NamedTuple):
     """The views that are drawn, and how they see the same point."""
 
     views: Sequence[TrackedView]
@@ -42,7 +42,7 @@ class Rig(NamedTuple):
     bottom: bool = False  # lines are of the lowest points of ellipses, where people stand; else of their centres
 
 
-def frame_shot(view: int, frame: int, rows: Sequence[FrameRows], rig: Rig) -> Shot:
+def frame_shot(view: int, frame: int, rows: Sequence[OverlayFrameRows], rig: OverlayRig) -> FrameDrawing:
     """What is drawn over one frame.
 
     Args:
@@ -61,7 +61,7 @@ def frame_shot(view: int, frame: int, rows: Sequence[FrameRows], rig: Rig) -> Sh
     missed = _missed(failures)
     places = [] if truth is None else _places(truth, missed, rig.numbered or tracks is None)
     drawn = {place.target_id for place in places}
-    return Shot(
+    return FrameDrawing(
         title=f"{rig.views[view].name}   frame {frame}",
         outlines=[] if tracks is None else _outlines(tracks, labels),
         links=[] if tracks is None else _links(tracks),
@@ -118,17 +118,17 @@ def _links(tracks: ViewTracks) -> list[Floats]:
     return [centres[list(pair)] for pair in sorted(pairs)]
 
 
-def _places(truth: TruthBoxes, missed: set[int], coloured: bool) -> list[Place]:
+def _places(truth: TruthBoxes, missed: set[int], coloured: bool) -> list[TruePosition]:
     boxes = np.column_stack([truth.left_px, truth.top_px, truth.width_px, truth.height_px])
     return [
-        Place(boxes[k], target, float(truth.visible[k]), target in missed, coloured)
+        TruePosition(boxes[k], target, float(truth.visible[k]), target in missed, coloured)
         for k, target in enumerate(truth.target_id.tolist())
         if truth.box[k] >= 0
     ]
 
 
 def _lines(
-    view: int, tracks: ViewTracks, rows: Sequence[FrameRows], rig: Rig, geometry: ViewGeometry
+    view: int, tracks: ViewTracks, rows: Sequence[OverlayFrameRows], rig: OverlayRig, geometry: ViewGeometry
 ) -> list[tuple[int, Floats]]:
     """The epipolar lines of what other views say of the targets that they help with."""
     numbers = {v.name: n for n, v in enumerate(rig.views)}
@@ -142,7 +142,7 @@ def _lines(
 
 
 def _line(
-    target: int, helper: int, view: int, tracks: ViewTracks | None, rig: Rig, geometry: ViewGeometry
+    target: int, helper: int, view: int, tracks: ViewTracks | None, rig: OverlayRig, geometry: ViewGeometry
 ) -> Floats | None:
     """(k, 2) recorded pixels of a line in `view`; None where there is none, or it passes by."""
     rows = np.flatnonzero(tracks.target_id == target) if tracks is not None else np.zeros(0, dtype=np.int64)

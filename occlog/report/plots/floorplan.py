@@ -227,19 +227,19 @@ def draw_scale_bar(axes: Axes, limits: Floats, unit: str) -> Floats:
     return np.array([[right - 1.6 * length, low], [right, low + 3.0 * thickness]])
 
 
-NOBODY = np.zeros(0, dtype=np.int64)
+NO_ROWS = np.zeros(0, dtype=np.int64)
 """Rows of an identity that is not there."""
 ELLIPSES, ELLIPSES_OF_ALL = 24, 480
 """Ellipses along the path of a target at most, and of all targets together; each takes as much as 25 points."""
 PATH_POINTS = 1400
 """Stretches of the paths of all targets, of each of which extremes are drawn; each target has at most half of them."""
-FEWEST_POINTS = 12
-MOST_MOVING_OCCLUDERS = 8
-MOST_NAMES = 6
+MIN_POINTS = 12
+MAX_MOVING_OCCLUDERS = 8
+MAX_NAMES = 6
 TRUE_PATH: Style = {"color": COLOURS["ink"], "linewidth": 1.0, "linestyle": (0, (4, 2))}
 
 
-FAR = 10.0
+MAX_CAMERA_DISTANCE_ROOMS = 10.0
 """Cameras farther from the room than so many times its size are not drawn, but named."""
 LONG = 15.0
 RECENT = 6.0
@@ -298,7 +298,7 @@ def near_scene(scene: Scene) -> tuple[Scene, list[str]]:
     if scene.room is None:
         return scene, []
     low, high = scene.room.min(axis=0), scene.room.max(axis=0)
-    most = FAR * float((high - low).max())
+    most = MAX_CAMERA_DISTANCE_ROOMS * float((high - low).max())
     far = [c.name for c in scene.cameras if c.placed and np.abs(c.ground - 0.5 * (low + high)).max() > most]
     return replace(scene, cameras=tuple(c for c in scene.cameras if c.name not in far)), far
 
@@ -329,7 +329,7 @@ def bold_from(data: ReportInput) -> int | None:
     there = [(table, dict(rows_by_label(table.target_id))) for table in (data.truth, data.tracks) if table is not None]
     for target in data.targets:
         for table, rows_of in there:
-            rows = rows_of.get(target, NOBODY)
+            rows = rows_of.get(target, NO_ROWS)
             if len(rows) < 2:
                 continue
             steps = np.hypot(np.diff(table.x[rows]), np.diff(table.y[rows]))
@@ -342,7 +342,7 @@ def bold_from(data: ReportInput) -> int | None:
 
 def _moving_occluders(axes: Axes, truth: Truth) -> list[Line2D | Patch]:
     rows_of = _rows_of(truth, "occluder")
-    if not rows_of or len(rows_of) > MOST_MOVING_OCCLUDERS:
+    if not rows_of or len(rows_of) > MAX_MOVING_OCCLUDERS:
         return []
     style: Style = {"color": COLOURS["muted"], "linewidth": 0.6, "alpha": 0.45, "zorder": 2.2}
     for rows in rows_of.values():
@@ -375,21 +375,21 @@ def _path(axes: Axes, table: Tracks | Truth, rows: Ints, since: int | None, poin
 
 def _paths(axes: Axes, data: ReportInput) -> list[Line2D | Patch]:
     since = bold_from(data)
-    points = max(PATH_POINTS // max(len(data.targets), 2), FEWEST_POINTS)
+    points = max(PATH_POINTS // max(len(data.targets), 2), MIN_POINTS)
     ellipses = min(ELLIPSES, ELLIPSES_OF_ALL // max(len(data.targets), 1))
     handles: list[Line2D | Patch] = []
     estimated = {} if data.tracks is None else dict(rows_by_label(data.tracks.target_id))
     for i, target in enumerate(data.targets):
         colour = target_colour(i)
         if data.tracks is not None:
-            _estimate(axes, data.tracks, estimated.get(target, NOBODY), since, colour, points, ellipses)
+            _estimate(axes, data.tracks, estimated.get(target, NO_ROWS), since, colour, points, ellipses)
             name = "estimated path" if len(data.targets) == 1 else f"target {target}, estimated"
-            handles += [Line2D([], [], color=colour, linewidth=1.8, label=name)] if i < MOST_NAMES else []
+            handles += [Line2D([], [], color=colour, linewidth=1.8, label=name)] if i < MAX_NAMES else []
     if data.truth is not None:
         true = _rows_of(data.truth, "target")
         # Of those that nobody tracks, too, where names do not tell who is tracked
         for target in data.targets if data.same_names else true:
-            rows = true.get(target, NOBODY)
+            rows = true.get(target, NO_ROWS)
             _path(axes, data.truth, rows, since, points, zorder=4, **TRUE_PATH)
             if data.tracks is None:
                 _ends(axes, data.truth.take(rows), COLOURS["ink"])

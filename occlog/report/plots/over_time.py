@@ -27,10 +27,17 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarForm
 from occlog.array_types import Bools, Floats, Ints
 from occlog.records.tables import Bound, Diagnostics, Errors, Events, PeopleTracks, Tracks
 from occlog.report.content.accuracy import deviation
-from occlog.report.content.looks import MOST_SENSORS, MOST_TARGETS, Looked, Selections, Sightings, known_first
+from occlog.report.content.looks import (
+    MAX_SENSORS,
+    MAX_TARGETS,
+    ObservationCoverage,
+    Selections,
+    SensorSightings,
+    scene_order,
+)
 from occlog.report.content.model import ReportInput, TimeAxis
-from occlog.report.content.people import Crowd, People, true_people, usual_step
-from occlog.report.content.sight import Distances, Residuals
+from occlog.report.content.people import PeopleCount, PeopleStatistics, true_people, usual_step
+from occlog.report.content.sight import DirectionErrors, TriangulationDistances
 from occlog.report.drawing import COLOURS, Style, broken, envelope, extremes, gaps, label, sensible_top, target_colour
 
 T = TypeVar("T", Errors, Bound, Tracks)
@@ -291,7 +298,7 @@ def draw_sight(figure: FigureBase, data: ReportInput, target: int) -> None:
         figure.legend(handles=handles[:20], loc="outside lower center", ncols=min(len(handles), 6))
 
 
-def _plot_distance(axes: Axes, data: ReportInput, found: Distances, colour: str) -> list[Line2D]:
+def _plot_distance(axes: Axes, data: ReportInput, found: TriangulationDistances, colour: str) -> list[Line2D]:
     t_ns, distance = found.t_ns, found.distance
     line(axes, data.time, t_ns, distance, color=colour, linewidth=0.8, alpha=0.7, label="distance")
     line(axes, data.time, t_ns, found.so_far, color=colour, linewidth=2.0, label="RMS so far")
@@ -302,7 +309,7 @@ def _plot_distance(axes: Axes, data: ReportInput, found: Distances, colour: str)
     return [handle for handle in axes.get_legend_handles_labels()[0] if isinstance(handle, Line2D)]
 
 
-def _residuals(axes: Axes, data: ReportInput, found: Residuals) -> list[Line2D]:
+def _residuals(axes: Axes, data: ReportInput, found: DirectionErrors) -> list[Line2D]:
     """Residuals as dots, one mark a sensor; handles for the legend."""
     degrees = np.degrees(found.residual)
     handles = []
@@ -326,7 +333,7 @@ def _residuals(axes: Axes, data: ReportInput, found: Residuals) -> list[Line2D]:
     return handles
 
 
-CELLS_OF_ALL, FEWEST_CELLS = 4800, 60
+CELLS_OF_ALL, MIN_CELLS = 4800, 60
 """Cells of all sensors and targets together, so that a page of many stays small; those of each one, at least."""
 HEIGHT = 0.72
 
@@ -338,16 +345,16 @@ def watched(data: ReportInput) -> tuple[int, ...]:
 
 def sensors(data: ReportInput) -> tuple[str, ...]:
     """Names of all sensors, in the scene's order, then those that only the bearings know."""
-    return known_first(data.scene, [] if data.looked is None else data.looked.sensors)
+    return scene_order(data.scene, [] if data.looked is None else data.looked.sensors)
 
 
 def draw_visibility(
-    figure: FigureBase, data: ReportInput, looked: Looked, target: int, most: int = MOST_SENSORS
+    figure: FigureBase, data: ReportInput, looked: ObservationCoverage, target: int, most: int = MAX_SENSORS
 ) -> None:
     """Draw the rows of all sensors, or of the first `most`, for one target; the first sensor is on top."""
     axes = figure.add_subplot()
     names = sensors(data)[:most]
-    cells = max(CELLS_OF_ALL // max(len(names) * min(len(looked.watched), MOST_TARGETS), 1), FEWEST_CELLS)
+    cells = max(CELLS_OF_ALL // max(len(names) * min(len(looked.watched), MAX_TARGETS), 1), MIN_CELLS)
     rows = [coarser(looked.sightings(name, target), cells) for name in names]
     draw_rows(axes, data.time, rows, [label(n, 18) for n in names])
     kinds = (("seen", "target seen"), ("hidden", "frame, target not seen"), ("absent", "no frame"))
@@ -355,7 +362,7 @@ def draw_visibility(
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
 
 
-def coarser(found: Sightings, most: int) -> Sightings:
+def coarser(found: SensorSightings, most: int) -> SensorSightings:
     """The same frames in at most so many cells: neighbours are one, as many as it takes."""
     together = -(-len(found.looked) // most)
     if together <= 1:
@@ -365,7 +372,7 @@ def coarser(found: Sightings, most: int) -> Sightings:
     return replace(found, edges=np.append(found.edges[first], found.edges[-1]), looked=looked, seen=seen)
 
 
-def draw_rows(axes: Axes, time: TimeAxis, rows: Sequence[Sightings], names: Sequence[str]) -> None:
+def draw_rows(axes: Axes, time: TimeAxis, rows: Sequence[SensorSightings], names: Sequence[str]) -> None:
     """Draw a bar for each sensor, with its share of sightings beside it; the first sensor is on top."""
     shares = []
     for row, found in enumerate(rows):
@@ -398,7 +405,7 @@ def label_rows(axes: Axes, names: Sequence[str], shares: Sequence[str]) -> None:
     right.spines["right"].set_visible(False)
 
 
-def _bar(axes: Axes, time: TimeAxis, found: Sightings, y: float) -> None:
+def _bar(axes: Axes, time: TimeAxis, found: SensorSightings, y: float) -> None:
     """Grey where there is no frame, orange where the sensor looked, blue from below as far as it saw."""
     low = y - HEIGHT / 2
     axes.fill_between([0.0, time.length], low, low + HEIGHT, color=COLOURS["absent"], linewidth=0)
@@ -412,7 +419,7 @@ def _bar(axes: Axes, time: TimeAxis, found: Sightings, y: float) -> None:
     axes.stairs(filled, at, baseline=low, fill=True, color=COLOURS["seen"], linewidth=0)
 
 
-def _merged(found: Sightings) -> tuple[Ints, Floats]:
+def _merged(found: SensorSightings) -> tuple[Ints, Floats]:
     """Borders of the cells and share seen (NaN without frames), neighbours of the same share as one cell."""
     share = np.where(found.looked > 0, found.seen / np.maximum(found.looked, 1), -1.0)
     first = np.concatenate([[True], np.diff(share) != 0])
@@ -422,11 +429,11 @@ def _merged(found: Sightings) -> tuple[Ints, Floats]:
 
 LONGEST_GAP = 1.5
 """A row of a track lasts until the next one, but at most so many usual periods."""
-SEEN, ONE_VIEW, UNSEEN = "seen", "view", "hidden"
+SEEN, SINGLE_VIEW, COASTING = "seen", "view", "hidden"
 """Colours of people of whom several cameras, one camera or none has a box."""
 
 
-def draw_crowd(figure: FigureBase, data: ReportInput, tracks: PeopleTracks, found: People) -> None:
+def draw_crowd(figure: FigureBase, data: ReportInput, tracks: PeopleTracks, found: PeopleStatistics) -> None:
     """Draw how many people there are, above, and a row for each of them, below."""
     people, events = found.drawn, data.events
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.3, max(0.16 * len(people), 0.6)))
@@ -445,9 +452,9 @@ def draw_crowd(figure: FigureBase, data: ReportInput, tracks: PeopleTracks, foun
     figure.legend(handles=_legend(data, events), loc="outside lower center", ncols=4)
 
 
-def draw_seen_by(figure: FigureBase, data: ReportInput, found: People) -> None:
+def draw_seen_by(figure: FigureBase, data: ReportInput, found: PeopleStatistics) -> None:
     """Draw for each camera, over time, the share of the people there of whom it has a box."""
-    names = found.cameras[:MOST_SENSORS]
+    names = found.cameras[:MAX_SENSORS]
     axes = figure.add_subplot()
     rows = [found.sightings(name) for name in names]
     draw_rows(axes, data.time, rows, [label(n, 18) for n in names])
@@ -460,7 +467,7 @@ def draw_seen_by(figure: FigureBase, data: ReportInput, found: People) -> None:
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
 
 
-def _counts(axes: Axes, data: ReportInput, found: Crowd) -> None:
+def _counts(axes: Axes, data: ReportInput, found: PeopleCount) -> None:
     if data.truth is not None:
         times, number = true_people(data.truth, data.whole["truth"].at)
         line(axes, data.time, times, number, color=COLOURS["muted"], linewidth=2.6, alpha=0.5)
@@ -479,7 +486,7 @@ def _life(axes: Axes, time: TimeAxis, own: PeopleTracks, y: float) -> None:
     # Neighbours of one kind are one piece
     first = np.concatenate([[True], (np.diff(kind) != 0) | (own.t_ns[1:] > ends[:-1])])
     begins, stops, kinds = own.t_ns[first], ends[np.append(first[1:], True)], kind[first]
-    for place, colour in enumerate((SEEN, ONE_VIEW, UNSEEN)):
+    for place, colour in enumerate((SEEN, SINGLE_VIEW, COASTING)):
         mine = kinds == place
         spans = np.column_stack([time.of(begins[mine]), time.of(stops[mine]) - time.of(begins[mine])])
         axes.broken_barh(spans.tolist(), (y - HEIGHT / 2, HEIGHT), facecolor=COLOURS[colour], linewidth=0)
@@ -496,7 +503,7 @@ def _doubts(axes: Axes, time: TimeAxis, people: Ints, events: Events | None) -> 
 
 
 def _legend(data: ReportInput, events: Events | None) -> list[Patch | Line2D]:
-    kinds = ((SEEN, "seen by several cameras"), (ONE_VIEW, "by one camera"), (UNSEEN, "by none: predicted"))
+    kinds = ((SEEN, "seen by several cameras"), (SINGLE_VIEW, "by one camera"), (COASTING, "by none: predicted"))
     out: list[Patch | Line2D] = [Patch(facecolor=COLOURS[colour], label=text) for colour, text in kinds]
     if events is not None and (events.kind == "doubt").any():
         out.append(Line2D([], [], linestyle="", marker="x", color=COLOURS["t5"], label="may have been exchanged"))
@@ -516,7 +523,7 @@ def cameras_of(data: ReportInput, found: Selections) -> tuple[str, ...]:
 def draw_selection(figure: FigureBase, data: ReportInput, found: Selections) -> None:
     """Draw a row for every camera, filled while it was selected, and the share of the time on the right."""
     axes = figure.add_subplot()
-    names = cameras_of(data, found)[:MOST_SENSORS]
+    names = cameras_of(data, found)[:MAX_SENSORS]
     shares = []
     for row, name in enumerate(names):
         on = np.array([name in cameras for cameras in found.chosen], dtype=np.bool_)

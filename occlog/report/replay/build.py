@@ -16,16 +16,16 @@ from occlog.report.content.model import ReportInput
 from occlog.report.plots.floorplan import near_scene, plan_limits, view_area
 from occlog.settings import METRES
 
-from .moments import NONE, Moments, Words, packed
+from .moments import MISSING, ReplaySteps, Words, packed
 from .thumbnails import Thumbnails
 
 LARGEST = 2.5
 """Widths and heights are told up to this [m]."""
-MOST_EVENTS = 400
-MOST_BOXES = 40
+MAX_EVENTS = 400
+MAX_BOXES = 40
 """Targets that can be switched off one by one."""
 PEAKS = 5
-APART = 0.05
+MIN_PEAK_SEPARATION = 0.05
 """Peaks of the error are at least this share of the time apart."""
 
 
@@ -67,7 +67,7 @@ class Replay:
 def replay(data: ReportInput, images: Thumbnails | None = None) -> Replay | None:
     """The moments of a run; None where nothing moves."""
     limits = plan_limits(data)
-    moments = Moments(data, limits)
+    moments = ReplaySteps(data, limits)
     if len(moments.kept) < 2:
         return None
     tables, every, layers = plan_values(data, moments)
@@ -81,14 +81,14 @@ def replay(data: ReportInput, images: Thumbnails | None = None) -> Replay | None
     return Replay(
         safe_json(values),
         _words(moments, every, images),
-        [(target, k) for k, target in enumerate(data.targets[:MOST_BOXES])],
+        [(target, k) for k, target in enumerate(data.targets[:MAX_BOXES])],
         layers,
         _peaks(data),
         [] if images is None else list(images.cameras),
     )
 
 
-def plan_values(data: ReportInput, moments: Moments) -> tuple[dict[str, Any], int, list[Layer]]:
+def plan_values(data: ReportInput, moments: ReplaySteps) -> tuple[dict[str, Any], int, list[Layer]]:
     """What a plan is drawn from at each moment; every how manieth one has sight lines; what can be shown."""
     sensors = [] if data.scene is None else _sensors(near_scene(data.scene)[0], moments.limits)
     metres = METRES.get(data.unit, 1.0)
@@ -130,7 +130,7 @@ def _rounded(points: Floats) -> list[Any]:
     return list(np.round(points, 6).tolist())
 
 
-def _sigma_step(data: ReportInput, moments: Moments) -> float:
+def _sigma_step(data: ReportInput, moments: ReplaySteps) -> float:
     """Step of standard deviations: the largest, up to twice the plan, fits 16 bits."""
     most = 2.0 * float((moments.limits[1] - moments.limits[0]).max())
     tracks = data.tracks
@@ -138,7 +138,7 @@ def _sigma_step(data: ReportInput, moments: Moments) -> float:
         variance = np.concatenate([tracks.cov_xx, tracks.cov_yy])
         largest = float(np.nanmax(np.sqrt(np.maximum(variance, 0)), initial=0.0))
         most = min(most, largest) if largest > 0 else most
-    return most / (NONE - 1)
+    return most / (MISSING - 1)
 
 
 def _sensors(scene: Scene, limits: Floats) -> list[dict[str, Any]]:
@@ -162,7 +162,7 @@ def _events(data: ReportInput) -> list[list[Any]]:
     events = data.events
     if events is None or not len(events):
         return []
-    rows = np.unique(np.linspace(0, len(events) - 1, min(len(events), MOST_EVENTS)).round().astype(int))
+    rows = np.unique(np.linspace(0, len(events) - 1, min(len(events), MAX_EVENTS)).round().astype(int))
     seconds = (events.t_ns - data.time.start_ns) / NS
     return [[round(float(seconds[k]), 6), str(events.kind[k])] for k in rows]
 
@@ -173,7 +173,7 @@ def _peaks(data: ReportInput) -> list[Peak]:
     if errors is None or not len(errors):
         return out
     seconds = (errors.t_ns - data.time.start_ns) / NS
-    apart = APART * max(float(np.ptp(seconds)), 1e-9)
+    apart = MIN_PEAK_SEPARATION * max(float(np.ptp(seconds)), 1e-9)
     for k in np.argsort(-errors.error, kind="stable")[:20_000]:
         target = int(errors.target_id[k])
         if all(peak.target != target or abs(peak.seconds - seconds[k]) > apart for peak in out):
@@ -197,7 +197,7 @@ def _layers(truth: object, sight: object, priors: object, sensors: list[dict[str
     return [(name, words, on) for name, words, on, there in every if there]
 
 
-def _words(moments: Moments, sight_every: int, images: Thumbnails | None) -> str:
+def _words(moments: ReplaySteps, sight_every: int, images: Thumbnails | None) -> str:
     count, all_of = len(moments.kept), moments.count
     said = [
         f"{count:,} of {all_of:,} moments: every {moments.every}-th." if moments.every > 1 else f"{count:,} moments."

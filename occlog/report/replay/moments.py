@@ -3,8 +3,8 @@
 The rule: of the times of the tracks (of the truth, where there are none) every k-th is kept, with the smallest k by
 which not more than `MOST_SHOWN` estimates and as many true places are left; where a part of a table is drawn, that
 part is chosen with these times (`chosen`).  Sight lines are those of the latest look
-of each sensor since the time before; where more than `MOST_LOOKS` would be left, those of every j-th kept moment, with
-the smallest such j.
+of each sensor since the time before; where more than `MAX_OBSERVATIONS` would be left, those of every j-th kept
+moment, with the smallest such j.
 
 Columns of numbers as text that is short and that a script turns back into arrays.
 """
@@ -24,12 +24,12 @@ from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.metrics.errors import CHI2_95_2D
 from occlog.records.tables import Bearings, Errors, Hulls, Occluders, PeopleTracks, Tracks, Truth
 from occlog.report.content.model import ReportInput
-from occlog.report.content.thinned import MOST_MOVING, Whole, shortly_before
+from occlog.report.content.thinned import MAX_MOVING, TableTotals, rows_before
 
 KINDS = {"f8": "<f8", "u4": "<u4", "u2": "<u2", "i2": "<i2", "u1": "u1", "i1": "i1"}
 """Kinds of numbers by their names in the script."""
-MOST_INT16, MOST_UINT16 = 32767, 65535
-NONE = MOST_UINT16
+MAX_INT16, MAX_UINT16 = 32767, 65535
+MISSING = MAX_UINT16
 """Stands for what is not known, or not named."""
 SMALL = {"u4": "u2", "u2": "u1", "i2": "i1"}
 """Kinds of half the size."""
@@ -53,7 +53,7 @@ def packed(kind: str, values: ArrayLike) -> Packed:
 def placed(values: Floats, middle: float, step: float) -> Ints:
     """(N,) places as whole steps from the middle of the plan, cut off where 16 bits end."""
     steps = np.round((values - middle) / step)
-    return np.asarray(np.clip(steps, -MOST_INT16, MOST_INT16).astype(np.int64))
+    return np.asarray(np.clip(steps, -MAX_INT16, MAX_INT16).astype(np.int64))
 
 
 def starts(moment: Ints, moments: int) -> Packed:
@@ -83,8 +83,8 @@ class Words:
 
 
 Texts = np.ndarray[Any, Any]
-MOST_LOOKS = 30_000
-MOST_PRIORS = 20_000
+MAX_OBSERVATIONS = 30_000
+MAX_PRIORS = 20_000
 CORNERS = 12
 """Of a Gaussian prior that is drawn."""
 TRUE_FROM = 40_000
@@ -92,7 +92,7 @@ TRUE_FROM = 40_000
 
 
 @dataclass(frozen=True, eq=False)
-class Moments:
+class ReplaySteps:
     """What is shown of a run.
 
     Attributes:
@@ -104,7 +104,7 @@ class Moments:
     limits: Floats
 
     @property
-    def _leading(self) -> Whole | None:
+    def _leading(self) -> TableTotals | None:
         """What is known of the table that says the moments: the tracks, or the truth without them."""
         return self.data.whole.get("truth" if self.data.tracks is None else "tracks")
 
@@ -131,7 +131,7 @@ class Moments:
     @cached_property
     def step(self) -> float:
         """Length of a step of places: 16 bits reach from the middle of the plan to twice its size."""
-        return float((self.limits[1] - self.limits[0]).max()) * 2.0 / MOST_UINT16
+        return float((self.limits[1] - self.limits[0]).max()) * 2.0 / MAX_UINT16
 
     @cached_property
     def same(self) -> bool:
@@ -172,7 +172,7 @@ class Moments:
         if truth is None or not len(truth):
             return None
         others = truth.role != "target"
-        few = len(np.unique(truth.target_id[others])) <= MOST_MOVING
+        few = len(np.unique(truth.target_id[others])) <= MAX_MOVING
         return truth if few else truth.take(~others)
 
     def tracks(self, seen: Words, doubts: Words, size: float, sigma: float) -> dict[str, Packed]:
@@ -199,12 +199,12 @@ class Moments:
             "first": starts(moment, len(self.kept)),
             "target": packed("u2", np.searchsorted(self.data.targets, tracks.target_id[rows])),
             **self.place(tracks, rows),
-            "sx": packed("u2", _steps(sx, sigma, NONE)),
-            "sy": packed("u2", _steps(sy, sigma, NONE)),
+            "sx": packed("u2", _steps(sx, sigma, MISSING)),
+            "sy": packed("u2", _steps(sy, sigma, MISSING)),
             "rho": packed("i1", np.round(127 * np.clip(rho, -1, 1))),
             "existence": packed("u1", np.where(np.isnan(existence), 255, np.round(254 * np.nan_to_num(existence)))),
-            "seen": packed("u2", np.minimum(seen.numbers(names, known), NONE)),
-            "doubt": packed("u2", np.minimum(doubts.numbers(doubt), NONE)),
+            "seen": packed("u2", np.minimum(seen.numbers(names, known), MISSING)),
+            "doubt": packed("u2", np.minimum(doubts.numbers(doubt), MISSING)),
             "width": packed("u1", _steps(nothing if people is None else people.width[rows], size, 0, 255)),
             "height": packed("u1", _steps(nothing if people is None else people.height[rows], size, 0, 255)),
         }
@@ -250,7 +250,7 @@ class Moments:
         elif pairs := self.pairs:
             its = np.array([pairs.get(name, -1) for name in names.tolist()], dtype=np.int64)[number - TRUE_FROM]
             number = np.where(true & (its >= 0), np.searchsorted(self.data.targets, its), number)
-        target = np.where(true, np.minimum(number, NONE - 1), NONE)
+        target = np.where(true, np.minimum(number, MISSING - 1), MISSING)
         return {"first": starts(moment, len(self.kept)), "target": packed("u2", target), **self.place(truth, rows)}
 
     def sight(self, sensors: list[str]) -> tuple[dict[str, Packed], int]:
@@ -259,17 +259,17 @@ class Moments:
         if bearings is None or not len(bearings) or not len(self.kept):
             return {}, 1
         rows, moment, number = self._looks(bearings, sensors)
-        every = max(-(-len(rows) // MOST_LOOKS), 1) * self.data.figures.sight_every
+        every = max(-(-len(rows) // MAX_OBSERVATIONS), 1) * self.data.figures.sight_every
         some = moment % every == 0
         rows, moment, number = rows[some], moment[some], number[some]
         targets = np.array(self.data.targets, dtype=np.int64)
         own = np.searchsorted(targets, bearings.target_id[rows])
         known = np.isin(bearings.target_id[rows], targets) & self.same
-        turns = np.round(bearings.bearing[rows] / (2 * np.pi) * (MOST_UINT16 + 1)).astype(np.int64) % (MOST_UINT16 + 1)
+        turns = np.round(bearings.bearing[rows] / (2 * np.pi) * (MAX_UINT16 + 1)).astype(np.int64) % (MAX_UINT16 + 1)
         table = {
             "first": starts(moment, len(self.kept)),
             "sensor": packed("u2", number),
-            "target": packed("u2", np.where(known, own, NONE)),
+            "target": packed("u2", np.where(known, own, MISSING)),
             "angle": packed("u2", turns),
         }
         return table, every
@@ -292,7 +292,7 @@ class Moments:
             t_ns: (N,) times.
             who: (N,) numbers >= 0.
         """
-        rows, moment = shortly_before(self.kept, self.period_ns, t_ns)
+        rows, moment = rows_before(self.kept, self.period_ns, t_ns)
         groups, group = np.unique(moment * (int(who.max(initial=0)) + 1) + who[rows], return_inverse=True)
         latest = np.full(len(groups), np.iinfo(np.int64).min)
         np.maximum.at(latest, group, t_ns[rows])
@@ -307,14 +307,14 @@ class Moments:
         if hulls is None or not len(self.kept):
             return {}, 1
         rows, moment = self.at(hulls.t_ns)
-        every = max(-(-len(rows) // MOST_PRIORS), 1) * self.data.figures.priors_every
+        every = max(-(-len(rows) // MAX_PRIORS), 1) * self.data.figures.priors_every
         rows, moment = rows[moment % every == 0], moment[moment % every == 0]
         corner = np.minimum(hulls.corner[rows], 255)
         table = {"first": starts(moment, len(self.kept)), "corner": packed("u1", corner), **self.place(hulls, rows)}
         return table, every
 
 
-def _steps(values: Floats, step: float, unknown: int, most: int = NONE - 1) -> Ints:
+def _steps(values: Floats, step: float, unknown: int, most: int = MISSING - 1) -> Ints:
     """(N,) values >= 0 in whole steps."""
     found = np.isfinite(values)
     steps = np.clip(np.round(np.where(found, values, 0.0) / step), 0, most)

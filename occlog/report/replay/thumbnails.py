@@ -1,7 +1,7 @@
 """Small images of the cameras beside the plan, with what is tracked drawn over them.
 
 The rule: images of evenly spaced moments, so many that all together stay below a limit that the user gives, judged by
-those of the first moment; not more than `MOST_MOMENTS`.
+those of the first moment; not more than `MAX_MOMENTS`.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from occlog.errors import InputError, option
 from occlog.io.frames.codec import encode_image
 from occlog.io.recording.reader import McapRecording, open_recording
 from occlog.records.losses import Loss
-from occlog.report.overlay.draw import Shot, Way, draw_shot
+from occlog.report.overlay.draw import FrameDrawing, LineDrawing, draw_shot
 from occlog.report.overlay.pictures import NO_IMAGE, LostFrames
-from occlog.report.overlay.plan import Sources, World
+from occlog.report.overlay.plan import GroundTrackPositions, OverlayTables
 from occlog.settings import METRES
 
 from .moments import packed
@@ -29,7 +29,7 @@ from .moments import packed
 WIDTH = 240
 """Of an image [px]."""
 QUALITY = 70
-MOST_MOMENTS = 2000
+MAX_MOMENTS = 2000
 MARGIN = 0.85
 """Share of the limit that images of the size of the first ones may fill: later ones may be larger."""
 BASE64 = 4 / 3
@@ -71,7 +71,7 @@ class Thumbnails:
         ]
 
 
-def thumbnails(recording: Path, sources: Sources | None, targets: Sequence[int], limit: int) -> Thumbnails:
+def thumbnails(recording: Path, sources: OverlayTables | None, targets: Sequence[int], limit: int) -> Thumbnails:
     """Images of a recording, with tracks of the world drawn over those of cameras that stand in it, in its unit.
 
     Args:
@@ -95,7 +95,7 @@ def thumbnails(recording: Path, sources: Sources | None, targets: Sequence[int],
     size = _size(opened, known, sources, targets) * BASE64
     if not size:
         raise InputError(f"{recording}: no image of it can be decoded; leave out {option('images')}")
-    count = max(min(int(MARGIN * limit // size), MOST_MOMENTS, len(times)), 1)
+    count = max(min(int(MARGIN * limit // size), MAX_MOMENTS, len(times)), 1)
     moments = times[np.unique(np.linspace(0, len(times) - 1, count).round().astype(np.int64))]
     chosen = {name: _before(np.array(own, dtype=np.int64), moments) for name, own in known.items()}
     out = Thumbnails({name: [] for name in sorted(known)}, len(moments), len(times))
@@ -107,7 +107,7 @@ def thumbnails(recording: Path, sources: Sources | None, targets: Sequence[int],
 
 
 def _size(
-    opened: McapRecording, known: Mapping[str, Sequence[int]], sources: Sources | None, targets: Sequence[int]
+    opened: McapRecording, known: Mapping[str, Sequence[int]], sources: OverlayTables | None, targets: Sequence[int]
 ) -> int:
     """Bytes of the first image of each camera that can be decoded."""
     wanted = {name: set(own) for name, own in known.items()}
@@ -129,7 +129,7 @@ def _before(times: Ints, moments: Ints) -> set[int]:
 def _drawn(
     opened: McapRecording,
     chosen: Mapping[str, set[int]],
-    sources: Sources | None,
+    sources: OverlayTables | None,
     targets: Sequence[int],
     lost: LostFrames,
 ) -> Iterator[tuple[str, int, bytes]]:
@@ -137,13 +137,13 @@ def _drawn(
     scene = opened.scene
     metres = 1.0 if scene is None else METRES.get(scene.length_unit, 1.0)
     ranks = {target: rank for rank, target in enumerate(targets)}
-    world = None if sources is None else World(sources, metres, ranks, TRAIL_S)
+    world = None if sources is None else GroundTrackPositions(sources, metres, ranks, TRAIL_S)
     placed = {} if scene is None else {c.name: c for c in scene.cameras if c.placed}
     shapes: dict[str, tuple[int, ...]] = {}
     for frame in opened.frames():
         if frame.t_ns not in chosen[frame.sensor]:
             continue
-        ways: list[Way] = []
+        ways: list[LineDrawing] = []
         if world is not None and frame.sensor in placed:
             world.move(frame.t_ns)
             ways = world.ways(placed[frame.sensor], frame.t_ns)
@@ -154,6 +154,6 @@ def _drawn(
                 continue
             image, notes = np.zeros(shapes[frame.sensor], dtype=np.uint8), [NO_IMAGE]
         shapes[frame.sensor] = image.shape
-        shot = Shot(frame.sensor, ways=ways, ranks=ranks, notes=notes)
+        shot = FrameDrawing(frame.sensor, ways=ways, ranks=ranks, notes=notes)
         picture = draw_shot(image, shot, WIDTH / image.shape[1])
         yield frame.sensor, frame.t_ns, encode_image(picture, "jpeg", QUALITY)

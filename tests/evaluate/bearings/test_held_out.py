@@ -10,7 +10,7 @@ from bearing_scenes import CASES
 from evaluate_scenes import array, both, box, camera, directions, pixels, scene, tracks
 
 from occlog.errors import InputError
-from occlog.evaluate.bearings.held_out import SHIFTS, HeldOutFigures
+from occlog.evaluate.bearings.held_out import CHANCE_SHIFTS, HeldOutFigures
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.paths import paths_of
 from occlog.evaluate.stage import evaluate
@@ -149,7 +149,7 @@ def test_chance_by_the_definition() -> None:
     u[::7] = NAN
     m = figures(found, pixels(EAST, times, u), place)
     predicted = -100.0 * (found.y - 10.0) / 10.0
-    shifts = np.unique(np.rint(np.linspace(0.1, 0.9, SHIFTS) * 40).astype(int))
+    shifts = np.unique(np.rint(np.linspace(0.1, 0.9, CHANCE_SHIFTS) * 40).astype(int))
     off = [abs(u[(n + s) % 40] - predicted[n]) for s in shifts for n in range(40)]
     assert m["held_out_median_chance_px"] == pytest.approx(np.nanmedian(off))
     turned = [abs(math.atan(u[(n + s) % 40] / 100) - math.atan(predicted[n] / 100)) for s in shifts for n in range(40)]

@@ -10,7 +10,7 @@ from tracker_scenes import observe, room100, walk
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.evaluate.bearings.noise import FEWEST_READINGS, measured_noise
+from occlog.evaluate.bearings.noise import MIN_READINGS, measured_noise
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.formats.scenes.scene import read_scene, scene_to_yaml
@@ -31,7 +31,7 @@ def test_error_bars_hold_and_false_readings_do_not_count() -> None:
 
 
 def test_too_few_readings_measure_nothing() -> None:
-    residual = np.random.default_rng(1).standard_normal(FEWEST_READINGS)
+    residual = np.random.default_rng(1).standard_normal(MIN_READINGS)
     assert measured_noise(residual) is not None
     assert measured_noise(residual[1:]) is None
 
@@ -44,7 +44,7 @@ def files(tmp_path: Path) -> list[str]:
     stated = room100(pillar=False, cameras=3, sigma_position=0.0, sigma_yaw=0.09, sigma_read_px=1.0)
     (tmp_path / "scene.yaml").write_text(scene_to_yaml(stated), encoding="utf-8")
     seen = observe(true, path, np.random.default_rng(3))
-    few = (seen.sensor != "cam3") | (np.cumsum((seen.sensor == "cam3") & seen.seen) < FEWEST_READINGS)
+    few = (seen.sensor != "cam3") | (np.cumsum((seen.sensor == "cam3") & seen.seen) < MIN_READINGS)
     write_table(tmp_path / "seen.parquet", seen.take(few), Provenance("detect"), length_unit="unit")
     n = len(path)
     truth = Truth.of(

@@ -10,7 +10,7 @@ from evaluate_scenes import array, both, camera, directions, pixels, scene, seco
 
 from occlog.core.sight import triangulate
 from occlog.evaluate.bearings.noise import scan_starts
-from occlog.evaluate.bearings.residuals import meeting_points
+from occlog.evaluate.bearings.residuals import triangulated_points
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import evaluate
 from occlog.records.tables import Bearings
@@ -97,7 +97,7 @@ def test_scans_within_a_window_hold_each_sensor_once() -> None:
     assert scan_starts(rows, 0).tolist() == [0, 1, 2, 3, 4, 5, 6]
     assert scan_starts(rows, 60_000_000).tolist() == [0, 2, 3, 4, 6]
     assert scan_starts(rows.take(slice(0, 0)), 0).tolist() == [0]
-    found = meeting_points(rows, PLACE, EvaluateConfig(lines_window_s=0.06))[0]
+    found = triangulated_points(rows, PLACE, EvaluateConfig(lines_window_s=0.06))[0]
     assert found.t_ns.tolist() == seconds([0.025, 1.015]).tolist()
     np.testing.assert_allclose(found.xy, [[10, 10], [10, 10]])
     assert found.n_lines.tolist() == [2, 2]
@@ -107,7 +107,7 @@ def test_scans_within_a_window_hold_each_sensor_once() -> None:
 def test_directions_of_arrays_meet_lines_of_cameras_across_the_cut() -> None:
     place = scene(EAST, arrays=(array("ear", 20.0, 10.5),))
     bearings = both(pixels(EAST, [0.0], [-10.0]), directions("ear", [0.0], [-math.pi + 0.01], 0.01))
-    found = meeting_points(bearings, place, EvaluateConfig())[0]
+    found = triangulated_points(bearings, place, EvaluateConfig())[0]
     # y = 10 + x / 10 and y = 10.5 - (20 - x) tan 0.01
     slope = math.tan(0.01)
     x = (0.5 - 20 * slope) / (0.1 - slope)
@@ -128,5 +128,5 @@ def test_a_scan_lasts_exactly_as_long_as_the_window() -> None:
 
 def test_scans_with_as_many_lines_as_asked_for_are_used() -> None:
     rows = rows_to([10] * 5, [10] * 5)
-    assert len(meeting_points(rows, PLACE, EvaluateConfig(lines_min_sensors=2))[0].t_ns) == 5
-    assert len(meeting_points(rows, PLACE, EvaluateConfig(lines_min_sensors=3))[0].t_ns) == 0
+    assert len(triangulated_points(rows, PLACE, EvaluateConfig(lines_min_sensors=2))[0].t_ns) == 5
+    assert len(triangulated_points(rows, PLACE, EvaluateConfig(lines_min_sensors=3))[0].t_ns) == 0

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from occlog.evaluate.bearings.noise import FEWEST_SCANS, NoiseFigures, ScanCuts, labelled, noise_scale
+from occlog.evaluate.bearings.noise import MIN_SCANS, NoiseFigures, ScanCuts, labelled, noise_scale
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.paths import sensors_of
 from occlog.records.scene import Camera, Scene, camera_rotation
@@ -77,7 +77,7 @@ def test_the_factor_is_found_with_and_without_false_bearings(scale: float, senso
 def test_two_sensors_tell_nothing_and_neither_do_few_scans_or_other_targets_lines() -> None:
     two, three = scene(2), scene(3)
     assert noise_metrics(bearings(two, 50, 1.0), two, EvaluateConfig()) == {}
-    rows = bearings(three, FEWEST_SCANS, 1.0)
+    rows = bearings(three, MIN_SCANS, 1.0)
     assert np.isfinite(noise_metrics(rows, three, EvaluateConfig())["noise_scale"])
     fewer = rows.take(slice(3, None))
     assert np.isnan(noise_metrics(fewer, three, EvaluateConfig())["noise_scale"])

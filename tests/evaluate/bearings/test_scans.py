@@ -7,7 +7,7 @@ import pytest
 from bearing_scenes import hand_made, simulated
 
 from occlog.evaluate.bearings.noise import NoiseFigures, ScanCuts, labelled
-from occlog.evaluate.bearings.residuals import MeetingFigures
+from occlog.evaluate.bearings.residuals import TriangulationFigures
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.paths import paths_of, sensors_of
 from occlog.records.tables import LAST
@@ -37,7 +37,7 @@ def test_figures_of_numbers_in_files_are_those_of_numbers_in_memory() -> None:
     case, config = simulated(4), EvaluateConfig(lines_limit=0.1)
     noise, meeting = (
         [NoiseFigures(config, n) for n in (20, 10**6)],
-        [MeetingFigures("m", config, n) for n in (20, 10**6)],
+        [TriangulationFigures("m", config, n) for n in (20, 10**6)],
     )
     rows, paths = labelled(case.bearings, config), paths_of(case.tracks)
     sensors = sensors_of(case.place, ["a", "b", "c"])

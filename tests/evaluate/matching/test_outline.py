@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occlog.array_types import NS
-from occlog.evaluate.matching.outline import NEAR_NS, OCCLUDER, TARGET, Outlines
+from occlog.evaluate.matching.outline import NEAR_NS, OCCLUDER, TARGET, TruthOutlines
 from occlog.evaluate.matching.paths import paths_of
 from occlog.records.tables import Truth
 
@@ -29,7 +29,7 @@ def people(seed: int) -> Truth:
 @pytest.mark.parametrize("limit_ns", [None, 3 * NS, 100 * NS])
 @pytest.mark.parametrize("rows", [1, 7, 1000])
 def test_paths_of_a_stretch_say_what_whole_ones_say(rows: int, limit_ns: int | None) -> None:
-    truth, found = people(rows), Outlines()
+    truth, found = people(rows), TruthOutlines()
     parts = (truth.take(slice(start, start + rows)) for start in range(0, len(truth), rows))
     assert sum(len(part) for part in found.watch(parts)) == len(truth)
     assert found.high == {0, 3}

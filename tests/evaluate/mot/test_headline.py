@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from occlog.evaluate.mot.figures import errors_apart, first, notes, own_identities
+from occlog.evaluate.mot.figures import first, independent_ids, matchings_differ, notes
 from occlog.evaluate.results import summary_lines
 
 
@@ -16,7 +16,7 @@ def figures(whole: float, recall: float = 0.98) -> dict[str, float]:
 
 @pytest.mark.parametrize(("whole", "said"), [(1.0, False), (1.01, True), (math.nan, False)])
 def test_it_is_said_from_twice_the_error_of_the_pairs_on(whole: float, said: bool) -> None:
-    assert errors_apart(figures(whole), "m") is said
+    assert matchings_differ(figures(whole), "m") is said
     assert bool(notes(figures(whole), "m", "id")) is said
     assert (summary_lines(figures(whole), "m")[0] == "errors") is not said
 
@@ -36,8 +36,8 @@ def test_pairs_are_to_be_read_where_most_true_positions_are_met() -> None:
 def test_tracks_with_identities_of_their_own_have_the_pairs_first() -> None:
     more = {"hota": 0.7, "idf1": 0.8, "mota": 0.9, "pairs_nees_mean": 2.1, "pairs_gate_m": 1.0}
     own = first({**figures(1.5), **more, "tracks_own_identities": 1.0}, "m")
-    assert own_identities(own)
-    assert not own_identities(figures(1.5))
+    assert independent_ids(own)
+    assert not independent_ids(figures(1.5))
     assert list(own)[:6] == ["hota", "idf1", "mota", "id_switches", "pairs_rmse_m", "pairs_nees_mean"]
     (line,) = notes(own, "m", "optimal")
     assert all(words in line for words in ("0.5 m", "1 m gate", "1.5 m"))

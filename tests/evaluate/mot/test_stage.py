@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.evaluate.mot.config import ManyConfig
+from occlog.evaluate.mot.config import MultiTargetConfig
 from occlog.evaluate.mot.stage import ComparedBoxes
 from occlog.evaluate.results import Evaluation
 from occlog.records.declared.views import Failures, ViewTracks, boxes_of_ellipses
@@ -22,10 +22,12 @@ Row = tuple[int, str, int, float, float]
 """Frame, camera, identity, left, top of a box of 20 x 20."""
 
 
-def evaluate_boxes(tracks: Boxes, truth: TruthBoxes, config: ManyConfig | None = None, **options: bool) -> Evaluation:
+def evaluate_boxes(
+    tracks: Boxes, truth: TruthBoxes, config: MultiTargetConfig | None = None, **options: bool
+) -> Evaluation:
     """Figures of tables that have yet to be laid against each other."""
     failures: list[Failures] = []
-    compared = ComparedBoxes(lambda: iter([(tracks, truth)]), config or ManyConfig(), **options)
+    compared = ComparedBoxes(lambda: iter([(tracks, truth)]), config or MultiTargetConfig(), **options)
     return replace(compared.evaluate(failures.append), failures=Failures.concat(failures))
 
 
@@ -142,22 +144,22 @@ def test_how_near_a_tracker_must_be() -> None:
     beside = [(f, view, k, left + 9.0, top) for f, view, k, left, top in true_rows()]
     tracks = table(Boxes, beside)
     assert evaluate_boxes(tracks, truth()).metrics["fr_p"] == 0.0
-    assert evaluate_boxes(tracks, truth(), ManyConfig(tau=0.9)).metrics["fr_p"] == 0.0
-    assert evaluate_boxes(tracks, truth(), ManyConfig(tau=0.89)).metrics["fr_p"] == 1.0
-    got = evaluate_boxes(tracks, truth(), ManyConfig(tau_px=8.0, gospa_px=20.0))
+    assert evaluate_boxes(tracks, truth(), MultiTargetConfig(tau=0.9)).metrics["fr_p"] == 0.0
+    assert evaluate_boxes(tracks, truth(), MultiTargetConfig(tau=0.89)).metrics["fr_p"] == 1.0
+    got = evaluate_boxes(tracks, truth(), MultiTargetConfig(tau_px=8.0, gospa_px=20.0))
     assert got.metrics["fr_p"] == 1.0
     assert got.failures.cause[0] == "its tracker is 9 px away"
     assert got.metrics["gospa_px"] == pytest.approx(math.sqrt(2 * 81.0))
     assert got.metrics["gospa_localisation_px2"] == pytest.approx(2 * 81.0)
     assert got.metrics["tp"] == 0  # an overlap of 11 of 29
-    assert evaluate_boxes(tracks, truth(), ManyConfig(overlap=11 / 29)).metrics["tp"] == 40
+    assert evaluate_boxes(tracks, truth(), MultiTargetConfig(overlap=11 / 29)).metrics["tp"] == 40
 
 
 @pytest.mark.parametrize("own", ["start", "best"])
 def test_tracks_with_names_of_their_own(own: str) -> None:
     renamed = [(f, view, 90 - k, left, top) for f, view, k, left, top in tracked_rows()]
     named = evaluate_boxes(table(Boxes, tracked_rows()), truth())
-    got = evaluate_boxes(table(Boxes, renamed), truth(), ManyConfig(own=own))
+    got = evaluate_boxes(table(Boxes, renamed), truth(), MultiTargetConfig(own=own))
     for name in ("fr_p", "fr_l", "mota", "idf1", "hota"):
         assert got.metrics[name] == named.metrics[name]
     assert not got.notes
@@ -171,9 +173,9 @@ def test_a_track_that_begins_on_nothing_belongs_to_the_first_target_it_is_on() -
     early = [(f, "a", 7, 100.0 if f >= 2 else 400.0, 5.0 * f) for f in range(FRAMES)]
     again = [(f, "a", 8, 200.0, 5.0 * f) for f in range(4)] + [(f, "a", 9, 200.0, 5.0 * f) for f in range(4, FRAMES)]
     seen = table(TruthBoxes, [row for row in true_rows() if row[1] == "a"])
-    got = evaluate_boxes(table(Boxes, early + again), seen, ManyConfig(own="start")).metrics
+    got = evaluate_boxes(table(Boxes, early + again), seen, MultiTargetConfig(own="start")).metrics
     assert (got["position_failures"], got["label_failures"], got["id_switches"], got["fp"]) == (2, 0, 1, 2)
-    got = evaluate_boxes(table(Boxes, early + again), seen, ManyConfig(own="best")).metrics
+    got = evaluate_boxes(table(Boxes, early + again), seen, MultiTargetConfig(own="best")).metrics
     assert (got["position_failures"], got["label_failures"]) == (2, 4)  # 8 has no target of its own beside 9
 
 
@@ -197,12 +199,12 @@ def test_what_is_compared() -> None:
     )
     got = evaluate_boxes(table(Boxes, rows), empty).metrics
     assert (got["frames"], got["objects"], got["fp"], got["estimates_other_frames"]) == (3, 2, 1, 1)
-    got = evaluate_boxes(table(Boxes, rows), truth(), ManyConfig(frames=(0, 2))).metrics
+    got = evaluate_boxes(table(Boxes, rows), truth(), MultiTargetConfig(frames=(0, 2))).metrics
     assert (got["frames"], got["objects"], got["views_without_tracks"]) == (2, 4, 1)
     made = evaluate_boxes(table(Boxes, rows), truth())
     assert made.notes == ("left out: b, which the truth knows and no track is in",)
     assert (made.metrics["frames"], made.metrics["frames_without_tracks"]) == (10, 6)
-    got = evaluate_boxes(table(Boxes, tracked_rows()), truth(), ManyConfig(cameras=("b",))).metrics
+    got = evaluate_boxes(table(Boxes, tracked_rows()), truth(), MultiTargetConfig(cameras=("b",))).metrics
     assert (got["objects"], got["fr_l"], "fr_p_sensor_b" in got) == (20, 0.0, False)
 
 
@@ -228,11 +230,11 @@ def test_tracks_that_cannot_be_compared(tracks: list[Row], words: str) -> None:
 @pytest.mark.parametrize(
     ("config", "words"),
     [
-        (ManyConfig(cameras=("z",)), "truth: no camera z; there is a, b"),
-        (ManyConfig(frames=(50, 60)), "truth: no row in frames 50:60; they are 0 to 9"),
+        (MultiTargetConfig(cameras=("z",)), "truth: no camera z; there is a, b"),
+        (MultiTargetConfig(frames=(50, 60)), "truth: no row in frames 50:60; they are 0 to 9"),
     ],
 )
-def test_nothing_that_was_asked_for(config: ManyConfig, words: str) -> None:
+def test_nothing_that_was_asked_for(config: MultiTargetConfig, words: str) -> None:
     with pytest.raises(InputError, match=words):
         evaluate_boxes(table(Boxes, tracked_rows()), truth(), config)
 
@@ -254,7 +256,7 @@ def test_nothing_that_was_asked_for(config: ManyConfig, words: str) -> None:
 )
 def test_options_that_cannot_be(name: str, value: Any) -> None:
     with pytest.raises(InputError, match=f"many targets: {name} is"):
-        ManyConfig(**{name: value})
+        MultiTargetConfig(**{name: value})
 
 
 def test_the_box_of_an_ellipse_holds_it() -> None:

@@ -265,9 +265,9 @@ def test_a_unit_of_its_own_wants_both_lengths(tmp_path: Path) -> None:
 def test_runs_beyond_the_limit_are_refused_and_at_it_they_are_not(
     runs: tuple[Path, Path], tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:
-    monkeypatch.setattr(inputs, "MOST_ROWS", 180)
+    monkeypatch.setattr(inputs, "MAX_ROWS", 180)
     assert report(*runs, "-o", tmp_path / "x.html", "-q") == ExitCode.DONE
-    monkeypatch.setattr(inputs, "MOST_ROWS", 179)
+    monkeypatch.setattr(inputs, "MAX_ROWS", 179)
     assert report(*runs, "-o", tmp_path / "y.html", "-q") == ExitCode.BAD_INPUT
     assert "holds 180 estimates, of a run 179 at most" in capsys.readouterr().err
 

@@ -16,19 +16,21 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.records.losses import Loss
 from occlog.records.tables import PeopleTracks
-from occlog.report.beside.config import BesideConfig
+from occlog.report.beside.config import RunComparisonConfig
 from occlog.report.beside.page import build_markdown, build_page
-from occlog.report.beside.run import Run, lay
-from occlog.report.beside.words import Beside
+from occlog.report.beside.run import ReportRun, align_runs
+from occlog.report.beside.words import RunComparisonPage
 from occlog.report.content.model import ReportInput
-from occlog.report.content.thinned import MOST_SHOWN
-from occlog.report.replay.moments import KINDS, NONE
+from occlog.report.content.thinned import MAX_SHOWN
+from occlog.report.replay.moments import KINDS, MISSING
 
 EVIL = "</script><script>window.evil=1</script>\"'><img src=x onerror=window.evil=2>"
-CONFIG = BesideConfig(match_distance=1.0, tolerance=0.5)
+CONFIG = RunComparisonConfig(match_distance=1.0, tolerance=0.5)
 
 
-def beside(a: PeopleTracks, b: PeopleTracks, folder: Path | None = None, names: tuple[str, str] = ("a", "b")) -> Beside:
+def beside(
+    a: PeopleTracks, b: PeopleTracks, folder: Path | None = None, names: tuple[str, str] = ("a", "b")
+) -> RunComparisonPage:
     """Two runs; with the truth where there is a folder to write them into."""
     files = [Path("a"), Path("b")]
     given = None
@@ -37,8 +39,8 @@ def beside(a: PeopleTracks, b: PeopleTracks, folder: Path | None = None, names: 
         frames = int(a.t_ns[-1]) // STEP + 1
         write_table(folder / "truth.parquet", truth(frames), Provenance("simulate"), overwrite=True)
         given = (folder / "truth.parquet", truth(frames))
-    runs = [Run(n, f, t, ReportInput(title=n, tracks=t)) for n, f, t in zip(names, files, (a, b), strict=True)]
-    return replace(lay(*runs, given, CONFIG, 0), title="Two runs")
+    runs = [ReportRun(n, f, t, ReportInput(title=n, tracks=t)) for n, f, t in zip(names, files, (a, b), strict=True)]
+    return replace(align_runs(*runs, given, CONFIG, 0), title="Two runs")
 
 
 def packed(value: list[Any]) -> np.ndarray:
@@ -66,7 +68,7 @@ def test_both_plans_have_the_same_moments_and_partners() -> None:
     first = packed(data["a"]["tracks"]["first"])
     for frame in (0, 29, 30, 44, 45):
         own = partner[first[frame] : first[frame + 1]].tolist()
-        assert own == ([0, 1, NONE] if 30 <= frame < 45 else [0, 1, 2])
+        assert own == ([0, 1, MISSING] if 30 <= frame < 45 else [0, 1, 2])
     assert packed(data["alone"]).tolist() == [int(30 <= k < 45) for k in range(60)]
     assert np.diff(packed(data["b"]["tracks"]["first"])).tolist() == [2 if 30 <= k < 45 else 3 for k in range(60)]
 
@@ -94,7 +96,7 @@ def test_long_runs_are_thinned_but_keep_the_moments_that_the_page_leads_to() -> 
     page = build_page(found)
     data = data_of(page)
     times = packed(data["times"])
-    every = -(-2 * 3 * frames // MOST_SHOWN)
+    every = -(-2 * 3 * frames // MAX_SHOWN)
     assert every == 2
     assert len(times) == len(range(0, frames, every)) + 1
     k = int(np.searchsorted(times, 700.1 - 1e-9))

@@ -7,7 +7,7 @@ import pytest
 from made_up import run
 
 from occlog.records.tables import Bound, Errors, TableBuffer, in_step
-from occlog.report.content.accuracy import BesideBound
+from occlog.report.content.accuracy import ErrorsAgainstBound
 
 
 def tables(*, smoothed: bool) -> tuple[Errors, Bound]:
@@ -53,7 +53,7 @@ def test_figures_are_the_same_in_chunks_of_any_length(rows: int, smoothed: bool)
         TableBuffer((errors.take(slice(s, s + rows)) for s in range(0, len(errors), rows)), Errors),
         TableBuffer((bound.take(slice(s, s + rows + 3)) for s in range(0, len(bound), rows + 3)), Bound),
     )
-    found, so_far = BesideBound(), [np.zeros((0, 2))]
+    found, so_far = ErrorsAgainstBound(), [np.zeros((0, 2))]
     for limits in in_step(sides, (0, 0)):
         so_far.append(found.add(limits.of(sides[0]), limits.of(sides[1])))
     for target in (None, 0, 1):
@@ -75,6 +75,6 @@ def test_figures_are_the_same_in_chunks_of_any_length(rows: int, smoothed: bool)
 
 def test_without_anything_in_common_there_is_no_figure() -> None:
     errors, bound = tables(smoothed=False)
-    found = BesideBound()
+    found = ErrorsAgainstBound()
     found.add(errors.take(errors.t_ns < 10**9), bound.take(bound.t_ns > 10**9))
     assert np.isnan(found.figures()).all()

@@ -9,7 +9,7 @@ import pytest
 from made_up import run
 
 from occlog.records.tables import Diagnostics
-from occlog.report.content.accuracy import MARKS, FaredStreams
+from occlog.report.content.accuracy import MARKS, FilterDiagnosticsStreams
 
 
 def made() -> Diagnostics:
@@ -24,7 +24,7 @@ def made() -> Diagnostics:
 @pytest.mark.parametrize("in_memory", [0, 10**5])
 def test_figures_are_the_same_in_chunks_of_any_length(rows: int, in_memory: int) -> None:
     table = made()
-    streams = FaredStreams(in_memory)
+    streams = FilterDiagnosticsStreams(in_memory)
     for start in range(0, len(table), rows):
         streams.add(table.take(slice(start, start + rows)))
     found = streams.finish()
@@ -41,5 +41,5 @@ def test_figures_are_the_same_in_chunks_of_any_length(rows: int, in_memory: int)
 
 
 def test_nothing_says_nothing() -> None:
-    found = FaredStreams().finish()
+    found = FilterDiagnosticsStreams().finish()
     assert (found.rows, found.particles, dict(found.fallbacks), found.doubtful) == (0, False, {}, 0)

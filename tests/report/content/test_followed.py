@@ -9,7 +9,7 @@ import pytest
 from made_up import run
 
 from occlog.records.tables import Errors, Tracks
-from occlog.report.content.accuracy import followers
+from occlog.report.content.accuracy import matching_tracks
 from occlog.report.content.model import ReportInput
 from occlog.report.page import build_page
 
@@ -45,25 +45,25 @@ def tables(*rows: tuple[int, int, int, float]) -> tuple[Errors, Tracks]:
 
 def test_the_track_is_the_one_that_was_there() -> None:
     errors, tracks = tables((0, 1, 7, 0.0), (0, 2, 8, 5.0), (1, 1, 7, 1.0), (1, 2, 8, 6.0))
-    assert followers(errors, tracks) == {1: 7, 2: 8}
+    assert matching_tracks(errors, tracks) == {1: 7, 2: 8}
 
 
 def test_two_tracks_at_one_place_are_told_apart_by_other_times() -> None:
     errors, tracks = tables((0, 1, 7, 0.0), (0, 2, 8, 0.0), (1, 1, 7, 1.0), (1, 2, 8, 6.0))
-    assert followers(errors, tracks) == {1: 7, 2: 8}
+    assert matching_tracks(errors, tracks) == {1: 7, 2: 8}
 
 
 def test_a_target_of_several_tracks_has_none() -> None:
     errors, tracks = tables((0, 1, 7, 0.0), (1, 1, 8, 1.0))
-    assert followers(errors, tracks) == {1: None}
+    assert matching_tracks(errors, tracks) == {1: None}
 
 
 def test_targets_without_estimates_of_their_errors_are_left_out() -> None:
     errors, _ = tables((0, 1, 1, 0.0), (1, 1, 1, 1.0))
     _, elsewhere = tables((0, 9, 9, 50.0), (1, 9, 9, 51.0))
     _, later = tables((5, 9, 9, 0.0))
-    assert followers(errors, elsewhere) == followers(errors, later) == {}
-    assert followers(errors.take(slice(0, 0)), later) == {}
+    assert matching_tracks(errors, elsewhere) == matching_tracks(errors, later) == {}
+    assert matching_tracks(errors.take(slice(0, 0)), later) == {}
 
 
 def test_an_exchange_of_names_is_no_one_elses_error() -> None:

@@ -8,7 +8,7 @@ from made_up import run
 
 from occlog.io.files.spill import Blocks
 from occlog.records.tables import Bearings, whole_times
-from occlog.report.content.looks import CELLS, LOOK, LookStreams
+from occlog.report.content.looks import CELLS, LOOK, ObservationStreams
 
 
 def mixed() -> Bearings:
@@ -27,7 +27,7 @@ def mixed() -> Bearings:
 @pytest.mark.parametrize("block", [7, 10**4])
 def test_looks_are_the_same_in_chunks_of_any_length(rows: int, block: int) -> None:
     table = mixed()
-    streams, at_once = LookStreams(Blocks(LOOK, block, in_memory=200)), LookStreams()
+    streams, at_once = ObservationStreams(Blocks(LOOK, block, in_memory=200)), ObservationStreams()
     at_once.add(table)
     for piece in whole_times(table.take(slice(s, s + rows)) for s in range(0, len(table), rows)):
         streams.add(piece)

@@ -7,9 +7,9 @@ import pytest
 from bearing_scenes import CASES, Case
 
 from occlog.consistency.verdict import ConsistencyEvidence
-from occlog.evaluate.verdict import Made
+from occlog.evaluate.verdict import TrackProvenance
 from occlog.records.tables import Bearings
-from occlog.report.gather import Beside, Found, Posts, bearings_of
+from occlog.report.gather import BearingReference, Posts, ThinnedBearings, bearings_of
 
 
 def labels(case: Case, kind: str) -> Case:
@@ -24,7 +24,7 @@ def labels(case: Case, kind: str) -> Case:
     return case._replace(bearings=Bearings.of(**columns).sorted())
 
 
-def streamed(case: Case, rows: int = 10**6, most: int = 10**6) -> Found:
+def streamed(case: Case, rows: int = 10**6, most: int = 10**6) -> ThinnedBearings:
     """What is gathered of chunks of so many rows."""
 
     def chunks(table, count):
@@ -34,7 +34,9 @@ def streamed(case: Case, rows: int = 10**6, most: int = 10**6) -> Found:
     for chunk in chunks(case.tracks, rows):
         posts.add(chunk)
     targets = tuple(np.unique(case.tracks.target_id).tolist())
-    beside = Beside(lambda: chunks(case.tracks, rows), None, posts, ConsistencyEvidence(), Made(), frozenset(targets))
+    beside = BearingReference(
+        lambda: chunks(case.tracks, rows), None, posts, ConsistencyEvidence(), TrackProvenance(), frozenset(targets)
+    )
     moments = np.unique(case.tracks.t_ns)[::3]
     return bearings_of(lambda: chunks(case.bearings, rows + 1), case.place, targets, (moments, 2.5e8), beside, most)
 
@@ -51,7 +53,7 @@ def test_figures_are_the_same_in_chunks_of_any_length(what: str, kind: str) -> N
         assert any(each.rows > 20 for each in whole.sight.values())
 
 
-def alike(found: Found, whole: Found, case: Case) -> None:
+def alike(found: ThinnedBearings, whole: ThinnedBearings, case: Case) -> None:
     """Figures and rows of both are the same."""
     for target in np.unique(case.tracks.target_id).tolist():
         got, wanted = found.residuals[target], whole.residuals[target]

@@ -12,7 +12,7 @@ from occlog.measure.epipolar.views import TrackedView
 from occlog.records.declared.views import Failures, ViewTracks
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import TruthBoxes
-from occlog.report.overlay.stage import FrameRows, Rig, frame_shot, line_in_image
+from occlog.report.overlay.stage import OverlayFrameRows, OverlayRig, frame_shot, line_in_image
 
 POINTS = np.array([[0.0, 0.2, 0.9], [0.5, -0.4, 1.1], [-0.7, 0.3, 1.0]])
 
@@ -54,12 +54,15 @@ def tracks(camera, neighbours, helpers, ids=(0, 1, 2)):
 
 def rig(scene):
     views = [TrackedView(c.name, *c.image_size) for c in scene.cameras]
-    return Rig(views, scene.cameras, view_geometry(views, scene))
+    return OverlayRig(views, scene.cameras, view_geometry(views, scene))
 
 
 def told(scene, neighbours, helpers):
     own = tracks(scene.cameras[0], neighbours, helpers)
-    return [FrameRows(own, None, None), FrameRows(tracks(scene.cameras[1], ["", "", ""], ["", "", ""]), None, None)]
+    return [
+        OverlayFrameRows(own, None, None),
+        OverlayFrameRows(tracks(scene.cameras[1], ["", "", ""], ["", "", ""]), None, None),
+    ]
 
 
 @pytest.mark.parametrize("distortion", [(0.0, 0.0), (-0.25, 0.05)])
@@ -94,7 +97,7 @@ def test_no_lines_without_geometry_or_the_helpers_row():
     scene = Scene(cameras=cameras())
     both = told(scene, ["", "", ""], ["b", "b", "b"])
     assert frame_shot(0, 7, both, rig(scene)._replace(geometry=None)).lines == []
-    fewer = FrameRows(tracks(scene.cameras[1], [""], [""], (2,)), None, None)
+    fewer = OverlayFrameRows(tracks(scene.cameras[1], [""], [""], (2,)), None, None)
     assert [target for target, _ in frame_shot(0, 7, [both[0], fewer], rig(scene)).lines] == [2]
     blind = view_geometry(rig(scene).views)  # neither poses nor matrices
     assert frame_shot(0, 7, both, rig(scene)._replace(geometry=blind)).lines == []
@@ -133,18 +136,18 @@ def test_failures_and_truth():
         cause=["", "", ""],
         visible=[np.nan] * 3,
     )
-    first = FrameRows(tracks(scene.cameras[0], ["", "", ""], ["", "", ""]), boxes, failures)
-    shot = frame_shot(0, 7, [first, FrameRows(None, None, None)], rig(scene))
+    first = OverlayFrameRows(tracks(scene.cameras[0], ["", "", ""], ["", "", ""]), boxes, failures)
+    shot = frame_shot(0, 7, [first, OverlayFrameRows(None, None, None)], rig(scene))
     assert [o.wrong for o in shot.outlines] == ["on 2", "", ""]
     assert [(p.target_id, p.missed) for p in shot.places] == [(1, True), (2, False)]
     assert np.isnan(shot.places[0].visible)
     assert shot.notes == ["target 5: no tracker"]
     assert not shot.boxed
-    own = frame_shot(0, 7, [first, FrameRows(None, None, None)], rig(scene)._replace(numbered=False))
+    own = frame_shot(0, 7, [first, OverlayFrameRows(None, None, None)], rig(scene)._replace(numbered=False))
     assert [o.wrong for o in own.outlines] == ["", "", ""]
     assert own.notes == ["target 5: no tracker", "a tracker of target 0 is on target 2"]
     assert [p.coloured for p in own.places] == [False, False]
-    alone = frame_shot(0, 7, [FrameRows(None, boxes, None), FrameRows(None, None, None)], rig(scene))
+    alone = frame_shot(0, 7, [OverlayFrameRows(None, boxes, None), OverlayFrameRows(None, None, None)], rig(scene))
     assert alone.boxed
     assert alone.outlines == alone.lines == alone.links == []
 
@@ -165,5 +168,5 @@ def test_a_frame_without_any_target_draws_nothing():
         confidence=nan,
     )
     empty = tracks(scene.cameras[0], [], [], ())
-    shot = frame_shot(0, 7, [FrameRows(empty, nobody, None), FrameRows(None, None, None)], rig(scene))
+    shot = frame_shot(0, 7, [OverlayFrameRows(empty, nobody, None), OverlayFrameRows(None, None, None)], rig(scene))
     assert shot.places == shot.outlines == []

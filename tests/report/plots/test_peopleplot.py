@@ -11,7 +11,7 @@ from people_in_groups import walk
 
 from occlog.records.tables import Events, PeopleTracks, Tracks
 from occlog.report.content.model import ReportInput
-from occlog.report.content.people import MOST_PEOPLE, People, crowd, sees
+from occlog.report.content.people import MAX_PEOPLE, PeopleStatistics, camera_has_box, people_statistics
 from occlog.report.page import build_page
 
 TIMES = np.arange(30) / 10
@@ -24,7 +24,7 @@ def hall() -> PeopleTracks:
     return PeopleTracks.merge([first, hidden])
 
 
-def people(tracks: PeopleTracks) -> People:
+def people(tracks: PeopleTracks) -> PeopleStatistics:
     found = ReportInput(tracks=tracks).people
     assert found is not None
     return found
@@ -35,7 +35,7 @@ def headings(page: str) -> list[str]:
 
 
 def test_people_are_counted_at_each_time() -> None:
-    found = crowd(hall())
+    found = people_statistics(hall())
     assert found.people.tolist() == [1.0] * 10 + [2.0] * 20
     assert found.seen.tolist() == [1.0] * 10 + [2.0] * 16 + [1.0] * 4
     assert found.expected == pytest.approx(0.9 * found.people)
@@ -44,17 +44,17 @@ def test_people_are_counted_at_each_time() -> None:
 def test_a_camera_whose_name_begins_anothers_sees_only_its_own() -> None:
     tracks = walk(0, TIMES, (0, 0), (1, 0), camera="cam12,cam3")
     assert people(tracks).cameras == ("cam12", "cam3")
-    assert not sees(tracks, "cam1").any()
-    assert sees(tracks, "cam12").all()
+    assert not camera_has_box(tracks, "cam1").any()
+    assert camera_has_box(tracks, "cam12").all()
 
 
 def test_the_people_who_are_there_longest_have_rows_in_the_order_of_their_births() -> None:
-    short = [walk(i, TIMES[:5], (i, 0), (1, 0)) for i in range(MOST_PEOPLE)]
+    short = [walk(i, TIMES[:5], (i, 0), (1, 0)) for i in range(MAX_PEOPLE)]
     long = walk(900, TIMES[3:], (0, 9), (1, 0))
     drawn = people(PeopleTracks.merge([*short, long])).drawn.tolist()
-    assert len(drawn) == MOST_PEOPLE
+    assert len(drawn) == MAX_PEOPLE
     assert drawn[-1] == 900
-    assert MOST_PEOPLE - 1 not in drawn
+    assert MAX_PEOPLE - 1 not in drawn
 
 
 def test_the_page_of_everybody_says_who_was_there_and_who_saw_them() -> None:

@@ -7,7 +7,7 @@ import pytest
 from made_up import run
 
 from occlog.records.tables import Bearings
-from occlog.report.content.looks import CELLS, LookStreams, Sightings
+from occlog.report.content.looks import CELLS, ObservationStreams, SensorSightings
 from occlog.report.plots.over_time import coarser, sensors, watched
 
 
@@ -28,8 +28,8 @@ def looks(t_ns: list[int], seen: list[bool], sensor: str = "a", target: int = 0)
     )
 
 
-def sightings(table: Bearings, sensor: str, target: int) -> Sightings:
-    streams = LookStreams()
+def sightings(table: Bearings, sensor: str, target: int) -> SensorSightings:
+    streams = ObservationStreams()
     streams.add(table)
     return streams.finish([sensor], [target]).sightings(sensor, target)
 
@@ -98,7 +98,7 @@ def test_fewer_cells_have_the_same_frames_and_borders(cells: int, most: int, lef
     rng = np.random.default_rng(cells + most)
     looked = rng.integers(0, 5, cells)
     edges = np.cumsum(rng.integers(1, 9, cells + 1))
-    fine = Sightings("a", edges, looked, rng.integers(0, looked + 1))
+    fine = SensorSightings("a", edges, looked, rng.integers(0, looked + 1))
     coarse = coarser(fine, most)
     assert len(coarse.looked) == len(coarse.seen) == len(coarse.edges) - 1 == left
     assert (coarse.edges[0], coarse.edges[-1]) == (edges[0], edges[-1])

@@ -18,7 +18,7 @@ from occlog.report.content import thinned
 from occlog.report.content.model import ReportInput
 from occlog.report.replay import moments as rule
 from occlog.report.replay.build import replay
-from occlog.report.replay.moments import NONE, Words, packed, placed
+from occlog.report.replay.moments import MISSING, Words, packed, placed
 
 
 def unpacked(packed: list[Any]) -> np.ndarray:
@@ -90,7 +90,7 @@ def test_sensors_that_look_at_other_times_are_shown_at_the_next_moment() -> None
 
 @pytest.mark.parametrize(("most", "every"), [(400, 1), (399, 2), (200, 2), (199, 3)])
 def test_moments_are_thinned_by_the_rule(monkeypatch: pytest.MonkeyPatch, most: int, every: int) -> None:
-    monkeypatch.setattr(thinned, "MOST_SHOWN", most)
+    monkeypatch.setattr(thinned, "MAX_SHOWN", most)
     data = run(steps=200, targets=2, cameras=1)
     found = replay(data)
     assert found is not None
@@ -104,7 +104,7 @@ def test_sight_lines_are_thinned_by_moments_of_their_own(monkeypatch: pytest.Mon
     data = run(steps=30, targets=1, cameras=4)
     whole = told(data)
     rows = np.diff(columns(whole, "sight")["first"])
-    monkeypatch.setattr(rule, "MOST_LOOKS", int(rows.sum()) // 3 + 1)
+    monkeypatch.setattr(rule, "MAX_OBSERVATIONS", int(rows.sum()) // 3 + 1)
     values = told(data)
     assert values["sightEvery"] == 3
     kept = np.diff(columns(values, "sight")["first"])
@@ -135,7 +135,7 @@ def test_who_saw_a_target_and_what_is_doubtful_come_from_tracks_of_everybody_or_
     np.testing.assert_allclose(table["existence"] / 254, np.linspace(0.1, 1, 10), atol=0.002)
     assert not values["compared"]
     assert min(columns(values, "truth")["target"]) >= rule.TRUE_FROM
-    assert set(columns(values, "sight")["target"]) == {NONE}
+    assert set(columns(values, "sight")["target"]) == {MISSING}
 
 
 def test_true_places_are_those_of_the_tracks_that_errors_pair_them_with() -> None:
@@ -212,7 +212,7 @@ def test_nothing_is_shown_of_what_does_not_move() -> None:
 
 
 def test_truth_of_many_moving_objects_is_left_to_targets() -> None:
-    count = thinned.MOST_MOVING
+    count = thinned.MAX_MOVING
     for others, rows in ((count, count + 1), (count + 1, 1)):
         roles = ["target"] + ["occluder"] * others
         size = len(roles)

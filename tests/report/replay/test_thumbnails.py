@@ -19,7 +19,7 @@ from occlog.io.files.tables.table_writer import write_table
 from occlog.io.frames.codec import encode_image
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.scene import Scene
-from occlog.report.overlay.plan import Sources
+from occlog.report.overlay.plan import OverlayTables
 from occlog.report.replay.thumbnails import WIDTH, thumbnails
 from occlog.settings import METRES
 
@@ -78,7 +78,7 @@ def test_tracks_are_drawn_over_the_cameras_that_see_them(recording: Path, tmp_pa
     assert tracks is not None
     path = tmp_path / "tracks.parquet"
     write_table(path, tracks, Provenance("track"))
-    plain, drawn = (thumbnails(recording, sources, [0], 10**7) for sources in (None, Sources(path)))
+    plain, drawn = (thumbnails(recording, sources, [0], 10**7) for sources in (None, OverlayTables(path)))
     assert any(a[1] != b[1] for a, b in zip(plain.cameras["cam1"], drawn.cameras["cam1"], strict=True))
     page = tmp_path / "page.html"
     args = ["report", str(path), "--scene", str(recording), "--images", str(recording), "-o", str(page)]
@@ -101,7 +101,7 @@ def test_tracks_in_another_unit_are_drawn_at_the_same_places_or_refused(
             tracks.t_ns.tolist(), tracks.x * (metre / METRES[unit]), tracks.y * (metre / METRES[unit]), strict=True
         )
         path.write_text(f"t_ns,id,x_{unit},y_{unit}\n" + "".join(f"{t},0,{x:.9f},{y:.9f}\n" for t, x, y in rows))
-        shown[unit] = thumbnails(recording, Sources(path), [0], 10**7).cameras["cam1"]
+        shown[unit] = thumbnails(recording, OverlayTables(path), [0], 10**7).cameras["cam1"]
         page = str(tmp_path / "page.html")
         assert occlog(["report", str(path), "--images", str(recording), "-o", page, "--overwrite"]) == ExitCode.DONE
     assert all(images == shown["m"] for images in shown.values())

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from occlog.core.metrics.errors import ratio_or_nan
-from occlog.evaluate.bearings.detections import Counts, add_counts, count, looks_of
+from occlog.evaluate.bearings.detections import DetectionCounts, add_counts, count, observations_of
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.measure.detections import Detections
@@ -73,12 +73,12 @@ def fusion_trial(spec: Spec) -> dict[str, float]:
     return figures
 
 
-def _counts(bearings: Bearings, truth: Truth, scene: Scene) -> Counts:
+def _counts(bearings: Bearings, truth: Truth, scene: Scene) -> DetectionCounts:
     config = EvaluateConfig(occluder_diameter=DIAMETER)
-    return add_counts(count(c) for c in looks_of(bearings, truth, scene, {0: 0}, config).values())
+    return add_counts(count(c) for c in observations_of(bearings, truth, scene, {0: 0}, config).values())
 
 
-def _rates(c: Counts, when: str) -> dict[str, float]:
+def _rates(c: DetectionCounts, when: str) -> dict[str, float]:
     hidden = c.looks - c.visible
     return {
         f"detection_{when}": ratio_or_nan(c.detected, c.visible),

@@ -18,12 +18,12 @@ from occlog.core.metrics.mot.clear_mot import ClearRule, MatchedPairs, match
 from occlog.core.metrics.mot.frame_pairs import MatchedFrames, Objects, of_points
 from occlog.core.metrics.mot.hota import identity
 from occlog.errors import InputError
-from occlog.evaluate.matching.paths import Path as Way
+from occlog.evaluate.matching.paths import ObjectPath as Way
 from occlog.records.tables import Tracks
 
 
 @dataclass(frozen=True, eq=False)
-class Laid:
+class AlignedEstimates:
     """Estimates of a run in common frames, in the order of frame and identity.
 
     Attributes:
@@ -64,7 +64,7 @@ def common_times(a: Tracks, b: Tracks) -> Ints:
     return found
 
 
-def laid(tracks: Tracks, times: Ints) -> Laid:
+def align_estimates(tracks: Tracks, times: Ints) -> AlignedEstimates:
     """A run's estimates at some times.
 
     At times of its own a person is there who has a row.  At times of the other run alone places are interpolated, over
@@ -89,7 +89,7 @@ def laid(tracks: Tracks, times: Ints) -> Laid:
         labels.append(np.full(int(good.sum()), name, dtype=np.int64))
     frame, label = np.concatenate(frames), np.concatenate(labels)
     sort = np.lexsort((label, frame))
-    return Laid(frame[sort], np.concatenate(sources)[sort], np.concatenate(places)[sort], label[sort])
+    return AlignedEstimates(frame[sort], np.concatenate(sources)[sort], np.concatenate(places)[sort], label[sort])
 
 
 EACH_FRAME = ClearRule(memory=0)
@@ -97,7 +97,7 @@ EACH_FRAME = ClearRule(memory=0)
 
 
 @dataclass(frozen=True)
-class Person:
+class PersonPair:
     """Tracks of either run that are one person's, as far as the runs agree; one of them may have none.
 
     Attributes:
@@ -109,14 +109,14 @@ class Person:
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs:
+class RunPairs:
     """Pairs of the two runs.
 
     Attributes:
         frame: (n,) number of the frame of each pair.
-        a, b: (n,) rows of the runs' `Laid` in a pair.
+        a, b: (n,) rows of the runs' `AlignedEstimates` in a pair.
         distance: (n,) between them.
-        alone_a, alone_b: rows of `Laid` that have no partner, ascending.
+        alone_a, alone_b: rows of `AlignedEstimates` that have no partner, ascending.
         people: everybody, those of run A first.
     """
 
@@ -126,10 +126,10 @@ class Pairs:
     distance: Floats
     alone_a: Ints
     alone_b: Ints
-    people: tuple[Person, ...]
+    people: tuple[PersonPair, ...]
 
 
-def pairs_of(a: Laid, b: Laid, near: float) -> Pairs:
+def pairs_of(a: AlignedEstimates, b: AlignedEstimates, near: float) -> RunPairs:
     """Pair the two runs, with each other and not with the truth.
 
     Args:
@@ -146,7 +146,7 @@ def pairs_of(a: Laid, b: Laid, near: float) -> Pairs:
         for label, track in zip(frames.truth_key[:, 1], given, strict=True)
         if track >= 0
     }
-    return Pairs(
+    return RunPairs(
         frame=frames.frame[found.frame],
         a=rows_a,
         b=rows_b,
@@ -163,7 +163,9 @@ def _lacking(count: int, rows: Ints) -> Bools:
     return out
 
 
-def _people(a: Laid, b: Laid, one_to_one: dict[int, int], of_a: Ints, of_b: Ints) -> tuple[Person, ...]:
+def _people(
+    a: AlignedEstimates, b: AlignedEstimates, one_to_one: dict[int, int], of_a: Ints, of_b: Ints
+) -> tuple[PersonPair, ...]:
     """Tracks that are one person's: those of the one-to-one assignment, and each other one with its usual partner."""
     number: dict[tuple[str, int], int] = {}
     for k, label in enumerate(np.unique(a.label).tolist()):
@@ -184,7 +186,7 @@ def _people(a: Laid, b: Laid, one_to_one: dict[int, int], of_a: Ints, of_b: Ints
     for (run, label), k in number.items():
         people.setdefault(k, {"a": [], "b": []})[run].append(label)
     out = [
-        Person(*(tuple(sorted(own[run], key=lambda n, run=run: (-lives[run][n], n))) for run in ("a", "b")))  # type: ignore[misc]
+        PersonPair(*(tuple(sorted(own[run], key=lambda n, run=run: (-lives[run][n], n))) for run in ("a", "b")))  # type: ignore[misc]
         for own in people.values()
     ]
     return tuple(sorted(out, key=lambda p: (not p.a, min(p.a or p.b))))
@@ -199,7 +201,7 @@ class Piece(NamedTuple):
     end_ns: int
 
 
-class Change(NamedTuple):
+class TrackChange(NamedTuple):
     """Somebody is followed by another track from a moment on."""
 
     t_ns: int
@@ -208,7 +210,7 @@ class Change(NamedTuple):
     after: int
 
 
-class Followed(NamedTuple):
+class MatchedRuns(NamedTuple):
     """Everybody's pieces and changes.
 
     Attributes:
@@ -218,7 +220,7 @@ class Followed(NamedTuple):
     """
 
     pieces: tuple[Piece, ...]
-    changes: tuple[Change, ...]
+    changes: tuple[TrackChange, ...]
     passing: int
 
     def of(self, who: int) -> tuple[Piece, ...]:
@@ -226,7 +228,7 @@ class Followed(NamedTuple):
         return tuple(piece for piece in self.pieces if piece.who == who)
 
 
-def by_truth(frames: MatchedFrames, made: MatchedPairs, times: Ints, lasting_ns: int) -> Followed:
+def tracks_by_target(frames: MatchedFrames, made: MatchedPairs, times: Ints, lasting_ns: int) -> MatchedRuns:
     """Tracks of a run that follow each true target.
 
     Args:
@@ -240,7 +242,9 @@ def by_truth(frames: MatchedFrames, made: MatchedPairs, times: Ints, lasting_ns:
     return pieces_of(who, track, frames.frame[made.frame], times, lasting_ns)
 
 
-def by_each_other(a: Laid, b: Laid, pairs: Pairs, times: Ints, lasting_ns: int) -> tuple[Followed, Followed]:
+def mutual_matches(
+    a: AlignedEstimates, b: AlignedEstimates, pairs: RunPairs, times: Ints, lasting_ns: int
+) -> tuple[MatchedRuns, MatchedRuns]:
     """Tracks of B that follow each one of A, and the other way round.
 
     Args:
@@ -257,7 +261,7 @@ def by_each_other(a: Laid, b: Laid, pairs: Pairs, times: Ints, lasting_ns: int) 
     )
 
 
-def pieces_of(who: Ints, track: Ints, frame: Ints, times: Ints, lasting_ns: int) -> Followed:
+def pieces_of(who: Ints, track: Ints, frame: Ints, times: Ints, lasting_ns: int) -> MatchedRuns:
     """Stretches of time in which each one has one track.
 
     Interruptions shorter than `lasting_ns` do not end a stretch; stretches that are shorter are left out, and what is
@@ -271,7 +275,7 @@ def pieces_of(who: Ints, track: Ints, frame: Ints, times: Ints, lasting_ns: int)
         lasting_ns: the shortest stretch.
     """
     if not len(who):
-        return Followed((), (), 0)
+        return MatchedRuns((), (), 0)
     order = np.lexsort((frame, who))
     who, track, frame = who[order], track[order], frame[order]
     step = int(np.median(np.diff(times))) if len(times) > 1 else 0
@@ -289,12 +293,12 @@ def pieces_of(who: Ints, track: Ints, frame: Ints, times: Ints, lasting_ns: int)
         else:
             pieces.append(piece)
     changes = [
-        Change(after.start_ns, after.who, before.track, after.track)
+        TrackChange(after.start_ns, after.who, before.track, after.track)
         for before, after in pairwise(pieces)
         if before.who == after.who and before.track != after.track
     ]
     passing = int(np.count_nonzero(_changed(who, track))) - len(changes)
-    return Followed(tuple(pieces), tuple(sorted(changes)), max(passing, 0))
+    return MatchedRuns(tuple(pieces), tuple(sorted(changes)), max(passing, 0))
 
 
 def _gap(t_ns: Ints, frame: Ints) -> Ints:
@@ -307,7 +311,7 @@ def _changed(who: Ints, track: Ints) -> Bools:
     return np.asarray((np.diff(who) == 0) & (np.diff(track) != 0))
 
 
-def without_counterpart(own: Followed, other: Followed, within_ns: int) -> tuple[Change, ...]:
+def unmatched_changes(own: MatchedRuns, other: MatchedRuns, within_ns: int) -> tuple[TrackChange, ...]:
     """Changes of one run for which the other run has none of the same person at about the same time."""
     known: dict[int, list[int]] = {}
     for change in other.changes:

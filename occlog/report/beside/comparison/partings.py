@@ -18,13 +18,13 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.metrics.mot.clear_mot import MatchedPairs
 from occlog.core.metrics.mot.frame_pairs import MatchedFrames
 
-from .pairs import Followed, Laid, Pairs
+from .pairs import AlignedEstimates, MatchedRuns, RunPairs
 
-MOST_STRETCHES = 5
+MAX_STRETCHES = 5
 """Longest stretches that are told."""
 
 
-class Moment(NamedTuple):
+class RunComparisonStep(NamedTuple):
     """What is to be seen at a moment.
 
     Attributes:
@@ -40,25 +40,25 @@ class Moment(NamedTuple):
     distance: float
 
 
-class Kind(NamedTuple):
+class DivergenceKind(NamedTuple):
     """One way of having parted: the first moment, in how many frames, and how often it happens to anybody."""
 
     name: str
-    first: Moment | None
+    first: RunComparisonStep | None
     frames: int
     rows: int
 
 
-class Stretch(NamedTuple):
+class DivergenceStretch(NamedTuple):
     """Frames after each other in which the runs have parted: from, to, and the moment at which most is apart."""
 
     start_ns: int
     end_ns: int
-    worst: Moment
+    worst: RunComparisonStep
 
 
 @dataclass(frozen=True, eq=False)
-class Partings:
+class Divergences:
     """Where two runs part.
 
     Attributes:
@@ -71,28 +71,33 @@ class Partings:
         alone: (T,) how many have no partner.
     """
 
-    kinds: tuple[Kind, ...]
+    kinds: tuple[DivergenceKind, ...]
     frames: int
     parted: int
-    stretches: tuple[Stretch, ...]
-    farthest: Moment | None
+    stretches: tuple[DivergenceStretch, ...]
+    farthest: RunComparisonStep | None
     apart: Floats
     alone: Ints
 
     @property
-    def first(self) -> tuple[str, Moment] | None:
+    def first(self) -> tuple[str, RunComparisonStep] | None:
         """Kind and moment of the first parting; None: they never part."""
         found = [(kind.name, kind.first) for kind in self.kinds if kind.first is not None]
         return min(found, key=lambda each: each[1].t_ns, default=None)
 
 
-APART, ONLY_A, ONLY_B, OTHER = "apart", "a alone", "b alone", "another partner"
+TOO_FAR_APART, ONLY_IN_A, ONLY_B, OTHER = "apart", "a alone", "b alone", "another partner"
 """Names of kinds."""
 
 
-def partings_of(
-    a: Laid, b: Laid, pairs: Pairs, times: Ints, tolerance: float, partners: tuple[Followed, Followed]
-) -> Partings:
+def divergences_of(
+    a: AlignedEstimates,
+    b: AlignedEstimates,
+    pairs: RunPairs,
+    times: Ints,
+    tolerance: float,
+    partners: tuple[MatchedRuns, MatchedRuns],
+) -> Divergences:
     """Find where two runs part.
 
     Args:
@@ -105,8 +110,8 @@ def partings_of(
     """
     far = np.flatnonzero(pairs.distance > tolerance)
     kinds = (
-        _kind(APART, pairs.frame[far], lambda k: _of_pair(a, b, pairs, times, int(far[k]))),
-        _kind(ONLY_A, a.frame[pairs.alone_a], lambda k: _of_one(a, b, times, int(pairs.alone_a[k]), first=True)),
+        _kind(TOO_FAR_APART, pairs.frame[far], lambda k: _of_pair(a, b, pairs, times, int(far[k]))),
+        _kind(ONLY_IN_A, a.frame[pairs.alone_a], lambda k: _of_one(a, b, times, int(pairs.alone_a[k]), first=True)),
         _kind(ONLY_B, b.frame[pairs.alone_b], lambda k: _of_one(b, a, times, int(pairs.alone_b[k]), first=False)),
         _exchanges(a, b, pairs, times, partners),
     )
@@ -117,40 +122,44 @@ def partings_of(
     parted = (apart > tolerance) | (alone > 0)
     farthest = None if not len(pairs.distance) else _of_pair(a, b, pairs, times, int(np.argmax(pairs.distance)))
     stretches = tuple(_stretch(a, b, pairs, times, each) for each in _longest(parted, times))
-    return Partings(kinds, count, int(parted.sum()), stretches, farthest, apart, alone)
+    return Divergences(kinds, count, int(parted.sum()), stretches, farthest, apart, alone)
 
 
-def _kind(name: str, frames: Ints, moment: Callable[[int], Moment]) -> Kind:
+def _kind(name: str, frames: Ints, moment: Callable[[int], RunComparisonStep]) -> DivergenceKind:
     """A kind by the frames of its rows, of which `moment` tells one."""
     if not len(frames):
-        return Kind(name, None, 0, 0)
-    return Kind(name, moment(int(np.argmin(frames))), len(np.unique(frames)), len(frames))
+        return DivergenceKind(name, None, 0, 0)
+    return DivergenceKind(name, moment(int(np.argmin(frames))), len(np.unique(frames)), len(frames))
 
 
-def _exchanges(a: Laid, b: Laid, pairs: Pairs, times: Ints, partners: tuple[Followed, Followed]) -> Kind:
+def _exchanges(
+    a: AlignedEstimates, b: AlignedEstimates, pairs: RunPairs, times: Ints, partners: tuple[MatchedRuns, MatchedRuns]
+) -> DivergenceKind:
     """Moments from which on a track has another partner."""
     found = [(change.t_ns, change.who, change.after) for change in partners[0].changes]
     found += [(change.t_ns, change.after, change.who) for change in partners[1].changes]
     if not found:
-        return Kind(OTHER, None, 0, 0)
+        return DivergenceKind(OTHER, None, 0, 0)
     first = min(found)
     its = (times[pairs.frame] == first[0]) & (a.label[pairs.a] == first[1]) & (b.label[pairs.b] == first[2])
     row = _of_pair(a, b, pairs, times, int(np.argmax(its)))
-    return Kind(OTHER, row, len({t_ns for t_ns, _, _ in found}), sum(len(each.changes) for each in partners))
+    return DivergenceKind(OTHER, row, len({t_ns for t_ns, _, _ in found}), sum(len(each.changes) for each in partners))
 
 
-def _of_pair(a: Laid, b: Laid, pairs: Pairs, times: Ints, k: int) -> Moment:
+def _of_pair(a: AlignedEstimates, b: AlignedEstimates, pairs: RunPairs, times: Ints, k: int) -> RunComparisonStep:
     own, other = int(pairs.a[k]), int(pairs.b[k])
-    return Moment(int(times[pairs.frame[k]]), int(a.label[own]), int(b.label[other]), float(pairs.distance[k]))
+    return RunComparisonStep(
+        int(times[pairs.frame[k]]), int(a.label[own]), int(b.label[other]), float(pairs.distance[k])
+    )
 
 
-def _of_one(own: Laid, other: Laid, times: Ints, row: int, *, first: bool) -> Moment:
+def _of_one(own: AlignedEstimates, other: AlignedEstimates, times: Ints, row: int, *, first: bool) -> RunComparisonStep:
     """Somebody without a partner, with the distance from the nearest one of the other run."""
     frame, label = int(own.frame[row]), int(own.label[row])
     at = slice(*np.searchsorted(other.frame, [frame, frame + 1]))
     away = np.hypot(*(other.xy[at] - own.xy[row]).T)
     nearest = float(away.min()) if len(away) else float("nan")
-    return Moment(int(times[frame]), label if first else None, None if first else label, nearest)
+    return RunComparisonStep(int(times[frame]), label if first else None, None if first else label, nearest)
 
 
 def _longest(parted: Bools, times: Ints) -> list[tuple[int, int]]:
@@ -158,10 +167,12 @@ def _longest(parted: Bools, times: Ints) -> list[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], parted, [False]]).astype(np.int8)))
     found = list(zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True))
     found.sort(key=lambda each: (int(times[each[0]] - times[each[1]]), each[0]))
-    return found[:MOST_STRETCHES]
+    return found[:MAX_STRETCHES]
 
 
-def _stretch(a: Laid, b: Laid, pairs: Pairs, times: Ints, frames: tuple[int, int]) -> Stretch:
+def _stretch(
+    a: AlignedEstimates, b: AlignedEstimates, pairs: RunPairs, times: Ints, frames: tuple[int, int]
+) -> DivergenceStretch:
     """A stretch with its worst moment: the pair farthest apart, or else the first one without a partner."""
     inside = np.flatnonzero((pairs.frame >= frames[0]) & (pairs.frame <= frames[1]))
     lone = [
@@ -171,16 +182,16 @@ def _stretch(a: Laid, b: Laid, pairs: Pairs, times: Ints, frames: tuple[int, int
     ]
     ends = int(times[frames[0]]), int(times[frames[1]])
     if lone:
-        return Stretch(*ends, min(lone, key=lambda each: each.t_ns))
+        return DivergenceStretch(*ends, min(lone, key=lambda each: each.t_ns))
     worst = int(inside[np.argmax(pairs.distance[inside])])
-    return Stretch(*ends, _of_pair(a, b, pairs, times, worst))
+    return DivergenceStretch(*ends, _of_pair(a, b, pairs, times, worst))
 
 
 Paired = tuple[MatchedFrames, MatchedPairs]
 
 
 @dataclass(frozen=True, eq=False)
-class OverTime:
+class ErrorsOverTime:
     """Errors of both runs in the true frames.
 
     Attributes:
@@ -215,7 +226,7 @@ class OverTime:
         return int(np.isfinite(self.a).sum())
 
 
-def over_time(a: Paired, b: Paired, t_ns: Ints) -> OverTime:
+def over_time(a: Paired, b: Paired, t_ns: Ints) -> ErrorsOverTime:
     """Errors over time, in pairs of each frame alone as `pairs_rmse` has them.
 
     Args:
@@ -243,4 +254,4 @@ def over_time(a: Paired, b: Paired, t_ns: Ints) -> OverTime:
         squares = np.bincount(frame, distance[rows] ** 2, cells)
         with np.errstate(divide="ignore", invalid="ignore"):
             errors.append(np.sqrt(np.where(count > 0, squares / count, np.nan)))
-    return OverTime(t_ns, errors[0], errors[1], missed[0], missed[1], false[0], false[1], len(a[0].truth))
+    return ErrorsOverTime(t_ns, errors[0], errors[1], missed[0], missed[1], false[0], false[1], len(a[0].truth))

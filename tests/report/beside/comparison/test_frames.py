@@ -7,7 +7,7 @@ import pytest
 from two_runs import STEP, lost, tracks
 
 from occlog.errors import InputError
-from occlog.report.beside.comparison.pairs import common_times, laid
+from occlog.report.beside.comparison.pairs import align_estimates, common_times
 
 
 def test_frames_are_the_times_of_both_while_both_last() -> None:
@@ -24,7 +24,7 @@ def test_runs_without_common_time_are_refused() -> None:
 def test_at_a_run_s_own_times_only_those_are_there_who_have_a_row() -> None:
     table = tracks(20, lost(1, 7, 7))
     times = common_times(table, tracks(20))
-    found = laid(table, times)
+    found = align_estimates(table, times)
     assert found.label[found.frame == 7].tolist() == [10, 12]
     assert found.label[found.frame == 8].tolist() == [10, 11, 12]
     assert np.array_equal(table.take(found.row).x, found.xy[:, 0])
@@ -37,7 +37,7 @@ def test_at_times_of_another_clock_places_are_between_rows_and_never_over_a_long
     other = tracks(28)
     other.t_ns[:] += STEP // 4
     times = common_times(table, other)
-    found = laid(table, times)
+    found = align_estimates(table, times)
     k = int(np.searchsorted(times, 5 * STEP + STEP // 4))
     here = found.frame == k
     np.testing.assert_allclose(found.xy[here], [[0.525, 0.0], [0.525, 4.0], [0.525, 8.0]])

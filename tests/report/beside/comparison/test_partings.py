@@ -8,18 +8,32 @@ from two_runs import PEOPLE, STEP, Change, exchanged_at, lost, moved, tracks
 
 from occlog.array_types import NS
 from occlog.records.tables import PeopleTracks
-from occlog.report.beside.comparison.pairs import Pairs, Person, by_each_other, common_times, laid, pairs_of
-from occlog.report.beside.comparison.partings import APART, ONLY_A, ONLY_B, OTHER, Partings, partings_of
+from occlog.report.beside.comparison.pairs import (
+    PersonPair,
+    RunPairs,
+    align_estimates,
+    common_times,
+    mutual_matches,
+    pairs_of,
+)
+from occlog.report.beside.comparison.partings import (
+    ONLY_B,
+    ONLY_IN_A,
+    OTHER,
+    TOO_FAR_APART,
+    Divergences,
+    divergences_of,
+)
 
 
 def parted(
     a: PeopleTracks, b: PeopleTracks, near: float = 1.0, tolerance: float = 0.5, lasting: float = 0.5
-) -> tuple[Pairs, Partings]:
+) -> tuple[RunPairs, Divergences]:
     times = common_times(a, b)
-    left, right = laid(a, times), laid(b, times)
+    left, right = align_estimates(a, times), align_estimates(b, times)
     pairs = pairs_of(left, right, near)
-    partners = by_each_other(left, right, pairs, times, round(lasting * NS))
-    return pairs, partings_of(left, right, pairs, times, tolerance, partners)
+    partners = mutual_matches(left, right, pairs, times, round(lasting * NS))
+    return pairs, divergences_of(left, right, pairs, times, tolerance, partners)
 
 
 def test_a_run_beside_itself_never_parts() -> None:
@@ -27,7 +41,7 @@ def test_a_run_beside_itself_never_parts() -> None:
     assert found.first is None
     assert (found.frames, found.parted, found.stretches) == (60, 0, ())
     assert len(pairs.frame) == 60 * PEOPLE
-    assert pairs.people == tuple(Person((k,), (k,)) for k in (10, 11, 12))
+    assert pairs.people == tuple(PersonPair((k,), (k,)) for k in (10, 11, 12))
     assert found.farthest is not None
     assert found.farthest.distance == 0.0
 
@@ -36,7 +50,7 @@ def test_partners_part_at_the_frame_in_which_they_are_beyond_the_tolerance() -> 
     _, found = parted(tracks(), tracks(60, moved(1, 20, 29, 0.6)))
     assert found.first is not None
     kind, moment = found.first
-    assert kind == APART
+    assert kind == TOO_FAR_APART
     assert (moment.t_ns, moment.a, moment.b) == (20 * STEP, 11, 11)
     assert moment.distance == pytest.approx(0.6)
     assert found.parted == 10
@@ -54,7 +68,7 @@ def test_somebody_whom_one_run_alone_has_is_a_parting() -> None:
     _, found = parted(tracks(), tracks(60, lost(2, 30, 44)))
     assert found.first is not None
     kind, moment = found.first
-    assert kind == ONLY_A
+    assert kind == ONLY_IN_A
     assert (moment.t_ns, moment.a, moment.b) == (30 * STEP, 12, None)
     assert moment.distance == pytest.approx(4.0)  # the nearest of B is its neighbour
     _, other = parted(tracks(60, lost(2, 30, 44)), tracks())
@@ -81,7 +95,7 @@ def test_an_exchange_of_identities_is_a_parting_though_places_are_the_same() -> 
     assert moment.distance == 0.0
     assert found.parted == 0
     # 35 frames with the other one, 25 with the own one: most frames decide who is whom
-    assert pairs.people == (Person((10,), (11,)), Person((11,), (10,)), Person((12,), (12,)))
+    assert pairs.people == (PersonPair((10,), (11,)), PersonPair((11,), (10,)), PersonPair((12,), (12,)))
 
 
 def test_parts_of_a_broken_track_are_one_person() -> None:
@@ -89,7 +103,7 @@ def test_parts_of_a_broken_track_are_one_person() -> None:
         label[(frame >= 40) & (label == 12)] = 30
 
     pairs, found = parted(tracks(60, broken), tracks())
-    assert pairs.people[-1] == Person((12, 30), (12,))
+    assert pairs.people[-1] == PersonPair((12, 30), (12,))
     assert found.first is not None
     assert (found.first[0], found.first[1].t_ns) == (OTHER, 40 * STEP)
 
