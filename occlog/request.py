@@ -60,7 +60,7 @@ class File:
 
 
 @dataclass(frozen=True)
-class Group:
+class SettingsGroup:
     """What is declared of a field that holds those settings of a class that were given, by name.
 
     Attributes:
@@ -85,7 +85,7 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Plugged:
+class PluginField:
     """What is declared of a field that holds plug-ins that were chosen, with their settings.
 
     Attributes:
@@ -103,7 +103,7 @@ class Plugged:
 
 def plugged(kind: str, help: str, option: str, kinds: tuple[str, ...] = ()) -> Any:
     """Declare a field that holds plug-ins that were chosen, a tuple of `occlog.plugins.loading.Chosen`."""
-    return field(default=(), metadata={"plugged": Plugged(kind, help, option, kinds)})
+    return field(default=(), metadata={"plugged": PluginField(kind, help, option, kinds)})
 
 
 def source(help: str, *, required: bool | None = None, **declared_of: Any) -> Any:
@@ -145,7 +145,7 @@ def number_of_threads() -> Any:
 
 def group(of: Callable[[], type[Settings]] | None, **declared_of: Any) -> Any:
     """Declare a field that holds settings of a class."""
-    return field(default_factory=dict, metadata={"group": Group(of, **declared_of)})
+    return field(default_factory=dict, metadata={"group": SettingsGroup(of, **declared_of)})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,7 +185,7 @@ class Request(Settings):
         """The kind of its input; empty: it has none."""
         return str(load(self.KIND)(self)) if self.KIND else ""
 
-    def unfit(self, kind: str) -> Iterator[Entry]:
+    def unfit(self, kind: str) -> Iterator[RequestEntry]:
         """What was given that is not for a kind of input."""
         for entry in Form(type(self)).entries():
             value = getattr(self, entry.field)
@@ -210,7 +210,7 @@ class Request(Settings):
         return list(self.files(output=True).values())
 
 
-class Entry(NamedTuple):
+class RequestEntry(NamedTuple):
     """One thing that a request takes.
 
     Attributes:
@@ -226,7 +226,7 @@ class Entry(NamedTuple):
     field: str
     owner: type[Settings]
     of: Field[object]
-    group: Group | None
+    group: SettingsGroup | None
     under: str = ""
 
     @property
@@ -236,9 +236,9 @@ class Entry(NamedTuple):
         return found
 
     @property
-    def plugged(self) -> Plugged | None:
+    def plugged(self) -> PluginField | None:
         """What is declared of plug-ins."""
-        found: Plugged | None = self.of.metadata.get("plugged")
+        found: PluginField | None = self.of.metadata.get("plugged")
         return found
 
     @property
@@ -276,14 +276,14 @@ class Form:
     around: tuple[type[Settings], ...] = ()
     under: Mapping[str, str] = field(default_factory=dict)
 
-    def entries(self) -> Iterator[Entry]:
+    def entries(self) -> Iterator[RequestEntry]:
         """Everything that it takes and that has a name of its own, in the order of declaration."""
         for f in fields(self.request):
-            of: Group | None = f.metadata.get("group")
+            of: SettingsGroup | None = f.metadata.get("group")
             if of is not None:
                 yield from self._in_group(f, of)
             elif self.takes is None or f.name in self.takes:
-                yield Entry(_key(f), f.name, self.request, f, None)
+                yield RequestEntry(_key(f), f.name, self.request, f, None)
 
     def classes(self) -> dict[str, type[Settings]]:
         """The class of settings of each group that this form has, by its field."""
@@ -291,7 +291,7 @@ class Form:
         made = {name: self.settings.get(name) or (of() if of is not None else None) for name, of in groups.items()}
         return {name: of for name, of in made.items() if of is not None}
 
-    def _in_group(self, f: Field[Any], of: Group) -> Iterator[Entry]:
+    def _in_group(self, f: Field[Any], of: SettingsGroup) -> Iterator[RequestEntry]:
         settings = self.classes().get(f.name)
         if settings is None:
             return
@@ -300,7 +300,7 @@ class Form:
             taken = self.takes is None or f.name in self.takes or each.name in self.takes
             under = "" if each.name in of.plain else self.under.get(f.name, of.under)
             if wanted and taken and (under or declaration(each).option is not None):
-                yield Entry(_under(under, _key(each)), f.name, settings, each, of, under)
+                yield RequestEntry(_under(under, _key(each)), f.name, settings, each, of, under)
 
     def set_group(self) -> tuple[str, str] | None:
         """The field of the settings that `--set` gives, and an example; None: nothing does."""
@@ -349,7 +349,7 @@ class Verbs:
 
 
 @dataclass(frozen=True)
-class Kind:
+class VerbKind:
     """One of the things that a verb can do.
 
     Attributes:
@@ -382,13 +382,13 @@ class Verb:
     """
 
     shared: type[Request]
-    kinds: Mapping[str, Kind]
+    kinds: Mapping[str, VerbKind]
     default: str
     by: Mapping[str, Callable[[str], str]]
     counted: Mapping[int, str] = field(default_factory=dict)
     what: str = "kind"
     chosen_by: str = "{}"
-    more: Callable[[], Mapping[str, Kind]] = dict
+    more: Callable[[], Mapping[str, VerbKind]] = dict
     shows_default: bool = True
     example: str = ""
 
@@ -400,7 +400,7 @@ class Verb:
             of = of.__base__
         return of.__doc__
 
-    def kind(self, name: str) -> Kind | None:
+    def kind(self, name: str) -> VerbKind | None:
         """The kind of that name, ours or of a plug-in; None: there is none."""
         return self.kinds[name] if name in self.kinds else self.more().get(name)
 
@@ -423,7 +423,7 @@ def _flat(value: object) -> Iterator[object]:
 
 def _key(f: Field[Any]) -> str:
     """The name of a field: that of its option, or its own."""
-    of: File | Plugged | Declaration = f.metadata.get("file") or f.metadata.get("plugged") or declaration(f)
+    of: File | PluginField | Declaration = f.metadata.get("file") or f.metadata.get("plugged") or declaration(f)
     option = of.option
     if option is None or getattr(of, "argument", False):
         return f.name

@@ -23,7 +23,7 @@ from occlog.request import Request, load
 T = TypeVar("T")
 
 
-class Done(NamedTuple):
+class JobResult(NamedTuple):
     """What came of a request.
 
     Attributes:
@@ -41,7 +41,7 @@ class Done(NamedTuple):
     shown: Callable[[bool], str] | None = None
 
 
-def run(request: Request, *, overwrite: bool = False, quiet: bool = False) -> Done:
+def run(request: Request, *, overwrite: bool = False, quiet: bool = False) -> JobResult:
     """Do a request.
 
     Args:
@@ -57,10 +57,10 @@ def run(request: Request, *, overwrite: bool = False, quiet: bool = False) -> Do
     kind = request.kind_of_input()
     request.check_kind(kind)
     check_outputs(request.inputs, request.outputs, overwrite)
-    return Done(*load(request.RUN)(request, Job(request, overwrite, quiet, kind)))
+    return JobResult(*load(request.RUN)(request, Job(request, overwrite, quiet, kind)))
 
 
-def exit_code(request: Request, done: Done, *, strict: bool) -> int:
+def exit_code(request: Request, done: JobResult, *, strict: bool) -> int:
     """The exit code of a request that was done; `strict`: results that are not plausible count."""
     if done.failed:
         return ExitCode.THRESHOLD

@@ -44,7 +44,7 @@ class SettingError(InputError):
         self.owner, self.setting, self.value, self.limit = owner, setting, value, limit
 
 
-MOST, LEAST = 1e12, 1e-15
+MAX_SETTING, MIN_POSITIVE_SETTING = 1e12, 1e-15
 """Largest number of any setting, either way, and least of those above 0: their squares and quotients are numbers."""
 
 
@@ -183,10 +183,12 @@ def _check(of: type[Settings], f: Field[object], value: Any) -> None:
     if any(isinstance(n, float) and not math.isfinite(n) for n in parts):
         limit = said.limit()
         raise SettingError(of.OWNER, f.name, value, "finite" + (f" and {limit}" if limit else ""))
-    if any(isinstance(n, float) and abs(n) > MOST for n in parts):
-        raise SettingError(of.OWNER, f.name, value, said.limit() if said.at_most is not None else f"within {MOST:g}")
-    if any(isinstance(n, float) and 0.0 < n < LEAST for n in parts) and said.above == 0:
-        raise SettingError(of.OWNER, f.name, value, f"{said.limit()}, at least {LEAST:g}")
+    if any(isinstance(n, float) and abs(n) > MAX_SETTING for n in parts):
+        raise SettingError(
+            of.OWNER, f.name, value, said.limit() if said.at_most is not None else f"within {MAX_SETTING:g}"
+        )
+    if any(isinstance(n, float) and 0.0 < n < MIN_POSITIVE_SETTING for n in parts) and said.above == 0:
+        raise SettingError(of.OWNER, f.name, value, f"{said.limit()}, at least {MIN_POSITIVE_SETTING:g}")
     if not said.holds(value):
         raise SettingError(of.OWNER, f.name, value, said.limit() or counted(said.counts))
 

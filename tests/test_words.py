@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from occlog.console.text import LONGEST, counted, noun, told
+from occlog.console.text import LONGEST, counted, noun, shortened
 
 
 def test_one_is_not_many() -> None:
@@ -12,8 +12,8 @@ def test_one_is_not_many() -> None:
 
 
 def test_what_comes_from_files_moves_no_cursor_and_fills_no_page() -> None:
-    assert told("a\x1b[2J\x00b\x85\u2028\u202ec\nd\té") == "a\\x1b[2J\\x00b\\x85\\u2028\\u202ec\nd\té"
-    long = told(f"begin {'x' * 10_000} end")
+    assert shortened("a\x1b[2J\x00b\x85\u2028\u202ec\nd\té") == "a\\x1b[2J\\x00b\\x85\\u2028\\u202ec\nd\té"
+    long = shortened(f"begin {'x' * 10_000} end")
     assert len(long) <= LONGEST
     assert long.startswith("begin xx")
     assert long.endswith("xx end")

@@ -26,7 +26,7 @@ from occlog.array_types import Bools, Floats
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.plan.config import PlanConfig
 from occlog.plan.filtering import Reports, errors_along, square_error_in_room
-from occlog.plan.stage import Planned, belief_of, expected_error, plan_map, prepare
+from occlog.plan.stage import PreparedPlan, expected_error, filter_noise_of, plan_map, prepare
 from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene
 from occlog.records.tables import Bearings, Tracks, Truth
 from occlog.scans.sources import bearings_of_doa
@@ -171,13 +171,13 @@ def found_error(room: Room, run: Run, seed: int) -> tuple[float, float]:
     return float(np.mean(np.sum(away[late] ** 2, axis=1))), float(np.mean(nees[late]))
 
 
-def ideal_errors(plan: Planned, runs: Sequence[Run]) -> Floats:
+def ideal_errors(plan: PreparedPlan, runs: Sequence[Run]) -> Floats:
     """(R,) mean square error of each run that is expected, given what each sensor reported of the target."""
     parts = [_reports(plan.scene, run) for run in runs]
     reports = Reports(*(np.stack(part, axis=1) for part in zip(*parts, strict=True)))
     places = np.stack([_places(run.truth) for run in runs])
     keep = int(np.count_nonzero(_late(runs[0].truth)))
-    found = errors_along(places, reports, plan.start, plan.motion, belief_of(plan.config), plan.walked.dt, keep)
+    found = errors_along(places, reports, plan.start, plan.motion, filter_noise_of(plan.config), plan.walked.dt, keep)
     square = square_error_in_room(
         found.covariance.reshape(-1, 2, 2), found.place.reshape(-1, 2), plan.cells.xy, plan.cells.size
     )
@@ -200,7 +200,7 @@ def _reports(scene: Scene, run: Run) -> Reports:
     return reports
 
 
-def planned(room: Room, runs: Sequence[Run]) -> Planned:
+def planned(room: Room, runs: Sequence[Run]) -> PreparedPlan:
     """The plan of a room, the floor weighted by where the targets of runs were."""
     config = replace(PlanConfig.in_unit("m"), people=room.people, draws=DRAWS)
     paths = np.concatenate([_places(run.truth)[_late(run.truth)] for run in runs])

@@ -19,13 +19,13 @@ from occlog import console
 from occlog.cli.setting_options import wanted
 from occlog.errors import UsageError
 from occlog.plugins.loading import Chosen
-from occlog.request import Entry, File, Form, Request, Verb
+from occlog.request import File, Form, Request, RequestEntry, Verb
 from occlog.runner import run
 from occlog.settings import Settings, declaration, kind_of, plain_kind
 from occlog.settings import item_kind as kind_of_items
 
 from .folders import Folder
-from .recordings import Inputs, Recording
+from .recordings import CallInputs, Recording
 from .results import Result, sentences, tables_in, warn
 
 Setting: TypeAlias = float | int | str | bool | Sequence[float] | Sequence[str] | None
@@ -113,7 +113,7 @@ def call(
     """
     home = Folder()
     arguments_of = {entry.key: entry.field if entry.group is None else entry.of.name for entry in form.entries()}
-    with Inputs(arguments_of) as inputs, console.notes_kept() as notes:
+    with CallInputs(arguments_of) as inputs, console.notes_kept() as notes:
         outputs = _outputs(form, arguments, home)
         plain = (entry for entry in form.entries() if entry.group is None)
         given = {entry.name: _value(entry, arguments, inputs, called or {}) for entry in plain}
@@ -145,7 +145,7 @@ def record(form: Form, arguments: Mapping[str, Any]) -> Recording:
     home, output = Folder(), arguments["output"]
     path = home.file("recording.mcap") if output is None else Path(output)
     arguments_of = {entry.key: entry.field if entry.group is None else entry.of.name for entry in form.entries()}
-    with Inputs(arguments_of) as inputs, console.notes_kept() as notes:
+    with CallInputs(arguments_of) as inputs, console.notes_kept() as notes:
         plain = (entry for entry in form.entries() if entry.group is None)
         given = {entry.name: _value(entry, arguments, inputs, {}) for entry in plain}
         request = form.build({**given, "output": path}, _groups(form, arguments))
@@ -214,14 +214,14 @@ def _fitting(request: Request, outputs: Mapping[str, Path]) -> Request:
     return replace(request, **{entry.field: None for entry in unfit if entry.file and entry.file.asked == "always"})
 
 
-def _asked(entry: Entry, of: File, arguments: Mapping[str, Any]) -> bool:
+def _asked(entry: RequestEntry, of: File, arguments: Mapping[str, Any]) -> bool:
     if of.asked == "also":
         return entry.field in arguments.get("also", ())
     value = arguments.get(of.asked)
     return of.asked == "always" or not (value is None or value is False)
 
 
-def _value(entry: Entry, arguments: Mapping[str, Any], inputs: Inputs, called: Mapping[str, str]) -> object:
+def _value(entry: RequestEntry, arguments: Mapping[str, Any], inputs: CallInputs, called: Mapping[str, str]) -> object:
     """What an argument says, as the field of the request has it."""
     value, of, name = arguments.get(entry.field), entry.file, entry.field
     if value is None or (of is not None and of.output):
@@ -259,7 +259,7 @@ def _text(value: object) -> str:
     return ",".join(map(str, value)) if isinstance(value, Iterable) and not isinstance(value, str) else str(value)
 
 
-def _named(inputs: Inputs, value: Any, name: str) -> Path:
+def _named(inputs: CallInputs, value: Any, name: str) -> Path:
     path = inputs.rows(value, name)
     return path if isinstance(value, str | os.PathLike) else inputs.called(path, name)
 

@@ -164,7 +164,7 @@ def read(source: Source, table: str | None = None) -> Table:
     if isinstance(source, Recording):
         return source[_only(source.tables, table)]
     home = Folder()
-    with Inputs() as inputs:
+    with CallInputs() as inputs:
         if isinstance(source, str | os.PathLike | Table):
             path = inputs.rows(source, "source")
         else:
@@ -190,7 +190,7 @@ def read_scene(source: SceneSource) -> Scene:
         return source
     from occlog.io.open import scene_in
 
-    with Inputs() as inputs:
+    with CallInputs() as inputs:
         path = inputs.scene(source)
         found = None if path is None else scene_in(path)
         if found is None:
@@ -242,7 +242,7 @@ SceneSource: TypeAlias = "Source | Scene"
 """A scene: a file or a recording that holds one, a `Scene`, or a table of stations."""
 
 
-class Inputs:
+class CallInputs:
     """The inputs of one call; tables in memory are files until it ends.
 
     Errors inside the block name the argument in the place of such a file, and arguments in the place of options.

@@ -545,7 +545,7 @@ def _scene_of(request: Request) -> Scene | None:
     return open_input(request.bearings).scene if request.scene is None else scene_in(request.scene)
 
 
-BESIDE = {"png": ".png", "markdown": ".md"}
+SIDE_OUTPUTS = {"png": ".png", "markdown": ".md"}
 """How files end that are made beside a page."""
 
 
@@ -604,7 +604,7 @@ def report(
         tracks = tracks.tracks
     arguments: dict[str, Any] = dict(locals())
     if output is not None:
-        arguments |= {name: Path(output).with_suffix(end) for name, end in BESIDE.items() if arguments[name]}
+        arguments |= {name: Path(output).with_suffix(end) for name, end in SIDE_OUTPUTS.items() if arguments[name]}
     return call(Form(PageRequest), arguments, ReportResult, html=_page, png=_picture, markdown=_words)
 
 

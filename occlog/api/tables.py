@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from numpy.typing import NDArray
 
-SHOWN = 8
+NOTEBOOK_ROWS = 8
 """Rows that a notebook shows."""
 
 
@@ -200,7 +200,7 @@ class Table:
         """The first rows, with units, for a notebook."""
         from occlog.io.files.tables.parquet import arrow_batches
 
-        first = next(arrow_batches(self.path, SHOWN), None)
+        first = next(arrow_batches(self.path, NOTEBOOK_ROWS), None)
         rows = [] if first is None else first.to_pylist()
         units = self.units
         head = "".join(f"<th>{escape(c)}<br><small>{escape(units[c])}</small></th>" for c in self.columns)
@@ -223,5 +223,5 @@ def in_words(value: object) -> str:
     if isinstance(value, Mapping):
         return ", ".join(f"{k} {in_words(v)}" for k, v in value.items())
     if isinstance(value, list | tuple):
-        return ", ".join(in_words(v) for v in value[:SHOWN]) + (", ..." if len(value) > SHOWN else "")
+        return ", ".join(in_words(v) for v in value[:NOTEBOOK_ROWS]) + (", ..." if len(value) > NOTEBOOK_ROWS else "")
     return str(value)

@@ -10,8 +10,8 @@ from typing import Any
 
 import click
 
-from occlog.console.notes import dry_run, named, told_to
-from occlog.console.text import told
+from occlog.console.notes import dry_run, logging_to, named
+from occlog.console.text import shortened
 from occlog.errors import UsageError
 from occlog.errors import option as spelled_option
 
@@ -78,7 +78,7 @@ def _tell_details(ctx: click.Context, param: click.Parameter, given: bool) -> No
     start, command = time.perf_counter(), ctx.info_name
 
     def say(text: str) -> None:
-        click.echo(f"occlog: {time.perf_counter() - start:7.2f} s  {told(named(text))}", err=True)
+        click.echo(f"occlog: {time.perf_counter() - start:7.2f} s  {shortened(named(text))}", err=True)
 
     def end() -> None:
         import resource
@@ -88,7 +88,7 @@ def _tell_details(ctx: click.Context, param: click.Parameter, given: bool) -> No
         say(f"{command}: {seconds:.2f} s of a processor, at most {megabytes:.0f} MB")
 
     ctx.find_root().call_on_close(end)
-    ctx.find_root().with_resource(told_to(say))
+    ctx.find_root().with_resource(logging_to(say))
 
 
 def _input_units() -> click.Option:

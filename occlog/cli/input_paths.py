@@ -18,7 +18,7 @@ from occlog.errors import InputError, OutputError
 from occlog.io.files.limits import STANDARD_INPUT
 
 NAME = "standard input"
-MOST_NAMES = 10_000
+MAX_NAMES = 10_000
 """So many names of a folder are looked at for one that is like a missing one."""
 KEPT = "occlog.standard_input"
 """Key of the temporary file in the metadata of click's context."""
@@ -85,7 +85,7 @@ def _nearest(path: Path) -> str:
     import itertools
 
     try:
-        names = [entry.name for entry in itertools.islice(path.parent.iterdir(), MOST_NAMES)]
+        names = [entry.name for entry in itertools.islice(path.parent.iterdir(), MAX_NAMES)]
     except OSError:
         names = []
     near = difflib.get_close_matches(path.name, names, n=1)

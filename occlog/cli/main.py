@@ -15,7 +15,7 @@ import click
 
 from occlog import __version__
 from occlog.console.interrupts import INTERRUPTS
-from occlog.console.notes import DRY_RUN, NothingIsWritten, Plan
+from occlog.console.notes import DRY_RUN, DryRunPlan, DryRunStop
 from occlog.errors import ExitCode, OcclogError, OutputExistsError
 
 from . import streams
@@ -145,17 +145,17 @@ class LazyGroup(click.Group):
     def invoke(self, ctx: click.Context) -> object:
         """Call the command, and check what is left when it is done."""
         from .common import check_common
-        from .startup import announced
+        from .startup import with_compile_notice
 
         try:
-            with announced(ctx):
+            with with_compile_notice(ctx):
                 result = super().invoke(ctx)
         except KeyboardInterrupt:
             # click would write an empty line wherever standard error goes
             if sys.stderr is not None and sys.stderr.isatty():
                 click.echo(err=True)  # after the terminal's ^C
             raise click.exceptions.Abort from None
-        except NothingIsWritten:
+        except DryRunStop:
             _show_plan("--json" in ctx.meta.get(WORDS, ()))
             result = ExitCode.DONE
         check_common(ctx)
@@ -287,7 +287,7 @@ def _show_plan(as_json: bool) -> None:
     from occlog.console.notes import named
     from occlog.console.summary import echo_summary
 
-    plan = DRY_RUN.get() or Plan()
+    plan = DRY_RUN.get() or DryRunPlan()
     replaced = [path for path in plan.writes if path.exists()]
     found = {"reads": plan.reads, "would_write": plan.writes, "would_replace": replaced}
     echo_summary({name: [named(str(path)) for path in paths] for name, paths in found.items()}, as_json)
@@ -296,9 +296,9 @@ def _show_plan(as_json: bool) -> None:
 def _fail(message: str, code: ExitCode, words: Sequence[str]) -> int:
     """Say on standard error what went wrong: in a line, or where `--json` was given as one JSON object."""
     from occlog.console.notes import named
-    from occlog.console.text import told
+    from occlog.console.text import shortened
 
-    one_line = told(named(" ".join(message.split())))
+    one_line = shortened(named(" ".join(message.split())))
     if "--json" in words:
         import json
 

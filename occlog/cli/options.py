@@ -25,7 +25,7 @@ from occlog.errors import UsageError
 from occlog.settings import read_pair
 
 from .input_paths import Input
-from .startup import note_quiet
+from .startup import remember_quiet
 
 F = TypeVar("F", bound=Callable[..., object])
 PATH = click.Path(path_type=Path)
@@ -43,7 +43,7 @@ scene_opt = click.option("--scene", type=INPUT, default=None, help=SCENE_HELP)
 STRICT_HELP = "Exit code 6 if warnings say that the estimates are not plausible. Outputs are written all the same."
 strict_opt = click.option("--strict", is_flag=True, help=STRICT_HELP)
 quiet_opt = click.option(
-    "-q", "--quiet", is_flag=True, callback=note_quiet, help="No progress and no notes on standard error."
+    "-q", "--quiet", is_flag=True, callback=remember_quiet, help="No progress and no notes on standard error."
 )
 workers_opt = click.option(
     "--workers",

@@ -9,17 +9,17 @@ from typing import Any
 import click
 
 from occlog import console
-from occlog.request import Entry, Form, Kind, Request, Verb, Verbs
+from occlog.request import Form, Request, RequestEntry, Verb, VerbKind, Verbs
 from occlog.settings import Settings, declaration, kind_of, plain_kind
 
 from . import options
 from .options import NumberOrFile, parse_setting
 from .setting_options import (
     CHOSEN,
+    CommandVariant,
     PluggedCommand,
     SettingOption,
     SettingsCommand,
-    Variant,
     VariantCommand,
     chosen_in,
     in_own_unit,
@@ -105,7 +105,7 @@ def _arguments(args: Sequence[str], known: Iterable[click.Parameter]) -> int:
     return found
 
 
-def _variant(verb: Verb, kind: Kind) -> Variant:
+def _variant(verb: Verb, kind: VerbKind) -> CommandVariant:
     """What one kind of requests takes in addition to the fields that all kinds share."""
     shared = {entry.name for entry in Form(verb.shared).entries()}
 
@@ -118,7 +118,7 @@ def _variant(verb: Verb, kind: Kind) -> Variant:
         free = form.set_group()
         return [] if free is None else [_settings_of(form, free[0]), *form.around]
 
-    return Variant(kind.summary, params, settings, kind.called)
+    return CommandVariant(kind.summary, params, settings, kind.called)
 
 
 def _settings_of(form: Form, group: str) -> type[Settings]:
@@ -174,7 +174,7 @@ def request_of(form: Form, values: Mapping[str, Any], settings: Iterable[str] = 
     return form.build(given, {} if free is None else {free[0]: dict(parse_setting(text) for text in settings)})
 
 
-def _param(entry: Entry, verb: Verb | None = None) -> click.Parameter:
+def _param(entry: RequestEntry, verb: Verb | None = None) -> click.Parameter:
     """The parameter of a command for one thing that a request takes."""
     of = entry.file
     if (plugged := entry.plugged) is not None:

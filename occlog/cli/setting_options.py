@@ -235,7 +235,7 @@ def write_settings(formatter: click.HelpFormatter, heading: str, settings: type[
 
 
 @dataclass(frozen=True)
-class Variant:
+class CommandVariant:
     """One of the things that a command can do, with options of its own.
 
     Attributes:
@@ -326,10 +326,10 @@ class VariantCommand(SettingsCommand):
     def __init__(
         self,
         *args: Any,
-        variants: Mapping[str, Variant],
+        variants: Mapping[str, CommandVariant],
         choose: Callable[[Sequence[str]], str | None],
         default: str,
-        more: Callable[[], Mapping[str, Variant]] = dict,
+        more: Callable[[], Mapping[str, CommandVariant]] = dict,
         shows_default: bool = False,
         what: str,
         chosen_by: str,
@@ -340,11 +340,11 @@ class VariantCommand(SettingsCommand):
         self.shows_default = shows_default
         self.what, self.chosen_by, self.more = what, chosen_by, more
 
-    def variant(self, name: str) -> Variant | None:
+    def variant(self, name: str) -> CommandVariant | None:
         """The variant of that name, ours or of others; None: there is none."""
         return self.variants[name] if name in self.variants else self.more().get(name)
 
-    def existing(self, name: str) -> Variant:
+    def existing(self, name: str) -> CommandVariant:
         """The variant of a name that there is."""
         found = self.variant(name)
         assert found is not None  # parse_args has looked

@@ -22,7 +22,7 @@ NOT_KEPT = (
 
 
 @contextmanager
-def announced(root: click.Context) -> Iterator[None]:
+def with_compile_notice(root: click.Context) -> Iterator[None]:
     """Say once that kernels are compiled, if that takes long meanwhile and the command of this context is not quiet."""
 
     def say(kept: bool) -> None:
@@ -37,7 +37,7 @@ def announced(root: click.Context) -> Iterator[None]:
             COMPILING.remove(say)
 
 
-def note_quiet(ctx: click.Context, param: click.Parameter, given: bool) -> bool:  # noqa: ARG001
+def remember_quiet(ctx: click.Context, param: click.Parameter, given: bool) -> bool:  # noqa: ARG001
     """Remember `--quiet`; the quiet stages of a run have contexts of their own."""
     ctx.find_root().meta[QUIET] = given
     return given
@@ -46,7 +46,7 @@ def note_quiet(ctx: click.Context, param: click.Parameter, given: bool) -> bool:
 with suppress(ImportError):  # no such limits on Windows
     import resource
 
-WANTED = 65_536
+WANTED_OPEN_FILES = 65_536
 """Open files that are enough for some thousands of cameras."""
 
 
@@ -54,7 +54,7 @@ def allow_open_files() -> None:
     """Raise the limit that may be raised, which is often 1024, as far as is wanted and allowed."""
     if "resource" in globals():
         soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-        most = WANTED if hard == resource.RLIM_INFINITY else min(hard, WANTED)
+        most = WANTED_OPEN_FILES if hard == resource.RLIM_INFINITY else min(hard, WANTED_OPEN_FILES)
         if soft != resource.RLIM_INFINITY and soft < most:
             with suppress(ValueError, OSError):
                 resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from occlog.examine.export.run import Sink
-from occlog.plugins.interface import World
+from occlog.plugins.interface import ExportContext
 from occlog.records.columns import ColumnTable
 from occlog.records.tables import TABLES
 
@@ -29,7 +29,7 @@ def write(of: Any, rows: ColumnTable, what: str, *, unit: str = "m", own: Any = 
     """What an exporter writes; BrokenError where it fails."""
     file = io.BytesIO()
     with called(what):
-        (of(defaults(of, unit)) if own is None else own).write(rows, World(unit, SCENE), Sink(file))
+        (of(defaults(of, unit)) if own is None else own).write(rows, ExportContext(unit, SCENE), Sink(file))
     if file.closed:
         raise BrokenError(f"{what} closes the file, which its opener does")
     return file.getvalue()

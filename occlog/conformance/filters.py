@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from occlog.errors import OcclogError
-from occlog.plugins.interface import Filter, Moment, Place
+from occlog.plugins.interface import EstimatedPosition, Filter, TargetScan
 from occlog.track.plugged import fault_of
 
 from .faults import FIRST, BrokenError, Check, bytes_left, manners, words
-from .samples import FEW, PLAIN, SIGMA_RAD, WALK_STEPS, Walk, blind, later, nobody
+from .samples import FEW, PLAIN, SIGMA_RAD, WALK_STEPS, SampleWalk, blind, later, nobody
 
 SETTLED = WALK_STEPS // 2
 """From this moment on a filter has had time to find the target."""
 FARTHEST_M = 3.0
 """Root mean square error [m] of a filter that has found it; sight lines alone tell it to about 0.6 m."""
-MOST_NEES = 20.0
+MAX_NEES = 20.0
 """Mean normalised squared error of a covariance that can be believed; 2 is right."""
 GROWTH_BYTES = 150
 """Memory that a step may leave behind."""
@@ -29,13 +29,15 @@ SAME = 3.0
 Of = type[Filter]
 
 
-def run(of: Of, walk: Iterable[Moment], *, scene: Walk = PLAIN, seed: int = 1) -> list[Place | None]:
+def run(
+    of: Of, walk: Iterable[TargetScan], *, scene: SampleWalk = PLAIN, seed: int = 1
+) -> list[EstimatedPosition | None]:
     """What a filter says of a walk; BrokenError where it fails, or gives back what no place can be."""
     own = start(of, scene, seed)
     return [step(own, moment) for moment in walk]
 
 
-def start(of: Of, scene: Walk = PLAIN, seed: int = 1) -> Filter:
+def start(of: Of, scene: SampleWalk = PLAIN, seed: int = 1) -> Filter:
     """A new filter with its defaults."""
     try:
         return of(scene.scene, of.settings.in_unit(scene.scene.length_unit), np.random.default_rng(seed))
@@ -43,7 +45,7 @@ def start(of: Of, scene: Walk = PLAIN, seed: int = 1) -> Filter:
         raise BrokenError(f"a new filter raises {words(error)}") from error
 
 
-def step(own: Filter, moment: Moment) -> Place | None:
+def step(own: Filter, moment: TargetScan) -> EstimatedPosition | None:
     """A step; BrokenError as in `run`."""
     try:
         place = own.step(moment)
@@ -55,11 +57,11 @@ def step(own: Filter, moment: Moment) -> Place | None:
     return place
 
 
-def _bytes(places: Sequence[Place | None]) -> list[tuple[bytes, ...] | None]:
+def _bytes(places: Sequence[EstimatedPosition | None]) -> list[tuple[bytes, ...] | None]:
     return [None if p is None else tuple(np.asarray(v, dtype=np.float64).tobytes() for v in p[:2]) for p in places]
 
 
-def _alike(of: Of, walk: Walk, moments: Iterable[Moment], what: str) -> None:
+def _alike(of: Of, walk: SampleWalk, moments: Iterable[TargetScan], what: str) -> None:
     """BrokenError unless the filter finds in another world what it finds in the plain one."""
     plain, other = run(of, PLAIN), run(of, moments, scene=walk)
     for n, (a, b) in enumerate(zip(plain, other, strict=True)):
@@ -76,7 +78,7 @@ def _alike(of: Of, walk: Walk, moments: Iterable[Moment], what: str) -> None:
 
 
 def check_shape(of: Of) -> None:
-    """Places are `Place`s of the right shapes."""
+    """Places are `EstimatedPosition`s of the right shapes."""
     for place in _raw(of):
         wrong = None if place is None else fault_of(place)
         if wrong is not None and "definite" not in wrong and "symmetric" not in wrong and "finite" not in wrong:
@@ -105,7 +107,7 @@ def _refuse(of: Of, word: str) -> None:
             raise BrokenError(wrong)
 
 
-def _raw(of: Of) -> list[Place | None]:
+def _raw(of: Of) -> list[EstimatedPosition | None]:
     """What a filter says of the plain walk, as it is; nothing where it fails, which other checks tell."""
     try:
         own = start(of)
@@ -133,9 +135,9 @@ def check_consistent(of: Of) -> None:
         for p, xy in zip(places, PLAIN.truth[SETTLED:], strict=True)
         if p is not None
     ]
-    if found and not float(np.mean(found)) <= MOST_NEES:
+    if found and not float(np.mean(found)) <= MAX_NEES:
         raise BrokenError(
-            f"covariances are too small: mean NEES {np.mean(found):.3g} (2 is right, allowed: {MOST_NEES:g})"
+            f"covariances are too small: mean NEES {np.mean(found):.3g} (2 is right, allowed: {MAX_NEES:g})"
         )
 
 
@@ -158,7 +160,7 @@ def check_inputs(of: Of) -> None:
     for moment in FEW:
         copy = [np.array(v) for v in moment[2:]]
         step(own, moment)
-        for name, was, now in zip(Moment._fields[2:], copy, moment[2:], strict=True):
+        for name, was, now in zip(TargetScan._fields[2:], copy, moment[2:], strict=True):
             if was.tobytes() != np.asarray(now).tobytes():
                 raise BrokenError(f"step changes {name} of the moment that it is given; copy it")
 
@@ -240,9 +242,9 @@ def check_two_sensors(of: Of) -> None:
 def check_candidates(of: Of) -> None:
     """A sensor can have several bearings at one time, also wild ones."""
 
-    def wild(moment: Moment) -> Moment:
+    def wild(moment: TargetScan) -> TargetScan:
         more = np.array([moment.bearings[0] + 2.0])
-        return Moment(
+        return TargetScan(
             moment.t_ns,
             (moment.sensors[0], *moment.sensors),
             np.concatenate([moment.places[:1], moment.places]),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from occlog.evaluate.stage import fault_of
-from occlog.plugins.interface import Compared
+from occlog.plugins.interface import MetricInput
 
 from .faults import FIRST, BrokenError, Check, called, defaults, manners
 from .samples import START_NS, compared, errors
@@ -23,7 +23,7 @@ POWERS = {"length": 1, "length^2": 2, "length2": 2, "length/s": 1}
 """Powers of length in units."""
 
 
-def figures(of: Any, given: Compared, what: str = "figures") -> Mapping[str, float]:
+def figures(of: Any, given: MetricInput, what: str = "figures") -> Mapping[str, float]:
     """What a metric says; BrokenError where it fails, or gives what cannot be."""
     with called(what):
         found = of(defaults(of, given.length_unit)).figures(given)
@@ -38,7 +38,7 @@ def use(of: Any) -> list[tuple[str, str]]:
     return [(name, repr(float(value))) for name, value in sorted(figures(of, compared()).items())]
 
 
-def _alike(of: Any, other: Compared, what: str, scale: float = 1.0) -> None:
+def _alike(of: Any, other: MetricInput, what: str, scale: float = 1.0) -> None:
     """BrokenError unless figures of another walk are those of the plain one; lengths times a scale."""
     plain, found = figures(of, compared()), figures(of, other, what)
     for name, value in plain.items():
@@ -115,7 +115,7 @@ def check_one_row(of: Any) -> None:
     """There may be a single estimate."""
     given = compared()
     first = given.tracks.take(slice(0, 1))
-    figures(of, Compared(first, given.truth, errors(first, given.truth), "m"), "a single estimate")
+    figures(of, MetricInput(first, given.truth, errors(first, given.truth), "m"), "a single estimate")
 
 
 def check_no_covariance(of: Any) -> None:
@@ -139,7 +139,7 @@ def check_numbers(of: Any) -> None:
         columns = {c.name: getattr(table, c.name) for c in table.columns()}
         return type(table).of(**{**columns, "target_id": np.where(table.target_id == 3, 40, 7).astype(np.int32)})
 
-    other = Compared(renamed(given.tracks), renamed(given.truth), renamed(given.errors), "m")
+    other = MetricInput(renamed(given.tracks), renamed(given.truth), renamed(given.errors), "m")
     _alike(of, other, "with other numbers of targets")
 
 

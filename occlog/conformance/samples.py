@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from occlog.array_types import NS, Floats
-from occlog.plugins.interface import Compared, Moment
+from occlog.plugins.interface import MetricInput, TargetScan
 from occlog.records.columns import ColumnTable
 from occlog.records.declared.views import ViewTracks
 from occlog.records.scene import MicrophoneArray, Scene
@@ -97,10 +97,10 @@ def errors(found: Tracks, true: Truth) -> Errors:
 
 def compared(
     start_ns: int = START_NS, *, scale: float = 1.0, shift: tuple[float, float] = (0.0, 0.0), unit: str = "m"
-) -> Compared:
+) -> MetricInput:
     """Tracks, truth and errors."""
     found, true = tracks(start_ns, scale=scale, shift=shift), truth(start_ns, scale=scale, shift=shift)
-    return Compared(found, true, errors(found, true), unit)
+    return MetricInput(found, true, errors(found, true), unit)
 
 
 def _bearings() -> Bearings:
@@ -219,7 +219,7 @@ WALK_STEPS = 40
 
 
 @dataclass(frozen=True)
-class Walk:
+class SampleWalk:
     """A walk, seen by sensors; as it is, all of them see the target at all times.
 
     Attributes:
@@ -256,7 +256,7 @@ class Walk:
         arrays = (MicrophoneArray(n, np.array([*xy, 0.0]), planar=True) for n, xy in zip(NAMES, places, strict=True))
         return Scene(arrays=tuple(arrays), length_unit="m" if self.scale == 1.0 else "cm")
 
-    def __iter__(self) -> Iterator[Moment]:
+    def __iter__(self) -> Iterator[TargetScan]:
         """The moments, made one after the other; errors of a sensor are the same whoever else looks."""
         noise = np.random.default_rng(5)
         places, own = self.at(PLACES), list(self.sensors)
@@ -264,7 +264,7 @@ class Walk:
             away = xy - places[own]
             error = noise.normal(0.0, SIGMA_RAD, len(NAMES))[own]
             bearing = np.arctan2(away[:, 1], away[:, 0]) + error
-            yield Moment(
+            yield TargetScan(
                 t_ns=self.start_ns + n * WALK_STEP_NS,
                 sensors=tuple(NAMES[k] for k in own),
                 places=places[own].copy(),
@@ -273,21 +273,21 @@ class Walk:
             )
 
 
-PLAIN = Walk()
+PLAIN = SampleWalk()
 FEW = replace(PLAIN, moments=12)
 
 
-def blind(moment: Moment) -> Moment:
+def blind(moment: TargetScan) -> TargetScan:
     """The moment in which all sensors look and nobody sees the target."""
     unknown = np.full(len(moment.bearings), np.nan)
     return moment._replace(bearings=unknown, sigma=unknown.copy())
 
 
-def nobody(moment: Moment) -> Moment:
+def nobody(moment: TargetScan) -> TargetScan:
     """The moment in which no sensor looks."""
     return moment._replace(sensors=(), places=np.zeros((0, 2)), bearings=np.zeros(0), sigma=np.zeros(0))
 
 
-def later(moment: Moment, seconds: float) -> Moment:
+def later(moment: TargetScan, seconds: float) -> TargetScan:
     """The moment at another time."""
     return moment._replace(t_ns=moment.t_ns + round(seconds * NS))

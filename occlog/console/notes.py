@@ -19,7 +19,7 @@ from typing import TextIO, TypeVar
 from occlog.errors import spelled
 
 from .interrupts import INTERRUPTS
-from .text import told
+from .text import shortened
 
 ALIASES: dict[str, str] = {}
 """Paths of temporary files and the names to report in their place, such as that which holds standard input."""
@@ -57,7 +57,7 @@ def note(message: str, quiet: bool = False) -> None:
     if kept is not None:
         kept.append(spelled(message))
     elif not quiet:
-        write_line(f"occlog: {told(named(spelled(message)))}", sys.stderr)
+        write_line(f"occlog: {shortened(named(spelled(message)))}", sys.stderr)
 
 
 def note_findings(texts: Iterable[str], quiet: bool = False) -> None:
@@ -69,7 +69,7 @@ def note_findings(texts: Iterable[str], quiet: bool = False) -> None:
 def note_losses(losses: Iterable[object]) -> None:
     """Write what was lost to standard error, a line each, also where notes are kept or dropped."""
     for loss in losses:
-        write_line(told(named(" ".join(f"occlog: lost: {loss}".split()))), sys.stderr)
+        write_line(shortened(named(" ".join(f"occlog: lost: {loss}".split()))), sys.stderr)
 
 
 LISTENER: ContextVar[Callable[[str], None] | None] = ContextVar("LISTENER", default=None)
@@ -82,7 +82,7 @@ THREADS = "OCCLOG_THREADS"
 """Variable of the environment: how many threads commands take that are not told how many."""
 
 
-class Plan:
+class DryRunPlan:
     """What a dry run would do.
 
     Attributes:
@@ -96,15 +96,15 @@ class Plan:
         self.writes: list[Path] = []
 
 
-DRY_RUN: ContextVar[Plan | None] = ContextVar("DRY_RUN", default=None)
+DRY_RUN: ContextVar[DryRunPlan | None] = ContextVar("DRY_RUN", default=None)
 """What would be done; None: it is done."""
 
 
-class NothingIsWritten(BaseException):
+class DryRunStop(BaseException):
     """A dry run has come to where the work, or the writing, would begin."""
 
 
-def tell(text: str) -> None:
+def log_detail(text: str) -> None:
     """Tell a detail: what an input is taken for, how long a step took, what was written."""
     listener = LISTENER.get()
     if listener is not None:
@@ -116,14 +116,14 @@ def note_uncached() -> None:
     _UNCACHED[:] = [True]
 
 
-def tell_of_compiling() -> None:
+def log_compiling() -> None:
     """Tell, once, that compilation takes long."""
     while COMPILING:
         COMPILING.pop()(not _UNCACHED)
 
 
 @contextmanager
-def told_to(listener: Callable[[str], None]) -> Iterator[None]:
+def logging_to(listener: Callable[[str], None]) -> Iterator[None]:
     """Tell somebody of details meanwhile."""
     token = LISTENER.set(listener)
     try:
@@ -133,9 +133,9 @@ def told_to(listener: Callable[[str], None]) -> Iterator[None]:
 
 
 @contextmanager
-def dry_run() -> Iterator[Plan]:
+def dry_run() -> Iterator[DryRunPlan]:
     """Write nothing meanwhile."""
-    plan = Plan()
+    plan = DryRunPlan()
     token = DRY_RUN.set(plan)
     try:
         yield plan
@@ -146,7 +146,7 @@ def dry_run() -> Iterator[Plan]:
 def begin_work() -> None:
     """Say that everything has been checked and that work or writing begins; NothingIsWritten in a dry run."""
     if DRY_RUN.get() is not None:
-        raise NothingIsWritten
+        raise DryRunStop
 
 
 def note_files(reads: Iterable[Path], writes: Iterable[Path]) -> None:
@@ -182,4 +182,4 @@ def progress(items: Iterable[T], label: str, total: int | None = None, *, quiet:
         INTERRUPTS.check()
         count += 1
         yield item
-    tell(f"{label}: {count} parts in {time.perf_counter() - start:.2f} s")
+    log_detail(f"{label}: {count} parts in {time.perf_counter() - start:.2f} s")

@@ -24,7 +24,7 @@ def as_bytes(text: str) -> bytes:
     return text.encode(errors="backslashreplace")
 
 
-def told(text: str) -> str:
+def shortened(text: str) -> str:
     r"""A text for a terminal: parts of it come from files, which may hold what moves the cursor or fills pages.
 
     Control characters, but for ends of lines and tabs, and those that turn the direction of writing become escapes

@@ -35,7 +35,7 @@ from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Doa, Errors, Tracks, Truth
 from occlog.records.verdicts import Verdict, summary_of, texts_of
 from occlog.request import Form
-from occlog.runner import Done, Job
+from occlog.runner import Job, JobResult
 from occlog.settings import configure, declaration, declared
 from occlog.track.methods.images.run.inputs import independent_id_note, initiated_from_detections, other_video
 
@@ -191,13 +191,13 @@ def kind_of_input(request: EvaluateRequest) -> str:
     return GROUND if request.tracks is not None and request.truth is not None else OTHERS
 
 
-def run_evaluate(request: EvaluateRequest, job: Job) -> Done:
+def run_evaluate(request: EvaluateRequest, job: Job) -> JobResult:
     """Compare and write."""
     thresholds = _thresholds(request.fail_if, names_of_figures(request.metrics))
     if job.kind == AZIMUTHS:
         figures, losses = _of_directions(request, job)
         failed = failures(figures, thresholds)
-        return Done(dict(figures), earlier=losses, failed=failed, shown=lambda as_json: _lines(figures, as_json))
+        return JobResult(dict(figures), earlier=losses, failed=failed, shown=lambda as_json: _lines(figures, as_json))
     if request.more:
         found = evaluate_several(request, job)
         _note(job, (), found.verdicts)
@@ -210,11 +210,13 @@ def run_evaluate(request: EvaluateRequest, job: Job) -> Done:
             return _lines(summary, True) if as_json else "\n".join(table)
 
         failed = failures(found.metrics, thresholds)
-        return Done(summary, earlier=found.losses, failed=failed, shown=shown)
+        return JobResult(summary, earlier=found.losses, failed=failed, shown=shown)
     result, unit = (evaluate_in_images(request, job), "px") if job.kind == IMAGES else _in_world(request, job)
     _note(job, result.notes, result.verdicts)
     earlier, failed = previous_losses(request.inputs), failures(result.metrics, thresholds)
-    return Done(result.figures, earlier=earlier, failed=failed, shown=lambda as_json: _shown(result, unit, as_json))
+    return JobResult(
+        result.figures, earlier=earlier, failed=failed, shown=lambda as_json: _shown(result, unit, as_json)
+    )
 
 
 def _note(job: Job, notes: Iterable[str], verdicts: Sequence[Verdict]) -> None:

@@ -23,8 +23,8 @@ import numpy as np
 from occlog.array_types import NS
 from occlog.consistency.verdict import ConsistencyEvidence
 from occlog.errors import InputError, PluginError, UsageError
-from occlog.plugins.interface import Compared, Metric
-from occlog.plugins.loading import Chosen, said_by
+from occlog.plugins.interface import Metric, MetricInput
+from occlog.plugins.loading import Chosen, plugin_errors
 from occlog.records.columns import ColumnTable
 from occlog.records.declared.people import PeopleTracks
 from occlog.records.declared.sensors import Measurements
@@ -433,8 +433,8 @@ def with_plugins(
     metrics, names = dict(result.metrics), list[str]()
     for each in plugged:
         own: Metric = each.make(length_unit)
-        with said_by(each.plugin):
-            found = own.figures(Compared(tracks, truth, result.errors, length_unit))
+        with plugin_errors(each.plugin):
+            found = own.figures(MetricInput(tracks, truth, result.errors, length_unit))
         wrong = fault_of(found, own.units)
         if wrong is not None:
             raise PluginError(f"{each.plugin.label}: {wrong}")

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
 
-from occlog.console.notes import tell
+from occlog.console.notes import log_detail
 from occlog.errors import InputError, NoSceneError, OcclogError, UsageError
 from occlog.io.files.limits import EXPECTED, FOREIGN_BAG, SQLITE_MAGIC, Content, content_of, describe_unsupported
 from occlog.io.files.provenance import Provenance
@@ -228,7 +228,9 @@ def _external_table(source: ColumnSource, wants: Sequence[type[ColumnTable]] = (
     for column, name, *_ in table.layout.columns:
         STATED.get().note_use(name, kind_of(column), unit_in_name(table.layout.table, column, name))
     names = (f"{s.name} is {s.column.name}" + (f" [{s.unit}]" if s.unit else "") for s in table.layout.columns)
-    tell(f"{source.path}: {source.kind} of another program, read as {table.layout.table.NAME}: {', '.join(names)}")
+    log_detail(
+        f"{source.path}: {source.kind} of another program, read as {table.layout.table.NAME}: {', '.join(names)}"
+    )
     return Opened(
         source.path,
         Provenance("unknown", version="", versions={}),
@@ -245,7 +247,7 @@ def _recording(path: Path) -> Opened:
 
     recording = open_recording(path)
     unit = None if recording.scene is None else recording.scene.length_unit
-    tell(f"{path}: a recording{'' if recording.scene is None else f' with a scene, lengths in {unit}'}")
+    log_detail(f"{path}: a recording{'' if recording.scene is None else f' with a scene, lengths in {unit}'}")
     return Opened(path, recording.provenance, recording.scene, unit, recording, "")
 
 
@@ -254,7 +256,7 @@ def _table(path: Path) -> Opened:
         if file.read(len(SQLITE_MAGIC)) == SQLITE_MAGIC:
             raise InputError(f"{path}: a database (SQLite), not a table; {FOREIGN_BAG}")
     header = read_header(path)
-    tell(f"{path}: a table of occlog: {header.table}, lengths in {header.length_unit}")
+    log_detail(f"{path}: a table of occlog: {header.table}, lengths in {header.length_unit}")
     return Opened(path, header.provenance, None, header.length_unit, None, header.table)
 
 

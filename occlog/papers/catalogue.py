@@ -30,7 +30,7 @@ from occlog.papers.lee.navigation.forces import FORCE_EXPERIMENTS
 from occlog.papers.lee.readers import READER_EXPERIMENTS
 from occlog.papers.lee.space import scenarios, tables, variances, weight_sums
 from occlog.papers.lee.traffic.delays import TRAFFIC_EXPERIMENTS
-from occlog.papers.plots import Plan, Shots
+from occlog.papers.plots import PlanFigure, Shots
 from occlog.papers.qu import statements as qu_statements
 from occlog.papers.qu import variants
 from occlog.papers.qu.experiments import (
@@ -52,7 +52,7 @@ from occlog.papers.qu.experiments import (
 from occlog.papers.rahimi import equations as rahimi_equations
 from occlog.papers.rahimi import results, search, trust, walk
 from occlog.papers.rahimi import statements as rahimi_statements
-from occlog.papers.verdicts import Execute, Experiment, Size, Sources, Table, Verdict, attributed
+from occlog.papers.verdicts import Execute, Experiment, Size, Sources, StatementVerdict, Table, attributed
 
 PAPERS: dict[str, tuple[Experiment, ...]] = {
     "ercan": (
@@ -140,16 +140,16 @@ TITLES = {
 
 
 @dataclass(frozen=True)
-class Finding:
+class ExperimentResult:
     """Result of an experiment: its table, the verdicts on the paper's statements, and its pictures."""
 
     experiment: Experiment
     size: Size
     table: Table
-    verdicts: list[Verdict]
+    verdicts: list[StatementVerdict]
     cpu_seconds: float
     """CPU time of this process; the column `track_seconds` has that of the workers."""
-    plans: dict[str, Plan | Shots] = field(default_factory=dict)
+    plans: dict[str, PlanFigure | Shots] = field(default_factory=dict)
     """Floor plans and frames by name."""
 
     def as_dict(self) -> dict[str, object]:
@@ -194,10 +194,10 @@ def size_of(experiment: Experiment, *, quick: bool, runs: int | None, steps: int
     return Size(runs or own[0], steps or own[1], quick=quick, seed=seed)
 
 
-def reproduce(paper: str, experiment: Experiment, size: Size, execute: Execute) -> Finding:
+def reproduce(paper: str, experiment: Experiment, size: Size, execute: Execute) -> ExperimentResult:
     """Run an experiment of a paper, judge its table, and draw its pictures."""
     start = time.process_time()
     table = experiment.compute(size, execute)
     verdicts = attributed(experiment.judge(table), SOURCES[paper])
     plans = {name: draw(size) for name, draw in experiment.plans.items()}
-    return Finding(experiment, size, table, verdicts, time.process_time() - start, plans)
+    return ExperimentResult(experiment, size, table, verdicts, time.process_time() - start, plans)

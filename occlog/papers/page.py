@@ -17,7 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from occlog.report.drawing import COLOURS, DARK, house_style, new_figure, page_svg, raw_svg, template, to_png
 
-from .plots import Plan, Shots, draw_plan, plan_png, shots_png
+from .plots import PlanFigure, Shots, draw_plan, plan_png, shots_png
 from .verdicts import WORDS
 
 SIZE = (8.4, 4.3)
@@ -32,7 +32,7 @@ KINDS = dict(zip(WORDS, ("reproduced", "part", "not", "undecided"), strict=True)
 """Classes of the pages' style by the word of a verdict."""
 
 
-class Curve(NamedTuple):
+class ChartCurve(NamedTuple):
     """One series of a chart: mean and standard deviation over runs, and lines across."""
 
     name: str
@@ -49,18 +49,18 @@ class Chart(NamedTuple):
     title: str
     x_label: str
     y_label: str
-    curves: list[Curve]
+    curves: list[ChartCurve]
     note: str
 
 
-class Part(NamedTuple):
+class ExperimentPage(NamedTuple):
     """One experiment on the page."""
 
     chart: Chart
     size: str
     verdicts: list[dict[str, object]]
     table: list[list[str]]  # first row: heads
-    plans: Mapping[str, Plan | Shots] = {}  # floor plans and frames by name
+    plans: Mapping[str, PlanFigure | Shots] = {}  # floor plans and frames by name
 
 
 def draw(chart: Chart) -> Figure:
@@ -86,7 +86,7 @@ def draw(chart: Chart) -> Figure:
     return figure
 
 
-def _curve(axes: Axes, n: int, curve: Curve) -> None:
+def _curve(axes: Axes, n: int, curve: ChartCurve) -> None:
     sd = [0.0 if math.isnan(s) else s for s in curve.sd]
     axes.errorbar(
         curve.x,
@@ -117,7 +117,7 @@ def chart_png(chart: Chart) -> bytes:
         return to_png(draw(chart), 110.0, {"Title": f"{chart.item}: {chart.title}"})
 
 
-def build_reproduction(title: str, parts: Sequence[Part], made: str) -> str:
+def build_reproduction(title: str, parts: Sequence[ExperimentPage], made: str) -> str:
     """Return the page as HTML: self-contained, without scripts; the same input gives the same bytes.
 
     Args:
@@ -174,20 +174,20 @@ def _svg(chart: Chart) -> str:
     return page_svg(raw_svg(draw(chart)), chart.item, chart.title, words)
 
 
-def picture_png(picture: Plan | Shots) -> bytes:
+def picture_png(picture: PlanFigure | Shots) -> bytes:
     """Return a floor plan, or frames, as PNG."""
-    return plan_png(picture) if isinstance(picture, Plan) else shots_png(picture)
+    return plan_png(picture) if isinstance(picture, PlanFigure) else shots_png(picture)
 
 
-def _picture(item: str, name: str, picture: Plan | Shots) -> str:
-    if isinstance(picture, Plan):
+def _picture(item: str, name: str, picture: PlanFigure | Shots) -> str:
+    if isinstance(picture, PlanFigure):
         return _plan_svg(item, name, picture)
     data = base64.b64encode(shots_png(picture)).decode()
     words = escape(f"{picture.title}: {', '.join(picture.rows)}")
     return f'<img class="plot" alt="{words}" src="data:image/png;base64,{data}">'
 
 
-def _plan_svg(item: str, name: str, plan: Plan) -> str:
+def _plan_svg(item: str, name: str, plan: PlanFigure) -> str:
     words = "; ".join(f"{p.title}: true path, {', '.join(e.name for e in p.estimates)}" for p in plan.panels)
     return page_svg(raw_svg(draw_plan(plan)), f"{item}-{name}", plan.title, words)
 

@@ -16,7 +16,7 @@ COMMIT_S = 5.0
 """Time that git has to name the commit [s]."""
 
 
-class Made(NamedTuple):
+class PageProvenance(NamedTuple):
     """How a page was made."""
 
     command: str
@@ -34,9 +34,9 @@ class Made(NamedTuple):
         return f"Made by `{self.command}`, seed {self.seed}, with occlog {self.version}{commit}."
 
 
-def made_by(arguments: Sequence[str], seed: int) -> Made:
+def made_by(arguments: Sequence[str], seed: int) -> PageProvenance:
     """Describe a run of `occlog` with these arguments."""
-    return Made(shlex.join(["occlog", *arguments]), seed, occlog.__version__, commit_of_program())
+    return PageProvenance(shlex.join(["occlog", *arguments]), seed, occlog.__version__, commit_of_program())
 
 
 def commit_of_program() -> str | None:

@@ -29,7 +29,7 @@ class EstimatedPath(NamedTuple):
     xy: Floats  # (T, 2)
 
 
-class Panel(NamedTuple):
+class PlanPanel(NamedTuple):
     """One drawing of the room, with T places of the target."""
 
     title: str
@@ -38,13 +38,13 @@ class Panel(NamedTuple):
     estimates: tuple[EstimatedPath, ...]
 
 
-class Plan(NamedTuple):
+class PlanFigure(NamedTuple):
     """A picture of panels of equal size and limits."""
 
     title: str
     caption: str
     scene: Scene
-    panels: tuple[Panel, ...]
+    panels: tuple[PlanPanel, ...]
     columns: int = 3
 
 
@@ -55,7 +55,7 @@ MOST = 1.3
 TRUE_PATH: Style = {"color": COLOURS["ink"], "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 4.0}
 
 
-def draw_plan(plan: Plan) -> Figure:
+def draw_plan(plan: PlanFigure) -> Figure:
     """Draw all panels with the same limits, and one legend below them."""
     columns = min(plan.columns, len(plan.panels))
     rows = math.ceil(len(plan.panels) / columns)
@@ -74,7 +74,7 @@ def draw_plan(plan: Plan) -> Figure:
     return figure
 
 
-def plan_limits(plan: Plan) -> Floats:
+def plan_limits(plan: PlanFigure) -> Floats:
     """Return the lower and the upper corner (2, 2) of the room and its paths, these cut at `MOST`."""
     low, high = plan.scene.region.min(axis=0), plan.scene.region.max(axis=0)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
@@ -84,7 +84,7 @@ def plan_limits(plan: Plan) -> Floats:
     return np.array([everything.min(axis=0) - margin, everything.max(axis=0) + margin])
 
 
-def _paths(axes: Axes, panel: Panel) -> list[Line2D]:
+def _paths(axes: Axes, panel: PlanPanel) -> list[Line2D]:
     """Draw the true path with its start, and the estimates with dots where the target was seen."""
     handles = axes.plot(panel.truth[:, 0], panel.truth[:, 1], label="true path", **TRUE_PATH)
     handles += axes.plot(
@@ -108,7 +108,7 @@ def _paths(axes: Axes, panel: Panel) -> list[Line2D]:
     return handles
 
 
-def plan_png(plan: Plan) -> bytes:
+def plan_png(plan: PlanFigure) -> bytes:
     """Return the picture as PNG."""
     with house_style():
         return to_png(draw_plan(plan), 110.0, {"Title": plan.title})
@@ -122,21 +122,21 @@ class Mark(NamedTuple):
     good: bool  # true: the tracker is on its own target
 
 
-class Line(NamedTuple):
+class EpipolarLine(NamedTuple):
     """Epipolar line of a target's estimate in another view."""
 
     target: int
     line: Floats  # (3,) points (x, y) with line . (x, y, 1) = 0
 
 
-class Shot(NamedTuple):
+class FigureImage(NamedTuple):
     """One image with what is drawn on it."""
 
     title: str
     image: NDArray[np.uint8]  # (H, W, 3) BGR
     marks: tuple[Mark, ...]
     links: tuple[tuple[Floats, Floats], ...]  # centres of trackers that touch
-    lines: tuple[Line, ...]
+    lines: tuple[EpipolarLine, ...]
 
 
 class Shots(NamedTuple):
@@ -145,7 +145,7 @@ class Shots(NamedTuple):
     title: str
     caption: str
     rows: tuple[str, ...]  # names of the rows
-    shots: tuple[tuple[Shot, ...], ...]  # by row
+    shots: tuple[tuple[FigureImage, ...], ...]  # by row
 
 
 SHOT_WIDTH = 2.3
@@ -175,7 +175,7 @@ def draw_shots(shots: Shots) -> Figure:
     return figure
 
 
-def _draw(axes: Axes, shot: Shot) -> None:
+def _draw(axes: Axes, shot: FigureImage) -> None:
     height, width = shot.image.shape[:2]
     axes.imshow(shot.image[..., ::-1], interpolation="nearest")
     axes.set_title(label(shot.title, 40))
@@ -189,7 +189,7 @@ def _draw(axes: Axes, shot: Shot) -> None:
     axes.set_ylim(height - 0.5, -0.5)
 
 
-def _line(axes: Axes, line: Line, width: int, height: int) -> None:
+def _line(axes: Axes, line: EpipolarLine, width: int, height: int) -> None:
     ends = ends_of(line.line, width, height)
     if ends is not None:
         axes.plot(*ends.T, color=bright(line.target), linewidth=0.9, linestyle=(0, (4, 2)))

@@ -22,13 +22,22 @@ from occlog import console
 from occlog.errors import InputError, OutputError, UsageError
 from occlog.io.files.atomic import check_writable, translate_write_errors, write_bytes
 from occlog.papers.ercan.recorded import cmc_files, files_of, recorded_experiments, target_of
-from occlog.papers.page import Chart, Curve, Paper, Part, build_reproduction, build_verdicts, chart_png, picture_png
-from occlog.papers.verdicts import EXTRAS, WORDS, Execute, Experiment, Table, Verdict
+from occlog.papers.page import (
+    Chart,
+    ChartCurve,
+    ExperimentPage,
+    Paper,
+    build_reproduction,
+    build_verdicts,
+    chart_png,
+    picture_png,
+)
+from occlog.papers.verdicts import EXTRAS, WORDS, Execute, Experiment, StatementVerdict, Table
 from occlog.pipeline.sweep.engine import run_all
 from occlog.pipeline.sweep.trial import Spec
 
-from .catalogue import PAPERS, RECORDED, TITLES, Finding, choose, reproduce, size_of
-from .page_provenance import Made, made_by
+from .catalogue import PAPERS, RECORDED, TITLES, ExperimentResult, choose, reproduce, size_of
+from .page_provenance import PageProvenance, made_by
 
 STORE = "trials.jsonl"
 SIZE = re.compile(r"([\w.-]+)=(\d+)x(\d+)")
@@ -104,7 +113,7 @@ def _run_papers(request: ReproduceRequest) -> None:
         _make_folder(output)
         for name in SUMMARY:
             check_writable(output / name, request.overwrite)
-    found: dict[str, list[Finding]] = {}
+    found: dict[str, list[ExperimentResult]] = {}
     for paper in PAPERS:
         # Only the papers with experiments on recordings take one
         own = request if paper in RECORDED else replace(request, data=None, bearings=None, scene=None)
@@ -136,12 +145,12 @@ def _print_totals(totals: Mapping[str, Mapping[str, int]]) -> None:
         click.echo(f"{name:<11}" + "".join(f"{counts[word]:>16}" for word in WORDS))
 
 
-def counts_of(findings: Sequence[Finding]) -> dict[str, int]:
+def counts_of(findings: Sequence[ExperimentResult]) -> dict[str, int]:
     """Return how many statements got which verdict."""
     return {word: sum(v.verdict == word for f in findings for v in f.verdicts) for word in WORDS}
 
 
-def _made(paper: str | None, request: ReproduceRequest) -> Made:
+def _made(paper: str | None, request: ReproduceRequest) -> PageProvenance:
     """Describe the run by the options that change its results."""
     words = ["reproduce", *([paper] if paper else []), *(["--all"] if request.everything else request.items)]
     words += ["--quick"] if request.quick else []
@@ -154,7 +163,7 @@ def _made(paper: str | None, request: ReproduceRequest) -> Made:
     return made_by([*words, "--seed", str(request.seed)], request.seed)
 
 
-def _run_paper(paper: str, request: ReproduceRequest, output: Path | None) -> list[Finding]:
+def _run_paper(paper: str, request: ReproduceRequest, output: Path | None) -> list[ExperimentResult]:
     """Run the experiments one after the other; the files of each are written as soon as it is done.
 
     A folder with finished trials and without a page is that of a run that was stopped: what it has
@@ -169,7 +178,7 @@ def _run_paper(paper: str, request: ReproduceRequest, output: Path | None) -> li
         overwrite = overwrite or was_stopped(output)
         prepare(output, chosen, overwrite)
     made = _made(paper, request)
-    findings: list[Finding] = []
+    findings: list[ExperimentResult] = []
     for e in chosen:
         runs, steps = own.get(e.item, (request.runs, request.steps))
         size = size_of(e, quick=request.quick, runs=runs, steps=steps, seed=request.seed)
@@ -273,7 +282,7 @@ def _bar(label: str, total: int, quiet: bool) -> tuple[Callable[[int], None] | N
     return advance, bar.close
 
 
-def _print(verdicts: Sequence[Verdict]) -> None:
+def _print(verdicts: Sequence[StatementVerdict]) -> None:
     for v in verdicts:
         paper = "" if v.paper is None else f", paper {v.paper:.4g}"
         measured = "nothing" if v.measured is None else f"{v.measured:.4g}"
@@ -306,7 +315,7 @@ def _make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
 
 
-def write(folder: Path, paper: str, finding: Finding, overwrite: bool, made: Made) -> None:
+def write(folder: Path, paper: str, finding: ExperimentResult, overwrite: bool, made: PageProvenance) -> None:
     """Write table, plot, further pictures and verdicts of one experiment."""
     item = finding.experiment.item
     write_bytes(folder / f"{item}.csv", table_csv(finding.table).encode(), overwrite)
@@ -318,9 +327,14 @@ def write(folder: Path, paper: str, finding: Finding, overwrite: bool, made: Mad
     write_bytes(folder / f"{item}.json", text.encode(), overwrite)
 
 
-def write_page(folder: Path, paper: str, findings: Sequence[Finding], overwrite: bool, made: Made) -> None:
+def write_page(
+    folder: Path, paper: str, findings: Sequence[ExperimentResult], overwrite: bool, made: PageProvenance
+) -> None:
     """Write the page of all experiments."""
-    parts = [Part(chart(f), _size(f), [x.as_dict() for x in f.verdicts], _cells(f.table), f.plans) for f in findings]
+    parts = [
+        ExperimentPage(chart(f), _size(f), [x.as_dict() for x in f.verdicts], _cells(f.table), f.plans)
+        for f in findings
+    ]
     write_bytes(folder / PAGE, build_reproduction(TITLES[paper], parts, made.text()).encode(), overwrite)
 
 
@@ -354,7 +368,7 @@ def _text(value: float) -> str:
     return "" if math.isnan(value) else f"{value:.6g}"
 
 
-def chart(finding: Finding) -> Chart:
+def chart(finding: ExperimentResult) -> Chart:
     """Return the plot's content: a curve for each plotted series, by rising x; rows without x are lines across."""
     e, curves = finding.experiment, []
     for name in dict.fromkeys(r.series for r in finding.table if r.plotted):
@@ -363,12 +377,14 @@ def chart(finding: Finding) -> Chart:
         rows = sorted((r for r in own if not math.isnan(r.x)), key=lambda r: r.x)
         if own:
             curves.append(
-                Curve(name, x=[r.x for r in rows], y=[r.mean for r in rows], sd=[r.sd for r in rows], across=across)
+                ChartCurve(
+                    name, x=[r.x for r in rows], y=[r.mean for r in rows], sd=[r.sd for r in rows], across=across
+                )
             )
     return Chart(item=e.item, title=e.title, x_label=e.x_label, y_label=e.y_label, curves=curves, note=e.note)
 
 
-def _size(finding: Finding) -> str:
+def _size(finding: ExperimentResult) -> str:
     size, e = finding.size, finding.experiment
     if (size.runs, size.steps) == (e.runs, e.steps):
         return f"{size.runs} runs of {size.steps} steps, the full form."

@@ -46,7 +46,7 @@ from scipy.special import betaincinv, stdtrit
 from occlog.array_types import Ints
 from occlog.pipeline.sweep.trial import Spec, run_trial
 
-from .plots import Plan, Shots
+from .plots import PlanFigure, Shots
 
 Execute = Callable[[Sequence[Spec]], list[dict[str, float]]]
 """Runs trials and returns their figures in the order of the trials; see `occlog.pipeline.sweep.engine.run_all`."""
@@ -66,7 +66,7 @@ class Size(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Row:
+class PaperRow:
     """One point of a figure, with the value of every run."""
 
     series: str
@@ -97,11 +97,11 @@ class Row:
         return self.sd / math.sqrt(len(self.values)) if self.values else math.nan
 
 
-Table = list[Row]
+Table = list[PaperRow]
 
 
 @dataclass(frozen=True)
-class Verdict:
+class StatementVerdict:
     """A statement of the paper, and whether what was measured confirms it."""
 
     id: str
@@ -134,10 +134,10 @@ class Experiment:
     steps: int  # of a run, in the paper
     quick: tuple[int, int]  # runs and steps of the small form
     compute: Callable[[Size, Execute], Table]
-    judge: Callable[[Table], list[Verdict]]
+    judge: Callable[[Table], list[StatementVerdict]]
     note: str = ""
     trial: Callable[[Spec], dict[str, float]] = run_trial  # runs one of the trials of `compute`
-    plans: Mapping[str, Callable[[Size], Plan | Shots]] = field(default_factory=dict)  # further pictures by name
+    plans: Mapping[str, Callable[[Size], PlanFigure | Shots]] = field(default_factory=dict)  # further pictures by name
 
 
 def deviation(values: Sequence[float]) -> float:
@@ -196,7 +196,7 @@ def sample(values: Sequence[float]) -> Measure:
     return estimate(math.fsum(values) / n, deviation(values) / math.sqrt(n), n)
 
 
-def mean_of(row: Row) -> Measure:
+def mean_of(row: PaperRow) -> Measure:
     """Return the mean of a row over its runs."""
     return sample(row.values)
 
@@ -216,7 +216,7 @@ def share_of(held: int, runs: int) -> Measure:
     return Measure(held / runs, math.sqrt(middle * (1.0 - middle) / (runs + 4.0)), runs, low, high)
 
 
-def difference(low: Row, high: Row) -> tuple[float, float]:
+def difference(low: PaperRow, high: PaperRow) -> tuple[float, float]:
     """Return the mean of high - low and its standard error, run by run where the numbers of runs are equal."""
     if low.runs == high.runs:
         gap = sample([b - a for a, b in zip(low.values, high.values, strict=True)])
@@ -224,12 +224,12 @@ def difference(low: Row, high: Row) -> tuple[float, float]:
     return high.mean - low.mean, math.hypot(low.error, high.error)
 
 
-def difference_of(low: Row, high: Row) -> Measure:
+def difference_of(low: PaperRow, high: PaperRow) -> Measure:
     """Return the mean of high - low as `difference` does."""
     return estimate(*difference(low, high), min(low.runs, high.runs))
 
 
-def quotient(above: Row, below: Row) -> tuple[float, float]:
+def quotient(above: PaperRow, below: PaperRow) -> tuple[float, float]:
     """Return the quotient of two means and its standard error by the delta method; NaN if `below` has mean 0.
 
     Where the numbers of runs are equal, the runs are taken as pairs.
@@ -243,12 +243,12 @@ def quotient(above: Row, below: Row) -> tuple[float, float]:
     return ratio, math.hypot(above.error, ratio * below.error) / abs(below.mean)
 
 
-def quotient_of(above: Row, below: Row) -> Measure:
+def quotient_of(above: PaperRow, below: PaperRow) -> Measure:
     """Return the quotient of two means as `quotient` does."""
     return estimate(*quotient(above, below), min(above.runs, below.runs))
 
 
-def power_of(rows: Sequence[Row]) -> Measure:
+def power_of(rows: Sequence[PaperRow]) -> Measure:
     """Return the exponent of x, fitted by least squares to log y against log x in every run.
 
     Args:
@@ -279,7 +279,7 @@ def bootstrapped(runs: int, statistic: Callable[[Ints], float], resamples: int) 
     return Measure(value, deviation(found), runs, value - wide * (value - low), value + wide * (high - value))
 
 
-class Source(NamedTuple):
+class PaperSource(NamedTuple):
     """A place in a paper."""
 
     place: str  # figure, table, equation or section
@@ -287,13 +287,13 @@ class Source(NamedTuple):
     page: int | None = None  # of the figure, or where the section begins; only the text of [Lee] has page numbers
 
 
-OWN = Source("of this project")
+OWN = PaperSource("of this project")
 """A statement that no paper makes."""
-Sources = Mapping[str, Source]
+Sources = Mapping[str, PaperSource]
 """Sources by the beginning of a verdict's id, up to a hyphen; the longest that fits counts."""
 
 
-def source_of(key: str, sources: Sources) -> Source | None:
+def source_of(key: str, sources: Sources) -> PaperSource | None:
     """Return the source of the verdict with this id; None where no beginning of the id is known."""
     parts = key.split("-")
     for n in range(len(parts), 0, -1):
@@ -303,7 +303,7 @@ def source_of(key: str, sources: Sources) -> Source | None:
     return None
 
 
-def attributed(verdicts: Sequence[Verdict], sources: Sources) -> list[Verdict]:
+def attributed(verdicts: Sequence[StatementVerdict], sources: Sources) -> list[StatementVerdict]:
     """Return the verdicts with place, page and words of the paper; those that have a place keep it."""
     out = []
     for verdict in verdicts:
@@ -323,7 +323,7 @@ SHARP = 0.5
 """Largest half of a range that lies across an end of the good interval and is decided all the same."""
 NEGLIGIBLE = 0.02
 """A difference that is not above 0 for sure is none if it is known to be within this share of the level."""
-Pair = tuple[Row, Row]
+Pair = tuple[PaperRow, PaperRow]
 
 
 class Interval(NamedTuple):
@@ -366,7 +366,7 @@ def around(number: float, share: float) -> Interval:
     return Interval(number - share * abs(number), number + share * abs(number))
 
 
-class Point(NamedTuple):
+class StatementPoint(NamedTuple):
     """One of several points of a statement."""
 
     measure: Measure
@@ -381,7 +381,7 @@ class Point(NamedTuple):
         return False if negligible or self.good.misses(self.measure) else None
 
 
-def find(table: Table, series: str, x: float | None = None) -> Row | None:
+def find(table: Table, series: str, x: float | None = None) -> PaperRow | None:
     """Return the row of a series at x (None: its first row), or None where there is none."""
     for row in table:
         if row.series == series and (x is None or row.x == x):
@@ -389,7 +389,7 @@ def find(table: Table, series: str, x: float | None = None) -> Row | None:
     return None
 
 
-def series(table: Table, name: str) -> list[Row]:
+def series(table: Table, name: str) -> list[PaperRow]:
     """Return the rows of a series that have an x, by rising x."""
     return sorted((r for r in table if r.series == name and not math.isnan(r.x)), key=lambda r: r.x)
 
@@ -405,7 +405,7 @@ def matched(table: Table, low: str, high: str, only: Iterable[float] | None = No
     return pairs
 
 
-def neighbours(rows: Sequence[Row]) -> list[Pair]:
+def neighbours(rows: Sequence[PaperRow]) -> list[Pair]:
     """Pair each row with the one before it, so that `pairs` states that the series falls."""
     return [(after, before) for before, after in pairwise(rows)]
 
@@ -438,7 +438,7 @@ def judge(
     *,
     rule: str,
     paper: float | None = None,
-) -> Verdict:
+) -> StatementVerdict:
     """Judge a statement about one quantity; `fair` None: it holds or not, never in part.
 
     Args:
@@ -456,7 +456,7 @@ def judge(
 
 def fact(
     key: str, statement: str, *, holds: bool, measured: float | None, rule: str, paper: float | None = None
-) -> Verdict:
+) -> StatementVerdict:
     """Judge a statement that was computed exactly, and holds or does not; `measured` is only shown."""
     word = REPRODUCED if holds else NOT
     shown = exact(math.nan if measured is None else measured)
@@ -466,12 +466,12 @@ def fact(
 def judge_points(
     key: str,
     statement: str,
-    points: Sequence[Point],
+    points: Sequence[StatementPoint],
     *,
     rule: str,
     paper: float | None = None,
     shown: Measure | None = None,
-) -> Verdict:
+) -> StatementVerdict:
     """Judge a statement about several points.
 
     Args:
@@ -491,7 +491,7 @@ def judge_points(
     return _verdict(key, statement, shown or _mean(points), paper=paper, word=word, rule=counted)
 
 
-def _mean(points: Sequence[Point]) -> Measure:
+def _mean(points: Sequence[StatementPoint]) -> Measure:
     n = len(points)
     if n == 0:
         return estimate(math.nan, math.nan, 0)
@@ -500,12 +500,12 @@ def _mean(points: Sequence[Point]) -> Measure:
     return estimate(mean, error, min(p.measure.runs for p in points))
 
 
-def _verdict(key: str, statement: str, m: Measure, *, paper: float | None, word: str, rule: str) -> Verdict:
+def _verdict(key: str, statement: str, m: Measure, *, paper: float | None, word: str, rule: str) -> StatementVerdict:
     value, error = (None if math.isnan(x) else x for x in (m.value, m.error))
     said = rule if word != UNDECIDED else f"{rule}; the error bar is too large to say" if value is not None else rule
     if value is None and word == UNDECIDED:
         said = f"{rule}; it could not be measured"
-    return Verdict(
+    return StatementVerdict(
         key,
         statement,
         paper=None if paper is None or math.isnan(paper) else paper,
@@ -524,7 +524,7 @@ def share(held: Sequence[bool]) -> str:
     return IN_PART if held and 2 * sum(held) >= len(held) else NOT
 
 
-def pairs(key: str, statement: str, points: Sequence[Pair], paper: float | None = None) -> Verdict:
+def pairs(key: str, statement: str, points: Sequence[Pair], paper: float | None = None) -> StatementVerdict:
     """Judge that low is below high at every point; `measured` is the mean difference, run by run.
 
     A difference that may be 0 and is known to be within `NEGLIGIBLE` of the level counts as none.
@@ -533,34 +533,34 @@ def pairs(key: str, statement: str, points: Sequence[Pair], paper: float | None 
     return judge_points(key, statement, [lower(low, high) for low, high in points], rule=rule, paper=paper)
 
 
-def lower(low: Row, high: Row) -> Point:
+def lower(low: PaperRow, high: PaperRow) -> StatementPoint:
     """Return the point at which the mean of one row should be below that of another."""
     level = 0.5 * (abs(low.mean) + abs(high.mean))
-    return Point(difference_of(low, high), above(0.0), NEGLIGIBLE * level)
+    return StatementPoint(difference_of(low, high), above(0.0), NEGLIGIBLE * level)
 
 
-def close(key: str, statement: str, points: Sequence[Pair]) -> Verdict:
+def close(key: str, statement: str, points: Sequence[Pair]) -> StatementVerdict:
     """Judge that low and high are as good as equal at every point: within one standard deviation over the runs."""
     near = []
     for low, high in points:
         tolerance = max(low.sd, high.sd)
-        near.append(Point(difference_of(low, high), Interval(-tolerance, tolerance)))
+        near.append(StatementPoint(difference_of(low, high), Interval(-tolerance, tolerance)))
     rule = "the difference and two standard errors of it are within one standard deviation over the runs"
     return judge_points(key, statement, near, rule=rule)
 
 
-def number(key: str, statement: str, paper: float, measured: float, error: float, runs: int) -> Verdict:
+def number(key: str, statement: str, paper: float, measured: float, error: float, runs: int) -> StatementVerdict:
     """Judge a stated number: within `NEAR` of it, in part within `FAR`; an error of 0 is an exact computation."""
     return stated(key, statement, paper, estimate(measured, error, runs))
 
 
-def stated(key: str, statement: str, paper: float, m: Measure) -> Verdict:
+def stated(key: str, statement: str, paper: float, m: Measure) -> StatementVerdict:
     """Judge a stated number as `number` does."""
     rule = f"within {NEAR:.0%} of it; in part within {FAR:.0%}"
     return judge(key, statement, m, around(paper, NEAR), around(paper, FAR), rule=rule, paper=paper)
 
 
-def printed(key: str, said: str, number: float, row: Row | None) -> Verdict:
+def printed(key: str, said: str, number: float, row: PaperRow | None) -> StatementVerdict:
     """Judge a printed number to its digits: within two units of the last, as its inputs are rounded too."""
     digits = len(f"{number}".split(".")[1])
     near = 2.0 * 10.0**-digits
@@ -571,7 +571,7 @@ def printed(key: str, said: str, number: float, row: Row | None) -> Verdict:
     return judge(key, said, value, good, part, rule=rule, paper=number)
 
 
-def factor(key: str, statement: str, paper: float, low: Row | None, high: Row | None) -> Verdict:
+def factor(key: str, statement: str, paper: float, low: PaperRow | None, high: PaperRow | None) -> StatementVerdict:
     """Judge a stated quotient high / low, above 1, of two means; None where there is no such row."""
     m = quotient_of(high, low) if low is not None and high is not None else estimate(math.nan, math.nan, 0)
     rule = f"within {NEAR:.0%} of it; in part if at least half of the excess over 1"

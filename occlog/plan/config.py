@@ -10,7 +10,7 @@ from occlog.settings import Settings, like, setting
 from occlog.simulate.config import WorldConfig
 from occlog.track.methods.apf.config import ApfConfig
 
-MOST_PEOPLE = 1000
+MAX_PEOPLE = 1000
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class PlanConfig(Settings):
         None,
         "People beside the target, who hide it.",
         at_least=0,
-        at_most=MOST_PEOPLE,
+        at_most=MAX_PEOPLE,
         option="--people",
         nothing="by `density`",
     )

@@ -10,8 +10,8 @@ A filter that knows that people walk straight on and turn now and then: compiled
 Between turns a velocity stays as it is, but for noise; at a turn it is drawn anew, N(0, fresh I), whatever it was.
 When somebody turned the filter has to find out by what is seen.  It keeps hypotheses, each a Kalman filter of (x, y,
 vx, vy) with a probability: at every step one more is born of all others, that the target turns just now.  Of more than
-`MOST` two neighbours in the order of their births are merged that differ least.  In a gap without sight the first two
-moments of all hypotheses together are exactly those of the walk.
+`MAX_HYPOTHESES` two neighbours in the order of their births are merged that differ least.  In a gap without sight the
+first two moments of all hypotheses together are exactly those of the walk.
 
 A filter may expect more noise of velocities than there is.  So each hypothesis has two covariances: the one that the
 filter believes in, which makes its gains and probabilities, and that of the errors that come of these gains on the
@@ -28,12 +28,12 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
-MOST = 4
+MAX_HYPOTHESES = 4
 """Hypotheses after a step; with 20 expected errors are the same to 1 %."""
-NEGLIGIBLE = 1e-6
+MIN_HYPOTHESIS_PROBABILITY = 1e-6
 """Probability below which a hypothesis is dropped."""
 
-CHANCE, STATE, BELIEVED, TRUE, WIDTH = 0, 1, 5, 15, 25
+PROBABILITY, STATE, FILTER_COVARIANCE, TRUE_COVARIANCE, WIDTH = 0, 1, 5, 15, 25
 """Columns of the hypotheses: probability, state, and the triangles of the two covariances."""
 TRIANGLE = np.array([[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]])
 """Where an element of a covariance is in its triangle."""
@@ -49,7 +49,7 @@ class StepNoise(NamedTuple):
 
 
 @kernel
-def follow(
+def run_filter(
     ways: Floats,
     information: Floats,
     noise: Floats,
@@ -81,12 +81,12 @@ def follow(
     """
     steps = ways.shape[1]
     places, spread = np.empty((ways.shape[0], keep, 2)), np.empty((ways.shape[0], keep, 3))
-    rows, told, work = np.empty((MOST + 1, WIDTH)), np.empty(7), np.empty((4, 8))
+    rows, told, work = np.empty((MAX_HYPOTHESES + 1, WIDTH)), np.empty(7), np.empty((4, 8))
     for i in range(ways.shape[0]):
         rows[0] = 0.0
-        rows[0, CHANCE] = 1.0
+        rows[0, PROBABILITY] = 1.0
         rows[0, STATE], rows[0, STATE + 1] = start[0], start[1]
-        for first in (BELIEVED, TRUE):
+        for first in (FILTER_COVARIANCE, TRUE_COVARIANCE):
             rows[0, first], rows[0, first + 1], rows[0, first + 4] = prior[0, 0], prior[0, 1], prior[1, 1]
             rows[0, first + 7] = rows[0, first + 9] = believed.fresh
         n = 1
@@ -100,11 +100,11 @@ def follow(
             if told[0] + told[2] > 0.0:
                 told[3], told[4], told[5], told[6] = ways[i, t, 0], ways[i, t, 1], noise[0, i, t], noise[1, i, t]
                 n = _weigh_into(rows, n, told, work)
-            if n > MOST:
+            if n > MAX_HYPOTHESES:
                 _merge_into(rows, n)
                 n -= 1
             if t >= steps - keep:
-                _moments_into(rows, n, TRUE, places[i, t - steps + keep], spread[i, t - steps + keep])
+                _moments_into(rows, n, TRUE_COVARIANCE, places[i, t - steps + keep], spread[i, t - steps + keep])
     return places, spread
 
 
@@ -113,14 +113,14 @@ def _moments_into(rows: Floats, n: int, first: int, place: Floats, spread: Float
     """Mean (2,) and covariance (3,) of the place over all hypotheses; `first` column of the covariances that count."""
     x, y = 0.0, 0.0
     for h in range(n):
-        x += rows[h, CHANCE] * rows[h, STATE]
-        y += rows[h, CHANCE] * rows[h, STATE + 1]
+        x += rows[h, PROBABILITY] * rows[h, STATE]
+        y += rows[h, PROBABILITY] * rows[h, STATE + 1]
     xx, xy, yy = 0.0, 0.0, 0.0
     for h in range(n):
         dx, dy = rows[h, STATE] - x, rows[h, STATE + 1] - y
-        xx += rows[h, CHANCE] * (rows[h, first] + dx * dx)
-        xy += rows[h, CHANCE] * (rows[h, first + 1] + dx * dy)
-        yy += rows[h, CHANCE] * (rows[h, first + 4] + dy * dy)
+        xx += rows[h, PROBABILITY] * (rows[h, first] + dx * dx)
+        xy += rows[h, PROBABILITY] * (rows[h, first + 1] + dx * dy)
+        yy += rows[h, PROBABILITY] * (rows[h, first + 4] + dy * dy)
     place[0], place[1] = x, y
     spread[0], spread[1], spread[2] = xx, xy, yy
 
@@ -130,15 +130,21 @@ def _turn_into(rows: Floats, n: int, turn: float, fresh: float) -> None:
     """Row n becomes the hypothesis that the target turns now, wherever it is; the others lose that probability."""
     born = rows[n]
     born[:] = 0.0
-    _moments_into(rows, n, BELIEVED, born[STATE : STATE + 2], born[TRUE : TRUE + 3])
-    born[BELIEVED], born[BELIEVED + 1], born[BELIEVED + 4] = born[TRUE], born[TRUE + 1], born[TRUE + 2]
-    _moments_into(rows, n, TRUE, born[STATE : STATE + 2], born[TRUE : TRUE + 3])
-    born[TRUE + 4] = born[TRUE + 2]
-    born[TRUE + 2] = 0.0
-    born[BELIEVED + 7] = born[BELIEVED + 9] = born[TRUE + 7] = born[TRUE + 9] = fresh
+    _moments_into(rows, n, FILTER_COVARIANCE, born[STATE : STATE + 2], born[TRUE_COVARIANCE : TRUE_COVARIANCE + 3])
+    born[FILTER_COVARIANCE], born[FILTER_COVARIANCE + 1], born[FILTER_COVARIANCE + 4] = (
+        born[TRUE_COVARIANCE],
+        born[TRUE_COVARIANCE + 1],
+        born[TRUE_COVARIANCE + 2],
+    )
+    _moments_into(rows, n, TRUE_COVARIANCE, born[STATE : STATE + 2], born[TRUE_COVARIANCE : TRUE_COVARIANCE + 3])
+    born[TRUE_COVARIANCE + 4] = born[TRUE_COVARIANCE + 2]
+    born[TRUE_COVARIANCE + 2] = 0.0
+    born[FILTER_COVARIANCE + 7] = born[FILTER_COVARIANCE + 9] = born[TRUE_COVARIANCE + 7] = born[
+        TRUE_COVARIANCE + 9
+    ] = fresh
     for h in range(n):
-        rows[h, CHANCE] *= 1.0 - turn
-    born[CHANCE] = turn
+        rows[h, PROBABILITY] *= 1.0 - turn
+    born[PROBABILITY] = turn
 
 
 @kernel
@@ -146,8 +152,8 @@ def _move_into(rows: Floats, h: int, dt: float, believed: StepNoise, true: StepN
     """Hypothesis h a step later."""
     rows[h, STATE] += dt * rows[h, STATE + 2]
     rows[h, STATE + 1] += dt * rows[h, STATE + 3]
-    _spread_into(rows[h, BELIEVED:TRUE], dt, believed)
-    _spread_into(rows[h, TRUE:], dt, true)
+    _spread_into(rows[h, FILTER_COVARIANCE:TRUE_COVARIANCE], dt, believed)
+    _spread_into(rows[h, TRUE_COVARIANCE:], dt, true)
 
 
 @kernel
@@ -176,22 +182,22 @@ def _weigh_into(rows: Floats, n: int, told: Floats, work: Floats) -> int:
     """
     best = -math.inf
     for h in range(n):
-        log_chance = math.log(rows[h, CHANCE]) + _update_into(rows[h], told, work)
-        rows[h, CHANCE] = log_chance
+        log_chance = math.log(rows[h, PROBABILITY]) + _update_into(rows[h], told, work)
+        rows[h, PROBABILITY] = log_chance
         best = max(best, log_chance)
     total = 0.0
     for h in range(n):
-        rows[h, CHANCE] = math.exp(rows[h, CHANCE] - best)
-        total += rows[h, CHANCE]
+        rows[h, PROBABILITY] = math.exp(rows[h, PROBABILITY] - best)
+        total += rows[h, PROBABILITY]
     left, kept = 0, 0.0
     for h in range(n):
-        if rows[h, CHANCE] >= NEGLIGIBLE * total:
-            kept += rows[h, CHANCE]
+        if rows[h, PROBABILITY] >= MIN_HYPOTHESIS_PROBABILITY * total:
+            kept += rows[h, PROBABILITY]
             if left < h:
                 rows[left] = rows[h]
             left += 1
     for h in range(left):
-        rows[h, CHANCE] /= kept
+        rows[h, PROBABILITY] /= kept
     return left
 
 
@@ -203,7 +209,7 @@ def _update_into(row: Floats, told: Floats, work: Floats) -> float:
     becomes P - G P_x^T, the true one (1 - G H) R (1 - G H)^T + W I W^T.
     """
     xx, xy, yy = told[0], told[1], told[2]
-    p, q, r = row[BELIEVED], row[BELIEVED + 1], row[BELIEVED + 4]
+    p, q, r = row[FILTER_COVARIANCE], row[FILTER_COVARIANCE + 1], row[FILTER_COVARIANCE + 4]
     a, b, c, d = 1.0 + xx * p + xy * q, xx * q + xy * r, xy * p + yy * q, 1.0 + xy * q + yy * r
     det = a * d - b * c
     off_x, off_y = told[3] - row[STATE], told[4] - row[STATE + 1]
@@ -211,13 +217,13 @@ def _update_into(row: Floats, told: Floats, work: Floats) -> float:
     gone_x, gone_y = (d * new_x - b * new_y) / det, (a * new_y - c * new_x) / det
     log: float = -0.5 * math.log(det) - 0.5 * (off_x * (new_x + told[5]) + off_y * (new_y + told[6]))
     log += 0.5 * (new_x * (p * gone_x + q * gone_y) + new_y * (q * gone_x + r * gone_y))
-    r_xx, r_xy, r_yy = row[TRUE], row[TRUE + 1], row[TRUE + 4]
+    r_xx, r_xy, r_yy = row[TRUE_COVARIANCE], row[TRUE_COVARIANCE + 1], row[TRUE_COVARIANCE + 4]
     for k in range(4):
-        px, py = row[BELIEVED + TRIANGLE[k, 0]], row[BELIEVED + TRIANGLE[k, 1]]
+        px, py = row[FILTER_COVARIANCE + TRIANGLE[k, 0]], row[FILTER_COVARIANCE + TRIANGLE[k, 1]]
         wx, wy = (px * d - py * c) / det, (py * a - px * b) / det
         work[k, 0], work[k, 1], work[k, 2], work[k, 3] = px, py, wx, wy
         work[k, 4], work[k, 5] = wx * xx + wy * xy, wx * xy + wy * yy
-        work[k, 6], work[k, 7] = row[TRUE + TRIANGLE[k, 0]], row[TRUE + TRIANGLE[k, 1]]
+        work[k, 6], work[k, 7] = row[TRUE_COVARIANCE + TRIANGLE[k, 0]], row[TRUE_COVARIANCE + TRIANGLE[k, 1]]
         row[STATE + k] += wx * new_x + wy * new_y
     for k in range(4):
         gx, gy = work[k, 4], work[k, 5]
@@ -225,9 +231,9 @@ def _update_into(row: Floats, told: Floats, work: Floats) -> float:
         ux, uy = gx * r_xx + gy * r_xy - work[k, 6], gx * r_xy + gy * r_yy - work[k, 7]
         for m in range(k, 4):
             at = TRIANGLE[k, m]
-            row[BELIEVED + at] -= gx * work[m, 0] + gy * work[m, 1]
-            row[TRUE + at] += ux * work[m, 4] + uy * work[m, 5] - gx * work[m, 6] - gy * work[m, 7]
-            row[TRUE + at] += gx * work[m, 2] + gy * work[m, 3]
+            row[FILTER_COVARIANCE + at] -= gx * work[m, 0] + gy * work[m, 1]
+            row[TRUE_COVARIANCE + at] += ux * work[m, 4] + uy * work[m, 5] - gx * work[m, 6] - gy * work[m, 7]
+            row[TRUE_COVARIANCE + at] += gx * work[m, 2] + gy * work[m, 3]
     return log
 
 
@@ -236,35 +242,35 @@ def _merge_into(rows: Floats, n: int) -> None:
     """Of n hypotheses two neighbours become one, those that lose least: by probability and distance in deviations."""
     at, least = 0, math.inf
     for h in range(n - 1):
-        one, two = rows[h, CHANCE], rows[h + 1, CHANCE]
+        one, two = rows[h, PROBABILITY], rows[h + 1, PROBABILITY]
         off = 0.0
         for k in range(4):
-            v = rows[h, BELIEVED + TRIANGLE[k, k]] + rows[h + 1, BELIEVED + TRIANGLE[k, k]]
+            v = rows[h, FILTER_COVARIANCE + TRIANGLE[k, k]] + rows[h + 1, FILTER_COVARIANCE + TRIANGLE[k, k]]
             off += (rows[h, STATE + k] - rows[h + 1, STATE + k]) ** 2 / v
         for k in (7, 9):
-            off += abs(math.log(rows[h, BELIEVED + k] / rows[h + 1, BELIEVED + k]))
+            off += abs(math.log(rows[h, FILTER_COVARIANCE + k] / rows[h + 1, FILTER_COVARIANCE + k]))
         loss = off * one * two / (one + two)
         if loss < least:
             at, least = h, loss
-    total = rows[at, CHANCE] + rows[at + 1, CHANCE]
-    one = rows[at, CHANCE] / total
+    total = rows[at, PROBABILITY] + rows[at + 1, PROBABILITY]
+    one = rows[at, PROBABILITY] / total
     two = 1.0 - one
     for k in range(4):
         for m in range(k, 4):
             spread = one * two
             spread *= (rows[at, STATE + k] - rows[at + 1, STATE + k]) * (rows[at, STATE + m] - rows[at + 1, STATE + m])
-            for first in (BELIEVED + TRIANGLE[k, m], TRUE + TRIANGLE[k, m]):
+            for first in (FILTER_COVARIANCE + TRIANGLE[k, m], TRUE_COVARIANCE + TRIANGLE[k, m]):
                 rows[at, first] = one * rows[at, first] + two * rows[at + 1, first] + spread
     for k in range(4):
         rows[at, STATE + k] = one * rows[at, STATE + k] + two * rows[at + 1, STATE + k]
-    rows[at, CHANCE] = total
+    rows[at, PROBABILITY] = total
     for h in range(at + 1, n - 1):
         rows[h] = rows[h + 1]
 
 
 BLOCK = 1_000_000
 """Places times cells that are summed at a time."""
-LEAST = 1e-18
+MIN_VELOCITY_VARIANCE = 1e-18
 """Least variance of a velocity after a turn, so that logarithms stay finite where nobody moves."""
 
 
@@ -276,7 +282,7 @@ class Motion(NamedTuple):
     sigma: float  # noise of the place per axis, gathered in a second
 
 
-class Belief(NamedTuple):
+class FilterNoise(NamedTuple):
     """Noise that a filter expects between turns, per axis, gathered in a second; at least that of the walk counts."""
 
     sigma_v: float  # of the place
@@ -290,7 +296,7 @@ class Reports(NamedTuple):
     noise: Floats  # (2, N, T) the error of what is told, in units of I times a place; its covariance is I
 
 
-class Expected(NamedTuple):
+class ExpectedPosteriors(NamedTuple):
     """Where a filter thinks that N targets are, and how its errors are spread, at K steps."""
 
     place: Floats  # (N, K, 2)
@@ -311,10 +317,10 @@ def errors_along(
     reports: Reports,
     start: tuple[Floats, Floats],
     motion: Motion,
-    belief: Belief,
+    belief: FilterNoise,
     dt: float,
     keep: int = 1,
-) -> Expected:
+) -> ExpectedPosteriors:
     """What a filter makes of what is told of targets on their ways, at the last `keep` steps.
 
     Args:
@@ -326,8 +332,8 @@ def errors_along(
         dt: between steps [s].
         keep: 1 to T.
     """
-    fresh = max(0.5 * motion.speed**2, LEAST)
-    place, spread = follow(
+    fresh = max(0.5 * motion.speed**2, MIN_VELOCITY_VARIANCE)
+    place, spread = run_filter(
         np.ascontiguousarray(ways),
         np.ascontiguousarray(reports.information),
         np.ascontiguousarray(reports.noise),
@@ -339,7 +345,7 @@ def errors_along(
         dt,
         keep,
     )
-    return Expected(place, spread[..., [[0, 1], [1, 2]]])
+    return ExpectedPosteriors(place, spread[..., [[0, 1], [1, 2]]])
 
 
 def step_noise(sigma: float, sigma_a: float, fresh: float, dt: float) -> StepNoise:

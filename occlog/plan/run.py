@@ -26,17 +26,17 @@ from .config import PlanConfig
 from .request import PlanRequest
 from .sensing import Sensor
 from .stage import (
-    Placed,
-    Planned,
+    PlacementCandidate,
+    PreparedPlan,
     add_greedily,
     along_walls,
-    area_below,
+    area_share_below,
     plan_map,
     prepare,
     rank_candidates,
-    rank_own,
+    rank_removal,
     sensors_of,
-    worst_place,
+    worst_cell,
 )
 
 if TYPE_CHECKING:
@@ -51,9 +51,9 @@ PLACES = 16
 class Rankings:
     """Sensors by the error over the floor with them, or without them; None: not asked for."""
 
-    candidates: tuple[Placed, ...] | None
-    added: tuple[Placed, ...] | None
-    without: tuple[Placed, ...] | None
+    candidates: tuple[PlacementCandidate, ...] | None
+    added: tuple[PlacementCandidate, ...] | None
+    without: tuple[PlacementCandidate, ...] | None
 
 
 def run_plan(request: PlanRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
@@ -74,7 +74,7 @@ def run_plan(request: PlanRequest, job: Job) -> tuple[dict[str, object], tuple[L
     }
     provenance = job.provenance(parameters, losses, request.seed)
     summary = _summary(request, planned, table, rankings)
-    warnings = doubts(scene, table)
+    warnings = caveats(scene, table)
     with job.tables(provenance, scene.length_unit) as tables:
         tables.write(output=table.sorted())
         _draw(request, planned, table, rankings, summary, warnings, provenance, tables)
@@ -140,18 +140,18 @@ def _places(path: Path | None, scene: Scene) -> tuple[Floats | None, tuple[Loss,
     return np.column_stack([tracks.x, tracks.y]), opened.losses
 
 
-def _rank(request: PlanRequest, planned: Planned, candidates: Sequence[Sensor], job: Job) -> Rankings:
+def _rank(request: PlanRequest, planned: PreparedPlan, candidates: Sequence[Sensor], job: Job) -> Rankings:
     ranked = None
     if candidates:
         ranked = rank_candidates(planned, job.progress(candidates, "candidates", len(candidates)))
     return Rankings(
         candidates=None if ranked is None else tuple(ranked),
         added=tuple(add_greedily(planned, ranked, request.add)) if ranked is not None and request.add else None,
-        without=tuple(rank_own(planned)) if request.remove else None,
+        without=tuple(rank_removal(planned)) if request.remove else None,
     )
 
 
-def doubts(scene: Scene, table: PlanMap) -> list[str]:
+def caveats(scene: Scene, table: PlanMap) -> list[str]:
     """What is not to be believed, or was left out, in words."""
     out = []
     unplaced = [camera.name for camera in scene.cameras if not camera.placed]
@@ -167,10 +167,10 @@ def doubts(scene: Scene, table: PlanMap) -> list[str]:
     return out
 
 
-def _summary(request: PlanRequest, planned: Planned, table: PlanMap, rankings: Rankings) -> dict[str, object]:
+def _summary(request: PlanRequest, planned: PreparedPlan, table: PlanMap, rankings: Rankings) -> dict[str, object]:
     unit, weight = planned.scene.length_unit, table.weight
     rmse = math.sqrt(float(weight @ table.rmse**2))
-    worst = worst_place(table)
+    worst = worst_cell(table)
     paths = {"map": request.output, "picture": request.picture, "report": request.report}
     summary: dict[str, object] = {name: str(path) for name, path in paths.items() if path is not None}
     summary |= {
@@ -184,7 +184,10 @@ def _summary(request: PlanRequest, planned: Planned, table: PlanMap, rankings: R
         "worst_place": [float(table.x[worst]), float(table.y[worst])],
     }
     if planned.config.within is not None:
-        summary |= {f"within_{unit}": planned.config.within, "share_within": area_below(table, planned.config.within)}
+        summary |= {
+            f"within_{unit}": planned.config.within,
+            "share_within": area_share_below(table, planned.config.within),
+        }
     for name in ("seen_by_0", "seen_by_1", "seen_by_2", "no_fix"):
         summary[name] = float(weight @ getattr(table, name))
     if rankings.candidates is not None:
@@ -196,13 +199,13 @@ def _summary(request: PlanRequest, planned: Planned, table: PlanMap, rankings: R
     return summary
 
 
-def _listed(ranking: Sequence[Placed], unit: str) -> InWords:
+def _listed(ranking: Sequence[PlacementCandidate], unit: str) -> InWords:
     """Sensors of a ranking; for people their names and errors."""
     words = ", ".join(f"{placed.sensor.name} {placed.rmse:.3g}" for placed in ranking)
     return InWords([placed_as_dict(placed, unit) for placed in ranking], words)
 
 
-def placed_as_dict(placed: Placed, unit: str) -> dict[str, object]:
+def placed_as_dict(placed: PlacementCandidate, unit: str) -> dict[str, object]:
     """Name, place and heading of a sensor, and the error over the floor with or without it."""
     sensor = placed.sensor
     return {
@@ -216,7 +219,7 @@ def placed_as_dict(placed: Placed, unit: str) -> dict[str, object]:
 
 def _draw(
     request: PlanRequest,
-    planned: Planned,
+    planned: PreparedPlan,
     table: PlanMap,
     rankings: Rankings,
     summary: Mapping[str, object],

@@ -76,7 +76,7 @@ def hide_behind_crowd(
 Sensor = Camera | MicrophoneArray
 
 
-class Told(NamedTuple):
+class ExpectedInformation(NamedTuple):
     """What one sensor tells."""
 
     seen: Bools  # (N, T) whether it reports the target
@@ -93,7 +93,7 @@ def detection_of(sensor: Sensor) -> float:
     return 1.0 if isinstance(sensor, MicrophoneArray) or sensor.detection is None else sensor.detection
 
 
-def plain_view(sensor: Sensor, scene: Scene, walked: Walked, config: PlanConfig) -> Bools:
+def unoccluded_view(sensor: Sensor, scene: Scene, walked: Walked, config: PlanConfig) -> Bools:
     """(N, T) where nothing that stands or walks hides the target from the sensor; sound goes past everything."""
     n, steps = walked.ways.shape[:2]
     xy = walked.ways.reshape(-1, 2)
@@ -112,12 +112,12 @@ def plain_view(sensor: Sensor, scene: Scene, walked: Walked, config: PlanConfig)
             walked.first,
             walked.own,
             config.diameter,
-            low_share(sensor, config),
+            share_below_heads(sensor, config),
         )
     return seen
 
 
-def low_share(camera: Camera, config: PlanConfig) -> float:
+def share_below_heads(camera: Camera, config: PlanConfig) -> float:
     """Share of the sight line, from the camera, beyond which it is not above people's heads."""
     above = float(camera.position[2])
     if config.height is None or not camera.has_height or above <= config.height:
@@ -127,9 +127,11 @@ def low_share(camera: Camera, config: PlanConfig) -> float:
     return (above - config.height) / (above - config.z)
 
 
-def told_by(sensor: Sensor, scene: Scene, walked: Walked, config: PlanConfig, seed: int) -> Told:
+def information_of_sensor(
+    sensor: Sensor, scene: Scene, walked: Walked, config: PlanConfig, seed: int
+) -> ExpectedInformation:
     """What one sensor tells of all targets; its chance of detection depends on its name and the seed alone."""
-    seen = plain_view(sensor, scene, walked, config)
+    seen = unoccluded_view(sensor, scene, walked, config)
     n, steps = seen.shape
     # Frames: the last step is one; others at the sensor's own rate
     frames = np.floor(np.arange(steps) * walked.dt * rate_of(sensor, config) * (1.0 + 1e-9))
@@ -142,7 +144,7 @@ def told_by(sensor: Sensor, scene: Scene, walked: Walked, config: PlanConfig, se
     xy = walked.ways[seen]
     found = _information(sensor, xy, config)
     information[:, seen] = found[:, 0, 0], found[:, 0, 1], found[:, 1, 1]
-    return Told(seen, information)
+    return ExpectedInformation(seen, information)
 
 
 def _information(sensor: Sensor, xy: Floats, config: PlanConfig) -> Floats:

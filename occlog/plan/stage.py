@@ -23,27 +23,37 @@ from occlog.records.declared.world import PlanMap
 from occlog.records.scene import Camera, Scene
 
 from .config import PlanConfig
-from .filtering import Belief, Expected, Motion, Reports, errors_along, noise_of, square_error_in_room
-from .sensing import Sensor, Told, detection_of, plain_view, rate_of, told_by
-from .walks import Cells, Visits, Walked, cells_of, moments_of, nearest_cell, people_walk, visits_of, ways_to
+from .filtering import ExpectedPosteriors, FilterNoise, Motion, Reports, errors_along, noise_of, square_error_in_room
+from .sensing import ExpectedInformation, Sensor, detection_of, information_of_sensor, rate_of, unoccluded_view
+from .walks import (
+    FloorCells,
+    Visits,
+    Walked,
+    cell_visits,
+    cells_of,
+    moments_of,
+    nearest_cell,
+    paths_through_cells,
+    simulate_crowd,
+)
 
 SNAPSHOTS = 200
 """Visits of each place from which the probabilities of being seen are counted."""
 
 
-MOST = 5_000_000
+MAX_WALK_STEPS = 5_000_000
 """Steps of all walks together: each sensor takes 25 bytes for one."""
 
 
-class Planned(NamedTuple):
+class PreparedPlan(NamedTuple):
     """A scene ready to be judged: places, walks, and what each sensor tells."""
 
     scene: Scene
-    cells: Cells
+    cells: FloorCells
     weight: Floats  # (C,) sums to 1
     visits: Visits
     walked: Walked
-    told: dict[str, Told]  # by sensor
+    told: dict[str, ExpectedInformation]  # by sensor
     chance: Floats  # (2, N, T) standard normals, of which the errors of all that is told are made
     start: tuple[Floats, Floats]  # (2,) mean and (2, 2) covariance of a place in the room
     motion: Motion
@@ -58,7 +68,7 @@ def sensors_of(scene: Scene) -> tuple[Sensor, ...]:
 
 def prepare(
     scene: Scene, config: PlanConfig, seed: int, also: Sequence[Sensor] = (), paths: Floats | None = None
-) -> Planned:
+) -> PreparedPlan:
     """Walks and crowds for a scene, and what its sensors tell.
 
     Args:
@@ -77,22 +87,23 @@ def prepare(
     dt = 1.0 / max(rate_of(sensor, config) for sensor in (*own, *also))
     steps = max(2, round(config.window_s / dt))
     size = len(cells.xy) * config.draws * steps
-    if size > MOST:
+    if size > MAX_WALK_STEPS:
         raise InputError(
-            f"plan: {len(cells.xy)} places x {config.draws} draws x {steps} steps are {size}, must be at most {MOST}; "
+            f"plan: {len(cells.xy)} places x {config.draws} draws x {steps} steps are {size}, must be at most "
+            f"{MAX_WALK_STEPS}; "
             "take fewer cells or draws, or a shorter window_s"
         )
-    people = people_walk(scene, config, dt, steps, seed)
-    visits = visits_of(cells, people, steps)
-    walked = ways_to(visits, people, config.draws, steps, dt)
+    people = simulate_crowd(scene, config, dt, steps, seed)
+    visits = cell_visits(cells, people, steps)
+    walked = paths_through_cells(visits, people, config.draws, steps, dt)
     assert scene.room is not None
-    return Planned(
+    return PreparedPlan(
         scene=scene,
         cells=cells,
         weight=_weights(cells, paths),
         visits=visits,
         walked=walked,
-        told={sensor.name: told_by(sensor, scene, walked, config, seed) for sensor in own},
+        told={sensor.name: information_of_sensor(sensor, scene, walked, config, seed) for sensor in own},
         chance=generator(seed, RandomStream.PLAN, 3).standard_normal((2, *walked.ways.shape[:2])),
         start=(cells.xy.mean(axis=0), polygon_covariance(scene.room)),
         motion=moments_of(people, dt),
@@ -101,7 +112,7 @@ def prepare(
     )
 
 
-def _weights(cells: Cells, paths: Floats | None) -> Floats:
+def _weights(cells: FloorCells, paths: Floats | None) -> Floats:
     """(C,) shares of the floor, or of the places (P, 2) that are nearest to each cell."""
     if paths is None:
         return np.full(len(cells.xy), 1.0 / len(cells.xy))
@@ -113,34 +124,34 @@ def _weights(cells: Cells, paths: Floats | None) -> Floats:
     return np.asarray(count / count.sum())
 
 
-def belief_of(config: PlanConfig) -> Belief:
+def filter_noise_of(config: PlanConfig) -> FilterNoise:
     """What the filter expects between turns."""
-    return Belief(config.sigma_v, config.sigma_a)
+    return FilterNoise(config.sigma_v, config.sigma_a)
 
 
-def expected(planned: Planned, told: Sequence[Told]) -> Expected:
+def expected(planned: PreparedPlan, told: Sequence[ExpectedInformation]) -> ExpectedPosteriors:
     """What a filter makes of a set of sensors at the end of each way, before what the room tells."""
     walked = planned.walked
     total = np.zeros((3, *walked.ways.shape[:2]))
     for one in told:
         total += one.information
     reports = Reports(total, noise_of(total, planned.chance))
-    return errors_along(walked.ways, reports, planned.start, planned.motion, belief_of(planned.config), walked.dt)
+    return errors_along(walked.ways, reports, planned.start, planned.motion, filter_noise_of(planned.config), walked.dt)
 
 
-def square_errors(planned: Planned, found: Expected) -> Floats:
+def square_errors(planned: PreparedPlan, found: ExpectedPosteriors) -> Floats:
     """(C, draws) mean square errors, with what the room tells."""
     cells = planned.cells
     square = square_error_in_room(found.covariance[:, -1], found.place[:, -1], cells.xy, cells.size)
     return square.reshape(len(cells.xy), -1)
 
 
-def expected_error(planned: Planned, told: Sequence[Told]) -> float:
+def expected_error(planned: PreparedPlan, told: Sequence[ExpectedInformation]) -> float:
     """Root of the mean square error over the floor for a set of sensors."""
     return float(np.sqrt(planned.weight @ square_errors(planned, expected(planned, told)).mean(axis=1)))
 
 
-def plan_map(planned: Planned) -> PlanMap:
+def plan_map(planned: PreparedPlan) -> PlanMap:
     """What is expected of the scene's sensors at each place."""
     told = list(planned.told.values())
     before = expected(planned, told)
@@ -165,72 +176,76 @@ def plan_map(planned: Planned) -> PlanMap:
     )
 
 
-def _seen_by(planned: Planned) -> tuple[Floats, Floats]:
+def _seen_by(planned: PreparedPlan) -> tuple[Floats, Floats]:
     """(C,) probabilities that no sensor, and exactly one, reports a target that comes to a place."""
     count, walked = len(planned.cells.xy), planned.walked
-    still = ways_to(planned.visits, walked.people, SNAPSHOTS, 1, walked.dt)
+    still = paths_through_cells(planned.visits, walked.people, SNAPSHOTS, 1, walked.dt)
     none, one = np.ones(len(still.own)), np.zeros(len(still.own))
     for sensor in sensors_of(planned.scene):
-        p = detection_of(sensor) * plain_view(sensor, planned.scene, still, planned.config)[:, 0]
+        p = detection_of(sensor) * unoccluded_view(sensor, planned.scene, still, planned.config)[:, 0]
         none, one = none * (1.0 - p), one * (1.0 - p) + none * p
     return none.reshape(count, -1).mean(axis=1), one.reshape(count, -1).mean(axis=1)
 
 
-def area_below(table: PlanMap, limit: float) -> float:
+def area_share_below(table: PlanMap, limit: float) -> float:
     """Share of the floor, by weight, whose expected error is below a limit."""
     return float(table.weight[table.rmse < limit].sum())
 
 
-def worst_place(table: PlanMap) -> int:
+def worst_cell(table: PlanMap) -> int:
     """Row with the greatest expected error."""
     return int(np.argmax(table.rmse))
 
 
-class Placed(NamedTuple):
+class PlacementCandidate(NamedTuple):
     """A sensor, and the error over the floor with it (or without it)."""
 
     sensor: Sensor
     rmse: float
 
 
-def rank_candidates(planned: Planned, candidates: Iterable[Sensor], also: Sequence[Told] = ()) -> list[Placed]:
+def rank_candidates(
+    planned: PreparedPlan, candidates: Iterable[Sensor], also: Sequence[ExpectedInformation] = ()
+) -> list[PlacementCandidate]:
     """Each candidate added to the scene's sensors, the best one first; equal ones in the order given."""
     told = [_sum([*planned.told.values(), *also])] if planned.told or also else []
     found = []
     for sensor in candidates:
-        own = told_by(sensor, planned.scene, planned.walked, planned.config, planned.seed)
-        found.append(Placed(sensor, expected_error(planned, [*told, own])))
+        own = information_of_sensor(sensor, planned.scene, planned.walked, planned.config, planned.seed)
+        found.append(PlacementCandidate(sensor, expected_error(planned, [*told, own])))
     return sorted(found, key=lambda placed: placed.rmse)
 
 
-def add_greedily(planned: Planned, ranked: Sequence[Placed], count: int) -> Iterator[Placed]:
+def add_greedily(
+    planned: PreparedPlan, ranked: Sequence[PlacementCandidate], count: int
+) -> Iterator[PlacementCandidate]:
     """One sensor after the other, each time the one that lowers the expected error most."""
-    also: list[Told] = []
+    also: list[ExpectedInformation] = []
     left = list(ranked)
     for _ in range(min(count, len(ranked))):
         best = left[0]
         yield best
-        also.append(told_by(best.sensor, planned.scene, planned.walked, planned.config, planned.seed))
+        also.append(information_of_sensor(best.sensor, planned.scene, planned.walked, planned.config, planned.seed))
         rest = [placed.sensor for placed in left[1:]]
         left = rank_candidates(planned, rest, also)
 
 
-def rank_own(planned: Planned) -> list[Placed]:
+def rank_removal(planned: PreparedPlan) -> list[PlacementCandidate]:
     """The error without each of the scene's sensors, the least needed one first."""
     found = []
     for sensor in sensors_of(planned.scene):
         others = [told for name, told in planned.told.items() if name != sensor.name]
-        found.append(Placed(sensor, expected_error(planned, others)))
+        found.append(PlacementCandidate(sensor, expected_error(planned, others)))
     return sorted(found, key=lambda placed: placed.rmse)
 
 
-def _sum(told: Sequence[Told]) -> Told:
+def _sum(told: Sequence[ExpectedInformation]) -> ExpectedInformation:
     """All that several sensors tell, as if of one."""
     seen, information = told[0].seen.copy(), told[0].information.copy()
     for one in told[1:]:
         seen |= one.seen
         information += one.information
-    return Told(seen, information)
+    return ExpectedInformation(seen, information)
 
 
 def along_walls(scene: Scene, like: Camera, spacing: float) -> tuple[Camera, ...]:

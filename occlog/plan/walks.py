@@ -31,16 +31,16 @@ from occlog.errors import InputError
 from occlog.records.scene import Scene
 from occlog.simulate.config import WorldConfig
 from occlog.simulate.stage import ground, motion_in_a_step
-from occlog.simulate.world.waypoints import CANDIDATES, Draws, populate, walk
+from occlog.simulate.world.waypoints import CANDIDATES, WaypointNoise, populate, walk
 
-from .config import MOST_PEOPLE, PlanConfig
+from .config import MAX_PEOPLE, PlanConfig
 from .filtering import Motion
 
 WALKED = 480_000
 """Steps from which ways are taken, of all people together."""
 CROSSINGS = 2
 """Times in which one could cross the room that people walk before it counts, and at least after that."""
-MOST_PLACES = 10_000_000
+MAX_PLACES = 10_000_000
 """Steps that people take before they count, times the number of people, at most."""
 CHUNK = 4096
 """Steps for which random numbers are drawn at a time."""
@@ -66,14 +66,14 @@ class Visits(NamedTuple):
     begin: Ints  # (C + 1,)
 
 
-class Cells(NamedTuple):
+class FloorCells(NamedTuple):
     """C rectangles of the floor, nearly square."""
 
     xy: Floats  # (C, 2) their middles
     size: Floats  # (2,) their sides
 
 
-def cells_of(scene: Scene, count: int) -> Cells:
+def cells_of(scene: Scene, count: int) -> FloorCells:
     """Cells that cover the free floor, about `count` of them; those whose middle is free.
 
     Raises:
@@ -92,7 +92,7 @@ def cells_of(scene: Scene, count: int) -> Cells:
         size *= math.sqrt(max(len(xy), 1) / count)
     if not len(xy):
         raise InputError("plan: the room has no free floor; make static occluders smaller")
-    return Cells(np.ascontiguousarray(xy), (high - low) / _numbers(low, high, size))
+    return FloorCells(np.ascontiguousarray(xy), (high - low) / _numbers(low, high, size))
 
 
 def _grid(low: Floats, high: Floats, size: float) -> Floats:
@@ -107,7 +107,7 @@ def _numbers(low: Floats, high: Floats, size: float) -> Ints:
     return np.asarray(np.maximum(1, np.rint((high - low) / size)), dtype=np.int64)
 
 
-def people_walk(scene: Scene, config: PlanConfig, dt: float, steps: int, seed: int) -> Floats:
+def simulate_crowd(scene: Scene, config: PlanConfig, dt: float, steps: int, seed: int) -> Floats:
     """(K, n, 2) places of everybody, the target among them, K steps of `dt`.
 
     There are `WALKED` steps of all people that have `steps` - 1 before them.
@@ -131,17 +131,17 @@ def people_walk(scene: Scene, config: PlanConfig, dt: float, steps: int, seed: i
     except ValueError as error:
         raise InputError(f"plan: {error}; use fewer or smaller people, or a larger room") from error
     crossing = CROSSINGS * float(np.hypot(*np.ptp(floor.room, axis=0))) / (config.speed * dt)
-    if crossing * n > MOST_PLACES:
+    if crossing * n > MAX_PLACES:
         raise InputError(
             f"plan: at a speed of {config.speed:g} crossing the room takes {crossing:.2g} steps of {dt:g} s, must be "
-            f"at most {MOST_PLACES // n} with {n} people; state a higher speed, a lower rate, or fewer people"
+            f"at most {MAX_PLACES // n} with {n} people; state a higher speed, a lower rate, or fewer people"
         )
     across = math.ceil(crossing)
     count = across + steps - 1 + max(-(-WALKED // n), across)
     path = np.empty((count, n, 2))
     for first in range(0, count, CHUNK):
         shape = (min(CHUNK, count - first), n)
-        draws = Draws(rng.standard_normal((*shape, 2)), rng.random(shape), rng.random((*shape, CANDIDATES, 2)))
+        draws = WaypointNoise(rng.standard_normal((*shape, 2)), rng.random(shape), rng.random((*shape, CANDIDATES, 2)))
         state, path[first : first + CHUNK], _ = walk(state, floor, motion, draws)
     return np.ascontiguousarray(path[across:])
 
@@ -154,14 +154,12 @@ def crowd_size(scene: Scene, config: PlanConfig) -> int:
         return 0
     cells = cells_of(scene, FINE)
     number = round(config.density * len(cells.xy) * float(cells.size.prod()))
-    if number > MOST_PEOPLE:
-        raise InputError(
-            f"plan: density {config.density:g} is {number} people, must be at most {MOST_PEOPLE}; lower it"
-        )
+    if number > MAX_PEOPLE:
+        raise InputError(f"plan: density {config.density:g} is {number} people, must be at most {MAX_PEOPLE}; lower it")
     return number
 
 
-def visits_of(cells: Cells, people: Floats, steps: int) -> Visits:
+def cell_visits(cells: FloorCells, people: Floats, steps: int) -> Visits:
     """When somebody who has walked `steps` steps is in each cell, in the order of time.
 
     A cell that nobody ever came to has the visits of the nearest one that somebody came to.
@@ -177,7 +175,7 @@ def visits_of(cells: Cells, people: Floats, steps: int) -> Visits:
     return Visits(rows // n + steps - 1, rows % n, np.concatenate([[0], np.cumsum(counts)]))
 
 
-def ways_to(visits: Visits, people: Floats, draws: int, steps: int, dt: float) -> Walked:
+def paths_through_cells(visits: Visits, people: Floats, draws: int, steps: int, dt: float) -> Walked:
     """Ways of `steps` steps that end with visits, `draws` for each cell in turn, spread over all visits of the cell."""
     spread = (np.arange(draws) + 0.5) / draws
     chosen = (visits.begin[:-1, None] + spread * np.diff(visits.begin)[:, None]).astype(np.int64).ravel()
@@ -186,7 +184,7 @@ def ways_to(visits: Visits, people: Floats, draws: int, steps: int, dt: float) -
     return Walked(np.ascontiguousarray(ways), people, first, own, dt)
 
 
-def nearest_cell(cells: Cells, xy: Floats) -> Ints:
+def nearest_cell(cells: FloorCells, xy: Floats) -> Ints:
     """(P,) number of the cell whose middle is nearest to each place; it holds the place, where a cell does."""
     tree = KDTree(cells.xy)
     return np.asarray(tree.query(xy)[1], dtype=np.int64)

@@ -61,7 +61,7 @@ class Detector(Protocol):
         """Find people in an image (height, width, 3), BGR, uint8; images come in the order of time."""
 
 
-class World(NamedTuple):
+class ExportContext(NamedTuple):
     """What must be known beside the rows.
 
     Attributes:
@@ -83,11 +83,11 @@ class Exporter(Protocol):
     def __init__(self, settings: Settings) -> None:
         """Nothing has been written yet."""
 
-    def write(self, rows: ColumnTable, world: World, file: IO[bytes]) -> None:
+    def write(self, rows: ColumnTable, world: ExportContext, file: IO[bytes]) -> None:
         """Write all rows; the file can only be written on, may be standard output, and is closed by who opened it."""
 
 
-class Moment(NamedTuple):
+class TargetScan(NamedTuple):
     """What R sensors say of one target at one time.
 
     Attributes:
@@ -105,7 +105,7 @@ class Moment(NamedTuple):
     sigma: Floats
 
 
-class Place(NamedTuple):
+class EstimatedPosition(NamedTuple):
     """Where a target is thought to be.
 
     Attributes:
@@ -131,11 +131,11 @@ class Filter(Protocol):
     def __init__(self, scene: Scene, settings: Settings, rng: Generator) -> None:
         """Nothing of the target is known yet."""
 
-    def step(self, moment: Moment) -> Place | None:
+    def step(self, moment: TargetScan) -> EstimatedPosition | None:
         """Take a moment in; where the target is then, or None where that cannot be told yet."""
 
 
-class Compared(NamedTuple):
+class MetricInput(NamedTuple):
     """Tracks on the ground and what they are compared with.
 
     Attributes:
@@ -161,7 +161,7 @@ class Metric(Protocol):
     def __init__(self, settings: Settings) -> None:
         """Nothing has been compared yet."""
 
-    def figures(self, compared: Compared) -> Mapping[str, float]:
+    def figures(self, compared: MetricInput) -> Mapping[str, float]:
         """Give all figures by their names; NaN: there is nothing to compute it from."""
 
 
@@ -224,23 +224,23 @@ class ViewTracker(Protocol):
 __all__ = [
     "BoxesInFrame",
     "Columns",
-    "Compared",
     "Detected",
     "Detector",
     "Errors",
+    "EstimatedPosition",
+    "ExportContext",
     "Exporter",
     "Filter",
     "Image",
     "Metric",
-    "Moment",
-    "Place",
+    "MetricInput",
     "Reader",
     "Scene",
     "Settings",
+    "TargetScan",
     "Tracks",
     "Truth",
     "ViewTracker",
-    "World",
     "setting",
 ]
 """Everything that a plug-in needs of this program."""

@@ -19,7 +19,7 @@ METHOD, VIEW_TRACKER, READER = "tracking method", "tracker in images", "reader"
 DETECTOR, METRIC, EXPORTER = "detector", "metric", "exporter"
 
 
-class Kind(NamedTuple):
+class PluginKind(NamedTuple):
     """A kind of plug-in.
 
     Attributes:
@@ -32,12 +32,12 @@ class Kind(NamedTuple):
 
 
 KINDS = {
-    METHOD: Kind("occlog.tracking_methods", ("step",)),
-    VIEW_TRACKER: Kind("occlog.view_trackers", ("step",)),
-    READER: Kind("occlog.readers", ("endings", "table", "read")),
-    DETECTOR: Kind("occlog.detectors", ("detect",)),
-    METRIC: Kind("occlog.metrics", ("units", "figures")),
-    EXPORTER: Kind("occlog.exporters", ("tables", "write")),
+    METHOD: PluginKind("occlog.tracking_methods", ("step",)),
+    VIEW_TRACKER: PluginKind("occlog.view_trackers", ("step",)),
+    READER: PluginKind("occlog.readers", ("endings", "table", "read")),
+    DETECTOR: PluginKind("occlog.detectors", ("detect",)),
+    METRIC: PluginKind("occlog.metrics", ("units", "figures")),
+    EXPORTER: PluginKind("occlog.exporters", ("tables", "write")),
 }
 
 
@@ -81,7 +81,7 @@ class Plugin(NamedTuple):
         from importlib import import_module
 
         module, _, name = self.where.partition(":")
-        with said_by(self):
+        with plugin_errors(self):
             found = import_module(module)
             for part in name.split("."):
                 found = getattr(found, part)
@@ -92,7 +92,7 @@ class Plugin(NamedTuple):
 
 
 @contextmanager
-def said_by(plugin: Plugin) -> Iterator[None]:
+def plugin_errors(plugin: Plugin) -> Iterator[None]:
     """Turn whatever a plug-in raises into one PluginError that names it, the error and the line."""
     try:
         yield
@@ -164,14 +164,14 @@ class Chosen(NamedTuple):
     def config(self, length_unit: str) -> Settings:
         """All settings, for lengths in this unit."""
         of = self.plugin.load()
-        with said_by(self.plugin):
+        with plugin_errors(self.plugin):
             defaults: Settings = of.settings.in_unit(length_unit)
         return configure(defaults, self.values)
 
     def make(self, length_unit: str, *more: Any) -> Any:
         """A new object of the plug-in; PluginError where it fails."""
         of, config = self.plugin.load(), self.config(length_unit)
-        with said_by(self.plugin):
+        with plugin_errors(self.plugin):
             return of(config, *more)
 
     def provenance(self, length_unit: str) -> dict[str, object]:

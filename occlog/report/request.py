@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import ClassVar
 
-from occlog.request import Form, Kind, Request, Verb, group, load, scene_file, sink, source
+from occlog.request import Form, Request, Verb, VerbKind, group, load, scene_file, sink, source
 from occlog.settings import setting
 
 from .beside.config import RunComparisonConfig
@@ -203,13 +203,13 @@ class RunComparisonRequest(ReportRequestBase):
 VERB = Verb(
     ReportRequestBase,
     {
-        PAGE: Kind("One offline page, and a picture of the main figures.", lambda: Form(PageRequest), "a page"),
-        OVERLAY: Kind(
+        PAGE: VerbKind("One offline page, and a picture of the main figures.", lambda: Form(PageRequest), "a page"),
+        OVERLAY: VerbKind(
             "Tracks and true boxes drawn over the video of a recording.",
             lambda: Form(OverlayRequest),
             "--recording (tracks drawn over its video)",
         ),
-        BESIDE: Kind(
+        BESIDE: VerbKind(
             "Two runs side by side: differences, where they part, who became another one.",
             lambda: Form(RunComparisonRequest),
             "TRACKS OTHER (two runs side by side)",

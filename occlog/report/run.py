@@ -16,7 +16,7 @@ from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import OutputGroup, open_output
 from occlog.io.files.limits import Content, content_of
 from occlog.records.verdicts import summary_of, texts_of
-from occlog.runner import Done, Job
+from occlog.runner import Job, JobResult
 
 from .content.model import ReportInput
 from .gather import TABLES
@@ -138,7 +138,7 @@ def _made(paths: PageRequest, title: str) -> tuple[dict[str, object], tuple[Loss
     return values, losses, own.judged
 
 
-def run_report(request: PageRequest, job: Job) -> Done:
+def run_report(request: PageRequest, job: Job) -> JobResult:
     """Read everything, draw, write the page, the picture and the text."""
     paths = request.found
     if paths.output is None:
@@ -173,7 +173,7 @@ def run_report(request: PageRequest, job: Job) -> Done:
     summary = {name: path for name, path in files.items() if path is not None} | {"targets": len(data.targets)}
     summary |= {name: data.rows(name) for name in TABLES if getattr(data, name) is not None}
     summary |= {"not_in_scene": list(data.strangers)} if data.strangers else {}
-    return Done(summary | summary_of(data.verdicts), unseen, [loss for loss in earlier if loss not in unseen])
+    return JobResult(summary | summary_of(data.verdicts), unseen, [loss for loss in earlier if loss not in unseen])
 
 
 def write(made: Mapping[Path, bytes], *, overwrite: bool) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from occlog.request import Form, Kind, Request, Verb, group, number_of_threads, output_file, seed_of_all, source
+from occlog.request import Form, Request, Verb, VerbKind, group, number_of_threads, output_file, seed_of_all, source
 from occlog.settings import setting
 
 from .balls.config import BallsConfig
@@ -33,7 +33,7 @@ RATES: dict[str, Any] = {"unit": "Hz", "at_least": 1e-3, "at_most": 1e6, "metava
 
 
 @dataclass(frozen=True, kw_only=True)
-class Simulation(Request):
+class SimulateRequestBase(Request):
     """Make a recording with ground truth from SCENE (YAML, or a recording that holds a scene).
 
     Objects walk to random places of the room and go around each other and the static
@@ -70,7 +70,7 @@ class Simulation(Request):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SceneRequest(Simulation):
+class SceneRequest(SimulateRequestBase):
     """A scene of a file, in which objects walk at random or do what a script says."""
 
     RUN: ClassVar[str] = "occlog.simulate.run:run_scene"
@@ -122,7 +122,7 @@ class SceneRequest(Simulation):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _WithoutFile(Simulation):
+class _WithoutFile(SimulateRequestBase):
     """A video of a scene that needs no file."""
 
     kind: str | None = setting(
@@ -151,7 +151,7 @@ class BallsRequest(_WithoutFile):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PeopleRequest(_WithoutFile):
+class SimulatePeopleRequest(_WithoutFile):
     """The video of people who look alike."""
 
     RUN: ClassVar[str] = "occlog.simulate.run:run_people"
@@ -170,21 +170,21 @@ _OF_SCENES = (
 VERB = Verb(
     _WithoutFile,
     {
-        "walkers": Kind(
+        "walkers": VerbKind(
             "objects walk to random places in the room of a file",
             lambda: Form(SceneRequest, (*_OF_SCENES, "world", "avoid", "avoidance")),
             "SCENE",
         ),
-        "paths": Kind(
+        "paths": VerbKind(
             "objects do what a script says",
             lambda: Form(SceneRequest, (*_OF_SCENES, "paths", "steps", "diameter", "z")),
             "SCENE --paths FILE",
         ),
-        BALLS: Kind(
+        BALLS: VerbKind(
             "video of balls of one look that hide one another (Qu, Schonfeld, Mohamed 2007)",
             lambda: Form(BallsRequest),
         ),
-        PEOPLE: Kind("video of a room with people in the same clothes", lambda: Form(PeopleRequest)),
+        PEOPLE: VerbKind("video of a room with people in the same clothes", lambda: Form(SimulatePeopleRequest)),
     },
     default="walkers",
     by={"scene": lambda text: text if text in KINDS else "", "paths": lambda _: "paths"},

@@ -28,7 +28,7 @@ from occlog.io.recording.writer import RecordingWriter
 from occlog.records.columns import ColumnTable
 from occlog.records.scene import MotionScript, Scene
 from occlog.records.tables import Tracks, Truth
-from occlog.runner import Done, Job
+from occlog.runner import Job, JobResult
 from occlog.scans.occluder_priors import PeopleAsObstacles, moving_people
 from occlog.settings import SettingError, configure
 from occlog.simulate.render.people import reference_appearances
@@ -49,7 +49,7 @@ from .config import (
     StoreConfig,
     WorldConfig,
 )
-from .request import KINDS, PeopleRequest, SceneRequest, Simulation
+from .request import KINDS, SceneRequest, SimulatePeopleRequest, SimulateRequestBase
 from .stage import simulate_truth
 from .video import Setup, film, video_paths
 
@@ -59,7 +59,7 @@ APPEARANCE = "appearance.json"
 """Attachment of a recording: what the targets look like."""
 
 
-def run_scene(request: SceneRequest, job: Job) -> Done:
+def run_scene(request: SceneRequest, job: Job) -> JobResult:
     """Make the recording of a scene from a file."""
     if request.scene is None:
         raise UsageError(f"no scene: give SCENE (a file), or {option('scene')} {' or '.join(KINDS)}")
@@ -71,16 +71,16 @@ def run_scene(request: SceneRequest, job: Job) -> Done:
     return _write(make_setup(scene, request, script), request, job)
 
 
-def run_people(request: PeopleRequest, job: Job) -> Done:
+def run_people(request: SimulatePeopleRequest, job: Job) -> JobResult:
     """Make the video of people who look alike."""
     return _write(people_setup(request), request, job)
 
 
-def _write(setup: Setup, request: Simulation, job: Job) -> Done:
+def _write(setup: Setup, request: SimulateRequestBase, job: Job) -> JobResult:
     output = request.output
     check_outputs(request.inputs, [output, *video_paths(setup, output).values()], job.overwrite)
     made = job.provenance(parameters(setup), setup.losses, request.seed)
-    return Done(write_recording(setup, made, output, overwrite=job.overwrite, quiet=job.quiet), setup.losses)
+    return JobResult(write_recording(setup, made, output, overwrite=job.overwrite, quiet=job.quiet), setup.losses)
 
 
 def make_setup(scene: Scene, request: SceneRequest, script: MotionScript | None = None) -> Setup:
@@ -193,7 +193,7 @@ def _times(defaults: WorldConfig, rate_hz: float | None, seconds: float | None) 
     return {"step_s": step_s, **steps}
 
 
-def people_setup(request: PeopleRequest) -> Setup:
+def people_setup(request: SimulatePeopleRequest) -> Setup:
     """Everything that decides on the video of people who look alike; without `fps` there are 25 frames a second."""
     if "occluders" in request.world:
         raise UsageError(f"{option('occluders')}: all people of this scene are targets; leave it out")

@@ -21,7 +21,15 @@ from occlog.errors import InputError
 from occlog.records.scene import Scene
 from occlog.records.tables import Truth
 from occlog.simulate.world.people_room import Avoidance, starting, walk_avoiding
-from occlog.simulate.world.waypoints import CANDIDATES, Draws, Ground, WaypointMotion, WaypointState, populate, walk
+from occlog.simulate.world.waypoints import (
+    CANDIDATES,
+    Ground,
+    WaypointMotion,
+    WaypointNoise,
+    WaypointState,
+    populate,
+    walk,
+)
 
 from .config import FieldConfig, WorldConfig
 
@@ -119,10 +127,10 @@ def _first(floor: Ground, n: int, config: WorldConfig, seed: int, people: Moving
     raise InputError(f"simulate: no places found for {n} objects beside {len(there)} people; use fewer or smaller ones")
 
 
-def _draw(generators: list[list[np.random.Generator]]) -> Draws:
+def _draw(generators: list[list[np.random.Generator]]) -> WaypointNoise:
     """Random numbers of one chunk, each object's from its own generators."""
     c, n = CHUNK_STEPS, len(generators)
-    draws = Draws(np.empty((c, n, 2)), np.empty((c, n)), np.empty((c, n, CANDIDATES, 2)))
+    draws = WaypointNoise(np.empty((c, n, 2)), np.empty((c, n)), np.empty((c, n, CANDIDATES, 2)))
     for i, (noise, chance, places) in enumerate(generators):
         draws.noise[:, i] = noise.standard_normal((c, 2))
         draws.chance[:, i] = chance.random(c)

@@ -11,7 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from occlog.errors import UsageError, did_you_mean
-from occlog.request import Form, Kind, Request, Verb, load
+from occlog.request import Form, Request, Verb, VerbKind, load
 from occlog.settings import Settings
 
 from .request import ReadsRequest, SingleViewRequest, TrackPeopleRequest, TrackRequest, TrackRequestBase, ViewsRequest
@@ -300,17 +300,17 @@ def form_of(method: str) -> Form:
     return Form(REQUESTS[found.takes_in], {*shared, *found.takes, "settings"}, settings, around)
 
 
-def _plugged_kinds() -> dict[str, Kind]:
+def _plugged_kinds() -> dict[str, VerbKind]:
     """The methods of installed plug-ins."""
     from occlog.plugins.loading import METHOD, VIEW_TRACKER, installed
 
     plugins = (*installed(METHOD), *installed(VIEW_TRACKER))
-    return {each.name: Kind(each.summary, partial(form_of, each.name)) for each in plugins if each.name not in OURS}
+    return {each.name: VerbKind(each.summary, partial(form_of, each.name)) for each in plugins if each.name not in OURS}
 
 
 VERB = Verb(
     TrackRequestBase,
-    {name: Kind(each.summary, partial(form_of, name)) for name, each in OURS.items()},
+    {name: VerbKind(each.summary, partial(form_of, name)) for name, each in OURS.items()},
     default="apf",
     by={"method": str},
     what="method",

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.errors import PluginError
-from occlog.plugins.interface import Filter, Moment, Place
-from occlog.plugins.loading import Plugin, said_by
+from occlog.plugins.interface import EstimatedPosition, Filter, TargetScan
+from occlog.plugins.loading import Plugin, plugin_errors
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan, sensor_names
 from occlog.settings import Settings
@@ -26,7 +26,7 @@ class PluggedFilter:
         self._names = sensor_names(scene)
         places = [c.ground for c in scene.cameras] + [a.position[:2] for a in scene.arrays]
         self._places = np.array(places, dtype=np.float64).reshape(-1, 2)
-        with said_by(plugin):
+        with plugin_errors(plugin):
             self._filter = of(scene, config, rng)
 
     def step(self, scan: Scan) -> Estimate | None:
@@ -36,14 +36,14 @@ class PluggedFilter:
             PluginError: the filter fails, or gives back what no place can be.
         """
         seen, sensor = scan.seen, scan.sensor
-        moment = Moment(
+        moment = TargetScan(
             t_ns=int(scan.t_ns),
             sensors=tuple(self._names[k] for k in sensor.tolist()),
             places=self._places[sensor],
             bearings=np.where(seen, scan.bearing, np.nan),
             sigma=np.where(seen, scan.sigma, np.nan),
         )
-        with said_by(self._plugin):
+        with plugin_errors(self._plugin):
             place = self._filter.step(moment)
         if place is None:
             return None
@@ -73,7 +73,7 @@ class PluggedFilter:
 
 def fault_of(place: object) -> str | None:
     """What is wrong with what a filter gave back, in words; None: nothing."""
-    if not isinstance(place, Place):
+    if not isinstance(place, EstimatedPosition):
         return f"step gives a {type(place).__name__}; a Place or None was expected"
     shapes = {"xy": (place.xy, (2,)), "covariance": (place.covariance, (2, 2))}
     if place.velocity is not None:

@@ -8,17 +8,17 @@ import click
 import pytest
 
 from occlog.cli.options import quiet_opt
-from occlog.cli.startup import announced
+from occlog.cli.startup import with_compile_notice
 from occlog.console import notes as details
-from occlog.console.notes import COMPILING, note_uncached, tell_of_compiling
+from occlog.console.notes import COMPILING, log_compiling, note_uncached
 
 
 @click.command()
 @quiet_opt
 def stage(quiet: bool) -> None:
     """What compiles."""
-    tell_of_compiling()
-    tell_of_compiling()
+    log_compiling()
+    log_compiling()
 
 
 @click.command()
@@ -34,7 +34,7 @@ def stages(quiet: bool) -> None:
 def test_compilation_is_told_once_unless_the_command_that_was_called_is_quiet(
     command: click.Command, words: list[str], lines: int, capsys: Any
 ) -> None:
-    with command.make_context("occlog", words) as ctx, announced(ctx):
+    with command.make_context("occlog", words) as ctx, with_compile_notice(ctx):
         command.invoke(ctx)
     said = capsys.readouterr()
     assert said.err.count("\n") == lines
@@ -46,7 +46,7 @@ def test_compilation_is_told_once_unless_the_command_that_was_called_is_quiet(
 def test_where_nothing_can_be_kept_the_line_says_what_to_set(capsys: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(details, "_UNCACHED", [])
     note_uncached()
-    with stage.make_context("occlog", []) as ctx, announced(ctx):
+    with stage.make_context("occlog", []) as ctx, with_compile_notice(ctx):
         stage.invoke(ctx)
     (line,) = capsys.readouterr().err.splitlines()
     assert "in every run" in line

@@ -11,8 +11,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from occlog.cli.setting_options import (
+    CommandVariant,
     SettingsCommand,
-    Variant,
     VariantCommand,
     given,
     options_of,
@@ -59,10 +59,10 @@ def switch(shows_default: bool) -> click.Command:
     @click.command(
         cls=VariantCommand,
         variants={
-            "plain": Variant("nothing", list, called="no kind"),
-            "lamp": Variant("a lamp", lambda: options_of(Lamp)),
-            "siren": Variant("a siren", lambda: options_of(Siren)),
-            "horn": Variant("a horn", lambda: options_of(Siren, without=("tones",))),
+            "plain": CommandVariant("nothing", list, called="no kind"),
+            "lamp": CommandVariant("a lamp", lambda: options_of(Lamp)),
+            "siren": CommandVariant("a siren", lambda: options_of(Siren)),
+            "horn": CommandVariant("a horn", lambda: options_of(Siren, without=("tones",))),
         },
         choose=chosen,
         default="lamp",

@@ -15,7 +15,7 @@ from places import ROOT
 
 from occlog.conformance.faults import BrokenError, faults_by
 from occlog.conformance.filters import CHECKS
-from occlog.plugins.interface import Moment
+from occlog.plugins.interface import TargetScan
 
 SPEC = importlib.util.spec_from_file_location("own_filter", ROOT / "examples/plugins/own_filter/own_filter.py")
 assert SPEC is not None
@@ -39,49 +39,49 @@ class UndeclaredSetting(Own):
 
 
 class GivesATuple(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         place = super().step(moment)
         return None if place is None else (*place.xy,)
 
 
 class GivesNan(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         place = super().step(moment)
         return None if place is None else place._replace(xy=place.xy * np.nan)
 
 
 class Lopsided(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         place = super().step(moment)
         return None if place is None else place._replace(covariance=place.covariance + 1e-3 * np.eye(2, k=1))
 
 
 class NegativeVariance(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         place = super().step(moment)
         return None if place is None else place._replace(covariance=-place.covariance)
 
 
 class SwapsAxes(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         place = super().step(moment)
         return None if place is None else place._replace(xy=place.xy[::-1])
 
 
 class BoldCovariance(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         place = super().step(moment)
         return None if place is None else place._replace(covariance=1e-4 * place.covariance)
 
 
 class OwnEntropy(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         place = super().step(moment)
         return None if place is None else place._replace(xy=place.xy + 1e-9 * np.random.default_rng().normal(size=2))
 
 
 class SharedGenerator(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         np.random.normal()  # noqa: NPY002
         return super().step(moment)
 
@@ -89,7 +89,7 @@ class SharedGenerator(Own):
 class StateOfTheClass(Own):
     last = np.zeros(2)
 
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         place = super().step(moment)
         if place is None:
             return None
@@ -99,13 +99,13 @@ class StateOfTheClass(Own):
 
 
 class ChangesInputs(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         moment.bearings[:] += 0.0001
         return super().step(moment)
 
 
 class ChangesResults(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         place = super().step(moment)
         if place is None:
             return None
@@ -115,43 +115,43 @@ class ChangesResults(Own):
 
 
 class Prints(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         print("step", moment.t_ns)  # noqa: T201
         return super().step(moment)
 
 
 class Warns(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         warnings.warn("it is late", RuntimeWarning, stacklevel=2)
         return super().step(moment)
 
 
 class SetsEnvironment(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         os.environ["OMP_NUM_THREADS"] = "7"
         return super().step(moment)
 
 
 class KeepsHistory(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         self.__dict__.setdefault("history", []).append(moment)
         return super().step(moment)
 
 
 class WantsRows(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         moment.bearings.max()
         return super().step(moment)
 
 
 class TakesNanForNumbers(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         place = super().step(moment)
         return None if place is None else place._replace(velocity=np.full(2, moment.bearings.sum()))
 
 
 class CountsStepsInAGap(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         before = self.__dict__.setdefault("before", moment.t_ns)
         self.before = moment.t_ns
         if moment.t_ns - before > 60 * 10**9:
@@ -160,7 +160,7 @@ class CountsStepsInAGap(Own):
 
 
 class DividesByTheTime(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         before = self.__dict__.get("before", 0)
         self.before = moment.t_ns
         1 / (moment.t_ns - before)
@@ -168,7 +168,7 @@ class DividesByTheTime(Own):
 
 
 class FailsWhenTimeGoesBack(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         before = self.__dict__.setdefault("before", moment.t_ns)
         self.before = moment.t_ns
         assert moment.t_ns >= before
@@ -176,58 +176,58 @@ class FailsWhenTimeGoesBack(Own):
 
 
 class WantsThreeSensors(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         if moment.sensors and len(set(moment.sensors)) == 2:
             raise KeyError("south")
         return super().step(moment)
 
 
 class WantsTwoSensors(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         if len(set(moment.sensors)) == 1:
             raise KeyError("second sensor")
         return super().step(moment)
 
 
 class OneRowASensor(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         if len(set(moment.sensors)) < len(moment.sensors):
             raise ValueError("a sensor is there twice")
         return super().step(moment)
 
 
 class RoundsSigma(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         return super().step(moment._replace(sigma=np.round(moment.sigma, 4)))
 
 
 class BelievesTheFirst(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         place = super().step(moment)
         far = 5.0 if moment.sensors[:1] == ("west",) else 0.0
         return None if place is None else place._replace(xy=place.xy + far)
 
 
 class DoesNotWrap(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         wrong = np.where(moment.bearings < -2.0, moment.bearings + 0.5, moment.bearings)
         return super().step(moment._replace(bearings=wrong))
 
 
 class NearTheOrigin(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         place = super().step(moment)
         return None if place is None else place._replace(xy=np.clip(place.xy, -500.0, 500.0))
 
 
 class OffByMetres(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         place = super().step(moment)
         return None if place is None else place._replace(xy=place.xy + 2.0)
 
 
 class SecondsInFloat32(Own):
-    def step(self, moment: Moment) -> object:
+    def step(self, moment: TargetScan) -> object:
         return super().step(moment._replace(t_ns=int(np.float32(moment.t_ns * 1e-9)) * 10**9))
 
 

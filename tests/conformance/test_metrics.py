@@ -11,7 +11,7 @@ import pytest
 from seeded import check_kit, check_seeded, common_faults, example, hoard
 
 from occlog.conformance.metrics import CHECKS
-from occlog.plugins.interface import Compared
+from occlog.plugins.interface import MetricInput
 
 Gaps: Any = example("own_parts/own_tables").Gaps
 
@@ -21,7 +21,7 @@ class Good(Gaps):
 
     units = {"longest": "s", "tracks": "1", "far": "length"}  # noqa: RUF012
 
-    def figures(self, compared: Compared) -> Any:
+    def figures(self, compared: MetricInput) -> Any:
         far = compared.errors.error.max() if len(compared.errors) else np.nan
         return {**super().figures(compared), "far": far}
 
@@ -29,7 +29,7 @@ class Good(Gaps):
 def changed(**more: Any) -> type:
     """The good one with figures changed; each is called with the tables and its value."""
 
-    def figures(self: Any, compared: Compared) -> Any:
+    def figures(self: Any, compared: MetricInput) -> Any:
         found = Good.figures(self, compared)
         return {**found, **{name: act(compared, found[name]) for name, act in more.items()}}
 
@@ -43,24 +43,24 @@ class UpperCase(Good):
 class KeepsTheLast(Good):
     count = 0
 
-    def figures(self, compared: Compared) -> Any:
+    def figures(self, compared: MetricInput) -> Any:
         self.count += 1
         return {**super().figures(compared), "tracks": self.count}
 
 
 class ChangesInputs(Good):
-    def figures(self, compared: Compared) -> Any:
+    def figures(self, compared: MetricInput) -> Any:
         compared.tracks.x[:] = 0.0
         return super().figures(compared)
 
 
 class Undeclared(Good):
-    def figures(self, compared: Compared) -> Any:
+    def figures(self, compared: MetricInput) -> Any:
         return {**super().figures(compared), "more": 1.0}
 
 
 class Hoards(Good):
-    def figures(self, compared: Compared) -> Any:
+    def figures(self, compared: MetricInput) -> Any:
         hoard()
         return super().figures(compared)
 

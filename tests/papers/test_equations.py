@@ -47,17 +47,17 @@ def test_rahimi_open_dimensions(speed: bool, cameras: int, left: int) -> None:
 
 
 @pytest.fixture(scope="module")
-def ercan_table() -> list[ercan.Row]:
+def ercan_table() -> list[ercan.PaperRow]:
     return ercan.equations(Size(4, 12), lambda specs: [{} for _ in specs])
 
 
-def test_every_statement_has_its_place(ercan_table: list[ercan.Row]) -> None:
+def test_every_statement_has_its_place(ercan_table: list[ercan.PaperRow]) -> None:
     ids = {"lee": lee.STATEMENTS, "rahimi": rahimi.STATEMENTS, "ercan": [x.id for x in ercan.judge(ercan_table)]}
     for paper, keys in ids.items():
         assert [key for key in keys if source_of(key, SOURCES[paper]) is None] == []
 
 
-def test_ercan_noise_and_cameras(ercan_table: list[ercan.Row]) -> None:
+def test_ercan_noise_and_cameras(ercan_table: list[ercan.PaperRow]) -> None:
     found = {x.id: x for x in ercan.judge(ercan_table)}
     assert (found["eq2"].verdict, found["appendix-b"].verdict) == (DONE, NOT)
     assert found["sec6.1-vertices"].verdict == DONE

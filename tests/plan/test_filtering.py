@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 
 from occlog.array_types import Floats
-from occlog.plan.filtering import Belief, Expected, Motion, Reports, errors_along, noise_of, step_noise
+from occlog.plan.filtering import ExpectedPosteriors, FilterNoise, Motion, Reports, errors_along, noise_of, step_noise
 
 DT = 0.1
 
@@ -46,7 +46,9 @@ def test_a_place_measured_ever_again_settles_where_the_equations_of_riccati_and_
     information = sharp(np.ones(600), 1, variance)
     ways, start = np.zeros((1, 600, 2)), (np.zeros(2), np.eye(2))
     motion = Motion(1.2, 1e-9, sigma)
-    found = errors_along(ways, reports_of(information), start, motion, Belief(sigma_v, sigma_a), DT).covariance[0, 0]
+    found = errors_along(ways, reports_of(information), start, motion, FilterNoise(sigma_v, sigma_a), DT).covariance[
+        0, 0
+    ]
     # One axis, written out
     F, H = np.array([[1.0, DT], [0.0, 1.0]]), np.array([[1.0, 0.0]])
     white = np.array([[DT**3 / 3.0, DT**2 / 2.0], [DT**2 / 2.0, DT]])
@@ -60,7 +62,7 @@ def test_a_place_measured_ever_again_settles_where_the_equations_of_riccati_and_
     assert R[0, 0] < 0.9 * P[0, 0] * variance / (P[0, 0] + variance)
 
 
-def all_turns(ways: Floats, reports: Reports, prior: Floats, motion: Motion, dt: float) -> Expected:
+def all_turns(ways: Floats, reports: Reports, prior: Floats, motion: Motion, dt: float) -> ExpectedPosteriors:
     """Mean and covariance of the last place over a Kalman filter for each set of steps at which a target may turn."""
     steps, turn, fresh = ways.shape[1], -math.expm1(-motion.turns * dt), 0.5 * motion.speed**2
     F = np.eye(4) + dt * np.eye(4, k=2)
@@ -101,7 +103,7 @@ def all_turns(ways: Floats, reports: Reports, prior: Floats, motion: Motion, dt:
         off = np.array(means) - mean
         place.append([mean])
         covariance.append([np.einsum("k,kij->ij", weight, np.array(spreads) + off[:, :, None] * off[:, None])])
-    return Expected(np.array(place), np.array(covariance))
+    return ExpectedPosteriors(np.array(place), np.array(covariance))
 
 
 def test_a_few_hypotheses_stand_for_every_possible_turn():
@@ -111,7 +113,7 @@ def test_a_few_hypotheses_stand_for_every_possible_turn():
     information = sharp(np.array([1, 1, 1, 1, 0, 0, 1, 0]), many, 0.02)
     information[:, :, 4] = np.array([40.0, 20.0, 10.0])[:, None]
     reports = reports_of(information)
-    found = errors_along(ways, reports, (np.zeros(2), np.eye(2)), motion, Belief(0.0, 0.0), dt)
+    found = errors_along(ways, reports, (np.zeros(2), np.eye(2)), motion, FilterNoise(0.0, 0.0), dt)
     exact = all_turns(ways, reports, np.eye(2), motion, dt)
     spread = np.sqrt(np.trace(exact.covariance[:, 0], axis1=1, axis2=2))
     off = np.hypot(*(found.place - exact.place)[:, 0].T)
@@ -121,8 +123,8 @@ def test_a_few_hypotheses_stand_for_every_possible_turn():
     assert math.sqrt(told.mean()) == pytest.approx(math.sqrt(np.mean(spread**2)), rel=0.03)
 
 
-@pytest.mark.parametrize("belief", [Belief(0.0, 0.0), Belief(0.1, 0.5)])
-def test_errors_are_as_large_as_they_are_said_to_be(belief: Belief):
+@pytest.mark.parametrize("belief", [FilterNoise(0.0, 0.0), FilterNoise(0.1, 0.5)])
+def test_errors_are_as_large_as_they_are_said_to_be(belief: FilterNoise):
     """Seen by two, by none, by one and by none again, 4000 walkers; error bars of the ratios are 0.4 to 2 %."""
     motion, steps, many = Motion(1.2, 0.4, 0.05), 100, 4000
     ways = walkers(motion, DT, steps, many)
@@ -144,7 +146,7 @@ def test_who_is_seen_to_walk_straight_on_by_one_camera_is_not_thought_to_turn():
     information = sharp(np.ones(steps), 1, 1e-4)
     information[0, :, 50:] = 0.0
     reports = Reports(information, np.zeros((2, 1, steps)))
-    found = errors_along(ways, reports, (np.zeros(2), np.eye(2)), motion, Belief(0.0, 0.0), DT).covariance[0, 0]
+    found = errors_along(ways, reports, (np.zeros(2), np.eye(2)), motion, FilterNoise(0.0, 0.0), DT).covariance[0, 0]
     # Velocity of the linear filter: an Ornstein-Uhlenbeck process of the same second moments
     r, fresh, k = motion.turns, 0.5 * motion.speed**2, 20 * DT
     linear = fresh * (2.0 * (k - (1.0 - math.exp(-r * k)) / r) / r - ((1.0 - math.exp(-r * k)) / r) ** 2)
@@ -155,7 +157,7 @@ def test_nobody_seen_is_as_far_off_as_the_room_is_wide_and_the_velocity_of_many_
     motion, steps = Motion(1.2, 0.5, 0.05), 60
     nothing = np.zeros((3, 1, steps))
     found = errors_along(
-        np.zeros((1, steps, 2)), reports_of(nothing), (np.ones(2), 4.0 * np.eye(2)), motion, Belief(0.0, 0.0), DT
+        np.zeros((1, steps, 2)), reports_of(nothing), (np.ones(2), 4.0 * np.eye(2)), motion, FilterNoise(0.0, 0.0), DT
     )
     # Steps of a velocity that is drawn anew with a probability at each
     stay = math.exp(-motion.turns * DT)

@@ -16,17 +16,17 @@ from occlog.core.occlusion.priors import polygon_priors
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.errors import InputError
 from occlog.plan.config import PlanConfig
-from occlog.plan.filtering import Belief, Motion, Reports, errors_along, square_error_in_room
-from occlog.plan.sensing import hide_behind_crowd, low_share, plain_view, told_by
+from occlog.plan.filtering import FilterNoise, Motion, Reports, errors_along, square_error_in_room
+from occlog.plan.sensing import hide_behind_crowd, information_of_sensor, share_below_heads, unoccluded_view
 from occlog.plan.stage import (
-    Planned,
+    PreparedPlan,
     add_greedily,
     along_walls,
     expected_error,
     plan_map,
     prepare,
     rank_candidates,
-    rank_own,
+    rank_removal,
 )
 from occlog.plan.walks import Walked
 from occlog.records.scene import Camera, MicrophoneArray, Scene
@@ -55,7 +55,7 @@ CORNERS = (
 )
 
 
-def planned(*sensors: Camera, people: int = 0, config: PlanConfig = SMALL) -> Planned:
+def planned(*sensors: Camera, people: int = 0, config: PlanConfig = SMALL) -> PreparedPlan:
     return prepare(Scene(cameras=sensors, room=ROOM), replace(config, people=people), seed=1)
 
 
@@ -67,16 +67,16 @@ def lonely(ways: Floats) -> Walked:
 
 def known_at_once(walked: Walked, *sensors: MicrophoneArray) -> Floats:
     """(2, 2) covariance of a place that may be anywhere, after one report of each sensor."""
-    told = [told_by(s, Scene(arrays=sensors, room=ROOM), walked, SMALL, 0).information for s in sensors]
+    told = [information_of_sensor(s, Scene(arrays=sensors, room=ROOM), walked, SMALL, 0).information for s in sensors]
     total = np.sum(told, axis=0)
     start = np.zeros(2), 1e8 * np.eye(2)
     reports = Reports(total, np.zeros((2, *total.shape[1:])))
-    found = errors_along(walked.ways, reports, start, Motion(1.2, 0.4, 0.05), Belief(0.1, 0.5), 0.1)
+    found = errors_along(walked.ways, reports, start, Motion(1.2, 0.4, 0.05), FilterNoise(0.1, 0.5), 0.1)
     return found.covariance[0, 0]
 
 
-def told_of(plan: Planned, sensor: Camera | MicrophoneArray):
-    return told_by(sensor, plan.scene, plan.walked, plan.config, plan.seed)
+def told_of(plan: PreparedPlan, sensor: Camera | MicrophoneArray):
+    return information_of_sensor(sensor, plan.scene, plan.walked, plan.config, plan.seed)
 
 
 def test_two_arrays_at_right_angles_tell_a_circle_as_wide_as_their_noise_at_that_distance():
@@ -141,7 +141,7 @@ def test_a_crowd_hides_as_often_as_the_exact_shares_say():
         near = np.hypot(*(crowd - place).transpose(2, 0, 1)) < SMALL.diameter
     sensors = CORNERS[:2]
     scene = Scene(cameras=sensors, room=ROOM)
-    seen = np.stack([plain_view(s, scene, walked, replace(SMALL, people=n))[:, 0] for s in sensors])
+    seen = np.stack([unoccluded_view(s, scene, walked, replace(SMALL, people=n))[:, 0] for s in sensors])
     # Exact: one disc, uniform over the room without the circle about the target, hides from a set of cameras
     cameras = np.array([s.ground for s in sensors])
     whole = shares(place[0], place[1], cameras, polygon_priors([ROOM], SMALL.diameter), 0)
@@ -159,9 +159,9 @@ def test_a_crowd_hides_as_often_as_the_exact_shares_say():
 def test_a_camera_above_heads_is_hidden_from_by_people_near_the_target_lonely():
     high = camera("high", 0.0, 0.0, 45.0, z=3.0)
     config = replace(SMALL, height=1.8, z=0.9)
-    assert low_share(high, config) == pytest.approx(1.2 / 2.1)
-    assert low_share(high, SMALL) == 0.0
-    assert low_share(high, replace(config, z=1.9)) == 1.0
+    assert share_below_heads(high, config) == pytest.approx(1.2 / 2.1)
+    assert share_below_heads(high, SMALL) == 0.0
+    assert share_below_heads(high, replace(config, z=1.9)) == 1.0
     for along, hidden in ((0.5, False), (0.6, True), (0.8, True)):
         seen, ways = np.ones((1, 1), dtype=np.bool_), np.full((1, 1, 2), 4.0)
         crowd = np.full((1, 1, 2), 4.0 * along)
@@ -192,7 +192,7 @@ def test_greed_finds_the_best_pair_with_its_first_and_rankings_are_those_of_sing
 
 def test_the_least_needed_camera_is_the_double_one():
     plan = planned(*CORNERS, camera("double", 0.2, 0.0, 45.0), people=3)
-    assert {p.sensor.name for p in rank_own(plan)[:2]} == {"sw", "double"}
+    assert {p.sensor.name for p in rank_removal(plan)[:2]} == {"sw", "double"}
 
 
 def test_a_camera_that_detects_nothing_sees_nobody():

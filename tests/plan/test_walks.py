@@ -13,10 +13,10 @@ from occlog.core.sight.camera import rotation_from_angles
 from occlog.core.sight.visibility import behind_objects
 from occlog.errors import InputError
 from occlog.plan.config import PlanConfig
-from occlog.plan.filtering import Belief, Motion, Reports, errors_along
+from occlog.plan.filtering import FilterNoise, Motion, Reports, errors_along
 from occlog.plan.sensing import hide_behind_crowd
 from occlog.plan.stage import prepare
-from occlog.plan.walks import cells_of, moments_of, nearest_cell, people_walk, visits_of, ways_to
+from occlog.plan.walks import cell_visits, cells_of, moments_of, nearest_cell, paths_through_cells, simulate_crowd
 from occlog.records.scene import Camera, Occluder, Scene
 from occlog.records.tables import Truth
 from occlog.simulate.config import WorldConfig
@@ -61,9 +61,9 @@ def test_ways_are_stretches_of_the_walk_that_end_in_their_cells_and_people_keep_
     pillar = Occluder("pillar", np.array([[2.5, 2.5], [3.5, 2.5], [3.5, 3.5], [2.5, 3.5]]))
     scene = replace(SCENE, occluders=(pillar,))
     cells, steps = cells_of(scene, 49), 30
-    people = people_walk(scene, CROWD, 0.1, steps, seed=2)
-    visits = visits_of(cells, people, steps)
-    walked = ways_to(visits, people, 20, steps, 0.1)
+    people = simulate_crowd(scene, CROWD, 0.1, steps, seed=2)
+    visits = cell_visits(cells, people, steps)
+    walked = paths_through_cells(visits, people, 20, steps, 0.1)
     assert walked.ways.shape == (20 * len(cells.xy), steps, 2)
     np.testing.assert_array_equal(nearest_cell(cells, walked.ways[:, -1]), np.repeat(np.arange(len(cells.xy)), 20))
     for i in range(0, len(walked.ways), 97):
@@ -78,7 +78,7 @@ def test_ways_are_stretches_of_the_walk_that_end_in_their_cells_and_people_keep_
 def test_a_cell_that_nobody_came_to_has_the_ways_of_its_neighbour():
     cells = cells_of(SCENE, 36)
     people = np.tile([1.5, 1.5], (10, 1, 1)) + 0.01 * np.arange(10)[:, None, None]
-    walked = ways_to(visits_of(cells, people, 3), people, 4, 3, 0.1)
+    walked = paths_through_cells(cell_visits(cells, people, 3), people, 4, 3, 0.1)
     assert walked.ways.shape == (144, 3, 2)
     assert np.abs(walked.ways - 1.5).max() < 0.1
 
@@ -153,7 +153,7 @@ def test_walkers_who_never_turn_keep_their_velocity():
 def test_a_filter_of_these_moments_is_as_far_off_in_a_crowd_as_it_says():
     """In gaps of 1 and 2 s of a crowded walk; the error bar of the ratio is 4 %."""
     dt, steps, variance = 0.1, 120, 0.01
-    people = people_walk(SCENE, CROWD, dt, steps, seed=4)
+    people = simulate_crowd(SCENE, CROWD, dt, steps, seed=4)
     motion = moments_of(people, dt)
     rng = np.random.default_rng(8)
     starts = np.arange(0, len(people) - steps, steps)
@@ -164,7 +164,7 @@ def test_a_filter_of_these_moments_is_as_far_off_in_a_crowd_as_it_says():
     information[0] = information[2] = seen / variance
     noise = np.sqrt(information[0]) * rng.standard_normal((2, *truth.shape[:2]))
     start = ROOM.mean(axis=0), 3.0 * np.eye(2)
-    found = errors_along(truth, Reports(information, noise), start, motion, Belief(0.0, 0.0), dt, keep=100)
+    found = errors_along(truth, Reports(information, noise), start, motion, FilterNoise(0.0, 0.0), dt, keep=100)
     square = np.sum((found.place - truth[:, 20:]) ** 2, axis=-1).mean(axis=0)
     told = np.trace(found.covariance, axis1=-2, axis2=-1).mean(axis=0)
     for part in (slice(40, 50), slice(80, 100), slice(100)):
@@ -173,4 +173,4 @@ def test_a_filter_of_these_moments_is_as_far_off_in_a_crowd_as_it_says():
 
 def test_people_who_would_walk_for_ever_are_refused() -> None:
     with pytest.raises(InputError, match=r"at a speed of 1e-15 crossing the room takes .* state a higher speed"):
-        people_walk(SCENE, replace(CROWD, speed=1e-15), 0.1, 10, seed=4)
+        simulate_crowd(SCENE, replace(CROWD, speed=1e-15), 0.1, 10, seed=4)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from occlog.plugins.interface import Moment, Place, Scene, Settings, setting
+from occlog.plugins.interface import EstimatedPosition, Scene, Settings, TargetScan, setting
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class OwnFilter:
     def __init__(self, scene: Scene, settings: OwnSettings, rng: np.random.Generator) -> None:
         self.settings_, self.t_ns = settings, None
 
-    def step(self, moment: Moment) -> Place | None:
+    def step(self, moment: TargetScan) -> EstimatedPosition | None:
         saw = np.isfinite(moment.bearings)
         places, bearings, sigma = moment.places[saw], moment.bearings[saw], moment.sigma[saw]
         if self.t_ns is None:
@@ -49,4 +49,4 @@ class OwnFilter:
             self.x = self.x + gain * ((bearing - np.arctan2(dy, dx) + np.pi) % (2 * np.pi) - np.pi)
             self.P = (np.eye(4) - np.outer(gain, H)) @ self.P
             self.P = 0.5 * (self.P + self.P.T)
-        return Place(self.x[:2].copy(), self.P[:2, :2].copy(), self.x[2:].copy())
+        return EstimatedPosition(self.x[:2].copy(), self.P[:2, :2].copy(), self.x[2:].copy())

@@ -13,7 +13,7 @@ from stonesoup.types.hypothesis import SingleHypothesis
 from stonesoup.types.state import GaussianState
 from stonesoup.updater.kalman import UnscentedKalmanUpdater
 
-from occlog.plugins.interface import Moment, Place, Scene, Settings, setting
+from occlog.plugins.interface import EstimatedPosition, Scene, Settings, TargetScan, setting
 
 EPOCH = datetime(1970, 1, 1)
 POSITION, VELOCITY = (0, 2), (1, 3)
@@ -42,7 +42,7 @@ class StoneSoupFilter:
         self.state: GaussianState | None = None
         self.start_ns = self.last_ns = 0
 
-    def step(self, moment: Moment) -> Place | None:
+    def step(self, moment: TargetScan) -> EstimatedPosition | None:
         saw = np.isfinite(moment.bearings)
         places, bearings, sigma = moment.places[saw], moment.bearings[saw], moment.sigma[saw]
         if moment.t_ns - self.last_ns > LONGEST_NS:
@@ -67,7 +67,7 @@ class StoneSoupFilter:
         )
         self.state = GaussianState(mean.copy(), covariance.copy(), timestamp=self.state.timestamp)
         spread = covariance[np.ix_(POSITION, POSITION)]
-        return Place(mean[list(POSITION)], 0.5 * (spread + spread.T), mean[list(VELOCITY)])
+        return EstimatedPosition(mean[list(POSITION)], 0.5 * (spread + spread.T), mean[list(VELOCITY)])
 
     def _begin(self, t_ns: int, places: np.ndarray, bearings: np.ndarray, sigma: np.ndarray) -> bool:
         if len(np.unique(places, axis=0)) < 2:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, TypeVar, cast
 
-from occlog.console.notes import tell_of_compiling
+from occlog.console.notes import log_compiling
 
 from .kernel_cache import KernelCache, NoCacheError  # before numba, which would read files of the current folder
 
@@ -101,4 +101,4 @@ class Stopwatch(event.Listener):  # type: ignore[misc]
             self._told()
 
 
-event.register("numba:compile", Stopwatch(tell_of_compiling))
+event.register("numba:compile", Stopwatch(log_compiling))

@@ -30,7 +30,7 @@ from occlog.io.files.inputs import verdicts_of_file
 from occlog.io.open import check_unit, common_unit, input_losses, open_if_ours, open_in_unit, open_input
 from occlog.records.tables import Tracks, Truth
 from occlog.records.verdicts import all_plausible, texts_of
-from occlog.runner import Done, Job
+from occlog.runner import Job, JobResult
 from occlog.settings import METRES
 
 from . import text
@@ -154,7 +154,7 @@ def parse_condition(condition: str) -> Condition:
     return Condition(found[1], margin)
 
 
-def run_compare(request: CompareRequest, job: Job) -> Done:
+def run_compare(request: CompareRequest, job: Job) -> JobResult:
     """Compare, and write the table as Markdown."""
     methods = request.methods
     if len(methods) < 2:
@@ -168,7 +168,7 @@ def run_compare(request: CompareRequest, job: Job) -> Done:
     def shown(as_json: bool) -> str:
         return json.dumps(summary, indent=2) if as_json else text.table(found, methods)
 
-    return Done(summary, earlier=found.losses, failed=found.failed, shown=shown)
+    return JobResult(summary, earlier=found.losses, failed=found.failed, shown=shown)
 
 
 def compare_runs(

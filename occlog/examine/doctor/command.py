@@ -9,7 +9,7 @@ import click
 from occlog import console
 from occlog.cli import options
 from occlog.cli.input_paths import Input
-from occlog.console.notes import tell
+from occlog.console.notes import log_detail
 
 
 @click.command(name="doctor", short_help="List everything that is wrong in recordings, tables and other files.")
@@ -35,7 +35,7 @@ def command(files: tuple[Path, ...], as_json: bool, quiet: bool) -> int:
     from .findings import Severity, exit_code
     from .run import check_files
 
-    found = check_files(files, lambda path: tell(f"{path}: looked at"))
+    found = check_files(files, lambda path: log_detail(f"{path}: looked at"))
     of = {severity: sum(f.severity is severity for f in found.findings) for severity in Severity}
     if as_json:
         counts = {f"{severity}s": count for severity, count in of.items()}

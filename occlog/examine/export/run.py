@@ -23,8 +23,8 @@ from occlog.io.files.atomic import OutputGroup, check_outputs, open_output
 from occlog.io.formats.boxes.mot_challenge import SEQUENCE_INFO, mot_text
 from occlog.io.formats.trajectories import FARTHEST, Origin
 from occlog.io.open import Opened, load_scene, open_input
-from occlog.plugins.interface import Exporter, World
-from occlog.plugins.loading import Chosen, said_by
+from occlog.plugins.interface import ExportContext, Exporter
+from occlog.plugins.loading import Chosen, plugin_errors
 from occlog.records.columns import ColumnTable
 from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
@@ -108,10 +108,10 @@ def chosen_rows(rows: ColumnTable, name: str, targets: Sequence[int], camera: st
     return rows
 
 
-def write_by_plugin(exporter: Chosen, rows: ColumnTable, world: World, file: IO[bytes]) -> None:
+def write_by_plugin(exporter: Chosen, rows: ColumnTable, world: ExportContext, file: IO[bytes]) -> None:
     """Write rows; PluginError, in one line, where the plug-in fails."""
     own: Exporter = exporter.make(world.length_unit)
-    with said_by(exporter.plugin):
+    with plugin_errors(exporter.plugin):
         own.write(rows, world, Sink(file))  # type: ignore[arg-type]
 
 
@@ -174,7 +174,7 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
     with OutputGroup() as together, _output(request.output, request.overwrite, together) as file:
         if request.exporter is not None:
             rows = chosen_rows(opened.read(table), name, request.targets, request.camera)
-            write_by_plugin(request.exporter, rows, World(unit, scene), file)
+            write_by_plugin(request.exporter, rows, ExportContext(unit, scene), file)
             summary |= {"rows": len(rows), "plugin": request.exporter.plugin.origin}
         elif name == "csv":
             summary["rows"], left = write_csv(_rows(opened, table, text=True), table, file, unit)

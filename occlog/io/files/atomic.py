@@ -21,7 +21,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, NamedTuple, Self
 
-from occlog.console.notes import begin_work, note_files, tell
+from occlog.console.notes import begin_work, log_detail, note_files
 from occlog.errors import OcclogError, OutputError, OutputExistsError, UsageError
 
 PARTIAL = ".partial"
@@ -171,7 +171,7 @@ def open_output(path: Path, overwrite: bool = False, together: OutputGroup | Non
                 together.add(file.fileno(), name, path, overwrite)
             size = file.tell()
             done = True
-        tell(f"wrote {path} ({size} bytes)")
+        log_detail(f"wrote {path} ({size} bytes)")
     finally:
         if name is not None and not done:
             with suppress(FileNotFoundError):

@@ -10,7 +10,7 @@ from occlog.errors import PluginError
 from occlog.measure.detections import Detections
 from occlog.measure.networks.detector import Boxed
 from occlog.plugins.interface import Detected, Detector
-from occlog.plugins.loading import Chosen, said_by
+from occlog.plugins.loading import Chosen, plugin_errors
 from occlog.records.frames import Frame
 from occlog.records.scene import Scene
 
@@ -52,7 +52,7 @@ def _detect_frames(
         if frame.sensor not in own:
             rng = np.random.default_rng(names.index(frame.sensor))
             own[frame.sensor] = chosen.make(scene.length_unit, rng)
-        with said_by(chosen.plugin):
+        with plugin_errors(chosen.plugin):
             found = own[frame.sensor].detect(image)
         wrong = fault_of(found)
         if wrong is not None:

@@ -11,7 +11,18 @@ from typing import ClassVar
 from occlog.console.notes import threads_by_default
 from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.networks.config import NetworkConfig
-from occlog.request import Form, Kind, Request, Verb, group, number_of_threads, output_file, scene_file, sink, source
+from occlog.request import (
+    Form,
+    Request,
+    Verb,
+    VerbKind,
+    group,
+    number_of_threads,
+    output_file,
+    scene_file,
+    sink,
+    source,
+)
 from occlog.settings import declaration, declared, like, setting
 
 from .config import DetectConfig
@@ -160,19 +171,19 @@ def _of_plugin(name: str) -> Form:
     return Form(PluginRequest, settings={"own": plugin.load().settings}, under={"own": name})
 
 
-def _plugged() -> dict[str, Kind]:
+def _plugged() -> dict[str, VerbKind]:
     from occlog.plugins.loading import DETECTOR, installed
 
-    return {each.name: Kind(each.summary, partial(_of_plugin, each.name)) for each in installed(DETECTOR)}
+    return {each.name: VerbKind(each.summary, partial(_of_plugin, each.name)) for each in installed(DETECTOR)}
 
 
 VERB = Verb(
     Detection,
     {
-        "em": Kind("before the background: mixture of person-shaped Gaussians", lambda: Form(DetectRequest)),
-        "outlines": Kind("the same, with outlines of people where several touch", lambda: Form(DetectRequest)),
-        "components": Kind("before the background: connected blobs", lambda: Form(DetectRequest)),
-        NETWORK: Kind("boxes of a network", lambda: Form(NetworkRequest), "--onnx MODEL"),
+        "em": VerbKind("before the background: mixture of person-shaped Gaussians", lambda: Form(DetectRequest)),
+        "outlines": VerbKind("the same, with outlines of people where several touch", lambda: Form(DetectRequest)),
+        "components": VerbKind("before the background: connected blobs", lambda: Form(DetectRequest)),
+        NETWORK: VerbKind("boxes of a network", lambda: Form(NetworkRequest), "--onnx MODEL"),
     },
     default="em",
     by={NETWORK: lambda _: NETWORK, "method": str},

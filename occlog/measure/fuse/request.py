@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from occlog.request import Form, Kind, Request, Verb, group, output_file, scene_file, sink, source
+from occlog.request import Form, Request, Verb, VerbKind, group, output_file, scene_file, sink, source
 
 from .config import FuseConfig
 from .tracks.config import TrackFusionConfig
@@ -73,8 +73,8 @@ class TrackFusionRequest(FuseRequestBase):
 VERB = Verb(
     FuseRequestBase,
     {
-        DETECTIONS: Kind("Detections of several cameras.", lambda: Form(FuseRequest), "fuse BEARINGS"),
-        TRACKS: Kind(
+        DETECTIONS: VerbKind("Detections of several cameras.", lambda: Form(FuseRequest), "fuse BEARINGS"),
+        TRACKS: VerbKind(
             "Tracks of several groups of cameras.", lambda: Form(TrackFusionRequest), "fuse TRACKS --with TRACKS"
         ),
     },

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from occlog.measure.appearance.config import MatchConfig
-from occlog.request import Form, Kind, Request, Verb, group, output_file, scene_file, sink, source
+from occlog.request import Form, Request, Verb, VerbKind, group, output_file, scene_file, sink, source
 from occlog.settings import setting
 
 from .config import LabelConfig, NamingConfig
@@ -97,10 +97,10 @@ class MatchRequest(LabelRequestBase):
 VERB = Verb(
     _ByKind,
     {
-        BY_TRACKS: Kind(
+        BY_TRACKS: VerbKind(
             "candidates get the identity of the track at their bearing", lambda: Form(LabelRequest), "--tracks FILE"
         ),
-        BY_GALLERY: Kind(
+        BY_GALLERY: VerbKind(
             "boxes get the identity of the person whom they look like", lambda: Form(MatchRequest), "--gallery FILE"
         ),
     },

@@ -8,11 +8,11 @@ where a series says so.
 from __future__ import annotations
 
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, quotient_of
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, quotient_of
 from occlog.pipeline.sweep.trial import Values
 
 from .square import M40
-from .trial import SQUARE_ORDER, Point, kalman, names, run_points, square_room, trial
+from .trial import SQUARE_ORDER, TrialPoint, kalman, names, run_points, square_room, trial
 
 APF, EKF, UKF, IEKF = "apf", "ekf", "ukf", "iekf"
 CONSTRAINED, DESCENT = "ukf, constraints considered", "iekf, from the prediction alone"
@@ -60,21 +60,21 @@ def _point(
     simulate: Values = M40,
     priors: Values | None = None,
     observe: Values | None = None,
-) -> Point:
+) -> TrialPoint:
     """Describe a point of the table; settings of `apf` come on top of those of all figures."""
     more = {} if observe is None else {"observe": {"diameter": 3.33, **observe}}
     spec = trial(scene, size, simulate, priors or {"kind": "none"}, cameras=names(SQUARE_ORDER[:n]), **more)
     track = dict(settings) if "method" in settings else {**spec["track"], **settings}
-    return Point(series, n, {**spec, "track": track})
+    return TrialPoint(series, n, {**spec, "track": track})
 
 
-def judge(table: Table) -> list[Verdict]:
+def judge(table: Table) -> list[StatementVerdict]:
     """Judge what Sec. 4 says of Kalman filters, at every number of cameras."""
 
-    def lower(key: str, said: str, low: str, high: str) -> Verdict:
+    def lower(key: str, said: str, low: str, high: str) -> StatementVerdict:
         return v.pairs(f"baselines-{key}", said, v.matched(table, low, high))
 
-    def found(name: str, x: float | None = CAMERAS) -> Row | None:
+    def found(name: str, x: float | None = CAMERAS) -> PaperRow | None:
         return v.find(table, name, x)
 
     out = [

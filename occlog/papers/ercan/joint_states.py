@@ -13,7 +13,7 @@ import numpy as np
 
 from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, power_of, quotient_of
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, power_of, quotient_of
 from occlog.pipeline.sweep.trial import Spec, errors_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Occluders, Tracks, Truth
@@ -109,22 +109,22 @@ def joint_states(size: Size, execute: Execute) -> Table:
     return table
 
 
-def _row(name: str, objects: int, results: list[dict[str, float]]) -> Row:
+def _row(name: str, objects: int, results: list[dict[str, float]]) -> PaperRow:
     def each(figure: str) -> tuple[float, ...]:
         return tuple(r[f"{name}, {figure}"] for r in results)
 
     more: Mapping[str, tuple[float, ...]] = {"seconds": each("seconds"), "ess": each("ess")}
     extra = {"mean_ess": float(np.mean(more["ess"])), "track_seconds": float(np.mean(more["seconds"]))}
-    return Row(name, objects, each("rmse"), extra, each=dict(more))
+    return PaperRow(name, objects, each("rmse"), extra, each=dict(more))
 
 
-def judge(table: Table) -> list[Verdict]:
+def judge(table: Table) -> list[StatementVerdict]:
     """Judge that one state of all objects is prohibitive for many of them, and compare the errors."""
     joint = v.series(table, JOINT)
     if len(joint) < 2:
         return []
-    cost = power_of([Row(JOINT, r.x, r.each["seconds"]) for r in joint])
-    ess = [Row(JOINT, r.x, r.each["ess"]) for r in joint]
+    cost = power_of([PaperRow(JOINT, r.x, r.each["seconds"]) for r in joint])
+    ess = [PaperRow(JOINT, r.x, r.each["ess"]) for r in joint]
     said = "With as many particles the joint filter costs more than in proportion to the objects: exponent."
     grows = v.judge("joint-cost", said, cost, v.above(1.0), rule="exponent of the number of objects above 1")
     said = "Of its particles fewer count, by this factor from the fewest objects to the most."

@@ -49,7 +49,7 @@ from occlog.measure.label.config import LabelConfig
 from occlog.measure.label.stage import label
 from occlog.measure.priors.from_positions import virtual_priors
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table
 from occlog.pipeline.sweep.trial import Spec, rmse_of_priors
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Boxes, Occluders, Tracks, Truth
@@ -215,7 +215,7 @@ CLEAR = "clear"
 """Kind of a trial without virtual people: its error comes from the cameras' geometry and noise alone."""
 
 
-class Source(NamedTuple):
+class RecordedFiles(NamedTuple):
     """Files of a recording by absolute paths, and hashes of their content."""
 
     data: str  # folder of cmc_detections; empty: `bearings` and `scene` are given
@@ -224,17 +224,17 @@ class Source(NamedTuple):
     content: tuple[str, ...]  # SHA-256 of each file
 
 
-def cmc_files(data: Path) -> Source:
+def cmc_files(data: Path) -> RecordedFiles:
     """Name the files of a folder of cmc_detections; InputError for missing ones."""
-    return Source(str(data.resolve()), "", "", tuple(hash_file(p) for p in _files(data)))
+    return RecordedFiles(str(data.resolve()), "", "", tuple(hash_file(p) for p in _files(data)))
 
 
-def files_of(bearings: Path, scene: Path) -> Source:
+def files_of(bearings: Path, scene: Path) -> RecordedFiles:
     """Name the files of a recording given as bearings and a scene; InputError for missing ones."""
-    return Source("", str(bearings.resolve()), str(scene.resolve()), (hash_file(bearings), hash_file(scene)))
+    return RecordedFiles("", str(bearings.resolve()), str(scene.resolve()), (hash_file(bearings), hash_file(scene)))
 
 
-def read_source(source: Source) -> tuple[Scene, Bearings]:
+def read_source(source: RecordedFiles) -> tuple[Scene, Bearings]:
     """Read scene and bearings of a recording; UsageError if its scene is a recording without one."""
     if source.data:
         return read_cmc(Path(source.data))
@@ -266,7 +266,7 @@ def _files(folder: Path) -> list[Path]:
     return [table, *sorted(p for p in calibration.iterdir() if p.is_file() and not p.name.startswith("."))]
 
 
-class Crowd(NamedTuple):
+class VirtualCrowd(NamedTuple):
     """The virtual people of a run, and the recording that they leave."""
 
     people: Truth
@@ -316,7 +316,7 @@ def hidden(recorded: Recorded, people: Truth, diameter: float = DIAMETER) -> Boo
     return out
 
 
-def crowd_of(recorded: Recorded, seed: int) -> Crowd:
+def crowd_of(recorded: Recorded, seed: int) -> VirtualCrowd:
     """Draw the virtual people of a seed, the same for all settings, and drop the detections that they hide."""
     people = occluders_of(recorded, seed)
     gone = hidden(recorded, people)
@@ -325,12 +325,12 @@ def crowd_of(recorded: Recorded, seed: int) -> Crowd:
         "known": Occluders.concat(list(known_positions([people]))),
         "kalman": Occluders.concat(list(virtual_priors([people], SIGMA, Q, seed))),
     }
-    return Crowd(people, gone, unseen(recorded.bearings, gone), priors)
+    return VirtualCrowd(people, gone, unseen(recorded.bearings, gone), priors)
 
 
 def trial(
     recorded: Recorded,
-    crowd: Crowd,
+    crowd: VirtualCrowd,
     kind: str,
     cameras: Sequence[str],
     size: Size,
@@ -385,7 +385,7 @@ def _error(recorded: Recorded, tracks: Tracks) -> float:
     return float(np.sqrt(np.mean((tracks.x - places.x[row]) ** 2 + (tracks.y - places.y[row]) ** 2)))
 
 
-def recorded_spec(source: Source, size: Size, run: int, kind: str, cameras: list[str], **more: object) -> Spec:
+def recorded_spec(source: RecordedFiles, size: Size, run: int, kind: str, cameras: list[str], **more: object) -> Spec:
     """Describe a trial for `recorded_trial`."""
     return {
         "recording": {**source._asdict(), "content": list(source.content)},
@@ -402,11 +402,11 @@ def recorded_trial(spec: Spec) -> dict[str, float]:
     """Run the trial that `recorded_spec` describes; see `trial`.
 
     Args:
-        spec: `recording` (fields of `Source`), `seed` (of the virtual people and of the
+        spec: `recording` (fields of `RecordedFiles`), `seed` (of the virtual people and of the
             filter), `steps`, `particles`, `kind`, `cameras`, and optional `select` (fields
             of `SelectConfig`).
     """
-    source = Source(**{**spec["recording"], "content": tuple(spec["recording"]["content"])})
+    source = RecordedFiles(**{**spec["recording"], "content": tuple(spec["recording"]["content"])})
     seed = int(spec["seed"])
     select = None if spec.get("select") is None else read_selection(spec["select"])
     size = Size(1, int(spec["steps"]), particles=int(spec["particles"]))
@@ -422,13 +422,13 @@ def recorded_trial(spec: Spec) -> dict[str, float]:
 
 
 @functools.lru_cache(maxsize=1)
-def target_of(source: Source) -> Recorded:
+def target_of(source: RecordedFiles) -> Recorded:
     """Return the target of a recording; the last one is kept, as all trials of a process have the same."""
     return recorded_target(*read_source(source))
 
 
 @functools.lru_cache(maxsize=2)
-def _crowd(source: Source, seed: int) -> Crowd:
+def _crowd(source: RecordedFiles, seed: int) -> VirtualCrowd:
     return crowd_of(target_of(source), seed)
 
 
@@ -441,7 +441,7 @@ EVERY = 1.0 / 7.5 * 5
 Figures = dict[str, float]
 
 
-def recorded_experiments(source: Source, recorded: Recorded) -> tuple[Experiment, Experiment]:
+def recorded_experiments(source: RecordedFiles, recorded: Recorded) -> tuple[Experiment, Experiment]:
     """Make the two experiments on a recorded target; the full form uses all of its times."""
     steps, names = len(recorded.places), recorded.cameras
     quick = (2, min(60, steps))
@@ -473,7 +473,7 @@ def recorded_experiments(source: Source, recorded: Recorded) -> tuple[Experiment
     return by_number, by_policy
 
 
-def fig14(source: Source, names: Sequence[str], size: Size, execute: Execute) -> Table:
+def fig14(source: RecordedFiles, names: Sequence[str], size: Size, execute: Execute) -> Table:
     """Compute the RMSE against the number of cameras, the root mean square over all sets of that number."""
     counts = range(2, len(names) + 1)
     sets = [list(some) for n in counts for some in combinations(names, n)]
@@ -493,7 +493,7 @@ def _over(found: Sequence[Figures]) -> Figures:
     return {"rmse": math.sqrt(math.fsum(f["rmse"] ** 2 for f in found) / len(found)), **mean}
 
 
-def fig15(source: Source, names: Sequence[str], size: Size, execute: Execute) -> Table:
+def fig15(source: RecordedFiles, names: Sequence[str], size: Size, execute: Execute) -> Table:
     """Compute the RMSE against the number of selected cameras, with priors and the weak-perspective model."""
     points = list(_selections(len(names)))
     specs = [
@@ -513,15 +513,15 @@ def _selections(cameras: int) -> Iterator[tuple[str, float, Spec | None]]:
     yield ALL, math.nan, None
 
 
-def _row(name: str, x: float, runs: Sequence[Figures]) -> Row:
+def _row(name: str, x: float, runs: Sequence[Figures]) -> PaperRow:
     def mean(key: str) -> float:
         values = [r[key] for r in runs if not math.isnan(r[key])]
         return math.fsum(values) / len(values) if values else math.nan
 
-    return Row(name, x, tuple(r["rmse"] for r in runs), {"rmse_occ": mean("rmse_occ"), "hidden": mean("hidden")})
+    return PaperRow(name, x, tuple(r["rmse"] for r in runs), {"rmse_occ": mean("rmse_occ"), "hidden": mean("hidden")})
 
 
-def judge14(table: Table) -> list[Verdict]:
+def judge14(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 14."""
     item = ITEMS[0]
     out = [
@@ -534,7 +534,7 @@ def judge14(table: Table) -> list[Verdict]:
     return out
 
 
-def judge15(table: Table) -> list[Verdict]:
+def judge15(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 15."""
     item, said = ITEMS[1], "Greedy selection is close to brute force."
     out = [v.close(f"{item}-brute-force", said, v.matched(table, GREEDY, BRUTE))]

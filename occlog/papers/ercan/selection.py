@@ -13,7 +13,7 @@ from itertools import pairwise
 from typing import Any
 
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Size, Table, Verdict
+from occlog.papers.verdicts import Execute, Experiment, Size, StatementVerdict, Table
 from occlog.pipeline.sweep.trial import Spec, Values
 
 from .trial import (
@@ -22,7 +22,7 @@ from .trial import (
     LAB_ORDER,
     NONE,
     PRIOR,
-    Point,
+    TrialPoint,
     judge_worst_case,
     kalman,
     l_room,
@@ -69,15 +69,15 @@ def fig12(size: Size, execute: Execute) -> Table:
     counts = (2, 4, 6) if size.quick else (2, 3, 4, 5, 6)
     scene, priors = l_room(), kalman(L_SIGMA)
     points = [
-        Point(name, k, trial(scene, size, L_WORLD, priors, select=select))
+        TrialPoint(name, k, trial(scene, size, L_WORLD, priors, select=select))
         for k in counts
         for name, select in _policies(k, L_ORDER, both=True).items()
     ]
-    points.append(Point(ALL, math.nan, trial(scene, size, L_WORLD, priors)))
+    points.append(TrialPoint(ALL, math.nan, trial(scene, size, L_WORLD, priors)))
     return [*run_points(points, size, execute), worst_case(scene, L_WORLD, size)]
 
 
-def judge12(table: Table) -> list[Verdict]:
+def judge12(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 12."""
     six, everything = v.find(table, GREEDY, 6), v.find(table, ALL)
     out = [
@@ -101,13 +101,13 @@ def judge12(table: Table) -> list[Verdict]:
     return [*out, *priors_error("fig12", table, 11.5), *judge_worst_case(table, "fig12", 47.9)]
 
 
-def _worst_of(table: Table) -> Verdict:
+def _worst_of(table: Table) -> StatementVerdict:
     others = [n for n in (GREEDY, BRUTE, RANDOM, CLOSEST) if v.series(table, n)]
     points = [pair for name in others for pair in v.matched(table, name, FIXED)]
     return v.pairs("fig12-fixed-worst", "A fixed choice is the worst of all.", points)
 
 
-def _heuristics(item: str, table: Table) -> list[Verdict]:
+def _heuristics(item: str, table: Table) -> list[StatementVerdict]:
     return [
         v.pairs(
             f"{item}-{name}",
@@ -128,15 +128,15 @@ def fig15(size: Size, execute: Execute) -> Table:
     counts = (2, 4) if size.quick else (2, 3, 4, 5, 6)
     priors = kalman(LAB_SIGMA, LAB_Q)
     points = [
-        Point(name, k, lab_trial(size, priors, select=select))
+        TrialPoint(name, k, lab_trial(size, priors, select=select))
         for k in counts
         for name, select in _policies(k, LAB_ORDER, both=False).items()
     ]
-    points.append(Point(ALL, math.nan, lab_trial(size, priors)))
+    points.append(TrialPoint(ALL, math.nan, lab_trial(size, priors)))
     return [*run_points(points, size, execute), worst_case(lab(), LAB_WORLD, size)]
 
 
-def judge15(table: Table) -> list[Verdict]:
+def judge15(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 15."""
     said = "Greedy selection is close to brute force."
     out = [v.close("fig15-brute-force", said, v.matched(table, GREEDY, BRUTE)), *_heuristics("fig15", table)]
@@ -176,14 +176,14 @@ def fig14(size: Size, execute: Execute) -> Table:
     counts = (2, 5, 9) if size.quick else tuple(range(1, 10))
     kinds: dict[str, Values] = {NONE: {"kind": "none"}, PRIOR: kalman(LAB_SIGMA, LAB_Q), KNOWN: kalman(0.0)}
     points = [
-        Point(name, n, lab_trial(size, priors, cameras=names(LAB_ORDER[:n])))
+        TrialPoint(name, n, lab_trial(size, priors, cameras=names(LAB_ORDER[:n])))
         for n in counts
         for name, priors in kinds.items()
     ]
     return [*run_points(points, size, execute), worst_case(lab(), LAB_WORLD, size)]
 
 
-def judge14(table: Table) -> list[Verdict]:
+def judge14(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 14."""
     known_none = v.matched(table, KNOWN, NONE)
     out = [
@@ -222,11 +222,11 @@ def by_period(size: Size, execute: Execute) -> Table:
     for every in QUICK_PERIODS if size.quick else PERIODS:
         select = {"policy": "greedy", "count": COUNT, "every": float(every), "patience": 0, "model": "perspective"}
         spec = trial(l_room(), size, L_WORLD, kalman(L_SIGMA), select={**select, "order": names(L_ORDER)})
-        points.append(Point(GREEDY, float(every), spec))
+        points.append(TrialPoint(GREEDY, float(every), spec))
     return run_points(points, size, execute)
 
 
-def judge(table: Table) -> list[Verdict]:
+def judge(table: Table) -> list[StatementVerdict]:
     """Judge that the error is lower with more frequent selections."""
     rows = v.series(table, GREEDY)
     said = "Selecting anew more often gives better tracking: RMSE lower with the shorter time, by."

@@ -15,7 +15,7 @@ from occlog.filtering.likelihood.directions import PackedScan, log_likelihood, l
 from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.measure.priors.from_positions import virtual_priors
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, power_of, quotient_of
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, power_of, quotient_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Occluders, Truth
 from occlog.scans.grouping import BearingRows, choose_sensors, scans_of
@@ -80,7 +80,7 @@ def fig10(size: Size, execute: Execute) -> Table:  # noqa: ARG001
             _measure(taken, scene, n, list(_steps(scene, truth, bearings, n, size)))
     unit = taken[NONE, 2]
     return [
-        Row(
+        PaperRow(
             s.series,
             n,
             tuple(t / u for t, u in zip(taken[s.series, n], unit, strict=True)),
@@ -152,7 +152,7 @@ def _likelihood(scene: Scene, form: LikelihoodForm) -> Callable[[LikelihoodInput
     return compute
 
 
-def judge10(table: Table) -> list[Verdict]:
+def judge10(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 10, from two cameras on."""
     own = {s.series: [r for r in v.series(table, s.series) if r.x >= 2] for s in LIKELIHOOD_FORMS}
     none, out = own[NONE], []
@@ -175,10 +175,10 @@ def judge10(table: Table) -> list[Verdict]:
     return out
 
 
-def _growth(rows: list[Row]) -> Row:
+def _growth(rows: list[PaperRow]) -> PaperRow:
     """Return the growth of time from the fewest cameras to the most, run by run."""
     growth = tuple(b / a for a, b in zip(rows[0].values, rows[-1].values, strict=True))
-    return Row("growth", math.nan, growth)
+    return PaperRow("growth", math.nan, growth)
 
 
 FIG10 = Experiment(

@@ -10,10 +10,10 @@ from occlog.papers.verdicts import (
     Execute,
     Experiment,
     Measure,
-    Row,
+    PaperRow,
     Size,
+    StatementVerdict,
     Table,
-    Verdict,
     difference,
     estimate,
     mean_of,
@@ -27,7 +27,7 @@ from .trial import (
     PRIOR,
     SQUARE_ORDER,
     WORST,
-    Point,
+    TrialPoint,
     judge_worst_case,
     kalman,
     names,
@@ -54,14 +54,14 @@ def fig6(size: Size, execute: Execute, counts: tuple[int, ...] | None = None) ->
     counts = counts or ((1, 2, 4, 6, 8) if size.quick else tuple(range(1, 9)))
     kinds: dict[str, Values] = {NONE: {"kind": "none"}, PRIOR: kalman(8.0), KNOWN: kalman(0.0)}
     points = [
-        Point(name, n, trial(scene, size, M40, priors, cameras=_cameras(n)))
+        TrialPoint(name, n, trial(scene, size, M40, priors, cameras=_cameras(n)))
         for n in counts
         for name, priors in kinds.items()
     ]
     return [*run_points(points, size, execute), worst_case(scene, M40, size)]
 
 
-def judge6(table: Table) -> list[Verdict]:
+def judge6(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 6."""
     middle = (3, 4, 5, 6)
     out = [
@@ -88,25 +88,30 @@ def fig7(size: Size, execute: Execute) -> Table:
     """Compute the RMSE against the error of the priors, with four cameras and no static occluder."""
     scene = square_room(pillar=False)
     sigmas = (0.0, 4.0, 16.0) if size.quick else (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0)
-    points = [Point(PRIOR, s, trial(scene, size, M40, kalman(s), cameras=_cameras(4))) for s in sigmas]
-    points.append(Point(NONE, math.nan, trial(scene, size, M40, {"kind": "none"}, cameras=_cameras(4))))
+    points = [TrialPoint(PRIOR, s, trial(scene, size, M40, kalman(s), cameras=_cameras(4))) for s in sigmas]
+    points.append(TrialPoint(NONE, math.nan, trial(scene, size, M40, {"kind": "none"}, cameras=_cameras(4))))
     rows = run_points(points, size, execute)
     worst = worst_case(scene, M40, size)
-    moved = [Row(r.series, r.extra["rmse_occ"], r.values, r.extra) for r in rows[:-1]]
-    return [*moved, Row(NONE, worst.mean, rows[-1].values, rows[-1].extra), Row(NONE, math.nan, rows[-1].values), worst]
+    moved = [PaperRow(r.series, r.extra["rmse_occ"], r.values, r.extra) for r in rows[:-1]]
+    return [
+        *moved,
+        PaperRow(NONE, worst.mean, rows[-1].values, rows[-1].extra),
+        PaperRow(NONE, math.nan, rows[-1].values),
+        worst,
+    ]
 
 
-def crossing(rows: list[Row]) -> Row | None:
+def crossing(rows: list[PaperRow]) -> PaperRow | None:
     """Interpolate, run by run, where the RMSE equals the error of the priors; None: nowhere between two rows."""
     for a, b in pairwise(rows):
         if a.mean >= a.x and b.mean < b.x:
             share = (a.mean - a.x) / ((a.mean - a.x) + (b.x - b.mean))
             values = tuple(p + share * (q - p) for p, q in zip(a.values, b.values, strict=True))
-            return Row("crossing", a.x + share * (b.x - a.x), values)
+            return PaperRow("crossing", a.x + share * (b.x - a.x), values)
     return None
 
 
-def judge7(table: Table) -> list[Verdict]:
+def judge7(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 7."""
     rows, none = v.series(table, PRIOR), v.find(table, NONE)
     known = rows[0] if rows else None
@@ -141,7 +146,7 @@ def fig8(size: Size, execute: Execute) -> Table:
     counts = (2, 4, 6, 8) if size.quick else (2, 3, 4, 5, 6, 7, 8)
     kinds = [kalman(s) for s in sigmas] + [{"kind": "none"}]
     points = [
-        Point(f"{n} cameras", i, trial(scene, size, M40, priors, cameras=_cameras(n)))
+        TrialPoint(f"{n} cameras", i, trial(scene, size, M40, priors, cameras=_cameras(n)))
         for n in counts
         for i, priors in enumerate(kinds)
     ]
@@ -153,7 +158,7 @@ def fig8(size: Size, execute: Execute) -> Table:
         values = [needed(grid, [r.values[run] for r in own]) for run in range(size.runs)]
         kept = tuple(x for x in values if not math.isnan(x))
         extra = {"reached": float(len(kept)), "rmse_none": own[-1].mean}
-        out.append(Row(NEEDED, n, kept, extra, each={"rmse_none": own[-1].values}))
+        out.append(PaperRow(NEEDED, n, kept, extra, each={"rmse_none": own[-1].values}))
     return [*out, worst]
 
 
@@ -171,7 +176,7 @@ def needed(grid: list[float], rmse: list[float], target: float = TARGET) -> floa
     return math.nan
 
 
-def judge8(table: Table) -> list[Verdict]:
+def judge8(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 8."""
     rows = [r for r in v.series(table, NEEDED) if r.runs]
     said = "The more cameras, the less accurate the priors may be for an RMSE of 3."
@@ -193,14 +198,14 @@ def fig9(size: Size, execute: Execute) -> Table:
     scene = square_room(pillar=False)
     counts = (1, 40, 80) if size.quick else (1, 5, 10, 20, 30, 40, 60, 80, 100, 120)
     points = [
-        Point(name, m, trial(scene, size, {"occluders": m}, {"kind": kind}, cameras=_cameras(4)))
+        TrialPoint(name, m, trial(scene, size, {"occluders": m}, {"kind": kind}, cameras=_cameras(4)))
         for m in counts
         for name, kind in ((NONE, "none"), (KNOWN, "known"))
     ]
     return run_points(points, size, execute)
 
 
-def judge9(table: Table) -> list[Verdict]:
+def judge9(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 9."""
     both = v.matched(table, KNOWN, NONE)
     if len(both) < 3:
@@ -218,18 +223,18 @@ def judge9(table: Table) -> list[Verdict]:
     ]
 
 
-def _gap(pair: v.Pair) -> Row:
+def _gap(pair: v.Pair) -> PaperRow:
     low, high = pair
-    return Row("gap", low.x, tuple(b - a for a, b in zip(low.values, high.values, strict=True)))
+    return PaperRow("gap", low.x, tuple(b - a for a, b in zip(low.values, high.values, strict=True)))
 
 
-def _spread(item: str, wide: list[Row], narrow: list[Row]) -> Verdict:
+def _spread(item: str, wide: list[PaperRow], narrow: list[PaperRow]) -> StatementVerdict:
     """Judge that deviations over the runs are larger where less is known of the occluders: their quotient against 1."""
     said = "The error differs more from run to run without priors than with known positions, by this factor."
     return v.judge(f"{item}-variation", said, _deviations(wide, narrow), v.above(1.0), rule="above 1")
 
 
-def _deviations(wide: list[Row], narrow: list[Row]) -> Measure:
+def _deviations(wide: list[PaperRow], narrow: list[PaperRow]) -> Measure:
     """Return the quotient of the deviations over the runs, each the root of the mean square over its rows.
 
     A deviation of n runs has a relative error of about 1 / sqrt(2 (n - 1)).  The rows have the same worlds, so
@@ -243,7 +248,7 @@ def _deviations(wide: list[Row], narrow: list[Row]) -> Measure:
     return estimate(ratio, ratio / math.sqrt(runs - 1), runs)
 
 
-def _sd_factor(key: str, narrow: Row, wide: Row) -> Verdict:
+def _sd_factor(key: str, narrow: PaperRow, wide: PaperRow) -> StatementVerdict:
     said = "From none to priors as good as the tracker, the deviation over the runs falls by this factor."
     rule = "within 10 % of it; in part if above 1"
     return v.judge(key, said, _deviations([wide], [narrow]), v.around(3.4, v.NEAR), v.above(1.0), rule=rule, paper=3.4)

@@ -12,7 +12,18 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from occlog.io.formats.scenes.scene import scene_from_yaml
-from occlog.papers.verdicts import EXTRAS, Execute, Row, Size, Table, Verdict, find, mean_of, sample, stated
+from occlog.papers.verdicts import (
+    EXTRAS,
+    Execute,
+    PaperRow,
+    Size,
+    StatementVerdict,
+    Table,
+    find,
+    mean_of,
+    sample,
+    stated,
+)
 from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.settings import configure
 from occlog.simulate.config import WorldConfig
@@ -24,7 +35,7 @@ EACH = ("rmse_occ",)
 """Figures of trials that are judged, too."""
 
 
-class Point(NamedTuple):
+class TrialPoint(NamedTuple):
     """One point of a figure: the description of its trials, without the number of the run."""
 
     series: str
@@ -62,23 +73,23 @@ def trial(
     return spec if cameras is None else {**spec, "cameras": list(cameras)}
 
 
-def run_points(points: Sequence[Point], size: Size, execute: Execute) -> Table:
+def run_points(points: Sequence[TrialPoint], size: Size, execute: Execute) -> Table:
     """Run all trials and return a row for every point, with the RMSE of each run; equal runs share the world."""
     specs = [{**p.spec, "run": run} for run in range(size.runs) for p in points]
     results = execute(specs)
     return [_row(p, results[i :: len(points)]) for i, p in enumerate(points)]
 
 
-def _row(point: Point, results: Sequence[Mapping[str, float]]) -> Row:
+def _row(point: TrialPoint, results: Sequence[Mapping[str, float]]) -> PaperRow:
     extra = {}
     for name in EXTRAS:
         values = [r[name] for r in results if name in r and not math.isnan(r[name])]
         extra[name] = math.fsum(values) / len(values) if values else math.nan
     each = {name: tuple(r[name] for r in results) for name in EACH if all(name in r for r in results)}
-    return Row(point.series, point.x, tuple(r["rmse"] for r in results), extra, each=each)
+    return PaperRow(point.series, point.x, tuple(r["rmse"] for r in results), extra, each=each)
 
 
-def worst_case(scene_text: str, simulate: Values, size: Size) -> Row:
+def worst_case(scene_text: str, simulate: Values, size: Size) -> PaperRow:
     """Return RMSE_max of [Ercan] Sec. 6.1: the error of the middle of the room's bounding box as the estimate.
 
     The targets are drawn as those of the trials, without moving occluders.
@@ -94,10 +105,10 @@ def worst_case(scene_text: str, simulate: Values, size: Size) -> Row:
             total += float(((chunk.x - middle[0]) ** 2 + (chunk.y - middle[1]) ** 2).sum())
             count += len(chunk)
         values.append(math.sqrt(total / count))
-    return Row(WORST, math.nan, tuple(values))
+    return PaperRow(WORST, math.nan, tuple(values))
 
 
-def judge_worst_case(table: Table, item: str, paper: float) -> list[Verdict]:
+def judge_worst_case(table: Table, item: str, paper: float) -> list[StatementVerdict]:
     """Judge the error without tracking, the row of `worst_case`, against that of the paper."""
     row = find(table, WORST)
     if row is None:
@@ -106,7 +117,7 @@ def judge_worst_case(table: Table, item: str, paper: float) -> list[Verdict]:
     return [stated(f"{item}-rmse-max", said, paper, mean_of(row))]
 
 
-def priors_error(item: str, rows: Sequence[Row], paper: float) -> list[Verdict]:
+def priors_error(item: str, rows: Sequence[PaperRow], paper: float) -> list[StatementVerdict]:
     """Judge the error of the priors, the mean over the rows with priors, run by run."""
     given = [own for r in rows if (own := r.each.get("rmse_occ")) and min(own) > 0.0]
     if not given:

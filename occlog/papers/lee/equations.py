@@ -17,7 +17,7 @@ from occlog.core.bounds.in_space import direction_information, plane_variance, s
 from occlog.core.sight.projected_planes import AXES, XY, YZ, ZX, projected_angles
 from occlog.filtering.motion.coordinated_turn import turn_matrix
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, exact
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, exact
 
 from .space.worlds import ACCELERATION, SIGMA, STEP_S, TABLE, world
 
@@ -32,7 +32,7 @@ PHI_RANGE, THETA_RANGE = (50.47, 82.14), (36.35, 85.60)
 EXAMPLES = 100
 
 
-class Statement(NamedTuple):
+class LeeStatement(NamedTuple):
     """What is stated, and where its quantity must be."""
 
     said: str
@@ -41,62 +41,66 @@ class Statement(NamedTuple):
 
 
 SAME, CLOSE = v.at_most(EQUAL), v.at_most(BY_DIFFERENCES)
-STATEMENTS: Mapping[str, Statement] = {
-    "eq2.13": Statement("(2.13) turns the state: largest deviation of the matrix from a turn.", SAME, "at most 1e-9"),
-    "eq3.12": Statement("(3.12) turns the state: largest deviation of the matrix from a turn.", SAME, "at most 1e-9"),
-    "eq2.14": Statement(
+STATEMENTS: Mapping[str, LeeStatement] = {
+    "eq2.13": LeeStatement(
+        "(2.13) turns the state: largest deviation of the matrix from a turn.", SAME, "at most 1e-9"
+    ),
+    "eq3.12": LeeStatement(
+        "(3.12) turns the state: largest deviation of the matrix from a turn.", SAME, "at most 1e-9"
+    ),
+    "eq2.14": LeeStatement(
         "A rate of +alpha/V turns clockwise: angle turned in a second [rad], clockwise positive.",
         v.above(0.0),
         "above 0",
     ),
-    "eq2.15": Statement("(2.15) moves by constant acceleration: largest deviation.", SAME, "at most 1e-9"),
-    "eq2.32": Statement(
+    "eq2.15": LeeStatement("(2.15) moves by constant acceleration: largest deviation.", SAME, "at most 1e-9"),
+    "eq2.32": LeeStatement(
         "(2.32) is the gradient of that motion, as (2.30) needs it: largest deviation.", SAME, "at most 1e-9"
     ),
-    "eq2.30": Statement(
+    "eq2.30": LeeStatement(
         "With J_0 = 0 there is a bound: least information about any direction over that of the mean one (scenario 1).",
         v.at_least(1e-12),
         "at least 1e-12; 0: the matrix has no inverse",
     ),
-    "eq2.36": Statement(
+    "eq2.36": LeeStatement(
         "(2.36) to (2.38) are gradients of the projected angles: largest deviation.", CLOSE, "at most 1e-6"
     ),
-    "eq2.24-alike": Statement(
+    "eq2.24-alike": LeeStatement(
         "(2.22) to (2.24) convert places of a sensor with axes as the first one's: largest error [m].",
         SAME,
         "at most 1e-9",
     ),
-    "eq2.24-reversed": Statement(
+    "eq2.24-reversed": LeeStatement(
         "(2.22) to (2.24) convert places of a sensor with reversed axes: largest error [m].", SAME, "at most 1e-9"
     ),
-    "eq3.10": Statement(
+    "eq3.10": LeeStatement(
         "(3.7) to (3.11) are weighted means: sum of the particles' shares in the estimate.",
         v.Interval(1.0 - EQUAL, 1.0 + EQUAL),
         "1 to 1e-9",
     ),
-    "eq4.4": Statement("(4.4) is (4.3) with P_M = P_F: largest deviation.", SAME, "at most 1e-9"),
-    "eq4.11": Statement(
+    "eq4.4": LeeStatement("(4.4) is (4.3) with P_M = P_F: largest deviation.", SAME, "at most 1e-9"),
+    "eq4.11": LeeStatement(
         "(4.11) is the ratio of detections by (4.1) and (4.2): largest deviation of its logarithm.",
         SAME,
         "at most 1e-9",
     ),
-    "fig2.9-lowest": Statement(
+    "fig2.9-lowest": LeeStatement(
         "Scenario 4: at 13 instants yz of sensor 1 has the lowest variance: share of these.", v.at_least(1.0), "all"
     ),
-    "fig2.9-second": Statement(
+    "fig2.9-second": LeeStatement(
         "Scenario 4: there yz of sensor 2 has the second lowest: share of these.", v.at_least(1.0), "all"
     ),
-    "fig2.9-later": Statement(
+    "fig2.9-later": LeeStatement(
         "Scenario 4: later zx of sensor 1 and yz of sensor 2 are selected: share of these instants.",
         v.at_least(1.0),
         "all",
     ),
-    "sec2.2.2-phi": Statement(
+    "sec2.2.2-phi": LeeStatement(
         "Tables 2.1 and 2.2: phi is between 50.47 and 82.14 degrees: largest difference of an end.",
         v.at_most(0.02),
         "at most two units of the last printed digit",
     ),
-    "sec2.2.2-theta": Statement(
+    "sec2.2.2-theta": LeeStatement(
         "Tables 2.1 and 2.2: theta is between 36.35 and 85.60 degrees: largest difference of an end.",
         v.at_most(0.02),
         "at most two units of the last printed digit",
@@ -118,10 +122,10 @@ def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
         **_planes(),
         **_angles(),
     }
-    return [Row(key, k, (found[key],)) for k, key in enumerate(STATEMENTS, start=1)]
+    return [PaperRow(key, k, (found[key],)) for k, key in enumerate(STATEMENTS, start=1)]
 
 
-def judge(table: Table) -> list[Verdict]:
+def judge(table: Table) -> list[StatementVerdict]:
     """Judge each statement by its quantity, which has no error bar."""
     return [
         v.judge(row.series, s.said, exact(row.mean), s.good, rule=s.rule)

@@ -11,7 +11,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, quotient_of
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, quotient_of
 from occlog.track.methods.readers.refine import PARALLEL, PRINTED, RAYS, TagSightings, refine
 from occlog.track.methods.readers.virtual import locate, most_virtual_sensors, virtual_sensors
 
@@ -67,16 +67,18 @@ def errors(size: Size, execute: Execute) -> Table:  # noqa: ARG001
                 medians[form].append(float(np.median(error)))
                 tails[form].append(float(np.percentile(error, 95.0)))
         x = float(readers)
-        rows.append(Row(name_of(f"{COARSE} RMS", reach), x, tuple(rms)))
-        rows += [Row(name_of(form, reach), x, tuple(values)) for form, values in medians.items()]
-        rows += [Row(name_of(f"{form} p95", reach), x, tuple(values), plotted=False) for form, values in tails.items()]
+        rows.append(PaperRow(name_of(f"{COARSE} RMS", reach), x, tuple(rms)))
+        rows += [PaperRow(name_of(form, reach), x, tuple(values)) for form, values in medians.items()]
+        rows += [
+            PaperRow(name_of(f"{form} p95", reach), x, tuple(values), plotted=False) for form, values in tails.items()
+        ]
     return rows
 
 
-def judge_errors(table: Table) -> list[Verdict]:
+def judge_errors(table: Table) -> list[StatementVerdict]:
     """Judge the statements about accuracy; medians and RMS errors by two standard errors."""
 
-    def rows(what: str) -> list[Row]:
+    def rows(what: str) -> list[PaperRow]:
         found = [v.find(table, name_of(what, reach), float(readers)) for readers, reach in SETTINGS]
         return [row for row in found if row is not None]
 
@@ -102,7 +104,7 @@ def judge_errors(table: Table) -> list[Verdict]:
     return out
 
 
-def pair(low: list[Row], high: list[Row]) -> list[tuple[Row, Row]]:
+def pair(low: list[PaperRow], high: list[PaperRow]) -> list[tuple[PaperRow, PaperRow]]:
     """Pair rows of the same setting."""
     return list(zip(low, high, strict=True))
 
@@ -122,10 +124,10 @@ def counts(size: Size, execute: Execute) -> Table:  # noqa: ARG001
         moved = rows + rng.uniform(-0.5, 0.5, rows.shape)
         eight.append(float(len(virtual_sensors(moved, np.full(8, EIGHT_RANGE)).area)))
     return [
-        Row("three circles", 3.0, (float(three),)),
-        Row("twelve readers, at most", 12.0, (float(most_virtual_sensors(12, 2)),)),
-        Row("twelve readers in a ring", 12.0, (float(len(twelve.area)),)),
-        Row("eight readers in two rows", 8.0, tuple(eight)),
+        PaperRow("three circles", 3.0, (float(three),)),
+        PaperRow("twelve readers, at most", 12.0, (float(most_virtual_sensors(12, 2)),)),
+        PaperRow("twelve readers in a ring", 12.0, (float(len(twelve.area)),)),
+        PaperRow("eight readers in two rows", 8.0, tuple(eight)),
     ]
 
 
@@ -133,7 +135,7 @@ EIGHT, EIGHT_RANGE, LAYOUTS = 26, 1.4, 20
 """Virtual sensors of the eight readers of Fig. 5-31; range and number of layouts tried, since the figure is lost."""
 
 
-def judge_counts(table: Table) -> list[Verdict]:
+def judge_counts(table: Table) -> list[StatementVerdict]:
     """Judge the printed numbers."""
     printed = {
         "three circles": (7, "Three coverages that overlap make 7 virtual sensors (Fig. 5-32)."),

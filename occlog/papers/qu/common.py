@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Row, Size, Verdict, difference_of
+from occlog.papers.verdicts import PaperRow, Size, StatementVerdict, difference_of
 from occlog.pipeline.sweep.trial import Spec
 
 from .trial import views_spec
@@ -39,7 +39,7 @@ def spec_of(size: Size, run: int, **balls: Any) -> Spec:
 
 def rate_row(
     series: str, x: float, results: Sequence[Mapping[str, float]], label: str, rate: str, *, plotted: bool = True
-) -> Row:
+) -> PaperRow:
     """Make the row of a rate [%] of every run, with its median and the means of the other figures."""
     values = tuple(100.0 * r[f"{label}.{rate}"] for r in results)
     extra = {"median": float(np.median(values))}
@@ -47,10 +47,10 @@ def rate_row(
         given = [r[f"{label}.{name}"] for r in results if not math.isnan(r[f"{label}.{name}"])]
         extra[name] = math.fsum(given) / len(given) if given else math.nan
     each = {"frame_ms": tuple(r[f"{label}.frame_ms"] for r in results)}
-    return Row(series, x, values, extra, plotted=plotted, each=each)
+    return PaperRow(series, x, values, extra, plotted=plotted, each=each)
 
 
-def ordered(key: str, statement: str, low: Row, high: Row) -> Verdict:
+def ordered(key: str, statement: str, low: PaperRow, high: PaperRow) -> StatementVerdict:
     """Judge that one mean rate [%] is below another; where the higher one is below `LITTLE`, nothing can be said."""
     points = [] if high.mean < LITTLE and low.mean < LITTLE else [v.lower(low, high)]
     better = sum(a < b for a, b in zip(low.values, high.values, strict=True))
@@ -60,7 +60,7 @@ def ordered(key: str, statement: str, low: Row, high: Row) -> Verdict:
     return v.judge_points(key, statement, points, rule=rule + left, shown=difference_of(low, high))
 
 
-def everywhere(key: str, statement: str, points: Sequence[tuple[Row, Row]]) -> Verdict | None:
+def everywhere(key: str, statement: str, points: Sequence[tuple[PaperRow, PaperRow]]) -> StatementVerdict | None:
     """Judge that one mean is below another at several points; None where nothing can be gained at any of them.
 
     Args:

@@ -29,7 +29,7 @@ from .timing import likelihood_seconds
 from .world import FLYING, looks_of, truth_of, views_of
 
 
-class Astray(NamedTuple):
+class DivertedTracker(NamedTuple):
     """A tracker that is put where its target is not."""
 
     view: int
@@ -48,11 +48,11 @@ class Runner(NamedTuple):
     seed: int
     use: int  # number of views, the first ones of the video
     exchange: tuple[int, int, int, int] | None = None  # view, two targets; they change places before that frame
-    astray: Astray | None = None
+    astray: DivertedTracker | None = None
     timed: bool = False  # true: measure the time of each part of the likelihood; for `bmct` alone
 
 
-class Followed(NamedTuple):
+class TrackerOutput(NamedTuple):
     """Output of a method on a video: a row for each tracker and frame; the first frame has the initial ellipses.
 
     Attributes:
@@ -100,7 +100,7 @@ def follow(
     runners: Mapping[str, Runner],
     watch: Callable[[FollowedFrame], None] | None = None,
     staging: Staging = FLYING,
-) -> tuple[dict[str, Followed], Objects, Floats]:
+) -> tuple[dict[str, TrackerOutput], Objects, Floats]:
     """Run all methods on one video.
 
     Args:
@@ -156,7 +156,7 @@ def exchanged(state: VisualState, view: int, one: int, other: int) -> VisualStat
     return state._replace(trackers=t._replace(**{name: getattr(t, name)[order] for name in PLACED}))
 
 
-def led_astray(state: VisualState, astray: Astray) -> VisualState:
+def led_astray(state: VisualState, astray: DivertedTracker) -> VisualState:
     """Return the state with a tracker at rest in another place; InputError where there is no such tracker."""
     t = state.trackers
     rows = np.flatnonzero((t.view == astray.view) & (t.target == astray.target))
@@ -190,9 +190,9 @@ def _first(births: Sequence[Birth], views: int) -> TrackerOutlines:
 
 def _joined(
     rows: Sequence[TrackerOutlines], seconds: Sequence[float], parts: Sequence[tuple[float, float, float]]
-) -> Followed:
+) -> TrackerOutput:
     """Join the rows of frames 0, 1, ..."""
-    return Followed(
+    return TrackerOutput(
         frame=np.repeat(np.arange(len(rows)), [len(o.view) for o in rows]),
         view=np.concatenate([o.view for o in rows]),
         target=np.concatenate([o.target_id for o in rows]),

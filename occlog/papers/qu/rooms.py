@@ -22,12 +22,12 @@ from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.records.declared.views import EVENTS, ViewTracks
 from occlog.records.tables import TruthBoxes
 from occlog.runner import run
-from occlog.simulate.request import PeopleRequest
+from occlog.simulate.request import SimulatePeopleRequest
 from occlog.simulate.run import parameters, people_setup, write_recording
 from occlog.track.methods.images.interface import MODES
 from occlog.track.request import ViewsRequest
 
-from .follow import Followed
+from .follow import TrackerOutput
 from .trial import scores, timeline
 
 KIND = "qu-rooms"
@@ -65,7 +65,7 @@ def run_rooms_trial(spec: Spec) -> dict[str, float]:
     seed = int(spec["seed"])
     with tempfile.TemporaryDirectory() as folder:
         recording = Path(folder) / "people.mcap"
-        request = PeopleRequest(
+        request = SimulatePeopleRequest(
             output=recording,
             people={"width": SIZE[0], "height": SIZE[1], **spec["people"]},
             store={"store": "ffv1", "grey": bool(spec["grey"])},
@@ -105,11 +105,11 @@ def _truth(boxes: TruthBoxes, names: Sequence[str]) -> tuple[Objects, Floats]:
     return Objects(b.frame, b.target_id.astype(np.int64), place, view), radius
 
 
-def _followed(tracks: ViewTracks, names: Sequence[str]) -> Followed:
+def _followed(tracks: ViewTracks, names: Sequence[str]) -> TrackerOutput:
     """Return the rows of a table in the form of trials, without times."""
     t, n = tracks, len(tracks)
     modes = {name: k for k, name in enumerate(MODES)}
-    return Followed(
+    return TrackerOutput(
         frame=t.frame,
         view=np.array([names.index(name) for name in t.sensor.tolist()], dtype=np.int64),
         target=t.target_id.astype(np.int64),

@@ -28,12 +28,12 @@ from occlog.simulate.balls.config import BallsConfig
 from occlog.track.methods.images.interface import BAD, GOOD, LEFT, MODES, TERMINATED
 from occlog.track.methods.images.methods.config import CONFIGS, MipfConfig
 
-from .follow import Astray, Followed, Runner, follow
+from .follow import DivertedTracker, Runner, TrackerOutput, follow
 from .staged import Staging, staging_of
 from .world import births_of, boxes_of, first_frame, geometry_of, of_views
 
 
-class Whereabouts(NamedTuple):
+class TrackerPlaces(NamedTuple):
     """Where each tracker is in each frame; one that has ended is on none."""
 
     own: Bools  # (T, k) within reach of its own target
@@ -41,7 +41,9 @@ class Whereabouts(NamedTuple):
     helped: float  # share of the rows in which another view helped; NaN without rows
 
 
-def whereabouts(truth: Objects, followed: Followed, tau: Floats, view: int, targets: Sequence[int]) -> Whereabouts:
+def whereabouts(
+    truth: Objects, followed: TrackerOutput, tau: Floats, view: int, targets: Sequence[int]
+) -> TrackerPlaces:
     """Find where the trackers of some targets are.
 
     Args:
@@ -67,10 +69,10 @@ def whereabouts(truth: Objects, followed: Followed, tau: Floats, view: int, targ
     own = near[:, np.arange(len(targets)), list(targets)]
     modes = followed.mode[rows & (followed.mode >= 0)]
     helped = float(np.mean(modes == MODES.index("bmct"))) if len(modes) else math.nan
-    return Whereabouts(own, near.any(axis=2) & ~own, helped)
+    return TrackerPlaces(own, near.any(axis=2) & ~own, helped)
 
 
-def watched_figures(where: Whereabouts) -> dict[str, float]:
+def watched_figures(where: TrackerPlaces) -> dict[str, float]:
     """Return the shares `helped`, `off` (rows off their target), and `end_own`, `end_other`, `end_none` at the end."""
     own, other = float(where.own[-1].mean()), float(where.other[-1].mean())
     return {
@@ -106,7 +108,9 @@ WARM = {"frames": 8, "balls": 3, "radius": 12.0, "width": 96, "height": 96, "sta
 """A video that has everything compiled before anything is timed."""
 
 
-def alarms(truth: Objects, followed: Followed, tau: Floats, wrong: Sequence[int] | None = None) -> dict[str, float]:
+def alarms(
+    truth: Objects, followed: TrackerOutput, tau: Floats, wrong: Sequence[int] | None = None
+) -> dict[str, float]:
     """Compare the answers of the loop check with the truth.
 
     A target is sound in a frame if all its trackers are on it.
@@ -143,7 +147,7 @@ def alarms(truth: Objects, followed: Followed, tau: Floats, wrong: Sequence[int]
     return out
 
 
-def timeline(truth: Objects, followed: Followed, tau: Floats, parts: int) -> dict[str, float]:
+def timeline(truth: Objects, followed: TrackerOutput, tau: Floats, parts: int) -> dict[str, float]:
     """Return the share of true rows without their tracker: `off_0`, ... of the video's parts, `off_end` of its end."""
     f = followed
     last = int(truth.frame.max())
@@ -155,7 +159,7 @@ def timeline(truth: Objects, followed: Followed, tau: Floats, parts: int) -> dic
     return {**out, "off_end": 1.0 - float(there[last] / all_rows[last])}
 
 
-def on_own(truth: Objects, followed: Followed, tau: Floats) -> Bools:
+def on_own(truth: Objects, followed: TrackerOutput, tau: Floats) -> Bools:
     """Return (n,) whether each tracker is within tau of its own target."""
     f = followed
     assert truth.view is not None
@@ -166,7 +170,7 @@ def on_own(truth: Objects, followed: Followed, tau: Floats) -> Bools:
     return np.asarray((rows >= 0) & (away <= tau[rows]))
 
 
-def _sound(followed: Followed, on: Bools) -> Bools:
+def _sound(followed: TrackerOutput, on: Bools) -> Bools:
     """Return (n,) whether all trackers of the row's target in its frame are on it."""
     _, cell = np.unique(np.column_stack([followed.frame, followed.target]), axis=0, return_inverse=True)
     off = np.bincount(cell.ravel(), weights=~on)
@@ -177,11 +181,11 @@ def _share(some: Bools, of: Bools) -> float:
     return float(np.sum(some) / np.sum(of)) if of.any() else math.nan
 
 
-def _first(followed: Followed, rows: Bools) -> float:
+def _first(followed: TrackerOutput, rows: Bools) -> float:
     return float(followed.frame[rows].min()) if rows.any() else math.inf
 
 
-def _for_good(followed: Followed, rows: Bools, on: Bools) -> float:
+def _for_good(followed: TrackerOutput, rows: Bools, on: Bools) -> float:
     """Return the first frame from which a tracker stays on its target to the end; inf: there is none."""
     frames, held = followed.frame[rows], on[rows]
     off = frames[~held]
@@ -209,7 +213,7 @@ def run_views_trial(spec: Spec) -> dict[str, float]:
             is on it, default 1).  One method: `method` (a name of `CONFIGS`), `set` (its settings),
             `fundamental` (kind, or [kind, amount], of `geometry_of`), `wrong` ([view, target, other]: there
             the tracker of `target` starts on `other`; with a frame behind, the two are exchanged in that),
-            `use` (the first so many views only), `astray` (fields of `Astray`), `timed` (also `local_ms`,
+            `use` (the first so many views only), `astray` (fields of `DivertedTracker`), `timed` (also `local_ms`,
             `interaction_ms`, `collaboration_ms` and `step_ms`: means of CPU time a frame).  Several: `methods`,
             these keys by label.  `parts`: also `off_0`, ... of `timeline`.  `scene`: one of `SCENES`.  `unseen`:
             targets that the first view does not see.  `watched`: view and targets by name; also `name_off`, ... of
@@ -279,7 +283,7 @@ def runner_of(config: BallsConfig, spec: Spec, own: Values) -> Runner:
         use=use,
         exchange=exchange,
         timed=bool(own.get("timed")),
-        astray=Astray(**own["astray"]) if "astray" in own else None,
+        astray=DivertedTracker(**own["astray"]) if "astray" in own else None,
     )
 
 
@@ -304,7 +308,7 @@ def warm(method: str) -> None:
     follow(config, 0, {method: runner})
 
 
-def scores(truth: Objects, followed: Followed, tau: Floats) -> dict[str, float]:
+def scores(truth: Objects, followed: TrackerOutput, tau: Floats) -> dict[str, float]:
     """Score a method's output against the truth, and sum its cost.
 
     Args:

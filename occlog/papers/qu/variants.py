@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, power_of
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, power_of
 
 from .common import METHODS, RATES, everywhere, rate_row, seed_of, spec_of
 from .trial import run_views_trial, views_spec
@@ -17,7 +17,7 @@ LINEAR, NEARLY = 1.3, 1.6
 """Largest exponents of a cost that count as linear, and as in part."""
 
 
-class Variant(NamedTuple):
+class VideoVariant(NamedTuple):
     """A property of the video that is varied, with its values in the full and in the quick form."""
 
     item: str
@@ -28,7 +28,7 @@ class Variant(NamedTuple):
     note: str
 
 
-BALLS = Variant(
+BALLS = VideoVariant(
     item="balls",
     label="balls",
     title="More and fewer balls",
@@ -36,7 +36,7 @@ BALLS = Variant(
     quick=(3, 6),
     note="Radius 22 px, two views.",
 )
-RADIUS = Variant(
+RADIUS = VideoVariant(
     item="radius",
     label="radius of the balls [px]",
     title="Smaller and larger balls",
@@ -44,7 +44,7 @@ RADIUS = Variant(
     quick=(15, 25),
     note="Six balls, two views.",
 )
-VIEWS = Variant(
+VIEWS = VideoVariant(
     item="views",
     label="views that are used",
     title="More views",
@@ -55,7 +55,7 @@ VIEWS = Variant(
 )
 
 
-def compute(variant: Variant, size: Size, execute: Execute) -> Table:
+def compute(variant: VideoVariant, size: Size, execute: Execute) -> Table:
     """Both rates [%] of every method at every value; runs of one seed at different values are different videos."""
     points = variant.quick if size.quick else variant.values
     found = _of_views(points, size, execute) if variant is VIEWS else _of_balls(variant, points, size, execute)
@@ -70,7 +70,7 @@ def compute(variant: Variant, size: Size, execute: Execute) -> Table:
 Found = dict[float, Sequence[Mapping[str, float]]]
 
 
-def _of_balls(variant: Variant, points: Sequence[float], size: Size, execute: Execute) -> Found:
+def _of_balls(variant: VideoVariant, points: Sequence[float], size: Size, execute: Execute) -> Found:
     changed: Sequence[dict[str, object]] = [
         {"radius": float(x)} if variant is RADIUS else {"balls": int(x)} for x in points
     ]
@@ -91,7 +91,7 @@ def _renamed(result: Mapping[str, float], ending: str) -> dict[str, float]:
     return {k.replace(f"{ending}.", "."): value for k, value in result.items() if f"{ending}." in k}
 
 
-def judge(variant: Variant, table: Table) -> list[Verdict]:
+def judge(variant: VideoVariant, table: Table) -> list[StatementVerdict]:
     """Judge whether BMCT is better than IDMOT at every value, and whether more views lower its rates."""
     out = []
     for rate, name in RATES.items():
@@ -107,10 +107,10 @@ def judge(variant: Variant, table: Table) -> list[Verdict]:
     return [*found, _cost(variant, table)] if variant in (BALLS, VIEWS) else found
 
 
-def _cost(variant: Variant, table: Table) -> Verdict:
+def _cost(variant: VideoVariant, table: Table) -> StatementVerdict:
     """Judge that the time of a frame grows linearly with the targets, or with the views, by the same videos."""
     rows = v.series(table, f"BMCT, {RATES['fr_p']}")
-    times = [Row("time", r.x, r.each["frame_ms"]) for r in rows if r.x > 1]  # one view has no collaboration
+    times = [PaperRow("time", r.x, r.each["frame_ms"]) for r in rows if r.x > 1]  # one view has no collaboration
     what = "cameras" if variant is VIEWS else "targets"
     said = (
         f"The cost of BMCT grows linearly with the number of {what}: exponent of the CPU time of a frame of all views."
@@ -120,7 +120,7 @@ def _cost(variant: Variant, table: Table) -> Verdict:
     return v.judge(f"{variant.item}-cost", said, power_of(times), *limits, rule=rule, paper=1.0)
 
 
-def _experiment(variant: Variant) -> Experiment:
+def _experiment(variant: VideoVariant) -> Experiment:
     return Experiment(
         item=variant.item,
         title=f"{variant.title} (of this project)",

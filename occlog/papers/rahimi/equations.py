@@ -15,7 +15,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, exact
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, exact
 
 from .example import FOV_DEG, PLACES, RANGE, SPEED, STEP_S
 
@@ -29,7 +29,7 @@ NOISE = np.diag([1e-4, 1.0, 1e-4, 1.0])
 ALONE, SPEED_KNOWN, TWO, RADIAL = "fig1-scale", "fig1-speed", "fig1-two", "sec7-same-bearing"
 
 
-class Statement(NamedTuple):
+class RahimiStatement(NamedTuple):
     """What is stated, and where its quantity must be."""
 
     said: str
@@ -38,44 +38,46 @@ class Statement(NamedTuple):
 
 
 ALL, EQUAL = v.at_least(1.0), v.at_most(1e-9)
-STATEMENTS: Mapping[str, Statement] = {
-    ALONE: Statement(
+STATEMENTS: Mapping[str, RahimiStatement] = {
+    ALONE: RahimiStatement(
         "One camera leaves the scale of a target at constant velocity open, and nothing else: share of the targets.",
         ALL,
         "all: one dimension of four",
     ),
-    SPEED_KNOWN: Statement(
+    SPEED_KNOWN: RahimiStatement(
         "If its speed is known, one camera determines its places: share of the targets.", ALL, "all: no dimension"
     ),
-    TWO: Statement(
+    TWO: RahimiStatement(
         "If its speed is constant and unknown, two cameras whose views do not overlap do: share of the targets.",
         ALL,
         "all: no dimension",
     ),
-    RADIAL: Statement(
+    RADIAL: RahimiStatement(
         "A target that moves along one bearing cannot be located, though its speed is known: share of the targets.",
         ALL,
         "all: one dimension or more",
     ),
-    "eq1": Statement(
+    "eq1": RahimiStatement(
         "The printed A adds velocities to positions in the printed order of the state: largest deviation [m].",
         EQUAL,
         "at most 1e-9 m",
     ),
-    "eq2": Statement(
+    "eq2": RahimiStatement(
         "The inverse of Lambda_X is tri-diagonal in blocks: largest entry outside, as a share of the largest.",
         EQUAL,
         "at most 1e-9",
     ),
-    "eq3": Statement(
+    "eq3": RahimiStatement(
         "Lambda_X, the covariance of (2), is G^T G of (3): largest deviation as a share.", EQUAL, "at most 1e-9"
     ),
-    "eq3-inverse": Statement(
+    "eq3-inverse": RahimiStatement(
         "The inverse of Lambda_X is G^T G with roots of the inverse of Sigma_nu: largest deviation as a share.",
         EQUAL,
         "at most 1e-9",
     ),
-    "sec5-sparse": Statement("Each row of J has exactly 2 entries that are not 0: share of the rows.", ALL, "all"),
+    "sec5-sparse": RahimiStatement(
+        "Each row of J has exactly 2 entries that are not 0: share of the rows.", ALL, "all"
+    ),
 }
 
 
@@ -83,10 +85,10 @@ def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
     """Compute the quantity of every statement; a row each, numbered by x."""
     rng = np.random.default_rng(np.random.SeedSequence(size.seed, spawn_key=(2004, 1)))
     found = {**_undetermined(rng, size.steps), **_prior(), "sec5-sparse": _sparse()}
-    return [Row(key, k, (found[key],)) for k, key in enumerate(STATEMENTS, start=1)]
+    return [PaperRow(key, k, (found[key],)) for k, key in enumerate(STATEMENTS, start=1)]
 
 
-def judge(table: Table) -> list[Verdict]:
+def judge(table: Table) -> list[StatementVerdict]:
     """Judge each statement by its quantity, which has no error bar."""
     out = []
     for row in table:

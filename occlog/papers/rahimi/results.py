@@ -9,14 +9,14 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.papers import verdicts as v
-from occlog.papers.plots import EstimatedPath, Plan
+from occlog.papers.plots import EstimatedPath, PlanFigure
 from occlog.papers.verdicts import (
     Execute,
     Experiment,
-    Row,
+    PaperRow,
     Size,
+    StatementVerdict,
     Table,
-    Verdict,
     difference_of,
     estimate,
     exact,
@@ -53,11 +53,11 @@ def fig4(size: Size, execute: Execute) -> Table:
     median, half = median_of(whole)
     both = [r for r in results if not math.isnan(r["between"]) and not math.isnan(r["beyond"])]
     return [
-        *(Row(ALL, (k + 0.5) / BINS, tuple(r[f"part_{k}"] for r in results)) for k in range(BINS)),
-        Row(ALL, math.nan, whole, {"median": median, "median_error": half}),
-        Row(SEEN, math.nan, tuple(r["seen"] for r in results)),
-        Row(BETWEEN, math.nan, tuple(r["between"] for r in both)),
-        Row(BEYOND, math.nan, tuple(r["beyond"] for r in both)),
+        *(PaperRow(ALL, (k + 0.5) / BINS, tuple(r[f"part_{k}"] for r in results)) for k in range(BINS)),
+        PaperRow(ALL, math.nan, whole, {"median": median, "median_error": half}),
+        PaperRow(SEEN, math.nan, tuple(r["seen"] for r in results)),
+        PaperRow(BETWEEN, math.nan, tuple(r["between"] for r in both)),
+        PaperRow(BEYOND, math.nan, tuple(r["beyond"] for r in both)),
     ]
 
 
@@ -69,12 +69,12 @@ def median_of(values: Sequence[float]) -> tuple[float, float]:
     return float(np.median(ordered)), 0.5 * (ordered[high] - ordered[low])
 
 
-def judge4(table: Table) -> list[Verdict]:
+def judge4(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 4."""
     whole = _mean_row(table, ALL)
     parts = np.array([r.values for r in v.series(table, ALL)])
-    ends = Row("ends", math.nan, _rms(parts[[0, -1]]))
-    middle = Row("middle", math.nan, _rms(parts[1:-1]))
+    ends = PaperRow("ends", math.nan, _rms(parts[[0, -1]]))
+    middle = PaperRow("middle", math.nan, _rms(parts[1:-1]))
     between, beyond = v.find(table, BETWEEN), v.find(table, BEYOND)
     median, side = whole.extra["median"], 2.0 * HALF
     rule = f"at most {CLOSE:.0%} of the room's side; in part up to twice that"
@@ -96,13 +96,13 @@ def _rms(parts: Floats) -> tuple[float, ...]:
     return tuple(np.sqrt(np.mean(parts**2, axis=0)).tolist())
 
 
-def problems_plan(size: Size) -> Plan:
+def problems_plan(size: Size) -> PlanFigure:
     """Draw problems from the best to the worst."""
     solved = ranked(size)
     ranks = sorted({round(q * (len(solved) - 1)) for q in (0.05, 0.25, 0.5, 0.75, 0.9, 1.0)})
     panels = tuple(panel(f"{k + 1} of {len(solved)}: RMSE {error(solved[k]):.2f} m", solved[k]) for k in ranks)
     caption = "problems by rising error; dots are times at which a camera saw the target."
-    return Plan("More problems", caption, sparse_scene(known_range=True), panels)
+    return PlanFigure("More problems", caption, sparse_scene(known_range=True), panels)
 
 
 def fig5(size: Size, execute: Execute) -> Table:
@@ -114,16 +114,16 @@ def fig5(size: Size, execute: Execute) -> Table:
         own = results[i * size.runs : (i + 1) * size.runs]
         for rank, run in enumerate(order, start=1):
             extra = {key: own[run][key] for key in ("behind", "measurements", "converged", "iterations")}
-            rows.append(Row(name, rank, (own[run]["rmse"],), {"problem": float(run + 1), **extra}))
-        rows.append(Row(name, math.nan, tuple(r["rmse"] for r in own)))
+            rows.append(PaperRow(name, rank, (own[run]["rmse"],), {"problem": float(run + 1), **extra}))
+        rows.append(PaperRow(name, math.nan, tuple(r["rmse"] for r in own)))
     return rows
 
 
-def _mean_row(table: Table, name: str) -> Row:
+def _mean_row(table: Table, name: str) -> PaperRow:
     return next(r for r in table if r.series == name and math.isnan(r.x))
 
 
-def judge5(table: Table) -> list[Verdict]:
+def judge5(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 5."""
     low, high, room = (_mean_row(table, name) for name in (WITH, WITHOUT, ROOM))
     behind = {name: [r.extra["behind"] for r in v.series(table, name)] for name in (WITH, WITHOUT)}
@@ -175,7 +175,7 @@ def judge5(table: Table) -> list[Verdict]:
     ]
 
 
-def constraints_plan(size: Size) -> Plan:
+def constraints_plan(size: Size) -> PlanFigure:
     """Draw the problems that have most points behind cameras without the constraints."""
     free = [solve_problem(sparse_spec(size, run, front=False)) for run in range(size.runs)]
     worst = sorted(range(size.runs), key=lambda run: -_behind(free[run]))[:3]
@@ -185,7 +185,7 @@ def constraints_plan(size: Size) -> Plan:
         title = f"problem {run + 1}: {_behind(free[run])} points behind"
         panels.append(panel(title, held, EstimatedPath(WITH, held.xy), EstimatedPath(WITHOUT, free[run].xy)))
     caption = "the problems that have most points behind a camera that saw the target, if nothing keeps them before it."
-    return Plan("With the constraints and without them", caption, sparse_scene(known_range=True), tuple(panels))
+    return PlanFigure("With the constraints and without them", caption, sparse_scene(known_range=True), tuple(panels))
 
 
 def _behind(solved: Solved) -> int:

@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from occlog.papers import verdicts as v
-from occlog.papers.plots import EstimatedPath, Panel, Plan
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, exact, sample, share_of
+from occlog.papers.plots import EstimatedPath, PlanFigure, PlanPanel
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, exact, sample, share_of
 
 from .example import sparse_scene
 from .trial import Solved, sightings, solve_problem, sparse_spec, sparse_trial
@@ -34,8 +34,8 @@ def fig3(size: Size, execute: Execute) -> Table:
         for k in range(last + 1):
             values = [r.get(f"{key}_{k}", r[f"{key}_{int(r['iterations'])}"]) for r in results]
             shares = tuple(x / r[f"{key}_0"] for x, r in zip(values, results, strict=True))
-            rows.append(Row(name, k, shares, {"absolute": math.fsum(values) / len(values)}))
-    rows += [Row(MOVING, k, tuple(map(float, _moving(results, k)))) for k in range(last + 1)]
+            rows.append(PaperRow(name, k, shares, {"absolute": math.fsum(values) / len(values)}))
+    rows += [PaperRow(MOVING, k, tuple(map(float, _moving(results, k)))) for k in range(last + 1)]
     rows[0].extra["start_off"] = max(r["start_off"] for r in results)
     return rows
 
@@ -52,15 +52,15 @@ def settled(values: Sequence[float]) -> int:
     return late[-1] + 1 if late else 0
 
 
-def judge3(table: Table) -> list[Verdict]:
+def judge3(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 3, and those of Secs. 5 and 6 about the search."""
     ray, distance, place = (np.array([r.values for r in v.series(table, n)]) for n in (RAY, DISTANCE, PLACE))
     runs = ray.shape[1]
     lined, placed = ([settled(column.tolist()) for column in x.T] for x in (ray, distance))
-    rays = Row(RAY, math.nan, tuple(map(float, lined)))
-    distances = Row(DISTANCE, math.nan, tuple(map(float, placed)))
-    then = Row(DISTANCE, math.nan, tuple(float(distance[k, i]) for i, k in enumerate(lined)))
-    end, start, best = (Row("", math.nan, tuple(x.tolist())) for x in (distance[-1], place[0], place[-1]))
+    rays = PaperRow(RAY, math.nan, tuple(map(float, lined)))
+    distances = PaperRow(DISTANCE, math.nan, tuple(map(float, placed)))
+    then = PaperRow(DISTANCE, math.nan, tuple(float(distance[k, i]) for i, k in enumerate(lined)))
+    end, start, best = (PaperRow("", math.nan, tuple(x.tolist())) for x in (distance[-1], place[0], place[-1]))
     return [
         _start(table[0].extra["start_off"], runs),
         v.pairs(
@@ -82,13 +82,13 @@ def judge3(table: Table) -> list[Verdict]:
     ]
 
 
-def _start(off: float, runs: int) -> Verdict:
+def _start(off: float, runs: int) -> StatementVerdict:
     said = "The search starts with seen points 1 m along the axes and unseen ones at the origin: largest deviation [m]."
     rule = "below 1e-6 m in every problem"
     return v.judge("fig3-start", said, exact(off, runs), v.below(1e-6), rule=rule, paper=0.0)
 
 
-def _iterations(moving: Sequence[Row]) -> list[Verdict]:
+def _iterations(moving: Sequence[PaperRow]) -> list[StatementVerdict]:
     """Judge that every problem converges, and after how many iterations."""
     open_ = round(math.fsum(moving[-1].values))
     runs = moving[-1].runs
@@ -117,14 +117,14 @@ def error(solved: Solved) -> float:
     return float(np.sqrt(np.mean(np.sum((solved.xy - solved.true_xy) ** 2, axis=1))))
 
 
-def panel(title: str, solved: Solved, *estimates: EstimatedPath) -> Panel:
+def panel(title: str, solved: Solved, *estimates: EstimatedPath) -> PlanPanel:
     """Make the drawing of a problem with these estimates; without any, with the solution."""
     at = sightings(solved.problem.bearings, solved.tracks.t_ns)
     seen = np.isin(np.arange(len(solved.tracks)), at.state)
-    return Panel(title, solved.true_xy, seen, estimates or (EstimatedPath("estimate", solved.xy),))
+    return PlanPanel(title, solved.true_xy, seen, estimates or (EstimatedPath("estimate", solved.xy),))
 
 
-def iterations_plan(size: Size) -> Plan:
+def iterations_plan(size: Size) -> PlanFigure:
     """Draw the problem of median error after some iterations."""
     solved = ranked(size)[size.runs // 2]
     last = len(solved.iterates) - 1
@@ -135,7 +135,7 @@ def iterations_plan(size: Size) -> Plan:
         f"the problem of median error ({error(solved):.2f} m RMSE) after some iterations; dots are times at which a "
         "camera saw the target."
     )
-    return Plan("Refinement of a trajectory", caption, sparse_scene(known_range=True), tuple(panels[:6]))
+    return PlanFigure("Refinement of a trajectory", caption, sparse_scene(known_range=True), tuple(panels[:6]))
 
 
 FIG3 = Experiment(

@@ -63,7 +63,7 @@ class Solved(NamedTuple):
         return np.column_stack([self.problem.truth.x, self.problem.truth.y])
 
 
-class Sightings(NamedTuple):
+class SparseMeasurements(NamedTuple):
     """The n measurements of a problem."""
 
     state: Ints  # (n,) time, from 0
@@ -123,11 +123,11 @@ def solve_problem(spec: Spec) -> Solved:
     )
 
 
-def sightings(bearings: Bearings, t_ns: Ints) -> Sightings:
+def sightings(bearings: Bearings, t_ns: Ints) -> SparseMeasurements:
     """Return the measurements: rows in which a camera saw the target."""
     seen = bearings.take(bearings.seen)
     cameras = [sparse_scene(known_range=False).camera(name) for name in seen.sensor.tolist()]
-    return Sightings(
+    return SparseMeasurements(
         np.searchsorted(t_ns, seen.t_ns),
         np.array([c.ground for c in cameras]).reshape(-1, 2),
         np.array([[math.cos(c.yaw), math.sin(c.yaw)] for c in cameras]).reshape(-1, 2),
@@ -159,7 +159,7 @@ def sparse_trial(spec: Spec) -> dict[str, float]:
     }
 
 
-def errors(solved: Solved, at: Sightings) -> dict[str, float]:
+def errors(solved: Solved, at: SparseMeasurements) -> dict[str, float]:
     """Return the RMSE of the trajectory and of its parts [m]; NaN for a part without times.
 
     Parts: `seen`, `between` sightings, `beyond` (before the first or after the last); `ends` and `middle`;
@@ -183,7 +183,7 @@ def errors(solved: Solved, at: Sightings) -> dict[str, float]:
     return {name: _root_mean(square[rows]) for name, rows in parts.items()}
 
 
-def consistency(solved: Solved, at: Sightings) -> dict[str, float]:
+def consistency(solved: Solved, at: SparseMeasurements) -> dict[str, float]:
     """Return the mean normalised squared error, 2 for a right covariance, and the share of times behind the mean.
 
     `nees` (`unflagged`): over times that are not flagged.  `nees_known` (`known`): over those of them at which the
@@ -206,7 +206,7 @@ def consistency(solved: Solved, at: Sightings) -> dict[str, float]:
     }
 
 
-def refinement(solved: Solved, at: Sightings) -> dict[str, float]:
+def refinement(solved: Solved, at: SparseMeasurements) -> dict[str, float]:
     """Return errors of the iterates: figures `ray_k`, `distance_k` and `place_k` after iteration k, and `start_off`.
 
     ray: root mean square of the residuals, in standard deviations.  distance: that of the errors of the distances
@@ -226,11 +226,11 @@ def refinement(solved: Solved, at: Sightings) -> dict[str, float]:
     return out
 
 
-def _depth(at: Sightings, xy: Floats) -> Floats:
+def _depth(at: SparseMeasurements, xy: Floats) -> Floats:
     return np.asarray(np.sum((xy[at.state] - at.place) * at.axis, axis=1))
 
 
-def _across(at: Sightings, xy: Floats) -> Floats:
+def _across(at: SparseMeasurements, xy: Floats) -> Floats:
     away = xy[at.state] - at.place
     return np.asarray(at.axis[:, 0] * away[:, 1] - at.axis[:, 1] * away[:, 0])
 

@@ -6,7 +6,18 @@ import math
 from collections.abc import Iterable
 
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, estimate, exact, mean_of, quotient
+from occlog.papers.verdicts import (
+    Execute,
+    Experiment,
+    PaperRow,
+    Size,
+    StatementVerdict,
+    Table,
+    estimate,
+    exact,
+    mean_of,
+    quotient,
+)
 from occlog.pipeline.sweep.trial import Values
 
 from .trial import sparse_spec, sparse_trial
@@ -62,11 +73,11 @@ def false(size: Size, execute: Execute) -> Table:
         own = results[i * size.runs : (i + 1) * size.runs]
         extra = {"converged": math.fsum(r["converged"] for r in own) / size.runs}
         extra["iterations"] = math.fsum(r["iterations"] for r in own) / size.runs
-        rows.append(Row(name, share, tuple(r["rmse"] for r in own), extra))
+        rows.append(PaperRow(name, share, tuple(r["rmse"] for r in own), extra))
     return rows
 
 
-def judge_false(table: Table) -> list[Verdict]:
+def judge_false(table: Table) -> list[StatementVerdict]:
     """Judge this project's statements about false bearings: what 10 % of them add to the error with clean data."""
     clean = v.find(table, SQUARE, 0.0)
     out = []
@@ -86,7 +97,7 @@ def judge_false(table: Table) -> list[Verdict]:
     return out
 
 
-def _adds(key: str, name: str, clean: Row, row: Row) -> Verdict:
+def _adds(key: str, name: str, clean: PaperRow, row: PaperRow) -> StatementVerdict:
     """Judge what false bearings add, as a share of the clean error, run by run."""
     ratio, error = quotient(row, clean)
     said = f"10 % of false bearings add less than {LOSES:.0%} to the mean RMSE with clean data ({name}): share added."
@@ -111,17 +122,17 @@ def covariance(size: Size, execute: Execute) -> Table:
         extra["acceleration"] = sparse_spec(size, 0, fit_step_s=step)["track"]["acceleration"]
         values = _finite(r[ESTIMATES[name][0]] for r in own)
         if name != HESSIAN:
-            rows.append(Row(name, step, values, extra))
+            rows.append(PaperRow(name, step, values, extra))
         elif step == LONGEST:
-            rows.append(Row(name, math.nan, values, extra))
-    return [*rows, Row(RIGHT, math.nan, (2.0, 2.0))]
+            rows.append(PaperRow(name, math.nan, values, extra))
+    return [*rows, PaperRow(RIGHT, math.nan, (2.0, 2.0))]
 
 
 def _finite(values: Iterable[float]) -> tuple[float, ...]:
     return tuple(x for x in values if math.isfinite(x))
 
 
-def judge_covariance(table: Table) -> list[Verdict]:
+def judge_covariance(table: Table) -> list[StatementVerdict]:
     """Judge this project's statement about the covariance: the mean normalised squared error is 2."""
     out = []
     for name in ESTIMATES:
@@ -133,7 +144,7 @@ def judge_covariance(table: Table) -> list[Verdict]:
     return out
 
 
-def _consistent(key: str, what: str, row: Row) -> Verdict:
+def _consistent(key: str, what: str, row: PaperRow) -> StatementVerdict:
     """Judge a mean against 2; the error bar is that of the problems' means, as errors within a problem depend."""
     said = f"The normalised squared error is 2 in the mean, as the covariance says ({what})."
     low, high = RIGHT_WITHIN

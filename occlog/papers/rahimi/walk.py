@@ -20,7 +20,7 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.plane import line_of_sight_blocked
 from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, mean_of, share_of
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, mean_of, share_of
 from occlog.pipeline.sweep.trial import Spec
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Tracks, Truth
@@ -178,13 +178,13 @@ def fig7(size: Size, execute: Execute) -> Table:
     ]
     results = execute(specs)
     return [
-        Row(f"{name}, {key}", x, tuple(r[key] for r in results[i * size.runs : (i + 1) * size.runs]))
+        PaperRow(f"{name}, {key}", x, tuple(r[key] for r in results[i * size.runs : (i + 1) * size.runs]))
         for i, name in enumerate(ways)
         for x, key in enumerate(FIGURES, start=1)
     ]
 
 
-def judge7(table: Table) -> list[Verdict]:
+def judge7(table: Table) -> list[StatementVerdict]:
     """Judge the statements of Sec. 7 about Fig. 7."""
     own = {row.series: row for row in table}
     loop, legs, order, through = (own[f"{FREE}, {key}"] for key in FIGURES)

@@ -17,15 +17,15 @@ from occlog.io.remote import find, is_url
 from occlog.io.remote import public_url as without_secrets
 from occlog.pipeline.pack.archive import key_of_name
 
-FEWEST_DIGITS = 8
+MIN_DIGITS = 8
 """Digits of the hash that tells recordings of one name apart; more if they do not."""
-MOST_PATHS = 1_000_000
+MAX_PATHS = 1_000_000
 """Paths that a pattern may stand for, with folders: links that lead back into their own folder make them endless."""
 LONGEST_NAME = 255
 """Bytes of a name that file systems take."""
 
 
-class Source(NamedTuple):
+class BatchRecording(NamedTuple):
     """A recording of a batch.
 
     Attributes:
@@ -41,7 +41,7 @@ class Source(NamedTuple):
     fault: str = ""
 
 
-def sources_of(patterns: Sequence[str], results: str = "") -> list[Source]:
+def sources_of(patterns: Sequence[str], results: str = "") -> list[BatchRecording]:
     """Find the recordings that patterns name, each once, in the order of their names.
 
     Of several ways to one recording, over links, the one with the fewest links counts, and else the first by name.
@@ -65,7 +65,7 @@ def sources_of(patterns: Sequence[str], results: str = "") -> list[Source]:
     for stem, group in alike.items():
         for place in sorted(group, key=shown.__getitem__):
             name = _stem(place) if stem in taken else _with_hash(_stem(place), shown[place], taken)
-            found.append(Source(name, in_text(shown[place]), place, _fault(place)))
+            found.append(BatchRecording(name, in_text(shown[place]), place, _fault(place)))
     return sorted(found)
 
 
@@ -102,10 +102,10 @@ def _places(pattern: str, results: str) -> Iterable[str]:
         raise InputError(f"{pattern}: is a folder; name the recordings in it: '{Path(pattern) / '*.mcap'}'")
     if not glob.has_magic(pattern):
         raise InputError(f"{pattern}: no such file; check the name and the folder")
-    names = list(islice(glob.iglob(pattern, recursive=True), MOST_PATHS + 1))  # noqa: PTH207
-    if len(names) > MOST_PATHS:
+    names = list(islice(glob.iglob(pattern, recursive=True), MAX_PATHS + 1))  # noqa: PTH207
+    if len(names) > MAX_PATHS:
         raise InputError(
-            f"{pattern}: more than {MOST_PATHS:,} paths; where links lead back into their own folder name folders "
+            f"{pattern}: more than {MAX_PATHS:,} paths; where links lead back into their own folder name folders "
             "without them"
         )
     own = os.path.realpath(results) if results and not is_url(results) else ""
@@ -175,7 +175,7 @@ def _shown(places: Sequence[str]) -> dict[str, str]:
 def _with_hash(stem: str, shown: str, taken: set[str]) -> str:
     """A name that nobody else has and that file systems take; it is taken then."""
     digest = hashlib.sha256(os.fsencode(shown)).hexdigest()
-    ends = (f"-{digest[:length]}" for length in range(FEWEST_DIGITS, len(digest) + 1))
+    ends = (f"-{digest[:length]}" for length in range(MIN_DIGITS, len(digest) + 1))
     names = (stem.encode()[: LONGEST_NAME - len(end)].decode(errors="ignore") + end for end in ends)
     name = next(name for name in names if key_of_name(name) not in taken)
     taken.add(key_of_name(name))

@@ -24,7 +24,7 @@ from occlog.io.files.atomic import PARTIAL, alone_with, no_links_out_of, transla
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.texts.documents import read_json, write_json
 from occlog.io.remote import Cache, check_output, fetch, is_url, names_in, public_url, put, remove
-from occlog.pipeline.run.run import GOING_ON, STATE, Step, do_stages, drop_empty, losses_of, verdicts_of, worst
+from occlog.pipeline.run.run import GOING_ON, STATE, StageStep, do_stages, drop_empty, losses_of, verdicts_of, worst
 from occlog.pipeline.run.stages import Config
 from occlog.records.losses import Loss
 from occlog.records.tables import TABLES
@@ -145,7 +145,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RecordingOutcome:
     """What became of a recording."""
 
     name: str
@@ -178,7 +178,7 @@ class Outcome:
         return tuple(f"{stage}: {check.id}: {check.text}" for stage, check in failed)
 
 
-def process(task: Task) -> Outcome:
+def process(task: Task) -> RecordingOutcome:
     """Do the stages of a recording that are not up to date."""
     begin, used = time.perf_counter(), time.process_time()
     with redirect_stderr(io.StringIO()):  # what stages say of losses and warnings is in the outcome
@@ -193,11 +193,11 @@ class _Run:
         self._task = task
         self._stage = "recording"
         self._names = {str(task.config.path): task.config.path.name}  # of places of this machine, for messages
-        self._steps: list[Step] = []
+        self._steps: list[StageStep] = []
 
-    def outcome(self) -> Outcome:
+    def outcome(self) -> RecordingOutcome:
         """Do all stages, until one fails."""
-        task, found = self._task, Outcome(self._task.name, self._task.shown)
+        task, found = self._task, RecordingOutcome(self._task.name, self._task.shown)
         try:
             with self._recording() as recording, run_folder(task.folder, task.name, task.cache) as folder:
                 self._names |= {str(recording): task.shown, str(folder): task.name}
@@ -234,7 +234,7 @@ class _Run:
         last = self._steps[-1]
         return last.code if last.code not in GOING_ON else worst(step.code for step in self._steps)
 
-    def _failed(self, found: Outcome, error: Exception) -> Outcome:
+    def _failed(self, found: RecordingOutcome, error: Exception) -> RecordingOutcome:
         """The outcome with the error, in one line that names no folder of this machine."""
         text, code = explain(error)
         for path, name in self._names.items():
@@ -245,7 +245,7 @@ class _Run:
     def _begin(self, stage: str) -> None:
         self._stage = stage
 
-    def _with_outputs(self, told: Outcome, folder: Path) -> Outcome:
+    def _with_outputs(self, told: RecordingOutcome, folder: Path) -> RecordingOutcome:
         """The outcome with what its files say."""
         made = tuple(name for step in self._steps for name in step.outputs)
         redone = told.redone or any(step.what == "done" for step in self._steps)

@@ -15,7 +15,7 @@ import click
 from occlog import console
 from occlog.console.notes import begin_work, note_files
 from occlog.console.summary import plausible_in_words
-from occlog.console.text import counted, told
+from occlog.console.text import counted, shortened
 from occlog.errors import ExitCode, InputError, UsageError, did_you_mean, option
 from occlog.io.files.atomic import write_bytes
 from occlog.io.files.inputs import hash_inputs
@@ -34,21 +34,21 @@ from occlog.records.losses import Loss
 from occlog.records.tables import TABLES
 from occlog.records.verdicts import Check, finding, outcome, summary_of
 
-from .plan import Source, in_line, in_text, sources_of
-from .recording import FAILED, RUNS, Outcome, Task, batch_folder, fetch_files, process
+from .plan import BatchRecording, in_line, in_text, sources_of
+from .recording import FAILED, RUNS, RecordingOutcome, Task, batch_folder, fetch_files, process
 
 RUNS_TABLE, METRICS_TABLE = "runs.parquet", "metrics.parquet"
 VERDICTS = "verdicts of the recordings"
 """Name of the check of a batch."""
 METRICS_FILES = ("metrics.json", "metrics_in_images.json")
-MOST_LOSSES = 20
+MAX_LOSSES = 20
 """Losses of a recording that the provenance of each table has; the table of runs has all."""
 WHOLE = "the whole recording"
 """Place of the loss of a recording that failed."""
 
 
 @dataclass(frozen=True)
-class Gathered:
+class DatasetTables:
     """What was written over all recordings.
 
     Attributes:
@@ -60,7 +60,9 @@ class Gathered:
     losses: tuple[Loss, ...]
 
 
-def gather(folder: Path, runs: Path, outcomes: Sequence[Outcome], tables: Sequence[str], config: Config) -> Gathered:
+def gather(
+    folder: Path, runs: Path, outcomes: Sequence[RecordingOutcome], tables: Sequence[str], config: Config
+) -> DatasetTables:
     """Write the tables over all recordings, which replace older ones.
 
     Args:
@@ -84,17 +86,17 @@ def gather(folder: Path, runs: Path, outcomes: Sequence[Outcome], tables: Sequen
                 rows[name] = join_tables(folder / file, parts, name, provenance)
         except InputError as error:
             losses.append(Loss(file, "all recordings", f"is not made: {error}"))
-    return Gathered(rows, tuple(losses))
+    return DatasetTables(rows, tuple(losses))
 
 
-def losses_of(outcomes: Sequence[Outcome]) -> tuple[Loss, ...]:
+def losses_of(outcomes: Sequence[RecordingOutcome]) -> tuple[Loss, ...]:
     """What was lost in all recordings; of one that failed all of it, of one with many losses a part and their number.
 
     The table of runs has them all: in the metadata of a file, a million are more than libraries of Parquet read.
     """
     found = []
     for each in outcomes:
-        told, more = each.losses[:MOST_LOSSES], each.losses[MOST_LOSSES:]
+        told, more = each.losses[:MAX_LOSSES], each.losses[MAX_LOSSES:]
         found += [Loss(f"{each.name}: {loss.source}", loss.place, loss.what, loss.count) for loss in told]
         if more:
             counts = [loss.count for loss in more]
@@ -105,7 +107,7 @@ def losses_of(outcomes: Sequence[Outcome]) -> tuple[Loss, ...]:
     return tuple(found)
 
 
-def _provenance(outcomes: Sequence[Outcome], tables: Sequence[str], config: Config) -> Provenance:
+def _provenance(outcomes: Sequence[RecordingOutcome], tables: Sequence[str], config: Config) -> Provenance:
     seed = config.values.get("seed")
     recordings = tuple((each.shown, each.sha256) for each in outcomes)
     made = Provenance(
@@ -119,7 +121,7 @@ def _provenance(outcomes: Sequence[Outcome], tables: Sequence[str], config: Conf
     return made.with_checks(_checks(outcomes))
 
 
-def _checks(outcomes: Sequence[Outcome]) -> tuple[Check, ...]:
+def _checks(outcomes: Sequence[RecordingOutcome]) -> tuple[Check, ...]:
     """The verdicts of all recordings as one check, with those that are doubted."""
     judged = [each for each in outcomes if each.plausible is not None]
     doubted = (
@@ -132,7 +134,7 @@ def _checks(outcomes: Sequence[Outcome]) -> tuple[Check, ...]:
     return outcome(VERDICTS, doubted, unless="" if judged else "no recording was judged", recordings=len(judged))
 
 
-def _row(each: Outcome) -> dict[str, object]:
+def _row(each: RecordingOutcome) -> dict[str, object]:
     return {
         "recording": each.name,
         "source": each.shown,
@@ -147,7 +149,7 @@ def _row(each: Outcome) -> dict[str, object]:
     }
 
 
-def _figures(runs: Path, outcomes: Sequence[Outcome]) -> Iterator[dict[str, object]]:
+def _figures(runs: Path, outcomes: Sequence[RecordingOutcome]) -> Iterator[dict[str, object]]:
     """A row for each number that the evaluations give."""
     for each in outcomes:
         for file in METRICS_FILES:
@@ -240,7 +242,7 @@ def _check_config(config: Config) -> None:
         check_settings(unknown, stage)
 
 
-def _check_places(request: BatchRequest, sources: Sequence[Source]) -> None:
+def _check_places(request: BatchRequest, sources: Sequence[BatchRecording]) -> None:
     """Refuse places that other processes do not have."""
     here = [p for p in (request.output, *(source.place for source in sources)) if is_url(p) and kind_of(p) == "memory"]
     if here and (request.workers > 1 or request.scheduler is not None):
@@ -248,8 +250,8 @@ def _check_places(request: BatchRequest, sources: Sequence[Source]) -> None:
 
 
 def _outcomes(
-    request: BatchRequest, config: Config, sources: Sequence[Source], folder: str, quiet: bool
-) -> list[Outcome]:
+    request: BatchRequest, config: Config, sources: Sequence[BatchRecording], folder: str, quiet: bool
+) -> list[RecordingOutcome]:
     """The outcome of every recording, in their order."""
     # A worker of another machine may have another working folder
     config = replace(config, path=config.path.absolute())
@@ -268,27 +270,31 @@ def _outcomes(
         for name, found in executor.outcomes(tasks, process) if tasks else ():
             if isinstance(found, Lost):
                 task = tasks[name]
-                found = Outcome(name, task.shown, code=ExitCode.BUG, stage="worker", message=found.reason, redone=True)
+                found = RecordingOutcome(
+                    name, task.shown, code=ExitCode.BUG, stage="worker", message=found.reason, redone=True
+                )
             done[name] = found
             if progress is not None:
                 progress(1)
     return [done[source.name] for source in sources]
 
 
-def _refused(source: Source) -> Outcome:
+def _refused(source: BatchRecording) -> RecordingOutcome:
     """The outcome of a recording that is not tried."""
     message = in_line(f"{source.shown}: {source.fault}")
-    return Outcome(source.name, source.shown, code=ExitCode.BAD_INPUT, stage="recording", message=message, redone=True)
+    return RecordingOutcome(
+        source.name, source.shown, code=ExitCode.BAD_INPUT, stage="recording", message=message, redone=True
+    )
 
 
-def _fetch_gathered(place: str, runs: Path, outcomes: Sequence[Outcome], results: Sequence[str]) -> None:
+def _fetch_gathered(place: str, runs: Path, outcomes: Sequence[RecordingOutcome], results: Sequence[str]) -> None:
     """Fetch what the tables over all are made of."""
     for each in outcomes:
         wanted = [name for name in each.outputs if name in METRICS_FILES or name in results]
         fetch_files(f"{place}/{RUNS}/{each.name}", wanted, runs / each.name)
 
 
-def _code(outcomes: Sequence[Outcome], lost: bool) -> int:
+def _code(outcomes: Sequence[RecordingOutcome], lost: bool) -> int:
     """The exit code: 3 where recordings failed, as where anything else was lost; that of the first if all did."""
     if all(each.state == FAILED for each in outcomes):
         return outcomes[0].code
@@ -296,7 +302,7 @@ def _code(outcomes: Sequence[Outcome], lost: bool) -> int:
     return worst([*codes, ExitCode.LOSSY] if lost else codes)
 
 
-def _from_here(source: Source) -> str:
+def _from_here(source: BatchRecording) -> str:
     """What a command takes for a recording: tables have its name without the folder."""
     if is_url(source.place):
         return source.shown
@@ -304,13 +310,13 @@ def _from_here(source: Source) -> str:
     return in_text(str(place.relative_to(here) if place.is_relative_to(here) else place))
 
 
-def _tell(outcomes: Sequence[Outcome], sources: Sequence[Source], quiet: bool) -> None:
+def _tell(outcomes: Sequence[RecordingOutcome], sources: Sequence[BatchRecording], quiet: bool) -> None:
     """Name recordings that failed or that are not to be believed, on standard error."""
     failed = [(each, source) for each, source in zip(outcomes, sources, strict=True) if each.state == FAILED]
     for each, source in failed[:TOLD]:
         message = each.message.replace(in_line(each.shown), _from_here(source))
         line = " ".join(f"occlog: failed: {each.name}: {each.stage}: {message}".split())
-        click.echo(told(line), err=True)
+        click.echo(shortened(line), err=True)
     if len(failed) > TOLD:
         click.echo(f"occlog: {len(failed) - TOLD} more have failed; {RUNS_TABLE} names them", err=True)
     lossy = [each for each in outcomes if each.losses]
@@ -325,7 +331,7 @@ def _tell(outcomes: Sequence[Outcome], sources: Sequence[Source], quiet: bool) -
         console.note(f"warning: {len(doubted) - TOLD} more are not plausible; {RUNS_TABLE} names them", quiet)
 
 
-def _summary(folder: str, outcomes: Sequence[Outcome], rows: object) -> dict[str, object]:
+def _summary(folder: str, outcomes: Sequence[RecordingOutcome], rows: object) -> dict[str, object]:
     states = Counter(each.state for each in outcomes)
     return {
         "recordings": len(outcomes),

@@ -25,7 +25,7 @@ from occlog.io.files.texts.documents import read_json, write_json
 from occlog.records.losses import Loss
 from occlog.records.verdicts import Verdict, distinct, summary_of, texts_of
 
-from .stage import Stage, files_of, name_of, places_of
+from .stage import RunStage, files_of, name_of, places_of
 from .stages import Config, check_settings, plan, read_config, refused_in
 
 STATE = "run.json"
@@ -39,7 +39,7 @@ WAITING = "would run"
 
 
 @dataclass(frozen=True)
-class Outcome:
+class StageOutcome:
     """Outcome of a stage, kept in `run.json`."""
 
     key: str  # hash of everything that the outputs depend on
@@ -47,7 +47,7 @@ class Outcome:
     outputs: dict[str, str]  # hashes by path in the run folder
 
 
-class Step(NamedTuple):
+class StageStep(NamedTuple):
     """What was done of a stage."""
 
     stage: str
@@ -90,7 +90,7 @@ def run_stages(
     for stage in plan(wanted, output.resolve()):  # checks every key and value before any stage runs
         check_settings(wanted, stage)
     folder = _folder(output, dry_run)
-    steps: list[Step] = []
+    steps: list[StageStep] = []
     for step in do_stages(wanted, folder, force=force, dry_run=dry_run, begin=lambda name: _note_begin(name, quiet)):
         steps.append(step)
     if steps and steps[-1].code not in GOING_ON:
@@ -112,7 +112,7 @@ def run_stages(
 
 def do_stages(
     wanted: Config, output: Path, *, force: bool, dry_run: bool, begin: Callable[[str], None]
-) -> Iterator[Step]:
+) -> Iterator[StageStep]:
     """Do the stages of a configuration that are not up to date, in order, until one fails.
 
     Args:
@@ -132,35 +132,35 @@ def do_stages(
 
 def _stages(
     wanted: Config, folder: Path, *, force: bool, dry_run: bool, begin: Callable[[str], None]
-) -> Iterator[Step]:
+) -> Iterator[StageStep]:
     """`do_stages` in a folder that is there."""
     state = outcomes(folder)
     if not dry_run and not (folder / STATE).exists():
         _write_state(folder, state)  # so that a run which is killed in its first stage leaves a run folder
     digests = Digests()
-    stages: list[Stage] = []
+    stages: list[RunStage] = []
     for stage in plan(wanted, folder):  # what a stage made decides which ones follow
         stages.append(stage)
         with inside(wanted.path.resolve().parent):
             key = key_of(stage, folder, digests)
             kept = state.get(stage.name)
             if not force and kept is not None and _is_current(kept, key, folder):
-                step = Step(stage.name, UP_TO_DATE, kept.code, tuple(kept.outputs))
+                step = StageStep(stage.name, UP_TO_DATE, kept.code, tuple(kept.outputs))
             elif dry_run:
-                step = Step(stage.name, WAITING, ExitCode.DONE, ())
+                step = StageStep(stage.name, WAITING, ExitCode.DONE, ())
             else:
                 begin(stage.name)
                 with refused_in(wanted, stage.name), no_links_out_of(folder):
                     code = _do(stage)
-                step = Step(stage.name, "done", code, ())
+                step = StageStep(stage.name, "done", code, ())
                 if code in GOING_ON:
                     hashes = _hashes(stage, folder)
                     if kept is not None:
                         others = (o.outputs for name, o in state.items() if name != stage.name)
                         _remove_outputs(folder, kept, set(hashes).union(*others))
-                    state[stage.name] = Outcome(key, code, hashes)
+                    state[stage.name] = StageOutcome(key, code, hashes)
                     _write_state(folder, state)
-                    step = Step(stage.name, "done", code, tuple(hashes))
+                    step = StageStep(stage.name, "done", code, tuple(hashes))
         yield step
         if step.code not in GOING_ON:
             return
@@ -168,7 +168,7 @@ def _stages(
         _drop_others(folder, state, stages)
 
 
-def _drop_others(folder: Path, state: dict[str, Outcome], stages: Sequence[Stage]) -> None:
+def _drop_others(folder: Path, state: dict[str, StageOutcome], stages: Sequence[RunStage]) -> None:
     """Forget stages that the configuration no longer has, and remove what they made: it would pass for the run's own.
 
     A file that was changed since is left alone, and one that another stage makes now.
@@ -179,7 +179,7 @@ def _drop_others(folder: Path, state: dict[str, Outcome], stages: Sequence[Stage
         _write_state(folder, state)
 
 
-def _remove_outputs(folder: Path, older: Outcome, made: Collection[str]) -> None:
+def _remove_outputs(folder: Path, older: StageOutcome, made: Collection[str]) -> None:
     """Remove what a stage made of another configuration, but what is made now."""
     for file, digest in older.outputs.items():
         place = folder / file
@@ -252,12 +252,12 @@ def inside(folder: Path) -> Iterator[None]:
         os.chdir(before)
 
 
-def _do(stage: Stage) -> int:
+def _do(stage: RunStage) -> int:
     """Do a stage without its own summary; the exit code."""
     return stage.do()
 
 
-def key_of(stage: Stage, folder: Path, digests: Digests) -> str:
+def key_of(stage: RunStage, folder: Path, digests: Digests) -> str:
     """Hash everything that the stage's outputs depend on: program, arguments, and content of the inputs.
 
     Files are known by name (those of a folder by the way to them) and content, so that a run may be moved.
@@ -276,18 +276,18 @@ def key_of(stage: Stage, folder: Path, digests: Digests) -> str:
     return digest.hexdigest()
 
 
-def _hashes(stage: Stage, folder: Path) -> dict[str, str]:
+def _hashes(stage: RunStage, folder: Path) -> dict[str, str]:
     paths = (Path(p) for p in stage.output_paths)
     return {str(p.relative_to(folder)): hash_file(p) for p in paths if p.is_file()}
 
 
-def _is_current(outcome: Outcome, key: str, folder: Path) -> bool:
+def _is_current(outcome: StageOutcome, key: str, folder: Path) -> bool:
     if outcome.key != key:
         return False
     return all((folder / n).is_file() and hash_file(folder / n) == digest for n, digest in outcome.outputs.items())
 
 
-def outcomes(folder: Path) -> dict[str, Outcome]:
+def outcomes(folder: Path) -> dict[str, StageOutcome]:
     """What the stages of a run folder came to, as its state has it; none in an empty folder.
 
     Raises:
@@ -302,7 +302,7 @@ def outcomes(folder: Path) -> dict[str, Outcome]:
             )
         return {}
     try:
-        found = {name: Outcome(**outcome) for name, outcome in read_json(path)["stages"].items()}
+        found = {name: StageOutcome(**outcome) for name, outcome in read_json(path)["stages"].items()}
         whole = all(_is_outcome(outcome, folder.resolve()) for outcome in found.values())
     except (KeyError, TypeError, AttributeError, ValueError, OSError):
         whole = False
@@ -311,7 +311,7 @@ def outcomes(folder: Path) -> dict[str, Outcome]:
     return found
 
 
-def _is_outcome(told: Outcome, folder: Path) -> bool:
+def _is_outcome(told: StageOutcome, folder: Path) -> bool:
     """Whether what a state tells of a stage can be: outputs in the run folder, since those of others are removed."""
     texts = [told.key, *told.outputs.keys(), *told.outputs.values()]
     return (
@@ -341,7 +341,7 @@ def drop_empty(folder: Path) -> None:
         folder.rmdir()
 
 
-def _write_state(folder: Path, state: dict[str, Outcome]) -> None:
+def _write_state(folder: Path, state: dict[str, StageOutcome]) -> None:
     stages = {name: outcome.__dict__ for name, outcome in state.items()}
     made = {"program": "occlog", "version": __version__, "versions": installed_versions()}
     with no_links_out_of(folder):

@@ -22,7 +22,7 @@ from occlog.io.formats.boxes.datasets import names_of_classes
 from occlog.io.formats.models.onnx_file import read_onnx
 from occlog.io.recording.reader import linked_videos
 from occlog.plugins.loading import READER, Chosen, Plugin, find, installed
-from occlog.request import Entry, Form, Request, group
+from occlog.request import Form, Request, RequestEntry, group
 from occlog.runner import exit_code, run
 from occlog.settings import (
     SettingError,
@@ -41,7 +41,7 @@ READS, SET, STRICT = "reader", "set", "strict"
 
 
 @dataclass(frozen=True)
-class Stage:
+class RunStage:
     """A request that is made from the keys of a configuration.
 
     Attributes:
@@ -110,10 +110,10 @@ class Stage:
                 self._check_free(name, value)
             return self.form.build(given, {} if free is None else {free[0]: settings})
 
-    def _has(self, entry: Entry) -> bool:
+    def _has(self, entry: RequestEntry) -> bool:
         return self.values.get(entry.key) is not None
 
-    def _entries(self) -> Iterator[Entry]:
+    def _entries(self) -> Iterator[RequestEntry]:
         """What the request takes, and the settings of the plug-ins that keys name."""
         own = list(self.form.entries())
         named = [plugin for entry in own if entry.plugged is not None for plugin in self._plugins(entry)]
@@ -121,7 +121,7 @@ class Stage:
             named.append(reader)
         return chain(own, *(form_of_plugin(plugin).entries() for plugin in named))
 
-    def _plugins(self, entry: Entry) -> list[Plugin]:
+    def _plugins(self, entry: RequestEntry) -> list[Plugin]:
         assert entry.plugged is not None
         names = listed(self.values.get(entry.key, ()))
         return [plugin_of(entry.key, str(name), entry.plugged.kind) for name in names]
@@ -139,7 +139,7 @@ class Stage:
         entries = form_of_plugin(plugin).entries()
         return Chosen(plugin, {entry.of.name: self._read(entry) for entry in entries if self._has(entry)})
 
-    def _read(self, entry: Entry, kept: Path | None = None) -> object:
+    def _read(self, entry: RequestEntry, kept: Path | None = None) -> object:
         """The value of a key, as the field of the request has it."""
         value, of = self.values[entry.key], entry.file
         if entry.plugged is not None:
@@ -214,7 +214,7 @@ def plugin_of(key: str, name: str, kind: str) -> Plugin:
     return plugin
 
 
-def setting_of(entry: Entry, value: object) -> object:
+def setting_of(entry: RequestEntry, value: object) -> object:
     """The value of a setting, of what YAML has for it; UsageError, which names the key, where it says none."""
     said, kind = declaration(entry.of), kind_of(entry.owner, entry.of.name)
     if plain_kind(kind) is bool:
@@ -233,7 +233,7 @@ def setting_of(entry: Entry, value: object) -> object:
     return found if said.scale == 1.0 or found is None else found * said.scale
 
 
-def _file(entry: Entry, value: object, kept: Path | None) -> float | Path:
+def _file(entry: RequestEntry, value: object, kept: Path | None) -> float | Path:
     """A path, or the number that may stand in its place."""
     text = ",".join(map(str, listed(value)))
     if kept is not None and text == STANDARD_INPUT:

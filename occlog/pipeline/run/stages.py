@@ -22,7 +22,7 @@ from occlog.request import Form, Request, Verb, Verbs, load
 from occlog.simulate.request import KINDS
 from occlog.track.catalogue import BOXES, METHODS, READS, VIEW
 
-from .stage import Stage
+from .stage import RunStage
 
 SOURCES = ("recording", "simulate", "ingest")
 OVERLAY = "overlay"
@@ -80,7 +80,7 @@ def read_config(path: Path, sources: tuple[str, ...] = SOURCES) -> Config:
     return Config(path, values, lines_of(path))
 
 
-def check_settings(config: Config, stage: Stage) -> None:
+def check_settings(config: Config, stage: RunStage) -> None:
     """Read the values of a stage as its command will, before any stage runs; InputError names the file's line."""
     if STANDARD_INPUT not in stage.texts():  # it can be read once
         with refused_in(config, stage.name):
@@ -114,7 +114,7 @@ def _place(config: Config, stage: str, keys: tuple[str, ...]) -> str:
     return config.at(*keys) if whole else config.at(stage, *keys)
 
 
-def plan(config: Config, folder: Path) -> Iterator[Stage]:
+def plan(config: Config, folder: Path) -> Iterator[RunStage]:
     """Iterate over the stages in order, with outputs in the run folder.
 
     The arguments of later stages depend on what the recording holds.  The first stage must therefore have
@@ -183,7 +183,9 @@ def _with_particles(config: Config, folder: Path, tracked: dict[str, Path]) -> t
     return replace(config, values={**config.values, "track": values}), tracked
 
 
-def _overlay(config: Config, folder: Path, recording: Path, tracks: Path, inputs: dict[str, object]) -> Iterator[Stage]:
+def _overlay(
+    config: Config, folder: Path, recording: Path, tracks: Path, inputs: dict[str, object]
+) -> Iterator[RunStage]:
     """The stage that draws tracks over the video of the recording; none where it is false, or there is no video."""
     if config.values.get(OVERLAY) is False:
         return
@@ -207,7 +209,7 @@ def _of_everybody(config: Config) -> bool:
 
 def _everybody(
     config: Config, folder: Path, recording: Path, out: dict[str, Path], scene: dict[str, object]
-) -> Iterator[Stage]:
+) -> Iterator[RunStage]:
     """Iterate over the stages after detection where everybody is followed, in the world and in the images."""
     found = {n: folder / f"{n}.parquet" for n in ("support", "events", "view_tracks")}
     yield _stage(config, "track", {"output": out["tracks"], **found}, (str(out["views"]),), scene)
@@ -240,7 +242,7 @@ def _has_video(config: Config, recording: Path) -> bool:
 
 def _priors(
     config: Config, folder: Path, recording: Path, out: dict[str, Path], scene: dict[str, object]
-) -> tuple[Stage, str]:
+) -> tuple[RunStage, str]:
     """Make the stage that finds moving occluders, and name the file that `track` reads: polygons if there are any."""
     values = config.stage("priors")
     kind = values.get("source", "hull")
@@ -278,7 +280,7 @@ def _held(recording: Path) -> tuple[bool, bool]:
     return opened.has(Truth), opened.has(TruthBoxes)
 
 
-def _report(config: Config, folder: Path, out: dict[str, Path], metrics: Path, inputs: dict[str, object]) -> Stage:
+def _report(config: Config, folder: Path, out: dict[str, Path], metrics: Path, inputs: dict[str, object]) -> RunStage:
     page = {"output": folder / "report.html", "png": folder / "report.png", "markdown": folder / "report.md"}
     names = ("bearings", "diagnostics", "errors", "bound")
     results = {n: str(out[n]) for n in names}
@@ -292,7 +294,7 @@ def _stage(
     arguments: tuple[str, ...],
     inputs: dict[str, object] | None = None,
     verb: str = "",
-) -> Stage:
+) -> RunStage:
     for key in outputs:
         if key in config.stage(name):
             raise InputError(f"{config.path}: {name}.{key}: outputs of a run lie in its folder; remove this key")
@@ -304,7 +306,7 @@ def _stage(
         keys = [entry.key for entry in form.entries() if entry.file is not None and entry.file.argument]
         given = dict(zip(keys, arguments, strict=False))
         seed = {"seed": config.values["seed"]} if "seed" in config.values and _takes(form, "seed") else {}
-        stage = Stage(name, form, {**given, **seed, **values}, names)
+        stage = RunStage(name, form, {**given, **seed, **values}, names)
         known = stage.keys()
     for key in stage.values:
         if key not in known:

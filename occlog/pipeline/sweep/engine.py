@@ -109,7 +109,7 @@ class Store:
                 self._opened.close()
 
 
-class Outcome(NamedTuple):
+class TrialOutcome(NamedTuple):
     """Result of a trial, or why there is none."""
 
     result: Result | None
@@ -171,12 +171,12 @@ def run_all(
     return [dict(kept.results[key]) for key in keys]
 
 
-def attempt(spec: Spec, run: Trial) -> Outcome:
+def attempt(spec: Spec, run: Trial) -> TrialOutcome:
     """Run a trial; an error in its description is returned, not raised."""
     try:
-        return Outcome(run(spec), None)
+        return TrialOutcome(run(spec), None)
     except OcclogError as error:
-        return Outcome(None, str(error))
+        return TrialOutcome(None, str(error))
 
 
 def describe(spec: Spec) -> str:
@@ -191,7 +191,7 @@ def _outcomes(
     run: Trial,
     jobs: Mapping[str, str],
     folder: Path | None,
-) -> Iterator[tuple[str, Outcome]]:
+) -> Iterator[tuple[str, TrialOutcome]]:
     executor = executor_of(min(workers, len(todo)), scheduler, jobs, folder)
     for key, found in executor.outcomes({key: dict(spec) for key, spec in todo.items()}, partial(attempt, run=run)):
-        yield key, Outcome(None, found.reason) if isinstance(found, Lost) else found
+        yield key, TrialOutcome(None, found.reason) if isinstance(found, Lost) else found

@@ -27,7 +27,7 @@ PRIOR_NUMBERS = ("sigma", "q")
 """Numbers of the part `priors`."""
 WHOLE = ("cameras", "skip")
 """Entries of a trial that are varied as a whole, not by `part.key`."""
-MOST_TRIALS = 1_000_000
+MAX_TRIALS = 1_000_000
 
 
 class SweepSpec(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
@@ -146,8 +146,8 @@ def _combined(spec: SweepSpec, scene: str) -> list[Setting]:
     count = len(cases) * spec.runs
     for axis in axes:
         count *= len(axis)
-    if count > MOST_TRIALS:
-        raise InputError(f"{count} trials, limit {MOST_TRIALS}; vary less or lower runs")
+    if count > MAX_TRIALS:
+        raise InputError(f"{count} trials, limit {MAX_TRIALS}; vary less or lower runs")
     found = []
     for case in cases:
         for combination in itertools.product(*axes):

@@ -17,7 +17,7 @@ from occlog.examine.diff.run import compare_files, stage_order
 from occlog.io.files.atomic import outputs_below
 from occlog.io.files.provenance import hash_file, installed_versions
 from occlog.pipeline.pack.archive import INPUTS, OUTPUTS, Manifest, take, unpack
-from occlog.pipeline.run.run import Step, do_stages, inside
+from occlog.pipeline.run.run import StageStep, do_stages, inside
 from occlog.pipeline.run.stage import files_of, places_of
 from occlog.pipeline.run.stages import check_settings, plan, read_config
 
@@ -97,7 +97,7 @@ def _add_inputs(archive: Path, manifest: Manifest, inputs: Path | None, folder: 
             take(inputs / file.path, folder / file.path, file)
 
 
-def _make_again(manifest: Manifest, folder: Path, made: Path, begin: Callable[[str], None]) -> list[Step]:
+def _make_again(manifest: Manifest, folder: Path, made: Path, begin: Callable[[str], None]) -> list[StageStep]:
     """Do all stages; InputError for a configuration that names files outside of the archive, or not all inside."""
     config = read_config(folder / INPUTS / manifest.config)
     unused = {(folder / INPUTS / file.path).resolve() for file in manifest.inputs} - {config.path.resolve()}

@@ -23,7 +23,7 @@ from occlog.records.tables import Tracks, Truth
 from occlog.report.content.model import ReportInput
 from occlog.report.request import PageRequest, RunComparisonRequest
 from occlog.report.run import read_input, write
-from occlog.runner import Done, Job
+from occlog.runner import Job, JobResult
 from occlog.settings import configure
 
 from .comparison.pairs import align_estimates, common_times, mutual_matches, pairs_of
@@ -132,7 +132,7 @@ def truth_of(files: Sequence[PageRequest], unit: str) -> tuple[Path, Truth] | No
     return None if first is None or not (first[1].role == "target").any() else first
 
 
-def run_beside(request: RunComparisonRequest, job: Job) -> Done:
+def run_beside(request: RunComparisonRequest, job: Job) -> JobResult:
     """Read both runs, lay them beside each other, write the page and its words.
 
     Raises:
@@ -163,7 +163,7 @@ def run_beside(request: RunComparisonRequest, job: Job) -> Done:
     for letter, side in found.sides:
         for stage, check in side.data.findings:
             job.note(f"{letter}: {check.severity}: {stage}: {check.text}")
-    return Done(summary_of(found, request))
+    return JobResult(summary_of(found, request))
 
 
 def align_runs(

@@ -16,7 +16,7 @@ from occlog.io.recording.writer import VIDEO_FRAME
 from occlog.records.losses import Loss
 from occlog.records.tables import Tracks
 from occlog.report.request import OverlayRequest
-from occlog.runner import Done, Job
+from occlog.runner import Job, JobResult
 from occlog.track.methods.images.run.inputs import other_video
 
 from .pictures import Pictures
@@ -29,7 +29,7 @@ def _previous_losses(asked: OverlayRequest) -> tuple[Loss, ...]:
     return tuple(dict.fromkeys((*found, *model_losses([asked.fundamental]))))
 
 
-def run_overlay(request: OverlayRequest, job: Job) -> Done:
+def run_overlay(request: OverlayRequest, job: Job) -> JobResult:
     """Draw, write the video and the picture; what they show, and which of their frames were lost."""
     asked = classify_inputs(request)
     _check(asked)
@@ -62,7 +62,7 @@ def run_overlay(request: OverlayRequest, job: Job) -> Done:
         _check_shown(asked, shown, png, pictures)
     if asked.png is not None:
         write_bytes(asked.png, png, job.overwrite)
-    return Done(_summary(asked, names, shown, rate, pictures), pictures.losses, _previous_losses(asked))
+    return JobResult(_summary(asked, names, shown, rate, pictures), pictures.losses, _previous_losses(asked))
 
 
 def _check(asked: OverlayRequest) -> None:

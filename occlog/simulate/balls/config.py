@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from occlog.settings import Settings, setting
 
-FAR = 1e6
+ORTHOGRAPHIC_DISTANCE_PX = 1e6
 """At this distance [px] places and sizes in an image of 320 px change by less than 0.03 px with depth."""
 MOTIONS = ("straight", "walk", "manoeuvre")
 """How balls may move: straight on at constant speed, by steps at random, or with accelerations at random."""
@@ -44,7 +44,7 @@ class BallsConfig(Settings):
         option="--views",
     )
     distance: float = setting(
-        FAR,
+        ORTHOGRAPHIC_DISTANCE_PX,
         "From the cameras to the middle of the box; near ones see sizes change.",
         unit="px",
         at_least=1,

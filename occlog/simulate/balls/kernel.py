@@ -18,7 +18,7 @@ AMBIENT = 0.62
 """Light on a ball that is turned away from the lamp; 1 where it faces it."""
 
 
-class View(NamedTuple):
+class RenderView(NamedTuple):
     """What the kernels need of a camera and its light."""
 
     focal: float  # [px]
@@ -37,7 +37,9 @@ class Skin(NamedTuple):
 
 
 @kernel
-def trace_balls_into(depth: Floats, label: Ints32, covered: Ints, centres: Floats, radius: float, view: View) -> None:
+def trace_balls_into(
+    depth: Floats, label: Ints32, covered: Ints, centres: Floats, radius: float, view: RenderView
+) -> None:
     """Find the nearest ball on every sight line.
 
     Args:
@@ -101,7 +103,7 @@ def paint_balls_into(
     centres: Floats,
     turns: Floats,
     radius: float,
-    view: View,
+    view: RenderView,
     skin: Skin,
 ) -> None:
     """Paint what `trace_balls_into` found and count the sight lines that end on each ball.
@@ -143,7 +145,7 @@ def paint_balls_into(
 
 
 @kernel
-def shade_ball_into(colour: Floats, x: float, y: float, z: float, turn: Floats, view: View, skin: Skin) -> None:
+def shade_ball_into(colour: Floats, x: float, y: float, z: float, turn: Floats, view: RenderView, skin: Skin) -> None:
     """Colour (3,) of a ball where its surface looks along (x, y, z)."""
     qx = turn[0, 0] * x + turn[1, 0] * y + turn[2, 0] * z
     qy = turn[0, 1] * x + turn[1, 1] * y + turn[2, 1] * z

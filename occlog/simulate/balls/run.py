@@ -18,7 +18,7 @@ from occlog.io.frames.writer import LosslessVideo
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.frames import Image
 from occlog.records.scene import Scene
-from occlog.runner import Done, Job
+from occlog.runner import Job, JobResult
 from occlog.settings import configure
 from occlog.simulate.config import START_NS, StoreConfig
 from occlog.simulate.render.surfaces import grey
@@ -69,7 +69,7 @@ def balls_videos(setup: BallsSetup, output: Path) -> dict[str, Path]:
     return {c.name: output.with_name(f"{output.stem}.{c.name}.avi") for c in setup.scene.cameras}
 
 
-def run_balls(request: BallsRequest, job: Job) -> Done:
+def run_balls(request: BallsRequest, job: Job) -> JobResult:
     """Write the recording and summarise what it holds."""
     setup, output, seed, overwrite = balls_setup(request), request.output, request.seed, job.overwrite
     videos = balls_videos(setup, output)
@@ -92,7 +92,7 @@ def run_balls(request: BallsRequest, job: Job) -> Done:
         "targets": setup.config.balls,
         "cameras": len(setup.scene.cameras),
     }
-    return Done(summary | {n: counts[n] for n in ("frames", "boxes", "hidden", "video_bytes")})
+    return JobResult(summary | {n: counts[n] for n in ("frames", "boxes", "hidden", "video_bytes")})
 
 
 def _made(setup: BallsSetup, job: Job, seed: int) -> Provenance:

@@ -25,7 +25,7 @@ from occlog.records.tables import Truth, TruthBoxes
 from occlog.simulate.render.surfaces import smooth_noise
 
 from .config import BallsConfig
-from .kernel import Skin, View, clear_balls, deliver_into, paint_balls_into, trace_balls_into
+from .kernel import RenderView, Skin, clear_balls, deliver_into, paint_balls_into, trace_balls_into
 from .motion import BallPaths, ball_box, ball_cameras, ball_ellipses, ball_paths
 
 PENTAGON = np.array([120.0, 60.0, 34.0])
@@ -53,7 +53,7 @@ class ViewCanvas(NamedTuple):
 
     number: int  # of the view
     camera: Camera
-    view: View  # its numbers, for the kernels
+    view: RenderView  # its numbers, for the kernels
     background: Floats32  # (H, W, 3)
 
 
@@ -178,7 +178,7 @@ def _first_or_second(faces: Floats) -> NDArray[np.bool_]:
 def _view_canvas(config: BallsConfig, seed: int, number: int, camera: Camera) -> ViewCanvas:
     lamp = LAMP / np.linalg.norm(LAMP)
     cx, cy = camera.principal_px.tolist()
-    view = View(float(camera.focal_px[0]), cx, cy, np.ascontiguousarray(camera.rotation.T @ lamp))
+    view = RenderView(float(camera.focal_px[0]), cx, cy, np.ascontiguousarray(camera.rotation.T @ lamp))
     return ViewCanvas(number, camera, view, _background(config, generator(seed, RandomStream.RENDER_CLOTHES, number)))
 
 

@@ -121,7 +121,7 @@ class Canvas(NamedTuple):
     last: Ints  # (1,) last stamp used
 
 
-class Drawn(NamedTuple):
+class RenderedFrame(NamedTuple):
     """A frame and what is in it."""
 
     image: Bytes  # (H, W, 3) BGR
@@ -174,7 +174,7 @@ def draw(
     sigmas: tuple[float, float],
     shadows: bool,
     rng: np.random.Generator,
-) -> Drawn:
+) -> RenderedFrame:
     """One frame.
 
     Args:
@@ -195,7 +195,7 @@ def draw(
     stretches = rng.integers(0, len(c.noise) - 3 * c.image.shape[1], (len(c.image), 2), endpoint=True)
     image = np.empty(c.image.shape, dtype=np.uint8)
     finish_into(image, c.image, c.noise, stretches, gain, *sigmas)
-    return Drawn(image, present, extent, visible)
+    return RenderedFrame(image, present, extent, visible)
 
 
 def _shadows(c: Canvas, rows: Floats, worn: Clothes) -> None:

@@ -32,7 +32,7 @@ from occlog.simulate.config import RenderConfig
 from occlog.simulate.world.scripted_paths import truth_grid
 
 from .body import STATURE, WALKING, Clothes, clothes_of, dress, walking
-from .frame import Canvas, Drawn, bare_canvas, canvas, draw
+from .frame import Canvas, RenderedFrame, bare_canvas, canvas, draw
 from .surfaces import lamps
 
 NOISE = 1 << 22
@@ -54,7 +54,7 @@ class Rendered:
     share: Floats  # visible share of each body that has a box
 
 
-class Shot(NamedTuple):
+class RenderJob(NamedTuple):
     """A frame that is to be drawn."""
 
     t_ns: int
@@ -96,7 +96,7 @@ def render(
     sigmas = (config.noise, config.colour_noise)
     start_ns: int | None = None
 
-    def render_shot(job: Shot) -> Rendered:
+    def render_shot(job: RenderJob) -> Rendered:
         rng = generator(seed, RandomStream.RENDER_SENSOR, numbers[job.number], job.frame)
         angle = 2 * np.pi * (job.t_ns - (start_ns or 0)) * 1e-9 / config.light_period_s + phase
         gain = 1.0 + config.light_drift * math.sin(angle)
@@ -151,17 +151,17 @@ def _clothes(ids: NDArray[np.int64], target: NDArray[np.bool_], config: RenderCo
     return clothes_of(worn)
 
 
-def _jobs(found: list[SensorFrames], ids: NDArray[np.int64], clothes: Clothes) -> list[Shot]:
+def _jobs(found: list[SensorFrames], ids: NDArray[np.int64], clothes: Clothes) -> list[RenderJob]:
     """The frames of a chunk, by time and then by camera."""
     jobs = [
-        Shot(int(t), number, look.first + k, look.xyz[k], ids, clothes)
+        RenderJob(int(t), number, look.first + k, look.xyz[k], ids, clothes)
         for number, look in enumerate(found)
         for k, t in enumerate(look.t_ns)
     ]
     return sorted(jobs, key=lambda job: (job.t_ns, job.number))
 
 
-def _rendered(camera: Camera, job: Shot, drawn: Drawn, config: RenderConfig) -> Rendered:
+def _rendered(camera: Camera, job: RenderJob, drawn: RenderedFrame, config: RenderConfig) -> Rendered:
     share = drawn.visible[:, 4] / np.maximum(drawn.extent[:, 4], 1)
     shown = (drawn.extent[:, 4] > 0) & (share >= config.min_visible)
     seen = shown & (drawn.visible[:, 4] > 0)
@@ -179,7 +179,9 @@ def _rendered(camera: Camera, job: Shot, drawn: Drawn, config: RenderConfig) -> 
     )
 
 
-def _boxes(camera: Camera, job: Shot, ids: NDArray[np.int64], pixels: NDArray[np.int64], share: Floats) -> TruthBoxes:
+def _boxes(
+    camera: Camera, job: RenderJob, ids: NDArray[np.int64], pixels: NDArray[np.int64], share: Floats
+) -> TruthBoxes:
     """Boxes around whole pixels; one empty row for a frame that shows nobody."""
     if not len(ids):
         ids, pixels, share = np.array([-1]), np.full((1, 5), -1), np.array([np.nan])

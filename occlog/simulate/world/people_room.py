@@ -36,7 +36,7 @@ from occlog.core.sight.camera import rotation_from_angles
 from occlog.errors import InputError
 from occlog.records.scene import Camera, Scene, camera_fov
 
-from .waypoints import Draws, Ground, WaypointMotion, WaypointState, move_into, place_free
+from .waypoints import Ground, WaypointMotion, WaypointNoise, WaypointState, move_into, place_free
 
 SIDE = 14.0
 """Of the square room [m]."""
@@ -169,7 +169,7 @@ def starting(world: WaypointState) -> AvoidingState:
 
 
 def walk_avoiding(
-    world: AvoidingState, ground: Ground, motion: WaypointMotion, rules: Avoidance, draws: Draws
+    world: AvoidingState, ground: Ground, motion: WaypointMotion, rules: Avoidance, draws: WaypointNoise
 ) -> tuple[AvoidingState, Floats]:
     """Move all objects by as many steps as there are draws.
 

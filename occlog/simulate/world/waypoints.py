@@ -235,7 +235,7 @@ class WaypointState(NamedTuple):
     step: int  # steps done
 
 
-class Draws(NamedTuple):
+class WaypointNoise(NamedTuple):
     """Random numbers for C steps of n objects."""
 
     noise: Floats  # (C, n, 2) standard normal
@@ -272,7 +272,7 @@ def _bounds(room: Floats) -> tuple[Floats, Floats]:
 
 
 def walk(
-    world: WaypointState, ground: Ground, motion: WaypointMotion, draws: Draws
+    world: WaypointState, ground: Ground, motion: WaypointMotion, draws: WaypointNoise
 ) -> tuple[WaypointState, Floats, Bools]:
     """Move all objects by as many steps as there are draws.
 

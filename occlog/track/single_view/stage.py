@@ -10,7 +10,7 @@ import numpy as np
 from occlog.array_types import Floats32, Ints
 from occlog.errors import PluginError
 from occlog.plugins.interface import BoxesInFrame, ViewTracker
-from occlog.plugins.loading import Plugin, said_by
+from occlog.plugins.loading import Plugin, plugin_errors
 from occlog.records.tables import Boxes, Views
 
 
@@ -42,7 +42,7 @@ class CameraTrackers:
         """
         if camera not in self._own:
             self._own[camera] = self._make(camera)
-        with said_by(self._plugin):
+        with plugin_errors(self._plugin):
             ids = self._own[camera].step(found)
         wrong = fault_of(ids, len(found.boxes))
         if wrong is not None:

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from occlog.papers.plots import EstimatedPath, Panel, Plan, draw_plan, plan_limits, plan_png
+from occlog.papers.plots import EstimatedPath, PlanFigure, PlanPanel, draw_plan, plan_limits, plan_png
 from occlog.papers.rahimi.example import sparse_scene
 from occlog.report.drawing import house_style
 
 
-def made_up(panels: int, far: float = 4.0) -> Plan:
+def made_up(panels: int, far: float = 4.0) -> PlanFigure:
     truth = np.column_stack([np.linspace(-3.0, 3.0, 20), np.zeros(20)])
     seen = np.arange(20) % 2 == 0
     own = tuple(
-        Panel(
+        PlanPanel(
             f"number {k}", truth, seen, (EstimatedPath("one", truth + 0.1), EstimatedPath("other", far * truth / 3.0))
         )
         for k in range(panels)
     )
-    return Plan("Title", "caption", sparse_scene(known_range=True), own)
+    return PlanFigure("Title", "caption", sparse_scene(known_range=True), own)
 
 
 def test_a_panel_for_each_drawing_and_one_legend() -> None:

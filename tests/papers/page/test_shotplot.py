@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.papers.page import Chart, Part, build_reproduction, picture_png
-from occlog.papers.plots import Line, Mark, Shot, Shots, bright, draw_shots, ends_of
+from occlog.papers.page import Chart, ExperimentPage, build_reproduction, picture_png
+from occlog.papers.plots import EpipolarLine, FigureImage, Mark, Shots, bright, draw_shots, ends_of
 
 
 def shots() -> Shots:
@@ -16,7 +16,7 @@ def shots() -> Shots:
         Mark(1, np.array([20.0, 8.0, 5.0, 4.0, 0.0]), good=False),
     )
     links = ((np.array([10.0, 8.0]), np.array([20.0, 8.0])),)
-    shot = Shot("frame 3", image, marks, links, (Line(0, np.array([0.0, 1.0, -8.0])),))
+    shot = FigureImage("frame 3", image, marks, links, (EpipolarLine(0, np.array([0.0, 1.0, -8.0])),))
     return Shots("Frames", "one frame", ("BMCT <1>", "MIPF"), ((shot, shot), (shot,)))
 
 
@@ -51,7 +51,7 @@ def test_the_page_holds_the_picture_and_says_what_it_shows() -> None:
     assert picture[:8] == b"\x89PNG\r\n\x1a\n"
     assert picture == picture_png(shots())
     chart = Chart("fig7", "What happens", "frame", "rate", [], "")
-    part = Part(chart, "2 runs.", [], [["series", "values"]], {"frames": shots()})
+    part = ExperimentPage(chart, "2 runs.", [], [["series", "values"]], {"frames": shots()})
     page = build_reproduction("A paper", [part], "Made by hand.")
     assert "Made by hand." in page
     assert 'src="data:image/png;base64,' in page

@@ -9,7 +9,7 @@ import pytest
 
 from occlog.core.metrics.mot.frame_pairs import Objects
 from occlog.errors import InputError
-from occlog.papers.qu.follow import Followed
+from occlog.papers.qu.follow import TrackerOutput
 from occlog.papers.qu.staged import SCENES, Staging, staged_paths, staging_of, video_of
 from occlog.papers.qu.trial import run_views_trial, views_spec, watched_figures, whereabouts
 from occlog.papers.qu.world import births_of, truth_of
@@ -107,7 +107,7 @@ def test_whereabouts_tell_own_other_and_none_apart_at_the_edge() -> None:
     x = np.array([10.0, 10.0 + 1e-9, 45.0, 50.0])
     frame, target = np.array([0, 1, 2, 0]), np.array([0, 0, 0, 1])
     zero = np.zeros(4, dtype=int)
-    followed = Followed(
+    followed = TrackerOutput(
         frame=frame,
         view=zero,
         target=target,

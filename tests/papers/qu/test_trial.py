@@ -12,7 +12,7 @@ from occlog.core.sight.fundamental import epipolar_distances, line_distances
 from occlog.errors import InputError, UsageError
 from occlog.papers.qu import follow
 from occlog.papers.qu import world as views_world
-from occlog.papers.qu.follow import Followed
+from occlog.papers.qu.follow import TrackerOutput
 from occlog.papers.qu.trial import alarms, on_own, run_views_trial, runner_of, scores, timeline, views_spec
 from occlog.papers.qu.world import births_of, boxes_of, geometry_of, truth_of
 from occlog.simulate.balls.config import BallsConfig
@@ -24,7 +24,7 @@ from occlog.track.methods.images.methods.step import initiate_trackers
 SMALL = {"frames": 6, "balls": 3, "radius": 9.0, "width": 80, "height": 64, "clutter": 0}
 
 
-def made_up(frames: int = 4, views: int = 2, targets: int = 2) -> tuple[Objects, np.ndarray, Followed]:
+def made_up(frames: int = 4, views: int = 2, targets: int = 2) -> tuple[Objects, np.ndarray, TrackerOutput]:
     """Targets 50 px apart that do not move, and trackers that sit on them."""
     ellipses = np.zeros((views, targets, 5))
     ellipses[..., 0] = 50.0 * np.arange(targets)
@@ -39,7 +39,7 @@ def made_up(frames: int = 4, views: int = 2, targets: int = 2) -> tuple[Objects,
     return (
         truth,
         radius,
-        Followed(
+        TrackerOutput(
             truth.frame,
             truth.view,
             truth.label,
@@ -54,7 +54,7 @@ def made_up(frames: int = 4, views: int = 2, targets: int = 2) -> tuple[Objects,
     )
 
 
-def moved(f: Followed, rows: np.ndarray, x: float) -> Followed:
+def moved(f: TrackerOutput, rows: np.ndarray, x: float) -> TrackerOutput:
     ellipse = f.ellipse.copy()
     ellipse[rows, 0] = x
     return f._replace(ellipse=ellipse)
@@ -98,7 +98,7 @@ def test_rows_of_own_targets_and_parts_of_the_video() -> None:
     np.testing.assert_array_equal(on_own(truth, f, radius), ~wrong)
     parts = timeline(truth, f, radius, 2)
     assert parts == {"off_0": 0.0, "off_1": 0.25, "off_end": 0.5}
-    gone = f._replace(**{n: getattr(f, n)[f.frame < 3] for n in Followed._fields[:7]})
+    gone = f._replace(**{n: getattr(f, n)[f.frame < 3] for n in TrackerOutput._fields[:7]})
     assert timeline(truth, gone, radius, 2)["off_end"] == 1.0
 
 

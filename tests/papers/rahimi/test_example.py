@@ -17,7 +17,7 @@ from occlog.papers.rahimi import results, search, trust
 from occlog.papers.rahimi import trial as sparse_trial
 from occlog.papers.rahimi.example import HALF, STEP_S, example, identified, reflected_path, sparse_scene
 from occlog.papers.rahimi.trial import Solved, consistency, errors, sightings, solve_problem, sparse_spec
-from occlog.papers.verdicts import Row, Size
+from occlog.papers.verdicts import PaperRow, Size
 from occlog.pipeline.sweep.engine import run_all
 from occlog.records.tables import Diagnostics, Tracks
 from occlog.settings import configure
@@ -221,10 +221,10 @@ def test_small_refinement() -> None:
 
 
 def test_false_bearings_are_judged_by_what_they_add() -> None:
-    clean = Row(trust.SQUARE, 0.0, (1.0, 2.0, 3.0))
-    worse = Row(trust.SQUARE, 10.0, (1.5, 3.0, 4.5))
-    robust = Row(trust.CAUCHY, 10.0, (1.1, 2.2, 3.3))
-    linear = Row(trust.LINEAR, 10.0, (2.1, 3.2, 4.4))
+    clean = PaperRow(trust.SQUARE, 0.0, (1.0, 2.0, 3.0))
+    worse = PaperRow(trust.SQUARE, 10.0, (1.5, 3.0, 4.5))
+    robust = PaperRow(trust.CAUCHY, 10.0, (1.1, 2.2, 3.3))
+    linear = PaperRow(trust.LINEAR, 10.0, (2.1, 3.2, 4.4))
     found = {x.id: x for x in trust.judge_false([clean, worse, robust, linear])}
     assert found["false-square"].verdict == v.NOT
     assert found["false-square"].measured == pytest.approx(0.5)
@@ -234,8 +234,8 @@ def test_false_bearings_are_judged_by_what_they_add() -> None:
 
 
 def test_a_covariance_with_a_large_error_bar_is_not_decided() -> None:
-    good = Row(trust.KNOWN, 8.0, tuple(np.linspace(1.0, 3.0, 50).tolist()))
-    tail = Row(trust.HESSIAN, math.nan, (*[2.0] * 49, 500.0))
+    good = PaperRow(trust.KNOWN, 8.0, tuple(np.linspace(1.0, 3.0, 50).tolist()))
+    tail = PaperRow(trust.HESSIAN, math.nan, (*[2.0] * 49, 500.0))
     found = {x.id: x for x in trust.judge_covariance([good, tail])}
     assert found["covariance-mode-hessian-distances-known-8s"].verdict == v.REPRODUCED
     assert found["covariance-mode-hessian-8s"].verdict == v.UNDECIDED

@@ -9,7 +9,7 @@ import pytest
 
 from occlog.papers import verdicts as v
 from occlog.papers.rahimi import walk
-from occlog.papers.verdicts import Row
+from occlog.papers.verdicts import PaperRow
 from occlog.records.tables import Bearings
 from occlog.simulate.config import ObserveConfig
 from occlog.simulate.sensors.cameras import observe
@@ -39,10 +39,10 @@ def test_a_walk_is_estimated_with_its_loop_the_right_way_round() -> None:
 
 
 def test_statements_follow_from_the_figures() -> None:
-    def rows(name: str, loop: float, legs: float, order: float, through: float) -> list[Row]:
+    def rows(name: str, loop: float, legs: float, order: float, through: float) -> list[PaperRow]:
         noise = 0.01 * np.sin(np.arange(50.0))
         values = (loop + noise, legs + 2.0 * noise, np.full(50, order), np.full(50, through))
-        return [Row(f"{name}, {k}", 0.0, tuple(x.tolist())) for k, x in zip(walk.FIGURES, values, strict=True)]
+        return [PaperRow(f"{name}, {k}", 0.0, tuple(x.tolist())) for k, x in zip(walk.FIGURES, values, strict=True)]
 
     good = [*rows(walk.FREE, 0.5, 2.0, 1.0, 1.0), *rows(walk.WALLED, 0.5, 1.0, 1.0, 0.0)]
     assert {x.verdict for x in walk.judge7(good)} == {v.REPRODUCED}

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from occlog.papers import verdicts as v
 from occlog.papers.catalogue import PAPERS, SOURCES
-from occlog.papers.verdicts import OWN, Source, attributed, exact, source_of
+from occlog.papers.verdicts import OWN, PaperSource, attributed, exact, source_of
 
-PLACES = {"fig3": Source("Fig. 3", "words", 7), "fig3-own": OWN}
+PLACES = {"fig3": PaperSource("Fig. 3", "words", 7), "fig3-own": OWN}
 
 
 def test_the_longest_beginning_of_an_id_counts_and_ends_at_a_hyphen() -> None:

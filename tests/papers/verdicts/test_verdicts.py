@@ -10,29 +10,38 @@ import pytest
 from occlog.papers import verdicts as v
 from occlog.papers.ercan.square import NEEDED, crossing, judge6, judge7, judge8, judge9, needed
 from occlog.papers.ercan.trial import KNOWN, NONE, PRIOR, WORST
-from occlog.papers.verdicts import Row, Verdict, errors_allowed, estimate, exact, power_of, sample, share_of
+from occlog.papers.verdicts import (
+    PaperRow,
+    StatementVerdict,
+    errors_allowed,
+    estimate,
+    exact,
+    power_of,
+    sample,
+    share_of,
+)
 
 NOISE = (-0.1, 0.0, 0.1)
 
 
-def row(series: str, x: float, mean: float, noise: tuple[float, ...] = NOISE, **extra: float) -> Row:
+def row(series: str, x: float, mean: float, noise: tuple[float, ...] = NOISE, **extra: float) -> PaperRow:
     each = {name: (value,) * len(noise) for name, value in extra.items()}
-    return Row(series, x, tuple(mean + e for e in noise), extra, each=each)
+    return PaperRow(series, x, tuple(mean + e for e in noise), extra, each=each)
 
 
-def by_id(verdicts: list[Verdict]) -> dict[str, Verdict]:
+def by_id(verdicts: list[StatementVerdict]) -> dict[str, StatementVerdict]:
     out = {x.id: x for x in verdicts}
     assert len(out) == len(verdicts), "ids are unique"
     return out
 
 
 def test_row_statistics() -> None:
-    r = Row("a", 1.0, (1.0, 2.0, 4.0))
+    r = PaperRow("a", 1.0, (1.0, 2.0, 4.0))
     assert r.mean == pytest.approx(7 / 3)
     assert r.sd == pytest.approx(math.sqrt(7 / 3))
     assert r.error == pytest.approx(r.sd / math.sqrt(3))
-    assert math.isnan(Row("a", 1.0, (1.0,)).error)
-    assert math.isnan(Row("a", 1.0, ()).mean)
+    assert math.isnan(PaperRow("a", 1.0, (1.0,)).error)
+    assert math.isnan(PaperRow("a", 1.0, ()).mean)
 
 
 @pytest.mark.parametrize(
@@ -55,17 +64,17 @@ def test_pairs(highs: tuple[float, ...], wanted: str) -> None:
 
 def test_nothing_is_decided_without_points_or_runs() -> None:
     assert v.pairs("p", "nothing", []).verdict == v.UNDECIDED
-    assert v.pairs("p", "one run", [(Row("a", 1, (1.0,)), Row("b", 1, (2.0,)))]).verdict == v.UNDECIDED
+    assert v.pairs("p", "one run", [(PaperRow("a", 1, (1.0,)), PaperRow("b", 1, (2.0,)))]).verdict == v.UNDECIDED
     assert v.number("n", "one run", 1.0, 1.0, math.nan, 1).verdict == v.UNDECIDED
     assert v.factor("f", "no row", 2.0, None, row("high", 1, 2.0)).verdict == v.UNDECIDED
 
 
 def test_pairs_of_equal_runs_are_compared_run_by_run() -> None:
     """A difference that is nearly the same in every run counts, however much the runs differ."""
-    low = Row("low", 1.0, (1.0, 10.0, 100.0))
-    high = Row("high", 1.0, (1.5, 10.6, 100.5))
+    low = PaperRow("low", 1.0, (1.0, 10.0, 100.0))
+    high = PaperRow("high", 1.0, (1.5, 10.6, 100.5))
     assert v.pairs("p", "", [(low, high)]).verdict == v.REPRODUCED
-    assert v.pairs("p", "", [(low, Row("high", 1.0, (1.5, 10.6)))]).verdict == v.UNDECIDED
+    assert v.pairs("p", "", [(low, PaperRow("high", 1.0, (1.5, 10.6)))]).verdict == v.UNDECIDED
 
 
 @pytest.mark.parametrize(("high", "wanted"), [(2.3, v.REPRODUCED), (1.8, v.IN_PART), (1.2, v.NOT)])
@@ -86,7 +95,7 @@ def test_fig6_as_the_paper_has_it_and_upside_down() -> None:
     found = by_id(judge6(table))
     assert {x.verdict for x in found.values()} == {v.REPRODUCED}
     swapped = {KNOWN: NONE, NONE: KNOWN}
-    wrong = [Row(swapped.get(r.series, r.series), r.x, r.values, r.extra) for r in table]
+    wrong = [PaperRow(swapped.get(r.series, r.series), r.x, r.values, r.extra) for r in table]
     found = by_id(judge6(wrong))
     assert found["fig6-order-known"].verdict == v.NOT
     assert found["fig6-variation"].verdict == v.NOT
@@ -99,7 +108,7 @@ def test_crossing_of_fig7() -> None:
     assert cross.x == pytest.approx(10 / 3)
     assert cross.mean == pytest.approx(10 / 3)
     assert crossing([row(PRIOR, 0.0, 2.0), row(PRIOR, 1.0, 3.0)]) is None
-    rows = [Row(r.series, r.x, 20 * r.values) for r in rows]
+    rows = [PaperRow(r.series, r.x, 20 * r.values) for r in rows]
     found = by_id(judge7([*rows, row(NONE, 21.4, 4.68, 20 * NOISE), row(WORST, math.nan, 21.4, 20 * NOISE)]))
     assert found["fig7-none-to-known"].verdict == v.REPRODUCED
     assert found["fig7-rises"].verdict == v.REPRODUCED
@@ -119,7 +128,7 @@ def test_priors_needed_for_fig8() -> None:
     falling = []
     for r in rising:
         none = 3.5 if r.x == 4 else 9.0
-        falling.append(Row(r.series, -r.x, r.values, {"rmse_none": none}, each={"rmse_none": (none, none)}))
+        falling.append(PaperRow(r.series, -r.x, r.values, {"rmse_none": none}, each={"rmse_none": (none, none)}))
     found = by_id(judge8([*falling, worst]))
     assert found["fig8-trade-off"].verdict == v.NOT
     assert found["fig8-no-priors"].verdict == v.IN_PART
@@ -163,7 +172,7 @@ def test_number_at_its_limits(measured: float, error: float, wanted: str) -> Non
 
 @pytest.mark.parametrize(("high", "wanted"), [(2.0, v.IN_PART), (1.999, v.NOT)])
 def test_half_of_the_excess_over_one_is_a_factor_in_part(high: float, wanted: str) -> None:
-    rows = (Row("low", 0.0, (1.0, 1.0)), Row("high", 0.0, (high, high)))
+    rows = (PaperRow("low", 0.0, (1.0, 1.0)), PaperRow("high", 0.0, (high, high)))
     assert v.factor("f", "factor", 3.0, *rows).verdict == wanted
 
 
@@ -174,8 +183,8 @@ def test_half_of_the_points_is_in_part() -> None:
 
 
 def test_open_points_leave_a_verdict_open_only_if_they_could_change_it() -> None:
-    held, failed = v.Point(exact(1.0), v.above(0.0)), v.Point(exact(-1.0), v.above(0.0))
-    unknown = v.Point(estimate(1.0, 1.0, 50), v.above(0.0))
+    held, failed = v.StatementPoint(exact(1.0), v.above(0.0)), v.StatementPoint(exact(-1.0), v.above(0.0))
+    unknown = v.StatementPoint(estimate(1.0, 1.0, 50), v.above(0.0))
     for points, wanted in (
         ([held, unknown], v.UNDECIDED),
         ([held, failed, held, unknown], v.IN_PART),
@@ -189,8 +198,8 @@ def test_open_points_leave_a_verdict_open_only_if_they_could_change_it() -> None
 
 @pytest.mark.parametrize(("gap", "wanted"), [(1.0, v.REPRODUCED), (1.001, v.NOT)])
 def test_close_means_within_one_standard_deviation(gap: float, wanted: str) -> None:
-    low = Row("low", 0.0, (0.0, 1.0, 2.0))
-    assert v.close("c", "equal", [(low, Row("high", 0.0, (gap, 1.0 + gap, 2.0 + gap)))]).verdict == wanted
+    low = PaperRow("low", 0.0, (0.0, 1.0, 2.0))
+    assert v.close("c", "equal", [(low, PaperRow("high", 0.0, (gap, 1.0 + gap, 2.0 + gap)))]).verdict == wanted
 
 
 def test_close_wants_a_small_error_bar() -> None:
@@ -198,7 +207,7 @@ def test_close_wants_a_small_error_bar() -> None:
     values = tuple(float(k % 2) for k in range(20))
     for wide, wanted in ((1.0, v.REPRODUCED), (2.0, v.REPRODUCED), (20.0, v.UNDECIDED)):
         other = tuple(x + wide * (1.0 if k % 4 < 2 else -1.0) for k, x in enumerate(values))
-        low, high = Row("low", 0.0, values), Row("high", 0.0, other)
+        low, high = PaperRow("low", 0.0, values), PaperRow("high", 0.0, other)
         limit = max(low.sd, high.sd)
         word = v.close("c", "equal", [(low, high)]).verdict
         assert word == (v.REPRODUCED if errors_allowed(20) * v.lower(low, high).measure.error <= limit else v.UNDECIDED)
@@ -208,10 +217,10 @@ def test_close_wants_a_small_error_bar() -> None:
 def test_a_difference_of_two_standard_errors_counts_and_one_below_does_not() -> None:
     n = 50
     unit = tuple(1.0 if k % 2 else -1.0 for k in range(n))
-    error = Row("", 0.0, unit).error * errors_allowed(n)
-    low = Row("low", 0.0, (0.0,) * n)
+    error = PaperRow("", 0.0, unit).error * errors_allowed(n)
+    low = PaperRow("low", 0.0, (0.0,) * n)
     for shift, wanted in ((1.001, v.REPRODUCED), (0.999, v.UNDECIDED), (-0.999, v.UNDECIDED), (-1.001, v.NOT)):
-        high = Row("high", 0.0, tuple(x + shift * error for x in unit))
+        high = PaperRow("high", 0.0, tuple(x + shift * error for x in unit))
         assert v.pairs("p", "below", [(low, high)]).verdict == wanted
 
 
@@ -220,7 +229,7 @@ def test_a_difference_that_is_known_to_be_small_is_none(gap: float, wanted: str)
     """The level is 1 and the error bar 0.001: below 2 % of the level there is no difference unless it is above 0."""
     n = 50
     noise = tuple(0.007 if k % 2 else -0.007 for k in range(n))
-    low, high = Row("low", 0.0, (1.0,) * n), Row("high", 0.0, tuple(1.0 + gap + x for x in noise))
+    low, high = PaperRow("low", 0.0, (1.0,) * n), PaperRow("high", 0.0, tuple(1.0 + gap + x for x in noise))
     found = v.pairs("p", "below", [(low, high)])
     assert found.verdict == (v.REPRODUCED if gap == 0.015 else wanted)
 
@@ -238,7 +247,7 @@ def test_shares_have_the_range_of_clopper_and_pearson(held: int, runs: int, low:
 
 
 def test_exponents_are_those_of_powers() -> None:
-    rows = [Row("", n, (3.0 * n**1.5, 2.0 * n**1.7)) for n in (2, 3, 4, 8)]
+    rows = [PaperRow("", n, (3.0 * n**1.5, 2.0 * n**1.7)) for n in (2, 3, 4, 8)]
     assert (power_of(rows).value, power_of(rows).error) == (pytest.approx(1.6), pytest.approx(0.1))
     assert math.isnan(power_of(rows[:1]).value)
 
@@ -260,8 +269,8 @@ def test_wrong_verdicts_are_rare_whatever_the_error_bar(runs: int, error: float)
         wrong["number, false"] += (
             v.stated("n", "", 1.0, sample(tuple((1.1001 + noise).tolist()))).verdict == v.REPRODUCED
         )
-        low, high = Row("", 0.0, (1.0,) * runs), Row("", 0.0, tuple((1.0 + noise).tolist()))
+        low, high = PaperRow("", 0.0, (1.0,) * runs), PaperRow("", 0.0, tuple((1.0 + noise).tolist()))
         wrong["pairs, false"] += v.pairs("p", "", [(low, high)]).verdict == v.REPRODUCED
-        better = Row("", 0.0, tuple((1.0 + v.NEGLIGIBLE * 1.02 + noise).tolist()))
+        better = PaperRow("", 0.0, tuple((1.0 + v.NEGLIGIBLE * 1.02 + noise).tolist()))
         wrong["pairs, true"] += v.pairs("p", "", [(low, better)]).verdict == v.NOT
     assert max(wrong.values()) <= 0.05 * trials, wrong

@@ -90,7 +90,7 @@ def test_a_recording_that_links_lead_to_counts_once(tmp_path: Path) -> None:
 
 def test_links_that_lead_back_are_followed_to_a_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two of them in one folder make 2 to the power of 40 paths."""
-    monkeypatch.setattr(batch_plan, "MOST_PATHS", 1_000)
+    monkeypatch.setattr(batch_plan, "MAX_PATHS", 1_000)
     (tmp_path / "h.mcap").write_bytes(b"")
     (tmp_path / "one").symlink_to(".")
     assert [source.name for source in sources_of([str(tmp_path / "**" / "*.mcap")])] == ["h"]

@@ -19,7 +19,7 @@ from occlog.io.files.atomic import write_bytes
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
 from occlog.pipeline.pack.archive import INPUTS, LOCK, MANIFEST, OUTPUTS, Manifest, lock_text
-from occlog.pipeline.run.stage import Stage
+from occlog.pipeline.run.stage import RunStage
 
 CONFIG = """
 occlog_run: 1
@@ -31,7 +31,7 @@ VALUES = {"rmse_m": 1.0}
 """What the evaluation of the stages below comes to."""
 
 
-def write_outputs(stage: Stage) -> int:
+def write_outputs(stage: RunStage) -> int:
     """A stage that is done at once; what the real ones make is tried in test_made_again."""
     if stage.name == "ingest":
         (output,) = stage.output_paths
@@ -225,7 +225,7 @@ def test_a_stage_may_write_nothing_outside_of_the_inputs(
     """Options of a stage name more outputs than those that a run has, and a configuration gives them any place."""
     places = [tmp_path / "out.parquet", Path("../../run/out.parquet"), Path("../../../out.parquet")]
 
-    def write_elsewhere(stage: Stage) -> int:
+    def write_elsewhere(stage: RunStage) -> int:
         write_bytes(places[0], b"")
         return 0
 

@@ -24,7 +24,7 @@ from occlog.io.recording.writer import RecordingWriter
 from occlog.pipeline.run import run as stages_in_order
 from occlog.pipeline.run import stage as run_inputs
 from occlog.pipeline.run.run import Digests, drop_empty, key_of, outcomes
-from occlog.pipeline.run.stage import Stage, files_of, name_of
+from occlog.pipeline.run.stage import RunStage, files_of, name_of
 from occlog.pipeline.run.stages import check_settings, plan, read_config
 from occlog.records.losses import Loss
 from occlog.records.tables import Particles, PeopleTracks, Tracks
@@ -442,7 +442,7 @@ def test_a_run_that_was_interrupted_in_its_first_stage_goes_on(
 ) -> None:
     out = config.parent / "out"
 
-    def interrupted(stage: Stage) -> int:
+    def interrupted(stage: RunStage) -> int:
         (Path(stage.output_paths[0]).parent / "bearings.parquet").write_bytes(b"whole")
         raise KeyboardInterrupt
 

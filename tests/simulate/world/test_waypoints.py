@@ -4,7 +4,7 @@ from scipy.spatial.distance import pdist
 from scipy.special import ive
 
 from occlog.core.plane import distance_to_boundary, inside_polygon, line_of_sight_blocked, pack_polygons, pockets
-from occlog.simulate.world.waypoints import CANDIDATES, Draws, Ground, WaypointMotion, populate, walk
+from occlog.simulate.world.waypoints import CANDIDATES, Ground, WaypointMotion, WaypointNoise, populate, walk
 
 SQUARE = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]])
 PILLAR = np.array([[40.0, 40.0], [60.0, 40.0], [60.0, 60.0], [40.0, 60.0]])
@@ -17,7 +17,9 @@ def ground(room, pillars=(), clearance=0.0):
 
 
 def draws(rng, steps, n):
-    return Draws(rng.standard_normal((steps, n, 2)), rng.random((steps, n)), rng.random((steps, n, CANDIDATES, 2)))
+    return WaypointNoise(
+        rng.standard_normal((steps, n, 2)), rng.random((steps, n)), rng.random((steps, n, CANDIDATES, 2))
+    )
 
 
 def run(floor, motion, n, steps, seed):
@@ -124,8 +126,8 @@ def test_walking_on_equals_walking_at_once():
     floor, rng = ground(SQUARE, [PILLAR]), np.random.default_rng(8)
     world, d = populate(10, floor, 3.33, rng), draws(rng, 60, 10)
     whole, path, _ = walk(world, floor, REFERENCE, d)
-    half, first, _ = walk(world, floor, REFERENCE, Draws(*(a[:25] for a in d)))
-    end, second, _ = walk(half, floor, REFERENCE, Draws(*(a[25:] for a in d)))
+    half, first, _ = walk(world, floor, REFERENCE, WaypointNoise(*(a[:25] for a in d)))
+    end, second, _ = walk(half, floor, REFERENCE, WaypointNoise(*(a[25:] for a in d)))
     assert (np.concatenate([first, second]) == path).all()
     assert (end.xy == whole.xy).all()
     assert end.step == whole.step == 60

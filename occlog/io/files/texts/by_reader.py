@@ -21,7 +21,7 @@ from occlog.errors import InputError, PluginError, UsageError, option
 from occlog.io.files.limits import STANDARD_INPUT, check_input
 from occlog.io.files.provenance import READERS_USED
 from occlog.plugins.interface import Reader
-from occlog.plugins.loading import READER, Chosen, Plugin, installed, said_by
+from occlog.plugins.loading import READER, Chosen, Plugin, installed, plugin_errors
 
 OURS = (
     *(".csv", ".tsv", ".txt", ".dat", ".gz", ".parquet", ".pq", ".arrow", ".feather", ".json", ".jsonl", ".xml"),
@@ -121,7 +121,7 @@ def text_of(path: Path, what: str) -> str | None:
 def _text(plugin: Plugin, values: tuple[tuple[str, object], ...], path: Path, state: tuple[int, int]) -> str:  # noqa: ARG001
     """The text of a file in a state."""
     columns = columns_of(Chosen(plugin, dict(values)), path)
-    with said_by(plugin):
+    with plugin_errors(plugin):
         return as_text(columns)
 
 
@@ -129,7 +129,7 @@ def columns_of(chosen: Chosen, path: Path) -> dict[str, NDArray[np.generic]]:
     """The columns that a reader finds in a file; errors as in `text_of`."""
     reader: Reader = chosen.make(UNIT)
     label = f"{path}: "
-    with said_by(chosen.plugin):
+    with plugin_errors(chosen.plugin):
         try:
             found = reader.read(path)
         except (ValueError, OSError) as error:

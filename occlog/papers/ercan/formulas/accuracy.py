@@ -9,7 +9,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.occlusion.priors import Priors, gaussian_priors
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, mean_of
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, mean_of
 
 from .blocking import FORMS, blocking
 
@@ -41,7 +41,7 @@ def fig17(size: Size, execute: Execute) -> Table:  # noqa: ARG001
             for k in TOLERANCES:
                 shares[name, k].append(float(np.mean(np.abs(q - counted) <= k * sigma)))
     return [
-        Row(name, k, tuple(values), {"draws": float(draws), "largest_error": worst[name]})
+        PaperRow(name, k, tuple(values), {"draws": float(draws), "largest_error": worst[name]})
         for (name, k), values in shares.items()
     ]
 
@@ -91,7 +91,7 @@ def _monte_carlo(places: Floats, priors: Priors, draws: int, rng: np.random.Gene
     return out
 
 
-def judge17(table: Table) -> list[Verdict]:
+def judge17(table: Table) -> list[StatementVerdict]:
     """Judge the statement about Fig. 17 that most of the places are within the tolerance."""
     out = []
     rule = f"more than {MOST:.0%} of the places; in part from half of that"

@@ -16,7 +16,17 @@ from occlog.core.occlusion.priors import Priors, gaussian_priors
 from occlog.core.sight.camera import noise_variance, planar_offsets
 from occlog.core.sight.visibility import in_view
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Measure, Row, Size, Table, Verdict, mean_of, sample
+from occlog.papers.verdicts import (
+    Execute,
+    Experiment,
+    Measure,
+    PaperRow,
+    Size,
+    StatementVerdict,
+    Table,
+    mean_of,
+    sample,
+)
 
 from ..trial import SQUARE, SQUARE_ORDER, Place
 from .blocking import QUADRATURE, blocking_all, patterns, seen_by_recursion, seen_exactly
@@ -51,7 +61,7 @@ def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
             **_cameras(rng, size.steps),
         }.items():
             rows.setdefault(key, []).append(value)
-    return [Row(name, x, tuple(values)) for (name, x), values in rows.items()]
+    return [PaperRow(name, x, tuple(values)) for (name, x), values in rows.items()]
 
 
 def _noise(rng: np.random.Generator, places: int) -> dict[tuple[str, float], float]:
@@ -138,13 +148,13 @@ def _error_of(xy: Floats, pair: tuple[int, int]) -> float:
     return math.sqrt(float(np.mean(np.trace(np.linalg.inv(information), axis1=1, axis2=2))))
 
 
-def judge(table: Table) -> list[Verdict]:
+def judge(table: Table) -> list[StatementVerdict]:
     """Judge the statements of Secs. 3.1, 4.2 and 6.1 and of App. B."""
     own = {row.series: row for row in table if math.isnan(row.x)}
     return [*_judge_noise(own), *_judge_occlusions(table, own), *_judge_cameras(own)]
 
 
-def _judge_noise(own: Mapping[str, Row]) -> list[Verdict]:
+def _judge_noise(own: Mapping[str, PaperRow]) -> list[StatementVerdict]:
     rule = f"within {SAME:.0%} of that of drawn cameras; in part within {2.0 * SAME:.0%}"
     near, fair = v.around(1.0, SAME), v.around(1.0, 2.0 * SAME)
     said = "is the variance that the calibration leaves, at the edge of the image: mean quotient."
@@ -161,7 +171,7 @@ def _judge_noise(own: Mapping[str, Row]) -> list[Verdict]:
     ]
 
 
-def _judge_occlusions(table: Table, own: Mapping[str, Row]) -> list[Verdict]:
+def _judge_occlusions(table: Table, own: Mapping[str, PaperRow]) -> list[StatementVerdict]:
     close, counts = mean_of(own[CLOSE_PAIR]), len(COUNTS)
     said = (
         f"Hidden from one of two cameras {APART:g} units apart, a place is more likely hidden from the other: mean, by."
@@ -181,7 +191,7 @@ def _judge_occlusions(table: Table, own: Mapping[str, Row]) -> list[Verdict]:
     return [*out, v.pairs("sec4.2-product", said, v.matched(table, RECURSION, INDEPENDENT))]
 
 
-def _judge_cameras(own: Mapping[str, Row]) -> list[Verdict]:
+def _judge_cameras(own: Mapping[str, PaperRow]) -> list[StatementVerdict]:
     covered: Measure = mean_of(own[VERTICES])
     said = f"Cameras on the vertices see more of the room ({covered.value:.0%}) than those on the edges: by this share."
     out = [v.pairs("sec6.1-vertices", said, [(own[EDGES], own[VERTICES])])]

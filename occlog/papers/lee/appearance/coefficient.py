@@ -7,7 +7,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.image import bhattacharyya, bias, density
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, mean_of
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, mean_of
 from occlog.pipeline.sweep.trial import Spec
 
 BINS = (8, 16, 32, 64, 128, 256)
@@ -87,13 +87,13 @@ def coefficients(size: Size, execute: Execute) -> Table:
     rows = []
     for m in BINS:
         for name, key in ((SAME, "same"), (FEW, "few")):
-            rows.append(Row(name, m, tuple(f[f"{key}-{m}"] for f in found)))
-            rows.append(Row(f"{name}{CLOSED}", m, tuple(f[f"{key}-closed-{m}"] for f in found)))
-        rows.append(Row(WITHOUT, m, tuple(f[f"same-{m}"] + 1.0 - f[f"same-closed-{m}"] for f in found)))
-        rows.append(Row(TWO, m, tuple(f[f"two-{m}"] for f in found)))
-    rows += [Row(MOVED, s, tuple(f[f"shift-{s:g}"] for f in found), plotted=False) for s in SHIFTS]
+            rows.append(PaperRow(name, m, tuple(f[f"{key}-{m}"] for f in found)))
+            rows.append(PaperRow(f"{name}{CLOSED}", m, tuple(f[f"{key}-closed-{m}"] for f in found)))
+        rows.append(PaperRow(WITHOUT, m, tuple(f[f"same-{m}"] + 1.0 - f[f"same-closed-{m}"] for f in found)))
+        rows.append(PaperRow(TWO, m, tuple(f[f"two-{m}"] for f in found)))
+    rows += [PaperRow(MOVED, s, tuple(f[f"shift-{s:g}"] for f in found), plotted=False) for s in SHIFTS]
     for name, key in ((LAYOUT, "layout"), (ORDER, "order"), (BEYOND, "beyond")):
-        rows.append(Row(name, 64, tuple(f[key] for f in found), plotted=False))
+        rows.append(PaperRow(name, 64, tuple(f[key] for f in found), plotted=False))
     return rows
 
 
@@ -101,7 +101,7 @@ EXACT = 1e-12
 """Differences up to this are rounding."""
 
 
-def judge_coefficients(table: Table) -> list[Verdict]:
+def judge_coefficients(table: Table) -> list[StatementVerdict]:
     """Judge the statements of the thesis about the coefficient, and this project's about its bias."""
     two = v.series(table, TWO)
     return [
@@ -137,14 +137,14 @@ def judge_coefficients(table: Table) -> list[Verdict]:
     ]
 
 
-def _nothing(table: Table, key: str, series: str, said: str, paper: float | None = None) -> Verdict:
+def _nothing(table: Table, key: str, series: str, said: str, paper: float | None = None) -> StatementVerdict:
     """Judge that something is 0 in every run, but for rounding."""
     row = v.find(table, series)
     most = max(row.values) if row is not None else float("nan")
     return v.fact(key, said, holds=most <= EXACT, measured=most, rule=f"at most {EXACT:g} in every run", paper=paper)
 
 
-def _biases(table: Table) -> list[Verdict]:
+def _biases(table: Table) -> list[StatementVerdict]:
     """Judge the closed form of the bias by how far below 1 histograms of one object are, and its correction."""
     out = []
     for series, name in ((SAME, "many"), (FEW, "few")):

@@ -12,8 +12,8 @@ from occlog.core.image import bins_of, colour_counts, corrected, density
 from occlog.core.metrics.ranking import area_under_curve, rank_one
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.papers import verdicts as v
-from occlog.papers.plots import Shot, Shots
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, sample
+from occlog.papers.plots import FigureImage, Shots
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, sample
 from occlog.pipeline.sweep.trial import Spec
 from occlog.records.scene import Camera
 from occlog.simulate.render.body import HAIR, SKIN, WALKING, Clothes
@@ -104,7 +104,7 @@ def heads(size: Size) -> Shots:
         one = Clothes(*(part[k : k + 1] for part in people))  # type: ignore[arg-type]
         rows.append(
             tuple(
-                Shot(
+                FigureImage(
                     f"n = {a + 1}, {180 * a // (ANGLES - 1)} deg",
                     head_image(canvas, one, a * step, 0.0, 1.0),
                     (),
@@ -233,7 +233,7 @@ def by_bins(size: Size, execute: Execute) -> Table:
     """Compute rank-1 and AUC against the number of bins; steps are candidates of each person and angle."""
     found = _run(size, execute)
     return [
-        Row(f"{words}, {name}", m, tuple(f[f"{key}-{kind}-bins-{m}"] for f in found))
+        PaperRow(f"{words}, {name}", m, tuple(f[f"{key}-{kind}-bins-{m}"] for f in found))
         for kind, words in KINDS.items()
         for key, name in (("rank1", "rank-1"), ("auc", "AUC"))
         for m in LEVELS.values()
@@ -247,8 +247,8 @@ def by_angles(size: Size, execute: Execute) -> Table:
     for kind, words in KINDS.items():
         for key, name in (("rank1", "rank-1"), ("auc", "AUC")):
             values = {n: tuple(f[f"{key}-{kind}-angles-{n}"] for f in found) for n in (0, *GALLERIES)}
-            rows += [Row(f"{words}, {name}", n, values[n]) for n in GALLERIES]
-            rows.append(Row(f"{words}, {name}, {POOLED}", math.nan, values[0]))
+            rows += [PaperRow(f"{words}, {name}", n, values[n]) for n in GALLERIES]
+            rows.append(PaperRow(f"{words}, {name}, {POOLED}", math.nan, values[0]))
     return rows
 
 
@@ -258,12 +258,14 @@ def by_suspension(size: Size, execute: Execute) -> Table:
     rows = []
     for kind, words in KINDS.items():
         for key, name in (("anyway", ANYWAY), ("suspended", SUSPENDED)):
-            rows += [Row(f"{words}, {name}", k, tuple(f[f"false-{kind}-{key}-{k}"] for f in found)) for k in KNOWN]
-        rows += [Row(f"{words}, {LEFT}", k, tuple(f[f"left-{kind}-{k}"] for f in found), plotted=False) for k in KNOWN]
+            rows += [PaperRow(f"{words}, {name}", k, tuple(f[f"false-{kind}-{key}-{k}"] for f in found)) for k in KNOWN]
+        rows += [
+            PaperRow(f"{words}, {LEFT}", k, tuple(f[f"left-{kind}-{k}"] for f in found), plotted=False) for k in KNOWN
+        ]
     return rows
 
 
-def judge_bins(table: Table) -> list[Verdict]:
+def judge_bins(table: Table) -> list[StatementVerdict]:
     """Judge that different people are separable and alike ones challenging."""
     out = []
     for name in ("rank-1", "AUC"):
@@ -277,7 +279,7 @@ def judge_bins(table: Table) -> list[Verdict]:
     return [*out, v.judge("separable", said, measured, v.at_least(0.9), v.at_least(0.7), rule=rule)]
 
 
-def judge_angles(table: Table) -> list[Verdict]:
+def judge_angles(table: Table) -> list[StatementVerdict]:
     """Judge that several angles are better than one front face, and (of this project) than all sides together."""
     out = []
     for kind, words in KINDS.items():
@@ -295,7 +297,7 @@ def judge_angles(table: Table) -> list[Verdict]:
     return out
 
 
-def judge_suspension(table: Table) -> list[Verdict]:
+def judge_suspension(table: Table) -> list[StatementVerdict]:
     """Judge that suspending avoids false decisions."""
     return [
         v.pairs(

@@ -10,7 +10,7 @@ from occlog.array_types import Floats
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.measure.appearance.sightings import expected_boxes
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, sample
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, sample
 from occlog.pipeline.sweep.trial import Spec
 from occlog.records.scene import Camera
 
@@ -113,16 +113,16 @@ def motions(size: Size, execute: Execute) -> Table:
         [{"kind": "lee-motion", "people": size.steps, "seed": size.seed, "run": r} for r in range(size.runs)]
     )
     rows = [
-        Row(f"moves {name}", number, tuple(f[f"{name}-{number}"] for f in found))
+        PaperRow(f"moves {name}", number, tuple(f[f"{name}-{number}"] for f in found))
         for name in PRINTED
         for number in PLACES
     ]
     for name, series in (("alike", "two who move alike"), ("apart", "two who move oppositely")):
-        rows.append(Row(series, math.nan, tuple(f[name] for f in found), plotted=False))
+        rows.append(PaperRow(series, math.nan, tuple(f[name] for f in found), plotted=False))
     return rows
 
 
-def judge_motions(table: Table) -> list[Verdict]:
+def judge_motions(table: Table) -> list[StatementVerdict]:
     """Judge what is seen of who moves north and north-east, and whether motion tells people apart."""
     out = []
     for name, figure in (("N", "5-8"), ("NE", "5-9")):
@@ -140,7 +140,7 @@ def judge_motions(table: Table) -> list[Verdict]:
     return [*out, v.pairs("motion-apart", said, pairs)]
 
 
-def _share(key: str, said: str, row: Row | None) -> Verdict:
+def _share(key: str, said: str, row: PaperRow | None) -> StatementVerdict:
     """Judge that a share is 1: at least .99 is reproduced, at least .5 in part."""
     measured = sample(() if row is None else row.values)
     rule = "a share of at least .99; in part from .5 on"

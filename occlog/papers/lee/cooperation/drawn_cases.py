@@ -19,7 +19,17 @@ from numpy.random import Generator
 
 from occlog.array_types import NS, Floats
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Measure, Row, Size, Table, Verdict, exact, share_of
+from occlog.papers.verdicts import (
+    Execute,
+    Experiment,
+    Measure,
+    PaperRow,
+    Size,
+    StatementVerdict,
+    Table,
+    exact,
+    share_of,
+)
 from occlog.pipeline.sweep.trial import Spec
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.scans.grouping import Scan
@@ -52,7 +62,7 @@ PERFORMANCE = ("bearing", "ellipse")
 """Causes of requests by (3.15) and (3.16)."""
 
 
-class Change(NamedTuple):
+class HearingChange(NamedTuple):
     """A case of Fig. 3-8: who is heard before a moment and from it on; those in brackets are heard as one."""
 
     what: str
@@ -63,11 +73,17 @@ class Change(NamedTuple):
 
 
 CHANGES = {
-    "b": Change("object 4 comes in, object 3 falls silent", ((1,), (2,), (3,)), ((1,), (2,), (4,)), (4,)),
-    "c": Change("object 4 comes in, object 3 goes out", ((1,), (2,), (3,)), ((1,), (2,), (4,)), (3, 4)),
-    "d": Change("object 4 comes in, 2 and 3 are heard as one", ((1,), (2,), (3,)), ((1,), (2, 3), (4,)), (4,), (2, 3)),
-    "e": Change("3 and 4 are heard apart, object 1 falls silent", ((1,), (2,), (3, 4)), ((2,), (3,), (4,)), (), (3, 4)),
-    "f": Change("3 and 4 are heard apart, object 1 goes out", ((1,), (2,), (3, 4)), ((2,), (3,), (4,)), (1,), (3, 4)),
+    "b": HearingChange("object 4 comes in, object 3 falls silent", ((1,), (2,), (3,)), ((1,), (2,), (4,)), (4,)),
+    "c": HearingChange("object 4 comes in, object 3 goes out", ((1,), (2,), (3,)), ((1,), (2,), (4,)), (3, 4)),
+    "d": HearingChange(
+        "object 4 comes in, 2 and 3 are heard as one", ((1,), (2,), (3,)), ((1,), (2, 3), (4,)), (4,), (2, 3)
+    ),
+    "e": HearingChange(
+        "3 and 4 are heard apart, object 1 falls silent", ((1,), (2,), (3, 4)), ((2,), (3,), (4,)), (), (3, 4)
+    ),
+    "f": HearingChange(
+        "3 and 4 are heard apart, object 1 goes out", ((1,), (2,), (3, 4)), ((2,), (3,), (4,)), (1,), (3, 4)
+    ),
 }
 
 
@@ -106,7 +122,7 @@ def change_trial(spec: Spec) -> dict[str, float]:
     }
 
 
-def _objects(case: Change, rng: Generator) -> tuple[Floats, Floats]:
+def _objects(case: HearingChange, rng: Generator) -> tuple[Floats, Floats]:
     """Draw places (4, 2) [m] at first and velocities (4, 2) [m/s] so that the sketch holds when the change comes."""
     while True:
         angle = rng.uniform(-math.pi, math.pi, 4)
@@ -154,7 +170,7 @@ def changes(size: Size, execute: Execute) -> Table:
     for n in range(len(CHANGES)):
         own = results[n * size.runs : (n + 1) * size.runs]
         for name, title in TITLES.items():
-            rows.append(Row(title, n + 2.0, tuple(r[name] for r in own)))
+            rows.append(PaperRow(title, n + 2.0, tuple(r[name] for r in own)))
     return rows
 
 
@@ -168,7 +184,7 @@ TITLES = {
 }
 
 
-def judge_changes(table: Table) -> list[Verdict]:
+def judge_changes(table: Table) -> list[StatementVerdict]:
     """Judge for each case that (3.14) does not fire, and that the estimation's performance does."""
     out = []
     for n, (letter, case) in enumerate(CHANGES.items()):
@@ -238,11 +254,11 @@ def sketches(size: Size, execute: Execute) -> Table:
     for n, figure in enumerate(SKETCHES):
         own = results[n * size.runs : (n + 1) * size.runs]
         x = float(figure.split(".")[1])
-        rows += [Row(title, x, tuple(r[name] for r in own)) for name, title in CONDITIONS.items()]
+        rows += [PaperRow(title, x, tuple(r[name] for r in own)) for name, title in CONDITIONS.items()]
     return rows
 
 
-def judge_sketches(table: Table) -> list[Verdict]:
+def judge_sketches(table: Table) -> list[StatementVerdict]:
     """Judge that each of (3.15) and (3.16) fires where the text says so, and not where it says that it does not."""
     out = []
     for figure, case in SKETCHES.items():
@@ -257,7 +273,7 @@ def judge_sketches(table: Table) -> list[Verdict]:
     return out
 
 
-def _always(key: str, said: str, share: Measure) -> Verdict:
+def _always(key: str, said: str, share: Measure) -> StatementVerdict:
     rule = f"share of at least {CERTAIN:g}; in part from 0.5"
     return v.judge(key, said, share, v.at_least(CERTAIN), v.at_least(0.5), rule=rule)
 

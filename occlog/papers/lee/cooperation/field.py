@@ -14,10 +14,10 @@ from occlog.papers.verdicts import (
     Execute,
     Experiment,
     Measure,
-    Row,
+    PaperRow,
     Size,
+    StatementVerdict,
     Table,
-    Verdict,
     bootstrapped,
     mean_of,
     sample,
@@ -72,13 +72,15 @@ def by_variance(size: Size, execute: Execute) -> Table:
     for name in FORMS:
         for x in VARIANCES:
             own = list(islice(results, size.runs))
-            rows.append(Row(f"{MEAN}, {name}", x, tuple(r["rmse"] for r in own)))
+            rows.append(PaperRow(f"{MEAN}, {name}", x, tuple(r["rmse"] for r in own)))
             if name == THESIS:
-                rows += [Row(f"object {k}", x, tuple(r[f"rmse_{k}"] for r in own), plotted=False) for k in LARGEST_RMS]
+                rows += [
+                    PaperRow(f"object {k}", x, tuple(r[f"rmse_{k}"] for r in own), plotted=False) for k in LARGEST_RMS
+                ]
     return rows
 
 
-def judge_variance(table: Table) -> list[Verdict]:
+def judge_variance(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 3-4."""
     out = []
     for name, key in FORMS.items():
@@ -125,7 +127,7 @@ def trials(
         extra |= {f"frames_{k}": r["frames"] for k, r in enumerate(own)}
         each = {f"alone_{c}": tuple(r[f"alone_{c}"] for r in own) for c in CONDITIONS}
         place = extra["frames"] if math.isnan(x) else x
-        rows.append(Row(series, place, tuple(r["rmse"] for r in own), extra, each=each))
+        rows.append(PaperRow(series, place, tuple(r["rmse"] for r in own), extra, each=each))
     return rows
 
 
@@ -143,7 +145,7 @@ def by_period(size: Size, execute: Execute) -> Table:
     return trials(size, execute, points, scene="open", variance=LARGEST)
 
 
-def judge_period(table: Table) -> list[Verdict]:
+def judge_period(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 3-6."""
     out = []
     for name, key in FORMS.items():
@@ -166,7 +168,7 @@ def by_policy(size: Size, execute: Execute) -> Table:
     return trials(size, execute, points)
 
 
-def judge_policy(table: Table) -> list[Verdict]:
+def judge_policy(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 3-14, and whether each policy is cheaper than a period."""
     out = []
     none = v.find(table, f"{NONE}, {THESIS}")
@@ -189,14 +191,14 @@ def judge_policy(table: Table) -> list[Verdict]:
     return out
 
 
-def _cheaper(key: str, which: str, row: Row, period: list[Row]) -> Verdict:
+def _cheaper(key: str, which: str, row: PaperRow, period: list[PaperRow]) -> StatementVerdict:
     """Judge by bootstrap over the runs whether a policy asks for fewer frames than the period of equal error."""
     said = f"Asks for fewer frames than the period of equal error: {which}; frames saved."
     rule = "above 0 (bootstrap over runs)"
     return v.judge(key, said, saved_frames(row, period), v.above(0.0), rule=rule)
 
 
-def saved_frames(row: Row, period: list[Row]) -> Measure:
+def saved_frames(row: PaperRow, period: list[PaperRow]) -> Measure:
     """Return the frames of the period of equal error less those of a policy; NaN: no period has such an error.
 
     A bootstrap sample takes the same runs of the policy and of all periods.
@@ -210,7 +212,7 @@ def saved_frames(row: Row, period: list[Row]) -> Measure:
     return bootstrapped(row.runs, saved, RESAMPLES)
 
 
-def _frames(row: Row) -> Floats:
+def _frames(row: PaperRow) -> Floats:
     return np.array([row.extra[f"frames_{k}"] for k in range(row.runs)])
 
 
@@ -233,12 +235,12 @@ def by_object(size: Size, execute: Execute) -> Table:
     for n, (name, _) in enumerate(ways):
         own = results[n * size.runs : (n + 1) * size.runs]
         extra = {f: _mean([r[f] for r in own]) for f in FIGURES}
-        rows += [Row(name, float(k), tuple(r[f"rmse_{k}"] for r in own if f"rmse_{k}" in r), extra) for k in TABLE]
+        rows += [PaperRow(name, float(k), tuple(r[f"rmse_{k}"] for r in own if f"rmse_{k}" in r), extra) for k in TABLE]
     asked = tuple(size.steps / r["requests"] for r in results[size.runs :] if r["requests"])
-    return [*rows, Row(STEPS_BETWEEN, math.nan, asked, plotted=False)]
+    return [*rows, PaperRow(STEPS_BETWEEN, math.nan, asked, plotted=False)]
 
 
-def judge_object(table: Table) -> list[Verdict]:
+def judge_object(table: Table) -> list[StatementVerdict]:
     """Judge the numbers of Table 3.1."""
     out = []
     for n, (name, text) in enumerate(((NONE, "without cameras"), (PRINTED, "with the printed triggers"))):

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table
 from occlog.pipeline.sweep.trial import Spec
 
 from .environments import environment
@@ -55,7 +55,7 @@ def errors(size: Size, execute: Execute) -> Table:
     runs = range(size.runs)
     places = execute([{"what": "places", "paper": "lee322", "seed": size.seed, "run": r} for r in runs])
     rows = [
-        Row(way, spread, tuple(p[f"{way}_{spread:g}"] for p in places))
+        PaperRow(way, spread, tuple(p[f"{way}_{spread:g}"] for p in places))
         for way in (REFERENCE, *PROJECTIONS, LINES)
         for spread in SPREADS
     ]
@@ -69,11 +69,11 @@ def errors(size: Size, execute: Execute) -> Table:
     for n, way in enumerate(ways):
         own = results[n * size.runs : (n + 1) * size.runs]
         extra = {"frames": math.fsum(r["frames"] for r in own) / size.runs}
-        rows.append(Row(f"{TRACK}, {way}", math.nan, tuple(r["rmse"] for r in own), extra, plotted=False))
+        rows.append(PaperRow(f"{TRACK}, {way}", math.nan, tuple(r["rmse"] for r in own), extra, plotted=False))
     return rows
 
 
-def judge_errors(table: Table) -> list[Verdict]:
+def judge_errors(table: Table) -> list[StatementVerdict]:
     """Judge what the thesis says of the model, and how it compares with sight lines."""
     pairs = [
         ("sec3.2.2-improves", "Eq. 5.39 improves the reference: median lower by [m].", ONCE, REFERENCE),

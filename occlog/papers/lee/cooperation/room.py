@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, mean_of
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, mean_of
 from occlog.pipeline.sweep.trial import Spec
 
 from .trial import BIN, cooperation_spec, cooperation_trial
@@ -29,7 +29,7 @@ def shares(first: int, last: int) -> Callable[[Size, Execute], Table]:
                 results = execute(_specs(size, a, way))
                 for n in range(first // BIN, min(last, size.steps) // BIN):
                     values = tuple(r[f"share_{n}"] for r in results)
-                    table.append(Row(f"{name}, {way}", (n + 0.5) * BIN / RATE, values))
+                    table.append(PaperRow(f"{name}, {way}", (n + 0.5) * BIN / RATE, values))
         return table
 
     return compute
@@ -50,23 +50,23 @@ def finals(size: Size, execute: Execute) -> Table:
             for k in (1, 2, 3):
                 values = tuple(r[f"final_{k}"] for r in results if f"final_{k}" in r)
                 if values and not any(math.isnan(x) for x in values):
-                    table.append(Row(f"{name}, {way}", float(k), values))
+                    table.append(PaperRow(f"{name}, {way}", float(k), values))
     return table
 
 
-def _average(table: Table, series: str, since: float, until: float) -> Row | None:
+def _average(table: Table, series: str, since: float, until: float) -> PaperRow | None:
     """Return a row of the means over a stretch of time, run by run; None without points in it."""
     rows = [r for r in v.series(table, series) if since <= r.x < until]
     if not rows:
         return None
     values = tuple(math.fsum(x) / len(x) for x in zip(*(r.values for r in rows), strict=True))
-    return Row(series, 0.5 * (since + until), values)
+    return PaperRow(series, 0.5 * (since + until), values)
 
 
-def judge_shares(key: str, since: float, until: float) -> Callable[[Table], list[Verdict]]:
+def judge_shares(key: str, since: float, until: float) -> Callable[[Table], list[StatementVerdict]]:
     """Make the judge of the statement that cameras are asked less often if their answers are used."""
 
-    def judge(table: Table) -> list[Verdict]:
+    def judge(table: Table) -> list[StatementVerdict]:
         out = []
         for name in NAMES:
             used, left = (_average(table, f"{name}, {way}", since, until) for way in (WITH, WITHOUT))
@@ -78,7 +78,7 @@ def judge_shares(key: str, since: float, until: float) -> Callable[[Table], list
     return judge
 
 
-def judge_silence(table: Table) -> list[Verdict]:
+def judge_silence(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 3-19: that of `judge_shares`, and that silence makes A1 ask."""
     out = judge_shares("fig3.19", 7.0, 11.0)(table)
     row = _average(table, f"A1, {WITH}", 5.0, 7.0)
@@ -88,12 +88,12 @@ def judge_silence(table: Table) -> list[Verdict]:
     return out
 
 
-def _certain(key: str, said: str, row: Row) -> Verdict:
+def _certain(key: str, said: str, row: PaperRow) -> StatementVerdict:
     rule = f"share of at least {CERTAIN:g}; in part from 0.5"
     return v.judge(key, said, mean_of(row), v.at_least(CERTAIN), v.at_least(0.5), rule=rule)
 
 
-def judge_final(table: Table) -> list[Verdict]:
+def judge_final(table: Table) -> list[StatementVerdict]:
     """Judge the statement of Fig. 3-21 that with cameras the last positions are nearer to the truth."""
     out = []
     for name in NAMES:
@@ -109,7 +109,9 @@ NOTE = (
 )
 
 
-def _figure(item: str, title: str, first: int, last: int, judge: Callable[[Table], list[Verdict]]) -> Experiment:
+def _figure(
+    item: str, title: str, first: int, last: int, judge: Callable[[Table], list[StatementVerdict]]
+) -> Experiment:
     return Experiment(
         item=item,
         title=title,

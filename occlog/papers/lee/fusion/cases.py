@@ -13,7 +13,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats
 from occlog.measure.fuse.kernels import EDGE, decision_value, fused_position, prior_present, quality, weighted_value
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, exact, sample
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, exact, sample
 from occlog.pipeline.sweep.trial import Spec
 
 SENSORS = 6
@@ -86,11 +86,11 @@ def curves(size: Size, execute: Execute) -> Table:
         own = results[i * size.runs : (i + 1) * size.runs]
         for key, name in RULES.items():
             # Of the fifteen curves the plot has the five of the printed rule; the others are in the table.
-            rows.append(Row(f"N = {n}, {name}", x, tuple(r[key] for r in own), plotted=key == "printed"))
+            rows.append(PaperRow(f"N = {n}, {name}", x, tuple(r[key] for r in own), plotted=key == "printed"))
     return rows
 
 
-def judge_curves(table: Table) -> list[Verdict]:
+def judge_curves(table: Table) -> list[StatementVerdict]:
     """Judge the printed thresholds and crossings, under each rule."""
     out = []
     for n, limits in PRINTED.items():
@@ -108,7 +108,7 @@ def judge_curves(table: Table) -> list[Verdict]:
     return out
 
 
-def _threshold(key: str, said: str, limit: float, rows: list[Row], level: float) -> Verdict:
+def _threshold(key: str, said: str, limit: float, rows: list[PaperRow], level: float) -> StatementVerdict:
     """Judge at which variance the share declared falls below a level, by linear interpolation, run by run."""
     n = min((r.runs for r in rows), default=0)
     crossings = [_crossing([(r.x, r.values[k]) for r in rows], level) for k in range(n)]
@@ -128,7 +128,7 @@ def _crossing(curve: list[tuple[float, float]], level: float) -> float | None:
     return None
 
 
-class Case(NamedTuple):
+class FusionCase(NamedTuple):
     """A case study of Sec. 4.4.2 with its printed results."""
 
     detections: Floats  # (3, 2), NaN where missed
@@ -143,7 +143,7 @@ class Case(NamedTuple):
 
 NOTHING = (math.nan, math.nan)
 CASES = {
-    "case1": Case(
+    "case1": FusionCase(
         detections=np.array([NOTHING, (5.2, 5.2), (4.9, 5.0)]),
         predicted=(5.0, 5.0),
         qualities={1: 0.9608, 2: 0.9950},
@@ -152,7 +152,7 @@ CASES = {
         value=2.78,
         declared=True,
     ),
-    "case2": Case(
+    "case2": FusionCase(
         detections=np.array([(13.0, 7.0), (15.2, 7.4), (15.8, 6.9)]),
         predicted=(13.1, 7.0),
         qualities={0: 0.9950, 1: 0.1018, 2: 0.026},
@@ -161,7 +161,7 @@ CASES = {
         value=0.13,
         declared=True,
     ),
-    "case3": Case(
+    "case3": FusionCase(
         detections=np.array([(7.3, 5.1), (7.1, 6.3), NOTHING]),
         predicted=(4.9, 3.4),
         qualities={0: 0.0132, 1: 0.0013},
@@ -185,14 +185,14 @@ def case(name: str, size: Size, execute: Execute) -> Table:  # noqa: ARG001
     detected = np.isfinite(weight)
     # The decision is computed from the printed W and P_1, since errors in these are statements of their own.
     printed = np.array([[c.qualities.get(j, math.nan) for j in range(len(c.detections))]])
-    rows = [Row("quality", j + 1.0, (float(weight[0, j]),)) for j in c.qualities]
+    rows = [PaperRow("quality", j + 1.0, (float(weight[0, j]),)) for j in c.qualities]
     rows += [
-        Row("x", 0.0, (float(xy[0, 0]),)),
-        Row("y", 0.0, (float(xy[0, 1]),)),
-        Row("prior", 0.0, (float(prior[0]),)),
+        PaperRow("x", 0.0, (float(xy[0, 0]),)),
+        PaperRow("y", 0.0, (float(xy[0, 1]),)),
+        PaperRow("prior", 0.0, (float(prior[0]),)),
     ]
     rows.append(
-        Row(
+        PaperRow(
             ITEMS[4],
             0.0,
             (
@@ -204,16 +204,16 @@ def case(name: str, size: Size, execute: Execute) -> Table:  # noqa: ARG001
             ),
         )
     )
-    rows.append(Row(ITEMS[5], 0.0, (float(decision_value_of_case_studies(detected, printed, c.prior)[0]),)))
+    rows.append(PaperRow(ITEMS[5], 0.0, (float(decision_value_of_case_studies(detected, printed, c.prior)[0]),)))
     # Eq. 4.3 is Eq. 4.13 with every W at 1/2.
     plain = decision_value(
         detected, qualities=np.full(detected.shape, 0.5), prior=0.5, p_miss=CHANCE, p_false=CHANCE, base=10.0
     )
-    rows.append(Row(ITEMS[6], 0.0, (float(plain[0]),)))
+    rows.append(PaperRow(ITEMS[6], 0.0, (float(plain[0]),)))
     return rows
 
 
-def judge_case(name: str, table: Table) -> list[Verdict]:
+def judge_case(name: str, table: Table) -> list[StatementVerdict]:
     """Judge each printed number of a case study."""
     c = CASES[name]
     out = [
@@ -243,7 +243,7 @@ def judge_case(name: str, table: Table) -> list[Verdict]:
 
 def _case(name: str, title: str) -> Experiment:
     compute: Callable[[Size, Execute], Table] = partial(case, name)
-    judge: Callable[[Table], list[Verdict]] = partial(judge_case, name)
+    judge: Callable[[Table], list[StatementVerdict]] = partial(judge_case, name)
     return Experiment(
         item=name,
         title=title,

@@ -16,7 +16,7 @@ from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.fuse.stage import fuse
 from occlog.papers import verdicts as v
 from occlog.papers.ercan.trial import SQUARE_ORDER, names, square_room
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table
 from occlog.pipeline.sweep.trial import Spec, errors_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Tracks, Truth, Views
@@ -116,14 +116,14 @@ def rates(size: Size, execute: Execute) -> Table:
         extra["nees_recovered"] = math.fsum(r["nees_recovered"] for r in own) / size.runs
         for key, what in RATES.items():
             for when in ("before", "after"):
-                rows.append(Row(f"{n}, {what}, {when}", x, tuple(r[f"{key}_{when}"] for r in own), extra))
+                rows.append(PaperRow(f"{n}, {what}, {when}", x, tuple(r[f"{key}_{when}"] for r in own), extra))
     return rows
 
 
 def errors(size: Size, execute: Execute) -> Table:
     """Compute the RMSE of the auxiliary particle filter against the probability of a false report."""
     return [
-        Row(f"{n}, {what}", x, tuple(r[key] for r in own))
+        PaperRow(f"{n}, {what}", x, tuple(r[key] for r in own))
         for n, x, own in _done(size, execute, track=True)
         for key, what in TRACKED.items()
     ]
@@ -152,7 +152,7 @@ def _spec(size: Size, run: int, cameras: int, false: float, track: bool) -> Spec
     }
 
 
-def judge_rates(table: Table) -> list[Verdict]:
+def judge_rates(table: Table) -> list[StatementVerdict]:
     """Judge the statements of the thesis about the fusion."""
     missed = "Missed detections are recovered: detection rate higher by this"
     false = "False detections do not spread: fewer false reports a frame, by this"
@@ -162,7 +162,7 @@ def judge_rates(table: Table) -> list[Verdict]:
     ]
 
 
-def judge_errors(table: Table) -> list[Verdict]:
+def judge_errors(table: Table) -> list[StatementVerdict]:
     """Judge this project's statements about tracking with fused bearings."""
     gains = "A filter gains by the fusion, recovered rows as not seen (of this project): RMSE lower by this"
     twice = "Recovered rows as measured count the same twice (of this project): RMSE higher by this"
@@ -172,7 +172,7 @@ def judge_errors(table: Table) -> list[Verdict]:
     ]
 
 
-def _judged(table: Table, key: str, said: str, low: str, high: str) -> list[Verdict]:
+def _judged(table: Table, key: str, said: str, low: str, high: str) -> list[StatementVerdict]:
     """Judge that one series is below another, for each number of cameras."""
     found = [(n, v.matched(table, f"{n}, {low}", f"{n}, {high}")) for n in CAMERAS]
     return [v.pairs(f"{key}-{n}", f"{said}; {n} cameras.", points) for n, points in found if points]

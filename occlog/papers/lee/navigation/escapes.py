@@ -15,7 +15,7 @@ from occlog.papers import verdicts as v
 from occlog.papers.lee.navigation.config import NavigateConfig
 from occlog.papers.lee.navigation.course import Disc
 from occlog.papers.lee.navigation.stage import Drive, End
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table
 
 from .forces import (
     GOAL,
@@ -65,7 +65,7 @@ def escapes(size: Size, execute: Execute) -> Table:
         [{"item": "fig5.29", "seed": size.seed, "run": run, "lines": size.steps} for run in range(size.runs)]
     )
     for name in (*HIT.values(), RANGES):
-        rows.append(Row(name, math.nan, tuple(f[name] for f in found if name in f), plotted=False))
+        rows.append(PaperRow(name, math.nan, tuple(f[name] for f in found if name in f), plotted=False))
     return rows
 
 
@@ -75,7 +75,7 @@ def _fared(step: str, radius: float, angle: float, robots: Drive) -> Table:
     tried = not math.isnan(angle)
     kind = "" if tried else ", printed angle"
     extra = {DONE: float(robots.steps[0]), REACHED: float(robots.end[0] == End.REACHED)}
-    return [Row(name_of(step, radius) + kind, angle, (apart,), extra, plotted=tried)]
+    return [PaperRow(name_of(step, radius) + kind, angle, (apart,), extra, plotted=tried)]
 
 
 def escape_trial(spec: Mapping[str, Any]) -> dict[str, float]:
@@ -108,10 +108,10 @@ def escape_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     return shares | ({RANGES: within / looked} if looked else {})
 
 
-def judge_escapes(table: Table) -> list[Verdict]:
+def judge_escapes(table: Table) -> list[StatementVerdict]:
     """Judge what Sec. 5.2.2 says of the two escapes, of their angles and of their distances."""
 
-    def of(step: str, radius: float) -> Row:
+    def of(step: str, radius: float) -> PaperRow:
         row = v.find(table, name_of(step, radius) + ", printed angle")
         assert row is not None
         return row
@@ -187,7 +187,7 @@ def judge_escapes(table: Table) -> list[Verdict]:
     ]
 
 
-def _shortest(table: Table, key: str, step: str) -> Verdict:
+def _shortest(table: Table, key: str, step: str) -> StatementVerdict:
     """Judge whether the largest angle takes the fewest steps of all angles in the range that lead to the goal."""
     more: list[float] = []
     for radius in RADII[1:]:
@@ -243,13 +243,13 @@ def near(size: Size, execute: Execute) -> Table:
         [{"seed": size.seed, "run": run, "robots": size.steps, "across": a, "way": way} for way, a, run in cases]
     )
     return [
-        Row(way, across, tuple(f["collided"] for c, f in zip(cases, found, strict=True) if c[:2] == (way, across)))
+        PaperRow(way, across, tuple(f["collided"] for c, f in zip(cases, found, strict=True) if c[:2] == (way, across)))
         for way in WAYS
         for across in ACROSS
     ]
 
 
-def judge_near(table: Table) -> list[Verdict]:
+def judge_near(table: Table) -> list[StatementVerdict]:
     """Judge the guarantee for robots that are nearly in line, where no two doubles are equal."""
     exact, plain = "equalities (5.18), (5.26)", "(5.15)"
     out = [

@@ -24,12 +24,12 @@ from occlog.core.navigation.forces import (
 )
 from occlog.core.navigation.steering import NearbyObstacles, SteeringState, StepRules, steer
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, estimate, mean_of
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, estimate, mean_of
 from occlog.records.scene import Scene
 
 from .config import NavigateConfig
 from .course import Disc, course_of
-from .stage import Drive, End, Step, drive
+from .stage import Drive, End, RobotStep, drive
 
 PLANE = Scene(length_unit="unit")
 START, OBSTACLE, GOAL = (12.0, 12.0), (8.0, 8.0), (6.0, 6.0)
@@ -42,7 +42,7 @@ SPAWN = (2009, 52)
 """Of the random numbers of these experiments."""
 
 
-class Lines(NamedTuple):
+class RobotLines(NamedTuple):
     """N robots, each on a line of its own with the one obstacle and a goal behind it."""
 
     starts: Floats  # (N, 2)
@@ -50,25 +50,25 @@ class Lines(NamedTuple):
     behind: Floats  # (N,) distance of the goal from the obstacle
 
 
-def printed_drive(config: NavigateConfig, radius: float = 0.0) -> tuple[list[Step], Drive]:
+def printed_drive(config: NavigateConfig, radius: float = 0.0) -> tuple[list[RobotStep], Drive]:
     """Drive the robot of the printed example, both radii as given; its steps, and how it fared."""
     starts, goals = np.array([START]), np.array([GOAL])
     return driven(starts, goals, Disc(*OBSTACLE, radius), replace(config, radius=radius))
 
 
-def driven(starts: Floats, goals: Floats, obstacle: Disc, config: NavigateConfig) -> tuple[list[Step], Drive]:
+def driven(starts: Floats, goals: Floats, obstacle: Disc, config: NavigateConfig) -> tuple[list[RobotStep], Drive]:
     """Drive robots around one obstacle; their steps, and how they fared."""
     robots = Drive.at(starts)
     return list(drive(robots, goals, course_of(PLANE, (obstacle,), None, config), config)), robots
 
 
-def random_lines(n: int, rng: np.random.Generator, obstacle: tuple[float, float] = (0.0, 0.0)) -> Lines:
+def random_lines(n: int, rng: np.random.Generator, obstacle: tuple[float, float] = (0.0, 0.0)) -> RobotLines:
     """Lines through an obstacle in random directions; robots are 3 to 9 before it, goals 1 to 5 behind it."""
     turn = rng.uniform(-math.pi, math.pi, n)
     along = np.column_stack([np.cos(turn), np.sin(turn)])
     behind = rng.uniform(1.0, 5.0, n)
     starts = np.array(obstacle) + rng.uniform(3.0, 9.0, n)[:, None] * along
-    return Lines(starts, np.array(obstacle) - behind[:, None] * along, behind)
+    return RobotLines(starts, np.array(obstacle) - behind[:, None] * along, behind)
 
 
 def collided(robots: Drive) -> Bools:
@@ -76,12 +76,14 @@ def collided(robots: Drive) -> Bools:
     return np.asarray(robots.end == End.COLLIDED)
 
 
-def shown(key: str, said: str, good: bool, measured: float | None, rule: str, paper: float | None = None) -> Verdict:
+def shown(
+    key: str, said: str, good: bool, measured: float | None, rule: str, paper: float | None = None
+) -> StatementVerdict:
     """Verdict on a statement about a determinate quantity."""
     return v.fact(key, said, holds=good, measured=measured, rule=rule, paper=paper)
 
 
-def always(key: str, said: str, row: Row | None, share: float, paper: float | None = None) -> Verdict:
+def always(key: str, said: str, row: PaperRow | None, share: float, paper: float | None = None) -> StatementVerdict:
     """Verdict on a statement that says what always, or never, happens.
 
     Reproduced where the share over all trials is exactly that; not reproduced where it differs from it by more than
@@ -136,10 +138,10 @@ def original_forces(size: Size, execute: Execute) -> Table:
     at = at[at != OBSTACLE[0]]
     rows = _curves(at, (ATTRACTION, REPULSION, TOTAL))
     delta = float(zero_force_distance(np.array(BEHIND), FIELD))
-    rows.append(Row(FORCE, 0.0, (OBSTACLE[0] + delta / math.sqrt(2.0),), plotted=False))
-    rows.append(Row(DELTA, 0.0, (delta,), plotted=False))
+    rows.append(PaperRow(FORCE, 0.0, (OBSTACLE[0] + delta / math.sqrt(2.0),), plotted=False))
+    rows.append(PaperRow(DELTA, 0.0, (delta,), plotted=False))
     steps, _ = printed_drive(ORIGINAL)
-    rows += [Row(PLACE, float(s.number), (float(s.xy[0, 0]),), plotted=False) for s in steps]
+    rows += [PaperRow(PLACE, float(s.number), (float(s.xy[0, 0]),), plotted=False) for s in steps]
     return rows + _shares("fig5.26", size, execute, (SAFE, DOOMED))
 
 
@@ -148,7 +150,7 @@ def _curves(at: Floats, names: tuple[str, ...]) -> Table:
     curves, drawn = diagonal(at), np.abs(at - OBSTACLE[0]) >= HIDDEN
     # Curves of forces that the obstacle pushes apart are two each
     return [
-        Row(name if x > OBSTACLE[0] else name + BEYOND, float(x), (float(y),), plotted=bool(near))
+        PaperRow(name if x > OBSTACLE[0] else name + BEYOND, float(x), (float(y),), plotted=bool(near))
         for name in names
         for x, y, near in zip(at, curves[name], drawn, strict=True)
     ]
@@ -158,7 +160,7 @@ def _shares(item: str, size: Size, execute: Execute, names: tuple[str, ...]) -> 
     """Rows of shares over random lines, one value a run; outside the figures' range, so that they are in no plot."""
     found = execute([{"item": item, "seed": size.seed, "run": run, "lines": size.steps} for run in range(size.runs)])
     shares = {name: tuple(f[name] for f in found if name in f and not math.isnan(f[name])) for name in names}
-    return [Row(name, math.nan, values, plotted=False) for name, values in shares.items()]
+    return [PaperRow(name, math.nan, values, plotted=False) for name, values in shares.items()]
 
 
 def collision_trial(spec: Mapping[str, Any]) -> dict[str, float]:
@@ -190,7 +192,7 @@ def _share(of: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> float:
     return float(of.mean()) if len(of) else math.nan
 
 
-def judge_original(table: Table) -> list[Verdict]:
+def judge_original(table: Table) -> list[StatementVerdict]:
     """Judge what Sec. 5.2.2 says of the printed example and of Fig. 5-26, and the definition of the problem."""
     zero, delta = v.find(table, FORCE), v.find(table, DELTA)
     fine = np.arange(8.91, LAST, 0.01)
@@ -291,11 +293,11 @@ def prevented_forces(size: Size, execute: Execute) -> Table:
     at = at[at != OBSTACLE[0]]
     steps, _ = printed_drive(PREVENTION)
     rows = _curves(at, (TOTAL, PREVENTED))
-    rows += [Row(PLACE, float(s.number), (float(s.xy[0, 0]),), plotted=False) for s in steps]
+    rows += [PaperRow(PLACE, float(s.number), (float(s.xy[0, 0]),), plotted=False) for s in steps]
     return rows + _shares("fig5.27", size, execute, (GUARDED, WIDE, ENDLESS, FIRED))
 
 
-def judge_prevention(table: Table) -> list[Verdict]:
+def judge_prevention(table: Table) -> list[StatementVerdict]:
     """Judge what Sec. 5.2.2 says of the modified force, Fig. 5-27 and the oscillation after it."""
     places = [row.mean for row in v.series(table, PLACE)]
     robots = printed_drive(PREVENTION)[1]

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from occlog.records.scene import Scene
 
 
-class Verdict:
+class RobotVerdict:
     """What became of one robot of a drive."""
 
     def __init__(self, robots: Drive, number: int, goal: Floats, names: Sequence[str], config: NavigateConfig) -> None:
@@ -151,7 +151,7 @@ def run_navigate(request: NavigateRequest, job: Job) -> tuple[dict[str, object],
         for part in rows.tables(steps):
             tables.write(output=part)
             kept += [part] if request.picture is not None else []
-        verdict = Verdict(robots, 0, goal[0], course.names, config)
+        verdict = RobotVerdict(robots, 0, goal[0], course.names, config)
         if request.picture is not None:
             drawn = _picture(scene, course, RobotPath.concat(kept), request, config, verdict)
             tables.write_bytes("picture", drawn)
@@ -176,7 +176,12 @@ def disc_of(text: str) -> Disc:
 
 
 def _picture(
-    scene: Scene, course: Course, path: RobotPath, request: NavigateRequest, config: NavigateConfig, verdict: Verdict
+    scene: Scene,
+    course: Course,
+    path: RobotPath,
+    request: NavigateRequest,
+    config: NavigateConfig,
+    verdict: RobotVerdict,
 ) -> bytes:
     """PNG of the path in the scene."""
     from .picture import PathPicture, path_png

@@ -46,7 +46,7 @@ class End(IntEnum):
     STOPPED = 4  # the steps ran out
 
 
-class Step(NamedTuple):
+class RobotStep(NamedTuple):
     """N robots at one step, of which some may have ended before."""
 
     number: int
@@ -103,7 +103,7 @@ class Drive:
         )
 
 
-def drive(robots: Drive, goals: Floats, course: Course, config: NavigateConfig) -> Iterator[Step]:
+def drive(robots: Drive, goals: Floats, course: Course, config: NavigateConfig) -> Iterator[RobotStep]:
     """Move robots step by step; yield each step, the one before the first move included.
 
     Args:
@@ -137,7 +137,7 @@ def drive(robots: Drive, goals: Floats, course: Course, config: NavigateConfig) 
         robots.end[active] = end
         going = end == End.GOING
         if not going.any():
-            yield Step(number, active, xy, clearance, nearest, None)
+            yield RobotStep(number, active, xy, clearance, nearest, None)
             return
         moment = course.moment(number)
         steering = steer(xy, goals[active], course.around(xy, moment), field, steps, total[active])
@@ -147,7 +147,7 @@ def drive(robots: Drive, goals: Floats, course: Course, config: NavigateConfig) 
         if config.guard:
             move, state = _guarded(xy, move, steering.state, goals[active], course, moment, config)
             steering = steering._replace(state=state)
-        yield Step(number, active, xy, clearance, nearest, steering)
+        yield RobotStep(number, active, xy, clearance, nearest, steering)
         active, before, moved = active[going], xy[going], Steering(*(part[going] for part in steering))
         robots.xy[active] = before + move[going]
         robots.steps[active] += 1
@@ -291,13 +291,13 @@ class PathRows:
         """
         self._names, self._start_ns, self._step_s = (*names, ""), start_ns, step_s
 
-    def tables(self, steps: Iterable[Step]) -> Iterator[RobotPath]:
+    def tables(self, steps: Iterable[RobotStep]) -> Iterator[RobotPath]:
         """Tables of up to `ROWS` rows."""
         left = iter(steps)
         while part := list(islice(left, ROWS)):
             yield self._table(part)
 
-    def _table(self, steps: Sequence[Step]) -> RobotPath:
+    def _table(self, steps: Sequence[RobotStep]) -> RobotPath:
         told = [LAST if s.steering is None else s.steering for s in steps]
         seconds = np.array([s.number for s in steps]) * self._step_s
         xy = np.concatenate([s.xy for s in steps])

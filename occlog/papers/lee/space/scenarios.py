@@ -12,7 +12,17 @@ from occlog.array_types import Floats
 from occlog.core.bounds.in_space import sight_angles
 from occlog.core.sight.projected_planes import YZ, select_as_printed
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, estimate, exact, mean_of
+from occlog.papers.verdicts import (
+    Execute,
+    Experiment,
+    PaperRow,
+    Size,
+    StatementVerdict,
+    Table,
+    estimate,
+    exact,
+    mean_of,
+)
 from occlog.pipeline.sweep.trial import Values
 
 from .worlds import AXIS_NAMES, bounds, space_spec, space_trial, world
@@ -85,14 +95,14 @@ def scenario_table(scenario: int, size: Size, execute: Execute) -> Table:
 def _rows(name: str, square: Floats, extra: dict[str, float]) -> Table:
     """Make the rows of one way from squared errors (3, runs, T)."""
     T = square.shape[2]
-    rows = [Row(name, _time(k), root_mean(square[:, :, k].sum(axis=0)), extra) for k in _instants(T)]
+    rows = [PaperRow(name, _time(k), root_mean(square[:, :, k].sum(axis=0)), extra) for k in _instants(T)]
     for a, own in zip(AXIS_NAMES, square, strict=True):
-        rows += [Row(f"{name} {a}", _time(k), root_mean(own[:, k]), extra, plotted=False) for k in _instants(T)]
-        rows.append(Row(f"{name} {a} overall", math.nan, root_mean(own.mean(axis=1)), extra, plotted=False))
+        rows += [PaperRow(f"{name} {a}", _time(k), root_mean(own[:, k]), extra, plotted=False) for k in _instants(T)]
+        rows.append(PaperRow(f"{name} {a} overall", math.nan, root_mean(own.mean(axis=1)), extra, plotted=False))
     return rows
 
 
-def judge_scenario(scenario: int, table: Table) -> list[Verdict]:
+def judge_scenario(scenario: int, table: Table) -> list[StatementVerdict]:
     """Judge the statements of Secs. 2.4 and 2.5 about one scenario."""
     overall = {
         name: [v.find(table, f"{name} {a} overall") for a in AXIS_NAMES] for name in (*WAYS, DIRECT_BOUND, PLANES_BOUND)
@@ -114,10 +124,10 @@ def judge_scenario(scenario: int, table: Table) -> list[Verdict]:
     ]
 
 
-def _reaches(key: str, said: str, rows: Sequence[Row], bound: Sequence[Row]) -> Verdict:
+def _reaches(key: str, said: str, rows: Sequence[PaperRow], bound: Sequence[PaperRow]) -> StatementVerdict:
     """Judge the ratio of error and bound on the axis where it is largest."""
     points = [
-        v.Point(estimate(r.mean / b.mean, r.error / b.mean, r.runs), v.at_most(NEAR))
+        v.StatementPoint(estimate(r.mean / b.mean, r.error / b.mean, r.runs), v.at_most(NEAR))
         for r, b in zip(rows, bound, strict=True)
     ]
     worst = max((p.measure for p in points), key=lambda m: m.value, default=None)
@@ -125,14 +135,14 @@ def _reaches(key: str, said: str, rows: Sequence[Row], bound: Sequence[Row]) -> 
     return v.judge_points(key, statement, points, rule=f"at most {NEAR:g} on every axis", shown=worst)
 
 
-def _below(key: str, planes: Sequence[Row], direct: Sequence[Row]) -> Verdict:
+def _below(key: str, planes: Sequence[PaperRow], direct: Sequence[PaperRow]) -> StatementVerdict:
     """Judge whether a bound of the planes is below the direct one."""
     ratio = exact(min(p.mean / d.mean for p, d in zip(planes, direct, strict=True)))
     said = "PPS has the lower bound (the thesis' figures): bound of the planes to the direct one, where that is least."
     return v.judge(key, said, ratio, v.below(1.0 - 1e-9), rule="below 1 on some axis")
 
 
-def _angles(scenario: int) -> list[Verdict]:
+def _angles(scenario: int) -> list[StatementVerdict]:
     """Judge the printed ranges of the angles, to the printed digits, in the full form of 50 instants."""
     xyz = world(scenario, 50).states[:, :3]
     theta, phi = (np.rad2deg(a) for a in sight_angles(xyz, np.zeros(3), np.eye(3)))
@@ -174,11 +184,11 @@ def particles_table(size: Size, execute: Execute) -> Table:
                 own = next(results)
                 square = math.fsum(own[f"{a}_{k}"] for a in AXIS_NAMES for k in range(size.steps))
                 shares[r] += square / size.steps / floor[s] / len(numbers)
-        rows.append(Row(way, float(n), root_mean(shares)))
+        rows.append(PaperRow(way, float(n), root_mean(shares)))
     return rows
 
 
-def judge_particles(table: Table) -> list[Verdict]:
+def judge_particles(table: Table) -> list[StatementVerdict]:
     """Judge where PPS helps: everywhere ([Lee]), or where the filter in space has few particles (this project)."""
     few, many = (100.0, 300.0), (3000.0, 10_000.0)
     said = "PPS has the lower error, relative to the direct bound"
@@ -222,11 +232,11 @@ def sensors_table(size: Size, execute: Execute) -> Table:
     for i, (way, s) in enumerate(points):
         own = results[i * size.runs : (i + 1) * size.runs]
         square = [math.fsum(r[f"{a}_{k}"] for a in AXIS_NAMES for k in range(size.steps)) / size.steps for r in own]
-        rows.append(Row(way, float(s - 2), root_mean(square)))
+        rows.append(PaperRow(way, float(s - 2), root_mean(square)))
     return rows
 
 
-def judge_sensors(table: Table) -> list[Verdict]:
+def judge_sensors(table: Table) -> list[StatementVerdict]:
     """Judge the statement of Sec. 2.4.5 that several sensors are better than one."""
     out = []
     for way in WAYS:

@@ -6,7 +6,7 @@ import functools
 import math
 
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, mean_of
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, mean_of
 
 from .scenarios import root_mean
 from .worlds import AXIS_NAMES, TABLE, space_spec, space_trial
@@ -42,12 +42,12 @@ def table_of(name: str, size: Size, execute: Execute) -> Table:
         for j, a in enumerate(AXIS_NAMES):
             square = [math.fsum(r[f"{a}_{k}"] for k in range(size.steps)) / size.steps for r in own_results]
             parts.append(root_mean(square))
-            rows.append(Row(way, j + 1.0, parts[-1], extra))
-        rows.append(Row(way, MEAN, tuple(sum(p) / 3.0 for p in zip(*parts, strict=True)), extra))
+            rows.append(PaperRow(way, j + 1.0, parts[-1], extra))
+        rows.append(PaperRow(way, MEAN, tuple(sum(p) / 3.0 for p in zip(*parts, strict=True)), extra))
     return rows
 
 
-def judge_table(name: str, table: Table) -> list[Verdict]:
+def judge_table(name: str, table: Table) -> list[StatementVerdict]:
     """Judge the thesis' statement about the table, and its numbers."""
     key = f"table{name}"
     out = []

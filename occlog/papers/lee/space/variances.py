@@ -23,7 +23,18 @@ from occlog.core.sight.projected_planes import (
     select_by_variance,
 )
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Measure, Row, Size, Table, Verdict, estimate, mean_of, share_of
+from occlog.papers.verdicts import (
+    Execute,
+    Experiment,
+    Measure,
+    PaperRow,
+    Size,
+    StatementVerdict,
+    Table,
+    estimate,
+    mean_of,
+    share_of,
+)
 
 SIGMA = math.radians(1.0)
 """Standard deviation of both measured angles; their variances in the figures are 1 degree squared."""
@@ -56,10 +67,10 @@ def variances(size: Size, execute: Execute) -> Table:  # noqa: ARG001
                 first = float(projected_covariance(*at, SIGMA, SIGMA, EYE)[p, p]) / SIGMA**2
                 values = tuple(_sampled(*angles, p, draws, rng) for _ in range(size.runs))
                 name = f"{PLANES[p]}, phi {phi}"
-                rows.append(Row(f"{name}, {FIRST}", float(theta), (first, first), plotted=phi in SHOWN))
-                rows.append(Row(f"{name}, {MONTE_CARLO}", float(theta), values, plotted=phi in SHOWN))
+                rows.append(PaperRow(f"{name}, {FIRST}", float(theta), (first, first), plotted=phi in SHOWN))
+                rows.append(PaperRow(f"{name}, {MONTE_CARLO}", float(theta), values, plotted=phi in SHOWN))
     shares = [_wrong_shares(rng) for _ in range(size.runs)]
-    return rows + [Row(f"share wrong: {n}", math.nan, tuple(s[n] for s in shares), plotted=False) for n in SHARES]
+    return rows + [PaperRow(f"share wrong: {n}", math.nan, tuple(s[n] for s in shares), plotted=False) for n in SHARES]
 
 
 def _blind(theta: float, phi: float, plane: int) -> bool:
@@ -135,7 +146,7 @@ def xy_is_worst(seed: int) -> float:
     return float(np.mean(~np.any(pairs[:, :, 1] == 0, axis=1)))
 
 
-def judge(table: Table) -> list[Verdict]:
+def judge(table: Table) -> list[StatementVerdict]:
     """Judge first order against Monte Carlo, and the statements of Secs. 2.1.2 and 2.2.1."""
     points = []
     for row in table:
@@ -143,7 +154,7 @@ def judge(table: Table) -> list[Verdict]:
             drawn = v.find(table, row.series.replace(FIRST, MONTE_CARLO), row.x)
             if drawn is not None:
                 off = estimate(drawn.mean / row.mean - 1.0, drawn.error / row.mean, drawn.runs)
-                points.append(v.Point(off, v.Interval(-SAME, SAME)))
+                points.append(v.StatementPoint(off, v.Interval(-SAME, SAME)))
     said = f"First-order variances agree with Monte Carlo where they hold: largest deviation of {len(points)} points."
     worst = max((p.measure for p in points), key=lambda m: abs(m.value), default=None)
     out = [v.judge_points("variances-first-order", said, points, rule=f"within {SAME:.0%}", shown=worst)]
@@ -165,7 +176,7 @@ def judge(table: Table) -> list[Verdict]:
     return [*out, _rarely("variances-xy", said, never, 0.01)]
 
 
-def _rarely(key: str, said: str, wrong: Measure, limit: float) -> Verdict:
+def _rarely(key: str, said: str, wrong: Measure, limit: float) -> StatementVerdict:
     """Judge that a statement is wrong for a small share of the directions; in part: for fewer than by chance."""
     rule = f"at most {limit:g}; in part: at most {CHANCE:g} (chance is 0.5)"
     return v.judge(key, said, wrong, v.at_most(limit), v.at_most(CHANCE), rule=rule, paper=0.0)

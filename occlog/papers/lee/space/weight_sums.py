@@ -18,7 +18,7 @@ from occlog.core.bounds.in_space import sight_angles
 from occlog.core.sight.camera import wrap_angle
 from occlog.core.sight.projected_planes import YZ, direction, projected_angles, projected_covariance
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table
 from occlog.pipeline.sweep.trial import Spec
 
 from .worlds import world
@@ -79,12 +79,14 @@ def sums(size: Size, execute: Execute) -> Table:
         value = np.array([r[f"{key}_{x:g}"] for r in results])
         least = np.mean([r[f"{key}_{VARIANCES[0]:g}"] for r in results])
         for unit, scale in UNITS.items():
-            rows.append(Row(f"{name}, {unit}", x, tuple((value * scale**angles).tolist()), plotted=unit == "degrees"))
-        rows.append(Row(f"{name}, relative", x, tuple((value / least).tolist()), plotted=False))
+            rows.append(
+                PaperRow(f"{name}, {unit}", x, tuple((value * scale**angles).tolist()), plotted=unit == "degrees")
+            )
+        rows.append(PaperRow(f"{name}, relative", x, tuple((value / least).tolist()), plotted=False))
     return rows
 
 
-def judge_sums(table: Table) -> list[Verdict]:
+def judge_sums(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 2-7."""
     out = []
     keys = {"degrees": "fig2.7-larger", "radians": "fig2.7-unit"}

@@ -6,9 +6,9 @@ from itertools import pairwise
 
 from occlog.papers import verdicts as v
 from occlog.papers.lee.traffic.config import CHANNELS, PROTOCOLS, TrafficConfig
-from occlog.papers.lee.traffic.network import CameraNode, Network, SensorNode
-from occlog.papers.lee.traffic.stage import Case, hop_delays, simulate_traffic
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, exact
+from occlog.papers.lee.traffic.network import CameraNode, RouterNetwork, SensorNode
+from occlog.papers.lee.traffic.stage import TrafficCase, hop_delays, simulate_traffic
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, exact
 
 ROUTERS = tuple(f"R{n}" for n in range(1, 6))
 IMAGES_KB = (10.0, 40.0, 100.0)
@@ -40,10 +40,10 @@ PRINTED = {
 """Printed hop-by-hop delays [s] of RBVC and SBVC by scenario (tables of Figs. 5-45 and 5-46)."""
 
 
-def network(scenario: int, channel: str = SHARED) -> Network:
+def network(scenario: int, channel: str = SHARED) -> RouterNetwork:
     """Return the string of five routers and a server ([Lee] Fig. 5-41) in a scenario."""
     tracking, cameras = SCENARIOS[scenario]
-    return Network(
+    return RouterNetwork(
         links=(*pairwise(ROUTERS), ("R5", "server")),
         server="server",
         sensors=tuple(
@@ -64,9 +64,9 @@ def end_to_end(size: Size, execute: Execute) -> Table:  # noqa: ARG001
         for channel in CHANNELS:
             for case in _cases(scenario, channel, IMAGES_KB, (USUAL_SHARE,)):
                 name = f"{scenario}, {case.protocol}, {channel}"
-                rows.append(Row(name, case.image_kb, (case.delay_s,), plotted=channel == SHARED))
+                rows.append(PaperRow(name, case.image_kb, (case.delay_s,), plotted=channel == SHARED))
         for case in _cases(scenario, SHARED, (USUAL_KB,), SHARES):
-            rows.append(Row(f"{scenario}, {case.protocol}, by share", case.share, (case.delay_s,), plotted=False))
+            rows.append(PaperRow(f"{scenario}, {case.protocol}, by share", case.share, (case.delay_s,), plotted=False))
     return rows
 
 
@@ -80,19 +80,19 @@ def hop_by_hop(size: Size, execute: Execute) -> Table:  # noqa: ARG001
                 paper = values[PROTOCOLS.index(case.protocol)]
                 if kind in found and paper is not None:
                     name = f"{case.protocol}, {kind}"
-                    rows.append(Row(name, float(scenario), (found[kind],), {"printed": paper}))
+                    rows.append(PaperRow(name, float(scenario), (found[kind],), {"printed": paper}))
             images = [m for m in case.cycle.messages if m.kind == "visual sensing data"]
             air = sum(m.air_s for m in images)
-            rows.append(Row(f"{case.protocol}, {AIR}", float(scenario), (air,), plotted=False))
+            rows.append(PaperRow(f"{case.protocol}, {AIR}", float(scenario), (air,), plotted=False))
     return rows
 
 
-def _cases(scenario: int, channel: str, images_kb: tuple[float, ...], shares: tuple[float, ...]) -> list[Case]:
+def _cases(scenario: int, channel: str, images_kb: tuple[float, ...], shares: tuple[float, ...]) -> list[TrafficCase]:
     config = TrafficConfig(image_kb=images_kb, objects_share=shares)
     return list(simulate_traffic(network(scenario, channel), config))
 
 
-def judge_end_to_end(table: Table) -> list[Verdict]:
+def judge_end_to_end(table: Table) -> list[StatementVerdict]:
     """Judge the orderings that the text states; nothing is random, so that a difference has no error bar."""
     out = []
     for scenario, (low, high) in {1: PROTOCOLS, 2: PROTOCOLS[::-1], 3: PROTOCOLS[::-1]}.items():
@@ -125,7 +125,7 @@ def judge_end_to_end(table: Table) -> list[Verdict]:
     return out
 
 
-def judge_hops(table: Table) -> list[Verdict]:
+def judge_hops(table: Table) -> list[StatementVerdict]:
     """Judge the orderings of the printed hop-by-hop delays; the numbers follow from settings that are not told."""
     out = []
     for scenario in PRINTED:
@@ -143,9 +143,9 @@ def judge_hops(table: Table) -> list[Verdict]:
     return out
 
 
-def _ordered(key: str, said: str, gaps: list[float], of: str) -> Verdict:
+def _ordered(key: str, said: str, gaps: list[float], of: str) -> StatementVerdict:
     """Judge that all gaps are above 0; `measured` is the smallest."""
-    points = [v.Point(exact(gap), v.above(0.0)) for gap in gaps]
+    points = [v.StatementPoint(exact(gap), v.above(0.0)) for gap in gaps]
     shown = exact(min(gaps)) if gaps else None
     return v.judge_points(key, said, points, rule=f"in this order ({of}); shown: the smallest difference", shown=shown)
 

@@ -51,7 +51,7 @@ class Sizes:
 
 
 @dataclass(frozen=True)
-class Network:
+class RouterNetwork:
     """Nodes and links.
 
     Attributes:
@@ -135,7 +135,7 @@ SLOT = 1e-12
 
 
 @dataclass
-class Message:
+class NetworkMessage:
     """What was sent, and how it fared.
 
     Attributes:
@@ -163,27 +163,27 @@ class Message:
 
 
 @dataclass
-class _Hop:
+class _PacketHop:
     """One packet on one link."""
 
     channels: frozenset[str]
     packet_s: float
     ack_s: float
     since_s: float
-    message: Message
+    message: NetworkMessage
     then: Then
 
 
 @dataclass
-class Simulation:
+class NetworkSimulation:
     """Time, events to come, and hops that wait for their channels."""
 
-    network: Network
+    network: RouterNetwork
     now_s: float = 0.0
-    messages: list[Message] = field(default_factory=list)
+    messages: list[NetworkMessage] = field(default_factory=list)
     _events: list[tuple[float, int, Then]] = field(default_factory=list)
     _number: int = 0
-    _waiting: list[_Hop] = field(default_factory=list)
+    _waiting: list[_PacketHop] = field(default_factory=list)
     _busy: set[str] = field(default_factory=set)
 
     def at(self, time_s: float, then: Then) -> None:
@@ -223,7 +223,7 @@ class Simulation:
         sizes = self.network.sizes
         full, rest = divmod(math.ceil(size), sizes.packet)
         payloads = [sizes.packet] * full + ([rest] if rest or not full else [])
-        message = Message(kind, source, tuple(destinations), self.now_s, len(payloads))
+        message = NetworkMessage(kind, source, tuple(destinations), self.now_s, len(payloads))
         self.messages.append(message)
         following = self.network.tree(source, destinations)
         missing = dict.fromkeys(destinations, len(payloads))
@@ -242,7 +242,7 @@ class Simulation:
         def forward(node: str, payload: int, now_s: float) -> None:
             for after in following.get(node, ()):
                 self._wait(
-                    _Hop(
+                    _PacketHop(
                         channels=self.network.channels(node, after),
                         packet_s=8.0 * (payload + sizes.header) / self.network.rate_bps,
                         ack_s=8.0 * sizes.ack / self.network.rate_bps if reliable else 0.0,
@@ -255,7 +255,7 @@ class Simulation:
         for payload in payloads:
             reach(source, payload, self.now_s)
 
-    def _wait(self, hop: _Hop) -> None:
+    def _wait(self, hop: _PacketHop) -> None:
         self._waiting.append(hop)
         self.at(self.now_s, lambda _: None)  # so that it begins now if it can
 
@@ -269,7 +269,7 @@ class Simulation:
                 self._occupy(hop)
         self._waiting = left
 
-    def _occupy(self, hop: _Hop) -> None:
+    def _occupy(self, hop: _PacketHop) -> None:
         self._busy |= hop.channels
         arrival = self.now_s + hop.packet_s
 
@@ -298,7 +298,7 @@ class Cycle(NamedTuple):
     """One cycle of tracking."""
 
     delays: dict[str, float]  # of each router with objects: from the detection to the last final estimate [s]
-    messages: list[Message]
+    messages: list[NetworkMessage]
 
 
 class _Gate:
@@ -313,7 +313,7 @@ class _Gate:
         return self._left == 0
 
 
-def simulate_cycle(network: Network, protocol: str, image_bytes: float, share: float) -> Cycle:
+def simulate_cycle(network: RouterNetwork, protocol: str, image_bytes: float, share: float) -> Cycle:
     """Simulate one cycle: everybody detects at time 0, and cameras take their images then.
 
     RBVC: images go to all routers that track objects; each sends its final estimate to the server.  SBVC: images and
@@ -325,7 +325,7 @@ def simulate_cycle(network: Network, protocol: str, image_bytes: float, share: f
         image_bytes: size of each image.
         share: share of the objects that are tracked.
     """
-    simulation = Simulation(network)
+    simulation = NetworkSimulation(network)
     tracking = [name for name, number in network.objects.items() if number > 0]
     delays: dict[str, float] = {}
     sizes, server = network.sizes, network.server
@@ -371,7 +371,7 @@ def simulate_cycle(network: Network, protocol: str, image_bytes: float, share: f
     return Cycle(delays, simulation.messages)
 
 
-def _sense(simulation: Simulation, router: str, share: float, heard: Then) -> None:
+def _sense(simulation: NetworkSimulation, router: str, share: float, heard: Then) -> None:
     """Detect, assign and listen: readers tell what they detect, the router who listens to what, arrays what they hear.
 
     Args:

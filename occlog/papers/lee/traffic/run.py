@@ -10,16 +10,16 @@ from occlog.runner import Job
 from occlog.settings import configure
 
 from .config import TrafficConfig
-from .network import CameraNode, Network, SensorNode, Sizes
+from .network import CameraNode, RouterNetwork, SensorNode, Sizes
 from .request import TrafficRequest
-from .stage import Case, delay_rows, simulate_traffic
+from .stage import TrafficCase, delay_rows, simulate_traffic
 
 
 def run_traffic(request: TrafficRequest, job: Job) -> tuple[dict[str, object], tuple[()]]:
     """Simulate and write; the summary, and that nothing was lost."""
     config = configure(TrafficConfig(), request.settings)
     network = network_of(read_network(request.network))
-    cases: list[Case] = []
+    cases: list[TrafficCase] = []
     parts: list[Delays] = []
     for case in job.progress(simulate_traffic(network, config), "traffic"):
         cases.append(case)
@@ -35,13 +35,13 @@ def run_traffic(request: TrafficRequest, job: Job) -> tuple[dict[str, object], t
     return summary, ()
 
 
-def _name(case: Case) -> str:
+def _name(case: TrafficCase) -> str:
     return f"{case.protocol} {case.image_kb:g} kB {case.share:g}"
 
 
-def network_of(spec: NetworkSpec) -> Network:
+def network_of(spec: NetworkSpec) -> RouterNetwork:
     """The network that a file describes."""
-    return Network(
+    return RouterNetwork(
         links=tuple((a, b) for a, b in spec.links),
         server=spec.server,
         sensors=tuple(SensorNode(s.name, s.router, s.detects, s.assigned) for s in spec.sensors),

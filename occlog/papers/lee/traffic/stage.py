@@ -12,12 +12,12 @@ from occlog.records.declared.world import END_TO_END
 from occlog.records.tables import Delays
 
 from .config import TrafficConfig
-from .network import KINDS, Cycle, Network, simulate_cycle
+from .network import KINDS, Cycle, RouterNetwork, simulate_cycle
 
 KILOBYTE = 1000.0
 
 
-class Case(NamedTuple):
+class TrafficCase(NamedTuple):
     """One cycle of tracking: how it was set up, and what came out."""
 
     protocol: str
@@ -32,17 +32,17 @@ class Case(NamedTuple):
         return max(self.cycle.delays.values())
 
 
-def simulate_traffic(network: Network, config: TrafficConfig) -> Iterator[Case]:
+def simulate_traffic(network: RouterNetwork, config: TrafficConfig) -> Iterator[TrafficCase]:
     """Simulate each protocol with each size of images and each share of objects."""
     own = network if config.channel is None else replace(network, channel=config.channel)
     for protocol in config.protocols:
         for image_kb in dict.fromkeys(config.image_kb):
             for share in dict.fromkeys(config.objects_share):
                 cycle = simulate_cycle(own, protocol, image_kb * KILOBYTE, share)
-                yield Case(protocol, own.channel, image_kb, share, cycle)
+                yield TrafficCase(protocol, own.channel, image_kb, share, cycle)
 
 
-def delay_rows(case: Case) -> Delays:
+def delay_rows(case: TrafficCase) -> Delays:
     """Tabulate a case: a row for each message, and one for each router from the detection to its final estimate."""
     messages, ends = case.cycle.messages, sorted(case.cycle.delays.items())
     n, m = len(messages), len(ends)
@@ -67,7 +67,7 @@ def delay_rows(case: Case) -> Delays:
     ).sorted()
 
 
-def hop_delays(case: Case) -> dict[str, float]:
+def hop_delays(case: TrafficCase) -> dict[str, float]:
     """Mean delay of a hop of each kind of message that has any [s]."""
     found: dict[str, float] = {}
     for kind in KINDS:

@@ -14,7 +14,7 @@ from occlog.papers import verdicts as v
 from occlog.papers.qu.common import ordered, seed_of
 from occlog.papers.qu.staged import staged_paths
 from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, mean_of
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, mean_of
 from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.settings import configure
 from occlog.simulate.balls.config import BallsConfig
@@ -46,7 +46,7 @@ def decoys(size: Size, execute: Execute) -> Table:
             own = results[k * size.runs : (k + 1) * size.runs]
             wrong = tuple(100.0 * r[f"{label}.astray_end_other"] for r in own)
             none = sum(100.0 * r[f"{label}.astray_end_none"] for r in own) / size.runs
-            rows.append(Row(f"{label}, others {name}", k + 1.0, wrong, {"on none": none}))
+            rows.append(PaperRow(f"{label}, others {name}", k + 1.0, wrong, {"on none": none}))
     return rows
 
 
@@ -66,7 +66,7 @@ def _spec(size: Size, run: int, scene: str) -> Spec:
     return views_spec(seed, methods, balls, scene=scene, watched={"astray": [0, [0]]})
 
 
-def judge_decoys(table: Table) -> list[Verdict]:
+def judge_decoys(table: Table) -> list[StatementVerdict]:
     """Judge that CMCT may attach to wrong targets on the line, that the line is the cause, and that BMCT does less."""
     out = []
     on, off = (f"others {name}" for name in SCENES.values())

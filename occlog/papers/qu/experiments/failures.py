@@ -17,7 +17,7 @@ from occlog.array_types import Floats
 from occlog.papers import verdicts as v
 from occlog.papers.qu.common import everywhere, seed_of
 from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, bootstrapped
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, bootstrapped
 from occlog.pipeline.sweep.trial import Spec, Values
 
 BMCT, MCMC = "BMCT", "MCMC"
@@ -36,7 +36,7 @@ QUICK = {MCMC: (6, 25), BMCT: (12, 50)}
 RESAMPLES = 1000
 
 
-class Curve(NamedTuple):
+class FailureCurve(NamedTuple):
     """Failures of a filter at one number of targets, of K numbers of particles in R runs."""
 
     targets: int
@@ -56,7 +56,7 @@ def failure_rates(size: Size, execute: Execute) -> Table:
                 each = {q: tuple(100.0 * r[f"{name}-{k}.{q}"] for r in own) for q in ("fr_p", "fr_l")}
                 both = tuple(a + b for a, b in zip(each["fr_p"], each["fr_l"], strict=True))
                 means = {q: math.fsum(x) / len(x) for q, x in each.items()}
-                rows.append(Row(series_of(name, n), total(n, k), both, means))
+                rows.append(PaperRow(series_of(name, n), total(n, k), both, means))
     return rows
 
 
@@ -101,7 +101,7 @@ def enough(totals: Floats, rates: Floats) -> float:
     return float(totals[k] * (totals[k + 1] / totals[k]) ** share)
 
 
-def growth(curves: Sequence[Curve], runs: Sequence[int] | slice = slice(None)) -> float:
+def growth(curves: Sequence[FailureCurve], runs: Sequence[int] | slice = slice(None)) -> float:
     """Return the exponent of the number of targets in what suffices, of the means over some runs; NaN: not followed."""
     need = np.array([enough(c.totals, c.rates[:, runs].mean(axis=1)) for c in curves])
     if len(need) < 2 or not np.all(np.isfinite(need)):
@@ -109,17 +109,17 @@ def growth(curves: Sequence[Curve], runs: Sequence[int] | slice = slice(None)) -
     return float(np.polyfit(np.log([c.targets for c in curves]), np.log(need), 1)[0])
 
 
-def curves_of(table: Table, name: str) -> list[Curve]:
+def curves_of(table: Table, name: str) -> list[FailureCurve]:
     """Return the curves of a filter by rising number of targets."""
     out = []
     for n in (4, 5, 6, 8):
         rows = v.series(table, series_of(name, n))
         if rows:
-            out.append(Curve(n, np.array([r.x for r in rows]), np.array([r.values for r in rows])))
+            out.append(FailureCurve(n, np.array([r.x for r in rows]), np.array([r.values for r in rows])))
     return out
 
 
-def judge_failures(table: Table) -> list[Verdict]:
+def judge_failures(table: Table) -> list[StatementVerdict]:
     """Judge the growth of what suffices, the printed numbers, and that more particles are more stable."""
     out = []
     own = {name: [c for c in curves_of(table, name) if c.targets <= 6] for name in (BMCT, MCMC)}
@@ -144,7 +144,7 @@ def judge_failures(table: Table) -> list[Verdict]:
     return out
 
 
-def _more_stable(name: str, table: Table) -> list[Verdict]:
+def _more_stable(name: str, table: Table) -> list[StatementVerdict]:
     """Judge that failures with the most particles are below those with the fewest; nothing where there are none."""
     ends = [(rows[-1], rows[0]) for n in (4, 5, 6, 8) if (rows := v.series(table, series_of(name, n)))]
     said = f"More particles are more stable ({name}): failures with the fewest less those with the most, by [%]."

@@ -11,12 +11,12 @@ from occlog.array_types import Floats
 from occlog.core.sight.fundamental import epipolar_lines
 from occlog.measure.epipolar.views import ViewGeometry
 from occlog.papers import verdicts as v
-from occlog.papers.plots import Line, Mark, Shot, Shots
+from occlog.papers.plots import EpipolarLine, FigureImage, Mark, Shots
 from occlog.papers.qu.common import PARTS, ordered, spec_of
 from occlog.papers.qu.follow import FollowedFrame, follow
 from occlog.papers.qu.trial import run_views_trial, runner_of
 from occlog.papers.qu.world import geometry_of
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, mean_of, share_of
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, mean_of, share_of
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.video import BallsFrame
 from occlog.track.methods.images.interface import TrackerOutlines
@@ -62,12 +62,12 @@ def fig7_shots(size: Size) -> Shots:
     )
 
 
-def shot_of(frame: BallsFrame, rows: TrackerOutlines, view: int, geometry: ViewGeometry) -> Shot:
+def shot_of(frame: BallsFrame, rows: TrackerOutlines, view: int, geometry: ViewGeometry) -> FigureImage:
     """Make the picture of one view of a frame with a method's trackers."""
     own = np.flatnonzero(rows.view == view)
     marks = tuple(Mark(int(rows.target_id[i]), rows.ellipse[i], _good(frame, rows, int(i))) for i in own)
     links = tuple((rows.ellipse[i, :2], rows.ellipse[j, :2]) for i in own for j in own if i < j and rows.touching[i, j])
-    return Shot(
+    return FigureImage(
         f"frame {frame.frame}", frame.images[view], marks=marks, links=links, lines=_lines(rows, view, geometry)
     )
 
@@ -78,7 +78,7 @@ def _good(frame: BallsFrame, rows: TrackerOutlines, i: int) -> bool:
     return bool(np.hypot(*(rows.ellipse[i, :2] - true[:2])) <= radius)
 
 
-def _lines(rows: TrackerOutlines, view: int, geometry: ViewGeometry) -> tuple[Line, ...]:
+def _lines(rows: TrackerOutlines, view: int, geometry: ViewGeometry) -> tuple[EpipolarLine, ...]:
     """Return the epipolar lines of the views whose estimates help a tracker in this frame."""
     out = []
     for i in np.flatnonzero(rows.view == view):
@@ -86,7 +86,7 @@ def _lines(rows: TrackerOutlines, view: int, geometry: ViewGeometry) -> tuple[Li
             there = np.flatnonzero((rows.view == other) & (rows.target_id == rows.target_id[i]))
             for k in there:
                 line = epipolar_lines(geometry.fundamental[other, view], rows.ellipse[k, :2])
-                out.append(Line(int(rows.target_id[i]), line))
+                out.append(EpipolarLine(int(rows.target_id[i]), line))
     return tuple(out)
 
 
@@ -98,9 +98,9 @@ def fig7(size: Size, execute: Execute) -> Table:
         for k in range(PARTS):
             values = tuple(100.0 * r[f"{m}.off_{k}"] for r in results)
             if not math.isnan(values[0]):  # a short video has fewer parts
-                rows.append(Row(m.upper(), (k + 0.5) * size.steps / PARTS, values))
+                rows.append(PaperRow(m.upper(), (k + 0.5) * size.steps / PARTS, values))
         rows.append(
-            Row(
+            PaperRow(
                 f"{m.upper()}, last frame",
                 math.nan,
                 tuple(100.0 * r[f"{m}.off_end"] for r in results),
@@ -111,7 +111,7 @@ def fig7(size: Size, execute: Execute) -> Table:
     return rows
 
 
-def judge7(table: Table) -> list[Verdict]:
+def judge7(table: Table) -> list[StatementVerdict]:
     """Judge the paper's statements about the three methods."""
     end = {m: next(r for r in table if r.series == f"{m.upper()}, last frame") for m in SHOWN}
     hijacked, n = end["mipf"], end["mipf"].runs

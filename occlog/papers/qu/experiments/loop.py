@@ -20,7 +20,17 @@ import numpy as np
 from occlog.papers import verdicts as v
 from occlog.papers.qu.common import LITTLE, RATES, ordered, rate_row, seed_of
 from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, difference_of, sample, share_of
+from occlog.papers.verdicts import (
+    Execute,
+    Experiment,
+    PaperRow,
+    Size,
+    StatementVerdict,
+    Table,
+    difference_of,
+    sample,
+    share_of,
+)
 from occlog.simulate.balls.config import BallsConfig
 
 SHIFTS = (0, 10, 20, 30, 45, 60, 90)
@@ -66,7 +76,7 @@ def loop(size: Size, execute: Execute) -> Table:
     return [*rows, *_injected(methods, results)]
 
 
-def _alarmed(row: Row, results: Sequence[Mapping[str, float]], label: str) -> Row:
+def _alarmed(row: PaperRow, results: Sequence[Mapping[str, float]], label: str) -> PaperRow:
     """Return the row with the mean figures of the loop check."""
     extra = dict(row.extra)
     for name in ("checked", "bad", "false_alarm", "missed"):
@@ -76,31 +86,31 @@ def _alarmed(row: Row, results: Sequence[Mapping[str, float]], label: str) -> Ro
     return replace(row, extra=extra, each=each)
 
 
-def _injected(methods: Iterable[str], results: Sequence[Mapping[str, float]]) -> list[Row]:
+def _injected(methods: Iterable[str], results: Sequence[Mapping[str, float]]) -> list[PaperRow]:
     labels = [label for label in methods if label.startswith("wrong ")]
     columns = {"noticed": "frames until a wrong tracker is noticed", "returned": "frames until it is back for good"}
     rows = [
-        Row(name, math.nan, tuple(r[f"{label}.{key}"] for label in labels for r in results), {}, plotted=False)
+        PaperRow(name, math.nan, tuple(r[f"{label}.{key}"] for label in labels for r in results), {}, plotted=False)
         for key, name in columns.items()
     ]
     over = tuple(min(a, b) for a, b in zip(rows[0].values, rows[1].values, strict=True))
     return [
         *(_finite(r) for r in rows),
-        Row(OVER, math.nan, tuple(float(x <= WITHIN) for x in over), {}, plotted=False),
+        PaperRow(OVER, math.nan, tuple(float(x <= WITHIN) for x in over), {}, plotted=False),
     ]
 
 
 OVER = f"noticed or back within {WITHIN} frames"
 
 
-def _finite(row: Row) -> Row:
+def _finite(row: PaperRow) -> PaperRow:
     """Return the row of its finite values, with their share and median."""
     kept = tuple(x for x in row.values if math.isfinite(x))
     extra = {"share": len(kept) / row.runs, "median": float(np.median(kept)) if kept else math.nan}
-    return Row(row.series, row.x, kept, extra, plotted=row.plotted)
+    return PaperRow(row.series, row.x, kept, extra, plotted=row.plotted)
 
 
-def judge_loop(table: Table) -> list[Verdict]:
+def judge_loop(table: Table) -> list[StatementVerdict]:
     """Judge what the check notices, how often it is wrong, and whether BMCT is inferior to IDMOT."""
     out = [*_noticed(table), *_alarms(table)]
     for rate, name in RATES.items():
@@ -115,7 +125,7 @@ def judge_loop(table: Table) -> list[Verdict]:
     return out
 
 
-def _noticed(table: Table) -> list[Verdict]:
+def _noticed(table: Table) -> list[StatementVerdict]:
     over = v.find(table, OVER)
     noticed = next((r for r in table if r.series.startswith("frames until a wrong tracker")), None)
     if over is None or noticed is None:
@@ -129,7 +139,7 @@ def _noticed(table: Table) -> list[Verdict]:
     return [v.judge("loop-noticed", said, over_all, v.at_least(MOSTLY), v.at_least(0.5), rule=rule)]
 
 
-def _alarms(table: Table) -> list[Verdict]:
+def _alarms(table: Table) -> list[StatementVerdict]:
     rows = v.series(table, f"{BMCT}, {RATES['fr_p']}")
     out = []
     if rows and rows[0].x == 0.0:
@@ -149,9 +159,9 @@ def _known(values: Iterable[float]) -> list[float]:
     return [x for x in values if not math.isnan(x)]
 
 
-def _not_inferior(rate: str, name: str, idmot: Row, wrong: Sequence[Row]) -> Verdict:
+def _not_inferior(rate: str, name: str, idmot: PaperRow, wrong: Sequence[PaperRow]) -> StatementVerdict:
     """Judge that no rate is higher; the verdict shows the worst."""
-    points = [v.Point(difference_of(idmot, r), v.at_most(LITTLE)) for r in wrong]
+    points = [v.StatementPoint(difference_of(idmot, r), v.at_most(LITTLE)) for r in wrong]
     worst = max((p.measure for p in points), key=lambda m: m.value, default=None)
     said = f"BMCT is never inferior to IDMOT, even with wrong lines: rate of {name} higher at worst by [%]."
     rule = f"higher by less than {LITTLE:g} %, for each kind of wrong lines"
@@ -187,7 +197,7 @@ def sweeps(size: Size, execute: Execute) -> Table:
     ]
 
 
-def judge_sweeps(table: Table) -> list[Verdict]:
+def judge_sweeps(table: Table) -> list[StatementVerdict]:
     """Judge that a second sweep helps, and that more than two gain nothing."""
     out = []
     for rate, name in RATES.items():

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from occlog.papers import verdicts as v
 from occlog.papers.qu.common import ordered, seed_of
 from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, mean_of
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, mean_of
 from occlog.pipeline.sweep.trial import Spec
 
 SHOWN = ("mipf", "idmot", "bmct")
@@ -23,7 +23,7 @@ OFTEN = 25.0
 ENDS = {"end_other": "on the other", "end_none": "on none"}
 
 
-class Case(NamedTuple):
+class MechanismCase(NamedTuple):
     """A scene and what is special about it."""
 
     scene: str
@@ -33,14 +33,14 @@ class Case(NamedTuple):
 
 
 CASES = (
-    Case("together", 0, "same direction, long occlusion"),
-    Case("together", 0, "same direction, no clutter", clutter=0),
-    Case("opposite", 0, "opposite directions"),
-    Case("overtaking", 1, "same line, overtakes"),
-    Case("falling-back", 1, "same line, falls back"),
-    Case("right-angle", 1, "right angle"),
-    Case("row-overtaking", 1, "same epipolar line, overtakes"),
-    Case("row-falling-back", 1, "same epipolar line, falls back"),
+    MechanismCase("together", 0, "same direction, long occlusion"),
+    MechanismCase("together", 0, "same direction, no clutter", clutter=0),
+    MechanismCase("opposite", 0, "opposite directions"),
+    MechanismCase("overtaking", 1, "same line, overtakes"),
+    MechanismCase("falling-back", 1, "same line, falls back"),
+    MechanismCase("right-angle", 1, "right angle"),
+    MechanismCase("row-overtaking", 1, "same epipolar line, overtakes"),
+    MechanismCase("row-falling-back", 1, "same epipolar line, falls back"),
 )
 """Scenes in the order of the table."""
 DIRECTION, LINE, ROW = (CASES[0],), CASES[3:5], CASES[6:]
@@ -57,19 +57,19 @@ def mechanisms(size: Size, execute: Execute) -> Table:
             values = tuple(100.0 * (1.0 - r[f"{m}.pair_end_own"]) for r in own)
             each = {name: tuple(100.0 * r[f"{m}.pair_{key}"] for r in own) for key, name in ENDS.items()}
             extra = {name: sum(x) / len(x) for name, x in each.items()}
-            rows.append(Row(f"{m.upper()}: {case.label}", k + 1.0, values, extra, each=each))
+            rows.append(PaperRow(f"{m.upper()}: {case.label}", k + 1.0, values, extra, each=each))
     return rows
 
 
-def _spec(size: Size, run: int, case: Case) -> Spec:
+def _spec(size: Size, run: int, case: MechanismCase) -> Spec:
     methods = {m: {"method": m} for m in SHOWN}
     balls = {"frames": size.steps, "balls": 2, "clutter": case.clutter}
     return views_spec(seed_of(size, run), methods, balls, scene=case.scene, watched={"pair": [case.view, [0, 1]]})
 
 
-def judge_mechanisms(table: Table) -> list[Verdict]:
+def judge_mechanisms(table: Table) -> list[StatementVerdict]:
     """Judge that each mechanism makes IDMOT fail, that its control does not, and that BMCT rectifies it."""
-    out: list[Verdict] = []
+    out: list[StatementVerdict] = []
     for key, cases, control, what, why in (
         ("direction", DIRECTION, CASES[2], DIRECTION[0].label, "absence of distinct inertia directions"),
         ("line", LINE, CASES[5], "same line", "similar inertia"),
@@ -95,17 +95,17 @@ def judge_mechanisms(table: Table) -> list[Verdict]:
     return out + _ends(table)
 
 
-def _mean(table: Table, method: str, cases: Sequence[Case], end: str = "") -> Row | None:
+def _mean(table: Table, method: str, cases: Sequence[MechanismCase], end: str = "") -> PaperRow | None:
     """Return the mean over some cases of every run; with `end` of those trackers alone that end there."""
     rows = [v.find(table, f"{method}: {case.label}") for case in cases]
     found = [r for r in rows if r is not None]
     if len(found) < len(cases):
         return None
     values = [r.each[end] if end else r.values for r in found]
-    return Row(method, math.nan, tuple(math.fsum(x) / len(x) for x in zip(*values, strict=True)))
+    return PaperRow(method, math.nan, tuple(math.fsum(x) / len(x) for x in zip(*values, strict=True)))
 
 
-def _ends(table: Table) -> list[Verdict]:
+def _ends(table: Table) -> list[StatementVerdict]:
     """Judge that labels are exchanged, that clutter attracts trackers, and where the other view does not help."""
     out = []
     exchanged, lost = (_mean(table, "IDMOT", LINE, end) for end in ENDS.values())

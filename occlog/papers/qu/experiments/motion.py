@@ -9,7 +9,7 @@ from __future__ import annotations
 from occlog.papers import verdicts as v
 from occlog.papers.qu.common import LITTLE, METHODS, RATES, everywhere, rate_row, seed_of
 from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, difference_of, mean_of
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, difference_of, mean_of
 from occlog.pipeline.sweep.trial import Spec
 from occlog.simulate.balls.config import MOTIONS
 
@@ -37,7 +37,7 @@ def _spec(size: Size, run: int, motion: str) -> Spec:
     return views_spec(seed_of(size, run), methods, {"frames": size.steps, "motion": motion})
 
 
-def judge_motion(table: Table) -> list[Verdict]:
+def judge_motion(table: Table) -> list[StatementVerdict]:
     """Judge BMCT against IDMOT at every motion, whether it follows targets that manoeuvre, and the remedy."""
     out = []
     for rate, name in RATES.items():
@@ -50,7 +50,7 @@ def judge_motion(table: Table) -> list[Verdict]:
     return [verdict for verdict in out if verdict is not None]
 
 
-def _of_motion(rate: str, name: str, motion: str, plain: Row, better: Row) -> list[Verdict]:
+def _of_motion(rate: str, name: str, motion: str, plain: PaperRow, better: PaperRow) -> list[StatementVerdict]:
     """Judge BMCT and its remedy at one motion."""
     key, out = f"motion-{motion}-{rate}", []
     if rate == "fr_l":

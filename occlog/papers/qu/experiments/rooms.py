@@ -14,7 +14,7 @@ from typing import NamedTuple
 from occlog.papers import verdicts as v
 from occlog.papers.qu.common import RATES, ordered, seed_of
 from occlog.papers.qu.rooms import rooms_spec, run_rooms_trial
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, difference_of, mean_of
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, difference_of, mean_of
 from occlog.pipeline.sweep.trial import Values
 
 ROBUST = 5.0
@@ -25,7 +25,7 @@ GREY = {**COLOURS, "model": "pca", "pca_power": 0.3}
 """Settings for grey video: intensities and principal components."""
 
 
-class Recording(NamedTuple):
+class PaperVideo(NamedTuple):
     """What [Qu] tells of a video, and which methods are run on one of this project."""
 
     item: str
@@ -40,7 +40,7 @@ class Recording(NamedTuple):
 
 IDMOT, BMCT = "IDMOT", "BMCT"
 NO_BACKGROUND, NO_PCA = "BMCT, no background subtraction", "BMCT, intensities alone"
-HALL = Recording(
+HALL = PaperVideo(
     item="hall",
     title="Hall: two people in grey video",
     people=2,
@@ -54,7 +54,7 @@ HALL = Recording(
         NO_PCA: {"method": "bmct", "set": COLOURS},
     },
 )
-LIVING_ROOM = Recording(
+LIVING_ROOM = PaperVideo(
     item="living-room",
     title="LivingRoom: four people, three cameras",
     people=4,
@@ -63,7 +63,7 @@ LIVING_ROOM = Recording(
     fps=15.0,
     methods={IDMOT: {"method": "idmot", "set": {"background": True}}, BMCT: {"method": "bmct", "set": COLOURS}},
 )
-CAMPUS = Recording(
+CAMPUS = PaperVideo(
     item="campus",
     title="Campus: three people for 1626 frames",
     people=3,
@@ -75,7 +75,7 @@ CAMPUS = Recording(
 HALVES = ("first half", "second half")
 
 
-def compute(recording: Recording, size: Size, execute: Execute) -> Table:
+def compute(recording: PaperVideo, size: Size, execute: Execute) -> Table:
     """Compute both rates of every method [%], and for its trackers the share off their targets in each half."""
     people = {"people": recording.people, "views": recording.views, "frames": size.steps}
     specs = [
@@ -90,11 +90,11 @@ def compute(recording: Recording, size: Size, execute: Execute) -> Table:
             extra = {k: sum(r[f"{label}.{k}"] for r in results) / len(results) for k in ("idf1", "lost", "left")}
             halves = {h: tuple(100.0 * r[f"{label}.off_{k}"] for r in results) for k, h in enumerate(HALVES)}
             extra |= {f"off, {h}": sum(found) / len(found) for h, found in halves.items()}
-            rows.append(Row(f"{label}, {name}", float(x), values, extra, each=halves))
+            rows.append(PaperRow(f"{label}, {name}", float(x), values, extra, each=halves))
     return rows
 
 
-def judge(recording: Recording, table: Table) -> list[Verdict]:
+def judge(recording: PaperVideo, table: Table) -> list[StatementVerdict]:
     """Judge that BMCT is robust, and what else the paper says of the video."""
     out = []
     for rate, name in RATES.items():
@@ -115,7 +115,7 @@ def judge(recording: Recording, table: Table) -> list[Verdict]:
                 out.append(ordered(f"{key}-{ending}", f"{why}: rate of {name} lower, by [%].", rows[BMCT], rows[label]))
     bmct = v.find(table, f"{BMCT}, {RATES['fr_l']}")
     if recording is CAMPUS and bmct is not None:
-        first, second = (Row(h, 0.0, bmct.each[h]) for h in HALVES)
+        first, second = (PaperRow(h, 0.0, bmct.each[h]) for h in HALVES)
         said = "Tracking is stable: trackers off their targets in the second half more than in the first, by [%]."
         rule = f"at most {ROBUST:g} %; in part {2.0 * ROBUST:g} %"
         worse = difference_of(first, second)
@@ -123,7 +123,7 @@ def judge(recording: Recording, table: Table) -> list[Verdict]:
     return out
 
 
-def _experiment(recording: Recording, runs: int) -> Experiment:
+def _experiment(recording: PaperVideo, runs: int) -> Experiment:
     return Experiment(
         item=recording.item,
         title=recording.title,

@@ -7,7 +7,7 @@ import math
 from occlog.papers import verdicts as v
 from occlog.papers.qu.common import seed_of
 from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, quotient_of
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, quotient_of
 
 LOCAL, INTERACTION, COLLABORATION, STEP = "local", "interaction", "collaboration", "whole step"
 PRINTED_MS = {LOCAL: 57.0, INTERACTION: 5.7, COLLABORATION: 3.0}
@@ -25,11 +25,11 @@ def table1(size: Size, execute: Execute) -> Table:
         values = tuple(r[f"bmct.{column}"] for r in results)
         whole = math.fsum(r["bmct.step_ms"] for r in results)
         extra = {"share_of_step": math.fsum(values) / whole, "printed": PRINTED_MS.get(name, math.nan)}
-        rows.append(Row(name, float(x), values, extra))
+        rows.append(PaperRow(name, float(x), values, extra))
     return rows
 
 
-def judge1(table: Table) -> list[Verdict]:
+def judge1(table: Table) -> list[StatementVerdict]:
     """Judge the costs of collaboration and interaction against that of the local likelihood."""
     local, interaction, collaboration = (v.find(table, name) for name in (LOCAL, INTERACTION, COLLABORATION))
     if local is None or interaction is None or collaboration is None:

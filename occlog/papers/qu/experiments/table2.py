@@ -16,7 +16,18 @@ from occlog.array_types import Floats
 from occlog.papers import verdicts as v
 from occlog.papers.qu.common import seed_of
 from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict, find, mean_of, power_of, sample
+from occlog.papers.verdicts import (
+    Execute,
+    Experiment,
+    PaperRow,
+    Size,
+    StatementVerdict,
+    Table,
+    find,
+    mean_of,
+    power_of,
+    sample,
+)
 from occlog.pipeline.sweep.trial import Spec
 
 BMCT, MCMC, SIR = "BMCT", "MCMC", "joint SIR"
@@ -31,10 +42,10 @@ FPS = {"MCMC": {4: 8.75, 5: 2.55, 6: 0.4}, "BMCT": {4: 14.4, 5: 11.5, 6: 9.75}}
 
 def _printed_exponent(values: Mapping[int, float]) -> float:
     """Return the exponent of printed values, which have no error bar."""
-    return power_of([Row("", n, (value, value)) for n, value in values.items()]).value
+    return power_of([PaperRow("", n, (value, value)) for n, value in values.items()]).value
 
 
-def judge2(table: Table) -> list[Verdict]:
+def judge2(table: Table) -> list[StatementVerdict]:
     """Statements about Table 2."""
     out = []
     for what, name, printed in (("particles", TOTAL, PRINTED), ("time", TIME, FPS)):
@@ -60,12 +71,12 @@ def judge2(table: Table) -> list[Verdict]:
     return [*out, v.pairs("table2-faster", said, quicker)]
 
 
-def _linear(key: str, said: str, paper: float, rows: Sequence[Row]) -> Verdict:
+def _linear(key: str, said: str, paper: float, rows: Sequence[PaperRow]) -> StatementVerdict:
     rule = f"exponent at most {LINEAR}; in part up to {NEARLY}"
     return v.judge(key, said, power_of(rows), v.at_most(LINEAR), v.at_most(NEARLY), rule=rule, paper=paper)
 
 
-def _faster(key: str, said: str, paper: float, rows: Sequence[Row], bmct: Sequence[Row]) -> Verdict:
+def _faster(key: str, said: str, paper: float, rows: Sequence[PaperRow], bmct: Sequence[PaperRow]) -> StatementVerdict:
     """Judge that an exponent is above that of linear growth, or at least above that of BMCT."""
     own = power_of(bmct).value
     rule = f"exponent above {LINEAR}; in part above that of BMCT, {own:.2f}"
@@ -73,7 +84,7 @@ def _faster(key: str, said: str, paper: float, rows: Sequence[Row], bmct: Sequen
     return v.judge(key, said, power_of(rows), good, fair, rule=rule, paper=paper)
 
 
-def _exponential(rows: Sequence[Row]) -> Verdict:
+def _exponential(rows: Sequence[PaperRow]) -> StatementVerdict:
     """Judge whether the numbers grow by the same factor with every target, rather than as a power."""
     said = (
         "Joint-state methods grow exponentially with the targets (joint SIR): squares left by a constant factor for "
@@ -96,7 +107,7 @@ ROBUST = 0.10
 """Largest mean rate of false positions."""
 
 
-class Filter(NamedTuple):
+class FilterVariant(NamedTuple):
     """A filter, and the numbers of particles that it is tried with."""
 
     name: str
@@ -113,16 +124,16 @@ class Filter(NamedTuple):
 class Tried(NamedTuple):
     """Cost and benefit of one number of particles."""
 
-    ess: Row  # effective samples of a target
-    ms: Row  # CPU time of a frame
+    ess: PaperRow  # effective samples of a target
+    ms: PaperRow  # CPU time of a frame
 
 
 FILTERS = {
-    BMCT: Filter(BMCT, method="bmct", settings={}, joint=False, tried=lambda targets: (24, 48, 96)),  # noqa: ARG005
-    MCMC: Filter(
+    BMCT: FilterVariant(BMCT, method="bmct", settings={}, joint=False, tried=lambda targets: (24, 48, 96)),  # noqa: ARG005
+    MCMC: FilterVariant(
         MCMC, method="mcmc", settings={}, joint=True, tried=lambda targets: [k * targets for k in (45, 90, 180)]
     ),
-    SIR: Filter(
+    SIR: FilterVariant(
         SIR,
         method="mcmc",
         settings={"sampler": "sir"},
@@ -144,16 +155,16 @@ def table2(size: Size, execute: Execute) -> Table:
             trials = [_trial(f, n, k, results[i * size.runs : (i + 1) * size.runs]) for k in f.tried(n)]
             raw += [row for trial in trials for row in trial]
             need, spent = needed(trials)
-            needs.append(Row(f"{f.name}, {TOTAL}", n, need, _extra(f, n, trials, need), plotted=False))
-            times.append(Row(f"{f.name}, {TIME}", n, spent, _fps(f, n, spent), plotted=False))
+            needs.append(PaperRow(f"{f.name}, {TOTAL}", n, need, _extra(f, n, trials, need), plotted=False))
+            times.append(PaperRow(f"{f.name}, {TIME}", n, spent, _fps(f, n, spent), plotted=False))
         table += [*_relative(f"{f.name}, particles", needs), *_relative(f"{f.name}, time", times), *needs, *times]
     return [*table, *_printed(counts), *raw]
 
 
-def _printed(counts: Sequence[int]) -> list[Row]:
+def _printed(counts: Sequence[int]) -> list[PaperRow]:
     """Return the printed particles of the paper's joint filter over those at 4 targets."""
     unit, name = PRINTED[MCMC][4], "MCMC-PF as printed, particles"
-    return [Row(name, n, (value / unit,)) for n, value in PRINTED[MCMC].items() if n in counts]
+    return [PaperRow(name, n, (value / unit,)) for n, value in PRINTED[MCMC].items() if n in counts]
 
 
 def _spec(size: Size, run: int, targets: int) -> Spec:
@@ -166,14 +177,14 @@ def _spec(size: Size, run: int, targets: int) -> Spec:
     return views_spec(seed_of(size, run), methods, {"frames": size.steps, "balls": targets, "views": VIEWS})
 
 
-def _trial(f: Filter, targets: int, particles: int, results: Sequence[Mapping[str, float]]) -> Tried:
+def _trial(f: FilterVariant, targets: int, particles: int, results: Sequence[Mapping[str, float]]) -> Tried:
     """Collect effective samples and time of every run; x is the total number of particles."""
     found = {q: tuple(r[f"{f.name}-{particles}.{q}"] for r in results) for q in ("ess", "fr_p", "fr_l", "frame_ms")}
     rates = {q: math.fsum(found[q]) / len(results) for q in ("fr_p", "fr_l")}
     name, x = f"{f.name}, {targets} targets", f.total(targets, particles)
     return Tried(
-        Row(f"{name}: effective samples", x, found["ess"], rates, plotted=False),
-        Row(f"{name}: {TIME}", x, found["frame_ms"], plotted=False),
+        PaperRow(f"{name}: effective samples", x, found["ess"], rates, plotted=False),
+        PaperRow(f"{name}: {TIME}", x, found["frame_ms"], plotted=False),
     )
 
 
@@ -215,7 +226,7 @@ def _line(x: Floats, y: Floats, at: float) -> float:
     return float(y[k - 1] + (y[k] - y[k - 1]) * (at - x[k - 1]) / step)
 
 
-def _extra(f: Filter, targets: int, trials: Sequence[Tried], need: Sequence[float]) -> dict[str, float]:
+def _extra(f: FilterVariant, targets: int, trials: Sequence[Tried], need: Sequence[float]) -> dict[str, float]:
     """Return the rates at the number tried that is nearest to the one needed, and the printed number."""
     if not need:
         return {}
@@ -225,19 +236,19 @@ def _extra(f: Filter, targets: int, trials: Sequence[Tried], need: Sequence[floa
     return {"printed": printed, "fr_p": near.extra["fr_p"], "fr_l": near.extra["fr_l"]}
 
 
-def _fps(f: Filter, targets: int, spent: Sequence[float]) -> dict[str, float]:
+def _fps(f: FilterVariant, targets: int, spent: Sequence[float]) -> dict[str, float]:
     """Return frames (of all views) a second, and the printed ones."""
     if not spent:
         return {}
     return {"fps": 1e3 * len(spent) / math.fsum(spent), "printed": FPS.get(f.name, {}).get(targets, math.nan)}
 
 
-def _relative(name: str, rows: Sequence[Row]) -> list[Row]:
+def _relative(name: str, rows: Sequence[PaperRow]) -> list[PaperRow]:
     """Return the rows divided by their mean at 4 targets."""
     unit = find(list(rows), rows[0].series, 4)
     if unit is None or not unit.runs:
         return []
-    return [Row(name, row.x, tuple(value / unit.mean for value in row.values)) for row in rows if row.runs]
+    return [PaperRow(name, row.x, tuple(value / unit.mean for value in row.values)) for row in rows if row.runs]
 
 
 TABLE2 = Experiment(

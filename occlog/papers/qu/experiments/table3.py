@@ -19,10 +19,10 @@ from occlog.papers.qu.trial import run_views_trial, views_spec
 from occlog.papers.verdicts import (
     Execute,
     Experiment,
-    Row,
+    PaperRow,
     Size,
+    StatementVerdict,
     Table,
-    Verdict,
     deviation,
     mean_of,
     quotient_of,
@@ -95,11 +95,11 @@ def _mean(values: Sequence[float]) -> float:
     return math.fsum(values) / len(values)
 
 
-def _with(row: Row, **more: float) -> Row:
+def _with(row: PaperRow, **more: float) -> PaperRow:
     return replace(row, extra={**row.extra, **more})
 
 
-def judge3(table: Table) -> list[Verdict]:
+def judge3(table: Table) -> list[StatementVerdict]:
     """Judge the order of the methods, how much lower BMCT's rates are, and its speed."""
     out = []
     for rate, name in RATES.items():
@@ -116,7 +116,7 @@ def judge3(table: Table) -> list[Verdict]:
     return out
 
 
-def _much_lower(rate: str, name: str, rows: Mapping[str, Row]) -> Verdict:
+def _much_lower(rate: str, name: str, rows: Mapping[str, PaperRow]) -> StatementVerdict:
     """Judge the rate of BMCT against that of the best other method."""
     best = min((m for m in METHODS if m != "bmct"), key=lambda m: rows[m].mean)
     printed = PRINTED[rate]["bmct"] / PRINTED[rate]["idmot"]
@@ -126,7 +126,7 @@ def _much_lower(rate: str, name: str, rows: Mapping[str, Row]) -> Verdict:
     return v.judge(f"table3-{rate}-much-lower", said, ratio, v.at_most(0.5), v.below(1.0), rule=rule, paper=printed)
 
 
-def _goals(rate: str, name: str, row: Row) -> list[Verdict]:
+def _goals(rate: str, name: str, row: PaperRow) -> list[StatementVerdict]:
     """Judge mean and median of BMCT; the median is at most a goal if at least half of the videos are."""
     mean, median = GOAL[rate]
     said = f"Goal of this project: mean rate of {name} of BMCT at most [%]."
@@ -143,9 +143,9 @@ def _goals(rate: str, name: str, row: Row) -> list[Verdict]:
     ]
 
 
-def _speed(rows: Mapping[str, Row]) -> list[Verdict]:
+def _speed(rows: Mapping[str, PaperRow]) -> list[StatementVerdict]:
     """Judge the speed of BMCT against that of the others, by the CPU times of the same videos."""
-    times = {m: Row(m, 0.0, rows[m].each["frame_ms"]) for m in METHODS}
+    times = {m: PaperRow(m, 0.0, rows[m].each["frame_ms"]) for m in METHODS}
     out = []
     for other in ("mipf", "idmot"):
         said = f"BMCT is nearly as fast as {other.upper()}: its speed over that of {other.upper()}."

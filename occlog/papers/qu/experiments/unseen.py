@@ -10,7 +10,7 @@ from __future__ import annotations
 from occlog.papers import verdicts as v
 from occlog.papers.qu.common import ordered, seed_of
 from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table
 from occlog.pipeline.sweep.trial import Spec
 
 SCENE = "together-in-second"
@@ -34,7 +34,7 @@ def unseen(size: Size, execute: Execute) -> Table:
             helped = tuple(100.0 * r[f"{label}.unseen_helped"] for r in own)
             extra = {"helped": sum(helped) / len(helped)}
             off = tuple(100.0 * (1.0 - r[f"{label}.pair_end_own"]) for r in own)
-            rows.append(Row(f"{label}, {name}", float(x), off, extra, each={"helped": helped}))
+            rows.append(PaperRow(f"{label}, {name}", float(x), off, extra, each={"helped": helped}))
     return rows
 
 
@@ -45,7 +45,7 @@ def _spec(size: Size, run: int, hidden: bool) -> Spec:
     return views_spec(seed_of(size, run), RUNNERS, balls, scene=SCENE, watched=watched, **more)
 
 
-def judge_unseen(table: Table) -> list[Verdict]:
+def judge_unseen(table: Table) -> list[StatementVerdict]:
     """Judge that without a counterpart IDMOT is done, and fails more than with one, and less with a third camera."""
     alone, paired = (v.find(table, f"BMCT, {name}") for name in (NOT_SEEN, SEEN))
     third = v.find(table, f"BMCT, three cameras, {NOT_SEEN}")

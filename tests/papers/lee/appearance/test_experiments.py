@@ -10,7 +10,7 @@ import pytest
 from occlog.papers.lee.appearance.coefficient import BINS, COEFFICIENT, coefficient_trial
 from occlog.papers.lee.appearance.faces import FACES, KNOWN, equal_error, faces_trial, likeness
 from occlog.papers.lee.appearance.motion import DIRECTIONS, MOTION, camera_of, seen_motion
-from occlog.papers.verdicts import IN_PART, NOT, REPRODUCED, UNDECIDED, Row, Size
+from occlog.papers.verdicts import IN_PART, NOT, REPRODUCED, UNDECIDED, PaperRow, Size
 
 
 def run(experiment, runs, steps):
@@ -50,7 +50,7 @@ def test_all_printed_signs_of_motion_hold():
     table, found = run(MOTION, 2, 10)
     assert len(found) == 12
     assert {v.verdict for v in found.values()} == {REPRODUCED}
-    lost = [Row(r.series, r.x, tuple(0.4 for _ in r.values)) for r in table if r.series != "moves N"]
+    lost = [PaperRow(r.series, r.x, tuple(0.4 for _ in r.values)) for r in table if r.series != "moves N"]
     judged = {v.id: v.verdict for v in MOTION.judge(lost)}
     assert (judged["motion-N-1"], judged["motion-NE-1"]) == (UNDECIDED, NOT)
 
@@ -70,7 +70,7 @@ def test_threshold_of_equal_errors():
 def judged(item, **series):
     """Verdicts of an experiment on rows of two runs with these values at each x."""
     experiment = next(e for e in FACES if e.item == item)
-    rows = [Row(name, float(x), (y, y)) for name, points in series.items() for x, y in points]
+    rows = [PaperRow(name, float(x), (y, y)) for name, points in series.items() for x, y in points]
     return {v.id: v.verdict for v in experiment.judge(rows)}
 
 

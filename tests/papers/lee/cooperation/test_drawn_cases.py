@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from occlog.papers.lee.cooperation import drawn_cases as drawn
-from occlog.papers.verdicts import Row, Size
+from occlog.papers.verdicts import PaperRow, Size
 
 
 def sketch(case, run):
@@ -34,7 +34,7 @@ def test_every_change_leaves_the_number_of_bearings_as_it_is():
 
 
 def test_sketches_are_judged_by_shares_of_runs():
-    table = [Row("(3.15)", 11.0, (0.0,) * 40), Row("(3.16)", 11.0, (1.0,) * 20 + (0.0,) * 20)]
+    table = [PaperRow("(3.15)", 11.0, (0.0,) * 40), PaperRow("(3.16)", 11.0, (1.0,) * 20 + (0.0,) * 20)]
     words = {v.id: v.verdict for v in drawn.judge_sketches(table)}
     assert words == {"fig3.11-drawn-bearing": "reproduced", "fig3.11-drawn-ellipse": "not decided"}
 

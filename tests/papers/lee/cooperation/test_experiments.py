@@ -12,7 +12,7 @@ from occlog.papers.lee.cooperation.environments import environment
 from occlog.papers.lee.cooperation.field import FIELD_EXPERIMENTS, OPEN_EXPERIMENTS
 from occlog.papers.lee.cooperation.room import ROOM_EXPERIMENTS
 from occlog.papers.lee.cooperation.trial import cooperation_spec, cooperation_trial
-from occlog.papers.verdicts import Row, Size
+from occlog.papers.verdicts import PaperRow, Size
 
 EXPERIMENTS = (*OPEN_EXPERIMENTS, *FIELD_EXPERIMENTS, *ROOM_EXPERIMENTS)
 
@@ -93,7 +93,7 @@ def rows():
     """Periods whose error is 0.1 per second of period, and a cost of 400 frames by it; two runs alike."""
 
     def row(x, error, frames):
-        return Row("periodic", x, (error, error), {"frames_0": frames, "frames_1": frames, "frames": frames})
+        return PaperRow("periodic", x, (error, error), {"frames_0": frames, "frames_1": frames, "frames": frames})
 
     return [row(400 / p, 0.1 * p, 400 / p) for p in (2.0, 4.0, 8.0, 16.0)], row
 

@@ -6,7 +6,7 @@ import pytest
 from occlog.papers.lee.cooperation.environments import environment
 from occlog.papers.lee.cooperation.parallel_projection import judge_errors
 from occlog.papers.lee.cooperation.projected_places import PROJECTIONS, crossed, projected, relocated, sights_of
-from occlog.papers.verdicts import Row
+from occlog.papers.verdicts import PaperRow
 from occlog.track.methods.imm.ask_cameras import CameraAnswer, CameraQuestion, CameraRequest
 
 
@@ -55,7 +55,7 @@ def test_parallel_cameras_have_no_place_by_projection():
 
 def test_projection_and_sight_lines_are_judged_side_by_side():
     names = {"reference": 6.0, "Eq. 5.39": 2.0, "Eq. 5.40": 2.5, "Eq. 5.39, 3 passes": 1.0, "sight lines": 0.5}
-    table = [Row(n, 3.0, tuple(x + 0.01 * k for k in range(30))) for n, x in names.items()]
+    table = [PaperRow(n, 3.0, tuple(x + 0.01 * k for k in range(30))) for n, x in names.items()]
     words = {v.id: v.verdict for v in judge_errors(table)}
     assert words["sec3.2.2-improves"] == words["sec3.2.2-lines"] == words["sec3.2.2-passes"] == "reproduced"
     assert words["sec3.2.2-depth"] == "not reproduced"

@@ -11,14 +11,14 @@ import pytest
 from occlog.papers.catalogue import PAPERS
 from occlog.papers.lee.navigation.escapes import ESCAPE_EXPERIMENTS
 from occlog.papers.lee.navigation.forces import FORCE_EXPERIMENTS, always
-from occlog.papers.verdicts import Experiment, Row, Size, Verdict, find
+from occlog.papers.verdicts import Experiment, PaperRow, Size, StatementVerdict, find
 
 EXPERIMENTS = {e.item: e for e in (*FORCE_EXPERIMENTS, *ESCAPE_EXPERIMENTS)}
 SMALL = Size(2, 40, quick=True)
 Trial = Callable[[Mapping[str, Any]], dict[str, float]]
 
 
-def judged(item: str, size: Size = SMALL) -> dict[str, Verdict]:
+def judged(item: str, size: Size = SMALL) -> dict[str, StatementVerdict]:
     experiment: Experiment = EXPERIMENTS[item]
     table = experiment.compute(size, lambda specs: [experiment.trial(s) for s in specs])
     return {v.id: v for v in experiment.judge(table)}
@@ -84,7 +84,7 @@ def test_robots_nearly_in_line_collide_by_equalities_as_often_as_without_prevent
 def test_what_never_happens_is_reproduced_without_exception_and_refuted_beyond_two_standard_errors(
     values: tuple[float, ...], verdict: str
 ):
-    assert always("x", "never", Row("x", math.nan, values), 0.0).verdict == verdict
+    assert always("x", "never", PaperRow("x", math.nan, values), 0.0).verdict == verdict
 
 
 def test_rows_beyond_the_obstacle_are_curves_of_their_own():

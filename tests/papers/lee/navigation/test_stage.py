@@ -11,7 +11,7 @@ from occlog.core.navigation.steering import SteeringState
 from occlog.errors import InputError
 from occlog.papers.lee.navigation.config import NavigateConfig
 from occlog.papers.lee.navigation.course import Disc, course_of, people_of
-from occlog.papers.lee.navigation.run import Verdict
+from occlog.papers.lee.navigation.run import RobotVerdict
 from occlog.papers.lee.navigation.stage import Drive, End, drive
 from occlog.records.scene import Occluder, Scene
 from occlog.records.tables import Tracks, Truth
@@ -32,7 +32,7 @@ def driven(
     goal: tuple[float, float] = (6.0, 6.0),
     people: Tracks | Truth | None = None,
     **values: object,
-) -> tuple[np.ndarray, Drive, Verdict]:
+) -> tuple[np.ndarray, Drive, RobotVerdict]:
     """The places of one robot, how it fared, and the verdict."""
     config = configure(NavigateConfig.in_unit(scene.length_unit), values)
     moving = None if people is None else obstacles_of(people, int(people.t_ns[0]), people_of(config))
@@ -40,7 +40,7 @@ def driven(
     robots = Drive.at(np.array([start], dtype=np.float64))
     steps = list(drive(robots, np.array([goal], dtype=np.float64), course, config))
     places = np.concatenate([step.xy for step in steps])
-    return places, robots, Verdict(robots, 0, np.array(goal), course.names, config)
+    return places, robots, RobotVerdict(robots, 0, np.array(goal), course.names, config)
 
 
 def test_with_the_original_force_the_printed_robot_collides_from_9_9():

@@ -11,7 +11,7 @@ from occlog.papers import catalogue
 from occlog.papers import verdicts as v
 from occlog.papers.lee.space import scenarios, tables, variances, worlds
 from occlog.papers.lee.space.worlds import AXIS_NAMES, TABLE, bounds, space_spec, space_trial, world
-from occlog.papers.verdicts import Row, Size
+from occlog.papers.verdicts import PaperRow, Size
 
 SMALL = Size(2, 10, quick=True)
 
@@ -39,7 +39,7 @@ def test_all_items_of_chapter_2_are_there_in_order() -> None:
 def test_values_of_a_root_mean_square_have_it_as_their_mean_and_its_standard_error() -> None:
     rng = np.random.default_rng(0)
     squares = rng.chisquare(3, 400)
-    row = Row("", 0.0, scenarios.root_mean(squares))
+    row = PaperRow("", 0.0, scenarios.root_mean(squares))
     assert row.mean == pytest.approx(math.sqrt(squares.mean()))
     # Of the root of a mean of chi-square: sd / (2 root sqrt(n)), by the delta method
     assert row.error == pytest.approx(squares.std(ddof=1) / (2 * math.sqrt(squares.mean()) * math.sqrt(400)))

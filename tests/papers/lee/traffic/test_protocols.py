@@ -12,15 +12,15 @@ from occlog.papers.lee.traffic.network import (
     FINAL,
     VISUAL,
     CameraNode,
-    Network,
+    NetworkSimulation,
+    RouterNetwork,
     SensorNode,
-    Simulation,
     Sizes,
     simulate_cycle,
 )
 
 # 8000 bit/s: a byte takes 1 ms; packets of 100 bytes, acknowledgements of 10
-TWO = Network(
+TWO = RouterNetwork(
     links=(("R1", "R2"), ("R2", "server")),
     server="server",
     sensors=(SensorNode("S1", "R1", detects=10, assigned=1.0),),
@@ -32,7 +32,7 @@ TWO = Network(
 
 
 def test_one_packet_takes_its_time_on_each_hop() -> None:
-    simulation, arrived = Simulation(TWO), {}
+    simulation, arrived = NetworkSimulation(TWO), {}
     simulation.at(0.0, lambda _: simulation.send("x", "R1", ("server",), 50, arrived=arrived.__setitem__))
     simulation.run()
     assert_allclose(arrived["server"], 0.100)
@@ -45,14 +45,14 @@ def test_one_packet_takes_its_time_on_each_hop() -> None:
 def test_two_packets_share_the_channel_or_follow_each_other(channel: str, end: float) -> None:
     # Two packets of 100 ms over two hops: 4 x 100 on one channel (and at R2, whose radio does one thing at a time);
     # on links of their own the second packet is on the first link while the first one is on the second
-    simulation, arrived = Simulation(replace(TWO, channel=channel)), {}
+    simulation, arrived = NetworkSimulation(replace(TWO, channel=channel)), {}
     simulation.at(0.0, lambda _: simulation.send("x", "R1", ("server",), 200, arrived=arrived.__setitem__))
     simulation.run()
     assert_allclose(arrived["server"], end)
 
 
 def test_acknowledgements_occupy_the_channel_but_packets_go_on() -> None:
-    simulation, arrived = Simulation(TWO), {}
+    simulation, arrived = NetworkSimulation(TWO), {}
     simulation.at(
         0.0, lambda _: simulation.send("x", "R1", ("server",), 100, arrived=arrived.__setitem__, reliable=True)
     )
@@ -62,7 +62,7 @@ def test_acknowledgements_occupy_the_channel_but_packets_go_on() -> None:
 
 
 def test_a_message_to_several_goes_over_each_link_once() -> None:
-    simulation, arrived = Simulation(TWO), {}
+    simulation, arrived = NetworkSimulation(TWO), {}
     simulation.at(0.0, lambda _: simulation.send("x", "R1", ("R2", "server"), 100, arrived=arrived.__setitem__))
     simulation.run()
     assert simulation.messages[0].hops == 2
@@ -70,7 +70,7 @@ def test_a_message_to_several_goes_over_each_link_once() -> None:
 
 
 def test_a_message_to_oneself_is_there_at_once() -> None:
-    simulation, arrived = Simulation(TWO), {}
+    simulation, arrived = NetworkSimulation(TWO), {}
     simulation.at(0.5, lambda _: simulation.send("x", "R1", ("R1",), 300, arrived=arrived.__setitem__))
     simulation.run()
     assert arrived == {"R1": 0.5}
@@ -99,7 +99,7 @@ def test_estimates_take_their_time() -> None:
 
 
 ROUTERS = tuple(f"R{n}" for n in range(1, 6))
-STRING = Network(
+STRING = RouterNetwork(
     links=(*pairwise(ROUTERS), ("R5", "server")),
     server="server",
     sensors=tuple(

@@ -10,7 +10,7 @@ from occlog.papers.qu.experiments.failures import (
     FOLLOWED,
     TRIED,
     WORSE,
-    Curve,
+    FailureCurve,
     enough,
     growth,
     judge_failures,
@@ -18,7 +18,7 @@ from occlog.papers.qu.experiments.failures import (
     total,
 )
 from occlog.papers.qu.trial import run_views_trial
-from occlog.papers.verdicts import Row, Size, bootstrapped
+from occlog.papers.verdicts import PaperRow, Size, bootstrapped
 
 TOTALS = np.array([50.0, 100.0, 200.0, 400.0])
 
@@ -34,7 +34,7 @@ def test_what_suffices_lies_where_the_rate_comes_within_the_limit():
 
 def test_growth_is_the_exponent_of_what_suffices():
     rates = np.array([9.0, 5.0, 1.0, 1.0])[:, None] + np.zeros(3)
-    curves = [Curve(n, TOTALS * n**2.5, rates) for n in (4, 5, 6)]
+    curves = [FailureCurve(n, TOTALS * n**2.5, rates) for n in (4, 5, 6)]
     assert growth(curves) == pytest.approx(2.5)
     assert math.isnan(growth(curves[:1]))
 
@@ -58,7 +58,7 @@ def table(power, runs=12):
             for k in TRIED[name]:
                 x = total(n, k)
                 rate = 1.0 + 8.0 * (need / x) ** 2 + 0.2 * rng.standard_normal(runs)
-                rows.append(Row(series_of(name, n), x, tuple(rate.tolist())))
+                rows.append(PaperRow(series_of(name, n), x, tuple(rate.tolist())))
     return rows
 
 

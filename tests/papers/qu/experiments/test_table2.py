@@ -13,7 +13,7 @@ from occlog.papers.qu.experiments.table2 import (
     needed,
 )
 from occlog.papers.qu.trial import run_views_trial
-from occlog.papers.verdicts import Row, Size
+from occlog.papers.verdicts import PaperRow, Size
 
 COUNTS = (2, 3, 4, 5, 6, 8)
 
@@ -23,7 +23,7 @@ def trial_rows(efficiency, fr_p=(0.0, 0.0, 0.0), runs=2):
     rows = []
     for x, rate in zip((100.0, 200.0, 400.0), fr_p, strict=True):
         values = tuple(efficiency * x * (1.0 + 0.1 * k) for k in range(runs))
-        rows.append(Tried(Row("", x, values, {"fr_p": rate}), Row("", x, ((x / 100.0) ** 0.5,) * runs)))
+        rows.append(Tried(PaperRow("", x, values, {"fr_p": rate}), PaperRow("", x, ((x / 100.0) ** 0.5,) * runs)))
     return rows
 
 
@@ -48,7 +48,10 @@ def table(bmct, mcmc, sir):
     for name, need in zip(FILTERS, (bmct, mcmc, sir), strict=True):
         for n in COUNTS:
             values = tuple(need(n) * (1.0 + 0.01 * k) for k in (-1, 0, 1))
-            rows += [Row(f"{name}, {TOTAL}", n, values), Row(f"{name}, {TIME}", n, tuple(0.01 * x for x in values))]
+            rows += [
+                PaperRow(f"{name}, {TOTAL}", n, values),
+                PaperRow(f"{name}, {TIME}", n, tuple(0.01 * x for x in values)),
+            ]
     return rows
 
 

@@ -14,7 +14,7 @@ from occlog.papers.qu.experiments import fig7, loop, motion, table1, table3
 from occlog.papers.qu.experiments import loop as sweeps
 from occlog.papers.qu.experiments.fig7 import fig7_shots
 from occlog.papers.qu.experiments.table3 import RATES
-from occlog.papers.verdicts import Row, Size
+from occlog.papers.verdicts import PaperRow, Size
 
 RATE = {"mipf": 0.30, "cmct": 0.20, "idmot": 0.10, "bmct": 0.008}
 MS = {"mipf": 3.0, "cmct": 6.0, "idmot": 3.5, "bmct": 4.0}
@@ -65,23 +65,23 @@ def test_videos_have_seeds_from_one_on() -> None:
 
 
 def test_order_counts_by_two_standard_errors_run_by_run() -> None:
-    low, high = Row("low", 1.0, (1.0, 2.0, 3.0)), Row("high", 1.0, (3.0, 4.1, 5.1))
+    low, high = PaperRow("low", 1.0, (1.0, 2.0, 3.0)), PaperRow("high", 1.0, (3.0, 4.1, 5.1))
     found = ordered("k", "", low, high)
     assert (found.verdict, found.measured) == (v.REPRODUCED, pytest.approx((2.0 + 2.1 + 2.1) / 3))
     assert ordered("k", "", high, low).verdict == v.NOT
-    one_of_many = Row("high", 1.0, (2.9, 1.0, 3.0))
-    assert ordered("k", "", Row("low", 1.0, (1.0, 1.5, 3.0)), one_of_many).verdict == v.UNDECIDED
+    one_of_many = PaperRow("high", 1.0, (2.9, 1.0, 3.0))
+    assert ordered("k", "", PaperRow("low", 1.0, (1.0, 1.5, 3.0)), one_of_many).verdict == v.UNDECIDED
 
 
 def test_nothing_is_said_of_the_order_of_rates_below_one_per_cent() -> None:
-    small = Row("low", 1.0, (0.0, 0.0, 0.0))
-    assert ordered("k", "", small, Row("high", 1.0, (0.98, 0.99, 0.99))).verdict == v.UNDECIDED
-    assert ordered("k", "", small, Row("high", 1.0, (1.0, 1.0, 1.01))).verdict == v.REPRODUCED
+    small = PaperRow("low", 1.0, (0.0, 0.0, 0.0))
+    assert ordered("k", "", small, PaperRow("high", 1.0, (0.98, 0.99, 0.99))).verdict == v.UNDECIDED
+    assert ordered("k", "", small, PaperRow("high", 1.0, (1.0, 1.0, 1.01))).verdict == v.REPRODUCED
 
 
 def test_points_with_nothing_to_gain_are_left_out() -> None:
-    nothing = (Row("", 1.0, (0.0, 0.0)), Row("", 1.0, (0.1, 0.2)))
-    good = (Row("", 2.0, (1.0, 2.0)), Row("", 2.0, (3.45, 4.55)))
+    nothing = (PaperRow("", 1.0, (0.0, 0.0)), PaperRow("", 1.0, (0.1, 0.2)))
+    good = (PaperRow("", 2.0, (1.0, 2.0)), PaperRow("", 2.0, (3.45, 4.55)))
     assert everywhere("k", "", [nothing]) is None
     verdict = everywhere("k", "", [nothing, good])
     assert verdict is not None
@@ -198,8 +198,8 @@ def test_loop_counts_wrong_trackers_and_compares_with_idmot() -> None:
 
 
 def test_loop_sees_that_wrong_lines_do_harm() -> None:
-    rows = [Row("BMCT, false positions", d, (20.0, 21.4)) for d in (10.0, 20.0)]
-    idmot = Row("IDMOT, false positions", math.nan, (10.0, 11.5))
+    rows = [PaperRow("BMCT, false positions", d, (20.0, 21.4)) for d in (10.0, 20.0)]
+    idmot = PaperRow("IDMOT, false positions", math.nan, (10.0, 11.5))
     verdict = loop._not_inferior("fr_p", "false positions", idmot, rows)
     assert (verdict.verdict, verdict.measured) == (v.NOT, pytest.approx(9.95))
 
@@ -231,7 +231,7 @@ def test_the_cost_grows_with_targets_and_views_as_a_power(experiment) -> None:
     def rows(power):
         rng = np.random.default_rng(2)
         values = {x: tuple((x**power * rng.uniform(0.95, 1.05, 6)).tolist()) for x in (1.0, 2.0, 3.0, 4.0)}
-        return [Row("BMCT, false positions", x, (1.0,) * 6, each={"frame_ms": ms}) for x, ms in values.items()]
+        return [PaperRow("BMCT, false positions", x, (1.0,) * 6, each={"frame_ms": ms}) for x, ms in values.items()]
 
     for power, word in ((1.0, v.REPRODUCED), (2.0, v.NOT)):
         found = variants._cost(experiment, rows(power))
