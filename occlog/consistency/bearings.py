@@ -163,7 +163,7 @@ class AngleConventionCheck:
 
 
 def misfit(places: Floats, bearings: Floats) -> float:
-    """Mean square angle [rad^2] by which n lines miss the place that is nearest to all of them, at most `MAX_LINE_MISFIT_RAD2` each.
+    """Mean square angle [rad^2] between n lines and the position nearest to them, each at most `MAX_LINE_MISFIT_RAD2`.
 
     Args:
         places: (n, 2) where the lines begin, n >= 2.

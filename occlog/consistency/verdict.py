@@ -458,7 +458,7 @@ class ConsistencyEvidence:
 
 
 def exceeds_share(count: int, of: int, share: float) -> bool:
-    """Whether more than a share was found, and would be with a probability of less than `SIGNIFICANCE` if that were right."""
+    """Whether a count exceeds a share significantly: with a probability below `SIGNIFICANCE` if the share were true."""
     return of > 0 and count > share * of and float(bdtrc(count - 1, of, share)) < SIGNIFICANCE
 
 

@@ -445,7 +445,7 @@ def _as_length(
     config: DistanceMeasurementConfig,
     radio: Radio | None,
 ) -> tuple[int, Floats, Floats]:
-    """Kind, values and standard deviations of one column, as `RangeMeasurements` has them; NaN: no standard deviation."""
+    """Kind, values and standard deviations of one column for `RangeMeasurements`; NaN: no standard deviation."""
     value: Floats = getattr(table, name)
     sigma: Floats = getattr(table, f"sigma_{name}")
     if name in PLAIN:

@@ -375,7 +375,7 @@ def fit(n: int) -> Floats:
 def unhidden_over(
     grid: HiddenGrid, xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form: int, far: float
 ) -> Floats:
-    """As `occlog.core.occlusion.hidden.visibility_probability`, interpolated over the grid where that is quicker and good enough."""
+    """Approximate `visibility_probability` by interpolation on the grid, where that is faster and accurate enough."""
     nx, ny = grid.first.shape[0], grid.second.shape[0]
     away = math.sqrt((grid.x - x0) ** 2 + (grid.y - y0) ** 2)
     if nx * ny == 0 or nx * ny > MIN_POINTS_PER_POSITION * rows.shape[0] or away < MIN_CAMERA_DISTANCE * grid.size:

@@ -118,7 +118,10 @@ def basis(found: MetricComparison) -> str:
     whole = found.rows[0].found.recordings
     if whole:
         return f"{what}; {count} recordings exchanged, both runs at once; about recordings like these. {LEVEL}."
-    few = f"fewer than {MIN_STRETCHES} independent ones decide nothing; of identities fewer than {MANY_RECORDINGS} recordings"
+    few = (
+        f"fewer than {MIN_STRETCHES} independent ones decide nothing; "
+        f"of identities fewer than {MANY_RECORDINGS} recordings"
+    )
     return f"{what}; stretches of time exchanged, both runs at once; about these recordings alone; {few}. {LEVEL}."
 
 

@@ -91,7 +91,7 @@ def median_height(heights: Floats) -> float:
 
 
 def inconsistent_cameras(heights: Floats) -> Mapping[int, float]:
-    """Cameras in which people are `HEIGHT_RATIO_LIMIT` times as tall or as short as in the median of the others, and how tall."""
+    """Cameras with heights `HEIGHT_RATIO_LIMIT` times above or below the median of the others, and these heights."""
     found = {}
     for c in np.flatnonzero(np.isfinite(heights)).tolist():
         others = median_height(np.delete(heights, c))

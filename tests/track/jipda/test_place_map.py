@@ -22,8 +22,8 @@ def known(metre: float = 1.0):
     """A map of a hall where people stand, and of a door by which they come and leave."""
     out = empty_map(metre)
     for _ in range(50):
-        out = update_map(out, 1.0, people=np.vstack([DOOR, HALL, HALL]) * metre, existence=np.ones(3), left=DOOR * metre,
-                    came=DOOR * metre, velocity=np.array([[1.2, 0.0]]) * metre)  # fmt: skip
+        out = update_map(out, 1.0, people=np.vstack([DOOR, HALL, HALL]) * metre, existence=np.ones(3),
+                    left=DOOR * metre, came=DOOR * metre, velocity=np.array([[1.2, 0.0]]) * metre)  # fmt: skip
     return out
 
 

@@ -212,7 +212,7 @@ def moments(particles: Floats, weights: Floats) -> ModelEstimates:
 
 @array_kernel
 def _moments(x: Floats, w: Floats) -> tuple[Floats, Floats, Floats]:
-    """mu, means and covariances of `ModelEstimates`; sums are kept in variables of their own, which is twice as fast."""
+    """Compute mu, means and covariances of `ModelEstimates`; sums in local variables are twice as fast."""
     J, L = w.shape
     mu, means, covariances = np.zeros(J), np.full((J, 4), math.nan), np.full((J, 4, 4), math.nan)
     for m in range(J):

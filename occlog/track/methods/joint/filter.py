@@ -97,7 +97,7 @@ def init(scene: Scene, config: JointConfig, rng: Generator) -> JointState:
 
 
 def chances_of(scene: Scene, config: JointConfig) -> DetectionProbabilities:
-    """How reliable sensors are; none is so to more than `MAX_PROBABILITY`, or one look could contradict every particle."""
+    """Detection probabilities, at most `MAX_PROBABILITY`: above it, one detection could contradict every particle."""
     own = [(c.detection, c.false_alarm) for c in scene.cameras] + [(None, None)] * len(scene.arrays)
     found = [config.detection if detection is None else detection for detection, _ in own]
     false = [config.false if false is None else false for _, false in own]

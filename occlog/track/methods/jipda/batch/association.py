@@ -79,7 +79,8 @@ def associate(
 ) -> AssociatedBoxes:
     """Update the people by the boxes of the moment, all cameras jointly, as the filter does."""
     after = update_targets(
-        people.mean, people.covariance, people.existence, state.views, boxes, rates, bonus, UNTRACKED_TO_CLUTTER_RATIO, GATE_CHI2
+        people.mean, people.covariance, people.existence, state.views, boxes, rates, bonus,
+        UNTRACKED_TO_CLUTTER_RATIO, GATE_CHI2
     )  # fmt: skip
     who = PredictedPeople(people.track, after.mean, after.covariance, after.existence)
     there = after.existence[:, None]
@@ -198,7 +199,10 @@ def _join_doubles(mean: Floats, given: Ints, known: int) -> None:
 
 
 def best_boxes(boxes: PackedDetections, share: Floats) -> Ints:
-    """(L, N) the box that is most probably each person's in each look; NONE if no share (N, M) is above `MIN_ASSOCIATION_PROBABILITY`."""
+    """(L, N) the most probable box of each person in each frame.
+
+    NONE where no association probability (N, M) is above `MIN_ASSOCIATION_PROBABILITY`.
+    """
     out = np.full((len(boxes.camera), len(share)), NO_NODE)
     if not len(share):
         return out

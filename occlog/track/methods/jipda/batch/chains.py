@@ -268,7 +268,7 @@ def cached_link(
     i: int,
     j: int,
 ) -> float:
-    """The same as `log_link_probability`; a link between listed places is made anew only when one of its messages was."""
+    """Return `log_link_probability`, cached for links of listed nodes until one of their messages changes."""
     if j == NO_NODE:
         return log_link_probability(places, walk, looked, chain, i, j)
     if i == NO_NODE:
@@ -544,7 +544,8 @@ def propose_successor(
 
 @kernel_part
 def propose_insertion(
-    places: TrackletNodes, walk: WalkModel, looked: Floats, listed: LinkCandidates, known: LinkCache, chain: MarkovChainState, k: int, u: float,
+    places: TrackletNodes, walk: WalkModel, looked: Floats, listed: LinkCandidates, known: LinkCache,
+    chain: MarkovChainState, k: int, u: float,
     log_u: float, temperature: float,
 ) -> int:  # fmt: skip
     """Propose that place k enters a track or leaves its track."""
