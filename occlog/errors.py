@@ -1,6 +1,6 @@
 """Errors that a user can act on, and the exit codes of the command line.
 
-Every error message is one line that names the file, the place in it, the value and
+Every error message is one line that names the file, the position in it, the value and
 the limit it breaks, and what to do.
 """
 
@@ -25,7 +25,7 @@ SPELLING: ContextVar[Callable[[str], str]] = ContextVar("SPELLING", default=as_f
 def option(name: str) -> str:
     """The name of something that a request takes, for a message: each surface spells it in its own way.
 
-    A setting without an option of its own is called `set.NAME`.
+    A setting without its own option is called `set.NAME`.
     """
     return f"\ue000{name}\ue001"
 
@@ -36,12 +36,12 @@ def spelled(text: str) -> str:
 
 
 class ExitCode(IntEnum):
-    """What the exit status of an `occlog` command says."""
+    """What the exit status of an `occlog` command states."""
 
     DONE = 0
     BUG = 1
     USAGE = 2
-    LOSSY = 3  # finished, but input was lost on the way; what was lost is listed
+    LOSSY = 3  # finished, but input was lost while reading; the losses is listed
     BAD_INPUT = 4  # bad or unreadable input, or a file that cannot be written
     DIFFERENT = 5  # `diff` found a difference
     THRESHOLD = (
@@ -69,7 +69,7 @@ class OcclogError(Exception):
 
 
 class InputError(OcclogError):
-    """An input is missing, damaged, or says something that cannot be."""
+    """An input is missing, damaged, or states something that cannot be."""
 
 
 class OutputError(OcclogError):
@@ -77,7 +77,7 @@ class OutputError(OcclogError):
 
 
 class OutputExistsError(OcclogError):
-    """The output is already there and may not be overwritten; the command line says how to replace it."""
+    """The output is already there and may not be overwritten; the command line states how to replace it."""
 
     exit_code = ExitCode.EXISTS
 
@@ -93,7 +93,7 @@ class UsageError(OcclogError):
 
 
 class NoSceneError(UsageError):
-    """A file holds no scene where one is wanted; the command line says how to give one.
+    """A file holds no scene where one is requested; the command line states how to give one.
 
     Attributes:
         where: the file.

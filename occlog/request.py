@@ -22,7 +22,7 @@ SCENE_HELP = "Scene file (YAML), a recording that holds one, or a text table of 
 
 @dataclass(frozen=True)
 class File:
-    """What is declared of a field that names a file, or several.
+    """Declaration of a field that names a file, or several.
 
     Attributes:
         help: one sentence or more.
@@ -35,8 +35,8 @@ class File:
         option: as click writes it (`-o/--output`); None: the field's name.
         metavar: how the option's value is called.
         argument: it is an argument without a name.
-        together: of a field of several files so many are given at a time.
-        number: a number from this on may stand in the place of the file; None: no number may.
+        together: of a field of several files this many are given at a time.
+        number: a number from this on may be in the position of the file; None: no number may.
         scene: a scene is read from it.
         there: click looks whether it is there, and `-` is standard input.
         kinds: kinds of input that it is for, where the request is of several (`Request.KIND`); empty: all.
@@ -61,10 +61,10 @@ class File:
 
 @dataclass(frozen=True)
 class SettingsGroup:
-    """What is declared of a field that holds those settings of a class that were given, by name.
+    """Declaration of a field that holds those settings of a class that were given, by name.
 
     Attributes:
-        of: makes the class; None: the form of the request says which (a tracking method, for example).
+        of: makes the class; None: the form of the request states which (a tracking method, for example).
         only: names of settings that can be given; empty: all.
         without: names of settings that cannot.
         under: what the names of the options begin with.
@@ -86,7 +86,7 @@ class SettingsGroup:
 
 @dataclass(frozen=True)
 class PluginField:
-    """What is declared of a field that holds plug-ins that were chosen, with their settings.
+    """Declaration of a field that holds plug-ins that were chosen, with their settings.
 
     Attributes:
         kind: of the plug-ins.
@@ -107,7 +107,7 @@ def plugged(kind: str, help: str, option: str, kinds: tuple[str, ...] = ()) -> A
 
 
 def source(help: str, *, required: bool | None = None, **declared_of: Any) -> Any:
-    """Declare a field that names a file to read; an argument is required unless it is said, all else where it is."""
+    """Declare a field that names a file to read; an argument is required unless it is stated, all else where it is."""
     of = File(help, **declared_of)
     return _file(of, of.argument if required is None else required)
 
@@ -128,7 +128,7 @@ def output_file(help: str, table: str = "", result: str = "") -> Any:
 
 
 def scene_file() -> Any:
-    """Declare the scene, which takes the place of that of the input."""
+    """Declare the scene, which replaces that of the input."""
     return source(SCENE_HELP, scene=True)
 
 
@@ -153,9 +153,9 @@ class Request(Settings):
     """Base of all classes of requests; the docstring of a class is the help of its command.
 
     `RUN` is module and name of the function that does it: from the request and a `Job` to a summary and losses.
-    `JUDGED`: the summary has the figure `VERDICT`, whether all is well; `STRICT` says when false is the exit code
+    `JUDGED`: the summary has the figure `VERDICT`, whether all is well; `STRICT` states when false is the exit code
     6 with `--strict`; empty: it always is.
-    `KIND` is module and name of the function that says of which kind of input a request is, and `KINDS` are words for
+    `KIND` is module and name of the function that states about which kind of input a request is, and `KINDS` are words for
     these kinds; without any a request takes all that it declares.
     """
 
@@ -231,13 +231,13 @@ class RequestEntry(NamedTuple):
 
     @property
     def file(self) -> File | None:
-        """What is declared of a file."""
+        """Declaration of a file."""
         found: File | None = self.of.metadata.get("file")
         return found
 
     @property
     def plugged(self) -> PluginField | None:
-        """What is declared of plug-ins."""
+        """Declaration of plug-ins."""
         found: PluginField | None = self.of.metadata.get("plugged")
         return found
 
@@ -277,7 +277,7 @@ class Form:
     under: Mapping[str, str] = field(default_factory=dict)
 
     def entries(self) -> Iterator[RequestEntry]:
-        """Everything that it takes and that has a name of its own, in the order of declaration."""
+        """Everything that it takes and that has its own name, in the order of declaration."""
         for f in fields(self.request):
             of: SettingsGroup | None = f.metadata.get("group")
             if of is not None:
@@ -373,7 +373,7 @@ class Verb:
         default: the kind where no value chooses one.
         by: keys of the values that choose, the first that is given before the others, and which kind a text of the
             value chooses; empty: none.
-        counted: kinds that so many arguments choose where no value does; more choose that of the largest number.
+        counted: kinds that this many arguments choose where no value does; more choose that of the largest number.
         what: how a kind is called, for example `method`.
         chosen_by: how a kind is chosen on the command line, with {} for its name.
         more: makes kinds of plug-ins.
@@ -401,11 +401,11 @@ class Verb:
         return of.__doc__
 
     def kind(self, name: str) -> VerbKind | None:
-        """The kind of that name, ours or of a plug-in; None: there is none."""
+        """The kind of that name, ours or of a plug-in; None: missing."""
         return self.kinds[name] if name in self.kinds else self.more().get(name)
 
     def form(self, name: str) -> Form:
-        """The form of a kind; UsageError, with the nearest name, where there is none of that name."""
+        """The form of a kind; UsageError, with the nearest name, if missing of that name."""
         kind = self.kind(name)
         if kind is None:
             raise UsageError(f"no {self.what} {name!r}; {did_you_mean(name, [*self.kinds, *self.more()])}")

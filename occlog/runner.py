@@ -31,7 +31,7 @@ class JobResult(NamedTuple):
         losses: input that was lost.
         earlier: input that was lost when the inputs were made.
         failed: conditions that the user gave and that are met, each in words.
-        shown: what is printed in the place of the summary: as JSON, or for a person; None: the summary.
+        shown: what is printed in the position of the summary: as JSON, or for a person; None: the summary.
     """
 
     summary: dict[str, Any]
@@ -52,7 +52,7 @@ def run(request: Request, *, overwrite: bool = False, quiet: bool = False) -> Jo
     Raises:
         OutputExistsError: an output exists and may not be replaced.
         UsageError: an output is an input too, or values contradict each other.
-        InputError: an input is missing, damaged, or says something that cannot be.
+        InputError: an input is missing, damaged, or states something that cannot be.
     """
     kind = request.kind_of_input()
     request.check_kind(kind)
@@ -105,7 +105,7 @@ class Job:
         Args:
             parameters: on which the outputs depend.
             losses: input that was lost.
-            seed: of random numbers; None: there are none.
+            seed: of random numbers; None: missing.
             inputs: files that are read; None: those of the request.
         """
         hashed = hash_inputs(self.request.inputs if inputs is None else inputs)

@@ -22,7 +22,7 @@ from typing import Any, ClassVar, Self, TypeVar
 from occlog.errors import InputError, UsageError
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
-"""Metres in one unit of length; a scene may have a unit of its own besides."""
+"""Metres in one unit of length; a scene may have its own unit also."""
 LENGTH_POWER = {"length": 1, "length/s": 1, "length/s^2": 1, "length^2": 2, "length^2/s^3": 2}
 """Units that are a length to some power, times something that does not depend on the unit of length."""
 TRUTHS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
@@ -50,7 +50,7 @@ MAX_SETTING, MIN_POSITIVE_SETTING = 1e12, 1e-15
 
 @dataclass(frozen=True)
 class Declaration:
-    """What is said of a setting beside its type and default.
+    """Description of a setting beside its type and default.
 
     Attributes:
         help: one sentence or more, for people.
@@ -60,10 +60,10 @@ class Declaration:
         several: several of `choices`, separated by commas.
         counts: how many numbers a tuple may have; empty: any.
         people: default where lengths are metres, feet or inches, given in metres (or by unit); None: the same.
-        own: default where the scene has a unit of its own; None: the same.
+        own: default where the scene has its own unit; None: the same.
         option: option of the command line, as click writes it (`--lag`, `--shadows/--no-shadows`); None: only --set.
         metavar: how the option's value is called.
-        shown: how --help tells the default; None: as it is; empty: not at all.
+        shown: how --help shows the default; None: as it is; empty: not at all.
         nothing: what None means, in words.
         scale: the option's number times this is the value, where people give another unit (degrees).
         repeat: the option may be repeated; each time it adds names, separated by commas.
@@ -127,7 +127,7 @@ class Declaration:
 
 
 def setting(default: Any, help: str, **declared: Any) -> Any:
-    """Declare a field of a class of settings; see `Declaration` for what may be said of it."""
+    """Declare a field of a class of settings; see `Declaration` for what may be stated of it."""
     return field(default=default, metadata={"setting": Declaration(help, **declared)})
 
 
@@ -138,7 +138,7 @@ def like(of: type[Settings], name: str, help: str, **declared: Any) -> Any:
 
 
 def declaration(of: Field[object]) -> Declaration:
-    """What is said of a field of a class of settings."""
+    """Description of a field of a class of settings."""
     found: Declaration = of.metadata["setting"]
     return found
 
@@ -165,12 +165,12 @@ class Settings:
                 raise SettingError(self.OWNER, name, getattr(self, name), limit)
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Rules between settings: name of the one that is wrong, whether the rule holds, what it says."""
+        """Rules between settings: name of the one that is wrong, whether the rule holds, what it states."""
         return ()
 
     @classmethod
     def in_unit(cls, length_unit: str) -> Self:
-        """The defaults that suit a scene whose lengths are in this unit."""
+        """The defaults that suit a scene with lengths in this unit."""
         return cls(**{f.name: default_in(f, length_unit) for f in declared(cls)})
 
 
@@ -236,7 +236,7 @@ def declared(of: type[Settings]) -> tuple[Field[object], ...]:
 
 
 def default_in(f: Field[object], length_unit: str) -> object:
-    """The default of a setting in scenes of that unit; lengths of people are told in metres and converted."""
+    """The default of a setting in scenes of that unit; lengths of people are reported in metres and converted."""
     said = declaration(f)
     if length_unit not in METRES:
         return f.default if said.own is None else said.own
@@ -266,7 +266,7 @@ def check_setting(of: Sequence[type[Settings]], name: str, value: object) -> Non
     Args:
         of: classes of settings; the first that has the setting is meant.
         name: of the setting.
-        value: a value, or a text that says one.
+        value: a value, or a text that states one.
 
     Raises:
         UsageError: none of them has the setting, or a text is no value of it.
@@ -287,7 +287,7 @@ def _names(of: type[Settings]) -> list[str]:
 
 
 def _read(of: type[Settings], name: str, value: object) -> object:
-    """The value, or what its text says; UsageError for a setting that is not there, or a text that is no value."""
+    """The value, or what its text states; UsageError for a setting that is not there, or a text that is no value."""
     if name not in _names(of):
         raise UsageError(_unknown(of.OWNER, name, _names(of)))
     return read_value(value, kind_of(of, name), name) if isinstance(value, str) else value
@@ -323,7 +323,7 @@ def optional(kind: object) -> bool:
 
 
 def read_value(text: str, kind: object, name: str) -> object:
-    """The value that a text says; UsageError where it says none."""
+    """The value that a text states; UsageError where it states none."""
     if optional(kind) and text.strip().lower() in ("none", ""):
         return None
     plain = plain_kind(kind)
@@ -350,13 +350,13 @@ def read_pair(text: str, size: bool) -> tuple[int, int]:
 
 
 def json_schema(of: type[Settings]) -> dict[str, object]:
-    """JSON Schema of an object that gives some of the settings; what is left out has its default."""
+    """JSON Schema of an object that gives some of the settings; what is skipped has its default."""
     properties = {f.name: _property(of, f) for f in declared(of)}
     return {"type": "object", "properties": properties, "additionalProperties": False}
 
 
 def _property(of: type[Settings], f: Field[object]) -> dict[str, object]:
-    """JSON Schema of one setting; where people in metres have another default, it says so besides."""
+    """JSON Schema of one setting; where people in metres have another default, it states it also."""
     said, kind = declaration(f), kind_of(of, f.name)
     names = {int: "integer", float: "number", bool: "boolean", str: "string", tuple: "array"}
     name = names[plain_kind(kind)]

@@ -63,7 +63,7 @@ def settings_by_class(
 
 
 def declared_value(of: type[Settings], name: str, value: object) -> object:
-    """A value as the setting's type wants it, so that 1 and 1.0, lists and tuples are the same setting."""
+    """A value as the setting's type requires it, so that 1 and 1.0, lists and tuples are the same setting."""
     kind = kind_of(of, name)
     plain = plain_kind(kind)
     if isinstance(value, np.generic):
@@ -109,7 +109,7 @@ def call(
 
     Raises:
         UsageError: a setting that is not there, or arguments that contradict each other.
-        InputError: an input is missing, damaged, or says something that cannot be.
+        InputError: an input is missing, damaged, or states something that cannot be.
     """
     home = Folder()
     arguments_of = {entry.key: entry.field if entry.group is None else entry.of.name for entry in form.entries()}
@@ -222,7 +222,7 @@ def _asked(entry: RequestEntry, of: File, arguments: Mapping[str, Any]) -> bool:
 
 
 def _value(entry: RequestEntry, arguments: Mapping[str, Any], inputs: CallInputs, called: Mapping[str, str]) -> object:
-    """What an argument says, as the field of the request has it."""
+    """What an argument states, as the field of the request has it."""
     value, of, name = arguments.get(entry.field), entry.file, entry.field
     if value is None or (of is not None and of.output):
         return None

@@ -1,6 +1,6 @@
 """Folders of tables that are removed with the last reference to them.
 
-All folders of a process lie in one of its own, which is locked as long as the process lives. It goes when Python ends,
+All folders of a process lie in its own, which is locked as long as the process lives. It goes when Python ends,
 also in the processes of `multiprocessing`. A process that is killed can remove nothing: what it left is no longer
 locked, and the next process that makes folders removes it.
 """
@@ -27,7 +27,7 @@ class Folder:
     """A new folder for temporary files; it goes with the last reference to it, at the latest when Python ends."""
 
     def __init__(self) -> None:
-        """Make it, where `TMPDIR` says."""
+        """Make it, where `TMPDIR` states."""
         self.path = _Home.of_this_process().new()
         # Unlike those of `weakref`, these run in the end of a process of `multiprocessing`, too, and not in a copy
         # that was forked
@@ -62,7 +62,7 @@ class _Home:
 
     @classmethod
     def of_this_process(cls) -> _Home:
-        """That of this process: a new one after a fork, or where somebody removed it."""
+        """That of this process: a new one after a fork, or where a person removed it."""
         home = cls.known
         if home is None or home.process != os.getpid() or not home.path.is_dir():
             home = cls.known = cls()

@@ -1,6 +1,6 @@
 """Opens recordings and tables in Python, without a command.
 
-Values that a function takes in the place of files: tables in memory become files for the length of a call.
+Values that a function takes in the position of files: tables in memory become files for the length of a call.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ class Sensor(NamedTuple):
 
 
 class Recording:
-    """A recording: its scene, its sensors, its tables, and what was lost when it was made.
+    """A recording: its scene, its sensors, its tables, and the losses when it was made.
 
-    Every function of occlog takes a recording in the place of a file. A table is read when it is asked for:
+    Every function of occlog takes a recording in the position of a file. A table is read when it is asked for:
     `recording["truth"]`.
     """
 
@@ -62,7 +62,7 @@ class Recording:
 
         Args:
             path: of the recording.
-            summary: what the command that made it says of it.
+            summary: what the command that made it states about it.
             home: folder in which it lies, which is removed with the last reference to it.
         """
         self.source = path
@@ -81,7 +81,7 @@ class Recording:
 
     @property
     def sensors(self) -> tuple[Sensor, ...]:
-        """The sensors of the scene; where there is none, the cameras that have frames."""
+        """The sensors of the scene; if missing, the cameras that have frames."""
         scene, recording = self.scene, self._opened.recording
         if scene is None:
             return tuple(Sensor(n, "camera", False) for n in (() if recording is None else recording.cameras))
@@ -154,7 +154,7 @@ def read(source: Source, table: str | None = None) -> Table:
 
     Args:
         source: where the rows are.
-        table: which table is wanted; None: the one that it is, or that its columns fit best.
+        table: which table is requested; None: the one that it is, or that its columns fit best.
 
     Raises:
         InputError: it is no such table; the message has column, row and the nearest name.
@@ -183,7 +183,7 @@ def read_scene(source: SceneSource) -> Scene:
     """Read a scene: a file (YAML), a recording that holds one, or a table of stations (name, x, y, perhaps z).
 
     Raises:
-        InputError: the file is missing or damaged, or says something that cannot be.
+        InputError: the file is missing or damaged, or states something that cannot be.
         UsageError: the recording holds no scene.
     """
     if isinstance(source, Scene):
@@ -245,7 +245,7 @@ SceneSource: TypeAlias = "Source | Scene"
 class CallInputs:
     """The inputs of one call; tables in memory are files until it ends.
 
-    Errors inside the block name the argument in the place of such a file, and arguments in the place of options.
+    Errors inside the block name the argument in the position of such a file, and arguments in the position of options.
     """
 
     def __init__(self, arguments: Mapping[str, str] | None = None) -> None:
@@ -324,7 +324,7 @@ class CallInputs:
         return self.called(path, "scene")
 
     def named(self, text: str) -> str:
-        """A sentence with arguments in the place of files."""
+        """A sentence with arguments in the position of files."""
         for path, name in self._names.items():
             text = text.replace(path, name)
         return text

@@ -40,7 +40,7 @@ class Result:
     Attributes:
         summary: figures of the whole run, as the command prints them by `--json`.
         tables: by name; `result["diagnostics"]` is one of them.
-        losses: input that was lost on the way.
+        losses: input that was lost while reading.
         warnings: what speaks against the estimates, each a sentence; they were Python warnings, too.
         notes: what else a user must know.
     """
@@ -68,7 +68,7 @@ class Result:
         return next((table.provenance for table in self.tables.values()), {})
 
     def __getitem__(self, name: str) -> Table:
-        """A table of the result; InputError where there is none of that name."""
+        """A table of the result; InputError if missing of that name."""
         if name not in self.tables:
             raise InputError(f"the result has no table {name!r}; it has {', '.join(self.tables) or 'none'}")
         return self.tables[name]
@@ -158,7 +158,7 @@ class EvaluateResult(Result):
     metrics: Mapping[str, float] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Any:
-        """A figure or a table; InputError where there is none of that name."""
+        """A figure or a table; InputError if missing of that name."""
         return self.metrics[name] if name in self.metrics else super().__getitem__(name)
 
     def _figures(self) -> Mapping[str, object]:
@@ -186,7 +186,7 @@ class ReportResult(Result):
         return f"<occlog ReportResult: a page of {len(self.html)} characters; html, png>"
 
     def _repr_html_(self) -> str:
-        """The page in a frame of its own, without scripts of the notebook's."""
+        """The page in its own frame, without scripts of the notebook's."""
         page = escape(self.html, quote=True)
         return f'<iframe srcdoc="{page}" sandbox="allow-scripts" style="width:100%;height:48em;border:0"></iframe>'
 
@@ -224,7 +224,7 @@ def sentences(notes: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def warn(told: Iterable[str], losses: Iterable[Loss]) -> None:
-    """Say what speaks against a result by Python warnings of the caller's line, one a sentence; losses in one."""
+    """Report what speaks against a result by Python warnings of the caller's line, one a sentence; losses in one."""
     level = 1
     frame: FrameType | None = sys._getframe()
     while frame is not None and frame.f_code.co_filename.startswith(PACKAGE):

@@ -70,11 +70,11 @@ def detect(
         cameras: only these; empty: all.
         target: file with the appearances of targets; None: those attached to the recording.
         target_boxes: boxes around targets from which their appearance is learnt, each `[ID:]CAM:FRAME:X,Y,W,H` [px].
-        near: tracks around which targets are looked for.
+        near: tracks around which targets are searched for.
         learn: look through the recording first, for what it shows when nobody is there.
         fuse: fuse the detections of the cameras; settings of the fusion, or True for its defaults.
         onnx: detect with this network (ONNX).
-        classes: with `onnx`: what to look for, by name or number; empty: people, or the only class.
+        classes: with `onnx`: what to search for, by name or number; empty: people, or the only class.
         names: with `onnx`: file with the names of its classes, one a line.
         embed: with `onnx`: describe who is in each box with this network (ONNX).
         bearings: with `onnx` or a plug-in: also a candidate bearing for each box.
@@ -90,7 +90,7 @@ def detect(
 
     Raises:
         UsageError: a setting that there is not, or arguments that contradict each other.
-        InputError: an input is missing, damaged, or says something that cannot be.
+        InputError: an input is missing, damaged, or states something that cannot be.
         PluginError: a plug-in fails.
 
     Warns:
@@ -138,7 +138,7 @@ def fuse_tracks(tracks: Sequence[Source | TrackResult], **settings: Setting) -> 
         **settings: of the fusion of tracks, by their names in docs/reference/settings.md.
 
     Returns:
-        The fused tracks; `events` are births, deaths and doubtful identities.
+        The fused tracks; `events` are births, deaths and uncertain identities.
 
     Raises:
         UsageError: a setting that there is not, or fewer than two groups.
@@ -175,7 +175,7 @@ def label(
 
     Args:
         bearings: candidates, or a recording that holds them.
-        tracks: whose identities are given.
+        tracks: with identities that are given.
         scene: where the sensors are; None: the recording holds it.
         doa: directions of arrival to label too.
         doa_labels: identities in the log of directions are those of targets.
@@ -223,7 +223,7 @@ def evaluate(
     Args:
         tracks: tracks in the world or in images; a result of `track` brings its diagnostics along.
         truth: true positions or boxes.
-        bearings: for detections, bound and sight lines.
+        bearings: for detections, bound and lines of sight.
         doa: directions of arrival to use along with the bearings.
         doa_labels: identities in the log of directions are those of targets.
         truth_azimuths: true directions, to compare `doa` with and nothing else.
@@ -243,7 +243,7 @@ def evaluate(
 
     Raises:
         UsageError: an argument or a setting that there is not, or that these inputs do not have.
-        InputError: an input is missing, damaged, or says something that cannot be.
+        InputError: an input is missing, damaged, or states something that cannot be.
 
     Warns:
         OcclogWarning: the tracks are not plausible.
@@ -293,7 +293,7 @@ def ingest(
     progress: bool = False,
     **settings: Setting,
 ) -> Recording:
-    """Gather what cameras, microphone arrays and readers of tags have recorded, as `occlog ingest` does.
+    """Collect what cameras, microphone arrays and readers of tags have recorded, as `occlog ingest` does.
 
     Files of cameras and arrays are a path, several, or a dict with the path of each by its name.
 
@@ -312,8 +312,8 @@ def ingest(
         calibration: calibration of the cameras.
         image_size: width and height [px], for calibrations that do not state it.
         scene: room, occluders, arrays, and cameras that the calibration lacks.
-        arrays: places of direction finders, or microphones of one array.
-        readers: places and ranges of the readers of tags.
+        arrays: positions of direction finders, or microphones of one array.
+        readers: positions and ranges of the readers of tags.
         start_time: date and time (ISO 8601) or seconds since 1970 of the origin of the times; None: 0.
         offset: added to the times of a sensor whose clock is off [s], or text with a unit: {"cam2": "-400ms"}.
         fps: frame rate, where nothing else gives times.
@@ -325,15 +325,15 @@ def ingest(
             the others.
 
     Returns:
-        The recording. Its `summary` has `notes`: what calibration and tables were understood to say.
+        The recording. Its `summary` has `notes`: what calibration and tables were understood to state.
 
     Raises:
         UsageError: a setting that there is not, or arguments that contradict each other.
-        InputError: an input is missing, damaged, or says something that cannot be.
+        InputError: an input is missing, damaged, or states something that cannot be.
         OutputExistsError: the output is there, and may not be replaced.
 
     Warns:
-        OcclogWarning: input was lost, or seems to be other than it says.
+        OcclogWarning: input was lost, or seems to be other than it states.
     """
     if isinstance(settings.get("classes"), str | Sequence):
         settings["classes"] = names_of(settings["classes"])  # type: ignore[arg-type]
@@ -393,7 +393,7 @@ def _pair(value: tuple[int, int] | None, name: str, fits: bool) -> tuple[int, in
     if value is None:
         return None
     if len(value) != 2 or not fits:
-        raise UsageError(f"{name}: {value}: want two numbers; (first, stop) of frames, (width, height) of images")
+        raise UsageError(f"{name}: {value}: expected two numbers; (first, stop) of frames, (width, height) of images")
     return int(value[0]), int(value[1])
 
 
@@ -440,7 +440,7 @@ def simulate(
 
     Raises:
         UsageError: a setting that there is not, or arguments that contradict each other.
-        InputError: the scene is missing, damaged, or says something that cannot be.
+        InputError: the scene is missing, damaged, or states something that cannot be.
         OutputExistsError: the output is there, and may not be replaced.
     """
     if kind is not None and scene is not None:
@@ -514,7 +514,7 @@ def track(
         fundamental: file of fundamental matrices.
         path_loss: file of `occlog fit-readers`.
         sights: bearings of cameras that refine the tracks of tags.
-        gallery: how people look, for the tracks of everybody: a table or a file of `occlog appearance learn`.
+        gallery: how people look, for the tracks of all people: a table or a file of `occlog appearance learn`.
         also: more tables of the method: calibration, cloud (its particles), cooperation, view_tracks, virtual_sensors,
             world.
         progress: show a bar on standard error, if it is a terminal.
@@ -527,7 +527,7 @@ def track(
     Raises:
         UsageError: an argument or a setting that the method does not have, or arguments that contradict each other.
         SettingError: a setting out of its range.
-        InputError: an input is missing, damaged, or says something that cannot be.
+        InputError: an input is missing, damaged, or states something that cannot be.
 
     Warns:
         OcclogWarning: the estimates are not plausible, or input was lost.
@@ -540,13 +540,13 @@ def track(
 
 
 def _scene_of(request: Request) -> Scene | None:
-    """Where the targets are; None: no input says it."""
+    """Where the targets are; None: no input states it."""
     assert isinstance(request, TrackRequestBase)
     return open_input(request.bearings).scene if request.scene is None else scene_in(request.scene)
 
 
 SIDE_OUTPUTS = {"png": ".png", "markdown": ".md"}
-"""How files end that are made beside a page."""
+"""How files end that are made next to a page."""
 
 
 def report(
@@ -579,11 +579,11 @@ def report(
         errors: of `evaluate`.
         bound: of `evaluate`.
         diagnostics: of `track`.
-        events: births, deaths and doubtful identities of everybody, of `track`.
-        occluders: moving occluders as the tracker was told.
+        events: births, deaths and uncertain identities of all people, of `track`.
+        occluders: moving occluders as the tracker was given.
         metrics: figures written by `occlog evaluate` (JSON).
-        images: a recording whose images are shown small beside the plan, with the tracks drawn over them.
-        images_limit: how much of the page they may take [MB]; more of them are left out.
+        images: a recording with images that are shown small next to the plan, with the tracks drawn over them.
+        images_limit: how much of the page they may take [MB]; more of them are skipped.
         title: heading of the page.
         png: also make the picture of the main figures.
         markdown: also make words and figures as Markdown.
@@ -655,15 +655,15 @@ def overlay(
         fundamental: geometry of the views as the tracker had it; None: that of the recording.
         scene: where the cameras are; None: the recording holds it.
         video: file of the video to make (.webm, .mp4, .avi).
-        frame: number, in the first camera, of the frame whose picture is made.
+        frame: number, in the first camera, of the frame with a picture that is made.
         frames: video of frames first <= number < stop of the first camera only.
         cameras: only these, the first of which counts the frames; empty: all.
         scale: images are enlarged by this, 0.05 to 16; None: to a height of about 360 px, and at
             most 3840 x 2160 px in all.
         fps: frames a second of the video, 0.1 to 1000; None: those of the recording.
         world: tracks of the world, for the plan; None: `tracks`, if they are of the world.
-        diagnostics: of `track`: which cameras see a target of the world, where its tracks do not say.
-        plan: whether tracks of the world get the plan beside the images.
+        diagnostics: of `track`: which cameras see a target of the world, where its tracks do not state.
+        plan: whether tracks of the world get the plan next to the images.
         trail: seconds of the way behind each target, 0 to 3600.
         overwrite: a video that is there may be replaced.
         progress: show a bar on standard error, if it is a terminal.

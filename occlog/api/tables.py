@@ -34,7 +34,7 @@ class Table:
 
     A table is a Parquet file on disk, which is removed with the last reference to it unless it was there before; rows
     are read when they are asked for. Columns, units and meanings are in docs/reference/tables.md. Every function of
-    occlog takes a table in the place of a file.
+    occlog takes a table in the position of a file.
 
     DataFrames are copies. What is changed in them is not in the table; give the DataFrame to the next function instead.
     Such a DataFrame is a table of another program: it has lost provenance, losses and the unit of lengths.
@@ -45,7 +45,7 @@ class Table:
 
         Args:
             path: Parquet file of this program.
-            source: what functions are given in its place, where it was read from a table of another program.
+            source: what functions are given instead, where it was read from a table of another program.
             home: folder in which it lies, which is removed with the last table in it.
         """
         self.path, self.source = path, path if source is None else source
@@ -140,7 +140,7 @@ class Table:
         return self._read(None).__arrow_c_stream__(requested_schema)
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-        """Write the table: as Parquet the same bytes as the command's, else in the format that the name's ending says.
+        """Write the table: as Parquet the same bytes as the command's, else in the format that the name's ending states.
 
         Args:
             path: where to; `.parquet`, or an ending of `occlog export` (`.csv`, `.csv.gz`, `.tum`, `.trc`).

@@ -42,7 +42,7 @@ def add_common(command: click.Command) -> None:
 def _after_a_look(callback: Callable[..., Any]) -> Callable[..., Any]:
     """The callback of a command, after a look whether its inputs are there.
 
-    What is wrong in the command line is said first: settings of `--set` are looked at by the callback.
+    What is wrong in the command line is stated first: settings of `--set` are looked at by the callback.
     """
 
     @wraps(callback)
@@ -98,7 +98,7 @@ def _input_units() -> click.Option:
         expose_value=False,
         callback=_state,
         metavar="COLUMN=UNIT,...",
-        help="Units of columns of other programs whose names say none: bearing=deg,x=cm, or deg,cm for all angles and "
+        help="Units of columns of other programs whose names state none: bearing=deg,x=cm, or deg,cm for all angles and "
         "lengths.",
     )
 
@@ -120,7 +120,7 @@ def _reader() -> click.Option:
         ["--reader"],
         expose_value=False,
         metavar="NAME",
-        help="Reader of a plug-in, for inputs whose names end as it says; its settings are options then (--reader NAME "
+        help="Reader of a plug-in, for inputs with names that end as it states; its settings are options then (--reader NAME "
         "--help).",
     )
 

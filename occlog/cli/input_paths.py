@@ -19,7 +19,7 @@ from occlog.io.files.limits import STANDARD_INPUT
 
 NAME = "standard input"
 MAX_NAMES = 10_000
-"""So many names of a folder are looked at for one that is like a missing one."""
+"""This many names of a folder are looked at for one that is like a missing one."""
 KEPT = "occlog.standard_input"
 """Key of the temporary file in the metadata of click's context."""
 
@@ -28,10 +28,10 @@ class Input(click.Path):
     """The path of an input; `-` is standard input."""
 
     def __init__(self, *, some: bool = False) -> None:
-        """A path; whoever reads the file says whether it can be read, `check_there` before that whether it is there.
+        """A path; whoever reads the file states whether it can be read, `check_there` before that whether it is there.
 
         Args:
-            some: true: of several some may be missing, which the command says itself.
+            some: true: of several some may be missing, which the command states itself.
         """
         super().__init__(path_type=Path, allow_dash=True)
         self.some = some
@@ -74,13 +74,13 @@ def is_missing(path: Path) -> bool:
     except (FileNotFoundError, NotADirectoryError):
         return True
     except OSError:
-        # Its reader says why it cannot be read
+        # Its reader states why it cannot be read
         return False
     return False
 
 
 def _nearest(path: Path) -> str:
-    """Words that name the file beside a path whose name is like it."""
+    """Words that name the file beside a path with a name that is like it."""
     import difflib
     import itertools
 

@@ -32,7 +32,7 @@ class Command(NamedTuple):
 COMMANDS = {
     "simulate": Command("occlog.simulate.request:VERB", "Make a recording with ground truth from a scene."),
     "ingest": Command(
-        "occlog.ingest.request:IngestRequest", "Gather video, detections, DOA logs and calibration into one recording."
+        "occlog.ingest.request:IngestRequest", "Collect video, detections, DOA logs and calibration into one recording."
     ),
     "traffic": Command(
         "occlog.papers.lee.traffic.request:TrafficRequest", "Simulate the data traffic of sensors that help each other."
@@ -71,17 +71,17 @@ COMMANDS = {
         "occlog.evaluate.request:EvaluateRequest", "Compare tracks with the truth and with the Cramer-Rao bound."
     ),
     "compare": Command(
-        "occlog.evaluate.compare.request:CompareRequest", "Say whether runs on the same recordings differ."
+        "occlog.evaluate.compare.request:CompareRequest", "Report whether runs on the same recordings differ."
     ),
     "report": Command("occlog.report.request:VERB", "Show a run as one offline page and a picture."),
     "run": Command("occlog.pipeline.run.command", "Do all stages of a configuration into a run folder."),
     "batch": Command("occlog.pipeline.batch.command", "Do the stages of a run for each of many recordings."),
     "pack": Command("occlog.pipeline.pack.command", "Put a run folder with its inputs and versions into one file."),
-    "verify": Command("occlog.pipeline.verify.command", "Make a packed run again, and say whether it is the same."),
+    "verify": Command("occlog.pipeline.verify.command", "Make a packed run again, and state whether it is the same."),
     "sweep": Command("occlog.pipeline.sweep.command", "Monte Carlo runs over seeds and parameters, in parallel."),
     "reproduce": Command("occlog.papers.command", "Run a paper's experiments and judge each of its statements."),
     "diff": Command(
-        "occlog.examine.diff.command", "Say whether two outputs are the same, and where they first differ."
+        "occlog.examine.diff.command", "Report whether two outputs are the same, and where they first differ."
     ),
     "info": Command("occlog.examine.info", "Print what a scene, a recording or a table holds."),
     "doctor": Command(
@@ -90,7 +90,7 @@ COMMANDS = {
     "recover": Command("occlog.examine.recover", "Salvage what is whole in a file that was cut off or damaged."),
     "export": Command("occlog.examine.export.command", "Write a table in a format of other programs."),
     "view": Command("occlog.examine.viewers.command", "Show a run or a recording in Rerun, Foxglove or Lichtblick."),
-    "plugin": Command("occlog.conformance.command", "List plug-ins of others, and check them."),
+    "plugin": Command("occlog.conformance.command", "List third-party plug-ins, and check them."),
     "schema": Command("occlog.examine.schema", "Print the schema of a table, a message, a file format or settings."),
 }
 """Every command, in the order of a pipeline; a table of text, so that --help loads none of the modules."""
@@ -126,7 +126,7 @@ Exit codes: 0 done; 1 a bug; 2 usage; 3 finished, but input was lost (it is list
 
 
 class LazyGroup(click.Group):
-    """Group whose commands are imported when they are called."""
+    """Group with commands that are imported when they are called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
         """All commands, in the order of a pipeline."""
@@ -174,7 +174,7 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Refuse an option before the command that is none of occlog's own, and say where it goes."""
+        """Refuse an option before the command that is none of occlog's own, and state where it goes."""
         ctx.meta[WORDS] = tuple(args)
         try:
             return super().parse_args(ctx, args)
@@ -269,7 +269,7 @@ def explain(error: Exception) -> Explained:
 
 
 def _bug(error: Exception) -> str:
-    """What to tell of an error that occlog did not raise on purpose: what it is, where, and what to send."""
+    """What to report an error that occlog did not raise on purpose: what it is, where, and what to send."""
     import traceback
 
     frames = [f for f in traceback.extract_tb(error.__traceback__) if f"{os.sep}occlog{os.sep}" in f.filename]
@@ -283,7 +283,7 @@ def _bug(error: Exception) -> str:
 
 
 def _show_plan(as_json: bool) -> None:
-    """Say what a dry run would have done."""
+    """Report what a dry run would have done."""
     from occlog.console.notes import named
     from occlog.console.summary import echo_summary
 

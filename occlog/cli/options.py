@@ -153,5 +153,5 @@ def parse_setting(text: str) -> tuple[str, str]:
     """NAME=VALUE."""
     name, equals, value = text.partition("=")
     if not equals or not name.strip():
-        raise UsageError(f"--set {text}: want NAME=VALUE")
+        raise UsageError(f"--set {text}: expected NAME=VALUE")
     return name.strip(), value

@@ -143,7 +143,7 @@ def _do(
     settings: Collection[str] = (),
     **values: Any,
 ) -> int:
-    """Build the request of what the options gave, do it, and say what came of it."""
+    """Build the request of what the options gave, do it, and state what came of it."""
     request = request_of(form, values, settings)
     from occlog.runner import exit_code, run
 

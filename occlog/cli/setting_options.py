@@ -54,7 +54,7 @@ class SettingOption(click.Option):
         f: its field.
         prefix: of the parameter's name, where a command has settings of one name from several classes.
         under: of the option's name: `--sigma` under `fuse` is `--fuse-sigma`; there a setting that declares no option
-            has one of its own name.
+            has its own name.
         names: values that a shell completes; empty: those of the option's type.
     """
 
@@ -119,7 +119,7 @@ def _type_of(settings: type[Settings], f: Field[object]) -> click.ParamType[Any]
 
 
 def default_words(f: Field[object]) -> str:
-    """How a default is told: `1.7 m, or 3.33 in a unit of its own`."""
+    """How a default is reported: `1.7 m, or 3.33 in a unit of its own`."""
     said = declaration(f)
     if said.shown is not None:
         return said.shown
@@ -130,7 +130,7 @@ def default_words(f: Field[object]) -> str:
     told = value_words(f, people)
     if unit:
         told += f" {unit}"
-    return told if people == own else f"{told}, or {value_words(f, own)} in a unit of its own"
+    return told if people == own else f"{told}, or {value_words(f, own)} in its own unit"
 
 
 def value_words(f: Field[object], value: object) -> str:
@@ -153,7 +153,7 @@ def with_options(
     Args:
         settings: the class.
         only: names of settings; empty: all.
-        without: names of settings to leave out.
+        without: names of settings to omit.
         prefix: of the parameters' names.
     """
     return add_options(options_of(settings, only=only, without=without, prefix=prefix))
@@ -341,7 +341,7 @@ class VariantCommand(SettingsCommand):
         self.what, self.chosen_by, self.more = what, chosen_by, more
 
     def variant(self, name: str) -> CommandVariant | None:
-        """The variant of that name, ours or of others; None: there is none."""
+        """The variant of that name, ours or of others; None: missing."""
         return self.variants[name] if name in self.variants else self.more().get(name)
 
     def existing(self, name: str) -> CommandVariant:
@@ -419,7 +419,7 @@ class VariantCommand(SettingsCommand):
             self._format_own(ctx, formatter, name)
         if name is None or (self.shows_default and name == self.default):
             with formatter.section(
-                f"{self.what.capitalize()}s ({self.chosen_by.format('NAME')} --help tells what each takes)"
+                f"{self.what.capitalize()}s ({self.chosen_by.format('NAME')} --help shows what each takes)"
             ):
                 formatter.write_dl([(v.called or n, v.summary) for n, v in {**self.variants, **self.more()}.items()])
 
@@ -514,13 +514,13 @@ class PluggedCommand(SettingsCommand):
                     formatter.write_dl(rows)
         others = [] if chosen else installed(self.kind)
         if others:
-            title = f"{self.kind.capitalize()}s of plug-ins ({self.flag} NAME --help tells what each takes)"
+            title = f"{self.kind.capitalize()}s of plug-ins ({self.flag} NAME --help shows what each takes)"
             with formatter.section(title):
                 formatter.write_dl([(plugin.name, plugin.summary) for plugin in others])
 
 
 def wanted(name: str, kind: str, flag: str, ours: Collection[str] = ()) -> Plugin:
-    """The plug-in of a name and kind; UsageError, with the nearest name, where there is none."""
+    """The plug-in of a name and kind; UsageError, with the nearest name, if missing."""
     plugin = find(name, kind)
     if plugin is None:
         names = [*ours, *(each.name for each in installed(kind))]

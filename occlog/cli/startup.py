@@ -38,7 +38,7 @@ def with_compile_notice(root: click.Context) -> Iterator[None]:
 
 
 def remember_quiet(ctx: click.Context, param: click.Parameter, given: bool) -> bool:  # noqa: ARG001
-    """Remember `--quiet`; the quiet stages of a run have contexts of their own."""
+    """Remember `--quiet`; the quiet stages of a run have their own contexts."""
     ctx.find_root().meta[QUIET] = given
     return given
 
@@ -51,7 +51,7 @@ WANTED_OPEN_FILES = 65_536
 
 
 def allow_open_files() -> None:
-    """Raise the limit that may be raised, which is often 1024, as far as is wanted and allowed."""
+    """Raise the limit that may be raised, which is often 1024, as far as is requested and allowed."""
     if "resource" in globals():
         soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
         most = WANTED_OPEN_FILES if hard == resource.RLIM_INFINITY else min(hard, WANTED_OPEN_FILES)
@@ -61,7 +61,7 @@ def allow_open_files() -> None:
 
 
 def open_files_limit() -> int | None:
-    """The limit as it is now; None where there is none."""
+    """The limit as it is now; None if missing."""
     if "resource" not in globals():
         return None
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)

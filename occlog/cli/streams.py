@@ -1,4 +1,4 @@
-"""Standard output and standard error that say clearly what happens when nobody reads them, or no space is left.
+"""Standard output and standard error that state clearly what happens when nobody reads them, or no space is left.
 
 * Standard error: a message that cannot be written is dropped; the work goes on.
 * Standard output: a reader that went away (`| head`) ends the program quietly, as SIGPIPE ends other programs; a full
@@ -29,7 +29,7 @@ class _Output(io.FileIO):
     """A standard stream; after a failure the rest of what is written to it goes nowhere."""
 
     def write(self, data: ReadableBuffer, /) -> int:
-        """Write; a failure is told once."""
+        """Write; a failure is reported once."""
         try:
             return super().write(data)
         except OSError as error:
@@ -63,7 +63,7 @@ def install() -> None:
 
 
 def _open_closed() -> None:
-    """Give streams that are closed a place; else the next file that is opened, an output perhaps, would be one."""
+    """Give streams that are closed a position; else the next file that is opened, an output perhaps, would be one."""
     while (fd := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(fd, True)
     os.close(fd)

@@ -1,4 +1,4 @@
-"""The kit of exporters: each check tries one promise with small tables, and says in a sentence how it is broken."""
+"""The kit of exporters: each check tries one promise with small tables, and states in a sentence how it is broken."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def check_rows(of: Any) -> None:
         whole = write(of, rows, f"writing {rows.NAME}")
         for name, row in (("first", 0), ("last", -1)):
             if write(of, moved(rows, row), f"writing {rows.NAME}") == whole:
-                raise BrokenError(f"the {name} row of {rows.NAME} is left out: nothing that it measures is written")
+                raise BrokenError(f"the {name} row of {rows.NAME} is skipped: nothing that it measures is written")
 
 
 def check_inputs(of: Any) -> None:
@@ -111,7 +111,7 @@ def check_old_times(of: Any) -> None:
 
 
 def check_exact_times(of: Any) -> None:
-    """Times that differ are told apart."""
+    """Times that differ are distinguished."""
     for rows in taken(of):
         columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
         later = type(rows).of(**{**columns, "t_ns": rows.t_ns + np.int64(10**6)})  # type: ignore[attr-defined]

@@ -32,7 +32,7 @@ class BrokenError(Exception):
 
 
 Check = Callable[[Any], None]
-"""Tries a promise of a class; BrokenError says how it is broken."""
+"""Tries a promise of a class; BrokenError states how it is broken."""
 
 
 @contextmanager

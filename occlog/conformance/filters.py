@@ -1,4 +1,4 @@
-"""The kit of tracking methods of bearings: each check tries one promise, and says in a sentence how it is broken."""
+"""The kit of tracking methods of bearings: each check tries one promise, and states in a sentence how it is broken."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from .faults import FIRST, BrokenError, Check, bytes_left, manners, words
 from .samples import FEW, PLAIN, SIGMA_RAD, WALK_STEPS, SampleWalk, blind, later, nobody
 
 SETTLED = WALK_STEPS // 2
-"""From this moment on a filter has had time to find the target."""
+"""From this time step on a filter has had time to find the target."""
 FARTHEST_M = 3.0
-"""Root mean square error [m] of a filter that has found it; sight lines alone tell it to about 0.6 m."""
+"""Root mean square error [m] of a filter that has found it; lines of sight alone tell it to about 0.6 m."""
 MAX_NEES = 20.0
-"""Mean normalised squared error of a covariance that can be believed; 2 is right."""
+"""Mean normalised squared error of a covariance that is reliable; 2 is right."""
 GROWTH_BYTES = 150
 """Memory that a step may leave behind."""
 SAME = 3.0
-"""In standard deviations: places of the same walk that are this near to each other are the same."""
+"""In standard deviations: positions of the same walk that are this near to each other are the same."""
 
 
 Of = type[Filter]
@@ -32,7 +32,7 @@ Of = type[Filter]
 def run(
     of: Of, walk: Iterable[TargetScan], *, scene: SampleWalk = PLAIN, seed: int = 1
 ) -> list[EstimatedPosition | None]:
-    """What a filter says of a walk; BrokenError where it fails, or gives back what no place can be."""
+    """What a filter states about a walk; BrokenError where it fails, or gives back what no position can be."""
     own = start(of, scene, seed)
     return [step(own, moment) for moment in walk]
 
@@ -78,7 +78,7 @@ def _alike(of: Of, walk: SampleWalk, moments: Iterable[TargetScan], what: str) -
 
 
 def check_shape(of: Of) -> None:
-    """Places are `EstimatedPosition`s of the right shapes."""
+    """Positions are `EstimatedPosition`s of the right shapes."""
     for place in _raw(of):
         wrong = None if place is None else fault_of(place)
         if wrong is not None and "definite" not in wrong and "symmetric" not in wrong and "finite" not in wrong:
@@ -86,7 +86,7 @@ def check_shape(of: Of) -> None:
 
 
 def check_finite(of: Of) -> None:
-    """Places are numbers."""
+    """Positions are numbers."""
     _refuse(of, "finite")
 
 
@@ -108,7 +108,7 @@ def _refuse(of: Of, word: str) -> None:
 
 
 def _raw(of: Of) -> list[EstimatedPosition | None]:
-    """What a filter says of the plain walk, as it is; nothing where it fails, which other checks tell."""
+    """What a filter states about the plain walk, as it is; nothing where it fails, which other checks tell."""
     try:
         own = start(of)
         return [own.step(moment) for moment in PLAIN]
@@ -121,14 +121,14 @@ def check_follows(of: Of) -> None:
     places = run(of, PLAIN)[SETTLED:]
     off = [np.asarray(p.xy) - xy for p, xy in zip(places, PLAIN.truth[SETTLED:], strict=True) if p is not None]
     if len(off) < len(places):
-        raise BrokenError(f"{len(places) - len(off)} of {len(places)} moments give no place; three sensors see it")
+        raise BrokenError(f"{len(places) - len(off)} of {len(places)} time steps give no position; three sensors see it")
     rms = float(np.sqrt((np.array(off) ** 2).sum(axis=1).mean()))
     if not rms <= FARTHEST_M:
         raise BrokenError(f"the error is {rms:.3g} m (allowed: {FARTHEST_M:g}), with bearings of one degree from 40 m")
 
 
 def check_consistent(of: Of) -> None:
-    """Errors are about as large as covariances say."""
+    """Errors are about as large as covariances state."""
     places = run(of, PLAIN)[SETTLED:]
     found = [
         (np.asarray(p.xy) - xy) @ np.linalg.solve(np.asarray(p.covariance), np.asarray(p.xy) - xy)
@@ -162,7 +162,7 @@ def check_inputs(of: Of) -> None:
         step(own, moment)
         for name, was, now in zip(TargetScan._fields[2:], copy, moment[2:], strict=True):
             if was.tobytes() != np.asarray(now).tobytes():
-                raise BrokenError(f"step changes {name} of the moment that it is given; copy it")
+                raise BrokenError(f"step changes {name} of the time step that it is given; copy it")
 
 
 def check_results(of: Of) -> None:
@@ -173,7 +173,7 @@ def check_results(of: Of) -> None:
         if place is not None:
             kept.append((place, np.array(place.xy), np.array(place.covariance)))
     if any((p.xy != xy).any() or (p.covariance != P).any() for p, xy, P in kept):
-        raise BrokenError("a place changes after it was given back; give back copies")
+        raise BrokenError("a position changes after it was given back; give back copies")
 
 
 def check_memory(of: Of) -> None:
@@ -181,17 +181,17 @@ def check_memory(of: Of) -> None:
     own = start(of)
     grown = bytes_left((step(own, moment) for moment in replace(PLAIN, moments=400)), 200)
     if grown > GROWTH_BYTES:
-        raise BrokenError(f"each moment leaves {grown:.0f} bytes behind (allowed: {GROWTH_BYTES}); keep no history")
+        raise BrokenError(f"each time step leaves {grown:.0f} bytes behind (allowed: {GROWTH_BYTES}); keep no history")
 
 
 def check_empty(of: Of) -> None:
-    """Moments in which no sensor looks can come first, and in between."""
+    """Time steps in which no sensor looks can come first, and in between."""
     moments = list(FEW)
     run(of, [nobody(moments[0]), *moments[1:6], nobody(moments[6]), *moments[7:]])
 
 
 def check_hidden(of: Of) -> None:
-    """Sensors that look in vain, whose bearings are NaN, can come first, and in between."""
+    """Sensors that look in vain, with bearings that are NaN, can come first, and in between."""
     moments = list(FEW)
     half = moments[7]._replace(
         bearings=np.array([np.nan, *moments[7].bearings[1:]]), sigma=np.array([np.nan, *moments[7].sigma[1:]])
@@ -200,13 +200,13 @@ def check_hidden(of: Of) -> None:
 
 
 def check_gap(of: Of) -> None:
-    """After an hour without a moment the filter goes on."""
+    """After an hour without a time step the filter goes on."""
     moments = list(PLAIN)
     run(of, [*moments[:20], *(later(m, 3600.0) for m in moments[20:])])
 
 
 def check_same_time(of: Of) -> None:
-    """Two moments can have the same time."""
+    """Two time steps can have the same time."""
     moments = list(FEW)
     run(of, [m for moment in moments for m in (moment, moment)])
 

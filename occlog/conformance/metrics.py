@@ -24,7 +24,7 @@ POWERS = {"length": 1, "length^2": 2, "length2": 2, "length/s": 1}
 
 
 def figures(of: Any, given: MetricInput, what: str = "figures") -> Mapping[str, float]:
-    """What a metric says; BrokenError where it fails, or gives what cannot be."""
+    """What a metric states; BrokenError where it fails, or gives what cannot be."""
     with called(what):
         found = of(defaults(of, given.length_unit)).figures(given)
     wrong = fault_of(found, of.units)
@@ -50,14 +50,14 @@ def _alike(of: Any, other: MetricInput, what: str, scale: float = 1.0) -> None:
 
 
 def check_units(of: Any) -> None:
-    """Units are declared for figures whose names are words."""
+    """Units are declared for figures with names that are words."""
     if not isinstance(of.units, Mapping) or not of.units:
         raise BrokenError("units must be a mapping of names to units, with one figure at least")
     for name, unit in of.units.items():
         if not re.fullmatch(r"[a-z][a-z0-9_]*", str(name)):
             raise BrokenError(f"figure {name!r} must be named by small letters, digits and _")
         if not isinstance(unit, str) or re.search(r"\s", unit):
-            raise BrokenError(f"the unit of {name} is {unit!r}; want a text without blanks, as 'length', 's' or '1'")
+            raise BrokenError(f"the unit of {name} is {unit!r}; expected a text without blanks, as 'length', 's' or '1'")
 
 
 def check_figures(of: Any) -> None:

@@ -1,4 +1,4 @@
-"""The kit of readers: each check tries one promise with a sample file, and says in a sentence how it is broken."""
+"""The kit of readers: each check tries one promise with a sample file, and states in a sentence how it is broken."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
     def check_table(of: Any) -> None:
         """The table is one of this program's."""
         if of.table not in TABLES:
-            raise BrokenError(f"table is {of.table!r}; want one of {', '.join(TABLES)}")
+            raise BrokenError(f"table is {of.table!r}; expected one of {', '.join(TABLES)}")
 
     def check_columns(of: Any) -> None:
         """Columns have names and one length."""
@@ -66,7 +66,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
 
     @contextmanager
     def laid_out(of: Any) -> Iterator[ForeignTable]:
-        """The columns as the table that the reader says; BrokenError where they, or rows, are none."""
+        """The columns as the table that the reader states; BrokenError where they, or rows, are none."""
         found = text(of)
         with TemporaryDirectory() as other:
             path = Path(other) / "as_read.csv"
@@ -79,7 +79,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
                 raise BrokenError(f"columns or rows are none of {of.table}: {reason}") from error
 
     def check_fits(of: Any) -> None:
-        """The columns make the table that the reader says."""
+        """The columns make the table that the reader states."""
         if of.table in TABLES:
             with laid_out(of) as table:
                 list(table.rows(TABLES[of.table]))
@@ -142,7 +142,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
                     found = of(defaults(of)).read(path)
             except REFUSALS as error:
                 if not str(error).strip() or "\n" in str(error).strip():
-                    raise BrokenError(f"{what}: {type(error).__name__} must say in one line what is wrong") from error
+                    raise BrokenError(f"{what}: {type(error).__name__} must state in one line what is wrong") from error
                 return
         if refused:
             raise BrokenError(f"{what} is read as if nothing were wrong; raise a ValueError")
@@ -161,7 +161,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
         raise BrokenError("a file that is not there is read as if it were")
 
     def check_cut(of: Any) -> None:
-        """A file whose end is cut off is refused by a ValueError, or read as far as it goes."""
+        """A file with an end that is cut off is refused by a ValueError, or read as far as it goes."""
         data = sample.read_bytes()
         for size in (*(int(share * len(data)) for share in SHARES), *(len(data) - n for n in LAST)):
             damaged(of, f"a file of {len(data)} bytes cut to {size}", data[: max(size, 1)])
@@ -179,8 +179,8 @@ def checks_with(sample: Path) -> dict[str, Check]:
             damaged(of, "a file with a wrong byte", bytes(broken))
 
     def check_size(of: Any) -> None:
-        """A file whose content is there twice is refused, or has more rows."""
-        damaged(of, "a file whose content is there twice", 2 * sample.read_bytes())
+        """A file with a content that is there twice is refused, or has more rows."""
+        damaged(of, "a file with a content that is there twice", 2 * sample.read_bytes())
 
     own: dict[str, Callable[[Any], None]] = {
         name.removeprefix("check_").replace("_", "-"): check

@@ -32,7 +32,7 @@ def _moments(start_ns: int) -> tuple[Any, Any]:
 
 
 def _places(target: Any, seconds: Any) -> Any:
-    """(n, 2) true places [m]."""
+    """(n, 2) true positions [m]."""
     return np.column_stack([-6.0 + 0.8 * seconds + 0.1 * target, 4.0 + np.sin(seconds) - target])
 
 
@@ -48,7 +48,7 @@ def _rows(table: type[T], **values: Any) -> T:
 
 
 def truth(start_ns: int = START_NS, *, scale: float = 1.0, shift: tuple[float, float] = (0.0, 0.0)) -> Truth:
-    """True places of both."""
+    """True positions of both."""
     t_ns, target = _moments(start_ns)
     xy = scale * (_places(target, (t_ns - start_ns) / NS) + shift)
     return _rows(Truth, t_ns=t_ns, target_id=target, role=np.full(len(t_ns), "target"), x=xy[:, 0], y=xy[:, 1])
@@ -201,7 +201,7 @@ def with_names(rows: T, name: str) -> T:
 
 
 def in_unit(rows: T, factor: float) -> T:
-    """The rows with lengths in another unit, of which a metre has so many."""
+    """The rows with lengths in another unit, of which a metre has this many."""
     powers = {"m": 1, "m^2": 2, "m/s": 1, "m^2/s": 2, "m^2/s^2": 2}
     columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
     for c in rows.columns():
@@ -223,9 +223,9 @@ class SampleWalk:
     """A walk, seen by sensors; as it is, all of them see the target at all times.
 
     Attributes:
-        moments: how many.
+        time steps: how many.
         start_ns: time of the first.
-        sensors: places in `NAMES` of the sensors that look, in the order of rows.
+        sensors: positions in `NAMES` of the sensors that look, in the order of rows.
         turn: the world is turned by this angle about its origin [rad].
         shift: and then shifted.
         scale: and its unit of length is 1/scale metres.
@@ -239,13 +239,13 @@ class SampleWalk:
     scale: float = 1.0
 
     def at(self, xy: Floats) -> Floats:
-        """(..., 2) places of the plain walk [m] in this one's world."""
+        """(..., 2) positions of the plain walk [m] in this one's world."""
         c, s = np.cos(self.turn), np.sin(self.turn)
         return np.asarray(self.scale * (xy @ np.array([[c, s], [-s, c]]) + np.array(self.shift)))
 
     @property
     def truth(self) -> Floats:
-        """(moments, 2) true places."""
+        """(time steps, 2) true positions."""
         t = np.arange(self.moments) * (WALK_STEP_NS / NS)
         return self.at(np.column_stack([-10.0 + 0.5 * t, 5.0 + 2.0 * np.sin(0.3 * t)]))
 
@@ -257,7 +257,7 @@ class SampleWalk:
         return Scene(arrays=tuple(arrays), length_unit="m" if self.scale == 1.0 else "cm")
 
     def __iter__(self) -> Iterator[TargetScan]:
-        """The moments, made one after the other; errors of a sensor are the same whoever else looks."""
+        """The time steps, made one after the other; errors of a sensor are the same whoever else looks."""
         noise = np.random.default_rng(5)
         places, own = self.at(PLACES), list(self.sensors)
         for n, xy in enumerate(self.truth):
@@ -278,16 +278,16 @@ FEW = replace(PLAIN, moments=12)
 
 
 def blind(moment: TargetScan) -> TargetScan:
-    """The moment in which all sensors look and nobody sees the target."""
+    """The time step in which all sensors look and nobody sees the target."""
     unknown = np.full(len(moment.bearings), np.nan)
     return moment._replace(bearings=unknown, sigma=unknown.copy())
 
 
 def nobody(moment: TargetScan) -> TargetScan:
-    """The moment in which no sensor looks."""
+    """The time step in which no sensor looks."""
     return moment._replace(sensors=(), places=np.zeros((0, 2)), bearings=np.zeros(0), sigma=np.zeros(0))
 
 
 def later(moment: TargetScan, seconds: float) -> TargetScan:
-    """The moment at another time."""
+    """The time step at another time."""
     return moment._replace(t_ns=moment.t_ns + round(seconds * NS))

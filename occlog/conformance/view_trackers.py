@@ -17,7 +17,7 @@ START_NS = 1_790_000_000 * NS
 STEP_NS = NS // 25
 FRAMES = 40
 SETTLED = 10
-"""From this frame on a tracker has had time to believe in somebody."""
+"""From this frame on a tracker has had time to believe in a person."""
 GROWTH_BYTES = 300
 """Memory that a frame may leave behind."""
 
@@ -108,14 +108,14 @@ def check_once(of: Any) -> None:
 
 
 def check_follows(of: Any) -> None:
-    """Somebody whom the detector finds in every frame is followed, with one identity."""
+    """A person whom the detector finds in every frame is followed, with one identity."""
     late = run(of, walk())[SETTLED:]
     for person in (0, 1):
         own = {ids[person] for ids in late}
         if own == {-1}:
-            raise BrokenError(f"somebody who is in all frames has no identity after {SETTLED} of them")
+            raise BrokenError(f"a person who is in all frames has no identity after {SETTLED} of them")
         if len(own) > 1:
-            raise BrokenError(f"somebody who is in all frames has {len(own)} identities; one was expected")
+            raise BrokenError(f"a person who is in all frames has {len(own)} identities; one was expected")
 
 
 def check_apart(of: Any) -> None:
@@ -126,13 +126,13 @@ def check_apart(of: Any) -> None:
 
 
 def check_newcomer(of: Any) -> None:
-    """Somebody who comes later has an identity that nobody had."""
+    """A person who comes later has an identity that nobody had."""
     newcomer = np.array([[1500.0, 300.0, 50.0, 150.0]])
     frames = [frame(k, np.concatenate([edges(k), newcomer + 0.5 * k]) if k >= 20 else None) for k in range(FRAMES)]
     ids = run(of, frames)
     before = {k for each in ids[:20] for k in each} - {-1}
     if before & {each[2] for each in ids[20:]}:
-        raise BrokenError("somebody who comes later has the identity of somebody who was there before")
+        raise BrokenError("a person who comes later has the identity of a person who was there before")
 
 
 def check_order(of: Any) -> None:

@@ -3,7 +3,7 @@
 Python drops an exception that a finaliser or a callback of compiled code raises, and some compiled code drops it
 without a word.  An interrupt that arrives there would be lost, so that it is remembered here and raised later.  Where
 numba's kernels look up the class of a result and make a named tuple of it the process would crash, so that the
-interrupt waits for another place.
+interrupt waits for another position.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ AGAIN_S = 0.05
 
 
 class Interrupts:
-    """What is known of the interrupts of this process.
+    """State of the interrupts of this process.
 
     Attributes:
         asked: there was one.

@@ -1,6 +1,6 @@
 """Lines on standard error, and the standard streams that they are written to.
 
-What a command does on its way, for those who ask for it; and whether it is only to say what it would do.
+What a command does on its way, for those who ask for it; and whether it is only to state what it would do.
 
 Progress bars, between the steps of which interrupts are raised.
 """
@@ -22,7 +22,7 @@ from .interrupts import INTERRUPTS
 from .text import shortened
 
 ALIASES: dict[str, str] = {}
-"""Paths of temporary files and the names to report in their place, such as that which holds standard input."""
+"""Paths of temporary files and the names to report instead, such as that which holds standard input."""
 _KEPT: ContextVar[list[str] | None] = ContextVar("_KEPT", default=None)
 
 
@@ -34,7 +34,7 @@ def write_line(text: str, stream: TextIO | None) -> None:
 
 
 def named(text: str) -> str:
-    """A text for the user, with the aliases of temporary files in the place of their paths."""
+    """A text for the user, with the aliases of temporary files in the position of their paths."""
     for path, name in ALIASES.items():
         text = text.replace(path, name)
     return text
@@ -67,7 +67,7 @@ def note_findings(texts: Iterable[str], quiet: bool = False) -> None:
 
 
 def note_losses(losses: Iterable[object]) -> None:
-    """Write what was lost to standard error, a line each, also where notes are kept or dropped."""
+    """Write the losses to standard error, a line each, also where notes are kept or dropped."""
     for loss in losses:
         write_line(shortened(named(" ".join(f"occlog: lost: {loss}".split()))), sys.stderr)
 
@@ -75,11 +75,11 @@ def note_losses(losses: Iterable[object]) -> None:
 LISTENER: ContextVar[Callable[[str], None] | None] = ContextVar("LISTENER", default=None)
 """Who is told of details; None: nobody."""
 COMPILING: list[Callable[[bool], None]] = []
-"""Who is told, in whatever thread, that this process compiles kernels and takes long, and whether they are kept for
+"""Who is reported, in whatever thread, that this process compiles kernels and takes long, and whether they are kept for
 later ones; nobody twice."""
 _UNCACHED: list[bool] = []
 THREADS = "OCCLOG_THREADS"
-"""Variable of the environment: how many threads commands take that are not told how many."""
+"""Variable of the environment: how many threads commands take that are not given how many."""
 
 
 class DryRunPlan:
@@ -124,7 +124,7 @@ def log_compiling() -> None:
 
 @contextmanager
 def logging_to(listener: Callable[[str], None]) -> Iterator[None]:
-    """Tell somebody of details meanwhile."""
+    """Tell a person of details meanwhile."""
     token = LISTENER.set(listener)
     try:
         yield
@@ -144,7 +144,7 @@ def dry_run() -> Iterator[DryRunPlan]:
 
 
 def begin_work() -> None:
-    """Say that everything has been checked and that work or writing begins; NothingIsWritten in a dry run."""
+    """Report that everything has been checked and that work or writing begins; NothingIsWritten in a dry run."""
     if DRY_RUN.get() is not None:
         raise DryRunStop
 
@@ -158,7 +158,7 @@ def note_files(reads: Iterable[Path], writes: Iterable[Path]) -> None:
 
 
 def threads_by_default() -> int:
-    """Threads of a command that is not told how many: one a processor, or what `OCCLOG_THREADS` says."""
+    """Threads of a command that is not given how many: one a processor, or what `OCCLOG_THREADS` states."""
     told = os.environ.get(THREADS, "")
     return int(told) if told.isdigit() and int(told) > 0 else os.cpu_count() or 1
 

@@ -15,7 +15,7 @@ class InWords(list[object]):
     """Values of a summary: a list for `--json`, and words for a person."""
 
     def __init__(self, values: Iterable[object], words: str) -> None:
-        """Have some values, and say them in words."""
+        """Have some values, and state them in words."""
         super().__init__(values)
         self.words = words
 
@@ -28,7 +28,7 @@ class ListedLoss(Protocol):
 
 
 FROM_WHOLE, TO_WHOLE = 1e4, 1e15
-"""Numbers of this size are told as whole ones: four digits of them would need a power of ten."""
+"""Numbers of this size are reported as whole ones: four digits of them would need a power of ten."""
 
 
 def echo_summary(summary: Mapping[str, object], as_json: bool) -> None:
@@ -65,7 +65,7 @@ def _nested(value: object) -> TypeGuard[dict[object, object]]:
 
 
 def _in_words(figures: object) -> str:
-    """What is said of one of many; the keys are our words."""
+    """Description of one of many; the keys are our words."""
     if not isinstance(figures, dict):
         return _shown(figures)
     return ", ".join(f"{str(key).replace('_', ' ')} {_shown(value)}" for key, value in figures.items())
@@ -118,7 +118,7 @@ def strict_code(code: int, plausible: object, strict: bool) -> int:
 
 
 def finish(summary: Mapping[str, object], losses: Iterable[ListedLoss], as_json: bool) -> int:
-    """Print the summary and list what was lost; exit code 0, or 3 if anything was."""
+    """Print the summary and list the losses; exit code 0, or 3 if anything was."""
     lost = list(losses)
     echo_summary({**summary, "losses": [loss.as_dict() for loss in lost]} if as_json else summary, as_json)
     note_losses(lost)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 
 LONGEST = 2000
-"""Characters of a line that is told, at most."""
+"""Characters of a line that is reported, at most."""
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 
 
 def noun(count: float, one: str, many: str = "") -> str:
-    """`one` for 1, `many` for other counts (`one` and an s where nothing else is said)."""
+    """`one` for 1, `many` for other counts (`one` and an s where nothing else is stated)."""
     return one if count == 1 else many or f"{one}s"
 
 
@@ -28,7 +28,7 @@ def shortened(text: str) -> str:
     r"""A text for a terminal: parts of it come from files, which may hold what moves the cursor or fills pages.
 
     Control characters, but for ends of lines and tabs, and those that turn the direction of writing become escapes
-    (`\x1b`); the middle of a text of more than `LONGEST` characters is left out.
+    (`\x1b`); the middle of a text of more than `LONGEST` characters is skipped.
     """
     plain = _CONTROL.sub(lambda found: ascii(found[0])[1:-1], text)
     return plain if len(plain) <= LONGEST else f"{plain[: LONGEST * 2 // 3]} [...] {plain[-LONGEST // 4 :]}"

@@ -58,7 +58,7 @@ _OF = re.compile(r"_(sensor|target|recording)_.+$")
 def unknown_metric_hint(name: str, more: Collection[str] = ()) -> str | None:
     """A hint on a name that no evaluation gives, with the nearest ones that some give; None for a known name.
 
-    `more` are full names that the evaluation gives besides.
+    `more` are full names that the evaluation gives also.
     """
     if name in more or any(f"{name}_{unit}" in more for unit in UNITS):
         return None

@@ -70,10 +70,10 @@ def open_tables(request: EvaluateRequest) -> tuple[Opened | None, Opened | None,
 
 
 def open_measured(path: Path, tracks: Opened | None, scene: Scene) -> MeasuredSource:
-    """Measurements of distances, with the settings that the tracks were made with; defaults where these do not say."""
+    """Measurements of distances, with the settings that the tracks were made with; defaults where these do not state."""
     opened = open_input(path, Measurements, Reads)
     if not scene.sensors:
-        raise UsageError(f"{path}: stations have no places without a scene; give one")
+        raise UsageError(f"{path}: stations have no positions without a scene; give one")
     if opened.has_lengths(Measurements):
         check_unit(opened, scene.length_unit, error=InputError)
 
@@ -118,5 +118,5 @@ def _scene(request: EvaluateRequest, tracks: Opened | None, truth: Opened | None
 
 
 def previous_losses(paths: Iterable[Path]) -> tuple[Loss, ...]:
-    """What was lost in making the inputs."""
+    """Losses in making the inputs."""
     return input_losses(open_if_ours(path) for path in paths)

@@ -63,7 +63,7 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class Threshold:
-    """The evaluation fails if `metric operator limit` is true, or cannot be told."""
+    """The evaluation fails if `metric operator limit` is true, or cannot be reported."""
 
     metric: str
     operator: str
@@ -110,7 +110,7 @@ def _failure(metrics: Mapping[str, float], threshold: Threshold) -> str | None:
 
 
 def find_metric(metrics: Mapping[str, float], name: str) -> list[str]:
-    """Full names that a name with or without its unit can stand for; a full name stands for itself."""
+    """Full names that a name with or without its unit can represent; a full name represents itself."""
     if name in metrics:
         return [name]
     return [full for full in (f"{name}_{unit}" for unit in UNITS) if full in metrics]
@@ -157,7 +157,7 @@ GROUP = (
         ("objects", "true rows", ""),
         ("objects_interpolated", "  of them interpolated", ""),
         ("frames", "frames", ""),
-        ("estimates_other_frames", "left out: rows in other frames", ""),
+        ("estimates_other_frames", "skipped: rows in other frames", ""),
     ),
 )
 PAIRS = (
@@ -170,7 +170,7 @@ PAIRS = (
     ("pairs_nees_share_95", "  inside the 95 % ellipse", ""),
     ("pairs_gate", "  gate of a match", "length"),
 )
-"""First figures of tracks with identities of their own."""
+"""First figures of tracks with their own identities."""
 BY_SENSOR_IN_IMAGES = (
     ("fr_p", "FR_p", ""),
     ("fr_l", "FR_l", ""),
@@ -183,7 +183,7 @@ BY_SENSOR_IN_IMAGES = (
 
 Entry = tuple[str, str, str]
 
-# Heading, then (name without unit, label, unit); `length` stands for the scene's unit.
+# Heading, then (name without unit, label, unit); `length` represents the scene's unit.
 GROUPS: tuple[tuple[str, tuple[Entry, ...]], ...] = (
     (
         "errors",
@@ -206,8 +206,8 @@ GROUPS: tuple[tuple[str, tuple[Entry, ...]], ...] = (
             ("nees_space_share_95", "inside the 95 % ellipsoid", ""),
             ("estimates_space", "estimates in space", ""),
             ("estimates_interpolated_truth", "of them with a truth that was interpolated", ""),
-            ("estimates_without_truth", "left out: no truth given, or none near in time", ""),
-            ("estimates_unmatched", "left out: of no target", ""),
+            ("estimates_without_truth", "skipped: no truth given, or none near in time", ""),
+            ("estimates_unmatched", "skipped: of no target", ""),
             ("time_coverage", "truth covered", ""),
         ),
     ),
@@ -255,7 +255,7 @@ GROUPS: tuple[tuple[str, tuple[Entry, ...]], ...] = (
         ),
     ),
     (
-        "sight lines",
+        "lines of sight",
         (
             ("sight_lines_distance_max", "track to meeting point, largest", "length"),
             ("sight_lines_distance_median", "median", "length"),
@@ -303,7 +303,7 @@ GROUPS: tuple[tuple[str, tuple[Entry, ...]], ...] = (
         (
             ("cooperation_requests", "requests", ""),
             ("cooperation_answered", "answered", ""),
-            ("cooperation_shared", "places that came along", ""),
+            ("cooperation_shared", "positions that came along", ""),
             ("cooperation_frames", "frames asked for", ""),
             ("cooperation_period", "mean time between requests", "s"),
             ("cooperation_requests_periodic", "  by the period", ""),

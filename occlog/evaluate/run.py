@@ -100,9 +100,9 @@ def evaluate_several(request: EvaluateRequest, job: Job) -> MultiRecordingFigure
     """Read, compare, write the figures of several recordings, all with tracks in images or all on the ground."""
     for entry in Form(EvaluateRequest).entries():
         if entry.field in ALONE and getattr(request, entry.field):
-            raise UsageError(f"{option(entry.key)} is of one recording; leave out {option('also')}")
+            raise UsageError(f"{option(entry.key)} is of one recording; omit {option('also')}")
     if request.tracks is None or request.truth is None:
-        raise UsageError(f"{option('also')} wants TRACKS with {option('truth')} beside it")
+        raise UsageError(f"{option('also')} requires TRACKS with {option('truth')} beside it")
     recordings = [
         EvaluatedRecording(request.tracks, request.truth),
         *(EvaluatedRecording(*pair) for pair in request.more),
@@ -128,7 +128,7 @@ def evaluate_several(request: EvaluateRequest, job: Job) -> MultiRecordingFigure
 
 
 def _in_images(sides: Sequence[EvaluateRequest]) -> tuple[list[Metrics], Metrics]:
-    """Figures of each recording, and of all together, in which every view of a recording is a view of its own."""
+    """Figures of each recording, and of all together, in which every view of a recording is its own view."""
     each, whole = list[Metrics](), None
     views, counts = list[int](), Counter[str]()
     for side in sides:
@@ -319,7 +319,7 @@ def _parameters(
 
 
 def _write_scene(path: Path, scene: Scene, noise: Mapping[str, MeasuredNoise], *, overwrite: bool) -> None:
-    """Write the scene with the noise that was measured at known places."""
+    """Write the scene with the noise that was measured at known positions."""
     text = noise_comment(noise) + scene_to_yaml(scene_with(scene, noise))
     write_bytes(path, text.encode(), overwrite)
 
@@ -337,7 +337,7 @@ def _check_request(request: EvaluateRequest, given: Mapping[str, object]) -> Non
         )
     if request.write_scene is not None and (request.truth is None or request.directions is None):
         raise UsageError(
-            f"{option('write_scene')} measures noise at known places; give {option('bearings')} and {option('truth')}"
+            f"{option('write_scene')} measures noise at known positions; give {option('bearings')} and {option('truth')}"
         )
     if request.tracks is not None and request.truth is None and request.directions is None and not held_boxes:
         raise UsageError(f"TRACKS alone cannot be evaluated; give {option('truth')}, {option('bearings')} or both")
@@ -353,7 +353,7 @@ def _check_request(request: EvaluateRequest, given: Mapping[str, object]) -> Non
 
 LOOKS = "bearings against the truth", f"{option('bearings')} (or {option('doa')}) and {option('truth')}"
 BOUND = "the bound", "--bearings (or --doa, --measurements) and --truth"
-LINES = "sight lines", f"{option('bearings')} (or {option('doa')})"
+LINES = "lines of sight", f"{option('bearings')} (or {option('doa')})"
 OF_WHAT = {
     **dict.fromkeys(("gate_sigma", "gate_px", "occluder_diameter"), LOOKS),
     **dict.fromkeys(("motion", "sigma_v", "prior_cov", "prior_z", "bound_in"), BOUND),
@@ -407,14 +407,14 @@ def _check_held_out(tracks: Opened | None, held_out: tuple[str, ...]) -> None:
 
 
 def _of_directions(request: EvaluateRequest, job: Job) -> tuple[dict[str, float], tuple[Loss, ...]]:
-    """Compare directions of arrival with true ones, write; the figures, and what was lost in making the inputs."""
+    """Compare directions of arrival with true ones, write; the figures, and the losses in making the inputs."""
     doa, truth = request.doa, request.truth_azimuths
     if request.tracks is not None:
         raise UsageError(
             f"{option('truth_azimuths')} goes with {option('doa')} and nothing else to compare; leave TRACKS out"
         )
     if doa is None or truth is None:
-        raise UsageError(f"{option('truth_azimuths')} wants directions to compare; give them with {option('doa')}")
+        raise UsageError(f"{option('truth_azimuths')} requires directions to compare; give them with {option('doa')}")
     gate_deg = GATE_DEG if request.doa_gate_deg is None else request.doa_gate_deg
     max_gap_s = configure(EvaluateConfig(), request.settings).bridge_s
     found = open_input(doa).read(Doa)

@@ -1,4 +1,4 @@
-"""What `occlog evaluate` compares: tables in chunks, which are gone through several times, whole or in part."""
+"""What `occlog evaluate` compares: tables in chunks, which are read several times, whole or in part."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ Chunks = Callable[[], Iterator[T]]
 
 
 class MeasuredSource(NamedTuple):
-    """Measurements of distances that are gone through as often as wanted, with what must be known of them."""
+    """Measurements of distances that are read as often as requested, with what must be known of them."""
 
     rows: Chunks[Measurements]
     config: DistanceMeasurementConfig
@@ -110,7 +110,7 @@ class EvaluationSources:
         return replace(out, **during)
 
     def _times_of_frames(self) -> Iterator[Iterator[Ints]]:
-        """Times by which frames are numbered: those of true targets; where there are none, of what comes next."""
+        """Times by which frames are numbered: those of true targets; if missing, of what comes next."""
         yield (rows.t_ns[rows.role == "target"] for rows in rows_of(self.truth))
         for chunks in (self.truth_boxes, self.bearings, self.boxes, self.tracks):
             yield (times(rows) for rows in rows_of(chunks))
@@ -129,7 +129,7 @@ def in_memory(table: T | None) -> Chunks[T] | None:
 def opened_rows(opened: Opened | None, table: type[T]) -> Chunks[T] | None:
     """The rows of a table; None without a file, or in one that holds none.
 
-    Those of a recording or a table of another program, which are slow to read, are put aside while they are read for
+    Those of a recording or a table of another program, which are slow to read, are buffered on disk while they are read for
     the first time.
     """
     if opened is None or not opened.has(table):
@@ -166,7 +166,7 @@ def _numbered(chunks: Chunks[N] | None, frames: tuple[int, int]) -> Chunks[N] | 
 
 
 def streamed_bearings(path: Path | None, doa: Path | None, labels: bool, scene: Scene) -> Chunks[Bearings] | None:
-    """All bearings, and directions of arrival as such: as `occlog track` reads them, as often as wanted.
+    """All bearings, and directions of arrival as such: as `occlog track` reads them, as often as requested.
 
     Those of a recording are used along with its bearings unless others are named.
     """
@@ -177,7 +177,7 @@ def streamed_bearings(path: Path | None, doa: Path | None, labels: bool, scene: 
         directions = measured
     own = measured is not None and (not recorded or directions is None or measured.has(Bearings))
     if directions is None and labels:
-        raise UsageError("doa_labels wants directions of arrival; give some (doa)")
+        raise UsageError("doa_labels requires directions of arrival; give some (doa)")
     for opened, table in ((measured if own else None, Bearings), (directions, Doa)):
         if opened is not None:
             opened.require(table)
@@ -231,10 +231,10 @@ def span_of_frames(chunks: Iterable[Ints], frames: tuple[int, int]) -> Span | No
 
 
 def missing_frames_message(frames: tuple[int, int], count: int) -> InputError:
-    """What is said of frames that are not there."""
+    """Description of frames that are not there."""
     return InputError(f"frames {frames[0]}:{frames[1]}: there are {count} of them, numbered from 0")
 
 
 def no_true_box_message(frames: tuple[int, int]) -> InputError:
-    """What is said of frames of views that have no true box."""
+    """Description of frames of views that have no true box."""
     return InputError(f"frames {frames[0]}:{frames[1]}: no true box is in them")

@@ -1,6 +1,6 @@
 """Computes every figure that tracks, truth, bearings and what else is given allow, in memory that does not grow.
 
-All tables come in chunks and are gone through two or three times, side by side in stretches of time: for what must be
+All tables come in chunks and are read two or three times, side by side in time intervals: for what must be
 known of the whole (`survey`), where wanted for the pairs of tracks and targets (`prepare`), and for the figures.  A
 table in memory is one chunk.
 
@@ -96,7 +96,7 @@ class CooperationCounts:
 
         Returns:
             `cooperation_requests` (one for each target and time), `cooperation_answered`, `cooperation_shared` (rows
-            of this cause are no requests, but places that came along with others), `cooperation_frames`,
+            of this cause are no requests, but positions that came along with others), `cooperation_frames`,
             `cooperation_period_s` (NaN if it is not known), and `cooperation_requests_CAUSE`; a request with several
             causes counts for each.
         """
@@ -117,7 +117,7 @@ BOUND_WITHOUT_DISTANCES = (
     "the bound knows nothing of the ranges, signal strengths or time differences of the tracks, so that no ratio to it "
     "means anything; give --measurements"
 )
-"""What is said of tracks that were made with measurements of distances, where these are not given."""
+"""Description of tracks that were made with measurements of distances, where these are not given."""
 
 
 def evaluate(
@@ -149,7 +149,7 @@ def evaluate(
         made: how the tracks were made; None: not known.
         boxes: detections of all people, to be predicted in cameras that are held out.
         measured: measurements of distances, which count in the bound, with their settings and a fitted path loss.
-        many: settings of the figures of many targets; None: these are left out.
+        many: settings of the figures of many targets; None: these are skipped.
 
     Raises:
         InputError: the tables do not fit together (no common identity, time or sensor).
@@ -181,7 +181,7 @@ class Evaluator:
     """Evaluates what is given.
 
     Tracks and truth give errors and, where wanted, the figures of many targets; bearings and truth give detections and
-    the bound; bearings alone give the distance of the tracks from where sight lines meet, and the prediction of
+    the bound; bearings alone give the distance of the tracks from where lines of sight meet, and the prediction of
     held-out sensors; views and true boxes give recall and precision; requests of cameras give their cost.
     """
 
@@ -209,7 +209,7 @@ class Evaluator:
         truth = self._outlines.watch(truth) if self._sees else truth
         self.known: EvaluationSurvey = survey(self._watched(rows_of(sources.tracks)), truth)
         self.noise: dict[str, MeasuredNoise] = {}
-        """Noise of each camera at known places, after `run` with `places`."""
+        """Noise of each camera at known positions, after `run` with `places`."""
         if self._compares and self.known.truth_ns is not None and not self.known.targets:
             raise no_targets()
 
@@ -236,8 +236,8 @@ class Evaluator:
 
         Args:
             take: gets errors, bound, failures and counts in parts, in the order of time.
-            many: settings of the figures of many targets, with a match distance; None: these are left out.
-            places: whether noise is measured at known places.
+            many: settings of the figures of many targets, with a match distance; None: these are skipped.
+            positions: whether noise is measured at known positions.
             numbers: notes on the numbers of tracks, which stand before that on the errors.
 
         Raises:
@@ -256,7 +256,7 @@ class Evaluator:
         if self._sees:
             seen = AgainstBearings(sources, known, self._outlines, self._scene, config, places=places)
             beside = seen.begin(pairs, evidence, high_tracks=self._high)
-        # Of tracks with identities of their own the pairs of each frame say whether covariances are right
+        # Of tracks with their own identities the pairs of each frame say whether covariances are right
         own = ground is not None and config.match != "id" and known.single is None
         for part, frames in self._parts(many, beside) if self._compares or self._sees else ():
             found = errors.update(part) if self._compares else Errors.empty()
@@ -315,7 +315,7 @@ class Evaluator:
     def _parts(
         self, many: MultiTargetConfig | None, beside: StretchTables | None = None
     ) -> Iterator[tuple[EvaluationChunk, EvaluatedPart | None]]:
-        """Stretches of time, and their frames for the figures of many targets where there are any.
+        """Sections of time, and their frames for the figures of many targets where there are any.
 
         Frames are the times of true targets; of an empty truth, in which no target is there, those of the tracks.
         """
@@ -410,7 +410,7 @@ def names_of_figures(plugged: Iterable[Chosen]) -> set[str]:
 
 
 def fault_of(figures: object, units: Mapping[str, str]) -> str | None:
-    """What is wrong with what a metric gave back, in words; None: nothing."""
+    """Faults of what a metric gave back, in words; None: nothing."""
     if not isinstance(figures, Mapping):
         return f"figures gives a {type(figures).__name__}; a mapping of names to numbers was expected"
     for name in units:
@@ -422,7 +422,7 @@ def fault_of(figures: object, units: Mapping[str, str]) -> str | None:
         if not isinstance(value, numbers.Real):
             return f"{name} is a {type(value).__name__}; a number was expected"
         if math.isinf(value):
-            return f"{name} is infinite; NaN says that there is nothing to compute it from"
+            return f"{name} is infinite; NaN states that there is nothing to compute it from"
     return None
 
 

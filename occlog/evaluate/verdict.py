@@ -1,9 +1,9 @@
 """The verdict on finished tracks: what their diagnostics, bearings, truth and bound say against them.
 
-`occlog.consistency.verdict` judges what the tracks themselves and their bearings say, here as there; this file
-adds what only a comparison with the truth can say.
+`occlog.consistency.verdict` judges what the tracks themselves and their bearings state, here as there; this file
+adds what only a comparison with the truth can state.
 
-What bearings say for and against tracks.
+What bearings state for and against tracks.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ MAX_SINGULAR_SHARE = 0.01
 MIN_DETECTION_RATE = 0.3
 """Share of visible targets seen where they are, below which bearings are not of the targets of the truth."""
 MAX_BEARING_NIS = 4.0
-"""Normalised squared residual of bearings at the true places, above which these may be of something else."""
+"""Normalised squared residual of bearings at the true positions, above which these may be of something else."""
 MAX_BOUND_RATIO = 5.0
 """RMSE over the bound that is worth a word."""
 
@@ -70,7 +70,7 @@ class TrackProvenance(NamedTuple):
 
     @classmethod
     def of(cls, provenance: Provenance) -> TrackProvenance:
-        """As the tracks' provenance says."""
+        """As the tracks' provenance states."""
         parameters = provenance.parameters
         sensors, window = parameters.get("sensors"), parameters.get("window_ns")
         return cls(
@@ -85,7 +85,7 @@ class TrackProvenance(NamedTuple):
 
 
 def bearings_used(bearings: Bearings, made: TrackProvenance, held_out: tuple[str, ...]) -> Bearings:
-    """Bearings that tracks were made from, as far as that is known; `held_out`: sensors that these did not have."""
+    """Bearings that tracks were made from, if known; `held_out`: sensors that these did not have."""
     use = np.isin(bearings.sensor, list(held_out), invert=True)
     if made.sensors is not None:
         use &= np.isin(bearings.sensor, sorted(made.sensors))
@@ -105,17 +105,17 @@ def checks_with_truth(
     """Everything that speaks against tracks.
 
     Args:
-        found: what was gathered of the tracks and their bearings.
+        found: what was collected of the tracks and their bearings.
         made: how the tracks were made.
-        against: what was gathered of their errors.
+        against: what was collected of their errors.
         unknown: the covariance of an estimate is not known.
         metrics: figures of the evaluation.
     """
     said = found.checks(one_target=made.one_target, smoothed=made.smoothed)
     if unknown:
         words = (
-            "estimates have no covariance, so that nothing is said of whether errors, and what bearings leave at these "
-            "estimates, are as large as they say"
+            "estimates have no covariance, so that nothing is reported of whether errors, and what bearings leave at these "
+            "estimates, are as large as they state"
         )
         return (*said, finding(COVARIANCES, "note", "no-covariance", words), *_of_figures(metrics))
     errors = against.checks()
@@ -149,7 +149,7 @@ def _truth_of_another_target(found: ConsistencyEvidence, metrics: Mapping[str, o
 def _errors_on_assigned_target(errors: Errors, scene: Scene) -> Errors:
     """Errors of tracks while they are on the target that they are paired with.
 
-    A track that is on another target after an exchange is as far away as that one, which says nothing of covariances.
+    A track that is on another target after an exchange is as far away as that one, which contains nothing about covariances.
     """
     near = MultiTargetConfig.in_unit(scene.length_unit).match_distance
     return errors if near is None else errors.take(errors.error <= near)
@@ -185,7 +185,7 @@ class _Nees:
 
 
 class CovarianceConsistency:
-    """Gathers errors while they stream by: whether covariances say how large they are."""
+    """Collects errors in streaming mode: whether covariances state how large they are."""
 
     def __init__(self, made: TrackProvenance, scene: Scene | None) -> None:
         """No errors yet; how the tracks were made, and the scene of which they are."""
@@ -211,7 +211,7 @@ class CovarianceConsistency:
             self._ground.update(target, nees[rows])
 
     def checks(self) -> tuple[Check, ...]:
-        """Whether covariances say how large the errors are."""
+        """Whether covariances state how large the errors are."""
         if self.rows < MIN_SAMPLES:
             few = f"fewer than {MIN_SAMPLES} errors" if self.rows else "no errors against a truth"
             return outcome(COVARIANCES, (), unless=few)
@@ -226,7 +226,7 @@ class CovarianceConsistency:
 
 
 def _of_nees(found: _Nees, rows: int, where: str) -> Iterator[Check]:
-    """Whether covariances say how large the errors are."""
+    """Whether covariances state how large the errors are."""
     dimensions, mean, share = found.dimensions, found.mean, found.share
     singular = rows - found.told
     if exceeds_share(singular, rows, MAX_SINGULAR_SHARE):
@@ -254,7 +254,7 @@ def _of_nees(found: _Nees, rows: int, where: str) -> Iterator[Check]:
             COVARIANCES,
             "warning",
             "nees-large",
-            f"the covariances are too small ({words}): errors are larger than they say; look at other warnings, use "
+            f"the covariances are too small ({words}): errors are larger than they state; look at other warnings, use "
             "more particles, state larger noises, and check that the truth is of the same target",
             nees=mean.value * dimensions,
             allowed=NEES_HIGH * dimensions,
@@ -265,7 +265,7 @@ def _of_nees(found: _Nees, rows: int, where: str) -> Iterator[Check]:
             COVARIANCES,
             "note",
             "nees-small",
-            f"the covariances are too large: errors are {factor:.1f} times smaller than they say ({words}); state "
+            f"the covariances are too large: errors are {factor:.1f} times smaller than they state ({words}); state "
             "smaller noises",
             nees=mean.value * dimensions,
             allowed=NEES_LOW * dimensions,
@@ -295,7 +295,7 @@ def _of_figures(metrics: Mapping[str, object]) -> tuple[Check, ...]:
 def _no_bound(metrics: Mapping[str, object]) -> str:
     """Why errors are not compared with the bound; empty: they are."""
     if independent_ids(metrics):
-        return "tracks have identities of their own, so that errors count their switches"
+        return "tracks have their own identities, so that errors count their switches"
     return "" if _number(metrics, "bound_estimates") >= MIN_SAMPLES else "there is no bound"
 
 
@@ -339,7 +339,7 @@ def _number(metrics: Mapping[str, object], name: str) -> float:
 
 
 class SightEvidence:
-    """What bearings say for and against tracks."""
+    """What bearings state for and against tracks."""
 
     def __init__(
         self,
@@ -366,7 +366,7 @@ class SightEvidence:
 
     @property
     def margin_ns(self) -> int:
-        """How far about a stretch tracks and bearings must be there."""
+        """How far about a section tracks and bearings must be there."""
         return self._made.window_ns + 1
 
     def update(
@@ -376,14 +376,14 @@ class SightEvidence:
         bearings: TableBuffer[Bearings],
         diagnostics: TableBuffer[Diagnostics] | None,
     ) -> None:
-        """Another stretch; `diagnostics` are of the same rows as the tracks (`in_rows_of`)."""
+        """Another section; `diagnostics` are of the same rows as the tracks (`in_rows_of`)."""
         window_ns, before = self._made.window_ns, Limits(limits.begin, limits.end)
         ours, its = before.about(tracks, window_ns, 0), before.about(bearings, window_ns, 0)
         fared = None if diagnostics is None else before.about(diagnostics, window_ns, 0)
         its = bearings_used(its, self._made, self._held_out)
         residuals, frames = self._of_estimates.compare(ours, its, fared)
         if window_ns:
-            # A bearing may belong to an estimate after the stretch
+            # A bearing may belong to an estimate after the section
             ours, its = (
                 before.about(tracks, 0, self.margin_ns),
                 bearings_used(before.of(bearings), self._made, self._held_out),
@@ -403,7 +403,7 @@ class SightEvidence:
         self._alone.add(residuals, limits.end)
 
     def finish(self) -> None:
-        """Say that all stretches came."""
+        """Report that all sections came."""
         self._alone.add(Residuals.empty(), LAST)
         for camera in self._scene.cameras:
             found = self._evidence.agreements.sensors.get(camera.name)

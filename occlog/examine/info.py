@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 MAX_ENTRIES = 1000
-"""Entries of a folder that are looked at."""
+"""Entries of a folder that are checked."""
 PART = re.compile(r"_\d+$")
 """What the names of files of one split bag end with."""
 CONTAINERS = (".mcap", ".db3", ".zstd")
@@ -61,7 +61,7 @@ def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Desc
     """Describe each file of a folder in one line.
 
     Args:
-        folder: whose entries are looked at, up to `MAX_ENTRIES`; those of its own folders that are bags, too.
+        folder: with entries that are checked, up to `MAX_ENTRIES`; those of its own folders that are bags, too.
         describe: values and lines of one file; InputError where it is none that occlog reads.
 
     Raises:
@@ -92,7 +92,7 @@ def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Desc
         lines.append(f"{path.name:<{width}}  {said[0]}{time}")
     head = f"folder, {counted(len(files), 'file')} that occlog reads"
     more = [f"{n} x {what}" for what, n in sorted(others.items())]
-    more += [f"entries after the first {MAX_ENTRIES} were not looked at"] if len(entries) > MAX_ENTRIES else []
+    more += [f"entries after the first {MAX_ENTRIES} were not checked"] if len(entries) > MAX_ENTRIES else []
     values = {
         "kind": "folder",
         "files": files,
@@ -105,7 +105,7 @@ def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Desc
 SHOWN_VERSIONS = ("python", "numpy", "scipy", "numba", "opencv-python-headless", "pyarrow")
 """Packages whose versions change figures most; `--json` has all."""
 TABLES_OR_RECORDINGS = (".mcap", ".parquet", ".csv", ".tsv", ".gz", ".arrow", ".feather")
-"""Endings of names of files whose reader says what is wrong with the content."""
+"""Endings of names of files whose reader describes the fault of the content."""
 
 
 @click.command(name="info", short_help="Print what a scene, a recording or a table holds.")
@@ -314,7 +314,7 @@ def _array_more(array: MicrophoneArray) -> str:
 
 
 def _reader_words(reader: TagReader) -> str:
-    """Write a reader's place, and range and power where they are known."""
+    """Write a reader's position, and range and power where they are known."""
     far = f", range {reader.range:g}" if math.isfinite(reader.range) else ""
     power = "" if reader.power is None else f", {reader.power:g} dBm at 1 m"
     x, y, z = reader.position
@@ -432,7 +432,7 @@ def _describe_foreign(table: ForeignTable) -> Description:
 
 
 def _unit_of(spelled: Spelling) -> str:
-    """The unit of a column of another program: of a speed in cm/s the name says the length."""
+    """The unit of a column of another program: of a speed in cm/s the name states the length."""
     from occlog.records.columns import LENGTHS, in_length_unit
 
     return in_length_unit(spelled.column.unit, spelled.unit) if spelled.column.unit in LENGTHS else spelled.unit

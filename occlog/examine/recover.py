@@ -54,7 +54,7 @@ def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, 
 
 
 def _made_again(path: Path) -> str:
-    """What to do with a table instead: the command and the inputs that it was made by, as far as its footer says."""
+    """What to do with a table instead: the command and the inputs that it was made by, as far as its footer states."""
     from occlog.io.files.tables.parquet import read_header
 
     try:
@@ -70,7 +70,7 @@ def _made_again(path: Path) -> str:
 
 
 def _times(span: tuple[int, int] | None) -> dict[str, object]:
-    """What the summary says of the first and the last time."""
+    """What the summary states about the first and the last time."""
     from occlog.io.files.utc import utc
 
     return {} if span is None else {"from": utc(span[0]), "to": utc(span[1]), "seconds": (span[1] - span[0]) / 1e9}
@@ -80,5 +80,5 @@ def _named(text: str) -> tuple[str, Path]:
     """Camera and file of CAMERA=FILE."""
     camera, given, path = text.partition("=")
     if not (camera and given and path):
-        raise UsageError(f"--video {text}: want CAMERA=FILE")
+        raise UsageError(f"--video {text}: expected CAMERA=FILE")
     return camera, Path(path)

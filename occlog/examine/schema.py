@@ -78,7 +78,7 @@ AROUND_METHODS = (
 """Settings that several methods of `track` share."""
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 NAMES = {"epipolar": "epipolar-settings", "plan": "plan-settings"}
-"""Verbs whose name is that of a file's schema."""
+"""Verbs with a name that is that of a file's schema."""
 
 
 def load(where: str) -> Any:

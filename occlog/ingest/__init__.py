@@ -1,1 +1,1 @@
-"""Verb: gather video, detections, directions and calibration into one recording."""
+"""Verb: collect video, detections, directions and calibration into one recording."""

@@ -60,7 +60,7 @@ def asked_topics(plan: IngestPlan) -> list[tuple[str, str]]:
     out = [pair for path in plan.topics for pair in read_topic_map(path)]
     for name, topic in plan.topic:
         if name is None:
-            raise UsageError(f"topic {topic}: does not say what it is called; give NAME={topic}")
+            raise UsageError(f"topic {topic}: does not state what it is called; give NAME={topic}")
         out.append((name, topic))
     return out
 
@@ -80,7 +80,7 @@ def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
 
 
 class BagCameraPoses(NamedTuple):
-    """The cameras of a bag whose places are known, why others are not, and the frame that is the world."""
+    """The cameras of a bag with known positions, why others are not, and the frame that is the world."""
 
     cameras: tuple[Camera, ...]
     reasons: dict[str, str]
@@ -100,12 +100,12 @@ def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], n
             continue
         info = found.infos.get(camera)
         if info is None:
-            reasons[camera] = "the bag has no calibration (CameraInfo) beside its images"
+            reasons[camera] = "the bag has no calibration (CameraInfo) next to its images"
             continue
         rectified = is_rectified(found.map.images[camera])
         told = intrinsics(info, rectified=rectified, where=f"topic {found.map.infos[camera]}")
         if told is None:
-            reasons[camera] = f"{found.map.infos[camera]} says that it is not calibrated (fx is 0)"
+            reasons[camera] = f"{found.map.infos[camera]} states that it is not calibrated (fx is 0)"
             continue
         if told.fit_px:
             note(f"camera {camera}: lens model {info.model} fitted by five coefficients, right to {told.fit_px:.2g} px")
@@ -179,7 +179,7 @@ def _placed(tree: Transforms, frame: str, world: str | None) -> FramePose:
 
 
 def _pose(camera: str, frame: str, placed: FramePose, plan: IngestPlan) -> FramePose:
-    """World-from-camera pose of a frame whose axes are those of an image, or of a body (x forward, z up).
+    """World-from-camera pose of a frame with axes that are those of an image, or of a body (x forward, z up).
 
     UsageError for a frame that is not called optical and whose z axis points up: as that of an image it cannot be.
     """
@@ -253,7 +253,7 @@ class Taking:
         return {*self._cameras, *self._arrays, *self._targets, *self._boxes, *self._infos}
 
     def messages(self) -> Iterator[BagMessage]:
-        """The messages that `take` wants."""
+        """The messages that `take` requires."""
         return self.bag.messages(self._wanted())
 
     def _frame_times(self) -> dict[str, FrameTimes]:
@@ -273,7 +273,7 @@ class Taking:
         return {topics[topic]: FrameTimes(topic, table_ns=table) for topic, table in tables.items() if len(table)}
 
     def take(self, message: BagMessage, writer: RecordingWriter) -> None:
-        """Write what a message says; one that is damaged or out of order is counted."""
+        """Write what a message states; one that is damaged or out of order is counted."""
         if message.topic in self._infos:
             self._compare(message)
             return
@@ -383,7 +383,7 @@ class Taking:
             raise UsageError(f"true positions: {error}; leave their topic out, or choose another world frame") from None
 
     def finish(self, note: Note) -> list[Loss]:
-        """Tell which clock was used, and list what was lost."""
+        """Tell which clock was used, and list the losses."""
         losses = []
         for topic, remark in self.bag.remarks.items():
             note(f"warning: {topic}: {remark}")
@@ -397,9 +397,9 @@ class Taking:
             self._tell_clock(topic, state, note)
             first = f"; the first: {state.reason}" if state.reason else ""
             for count, what in (
-                (state.late, "time stamps repeat or go back; these messages were left out"),
-                (state.damaged, f"messages that cannot be used were left out{first}"),
-                (state.resized, f"images of another size than {state.sized} were left out"),
+                (state.late, "time stamps repeat or go back; these messages were skipped"),
+                (state.damaged, f"messages that cannot be used were skipped{first}"),
+                (state.resized, f"images of another size than {state.sized} were skipped"),
             ):
                 if count:
                     losses.append(Loss(self.bag.paths[0].name, topic, what, count))
@@ -431,7 +431,7 @@ def _is_same(a: InfoMessage, b: InfoMessage) -> bool:
 
 
 def check_truth_frames(found: BagSurvey, placement: BagCameraPoses, note: Note) -> None:
-    """Say that true positions are taken as they are where nothing tells how their frame lies in the world."""
+    """Report that true positions are taken as they are where nothing tells how their frame lies in the world."""
     if found.map.poses and placement.world is None:
         note("bag: no transforms place the cameras: true positions are taken for those of the scene's world")
 
@@ -439,7 +439,7 @@ def check_truth_frames(found: BagSurvey, placement: BagCameraPoses, note: Note) 
 def check_plan(plan: IngestPlan, found: BagSurvey, scene: Scene, note: Note) -> None:
     """UsageError for options that a bag's cameras do not take.
 
-    Directions of an array that the scene lacks are an error where they were asked for, else left out.
+    Directions of an array that the scene lacks are an error where they were asked for, else skipped.
     """
     arrays, asked = [a.name for a in scene.arrays], {topic for _, topic in asked_topics(plan)}
     for array, topic in list(found.map.directions.items()):
@@ -458,11 +458,11 @@ def check_plan(plan: IngestPlan, found: BagSurvey, scene: Scene, note: Note) -> 
     for key, pairs in times:
         if any(name is None for name, _ in pairs):
             if not others:
-                raise UsageError(f"a bag has its own times, and there is nothing else to ingest; leave out the {key}")
+                raise UsageError(f"a bag has its own times, and there is nothing else to ingest; omit the {key}")
             note(f"bag: has its own times; the {key} is that of the other inputs")
     for name in (*found.map.cameras, *found.map.directions):
         for key, pairs in times:
             if any(camera == name for camera, _ in pairs):
-                raise UsageError(f"{name}: has its times from the bag; leave out its {key}")
+                raise UsageError(f"{name}: has its times from the bag; omit its {key}")
         if name in plan.video or name in plan.images:
             raise UsageError(f"camera {name}: is both in the bag and among the videos and images; name one otherwise")

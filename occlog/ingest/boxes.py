@@ -1,4 +1,4 @@
-"""Boxes of an ingest: their files, the cameras they are of, what is said of them, and those outside the image."""
+"""Boxes of an ingest: their files, the cameras they are of, the description of them, and those outside the image."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ def survey(plan: IngestPlan, scene: Scene, note: Note) -> BoxSurvey | None:
         f"{counted(found.rows, 'box', 'boxes')} of {counted(len(found.cameras), 'camera')}",
     ]
     if not found.rows and not found.beyond and found.cameras:
-        said.append(f"every frame of {', '.join(found.cameras)} is a look at nobody")
+        said.append(f"every frame of {', '.join(found.cameras)} is a frame without a person")
     if found.beyond:
-        said.append(f"left out: {counted(found.beyond, 'box', 'boxes')} of other frames")
+        said.append(f"skipped: {counted(found.beyond, 'box', 'boxes')} of other frames")
     if found.classes and any(found.classes):
         said.append(f"class {in_words(found.classes)}")
     if found.left_out:
-        said.append(f"left out: class {in_words(found.left_out)}")
+        said.append(f"skipped: class {in_words(found.left_out)}")
     frames = f"frames {found.first} to {found.stop - 1}"
     if found.step > 1:
         frames += f" in steps of {found.step} (the frame rate counts every number)"
-    note(f"boxes: {', '.join(said)}; {frames}; a frame without a box is one in which nobody was seen")
+    note(f"boxes: {', '.join(said)}; {frames}; a frame without a box is one without a detection")
     return found
 
 
@@ -58,7 +58,7 @@ def box_files(plan: IngestPlan) -> list[BoxFile]:
 def _first_number(plan: IngestPlan, camera: str | None, path: Path) -> int | None:
     """Number of frame 0 in a folder of boxes: that of its images, or 1 where files are numbered by a video's frames.
 
-    None where the folder alone says which numbers there are, or the number is given.
+    None where the folder alone states which numbers there are, or the number is given.
     """
     if plan.first_number is not None or not path.is_dir():
         return None
@@ -137,7 +137,7 @@ def inside(tables: Iterator[B], scene: Scene, losses: list[Loss], note: Note) ->
 
 
 def _without(table: B, gone: Bools) -> B:
-    """The table without some boxes; a frame that has no other keeps a row that says that nobody was seen."""
+    """The table without some boxes; a frame that has no other keeps a row that states that nothing was detected."""
     kept = table.take(~gone)
     pairs = set(zip(kept.sensor.tolist(), kept.frame.tolist(), strict=True))
     alone: list[int] = []

@@ -1,11 +1,11 @@
-"""What `occlog ingest` is to do: its options taken apart and checked against each other.
+"""What `occlog ingest` is to do: its options split and checked against each other.
 
 Folders of data sets as they ship: which of their parts are what.
 
 WILDTRACK has `calibrations`, `annotations_positions` and `Image_subsets/C1` to `C7`; the numbers of its frames (0, 5,
 10, ...) count tenths of a second.
 
-What is added to the times of sensors whose clocks are known to be off.
+What is added to the times of sensors with known clocks to be off.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ RATE = "10"
 
 
 def expand_dataset(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of the options, with a folder of WILDTRACK taken apart into the options that say the same.
+    """The values of the options, with a folder of WILDTRACK split into the options that state the same.
 
-    What is given beside the folder counts before its parts; with boxes its images are left out.
+    What is given next to the folder counts before its parts; with boxes its images are skipped.
 
     Raises:
         UsageError: the folder has no images, and there are no boxes.
@@ -88,7 +88,7 @@ def offsets_of(texts: Iterable[str]) -> dict[str, float]:
         seconds = float(found[1]) * UNITS[found[2]] if found else math.inf
         if not name or not abs(seconds) <= MAX_S:
             raise UsageError(
-                f"{option('offset')} {text}: want SENSOR=SECONDS, at most {MAX_S:g} s either way, as in cam2=-0.4s"
+                f"{option('offset')} {text}: expected SENSOR=SECONDS, at most {MAX_S:g} s either way, as in cam2=-0.4s"
             )
         if name in out:
             raise UsageError(f"{option('offset')}: sensor {name} is given twice; give every sensor one offset")
@@ -244,7 +244,7 @@ class IngestPlan(Settings):
     )
     store: str | None = setting(
         None,
-        "How frames are kept; link: only their times, beside the video.",
+        "How frames are kept; link: only their times, next to the video.",
         choices=("jpeg", "png", "link"),
         option="--store",
         nothing="PNG and JPEG files as they are, all else as jpeg",
@@ -275,7 +275,7 @@ class IngestPlan(Settings):
     doa_format: str = setting("auto", "Format of the DOA logs.", choices=DOAS, option="--doa-format")
     doa_unit: str | None = setting(
         None,
-        "Unit of angles in columns whose name does not state it.",
+        "Unit of angles in columns with a name that does not state it.",
         choices=("deg", "rad"),
         option="--doa-unit",
         nothing="the format's own",
@@ -366,7 +366,7 @@ class IngestPlan(Settings):
             "doa": "a log of directions",
             "truth": "ground truth",
             "timestamps": "a table of time stamps",
-            "arrays": "a table of places",
+            "arrays": "a table of positions",
         }
         found = [(path, "a video file") for path in self.video.values()]
         for key, what in tables.items():
@@ -380,7 +380,7 @@ class IngestPlan(Settings):
         return [*self.bags, *self.topics, *self.images.values(), *(path for path, _ in self.files()), *self.calibration]
 
     def inputs(self) -> list[Path]:
-        """Every file that is read; a folder stands for the files in it."""
+        """Every file that is read; a folder represents the files in it."""
         return [file for path in self.paths() for file in (files_in(path) if path.is_dir() else [path])]
 
     def folders(self) -> list[Path]:

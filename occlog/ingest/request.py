@@ -20,16 +20,16 @@ def _several(help_text: str, option: str, metavar: str) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class IngestRequest(Request):
-    """Gather what cameras, microphone arrays and readers of tags have recorded into one recording.
+    """Collect what cameras, microphone arrays and readers of tags have recorded into one recording.
 
     BAG is a bag of ROS 2 (a folder, .mcap or .db3) or an MCAP file of another program; several
-    are taken for parts of one. `occlog info BAG` says what would be taken of it.  It may also be the folder of
+    are taken for parts of one. `occlog info BAG` states what would be taken of it.  It may also be the folder of
     WILDTRACK as the data set ships it.
 
     The time of a frame comes from --timestamps, else from the time stamps of the video
-    file, else from its frame rate; which one it was is told and recorded.  Frames that a
+    file, else from its frame rate; which one it was is reported and recorded.  Frames that a
     damaged video has lost are listed, and the exit code is 3.  What a calibration was
-    understood to say is printed: look at it.
+    understood to state is printed: look at it.
 
     \b
       occlog ingest -o walk.mcap --calibration Calib.qca.txt --video cam01=cam01.mp4 --video cam02=cam02.mp4
@@ -117,7 +117,7 @@ class IngestRequest(Request):
 
     @property
     def inputs(self) -> list[Path]:
-        """Every file that is read; a folder stands for the files in it."""
+        """Every file that is read; a folder represents the files in it."""
         return self.plan.inputs()
 
 

@@ -60,7 +60,7 @@ class Ingested(IngestFailures):
 
 
 def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
-    """Write the recording; the summary and what was lost."""
+    """Write the recording; the summary and the losses."""
     plan, note = request.plan, job.note
     for path, what in plan.files():
         if not (path.is_dir() and path in plan.folders()):
@@ -114,14 +114,14 @@ class _OpenBag(NamedTuple):
 
 
 def _open_bag(plan: IngestPlan, scene: Scene, stack: ExitStack, note: Callable[[str], None]) -> _OpenBag | None:
-    """Open the bag and find out what is taken of it; None where there is none."""
+    """Open the bag and find out what is taken of it; None if missing."""
     if not plan.bags:
         return None
     for path in plan.bags:
         if path.is_file() and is_of_occlog(path):
             raise InputError(
                 f"{path}: was written by occlog: its times are right already, and its tables, numbers of frames and "
-                "losses would be left out; use it as it is, or ingest what it was made of"
+                "losses would be skipped; use it as it is, or ingest what it was made of"
             )
     bag = stack.enter_context(open_bag(plan.bags))
     found = look_into(bag, plan, note)
@@ -274,7 +274,7 @@ def _write_tables(
             empty += int((table.box < 0).sum()) if isinstance(table, Boxes) and table.NAME == Boxes.NAME else 0
     if empty:
         rows = "row is" if empty == 1 else "rows are"
-        note(f"boxes: {done.rows[Boxes.NAME] - empty}; {empty} more {rows} of frames in which a camera saw nobody")
+        note(f"boxes: {done.rows[Boxes.NAME] - empty}; {empty} more {rows} of frames in which a camera saw no person")
 
 
 def _write_reads(
@@ -354,7 +354,7 @@ def _twice(key: int | str, other: Path) -> str:
     """What is wrong where another file has the same target, or boxes of the same camera, at the same times."""
     if isinstance(key, str):
         return f"camera {key}: has true boxes in {other}, too, at the same times; join the files"
-    return f"target {key} has places in {other}, too, at the same times; give each target its own number in a column id"
+    return f"target {key} has positions in {other}, too, at the same times; give each target its own number in a column id"
 
 
 def _doa_options(plan: IngestPlan, sensor: str | None) -> DoaOptions:

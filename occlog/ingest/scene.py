@@ -1,6 +1,6 @@
 """The scene of an ingested recording: calibrated cameras, arrays, and what a scene file adds.
 
-A camera whose frames have another size than it was calibrated with is scaled, cut or refused.
+A camera with frames that have another size than it was calibrated with is scaled, cut or refused.
 
 Turns the world of a calibration upright: z up, the ground at z = 0.
 
@@ -44,7 +44,7 @@ class Turn(NamedTuple):
     ground: float  # height of the ground after the rotation
 
     def places(self, xyz: Floats) -> Floats:
-        """(N, 3) places in the upright world."""
+        """(N, 3) positions in the upright world."""
         return np.asarray(xyz @ self.rotation.T - [0.0, 0.0, self.ground])
 
     def camera(self, camera: Camera) -> Camera:
@@ -67,7 +67,7 @@ class Turn(NamedTuple):
         return replace(camera, position=position, rotation=rotation, fov=fov)
 
     def truth(self, truth: Truth, path: Path) -> Truth:
-        """True places in the upright world; InputError for one without a height, which could be anywhere there."""
+        """True positions in the upright world; InputError for one without a height, which could be anywhere there."""
         if np.isnan(truth.z).any():
             raise InputError(f"{path}: has no heights, without which true positions cannot be turned upright; add z")
         x, y, z = self.places(np.column_stack([truth.x, truth.y, truth.z])).T
@@ -130,7 +130,7 @@ def _warn_of_low(cameras: Sequence[Camera], turn: Turn, ground: float | None, no
     remedy = (
         "heights are unknown; say where the ground is (ground)"
         if ground is None
-        else f"the ground is said to be at {ground:g} m along up, in the calibration's world (ground): negative where "
+        else f"the ground is stated to be at {ground:g} m along up, in the calibration's world (ground): negative where "
         "it is below the origin"
     )
     note(
@@ -149,12 +149,12 @@ def read_up(text: str) -> Floats:
     except ValueError:
         found = np.zeros(0)
     if found.shape != (3,) or not np.isfinite(found).all() or not found.any():
-        raise UsageError(f"up: {text!r}: want auto, an axis with its sign (for example -y), or X,Y,Z")
+        raise UsageError(f"up: {text!r}: expected auto, an axis with its sign (for example -y), or X,Y,Z")
     return found
 
 
 def _horizons(rotations: Floats) -> str:
-    """What the cameras' horizons say of the vertical, in words."""
+    """What the cameras' horizons state about the vertical, in words."""
     found = vertical(rotations)
     off = np.degrees(np.arccos(np.clip(found.up[2], -1.0, 1.0)))
     text = ", ".join(f"{v:.2f}" for v in found.up)
@@ -189,7 +189,7 @@ def fit_size(camera: Camera, size: tuple[int, int], bars: Bars, note: Callable[[
     """The camera for frames of another size than it was calibrated with.
 
     * Black bars that are as wide as a change of scale makes them: scaled and centred.
-    * Up to 16 px less or more: cut or padded at the right and lower edge, pixels keep their place.
+    * Up to 16 px less or more: cut or padded at the right and lower edge, pixels keep their position.
     * The same shape: scaled.
 
     Args:
@@ -283,7 +283,7 @@ def base_scene(plan: IngestPlan, note: Note) -> tuple[Scene, Turn | None]:
 
 
 def check_metres(plan: IngestPlan, unit: str) -> None:
-    """InputError for a table in metres beside a scene in another unit: tables of arrays are, others say so by names."""
+    """InputError for a table in metres beside a scene in another unit: tables of arrays are, others state it by names."""
     if unit == "m":
         return
     named = [path for _, path in plan.truth] + ([] if plan.readers is None else [plan.readers])
@@ -297,7 +297,7 @@ def _says_metres(path: Path) -> bool:
     """Whether a table names columns of lengths in metres."""
     try:
         names = {cell.lower() for cell in first_line(path, "a table")}
-    except InputError:  # whoever reads it says so
+    except InputError:  # whoever reads it states it
         return False
     return bool(names & {"x_m", "y_m", "z_m", "range_m"})
 
@@ -320,7 +320,7 @@ def _arrays(path: Path, name: str | None, note: Note) -> tuple[MicrophoneArray, 
 def match_cameras(scene: Scene, wanted: Sequence[str], plan: IngestPlan, reasons: Mapping[str, str]) -> Scene:
     """The scene with the cameras that have data, under the names that the user gives them.
 
-    Cameras of a calibration without data are left out, those of a scene file are kept.  `reasons` says of
+    Cameras of a calibration without data are skipped, those of a scene file are kept.  `reasons` states about
     cameras of a bag why it does not place them.
     """
     kept = {c.name: c for c in scene.cameras}
@@ -354,7 +354,7 @@ def _find(name: str, names: Sequence[str]) -> str | None:
 
 
 def _unplaced(name: str, plan: IngestPlan) -> Camera:
-    """A camera of which nothing is known: the focal length is only a place holder."""
+    """A camera of which nothing is known: the focal length is only a placeholder."""
     width = float(plan.image_size[0]) if plan.image_size else 1000.0
     return Camera(
         name=safe_name(name),

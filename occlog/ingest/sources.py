@@ -1,6 +1,6 @@
 """Opens the videos and image folders of an ingest, and finds out when their frames were taken.
 
-Directions and reads that stand in logs twice, alike in everything: a log was copied, or exported twice.
+Directions and reads that are in logs as identical duplicates: a log was copied, or exported twice.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Sidecars = dict[str, tuple[Ints, str]]
 
 @dataclass
 class IngestFailures:
-    """What went wrong so far: what was lost, and the errors of cameras that could not be used at all."""
+    """What went wrong so far: the losses, and the errors of cameras that could not be used at all."""
 
     losses: list[Loss] = field(default_factory=list)
     failures: list[InputError] = field(default_factory=list)
@@ -97,7 +97,7 @@ def open_sources(
             stack.enter_context(source.decoder)
         except InputError as error:
             done.failures.append(error)
-            done.losses.append(Loss(source.path.name, f"camera {source.name}", f"left out: {error}"))
+            done.losses.append(Loss(source.path.name, f"camera {source.name}", f"skipped: {error}"))
             continue
         opened.append(source)
     return opened
@@ -155,7 +155,7 @@ class Copies:
     """
 
     def __init__(self, *, several: bool) -> None:
-        """No log yet; `several`: there is more than one, so that a row may stand in one before."""
+        """No log yet; `several`: there is more than one, so that a row may be in one before."""
         self._several = several
         self._before: dict[str, list[Uints]] = {}
 

@@ -18,12 +18,12 @@ FRAMES_APART_NS, ROWS_APART_NS = 60 * NS, 3600 * NS
 """So far from all others a sensor's times are apart, and from the length of the others on; rows are only where
 something was detected."""
 FEWEST, JUMP, JUMP_NS = 20, 0.5, 60 * NS
-"""Of fewer frames nothing is said; an interval above this share of all time, and this long, is a jump."""
+"""Of fewer frames nothing is reported; an interval above this share of all time, and this long, is a jump."""
 
 
 @dataclass
 class TimeSpanNs:
-    """First and last of some times [ns]; the first is later than the last where there are none."""
+    """First and last of some times [ns]; the first is later than the last if missing."""
 
     first: int = 2**63
     last: int = -(2**63)
@@ -148,7 +148,7 @@ class TimedWriter(RecordingWriter):
 
 
 def _apart(times: dict[str, IngestFrameTimes] | dict[str, TimeSpanNs], least: int) -> Iterator[Check]:
-    """Sensors whose times are far from those of all others."""
+    """Sensors with times far from those of all others."""
     for name, own in sorted(times.items()):
         others = [each for other, each in times.items() if other != name]
         far = min((max(each.first - own.last, own.first - each.last) for each in others), default=0)

@@ -1,6 +1,6 @@
 """Whether true positions, true boxes and calibration agree: feet of people, projected, against their boxes.
 
-True positions and the frames that a recording has: those outside `frames` are left out, or told.
+True positions and the frames that a recording has: those outside `frames` are skipped, or told.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from occlog.records.tables import Truth, TruthBoxes
 from .plan import IngestPlan
 
 MAX_OFF = 0.5
-"""Feet may be so many heights of the box from the middle of its lower edge, in the median of a camera."""
+"""Feet may be this many heights of the box from the middle of its lower edge, in the median of a camera."""
 MIN_BOXES = 20
-"""Boxes of a camera from which a median is believed."""
+"""Boxes of a camera from which a median is accepted."""
 
 
 def check_truth_consistency(
     tables: Iterator[Truth | TruthBoxes], scene: Scene, path: Path, note: Callable[[str], None]
 ) -> Iterator[Truth | TruthBoxes]:
-    """The tables; at their end a note says how far feet are from boxes, in heights of the box.
+    """The tables; at their end a note states how far feet are from boxes, in heights of the box.
 
     Raises:
         InputError: they are too far in a camera: the grid of positions, the unit or the camera is another.
@@ -77,7 +77,7 @@ def _off(truth: Truth, boxes: TruthBoxes, project: Callable[[Floats], Floats]) -
 
 
 TOLD_S = 1.0
-"""True positions that begin so long before the first frame, or end so long after the last one, are told."""
+"""True positions that begin so long before the first frame, or end so long after the last one, are reported."""
 
 
 def span_of(frames: tuple[int, int], times: Mapping[str, FrameTimes]) -> tuple[int, int] | None:
@@ -104,9 +104,9 @@ def within_frames(
     times: Mapping[str, FrameTimes],
     note: Callable[[str], None],
 ) -> Iterator[Truth | TruthBoxes]:
-    """The tables, true positions only of the frames that are chosen; a note says how many were left out.
+    """The tables, true positions only of the frames that are chosen; a note states how many were skipped.
 
-    Without a choice all are kept, and a note says by how much they go beyond the looks of a detector.
+    Without a choice all are kept, and a note states by how much they go beyond the looks of a detector.
     """
     looked = None if survey is None or plan.video or plan.images else (survey.first, survey.stop)
     frames = plan.frames or looked
@@ -137,6 +137,6 @@ def within_frames(
 
 
 def note_skipped(out: int, rows: int, plan: IngestPlan, note: Callable[[str], None]) -> None:
-    """Note that so many of the rows of the truth are of other frames than those that are chosen."""
+    """Note that this many of the rows of the truth are of other frames than those that are chosen."""
     chosen = ":".join(map(str, plan.frames or ()))
-    note(f"truth: {out} of {rows} true positions are of other frames than {chosen}, and left out")
+    note(f"truth: {out} of {rows} true positions are of other frames than {chosen}, and skipped")

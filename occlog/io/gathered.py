@@ -159,8 +159,8 @@ RUNS = (
     field("stage", NAMES, "the stage that failed; empty: none did"),
     field("message", pa.string(), "why it failed, in one line"),
     field("plausible", pa.bool_(), "whether every stage found its results plausible; null: none judged", nullable=True),
-    field("warnings", pa.list_(pa.string()), "why results are not to be believed: stage, id and sentence"),
-    field("losses", pa.list_(_LOSS), "input that was lost: source, place, what, and how many (0: not known)"),
+    field("warnings", pa.list_(pa.string()), "why results are not reliable: stage, id and sentence"),
+    field("losses", pa.list_(_LOSS), "input that was lost: source, position, what, and how many (0: not known)"),
 )
 METRICS = (
     field("file", NAMES, "of the run folder that has the figure"),

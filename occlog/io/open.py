@@ -1,7 +1,7 @@
-"""Opens an input: a recording, one of our tables or one that others made, told apart by content.
+"""Opens an input: a recording, one of our tables or one that others made, distinguished by content.
 
 Every command opens its inputs here.  The first bytes of a file say what it is; its name
-does not matter.  A table of others is known by its columns (`occlog.io.foreign`).  An
+does not matter.  an external table is known by its columns (`occlog.io.foreign`).  An
 opened input streams its rows, and carries the scene, the unit of lengths and the losses
 that its rows come with.  What reads a kind of file is imported when such a file is opened: `occlog info` of a table
 loads no decoder of video.
@@ -39,19 +39,19 @@ WORDS = {
     "truth_boxes": "true boxes",
     "view_tracks": "tracks in images",
 }
-"""What tables hold, where their names do not say it."""
+"""What tables hold, where their names do not state it."""
 SWAPPED = (
     ("tracks", "truth", "; are the files of tracks and truth swapped?"),
     ("truth", "bearings", "; true positions go to the evaluation, make measurements of a recording by `occlog detect`"),
     ("views", "bearings", "; bearings are the other output of `occlog detect`"),
     ("boxes", "bearings", "; boxes are followed by the method jipda"),
 )
-"""Tables that are given for others by mistake: what a file holds, what is wanted, and a hint."""
+"""Tables that are given for others by mistake: what a file holds, what is requested, and a hint."""
 REMEDY = "give a recording or a table that has them"
 
 
 TEXT = (".txt", ".csv")
-"""Suffixes of text, which may be empty: whoever reads it says whether that can be."""
+"""Suffixes of text, which may be empty: whoever reads it states whether that can be."""
 
 
 @dataclass(frozen=True)
@@ -62,10 +62,10 @@ class Opened:
         path: the file.
         provenance: how it was made.
         scene: the scene of a recording; None: it holds none, or the input is a table.
-        length_unit: unit of its lengths; None: a recording without a scene does not say.
+        length_unit: unit of its lengths; None: a recording without a scene does not state.
         recording: the recording; None: the input is a table.
         table: name of the table; empty for a recording.
-        foreign: the table of others; None: the input is ours.
+        foreign: the external table; None: the input is ours.
     """
 
     path: Path
@@ -83,13 +83,13 @@ class Opened:
 
     @property
     def made_in_a_scene(self) -> bool:
-        """Whether a table says its unit: it was made from other files, in the unit of their scene, or names it."""
+        """Whether a table states its unit: it was made from other files, in the unit of their scene, or names it."""
         if self.foreign is not None:
             return self.length_unit is not None
         return self.recording is None and bool(self.provenance.inputs)
 
     def has_lengths(self, table: type[ColumnTable]) -> bool:
-        """Whether lengths of a table are in a unit that the input says, so that it must be that of the scene."""
+        """Whether lengths of a table are in a unit that the input states, so that it must be that of the scene."""
         return self.made_in_a_scene or (
             self.recording is not None and self.has(table) and any(c.unit in LENGTHS for c in table.columns())
         )
@@ -154,7 +154,7 @@ def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY) -> O
 
     Args:
         path: the file.
-        wants: tables of which the input must hold at least one; none: any will do.
+        requires: tables of which the input must hold at least one; none: any will do.
         remedy: what to do where a recording holds none of them.
 
     Raises:
@@ -177,7 +177,7 @@ def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY) -> O
             raise InputError(
                 f"{path}: is JSON by its name; boxes in JSON go into a recording by `occlog ingest --boxes`"
             )
-        # The reader of the kind that the name says explains what is wrong with the content
+        # The reader of the kind that the name states explains what is wrong with the content
         opened = _recording(path) if is_recording_name(path) else _table(path)
     if wants:
         opened.require(*wants, remedy=remedy)
@@ -189,7 +189,7 @@ def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY) -> O
 def open_if_ours(path: Path, what: str = EXPECTED) -> Opened | None:
     """Open a recording or a table; None for a file that is neither, for example a scene or a text, even an empty one.
 
-    InputError, which says what was expected, where no readable file with content is there.
+    InputError, which states what was expected, where no readable file with content is there.
     """
     if path.suffix.lower() in TEXT and path.is_file() and not path.stat().st_size:
         return None
@@ -291,17 +291,17 @@ def scene_in(path: Path) -> Scene | None:
 
 
 def is_recording_name(output: Path) -> bool:
-    """Whether the name of an output asks for a recording: the name of an output says its format."""
+    """Whether the name of an output asks for a recording: the name of an output states its format."""
     return output.suffix.lower() == RECORDING_SUFFIX
 
 
 def check_unit(
     opened: Opened, length_unit: str, source: str = "the scene", error: type[OcclogError] = UsageError
 ) -> None:
-    """Raise an error for an input whose lengths are in another unit; a table of others is converted.
+    """Raise an error for an input with lengths in another unit; an external table is converted.
 
     Args:
-        opened: the input; one that does not say its unit passes.
+        opened: the input; one that does not state its unit passes.
         length_unit: what it must be.
         source: what has that unit, for the message.
         error: what to raise.
@@ -318,7 +318,7 @@ def check_unit(
 def common_unit(inputs: Iterable[Opened | None]) -> tuple[str, str]:
     """The unit of lengths of inputs that are used without a scene, and the file that decides it.
 
-    It is that of the first of ours.  Of tables of others it is that of the first, but metres where one of them has
+    It is that of the first of ours.  Of external tables it is that of the first, but metres where one of them has
     lengths without a unit.
     """
     opened = [each for each in inputs if each is not None]
@@ -331,12 +331,12 @@ def common_unit(inputs: Iterable[Opened | None]) -> tuple[str, str]:
 
 
 def open_in_unit(path: Path, length_unit: str | None, *wants: type[ColumnTable]) -> Opened:
-    """Open an input that `check_unit` has let pass: a table of others gives lengths in this unit.
+    """Open an input that `check_unit` has let pass: an external table gives lengths in this unit.
 
     Args:
         path: the file.
         length_unit: of lengths; None: as the file has them.
-        wants: see `open_input`.
+        requires: see `open_input`.
     """
     opened = open_input(path, *wants)
     if opened.foreign is not None and length_unit is not None:

@@ -2,7 +2,7 @@
 
 Files that were fetched, kept in a folder of bounded size that several processes share.
 
-An entry is used while somebody holds its lock, and is never removed meanwhile; a process that is killed lets go.  So
+An entry is used while a person holds its lock, and is never removed meanwhile; a process that is killed lets go.  So
 the folder holds at most its limit, or what is in use if that is more.
 
 Where a URL leads: find, read and write files there; every failure is one line that names the URL alone.
@@ -35,7 +35,7 @@ from .files.provenance import hash_file
 from .recording.reader import linked_videos, open_recording
 
 EXTRAS = {"s3": "s3", "gs": "gs", "https": "remote", "http": "remote", "memory": "remote"}
-"""Kinds of URLs, and the extra of occlog that each wants."""
+"""Kinds of URLs, and the extra of occlog that each requires."""
 READ_ONLY = ("https", "http")
 """Kinds that nothing is written to."""
 _URL = re.compile(r"^([A-Za-z][A-Za-z0-9+.-]*)(?:::|://)")
@@ -89,25 +89,25 @@ def without_secrets(text: str) -> str:
 
 
 MARKS = ("ETag", "etag", "LastModified", "mtime", "created", "md5Hash")
-"""What file systems tell of a file that changes when the file does."""
+"""What file systems report a file that changes when the file does."""
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 SILENCE = 60.0
-"""Time that a web server may say nothing [s]."""
+"""Time that a web server may state nothing [s]."""
 
 PART = ".part"
 """Name of a file that has not come whole; one at a time is fetched into a folder."""
 
 GONE = (404, 410)
-"""Answers of a web server that say that a file is not there; others, as 403 and 503, do not."""
+"""Answers of a web server that state that a file is not there; others, as 403 and 503, do not."""
 
 
 class Version(NamedTuple):
-    """What is known of a file before it is fetched.
+    """State of a file before it is fetched.
 
     Attributes:
-        size: bytes; None: the server does not say.
+        size: bytes; None: the server does not state.
         mark: changes when the file does; empty: the server gives none.
     """
 
@@ -125,7 +125,7 @@ def _as_output_error(url: str, failure: type[OcclogError] = InputError) -> Itera
     except ImportError as error:
         extra = EXTRAS[kind_of(url)]
         raise UsageError(
-            f"{public_url(url)}: wants a package that is not installed; install occlog[{extra}]"
+            f"{public_url(url)}: requires a package that is not installed; install occlog[{extra}]"
         ) from error
     except FileNotFoundError as error:
         reason = _unreached(error)
@@ -140,7 +140,7 @@ def _as_output_error(url: str, failure: type[OcclogError] = InputError) -> Itera
 
 
 def _unreached(error: FileNotFoundError) -> BaseException | None:
-    """Why nobody knows whether a file is there: fsspec says of all that a web server does not give that it is not."""
+    """Why nobody knows whether a file is there: fsspec states about all that a web server does not give that it is not."""
     cause = error.__cause__
     if isinstance(cause, OSError) and not isinstance(cause, FileNotFoundError):
         return cause  # no such host, no connection, a time limit
@@ -174,7 +174,7 @@ def find(pattern: str) -> list[str]:
 
 
 def version(url: str) -> Version:
-    """What is known of a file; InputError where it is not there, or may not be read."""
+    """State of a file; InputError where it is not there, or may not be read."""
     with _as_output_error(url):
         system, path = _opened(url)
         told = system.info(path)
@@ -220,7 +220,7 @@ def names_in(url: str) -> list[str]:
         system.invalidate_cache()
         try:
             found = [str(each).rstrip("/") for each in system.ls(path, detail=False)]
-            # Stores have empty files that stand for the folder itself
+            # Stores have empty files that represent the folder itself
             return sorted(Path(each).name for each in found if each != path.rstrip("/"))
         except FileNotFoundError:
             return []
@@ -283,7 +283,7 @@ class Cache:
                 shutil.rmtree(entry, ignore_errors=True)
 
     def _fetch_beside(self, url: str, recording: Path, video: Path) -> None:
-        """Fetch a linked video that lies in the recording's folder; whoever reads others says what is wrong."""
+        """Fetch a linked video that lies in the recording's folder; whoever reads others describes the fault."""
         name = video.name
         if video.parent != recording.parent or video.exists() or name in (".", ".."):
             return
@@ -296,7 +296,7 @@ class Cache:
             )
 
     def _fetch(self, url: str, file: Path, wanted: int | None) -> None:
-        """Fetch a file of so many bytes; None: nobody knows how many."""
+        """Fetch a file of this many bytes; None: unknown how many."""
         self._trim(wanted or 0)
         size = fetch(url, file)
         if wanted is not None and size != wanted:
@@ -331,7 +331,7 @@ class Cache:
             yield
 
     def _trim(self, wanted: int) -> None:
-        """Remove entries that nobody uses, oldest first, until so many bytes more fit in; scratch folders anyway."""
+        """Remove entries that nobody uses, oldest first, until this many bytes more fit in; scratch folders anyway."""
         with self._managed():
             locks = sorted(self.folder.glob(f"?*{LOCK}"), key=lambda lock: (lock.stat().st_mtime_ns, lock.name))
             sizes = {lock: _size(self._entry(lock)) for lock in locks}
@@ -345,7 +345,7 @@ class Cache:
         return self.folder / lock.name.removesuffix(LOCK)
 
     def _drop(self, lock: Path) -> bool:
-        """Remove an entry and its lock, unless somebody uses it."""
+        """Remove an entry and its lock, unless a person uses it."""
         with lock.open("a") as held:
             if not _alone(held):
                 return False

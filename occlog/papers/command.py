@@ -59,13 +59,13 @@ from occlog.errors import ExitCode
 @options.quiet_opt
 @options.json_opt
 def command(paper: str | None, listing: bool, as_json: bool, **given: Any) -> int:
-    """Run the experiments ITEMS of PAPER anew, and say which of its statements come out.
+    """Run the experiments ITEMS of PAPER again, and state which of its statements come out.
 
     Each statement gets a verdict: reproduced, in part, not reproduced, or not decided where
-    the error bar is too large to say; with the place and the words of the paper, what was
+    the error bar is too large to state; with the position and the words of the paper, what was
     measured, its standard error and the number of runs.  With -o, trials that have finished
     are kept in DIR/trials.jsonl, and a run that was stopped goes on from there.  Without a
-    paper, --all runs all papers, each in a folder of its own in DIR, and counts the verdicts.
+    paper, --all runs all papers, each in its own folder in DIR, and counts the verdicts.
 
     \b
       occlog reproduce --list

@@ -30,7 +30,7 @@ class EstimatedPath(NamedTuple):
 
 
 class PlanPanel(NamedTuple):
-    """One drawing of the room, with T places of the target."""
+    """One drawing of the room, with T positions of the target."""
 
     title: str
     truth: Floats  # (T, 2)
@@ -130,7 +130,7 @@ class EpipolarLine(NamedTuple):
 
 
 class FigureImage(NamedTuple):
-    """One image with what is drawn on it."""
+    """One image with the drawing on it."""
 
     title: str
     image: NDArray[np.uint8]  # (H, W, 3) BGR

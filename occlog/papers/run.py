@@ -82,7 +82,7 @@ def list_papers(as_json: bool, only: str | None = None) -> None:
         for e in experiments:
             click.echo(f"  {e.item:<6} {e.title} ({e.runs} runs of {e.steps} steps)")
         for item in RECORDED.get(paper, ()):
-            click.echo(f"  {item} on recorded detections; wants --data, or --bearings and --scene")
+            click.echo(f"  {item} on recorded detections; requires --data, or --bearings and --scene")
 
 
 def run_reproduce(request: ReproduceRequest) -> None:
@@ -103,11 +103,11 @@ def run_reproduce(request: ReproduceRequest) -> None:
 
 
 def _run_papers(request: ReproduceRequest) -> None:
-    """Run all experiments of all papers, each paper in a folder of its own; count the verdicts."""
+    """Run all experiments of all papers, each paper in its own folder; count the verdicts."""
     if not request.everything:
         raise UsageError("name a paper, or give --all or --list")
     if request.sizes:
-        raise UsageError("--size wants a paper, as several have an experiment of the same name")
+        raise UsageError("--size requires a paper, as several have an experiment of the same name")
     output = request.output
     if output is not None:
         _make_folder(output)
@@ -194,7 +194,7 @@ def _run_paper(paper: str, request: ReproduceRequest, output: Path | None) -> li
         console.note(f"wrote {output / PAGE}", request.quiet)
     if request.everything and not recorded and paper in RECORDED:
         left = ", ".join(RECORDED[paper])
-        console.note(f"left out: {left}; they want --data, or --bearings and --scene", request.quiet)
+        console.note(f"skipped: {left}; they want --data, or --bearings and --scene", request.quiet)
     return findings
 
 
@@ -237,7 +237,7 @@ def _check_names(paper: str, request: ReproduceRequest, recorded: Sequence[Exper
         return
     wanting = [item for item in request.items if item in RECORDED.get(paper, ()) and not recorded]
     if wanting:
-        raise UsageError(f"{wanting[0]} wants a recording; give --data DIR, or --bearings and --scene")
+        raise UsageError(f"{wanting[0]} requires a recording; give --data DIR, or --bearings and --scene")
     if not request.items and not request.everything:
         known = ", ".join(e.item for e in (*PAPERS[paper], *recorded))
         raise UsageError(f"name an experiment of {paper} ({known}), or give --all")

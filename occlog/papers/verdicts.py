@@ -20,7 +20,7 @@ not reproduced    if the range is outside of the fair interval;
 in part           if the range is in the fair interval, and outside of the good one, or across an end of that with
                   a small error bar: half the range at most `SHARP` of the good interval's half and of the
                   distance between the ends;
-not decided       otherwise: the error bar is too large to say.
+not decided       otherwise: the error bar is too large to state.
 
 What is computed exactly has a range of width 0, so that it is always decided.
 
@@ -52,7 +52,7 @@ Execute = Callable[[Sequence[Spec]], list[dict[str, float]]]
 """Runs trials and returns their figures in the order of the trials; see `occlog.pipeline.sweep.engine.run_all`."""
 
 EXTRAS = ("rmse_occ", "hidden", "sir", "restart", "lost", "mean_ess", "messages", "bytes", "track_seconds")
-"""Figures of trials that the table has besides the RMSE, as means over the runs."""
+"""Figures of trials that the table has also the RMSE, as means over the runs."""
 
 
 class Size(NamedTuple):
@@ -174,7 +174,7 @@ def errors_allowed(runs: int) -> float:
 
 
 def estimate(value: float, error: float, runs: int) -> Measure:
-    """Return a quantity with its standard error; an unknown error bar (NaN) says nothing about it."""
+    """Return a quantity with its standard error; an unknown error bar (NaN) states nothing about it."""
     if error == 0.0 and not math.isnan(value):
         return Measure(value, error, runs, value, value)
     if math.isnan(value) or math.isnan(error) or runs < 2:
@@ -266,7 +266,7 @@ def bootstrapped(runs: int, statistic: Callable[[Ints], float], resamples: int) 
 
     Args:
         runs: number of runs.
-        statistic: figure of the runs with these numbers, which may repeat; NaN where there is none.
+        statistic: figure of the runs with these numbers, which may repeat; NaN if missing.
         resamples: number of samples.  If the statistic is NaN for more than a tenth of them, nothing is known.
     """
     value = statistic(np.arange(runs))
@@ -280,7 +280,7 @@ def bootstrapped(runs: int, statistic: Callable[[Ints], float], resamples: int) 
 
 
 class PaperSource(NamedTuple):
-    """A place in a paper."""
+    """A position in a paper."""
 
     place: str  # figure, table, equation or section
     words: str = ""  # of the paper; empty: its text does not make the statement, or only prints a number
@@ -304,7 +304,7 @@ def source_of(key: str, sources: Sources) -> PaperSource | None:
 
 
 def attributed(verdicts: Sequence[StatementVerdict], sources: Sources) -> list[StatementVerdict]:
-    """Return the verdicts with place, page and words of the paper; those that have a place keep it."""
+    """Return the verdicts with position, page and words of the paper; those that have a position keep it."""
     out = []
     for verdict in verdicts:
         source = None if verdict.place else source_of(verdict.id, sources)
@@ -382,7 +382,7 @@ class StatementPoint(NamedTuple):
 
 
 def find(table: Table, series: str, x: float | None = None) -> PaperRow | None:
-    """Return the row of a series at x (None: its first row), or None where there is none."""
+    """Return the row of a series at x (None: its first row), or None if missing."""
     for row in table:
         if row.series == series and (x is None or row.x == x):
             return row
@@ -502,7 +502,7 @@ def _mean(points: Sequence[StatementPoint]) -> Measure:
 
 def _verdict(key: str, statement: str, m: Measure, *, paper: float | None, word: str, rule: str) -> StatementVerdict:
     value, error = (None if math.isnan(x) else x for x in (m.value, m.error))
-    said = rule if word != UNDECIDED else f"{rule}; the error bar is too large to say" if value is not None else rule
+    said = rule if word != UNDECIDED else f"{rule}; the error bar is too large to state" if value is not None else rule
     if value is None and word == UNDECIDED:
         said = f"{rule}; it could not be measured"
     return StatementVerdict(

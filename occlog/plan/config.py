@@ -15,7 +15,7 @@ MAX_PEOPLE = 1000
 
 @dataclass(frozen=True)
 class PlanConfig(Settings):
-    """Who walks about, how well the answer is to be known, and what a good place is; lengths in the scene's unit."""
+    """Who walks about, how well the answer is to be known, and what a good position is; lengths in the scene's unit."""
 
     OWNER: ClassVar[str] = "plan"
 

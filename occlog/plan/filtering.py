@@ -1,14 +1,14 @@
 """The expected error of a filter at the end of each way, for many targets at a time.
 
 The filter knows that people walk straight on and turn now and then (`occlog.plan.filtering`).  How often they turn,
-how fast they are and the noise of their places is that of the walk (`occlog.plan.walks`).  Between turns it expects
+how fast they are and the noise of their positions is that of the walk (`occlog.plan.walks`).  Between turns it expects
 as much noise as the trackers of occlog do by their defaults, and is worse for it where the walk has less.  None can
-know where the target wants to go, as the posterior bound of `occlog evaluate` does.
+know where the target requires to go, as the posterior bound of `occlog evaluate` does.
 
 A filter that knows that people walk straight on and turn now and then: compiled, for one way after the other.
 
-Between turns a velocity stays as it is, but for noise; at a turn it is drawn anew, N(0, fresh I), whatever it was.
-When somebody turned the filter has to find out by what is seen.  It keeps hypotheses, each a Kalman filter of (x, y,
+Between turns a velocity stays as it is, but for noise; at a turn it is redrawn, N(0, fresh I), whatever it was.
+When a person turned the filter has to find out by what is seen.  It keeps hypotheses, each a Kalman filter of (x, y,
 vx, vy) with a probability: at every step one more is born of all others, that the target turns just now.  Of more than
 `MAX_HYPOTHESES` two neighbours in the order of their births are merged that differ least.  In a gap without sight the
 first two moments of all hypotheses together are exactly those of the walk.
@@ -43,7 +43,7 @@ class StepNoise(NamedTuple):
     """What a step without a turn adds to a covariance, per axis, and the velocity after a turn."""
 
     place: float
-    both: float  # of place and velocity
+    both: float  # of position and velocity
     velocity: float
     fresh: float  # variance of a new velocity
 
@@ -64,19 +64,19 @@ def run_filter(
     """Errors of the filter at the last steps of each way.
 
     Args:
-        ways: (N, T, 2) places of targets.
-        information: (3, N, T) xx, xy, yy of the Fisher information I of each step about the place.
-        noise: (2, N, T) what is told of a place x is I x + this; its covariance is I.
-        start: (2,) the place that is expected first.
+        ways: (N, T, 2) positions of targets.
+        information: (3, N, T) xx, xy, yy of the Fisher information I of each step about the position.
+        noise: (2, N, T) what is told of a position x is I x + this; its covariance is I.
+        start: (2,) the position that is expected first.
         prior: (2, 2) its covariance.
         turn: probability that the target turns in a step.
         believed: noise of a step that the filter expects.
         true: noise of the walk.
         dt: between steps [s].
-        keep: number of the last steps that are wanted.
+        keep: number of the last steps that are requested.
 
     Returns:
-        (N, keep, 2) places that the filter expects.
+        (N, keep, 2) positions that the filter expects.
         (N, keep, 3) xx, xy, yy of the covariance of their errors.
     """
     steps = ways.shape[1]
@@ -110,7 +110,7 @@ def run_filter(
 
 @kernel
 def _moments_into(rows: Floats, n: int, first: int, place: Floats, spread: Floats) -> None:
-    """Mean (2,) and covariance (3,) of the place over all hypotheses; `first` column of the covariances that count."""
+    """Mean (2,) and covariance (3,) of the position over all hypotheses; `first` column of the covariances that count."""
     x, y = 0.0, 0.0
     for h in range(n):
         x += rows[h, PROBABILITY] * rows[h, STATE]
@@ -172,12 +172,12 @@ def _spread_into(P: Floats, dt: float, noise: StepNoise) -> None:
 
 @kernel
 def _weigh_into(rows: Floats, n: int, told: Floats, work: Floats) -> int:
-    """All hypotheses after what is told at a step; how many are left of them, in front.
+    """All hypotheses after what is reported at a step; how many are left of them, in front.
 
     Args:
         rows: hypotheses.
         n: how many there are.
-        told: (7,) xx, xy, yy of the information, the place, and the noise.
+        told: (7,) xx, xy, yy of the information, the position, and the noise.
         work: (4, 8) room for gains.
     """
     best = -math.inf
@@ -203,9 +203,9 @@ def _weigh_into(rows: Floats, n: int, told: Floats, work: Floats) -> int:
 
 @kernel
 def _update_into(row: Floats, told: Floats, work: Floats) -> float:
-    """A hypothesis after what is told; the logarithm of its likelihood, but for what all have in common.
+    """A hypothesis after what is reported; the logarithm of its likelihood, but for what all have in common.
 
-    With M = 1 + I P_xx: gain W = P_x M^-1 of what is told beside I x, G = W I of the place; the believed covariance
+    With M = 1 + I P_xx: gain W = P_x M^-1 of what is reported beside I x, G = W I of the position; the believed covariance
     becomes P - G P_x^T, the true one (1 - G H) R (1 - G H)^T + W I W^T.
     """
     xx, xy, yy = told[0], told[1], told[2]
@@ -269,7 +269,7 @@ def _merge_into(rows: Floats, n: int) -> None:
 
 
 BLOCK = 1_000_000
-"""Places times cells that are summed at a time."""
+"""Positions times cells that are summed at a time."""
 MIN_VELOCITY_VARIANCE = 1e-18
 """Least variance of a velocity after a turn, so that logarithms stay finite where nobody moves."""
 
@@ -279,21 +279,21 @@ class Motion(NamedTuple):
 
     speed: float  # root mean square of the velocity, per second
     turns: float  # how often a second the velocity is forgotten
-    sigma: float  # noise of the place per axis, gathered in a second
+    sigma: float  # noise of the position per axis, accumulated over 1 s
 
 
 class FilterNoise(NamedTuple):
-    """Noise that a filter expects between turns, per axis, gathered in a second; at least that of the walk counts."""
+    """Noise that a filter expects between turns, per axis, accumulated over 1 s; at least that of the walk counts."""
 
-    sigma_v: float  # of the place
+    sigma_v: float  # of the position
     sigma_a: float  # of the velocity
 
 
 class Reports(NamedTuple):
     """What is told of N targets at T steps."""
 
-    information: Floats  # (3, N, T) xx, xy, yy of the Fisher information I of each step about the place
-    noise: Floats  # (2, N, T) the error of what is told, in units of I times a place; its covariance is I
+    information: Floats  # (3, N, T) xx, xy, yy of the Fisher information I of each step about the position
+    noise: Floats  # (2, N, T) the error of what is reported, in units of I times a position; its covariance is I
 
 
 class ExpectedPosteriors(NamedTuple):
@@ -304,7 +304,7 @@ class ExpectedPosteriors(NamedTuple):
 
 
 def noise_of(information: Floats, chance: Floats) -> Floats:
-    """(2, N, T) errors of what is told, from (2, N, T) standard normals: a root of the information times these."""
+    """(2, N, T) errors of what is reported, from (2, N, T) standard normals: a root of the information times these."""
     xx, xy, yy = information
     root = np.sqrt(xx)
     across = np.divide(xy, root, out=np.zeros_like(xy), where=root > 0.0)
@@ -324,9 +324,9 @@ def errors_along(
     """What a filter makes of what is told of targets on their ways, at the last `keep` steps.
 
     Args:
-        ways: (N, T, 2) places.
+        ways: (N, T, 2) positions.
         reports: what is told of them.
-        start: (2,) mean and (2, 2) covariance of the place where nothing was seen yet.
+        start: (2,) mean and (2, 2) covariance of the position where nothing was seen yet.
         motion: of the targets.
         belief: of the filter.
         dt: between steps [s].
@@ -349,7 +349,7 @@ def errors_along(
 
 
 def step_noise(sigma: float, sigma_a: float, fresh: float, dt: float) -> StepNoise:
-    """Noise of a step: of the place, and of the velocity as of white acceleration."""
+    """Noise of a step: of the position, and of the velocity as of white acceleration."""
     q = sigma_a**2
     return StepNoise(sigma**2 * dt + q * dt**3 / 3.0, q * dt**2 / 2.0, q * dt, fresh)
 
@@ -360,7 +360,7 @@ def square_error_in_room(covariance: Floats, at: Floats, floor: Floats, size: Fl
     Summed over cells of the floor; a normal narrower than a cell is as it is.
 
     Args:
-        covariance: (N, 2, 2) of places, positive definite.
+        covariance: (N, 2, 2) of positions, positive definite.
         at: (N, 2) their means.
         floor: (C, 2) middles of the cells of the floor.
         size: (2,) sides of a cell.

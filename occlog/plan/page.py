@@ -33,7 +33,7 @@ MAP = "viridis_r"
 
 
 class MapPicture(NamedTuple):
-    """What is drawn."""
+    """Drawings."""
 
     scene: Scene
     table: PlanMap
@@ -57,7 +57,7 @@ def _svg(figure: Figure) -> bytes:
 
 
 def size_of(what: MapPicture) -> tuple[float, float]:
-    """Inches of a picture whose maps have the room's shape."""
+    """Inches of a picture with maps that have the room's shape."""
     extent = np.diff(_limits(what), axis=0)[0]
     return WIDTH, float(np.clip(0.44 * WIDTH * extent[1] / extent[0] + 1.9, 3.4, 9.0))
 
@@ -81,7 +81,7 @@ def _map(
     axes: Axes, what: MapPicture, values: Floats, norm: Normalize, title: str, colours: str = MAP
 ) -> list[Line2D | Patch]:
     limits = _limits(what)
-    # Squares lie over the fields of view, of which the map says more
+    # Squares lie over the fields of view, of which the map states more
     handles = [h for h in draw_scene(axes, what.scene, limits) if h.get_label() != "field of view"]
     squares = _squares(what, values, norm=norm, cmap=colours, linewidth=0.2, edgecolor="face", zorder=1.3)
     axes.add_collection(squares)
@@ -138,7 +138,7 @@ def _limits(what: MapPicture) -> Floats:
 HEADING = "Expected error and coverage"
 RANKINGS = {
     "added": "Added one after the other, each time the one that helps most",
-    "candidates": "One more sensor, the best place first",
+    "candidates": "One more sensor, the best position first",
     "without": "One sensor less, the least needed first",
 }
 
@@ -183,7 +183,7 @@ def _figures(summary: Mapping[str, object], unit: str) -> list[tuple[str, str]]:
         (f"expected error over the floor, RMSE [{unit}]", f"{number[f'rmse_{unit}']:.3f}"),
         (f"its standard error [{unit}]", f"{number[f'rmse_error_{unit}']:.3f}"),
         (f"mean of the map [{unit}]", f"{number[f'mean_{unit}']:.3f}"),
-        (f"worst place [{unit}]", f"{number[f'worst_{unit}']:.3f}"),
+        (f"worst position [{unit}]", f"{number[f'worst_{unit}']:.3f}"),
     ]
     if "share_within" in number:
         out.append((f"share below {number[f'within_{unit}']:g} {unit}", f"{number['share_within']:.1%}"))

@@ -17,9 +17,9 @@ from .config import PlanConfig
 class PlanRequest(Request):
     """Tell what errors are to be expected of the cameras and arrays of SCENE (YAML, or a recording that holds one).
 
-    For each place of the floor: the root mean square error of a filter that has followed a target there, and how
+    For each position of the floor: the root mean square error of a filter that has followed a target there, and how
     probable it is that no, one, or several sensors see the target, among --people who walk about and hide it.  The
-    error is that of a filter that knows how often the walkers turn, along ways to each place; no recording is made.
+    error is that of a filter that knows how often the walkers turn, along ways to each position; no recording is made.
 
     \b
       occlog plan examples/room.yaml --people 6 --within 0.3 -o plan.parquet --picture plan.png

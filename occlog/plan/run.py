@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 PICTURES = (".png", ".svg")
 PLACES = 16
-"""Places along the walls where no spacing is given."""
+"""Positions along the walls where no spacing is given."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Rankings:
 
 
 def run_plan(request: PlanRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Plan and write what is asked for; the summary, and what was lost of the paths before."""
+    """Plan and write what is asked for; the summary, and the losses of the paths before."""
     _check(request)
     scene = load_scene(request.scene, None, request.scene)
     config = configure(PlanConfig.in_unit(scene.length_unit), request.settings)
@@ -87,11 +87,11 @@ def _check(request: PlanRequest) -> None:
     """UsageError for what contradicts each other, a picture of another format, or a page that is not named so."""
     candidates, walls = option("candidates"), option("along_walls")
     if request.candidates is not None and request.along_walls is not None:
-        raise UsageError(f"{candidates} and {walls} exclude each other; name all places in one file")
+        raise UsageError(f"{candidates} and {walls} exclude each other; name all positions in one file")
     if request.candidates is None and request.along_walls is None and request.add is not None:
         raise UsageError(f"{option('add')} adds candidates; give {candidates} or {walls}")
     if request.spacing is not None and request.along_walls is None:
-        raise UsageError(f"{option('spacing')} is of places along the walls; add {walls}")
+        raise UsageError(f"{option('spacing')} is of positions along the walls; add {walls}")
     if request.picture is not None and request.picture.suffix.lower() not in PICTURES:
         raise UsageError(f"{request.picture}: the picture is PNG or SVG; name it so")
     if request.report is not None and request.report.suffix.lower() not in (".html", ".htm"):
@@ -127,7 +127,7 @@ def _perimeter(room: Floats) -> float:
 
 
 def _places(path: Path | None, scene: Scene) -> tuple[Floats | None, tuple[Loss, ...]]:
-    """(P, 2) places of people, in the scene's unit, and what was lost of them before."""
+    """(P, 2) positions of people, in the scene's unit, and the losses of them before."""
     if path is None:
         return None, ()
     opened = open_input(path, Tracks, Truth)
@@ -152,17 +152,17 @@ def _rank(request: PlanRequest, planned: PreparedPlan, candidates: Sequence[Sens
 
 
 def caveats(scene: Scene, table: PlanMap) -> list[str]:
-    """What is not to be believed, or was left out, in words."""
+    """What is not reliable, or was skipped, in words."""
     out = []
     unplaced = [camera.name for camera in scene.cameras if not camera.placed]
     if unplaced:
-        out.append(f"{', '.join(unplaced)}: no pose, left out; give position and yaw")
+        out.append(f"{', '.join(unplaced)}: no pose, skipped; give position and yaw")
     if scene.readers:
-        out.append("readers of tags are left out: what they tell is not planned")
+        out.append("readers of tags are skipped: what they tell is not planned")
     blind = float(table.weight @ table.no_fix)
     if blind > 0.1:
         out.append(
-            f"{blind:.0%} of the time nothing but the room says where a target is; errors there are rough, add sensors"
+            f"{blind:.0%} of the time nothing but the room states where a target is; errors there are rough, add sensors"
         )
     return out
 
@@ -206,7 +206,7 @@ def _listed(ranking: Sequence[PlacementCandidate], unit: str) -> InWords:
 
 
 def placed_as_dict(placed: PlacementCandidate, unit: str) -> dict[str, object]:
-    """Name, place and heading of a sensor, and the error over the floor with or without it."""
+    """Name, position and heading of a sensor, and the error over the floor with or without it."""
     sensor = placed.sensor
     return {
         "name": sensor.name,

@@ -1,4 +1,4 @@
-"""What each sensor sees of targets on their ways, and what that tells about their places (Fisher information).
+"""What each sensor sees of targets on their ways, and what that tells about their positions (Fisher information).
 
 Which places a walking crowd hides from a sensor: the discs of [Ercan] Fig. 3, with a height where it is known.
 """
@@ -47,7 +47,7 @@ def hide_behind_crowd(
         first: (N,) step of that walk at which each target's way begins.
         own: (N,) which of the people the target is, who does not hide itself; -1: none of them.
         diameter: of discs.
-        least_share: of the sight line, from the sensor, beyond which it is low enough for heads; 0: everywhere.
+        least_share: of the line of sight, from the sensor, beyond which it is low enough for heads; 0: everywhere.
     """
     half = 0.5 * diameter
     for i in range(ways.shape[0]):
@@ -80,7 +80,7 @@ class ExpectedInformation(NamedTuple):
     """What one sensor tells."""
 
     seen: Bools  # (N, T) whether it reports the target
-    information: Floats  # (3, N, T) xx, xy, yy of the Fisher information about the place; 0 where not seen
+    information: Floats  # (3, N, T) xx, xy, yy of the Fisher information about the position; 0 where not seen
 
 
 def rate_of(sensor: Sensor, config: PlanConfig) -> float:
@@ -118,7 +118,7 @@ def unoccluded_view(sensor: Sensor, scene: Scene, walked: Walked, config: PlanCo
 
 
 def share_below_heads(camera: Camera, config: PlanConfig) -> float:
-    """Share of the sight line, from the camera, beyond which it is not above people's heads."""
+    """Share of the line of sight, from the camera, beyond which it is not above people's heads."""
     above = float(camera.position[2])
     if config.height is None or not camera.has_height or above <= config.height:
         return 0.0
@@ -130,7 +130,7 @@ def share_below_heads(camera: Camera, config: PlanConfig) -> float:
 def information_of_sensor(
     sensor: Sensor, scene: Scene, walked: Walked, config: PlanConfig, seed: int
 ) -> ExpectedInformation:
-    """What one sensor tells of all targets; its chance of detection depends on its name and the seed alone."""
+    """What one sensor reports all targets; its chance of detection depends on its name and the seed alone."""
     seen = unoccluded_view(sensor, scene, walked, config)
     n, steps = seen.shape
     # Frames: the last step is one; others at the sensor's own rate
@@ -148,7 +148,7 @@ def information_of_sensor(
 
 
 def _information(sensor: Sensor, xy: Floats, config: PlanConfig) -> Floats:
-    """(N, 2, 2) of one report of a target at (N, 2) places."""
+    """(N, 2, 2) of one report of a target at (N, 2) positions."""
     if isinstance(sensor, Camera):
         return camera_information(
             xy,

@@ -38,7 +38,7 @@ from .walks import (
 )
 
 SNAPSHOTS = 200
-"""Visits of each place from which the probabilities of being seen are counted."""
+"""Visits of each position from which the probabilities of being seen are counted."""
 
 
 MAX_WALK_STEPS = 5_000_000
@@ -46,7 +46,7 @@ MAX_WALK_STEPS = 5_000_000
 
 
 class PreparedPlan(NamedTuple):
-    """A scene ready to be judged: places, walks, and what each sensor tells."""
+    """A scene ready to be judged: positions, walks, and what each sensor tells."""
 
     scene: Scene
     cells: FloorCells
@@ -54,8 +54,8 @@ class PreparedPlan(NamedTuple):
     visits: Visits
     walked: Walked
     told: dict[str, ExpectedInformation]  # by sensor
-    chance: Floats  # (2, N, T) standard normals, of which the errors of all that is told are made
-    start: tuple[Floats, Floats]  # (2,) mean and (2, 2) covariance of a place in the room
+    chance: Floats  # (2, N, T) standard normals, of which the errors of all that is reported are made
+    start: tuple[Floats, Floats]  # (2,) mean and (2, 2) covariance of a position in the room
     motion: Motion
     config: PlanConfig
     seed: int
@@ -76,7 +76,7 @@ def prepare(
         config: who walks about.
         seed: of the walks.
         also: sensors that may be added: the steps suit their rates too.
-        paths: (P, 2) places that weigh the floor by how many of them there are; None: evenly.
+        paths: (P, 2) positions that weigh the floor by how many of them there are; None: evenly.
 
     Raises:
         InputError: the scene has no room, or no sensor with a pose; people do not fit; all paths are elsewhere.
@@ -89,7 +89,7 @@ def prepare(
     size = len(cells.xy) * config.draws * steps
     if size > MAX_WALK_STEPS:
         raise InputError(
-            f"plan: {len(cells.xy)} places x {config.draws} draws x {steps} steps are {size}, must be at most "
+            f"plan: {len(cells.xy)} positions x {config.draws} draws x {steps} steps are {size}, must be at most "
             f"{MAX_WALK_STEPS}; "
             "take fewer cells or draws, or a shorter window_s"
         )
@@ -113,13 +113,13 @@ def prepare(
 
 
 def _weights(cells: FloorCells, paths: Floats | None) -> Floats:
-    """(C,) shares of the floor, or of the places (P, 2) that are nearest to each cell."""
+    """(C,) shares of the floor, or of the positions (P, 2) that are nearest to each cell."""
     if paths is None:
         return np.full(len(cells.xy), 1.0 / len(cells.xy))
     cell = nearest_cell(cells, paths)
     inside = np.all(np.abs(paths - cells.xy[cell]) <= cells.size, axis=1)
     if not inside.any():
-        raise InputError(f"plan: no place of {option('paths')} is in the room; give paths in the scene's coordinates")
+        raise InputError(f"plan: no position of {option('paths')} is in the room; give paths in the scene's coordinates")
     count = np.bincount(cell[inside], minlength=len(cells.xy))
     return np.asarray(count / count.sum())
 
@@ -152,7 +152,7 @@ def expected_error(planned: PreparedPlan, told: Sequence[ExpectedInformation]) -
 
 
 def plan_map(planned: PreparedPlan) -> PlanMap:
-    """What is expected of the scene's sensors at each place."""
+    """What is expected of the scene's sensors at each position."""
     told = list(planned.told.values())
     before = expected(planned, told)
     square = square_errors(planned, before)
@@ -177,7 +177,7 @@ def plan_map(planned: PreparedPlan) -> PlanMap:
 
 
 def _seen_by(planned: PreparedPlan) -> tuple[Floats, Floats]:
-    """(C,) probabilities that no sensor, and exactly one, reports a target that comes to a place."""
+    """(C,) probabilities that no sensor, and exactly one, reports a target that comes to a position."""
     count, walked = len(planned.cells.xy), planned.walked
     still = paths_through_cells(planned.visits, walked.people, SNAPSHOTS, 1, walked.dt)
     none, one = np.ones(len(still.own)), np.zeros(len(still.own))
@@ -254,7 +254,7 @@ def along_walls(scene: Scene, like: Camera, spacing: float) -> tuple[Camera, ...
     Args:
         scene: with a room.
         like: its lens, noise and rate.
-        spacing: between two places on a wall at most; corners are places.
+        spacing: between two positions on a wall at most; corners are positions.
     """
     assert scene.room is not None
     middle = scene.room.mean(axis=0)
@@ -269,7 +269,7 @@ def along_walls(scene: Scene, like: Camera, spacing: float) -> tuple[Camera, ...
 
 
 def _turned(like: Camera, place: Floats, to: Floats, name: str) -> Camera:
-    """The camera at a place, with its pitch, looking to another."""
+    """The camera at a position, with its pitch, looking to another."""
     _, pitch, roll = angles_from_rotation(like.rotation)
     yaw = float(np.arctan2(*(to - place)[::-1]))
     position = np.array([place[0], place[1], like.position[2]])

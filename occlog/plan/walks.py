@@ -1,12 +1,12 @@
-"""How people walk about a room, and what of that leads each of them to each place of the floor.
+"""How people walk about a room, and what of that leads each of them to each position of the floor.
 
-All walk as in `occlog simulate`: to random places, around static occluders and out of each other's way.  Any of them
+All walk as in `occlog simulate`: to random positions, around static occluders and out of each other's way.  Any of them
 may be the target, whom the others hide: who comes close to it, and how long two who meet stand in each other's way, is
 part of the walk.
 
 The second moments of a walk, counted.
 
-Whoever walks straight on at speed v, turns r times a second to anywhere and has noise s of the place takes steps that
+Whoever walks straight on at speed v, turns r times a second to anywhere and has noise s of the position takes steps that
 have, with a = (1 - exp(-r dt)) / r,
 
     E[d_0 . d_k] = v^2 a^2 exp(-r (k - 1) dt),   k = 1, 2, ...
@@ -59,7 +59,7 @@ class Walked(NamedTuple):
 
 
 class Visits(NamedTuple):
-    """When somebody is at the places of the floor: those of cell k are rows begin[k] to begin[k + 1]."""
+    """When a person is at the positions of the floor: those of cell k are rows begin[k] to begin[k + 1]."""
 
     step: Ints  # (V,) of the walk
     own: Ints  # (V,) who
@@ -74,7 +74,7 @@ class FloorCells(NamedTuple):
 
 
 def cells_of(scene: Scene, count: int) -> FloorCells:
-    """Cells that cover the free floor, about `count` of them; those whose middle is free.
+    """Cells that cover the free floor, about `count` of them; those with a middle that is free.
 
     Raises:
         InputError: the scene has no room.
@@ -108,7 +108,7 @@ def _numbers(low: Floats, high: Floats, size: float) -> Ints:
 
 
 def simulate_crowd(scene: Scene, config: PlanConfig, dt: float, steps: int, seed: int) -> Floats:
-    """(K, n, 2) places of everybody, the target among them, K steps of `dt`.
+    """(K, n, 2) positions of all people, the target among them, K steps of `dt`.
 
     There are `WALKED` steps of all people that have `steps` - 1 before them.
 
@@ -160,9 +160,9 @@ def crowd_size(scene: Scene, config: PlanConfig) -> int:
 
 
 def cell_visits(cells: FloorCells, people: Floats, steps: int) -> Visits:
-    """When somebody who has walked `steps` steps is in each cell, in the order of time.
+    """When a person who has walked `steps` steps is in each cell, in the order of time.
 
-    A cell that nobody ever came to has the visits of the nearest one that somebody came to.
+    A cell that nobody ever came to has the visits of the nearest one that a person came to.
     """
     n = people.shape[1]
     cell = nearest_cell(cells, people[steps - 1 :].reshape(-1, 2))
@@ -185,7 +185,7 @@ def paths_through_cells(visits: Visits, people: Floats, draws: int, steps: int, 
 
 
 def nearest_cell(cells: FloorCells, xy: Floats) -> Ints:
-    """(P,) number of the cell whose middle is nearest to each place; it holds the place, where a cell does."""
+    """(P,) number of the cell with a middle that is nearest to each position; it holds the position, where a cell does."""
     tree = KDTree(cells.xy)
     return np.asarray(tree.query(xy)[1], dtype=np.int64)
 
@@ -194,12 +194,12 @@ def moments_of(people: Floats, dt: float) -> Motion:
     """The motion whose steps agree as well as those of a walk.
 
     Args:
-        people: (K, n, 2) their places, K >= 3.
+        people: (K, n, 2) their positions, K >= 3.
         dt: between two steps [s].
     """
     steps = np.diff(people, axis=0)
     alone, next_one = _agreement(steps, 0), _agreement(steps, 1)
-    if next_one <= 0.0:  # no step says anything of the next
+    if next_one <= 0.0:  # no step states anything of the next
         return Motion(speed=0.0, turns=1.0 / dt, sigma=math.sqrt(alone / (2.0 * dt)))
     turns = math.log(2.0) / (_half(steps, next_one) * dt)
     a = -math.expm1(-turns * dt) / turns
@@ -209,7 +209,7 @@ def moments_of(people: Floats, dt: float) -> Motion:
 
 
 def _agreement(steps: Floats, lag: int) -> float:
-    """Mean inner product of steps that are so many apart."""
+    """Mean inner product of steps that are this many apart."""
     return float(np.mean(np.einsum("tni,tni->tn", steps[: len(steps) - lag], steps[lag:])))
 
 

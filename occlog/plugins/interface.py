@@ -88,12 +88,12 @@ class Exporter(Protocol):
 
 
 class TargetScan(NamedTuple):
-    """What R sensors say of one target at one time.
+    """What R sensors state about one target at one time.
 
     Attributes:
         t_ns: time [ns since the Unix epoch]; it never goes back.
         sensors: (R,) names; one may be there several times, with candidates that may be of anything.
-        places: (R, 2) where they are, in the scene's unit of length.
+        positions: (R, 2) where they are, in the scene's unit of length.
         bearings: (R,) from +x towards +y [rad]; NaN: the sensor looked and did not see the target.
         sigma: (R,) standard deviations [rad]; NaN where the bearing is.
     """
@@ -132,7 +132,7 @@ class Filter(Protocol):
         """Nothing of the target is known yet."""
 
     def step(self, moment: TargetScan) -> EstimatedPosition | None:
-        """Take a moment in; where the target is then, or None where that cannot be told yet."""
+        """Take a time step in; where the target is then, or None where that cannot be reported yet."""
 
 
 class MetricInput(NamedTuple):
@@ -166,7 +166,7 @@ class Metric(Protocol):
 
 
 Columns = Mapping[str, ArrayLike]
-"""Values by the name of their column, which may say the unit (`bearing_deg`, `x_cm`); all of one length.
+"""Values by the name of their column, which may state the unit (`bearing_deg`, `x_cm`); all of one length.
 
 Names and units are those that any table of another program may have.  NaN and None are cells without a value.
 """
@@ -184,7 +184,7 @@ class Reader(Protocol):
         """Nothing has been read yet."""
 
     def read(self, path: Path) -> Columns:
-        """Read a file; ValueError, which says what is wrong and where, for one that is damaged."""
+        """Read a file; ValueError, which describes the fault and where, for one that is damaged."""
 
 
 class BoxesInFrame(NamedTuple):

@@ -24,7 +24,7 @@ class PluginKind(NamedTuple):
 
     Attributes:
         group: of its entry points.
-        wants: what the class must have beside `summary` and `settings`.
+        requires: what the class must have beside `summary` and `settings`.
     """
 
     group: str
@@ -77,7 +77,7 @@ class Plugin(NamedTuple):
             return str(error)
 
     def load(self) -> Any:
-        """The class; PluginError, in one line, where it cannot be imported or lacks what its kind wants."""
+        """The class; PluginError, in one line, where it cannot be imported or lacks what its kind requires."""
         from importlib import import_module
 
         module, _, name = self.where.partition(":")
@@ -130,7 +130,7 @@ def _installed(path: tuple[str, ...]) -> tuple[Plugin, ...]:
 
 
 def find(name: str, *kinds: str) -> Plugin | None:
-    """The plug-in of a name and of one of some kinds; None: there is none.
+    """The plug-in of a name and of one of some kinds; None: missing.
 
     Raises:
         UsageError: several packages have one of that name.
@@ -143,7 +143,7 @@ def find(name: str, *kinds: str) -> Plugin | None:
 
 
 def named(name: str) -> list[Plugin]:
-    """All plug-ins of a name, of whatever kind; UsageError, with the nearest name, where there is none."""
+    """All plug-ins of a name, of whatever kind; UsageError, with the nearest name, if missing."""
     found = [plugin for plugin in installed() if plugin.name == name]
     if not found:
         raise UsageError(f"no plug-in {name!r} is installed; {did_you_mean(name, [p.name for p in installed()])}")

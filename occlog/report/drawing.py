@@ -2,7 +2,7 @@
 
 Pages from templates, in which every value is escaped, and their one script.
 
-A figure of a page: drawn, in words, and with the place of its axis of time.
+A figure of a page: drawn, in words, and with the position of its axis of time.
 
 Colours, fonts and sizes of all figures; figures as SVG and PNG without global state.
 
@@ -245,7 +245,7 @@ def page_svg(raw: str, prefix: str, title: str, description: str) -> str:
 
 
 def _shrink(text: str, prefix: str) -> str:
-    """The tags made short and unique; text between them is left as it is (it may look like a tag's inside)."""
+    """The tags made short and unique; text between them is left as it is (it may resemble a tag's inside)."""
     # Matplotlib makes ids of coordinates to their last bit, which its layout does not keep from one time to the next
     used = {name: k for k, name in enumerate(dict.fromkeys(_REFERENCE.findall(text)))}
     text = _TAG.sub(lambda m: _tag(m[0], used, prefix), text)
@@ -290,7 +290,7 @@ def _numbers(value: str) -> str:
 
 @dataclass(frozen=True)
 class Plot:
-    """One figure of the page: the picture, its heading, what it says in words, and where its axis of time lies."""
+    """One figure of the page: the picture, its heading, what it states in words, and where its axis of time lies."""
 
     heading: str
     svg: Markup
@@ -313,7 +313,7 @@ def plot(name: str, heading: str, caption: str, size: tuple[float, float], draw:
     Args:
         name: of its parts in the page.
         heading: of the figure.
-        caption: what it says in words.
+        caption: what it states in words.
         size: width and height [inches].
         draw: draws into an empty figure.
     """
@@ -343,11 +343,11 @@ def buckets_of(n: int, buckets: int) -> tuple[int, int]:
 
 
 def extremes(values: Floats, buckets: int) -> Ints:
-    """Ascending indices of the lowest and highest value in each of `buckets` stretches, and both ends.
+    """Ascending indices of the lowest and highest value in each of `buckets` sections, and both ends.
 
     Args:
         values: (N,) samples; NaN is never an extreme.
-        buckets: number of stretches of equal count; at most 2 * buckets + 2 indices come back.
+        buckets: number of sections of equal count; at most 2 * buckets + 2 indices come back.
 
     Returns:
         (K,) indices; all of them when there are few.
@@ -366,12 +366,12 @@ def extremes(values: Floats, buckets: int) -> Ints:
 
 
 def thin_path(xy: Floats, buckets: int) -> Ints:
-    """Ascending indices of points that keep a path's extent: extremes of x and of y in each stretch."""
+    """Ascending indices of points that keep a path's extent: extremes of x and of y in each section."""
     return np.union1d(extremes(xy[:, 0], buckets), extremes(xy[:, 1], buckets))
 
 
 def envelope(t: Floats, low: Floats, high: Floats, buckets: int) -> tuple[Floats, Floats, Floats]:
-    """Times, lowest `low` and highest `high` in each stretch: a band that covers the one given."""
+    """Times, lowest `low` and highest `high` in each section: a band that covers the one given."""
     n = len(t)
     if n <= 2 * buckets:
         return t, low, high

@@ -1,6 +1,6 @@
 """Goes through the tables of a report: figures of all their rows, and of long ones the part that is drawn.
 
-A table comes in chunks, of a file or as a whole, and is gone through several times.  Tracks are first, as their times
+A table comes in chunks, of a file or as a whole, and is read several times.  Tracks are first, as their times
 say which rows of the other tables the replay needs.
 
 Goes through the bearings of a report: alone, then beside the tracks.
@@ -117,7 +117,7 @@ class Posts:
         self._last = both.take(np.sort(order[np.append(np.diff(target) != 0, True)]))
 
     def about(self, limits: Limits, side: TableBuffer[Tracks]) -> Tracks:
-        """All estimates between which those of a stretch of time lie; the side has those `NEAR_NS` about it."""
+        """All estimates between which those of a time interval lie; the side has those `NEAR_NS` about it."""
         if self._all is None:
             found = Tracks.merge(self._parts)
             _, first = np.unique(np.column_stack([found.t_ns, found.target_id]), axis=0, return_index=True)
@@ -136,12 +136,12 @@ class BearingReference:
     """What bearings are compared with.
 
     Attributes:
-        tracks: gives all estimates, as often as wanted.
+        tracks: gives all estimates, as often as requested.
         diagnostics: gives one row for each of them; None: not known.
         posts: of all estimates.
-        evidence: takes what bearings say for and against them.
+        evidence: takes what bearings state for and against them.
         made: how they were made.
-        without: targets of which no error is known, whose distances from where sight lines meet are asked for.
+        without: targets of which no error is known, whose distances from where lines of sight meet are asked for.
     """
 
     tracks: Callable[[], Iterator[Tracks]]
@@ -157,10 +157,10 @@ class ThinnedBearings:
     """Bearings of which a part is drawn.
 
     Attributes:
-        table: those of the moments.
+        table: those of the time steps.
         whole: what is known of all rows.
         looked: what they tell together.
-        every: each so manieth moment has its bearings.
+        every: every n-th time step has its bearings.
         residuals: of each track.
         sight: distances of each track of which no error is known.
     """
@@ -224,10 +224,10 @@ def bearings_of(
     """Go through all bearings twice.
 
     Args:
-        stream: gives them, in the order of time, as often as wanted.
+        stream: gives them, in the order of time, as often as requested.
         scene: the sensors.
         targets: that are tracked.
-        moments: times that the replay shows, and the usual time between two of all times [ns].
+        time steps: times that the replay shows, and the usual time between two of all times [ns].
         beside: what they are compared with; None: nothing.
         most: how many of them are drawn, about.
     """
@@ -271,7 +271,7 @@ def bearings_of(
 def _beside(
     stream: Callable[[], Iterator[Bearings]], scene: Scene, beside: BearingReference
 ) -> Iterator[tuple[Tracks, Bearings]]:
-    """Stretches of bearings, and all estimates between which they are; evidence is gathered on the way."""
+    """Sections of bearings, and all estimates between which they are; evidence is collected on the way."""
     sight = SightEvidence(beside.evidence, scene, beside.made, ())
     tracks, bearings = TableBuffer(beside.tracks(), Tracks), TableBuffer(stream(), Bearings)
     said: TableBuffer[Diagnostics] | None = None
@@ -293,22 +293,22 @@ TABLES = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics", "even
 
 @dataclass(frozen=True, eq=False)
 class ReportFigures:
-    """Figures of all rows: every number that a page says; None of tables that are not given, or say nothing.
+    """Figures of all rows: every number that a page states; None of tables that are not given, or state nothing.
 
     Attributes:
         whole: of each table that is given, by its name.
-        moments: (M,) times that the replay shows; none where nothing moves.
-        every: of all times of what moves each so manieth is one of these.
-        sight_every: each so manieth moment has sight lines.
-        priors_every: each so manieth moment has occluders as the tracker knew them.
+        time steps: (M,) times that the replay shows; none where nothing moves.
+        every: of all times of what moves every n-th is one of these.
+        sight_every: every n-th time step has lines of sight.
+        priors_every: every n-th time step has occluders as the tracker knew them.
         errors: of all errors.
         errors_so_far: (N,) RMSE of the target of each error that is drawn, up to it.
         bound: of errors beside the bound.
         bound_so_far: (N, 2) root mean square of each bound that is drawn and of all before it, and of smoothing.
         looked: of all bearings.
         residuals: of each track.
-        sight: distances of each track whose errors are not known.
-        people: of all estimates of everybody; None: tracks are not of everybody.
+        sight: distances of each track with unknown errors.
+        people: of all estimates of all people; None: tracks are not of all people.
         fared: of all diagnostics.
         deviation: median standard deviation of a position.
         selections: of each target for which cameras were selected.
@@ -338,12 +338,12 @@ class ReportFigures:
 
 @dataclass(frozen=True)
 class StreamedTable(Generic[T]):
-    """A table that is gone through several times.
+    """A table that is read several times.
 
     Attributes:
         kind: the table.
-        chunks: gives all rows in the order of time, as often as wanted.
-        of_file: how many rows and which columns a file of occlog says that it has; None: there is none.
+        chunks: gives all rows in the order of time, as often as requested.
+        of_file: how many rows and which columns a file of occlog states that it has; None: missing.
     """
 
     kind: type[T]
@@ -352,7 +352,7 @@ class StreamedTable(Generic[T]):
 
     @cached_property
     def rows(self) -> int:
-        """How many rows it has; they are gone through where no file says it."""
+        """How many rows it has; they are read where no file states it."""
         return sum(len(chunk) for chunk in self.chunks()) if self.of_file is None else self.of_file[0]
 
     def may_have(self, column: str) -> bool:
@@ -417,7 +417,7 @@ def gather(
 
 
 class _Reading:
-    """Goes through the tables, and gathers what is drawn and what is said."""
+    """Goes through the tables, and collects the drawing and what is stated."""
 
     def __init__(self, given: Given, made: TrackProvenance, scene: Scene | None, unthinned: Collection[str]) -> None:
         self._open, self._made, self._scene, self._unthinned = given, made, scene, unthinned
@@ -467,7 +467,7 @@ class _Reading:
         return found
 
     def _read_tracks(self) -> None:
-        """Tracks, and of everybody how many people there are and who sees them."""
+        """Tracks, and of all people how many people there are and who sees them."""
         given: StreamedTable[Tracks] | None = self._open("tracks", PeopleTracks)
         if given is None:
             return
@@ -500,7 +500,7 @@ class _Reading:
             self._figures["people"] = people.finish(people_statistics(table.take(np.isin(table.t_ns, whole.at))))
 
     def _read_truth(self) -> None:
-        """The truth, and with it the moments that the replay shows."""
+        """The truth, and with it the time steps that the replay shows."""
         given, truth = self._open("truth", Truth), None
         if given is not None:
             truth = self._thin("truth", given)
@@ -544,12 +544,12 @@ class _Reading:
 
     @property
     def _relabelled(self) -> bool:
-        """Whether tracks have names of their own, and errors those of the truth."""
+        """Whether tracks have their own names, and errors those of the truth."""
         errors, tracks = self._tables.get("errors"), self._tables.get("tracks")
         return errors is not None and tracks is not None and relabelled(matching_tracks(errors, tracks))
 
     def _read_selections(self) -> None:
-        """What came out where cameras were selected; errors say nothing of tracks that have names of their own."""
+        """What came out where cameras were selected; errors contain nothing about tracks that have their own names."""
         if self._selected is None:
             return
         selected, given = self._selected
@@ -606,7 +606,7 @@ class _Reading:
         self._figures["events"] = dict(counts)
 
     def _read_occluders(self) -> None:
-        """Where moving occluders were thought to be, at the moments of the replay and at others."""
+        """Where moving occluders were thought to be, at the time steps of the replay and at others."""
         given = self._open("occluders", Hulls, Occluders)
         if given is None:
             return
@@ -624,11 +624,11 @@ class _Reading:
 
     @property
     def _with_bearings(self) -> bool:
-        """Whether bearings speak for and against the tracks, whose labels those of everybody are not."""
+        """Whether bearings speak for and against the tracks, whose labels those of all people are not."""
         return "bearings" in self._whole and self._whole["bearings"].rows > 0 and "people" not in self._figures
 
     def _read_bearings(self) -> None:
-        """What sensors saw, how it fits the tracks, and the sight lines of the moments."""
+        """What sensors saw, how it fits the tracks, and the lines of sight of the time steps."""
         stream: StreamedTable[Bearings] | None = self._open("bearings", Bearings)
         if stream is None:
             return
@@ -680,7 +680,7 @@ class _Drawn:
 
 
 def _shown(truth: Truth) -> float:
-    """Share of true places that the replay shows: of others than targets where there are few of them."""
+    """Share of true positions that the replay shows: of others than targets where there are few of them."""
     others = truth.role != "target"
     few = len(np.unique(truth.target_id[others])) <= MAX_MOVING
     return 1.0 if few or not len(truth) else 1.0 - float(others.mean())

@@ -79,7 +79,7 @@ def _people(people: PeopleStatistics) -> list[Figure]:
 
 
 def _headline_accuracy(data: ReportInput) -> list[Figure]:
-    """RMSE, bound and their ratio over all targets; without truth, the distance from the sight lines."""
+    """RMSE, bound and their ratio over all targets; without truth, the distance from the lines of sight."""
     if independent_ids(data.metrics):
         return _pairs(data)
     if data.errors is None or not len(data.errors):
@@ -95,7 +95,7 @@ def _headline_accuracy(data: ReportInput) -> list[Figure]:
 
 
 def _pairs(data: ReportInput) -> list[Figure]:
-    """Figures of tracks with identities of their own, of the evaluation."""
+    """Figures of tracks with their own identities, of the evaluation."""
     unit = data.unit
     value = {name: found for name, found in data.metrics.items() if isinstance(found, int | float)}
     gate = f"matching per frame, {number(value.get(f'pairs_gate_{unit}'))} {unit} gate"
@@ -121,11 +121,11 @@ def _in_space(data: ReportInput) -> list[Figure]:
 
 
 def _headline_sight(data: ReportInput) -> list[Figure]:
-    """RMS distance of the tracks from where the sight lines meet."""
+    """RMS distance of the tracks from where the lines of sight meet."""
     told = [each for each in data.sight.values() if each.rows]
     rows = sum(each.rows for each in told)
     off = math.sqrt(math.fsum(each.rms**2 * each.rows for each in told) / rows) if rows else math.nan
-    return [] if math.isnan(off) else [Figure("off sight lines", number(off), data.unit, "RMS; no truth is given")]
+    return [] if math.isnan(off) else [Figure("off lines of sight", number(off), data.unit, "RMS; no truth is given")]
 
 
 def row_counts(data: ReportInput) -> list[Figure]:
@@ -157,7 +157,7 @@ def verdict_heading(verdicts: Sequence[Verdict]) -> str:
     """The verdict in a line."""
     return {
         True: "Nothing speaks against these estimates",
-        False: "Not to be believed as they are",
+        False: "Not reliable as they are",
         None: "Not checked: nothing is known for or against these estimates",
     }[all_plausible(verdicts)]
 
@@ -197,11 +197,11 @@ SCRIPTS = ("plan.js", "time.js", "replay.js")
 
 
 def build_page(data: ReportInput, images: Thumbnails | None = None) -> str:
-    """The page of a run as HTML: self-contained, with a script of its own and no other.
+    """The page of a run as HTML: self-contained, with its own script and no other.
 
     Args:
         data: the run.
-        images: of the cameras, beside the moments of the run.
+        images: of the cameras, beside the time steps of the run.
     """
     with house_style():
         plots = _plots(data)
@@ -275,7 +275,7 @@ def _everybody(data: ReportInput) -> list[Plot]:
 
 
 def _drawn(data: ReportInput, *names: str) -> str:
-    """What is drawn of tables, as the end of a caption; nothing where all of them is."""
+    """Drawings of tables, as the end of a caption; nothing where all of them is."""
     said = data.drawn(*names)
     return f" {said[:-1]}; figures are of all." if said else ""
 
@@ -308,14 +308,14 @@ def _accuracy(data: ReportInput, target: int) -> list[Plot]:
 
 
 def _sight(data: ReportInput, target: int) -> list[Plot]:
-    """What can be said without truth."""
+    """What can be stated without truth."""
     if target not in data.residuals or not data.residuals[target].any:
         return []
     words = ["There is no truth to compare with."]
     off, found, unit = data.residuals[target], data.sight[target], label(data.unit)
     if found.rows:
         words.append(
-            f"Above: distance of the track from where the sight lines of at least two sensors meet, RMS "
+            f"Above: distance of the track from where the lines of sight of at least two sensors meet, RMS "
             f"{number(found.rms)} {unit}, 95 % below {number(found.high)} {unit}. Below:"
         )
     words.append("measured minus expected direction of each sighting, in degrees.")
@@ -326,7 +326,7 @@ def _sight(data: ReportInput, target: int) -> list[Plot]:
     text = " ".join(words).replace(". m", ". M")
     name, size = f"sight{target}", (WIDTH, 4.6 if found.rows else 2.9)
     return [
-        plot(name, f"Track and sight lines{_whose(data, target)}", text, size, lambda f: draw_sight(f, data, target))
+        plot(name, f"Track and lines of sight{_whose(data, target)}", text, size, lambda f: draw_sight(f, data, target))
     ]
 
 
@@ -412,7 +412,7 @@ MAX_LOSSES = 20
 
 
 def build_markdown(data: ReportInput) -> str:
-    """The verdict, what was lost, and all figures; no pictures."""
+    """The verdict, the losses, and all figures; no pictures."""
     out = [f"# {plain(data.title)}", ""]
     if data.tracks is not None or data.verdicts:
         out += [f"**{plain(verdict_heading(data.verdicts))}.**", ""]
@@ -444,7 +444,7 @@ def build_markdown(data: ReportInput) -> str:
 
 
 def table_lines(head: Sequence[str], rows: Iterable[Sequence[object]], sides: str) -> list[str]:
-    """A table; `sides` says of each column whether it is to the left (l) or the right (r)."""
+    """A table; `sides` states about each column whether it is to the left (l) or the right (r)."""
     lines = [_row(head), "|" + "|".join("---:" if side == "r" else "---" for side in sides) + "|"]
     return [*lines, *(_row(row) for row in rows), ""]
 

@@ -86,7 +86,7 @@ def _panels(data: ReportInput) -> list[PicturePanel]:
         of = f", {data.whose_errors(compared)}" if data.relabelled else whose
         out.append(PicturePanel(f"Error and bound{of}", height, lambda f: draw_accuracy(f, data, errors, compared)))
     elif first is not None and first in data.residuals and data.residuals[first].any:
-        out.append(PicturePanel(f"Track and sight lines{whose}", 4.4, lambda f: draw_sight(f, data, first)))
+        out.append(PicturePanel(f"Track and lines of sight{whose}", 4.4, lambda f: draw_sight(f, data, first)))
     seen = watched(data)
     if looked is not None and seen:
         target = first if first in seen else seen[0]

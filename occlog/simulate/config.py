@@ -20,7 +20,7 @@ class WorldConfig(Settings):
     """How many objects move, and how; lengths in the scene's unit.
 
     Speed, noise and change of destination are per second, so that they keep their
-    meaning when the step changes.  The defaults in a unit of its own are the reference scene
+    meaning when the step changes.  The defaults in its own unit are the reference scene
     of [Ercan] Sec. 6: speed 1 and noise 0.33 per step of one second.  Those in metres, feet and inches are
     people 0.5 m wide who walk at 1.2 m/s and change their destination every 10 s on average.
     """
@@ -153,7 +153,7 @@ class ObserveConfig(Settings):
 
 @dataclass(frozen=True)
 class SoundConfig(Settings):
-    """What sources do, and what arrays hear besides."""
+    """What sources do, and what arrays hear also."""
 
     OWNER: ClassVar[str] = "sound"
 
@@ -247,7 +247,7 @@ KINDS = ("range", "difference", "strength")
 
 @dataclass(frozen=True)
 class MeasureConfig(Settings):
-    """What cameras and arrays measure of distances; every target says who it is.
+    """What cameras and arrays measure of distances; every target states who it is.
 
     Strengths have the path loss, noise and shadowing of reads of tags; readers make these and nothing else.
     """

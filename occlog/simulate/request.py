@@ -36,12 +36,12 @@ RATES: dict[str, Any] = {"unit": "Hz", "at_least": 1e-3, "at_most": 1e6, "metava
 class SimulateRequestBase(Request):
     """Make a recording with ground truth from SCENE (YAML, or a recording that holds a scene).
 
-    Objects walk to random places of the room and go around each other and the static
+    Objects walk to random positions of the room and go around each other and the static
     occluders (Ercan et al. 2013, Sec. 6).  The recording holds their true paths and what
     cameras measure of the targets (Eqs. 1-4), microphone arrays hear and readers of tags
     read of them, with --measure also ranges, differences of ranges and strengths of signals;
     with --render it holds video instead, for `occlog detect`.  With --paths
-    objects do what the file says.
+    objects do what the file states.
 
     With --scene a video comes from no file: `balls` is that of Qu et al. 2007, Sec. 4.1, six
     balls of one look seen by two cameras at a right angle; `people` is a room with people
@@ -71,7 +71,7 @@ class SimulateRequestBase(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class SceneRequest(SimulateRequestBase):
-    """A scene of a file, in which objects walk at random or do what a script says."""
+    """A scene of a file, in which objects walk at random or do what a script states."""
 
     RUN: ClassVar[str] = "occlog.simulate.run:run_scene"
 
@@ -152,7 +152,7 @@ class BallsRequest(_WithoutFile):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatePeopleRequest(_WithoutFile):
-    """The video of people who look alike."""
+    """The video of people who look similar."""
 
     RUN: ClassVar[str] = "occlog.simulate.run:run_people"
 

@@ -56,7 +56,7 @@ from .video import Setup, film, video_paths
 LONGEST_GAP_S = 1.0
 """Longest time between two rows of a person to avoid that is bridged."""
 APPEARANCE = "appearance.json"
-"""Attachment of a recording: what the targets look like."""
+"""Attachment of a recording: what the targets resemble."""
 
 
 def run_scene(request: SceneRequest, job: Job) -> JobResult:
@@ -72,7 +72,7 @@ def run_scene(request: SceneRequest, job: Job) -> JobResult:
 
 
 def run_people(request: SimulatePeopleRequest, job: Job) -> JobResult:
-    """Make the video of people who look alike."""
+    """Make the video of people who look similar."""
     return _write(people_setup(request), request, job)
 
 
@@ -127,7 +127,7 @@ def _people(opened: Opened, scene: Scene, world: WorldConfig) -> MovingObstacleT
 
 
 def _check_request(scene: Scene, request: SceneRequest) -> None:
-    """UsageError for settings that say nothing about this scene, or that say one thing twice."""
+    """UsageError for settings that state nothing about this scene, or that state one thing twice."""
     of_video = [flag_of(RenderConfig, name) for name in request.look]
     of_video += [flag_of(StoreConfig, name) for name in request.store]
     if of_video and not request.render:
@@ -150,12 +150,12 @@ def _check_request(scene: Scene, request: SceneRequest) -> None:
     stations = sum(c.placed for c in scene.cameras) + len(scene.arrays)
     if kinds and stations < (2 if kinds == ("difference",) else 1):
         raise UsageError(
-            f"{option('measure')} {request.measure['measure']} wants cameras or arrays "
-            f"with a place, of differences two; "
+            f"{option('measure')} {request.measure['measure']} requires cameras or arrays "
+            f"with a position, of differences two; "
             f"the scene has {stations}"
         )
     if request.seconds is not None and "steps" in request.world:
-        raise UsageError(f"{option('seconds')} and {option('steps')} both say how long the recording is; give one")
+        raise UsageError(f"{option('seconds')} and {option('steps')} both state how long the recording is; give one")
 
 
 def _walkers(scene: Scene, request: SceneRequest) -> WorldConfig:
@@ -194,7 +194,7 @@ def _times(defaults: WorldConfig, rate_hz: float | None, seconds: float | None) 
 
 
 def people_setup(request: SimulatePeopleRequest) -> Setup:
-    """Everything that decides on the video of people who look alike; without `fps` there are 25 frames a second."""
+    """Everything that decides on the video of people who look similar; without `fps` there are 25 frames a second."""
     if "occluders" in request.world:
         raise UsageError(f"{option('occluders')}: all people of this scene are targets; leave it out")
     size = {} if request.size is None else dict(zip(("width", "height"), request.size, strict=True))
@@ -270,7 +270,7 @@ def _targets(setup: Setup) -> list[int]:
 
 
 def _places_apart(setup: Setup, seed: int) -> Floats:
-    """First places at which nobody hides another; UsageError where there are none."""
+    """First positions at which nobody hides another; UsageError if missing."""
     try:
         return people_apart(setup.scene, setup.world.targets, seed)
     except InputError as error:
@@ -278,7 +278,7 @@ def _places_apart(setup: Setup, seed: int) -> Floats:
 
 
 def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | TimeGrid]:
-    """Chunks of true paths: random walks from the places (n, 2) at first (None: random ones), or the script's."""
+    """Chunks of true paths: random walks from the positions (n, 2) at first (None: random ones), or the script's."""
     world, script = setup.world, setup.script
     if script is None:
         return simulate_truth(setup.scene, world, seed, start, field=setup.field, people=setup.people)
@@ -289,7 +289,7 @@ def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | Ti
 def _recorded(
     writer: RecordingWriter, setup: Setup, seed: int, start: Floats | None, counts: Counter[str]
 ) -> Iterator[Truth | TimeGrid]:
-    """The chunks of truth, each written, with what the sensors say of it, when it is passed on."""
+    """The chunks of truth, each written, with what the sensors state about it, when it is passed on."""
     truth, seen, heard, read, ranged = itertools.tee(_truth(setup, seed, start), 5)
     bearings = observe(setup.scene, seen, setup.observe or ObserveConfig(), seed)
     silent = silences(setup.script, setup.world.start_ns) if setup.script is not None else {}
@@ -324,7 +324,7 @@ def _recorded(
 
 
 def _contacts(chunk: TimeGrid, people: MovingObstacleTracks, world: WorldConfig) -> int:
-    """At how many moments a person was nearer to a walker than a diameter: the person walked into the walker."""
+    """At how many time steps a person was nearer to a walker than a diameter: the person walked into the walker."""
     numbers = np.rint((chunk.t_ns - world.start_ns) * 1e-9 / world.step_s).astype(np.int64)
     gaps = [
         distance(places[:, None, :2], people.at(int(number)).xy)

@@ -65,7 +65,7 @@ def simulate_truth(
     field: FieldConfig | None = None,
     people: MovingObstacleTracks | None = None,
 ) -> Iterator[Truth]:
-    """True places of all objects, chunk after chunk: targets are numbered 0, 1, ..., occluders after them.
+    """True positions of all objects, chunk after chunk: targets are numbered 0, 1, ..., occluders after them.
 
     An object's noise depends on seed and number only, not on how many others there are
     or how many steps are asked for.
@@ -74,7 +74,7 @@ def simulate_truth(
         scene: its room (or a box around its sensors) bounds the world.
         config: numbers, speeds, times.
         seed: of all random numbers.
-        start: (n, 2) places of all objects at the first step; None: random ones.
+        start: (n, 2) positions of all objects at the first step; None: random ones.
         field: how objects avoid each other where motion is `field`; None: the defaults of the scene's unit.
         people: who walk as they did and are avoided where motion is `field`; None: nobody.
 
@@ -111,7 +111,7 @@ def _avoidance(scene: Scene, config: WorldConfig, field: FieldConfig, people: Mo
 
 
 def _first(floor: Ground, n: int, config: WorldConfig, seed: int, people: MovingObstacleTracks | None) -> WaypointState:
-    """All objects at random places, where no people are."""
+    """All objects at random positions, where no people are."""
     if n == 0:
         raise InputError("simulate: targets and occluders are both 0; give at least one object")
     there = np.empty((0, 2)) if people is None else people.at(0).xy
@@ -124,7 +124,7 @@ def _first(floor: Ground, n: int, config: WorldConfig, seed: int, people: Moving
                 return world
     except ValueError as error:
         raise InputError(f"simulate: {error}; use fewer or smaller objects, or a larger room") from error
-    raise InputError(f"simulate: no places found for {n} objects beside {len(there)} people; use fewer or smaller ones")
+    raise InputError(f"simulate: no positions found for {n} objects beside {len(there)} people; use fewer or smaller ones")
 
 
 def _draw(generators: list[list[np.random.Generator]]) -> WaypointNoise:
@@ -139,7 +139,7 @@ def _draw(generators: list[list[np.random.Generator]]) -> WaypointNoise:
 
 
 def _truth(places: Floats, first: int, config: WorldConfig) -> Truth:
-    """Table of (C, n, 2) places whose first step is number `first`."""
+    """Table of (C, n, 2) positions whose first step is number `first`."""
     c, n = places.shape[:2]
     ids = np.arange(n)
     steps = np.rint(np.arange(first, first + c) * (config.step_s * 1e9)).astype(np.int64)

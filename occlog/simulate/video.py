@@ -50,7 +50,7 @@ class Setup:
         people: who walk as they did and are avoided; None: nobody.
         reads: what readers of tags read.
         measure: what cameras and arrays measure of distances.
-        losses: what was lost when the tracks of people to avoid were made.
+        losses: the losses when the tracks of people to avoid were made.
     """
 
     scene: Scene
@@ -69,7 +69,7 @@ class Setup:
 
 
 def video_paths(setup: Setup, output: Path) -> dict[str, Path]:
-    """The video file of each camera, beside the recording; none where images go into it."""
+    """The video file of each camera, next to the recording; none where images go into it."""
     if setup.render is None or setup.store.store != "ffv1":
         return {}
     return {c.name: output.with_name(f"{output.stem}.{c.name}.avi") for c in setup.scene.cameras if c.placed}

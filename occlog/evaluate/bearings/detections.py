@@ -44,7 +44,7 @@ class DetectionCounts:
     detected_hidden: int = 0  # a bearing within the gate although the target should have been hidden
     false_alarms: int = 0  # bearings that are of no true object, or of the target but away from it
     correct_rejections: int = 0  # hidden, and nothing reported
-    without_truth: int = 0  # looks whose truth is not known; in no other count
+    without_truth: int = 0  # looks with unknown truth; in no other count
     n_px: int = 0  # bearings of visible targets within the gate: number, sums of residuals and their squares
     sum_px: float = 0.0
     square_px: float = 0.0
@@ -108,7 +108,7 @@ def observations_of(
 
 
 class DetectionFigures:
-    """Counts looks while they stream by."""
+    """Counts looks in streaming mode."""
 
     def __init__(self) -> None:
         """No look yet."""

@@ -41,11 +41,11 @@ from occlog.settings import METRES
 Metrics = dict[str, float]
 
 CHANCE_SHIFTS = 16
-"""Cyclic shifts in time, evenly spread between a tenth and nine tenths of the recording, that stand for chance."""
+"""Cyclic shifts in time, evenly spread between a tenth and nine tenths of the recording, that represent chance."""
 
 
 MAX_SPILLED_SERIES = 64
-"""Tracks times sensors whose frames are put aside, each in a file of its own; of more all are kept in memory."""
+"""Tracks times sensors with frames that are buffered on disk, each in its own file; of more all are kept in memory."""
 FRAME = np.dtype([("bearing", "f8"), ("u_px", "f8"), ("usable", "?"), ("first", "i8"), ("reported", "i8")])
 """What a track predicts of a frame, whether it can be seen there, and which bearings were reported."""
 REPORTED = np.dtype([("bearing", "f8"), ("u_px", "f8")])
@@ -69,7 +69,7 @@ class HeldOutResiduals(NamedTuple):
 class HeldOutFigures:
     """Predictions of sensors that are held out: figures for each of them, and over all of them.
 
-    Frames are put aside, since those that stand for chance are paired with predictions of other times.
+    Frames are buffered on disk, since those that represent chance are paired with predictions of other times.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class HeldOutFigures:
         self._aside: dict[tuple[str, int], _SpilledFrames] = {}
 
     def update(self, rows: Bearings, paths: Mapping[int, ObjectPath]) -> None:
-        """The bearings of another stretch, and the tracks about it."""
+        """The bearings of another section, and the tracks about it."""
         for name, sensor in self._sensors.items():
             own = rows.take(rows.sensor == name)
             self._rows[name] += len(own)
@@ -133,7 +133,7 @@ class HeldOutFigures:
 
 
 def frames_of(rows: Bearings) -> HeldOutFrames:
-    """Rows of one sensor, gathered by time."""
+    """Rows of one sensor, collected by time."""
     times, frame = np.unique(rows.t_ns, return_inverse=True)
     seen = np.flatnonzero(rows.seen)
     count = np.bincount(frame[seen], minlength=len(times))
@@ -148,7 +148,7 @@ def frames_of(rows: Bearings) -> HeldOutFrames:
 def _expect(
     sensor: SensorGeometry, frames: HeldOutFrames, path: ObjectPath | None, config: EvaluateConfig
 ) -> tuple[Floats, Floats, Bools]:
-    """(N,) bearings and offsets that the sensor should report at each frame, and where the track says that it can."""
+    """(N,) bearings and offsets that the sensor should report at each frame, and where the track states that it can."""
     if path is None:
         unknown = np.full(len(frames.t_ns), np.nan)
         return unknown, unknown, np.zeros(len(frames.t_ns), dtype=np.bool_)
@@ -261,7 +261,7 @@ def _root(squares: Sum, count: int) -> float:
 
 
 HEIGHT = 1.7
-"""Height of people whose track has none [m]."""
+"""Height of people with a track that has none [m]."""
 
 
 class BoxFrames(NamedTuple):
@@ -292,7 +292,7 @@ class HeldOutTally(NamedTuple):
 def held_out_box_metrics(tracks: PeopleTracks, boxes: Boxes | Views, scene: Scene, config: EvaluateConfig) -> Metrics:
     """Figures for every camera held out, and over all of them; InputError for one without boxes or without a pose.
 
-    `held_out_boxes_share` is the share of boxes whose middle is predicted within `held_out_gate_px`,
+    `held_out_boxes_share` is the share of boxes with a middle that is predicted within `held_out_gate_px`,
     `held_out_boxes_feet_share` the same of the feet, `..._precision` the share of the tracks expected in the image that
     predict a box, `..._median_px` the median distance of the pairs, `..._chance` the share at other times.
     """

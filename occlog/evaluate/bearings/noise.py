@@ -1,6 +1,6 @@
-"""How large the noise of bearings is, learned from how far the sight lines of three or more sensors miss one another.
+"""How large the noise of bearings is, learned from how far the lines of sight of three or more sensors miss one another.
 
-Two sight lines in a plane always meet, n of them leave n - 2 degrees of freedom.  The squares of a scan's residuals at
+Two lines of sight in a plane always meet, n of them leave n - 2 degrees of freedom.  The squares of a scan's residuals at
 the least-squares point, over their stated variances, sum up to S.  Where stated standard deviations are to be
 multiplied by s, S / s^2 has a chi-squared distribution of n - 2 degrees; where a bearing is false, the square root of S
 is anywhere up to the largest there is.  s and the share of scans with a false bearing are found by expectation
@@ -9,13 +9,13 @@ the degrees of freedom, each by the probability that the scan has no false beari
 
 Errors of the poses are in it, as they are for a filter.  What is wrong in the same way in all sensors is not.
 
-Noise of each camera's readings, measured where the target's place is known ([Rahimi] Sec. 7), and a scene with it.
+Noise of each camera's readings, measured where the target's position is known ([Rahimi] Sec. 7), and a scene with it.
 
 "We estimated Sigma_omega by averaging the measurement error at various known locations in the room, at various target
-speeds."  The error of a reading holds everything: the image, the detector, and what is wrong with the camera's pose.
+speeds."  The error of a reading holds everything: the image, the detector, and the faults of the camera's pose.
 So in the scene that is written the errors of poses are 0, and `read_px` is the standard deviation of [Rahimi] Eq. 4.
 
-Labelled bearings of each target in scans: rows that are so near in time that their sight lines should meet.
+Labelled bearings of each target in scans: rows that are so near in time that their lines of sight should meet.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Scans(NamedTuple):
 
 
 def labelled(bearings: Bearings, config: EvaluateConfig) -> Bearings:
-    """Rows that saw a target that they name; sensors held out are left out."""
+    """Rows that saw a target that they name; sensors held out are skipped."""
     return bearings.take(
         bearings.seen & (bearings.target_id >= 0) & ~np.isin(bearings.sensor, np.array(config.held_out, dtype=np.str_))
     )
@@ -77,7 +77,7 @@ class ScanCuts:
 
         Args:
             rows: some more, which end between two times; see `labelled`.
-            end_ns: no later row is before this time; `LAST`: there is none.
+            end_ns: no later row is before this time; `LAST`: missing.
         """
         held, self._held = self._held, {}
         for target in np.union1d(np.unique(rows.target_id), list(held)).astype(np.int64).tolist():
@@ -115,7 +115,7 @@ MIN_SCANS = 20
 INITIAL_OUTLIER_SHARE = 0.2
 """Share of scans with a false bearing at first."""
 MIN_OUTLIER_RANGE_SIGMAS = 20.0
-"""False bearings leave up to so many standard deviations at least: what lies at the end of honest noise is none."""
+"""False bearings leave up to this many standard deviations at least: what lies at the end of honest noise is none."""
 MIN_SHARE, TINY = 1e-9, 1e-30
 """Neither share is less; nor is a square over its variance."""
 STARTS, DECIDED = (1.0, 0.01, 0.0001), 10.0
@@ -124,11 +124,11 @@ if its likelihood is greater by this logarithm."""
 RELATIVE_TOLERANCE = 1e-5
 """The search ends where s^2 changes by less than this share of it, ..."""
 ITERATIONS = 200
-"""... or after so many steps."""
+"""... or after this many steps."""
 
 
 class NoiseFigures:
-    """Gathers by how far the sight lines of scans miss one another, while scans stream by."""
+    """Collects by how far the lines of sight of scans miss one another, while scans stream by."""
 
     def __init__(self, config: EvaluateConfig, in_memory: int = NUMBERS_IN_MEMORY) -> None:
         """No scan yet; `in_memory`: how many numbers of a kind are kept in memory."""
@@ -180,7 +180,7 @@ def noise_scale(squares: Floats, degrees: Ints, near: float | None = None) -> fl
 
 
 def _points(degrees: Floats | Ints, chance: float) -> Floats:
-    """(S,) what a chi-squared number of so many degrees, >= 1, is above with this probability."""
+    """(S,) what a chi-squared number of this many degrees, >= 1, is above with this probability."""
     most = int(degrees.max(initial=1))
     return np.asarray(chdtri(np.arange(1, most + 1), chance)[degrees.astype(np.int64) - 1])
 
@@ -269,13 +269,13 @@ def _misses(scans: Scans, origins: Floats, config: EvaluateConfig) -> tuple[Floa
 MIN_READINGS = 60
 """From fewer readings no noise is measured."""
 STRETCHES = 10
-"""Stretches of time that are left out in turn for the error bar: errors of neighbouring frames are alike."""
+"""Sections of time that are skipped in turn for the error bar: errors of neighbouring frames are alike."""
 BIAS_SIGNIFICANCE = 3.0
-"""A mean error of so many of its errors, and of half a standard deviation, is said: the pose is off."""
+"""A mean error of this many of its errors, and of half a standard deviation, is stated: the pose is off."""
 
 
 class MeasuredNoise(NamedTuple):
-    """Errors of one camera's readings at known places [px]."""
+    """Errors of one camera's readings at known positions [px]."""
 
     sigma: float  # standard deviation about the truth
     error: float  # standard error of it
@@ -287,7 +287,7 @@ class MeasuredNoise(NamedTuple):
 def measured_noise(residual_px: Floats) -> MeasuredNoise | None:
     """The noise of readings in the order of time, without false ones; None for fewer than `MIN_READINGS`.
 
-    False readings are told as in `occlog.evaluate.bearings.noise`.  Error bars are those of a jackknife over
+    False readings are reported as in `occlog.evaluate.bearings.noise`.  Error bars are those of a jackknife over
     `STRETCHES` of time.
     """
     n = len(residual_px)
@@ -349,7 +349,7 @@ def _jackknife(without: Floats) -> float:
 
 
 class NoiseFromTruth:
-    """Gathers readings of targets in plain view, while looks stream by."""
+    """Collects readings of targets in plain view, while looks stream by."""
 
     def __init__(self, scene: Scene, in_memory: int = NUMBERS_IN_MEMORY) -> None:
         """No reading yet.
@@ -385,7 +385,7 @@ class NoiseFromTruth:
         if not out:
             raise InputError(
                 f"write-scene: no camera has {MIN_READINGS} readings in pixels of a target in plain view whose "
-                "place is known; record more, or give the truth at more times"
+                "position is known; record more, or give the truth at more times"
             )
         return out
 
@@ -400,12 +400,12 @@ def scene_with(scene: Scene, noise: Mapping[str, MeasuredNoise]) -> Scene:
 
 
 def notes_of(scene: Scene, noise: Mapping[str, MeasuredNoise]) -> tuple[str, ...]:
-    """What a user must know: cameras that keep the noise that was stated, and cameras whose readings are biased."""
+    """What a user must know: cameras that keep the noise that was stated, and cameras with readings that are biased."""
     kept = [c.name for c in scene.cameras if c.name not in noise]
     lines = []
     if kept:
         lines.append(
-            f"{', '.join(kept)}: fewer than {MIN_READINGS} readings at known places; the noise stays as it is stated"
+            f"{', '.join(kept)}: fewer than {MIN_READINGS} readings at known positions; the noise stays as it is stated"
         )
     for name, m in noise.items():
         if abs(m.bias) > max(BIAS_SIGNIFICANCE * m.bias_error, 0.5 * m.sigma):
@@ -429,7 +429,7 @@ def figures_of(noise: Mapping[str, MeasuredNoise]) -> dict[str, float]:
 
 
 def noise_comment(noise: Mapping[str, MeasuredNoise]) -> str:
-    """Lines of a scene file that say where its noise is from."""
-    lines = ["# noise measured at known places (occlog evaluate), read_px +- standard error (readings):"]
+    """Lines of a scene file that state where its noise is from."""
+    lines = ["# noise measured at known positions (occlog evaluate), read_px +- standard error (readings):"]
     lines += [f"#   {name}: {m.sigma:.3g} +- {m.error:.2g} px ({m.readings})" for name, m in noise.items()]
     return "\n".join(lines) + "\n"

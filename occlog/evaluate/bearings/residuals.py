@@ -1,6 +1,6 @@
-"""Bearings and measurements of distances against truth and tracks: detections, bound, meeting sight lines, noise.
+"""Bearings and measurements of distances against truth and tracks: detections, bound, meeting lines of sight, noise.
 
-Tracks against where the sight lines of all sensors meet: a check that needs no ground truth.
+Tracks against where the lines of sight of all sensors meet: a check that needs no ground truth.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ Metrics = dict[str, float]
 
 
 class TriangulationSeries(NamedTuple):
-    """Where the sight lines to one target met, scan after scan; NaN where they were refused."""
+    """Where the lines of sight to one target met, scan after scan; NaN where they were refused."""
 
     t_ns: Ints  # (S,) mean time of the scan's lines
     xy: Floats  # (S, 2)
@@ -52,7 +52,7 @@ class TriangulationSeries(NamedTuple):
 def triangulated_points(bearings: Bearings, scene: Scene, config: EvaluateConfig) -> dict[int, TriangulationSeries]:
     """Meeting points for every target that labelled bearings name, by its identity.
 
-    Sensors held out are left out.  Scans with fewer than `lines_min_sensors` lines are not
+    Sensors held out are skipped.  Scans with fewer than `lines_min_sensors` lines are not
     in the result.
     """
     rows = labelled(bearings, config)
@@ -88,14 +88,14 @@ def triangulate_scan(
 
 
 class TriangulationFigures:
-    """Gathers distances of tracks from where sight lines meet, while scans stream by."""
+    """Collects distances of tracks from where lines of sight meet, while scans stream by."""
 
     def __init__(self, unit: str, config: EvaluateConfig, in_memory: int = NUMBERS_IN_MEMORY) -> None:
         """No scan yet.
 
         Args:
             unit: of lengths.
-            config: how sight lines meet, and how far apart samples of tracks may be.
+            config: how lines of sight meet, and how far apart samples of tracks may be.
             in_memory: how many numbers of a kind are kept in memory.
         """
         self._unit, self._config = unit, config
@@ -165,7 +165,7 @@ class AgainstBearings:
             outlines: of the truth.
             scene: the sensors.
             config: gates, limits, bound.
-            places: whether noise is measured at known places; there is a truth.
+            positions: whether noise is measured at known positions; there is a truth.
         """
         self._sources, self._known, self._outlines = sources, known, outlines
         self._scene, self._config = scene, config
@@ -187,11 +187,11 @@ class AgainstBearings:
         """Bearings so far."""
 
     def begin(self, pairs: Mapping[int, int], evidence: ConsistencyEvidence, *, high_tracks: bool) -> StretchTables:
-        """Open bearings and measurements; what is to be gone through beside tracks and truth.
+        """Open bearings and measurements; what is to be read beside tracks and truth.
 
         Args:
             pairs: which target each track is of.
-            evidence: takes what bearings say of the tracks.
+            evidence: takes what bearings state about the tracks.
             high_tracks: whether any track has a height.
         """
         sources, config = self._sources, self._config
@@ -231,12 +231,12 @@ class AgainstBearings:
 
     @property
     def _around_ns(self) -> int:
-        """How far about a stretch samples of the truth are wanted."""
+        """How far about a section samples of the truth are requested."""
         gaps = self._outlines.gaps_ns(OCCLUDER, {})
         return max(NEAR_NS, self._config.limit_ns or 0, *self._known.gaps_ns.values(), *gaps.values()) + 1
 
     def update(self, part: EvaluationChunk, errors: Errors, late: Bools) -> None:
-        """Another stretch, with its errors, and which of them are after the transient."""
+        """Another section, with its errors, and which of them are after the transient."""
         rows, config = part.limits.of(self._bearings), self._config
         self.rows += len(rows)
         new = set(np.unique(rows.sensor).tolist()) - set(self._sensors)
@@ -267,13 +267,13 @@ class AgainstBearings:
             self._bound.update(counted, self._sensors, errors, late, targets, measured)
 
     def _tracks_about(self, part: EvaluationChunk) -> Mapping[int, ObjectPath]:
-        """Tracks about the scans that end in a stretch, which may have begun before it."""
+        """Tracks about the scans that end in a section, which may have begun before it."""
         if self._meeting is None:
             return {}
         return paths_of(part.limits.about(part.sides[0], self._config.bridge_ns + self._cuts.window_ns + 1))
 
     def _true_paths(self, part: EvaluationChunk) -> tuple[dict[int, ObjectPath], dict[int, ObjectPath]]:
-        """Paths of targets and of moving occluders, which tell rough places far away, too."""
+        """Paths of targets and of moving occluders, which tell rough positions far away, too."""
         around = self._around_ns
         near = part.limits.about(part.sides[1], around)
         limits = (part.limits.begin - around, LAST if part.limits.end == LAST else part.limits.end + around)
@@ -294,7 +294,7 @@ class AgainstBearings:
         }
 
     def finish(self, take: Callable[[ColumnTable], None]) -> None:
-        """Say that all stretches came; the bound is given away.
+        """Report that all sections came; the bound is given away.
 
         Raises:
             InputError: as `Bounds.finish`, and of measurements that cannot be.
@@ -329,7 +329,7 @@ class AgainstBearings:
         return self._noise.result()
 
     def meeting(self) -> Metrics:
-        """Figures of where sight lines meet, and of sensors that were held out; none without tracks."""
+        """Figures of where lines of sight meet, and of sensors that were held out; none without tracks."""
         found = {} if self._meeting is None else self._meeting.result()
         return found if self._held_out is None else found | self._held_out.result()
 
@@ -342,15 +342,15 @@ class AgainstBearings:
         return {} if self._places is None else self._places.noise()
 
     def note(self) -> str:
-        """Why no track was compared with where sight lines meet, and what to do."""
+        """Why no track was compared with where lines of sight meet, and what to do."""
         return no_meeting(self._labelled, self._config)
 
 
 def no_meeting(labelled: bool, config: EvaluateConfig) -> str:
-    """Why no track was compared with where sight lines meet, and what to do.
+    """Why no track was compared with where lines of sight meet, and what to do.
 
     Args:
-        labelled: a bearing says which target it is of.
+        labelled: a bearing states which target it is of.
         config: how far apart bearings of one scan may be.
     """
     if labelled:
@@ -359,6 +359,6 @@ def no_meeting(labelled: bool, config: EvaluateConfig) -> str:
             f"{config.lines_window_s:g} s, so that the tracks are compared with nothing; widen it (lines_window)"
         )
     return (
-        "warning: no bearing says which target it is of, so that the tracks are compared with nothing; label them with "
+        "warning: no bearing states which target it is of, so that the tracks are compared with nothing; label them with "
         "`occlog label`, or take the numbers of sources for targets (doa_labels)"
     )

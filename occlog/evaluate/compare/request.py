@@ -16,7 +16,7 @@ class CompareRequest(Request):
 
     Tracks are on the ground, of one target or of many, and are compared with the truth and with each other in the same
     frames.  Verdicts and confidence intervals are of an exact test, which exchanges recordings of the runs where there
-    are eight or more, and else stretches of time.
+    are eight or more, and else time intervals.
 
     \b
       occlog compare run/old run/new --truth hall.mcap

@@ -94,7 +94,7 @@ def _truth(truth: Path | None, folder: Path | None, name: str) -> Path:
         return truth
     if folder is not None and (folder / RECORDING).is_file():
         return folder / RECORDING
-    raise UsageError("nothing says where the targets truly were; give --truth")
+    raise UsageError("nothing states where the targets truly were; give --truth")
 
 
 def _check_apart(truth: Path, runs: dict[str, ComparedRun]) -> None:
@@ -258,7 +258,7 @@ def _sums(run: ComparedRun, first: ComparedRun, limit: float, unit: str) -> Floa
 
 
 def _check_clocks(run: ComparedRun, tracks: Ints, truth: Ints) -> None:
-    """InputError where all tracks are before or after the truth: that says nothing of the tracker."""
+    """InputError where all tracks are before or after the truth: that contains nothing about the tracker."""
     (a, b), (c, d) = ((int(times.min()), int(times.max())) for times in (tracks, truth))
     if b < c or d < a:
         raise InputError(
@@ -318,4 +318,4 @@ def _why(row: ComparisonRow, later: int) -> str:
         return f"of {found.stretches} recordings nothing can be shown of {later} methods; take more recordings"
     if row.figure in LASTING:
         return f"identities that were exchanged stay so: that takes {MANY_RECORDINGS} recordings or more"
-    return f"{found.stretches} independent stretches of time, fewer than {MIN_STRETCHES}"
+    return f"{found.stretches} independent time intervals, fewer than {MIN_STRETCHES}"

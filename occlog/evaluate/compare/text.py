@@ -31,7 +31,7 @@ class ComparisonRow:
     """One method against the first one in one figure.
 
     Attributes:
-        method: place among those that were given, from 1.
+        method: position among those that were given, from 1.
         figure: name.
         found: what was found.
         holm: p, with all rows of a comparison looked at together (Holm 1979).
@@ -49,9 +49,9 @@ class Implausible(NamedTuple):
     """Tracks that a stage found not plausible.
 
     Attributes:
-        method: place among those that were given, from 0.
+        method: position among those that were given, from 0.
         recording: name.
-        warnings: the lines that say why.
+        warnings: the lines that state why.
     """
 
     method: int
@@ -69,7 +69,7 @@ class MetricComparison:
         frames: how many there are in all.
         unit: of lengths.
         failed: one sentence for each condition that is met.
-        losses: what was lost when tracks and truth were made.
+        losses: the losses when tracks and truth were made.
         implausible: tracks that a stage found not plausible.
     """
 
@@ -122,7 +122,7 @@ def basis(found: MetricComparison) -> str:
         f"fewer than {MIN_STRETCHES} independent ones decide nothing; "
         f"of identities fewer than {MANY_RECORDINGS} recordings"
     )
-    return f"{what}; stretches of time exchanged, both runs at once; about these recordings alone; {few}. {LEVEL}."
+    return f"{what}; time intervals exchanged, both runs at once; about these recordings alone; {few}. {LEVEL}."
 
 
 def implausible_notes(found: MetricComparison, methods: Sequence[Path]) -> list[str]:

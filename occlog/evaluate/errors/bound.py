@@ -5,7 +5,7 @@ the target's true position, unless the target was out of the field of view and t
 is not of the target.  Measurements of distances all count.  The bound is given at the times of the target's errors, or
 at those of its detections and misses if it has no errors.
 
-The information of each time step is put aside by `Bounds.update`.  `Bounds.finish` then goes through it forwards for
+The information of each time step is buffered on disk by `Bounds.update`.  `Bounds.finish` then goes through it forwards for
 the bound of filtering and backwards for that of smoothing, block by block, with the state that the block before, or
 after, has left for each target.
 """
@@ -46,7 +46,7 @@ KINDS = ("bound", "smoothed")
 
 
 class BoundDimensions(NamedTuple):
-    """In how many dimensions information is put aside; which one is used of each target is known at the end."""
+    """In how many dimensions information is buffered on disk; which one is used of each target is known at the end."""
 
     ground: bool
     space: bool
@@ -61,9 +61,9 @@ class BoundDimensions(NamedTuple):
 
 @dataclass
 class _BoundTarget:
-    """What is known of one target."""
+    """State of one target."""
 
-    first_ns: int | None = None  # of its first look
+    first_ns: int | None = None  # of its first pass
     errors: int = 0
     late: int = 0
     in_space: bool = False
@@ -83,7 +83,7 @@ class BoundSums:
         self._sums: dict[str, Sum] = {}
 
     def update(self, table: Bound, error: Floats, error_space: Floats) -> None:
-        """Some more rows and their errors; NaN: there is none in space, or none at all."""
+        """Some more rows and their errors; NaN: missing in space, or none at all."""
         self.rows += len(table)
         self._more("error", error)
         for kind in KINDS:
@@ -139,7 +139,7 @@ class BoundSums:
 
 
 class Bounds:
-    """Gathers information and errors while stretches come by, and then makes the bound of them."""
+    """Collects information and errors while sections come by, and then makes the bound of them."""
 
     def __init__(
         self,
@@ -155,7 +155,7 @@ class Bounds:
             scene: room and unit.
             config: motion, prior, dimensions.
             high: targets whose true height is known anywhere.
-            ways: information of how many dimensions is put aside.
+            ways: information of how many dimensions is buffered on disk.
             block: records that are worked on at once.
         """
         self._scene, self._config, self._high, self._ways = scene, config, high, ways
@@ -182,14 +182,14 @@ class Bounds:
         targets: Mapping[int, ObjectPath],
         measured: StationMeasurements | None = None,
     ) -> None:
-        """What there is in another stretch of time.
+        """What there is in another time interval.
 
         Args:
             looks: of each sensor that counts, by its name.
             sensors: of these names.
             errors: in the order of time.
             late: (N,) which of them are after the transient.
-            targets: path of each target, or the part of it about the stretch.
+            targets: path of each target, or the part of it about the section.
             measured: distances.
         """
         labels = [errors.target_id.astype(np.int64), *(found.looks.target for found in looks.values())]
@@ -215,7 +215,7 @@ class Bounds:
         path: ObjectPath,
         measured: StationMeasurements | None,
     ) -> Records:
-        """A target's moments of a stretch."""
+        """A target's time steps of a section."""
         known = self._targets[target]
         mine = {name: found.looks.take(found.looks.target == target) for name, found in looks.items()}
         ranged = np.zeros(0, np.int64) if measured is None else measured.t_ns[measured.target == target]

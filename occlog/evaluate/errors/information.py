@@ -4,7 +4,7 @@ The information of a camera is that of Eq. 2 of [Ercan] with the bearing's own r
 only.  Directions without pixels have their standard deviations, which are of angles about the sensor's
 own z axis, whatever its pose ([Lee] Eq. 2.40).
 
-Measurements of distances of the targets of the truth, as the bound takes them, while they stream by.
+Measurements of distances of the targets of the truth, as the bound takes them, in streaming mode.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ Metrics = dict[str, float]
 
 
 def ground_information(sensor: SensorGeometry, seen: SensorObservations) -> Floats:
-    """(N, 2, 2) Fisher information of the azimuths of one sensor about (x, y); elevations tell of heights only.
+    """(N, 2, 2) Fisher information of the azimuths of one sensor about (x, y); elevations report heights only.
 
     Of a tilted array the world's azimuth has errors of both of its angles.  Both are taken in
-    at the true height (or at the reported elevation if there is none), and the height is then
+    at the true height (or at the reported elevation if missing), and the height is then
     left free: what remains is the information of the azimuth with the variance that it really has.
     """
     information = _without_pixels(sensor, seen)
@@ -49,7 +49,7 @@ def ground_information(sensor: SensorGeometry, seen: SensorObservations) -> Floa
 def space_information(sensor: SensorGeometry, seen: SensorObservations) -> Floats:
     """(N, 3, 3) Fisher information of all that one sensor told about (x, y, z).
 
-    A row without elevation tells its azimuth only; so does a planar array, whose azimuth is the world's.
+    A row without elevation tells its azimuth only; so does a planar array, with an azimuth that is the world's.
     """
     pixels = np.isfinite(seen.sigma_px) & (sensor.camera is not None)
     tells = np.isfinite(seen.elevation)
@@ -108,7 +108,7 @@ class StationMeasurements(NamedTuple):
 
 
 def distances_in_space() -> InputError:
-    """What is said of distances where the bound is in space."""
+    """Description of distances where the bound is in space."""
     return InputError("evaluate: measurements of distances count in a bound on the ground alone; set bound_in")
 
 
@@ -183,7 +183,7 @@ def add_distances(
     path: ObjectPath,
     config: EvaluateConfig,
 ) -> None:
-    """Add the information of measurements of distances, where the true place is known, in place."""
+    """Add the information of measurements of distances, where the true position is known, in place."""
     own = measured.target == target
     t_ns = measured.t_ns[own]
     xy, known = path.at(t_ns, config.limit_ns)
@@ -218,7 +218,7 @@ def motion_of(information: Floats, dt: Floats, scene: Scene, config: EvaluateCon
 
 
 def prior_of(d: int, scene: Scene, config: EvaluateConfig) -> Floats:
-    """(n, n) covariance of the state at the first look: a position as told, else of a point anywhere in the room."""
+    """(n, n) covariance of the state at the first pass: a position as told, else of a point anywhere in the room."""
     place = np.zeros((d, d))
     if config.prior_cov is None:
         place[:2, :2] = crlb.polygon_covariance(scene.region)
@@ -243,9 +243,9 @@ class DistancesOfTargets:
         """No measurements yet.
 
         Args:
-            labels: identity in the measurements to identity in the truth; rows of other identities are left out.
+            labels: identity in the measurements to identity in the truth; rows of other identities are skipped.
             scene: the stations.
-            config: what the measurements do not say.
+            config: what the measurements do not state.
             radio: a fitted path loss; None: as the scene and the settings say.
         """
         self._labels, self._config, self._radio = labels, config, radio
@@ -266,7 +266,7 @@ class DistancesOfTargets:
         return StationMeasurements(own.t_ns[row], target, found)
 
     def finish(self) -> None:
-        """Say that all rows came.
+        """Report that all rows came.
 
         Raises:
             InputError: most differences are longer than their stations are apart.

@@ -111,12 +111,12 @@ class Gaps:
 
 
 def errors_of_pairs(tracks_ns: tuple[int, int], truth_ns: tuple[int, int], config: EvaluateConfig) -> InputError:
-    """What is said where the truth covers the time of no estimate; first and last times of both."""
+    """What is stated where the truth covers the time of no estimate; first and last times of both."""
     tracks, truth = (f"{first} to {last} ns" for first, last in (tracks_ns, truth_ns))
     if config.match == "id" and tracks_ns[0] <= truth_ns[1] and truth_ns[0] <= tracks_ns[1]:
         return InputError(
             f"tracks: no track has an estimate while the truth has its target, the one of its number: tracks {tracks}, "
-            f"truth {truth}, gaps of at most {config.bridge_s:g} s are bridged; pair them by their places (match "
+            f"truth {truth}, gaps of at most {config.bridge_s:g} s are bridged; pair them by their positions (match "
             "optimal) if numbers are not those of the truth, or check the clocks or raise max_gap"
         )
     return InputError(
@@ -178,7 +178,7 @@ def settled(errors: Errors, config: EvaluateConfig, begun: dict[int, int] | None
 
 
 def no_targets() -> InputError:
-    """What is said of a truth that has rows, but none of a target."""
+    """Description of a truth that has rows, but none of a target."""
     return InputError("truth: has no rows of role target; nothing to compare with")
 
 
@@ -192,7 +192,7 @@ class PairSums:
         self._sums, self._worst = TargetTrackSums(len(self._targets), len(self._tracks), sums=3), 0.0
 
     def update(self, part: EvaluationChunk, config: EvaluateConfig) -> None:
-        """Estimates of another stretch."""
+        """Estimates of another section."""
         rows = part.rows
         number = np.searchsorted(self._tracks, rows.target_id)
         xy = np.column_stack([rows.x, rows.y])
@@ -248,10 +248,10 @@ class TrackErrors:
         self._transient = config.skip_s > 0 or config.from_ns is not None
         self._left_out = self._interpolated = self._covered = 0
         self.late: Bools = np.zeros(0, dtype=np.bool_)
-        """Which errors of the last stretch are after the transient; none without one."""
+        """Which errors of the last section are after the transient; none without one."""
 
     def update(self, part: EvaluationChunk) -> Errors:
-        """Estimates of another stretch, in the order of time; their errors."""
+        """Estimates of another section, in the order of time; their errors."""
         config, nothing = self._config, ObjectPath(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0))
         found = []
         for track, which in rows_by_label(part.rows.target_id):
@@ -287,7 +287,7 @@ class TrackErrors:
 
     @property
     def note(self) -> str | None:
-        """A line on gaps of the truth where there is one to say."""
+        """A line on gaps of the truth where there is one to state."""
         return self._gaps.note
 
     def result(self) -> Metrics:
@@ -317,7 +317,7 @@ class TrackErrors:
         return metrics
 
     def settled(self, bound: Callable[[], Metrics] | None = None) -> Metrics:
-        """The figures of errors, and of the bound, once more after the transient; none where there is none."""
+        """The figures of errors, and of the bound, once more after the transient; none if missing."""
         if not (self._transient and self._figures.rows):
             return {}
         after = {**self._late.result(), "estimates": self._late.rows}

@@ -1,8 +1,8 @@
-"""What must be known of tracks and truth as a whole before they are gone through side by side.
+"""What must be known of tracks and truth as a whole before they are read side by side.
 
-Tracks and truth side by side in stretches of time, so that memory does not grow with their length.
+Tracks and truth side by side in time intervals, so that memory does not grow with their length.
 
-What must be known of the whole (`survey`) is found in a pass before.  A table of one chunk is one stretch.
+What must be known of the whole (`survey`) is found in a pass before.  A table of one chunk is one section.
 """
 
 from __future__ import annotations
@@ -172,7 +172,7 @@ class TruthIntervals:
 
 
 class EvaluationChunk(NamedTuple):
-    """What there is during a stretch of time.
+    """What there is during a time interval.
 
     Attributes:
         rows: estimates.
@@ -180,8 +180,8 @@ class EvaluationChunk(NamedTuple):
         targets: path of each target that is there or near, in it and about it.
         tracks: path of each track, likewise.
         times: of true targets, each once.
-        limits: first moment, and that after the last one.
-        sides: tracks and truth, which have as much about the stretch as was asked for.
+        limits: first time step, and that after the last one.
+        sides: tracks and truth, which have as much about the section as was asked for.
     """
 
     rows: Tracks
@@ -194,7 +194,7 @@ class EvaluationChunk(NamedTuple):
 
 
 class StretchTables(NamedTuple):
-    """Tables that are gone through beside tracks and truth, and how much of these there is about a stretch [ns].
+    """Tables that are read beside tracks and truth, and how much of these there is about a section [ns].
 
     Attributes:
         sides: the other tables, of which nothing is read yet.
@@ -219,7 +219,7 @@ def chunks_in_time(
 ) -> Iterator[EvaluationChunk]:
     """Go through tracks and truth side by side.
 
-    A stretch has about it as much as gaps are bridged, so that what is interpolated in it is the same as in the whole.
+    A section has about it as much as gaps are bridged, so that what is interpolated in it is the same as in the whole.
 
     Args:
         tracks: chunks in the order of time.
@@ -227,7 +227,7 @@ def chunks_in_time(
         known: of the same chunks.
         config: how far apart samples may be.
         track_gap_ns: how far apart samples of tracks may be, if that is further.
-        beside: other tables, of which rows may be looked at while a stretch is.
+        beside: other tables, of which rows may be looked at while a section is.
     """
     more = beside or StretchTables()
     limit = max(known.gaps_ns.values(), default=0) if config.limit_ns is None else config.limit_ns

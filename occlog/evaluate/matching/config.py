@@ -26,7 +26,7 @@ BRIDGE_S = 1.0
 class EvaluateConfig(Settings):
     """Settings of `evaluate`; lengths in the scene's unit.
 
-    The motion of the bound: `waypoint` is a walk with noise `sigma_v` whose drift is known
+    The motion of the bound: `waypoint` is a walk with noise `sigma_v` with known drift
     ([Ercan] Eq. 5 with known destination and speed); `cv` is a constant velocity
     disturbed by white acceleration, not known in advance.
     """

@@ -1,6 +1,6 @@
 """Bearings against the truth, look by look: what a sensor said of a target and what it should have said.
 
-A look is one frame of one sensor together with one true target of which the frame says
+A look is one frame of one sensor together with one true target of which the frame states
 something: a labelled row (`target_id` >= 0, seen or not), or unlabelled candidates, which are
 paired one to one with the true objects of their frame.
 
@@ -78,7 +78,7 @@ def _in_own_frame(
 ) -> tuple[Floats, Floats]:
     """Residuals [rad] of azimuth and elevation about the sensor's own axes.
 
-    A sight line near the z axis may be reported from beyond it, with an azimuth half a
+    A line of sight near the z axis may be reported from beyond it, with an azimuth half a
     turn off: it is read the way that is nearer.
     """
     line = direction(rows.bearing, polar_from_elevation(rows.elevation)) @ sensor.rotation
@@ -152,7 +152,7 @@ def match_candidates(
     Args:
         sensor: whose rows these are.
         rows: unlabelled rows of that sensor.
-        told: (time, target) of which a labelled row says something already; they get no row here.
+        told: (time, target) of which a labelled row states something already; they get no row here.
         targets: true paths of the targets.
         everyone: true paths of targets and occluders.
         config: gates, limits.
@@ -263,7 +263,7 @@ def observe(
     Args:
         sensor: whose rows these are.
         rows: bearings of that sensor only.
-        labels: identity in the bearings to identity in the truth; rows of other identities are left out.
+        labels: identity in the bearings to identity in the truth; rows of other identities are skipped.
         targets: true paths of the targets.
         others: true paths of the moving occluders.
         config: gates, limit in time, diameter of moving objects.

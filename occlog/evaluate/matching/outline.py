@@ -1,6 +1,6 @@
-"""Paths of true objects about a stretch of time that are as good there as the whole ones.
+"""Paths of true objects about a time interval that are as good there as the whole ones.
 
-Most of what is asked of a path is told by its samples near by.  A rough place, over a gap of any width or before the
+Most of what is asked of a path is told by its samples near by.  A rough position, over a gap of any width or before the
 first and after the last sample, is told by samples that may be far away: those are kept of the whole (`TruthOutlines`).
 """
 
@@ -18,7 +18,7 @@ from occlog.records.tables import Truth
 from .paths import ObjectPath
 
 NEAR_NS = 60 * NS
-"""Samples further apart than this are kept of the whole; so far about a stretch its samples are needed."""
+"""Samples further apart than this are kept of the whole; so far about a section its samples are needed."""
 TARGET, OCCLUDER = "target", "occluder"
 
 
@@ -50,7 +50,7 @@ class _Outline:
         return int(t_ns[-1]), xyz[-1:]
 
     def whole(self) -> tuple[Ints, Floats]:
-        """(K,) times of the samples that are kept, not falling, and (K, 3) places."""
+        """(K,) times of the samples that are kept, not falling, and (K, 3) positions."""
         ends = [each for each in (self.last_high, self.last) if each is not None]
         t_ns = np.concatenate([*self.t_ns, np.array([t for t, _ in ends], dtype=np.int64)])
         xyz = np.concatenate([*self.xyz, *(place for _, place in ends)])
@@ -59,14 +59,14 @@ class _Outline:
 
 
 class TruthOutlines:
-    """Gathers what must be known of the whole of true objects, while chunks pass by."""
+    """Collects what must be known of the whole of true objects, while chunks pass by."""
 
     def __init__(self) -> None:
         """Nothing passed yet."""
         self._found: dict[tuple[str, int], _Outline] = {}
         self._steps = TruthIntervals()
         self.high: set[int] = set()
-        """Targets whose height is known somewhere."""
+        """Targets with known height somewhere."""
         self._kept: dict[tuple[str, int], tuple[Ints, Floats]] | None = None
         self._gaps_ns: dict[int, int] = {}
 
@@ -105,7 +105,7 @@ class TruthOutlines:
         """Path of each object, by rising identity, with what is known far away.
 
         Args:
-            near: rows from the first of the limits on, up to the second, which is left out.
+            near: rows from the first of the limits on, up to the second, which is skipped.
             limits: at least `NEAR_NS` and the widest gap that is bridged about what is asked for.
             role: of the objects.
             gaps_ns: see the method of that name.

@@ -22,7 +22,7 @@ from occlog.records.tables import Tracks, Truth
 from .config import BRIDGE_S
 
 MAX_GAP_STEPS = 1.5
-"""Gaps of the truth of up to so many usual steps are bridged, ..."""
+"""Gaps of the truth of up to this many usual steps are bridged, ..."""
 MIN_BRIDGE_S = 0.2
 """... all up to this, and none above `BRIDGE_S`, unless a width is given [s]."""
 
@@ -114,7 +114,7 @@ class ExpectedMeasurement(NamedTuple):
         return ExpectedMeasurement._make(column.reshape(shape) for column in self)
 
     def take(self, rows: Ints) -> ExpectedMeasurement:
-        """The entries at these places of the first axis."""
+        """The entries at these positions of the first axis."""
         return ExpectedMeasurement._make(column[rows] for column in self)
 
 

@@ -1,8 +1,8 @@
 """Truth and tracks to flat figures: CLEAR-MOT, IDF1, HOTA, GOSPA, and failure rates.
 
-The first figures of an evaluation of tracks whose identities are the tracker's own, not those of the truth.
+The first figures of an evaluation of tracks with identities that are the tracker's own, not those of the truth.
 
-One-to-one pairs over the whole run count every identity switch as an error of position.  The figures that say how good
+One-to-one pairs over the whole run count every identity switch as an error of position.  The figures that state how good
 such tracks are come first: HOTA, IDF1, MOTA, identity switches, and RMSE and NEES of the pairs of each frame.
 """
 
@@ -129,7 +129,7 @@ class GospaFigures:
         self._sums.merge(other._sums)
 
     def result(self, cells: int, whose: str, unit: str) -> Metrics:
-        """Mean over so many frames, in the unit of the distance, and its parts, in that unit to the power of p."""
+        """Mean over this many frames, in the unit of the distance, and its parts, in that unit to the power of p."""
         means = self._sums.means(max(cells, 1))
         end = f"{whose}_{unit}" if unit else whose
         power = power_of(self._config, unit)
@@ -183,15 +183,15 @@ class FailureCounts:
 
 
 INDEPENDENT_IDS = "tracks_own_identities"
-"""Figure that is 1 where tracks have identities of their own and several tracks or targets were compared."""
+"""Figure that is 1 where tracks have their own identities and several tracks or targets were compared."""
 MIN_RMSE_RATIO = 2.0
-"""Ratio of the RMSE of whole tracks to that of the pairs of each frame from which on a note says what each is of."""
+"""Ratio of the RMSE of whole tracks to that of the pairs of each frame from which on a note states what each is of."""
 MIN_MATCHED_SHARE = 0.5
 """Share of the true positions that must be met for the errors of pairs to describe the tracks."""
 
 
 def independent_ids(metrics: Mapping[str, object]) -> bool:
-    """Whether the figures are of tracks with identities of their own, so that those of the pairs come first."""
+    """Whether the figures are of tracks with their own identities, so that those of the pairs come first."""
     return metrics.get(INDEPENDENT_IDS) == 1.0
 
 
@@ -209,7 +209,7 @@ def names(unit: str) -> tuple[str, ...]:
 
 
 def first(metrics: Mapping[str, float], unit: str) -> dict[str, float]:
-    """All figures, those of tracks with identities of their own in the order of `names`, then the others."""
+    """All figures, those of tracks with their own identities in the order of `names`, then the others."""
     return {name: metrics[name] for name in names(unit) if name in metrics} | dict(metrics)
 
 

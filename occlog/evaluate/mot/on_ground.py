@@ -1,6 +1,6 @@
 """Tracks of many targets on the ground against true positions, as points at the times of the truth.
 
-Beside the figures of `figures`: MODA and MODP, OSPA(2), trajectory GOSPA, whether covariances say how far tracks are
+Beside the figures of `figures`: MODA and MODP, OSPA(2), trajectory GOSPA, whether covariances state how far tracks are
 from the targets that they are on, and how many people there are and were found over time.
 """
 
@@ -48,7 +48,7 @@ def evaluate_ground(
     A frame is a time at which the truth has a sample of any target.  Truth and tracks are
     interpolated to it, the truth over gaps of at most `limit_ns`, tracks over gaps of at most
     `config.track_gap_s`; nothing is extrapolated, so that a track that begins late misses its
-    target until then.  Of an empty truth, which says that nobody is there, every time of the tracks is a frame.
+    target until then.  Of an empty truth, which states that nobody is there, every time of the tracks is a frame.
 
     Args:
         tracks: estimates of any number of targets.
@@ -83,7 +83,7 @@ class EvaluatedPart(NamedTuple):
 class GroundFigures:
     """Every figure of many targets on the ground, of parts of a recording that come twice: to `prepare`, to `update`.
 
-    What it keeps grows with the number of targets and tracks, not with that of frames, but for stretches of time in
+    What it keeps grows with the number of targets and tracks, not with that of frames, but for time intervals in
     which trajectory GOSPA is sure of no pair.
     """
 
@@ -131,7 +131,7 @@ class GroundFigures:
         self._each_matcher, self._pairs = Matcher(g, EACH_FRAME), PairErrors(unit, in_memory)
         self._counts = CountSums()
         self.pair_nees: tuple[Ints, Floats] = (none, np.zeros(0))
-        """Target and NEES of each pair of the last part whose track has a row of its own."""
+        """Target and NEES of each pair of the last part with a track that has its own row."""
 
     @classmethod
     def of(cls, known: EvaluationSurvey, config: MultiTargetConfig, unit: str) -> GroundFigures:
@@ -217,7 +217,7 @@ class GroundFigures:
         }
 
     def _trajectory(self, cells: int, unit: str) -> Metrics:
-        """OSPA(2) and trajectory GOSPA, the latter as a mean over so many frames."""
+        """OSPA(2) and trajectory GOSPA, the latter as a mean over this many frames."""
         whole = self._ospa2.result()
         out: Metrics = {
             f"ospa2_{unit}": whole.ospa2,
@@ -237,8 +237,8 @@ class GroundFigures:
 class PairErrors:
     """Errors of tracks from the targets that they are on, frame by frame, whatever their identities.
 
-    Pairs are made anew in each frame: CLEAR-MOT's keep a track that has gone over to a neighbour as long as it is near.
-    Covariances are judged where the track has a row of its own at the time: an interpolated one has none.  A pair is
+    Pairs are rebuilt in each frame: CLEAR-MOT's keep a track that has gone over to a neighbour as long as it is near.
+    Covariances are judged where the track has its own row at the time: an interpolated one has none.  A pair is
     within the match distance, which bounds the error: a NEES that is to be 2 is a little less where standard deviations
     come near a third of it.
     """
@@ -252,12 +252,12 @@ class PairErrors:
     def update(
         self, frames: MatchedFrames, made: MatchedPairs, places: PointTracks, tracks: Tracks
     ) -> tuple[Ints, Floats]:
-        """Pairs of some more frames; (n,) target and (n,) NEES of those whose track has a row at the time.
+        """Pairs of some more frames; (n,) target and (n,) NEES of those with a track that has a row at the time.
 
         Args:
             frames: truth and tracks.
             made: pairs of each frame alone.
-            places: from which the frames were made.
+            positions: from which the frames were made.
             tracks: rows at their times.
         """
         true, ours = frames.truth_row[made.truth], frames.track_row[made.track]

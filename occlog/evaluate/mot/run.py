@@ -178,7 +178,7 @@ def _strings(value: object) -> tuple[str, ...]:
 
 @contextmanager
 def _named(files: Mapping[str, Path]) -> Iterator[None]:
-    """Put the file in the place of the word with which a message begins."""
+    """Put the file in the position of the word with which a message begins."""
     try:
         yield
     except InputError as error:
@@ -247,7 +247,7 @@ def _sole_camera(path: Path, boxes: Boxes, config: MultiTargetConfig) -> str:
 def _read_text(
     path: Path, camera: str, table: type[B], config: MultiTargetConfig, last: int | None = None, *, marked: bool = False
 ) -> B:
-    """MOTChallenge text; rows that are marked as not to be counted (0) are left out if `marked`.
+    """MOTChallenge text; rows that are marked as not to be counted (0) are skipped if `marked`.
 
     The truth knows of all frames from the first one on, also of those up to `last` that come after its rows.
     """

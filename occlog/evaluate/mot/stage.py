@@ -5,7 +5,7 @@ Which target is a track's own: the one of its number, the first one it is on, or
 
 Tracks in images and true boxes, laid against each other frame by frame in memory that does not grow with length.
 
-The tables are gone through four times: for the cameras, for their frames and who is in them, and twice for the figures.
+The tables are read four times: for the cameras, for their frames and who is in them, and twice for the figures.
 Tables in memory are one chunk.
 """
 
@@ -205,7 +205,7 @@ class ImageTrackFigures:
 
         Args:
             frames: number of frames of each view.
-            counts: of what was compared and what was left out.
+            counts: of what was compared and what was skipped.
         """
         out = self._pooled.result(sum(frames), counts)
         if len(self._views) > 1:
@@ -263,7 +263,7 @@ class _ImageFigures:
 
 
 def _across_views(truth: Objects, tracks: Objects, labels: Sequence[Ints]) -> MatchedFrames:
-    """Frames in which identities are the same in all views, as for several cameras of one place."""
+    """Frames in which identities are the same in all views, as for several cameras of one position."""
     sides = []
     for side in (truth, tracks):
         sides.append(Objects(side.frame + (_views_of(side) << 40), side.label, side.place))
@@ -288,7 +288,7 @@ def centres_and_limits(compared: TruthAndTracks, config: MultiTargetConfig) -> P
 
 
 def find_failures(places: PointTracks, owners: AssignedTargets) -> failure_rates.FailureRates:
-    """Failures of trackers, each of which has a target of its own or none."""
+    """Failures of trackers, each of which has its own target or none."""
     own = owners.of(places.tracks.label)
     return failure_rates.failures(places.truth, places.tracks, places.tau, own)
 
@@ -326,7 +326,7 @@ def _visible(at: Objects, places: PointTracks) -> Floats:
 
 def skipped_cameras_note(names: Sequence[str]) -> list[str]:
     """A line on cameras of the truth that no track is in; none where there is no such camera."""
-    return [f"left out: {', '.join(names)}, which the truth knows and no track is in"] if names else []
+    return [f"skipped: {', '.join(names)}, which the truth knows and no track is in"] if names else []
 
 
 def unrelated_ids_note(ours: Ints, theirs: Ints, config: MultiTargetConfig) -> list[str]:
@@ -350,7 +350,7 @@ Sides = Callable[[], Iterator[tuple[Boxes, TruthBoxes]]]
 
 @dataclass
 class _Side:
-    """What is known of one side: its cameras, those asked for, numbers of frames of all rows and of those asked for."""
+    """State of one side: its cameras, those asked for, numbers of frames of all rows and of those asked for."""
 
     cameras: set[str] = field(default_factory=set)
     wanted: set[str] = field(default_factory=set)
@@ -384,7 +384,7 @@ class ComparedBoxes:
         views: cameras that are compared.
         left_out: cameras of the truth that have no track.
         frames: of each view its number of true frames.
-        counts: what was compared and what was left out.
+        counts: what was compared and what was skipped.
         targets: (G, 2) view and label of each target.
         tracks: (K, 2) view and label of each track.
     """
@@ -401,7 +401,7 @@ class ComparedBoxes:
         """Go through both sides for what must be known of the whole.
 
         Args:
-            sides: tracks and truth; rows of other cameras and frames than those asked for are left out.
+            sides: tracks and truth; rows of other cameras and frames than those asked for are skipped.
             config: options.
             looked: cameras that are compared even if no track is in them.
             by_number: frames are the same when camera and number are; otherwise when camera and time are.

@@ -48,12 +48,12 @@ class TruthAndTracks(NamedTuple):
 
     Attributes:
         views: names of the cameras.
-        truth: true objects; places are boxes.
-        tracks: estimated objects; places are boxes.
+        truth: true objects; positions are boxes.
+        tracks: estimated objects; positions are boxes.
         visible: (n,) visible share of each true object; NaN: not known.
         t_ns: for each view the times of its frames.
         number: for each view the numbers of its frames in the camera's stream.
-        counts: what was compared and what was left out.
+        counts: what was compared and what was skipped.
     """
 
     views: tuple[str, ...]
@@ -158,7 +158,7 @@ def _frames(truth: TruthBoxes, views: Sequence[str], key: str) -> tuple[tuple[In
 
 
 def _cells(boxes: Boxes, views: Sequence[str], keys: Sequence[Ints], key: str) -> tuple[Ints, Ints]:
-    """View of each row and its place among the true frames; -1 where it is in none."""
+    """View of each row and its position among the true frames; -1 where it is in none."""
     view, cell = np.zeros(len(boxes), dtype=np.int64), np.full(len(boxes), -1, dtype=np.int64)
     values = getattr(boxes, key)
     for v, name in enumerate(views):
@@ -182,7 +182,7 @@ def _check_identities(what: str, boxes: Boxes, view: Ints, cell: Ints) -> None:
             found = words or f"target {boxes.target_id[row]} twice"
             raise InputError(
                 f"{what}: camera {boxes.sensor[row]}, frame {boxes.frame[row]}: {found}; "
-                "each object needs an identity of its own in every frame"
+                "each object needs its own identity in every frame"
             )
 
 
@@ -263,7 +263,7 @@ def annotation_format(path: Path) -> str | None:
         return None
     try:
         return recognise({name: FORMATS[name] for name in COUNTING}, Probe(path, "true boxes"))
-    except InputError:  # whoever reads it as another kind of file says what is wrong
+    except InputError:  # whoever reads it as another kind of file describes the fault
         return None
 
 
@@ -334,7 +334,7 @@ def check_counted(path: Path, name: str | None, text: bool, config: MultiTargetC
 
     Args:
         path: the file.
-        name: as `annotation_format` says.
+        name: as `annotation_format` states.
         text: it is MOTChallenge text.
         config: with what was given.
     """
@@ -352,11 +352,11 @@ def pedestrians(compared: TruthAndTracks, marks: Marks, distractors: tuple[int, 
     """The truth that counts, and the tracks that are not of distractors.
 
     In each frame tracks are paired one to one with all true boxes, of any class and mark, so that the sum of overlaps
-    of at least one half is largest; a track whose box is a distractor's is dropped.
+    of at least one half is largest; a track with a box that is a distractor's is dropped.
 
     Args:
         compared: truth and tracks of one view, with every row of the truth.
-        marks: what the truth says of its boxes.
+        marks: what the truth states about its boxes.
         distractors: classes of distractors.
 
     Raises:

@@ -17,7 +17,7 @@ from .result import RTOL, Limit, Tolerances, as_dict, report_lines
 DURATIONS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
 
 
-@click.command(name="diff", short_help="Say whether two outputs are the same, and where they first differ.")
+@click.command(name="diff", short_help="Report whether two outputs are the same, and where they first differ.")
 @click.argument("a", type=options.INPUT)
 @click.argument("b", type=options.INPUT)
 @click.option(
@@ -70,9 +70,9 @@ def command(
     provenance: bool,
     as_json: bool,
 ) -> int:
-    """Say whether A and B are the same: tables, recordings, JSON files, or folders of them.
+    """Report whether A and B are the same: tables, recordings, JSON files, or folders of them.
 
-    Rows are joined by their key, not by their place.  Two numbers are the same if
+    Rows are joined by their key, not by their position.  Two numbers are the same if
     |a - b| <= ATOL + RTOL max(|a|, |b|); angles may be a whole turn apart, and NaN equals
     NaN.  Integers and labels must be equal.  Exit code 0: the same; 5: different.
 
@@ -100,7 +100,7 @@ def make_tolerances(
     """Read the tolerances from the options' texts; UsageError names what cannot be read."""
     for name, value in (("--rtol", rtol), ("--atol", atol)):
         if not math.isfinite(value):
-            raise UsageError(f"{name} {value}: want a finite number")
+            raise UsageError(f"{name} {value}: expected a finite number")
     columns = dict(_limit("--tol", text) for text in tol)
     units = dict(_limit("--tol-unit", text) for text in tol_unit)
     if units:
@@ -123,12 +123,12 @@ def _limit(option: str, text: str) -> tuple[str, Limit]:
         numbers = []
     good = name and equals and len(numbers) in (1, 2) and all(math.isfinite(n) and n >= 0 for n in numbers)
     if not good:
-        raise UsageError(f"{option} {text!r}: want NAME=ATOL or NAME=ATOL:RTOL with numbers of at least 0")
+        raise UsageError(f"{option} {text!r}: expected NAME=ATOL or NAME=ATOL:RTOL with numbers of at least 0")
     return name, Limit(*numbers)
 
 
 def _duration(text: str) -> int:
     match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(ns|us|ms|s)", text.strip())
     if match is None:
-        raise UsageError(f"--time-tol {text!r}: want a number with ns, us, ms or s, e.g. 1ms")
+        raise UsageError(f"--time-tol {text!r}: expected a number with ns, us, ms or s, e.g. 1ms")
     return round(float(match[1]) * DURATIONS[match[2]])

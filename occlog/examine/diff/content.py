@@ -24,14 +24,14 @@ def diff_json(
 
     Fractional numbers are compared with the tolerances (their last key is the column);
     two whole numbers, text, truth values and null must be equal.  Unless `provenance` is
-    set, keys of objects that begin with `_`, and `provenance`, are left out.
+    set, keys of objects that begin with `_`, and `provenance`, are skipped.
 
     Args:
         name: of the file.
         a: value of the first file.
         b: value of the second file.
         tolerances: limits of differences of numbers.
-        provenance: true: entries that say how the files were made count too.
+        provenance: true: entries that state how the files were made count too.
     """
     limits = tolerances or Tolerances()
     counts = {"both": 0, "missing": 0, "added": 0}
@@ -77,7 +77,7 @@ class _JsonWalk(NamedTuple):
         """Yield a difference, or `both`, for every value that is not a container.
 
         Args:
-            path: place of both values in the file, as `tracks[0].x`; empty for the whole file.
+            path: position of both values in the file, as `tracks[0].x`; empty for the whole file.
             key: last key of an object on the way to them.
             a: value of the first file.
             b: value of the second file.
@@ -171,7 +171,7 @@ HTML = re.compile(rb"\s*<(!doctype )?html\b", re.IGNORECASE)
 """Beginning of a page."""
 PNG = b"\x89PNG\r\n\x1a\n"
 YAML = (".yaml", ".yml")
-"""Endings of names of files whose values are compared, not their text."""
+"""Endings of names of files with values that are compared, not their text."""
 
 
 def compare_contents(a: Path, b: Path, name: str, settings: DiffSettings) -> DiffResult:
@@ -184,7 +184,7 @@ def compare_contents(a: Path, b: Path, name: str, settings: DiffSettings) -> Dif
 
 
 def content(path: Path, settings: DiffSettings) -> bytes:
-    """Read a file; the provenance in a report's page or picture is left out unless it counts."""
+    """Read a file; the provenance in a report's page or picture is skipped unless it counts."""
     try:
         data = path.read_bytes()
     except FileNotFoundError:

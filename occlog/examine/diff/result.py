@@ -32,8 +32,8 @@ class Tolerances:
     Attributes:
         default: for every fractional number that no other entry names.
         columns: by `column` or `table.column` (or the last key of a JSON path).
-        units: by unit, e.g. `rad` or `m`; those of lengths hold for tables in any unit whose length is known.
-        time_ns: rows whose times differ by at most this are the same row.
+        units: by unit, e.g. `rad` or `m`; those of lengths hold for tables in any unit with known length.
+        time_ns: rows with times that differ by at most this are the same row.
     """
 
     default: Limit = Limit(rtol=RTOL)
@@ -63,7 +63,7 @@ class DiffSettings:
         tolerances: limits of differences.
         provenance: true: how outputs were made counts too.
         pixels: true: frames are compared by their pixels, false: by their encoded bytes.
-        exclude: patterns of files that are left out.
+        exclude: patterns of files that are skipped.
     """
 
     tolerances: Tolerances
@@ -78,10 +78,10 @@ class RowDifference:
 
     Attributes:
         kind: `value`, `missing` (only in A), `added` (only in B), `schema` or `content`.
-        place: table, JSON path or file.
+        position: table, JSON path or file.
         key: key of the row, by column.
         column: column of the value, empty for whole rows.
-        a, b: both values; None where there is none.
+        a, b: both values; None if missing.
         difference: |a - b| where both are numbers; NaN where one of them is NaN.
         limit: largest difference that counts as the same.
         unit: of both values.
@@ -131,7 +131,7 @@ class DiffResult:
         missing, added: number only in A, only in B.
         columns: columns that differ, in the order of the table.
         schema: differences of the declaration: columns, types, units, versions.
-        first: the first difference, in the order of time; None if there is none.
+        first: the first difference, in the order of time; None if missing.
     """
 
     name: str
@@ -233,7 +233,7 @@ def _schema(found: RowDifference) -> str:
 
 
 def difference_words(found: RowDifference) -> str:
-    """Write one difference with its place, both values, their distance and the limit."""
+    """Write one difference with its position, both values, their distance and the limit."""
     place = _key(found.key)
     if found.kind in ("missing", "added"):
         where, value = ("A", found.a) if found.kind == "missing" else ("B", found.b)

@@ -457,6 +457,6 @@ def diff_schemas(name: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple
 
 
 def _swapped(unit: str | None, lengths: tuple[str, str]) -> str | None:
-    """Return a unit with the second length unit in place of the first."""
+    """Return a unit with the second length unit instead of the first."""
     old, new = lengths
     return next((in_length_unit(each, new) for each in LENGTHS if in_length_unit(each, old) == unit), unit)

@@ -135,7 +135,7 @@ def _compare_ours(a: Path, b: Path, name: str, settings: DiffSettings) -> list[D
         # Rows of different tables, or with different columns, cannot be joined.
         found = DiffResult(name, "rows", count_a=said_a["rows"], count_b=said_b["rows"], schema=schema)
     else:
-        # Tables of one name may have more columns than the one that it stands for
+        # Tables of one name may have more columns than the one that it represents
         table = table_with(said_a["schema"], [c["name"] for c in said_a["columns"]])
         unit = said_a["length_unit"] if said_a["length_unit"] == said_b["length_unit"] else ""
         rows = diff_tables(table, iter_table(a, table), iter_table(b, table), settings.tolerances, length_unit=unit)

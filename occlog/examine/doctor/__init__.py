@@ -1,1 +1,1 @@
-"""Looks for everything that is wrong in files, and says all of it."""
+"""Searches for everything that is wrong in files, and states all of it."""

@@ -1,8 +1,8 @@
-"""The clocks of sensors: times that go back or repeat, gaps, jumps, epochs, and sensors that are apart from the others.
+"""The clocks of sensors: times that go back or repeat, gaps, jumps, epochs, and sensors that are except for the others.
 
 Only a regular sensor has gaps: one of which nearly all intervals are about the usual one, their median.
 
-Times of a table of others that go back in the order of the file: a clock that was set, or started anew.
+Times of an external table that go back in the order of the file: a clock that was set, or restarted.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ MAX_INTERVALS = 50_000
 DIGITS = 3
 KEPT_GAPS = 64
 FIRST_NS, LAST_NS = 946_684_800 * NS, 4_102_444_800 * NS
-"""Years 2000 to 2100, where times since 1970 are looked for."""
+"""Years 2000 to 2100, where times since 1970 are searched for."""
 UNITS = (
     (10**3, "microseconds", "nanoseconds"),
     (10**6, "milliseconds", "nanoseconds"),
@@ -41,7 +41,7 @@ UNITS = (
 SHORTEST_NS = 100_000
 """A sensor that measures 10,000 times a second has such intervals."""
 APART_NS = 60 * NS
-"""Sensors whose times do not overlap are apart from so much on, and from the length of the recording on."""
+"""Sensors with times that do not overlap are except for so much on, and from the length of the recording on."""
 SAME_RATE = 0.01
 
 
@@ -52,7 +52,7 @@ class SensorTimes:
     Attributes:
         name: the sensor, in words.
         unique: its times may not repeat, since they are those of frames.
-        dropped: messages whose times repeat or go back are left out by whoever reads the file.
+        dropped: messages whose times repeat or go back are skipped by whoever reads the file.
         sorted: whoever reads the file puts its times in order, so that they may go back.
         sporadic: no time means that there was nothing, as for a reader without a tag; such a sensor has no gaps.
     """
@@ -225,7 +225,7 @@ def check_clocks(clocks: Sequence[SensorTimes], findings: Findings) -> None:
 def check_truth_times(
     truth: Iterable[tuple[str, SensorTimes]], sensors: Iterable[SensorTimes], findings: Findings
 ) -> None:
-    """Note each truth, by its place, that is of none of the times of the sensors: it can be compared with nothing."""
+    """Note each truth, by its position, that is of none of the times of the sensors: it can be compared with nothing."""
     told = [sensor for sensor in sensors if sensor.count]
     low, high = min((s.low for s in told), default=0), max((s.high for s in told), default=0)
     for place, one in truth:
@@ -235,7 +235,7 @@ def check_truth_times(
 
 
 def _disjoint_sensors(clocks: Sequence[SensorTimes]) -> Iterator[SensorTimes]:
-    """Those whose times lie far from the group with the most sensors; the first such group stays."""
+    """Those with times that lie far from the group with the most sensors; the first such group stays."""
     groups: list[list[SensorTimes]] = []
     end = 0
     margin = max([APART_NS, *(clock.high - clock.low for clock in clocks)])
@@ -274,7 +274,7 @@ def _late(clocks: Iterable[SensorTimes]) -> Iterator[tuple[SensorTimes, int]]:
 
 
 MAX_BACKWARD_SHARE = 1 / 3
-"""Where more of the rows than this go back, the file is in no order, which is allowed and says nothing of a clock."""
+"""Where more of the rows than this go back, the file is in no order, which is allowed and contains nothing about a clock."""
 
 
 class Restarts:

@@ -19,8 +19,8 @@ from occlog.console.notes import log_detail
 def command(files: tuple[Path, ...], as_json: bool, quiet: bool) -> int:
     """List everything that is wrong in FILES: recordings, tables, scenes, calibrations, videos, and their clocks.
 
-    Of a folder all files are looked at, those of its own folders too.  Each finding is one line: how bad it is, the
-    file, the place in it, what is there, what may be there, and what to do.  Nothing is changed, and nothing stops
+    Of a folder all files are checked, those of its own folders too.  Each finding is one line: how bad it is, the
+    file, the position in it, what is there, what may be there, and what to do.  Nothing is changed, and nothing stops
     at the first finding; one of several that is missing is a finding, too.
 
     The exit code is that of the worst finding: 4 for an error, at which a command that reads the file stops; 3 for
@@ -35,7 +35,7 @@ def command(files: tuple[Path, ...], as_json: bool, quiet: bool) -> int:
     from .findings import Severity, exit_code
     from .run import check_files
 
-    found = check_files(files, lambda path: log_detail(f"{path}: looked at"))
+    found = check_files(files, lambda path: log_detail(f"{path}: checked"))
     of = {severity: sum(f.severity is severity for f in found.findings) for severity in Severity}
     if as_json:
         counts = {f"{severity}s": count for severity, count in of.items()}
@@ -49,6 +49,6 @@ def command(files: tuple[Path, ...], as_json: bool, quiet: bool) -> int:
     if not quiet:
         words = ", ".join(counted(count, str(severity)) for severity, count in of.items() if count) or "nothing found"
         others = sum(found.others.values())
-        more = f"; {counted(others, 'other file')} not looked at" if others else ""
+        more = f"; {counted(others, 'other file')} not checked" if others else ""
         console.note(f"{counted(found.files, 'file')}: {words}{more}")
     return exit_code(found.findings)

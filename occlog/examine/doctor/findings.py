@@ -17,7 +17,7 @@ class Severity(StrEnum):
     """How bad a finding is, which is what a command does that reads the file."""
 
     ERROR = "error"
-    """The command stops, and says so (exit code 4)."""
+    """The command stops, and states it (exit code 4)."""
     WARNING = "warning"
     """The command goes on: something is lost, or its result may be wrong."""
     NOTE = "note"
@@ -34,8 +34,8 @@ class FindingKind(NamedTuple):
     Attributes:
         severity: how bad it is.
         what: what is wrong, in words.
-        limit: up to where it would not be; empty: none can be stated, or the value says it.
-        remedy: what to do; empty: the value says it.
+        limit: up to where it would not be; empty: none can be stated, or the value states it.
+        remedy: what to do; empty: the value states it.
     """
 
     severity: Severity
@@ -46,12 +46,12 @@ class FindingKind(NamedTuple):
 
 E, W, N = Severity.ERROR, Severity.WARNING, Severity.NOTE
 GAP_INTERVALS = 2.5
-"""An interval of more than so many usual ones is a gap."""
+"""An interval of more than this many usual ones is a gap."""
 KINDS: dict[str, FindingKind] = {
     "unreadable": FindingKind(E, "cannot be read"),
     "unknown": FindingKind(W, "is no file that occlog knows", remedy="name a recording, a table, a scene or a video"),
     "no-table": FindingKind(N, "fits none of occlog's tables"),
-    "not-looked-at": FindingKind(W, "not looked at", remedy="name the files, or a folder with fewer"),
+    "not-looked-at": FindingKind(W, "not checked", remedy="name the files, or a folder with fewer"),
     "damaged-recording": FindingKind(E, "damaged", remedy="salvage it: occlog recover {file} -o OUT.mcap"),
     "no-index": FindingKind(
         N,
@@ -65,8 +65,8 @@ KINDS: dict[str, FindingKind] = {
     "miscounted": FindingKind(N, "more messages than its metadata count; `occlog ingest` reads all"),
     "message": FindingKind(E, "a message that is not of its type", remedy="make the recording again"),
     "row": FindingKind(E, "a row that cannot be"),
-    "repeated-row": FindingKind(E, "rows that stand there again", "once", "leave out the copies"),
-    "two-places": FindingKind(E, "somebody in two places at one time", "one row", "keep one of them"),
+    "repeated-row": FindingKind(E, "rows that stand there again", "once", "remove the copies"),
+    "two-places": FindingKind(E, "a person in two positions at one time", "one row", "keep one of them"),
     "double-key": FindingKind(W, "rows of one key with different values", "one row", "keep one of them"),
     "order": FindingKind(E, "a time that goes back", "each after the one before", "sort by time"),
     "restart": FindingKind(
@@ -80,7 +80,7 @@ KINDS: dict[str, FindingKind] = {
         W, "a header stamp that repeats or goes back", "each after the one before", "`occlog ingest` leaves it out"
     ),
     "lost-message": FindingKind(W, "a message that is not of its type", remedy="`occlog ingest` leaves it out"),
-    "undecoded": FindingKind(N, "messages of which only the times of recording were looked at"),
+    "undecoded": FindingKind(N, "messages of which only the times of recording were checked"),
     "linked-video": FindingKind(E, "its video cannot be used"),
     "image": FindingKind(W, "an image that cannot be decoded", remedy="its frame is lost; ingest the source again"),
     "video-frames": FindingKind(W, "frames that are lost", remedy="copy or repair the file"),
@@ -130,10 +130,10 @@ class Finding(NamedTuple):
     Attributes:
         kind: one of `KINDS`.
         file: the file, as it was named.
-        place: where in it: byte, line, row, sensor and time; empty: in the whole of it.
+        position: where in it: byte, line, row, sensor and time; empty: in the whole of it.
         value: what is there.
         limit: what may be there; empty: that of the kind.
-        places: how many places are like this one, itself included.
+        positions: how many positions are like this one, itself included.
     """
 
     kind: str
@@ -191,10 +191,10 @@ class Findings:
 
         Args:
             kind: one of `KINDS`.
-            place: where it is.
+            position: where it is.
             value: what is there.
-            limit: what may be there, if the kind does not say it.
-            count: how many places it stands for.
+            limit: what may be there, if the kind does not state it.
+            count: how many places it represents.
             alike: what findings have in common that are counted as one; empty: each of the first `MAX_LISTED_FINDINGS`
                 stands alone.
         """
@@ -209,7 +209,7 @@ class Findings:
         self._found[key] = Finding(kind, self._file, place, value, limit, count)
 
     def refused(self, kind: str, error: Exception, *, place: str = "", count: int = 1) -> None:
-        """Note what a reader says of a place; the same said of other places with other numbers is counted with it."""
+        """Note what a reader states about a position; the same said of other positions with other numbers is counted with it."""
         text = str(error).removeprefix(f"{self._file}: ")
         found = _PLACE.match(text)
         if found is not None:
@@ -247,15 +247,15 @@ def finding_schema() -> dict[str, object]:
         "what": text,
         "value": maybe | {"description": "what is there"},
         "limit": maybe | {"description": "what may be there"},
-        "remedy": maybe | {"description": "what to do; null where the value says it"},
-        "count": count | {"description": "places like this one, itself included"},
+        "remedy": maybe | {"description": "what to do; null where the value states it"},
+        "count": count | {"description": "positions like this one, itself included"},
     }
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "occlog doctor: findings",
         "type": "object",
         "properties": {
-            "files": count | {"description": "files that were looked at"},
+            "files": count | {"description": "files that were checked"},
             "others": {
                 "type": "object",
                 "additionalProperties": count,

@@ -55,7 +55,7 @@ TIMED = (TopicKind.IMAGE, TopicKind.BOX, TopicKind.POSE, TopicKind.DIRECTION)
 
 
 def check_bag(path: Path, findings: Findings) -> None:
-    """Look at every message of a bag whose time would be taken; what is lost is told by whoever reads the file."""
+    """Check every message of a bag whose time would be taken; what is lost is told by whoever reads the file."""
     try:
         with open_bag([path]) as bag:
             topics = bag.topics()
@@ -75,7 +75,7 @@ def check_bag(path: Path, findings: Findings) -> None:
 
 
 def _check_indexes(bag: Bag, findings: Findings) -> None:
-    """Note topics that an index leaves out, so that nobody reads them."""
+    """Note topics that an index omits, so that nobody reads them."""
     for file in bag.files:
         if isinstance(file, McapFile) and not file.losses:
             try:
@@ -133,12 +133,12 @@ class _Stamps:
 UNEVEN = 0.1
 """Intervals that differ by more than this share from the usual one are uneven: some files round times to ms."""
 UNEVEN_SHARE = 0.05
-"""From so many uneven intervals on the video is said to be."""
+"""From this many uneven intervals on the video is stated to be."""
 MAX_IMAGE_BYTES = 512 * 1024 * 1024
 
 
 def check_video(path: Path, findings: Findings) -> None:
-    """Decode all frames of a video, in a process of its own, and look at their times."""
+    """Decode all frames of a video, in a separate process, and check their times."""
     try:
         container = read_container(path)
         with start_decoder(
@@ -193,13 +193,13 @@ class _Message(NamedTuple):
 
 
 def check_recording(path: Path, recording: McapRecording | None, findings: Findings, seen: set[Path]) -> None:
-    """Look at every message of a recording.
+    """Check every message of a recording.
 
     Args:
         path: the recording.
-        recording: it, opened; None: it is damaged, and what is whole is looked at.
+        recording: it, opened; None: it is damaged, and what is whole is checked.
         findings: takes what is wrong.
-        seen: videos that have been looked at; those that are linked to are added.
+        seen: videos that have been checked; those that are linked to are added.
     """
     look, fault = _RecordingScan(path, findings), None
     if recording is not None:
@@ -295,7 +295,7 @@ def _look_at_link(recording: McapRecording, camera: str, findings: Findings, see
 
 
 class _RecordingScan:
-    """What is known of the messages so far."""
+    """State of the messages so far."""
 
     def __init__(self, path: Path, findings: Findings) -> None:
         self._path, self._findings = path, findings
@@ -305,7 +305,7 @@ class _RecordingScan:
         self._times: dict[str, list[tuple[int, int]]] = {}  # of frames, with their numbers
 
     def take(self, message: _Message) -> None:
-        """Look at a message."""
+        """Check a message."""
         table = TABLES.get(message.schema)
         try:
             if table is not None:

@@ -1,4 +1,4 @@
-"""Looks at files and at all files of folders, each for itself: one that is damaged does not stop the others."""
+"""Checks files and at all files of folders, each for itself: one that is damaged does not stop the others."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .tables import check_table, look_at_others
 from .texts import check_text_file
 
 MAX_FILES = 10_000
-"""Files of a folder, with its own folders, that are looked at."""
+"""Files of a folder, with its own folders, that are checked."""
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".ts", ".flv", ".m4v", ".wmv")
 PAGES = (".md", ".html", ".pdf", ".py", ".sh", ".log", ".source", ".svg")
 """Endings of names of files that hold no data."""
@@ -36,7 +36,7 @@ class Diagnosis:
     """What was found in all files.
 
     Attributes:
-        files: number of files that were looked at.
+        files: number of files that were checked.
         others: files of folders that are not known, by the ending of their names.
         findings: all of it, in the order of the files.
     """
@@ -47,11 +47,11 @@ class Diagnosis:
 
 
 def check_files(paths: Sequence[Path], each: Callable[[Path], None] = lambda _: None) -> Diagnosis:
-    """Look at files, and at the files of folders.
+    """Check files, and at the files of folders.
 
     Args:
         paths: files and folders.
-        each: is told of each file before it is looked at.
+        each: is told of each file before it is checked.
     """
     out, seen = Diagnosis(), set[Path]()
     for path in paths:
@@ -79,7 +79,7 @@ def _files(path: Path, out: Diagnosis) -> Iterator[tuple[Path, bool]]:
         folders.sort()
         bags = [name for name in folders if _is_bag(Path(folder, name))]
         folders[:] = [name for name in folders if name not in bags and not name.startswith(".")]
-        # Recordings first: what they link to is looked at with them
+        # Recordings first: what they link to is checked with them
         for name in sorted([*bags, *names], key=lambda name: (not name.endswith(".mcap"), name)):
             number += 1
             if number > MAX_FILES:
@@ -92,12 +92,12 @@ def _files(path: Path, out: Diagnosis) -> Iterator[tuple[Path, bool]]:
 
 
 def _is_bag(folder: Path) -> bool:
-    """Whether a folder says that its files are one bag."""
+    """Whether a folder states that its files are one bag."""
     return (folder / METADATA).is_file()
 
 
 def _look_at_one(path: Path, findings: Findings, seen: set[Path]) -> bool:
-    """Look at one file; whether it is of a kind that occlog knows."""
+    """Check one file; whether it is of a kind that occlog knows."""
     try:
         if is_missing(path):
             raise no_such_file(path)
@@ -139,7 +139,7 @@ def _by_content(path: Path, findings: Findings, seen: set[Path]) -> bool:
         seen.add(path.resolve())
         check_video(path, findings)
     elif path.suffix.lower() in (".mcap", ".parquet"):
-        raise InputError(f"{path}: does not begin as its name says")
+        raise InputError(f"{path}: does not begin as its name states")
     else:
         return check_text_file(path, findings)
     return True

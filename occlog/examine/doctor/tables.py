@@ -32,16 +32,16 @@ from .clock import Restarts, SensorTimes, check_clocks
 from .findings import Findings
 
 MAX_CHECKS = 1000
-"""Checks of parts of some thousand rows: about 80 bad rows are found by so many."""
+"""Checks of parts of some thousand rows: about 80 bad rows are found by this many."""
 COMPLETE = tuple(table.NAME for table in (Bearings, Boxes, TruthBoxes, Truth))
-"""Tables with a row for each frame or moment, whatever was seen; in the others no row says that nothing was there."""
+"""Tables with a row for each frame or time step, whatever was seen; in the others no row states that nothing was there."""
 M = TypeVar("M")
 MAX_HELD = 65_536
 """Rows of one time that are held back for those of the same time in the next part."""
 
 
 class TableWatch:
-    """What is wrong with rows that are good one by one: repeats, and the clocks of sensors."""
+    """Faults of rows that are good one by one: repeats, and the clocks of sensors."""
 
     def __init__(self, table: type[ColumnTable], findings: Findings) -> None:
         """No row has been seen yet."""
@@ -56,7 +56,7 @@ class TableWatch:
         return list(self._clocks.values())
 
     def note_order(self, t_ns: Ints, first: int) -> None:
-        """Look at the order of times [ns] of rows, the first of which has the number `first` in the file."""
+        """Check the order of times [ns] of rows, the first of which has the number `first` in the file."""
         whole = t_ns if self._last is None else np.concatenate([[self._last], t_ns])
         back = np.flatnonzero(whole[1:] < whole[:-1])
         if len(back):
@@ -86,7 +86,7 @@ class TableWatch:
         if not len(table):
             return
         copies, double = repeated_rows(table)
-        if isinstance(table, Boxes):  # whose numbers may be those that they got on reading
+        if isinstance(table, Boxes):  # with numbers that may be those that they got on reading
             copies |= repeated_rows(table, "box")[0]
         for kind, rows in (("repeated-row", copies), ("two-places" if table.ONCE else "double-key", double & ~copies)):
             for row in np.flatnonzero(rows)[:1].tolist():
@@ -114,7 +114,7 @@ def bisect_bad_rows(
         rows: number of rows.
         make: what the rows start <= row < stop are; InputError if one of them cannot be.
         good: what the others are, part by part, is added to it.
-        checks: calls of `make`; a stretch that is left after these counts as one bad row, its first.
+        checks: calls of `make`; a section that is left after these counts as one bad row, its first.
     """
     if rows:
         yield from _bad(0, rows, make, good, [checks])
@@ -123,7 +123,7 @@ def bisect_bad_rows(
 def _bad(
     start: int, stop: int, make: Callable[[int, int], M], good: list[M], left: list[int]
 ) -> Iterator[tuple[int, InputError]]:
-    """As `bisect_bad_rows`, of a stretch; `left` has the number of calls that are left."""
+    """As `bisect_bad_rows`, of a section; `left` has the number of calls that are left."""
     left[0] -= 1
     try:
         good.append(make(start, stop))
@@ -151,11 +151,11 @@ def drop_bad_rows(
         rows: number of rows.
         make: gives the table of the rows start <= row < stop; InputError if one of them cannot be.
         watch: takes the table of the good ones.
-        place: words for a row, where the error has none.
+        position: words for a row, where the error has none.
     """
     good: list[ColumnTable] = []
     for row, error in bisect_bad_rows(rows, make, good):
-        # What a table says of its only row, which it calls row 0
+        # What a table states about its only row, which it calls row 0
         watch.findings.refused("row", InputError(str(error).replace(": row 0: ", ": ", 1)), place=place(row))
     try:
         watch.take(watch.table.merge(good))
@@ -169,7 +169,7 @@ def _times(table: ColumnTable) -> Ints:
 
 
 def check_table(path: Path, findings: Findings) -> None:
-    """Look at a Parquet table of occlog: its header, each group of rows, each row, and the times of its sensors."""
+    """Check a Parquet table of occlog: its header, each group of rows, each row, and the times of its sensors."""
     try:
         header = read_header(path)
         note_losses(header.provenance.losses, findings)
@@ -202,7 +202,7 @@ def check_table(path: Path, findings: Findings) -> None:
 def _look_at_batch(batch: pa.RecordBatch, first: int, watch: TableWatch) -> None:
     times = np.asarray(batch.column("t_ns"))
     watch.note_order(times, first)
-    # Rows in a wrong order are said once; here each is looked at for itself
+    # Rows in a wrong order are stated once; here each is checked for itself
     order = np.argsort(times, kind="stable")
     ordered = batch if (np.diff(order) == 1).all() else batch.take(pa.array(order))
     drop_bad_rows(
@@ -214,7 +214,7 @@ def _look_at_batch(batch: pa.RecordBatch, first: int, watch: TableWatch) -> None
 
 
 def look_at_others(source: ColumnSource, findings: Findings) -> bool:
-    """Look at a table of another program; whether it is one that occlog knows."""
+    """Check a table of another program; whether it is one that occlog knows."""
     try:
         foreign = ForeignTable(source, best_fit(source))
     except InputError as error:
@@ -225,7 +225,7 @@ def look_at_others(source: ColumnSource, findings: Findings) -> bool:
 
 
 def look_at_foreign(foreign: ForeignTable, findings: Findings) -> None:
-    """Look at a table of another program, row by row, which may be in any order."""
+    """Check a table of another program, row by row, which may be in any order."""
     watch = TableWatch(foreign.layout.table, findings)
     restarts = Restarts(foreign)
     with bad_lines_told_to(partial(findings.refused, "row")):
@@ -245,7 +245,7 @@ def _maker(foreign: ForeignTable, cells: TableCells) -> Callable[[int, int], Col
 
 
 def note_losses(losses: Iterable[Loss], findings: Findings) -> None:
-    """Note what had been lost when the file was made."""
+    """Note earlier losses when the file was made."""
     for loss in losses:
         lost = f" ({loss.count} lost)" if loss.count else ""
         findings.add("losses", f"{loss.source}, {loss.place}", loss.what + lost)

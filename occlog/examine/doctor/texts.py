@@ -34,11 +34,11 @@ from .findings import Findings
 from .tables import bisect_bad_rows, look_at_foreign
 
 MAX_ROWS = 8_000_000
-"""Rows among which copies are looked for: 16 bytes of each are kept."""
+"""Rows among which copies are searched for: 16 bytes of each are kept."""
 
 
 def check_boxes(source: BoxSource, findings: Findings) -> None:
-    """Look at every row of a file of boxes, for rows that stand there twice, and at the times of frames."""
+    """Check every row of a file of boxes, for rows that stand there twice, and at the times of frames."""
     copies, cameras = _Copies(), list[str]()
     stamps: dict[str, dict[int, int]] = {}
     with bad_lines_told_to(partial(findings.refused, "row")):
@@ -73,7 +73,7 @@ def _check(
 
 
 def _clock(camera: str, stamps: dict[int, int]) -> SensorTimes:
-    """The times of a camera's frames, by their numbers; in one without a row nobody was seen."""
+    """The times of a camera's frames, by their numbers; in one without a row nothing was detected."""
     frames = np.array(sorted(stamps), dtype=np.int64)
     clock = SensorTimes(f"camera {camera}" if camera else "times", unique=True, sporadic=True)
     clock.add(np.array([stamps[frame] for frame in frames.tolist()], dtype=np.int64), frames)
@@ -110,14 +110,14 @@ class _Copies:
 
 ANY_SIZE = (1920, 1080)
 OURS = "occlog_"
-"""Begins the key that says what a file of ours is."""
+"""Begins the key that states what a file of ours is."""
 SCENE = "occlog_scene"
 TEXTS = (".csv", ".tsv", ".txt", ".gz", ".tum", ".trc", ".geojson", "")
 """Endings of names of text tables."""
 
 
 def check_text_file(path: Path, findings: Findings) -> bool:
-    """Look at a text; whether it is one that occlog knows."""
+    """Check a text; whether it is one that occlog knows."""
     kind = path.suffix.lower()
     if kind in (".yaml", ".yml"):
         return _yaml(path, findings)
@@ -230,7 +230,7 @@ def _is_scene(path: Path) -> bool:
 
 
 def _times(path: Path, findings: Findings) -> None:
-    """Look at a table of time stamps."""
+    """Check a table of time stamps."""
     clocks: dict[str, SensorTimes] = {}
     try:
         with bad_lines_told_to(partial(findings.refused, "row")):

@@ -29,7 +29,7 @@ LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" 
     help=f"""Write the table in FILE (a table or a recording) in a format that other programs read; or all of it,
     or of a run folder, for a viewer.
 
-    The ending of the output says the format, or --to:
+    The ending of the output states the format, or --to:
 
     \b
 {LIST}
@@ -49,7 +49,7 @@ LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" 
     default=None,
     metavar="NAME",
     shell_complete=lambda ctx, param, begun: [name for name in FORMATS if name.startswith(begun)],  # noqa: ARG005
-    help="Format, one of these or an exporter's of a plug-in; default: as the output's name says.",
+    help="Format, one of these or an exporter's of a plug-in; default: as the output's name states.",
 )
 @click.option("--table", default=None, metavar="NAME", help="Which table of a recording; default: the first that fits.")
 @click.option("--target", "targets", type=int, multiple=True, help="Only this target; may be repeated.")

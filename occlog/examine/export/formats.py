@@ -13,7 +13,7 @@ IMAGE_TABLES = ("view_tracks", "truth_boxes", "boxes", "views")
 VIEWERS, FOXGLOVE, RERUN = "viewers", "foxglove", "rerun"
 """Formats for viewers: for all of them, and smaller ones for some."""
 PROGRAMS = {"rerun": RERUN, "foxglove": FOXGLOVE, "foxglove-studio": FOXGLOVE, "lichtblick": FOXGLOVE}
-"""Programs that are looked for, in this order, and the format that each takes."""
+"""Programs that are searched for, in this order, and the format that each takes."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ FORMATS: dict[str, ExportFormat] = {
     "csv": ExportFormat((".csv", ".csv.gz"), (), "text with a header; names of columns end in the unit"),
     "parquet": ExportFormat((".parquet", ".pq"), (), "Parquet with plain columns and nulls, as pandas has it"),
     "mot": ExportFormat((), IMAGE_TABLES, "MOTChallenge text of boxes in the images of one camera"),
-    "mot3d": ExportFormat((), PLACE_TABLES, "MOTChallenge text of places on the ground"),
+    "mot3d": ExportFormat((), PLACE_TABLES, "MOTChallenge text of positions on the ground"),
     "tum": ExportFormat((".tum",), PLACE_TABLES, "t x y z qx qy qz qw of one target, as evo reads it"),
     "kitti": ExportFormat((), IMAGE_TABLES, "KITTI's text of tracked boxes in the images of one camera"),
     "geojson": ExportFormat((".geojson",), PLACE_TABLES, "a line for each target, in longitude and latitude"),
@@ -53,6 +53,6 @@ FORMATS: dict[str, ExportFormat] = {
 
 
 def format_of(name: str) -> str | None:
-    """The format that the name of a file asks for; None: it does not say."""
+    """The format that the name of a file asks for; None: it does not state."""
     low = name.lower()
     return next((key for key, entry in FORMATS.items() if low.endswith(entry.endings) and entry.endings), None)

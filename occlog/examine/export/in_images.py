@@ -48,7 +48,7 @@ class Cameras(NamedTuple):
     Attributes:
         boxed: cameras that have a box, rising.
         ends: of each camera frame and time of the first row with its lowest frame, and of that with its highest.
-        rising: cameras whose frames rise with time, so that rows in the order of time are in that of frames.
+        rising: cameras with frames that rise with time, so that rows in the order of time are in that of frames.
     """
 
     boxed: list[str]
@@ -85,7 +85,7 @@ def survey(pieces: Iterable[Boxes | Views | ViewTracks]) -> Cameras:
 
 
 def chosen_camera(cameras: list[str], camera: str | None) -> str | None:
-    """The camera whose boxes are written; None: there is no box.
+    """The camera with boxes that are written; None: there is no box.
 
     UsageError where there are several and none is named, InputError where that one is not there.
     """
@@ -97,7 +97,7 @@ def chosen_camera(cameras: list[str], camera: str | None) -> str | None:
 
 
 def sequence_info(found: Cameras, camera: str | None, folder: str, scene: Scene | None) -> SequenceInfo:
-    """What `seqinfo.ini` says of the video of one camera: frames up to the last one that has a row, at their mean rate.
+    """What `seqinfo.ini` states about the video of one camera: frames up to the last one that has a row, at their mean rate.
 
     Args:
         found: in the table; rows of frames without a box count too.
@@ -122,7 +122,7 @@ def sequence_info(found: Cameras, camera: str | None, folder: str, scene: Scene 
 
 
 def kitti_text(boxes: Boxes) -> str:
-    """Lines of KITTI's tracks: frame, identity, type, and what is in the image; places in space are not known."""
+    """Lines of KITTI's tracks: frame, identity, type, and what is in the image; positions in space are not known."""
     unknown = "-1 -1 -1 -1000 -1000 -1000 -10"
     rows = zip(
         boxes.frame.tolist(),

@@ -58,14 +58,14 @@ def _check_names(chunk: ColumnTable, source: Path) -> None:
 
 
 UNITLESS = ("tum", "mot3d")
-"""Formats of places that do not say in which unit these are."""
+"""Formats of positions that do not state in which unit these are."""
 PLACES = {
     "tum": ("t_ns", "x", "y", "z"),
     "trc": ("t_ns", "target_id", "x", "y", "z"),
     "geojson": ("t_ns", "target_id", "x", "y"),
     "mot3d": ("target_id", "x", "y", "z", "existence"),
 }
-"""Columns of places that a format holds."""
+"""Columns of positions that a format holds."""
 EDGES = ("left_px", "top_px", "width_px", "height_px")
 BOXES = {
     "mot": ("frame", *EDGES, "confidence"),
@@ -89,10 +89,10 @@ class UnrepresentableColumns:
 
         Args:
             name: of the format.
-            table: whose rows are written.
+            table: with rows that are written.
             length_unit: of its lengths.
             chosen: identities that are written; none: all.
-            camera: whose rows are written; None: of all.
+            camera: with rows that are written; None: of all.
         """
         self._name, self._table, self._unit, self._chosen, self._camera = name, table, length_unit, chosen, camera
         held = (PLACES | BOXES)[name]
@@ -180,7 +180,7 @@ class ExportedFrames:
     def words(self) -> tuple[str, ...]:
         """Frames without a box before the first and behind the last one that has some, and those that were not there.
 
-        A frame between two others that is not in the text is read as one in which nobody was seen.
+        A frame between two others that is not in the text is read as one without a detection.
         """
         outside = missing = 0
         for name, (low, high) in self._ends.items():

@@ -92,7 +92,7 @@ def format_of_plugin(exporter: Chosen) -> ExportFormat:
     unknown = [name for name in of.tables if name not in TABLES]
     if unknown or not of.tables:
         raise PluginError(
-            f"{exporter.plugin.label}: tables: {unknown[0] if unknown else 'none'}; want names of {', '.join(TABLES)}"
+            f"{exporter.plugin.label}: tables: {unknown[0] if unknown else 'none'}; expected names of {', '.join(TABLES)}"
         )
     return ExportFormat((), tuple(of.tables), str(of.summary))
 
@@ -127,7 +127,7 @@ class ExportRequest:
     Attributes:
         input: a table or a recording.
         output: the file; `-`: standard output.
-        to: format; None: as the name of the output says.
+        to: format; None: as the name of the output states.
         table: which table of a recording; None: the first that the format takes.
         targets: identities to keep; none: all.
         camera: whose boxes; None: there is one.
@@ -151,12 +151,12 @@ class ExportRequest:
 
 
 def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Write the file; the summary, and what was lost before."""
+    """Write the file; the summary, and the losses before."""
     name = request.to or format_of(request.output.name)
     if name is None:
         known = ", ".join(ending for entry in FORMATS.values() for ending in entry.endings)
         raise UsageError(
-            f"{request.output}: its name does not say the format; end it in one of {known}, or name the format (to): "
+            f"{request.output}: its name does not state the format; end it in one of {known}, or name the format (to): "
             f"{', '.join(FORMATS)}"
         )
     form = FORMATS[name] if request.exporter is None else format_of_plugin(request.exporter)
@@ -204,7 +204,7 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
 
 
 def parse_origin(text: str) -> Origin:
-    """LAT,LON or LAT,LON,DEG; UsageError for anything else, and for places beyond 85 degrees, where metres grow."""
+    """LAT,LON or LAT,LON,DEG; UsageError for anything else, and for positions beyond 85 degrees, where metres grow."""
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:
@@ -217,7 +217,7 @@ def parse_origin(text: str) -> Origin:
 
 
 def _info_path(output: Path) -> Path | None:
-    """Where `seqinfo.ini` goes: beside the folder `gt` or `det`, as in a sequence of MOTChallenge; None elsewhere."""
+    """Where `seqinfo.ini` goes: next to the folder `gt` or `det`, as in a sequence of MOTChallenge; None elsewhere."""
     folder = output.resolve().parent
     return folder.parent / SEQUENCE_INFO if folder.name in ("gt", "det") else None
 
@@ -231,7 +231,7 @@ def _check_request(request: ExportRequest, name: str, form: ExportFormat) -> Non
             raise UsageError(f"camera: format {name} has no images; leave it out")
     if (request.origin is not None) != (name == "geojson"):
         said = (
-            "wants the place of the scene's origin on earth, as 52.5163,13.3777" if name == "geojson" else "takes none"
+            "requires the position of the scene's origin on earth, as 52.5163,13.3777" if name == "geojson" else "takes none"
         )
         raise UsageError(f"origin: format {name} {said}")
 
@@ -260,7 +260,7 @@ def _write_text(
 ) -> tuple[int, Cameras | None, tuple[str, ...]]:
     """Write a format that is no table: the rows in it, of one in images what the table holds, and what is not held.
 
-    The rows are gone through twice: once for what a message or a head must know of all of them.
+    The rows are read twice: once for what a message or a head must know of all of them.
     """
     missed = UnrepresentableColumns(name, table, world[0], request.targets, request.camera)
     if issubclass(table, Tracks | Truth):
@@ -279,7 +279,7 @@ def _write_places(
     unit: str,
     missed: UnrepresentableColumns,
 ) -> int:
-    """Write places of targets, piece by piece; the number of rows."""
+    """Write positions of targets, piece by piece; the number of rows."""
     targets = check_targets(missed.watched(_rows(opened, table)), request.targets)
     if name == "tum":
         check_one_target(targets)
@@ -287,7 +287,7 @@ def _write_places(
 
     def pieces() -> Iterator[ExportedPositions]:
         nonlocal count
-        count = 0  # a document is gone through several times
+        count = 0  # a document is read several times
         for piece in whole_times(opened.rows(table)):
             places = places_of(piece, request.targets)
             count += len(places.t_ns)
@@ -345,7 +345,7 @@ def _write_boxes(
 
 @contextmanager
 def _output(path: Path, overwrite: bool, together: OutputGroup) -> Iterator[IO[bytes]]:
-    """The file, which appears when it is complete; compressed where its name says so; or standard output."""
+    """The file, which appears when it is complete; compressed where its name states it; or standard output."""
     if path == STANDARD:
         yield sys.stdout.buffer
         sys.stdout.buffer.flush()

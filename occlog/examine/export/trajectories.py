@@ -1,4 +1,4 @@
-"""Places of targets in formats of trajectories: MOTChallenge in space, TUM, GeoJSON, TRC.
+"""Positions of targets in formats of trajectories: MOTChallenge in space, TUM, GeoJSON, TRC.
 
 Whole tables as text with a header, and as Parquet with plain columns.
 
@@ -130,9 +130,9 @@ def geojson_texts(
     """A feature for each target: a line in WGS 84, a point for a target of one row, with the times of its corners.
 
     Args:
-        pieces: gives the places, the same each time, in the order of time.
+        pieces: gives the positions, the same each time, in the order of time.
         origin: where the origin of the scene is on earth.
-        length_unit: of the places.
+        length_unit: of the positions.
         most: rows of targets that are put together in one pass; of a target with more there are two passes.
 
     Yields:
@@ -164,7 +164,7 @@ def geojson_texts(
 
 
 def _groups(counts: Mapping[int, int], most: int) -> Iterator[list[int]]:
-    """Identities, rising, in groups of not more than so many rows, or of one identity."""
+    """Identities, rising, in groups of not more than this many rows, or of one identity."""
     group: list[int] = []
     for name in sorted(counts):
         if group and sum(counts[other] for other in group) + counts[name] > most:
@@ -176,7 +176,7 @@ def _groups(counts: Mapping[int, int], most: int) -> Iterator[list[int]]:
 
 
 def _of_targets(pieces: Callable[[], Iterable[ExportedPositions]], names: Sequence[int]) -> ExportedPositions:
-    """All places of some targets."""
+    """All positions of some targets."""
     found = [
         ExportedPositions._make(column[np.isin(places.identity, names)] for column in places) for places in pieces()
     ]
@@ -222,8 +222,8 @@ def trc_texts(pieces: Callable[[], Iterable[ExportedPositions]], length_unit: st
     The unit is m, or mm for lengths in others than m and mm.
 
     Args:
-        pieces: gives the places, the same each time, in the order of time; a time is in one piece only.
-        length_unit: of the places.
+        pieces: gives the positions, the same each time, in the order of time; a time is in one piece only.
+        length_unit: of the positions.
         name: of the file.
 
     Yields:
@@ -280,7 +280,7 @@ def shown_name(column: Column, length_unit: str) -> str:
 def write_csv(
     rows: Iterable[ColumnTable], table: type[ColumnTable], file: IO[bytes], length_unit: str
 ) -> tuple[int, tuple[str, ...]]:
-    """Write text; the number of rows, and the columns that have more than one number a row and are left out."""
+    """Write text; the number of rows, and the columns that have more than one number a row and are skipped."""
     kept = [c for c in table.columns() if not c.width]
     file.write((",".join(shown_name(c, length_unit) for c in kept) + "\n").encode())
     count = 0

@@ -1,1 +1,1 @@
-"""Recordings and results for viewers of others: Foxglove, Lichtblick, Rerun."""
+"""Recordings and results for third-party viewers: Foxglove, Lichtblick, Rerun."""

@@ -56,7 +56,7 @@ def command(
 ) -> int:
     """Show FILE, a run folder, a recording or a table, in a viewer: images, the plan, people, numbers, events.
 
-    The viewer is a program of others on this machine; nothing is sent anywhere and no server is started.
+    The viewer is a third-party program on this machine; nothing is sent anywhere and no server is started.
 
     \b
       occlog view run/

@@ -67,8 +67,8 @@ class ViewerInputs:
 
     Attributes:
         tables: opened inputs by the name of the table.
-        recording: None: there is none, so that there are no images.
-        scene: None: there is none, so that cameras and the plan are not drawn.
+        recording: None: missing, so that there are no images.
+        scene: None: missing, so that cameras and the plan are not drawn.
         unit: of lengths.
     """
 
@@ -92,7 +92,7 @@ class ViewerInputs:
         return table.NAME in self.tables
 
     def pieces(self, table: type[T]) -> Iterator[T]:
-        """Rows of a table, those of one time and sensor together; none where there are none."""
+        """Rows of a table, those of one time and sensor together; none if missing."""
         if not self.has(table):
             return
         for rows in whole_times(self.tables[table.NAME].rows(table, at_once=ROWS)):
@@ -170,7 +170,7 @@ def _unit(opened: list[Opened], scene: Scene | None) -> str:
 
 
 def _files(folder: Path) -> list[Path]:
-    """The tables and the recording of a run folder; InputError where there are none."""
+    """The tables and the recording of a run folder; InputError if missing."""
     names = [RECORDING, *(f"{table.NAME}.parquet" for table in SHOWN)]
     files = [folder / name for name in names if (folder / name).is_file()]
     if not files:
@@ -179,14 +179,14 @@ def _files(folder: Path) -> list[Path]:
 
 
 def note_unexpected(inputs: ViewerInputs, quiet: bool) -> None:
-    """Say what is not as one may expect: no images, a unit without a length, tracks of another recording."""
+    """Report what is not as one may expect: no images, a unit without a length, tracks of another recording."""
     if inputs.recording is None:
         console.note(
             f"no recording is given: no images and no truth are shown; name it with {option('recording')}", quiet
         )
     if inputs.scene is None:
         console.note(
-            f"no scene is given: no plan, cameras and sight lines are shown; name one with {option('scene')}", quiet
+            f"no scene is given: no plan, cameras and lines of sight are shown; name one with {option('scene')}", quiet
         )
     if inputs.unit not in METRES:
         console.note(f"lengths are in {inputs.unit}, of which the length is not known: viewers show one as 1 m", quiet)

@@ -3,7 +3,7 @@
 At one time truth comes first, then what the filter said of itself, then estimates, and images last: an image is drawn
 over with what is known by then.
 
-Fewer moments of a long recording: what viewers keep in memory grows with what a file holds.
+Fewer time steps of a long recording: what viewers keep in memory grows with what a file holds.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class SceneDrawing(NamedTuple):
 
 
 class ImageOverlay(NamedTuple):
-    """A frame, and what is drawn over it, by the layer (see `LAYERS`)."""
+    """A frame, and the drawing over it, by the layer (see `LAYERS`)."""
 
     frame: Frame
     layers: dict[str, list[DrawingGroup]]
@@ -106,7 +106,7 @@ class ViewerStream:
     """Goes through everything once; memory does not grow with the length."""
 
     def __init__(self, inputs: ViewerInputs) -> None:
-        """Take what there is; identities are gone through before, for their colours."""
+        """Take what there is; identities are read before, for their colours."""
         self._inputs, self._metres = inputs, inputs.metres
         self.palette = Palette(inputs.targets())
         self.crowd = PeopleDrawing(self.palette)
@@ -150,7 +150,7 @@ class ViewerStream:
                 yield moment
 
     def _note(self, moment: SceneDrawing) -> None:
-        """Keep until when what is drawn may stand: as long as two and a half times it took to come, 1 s at least."""
+        """Keep until when the drawing may stand: as long as two and a half times it took to come, 1 s at least."""
         before = self._stands.get(moment.topic)
         apart = 0 if before is None else moment.t_ns - before[0]
         self._stands[moment.topic] = (moment.t_ns, moment.t_ns + max(STALE_NS, 5 * apart // 2))
@@ -261,7 +261,7 @@ class ViewerStream:
 def _timed(
     order: int, rows: Iterator[object], show: Callable[..., Iterator[Moment]]
 ) -> Iterator[tuple[int, int, Callable[[], Iterator[Moment]]]]:
-    """The pieces of a source with their times and its place among others of the same time."""
+    """The pieces of a source with their times and its position among others of the same time."""
     for piece in rows:
         times = piece.t_ns  # type: ignore[attr-defined]
         yield int(times if isinstance(times, int) else times[0]), order, partial(show, piece)
@@ -276,21 +276,21 @@ def _numbers(topic: str, series: Series, rows: object, targets: list[int]) -> It
 
 
 class Thinner:
-    """Keeps the first moment of each topic in each stretch of time.
+    """Keeps the first time step of each topic in each time interval.
 
-    Each message says all that its topic shows, so that any of them may be left out.  Stretches are the same for all
-    topics: images and what is drawn over the floor stay near each other.  Lines of the log are all kept.
+    Each message states all that its topic shows, so that any of them may be skipped.  Sections are the same for all
+    topics: images and the drawing over the floor stay near each other.  Lines of the log are all kept.
     """
 
     def __init__(self, every_ns: int) -> None:
-        """Stretches of so many nanoseconds, counted from the first moment."""
+        """Sections of this many nanoseconds, counted from the first time step."""
         self._every_ns = every_ns
         self._begin: int | None = None
         self._kept: dict[str, int] = {}
         self._shown: set[str] = set()  # topics whose last message shows something
 
     def keeps(self, moment: Moment) -> bool:
-        """Whether a moment is written; moments come in the order of time."""
+        """Whether a time step is written; time steps come in the order of time."""
         if isinstance(moment, LogLine):
             return True
         topic, t_ns = (

@@ -20,7 +20,7 @@ from .run import ViewerTask, run_viewers
 OTHERS = """install one: Rerun (`pip install rerun-sdk`), Foxglove or Lichtblick (programs with windows); or name the
 program with --viewer; or write the file alone with `occlog export`"""
 RERUN_OPTIONS = ("--bind", "127.0.0.1", "--new")
-"""Rerun's viewer listens for programs that send it data: only for those of this machine, and in a window of its own."""
+"""Rerun's viewer listens for programs that send it data: only for those of this machine, and in its own window."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class ViewRequest:
 
 
 def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Make the file, and show it until the viewer is closed; the summary, and what was lost.
+    """Make the file, and show it until the viewer is closed; the summary, and the losses.
 
     Raises:
         UsageError: no viewer is installed, or there is nowhere for the file to stay.
@@ -57,7 +57,7 @@ def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, ob
     program, viewer = find_viewer(request.viewer, started=not request.only_print, takes=made)
     if made is not None:
         if request.output is not None:
-            raise UsageError(f"{request.input}: is made for {made} already; leave out {option('output')}")
+            raise UsageError(f"{request.input}: is made for {made} already; omit {option('output')}")
         if request.every is not None:
             raise UsageError(
                 f"{request.input}: is made for {made} already; give {option('every')} where it is made (occlog export)"

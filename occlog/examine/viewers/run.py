@@ -70,7 +70,7 @@ class ViewerTask:
         layout: where to write the layout for Foxglove; None: nowhere.
         quality: of JPEG images that are made of videos, or made smaller, 1 to 100.
         height: images higher than this are made smaller [px].
-        every: each topic has one message at most in so long a time, counted from the first moment [s]; None: all.
+        every: each topic has one message at most in so long a time, counted from the first time step [s]; None: all.
     """
 
     input: Path
@@ -86,7 +86,7 @@ class ViewerTask:
 
 
 def run_viewers(request: ViewerTask, *, quiet: bool = False) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Write the file; the summary, and what was lost."""
+    """Write the file; the summary, and the losses."""
     files = (request.input, request.recording, request.scene)
     check_outputs(files, (request.output, request.layout), request.overwrite)
     inputs = find_inputs(request.input, request.recording, request.scene)
@@ -133,7 +133,7 @@ def _provenance(inputs: ViewerInputs, request: ViewerTask, losses: tuple[Loss, .
 
 
 def _begun(moments: Iterator[Moment], sink: _Sink, inputs: ViewerInputs) -> Iterator[Moment]:
-    """The moments; before the first one everything that does not move is written, at its time."""
+    """The time steps; before the first one everything that does not move is written, at its time."""
     for n, moment in enumerate(moments):
         if not n:
             sink.begin(moment.frame.t_ns if isinstance(moment, ImageOverlay) else moment.t_ns, inputs)
@@ -141,7 +141,7 @@ def _begun(moments: Iterator[Moment], sink: _Sink, inputs: ViewerInputs) -> Iter
 
 
 class _Sink:
-    """Codes what is drawn for one viewer and writes it."""
+    """Codes the drawing for one viewer and writes it."""
 
     def __init__(self, out: RecordingWriter, inputs: ViewerInputs, request: ViewerTask) -> None:
         self._out, self._inputs, self._request = out, inputs, request
@@ -156,7 +156,7 @@ class _Sink:
         self.frames = 0
 
     def begin(self, t_ns: int, inputs: ViewerInputs) -> None:
-        """Write what does not move, and what was lost before."""
+        """Write what does not move, and the losses before."""
         for loss in _previous_losses(inputs):
             self.write(LogLine(t_ns, True, "lost earlier", str(loss)))
         if inputs.scene is None:
@@ -167,7 +167,7 @@ class _Sink:
             self.write(SceneDrawing("/static_shadows", t_ns, shadows))
 
     def write(self, moment: Moment) -> None:
-        """Write one moment, unless its topic has had one in this stretch of time."""
+        """Write one time step, unless its topic has had one in this time interval."""
         if self._thinner is not None and not self._thinner.keeps(moment):
             return
         if isinstance(moment, SceneDrawing) and moment.topic == PARTICLES:

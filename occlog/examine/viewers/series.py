@@ -34,7 +34,7 @@ class Series:
 
     @classmethod
     def of_table(cls, table: type[ColumnTable]) -> Series:
-        """The columns of numbers of a table, under its name; time and identity are told otherwise."""
+        """The columns of numbers of a table, under its name; time and identity are reported otherwise."""
         names = [c.name for c in table.columns() if c.kind in NUMBERS and not c.width and c.name not in LEFT_OUT]
         return cls(table.NAME.capitalize(), names)
 
@@ -60,7 +60,7 @@ class Series:
 
     @property
     def descriptors(self) -> bytes:
-        """The set of descriptors as MCAP wants it for schemas of protobuf."""
+        """The set of descriptors as MCAP requires it for schemas of protobuf."""
         found = descriptor_pb2.FileDescriptorSet(file=[self._file])
         data: bytes = found.SerializeToString(deterministic=True)
         return data
@@ -109,7 +109,7 @@ def main_numbers(series: Series, names: Sequence[str], values: Sequence[float]) 
 
     Args:
         series: one of those in `MAIN`.
-        names: of the columns that are taken, the same for all messages of a topic: lines have no names of their own.
+        names: of the columns that are taken, the same for all messages of a topic: lines have no their own names.
         values: of all its fields; NaN: not known.
     """
     known = dict(zip(series.fields, values, strict=True))

@@ -31,7 +31,7 @@ _NO_LINKS: ContextVar[Path | None] = ContextVar("_NO_LINKS", default=None)
 
 @contextmanager
 def outputs_below(folder: Path) -> Iterator[None]:
-    """Refuse outputs outside of a folder meanwhile: what somebody else wrote says where they go."""
+    """Refuse outputs outside of a folder meanwhile: what another person wrote states where they go."""
     token = _ONLY.set(folder.resolve())
     try:
         yield

@@ -2,8 +2,8 @@
 
 The border that foreign bytes cross: sizes before reading, and one line for whatever a parser raises.
 
-Parsers fail in more ways than they say: a date of a 99th month is a ValueError, a list as a key a TypeError, brackets
-within brackets a RecursionError.  Each is called inside `guarded`, on bytes whose number was looked at before.
+Parsers fail in more ways than they state: a date of a 99th month is a ValueError, a list as a key a TypeError, brackets
+within brackets a RecursionError.  Each is called inside `guarded`, on bytes with a number that was looked at before.
 
 Checks that every reader makes before it opens an input.
 
@@ -43,7 +43,7 @@ def check_regular(path: Path, mode: int, what: str) -> None:
 
 
 def check_input(path: Path, what: str) -> Path:
-    """The path, if a non-empty readable file is there; else InputError that says what was expected."""
+    """The path, if a non-empty readable file is there; else InputError that states what was expected."""
     path = Path(path)
     try:
         status = path.stat()
@@ -96,7 +96,7 @@ _OTHERS = (
     (0, b"\x89PNG", f"an image (PNG); {OF_A_FOLDER}"),
     (0, b"\xff\xd8\xff", f"an image (JPEG); {OF_A_FOLDER}"),
 )
-"""Place and bytes by which files are known that commands are given by mistake, what they are, and what to do."""
+"""Position and bytes by which files are known that commands are given by mistake, what they are, and what to do."""
 
 
 ODAS = (b'"timeStamp"', b'"src"')
@@ -149,7 +149,7 @@ LONG_TEXT = 1_000
 MAX_TEXTS_BYTES = 2**28
 """Memory of a column with longer texts at most: each of its rows takes as much as the longest."""
 FAILURES = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError)
-"""What parsers raise for bytes that they do not expect, each besides an exception of its own."""
+"""What parsers raise for bytes that they do not expect, each also its own exception."""
 
 
 @contextmanager
@@ -157,7 +157,7 @@ def guarded(where: Path | str, what: str) -> Iterator[None]:
     """Turn every failure of a parser into one InputError.
 
     Args:
-        where: the file, and the place in it.
+        where: the file, and the position in it.
         what: what was expected.
 
     Raises:
@@ -174,7 +174,7 @@ def guarded(where: Path | str, what: str) -> Iterator[None]:
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Put the file before what a table that is made of its rows says of them."""
+    """Put the file before what a table that is made of its rows states about them."""
     try:
         yield
     except InputError as error:
@@ -194,7 +194,7 @@ def read_configuration(path: Path, what: str, *, limit: int = MAX_CONFIGURATION_
 
 
 def check_texts(texts: Iterable[str], rows: int, where: Path | str) -> None:
-    """InputError for texts that are too long for a column of so many rows, or that no array holds (with a NUL)."""
+    """InputError for texts that are too long for a column of this many rows, or that no array holds (with a NUL)."""
     different = set(texts)
     cut = next((text for text in different if "\0" in text), None)
     if cut is not None:

@@ -2,7 +2,7 @@
 
 The last number in the name of a file or sensor: its frame, or which camera it is.
 
-The name of an output says its format: one that promises a format that is not written there is refused.
+The name of an output states its format: one that promises a format that is not written there is refused.
 
 Names of cameras and arrays as files give them, matched with the names in use.
 
@@ -24,7 +24,7 @@ _HASH = re.compile(r"\.rf\.[0-9A-Za-z]+$")
 
 
 def last_number(name: str) -> str | None:
-    """Digits of the last number in a name without its ending; None where there is none.
+    """Digits of the last number in a name without its ending; None if missing.
 
     Roboflow writes `.rf.` and a hash behind the names of images; its digits number nothing.
     """
@@ -54,7 +54,7 @@ def match_sensor(given: str, names: Sequence[str], where: str, *, what: str = "c
     """The name in use that a file means by `given`.
 
     It is the equal name, or else the only one whose last number is the same: `2`,
-    `cam_2` and `cam02` mean each other.  InputError where there is none, or several; `what` says what has the name.
+    `cam_2` and `cam02` mean each other.  InputError if missing, or several; `what` states what has the name.
     """
     if given in names:
         return given

@@ -87,10 +87,10 @@ class Provenance:
     Attributes:
         command: the occlog command, e.g. "detect".
         parameters: JSON-ready values of every option that changes the result.
-        seed: seed of the random numbers, None where there are none.
+        seed: seed of the random numbers, None if missing.
         inputs: (file name, SHA-256) of every input, in a fixed order.
         losses: input that was lost so far, also in earlier stages.
-        input_units: units that were stated for columns of inputs whose names say none.
+        input_units: units that were stated for columns of inputs whose names state none.
         readers: name of each input that a plug-in has read, with the plug-in and its settings; None: as it was.
         version: of occlog; empty: not known.
         versions: of Python and of the packages that are installed, by name; empty: not known.
@@ -112,11 +112,11 @@ class Provenance:
     def __post_init__(self) -> None:
         if self.verdicts is None:
             carried = self.inputs.verdicts if isinstance(self.inputs, InputDigests) else ()
-            object.__setattr__(self, "verdicts", carried)  # frozen for everybody else
+            object.__setattr__(self, "verdicts", carried)  # frozen for all other people
         if self.readers is None:
             names = dict.fromkeys(name for name, _ in self.inputs)
             found = tuple({"file": name, **READERS_USED[name]} for name in names if name in READERS_USED)
-            object.__setattr__(self, "readers", found)  # frozen for everybody else
+            object.__setattr__(self, "readers", found)  # frozen for all other people
 
     @property
     def judged(self) -> tuple[Verdict, ...]:
@@ -156,8 +156,8 @@ def provenance_from_json(text: str | bytes, where: Path) -> Provenance:
     """Provenance as written by `Provenance.json`; `unknown` for an empty text, which files of others have.
 
     Raises:
-        InputError: the text of the file `where` is not one.  What was lost in earlier stages stands there, so that a
-            table whose provenance is damaged would look as if nothing had been.
+        InputError: the text of the file `where` is not one.  Losses in earlier stages stands there, so that a
+            table with a provenance that is damaged would look as if nothing had been.
     """
     if not text:
         return UNKNOWN
@@ -175,7 +175,7 @@ def provenance_from_json(text: str | bytes, where: Path) -> Provenance:
         )
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(
-            f"{where}: its provenance is damaged ({type(error).__name__}), so that nobody knows what was lost on the "
+            f"{where}: its provenance is damaged ({type(error).__name__}), so that nobody knows the losses on the "
             "way; make it again"
         ) from error
 

@@ -1,8 +1,8 @@
-"""Records that are put aside in blocks of equal length, to be read and replaced in any order, forwards or backwards.
+"""Records that are buffered on disk in blocks of equal length, to be read and replaced in any order, forwards or backwards.
 
-Numbers that are put aside: in memory while they are few, then in a file without a name.
+Numbers that are buffered on disk: in memory while they are few, then in a file without a name.
 
-A table that is put aside while it is gone through for the first time, for inputs that are slow to read.
+A table that is buffered on disk while it is read for the first time, for inputs that are slow to read.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Blocks:
         self._open, self._rows = [together[whole:].copy()], self._rows - whole
 
     def end(self) -> None:
-        """Say that all records are there."""
+        """Report that all records are there."""
         if self._rows:
             self.put(self.count, np.concatenate(self._open))
             self.count += 1
@@ -104,7 +104,7 @@ class Blocks:
         return np.frombuffer(self._file.read(self._block * self._record.itemsize), dtype=self._record)
 
     def rows(self, first: int, last: int) -> Records:
-        """Records from one number up to another, which is left out, once `end` was called."""
+        """Records from one number up to another, which is skipped, once `end` was called."""
         parts = [np.zeros(0, dtype=self._record)]
         for number in range(first // self._block, -(-last // self._block)):
             start = number * self._block
@@ -119,7 +119,7 @@ NUMBERS_PER_BLOCK = 1 << 17
 
 
 class Spool:
-    """Takes numbers in parts, and gives them back in the same order, as often as wanted.
+    """Takes numbers in parts, and gives them back in the same order, as often as requested.
 
     The file has no name, so that nothing is left of it, however the program ends.
     """
@@ -173,7 +173,7 @@ T = TypeVar("T", bound=ColumnTable)
 
 
 class SpilledTable(Generic[T]):
-    """Chunks of a table, as often as wanted, of which the source is asked once.
+    """Chunks of a table, as often as requested, of which the source is asked once.
 
     The file, in the folder for temporary files, has no name, so that nothing is left of it, however the program ends.
     """
@@ -189,7 +189,7 @@ class SpilledTable(Generic[T]):
         self._schema = arrow_schema(table, Provenance("aside"))
         self._file: IO[bytes] | None = None
         self.rows = 0
-        """How many rows there are, once all were gone through."""
+        """How many rows there are, once all were read."""
 
     def __del__(self) -> None:
         """Let go of the file."""
@@ -197,7 +197,7 @@ class SpilledTable(Generic[T]):
             self._file.close()
 
     def chunks(self) -> Iterator[T]:
-        """All of them, to be gone through to their end before they are asked for again.
+        """All of them, to be read to their end before they are asked for again.
 
         Raises:
             OutputError: the folder for temporary files is full.

@@ -1,4 +1,4 @@
-"""Units that the user states for columns of tables of others whose names say none.
+"""Units that the user states for columns of external tables whose names state none.
 
 They hold for all inputs of one command, so that they are kept in a context that the command line enters; every
 provenance that is made meanwhile has them.
@@ -43,10 +43,10 @@ class StatedUnits:
         Args:
             name: of the file's column.
             kind: what it measures, of `KINDS`; empty: nothing that has a unit to state.
-            said: the unit that its name says; empty: none.
+            said: the unit that its name states; empty: none.
 
         Raises:
-            UsageError: another unit is stated than the name says.
+            UsageError: another unit is stated than the name states.
             InputError: a unit is stated that the column cannot have.
         """
         low = name.strip().lower()
@@ -83,7 +83,7 @@ def stated_units(texts: Sequence[str]) -> Iterator[StatedUnits]:
     """Let units hold for the tables that are opened meanwhile.
 
     Args:
-        texts: each `COLUMN=UNIT`, or a unit alone for all columns of its kind whose names say none; several may be
+        texts: each `COLUMN=UNIT`, or a unit alone for all columns of its kind whose names state none; several may be
             separated by commas.
 
     Raises:

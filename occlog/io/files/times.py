@@ -48,7 +48,7 @@ class FrameTimes:
         start_ns: time of the origin of `table_ns`, or of frame 0.
         table_ns: (n,) times of frames 0..n-1 after the origin, strictly rising; None: the rate is used.
         rate: frames per second.
-        clock: clock of the camera, whose error is taken out of the times; None: they are world times.
+        clock: clock of the camera, with an error that is taken out of the times; None: they are world times.
     """
 
     source: str
@@ -178,11 +178,11 @@ _ISO = re.compile(r"^(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d)?)(?:[.,](\d{1,9}))
 
 
 def parse_time(text: str, unit: str = "s") -> int:
-    """Time [ns since the Unix epoch] of a number in `unit` or of an ISO 8601 date and time (UTC unless it says).
+    """Time [ns since the Unix epoch] of a number in `unit` or of an ISO 8601 date and time (UTC unless it states).
 
     Exact to the nanosecond.  Raises InputError for anything else, for a number of
     seconds beyond the year 5138, which must have been meant in another unit, and for a
-    number with an exponent whose last digit stands for more than `COARSEST_NS`: float32 and
+    number with an exponent whose last digit represents more than `COARSEST_NS`: float32 and
     six digits of 1.71456e+09 are a minute or more away from the time that was meant.
     """
     iso = _ISO.match(text.strip())
@@ -209,7 +209,7 @@ def parse_time(text: str, unit: str = "s") -> int:
 
 
 def coarse(ns: float) -> str:
-    """What is wrong with times that are held to some nanoseconds only."""
+    """Faults of times that are held to some nanoseconds only."""
     return f"known to {ns * 1e-9:g} s only, and 1 ms is the limit"
 
 
@@ -258,7 +258,7 @@ def read_sidecar(path: Path, cameras: Sequence[str]) -> dict[str, Ints]:
     The file has one time a line, or the columns frame and time, or a header line with a
     column of times and perhaps `frame` and `camera`.  Without a column `camera` it holds
     for every name in `cameras`.  InputError with the line where times repeat or go back,
-    or where a frame is left out.
+    or where a frame is skipped.
     """
     found = list(iter_times(path))
     if not found:

@@ -1,4 +1,4 @@
-"""Cells of a table of others, by column: of text, or of Arrow; numbers, names, yes and no, times."""
+"""Cells of an external table, by column: of text, or of Arrow; numbers, names, yes and no, times."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ EXACT = 2.0**53
 
 
 class TableCells(Protocol):
-    """Some rows of a table; each method gives a column, and fails with the place of a cell that cannot be."""
+    """Some rows of a table; each method gives a column, and fails with the position of a cell that cannot be."""
 
     def __len__(self) -> int:
         """Number of rows."""
@@ -46,13 +46,13 @@ class TableCells(Protocol):
         """(n,) times [ns since the Unix epoch]."""
 
     def steps(self, name: str) -> Floats:
-        """(n,) what the last digit, or bit, of each number stands for, where that may be much; else 0."""
+        """(n,) what the last digit, or bit, of each number represents, where that may be much; else 0."""
 
     def raw(self, name: str) -> list[object]:
         """(n,) values as the file has them."""
 
     def fail(self, row: int, message: str) -> InputError:
-        """An error that names the place of a row."""
+        """An error that names the position of a row."""
 
     def part(self, start: int, stop: int) -> TableCells:
         """The rows start <= row < stop."""
@@ -62,7 +62,7 @@ class TextCells:
     """Cells of a text table."""
 
     def __init__(self, rows: CsvRows) -> None:
-        """Take rows whose columns have the file's own names."""
+        """Take rows with columns that have the file's own names."""
         self._rows = rows
 
     def __len__(self) -> int:
@@ -92,7 +92,7 @@ class TextCells:
     def lists(self, name: str, width: int) -> Floats:
         """Not in text: a cell has one value."""
         numbers = "numbers" if width == ANY_WIDTH else f"{width} numbers"
-        raise InputError(f"{self._rows.path}: column {name} wants lists of {numbers}, which text does not hold")
+        raise InputError(f"{self._rows.path}: column {name} requires lists of {numbers}, which text does not hold")
 
     def bools(self, name: str) -> Bools:
         """(n,) yes or no."""
@@ -103,7 +103,7 @@ class TextCells:
         return parse_times(self._rows, name, unit)
 
     def steps(self, name: str) -> Floats:
-        """(n,) what the last digit of each number with an exponent above 0 stands for; else 0."""
+        """(n,) what the last digit of each number with an exponent above 0 represents; else 0."""
         return self._rows.steps(name)
 
     def raw(self, name: str) -> list[object]:
@@ -260,7 +260,7 @@ class ArrowCells:
         if pa.types.is_timestamp(column.type):
             try:
                 whole = pc.cast(column, pa.timestamp("ns", tz=column.type.tz))
-            except ValueError as error:  # Arrow's own is one, and that of a time zone whose name is no text
+            except ValueError as error:  # Arrow's own is one, and that of a time zone with a name that is no text
                 raise InputError(f"{self._path}: column {name}: {error}") from None
             return np.asarray(to_numpy(pc.cast(whole, pa.int64())), dtype=np.int64)
         if pa.types.is_integer(column.type):

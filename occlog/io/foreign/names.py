@@ -83,7 +83,7 @@ EDGES: Mapping[str, tuple[str, Sequence[str]]] = {
     "width_px": ("right_px", tuple(BOXES["right"])),
     "height_px": ("bottom_px", tuple(BOXES["bottom"])),
 }
-"""Edges of boxes that stand for a width or a height."""
+"""Edges of boxes that represent a width or a height."""
 FILLED: Mapping[str, Mapping[str, object]] = {
     Bearings.NAME: {"target_id": -1, "seen": None},
     Doa.NAME: {"source_id": -1},
@@ -93,7 +93,7 @@ FILLED: Mapping[str, Mapping[str, object]] = {
     Tracks.NAME: {"target_id": 0},
     Measurements.NAME: {"target_id": 0},
 }
-"""Columns that may be left out, and what they hold then; None: it follows from other columns."""
+"""Columns that may be skipped, and what they hold then; None: it follows from other columns."""
 WANTED: Mapping[str, Sequence[str]] = {
     Bearings.NAME: ("bearing", "sigma"),
     Boxes.NAME: ("left_px", "top_px", "width_px", "height_px"),
@@ -109,7 +109,7 @@ ONE_OF: Mapping[str, Sequence[str]] = {Measurements.NAME: VALUES}
 UNIT = "unit"
 """The unit of lengths of scenes that state none, as `occlog export` names it."""
 IN_SECONDS = ("seconds", "unix_time")
-"""Names of columns of times that say seconds without the ending of a unit."""
+"""Names of columns of times that state seconds without the ending of a unit."""
 POWERS = {"m": (1, 0), "m^2": (2, 0), "m/s": (1, 1), "m^2/s": (2, 1), "m^2/s^2": (2, 2)}
 """Powers of length and of 1/s in the units that go with the scene's unit of length."""
 COMPARED = 200
@@ -137,7 +137,7 @@ class TableLayout(NamedTuple):
     Attributes:
         table: the table.
         columns: those that the file has.
-        missing: names of columns that the table wants and the file has not.
+        missing: names of columns that the table requires and the file has not.
     """
 
     table: type[ColumnTable]
@@ -157,7 +157,7 @@ class TableLayout(NamedTuple):
 
     @property
     def length_unit(self) -> str | None:
-        """Unit that names of lengths end in; None: they do not say one, or there are none."""
+        """Unit that names of lengths end in; None: they do not state one, or there are none."""
         told = {s.unit for s in self.columns if s.column.unit in POWERS and s.unit}
         return next(iter(told), None)
 
@@ -167,7 +167,7 @@ def lay_out(names: Sequence[str], table: type[ColumnTable]) -> TableLayout:
 
     Args:
         names: of the file's columns, in any case of letters.
-        table: whose columns are looked for.
+        table: with columns that are searched for.
 
     Raises:
         InputError: two columns say the same, an angle does not state its unit, lengths are in several units, or a
@@ -198,7 +198,7 @@ def lay_out(names: Sequence[str], table: type[ColumnTable]) -> TableLayout:
 
 
 def kind_of(column: Column) -> str:
-    """What a column measures whose unit can be stated: `time`, `interval`, `angle`, `length`; empty for all else."""
+    """What a column measures with a unit that can be stated: `time`, `interval`, `angle`, `length`; empty for all else."""
     if column.name == TIME:
         return "time"
     if _is_time_difference(column):
@@ -207,7 +207,7 @@ def kind_of(column: Column) -> str:
 
 
 def unit_in_name(table: type[ColumnTable], column: Column, name: str) -> str:
-    """The unit that a file's name of a column says; empty for none, also for times that are in seconds by default."""
+    """The unit that a file's name of a column states; empty for none, also for times that are in seconds by default."""
     low = name.strip().lower()
     unit = spellings(column, table).get(low, "")
     return "" if column.name == TIME and not (low.endswith(f"_{unit}") or low in IN_SECONDS) else unit
@@ -238,12 +238,12 @@ def _spellings(column: Column, table: str) -> Mapping[str, str]:
 
 
 def _is_time_difference(column: Column) -> bool:
-    """Whether a column is a time whose name does not say its unit."""
+    """Whether a column is a time with a name that does not state its unit."""
     return column.unit == "s" and not column.name.endswith("_s")
 
 
 def ending(column: Column, unit: str) -> str:
-    """What the name of a column ends in whose lengths are in a unit: `_cm`, `_cm2`, `_cm_s`, `_cm2_s`, `_cm2_s2`."""
+    """What the name of a column ends in with lengths in a unit: `_cm`, `_cm2`, `_cm_s`, `_cm2_s`, `_cm2_s2`."""
     length, per_second = POWERS[column.unit]
     return f"_{unit}" + ("2" if length == 2 else "") + ("", "_s", "_s2")[per_second]
 
@@ -261,7 +261,7 @@ def describe_missing(layout: TableLayout, names: Sequence[str]) -> str:
             units = [f"{column.name}_deg", f"{column.name}_rad"] if column.unit == "rad" else []
             also = f" (or {', '.join(units)})" if units else ""
             words.append(f"{column.name}{also}" + (f", is it {near!r}?" if near is not None else ""))
-    return f"{layout.table.NAME} wants {'; '.join(words)}; the file has {', '.join(names)}"
+    return f"{layout.table.NAME} requires {'; '.join(words)}; the file has {', '.join(names)}"
 
 
 def misspelled(layout: TableLayout, names: Sequence[str]) -> str | None:
@@ -286,7 +286,7 @@ def _sought(table: type[ColumnTable]) -> tuple[tuple[Column, Mapping[str, str], 
 
 @cache
 def _columns_by_name(table: type[ColumnTable]) -> Mapping[str, tuple[int, ...]]:
-    """Numbers of the columns of a table that a name may say, or the far edge of them."""
+    """Numbers of the columns of a table that a name may state, or the far edge of them."""
     out: dict[str, tuple[int, ...]] = {}
     for number, (column, known, _) in enumerate(_sought(table)):  # type: ignore[arg-type]
         edge, others = EDGES.get(column.name, ("", ()))
@@ -298,10 +298,10 @@ def _columns_by_name(table: type[ColumnTable]) -> Mapping[str, tuple[int, ...]]:
 def _find(column: Column, there: Mapping[str, str], known: Mapping[str, str]) -> Spelling | None:
     found = [Spelling(column, there[name], unit) for name, unit in known.items() if name in there]
     if len(found) > 1:
-        # The table's own name says it, whatever else could
+        # The table's own name states it, whatever else could
         own = [s for s in found if s.name.strip().lower() == column.name]
         if not own:
-            raise InputError(f"columns {' and '.join(s.name for s in found)} both say {column.name}; keep one")
+            raise InputError(f"columns {' and '.join(s.name for s in found)} both state {column.name}; keep one")
         found = own
     if column.name in EDGES:
         name, others = EDGES[column.name]
@@ -352,7 +352,7 @@ def _check_lengths(layout: TableLayout) -> None:
             if bare is None:
                 alike = [each.column.name + ending(each.column, "m") for each in (first, s)]
             else:
-                # A name without a unit beside one with it: the same unit is meant, or it must be said
+                # A name without a unit beside one with it: the same unit is meant, or it must be stated
                 unit = first.unit or s.unit
                 alike = [e.name + ending(e.column, unit) if e is bare else e.name for e in (first, s)]
             raise InputError(

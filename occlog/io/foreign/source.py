@@ -1,8 +1,8 @@
-"""Files that may hold a table of others: text with a header (also gzip), Parquet, Arrow, trajectories.
+"""Files that may hold an external table: text with a header (also gzip), Parquet, Arrow, trajectories.
 
 Messages of an Arrow file or stream by their heads: how many rows they promise, and what they unpack to.
 
-The library unpacks a batch at once, to the sizes that stand in the batch itself.  So the heads are looked at before: a
+The library unpacks a batch at once, to the sizes that are in the batch itself.  So the heads are looked at before: a
 small file may promise gigabytes, or rows that take no bytes at all.  Heads are FlatBuffers; only the fields that matter
 are read.
 """
@@ -68,14 +68,14 @@ class _Bytes(NamedTuple):
     size: int
 
     def read(self, at: int, size: int) -> bytes:
-        """So many bytes from a place on; ValueError where they are not there."""
+        """This many bytes from a position on; ValueError where they are not there."""
         if at < 0 or not 0 <= size <= self.size - at:
             raise ValueError(f"the head of the message at byte {at} is cut")
         return os.pread(self.file, size, at)
 
 
 class _Table:
-    """A table of FlatBuffers: fields by number, each at a place that the table of offsets names."""
+    """A table of FlatBuffers: fields by number, each at a position that the table of offsets names."""
 
     def __init__(self, data: bytes, at: int) -> None:
         self._data, self._at = data, at
@@ -130,7 +130,7 @@ def _head(file: _Bytes, at: int) -> tuple[_Table, int]:
 
 
 def _places_of_file(file: _Bytes) -> Iterator[int]:
-    """Where the messages of a file begin, as its footer says."""
+    """Where the messages of a file begin, as its footer states."""
     end = 4 + len(FILE_MAGIC)
     length, magic = struct.unpack(f"<i{len(FILE_MAGIC)}s", file.read(file.size - end, end))
     if magic != FILE_MAGIC or not 0 <= length <= file.size - end:
@@ -171,7 +171,7 @@ def _message(file: _Bytes, at: int) -> ArrowMessageHeader:
 
 
 TABULAR = (".csv", ".tsv", ".csv.gz", ".tsv.gz")
-"""Endings of names by which a file wants to be a table, whatever it holds."""
+"""Endings of names by which a file requires to be a table, whatever it holds."""
 ROWS = 65_536
 MAX_COLUMNS = 10_000
 """Columns of a table at most: each of their names is compared with those of ours."""
@@ -186,7 +186,7 @@ class ColumnSource(NamedTuple):
         kind: `CSV`, `Parquet`, `Arrow`, or a format of trajectories; a file that a plug-in reads is a CSV.
         names: of its columns.
         trajectories: how to read a format of trajectories; None: the file is of another kind.
-        table: name of the table that a plug-in says it holds; empty: it is known by its columns.
+        table: name of the table that a plug-in states it holds; empty: it is known by its columns.
     """
 
     path: Path
@@ -212,7 +212,7 @@ class ColumnSource(NamedTuple):
 
 
 def find_source(path: Path) -> ColumnSource | None:
-    """The columns of a file; None for one that is not a table of others.
+    """The columns of a file; None for one that is not an external table.
 
     Text is taken for a table if its first line names columns, one of them of times, or if its name ends in `TABULAR`.
 
@@ -297,7 +297,7 @@ def _arrow_batches(path: Path, names: list[str]) -> Iterator[pa.RecordBatch]:
 
 
 def _validated(batch: pa.RecordBatch) -> pa.RecordBatch:
-    """A batch whose offsets and places in dictionaries lead somewhere: the library follows them wherever that is.
+    """A batch whose offsets and positions in dictionaries lead somewhere: the library follows them wherever that is.
 
     Its texts are UTF-8, too.
     """

@@ -71,7 +71,7 @@ class ForeignTable:
         return any(s.column.unit in POWERS for s in self.layout.columns)
 
     def fits(self, table: type[ColumnTable]) -> bool:
-        """Whether the file has what a table wants."""
+        """Whether the file has what a table requires."""
         return not self.layout_of(table).missing
 
     def widest(self, table: type[T]) -> type[T]:
@@ -104,7 +104,7 @@ class ForeignTable:
         """Rows of a table in the order of its key; those of one time are never in two parts.
 
         Raises:
-            InputError: columns are missing, a cell cannot be read, somebody is twice at one time, a row stands there
+            InputError: columns are missing, a cell cannot be read, a person is twice at one time, a row stands there
                 twice.
         """
         layout = self.layout_of(table)
@@ -170,7 +170,7 @@ class ForeignTable:
             yield values
 
     def _part(self, cells: TableCells, layout: TableLayout) -> Values:
-        """The values of some cells, by the table's names; InputError, with its place, for one that cannot be."""
+        """The values of some cells, by the table's names; InputError, with its position, for one that cannot be."""
         values = {s.column.name: self._values(cells, s, layout) for s in layout.columns}
         for s in layout.columns:
             near = values.get({"width_px": "left_px", "height_px": "top_px"}.get(s.column.name, ""))
@@ -303,7 +303,7 @@ def _is_vague(layout: TableLayout, names: Sequence[str]) -> bool:
 
 
 def check_fits(source: ColumnSource, layout: TableLayout) -> None:
-    """InputError where a table lacks columns, or has one whose name is nearly one of its own."""
+    """InputError where a table lacks columns, or has one with a name that is nearly its own."""
     if layout.missing:
         raise InputError(f"{source.path}: {describe_missing(layout, source.names)}")
     wrong = misspelled(layout, source.names)
@@ -377,7 +377,7 @@ def _number_boxes(values: Values) -> Ints:
 
 
 def _check(cells: TableCells, values: Mapping[str, NDArray[np.generic]], layout: TableLayout) -> None:
-    """InputError, with its place, for a cell that no table may have."""
+    """InputError, with its position, for a cell that no table may have."""
     spelled = {s.column.name: s for s in layout.columns}
 
     def refuse(name: str, wrong: Callable[[Floats], Bools], limit: str) -> None:
@@ -433,7 +433,7 @@ def _refuse(cells: TableCells, values: Floats, bad: Bools, before: str, after: s
 
 
 def _as_table(source: ColumnSource, table: type[T], values: Values, row: NDArray[np.generic]) -> T:
-    """Make the table; InputError where somebody is twice at one time, or values contradict each other."""
+    """Make the table; InputError where a person is twice at one time, or values contradict each other."""
     if table.ONCE:
         same = np.ones(max(len(row) - 1, 0), dtype=np.bool_)
         for name in table.KEY:
@@ -458,7 +458,7 @@ def _check_copies(source: ColumnSource, made: ColumnTable, row: NDArray[np.gener
     if copies.any():
         k = first_row(copies)
         raise InputError(
-            f"{source.path}: row {row[k]} (from 0) stands there twice, alike in everything ({key_of(made, k)}); leave "
+            f"{source.path}: row {row[k]} (from 0) stands there as identical duplicates ({key_of(made, k)}); leave "
             "out the copies"
         )
 

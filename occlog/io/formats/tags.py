@@ -1,10 +1,10 @@
-"""Readers of radio tags: tables of their places, and logs of their reads.
+"""Readers of radio tags: tables of their positions, and logs of their reads.
 
-Places of readers: a text table with the columns reader, x, y, and perhaps z, range and power.
+Positions of readers: a text table with the columns reader, x, y, and perhaps z, range and power.
 
 Logs of reads: a text table with the columns time, reader, tag and perhaps rssi.
 
-Reads may stand in any order.  A tag that is called by a whole number is of the target of that number, if all tags of
+Reads may be in any order.  A tag that is called by a whole number is of the target of that number, if all tags of
 the log are; other tags are numbered from 0 in the natural order of their names.
 """
 
@@ -49,7 +49,7 @@ READER_POSITIONS = TextFormat(
 def read_readers(path: Path) -> tuple[TagReader, ...]:
     """Read the readers of a scene, in the order of the table.
 
-    An empty cell of range or power stands for a reader of which it is not known.
+    An empty cell of range or power represents a reader of which it is not known.
 
     Raises:
         InputError: a column is missing, a name stands twice, a range is not above 0.
@@ -87,7 +87,7 @@ class ReadLog:
         reads: in the order of time.
         tags: target of each tag.
         late: rows that stood after a later one.
-        double: rows that stood there twice, with equal values, and were left out.
+        double: rows that stood there twice, with equal values, and were skipped.
     """
 
     reads: Reads
@@ -143,7 +143,7 @@ def _check_readers(rows: CsvRows, readers: Sequence[str]) -> None:
     name = str(rows.cells["reader"][unknown[0]])
     near = get_close_matches(name, readers, n=1)
     hint = f"did you mean {near[0]!r}?" if near else f"readers: {', '.join(readers) or 'none'}"
-    raise rows.fail(int(unknown[0]), f"reader {name!r} has no place; {hint}")
+    raise rows.fail(int(unknown[0]), f"reader {name!r} has no position; {hint}")
 
 
 def _world_times(t_ns: Ints, sensor: Strings, clocks: Mapping[str, Clock]) -> Ints:

@@ -1,18 +1,18 @@
 """Trajectories in formats that are no tables with a header: TUM, TRC, GeoJSON.
 
-Longitude and latitude (WGS 84) of places on the plane that touches the earth at an origin, and back.
+Longitude and latitude (WGS 84) of positions on the plane that touches the earth at an origin, and back.
 
 GeoJSON as `occlog export` writes it: a line or a point for each target, with the times of its corners.
 
-The member `origin` of the collection says which place on earth the scene's origin is; without it longitude and latitude
-tell no place in the scene.
+The member `origin` of the collection states which place on earth the scene's origin is; without it longitude and latitude
+tell no position in the scene.
 
 Which format of trajectories a text is of, and its rows under names that tables know.
 
 TRC, OpenSim's table of markers: a line for each time, three columns for each marker.
 
 Markers must be targets, `target_N`, as `occlog export` calls them: those of others are points of a body, whose axes
-the file does not tell.  Times count from the first one of the recording; empty cells are markers that are not there.
+the file does not determine.  Times count from the first one of the recording; empty cells are markers that are not there.
 
 TUM text: lines `t x y z qx qy qz qw` of one target, in seconds; attitudes are not used.
 """
@@ -53,7 +53,7 @@ class Origin(NamedTuple):
 
 
 def degrees_of(xy: Floats, origin: Origin) -> Floats:
-    """(N, 2) longitude and latitude [deg] of places (N, 2) [m] on the plane that touches the ellipsoid at an origin."""
+    """(N, 2) longitude and latitude [deg] of positions (N, 2) [m] on the plane that touches the ellipsoid at an origin."""
     turned, latitude, longitude = np.radians([origin.turned, origin.latitude, origin.longitude]).tolist()
     east = math.cos(turned) * xy[:, 0] - math.sin(turned) * xy[:, 1]
     north = math.sin(turned) * xy[:, 0] + math.cos(turned) * xy[:, 1]
@@ -69,9 +69,9 @@ def degrees_of(xy: Floats, origin: Origin) -> Floats:
 
 
 def places_of_degrees(degrees: Floats, origin: Origin) -> Floats:
-    """(N, 2) places [m] on the plane that touches the ellipsoid at an origin; the inverse of `degrees_of`.
+    """(N, 2) positions [m] on the plane that touches the ellipsoid at an origin; the inverse of `degrees_of`.
 
-    A place is where the plumb line of its longitude and latitude meets the plane.
+    A position is where the plumb line of its longitude and latitude meets the plane.
 
     Args:
         degrees: (N, 2) longitude and latitude [deg].
@@ -133,7 +133,7 @@ def _origin(path: Path, told: object) -> Origin:
     values: list[Any] = [members.get(key, 0.0 if key == KEYS[2] else None) for key in KEYS]
     if not all(_is_number(v) for v in values):
         raise InputError(
-            f'{path}: does not say where the scene lies; add the member "{ORIGIN}": '
+            f'{path}: does not state where the scene lies; add the member "{ORIGIN}": '
             f'{{"{KEYS[0]}": 52.5163, "{KEYS[1]}": 13.3777, "{KEYS[2]}": 0}} beside "features"'
         )
     found = Origin(*(float(v) for v in values))
@@ -164,7 +164,7 @@ def _feature(path: Path, number: int, feature: object) -> tuple[int, list[int], 
     if not _is_whole(identity):
         raise InputError(f"{place}: has no whole number target_id among its properties")
     if not isinstance(t_ns, list) or len(t_ns) != len(corners) or not all(_is_whole(t) for t in t_ns):
-        raise InputError(f"{place}: wants t_ns, a list of whole numbers, one for each of its {len(corners)} corners")
+        raise InputError(f"{place}: requires t_ns, a list of whole numbers, one for each of its {len(corners)} corners")
     return identity, t_ns, degrees
 
 
@@ -248,7 +248,7 @@ def _targets(path: Path, header: list[str]) -> list[str]:
         if match is None:
             raise InputError(
                 f"{path}: line 4: marker {marker!r} is not a target; markers must be called target_0, target_1, ..., "
-                "and have their place on the ground (x, y) with z up"
+                "and have their position on the ground (x, y) with z up"
             )
     numbers = [match[1] for match in found if match is not None]
     twice = first_double(numbers)
@@ -258,7 +258,7 @@ def _targets(path: Path, header: list[str]) -> list[str]:
 
 
 def _targets_of(path: Path, line: int, text: str, targets: list[str]) -> Iterator[tuple[str, ...]]:
-    """Time, identity and place of each target that a line has."""
+    """Time, identity and position of each target that a line has."""
     cells = [cell.strip() for cell in text.split("\t")]
     wanted = 2 + 3 * len(targets)
     if max(map(len, cells)) > MAX_CELL:
@@ -272,7 +272,7 @@ def _targets_of(path: Path, line: int, text: str, targets: list[str]) -> Iterato
             yield cells[1], target, *place
         elif any(place):
             raise InputError(
-                f"{path}: line {line}: target_{target} has a place with an empty cell; give all three or none"
+                f"{path}: line {line}: target_{target} has a position with an empty cell; give all three or none"
             )
 
 

@@ -11,7 +11,7 @@ Formats (`FORMATS`), found out from the content:
     mot        MOTChallenge text: boxes, and positions where the last three columns are not -1
     kitti      KITTI's text of tracks: boxes of one view
     xml        frames with objects and their boxes (xc, yc, w, h), as for the PETS data sets
-    wildtrack  a folder with one JSON file a frame: places of people, and their boxes in each view
+    wildtrack  a folder with one JSON file a frame: positions of people, and their boxes in each view
     vatic      text of the annotation tool VATIC, as of CAMPUS: boxes of one view
     caliscope  triangulated board corners (xyz_*.csv): the mean of the corners seen throughout
     locata     positions of one source of the LOCATA challenge (position_source_*.txt)
@@ -99,7 +99,7 @@ def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
         first = np.unique(row * len(names) + column, return_index=True)[1]
         double = int(np.setdiff1d(np.arange(len(row)), first)[0])
         raise InputError(
-            f"{path}: a corner is there twice at sync_index {sync[double]}; leave out the copies, or split the file"
+            f"{path}: a corner is there twice at sync_index {sync[double]}; remove the copies, or split the file"
         )
     grid[row, column] = xyz
     there = np.isfinite(grid[:, :, 0])
@@ -278,7 +278,7 @@ class TruthOptions:
 
     Attributes:
         format: a key of `FORMATS`, or `auto`.
-        camera: camera whose boxes a file holds, where it does not say; None: not given.
+        camera: camera whose boxes a file holds, where it does not state; None: not given.
         cameras: names of the cameras in use.
         times: times of the frames of each camera.
         sync_ns: time of every synchronisation index (caliscope).
@@ -297,7 +297,7 @@ class TruthOptions:
         if self.camera is not None and self.camera in self.times:
             return self.times[self.camera]
         if not self.times:
-            raise UsageError(f"{where}: counts frames, and nothing says when they were taken; give the frame rate")
+            raise UsageError(f"{where}: counts frames, and nothing states when they were taken; give the frame rate")
         first, *others = self.times.values()
         if not all(times.same_as(first) for times in others):
             raise UsageError(f"{where}: counts frames, but the cameras' frames differ in time; give CAMERA={where}")
@@ -335,7 +335,7 @@ def _row_times(part: TextPart, options: TruthOptions) -> Ints:
 
 
 def _gather(path: Path, parts: list[Positions]) -> Truth:
-    """All positions in the order of time; InputError where a target is at two places at once."""
+    """All positions in the order of time; InputError where a target is at two positions at once."""
     if not parts:
         raise InputError(f"{path}: holds a header and no row; true positions were expected")
     p = Positions._make(np.concatenate(column) for column in zip(*parts, strict=True))
@@ -454,7 +454,7 @@ def _all_mot_positions(path: Path, options: TruthOptions) -> list[Positions]:
 
 
 def _has_places_alone(path: Path) -> bool:
-    """Whether a MOTChallenge text has places in the world, and -1 for all edges of boxes: it is of no camera."""
+    """Whether a MOTChallenge text has positions in the world, and -1 for all edges of boxes: it is of no camera."""
     for rows in read_plain(path, WHAT):
         if len(rows.cells) < 10 or any((rows.floats(edge) != -1).any() for edge in "2345"):
             return False
@@ -464,7 +464,7 @@ def _has_places_alone(path: Path) -> bool:
 def _read_xml(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
     camera = _one_camera(path, options)
     if camera not in options.times:
-        raise UsageError(f"{path}: counts frames, and nothing says when they were taken; give the frame rate")
+        raise UsageError(f"{path}: counts frames, and nothing states when they were taken; give the frame rate")
     return read_xml_boxes(path, camera, options.times, options.boxes)
 
 

@@ -1,1 +1,1 @@
-"""Frames of video and images, decoded in a process of their own."""
+"""Frames of video and images, decoded in a their own process."""

@@ -19,7 +19,7 @@ from .decoders.process import Decoder, DecodingJob, Delivered, start_decoder
 from .streams import ImageFolder, rate_times
 
 TRIAL = 4
-"""Frames whose time stamps must rise before the stamps of a container that we cannot read are believed."""
+"""Frames whose time stamps must rise before the stamps of a container that we cannot read are accepted."""
 
 
 @dataclass
@@ -46,7 +46,7 @@ class CameraSource:
             last = t_ns
             yield t_ns, frame
         if late:
-            what = "time stamps repeat or go back; these frames were left out"
+            what = "time stamps repeat or go back; these frames were skipped"
             self.losses.append(Loss(self.path.name, f"from frame {late[0]} on", what, len(late)))
         self.losses.extend(self.decoder.losses)
 

@@ -6,7 +6,7 @@ The range of brightness that images of the kind PNM (PGM, PPM) state, and what d
 
 The size of each frame as its compressed data states it.
 
-OpenCV scales every frame to the size of the first one and says nothing.  So where the
+OpenCV scales every frame to the size of the first one and states nothing.  So where the
 codec's data tell the size (motion JPEG, PNG, VP8, H.264), it is read from them.
 """
 
@@ -33,17 +33,17 @@ SEVERAL = (
     "them as a video"
 )
 _ANIMATED_WEBP = 0x02
-"""Bit of the first part of a WebP image that says that it has several pictures."""
+"""Bit of the first part of a WebP image that states that it has several pictures."""
 _GIF_IMAGE, _GIF_EXTENSION = 0x2C, 0x21
 """What the blocks of a GIF image begin with: a picture, and all else that it may hold."""
 _SEQUENCE, _SAMPLES = b"avis", b"stsz"
-"""Brand of AVIF with a sequence of pictures, and the box of MP4 that says of each track how many it has."""
+"""Brand of AVIF with a sequence of pictures, and the box of MP4 that states about each track how many it has."""
 _ORDERS = {b"II": "<", b"MM": ">"}
 _KIND_OF_PAGE, _NO_PAGE = 254, 0b101
-"""Tag of TIFF that says what a picture is, and its bits for smaller copies and masks of others."""
+"""Tag of TIFF that states what a picture is, and its bits for smaller copies and masks of others."""
 _LIST_OF_VIEWS, _VIEW_BYTES = 0xB002, 16
 _VIEW = 0x020000
-"""Kind of the pictures of a panorama, of two eyes, or of several places; previews are of another one."""
+"""Kind of the pictures of a panorama, of two eyes, or of several positions; previews are of another one."""
 _UNDEFINED = 0x000000
 _LIGHT = (b"hdrgm:", b"hdrgainmap")
 """Words by which a picture of undefined kind is told to be a map of brightness for the first one."""
@@ -85,7 +85,7 @@ def _blocks(data: bytes) -> int:
 
 
 def _colours(data: bytes, at: int) -> int:
-    """Bytes of the table of colours that a byte of GIF tells of."""
+    """Bytes of the table of colours that a byte of GIF reports."""
     (flags,) = struct.unpack_from("B", data, at)
     return 3 << (flags & 7) + 1 if flags & 0x80 else 0
 
@@ -102,7 +102,7 @@ def _sequence(data: bytes) -> int:
 
 
 def _pages(data: bytes) -> int:
-    """How many pages a TIFF image has, smaller copies and masks left out; counting stops at two."""
+    """How many pages a TIFF image has, smaller copies and masks skipped; counting stops at two."""
     order, large = _ORDERS[data[:2]], b"+" in data[:4]
     count, entry, place = ("Q", 20, "Q") if large else ("H", 12, "I")
     (at,) = struct.unpack_from(order + place, data, 8 if large else 4)
@@ -175,15 +175,15 @@ MAX_SCANS = 200
 """Scans of a JPEG image at most: progressive ones have some ten, and each goes through all pixels again."""
 PNG_MARK = b"\x89PNG\r\n\x1a\n"
 ORIENTATION = (0x0112, 3, 1)
-"""Tag, type and count of the entry of Exif data that says how an image has to be turned."""
+"""Tag, type and count of the entry of Exif data that states how an image has to be turned."""
 SIDEWAYS = (5, 6, 7, 8)
 """Values of it by which width and height are exchanged."""
 EXIF_BYTES = 1 << 16
 """Bytes of a JPEG image among which its Exif data begin."""
 DEEP_MARKS = (b"II*\0", b"MM\0*", b"P2", b"P3", b"P5", b"P6")
-"""What TIFF, PGM and PPM begin with, whose values may have 16 bits; of PNG a byte says so."""
+"""What TIFF, PGM and PPM begin with, with values that may have 16 bits; of PNG a byte states it."""
 DARK_16 = 4095
-"""Largest of values of 16 bits up to which they are taken for values of 12 bits or fewer, which say so nowhere."""
+"""Largest of values of 16 bits up to which they are taken for values of 12 bits or fewer, which state it nowhere."""
 BLACK = 24
 """Mean of the brightest channel up to which a row or column is a black bar; codecs leave some noise in it."""
 
@@ -196,7 +196,7 @@ def image_kind(data: bytes) -> str | None:
 
 
 def image_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height [px] of PNG or JPEG bytes without decoding them; None where they do not say."""
+    """Width and height [px] of PNG or JPEG bytes without decoding them; None where they do not state."""
     if image_kind(data) == "png" and len(data) >= 24:
         width, height = struct.unpack_from(">II", data, 16)
         return int(width), int(height)
@@ -210,7 +210,7 @@ def shown_size(data: bytes) -> tuple[int, int] | None:
 
 
 def _orientation(data: bytes) -> int:
-    """How the image has to be turned, 1 to 8 as Exif has it; 1, which is not at all, where it does not say."""
+    """How the image has to be turned, 1 to 8 as Exif has it; 1, which is not at all, where it does not state."""
     png = image_kind(data) == "png"
     at = data.find(b"eXIf", 0, data.find(b"IDAT")) + 4 if png else data.find(b"Exif\0\0", 0, EXIF_BYTES) + 6
     order = {b"II*\0": "<", b"MM\0*": ">"}.get(data[at : at + 4])
@@ -240,7 +240,7 @@ def _jpeg_size(data: bytes) -> tuple[int, int] | None:
 
 
 def image_damage(data: bytes) -> str | None:
-    """What is wrong with PNG or JPEG bytes as far as their marks and check sums tell; None: nothing."""
+    """Faults of PNG or JPEG bytes as far as their marks and check sums tell; None: nothing."""
     kind = image_kind(data)
     if kind == "png":
         return _png_damage(data)
@@ -287,7 +287,7 @@ def check_image(data: bytes, where: str) -> None:
 def decode_image(data: bytes, where: str) -> Image:
     """(h, w, 3) BGR or (h, w) grey; InputError for damaged, too large or unknown images.
 
-    For the decoding process, which meets foreign bytes in place of the command (see `apart`).
+    For the decoding process, which meets foreign bytes instead of the command (see `apart`).
     """
     check_image(data, where)
     most = stated_white(data)
@@ -387,7 +387,7 @@ def packet_size(data: bytes) -> Size | None:
 def _h264_size(data: bytes) -> Size | None:
     """Size in the first sequence parameter set of an Annex B packet."""
     at = data.find(START_CODE, 0, MAX_SEARCH)
-    # Packets of MPEG-1, 2 and 4 begin with other codes, and later ones of theirs (slice 7) look like parameters
+    # Packets of MPEG-1, 2 and 4 begin with other codes, and later ones of theirs (slice 7) resemble parameters
     if not b"\0" < data[at + 3 : at + 4] < b"\x80":
         return None
     while at >= 0 and at + 4 < len(data):

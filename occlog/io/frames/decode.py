@@ -1,6 +1,6 @@
 """Frames of a video file through OpenCV (FFmpeg): strictly forwards, each with its number in the file.
 
-A decoder that skips a damaged frame does not say so.  Each picture is therefore placed by
+A decoder that skips a damaged frame does not state it.  Each picture is therefore placed by
 its time stamp in the list of frames that the container announces.
 
 Bookkeeping of a video's frames: which were delivered, which should have been, and why not.
@@ -30,7 +30,7 @@ from .codec import Changes, dark_bars, size_at
 from .limits import MAX_PIXELS
 
 MAX_STRETCHES = 20
-"""Lost stretches listed one by one; the rest is added up in one line."""
+"""Lost sections listed one by one; the rest is added up in one line."""
 ESTIMATE_SLACK = 0.02
 """Relative error allowed to a frame count that is only the container's estimate."""
 
@@ -59,7 +59,7 @@ class FrameLedger:
         self._odd: list[tuple[int, tuple[int, int]]] = []
 
     def accept(self, index: int) -> bool:
-        """Whether a picture is wanted: it has a number, in the range, later than the last one, with all its bytes."""
+        """Whether a picture is requested: it has a number, in the range, later than the last one, with all its bytes."""
         if index < 0 or (self._start <= index <= self._last):
             self._unplaced += 1
             return False
@@ -99,10 +99,10 @@ class FrameLedger:
             return
         if self._frames is not None and self._start >= self._frames:
             raise InputError(
-                f"{self._path}: frames from {self._start} on are wanted, but the video has only {self._frames}"
+                f"{self._path}: frames from {self._start} on are requested, but the video has only {self._frames}"
             )
         faults = "".join(f"; {place}: {what}" for place, what in (self._container.problems if self._container else ()))
-        raise InputError(f"{self._path}: not one of the wanted frames can be used{faults}; copy or repair the file")
+        raise InputError(f"{self._path}: not one of the requested frames can be used{faults}; copy or repair the file")
 
     def report(self, lost: Callable[[Loss], None]) -> None:
         """Tell everything that is missing from the range, and what may be wrong in it."""
@@ -111,7 +111,7 @@ class FrameLedger:
             what = "pictures are stored in another order than shown, and some were dropped: times near these may be off"
             losses.append(Loss(self._path.name, "dropped frames", what))
         if self._unplaced:
-            what = "pictures without a place in the container's list of frames were left out"
+            what = "pictures without a position in the container's list of frames were skipped"
             losses.append(Loss(self._path.name, "behind the damage", what, self._unplaced))
         if losses or self._stop is None:
             for loss in (*self.faults(), *losses):
@@ -159,7 +159,7 @@ def _stretches(source: str, frames: Ints, what: str) -> Iterable[Loss]:
         yield Loss(source, place, what, len(run))
     rest = runs[MAX_STRETCHES:]
     if rest:
-        place = f"{len(rest)} more stretches in frames {rest[0][0]}-{rest[-1][-1]}"
+        place = f"{len(rest)} more sections in frames {rest[0][0]}-{rest[-1][-1]}"
         yield Loss(source, place, what, sum(map(len, rest)))
 
 
@@ -247,7 +247,7 @@ def _describe(
     rate = float(container.rate) if container and container.rate else fps
     count = capture.get(cv2.CAP_PROP_FRAME_COUNT)
     frames = container.frames if container else (int(count) if 0 < count < 2**31 else None)
-    # Those whose bytes are not in the file need not be waited for
+    # Those with bytes that are not in the file need not be waited for
     there = frames if container is None or frames is None else frames - int(container.broken.sum())
     heard: list[str] = []
 
@@ -261,7 +261,7 @@ def _describe(
     first = next(pictures, None)
     ok, image = first.fetch(None) if first is not None else (False, None)
     if first is None or not ok or image is None:
-        decoder = f"; the decoder says: {heard[0]}" if heard else ""
+        decoder = f"; the decoder states: {heard[0]}" if heard else ""
         raise InputError(f"{path}: not one frame can be decoded{_faults(container)}{decoder}; copy or repair the file")
     size = (image.shape[1], image.shape[0])
     rate_hz = rate if 1e-6 < rate <= 1e6 else None

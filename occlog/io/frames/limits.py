@@ -20,7 +20,7 @@ MEMORY_PER_PIXEL = 24
 SECONDS = 60
 """CPU time from one frame to the next [s]."""
 BYTES_PER_SECOND = 10_000_000
-"""A pass over all packets of a file is given a second for so many bytes."""
+"""A pass over all packets of a file is given a second for this many bytes."""
 FILES = 64
 """Files that may be open at once; a decoder opens one."""
 WRITTEN = 16 * 2**20
@@ -42,7 +42,7 @@ def lower_limits(memory: int | None = MEMORY) -> None:
 
 
 def allow_pixels(pixels: int) -> None:
-    """Raise the limit of memory for frames of so many pixels."""
+    """Raise the limit of memory for frames of this many pixels."""
     if LIMITED:
         _set(resource.RLIMIT_AS, MEMORY + MEMORY_PER_PIXEL * pixels)
 

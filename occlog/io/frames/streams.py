@@ -91,7 +91,7 @@ def video_times(
 
 
 def _plausible(container: Container) -> bool:
-    """Whether the container gives every frame a time of its own."""
+    """Whether the container gives every frame its own time."""
     return container.pts_ns is not None and bool((np.diff(container.pts_ns) > 0).all())
 
 
@@ -99,11 +99,11 @@ SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".
 MAX_DIGITS = 40
 """Digits of a number that is looked at."""
 NS_DIGITS = 18
-"""A name that is a number of so many digits is a time in ns since the Unix epoch."""
+"""A name that is a number of this many digits is a time in ns since the Unix epoch."""
 
 
 def list_images(folder: Path) -> list[Path]:
-    """Image files of a folder in natural order (img2 before img10); InputError where there are none."""
+    """Image files of a folder in natural order (img2 before img10); InputError if missing."""
     if not folder.exists():
         raise InputError(f"{folder}: no such folder; a folder of images was expected")
     if not folder.is_dir():
@@ -150,12 +150,12 @@ def load(
     lost: Callable[[Loss], None],
     complaint: Callable[[], str] = lambda: "",
 ) -> Iterator[tuple[Picture, bytes]]:
-    """Picture and file content of each image; one that cannot be used is told to `lost` and left out.
+    """Picture and file content of each image; one that cannot be used is told to `lost` and skipped.
 
     Args:
         files: (frame number, file) in order.
         size: width and height that every image must have [px].
-        lost: is called for every image that is left out.
+        lost: is called for every image that is skipped.
         complaint: what the decoder has written about damage since the last call, "" if nothing.
     """
     for index, file in files:
@@ -201,7 +201,7 @@ def read_folders(
     Args:
         folders: folder of each camera.
         sidecars: (times, file name) of cameras that have a sidecar file.
-        fps: frame rate of cameras whose images are numbered.
+        fps: frame rate of cameras with images that are numbered.
         starts_ns: time of frame 0 of each camera; 0 where not given.
         first_number: number in the name that is frame 0; None: the smallest one of all folders.
     """
@@ -219,7 +219,7 @@ def read_folders(
         elif name in numbers:
             out[name] = _numbered(name, folder, files, numbers[name], base, fps, start)
         elif start:
-            raise UsageError(f"{folder}: names of images are times since 1970; leave out the start time")
+            raise UsageError(f"{folder}: names of images are times since 1970; omit the start time")
         else:
             far = next((file for file in files if len(file.stem) > MAX_DIGITS or int(file.stem) > MAX_NS), None)
             if far is not None:
@@ -244,7 +244,7 @@ def _numbered(
 ) -> ImageFolder:
     if name not in fps:
         raise UsageError(
-            f"{folder}: nothing says when its images were taken; give the frame rate, or time stamps as {name}=FILE, "
+            f"{folder}: nothing states when its images were taken; give the frame rate, or time stamps as {name}=FILE, "
             "or name them by their time in ns"
         )
     if numbers[0] < base:

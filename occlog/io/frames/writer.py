@@ -34,7 +34,7 @@ class VideoWriter:
 
     Its size in `bytes` and its `sha256` are known then.
 
-    OpenCV does not say when it cannot write, so the frames in the file are counted at the end, and those of a video
+    OpenCV does not state when it cannot write, so the frames in the file are counted at the end, and those of a video
     without loss are compared.
     """
 
@@ -82,7 +82,7 @@ class VideoWriter:
         """Remember what `_damaged` needs of a frame."""
 
     def _damaged(self) -> int | None:
-        """Number of the first frame of the draft that is not what was written; None: none, as far as that is known."""
+        """Number of the first frame of the draft that is not what was written; None: none, if known."""
         return None
 
     def __exit__(
@@ -119,7 +119,7 @@ class VideoWriter:
 
 @contextmanager
 def _without_words() -> Iterator[None]:
-    """Nothing on standard error meanwhile: OpenCV says of WebM there that its tag is not the one of its table."""
+    """Nothing on standard error meanwhile: OpenCV states about WebM there that its tag is not the one of its table."""
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 2)

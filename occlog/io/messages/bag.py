@@ -1,6 +1,6 @@
-"""A bag: the files of one recording of another program, one after the other, with what was lost of them.
+"""A bag: the files of one recording of another program, one after the other, with the losses of them.
 
-A folder of rosbag2 says in `metadata.yaml` which files belong to it and how many messages they hold; without it all
+A folder of rosbag2 states in `metadata.yaml` which files belong to it and how many messages they hold; without it all
 .mcap and .db3 files of the folder are taken.  Files compressed as a whole (.zstd) are unpacked into
 a temporary folder, messages compressed one by one as they come.
 
@@ -58,7 +58,7 @@ class Bag:
     paths: tuple[Path, ...]
     files: list[McapFile | SqliteFile] = field(default_factory=list)
     promised: dict[str, int] = field(default_factory=dict)
-    described: bool = True  # metadata tell of all files, so that they hold no more than is promised
+    described: bool = True  # metadata report all files, so that they hold no more than is promised
     remarks: dict[str, str] = field(default_factory=dict)  # of topics, what is wrong though nothing is lost
     _losses: list[Loss] = field(default_factory=list)
     _far: dict[str, tuple[str, int]] = field(default_factory=dict)  # of topics with times out of range, the first
@@ -67,7 +67,7 @@ class Bag:
 
     @property
     def losses(self) -> list[Loss]:
-        """What was lost so far, each loss once."""
+        """Losses so far, each loss once."""
         far = [Loss(topic, "time of recording", what, count) for topic, (what, count) in self._far.items()]
         return list(dict.fromkeys([*self._losses, *far, *(loss for file in self.files for loss in file.losses)]))
 
@@ -91,7 +91,7 @@ class Bag:
         return dict(sorted(out.items()))
 
     def span(self) -> tuple[int, int] | None:
-        """Times of the first and the last message [ns]; None where there are none."""
+        """Times of the first and the last message [ns]; None if missing."""
         spans = [span for file in self.files if (span := file.span()) is not None]
         return (min(low for low, _ in spans), max(high for _, high in spans)) if spans else None
 
@@ -178,7 +178,7 @@ class Bag:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path looks like a bag: a folder with its files, or a file of that kind."""
+    """Whether a path resembles a bag: a folder with its files, or a file of that kind."""
     if path.is_dir():
         return (path / METADATA).is_file() or bool(_members(path))
     return path.is_file() and _kind(path) is not None
@@ -215,7 +215,7 @@ def open_bag(paths: Collection[Path]) -> Bag:
 def _in_order(files: list[McapFile | SqliteFile]) -> list[McapFile | SqliteFile]:
     """Files by when they begin: a shell puts `bag_10` before `bag_2`, and times that go back would be lost.
 
-    One whose times are not known, since it is damaged or empty, stays behind the one before it.
+    One with unknown times, since it is damaged or empty, stays behind the one before it.
     """
     begins, last = list[int](), 0
     for file in files:
@@ -340,7 +340,7 @@ class BagSurvey:
 
 
 CLOCKS_APART_S = 0.5
-"""Where the stamps of messages are farther from the time of recording than this, the user is told."""
+"""Where the stamps of messages are farther from the time of recording than this, the user is reported."""
 
 
 class BagDecoder:
@@ -399,7 +399,7 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
             if isinstance(found, ImageMessage) and (is_picture(found) or message.topic in named):
                 sizes[message.topic] = _size(found, message.topic)
         except InputError:
-            # Single damaged messages are told later; a topic that nobody asked for may hold whatever it likes.
+            # Single damaged messages are reported later; a topic that nobody asked for may hold whatever it likes.
             faults[message.topic] += 1
             if faults[message.topic] > TRIALS:
                 if message.topic in named:

@@ -41,7 +41,7 @@ _FISHEYE = ("equidistant", "fisheye", "kannala_brandt")
 
 
 class Intrinsics(NamedTuple):
-    """What is known of a camera without its pose.
+    """State of a camera without its pose.
 
     Attributes:
         focal_px: (2,) focal lengths.
@@ -65,7 +65,7 @@ class Intrinsics(NamedTuple):
 
 
 def intrinsics(info: InfoMessage, *, rectified: bool, where: str) -> Intrinsics | None:
-    """The intrinsic parameters of the camera of a calibration; None for one that says that it is not calibrated.
+    """The intrinsic parameters of the camera of a calibration; None for one that states that it is not calibrated.
 
     InputError, with the remedy, for lens models and crops that cannot be used.
     """
@@ -328,7 +328,7 @@ class Transforms:
 
 
 def rotation_of(message: TransformMessage) -> Floats:
-    """(3, 3) rotation of a unit quaternion (x, y, z, w); InputError for another length, or a place that is none."""
+    """(3, 3) rotation of a unit quaternion (x, y, z, w); InputError for another length, or a position that is none."""
     if not np.isfinite(message.translation).all():
         raise InputError(f"transform of frame {message.child!r}: its translation is not finite")
     with np.errstate(over="ignore", invalid="ignore"):  # what is infinite, or no number, is refused
@@ -376,21 +376,21 @@ class MessageBoxRows:
         self._owners: dict[int, str] = {}
 
     def rows(self, message: BoxMessage, t_ns: int) -> Boxes:
-        """The boxes of one message, which is a frame; one without boxes is a row that says that nobody was seen.
+        """The boxes of one message, which is a frame; one without boxes is a row that states that nothing was detected.
 
         InputError where there are several classes and none is chosen, and for boxes that cannot be.
         """
         kept = [b for b in message.boxes if not self.classes or b.label in self.classes]
         self.labels.update(b.label for b in message.boxes)
         if not self.classes and len(self.labels) > 1:
-            raise InputError(f"boxes of classes {', '.join(map(repr, self.labels))}; choose the class that is wanted")
+            raise InputError(f"boxes of classes {', '.join(map(repr, self.labels))}; choose the class that is requested")
         frame, self.frames = self.frames, self.frames + 1
         edges = np.array([b[:4] for b in kept], dtype=np.float64).reshape(-1, 4)
         score = np.array([b.score for b in kept], dtype=np.float64) / self.scale
         if not (np.isfinite(edges).all() and (edges[:, 2:] > 0).all()):
             raise InputError(f"frame {frame}: a box without a size")
         if ((score < 0) | (score > 1)).any():
-            raise InputError(f"frame {frame}: a confidence of {score[(score < 0) | (score > 1)][0]:g}; want 0 to 1")
+            raise InputError(f"frame {frame}: a confidence of {score[(score < 0) | (score > 1)][0]:g}; expected 0 to 1")
         n = max(len(kept), 1)
         blank = np.full((1, 4), np.nan)
         left, top, width, height = (edges if len(kept) else blank).T.copy()
@@ -433,7 +433,7 @@ def direction_rows(message: DirectionMessage, t_ns: int, array: MicrophoneArray)
         length = np.linalg.norm(vectors, axis=1)
     bad = ~((length >= LENGTHS[0]) & (length <= LENGTHS[1]))
     if bad.any():
-        raise InputError(f"a direction {vectors[bad][0].tolist()} of length {length[bad][0]:.3g}; want a unit vector")
+        raise InputError(f"a direction {vectors[bad][0].tolist()} of length {length[bad][0]:.3g}; expected a unit vector")
     rays = vectors @ array.rotation.T
     n = len(heard)
     azimuth = np.arctan2(rays[:, 1], rays[:, 0])

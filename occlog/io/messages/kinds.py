@@ -54,7 +54,7 @@ class ImageMessage(NamedTuple):
     Attributes:
         header: time and frame.
         data: bytes as they are in the message.
-        encoding: of raw pixels, such as `bgr8`; of compressed ones what the message says, such as `jpeg`.
+        encoding: of raw pixels, such as `bgr8`; of compressed ones what the message states, such as `jpeg`.
         size: width and height of raw pixels; None: compressed.
         step: bytes of a row of raw pixels.
     """
@@ -325,7 +325,7 @@ _TYPES: dict[str, tuple[TopicKind, Callable[[Any], Any]]] = {
 
 
 Decode = Callable[[bytes], Any]
-"""Bytes of a message to an object whose attributes are the message's fields."""
+"""Bytes of a message to an object with attributes that are the message's fields."""
 FAILURES = (
     ArithmeticError,
     AssertionError,
@@ -459,7 +459,7 @@ def _types(kind: str, language: str, definition: bytes) -> tuple[Any, bool]:
 def _checked(found: Any) -> Any:
     """Types by name; ValueError where code of them cannot be, or takes memory or time without a byte of a message.
 
-    The code that is generated has the names, the constants, and lines for each entry of an array whose length is given,
+    The code that is generated has the names, the constants, and lines for each entry of an array with a length that is given,
     if they are no numbers; and a message may have any number of entries that take no bytes.
     """
     nodes = importlib.import_module("rosbags.interfaces").Nodetype

@@ -2,7 +2,7 @@
 
 The reader of occlog's own recordings refuses a file without its end.  Recorders of robots lose power, so this one
 goes forwards through the records, unpacks a chunk at a time, and needs no index; where there is one, chunks without
-the wanted topics are skipped.
+the requested topics are skipped.
 
 Data that zstd packed in several frames, or behind frames to skip: the library unpacks the first one alone.
 """
@@ -47,7 +47,7 @@ class BagTopic(NamedTuple):
         kind: type of its messages, such as `sensor_msgs/msg/Image`; empty: not stated.
         encoding: how they are encoded: cdr, protobuf, json, ...
         definition: definition of the type.
-        language: what the definition is written in: ros2msg, ros2idl, protobuf, jsonschema, ...; empty: there is none.
+        language: what the definition is written in: ros2msg, ros2idl, protobuf, jsonschema, ...; empty: missing.
         messages: how many there are; None: not known without going through the file.
     """
 
@@ -103,7 +103,7 @@ class McapFile:
         }
 
     def topics(self) -> list[BagTopic]:
-        """The topics; a file without an index is gone through, which also counts their messages."""
+        """The topics; a file without an index is read, which also counts their messages."""
         if self._counts is None:
             counts: dict[int, int] = {}
             for channel, log_ns, _ in self._walk(None):
@@ -114,20 +114,20 @@ class McapFile:
         return [self._topic(channel) for channel in self._channels.values()]
 
     def span(self) -> tuple[int, int] | None:
-        """Times of the first and the last message [ns]; None where there are none."""
+        """Times of the first and the last message [ns]; None if missing."""
         self.topics()
         return self._span
 
     def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
         """Messages of some topics, chunk by chunk, in the order of time within each.
 
-        A topic that is taken out of the collection on the way is left out from the next chunk on.
+        A topic that is taken out of the collection on the way is skipped from the next chunk on.
         """
         found = Counter[int]()
         for channel, log_ns, data in self._walk(topics):
             found[channel] += 1
             yield BagMessage(self._channels[channel].topic, log_ns, data)
-        if not self.losses:  # what is damaged is told already
+        if not self.losses:  # what is damaged is reported already
             self._tell_missing(topics, found)
 
     def _tell_missing(self, topics: Collection[str], found: Mapping[int, int]) -> None:
@@ -171,7 +171,7 @@ class McapFile:
                     self._lose(f"byte {at}", f"the file ends within a record, {missing} bytes before its end")
                     return
                 if code in END_BYTES:
-                    self._lose(f"byte {at}", f"a damaged record of {length} bytes was left out (its kind is damaged)")
+                    self._lose(f"byte {at}", f"a damaged record of {length} bytes was skipped (its kind is damaged)")
                 elif code in READ and not self._skipped(code, at, topics):
                     yield from self._record(file, at, code, length, topics, growth)
                 if self._contradicted:
@@ -237,7 +237,7 @@ class McapFile:
     ) -> Iterator[tuple[int, int, bytes]]:
         """Messages of one record outside chunks, or of one chunk; a damaged one is a loss."""
         if length > MAX_CHUNK_BYTES:
-            self._lose(f"byte {at}", f"a record of {length} bytes (limit {MAX_CHUNK_BYTES}) was left out")
+            self._lose(f"byte {at}", f"a record of {length} bytes (limit {MAX_CHUNK_BYTES}) was skipped")
             return
         found: list[tuple[int, int, bytes]] = []
         try:
@@ -249,7 +249,7 @@ class McapFile:
         except _DAMAGE as error:
             reason = " ".join(str(error).split())[:100] or "data end early"
             what = "chunk" if code == Opcode.CHUNK else "record"
-            self._lose(f"byte {at}", f"a damaged {what} of {length} bytes was left out ({reason})")
+            self._lose(f"byte {at}", f"a damaged {what} of {length} bytes was skipped ({reason})")
             return
         # The messages of a chunk need not be in the order of time.
         yield from sorted(found, key=lambda message: message[1])
@@ -292,7 +292,7 @@ class McapFile:
             if self._contradicted:
                 return
             if channel_id not in self._channels:
-                self._lose(f"channel {channel_id}", "its messages were left out: the channel's definition is lost")
+                self._lose(f"channel {channel_id}", "its messages were skipped: the channel's definition is lost")
             elif topics is None or self._channels[channel_id].topic in topics:
                 found.append((channel_id, log_ns, data[MESSAGE_HEAD.size :]))
 
@@ -306,7 +306,7 @@ _REPEATED = 1
 
 
 def unpack_frames(data: bytes, most: int) -> bytes:
-    """What all frames unpack to; zstandard.ZstdError where they are damaged, or come to more than so many bytes."""
+    """What all frames unpack to; zstandard.ZstdError where they are damaged, or come to more than this many bytes."""
     parts, left = list[bytes](), most
     for frame in _frames(data):
         told = zstandard.frame_content_size(frame)  # -1: whoever packed it did not know

@@ -23,7 +23,7 @@ _LOGS = {
     "-wal": (b"\x37\x7f\x06\x82", b"\x37\x7f\x06\x83"),
     "-journal": (b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7",),
 }
-"""What logs of SQLite beside a file begin with that hold writes; one that is done is empty, or begins with zeros."""
+"""What logs of SQLite next to a file begin with that hold writes; one that is done is empty, or begins with zeros."""
 _LOG_HEAD = 32
 _TABLES = ("topics", "messages", "message_definitions")
 
@@ -47,7 +47,7 @@ class SqliteFile:
         return list(self._topics.values())
 
     def span(self) -> tuple[int, int] | None:
-        """Times of the first and the last message [ns]; None where there are none, or they cannot be read."""
+        """Times of the first and the last message [ns]; None if missing, or they cannot be read."""
         try:
             with closing(self._connect()) as base:
                 low, high = base.execute("SELECT min(timestamp), max(timestamp) FROM messages").fetchone()
@@ -68,7 +68,7 @@ class SqliteFile:
                 for number, log_ns, data in base.execute(query, wanted):
                     # SQLite keeps values of any kind in any column, and `bytes` of a number would be as many zeros
                     if not (isinstance(log_ns, int) and isinstance(data, bytes)):
-                        raise ValueError(f"timestamp {log_ns!r:.40} and data {data!r:.40}; want an integer and bytes")
+                        raise ValueError(f"timestamp {log_ns!r:.40} and data {data!r:.40}; expected an integer and bytes")
                     last = log_ns
                     yield BagMessage(self._topics[number].name, last, data)
         except (sqlite3.Error, ValueError) as error:
@@ -76,7 +76,7 @@ class SqliteFile:
             self.losses[Loss(self.name, place, f"damaged SQLite file: the rest cannot be read ({error})")] = None
 
     def _tell_beside(self) -> None:
-        """Tell of a log beside the file with writes that a recorder which ended early did not put into the file."""
+        """Tell of a log next to the file with writes that a recorder which ended early did not put into the file."""
         for ending, magics in _LOGS.items():
             log = self.path.with_name(self.path.name + ending)
             if log.is_file():
@@ -88,7 +88,7 @@ class SqliteFile:
                     self.losses[Loss(self.name, "end", what)] = None
 
     def _connect(self) -> sqlite3.Connection:
-        # Immutable: nothing is written beside the file, not even a lock.
+        # Immutable: nothing is written next to the file, not even a lock.
         base = sqlite3.connect(f"file:{quote(str(self.path.resolve()))}?mode=ro&immutable=1", uri=True)
         # SQLite refuses all of a file that has become shorter, unless its tables may be wrong.
         base.execute("PRAGMA writable_schema = ON")

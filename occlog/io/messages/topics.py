@@ -1,4 +1,4 @@
-"""Which topics of a bag are taken, as what, and under which name: as the user says, or found by type and name."""
+"""Which topics of a bag are taken, as what, and under which name: as the user states, or found by type and name."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PLAIN = (
     "image", "image_raw", "image_rect", "image_color", "image_mono", "image_rect_color", "image_rect_raw",
     "image_raw_color", "video", "camera_info", "compressed",
 )  # fmt: skip
-"""Last parts of topics that say nothing of the camera's name."""
+"""Last parts of topics that contain nothing about the camera's name."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ def base_of(topic: str) -> str:
 
 
 def is_rectified(topic: str) -> bool:
-    """Whether the name of a topic says that its images are rectified."""
+    """Whether the name of a topic states that its images are rectified."""
     return "rect" in base_of(topic).rpartition("/")[2]
 
 
@@ -152,7 +152,7 @@ def _one_of_each(images: Iterable[str], topics: Mapping[str, BagTopic]) -> list[
 
 
 def name_cameras(images: Sequence[str]) -> dict[str, str]:
-    """Names of cameras: the last part of their topics that says something, and as many before as tell them apart."""
+    """Names of cameras: the last part of their topics that states something, and as many before as tell them apart."""
     parts = {topic: _telling(topic) for topic in images}
     for depth in range(1, 1 + max((len(p) for p in parts.values()), default=0)):
         names = {topic: "_".join(p[-depth:]) for topic, p in parts.items()}
@@ -180,7 +180,7 @@ def _telling(topic: str) -> list[str]:
 
 
 def _info_of(image: str, infos: Sequence[str]) -> str | None:
-    """The calibration beside the images, `/cam/camera_info` for `/cam/image_raw`, or the only one of its namespace."""
+    """The calibration next to the images, `/cam/camera_info` for `/cam/image_raw`, or the only one of its namespace."""
     space = base_of(image).rpartition("/")[0]
     beside = [t for t in infos if t.rpartition("/")[0] == space]
     exact = [t for t in beside if t.rpartition("/")[2] == "camera_info"]

@@ -1,6 +1,6 @@
-"""Chunks of MCAP files: what they unpack to, bounded by the bytes that come out and not by what somebody declares.
+"""Chunks of MCAP files: what they unpack to, bounded by the bytes that come out and not by what a person declares.
 
-Three places state a size: the index, the head of the chunk and the head of the packed data.  Each may lie, and
+Three positions state a size: the index, the head of the chunk and the head of the packed data.  Each may lie, and
 LZ4 need not state any.
 
 What the chunks of an MCAP file may come to together: well packed, kilobytes are gigabytes or millions of records.
@@ -8,7 +8,7 @@ What the chunks of an MCAP file may come to together: well packed, kilobytes are
 A record takes a microsecond or more and some hundred bytes of memory to read, however small it is: so records count,
 and not their bytes alone.
 
-How records lie in an MCAP file, beside what its library says (`mcap.opcode`), and what is said of damaged ones.
+How records lie in an MCAP file, beside what its library states (`mcap.opcode`), and the description of damaged ones.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ SALVAGE = "`occlog recover {path} -o OUT.mcap`"
 """What to do with a damaged recording that cannot be copied again."""
 
 PROGRAM = "occlog "
-"""What the head of our recordings says of who wrote them begins with."""
+"""What the head of our recordings states about who wrote them begins with."""
 _TEXT = struct.Struct("<I")
 _LONGEST = 256
 """Bytes of the head that are looked at."""
 
 
 def is_of_occlog(path: Path) -> bool:
-    """Whether an MCAP file was written by occlog, as its head says, which stays where it is cut or damaged later."""
+    """Whether an MCAP file was written by occlog, as its head states, which stays where it is cut or damaged later."""
     with path.open("rb") as file:
         data = file.read(_LONGEST)
     at = len(RECORDING_MAGIC) + HEAD.size
@@ -55,7 +55,7 @@ def is_of_occlog(path: Path) -> bool:
 
 
 def damaged_mcap(path: Path, what: str) -> InputError:
-    """What to tell of a damaged file: what is wrong with it, and what to do."""
+    """What to report a damaged file: what is wrong with it, and what to do."""
     return InputError(f"{path}: damaged MCAP file: {what}; copy it again, or salvage it: {SALVAGE.format(path=path)}")
 
 
@@ -66,14 +66,14 @@ CHUNK_HEAD = struct.Struct("<QQQI")
 """Times of a chunk, the size of its records and their check sum, before the name of the compression."""
 _LENGTH = struct.Struct("<I")
 _LZ4_GROWTH = 255
-"""LZ4 unpacks to at most so many times its size: a byte stands for 255 bytes of a match that goes on."""
+"""LZ4 unpacks to at most this many times its size: a byte represents 255 bytes of a match that goes on."""
 _PART = 1 << 16
 _FRAME_HEAD = 32
 """Bytes that are enough for the head of packed data."""
 
 
 class ChunkHead(NamedTuple):
-    """What a chunk says of itself.
+    """What a chunk states about itself.
 
     Attributes:
         declared: size of its records, unpacked [bytes].
@@ -101,7 +101,7 @@ class ChunkSize(NamedTuple):
 
 
 def chunk_head(data: bytes) -> ChunkHead:
-    """The head of a chunk's data; struct.error or UnicodeDecodeError where there is none."""
+    """The head of a chunk's data; struct.error or UnicodeDecodeError if missing."""
     _, _, declared, crc = CHUNK_HEAD.unpack_from(data)
     (n,) = _LENGTH.unpack_from(data, CHUNK_HEAD.size)
     name = CHUNK_HEAD.size + _LENGTH.size
@@ -124,7 +124,7 @@ def unpacked(data: bytes, compression: str, declared: int) -> bytes:
 
 
 def records_at(file: IO[bytes], at: int) -> bytes:
-    """Unpacked records of the chunk that begins at a byte; none where it is damaged, as whoever reads it says."""
+    """Unpacked records of the chunk that begins at a byte; none where it is damaged, as whoever reads it states."""
     file.seek(at)
     _, length = HEAD.unpack(file.read(HEAD.size))
     data = file.read(length)
@@ -182,7 +182,7 @@ def _lz4_size(file: IO[bytes], packed: int) -> int:
 
 
 FREE_RECORDS, BYTES_PER_RECORD = 250_000, 2
-"""Records that the chunks of any file may hold, and above that one for so many packed bytes: a message of honest files
+"""Records that the chunks of any file may hold, and above that one for this many packed bytes: a message of honest files
 takes some more, since its time and number differ from those before."""
 
 
@@ -195,7 +195,7 @@ class DecompressionCount:
         self._unpacked, self._free = 0, FREE_RECORDS
 
     def add(self, packed: int, records: bytes) -> None:
-        """Count a chunk of so many packed bytes by its unpacked records; InputError where all come to too much."""
+        """Count a chunk of this many packed bytes by its unpacked records; InputError where all come to too much."""
         self.add_bytes(len(records))
         beyond = _most_beyond(ChunkSize(packed, len(records)))
         if beyond > 0:

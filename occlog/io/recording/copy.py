@@ -35,7 +35,7 @@ def copy_recording(
     Args:
         source: the recording.
         path: the copy, another file.
-        attachments: JSON files that are attached, in place of those of the same name.
+        attachments: JSON files that are attached, instead of those of the same name.
         provenance: how the copy was made; a recording of another program stays one.
         overwrite: replace a file that exists.
     """

@@ -93,7 +93,7 @@ class RebuiltIndex(NamedTuple):
 
 
 def is_index_complete(file: IO[bytes], summary: Summary) -> bool:
-    """Whether an index tells of everything in the file, by its own statistics and by the indexes behind the chunks."""
+    """Whether an index reports everything in the file, by its own statistics and by the indexes behind the chunks."""
     return _agrees_with_itself(summary) and _agrees_with_chunks(file, summary)
 
 
@@ -109,7 +109,7 @@ def _agrees_with_itself(summary: Summary) -> bool:
         and told.message_count == sum(told.channel_message_counts.values())
         and counted <= channels.keys()
         and all(channel.schema_id in {0, *summary.schemas} for channel in channels.values())
-        # Readers leave out a chunk whose topics they are not told
+        # Readers omit a chunk whose topics they are not given
         and all(index.message_index_offsets for index in summary.chunk_indexes)
         and (told.chunk_count > 0 or told.message_count == 0)
         # One record that is listed a thousand times would be read as often
@@ -127,10 +127,10 @@ def _agrees_with_itself(summary: Summary) -> bool:
 def _agrees_with_chunks(file: IO[bytes], summary: Summary) -> bool:
     """Whether the indexes of messages behind the chunks have the channels and the counts that the file's index states.
 
-    Chunks without the wanted topics are passed over, and topics without messages are not asked for.
+    Chunks without the requested topics are passed over, and topics without messages are not asked for.
     """
     counts, size = Counter[int](), file.seek(0, io.SEEK_END)
-    left = size // (HEAD.size + INDEX_HEAD.size)  # chunks that share what follows them would be gone through as often
+    left = size // (HEAD.size + INDEX_HEAD.size)  # chunks that share what follows them would be read as often
     for chunk in summary.chunk_indexes:
         at = chunk.chunk_start_offset + chunk.chunk_length
         while at < size:
@@ -149,7 +149,7 @@ def _agrees_with_chunks(file: IO[bytes], summary: Summary) -> bool:
 
 
 def rebuild_index(path: Path, file: IO[bytes]) -> RebuiltIndex:
-    """The index of a file whose ends are whole; sizes and check sums are tried on the way.
+    """The index of a file with ends that are whole; sizes and check sums are tried on the way.
 
     Args:
         path: its name, for messages.
@@ -169,7 +169,7 @@ def check_index_statistics(path: Path, told: Summary | None, made: Summary) -> N
     for what in ("message", "attachment", "metadata"):
         says, has = (getattr(each.statistics, f"{what}_count") for each in (told, made))
         if says != has:
-            raise damaged_mcap(path, f"its index tells of {says} records of the kind {what}, and there are {has}")
+            raise damaged_mcap(path, f"its index reports {says} records of the kind {what}, and there are {has}")
 
 
 class _Pass:
@@ -227,7 +227,7 @@ class _Pass:
             code, length = HEAD.unpack(head)
             end = at + HEAD.size + length
             if end > size:
-                raise self._damaged(f"the record at byte {at} is said to end at byte {end} of {size}")
+                raise self._damaged(f"the record at byte {at} is stated to end at byte {end} of {size}")
             if code == Opcode.DATA_END and is_end_mark(code, length):
                 (told,) = struct.unpack_from("<I", self._read(at, length))
                 if told and told != self._crc:
@@ -299,7 +299,7 @@ class _Pass:
             elif code in (Opcode.SCHEMA, Opcode.CHANNEL):
                 self._define(at, code, records[begin : begin + size])
             begin += size
-        if times:  # what the chunk says of them may be wrong, and they are put in order by it
+        if times:  # what the chunk states about them may be wrong, and they are put in order by it
             index.message_start_time, index.message_end_time = min(times), max(times)
             self._summary.chunk_indexes.append(index)
 
@@ -355,7 +355,7 @@ Found = tuple[Schema | None, Channel, Message]
 
 
 class McapMessages(Protocol):
-    """What is read of an MCAP file, whoever reads it."""
+    """Data read from an MCAP file, whoever reads it."""
 
     def iter_messages(self, topics: Collection[str] | None = None, *, log_time_order: bool = True) -> Iterator[Found]:
         """Messages of some topics, or of all, in the order of time or of the file."""
@@ -426,7 +426,7 @@ class RebuiltIndexReader:
 
 
 class _Given(SeekingReader):  # type: ignore[misc]
-    """The library's reader, whose index is given."""
+    """The library's reader, with an index that is given."""
 
     def __init__(self, file: IO[bytes], summary: Summary) -> None:
         super().__init__(file, validate_crcs=True, record_size_limit=MAX_CHUNK_BYTES)

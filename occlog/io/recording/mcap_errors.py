@@ -57,7 +57,7 @@ _FAILURES = (
 
 @contextmanager
 def translate_mcap(path: Path, file: IO[bytes] | None = None) -> Iterator[None]:
-    """Turn every failure of the MCAP library into one InputError with the place in the file."""
+    """Turn every failure of the MCAP library into one InputError with the position in the file."""
     try:
         yield
     except OcclogError:
@@ -73,7 +73,7 @@ def translate_mcap(path: Path, file: IO[bytes] | None = None) -> Iterator[None]:
 
 @contextmanager
 def open_mcap(path: Path) -> Iterator[tuple[McapMessages, Summary]]:
-    """Reader with CRC checks on, and the checked index; a file without one, or without parts of it, is gone through."""
+    """Reader with CRC checks on, and the checked index; a file without one, or without parts of it, is read."""
     check_input(path, "an MCAP recording")
     with path.open("rb") as file, translate_mcap(path, file):
         check_summary(path, file)
@@ -170,12 +170,12 @@ def _check_summary_crc(path: Path, file: IO[bytes]) -> None:
     if start == 0:
         return
     if start > size:
-        raise damaged_mcap(path, f"the index is said to begin at byte {start} of {size}")
+        raise damaged_mcap(path, f"the index is stated to begin at byte {start} of {size}")
     file.seek(start)
     if crc == 0:
         # Behind another file places in an index are wrong, and the library would read the index of that one
         if not are_records(file.read(max(size - 8 - FOOTER_BYTES - start, 0))):
-            raise damaged_mcap(path, f"the index is said to begin at byte {start}, and does not")
+            raise damaged_mcap(path, f"the index is stated to begin at byte {start}, and does not")
         return
     found = zlib.crc32(file.read(size - 8 - 4 - start))
     if found != crc:

@@ -4,7 +4,7 @@ Its name is told by the index, which has a check sum: it cannot go without a wor
 
 Links of recordings to videos: where they may lead.
 
-A recording that somebody else made could name any file. In its own folder and below it may; a link that leaves the
+A recording that another person made could name any file. In its own folder and below it may; a link that leaves the
 folder is followed only to what begins as a video does, before anything else of the file is read.
 """
 
@@ -56,7 +56,7 @@ def read_metadata(path: Path, summary: Summary) -> dict[str, dict[str, str]]:
     """All records of metadata by their names, without the digests, which are tried.
 
     Raises:
-        InputError: a record is not what was written, or not where the index says.
+        InputError: a record is not what was written, or not where the index states.
         McapError, struct.error, ValueError: it cannot be read as one.
     """
     found: dict[str, dict[str, str]] = {}
@@ -83,7 +83,7 @@ def damaged_metadata(records: Mapping[str, Mapping[str, str]]) -> list[str]:
 
 
 def wrong_metadata(path: Path, name: str, at: int) -> InputError:
-    """What to tell of a damaged record."""
+    """What to report a damaged record."""
     return damaged_mcap(path, f"the metadata {name!r} at byte {at} changed since they were written (wrong digest)")
 
 
@@ -100,7 +100,7 @@ _VIDEOS = (
     (0, b"\x00\x00\x00\x01"),
     (0, b"\x47"),  # MPEG transport stream
 )
-"""Place and bytes at which the containers and streams begin that are decoded."""
+"""Position and bytes at which the containers and streams begin that are decoded."""
 
 
 def is_video_header(path: Path) -> bool:
@@ -111,7 +111,7 @@ def is_video_header(path: Path) -> bool:
 
 
 def leaves_folder(recording: Path, place: str) -> bool:
-    """Whether a place that a recording states leads out of its folder, by its name or by symbolic links."""
+    """Whether a position that a recording states leads out of its folder, by its name or by symbolic links."""
     lies = (recording.parent / place).resolve()
     return ".." in PurePosixPath(place).parts or not lies.is_relative_to(recording.parent.resolve())
 
@@ -122,15 +122,15 @@ def linked_path(recording: Path, sensor: str, place: str) -> Path:
     Args:
         recording: file that has the link.
         sensor: name of the camera.
-        place: of the video as the recording states it, relative to the recording's folder.
+        position: of the video as the recording states it, relative to the recording's folder.
 
     Raises:
-        InputError: if the place is absolute, if no regular file that can be read is there, or if it leads out of the
+        InputError: if the position is absolute, if no regular file that can be read is there, or if it leads out of the
             folder and to what is no video.
     """
     where = f"{recording}: camera {sensor}"
     if Path(place).is_absolute():
-        raise InputError(f"{where}: links to {place}, which is no place relative to it; ingest it again")
+        raise InputError(f"{where}: links to {place}, which is no position relative to it; ingest it again")
     path = recording.parent / place
     check_input(path, f"the video of camera {sensor} that {recording} links to")
     if leaves_folder(recording, place) and not is_video_header(path):

@@ -43,7 +43,7 @@ class LinkedVideo:
     _video: SubprocessVideo | None = field(default=None)
 
     def open(self) -> None:
-        """Start to decode, in a process of its own; InputError unless one frame at least can be decoded."""
+        """Start to decode, in a separate process; InputError unless one frame at least can be decoded."""
         if self._video is None:
             self._video = SubprocessVideo(self.path)
 
@@ -62,7 +62,7 @@ class LinkedVideo:
 
 
 def open_linked(recording: Path, sensor: str, link: dict[str, str] | None) -> LinkedVideo:
-    """The video of a camera; InputError unless it lies where the recording says and has not changed."""
+    """The video of a camera; InputError unless it lies where the recording states and has not changed."""
     where = f"{recording}: camera {sensor}"
     if not link or "path" not in link or "sha256" not in link:
         raise InputError(f"{where}: has frame times but no link to its video; ingest it again")
@@ -186,14 +186,14 @@ class McapRecording:
                 found += 1
                 check_recorded(message.log_time, self.path, channel.topic, message.sequence)
                 yield channel.topic, message.log_time, message.data, message.sequence
-        # Of a chunk whose index does not name their topics the library says nothing
+        # Of a chunk with an index that does not name their topics the library states nothing
         if found != told:
             names = ", ".join(sorted(topics))[:200]
             raise damaged_mcap(self.path, f"its index counts {told} messages of {names}, and leads to {found}")
 
 
 def linked_videos(path: Path) -> tuple[Path, ...]:
-    """Files of the videos that a recording links to, those of its folder also where there are none.
+    """Files of the videos that a recording links to, those of its folder also if missing.
 
     None of what is no recording or cannot be opened, and none that may not be followed.
     """
@@ -201,7 +201,7 @@ def linked_videos(path: Path) -> tuple[Path, ...]:
         if content_of(path, "a recording") is not Content.RECORDING:
             return ()
         links = open_recording(path).videos.items()
-    except InputError:  # whoever reads it says so
+    except InputError:  # whoever reads it states it
         return ()
     found = []
     for sensor, link in links:
@@ -209,7 +209,7 @@ def linked_videos(path: Path) -> tuple[Path, ...]:
             if leaves_folder(path, link["path"]):
                 try:
                     linked_path(path, sensor, link["path"])
-                except InputError:  # whoever decodes it says so
+                except InputError:  # whoever decodes it states it
                     continue
             found.append(path.parent / link["path"])
     return tuple(found)

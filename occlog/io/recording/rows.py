@@ -102,7 +102,7 @@ def _decoder(table: type[ColumnTable]) -> msgspec.json.Decoder[Any]:
 
 
 class RowCollector(Generic[T]):
-    """Gathers messages of one table and makes chunks of it."""
+    """Collects messages of one table and makes chunks of it."""
 
     def __init__(self, table: type[T], source: str) -> None:
         """Start without rows; `source` names the file in messages."""
@@ -134,7 +134,7 @@ class RowCollector(Generic[T]):
         if self.rows > MAX_ROWS_AT_ONCE:
             raise InputError(
                 f"{self._source}: topic {topic}: more than {MAX_ROWS_AT_ONCE} rows of one time, up to "
-                f"{message.t_ns} ns; so many are not held at once"
+                f"{message.t_ns} ns; this many are not held at once"
             )
         for name, values in told.items():
             self._lists[name].extend(values)

@@ -36,7 +36,7 @@ PROTOBUF, ROS2 = ("protobuf", "protobuf"), ("cdr", "ros2msg")
 VIDEO_FRAME_SCHEMA = {
     "$schema": "https://json-schema.org/draft/2020-12/schema",
     "title": VIDEO_FRAME,
-    "description": "One frame of a video file that lies beside the recording.",
+    "description": "One frame of a video file that lies next to the recording.",
     "type": "object",
     "properties": {
         "t_ns": {"type": "integer", "description": "ns since the Unix epoch"},
@@ -108,7 +108,7 @@ class RecordingWriter:
         self._add(channel, t_ns, message.SerializeToString(), index)
 
     def video(self, sensor: str, path: str, sha256: str) -> None:
-        """Say that frames of `sensor` are in a video file; `path` is relative to the recording."""
+        """Report that frames of `sensor` are in a video file; `path` is relative to the recording."""
         self._videos[sensor] = {"path": path, "sha256": sha256}
 
     def video_frame(self, sensor: str, t_ns: int, index: int) -> None:
@@ -135,7 +135,7 @@ class RecordingWriter:
         data: bytes,
         coded: tuple[str, str] = PROTOBUF,
     ) -> None:
-        """Add a message; `described` makes what its schema says, once for each, in the language that `coded` names."""
+        """Add a message; `described` makes what its schema states, once for each, in the language that `coded` names."""
         encoding, language = coded
         if schema not in self._schemas:
             self._register(schema, language, described())
@@ -148,7 +148,7 @@ class RecordingWriter:
         self._writer.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
 
     def annotate(self, provenance: Provenance) -> None:
-        """Replace the provenance by one that is known only at the end (for example what was lost)."""
+        """Replace the provenance by one that is known only at the end (for example the losses)."""
         self._provenance = provenance
 
     def _register(self, name: str, encoding: str, data: bytes) -> int:

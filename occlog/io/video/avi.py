@@ -1,7 +1,7 @@
 """Frames of an AVI file: the header's counts against the chunks that are really there.
 
 AVI has no time stamps: a frame's time is its number.  So the numbers of the chunks that
-can still be read are worked out here, also behind a damaged stretch.
+can still be read are worked out here, also behind a damaged section.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from .container import (
 EMPTY = -1
 MIN_RATE, MAX_RATE = 0.01, 1e6
 LATEST_START = 3600
-"""A stream that is said to begin later [s] is decoded from 0 on."""
+"""A stream that is stated to begin later [s] is decoded from 0 on."""
 PALETTE = b"pc"
 _LISTS = (b"RIFF", b"LIST")
 
@@ -57,7 +57,7 @@ class _Stream:
 class _AviScan:
     """What a walk through the file has met so far."""
 
-    chunks: list[tuple[int, int]] = field(default_factory=list)  # (place, bytes) of the video stream's chunks
+    chunks: list[tuple[int, int]] = field(default_factory=list)  # (position, bytes) of the video stream's chunks
     problems: Faults = field(default_factory=Faults)
     header: ByteRange | None = None
     index: ByteRange | None = None
@@ -65,7 +65,7 @@ class _AviScan:
 
 
 def parse(data: mmap.mmap) -> Container:
-    """The video frames of the file and what is wrong with it."""
+    """The video frames of the file and the faults of it."""
     found = _AviScan()
     try:
         _walk_top(data, found)
@@ -145,7 +145,7 @@ def _container(data: mmap.mmap, found: _AviScan, stream: _Stream) -> Container:
     n = max(announced, last)
     broken = np.ones(n, dtype=np.bool_)
     broken[number] = place + size > len(data)
-    # An empty chunk stands for a frame that the recorder dropped: it takes its time, and has no picture.
+    # An empty chunk represents a frame that the recorder dropped: it takes its time, and has no picture.
     shown = np.ones(n, dtype=np.bool_)
     shown[number[size == 0]] = False
     kept = np.flatnonzero(shown)
@@ -173,10 +173,10 @@ def _is_frame(kind: bytes, tag: bytes) -> bool:
 
 
 def _numbered_chunks(data: mmap.mmap, found: _AviScan, tag: bytes) -> Ints:
-    """(n, 3) frame number, place and size of the readable chunks of a stream, in the order of the file.
+    """(n, 3) frame number, position and size of the readable chunks of a stream, in the order of the file.
 
     Chunks follow each other, so each is numbered by counting.  Behind a damaged header the
-    index tells the number of the next chunk that stands where the index says; where there
+    index tells the number of the next chunk that stands where the index states; where there
     is none, nothing behind the damage can be given a number, and the walk ends.
     """
     out = array("q")
@@ -199,7 +199,7 @@ def _numbered_chunks(data: mmap.mmap, found: _AviScan, tag: bytes) -> Ints:
             resume = max(np.searchsorted(index[0], at, "right"), np.searchsorted(index[1], number))
             where = f"byte {at}"
             if resume == len(index[0]):
-                found.problems.append((where, "damaged; frames behind it cannot be given a number and are left out"))
+                found.problems.append((where, "damaged; frames behind it cannot be given a number and are skipped"))
                 return np.array(out, dtype=np.int64).reshape(-1, 3)
             at, number = int(index[0][resume]), int(index[1][resume])
             found.problems.append((where, f"damaged up to byte {at}"))
@@ -207,7 +207,7 @@ def _numbered_chunks(data: mmap.mmap, found: _AviScan, tag: bytes) -> Ints:
 
 
 def _index(data: mmap.mmap, found: _AviScan, tag: bytes) -> tuple[Ints, Ints]:
-    """First byte and frame number, both rising, of the chunks of a stream that stand where the index (idx1) says."""
+    """First byte and frame number, both rising, of the chunks of a stream that stand where the index (idx1) states."""
     none = np.zeros(0, dtype=np.int64)
     if found.index is None or not found.movies:
         return none, none

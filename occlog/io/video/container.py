@@ -1,8 +1,8 @@
-"""What a video file itself says about its frames, read without a decoder.
+"""What a video file itself states about its frames, read without a decoder.
 
 OpenCV never tells that a video was cut or damaged, and its frame count is an estimate for
-some containers.  The parsers beside this file (`mp4`, `avi`, `mkv`) read the tables
-and marks of the container, so that lost frames are counted and the rest keep their place.
+some containers.  The parsers next to this file (`mp4`, `avi`, `mkv`) read the tables
+and marks of the container, so that lost frames are counted and the rest keep their position.
 This file has what they share: the result, checked reading, and common faults.
 """
 
@@ -20,7 +20,7 @@ import numpy as np
 from occlog.array_types import Bools, Ints
 
 MAX_FRAMES = 10_000_000
-"""A container that announces more frames than it holds is believed up to this number."""
+"""A container that announces more frames than it holds is accepted up to this number."""
 
 MAX_FAULTS = 20
 """Faults told one by one; the others are counted."""
@@ -35,10 +35,10 @@ class Container:
     Attributes:
         kind: `mp4`, `avi` or `matroska`.
         pts_ns: (n,) presentation times of all frames, from 0 and rising; None: they are not known.
-        broken: (n,) frames whose bytes are not in the file, or not all.
+        broken: (n,) frames with bytes that are not in the file, or not all.
         stamped: the times are stamps, not frame numbers divided by a frame rate.
         rate: frames per second as stated, None if not.
-        problems: (place, what) of every fault found.
+        problems: (position, what) of every fault found.
         packets: AVI only: frame number of each readable packet in order, -1 for an empty one.
         first_packet: AVI only: number from which the decoder counts packets.
         steps: AVI only: (n,) how many frame intervals after the first packet each frame is; None: frame k is after k.
@@ -65,11 +65,11 @@ class Container:
 
 
 class Faults:
-    """(place, what) of faults that were found, in a bounded space."""
+    """(position, what) of faults that were found, in a bounded space."""
 
     def __init__(self) -> None:
         self._told: list[tuple[str, str]] = []
-        self._more: list[str] = []  # places of the first and the last of the others
+        self._more: list[str] = []  # positions of the first and the last of the others
         self._count = 0
 
     def append(self, fault: tuple[str, str]) -> None:
@@ -88,7 +88,7 @@ class Faults:
         """The first ones, and the others in one."""
         yield from self._told
         if self._more:
-            yield f"{self._more[0]} to {self._more[-1]}", f"damaged in {self._count} more places"
+            yield f"{self._more[0]} to {self._more[-1]}", f"damaged in {self._count} more positions"
 
 
 class BrokenContainerError(ValueError):
@@ -134,7 +134,7 @@ def unpack(data: mmap.mmap, layout: str, byte: int) -> tuple[int, ...]:
 
 
 def cut_short(size: int, wanted: int, part: str) -> tuple[str, str]:
-    """The fault of a file that is shorter than it says."""
+    """The fault of a file that is shorter than it states."""
     return (
         f"byte {size}",
         f"the file ends {wanted - size} bytes before the end of its {part} (it was cut, or its recorder was stopped)",

@@ -63,7 +63,7 @@ def recognised(data: mmap.mmap) -> bool:
 
 
 def parse(data: mmap.mmap) -> Container:
-    """The video frames of the file and what is wrong with it."""
+    """The video frames of the file and the faults of it."""
     found = _MkvScan()
     try:
         header = element(data, 0, len(data))
@@ -289,7 +289,7 @@ def number_tracks(path: Path) -> None:
             try:
                 _number(data)
             except BrokenContainerError:
-                return  # whoever checks the file says what is wrong with it
+                return  # whoever checks the file describes the fault of it
 
 
 def _number(data: mmap.mmap) -> None:
@@ -301,7 +301,7 @@ def _number(data: mmap.mmap) -> None:
         for uid in _below(data, segment, path):
             stop = uid.stop or uid.start
             old = int.from_bytes(data[uid.start : stop], "big")
-            # 0 in tags stands for all tracks
+            # 0 in tags represents all tracks
             new = numbers.setdefault(old, len(numbers) + 1) if old else 0
             data[uid.start : stop] = new.to_bytes(stop - uid.start, "big")
 

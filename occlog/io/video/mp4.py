@@ -19,7 +19,7 @@ from occlog.array_types import NS, Bools, Ints
 from .container import MAX_FRAMES, BrokenContainerError, ByteRange, Container, cut_short, unknown_frames, unpack
 
 LATEST = 2**62
-"""Time [ticks, ns] or place [bytes] of a sample, at most."""
+"""Time [ticks, ns] or position [bytes] of a sample, at most."""
 USUAL_SPEED = 1 << 16
 SMALLEST_FRAME = 8
 """Bytes."""
@@ -58,7 +58,7 @@ def box_name(kind: bytes) -> str:
 
 
 def find_box(data: mmap.mmap, span: ByteRange, *path: bytes) -> ByteRange | None:
-    """The first box with this path of names inside a span, None if there is none."""
+    """The first box with this path of names inside a span, None if missing."""
     for kind in path:
         found = next((b for b in boxes(data, span.start, span.stop) if b.kind == kind), None)
         if found is None:
@@ -68,7 +68,7 @@ def find_box(data: mmap.mmap, span: ByteRange, *path: bytes) -> ByteRange | None
 
 
 def need_box(data: mmap.mmap, span: ByteRange, *path: bytes) -> ByteRange:
-    """The first box with this path of names; BrokenContainerError if there is none."""
+    """The first box with this path of names; BrokenContainerError if missing."""
     found = find_box(data, span, *path)
     if found is None:
         raise BrokenContainerError(span.start, f"box {'/'.join(box_name(p) for p in path)} is missing")
@@ -183,7 +183,7 @@ def _run(
     if at + 4 * len(fields) * count > trun.stop or found.count + count > most_samples(data):
         raise BrokenContainerError(trun.start, f"a fragment of {count} samples is longer than its box")
     if not (abs(clock) < LATEST and abs(offset) < LATEST):
-        raise BrokenContainerError(trun.start, "samples of a fragment at a time or place beyond 2^62")
+        raise BrokenContainerError(trun.start, "samples of a fragment at a time or position beyond 2^62")
     told = np.frombuffer(data, ">i4", len(fields) * count, at).reshape(count, len(fields)).astype(np.int64)
 
     def column(field: int, default: int) -> Ints:
@@ -205,7 +205,7 @@ def recognised(data: mmap.mmap) -> bool:
 
 
 def parse(data: mmap.mmap) -> Container:
-    """The video frames of the file and what is wrong with it."""
+    """The video frames of the file and the faults of it."""
     problems: list[tuple[str, str]] = []
     top: list[ByteRange] = []
     try:
@@ -304,7 +304,7 @@ def _runs(table: Ints, n: int) -> Ints:
 
 
 def _offsets(data: mmap.mmap, stbl: ByteRange, size: Ints) -> Ints:
-    """(n,) place of every sample in the file."""
+    """(n,) position of every sample in the file."""
     chunks = read_table(data, find_box(data, stbl, b"stco"), 1, ">u4")[:, 0]
     if not len(chunks):
         chunks = read_table(data, find_box(data, stbl, b"co64"), 1, ">u8")[:, 0]
@@ -315,7 +315,7 @@ def _offsets(data: mmap.mmap, stbl: ByteRange, size: Ints) -> Ints:
     per_chunk = np.repeat(stsc[:, 1], runs) if len(stsc) else np.zeros(len(chunks), dtype=np.int64)
     if int(per_chunk.sum()) < len(size):
         if len(size) and not len(chunks):
-            raise BrokenContainerError(stbl.start, "the places of the samples are missing")
+            raise BrokenContainerError(stbl.start, "the positions of the samples are missing")
         per_chunk[-1:] += len(size) - int(per_chunk.sum())
     if per_chunk.max(initial=0) > MAX_FRAMES:
         raise BrokenContainerError(stbl.start, f"{int(per_chunk.max())} samples in one chunk")

@@ -1,4 +1,4 @@
-"""Reads what a video file itself says about its frames: MP4, AVI or Matroska, found out from the content."""
+"""Reads what a video file itself states about its frames: MP4, AVI or Matroska, found out from the content."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .container import Container
 
 
 def read_container(path: Path) -> Container | None:
-    """Return what the file says about its frames; None for a container that is neither MP4, AVI nor Matroska.
+    """Return what the file states about its frames; None for a container that is neither MP4, AVI nor Matroska.
 
     Faults of the content are listed in `Container.problems`.
 

@@ -18,7 +18,7 @@ class LearnRequest(Request):
     """Learn a gallery from RECORDING: the colours of each target, apart by the side from which it is seen.
 
     The side is the angle between where a person heads, by the tracks, and the camera; left and right are taken
-    for the same. Boxes are of the tracks in whose places they are, unless they bring the tracks' identities.
+    for the same. Boxes are of the tracks in whose positions they are, unless they bring the tracks' identities.
 
     \b
       occlog appearance learn hall.mcap -o gallery.parquet

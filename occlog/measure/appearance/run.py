@@ -1,4 +1,4 @@
-"""What `occlog appearance learn` does: read boxes with their images, gather their colours, write a gallery.
+"""What `occlog appearance learn` does: read boxes with their images, collect their colours, write a gallery.
 
 Inputs of `occlog appearance learn` and of `occlog label` with a gallery: boxes, images, tracks, and the scene.
 """
@@ -84,7 +84,7 @@ class SightingInput:
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """What was lost when the inputs were made."""
+        """Losses when the inputs were made."""
         return input_losses([self._images, self._boxes, self._tracks])
 
     def boxes(self) -> Iterator[FrameBoxes]:
@@ -103,7 +103,7 @@ class SightingInput:
         return iter(())
 
     def walks(self, config: SightingConfig) -> dict[int, Walk]:
-        """Paths of everybody; InputError where there is nobody."""
+        """Paths of all people; InputError where there is nobody."""
         if self._tracks is None:
             found = paths_of_boxes(self._chunks(), self.scene, config)
             if not found:
@@ -120,7 +120,7 @@ class SightingInput:
 
 
 def run_learn(request: LearnRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Learn and write; the summary, and what was lost."""
+    """Learn and write; the summary, and the losses."""
     if request.boxes is not None and request.views is not None:
         raise UsageError(f"{option('boxes')} and {option('views')} are two sources of boxes; give one of them")
     boxes = request.boxes or request.views or request.recording
@@ -140,7 +140,7 @@ def run_learn(request: LearnRequest, job: Job) -> tuple[dict[str, object], tuple
     gallery = learn(seen, config)
     if not len(gallery):
         raise InputError(
-            f"{boxes}: no side of anybody was seen in {config.least_samples} boxes: of {tally.boxes} boxes "
+            f"{boxes}: no side of any person was seen in {config.least_samples} boxes: of {tally.boxes} boxes "
             f"{tally.of_tracks} are of a track; check that boxes, images and {inputs.positions} are of one recording"
         )
     losses = (*inputs.losses, *tally.losses())

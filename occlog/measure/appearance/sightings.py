@@ -56,7 +56,7 @@ def areas(boxes: Floats) -> Floats:
 
 
 def tracks_of_boxes(boxes: Floats, expected: Floats, least_overlap: float) -> Ints:
-    """(n,) place of the track of each box, -1 for none: one to one, the greatest sum of intersections over union.
+    """(n,) position of the track of each box, -1 for none: one to one, the greatest sum of intersections over union.
 
     Args:
         boxes: (n, 4) of one frame.
@@ -73,14 +73,14 @@ def tracks_of_boxes(boxes: Floats, expected: Floats, least_overlap: float) -> In
 
 
 def covered(boxes: Floats) -> Floats:
-    """(n,) greatest share of each box that a box of somebody nearer covers; who stands lower in the image is nearer."""
+    """(n,) greatest share of each box that a box of a person nearer covers; who stands lower in the image is nearer."""
     nearer = boxes[None, :, 3] > boxes[:, None, 3]
     share = np.where(nearer, overlaps(boxes, boxes), 0.0) / areas(boxes)[:, None]
     return np.asarray(share.max(axis=1, initial=0.0))
 
 
 class PersonPath(NamedTuple):
-    """Where somebody was and headed."""
+    """Where a person was and headed."""
 
     t_ns: Ints  # (M,) rising
     xy: Floats  # (M, 2)
@@ -148,12 +148,12 @@ def viewing_angles(xy: Floats, heading: Floats, camera: Floats) -> Floats:
     Left and right are the same, since people are taken to be symmetric.
 
     Args:
-        xy: (..., 2) places on the floor.
+        xy: (..., 2) positions on the floor.
         heading: (..., 2) unit vectors; NaN: not known.
-        camera: (2,) place on the floor.
+        camera: (2,) position on the floor.
 
     Returns:
-        (...,) NaN where the heading is not known, or somebody stands under the camera.
+        (...,) NaN where the heading is not known, or a person stands under the camera.
     """
     to = camera - xy
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -190,9 +190,9 @@ class FrameBoxes(NamedTuple):
     sensor: str
     frame: int
     box: Ints32  # (n,)
-    identity: Ints32  # (n,) as the source says; NOBODY: none
+    identity: Ints32  # (n,) as the source states; NOBODY: none
     edges: Floats  # (n, 4) left, top, right, bottom [px]
-    density: Floats  # (n, m) colours, where the table has them; (n, 0): the image is wanted
+    density: Floats  # (n, m) colours, where the table has them; (n, 0): the image is requested
     pixels: Ints  # (n,) that made them
 
 
@@ -214,7 +214,7 @@ class SightingTally:
     Attributes:
         frames, boxes: of those with boxes.
         of_tracks: boxes that are of a track.
-        missing: boxes of a camera whose frame is not among the images.
+        missing: boxes of a camera with a frame that is not among the images.
         undecoded: frames of a camera that cannot be decoded.
         last_ns: time of the last frame; -1: none.
     """
@@ -234,9 +234,9 @@ class SightingTally:
 
 
 def boxes_of_frames(chunks: Iterable[Boxes] | Iterable[Views]) -> Iterator[FrameBoxes]:
-    """Boxes frame by frame, in the order of time and of names; frames without boxes are left out.
+    """Boxes frame by frame, in the order of time and of names; frames without boxes are skipped.
 
-    Regions that the fusion of detections put in or took out are left out, too.
+    Regions that the fusion of detections put in or took out are skipped, too.
     """
     for table in _whole_times(chunks):
         if isinstance(table, Views):
@@ -282,7 +282,7 @@ def _whole_times(chunks: Iterable[Boxes] | Iterable[Views]) -> Iterator[Boxes | 
 
 
 def paths_of_rows(table: Tracks | Truth, config: SightingConfig) -> dict[int, PersonPath]:
-    """Paths of everybody in a table, by identity; true positions have no velocity of their own."""
+    """Paths of all people in a table, by identity; true positions have no velocity of their own."""
     unknown = np.full((len(table), 2), np.nan)
     velocity = unknown if isinstance(table, Truth) else np.column_stack([table.vx, table.vy])
     return _paths(table.target_id, table.t_ns, np.column_stack([table.x, table.y]), velocity, config)
@@ -293,7 +293,7 @@ def paths_of_boxes(
 ) -> dict[int, PersonPath]:
     """Paths of the identities that boxes have: the floor below the middle of their lower edges.
 
-    Of one time the mean over the cameras; boxes whose lower edge does not meet the floor are left out.
+    Of one time the mean over the cameras; boxes whose lower edge does not meet the floor are skipped.
     """
     placed = {c.name: c for c in scene.cameras if c.has_height}
     identity, t_ns, xy = [np.zeros(0, dtype=np.int32)], [np.zeros(0, dtype=np.int64)], [np.zeros((0, 2))]
@@ -362,7 +362,7 @@ def observe_boxes(
         if colours.shape[1] and colours.shape[1] != bins_of(levels):
             raise InputError(
                 f"boxes: their colours are in {APPEARANCE_BINS} bins ({VIEWS_LEVELS} levels), but {bins_of(levels)} "
-                f"({levels} levels) are wanted; learn with {VIEWS_LEVELS} levels, or give boxes with their images"
+                f"({levels} levels) are requested; learn with {VIEWS_LEVELS} levels, or give boxes with their images"
             )
         if not colours.shape[1]:
             image = stream.at(each)
@@ -425,7 +425,7 @@ class _Images:
         self._time = -1
 
     def at(self, boxes: FrameBoxes) -> Image | None:
-        """The image of a frame; times must not fall.  None, and counted, where there is none."""
+        """The image of a frame; times must not fall.  None, and counted, if missing."""
         if boxes.t_ns > self._time:
             self._held.clear()
             self._time = boxes.t_ns

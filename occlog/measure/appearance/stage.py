@@ -25,10 +25,10 @@ ANGLE, HEADING, COVERED, PIXELS = "angle", "heading", "covered", "pixels"
 
 
 def learn(sightings: Iterable[Sighting], config: LearnConfig) -> Gallery:
-    """Gather the colours of each target and viewing angle; every pixel counts the same.
+    """Collect the colours of each target and viewing angle; every pixel counts the same.
 
-    Boxes without a track, of a heading that is not known, covered ones and those of too few pixels are left out.
-    The table is empty where no side of anybody has enough boxes.
+    Boxes without a track, of a heading that is not known, covered ones and those of too few pixels are skipped.
+    The table is empty where no side of any person has enough boxes.
     """
     counts: dict[tuple[int, int], Floats] = {}
     samples: dict[tuple[int, int], int] = {}
@@ -60,7 +60,7 @@ def learn(sightings: Iterable[Sighting], config: LearnConfig) -> Gallery:
 
 
 def obstacles(sighting: Sighting, config: SightingConfig) -> np.ndarray[tuple[int], np.dtype[np.str_]]:
-    """(n,) why boxes say nothing of whom they show: `covered` or `pixels`; empty: they do."""
+    """(n,) why boxes contain nothing about whom they show: `covered` or `pixels`; empty: they do."""
     few = sighting.pixels < config.least_pixels
     return np.where(sighting.covered > config.most_covered, COVERED, np.where(few, PIXELS, ""))
 
@@ -76,7 +76,7 @@ class GalleryArrays(NamedTuple):
 
 
 def sides_of(gallery: Gallery) -> GalleryArrays:
-    """The sides of a gallery's targets; InputError for an empty one, or one whose bins are of no number of levels."""
+    """The sides of a gallery's targets; InputError for an empty one, or one with bins of no number of levels."""
     if not len(gallery):
         raise InputError("gallery: has no rows; learn one")
     bins, angles = int(gallery.bins[0]), int(gallery.angles[0])
@@ -138,7 +138,7 @@ def most_alike(likeness: Floats, least: float) -> Bools:
     """(n, R) pairs of a box and the target that it is most like, of which no other box is more like that target.
 
     Args:
-        likeness: (n, R); NaN: not compared.
+        similarity: (n, R); NaN: not compared.
         least: of a pair.
     """
     filled = np.where(np.isnan(likeness), -np.inf, likeness)
@@ -167,7 +167,7 @@ class IdentityEvidence(NamedTuple):
 
 
 class EvidenceTally:
-    """The sums, gathered while tables stream by."""
+    """The sums, accumulated while tables stream by."""
 
     def __init__(self) -> None:
         """Nothing yet."""
@@ -194,7 +194,7 @@ class EvidenceTally:
 def identities(evidence: IdentityEvidence, together: Bools, least_likeness: float, least_boxes: int) -> dict[int, int]:
     """Target of each track that is surely enough of one; tracks of one target may follow one another.
 
-    The pair of track and target with the highest mean likeness comes first.  A track is of one target, and two tracks
+    The pair of track and target with the highest mean similarity comes first.  A track is of one target, and two tracks
     that are there at the same time are not of one target.
 
     Args:

@@ -1,7 +1,7 @@
 """Silhouettes that are larger than one person: the people in them, instead of the clusters of their pixels.
 
 People who touch in the image are one cluster where they overlap by much: their pixels are no two Gaussians.  Such
-silhouettes are explained by outlines of people (`outlines`), whose boxes go on where another person hides them.
+silhouettes are explained by outlines of people (`outlines`), with boxes that go on where another person hides them.
 
 Several people in one silhouette: outlines of people of the expected size, fitted to the foreground together.
 
@@ -9,10 +9,10 @@ Where people touch in the image their foreground is one region.  A cell of it is
 
     P(foreground) = 1 - (1 - SPECKS) prod_k (1 - p_k),
 
-p_k the probability that a person at place k covers the cell: the model of a probabilistic occupancy map (Fleuret,
+p_k the probability that a person at position k covers the cell: the model of a probabilistic occupancy map (Fleuret,
 Berclaz, Lengagne and Fua 2008, IEEE T-PAMI 30(2), Eq. 12) in one image, with the outline of a walking person in place
 of a rectangle.  Its logarithm, summed over the cells, is maximised: people are added one after another where they
-explain most, all places and sizes are improved in turn, and the last one stays if the sum rises by enough.
+explain most, all positions and sizes are improved in turn, and the last one stays if the sum rises by enough.
 
 Lengths are in cells; a foreground (rows, columns) holds shares of the cells, 0 to 1.
 """
@@ -43,7 +43,7 @@ AREA = 0.175
 MAX_PEOPLE = 6
 """People in one silhouette."""
 FINE = 14.0
-"""Places are tried that are this part of a height apart."""
+"""Positions are tried that are this part of a height apart."""
 ROUNDS = 12
 """Most rounds in which places and sizes are improved."""
 MIN_COVER = 0.02
@@ -78,7 +78,7 @@ OUTLINE = _outline()
 
 @kernel
 def expected_height(prior: Prior, x: float, y: float, side: int) -> float:
-    """Height [cells] of a person whose middle is at a cell."""
+    """Height [cells] of a person with middle at a cell."""
     return math.sqrt(12.0 * prior.cov[place(prior, (x + 0.5) * side - 0.5, (y + 0.5) * side - 0.5), 2]) / side
 
 
@@ -156,7 +156,7 @@ def fit_outlines(foreground: Floats, prior: Prior, side: int, left: int, top: in
     people = np.zeros((MAX_PEOPLE, 4))  # x, y, height, size
     count = 0
     while count < MAX_PEOPLE:
-        # Add: the place that explains most of what is left
+        # Add: the position that explains most of what is left
         best, at_x, at_y, tall = 0.0, 0.0, 0.0, 1.0
         for row in range(rows):
             for column in range(columns):
@@ -185,7 +185,7 @@ def fit_outlines(foreground: Floats, prior: Prior, side: int, left: int, top: in
 
 @kernel
 def _improve(foreground: Floats, free: Floats, people: Floats, prior: Prior, side: int, left: int, top: int) -> float:
-    """Improve places and sizes of all people (K, 4) in turn, in steps that get finer; how much it is worth."""
+    """Improve positions and sizes of all people (K, 4) in turn, in steps that get finer; how much it is worth."""
     step, risen = max(1.0, people[-1, 2] / FINE), 0.0
     for _ in range(ROUNDS):
         moved = False
@@ -232,7 +232,7 @@ AROUND = 0.5
 MIN_OWN = 0.05
 """A cell is nobody's that everybody covers with a lower probability."""
 MIN_PIXEL_RATIO = 0.5
-"""Pixels, relative to a person in full view, from which a silhouette of its own is a person who was seen apart."""
+"""Pixels, relative to a person in full view, from which its own silhouette is a person who was seen apart."""
 APART_FRAMES = 5
 """Frames with two people apart after which silhouettes may hold several."""
 
@@ -242,7 +242,7 @@ class SeparateSightings:
     """Whether a camera has seen several people apart: one person with arms and legs spread is like two who touch.
 
     Attributes:
-        frames: in which at least two people had silhouettes of their own.
+        frames: in which at least two people had their own silhouettes.
     """
 
     frames: int = 0
@@ -263,7 +263,7 @@ class Crowds(NamedTuple):
 def split_silhouettes(
     cells: Floats, corners: Ints, side: int, prior: Prior, clusters: Clusters, apart: SeparateSightings
 ) -> Crowds:
-    """Put people in the place of clusters where a silhouette is larger than one person, once several were seen apart.
+    """Put people in the position of clusters where a silhouette is larger than one person, once several were seen apart.
 
     Args:
         cells: (N, 6) cell table.

@@ -308,9 +308,9 @@ def _near(a: Floats, b: Floats, cov_a: Floats, cov_b: Floats) -> bool:
 
 @kernel
 def split(cells: Floats, labels: Ints, groups: Floats, prior: Prior) -> Floats:
-    """The groups (K, 6) after cutting in two every one whose halves are worth more than the whole.
+    """The groups (K, 6) after cutting in two every one with halves that are worth more than the whole.
 
-    The cut is a line along the axis of a person, at the best of all places.
+    The cut is a line along the axis of a person, at the best of all positions.
 
     Args:
         cells: (N, 6) cell table.

@@ -22,7 +22,7 @@ WIDTH_SHARE = 0.34  # width over height of a walking person with arms, seen from
 DEPTH_SHARE = 0.2
 FILL = 0.6  # share of a person's bounding box that is foreground
 GRID = 24  # cells of a size map along the longer side of the image
-DISTANCES = 48  # tried along each sight line
+DISTANCES = 48  # tried along each line of sight
 NEAR, FAR = 1.0, 60.0  # nearest and farthest person, in body heights
 ROW_TOLERANCE = 0.12  # of a body's height: how well the centre of a cluster is known
 LOG_SIZE_SPREAD = 0.1  # of people's heights, and of postures
@@ -89,7 +89,7 @@ def sizes_from_camera(camera: Camera, image_size: tuple[int, int], height: float
 
     Along the azimuth of each position people are placed at many distances; each counts
     by how near its centre comes to the position, so that a camera that looks down gets
-    one size for each place, and one at half a person's height, or of unknown height
+    one size for each position, and one at half a person's height, or of unknown height
     (z = 0), the middle of the possible sizes and their spread.
 
     Args:
@@ -121,7 +121,7 @@ def sizes_from_camera(camera: Camera, image_size: tuple[int, int], height: float
 
 
 def person_in_image(camera: Camera, spots: Floats, height: float) -> tuple[Floats, Floats]:
-    """Centres (N, 2) and spanning vectors (N, 3, 2) [px] of people at (N, 2) places; NaN behind the camera."""
+    """Centres (N, 2) and spanning vectors (N, 3, 2) [px] of people at (N, 2) positions; NaN behind the camera."""
     # Of a camera of unknown height: level with the middle of the body
     foot = 0.0 if camera.above_floor else float(camera.position[2]) - height / 2
     n = len(spots)
@@ -136,12 +136,12 @@ def person_in_image(camera: Camera, spots: Floats, height: float) -> tuple[Float
 
 
 def _mean_sizes(image_size: tuple[int, int], shape: tuple[int, int], weights: Floats, spans: Floats) -> SizeMap:
-    """Size map from people at (distances, cells) places: geometric mean size, mean shape."""
+    """Size map from people at (distances, cells) positions: geometric mean size, mean shape."""
     cov = np.einsum("nki,nkj->nij", spans, spans).reshape(*weights.shape, 2, 2) / 12.0
     det = cov[..., 0, 0] * cov[..., 1, 1] - cov[..., 0, 1] ** 2
     known = np.isfinite(det) & (det > 0)
     weights = np.where(known, weights, 0.0)
-    # A cell in which nobody can stand takes the sizes of the nearest one in which somebody can
+    # A cell in which nobody can stand takes the sizes of the nearest one in which a person can
     like = _nearest_standing(weights.sum(axis=0) > 0.0, image_size)
     weights, known, cov, det = weights[:, like], known[:, like], cov[:, like], det[:, like]
     weights /= np.maximum(weights.sum(axis=0), 1e-300)

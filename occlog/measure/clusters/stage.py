@@ -1,6 +1,6 @@
 """Find the people-sized clusters of a frame's foreground, and how many there are.
 
-EM starts from seeds: greedily the places with the most foreground in a person-sized window.
+EM starts from seeds: greedily the positions with the most foreground in a person-sized window.
 Then clusters are merged, split, or dropped as too small for a person, even a hidden one, and
 EM runs again, until nothing changes.  The result depends on the frame alone: no step is
 random, and no state is carried from frame to frame.
@@ -37,8 +37,8 @@ class Clusters(NamedTuple):
     means: Floats  # (K, 2) [px]
     covs: Floats  # (K, 3) covariance xx, xy, yy of the pixels [px^2]
     mass: Floats  # (K,) pixels
-    fill: Floats  # (K,) mass relative to a person in full view at this place
-    person: Floats  # (K, 3) covariance of a person's pixels at this place [px^2]
+    fill: Floats  # (K,) mass relative to a person in full view at this position
+    person: Floats  # (K, 3) covariance of a person's pixels at this position [px^2]
     labels: Ints  # (N,) cluster of each cell, -1 = none
 
 
@@ -60,7 +60,7 @@ def find_clusters(cells: Floats, corners: Ints, side: int, prior: Prior) -> Clus
     Returns:
         Clusters by falling mass; none where nothing is large enough.
     """
-    # Seed: one group at each place with much foreground
+    # Seed: one group at each position with much foreground
     labels = np.full(cells.shape[0], -1, dtype=np.int64)
     groups = _groups_at(_seeds(cells, corners, side, prior), prior)
     splits, trials = 0, 0
@@ -138,7 +138,7 @@ def _without_the_unclear(cells: Floats, groups: Floats, entropy: Floats, value: 
 
 @kernel
 def _groups_at(centres: Floats, prior: Prior) -> Floats:
-    """(K, 6) groups as of people in full view at (K, 2) places."""
+    """(K, 6) groups as of people in full view at (K, 2) positions."""
     covs, person = person_at(centres, np.zeros(centres.shape[0]), prior)
     groups = np.empty((centres.shape[0], 6))
     groups[:, 0] = person
@@ -226,7 +226,7 @@ def _integrate_into(integral: Floats, counts: Floats, corners: Ints, side: int) 
 
 @kernel
 def _window_mass(integral: Floats, x: float, y: float, side: int, prior: Prior) -> float:
-    """Foreground within one standard deviation of a person's box around a place, in persons' pixels."""
+    """Foreground within one standard deviation of a person's box around a position, in persons' pixels."""
     at = place(prior, x, y)
     rx, ry = math.sqrt(prior.cov[at, 0]), math.sqrt(prior.cov[at, 2])
     rows, columns = integral.shape[0] - 1, integral.shape[1] - 1

@@ -1,11 +1,11 @@
 """The azimuth of a person from a region in the image, with its uncertainty.
 
-The azimuth is that of the sight line through the region's centre of mass: all points of
+The azimuth is that of the line of sight through the region's centre of mass: all points of
 a vertical line have the same azimuth, whatever the camera's pitch and roll.
 
 Uncertainty, as the covariance of the centre in the image:
 
-    P = read^2 I + c^2 V_p,    V_p the spread of a person's pixels at this place,
+    P = read^2 I + c^2 V_p,    V_p the spread of a person's pixels at this position,
     c^2 = POSTURE^2 + ODD^2 m^2 + CUT^2 [the box reaches the left or right border],
 
 and what the region is wider across than a person, v = (g' V g - g' V_p g)+ with V the
@@ -44,7 +44,7 @@ class RegionBearings(NamedTuple):
 
 
 class BearingNoise(NamedTuple):
-    """What the settings say of the noise of centres."""
+    """What the settings state about the noise of centres."""
 
     sigma_px: float | None = None  # of a person in full view [px], instead of POSTURE and reading; None: from these
     scale: float = 1.0  # factor on all standard deviations
@@ -58,10 +58,10 @@ def shape_covariance(person: Floats, fill: Floats, cut: Bools, noise: BearingNoi
     """(K, 3) covariance xx, xy, yy [px^2] of centres of mass as positions of people's axes.
 
     Args:
-        person: (K, 3) spread of a person's pixels at the place [px^2].
+        person: (K, 3) spread of a person's pixels at the position [px^2].
         fill: (K,) foreground relative to a person in full view.
         cut: (K,) true where the region reaches the left or right border of the image.
-        noise: a standard deviation that it gives in pixels stands for the share of a person's posture.
+        noise: a standard deviation that it gives in pixels represents the share of a person's posture.
     """
     odd = np.minimum(np.abs(1.0 - fill), 1.0)
     posture = POSTURE_SHARE if noise.sigma_px is None else 0.0
@@ -86,7 +86,7 @@ def sights(
         covs: (K, 3) their covariances xx, xy, yy, without reading noise [px^2].
         spreads: (K, 3) spread of the regions' pixels [px^2].
         persons: (K, 3) spread of a person's pixels there [px^2].
-        noise: a standard deviation that it gives in pixels stands for the camera's noise of reading.
+        noise: a standard deviation that it gives in pixels represents the camera's noise of reading.
     """
     if not camera.placed:
         return RegionBearings(*np.full((4, len(centres)), np.nan))

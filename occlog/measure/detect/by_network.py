@@ -197,7 +197,7 @@ def _part(seen: list[DetectedFrame], scene: Scene, config: DetectConfig) -> Dete
 
 
 def _boxes(frame: Frame, boxed: Boxed) -> Boxes:
-    """Rows of a frame; one that is no box if there is none."""
+    """Rows of a frame; one that is no box if missing."""
     n = len(boxed.boxes)
     edges = boxed.boxes if n else np.full((1, 4), np.nan)
     rows = len(edges)

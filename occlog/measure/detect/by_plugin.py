@@ -26,7 +26,7 @@ def detect_by_plugin(
     Args:
         frames: in the order of time; each camera's also in the order of its index.
         scene: must hold the cameras.
-        chosen: the plug-in; each camera has an object of its own, with random numbers of its own, always the same.
+        chosen: the plug-in; each camera has its own object, with random numbers of its own, always the same.
         config: of it `bits`, `sigma_px`, `sigma_scale` and `min_confidence` are used.
 
     Raises:
@@ -82,7 +82,7 @@ def vectors_of(found: Detected) -> np.ndarray[tuple[int, int], np.dtype[np.float
 
 
 def fault_of(found: object) -> str | None:
-    """What is wrong with what a detector gave back, in words; None: nothing."""
+    """Faults of what a detector gave back, in words; None: nothing."""
     if not isinstance(found, Detected):
         return f"detect gives a {type(found).__name__}; a Detected was expected"
     try:

@@ -16,11 +16,11 @@ from occlog.records.verdicts import Check, finding, outcome
 DETECTS, INSIDE, STAYS = "detections of each camera", "detections inside the images", "detections that stay in place"
 """Names of checks."""
 FEWEST = 50
-"""Of a camera with fewer frames nothing is said."""
+"""Of a camera with fewer frames nothing is reported."""
 LOOKS = 200
 """Frames of a camera in which detections are compared, evenly spread; at most twice as many are kept."""
 SAME, STAYING = 0.7, 0.9
-"""Boxes with this intersection over union are at one place; one there in so large a share of all frames stays."""
+"""Boxes with this intersection over union are at one position; one there in so large a share of all frames stays."""
 OFTEN = 0.5
 """A camera with detections in this share of its frames shows that there is something to detect."""
 OUTSIDE = 0.01
@@ -28,7 +28,7 @@ OUTSIDE = 0.01
 
 
 class Checked:
-    """Gathers what is checked while views stream by."""
+    """Collects what is checked while views stream by."""
 
     def __init__(self, scene: Scene) -> None:
         """Nothing was seen yet."""
@@ -86,9 +86,9 @@ class Checked:
                 DETECTS,
                 "note",
                 "no-detections",
-                f"camera {name} detects nobody in any of its {frames[name]} frames, and {often} somebody in "
+                f"camera {name} detects nobody in any of its {frames[name]} frames, and {often} a person in "
                 f"{shares[often]:.0%} of its own: check its images, how large people are expected to be in them, and "
-                "whether it looks at the same place",
+                "whether it looks at the same position",
                 sensors=[name],
                 frames=frames[name],
             )
@@ -110,7 +110,7 @@ class Checked:
                 )
 
     def _staying(self, frames: Mapping[str, int]) -> Iterator[Check]:
-        """Cameras that nearly always detect the same place of the image."""
+        """Cameras that nearly always detect the same position of the image."""
         for name, count in sorted(frames.items()):
             kept = self._kept.get(name, [])
             if self._frames[name] <= STAYING * count or not kept:
@@ -123,9 +123,9 @@ class Checked:
                     STAYS,
                     "note",
                     "detection-stays",
-                    f"camera {name} has a detection at one place of its image, about ({0.5 * (left + right):.0f}, "
+                    f"camera {name} has a detection at one position of its image, about ({0.5 * (left + right):.0f}, "
                     f"{0.5 * (top + bottom):.0f}) px, in {share:.0%} of its frames (a note from {STAYING:.0%} on): "
-                    "somebody who does not move, or a thing that is taken for a person; leave it out if it is one",
+                    "a person who does not move, or a thing that is taken for a person; leave it out if it is one",
                     sensors=[name],
                     share=share,
                     allowed=STAYING,
@@ -133,7 +133,7 @@ class Checked:
 
 
 def _overlaps(box: Floats, others: Floats) -> bool:
-    """Whether any of (k, 4) boxes is at the place of a (4,) box."""
+    """Whether any of (k, 4) boxes is at the position of a (4,) box."""
     both = np.prod(np.maximum(np.minimum(box[2:], others[:, 2:]) - np.maximum(box[:2], others[:, :2]), 0.0), axis=1)
     each = np.prod(others[:, 2:] - others[:, :2], axis=1) + np.prod(box[2:] - box[:2])
     return bool((both >= SAME * (each - both)).any())

@@ -24,16 +24,16 @@ GLOBAL, CAMERA = "global", "camera"
 LONE_TARGET_ID = 0
 """Identity of the one target when no appearance is known."""
 CONTINUITY_BONUS = 0.05
-"""Likeness that it is worth to be where the target was last seen."""
+"""Similarity that it is worth to be where the target was last seen."""
 MEMORY_S = 1.0
-"""Time for which a place where the target was last seen counts [s]."""
+"""Time for which a position where the target was last seen counts [s]."""
 BATCH = 32
 """Frames read ahead at a time, of all cameras together."""
 
 
 @dataclass(frozen=True)
 class DetectConfig(Settings):
-    """Settings of detection; lengths in the scene's unit unless their name says px."""
+    """Settings of detection; lengths in the scene's unit unless their name states px."""
 
     OWNER: ClassVar[str] = "detect"
 

@@ -1,6 +1,6 @@
 """Views and candidate bearings from the boxes of a person detector.
 
-Targets that the identities of boxes stand for, and the frames in which they should have been seen.
+Targets that the identities of boxes represent, and the frames in which they should have been seen.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .config import GLOBAL, DetectConfig
 
 @dataclass
 class LabelMap:
-    """Identities of boxes and the targets that they stand for.
+    """Identities of boxes and the targets that they represent.
 
     Attributes:
         scope: `GLOBAL` or `CAMERA`, see `config`.
@@ -36,7 +36,7 @@ class LabelMap:
     span: dict[int, tuple[int, int]] = field(default_factory=dict)
 
     def of(self, sensor: str, ids: Ints32) -> Ints32:
-        """(n,) targets of (n,) identities in a camera; `UNLABELLED` where there is none."""
+        """(n,) targets of (n,) identities in a camera; `UNLABELLED` if missing."""
         known = {i: self.number.get(self.key(sensor, i), UNLABELLED) for i in np.unique(ids).tolist()}
         return np.array([known[i] for i in ids.tolist()], dtype=np.int32)
 
@@ -68,7 +68,7 @@ class LabelMap:
 
 
 def counted(boxes: Boxes, config: DetectConfig) -> Bools:
-    """(R,) rows that are boxes with enough confidence; those whose confidence is not given count."""
+    """(R,) rows that are boxes with enough confidence; those with a confidence that is not given count."""
     with np.errstate(invalid="ignore"):
         return (boxes.box >= 0) & ~(boxes.confidence < config.min_confidence)
 
@@ -110,7 +110,7 @@ def detect_boxes(
     """Views and bearings of boxes, chunk by chunk.
 
     Each box with enough confidence is a view and a candidate bearing of whoever it may
-    be (`target_id` -1, `score` its confidence); boxes whose confidence is not given
+    be (`target_id` -1, `score` its confidence); boxes with a confidence that is not given
     count.  A frame in which no box counts gives one bearing row that is not seen.
     Cameras without pose give views only.  The identity of a box is the view's `hint`.
 
@@ -207,7 +207,7 @@ def _bearings(camera: Camera, boxes: Boxes, good: Boxes, seen: RegionBearings, t
         return Bearings.empty()
     if np.isnan(seen.bearing).any():
         row = int(np.flatnonzero(np.isnan(seen.bearing))[0])
-        raise InputError(f"camera {camera.name}: frame {good.frame[row]}: the box's sight line cannot be computed")
+        raise InputError(f"camera {camera.name}: frame {good.frame[row]}: the box's line of sight cannot be computed")
     empty = np.setdiff1d(boxes.t_ns, good.t_ns)
     nothing, nobody = np.full(len(empty), np.nan), np.full(len(empty), UNLABELLED, dtype=np.int32)
     return Bearings.merge(

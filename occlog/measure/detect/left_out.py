@@ -13,11 +13,11 @@ from occlog.records.tables import Boxes
 from .by_background.one_camera import numbers_of
 
 MAX_STRETCHES = 10_000
-"""Stretches of a camera that are listed; numbers with more gaps count something else than frames."""
+"""Sections of a camera that are listed; numbers with more gaps count something else than frames."""
 
 
 class SkippedFrames:
-    """Gathers the numbers while frames stream by.
+    """Collects the numbers while frames stream by.
 
     Frames that are numbered in steps (0, 5, 10) leave no number out between them.
 
@@ -75,7 +75,7 @@ class SkippedFrames:
         return [(first, last) for first, last in self._gaps.get(sensor, ()) if last - first + 2 > step]
 
     def parameters(self) -> dict[str, object]:
-        """What provenance says of it; nothing where no number is left out."""
+        """What provenance states about it; nothing where no number is skipped."""
         told = {name: sorted({*self._without_steps(name), *self._lost.get(name, ())}) for name in sorted(self._last)}
         told = {name: each for name, each in told.items() if 0 < len(each) <= MAX_STRETCHES}
         return {LEFT_OUT: told} if told else {}

@@ -1,8 +1,8 @@
-"""Estimated places fed back to the detector: where a target is looked for ([Ercan] Sec. 3).
+"""Estimated positions fed back to the detector: where a target is searched for ([Ercan] Sec. 3).
 
 "The estimated location of the object from the previous time step can be fed back to the cameras to limit the region
 where feature detection is performed": a region or bearing counts for a target only within a gate around the direction
-in which its track, at the last time before the frame, says that it is.
+in which its track, at the last time before the frame, states that it is.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from occlog.core.sight.camera import wrap_angle
 from occlog.records.tables import Bearings, Tracks
 
 MAX_AGE_S = 1.0
-"""An older place says nothing: the target is looked for everywhere."""
+"""An older position states nothing: the target is searched for everywhere."""
 
 
 class TargetPath(NamedTuple):
@@ -55,9 +55,9 @@ def track_feedback(tracks: Tracks, gate: float) -> TrackFeedback:
 
 
 def directions(path: TargetPath, origin: Floats, t_ns: Ints) -> ExpectedDirections:
-    """Predicted directions from a sensor (2,) at times (N,), by the last place before each, moved on by its velocity.
+    """Predicted directions from a sensor (2,) at times (N,), by the last position before each, moved on by its velocity.
 
-    The place is uncertain by its covariance and by the way that was predicted; after `MAX_AGE_S` nothing is known.
+    The position is uncertain by its covariance and by the way that was predicted; after `MAX_AGE_S` nothing is known.
     """
     last = np.searchsorted(path.t_ns, t_ns, side="left") - 1
     k = np.maximum(last, 0)
@@ -73,7 +73,7 @@ def directions(path: TargetPath, origin: Floats, t_ns: Ints) -> ExpectedDirectio
 
 
 def inside_gate(near: TrackFeedback, target: int, origin: Floats, t_ns: Ints, bearing: Floats, sigma: Floats) -> Bools:
-    """(N,) whether bearings may be of a target: within the gate, or where nothing is known of its place.
+    """(N,) whether bearings may be of a target: within the gate, or where nothing is known of its position.
 
     Args:
         near: the tracks.
@@ -96,7 +96,7 @@ def limited(bearings: Bearings, near: TrackFeedback, places: dict[str, Floats]) 
     Args:
         bearings: of sensors in `places`; candidates without a label stay.
         near: the tracks.
-        places: (2,) of each sensor with a pose.
+        positions: (2,) of each sensor with a pose.
     """
     keep = np.ones(len(bearings), dtype=np.bool_)
     for sensor in np.unique(bearings.sensor).tolist():
@@ -110,4 +110,4 @@ def limited(bearings: Bearings, near: TrackFeedback, places: dict[str, Floats]) 
 
 
 MEASURED = ("bearing", "sigma", "u_px", "sigma_px", "score")
-"""Columns that say nothing where nothing was seen."""
+"""Columns that state nothing where nothing was seen."""

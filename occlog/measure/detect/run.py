@@ -102,7 +102,7 @@ def write_detections(
     """Write the tables that were asked for.
 
     Args:
-        job: of a request whose outputs are tables of bearings and of views.
+        job: of a request with outputs that are tables of bearings and of views.
         parts: in the order of time.
         parameters: of the provenance, to which `left` adds.
         lost: input that was lost before.
@@ -174,7 +174,7 @@ def _detections(
             raise UsageError(
                 f"{recording.path}: {option('near')} limits detection in images, or labelled "
                 f"bearings; boxes are candidates of "
-                "anybody, to which `occlog label` gives the identity of tracks"
+                "any person, to which `occlog label` gives the identity of tracks"
             )
         only = _sensors_of(request, [c.name for c in scene.cameras])
         chunks = job.progress(_rows_of(recording.tables(Boxes), only), "detect")
@@ -201,7 +201,7 @@ def _detections(
 
 
 def _sensors_of(request: DetectRequest, known: list[str]) -> tuple[str, ...]:
-    """Names of the sensors whose rows are taken, empty: all; UsageError for one that the scene has not."""
+    """Names of the sensors with rows that are taken, empty: all; UsageError for one that the scene has not."""
     for name in request.cameras:
         if name not in known:
             raise UsageError(f"{request.recording}: no camera {name!r}; there are {', '.join(known) or 'none'}")
@@ -219,7 +219,7 @@ def _rows_of(chunks: Iterator[T], only: tuple[str, ...]) -> Iterator[T]:
 def _near(
     request: DetectRequest, config: DetectConfig, length_unit: str
 ) -> tuple[TrackFeedback | None, dict[str, object]]:
-    """Where targets are looked for, and the parameters of it.
+    """Where targets are searched for, and the parameters of it.
 
     Raises:
         UsageError: there is a gate and no tracks.
@@ -249,14 +249,14 @@ def _simulated_bearings(
 def _from_images(
     request: DetectRequest, recording: McapRecording, scene: Scene, config: DetectConfig, left: SkippedFrames, job: Job
 ) -> tuple[Iterator[Detections], dict[str, object]]:
-    """Learn from a first look where that is asked for, then detect in a second."""
+    """Learn from a first pass where that is asked for, then detect in a second."""
     sensors = cameras_of(request.cameras, recording)
     boxes = [_box(text) for text in request.target_boxes]
     targets = _references(request, recording)
     learned, total = Learned(), frames_of(recording, sensors)
     near, limits = _near(request, config, scene.length_unit)
     if request.learn or boxes:
-        first = job.progress(recording.frames(sensors), "first look", total)
+        first = job.progress(recording.frames(sensors), "first pass", total)
         found, boxed = learn(first, scene, config, boxes, request.threads)
         targets = boxed or targets
         learned = found if request.learn else learned
@@ -276,7 +276,7 @@ def images_of(request: Detection, detector: str) -> tuple[McapRecording, Scene, 
 
     Raises:
         InputError: the recording holds no images.
-        UsageError: there are no images of a camera, or bearings are wanted and no camera has a pose.
+        UsageError: there are no images of a camera, or bearings are requested and no camera has a pose.
     """
     opened = open_recording(request.recording)
     scene = load_scene(request.scene, opened.scene, request.recording)
@@ -320,7 +320,7 @@ def _references(request: DetectRequest, recording: McapRecording) -> tuple[Targe
             found.setdefault(int(entry["target_id"]), []).append(entry["appearance"])
         return tuple(Target(i, np.array(rows, dtype=np.float64)) for i, rows in sorted(found.items()))
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{where}: want [{{'target_id': 0, 'appearance': [72 numbers]}}, ...] ({error})") from error
+        raise InputError(f"{where}: expected [{{'target_id': 0, 'appearance': [72 numbers]}}, ...] ({error})") from error
 
 
 def _box(text: str) -> TargetBox:
@@ -339,7 +339,7 @@ def _box(text: str) -> TargetBox:
             height_px=height,
         )
     except (ValueError, IndexError):
-        raise UsageError(f"{option('target_box')} {text}: want CAM:FRAME:X,Y,W,H or ID:CAM:FRAME:X,Y,W,H") from None
+        raise UsageError(f"{option('target_box')} {text}: expected CAM:FRAME:X,Y,W,H or ID:CAM:FRAME:X,Y,W,H") from None
 
 
 def run_network(request: NetworkRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
@@ -387,12 +387,12 @@ def figures(request: NetworkRequest | PluginRequest, tally: Counter[str], **more
 
 
 def _note_assumed(detector: NetworkDetector, job: Job) -> None:
-    """Say that names of classes are not the network's own."""
+    """Report that names of classes are not the network's own."""
     if detector.names.source.endswith("assumed"):
         shown = ", ".join(f"{k} is {detector.names.names.get(k, 'unknown')}" for k in detector.wanted.tolist())
         job.note(
-            f"{detector.network.file.path}: does not say what its classes are called; those of COCO are assumed: "
-            f"{shown} ({option('names')} says otherwise)"
+            f"{detector.network.file.path}: does not state what its classes are called; those of COCO are assumed: "
+            f"{shown} ({option('names')} states otherwise)"
         )
 
 

@@ -24,7 +24,7 @@ class FundamentalMatrixFit(NamedTuple):
     matrix: Floats  # (3, 3)
     residuals: Floats  # (N,) Sampson distances [px]
     noise_px: float  # standard deviation of a coordinate of a match, from the residuals
-    error_px: float  # expected error of its lines, see `fit_affine` and `fit_perspective`; inf: not told
+    error_px: float  # expected error of its lines, see `fit_affine` and `fit_perspective`; inf: not given
 
 
 def sampson(matrix: Floats, a: Floats, b: Floats) -> Floats:
@@ -47,7 +47,7 @@ def sampson_slopes(matrix: Floats, a: Floats, b: Floats) -> Floats:
 
 
 def fit_affine(a: Floats, b: Floats) -> FundamentalMatrixFit:
-    """The best matrix of two views whose rays are parallel: cameras far away with long lenses.
+    """The best matrix of two views with rays that are parallel: cameras far away with long lenses.
 
     The matches lie on a plane of their four coordinates; least squares finds it at once.
     `error_px` is as in `fit_perspective`, with 4 unknowns.
@@ -93,14 +93,14 @@ def fit_perspective(a: Floats, b: Floats, start: Floats | None = None, steps: in
 
     `error_px` is what to expect of its lines: the root mean square error, at the distance by
     which points of a view spread, along the line and to both sides of the match.  The errors
-    of the seven unknowns come from the residuals, to first order.  A set that does not tell
+    of the seven unknowns come from the residuals, to first order.  A set that does not determine
     them all has a large error.
 
     Args:
         a: (N, 2), N >= 8.
         b: (N, 2).
         start: (3, 3) matrix to start from; None: that of `eight_points`.
-        steps: at most so many steps (Levenberg-Marquardt).
+        steps: at most this many steps (Levenberg-Marquardt).
     """
     a1, b1, change_a, change_b = _about_zero(a, b)
     first = eight_points(a, b) if start is None else start
@@ -186,7 +186,7 @@ def _judged(matrix: Floats, tangents: Floats, a: Floats, b: Floats) -> Fundament
 
 
 def _line_variance(matrix: Floats, tangents: Floats, spread: Floats, a: Floats, b: Floats) -> float:
-    """Mean squared error [px^2] of lines in view b, at places as far along them as the points of b spread."""
+    """Mean squared error [px^2] of lines in view b, at positions as far along them as the points of b spread."""
     lines = epipolar_lines(matrix, a)
     along = np.column_stack([-lines[:, 1], lines[:, 0]])
     reach = float(np.sqrt(((b - b.mean(axis=0)) ** 2).sum() / len(b)))
@@ -230,7 +230,7 @@ def homography_distances(mapping: Floats, a: Floats, b: Floats) -> Floats:
 
 
 def homography_parallax(a: Floats, b: Floats) -> float:
-    """How far matches (N, 2), N >= 5, are from those of one plane, or of cameras at one place [px].
+    """How far matches (N, 2), N >= 5, are from those of one plane, or of cameras at one position [px].
 
     The root mean square of `homography_distances` of the best plane for each of the
     coordinates that are left: noise of standard deviation s in every coordinate alone

@@ -46,7 +46,7 @@ def view_geometry(
 
 
 def bends(camera: Camera | None) -> bool:
-    """Whether a camera's lens distorts, as far as that is known."""
+    """Whether a camera's lens distorts, if known."""
     return camera is not None and bool(np.any(camera.distortion))
 
 
@@ -55,11 +55,11 @@ def _camera(name: str, scene: Scene | None) -> Camera | None:
 
 
 def _of_poses(a: Camera | None, b: Camera | None) -> Floats:
-    """(3, 3) of two cameras with poses; NaN for others, and for two at the same place."""
+    """(3, 3) of two cameras with poses; NaN for others, and for two at the same position."""
     if a is not None and b is not None and a.placed and b.placed:
         try:
             return fundamental_of_cameras(a, b)
-        except ValueError:  # the same place
+        except ValueError:  # the same position
             pass
     return np.full((3, 3), np.nan)
 

@@ -20,7 +20,7 @@ from .views import TrackedView, ViewGeometry
 
 
 class KnownGeometry(NamedTuple):
-    """What is known of how views see the same point."""
+    """State of how views see the same point."""
 
     geometry: ViewGeometry
     sources: dict[str, str]  # by pair (`view1-view2`): file name, `recording`, `poses` or `none`
@@ -32,7 +32,7 @@ def known_geometry(
 ) -> KnownGeometry:
     """The geometry of some views.
 
-    For each pair of views the first of these counts that tells of it: the file; poses of the
+    For each pair of views the first of these counts that reports it: the file; poses of the
     scene that was given; what the recording holds, unless there is a file; poses of its scene.
 
     Args:
@@ -61,7 +61,7 @@ def known_geometry(
 
 
 def _without_posed(pairs: ViewPairs, scene: Scene) -> ViewPairs:
-    """The pairs that the poses of a scene do not tell."""
+    """The pairs that the poses of a scene do not determine."""
     placed = [camera.name for camera in scene.cameras if camera.placed]
     return ViewPairs(tuple(p for p in pairs.pairs if not (p.a in placed and p.b in placed)))
 

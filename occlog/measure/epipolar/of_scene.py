@@ -1,7 +1,7 @@
 """Fundamental matrices from the poses of cameras, and from matches of which some are wrong.
 
-Sets of matches that do not tell the matrix are refused: too few, all on a line, on one
-plane, or from one place.  Floors are such planes: a matrix from people's feet is wrong by
+Sets of matches that do not determine the matrix are refused: too few, all on a line, on one
+plane, or from one position.  Floors are such planes: a matrix from people's feet is wrong by
 tens of pixels for their heads.
 """
 
@@ -33,7 +33,7 @@ from .fit import (
 
 MIN_MATCHES = 20
 PARALLAX = 3.0
-"""Matches must differ from those of a plane by so many times their noise."""
+"""Matches must differ from those of a plane by this many times their noise."""
 OFF_PLANE_NOISE = 4.0
 """A match this many times the noise away from a plane's is off it."""
 OFF_PLANE = 8
@@ -66,7 +66,7 @@ def ideal_pixels(camera: Camera, pixels: Floats) -> Floats:
 def ideal_pixels_anywhere(camera: Camera, pixels: Floats) -> Floats:
     """(N, 2) the same, where `pixels` may be far outside the image: what the lens does at its border goes on there.
 
-    A lens model says nothing outside the image, and may not even have a solution.
+    A lens model states nothing outside the image, and may not even have a solution.
     """
     p = np.asarray(pixels, dtype=np.float64)
     if camera.image_size is None or not np.any(camera.distortion):
@@ -79,7 +79,7 @@ def fundamental_of_cameras(a: Camera, b: Camera) -> Floats:
     """(3, 3) fundamental matrix, for `ideal_pixels`, of two cameras of a scene.
 
     Raises:
-        ValueError: a camera's pose is not known, or both are at the same place.
+        ValueError: a camera's pose is not known, or both are at the same position.
     """
     for camera in (a, b):
         if not camera.placed:
@@ -121,8 +121,8 @@ def estimate_fundamental(
         min_matches: fewer matches that agree are refused.
 
     Raises:
-        ValueError: the matches are not finite, too few, on a line or a plane, from one place,
-            or do not tell the matrix well enough.
+        ValueError: the matches are not finite, too few, on a line or a plane, from one position,
+            or do not determine the matrix well enough.
     """
     a, b = np.ascontiguousarray(a, dtype=np.float64), np.ascontiguousarray(b, dtype=np.float64)
     config = config or EpipolarConfig()
@@ -139,7 +139,7 @@ def estimate_fundamental(
         raise ValueError(
             f"{agree} of {len(a)} matches agree with a fundamental matrix, must be at least {AGREEING * min_matches:g}"
         )
-    # Refuse degenerate sets: a line, a plane, one place
+    # Refuse degenerate sets: a line, a plane, one position
     _not_on_a_line(a[inliers], b[inliers], threshold_px)
     parallax = _not_on_a_plane(a, b, inliers, max(fit.noise_px, BEST_NOISE_PX))
     if not fit.error_px <= config.max_error_px:
@@ -177,7 +177,7 @@ def _not_on_a_plane(a: Floats, b: Floats, inliers: Bools, noise: float) -> float
     parallax = homography_parallax(a[inliers], b[inliers])
     if parallax < PARALLAX * noise:
         raise ValueError(
-            f"the matches are those of one plane or of cameras at one place: they differ from these by "
+            f"the matches are those of one plane or of cameras at one position: they differ from these by "
             f"{parallax:.2g} px, with noise of {noise:.2g} px, must be at least {PARALLAX:g} times it; "
             "add matches off the plane"
         )
@@ -185,7 +185,7 @@ def _not_on_a_plane(a: Floats, b: Floats, inliers: Bools, noise: float) -> float
     agree, all_off = int((inliers & off).sum()), int(off.sum())
     if agree < OFF_PLANE or agree < OFF_PLANE_SHARE * all_off:
         raise ValueError(
-            f"the matches are those of one plane or of cameras at one place: only {agree} of {all_off} off the plane "
+            f"the matches are those of one plane or of cameras at one position: only {agree} of {all_off} off the plane "
             f"agree, must be at least {max(OFF_PLANE, math.ceil(OFF_PLANE_SHARE * all_off))}; add matches off the plane"
         )
     return parallax

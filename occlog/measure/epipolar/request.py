@@ -18,7 +18,7 @@ class EpipolarRequest(Request):
     """Find the fundamental matrix of each pair of views: where a point of one view can be in the other.
 
     It comes from --matches (or --from-tracks) where they are given, else from the poses of the scene.
-    Matches of one plane (people's feet), of a line, from one place, or too few are refused.
+    Matches of one plane (people's feet), of a line, from one position, or too few are refused.
     Where a scene tells lens distortion, it is taken off the points first.
 
     With RECORDING and an output that ends in .mcap, a copy of the recording holds the matrices, and

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def run_epipolar(request: EpipolarRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Find the matrices and write them, or check them; the summary, and what had been lost before."""
+    """Find the matrices and write them, or check them; the summary, and earlier losses."""
     _check_usage(request)
     config = EpipolarConfig(**request.settings)  # type: ignore[arg-type]
     recording = open_recording(request.recording) if request.recording is not None else None
@@ -63,7 +63,7 @@ def _check_usage(request: EpipolarRequest) -> None:
         raise UsageError(f"{option('matches')} and {option('from_tracks')} are two sources of matches; give one")
     some = request.matches is not None or request.tracks is not None
     if request.check and not some:
-        raise UsageError(f"{option('check')} wants matches; give {option('matches')} or {option('from_tracks')}")
+        raise UsageError(f"{option('check')} requires matches; give {option('matches')} or {option('from_tracks')}")
     if request.check and output is not None:
         raise UsageError(f"{option('check')} writes nothing; leave -o out, or {option('check')}")
     if not request.check and output is None:
@@ -106,7 +106,7 @@ def _checks(
     if pairs is None:
         if scene is None:
             raise UsageError(
-                f"{option('check')} wants something to check; give {option('fundamental')}, "
+                f"{option('check')} requires something to check; give {option('fundamental')}, "
                 f"{option('scene')} or a recording with either"
             )
         pairs = calibrated_pairs(scene)
@@ -114,7 +114,7 @@ def _checks(
 
 
 def _matches(request: EpipolarRequest, config: EpipolarConfig) -> tuple[PointMatches, ...]:
-    """Matches of the cameras asked for; InputError if there are none."""
+    """Matches of the cameras asked for; InputError if missing."""
     found = _of_tracks(request.tracks, config.points) if request.tracks is not None else ()
     if request.matches is not None:
         found = read_matches(request.matches)

@@ -39,19 +39,19 @@ class PairCheck(NamedTuple):
 
 
 def calibrated_pairs(scene: Scene) -> ViewPairs:
-    """The pairs of all cameras with a pose, but for two at the same place; InputError where there is none."""
+    """The pairs of all cameras with a pose, but for two at the same position; InputError if missing."""
     pairs = []
     placed = [camera for camera in scene.cameras if camera.placed]
     for a, b in combinations(placed, 2):
         try:
             matrix = fundamental_of_cameras(a, b)
-        except ValueError:  # the same place
+        except ValueError:  # the same position
             continue
         pairs.append(ViewPair(a.name, b.name, matrix, "calibration", undistorted=bends(a) or bends(b)))
     if not pairs:
         raise InputError(
             f"scene: {len(placed)} of {len(scene.cameras)} cameras have a pose; a fundamental matrix needs two, at "
-            "different places; calibrate more, or give matches"
+            "different positions; calibrate more, or give matches"
         )
     return ViewPairs(tuple(pairs))
 
@@ -65,11 +65,11 @@ def estimated_pairs(
 
     Args:
         matches: of each pair.
-        scene: cameras whose lens may be known; their poses are not used.
+        scene: cameras with lens that may be known; their poses are not used.
         config: model, threshold and largest error, see `estimate_fundamental`.
 
     Raises:
-        InputError: the matches of a pair do not tell its matrix.
+        InputError: the matches of a pair do not determine its matrix.
     """
     config = config or EpipolarConfig()
     return ViewPairs(tuple(_estimated(m, scene, config) for m in matches))
@@ -152,11 +152,11 @@ def _camera(scene: Scene, name: str, where: str) -> Camera:
 
 
 MAX_MATCHES = 2_000
-"""Matches of a pair that are used; of more, those of moments drawn at random, of each all targets and both ends."""
+"""Matches of a pair that are used; of more, those of time steps drawn at random, of each all targets and both ends."""
 SEED = 6
 """Of that draw."""
 VISIBLE = 0.8
-"""Boxes of targets of which less than this is visible are left out: what is drawn there is a guess."""
+"""Boxes of targets of which less than this is visible are skipped: the drawing there is a guess."""
 
 
 def matches_of_tracks(
@@ -184,19 +184,19 @@ def matches_of_tracks(
 
 @dataclass
 class _Sample:
-    """Matches of moments drawn at random, never much more than twice `MAX_MATCHES` of them.
+    """Matches of time steps drawn at random, never much more than twice `MAX_MATCHES` of them.
 
-    Whole moments, because matches come in a fixed order: equal steps may fall on the same
+    Whole time steps, because matches come in a fixed order: equal steps may fall on the same
     targets, or the same ends, each time.
     """
 
-    kept: list[tuple[float, Floats]] = field(default_factory=list)  # (lot, matches) of each moment
+    kept: list[tuple[float, Floats]] = field(default_factory=list)  # (lot, matches) of each time step
     size: int = 0
     share: float = 1.0  # lots below this are kept
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(SEED))
 
     def add(self, block: Floats) -> None:
-        """Keep the (N, 2, 2) matches of a moment if its lot is low; with too many matches half of the lots go."""
+        """Keep the (N, 2, 2) matches of a time step if its lot is low; with too many matches half of the lots go."""
         lot = float(self.rng.random())
         if lot < self.share:
             self.kept.append((lot, block))
@@ -207,7 +207,7 @@ class _Sample:
             self.size = sum(len(block) for _, block in self.kept)
 
     def matches(self, a: str, b: str, where: str) -> PointMatches:
-        """What was kept, at most `MAX_MATCHES`, but at least a moment."""
+        """What was kept, at most `MAX_MATCHES`, but at least a time step."""
         lots = np.array([lot for lot, _ in self.kept])
         order = np.argsort(lots)
         sizes = np.cumsum([len(self.kept[k][1]) for k in order])

@@ -9,7 +9,7 @@ from occlog.array_types import Floats
 
 
 class TrackedView(NamedTuple):
-    """A camera whose images are tracked in."""
+    """A camera with images that are tracked in."""
 
     name: str
     width: int  # of its images [px]

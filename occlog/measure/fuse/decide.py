@@ -1,13 +1,13 @@
-"""The global decision about one object at one moment, from the local detections of several cameras ([Lee] Ch. 4).
+"""The global decision about one object at one time step, from the local detections of several cameras ([Lee] Ch. 4).
 
-A camera's detection is a sight line, with a distance where its foot on the floor is known.  The global position
-is the place where the lines that agree meet, or else the mean of the feet, or else the prediction corrected by a
+A camera's detection is a line of sight, with a distance where its foot on the floor is known.  The global position
+is the position where the lines that agree meet, or else the mean of the feet, or else the prediction corrected by a
 line.  The decision is Eq. 4.13 with the qualities W (Eq. 4.20) and the prior P_1 (Eqs. 4.23-4.24), which fall with
 the distance to the prediction.  Two things differ from the thesis: distances are measured in the spread sigma
 together with the errors of detection and prediction, and the position is weighted by errors and not by W, because
 cameras measure a direction much better than a distance.
 
-Candidates without a label: bring them together on the ground, and follow their objects from moment to moment.
+Candidates without a label: bring them together on the ground, and follow their objects from time step to time step.
 """
 
 from __future__ import annotations
@@ -39,34 +39,34 @@ from .kernels import (
 from .views import PlacedCameras
 
 CONFIRMATION_STEPS = 2
-"""Moments in which cameras must meet in an object before its prediction counts: any two lines cross somewhere."""
+"""Time steps in which cameras must meet in an object before its prediction counts: any two lines cross somewhere."""
 SAMPLES = 16
-"""Places along a lone sight line at which each camera is asked whether it sees them."""
+"""Positions along a lone line of sight at which each camera is asked whether it sees them."""
 
 
 class ObjectMemory(NamedTuple):
-    """State of an object after the moments before."""
+    """State of an object after the time steps before."""
 
     motion: MotionEstimate | None = None
-    absent: int = 0  # moments in a row without a declaration
-    met: int = 0  # moments in which cameras met in it
+    absent: int = 0  # time steps in a row without a declaration
+    met: int = 0  # time steps in which cameras met in it
 
 
 class Decision(NamedTuple):
-    """The decision about one object at one moment."""
+    """The decision about one object at one time step."""
 
     declared: bool
     value: float  # of Eq. 4.13, natural log
-    place: PositionWithCovariance | None  # global position of a declared object; None: a lone line says no place
+    place: PositionWithCovariance | None  # global position of a declared object; None: a lone line states no position
     kept: Bools  # (R,) local detections that stand
-    missed: Ints  # places in `cameras` of the cameras that look, see the place, and have no detection that stands
+    missed: Ints  # positions in `cameras` of the cameras that look, see the position, and have no detection that stands
     memory: ObjectMemory
 
     @property
     def at(self) -> PositionWithCovariance:
         """The global position of a decision that has one, as every decision with missed cameras has."""
         if self.place is None:
-            raise ValueError("the decision says no place")
+            raise ValueError("the decision states no position")
         return self.place
 
 
@@ -77,9 +77,9 @@ def decide(
 
     Args:
         memory: of the object.
-        t_ns: the moment, after the memory's.
-        sight: local detections of it, at most one a camera; `sensor` is a place in `cameras`.
-        looked: places in `cameras` of the cameras that delivered a frame, rising.
+        t_ns: the time step, after the memory's.
+        sight: local detections of it, at most one a camera; `sensor` is a position in `cameras`.
+        looked: positions in `cameras` of the cameras that delivered a frame, rising.
         cameras: those with a pose.
         config: settings in the scene's unit.
     """
@@ -108,7 +108,7 @@ def decide(
     if motion is not None:
         quality[np.searchsorted(looked, sight.sensor)] = np.exp(-0.5 * off)
         prior = _prior(place, motion.place, sigma2)
-    # Decide ([Lee] Eq. 4.13) over the cameras that detected the object or can see the place.
+    # Decide ([Lee] Eq. 4.13) over the cameras that detected the object or can see the position.
     p_miss, p_false = cameras.p_miss[looked], cameras.p_false[looked]
     value = float(decision_value(hit[None], quality[None], prior, p_miss, p_false, (hit | sees)[None])[0])
     if not (value > 0.0 and len(group)):
@@ -126,10 +126,10 @@ def decide(
 def agreeing(
     sight: LocalDirections, rows: Ints, motion: MotionEstimate | None, cameras: PlacedCameras, config: FuseConfig
 ) -> Ints:
-    """Which of some detections make the global position; empty if no place follows from them.
+    """Which of some detections make the global position; empty if no position follows from them.
 
-    Those whose lines meet in one place; without two that meet, the one nearest to the prediction; without a
-    prediction, one whose distance is known and those that agree with it.
+    Those with lines that meet in one position; without two that meet, the one nearest to the prediction; without a
+    prediction, one with known distance and those that agree with it.
     """
     if len(rows) > 1:
         mine = sight.take(rows)
@@ -176,7 +176,7 @@ def _locate(
     place = meet(sight, math.radians(config.min_crossing_deg))
     if motion is None:
         if place is None:  # `agreeing` gives lines that meet, or distances
-            raise AssertionError("detections without a place")
+            raise AssertionError("detections without a position")
         return place, begin(t_ns, place, config.speed)
     if place is None:
         after = corrected_by_line(motion, sight)
@@ -197,7 +197,7 @@ def _predicted_object(
 
 
 def _across(sight: LocalDirections, place: PositionWithCovariance) -> Floats:
-    """(R,) standard deviations by which lines miss a place; what is known of distances is not asked."""
+    """(R,) standard deviations by which lines miss a position; what is known of distances is not asked."""
     nothing = np.full(len(sight.azimuth), np.nan)
     return np.sqrt(misfit(sight._replace(distance=nothing, sigma_distance=nothing), place))
 
@@ -219,7 +219,7 @@ def _nothing(
 
 
 def _single_line_updates(sight: LocalDirections, looked: Ints, cameras: PlacedCameras, config: FuseConfig) -> Decision:
-    """The decision where no place is known: each line by the cameras that see at least half of it.
+    """The decision where no position is known: each line by the cameras that see at least half of it.
 
     Another camera's detection supports a line where the two come together.
     """
@@ -238,7 +238,7 @@ def _single_line_updates(sight: LocalDirections, looked: Ints, cameras: PlacedCa
 
 
 class CandidateDecisions(NamedTuple):
-    """Decisions about the candidates of one moment."""
+    """Decisions about the candidates of one time step."""
 
     objects: list[ObjectMemory]  # those that are followed further
     decisions: list[tuple[Decision, Ints]]  # with the rows of the candidates that each is about
@@ -259,10 +259,10 @@ def fuse_candidates(
     A candidate is of one object at most.
 
     Args:
-        objects: with a motion each, at earlier moments.
-        t_ns: the moment.
+        objects: with a motion each, at earlier time steps.
+        t_ns: the time step.
         sight: of all rows.
-        rows: those of the moment's candidates.
+        rows: those of the time step's candidates.
         looked: cameras that delivered a frame, rising.
         cameras: those with a pose.
         config: settings in the scene's unit.
@@ -310,7 +310,7 @@ def _off(memory: ObjectMemory, t_ns: int, sight: LocalDirections, config: FuseCo
 
 
 def _groups(sight: LocalDirections, rows: Ints, cameras: PlacedCameras, config: FuseConfig) -> Iterator[Ints]:
-    """Candidates that may be of one object: those that meet, the most first; those with feet in one place; the rest."""
+    """Candidates that may be of one object: those that meet, the most first; those with feet in one position; the rest."""
     left = rows
     for place in [*_meetings(sight.take(rows), cameras, config), *_standing(sight.take(rows))]:
         mine = _nearest(sight, left, place, config.gate)
@@ -338,7 +338,7 @@ def _standing(sight: LocalDirections) -> list[PositionWithCovariance]:
 
 
 def _nearest(sight: LocalDirections, rows: Ints, place: PositionWithCovariance, gate: float) -> Ints:
-    """Rows near a place, of every camera the nearest."""
+    """Rows near a position, of every camera the nearest."""
     off = misfit(sight.take(rows), place)
     out = []
     for camera in np.unique(sight.sensor[rows]).tolist():

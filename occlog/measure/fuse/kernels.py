@@ -1,14 +1,14 @@
-"""Sight lines of several cameras, and the decision by likelihood ratio.
+"""Lines of sight of several cameras, and the decision by likelihood ratio.
 
 One decision from the detections of several cameras, and what becomes of each ([Lee] Ch. 4).
 
-All cameras look for one and the same object.  Arrays have N times and J cameras.  A local detection is a
-ground position; a NaN row says that the camera looked and detected nothing.  A camera that delivered no
-frame, or cannot see the place, is marked in `looked` and has no part in the decision.
+All cameras search for one and the same object.  Arrays have N times and J cameras.  A local detection is a
+ground position; a NaN row states that the camera looked and detected nothing.  A camera that delivered no
+frame, or cannot see the position, is marked in `looked` and has no part in the decision.
 
-Sight lines on the ground, some with a distance, against a place and its covariance.
+Lines of sight on the ground, some with a distance, against a position and its covariance.
 
-What the fusion of detections needs: how far lines pass from a place, where a line or several meet, and a
+What the fusion of detections needs: how far lines pass from a position, where a line or several meet, and a
 target's state between its detections.  R lines each start at a sensor.
 """
 
@@ -53,7 +53,7 @@ class FusionDecisions(NamedTuple):
     value: Floats  # (N,) decision value, natural log
     xy: Floats  # (N, 2) global position; NaN where no detection was used
     prior: Floats  # (N,) P_1
-    quality: Floats  # (N, J) W of each detection; NaN where there is none
+    quality: Floats  # (N, J) W of each detection; NaN if missing
     cause: Codes  # (N, J) see CAUSES
 
     @property
@@ -68,16 +68,16 @@ class FusionDecisions(NamedTuple):
 
     @property
     def removed(self) -> Bools:
-        """(N, J) local detections that fall; for cause REMOVED_FAR the global position takes their place."""
+        """(N, J) local detections that fall; for cause REMOVED_FAR the global position takes their position."""
         return np.asarray((self.cause == REMOVED_FALSE) | (self.cause == REMOVED_FAR))
 
 
 def quality(positions: Floats, predicted: Floats, sigma: float) -> Floats:
-    """(N, J) quality W in [0, 1] of local detections; NaN where there is none ([Lee] Eq. 4.20).
+    """(N, J) quality W in [0, 1] of local detections; NaN if missing ([Lee] Eq. 4.20).
 
     Args:
         positions: (N, J, 2) ground positions of the local detections, NaN where missed.
-        predicted: (N, 2) predicted position.  NaN: not known; every detection then has W = 1/2, which says nothing.
+        predicted: (N, 2) predicted position.  NaN: not known; every detection then has W = 1/2, which states nothing.
         sigma: spread of the position about the prediction [length], > 0.
     """
     weight = np.exp(-_exponent(positions, predicted[:, None, :], sigma))
@@ -104,7 +104,7 @@ def fused_position(positions: Floats, predicted: Floats, sigma: float) -> Floats
 def prior_present(fused: Floats, predicted: Floats, sigma: float, edge: float = EDGE) -> Floats:
     """(N,) prior P_1 = w(n) that the object is there, in [edge, 1 - edge] ([Lee] Eqs. 4.23-4.24).
 
-    Where either position is NaN the dynamic model says nothing, and P_1 = 1/2.
+    Where either position is NaN the dynamic model states nothing, and P_1 = 1/2.
 
     Args:
         fused: (N, 2) global position.
@@ -240,7 +240,7 @@ def _detected(positions: Floats) -> Bools:
 
 
 NEAREST = 1e-6
-"""Places this near to a sensor count as so far off [length]; they have no direction."""
+"""Positions this near to a sensor count as so far off [length]; they have no direction."""
 
 
 class LocalDirections(NamedTuple):
@@ -266,14 +266,14 @@ class LocalDirections(NamedTuple):
 
 
 class PositionWithCovariance(NamedTuple):
-    """A place with its uncertainty."""
+    """A position with its uncertainty."""
 
     xy: Floats  # (2,)
     cov: Floats  # (2, 2)
 
 
 def deviations(sight: LocalDirections, place: PositionWithCovariance) -> tuple[Floats, Floats]:
-    """How far local detections are from a place, and the variance of that without the place's own.
+    """How far local detections are from a position, and the variance of that without the position's own.
 
     Returns:
         (R, 2) offsets across and along each line; across is infinite for a line that looks away, along is 0
@@ -291,9 +291,9 @@ def deviations(sight: LocalDirections, place: PositionWithCovariance) -> tuple[F
 
 
 def misfit(sight: LocalDirections, place: PositionWithCovariance, extra: float = 0.0) -> Floats:
-    """(R,) squared distance of local detections from a place, in variances of both and `extra` [length^2].
+    """(R,) squared distance of local detections from a position, in variances of both and `extra` [length^2].
 
-    One degree of freedom for a line, two for one whose distance is known.
+    One degree of freedom for a line, two for one with known distance.
     """
     offset, variance = deviations(sight, place)
     c, s = np.cos(sight.azimuth), np.sin(sight.azimuth)
@@ -331,7 +331,7 @@ def meet(sight: LocalDirections, min_crossing: float) -> PositionWithCovariance 
 
 
 def points(sight: LocalDirections) -> tuple[Floats, Floats]:
-    """(R, 2) places of local detections with a distance, and (R, 2, 2) their covariances."""
+    """(R, 2) positions of local detections with a distance, and (R, 2, 2) their covariances."""
     c, s = np.cos(sight.azimuth), np.sin(sight.azimuth)
     xy = sight.origin + sight.distance[:, None] * np.column_stack([c, s])
     across, along = (sight.distance * sight.sigma) ** 2, sight.sigma_distance**2
@@ -354,7 +354,7 @@ class MotionEstimate(NamedTuple):
 
 
 def begin(t_ns: int, place: PositionWithCovariance, speed: float) -> MotionEstimate:
-    """A target found at a place; each component of its velocity is 0 with standard deviation `speed`."""
+    """A target found at a position; each component of its velocity is 0 with standard deviation `speed`."""
     cov = np.zeros((4, 4))
     cov[:2, :2], cov[2, 2], cov[3, 3] = place.cov, speed**2, speed**2
     return MotionEstimate(t_ns, np.append(place.xy, [0.0, 0.0]), cov)

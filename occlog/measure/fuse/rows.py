@@ -1,6 +1,6 @@
 """Rows of bearings and views after the fusion: kept, removed, recovered in place, or added.
 
-Views and bearings in parts of whole moments, and the rows of each moment.
+Views and bearings in parts of whole time steps, and the rows of each time step.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ T = TypeVar("T", Views, Bearings)
 
 @dataclass(frozen=True, eq=False)
 class FusionPart:
-    """Some whole moments: their views, their bearings, and the first row of each moment in the bearings."""
+    """Some whole time steps: their views, their bearings, and the first row of each time step in the bearings."""
 
     views: Views
     bearings: Bearings
@@ -33,9 +33,9 @@ class FusionPart:
 
 
 def whole_moments(parts: Iterable[Detections], window_ns: int) -> Iterator[FusionPart]:
-    """Parts that never end amid a moment; where the input is cut does not matter to the moments.
+    """Parts that never end amid a time step; where the input is cut does not matter to the time steps.
 
-    Rows at most `window_ns` apart are of one moment, unless a sensor speaks at two times.  Views go with the
+    Rows at most `window_ns` apart are of one time step, unless a sensor speaks at two times.  Views go with the
     bearings of their time.
 
     Raises:
@@ -45,7 +45,7 @@ def whole_moments(parts: Iterable[Detections], window_ns: int) -> Iterator[Fusio
     for part in parts:
         views, bearings = _joined(views, part.views), _joined(bearings, part.bearings)
         starts = moments(bearings, window_ns)
-        cut = int(starts[-2]) if len(bearings) else 0  # the last moment may go on in the next part
+        cut = int(starts[-2]) if len(bearings) else 0  # the last time step may go on in the next part
         first_ns = int(bearings.t_ns[cut]) if len(bearings) else None
         over = len(views) if first_ns is None else int(np.searchsorted(views.t_ns, first_ns))
         whole = starts[:-1] if len(bearings) else starts
@@ -62,7 +62,7 @@ def _joined(held: T, more: T) -> T:
 
 
 def moments(bearings: Bearings, window_ns: int) -> Ints:
-    """(M + 1,) first rows of the moments, then the number of rows."""
+    """(M + 1,) first rows of the time steps, then the number of rows."""
     t = bearings.t_ns
     if not len(t):
         return np.zeros(1, dtype=np.int64)
@@ -109,16 +109,16 @@ class FusionRows:
         """Nothing is decided yet.
 
         Args:
-            part: of whole moments.
+            part: of whole time steps.
             cameras: those with a pose.
-            camera_of: (N,) place in `cameras` of each bearing's sensor, -1 for others.
+            camera_of: (N,) position in `cameras` of each bearing's sensor, -1 for others.
         """
         self.bearings, self.cameras, self.camera_of = part.bearings, cameras, camera_of
         n = len(part.bearings)
         self.cause = np.full(n, "", dtype="U9")
         self.dropped = np.zeros(n, dtype=np.bool_)
         self._sight: dict[int, tuple[float, float, float, float]] = {}  # rows that are recovered in place
-        self._new: list[tuple[int, int, int, PositionWithCovariance]] = []  # time, camera, target, place
+        self._new: list[tuple[int, int, int, PositionWithCovariance]] = []  # time, camera, target, position
         self._fresh: set[tuple[int, int]] = set()  # time and camera of recovered candidates
         self._views, self._view_of = part.views, views_of(part.views, part.bearings)
 
@@ -141,7 +141,7 @@ class FusionRows:
     def tidy_candidates(self, first: int, last: int) -> None:
         """One row "not seen" of a camera's candidates at most, and none beside candidates that stand.
 
-        To be called for the rows of a moment after all its decisions.
+        To be called for the rows of a time step after all its decisions.
         """
         rows = np.arange(first, last)
         mine = rows[(self.bearings.target_id[first:last] == UNLABELLED) & (self.camera_of[first:last] >= 0)]

@@ -35,9 +35,9 @@ MAX_REMOVED = 0.2
 
 
 def run_fuse(request: FuseRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Fuse and write; the summary, and what had been lost before."""
+    """Fuse and write; the summary, and earlier losses."""
     if request.fused_views is not None and request.views is None:
-        raise UsageError(f"{option('fused_views')} wants the views of the bearings; give them with {option('views')}")
+        raise UsageError(f"{option('fused_views')} requires the views of the bearings; give them with {option('views')}")
     if open_input(request.bearings).table == Tracks.NAME:
         raise UsageError(
             f"{request.bearings}: holds tracks; name those of another group of cameras with {option('with')}, or give "
@@ -61,7 +61,7 @@ def run_fuse(request: FuseRequest, job: Job) -> tuple[dict[str, object], tuple[L
 
 
 class FuseTally:
-    """Figures of the summary of a fusion, gathered while streaming."""
+    """Figures of the summary of a fusion, accumulated while streaming."""
 
     def __init__(self, scene: Scene, config: FuseConfig) -> None:
         """Start with no figures."""
@@ -82,7 +82,7 @@ class FuseTally:
     def summary(self) -> dict[str, object]:
         """Figures of all cameras, and of each.
 
-        declared: objects, one a moment and object; not_declared: those with detections that were not.
+        declared: objects, one a time step and object; not_declared: those with detections that were not.
         """
         whole: Counter[str] = Counter()
         for counts in self.cameras.values():
@@ -118,7 +118,7 @@ class FuseTally:
         return outcome(AGREE, found, unless="" if told else few, share=share, allowed=limit)
 
     def warn(self, quiet: bool) -> None:
-        """Print a note if at most moments a single camera delivered a frame, so that there is nothing to fuse."""
+        """Print a note if at most time steps a single camera delivered a frame, so that there is nothing to fuse."""
         alone, moments = self.totals["alone"], self.totals["moments"]
         if 2 * alone > moments:
             console.note(

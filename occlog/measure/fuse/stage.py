@@ -1,6 +1,6 @@
 """Fusion of the detections of several cameras: false ones are removed, missed ones recovered ([Lee] Ch. 4).
 
-At each moment the detections of each target, and the candidates that may be of any object, are brought together on
+At each time step the detections of each target, and the candidates that may be of any object, are brought together on
 the ground; `decide` makes the decision about each object.  The output has the rows of the input with their causes,
 and rows for recovered detections.
 """
@@ -39,9 +39,9 @@ class FusedPart(NamedTuple):
     counts: dict[str, dict[str, int]]  # by camera: detections kept, recovered, removed
     targets: dict[str, tuple[int, ...]]  # by camera: detections with a label kept, removed
     moments: int
-    alone: int  # moments in which a single camera delivered a frame
-    declared: int  # objects declared, one a moment and object
-    absent: int  # moments and objects with detections that were not declared
+    alone: int  # time steps in which a single camera delivered a frame
+    declared: int  # objects declared, one a time step and object
+    absent: int  # time steps and objects with detections that were not declared
 
     @property
     def detections(self) -> Detections:
@@ -51,7 +51,7 @@ class FusedPart(NamedTuple):
 
 @dataclass
 class _FusionState:
-    """Targets and objects as known from the moments before, and counts."""
+    """Targets and objects as known from the time steps before, and counts."""
 
     targets: dict[int, ObjectMemory] = field(default_factory=dict)
     objects: list[ObjectMemory] = field(default_factory=list)
@@ -71,7 +71,7 @@ def fuse(parts: Iterable[Detections], scene: Scene, config: FuseConfig | None = 
     """Views and bearings after the fusion, in the order of time.
 
     Each target's labelled detections are fused by themselves.  Candidates (target_id -1) are grouped on the ground
-    and followed from one moment to the next.  Rows of microphone arrays, and of cameras without a pose, stay as
+    and followed from one time step to the next.  Rows of microphone arrays, and of cameras without a pose, stay as
     they are.  Where the input is cut does not matter; memory does not grow with it.
 
     Args:
@@ -81,7 +81,7 @@ def fuse(parts: Iterable[Detections], scene: Scene, config: FuseConfig | None = 
 
     Raises:
         InputError: fewer than two cameras with a pose, a sensor that the scene does not have, times that go back,
-            or two rows of a camera for one target and moment.
+            or two rows of a camera for one target and time step.
     """
     config = config or FuseConfig.in_unit(scene.length_unit)
     cameras = placed_cameras(scene, config)
@@ -125,7 +125,7 @@ def _fuse_part(
 
 
 def sights_of(bearings: Bearings, camera_of: Ints, cameras: PlacedCameras, distance: Floats) -> LocalDirections:
-    """All rows as sight lines; rows of sensors that are no placed cameras get a camera's place and are not read."""
+    """All rows as lines of sight; rows of sensors that are no placed cameras get a camera's position and are not read."""
     ground = np.array([c.ground for c in cameras.placed])
     return LocalDirections(
         sensor=camera_of,
@@ -138,7 +138,7 @@ def sights_of(bearings: Bearings, camera_of: Ints, cameras: PlacedCameras, dista
 
 
 class _FusionStep(NamedTuple):
-    """Rows of one moment."""
+    """Rows of one time step."""
 
     t_ns: int
     rows: Ints  # of the bearings of cameras
@@ -149,7 +149,7 @@ class _FusionStep(NamedTuple):
 def _fuse_moment(
     ledger: FusionRows, sight: LocalDirections, first: int, last: int, state: _FusionState, config: FuseConfig
 ) -> None:
-    """Decide about all targets and candidates in the rows from `first` to before `last`, which are of one moment."""
+    """Decide about all targets and candidates in the rows from `first` to before `last`, which are of one time step."""
     rows = np.arange(first, last)[ledger.camera_of[first:last] >= 0]
     looked = np.unique(ledger.camera_of[rows])
     if not len(looked):
@@ -185,7 +185,7 @@ def _fuse_target(
     state: _FusionState,
     config: FuseConfig,
 ) -> None:
-    """Decide about one target at one moment; InputError where a camera has two rows for it."""
+    """Decide about one target at one time step; InputError where a camera has two rows for it."""
     own = moment.rows[ledger.bearings.target_id[moment.rows] == target]
     row_of = {int(ledger.camera_of[r]): r for r in own.tolist()}
     if len(row_of) < len(own):

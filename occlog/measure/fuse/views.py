@@ -1,6 +1,6 @@
 """Views in the fusion: distances of feet on the floor, and boxes of recovered detections.
 
-Cameras with a pose: which places each sees, how reliably it detects, and at which bearing it would see a place.
+Cameras with a pose: which places each sees, how reliably it detects, and at which bearing it would see a position.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class PlacedCameras:
     placed: tuple[Camera, ...]
     sensors: Sensors
     region: Floats  # (K, 2) polygon in which objects can be
-    far: Floats  # (C,) distance of the farthest place of the room in range
+    far: Floats  # (C,) distance of the farthest position of the room in range
     p_miss: Floats  # (C,) probability that a camera misses what it could see, [Lee] P_M
     p_false: Floats  # (C,) probability that a camera reports what is not there, [Lee] P_F
     person_height: float | None  # None: not known
@@ -44,7 +44,7 @@ class PlacedCameras:
         return tuple(c.name for c in self.placed)
 
     def sees(self, xy: Floats, which: int) -> Bools:
-        """(N,) whether a camera can see each of (N, 2) places: field of view, range, walls, border of the image."""
+        """(N,) whether a camera can see each of (N, 2) positions: field of view, range, walls, border of the image."""
         seen = seen_from(np.ascontiguousarray(xy), which, self.sensors)
         camera = self.placed[which]
         if self.person_height is None or camera.image_size is None or not camera.above_floor:
@@ -55,7 +55,7 @@ class PlacedCameras:
         return np.asarray(seen & inside.all(axis=1))
 
     def along(self, line: LocalDirections, n: int) -> Floats:
-        """(m, 2) places on a sight line that its own camera can see, at most `n`, at least one."""
+        """(m, 2) positions on a line of sight that its own camera can see, at most `n`, at least one."""
         which = int(line.sensor[0])
         reach = np.linspace(0.0, self.far[which], n + 1)[1:]
         xy = line.origin + reach[:, None] * np.column_stack([np.cos(line.azimuth), np.sin(line.azimuth)])
@@ -75,7 +75,7 @@ def placed_cameras(scene: Scene, config: FuseConfig) -> PlacedCameras:
         blind = len(scene.cameras) - len(cameras)
         why = f"; {blind} more have no pose" if blind else ""
         raise InputError(
-            f"fuse: the scene has {len(cameras)} camera{'s' * (len(cameras) != 1)} with a pose{why}; fusion wants at "
+            f"fuse: the scene has {len(cameras)} camera{'s' * (len(cameras) != 1)} with a pose{why}; fusion requires at "
             "least two, calibrated"
         )
     region = scene.room
@@ -99,10 +99,10 @@ def placed_cameras(scene: Scene, config: FuseConfig) -> PlacedCameras:
 
 
 def expected_sight(camera: Camera, place: PositionWithCovariance) -> tuple[float, float, float, float]:
-    """Bearing, sigma [rad], u_px and sigma_px at which a camera would see a place.
+    """Bearing, sigma [rad], u_px and sigma_px at which a camera would see a position.
 
-    `sigma_px` is the uncertainty of the place across the sight line; `sigma` has that of the camera's pose
-    ([Ercan] Eq. 2) besides.  There is no reading, so no reading noise.
+    `sigma_px` is the uncertainty of the position across the line of sight; `sigma` has that of the camera's pose
+    ([Ercan] Eq. 2) also.  There is no reading, so no reading noise.
     """
     away = place.xy - camera.ground
     bearing = float(np.arctan2(away[1], away[0]))
@@ -124,10 +124,10 @@ BORDER_PX = 1.5  # a box that comes this near to the border of the image is cut 
 STATURE = (0.75, 1.33)
 """A box this much shorter or taller than a person who stands at its lower edge does not show where the feet are."""
 FOOT = 0.05
-"""Standard deviation of the feet's row in the image, in heights of the box, besides the reading noise."""
+"""Standard deviation of the feet's row in the image, in heights of the box, also the reading noise."""
 
 New = tuple[int, int, int, PositionWithCovariance]
-"""Time, camera's place in `PlacedCameras`, target, global position of a detection that was recovered."""
+"""Time, camera's position in `PlacedCameras`, target, global position of a detection that was recovered."""
 
 
 def views_of(views: Views, bearings: Bearings) -> Ints:
@@ -145,7 +145,7 @@ def feet(views: Views, cameras: PlacedCameras) -> Floats:
     """(V, 2) distance along the ground of each view's feet, and its standard deviation; NaN where they do not show.
 
     Feet are at the middle of the lower edge, on the floor z = 0.  They do not show in a camera of unknown
-    height, at the border of the image, or in a box that is too short or too tall for somebody who stands there.
+    height, at the border of the image, or in a box that is too short or too tall for a person who stands there.
     """
     out = np.full((len(views), 2), np.nan)
     for which, camera in enumerate(cameras.placed):
@@ -175,7 +175,7 @@ def _feet_of(camera: Camera, height: float, views: Views, far: float) -> Floats:
 
 
 def _on_floor(camera: Camera, pixels: Floats) -> Floats:
-    """(N,) horizontal distance at which sight lines through pixels reach the floor; NaN if they do not."""
+    """(N,) horizontal distance at which lines of sight through pixels reach the floor; NaN if they do not."""
     rays = camera.rays(pixels)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(rays[:, 2] < 0, -camera.position[2] / rays[:, 2] * np.hypot(rays[:, 0], rays[:, 1]), np.nan)
@@ -186,7 +186,7 @@ def recovered_views(
 ) -> Views:
     """Views of recovered detections: a person's box at the global position, without appearance.
 
-    Nothing for cameras without views of their own so far, or where a person's height is not known.
+    Nothing for cameras without their own views so far, or where a person's height is not known.
 
     Args:
         new: what was recovered.
@@ -232,7 +232,7 @@ def _numbers(
 def _view(
     t_ns: int, camera: Camera, frame: int, cluster: int, target: int, place: PositionWithCovariance, height: float
 ) -> Views:
-    """A person's box at a place."""
+    """A person's box at a position."""
     middle, spans = person_in_image(camera, place.xy[None], height)
     x, y = middle[0].tolist()
     cov = np.einsum("ki,kj->ij", spans[0], spans[0]) / 12.0

@@ -22,7 +22,7 @@ class LabelRequestBase(Request):
     """Give candidates of BEARINGS (Parquet, or a recording that holds bearings) the identity of a track.
 
     In every frame of a sensor the candidates (target_id -1) are assigned one to one to the tracks,
-    by the difference of bearings. A track without a candidate gets a row that says "not seen".
+    by the difference of bearings. A track without a candidate gets a row that states "not seen".
     Rows that have a label stay.
 
     With --gallery BEARINGS holds boxes or views, and each is compared with the people of the gallery as they
@@ -50,7 +50,7 @@ class _ByKind(LabelRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class LabelRequest(LabelRequestBase):
-    """Candidates to label by the places of tracks."""
+    """Candidates to label by the positions of tracks."""
 
     RUN: ClassVar[str] = "occlog.measure.label.run:run_label"
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def run_label(request: LabelRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Label and write; the summary, and what had been lost before."""
+    """Label and write; the summary, and earlier losses."""
     inputs = MeasurementInputs(request.bearings, request.scene, request.doa, request.doa_labels)
     tracks = inputs.open(request.tracks, Tracks)
     sensors = choose_sensors(inputs.scene, request.cameras, request.without)
@@ -55,7 +55,7 @@ def run_label(request: LabelRequest, job: Job) -> tuple[dict[str, object], tuple
 
 
 class LabelTally:
-    """Figures of the summary, gathered while streaming."""
+    """Figures of the summary, accumulated while streaming."""
 
     def __init__(self) -> None:
         """Nothing yet."""
@@ -89,7 +89,7 @@ class LabelTally:
 
 
 def run_match(request: MatchRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Match and write; the summary, and what was lost."""
+    """Match and write; the summary, and the losses."""
     if request.named is not None and request.tracks is None:
         raise UsageError(
             f"{option('named')}: writes tracks under other identities, and there are none; give {option('tracks')}"
@@ -154,7 +154,7 @@ def run_match(request: MatchRequest, job: Job) -> tuple[dict[str, object], tuple
 
 
 class DecisionTally:
-    """Figures of the summary, gathered while streaming."""
+    """Figures of the summary, accumulated while streaming."""
 
     def __init__(self) -> None:
         """Nothing yet."""
@@ -174,7 +174,7 @@ class DecisionTally:
     def summary(self) -> dict[str, object]:
         """The figures.
 
-        boxes: of all frames.  labelled: boxes that are somebody of the gallery.  compared: pairs of a box and a target.
+        boxes: of all frames.  labelled: boxes that are a person of the gallery.  compared: pairs of a box and a target.
         suspended: pairs that were not compared, by the reason.
         """
         return {

@@ -54,7 +54,7 @@ def label(
     In every frame of a sensor candidates are assigned one to one to the tracks that there are
     at its time: as many as the gate lets, and of these those with the least sum of squared
     differences of bearings, each in standard deviations of candidate and track together.
-    A track without a candidate gets a row that says "not seen", since the sensor delivered a
+    A track without a candidate gets a row that states "not seen", since the sensor delivered a
     frame.  Rows that have a label stay, and for their tracks nothing is assigned or added.
     Where chunks are cut does not matter; memory does not grow with their number.
 
@@ -63,7 +63,7 @@ def label(
         tracks: chunks in the order of time; linear between their rows, nowhere else.
         scene: must have the sensors.
         config: gate, gaps, what is kept.
-        sensors: names of those to use, rows of others are left out; None: all.
+        sensors: names of those to use, rows of others are skipped; None: all.
 
     Raises:
         InputError: a sensor that the scene does not have or that has no pose, a track with a
@@ -192,7 +192,7 @@ def _labels_of(table: Bearings, frame: Ints, frames: int, target: Ints32) -> Boo
 def _apart2(table: Bearings, rows: Ints, frame: Ints, states: _States, places: Floats) -> Floats:
     """(n, K) squared difference of bearings from those of the tracks, over the variance of both together.
 
-    The track's variance is that of its position across the sight line, over the squared
+    The track's variance is that of its position across the line of sight, over the squared
     distance; infinite where a track is not.
 
     Args:
@@ -200,7 +200,7 @@ def _apart2(table: Bearings, rows: Ints, frame: Ints, states: _States, places: F
         rows: (n,) those to compare.
         frame: (n,) the frame of each.
         states: tracks at the times of the frames.
-        places: (frames, 2) sensors of the frames.
+        positions: (frames, 2) sensors of the frames.
     """
     x, y, cov_xx, cov_xy, cov_yy = np.moveaxis(states.values, 2, 0)
     dx, dy = x - places[:, :1], y - places[:, 1:]
@@ -214,7 +214,7 @@ def _apart2(table: Bearings, rows: Ints, frame: Ints, states: _States, places: F
 
 
 def missed_detections(rows: Bearings, target: Ints32) -> Bearings:
-    """Rows of the same times and sensors which say that these targets, (n,), were looked for and not seen."""
+    """Rows of the same times and sensors which state that these targets, (n,), were searched for and not seen."""
     nothing = np.full(len(rows), np.nan)
     return Bearings(
         t_ns=rows.t_ns,

@@ -12,7 +12,7 @@ from occlog.records.verdicts import Check, finding, outcome
 
 from .stage import DoaTally
 
-SOUND, SCALE, APART, HEARD = "sound of each microphone", "full scale", "microphones of their own", "directions"
+SOUND, SCALE, APART, HEARD = "sound of each microphone", "full scale", "their own microphones", "directions"
 """Names of checks."""
 SILENT = 0.01
 """A microphone with less than this share of the usual level of its array has none: 40 dB below."""
@@ -21,7 +21,7 @@ FULL, CLIPPED = 0.999, 1e-3
 
 
 class Channels:
-    """Levels of the microphones of one array, gathered while samples stream by."""
+    """Levels of the microphones of one array, accumulated while samples stream by."""
 
     def __init__(self) -> None:
         """Nothing was heard yet."""

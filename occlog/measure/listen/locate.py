@@ -90,7 +90,7 @@ def sharpness(
 ) -> Floats:
     """(2, 2) Cramer-Rao bound of (azimuth, elevation) [rad^2] from phases with Gaussian errors.
 
-    A coherence g of pairs is a phase variance of -ln g a microphone.  Infinite where an angle is not told.
+    A coherence g of pairs is a phase variance of -ln g a microphone.  Infinite where an angle is not given.
 
     Args:
         omega: (B,) angular frequencies [rad/s].
@@ -156,7 +156,7 @@ class DirectionGrid(NamedTuple):
 
     azimuth: Floats  # (A,) rising, all around
     elevation: Floats  # (E,)
-    allowed: Bools  # (E, A) a flat array gives one of the two directions that it cannot tell apart
+    allowed: Bools  # (E, A) a flat array gives one of the two directions that it cannot distinguish
 
 
 class Locator(NamedTuple):
@@ -177,7 +177,7 @@ def library() -> ModuleType:
         return importlib.import_module("pyroomacoustics.doa")
     except ImportError as error:
         raise UsageError(
-            "occlog listen wants the package pyroomacoustics, which is not installed; pip install 'occlog[sound]'"
+            "occlog listen requires the package pyroomacoustics, which is not installed; pip install 'occlog[sound]'"
         ) from error
 
 
@@ -196,7 +196,7 @@ def make_band(rate: int, config: DoaConfig) -> Band:
 
 
 def locator(array: MicrophoneArray, rate: int, unit: str, config: DoaConfig) -> Locator:
-    """Prepare to find directions; InputError for an array that cannot tell any.
+    """Prepare to find directions; InputError for an array that cannot determine any.
 
     UsageError where pyroomacoustics is missing, the band or the grid does not suit the array, or
     the algorithm finds fewer sources than `config.sources`.

@@ -18,10 +18,10 @@ from .config import DoaConfig
 class DoaRequest(Request):
     """Find directions of arrival in the sound that microphone arrays recorded (WAV, a channel a microphone).
 
-    The places of the microphones are those of the scene's array (`microphones`), or of --arrays.
+    The positions of the microphones are those of the scene's array (`microphones`), or of --arrays.
     Each frame of sound gives the directions from which it came, in the world's frame, with their
     standard deviations and how well the phases agree with them; silence gives none. A flat array
-    cannot tell above from below: it gives the direction above. Wants the package pyroomacoustics:
+    cannot determine above from below: it gives the direction above. Requires the package pyroomacoustics:
     pip install 'occlog[sound]'.
 
     \b

@@ -76,7 +76,7 @@ def parse_channels(parts: tuple[str, ...]) -> tuple[int, ...]:
     """Channels from 0 of a list from 1."""
     text = ",".join(parts)
     if not all(part.isdecimal() and 1 <= int(part) <= 4096 for part in parts):
-        raise UsageError(f"{option('channels')} {text}: want numbers from 1, with commas")
+        raise UsageError(f"{option('channels')} {text}: expected numbers from 1, with commas")
     found = tuple(int(part) - 1 for part in parts)
     if len(set(found)) != len(found):
         raise UsageError(f"{option('channels')} {text}: names a channel twice")
@@ -84,7 +84,7 @@ def parse_channels(parts: tuple[str, ...]) -> tuple[int, ...]:
 
 
 def run_listen(request: DoaRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
-    """Listen and write; the summary, and what was lost."""
+    """Listen and write; the summary, and the losses."""
     plan = _plan(request)
     library()  # before anything is read
     scene = _scene(plan)
@@ -131,7 +131,7 @@ def _scene(plan: _Plan) -> Scene:
         raise UsageError(f"array {double}: is given twice; keep one")
     if not arrays:
         raise UsageError(
-            f"no array whose microphones are known; give {option('scene')} with "
+            f"no array with known microphones; give {option('scene')} with "
             f"microphone_arrays, or {option('arrays')}"
         )
     return replace(scene, arrays=arrays)

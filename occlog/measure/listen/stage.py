@@ -24,7 +24,7 @@ MIN_SPECTRA = 3
 
 @dataclass
 class DoaTally:
-    """Counts of frames, gathered while streaming."""
+    """Counts of frames, accumulated while streaming."""
 
     frames: int = 0
     silent: int = 0  # frames without enough sound

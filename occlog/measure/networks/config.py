@@ -23,13 +23,13 @@ YOLOV5, YOLO, END2END, RFDETR, DETR, ULTRALYTICS_DETR, RTDETR, RTMDET = (
 LETTERBOX, CORNER, STRETCH = "letterbox", "corner", "stretch"
 """How an image is brought to the network's size: with a border around it, at the right and below, or stretched."""
 UNIT, IMAGENET, IMAGENET_BGR, RAW = "unit", "imagenet", "imagenet-bgr", "raw"
-"""What numbers stand for the colours of a pixel; see `images.PIXELS`."""
+"""What numbers represent the colours of a pixel; see `images.PIXELS`."""
 PAD = 114
 """Grey of the border."""
 MAX_CROPS = 32
 """Boxes of which a network tells vectors at a time."""
 LONGEST_VECTOR = 8192
-"""Numbers of a vector that says how somebody looks."""
+"""Numbers of a vector that states how a person looks."""
 LARGEST_SIDE = 8192
 """Longest side of a network's images [px]."""
 

@@ -1,6 +1,6 @@
-"""Boxes of the wanted classes in images, by a network.
+"""Boxes of the requested classes in images, by a network.
 
-Vectors that say how somebody looks, by a network for re-identification, from the boxes of an image.
+Vectors that state how a person looks, by a network for re-identification, from the boxes of an image.
 
 Non-maximum suppression: of boxes that cover each other the most confident one.
 """
@@ -57,7 +57,7 @@ class Embedder:
         step = MAX_CROPS if self.network.open_batch else self.network.batch
         for start in range(0, len(boxes), step):
             some = boxes[start : start + step]
-            # Few sizes of batches: runtimes plan anew for each.
+            # Few sizes of batches: runtimes plan again for each.
             count = 1 << (len(some) - 1).bit_length() if self.network.open_batch else step
             numbers = np.zeros((count, 3, height, width), dtype=np.float32)
             for n, box in enumerate(some):
@@ -102,7 +102,7 @@ def open_embedder(path: Path, config: NetworkConfig, threads: int) -> Embedder:
 
 
 def suppress(boxes: Floats, score: Floats, label: Ints, overlap: float) -> Ints:
-    """Places of the boxes that stay, by falling score.
+    """Positions of the boxes that stay, by falling score.
 
     Greedy, within each class: a box goes where its intersection over union with one that stays is above `overlap`.  Of
     equal scores the earlier box comes first.
@@ -130,7 +130,7 @@ def suppress(boxes: Floats, score: Floats, label: Ints, overlap: float) -> Ints:
 
 
 class Prepared(NamedTuple):
-    """An image as the network wants it."""
+    """An image as the network requires it."""
 
     numbers: Floats32  # (3, H, W)
     where: ImagePlacement
@@ -151,7 +151,7 @@ class NetworkDetector:
         network: what is run.
         reading: what is read of its outputs.
         names: of its classes.
-        wanted: numbers of the classes that are looked for.
+        wanted: numbers of the classes that are searched for.
         fit: how images are brought to its size.
         pixels: how colours become numbers.
         least: confidence of a box.
@@ -168,7 +168,7 @@ class NetworkDetector:
     overlap: float
 
     def prepare(self, image: Image) -> Prepared:
-        """What the network wants of an image (height, width, 3) in BGR."""
+        """What the network requires of an image (height, width, 3) in BGR."""
         size = self.network.size
         where = place((image.shape[1], image.shape[0]), size, self.fit)
         numbers = np.empty((3, size[1], size[0]), dtype=np.float32)

@@ -49,7 +49,7 @@ from .config import (
 )
 
 STRIDES = ((8, 16, 32), (8, 16, 32, 64))
-"""Pixels between the places at which YOLO looks for boxes, in networks of usual and of large images."""
+"""Pixels between the positions at which YOLO searches for boxes, in networks of usual and of large images."""
 SHARE_SLACK = 2.0
 """Coordinates above this are no shares of an image; boxes of which none is above it are no pixels."""
 SCORE_SLACK = 1e-3
@@ -58,7 +58,7 @@ WITH_MORE = ("segment", "pose")
 MAX_LABEL = 2**31
 """Numbers of classes above this are none."""
 MAX_END2END = 1000
-"""Boxes of networks that leave nothing out afterwards, by which they are told from others."""
+"""Boxes of networks that leave nothing out afterwards, by which they are reported from others."""
 PLAIN_DETR = 92
 """Classes of the first DETR on COCO: its scores want a softmax, which no head here takes."""
 
@@ -73,7 +73,7 @@ class NetworkDetections(NamedTuple):
 
 @dataclass(frozen=True)
 class Head:
-    """What a head wants of images, and whether boxes of one object come several times."""
+    """What a head requires of images, and whether boxes of one object come several times."""
 
     fit: str
     pixels: str
@@ -103,10 +103,10 @@ Outputs = Mapping[str, Floats32]
 
 
 class Reading(NamedTuple):
-    """What is read of a network's outputs."""
+    """Data read from a network's outputs."""
 
     head: str
-    classes: int | None  # of the head; None: the outputs do not tell
+    classes: int | None  # of the head; None: the outputs do not determine
     boxes: str  # name of the output with boxes
     scores: str  # ... with scores; the same one where there is only one
     labels: str  # ... with classes
@@ -121,11 +121,11 @@ def recognise(
         outputs: of a batch.
         size: width and height of the network's images.
         names: how many classes the file names; None: it names none.
-        head: what the user says it is.
+        head: what the user states it is.
         metadata: of the file; `task` and `end2end` as ultralytics writes them are used.
 
     Raises:
-        InputError: the outputs are none of any head, of several, or not of the one that the user says.
+        InputError: the outputs are none of any head, of several, or not of the one that the user states.
     """
     task = metadata.get("task", "")
     if task and task not in ("detect", *WITH_MORE):
@@ -158,14 +158,14 @@ def shapes(outputs: Outputs) -> str:
 
 
 def _candidates(outputs: Outputs, size: tuple[int, int], names: int | None, more: bool) -> list[str]:
-    """Heads whose outputs these may be, by their names, by the number of classes, and of places where YOLO looks."""
+    """Heads whose outputs these may be, by their names, by the number of classes, and of positions where YOLO looks."""
     of_dets = RTMDET if "dets" in outputs and outputs["dets"].shape[-1:] == (5,) else RFDETR
     for head in (of_dets if "dets" in outputs else DETR, RTDETR):
         if _reading(outputs, head, names) is not None:
             return [head]
     rows, columns = next((each.shape[1:] for each in outputs.values() if each.ndim == 3), (0, 0))
     places = {sum((size[0] // s) * (size[1] // s) for s in strides) for strides in STRIDES}
-    # YOLOv5 looks with three shapes of boxes at each place.
+    # YOLOv5 looks with three shapes of boxes at each position.
     looks = rows in {3 * n for n in places}
     end2end = rows <= MAX_END2END and not looks and (columns == 6 or (more and columns > 6 and columns not in places))
     if names is None:
@@ -181,7 +181,7 @@ def _candidates(outputs: Outputs, size: tuple[int, int], names: int | None, more
 
 
 def _reading(outputs: Outputs, head: str, names: int | None, more: bool = False) -> Reading | None:
-    """What is read of these outputs as those of a head, with `more` numbers after the classes; None: they are not."""
+    """Data read from these outputs as those of a head, with `more` numbers after the classes; None: they are not."""
     if head in BOXES:
         wanted = [_one(outputs, each.get(head)) for each in (BOXES, SCORES, LABELS)]
         if None in wanted:
@@ -206,21 +206,21 @@ def _reading(outputs: Outputs, head: str, names: int | None, more: bool = False)
     count = {YOLO: rows - 4, YOLOV5: columns - 5, ULTRALYTICS_DETR: columns - 4}[head]
     if count < 1 or (names is not None and (names > count or (names < count and not more))):
         return None
-    # Masks of objects, as an output of four dimensions, come with numbers after the classes that only names tell apart.
+    # Masks of objects, as an output of four dimensions, come with numbers after the classes that only names distinguish.
     if names is None and (more or any(each.ndim == 4 for each in outputs.values())):
         return None
     return Reading(head, names or count, name, name, name)
 
 
 def _one(outputs: Outputs, known: Sequence[str] | None) -> str | None:
-    """The output that has one of these names; empty where none is wanted, None where there is none."""
+    """The output that has one of these names; empty where none is requested, None if missing."""
     return "" if known is None else next((name for name in known if name in outputs), None)
 
 
 def read(
     reading: Reading, outputs: Outputs, n: int, size: tuple[int, int], wanted: Ints, least: float
 ) -> NetworkDetections:
-    """Boxes of the wanted classes with at least that confidence, in the n-th image of a batch.
+    """Boxes of the requested classes with at least that confidence, in the n-th image of a batch.
 
     A box of `yolo`, `yolov5` and `ultralytics-detr` is of the class with the highest score, as their makers have it; of
     `rfdetr` and `detr` the N highest scores of all boxes and classes count.
@@ -228,7 +228,7 @@ def read(
     Args:
         reading: what is read of the outputs.
         outputs: of the batch.
-        n: place of the image in the batch.
+        n: position of the image in the batch.
         size: width and height of the network's images.
         wanted: classes.
         least: confidence.
@@ -269,11 +269,11 @@ def read(
 def _best(
     boxes: Floats32, scores: Floats32, objectness: Floats32 | None, wanted: Ints, least: float
 ) -> NetworkDetections:
-    """Boxes whose best class is a wanted one."""
+    """Boxes whose best class is a requested one."""
     if objectness is not None:
         _check_scores(YOLOV5, objectness)
     _check_scores(YOLO, scores)
-    # Look closer where a wanted class alone is confident enough.
+    # Look closer where a requested class alone is confident enough.
     may = (scores[:, wanted] >= least).any(axis=1)
     if objectness is not None:
         may &= objectness >= least
@@ -351,7 +351,7 @@ class ClassNames(NamedTuple):
 
 
 def names_in(metadata: Mapping[str, str]) -> dict[int, str] | None:
-    """The names that ultralytics writes into a model (`names`: a dictionary or a list); None: there are none.
+    """The names that ultralytics writes into a model (`names`: a dictionary or a list); None: missing.
 
     Raises:
         InputError: they cannot be read.

@@ -1,4 +1,4 @@
-"""A network that is ready: its file is read, a process of its own has loaded it, and it has been tried once.
+"""A network that is ready: its file is read, a separate process has loaded it, and it has been tried once.
 
 Images as networks want them: brought to the network's size, colours as numbers; and boxes brought back.
 
@@ -32,10 +32,10 @@ class ImageNetwork:
     """A network of images.
 
     Attributes:
-        file: what its file says of itself.
+        file: what its file states about itself.
         runtime: what runs it.
         image: its input for images, (B, 3, H, W).
-        extent: its input for the size of the images; empty: there is none.
+        extent: its input for the size of the images; empty: missing.
         size: width and height of its images.
         batch: images that it takes at a time; exactly that many, unless `open_batch`.
         open_batch: whether it takes any number of images.
@@ -52,7 +52,7 @@ class ImageNetwork:
     def run(self, images: Floats32) -> dict[str, Floats32]:
         """Outputs for (B, 3, H, W) images, as 32-bit numbers.
 
-        The size that RT-DETR is told is that of the network's images: its boxes are then in their pixels.
+        The size that RT-DETR is reported is that of the network's images: its boxes are then in their pixels.
         """
         feeds: dict[str, np.ndarray[tuple[int, ...], np.dtype[np.generic]]] = {
             self.image.name: images.astype(np.float16) if self.image.kind == "float16" else images
@@ -78,7 +78,7 @@ def ready(path: Path, runtime: str, threads: int, size: tuple[int, int] | None, 
         path: its file.
         runtime: what is to run it.
         threads: that it may use.
-        size: width and height of its images, where it leaves them open; None: as it says.
+        size: width and height of its images, where it leaves them open; None: as it states.
         batch: images at a time, where it leaves that open.
 
     Raises:
@@ -122,7 +122,7 @@ def _ports(ports: tuple[Port, ...] | list[Port]) -> str:
 
 
 def _whole_size(file: OnnxFile, wide: int | None, high: int | None, asked: tuple[int, int] | None) -> tuple[int, int]:
-    """Width and height of a network's images: its own, else what was asked for, else what its metadata says."""
+    """Width and height of a network's images: its own, else what was asked for, else what its metadata states."""
     told = asked
     if told is None and (wide is None or high is None):
         try:
@@ -148,9 +148,9 @@ def size_of(text: str | None) -> tuple[int, int] | None:
         sides = [int(part) for part in text.lower().split("x")]
         width, height = sides * 2 if len(sides) == 1 else sides
     except ValueError:
-        raise UsageError(f"size {text!r}: want 640, or 960x544 (width x height)") from None
+        raise UsageError(f"size {text!r}: expected 640, or 960x544 (width x height)") from None
     if not all(1 <= side <= LARGEST_SIDE for side in (width, height)):
-        raise UsageError(f"size {text!r}: want sides of 1 to {LARGEST_SIDE} px")
+        raise UsageError(f"size {text!r}: expected sides of 1 to {LARGEST_SIDE} px")
     return width, height
 
 
@@ -212,7 +212,7 @@ def place(size: tuple[int, int], wanted: tuple[int, int], fit: str) -> ImagePlac
     else:
         new_w, new_h = round(w * scale), round(h * scale)
         left, top = round((W - new_w) / 2 - 0.1), round((H - new_h) / 2 - 0.1)
-    # What the rounded size says of each axis is where things truly are.
+    # What the rounded size states about each axis is where things truly are.
     new_w, new_h = min(max(new_w, 1), W), min(max(new_h, 1), H)
     return ImagePlacement(new_w / w, new_h / h, left, top, w, h)
 

@@ -29,14 +29,14 @@ class _MeasurementStep:
 
 
 def virtual_priors(truth: Iterable[Truth], sigma: float, q: float, seed: int, *, run: int = 0) -> Iterator[Occluders]:
-    """Priors from virtual measurements of the moving occluders' true places, chunk by chunk.
+    """Priors from virtual measurements of the moving occluders' true positions, chunk by chunk.
 
     The noise of an occluder depends on seed, run and its number only, not on where chunks are
     cut or on how many others there are.
 
     Args:
         truth: in the order of time; rows of the role `occluder` are used.
-        sigma: standard deviation of the measurements, per axis; 0: the true places, known exactly.
+        sigma: standard deviation of the measurements, per axis; 0: the true positions, known exactly.
         q: of the filter, see `occlog.filtering.motion.white_acceleration`.
         seed: of the noise.
         run: number of the run of a Monte Carlo experiment.
@@ -62,14 +62,14 @@ def virtual_priors(truth: Iterable[Truth], sigma: float, q: float, seed: int, *,
 def kalman_priors(
     positions: Iterable[Truth] | Iterable[Tracks], config: PositionPriorConfig, *, without: Iterable[int] = ()
 ) -> Iterator[Occluders]:
-    """Priors from real measurements of places, chunk by chunk.
+    """Priors from real measurements of positions, chunk by chunk.
 
     Args:
         positions: in the order of time.  Of a table of truth (or positions) the rows of the role
             `occluder`, measured with `config.sigma`; of tracks all rows, with their covariances,
             to which `config.sigma` is added as independent.
         config: settings; sigma must be above 0 for a table of truth.
-        without: identities that are left out, for example the tracked target's.
+        without: identities that are skipped, for example the tracked target's.
 
     At every time all occluders that were measured within `silence_s` have a row.
     """
@@ -137,7 +137,7 @@ class _FilterState:
 
 
 def _step(state: _FilterState, m: _MeasurementStep, config: PositionPriorConfig) -> None:
-    """Advance the filters to a moment and take its measurements in."""
+    """Advance the filters to a time step and take its measurements in."""
     if (same := np.diff(m.identity) == 0).any():
         raise InputError(
             f"priors: occluder {m.identity[1:][same][0]} has two positions at {m.t_ns} ns; leave one of them"

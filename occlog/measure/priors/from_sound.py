@@ -51,7 +51,7 @@ def acoustic_priors(chunks: Iterable[Doa], scene: Scene, config: AcousticConfig)
     for t_ns, rows in _moments(chunks, round(config.window_s * 1e9)):
         # Predict; drop sources that fell silent
         followed = _aged(followed, t_ns, (t_ns - before) * 1e-9, config)
-        # Locate: places where directions of two arrays or more meet
+        # Locate: positions where directions of two arrays or more meet
         d = _directions(rows, scene)
         found = localise(
             d, followed.walkers.xy, followed.walkers.cov, scene.region, config.gate, max(config.min_crossing, 1e-6)
@@ -68,7 +68,7 @@ def acoustic_priors(chunks: Iterable[Doa], scene: Scene, config: AcousticConfig)
 
 
 def _moments(chunks: Iterable[Doa], window_ns: int) -> Iterator[tuple[int, Doa]]:
-    """Directions of one moment; its time is that of the last of them."""
+    """Directions of one time step; its time is that of the last of them."""
     rest: Doa | None = None
     for chunk in chunks:
         if not len(chunk):
@@ -80,7 +80,7 @@ def _moments(chunks: Iterable[Doa], window_ns: int) -> Iterator[tuple[int, Doa]]
             cut = int(np.searchsorted(table.t_ns, table.t_ns[0] + window_ns, side="right"))
             yield int(table.t_ns[cut - 1]), table.take(slice(0, cut))
             table = table.take(slice(cut, None))
-        # The last moment may go on in the next chunk.
+        # The last time step may go on in the next chunk.
         rest = table
     if rest is not None:
         yield int(rest.t_ns[-1]), rest
@@ -108,7 +108,7 @@ def _aged(s: _Sources, t_ns: int, dt: float, config: AcousticConfig) -> _Sources
 
 
 def _heard(s: _Sources, t_ns: int, xy: Floats, cov: Floats, fresh: int, config: AcousticConfig) -> tuple[_Sources, int]:
-    """The sources after places were found: each is of a known source near by, or of a new one."""
+    """The sources after positions were found: each is of a known source near by, or of a new one."""
     rows, columns = assign(distance2(s.walkers.xy, s.walkers.cov, xy, cov), config.gate**2)
     last, walkers = s.last_ns.copy(), Walkers(*(c.copy() for c in s.walkers))
     if len(rows):

@@ -1,4 +1,4 @@
-"""Priors of moving occluders from views: at each moment the visual hull of all cameras."""
+"""Priors of moving occluders from views: at each time step the visual hull of all cameras."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ MOMENTS_PER_CHUNK = 256
 
 
 class HullPriors(NamedTuple):
-    """Polygons and Gaussians of some moments."""
+    """Polygons and Gaussians of some time steps."""
 
     hulls: Hulls  # the polygons
     occluders: Occluders  # Gaussians with their means and covariances
     moments: int
-    candidates: int  # polygons before phantoms were left out
+    candidates: int  # polygons before phantoms were skipped
 
 
 class _Frame(NamedTuple):
@@ -59,13 +59,13 @@ def hull_priors(
     """Polygons and Gaussians in which the moving occluders are, chunk by chunk.
 
     Clusters of a target (`target_id` 0 or above) are not occluders; in their directions the
-    camera cannot tell what is behind.  Cameras without pose are not used.
+    camera cannot determine what is behind.  Cameras without pose are not used.
 
     Args:
         views: in the order of time.
         scene: must have the cameras.
         config: settings.
-        frames: bearings made along with the views: their rows say which cameras delivered a
+        frames: bearings made along with the views: their rows state which cameras delivered a
             frame, also one without a cluster.  Without them such a frame counts as missing.
 
     Raises:
@@ -83,7 +83,7 @@ def hull_priors(
         # Cones of what each camera sees, then their visual hull
         looks = [_camera_cones(f, cameras, scene, config) for f in moment]
         found = hull(looks, scene.region, config.least, config.misses, config.smallest) if looks else []
-        # Identities over time; phantoms are left out
+        # Identities over time; phantoms are skipped
         memory, seen = track_polygons(memory, t_ns, found, rules)
         candidates += len(found)
         held.append((t_ns, seen))
@@ -95,7 +95,7 @@ def hull_priors(
 
 
 def _on_map(found: HullPriors, origin: Floats) -> HullPriors:
-    """Places that were found from a (2,) origin, on the map."""
+    """Positions that were found from a (2,) origin, on the map."""
     x, y = origin
     return found._replace(
         hulls=replace(found.hulls, x=found.hulls.x + x, y=found.hulls.y + y),
@@ -118,7 +118,7 @@ def _rules(config: HullConfig) -> HullRules:
 def _moments(
     views: Iterable[Views], frames: Iterable[Bearings] | None, scene: Scene, window_ns: int
 ) -> Iterator[tuple[int, list[_Frame]]]:
-    """Frames of one moment, by camera; its time is that of the last of them."""
+    """Frames of one time step, by camera; its time is that of the last of them."""
     unplaced = [c.name for c in scene.cameras if not c.placed]
     group: dict[str, _Frame] = {}
     first = last = 0

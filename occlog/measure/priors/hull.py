@@ -1,8 +1,8 @@
-"""The visual hull of one moment: where objects can be, given the runs of all cameras' scan lines.
+"""The visual hull of one time step: where objects can be, given the runs of all cameras' scan lines.
 
 A run is an interval of azimuths in which a camera sees foreground; its cone is the part of
-the ground within it.  A place belongs to the hull if every camera that can see it has a run
-there (N of N).  For runs that no such place explains, places count, too, at which up to
+the ground within it.  A position belongs to the hull if every camera that can see it has a run
+there (N of N).  For runs that no such position explains, positions count, too, at which up to
 `misses` of the cameras have none (N-1 of N): an object that a camera overlooked.
 
 Polygons of a visual hull over time: stable identities, and no phantoms.
@@ -27,7 +27,7 @@ from occlog.core.sight.camera import wrap_angle
 from occlog.records.scene import Camera, Scene
 
 Run = tuple[int, int]
-"""A camera's place in the list of looks, and the number of its run."""
+"""A camera's position in the list of looks, and the number of its run."""
 
 
 STEP = np.pi / 6
@@ -147,14 +147,14 @@ def hull(looks: Sequence[CameraCones], room: Floats, least: int, misses: int, sm
     Args:
         looks: of the cameras, at one time.
         room: (K, 2).
-        least: cameras that must have a run at a place.
-        misses: cameras that may have none at a place that they can see.
-        smallest: polygons of a smaller area are left out.
+        least: cameras that must have a run at a position.
+        misses: cameras that may have none at a position that they can see.
+        smallest: polygons of a smaller area are skipped.
     """
-    # Hull of all cameras (N of N): places that no camera contradicts
+    # Hull of all cameras (N of N): positions that no camera contradicts
     whole = _Cell(shapely.Polygon(room), (), 0)
     found = _polygons(_cells(looks, whole, 0), least, smallest)
-    # Runs without such a place: places that one more camera overlooked (N-1 of N)
+    # Runs without such a position: positions that one more camera overlooked (N-1 of N)
     for allowed in range(1, misses + 1):
         explained = sorted({r for p in found for r in p.runs})
         missing = [(i, b) for i, look in enumerate(looks) for b in range(len(look.cones)) if (i, b) not in explained]
@@ -229,18 +229,18 @@ def _parts(shape: shapely.Geometry) -> list[shapely.Polygon]:
 
 
 class HullRules(NamedTuple):
-    """When a polygon is believed in; lengths in the scene's unit, times in ns."""
+    """When a polygon is accepted in; lengths in the scene's unit, times in ns."""
 
     persist_ns: int  # it must have been there for so long
     memory_ns: int  # evidence counts for so long
     lost_ns: int  # an identity that is not seen for so long is forgotten
     hold_ns: int  # one that had evidence keeps its last polygon for so long
     speed: float  # of the fastest object, per second
-    reach: float  # a polygon's centre may move by this besides
+    reach: float  # a polygon's centre may move by this also
 
 
 class TrackedPolygon(NamedTuple):
-    """A polygon with its identity, at the last moment at which it was there."""
+    """A polygon with its identity, at the last time step at which it was there."""
 
     identity: int
     polygon: Polygon  # the last one
@@ -251,14 +251,14 @@ class TrackedPolygon(NamedTuple):
 
 
 class HullMemory(NamedTuple):
-    """Identities of polygons after the earlier moments."""
+    """Identities of polygons after the earlier time steps."""
 
     known: tuple[TrackedPolygon, ...] = ()
     next_identity: int = 0
 
 
 class ConfirmedPolygon(NamedTuple):
-    """A polygon that is believed in."""
+    """A polygon that is accepted in."""
 
     identity: int
     polygon: Polygon
@@ -267,13 +267,13 @@ class ConfirmedPolygon(NamedTuple):
 def track_polygons(
     memory: HullMemory, t_ns: int, polygons: Sequence[Polygon], rules: HullRules
 ) -> tuple[HullMemory, list[ConfirmedPolygon]]:
-    """The next memory, and the polygons that are believed in, by identity.
+    """The next memory, and the polygons that are accepted in, by identity.
 
     Args:
-        memory: after the last moment; `HullMemory()` at first.
-        t_ns: later than that of the last moment.
-        polygons: of this moment.
-        rules: when polygons are believed in.
+        memory: after the last time step; `HullMemory()` at first.
+        t_ns: later than that of the last time step.
+        polygons: of this time step.
+        rules: when polygons are accepted in.
     """
     old = [k for k in memory.known if t_ns - k.last_ns <= rules.lost_ns]
     current = _identities(old, memory.next_identity, t_ns, polygons, rules)
@@ -324,7 +324,7 @@ def _lately(known: TrackedPolygon, t_ns: int, rules: HullRules) -> bool:
 def _needed(current: list[TrackedPolygon], t_ns: int, rules: HullRules) -> list[TrackedPolygon]:
     """Those with evidence, and of the others what explains runs that have none of these.
 
-    Which of two polygons that may both be phantoms is one cannot be told from their runs; what
+    Which of two polygons that may both be phantoms is one cannot be reported from their runs; what
     explains more is taken first, both of what explains as much.
     """
     chosen = [k for k in current if _lately(k, t_ns, rules)]

@@ -18,7 +18,7 @@ class KalmanRequest(Request):
     """Priors from POSITIONS (a recording with truth, or a table of truth or tracks) by a Kalman filter each.
 
     Of truth the objects of the role `occluder` are used. Without --measured, noise is added to their true
-    places first, as in experiments with virtual occluders.
+    positions first, as in experiments with virtual occluders.
 
     \b
       occlog priors kalman room.mcap -o occluders.parquet --sigma 8 --q 1.2 --seed 1
@@ -45,7 +45,7 @@ class KalmanRequest(Request):
 class HullRequest(Request):
     """Priors from VIEWS (of `occlog detect --views`): where the cones of what cameras see meet.
 
-    Polygons that no camera needs (phantoms) are left out. Where clusters are not told apart, the tracked
+    Polygons that no camera needs (phantoms) are skipped. Where clusters are not distinguished, the tracked
     target's own polygon is there, too: `occlog track --set own_gate=3` leaves it out.
 
     \b

@@ -33,7 +33,7 @@ Result = tuple[dict[str, object], tuple["Loss", ...]]
 
 
 class TableStream:
-    """A table in a file of either kind, as a stream, with the scene and what had been lost before."""
+    """A table in a file of either kind, as a stream, with the scene and earlier losses."""
 
     def __init__(self, path: Path, scene: Path | None) -> None:
         """Open; nothing but headers is read yet."""
@@ -69,7 +69,7 @@ def _not_empty(chunks: Iterable[T], path: Path) -> Iterator[T]:
 
 
 def run_kalman(request: KalmanRequest, job: Job) -> Result:
-    """Positions to priors; the summary and what had been lost before."""
+    """Positions to priors; the summary and earlier losses."""
     path, measured = request.positions, request.measured
     source = TableStream(path, request.scene)
     unit = source.scene.length_unit if source.scene is not None else source.unit
@@ -80,7 +80,7 @@ def run_kalman(request: KalmanRequest, job: Job) -> Result:
     config = configure(replace(defaults, sigma=0.0) if tracks else defaults, request.settings)
     if measured and config.sigma == 0 and not tracks:
         raise UsageError(
-            f"{option('measured')} positions need a {option('sigma')} above 0; leave out "
+            f"{option('measured')} positions need a {option('sigma')} above 0; omit "
             f"{option('measured')} if they are exact"
         )
     if measured:
@@ -105,7 +105,7 @@ def run_kalman(request: KalmanRequest, job: Job) -> Result:
 
 
 def run_hull(request: HullRequest, job: Job) -> Result:
-    """Views to priors; the summary and what had been lost before."""
+    """Views to priors; the summary and earlier losses."""
     path = request.views
     source = TableStream(path, request.scene)
     scene = source.need_scene()
@@ -146,7 +146,7 @@ def cameras_of(request: HullRequest, scene: Scene) -> list[str]:
 
 
 def run_acoustic(request: AcousticRequest, job: Job) -> Result:
-    """Directions of arrival to priors; the summary and what had been lost before."""
+    """Directions of arrival to priors; the summary and earlier losses."""
     source = TableStream(request.doa, request.scene)
     scene = source.need_scene()
     config = configure(AcousticConfig.in_unit(scene.length_unit), request.settings)
@@ -167,7 +167,7 @@ def _of_cameras(chunks: Iterable[S], names: list[str]) -> Iterator[S]:
 
 
 class PriorsTally:
-    """Figures of the summary, gathered while streaming."""
+    """Figures of the summary, accumulated while streaming."""
 
     def __init__(self) -> None:
         """Nothing yet."""

@@ -8,8 +8,8 @@ frame on.
 
 The empty scene behind moving people, from frames sampled over a recording.
 
-A plain median over time shows a person who stays in one place for most of it.  Here a
-sample is left out of a pixel's median where the picture around the pixel changes towards
+A plain median over time shows a person who stays in one position for most of it.  Here a
+sample is skipped of a pixel's median where the picture around the pixel changes towards
 the sample before or after it, that is where something moves; so the scene behind a man
 who moves on the spot is found as soon as it shows in one quiet sample.
 
@@ -207,7 +207,7 @@ CLOSINGS = (3, 7, 15)  # sides tried for joining pieces [px]; the one with most 
 
 
 def person_like_blobs(samples: list[Bytes], empty: Bytes) -> Floats:
-    """(N, 2) row of the feet and height [px] of blobs that look like a person who stands alone."""
+    """(N, 2) row of the feet and height [px] of blobs that resemble a person who stands alone."""
     return max((_blobs(samples, empty, side) for side in CLOSINGS), key=len)
 
 
@@ -231,7 +231,7 @@ def _blobs_of(sample: Bytes, empty: Bytes, side: int) -> Floats:
 
 
 def observed_sizes(image_size: tuple[int, int], blobs: Floats) -> SizeMap | None:
-    """Size map from blobs (N, 2) of feet's row and height; None where there are none."""
+    """Size map from blobs (N, 2) of feet's row and height; None if missing."""
     if not len(blobs):
         return None
     feet, heights = blobs.T

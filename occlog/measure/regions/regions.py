@@ -1,6 +1,6 @@
-"""What is measured of each person-sized region of a frame: moments, box, appearance.
+"""What is measured of each person-sized region of a frame: time steps, box, appearance.
 
-Foreground pixels gathered in small square cells, with exact moments: what clustering works on.
+Foreground pixels collected in small square cells, with exact time steps: what clustering works on.
 
 A row of a cell table is (n, x, y, xx, xy, yy): number of foreground pixels, their mean
 [px], and the sums of squares and products about that mean [px^2].  Sums over cells are
@@ -14,7 +14,7 @@ Smaller images for faster detection, and results from them back in pixels of the
 
 Pixel i of an image shrunk by f is the mean of pixels f i to f i + f - 1, so its centre is
 at f (i + 1/2) - 1/2.  Rows and columns at the right and lower edge that do not fill a
-whole pixel are left out.
+whole pixel are skipped.
 """
 
 from __future__ import annotations
@@ -163,8 +163,8 @@ class ForegroundRegions(NamedTuple):
     covs: Floats  # (K, 3) covariance xx, xy, yy of the pixels [px^2]
     boxes: Floats  # (K, 4) left, top, width, height [px]
     mass: Floats  # (K,) foreground pixels
-    fill: Floats  # (K,) mass relative to a person in full view at the place
-    person: Floats  # (K, 3) covariance of a person's pixels at the place [px^2]
+    fill: Floats  # (K,) mass relative to a person in full view at the position
+    person: Floats  # (K, 3) covariance of a person's pixels at the position [px^2]
     appearance: Floats  # (K, 72) histograms, NaN where not measured
 
 

@@ -1,8 +1,8 @@
 """[Ercan] Sec. 4: Kalman filters instead of particles, in the room and among the occluders of Fig. 6.
 
 The filters are the methods `ekf`, `ukf` and `iekf` of `occlog track` with their defaults; the paper's motion is theirs
-in its first two moments.  What only particles can take in, priors and "not seen", is left out but
-where a series says so.
+in its first two moments.  What only particles can take in, priors and "not seen", is skipped but
+where a series states it.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def _point(
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Judge what Sec. 4 says of Kalman filters, at every number of cameras."""
+    """Judge what Sec. 4 states about Kalman filters, at every number of cameras."""
 
     def lower(key: str, said: str, low: str, high: str) -> StatementVerdict:
         return v.pairs(f"baselines-{key}", said, v.matched(table, low, high))

@@ -1,4 +1,4 @@
-"""[Ercan] Sec. 4.4: where the other objects are, by filters of their own or by one of all objects together.
+"""[Ercan] Sec. 4.4: where the other objects are, by their own filters or by one of all objects together.
 
 Bearings of all objects are given, labelled.  `joint` tracks the target and the others in one state; `apf` tracks each
 alone, and then the target once more with the Gaussians of the others' filters as priors of the occluders.
@@ -32,7 +32,7 @@ from .trial import SQUARE_ORDER, names, square_room
 JOINT, SEPARATE, NONE = "joint", "a filter for each object, then priors", "no priors"
 CAMERAS = 4
 SKIP = 10
-"""Estimates left out at the start."""
+"""Estimates skipped at the start."""
 LEFT, SOME = 10.0, 3.0
 """Factors by which effective particles fall that count as prohibitive, and as that in part."""
 

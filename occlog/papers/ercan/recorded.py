@@ -2,7 +2,7 @@
 
 [Ercan] Sec. 7 on recorded detections: virtual occluders hide the target of a recording, and a filter tracks it.
 
-Virtual people walk through the room.  A camera whose sight line to the target is crossed by one of
+Virtual people walk through the room.  A camera whose line of sight to the target is crossed by one of
 them reports "not seen" instead of its detection.  `target` finds the target's own
 detections and its true path.  A trial is described by plain values, so that any process can run it.
 
@@ -15,7 +15,7 @@ The target of a recording without ground truth: its own detections, and a stand-
 
 A filter over the detections of all cameras finds the target; of each camera's detections the one
 nearest to its track is the target's own.  The stand-in for the true path uses no filter: it is the
-points at which the sight lines of these detections meet, smoothed over the meetings before and after.
+points at which the lines of sight of these detections meet, smoothed over the meetings before and after.
 """
 
 from __future__ import annotations
@@ -67,9 +67,9 @@ TARGET = 0
 GATE = 3.0
 """Largest distance of the target's own detection from its track, in standard deviations."""
 SKIP = 10
-"""Estimates left out at the start, while a filter finds the target."""
+"""Estimates skipped at the start, while a filter finds the target."""
 LINES = 3
-"""Sight lines that must meet (two, where a recording has no more cameras)."""
+"""Lines of sight that must meet (two, where a recording has no more cameras)."""
 MEETINGS = 7
 """Meetings, the nearest in time, to which a parabola is fitted."""
 
@@ -95,14 +95,14 @@ class Recorded:
 
 
 def recorded_target(scene: Scene, bearings: Bearings) -> Recorded:
-    """Find the target of a recording in metres; InputError if there is none, or fewer than two cameras see it.
+    """Find the target of a recording in metres; InputError if missing, or fewer than two cameras see it.
 
     Args:
         scene: cameras with poses.
         bearings: labelled or not; of labelled ones only those of the first target are used.
     """
     if scene.length_unit != "m":
-        raise InputError(f"the recording is in {scene.length_unit}, the experiment wants metres")
+        raise InputError(f"the recording is in {scene.length_unit}, the experiment requires metres")
     config = replace(ApfConfig.in_unit("m"), particles=4000)
     tracks = Tracks.concat([p.tracks for p in track([bearings], scene, TrackingTask(config, 0))])
     if len(tracks) <= SKIP + 1:
@@ -121,7 +121,7 @@ def recorded_target(scene: Scene, bearings: Bearings) -> Recorded:
 def assign(scene: Scene, bearings: Bearings, tracks: Tracks) -> Bearings:
     """Return one row of every camera and frame: its detection nearest to a track, or "not seen" where none is near.
 
-    Labels of the detections are not used.  Microphone arrays are left out, since they see nothing.
+    Labels of the detections are not used.  Microphone arrays are skipped, since they see nothing.
     """
     own = bearings.take(np.isin(bearings.sensor, [c.name for c in scene.cameras]))
     free = replace(own, target_id=np.full(len(own), UNLABELLED, dtype=np.int32))
@@ -138,12 +138,12 @@ def unseen(bearings: Bearings, rows: Bools) -> Bearings:
 
 
 def stand_in(scene: Scene, mine: Bearings, lines: int) -> Truth:
-    """Place the target at each time of its bearings, from the first meeting of sight lines to the last.
+    """Place the target at each time of its bearings, from the first meeting of lines of sight to the last.
 
     Args:
         scene: cameras with poses.
         mine: the target's own bearings.
-        lines: number of sight lines that must meet, at least 2.
+        lines: number of lines of sight that must meet, at least 2.
 
     Raises:
         InputError: too few meetings to smooth.
@@ -151,7 +151,7 @@ def stand_in(scene: Scene, mine: Bearings, lines: int) -> Truth:
     met = triangulated_points(mine, scene, EvaluateConfig(lines_min_sensors=lines))[TARGET]
     good = met.status == TRIANGULATED
     if good.sum() < MEETINGS:
-        raise InputError(f"{lines} sight lines met at {good.sum()} times, want at least {MEETINGS}")
+        raise InputError(f"{lines} lines of sight met at {good.sum()} times, want at least {MEETINGS}")
     at, xy = met.t_ns[good], met.xy[good]
     weight = 1.0 / np.sqrt(met.covariance[good, 0, 0] + met.covariance[good, 1, 1])
     times = np.unique(mine.t_ns)
@@ -169,7 +169,7 @@ def stand_in(scene: Scene, mine: Bearings, lines: int) -> Truth:
 
 
 def smoothed(at: Ints, xy: Floats, weight: Floats, times: Ints) -> Floats:
-    """Return (n, 2) places at `times` on parabolas fitted to the nearest points by weighted least squares.
+    """Return (n, 2) positions at `times` on parabolas fitted to the nearest points by weighted least squares.
 
     Args:
         at: (S,) times of the points, rising, at least `MEETINGS` of them.
@@ -187,7 +187,7 @@ def smoothed(at: Ints, xy: Floats, weight: Floats, times: Ints) -> Floats:
 
 
 TABLE = "CMC1_detections.csv"
-"""CMC1 has one walking target; in CMC2 people cannot be told apart, and CMC4 has a short path only."""
+"""CMC1 has one walking target; in CMC2 people cannot be distinguished, and CMC4 has a short path only."""
 CALIBRATION = "calibration"
 IMAGE = (1920, 1024)
 RATE = "6.5"
@@ -206,11 +206,11 @@ SIGMA, Q = 12.8 * INCH, 24 * INCH
 DETECTION, FALSE = 0.9, 0.05
 """Probabilities of detection and of a false report that the filter assumes of recorded detectors.
 
-Without priors it assumes no probability of detection, as in the paper: "not seen" then says
+Without priors it assumes no probability of detection, as in the paper: "not seen" then states
 nothing.  With one it would take every hidden camera for a rare miss.
 """
 START_SIGMA = 0.5
-"""Deviation of the filters' start about the first true place [m]; without a start they search for long."""
+"""Deviation of the filters' start about the first true position [m]; without a start they search for long."""
 CLEAR = "clear"
 """Kind of a trial without virtual people: its error comes from the cameras' geometry and noise alone."""
 
@@ -270,7 +270,7 @@ class VirtualCrowd(NamedTuple):
     """The virtual people of a run, and the recording that they leave."""
 
     people: Truth
-    gone: Bools  # rows of the bearings whose detection is dropped
+    gone: Bools  # rows of the bearings with a detection that is dropped
     left: Bearings  # all rows, "not seen" where the detection is dropped
     priors: dict[str, Occluders | None]  # by kind: none, known, kalman
 
@@ -303,7 +303,7 @@ def occluders_of(recorded: Recorded, seed: int) -> Truth:
 
 
 def hidden(recorded: Recorded, people: Truth, diameter: float = DIAMETER) -> Bools:
-    """Return (n,) true for bearings whose sight line to the target a person crosses ([Ercan] Fig. 3, A(x))."""
+    """Return (n,) true for bearings whose line of sight to the target a person crosses ([Ercan] Fig. 3, A(x))."""
     bearings, places = recorded.bearings, recorded.places
     times = np.unique(people.t_ns)
     crowd = np.column_stack([people.x, people.y]).reshape(len(times), -1, 2)
@@ -380,7 +380,7 @@ def _error(recorded: Recorded, tracks: Tracks) -> float:
     """Return the root mean square distance from the stand-in for the truth, without the first `SKIP` estimates."""
     places, tracks = recorded.places, tracks.take(slice(SKIP, None))
     if not len(tracks):
-        raise InputError(f"no more than {SKIP} estimates, which are left out; give more steps or more cameras")
+        raise InputError(f"no more than {SKIP} estimates, which are skipped; give more steps or more cameras")
     row = np.searchsorted(places.t_ns, tracks.t_ns)
     return float(np.sqrt(np.mean((tracks.x - places.x[row]) ** 2 + (tracks.y - places.y[row]) ** 2)))
 
@@ -447,7 +447,7 @@ def recorded_experiments(source: RecordedFiles, recorded: Recorded) -> tuple[Exp
     quick = (2, min(60, steps))
     note = (
         f"Recorded detections, M = {crowd_size(recorded.scene)} virtual people; "
-        "error against where the sight lines of all cameras meet."
+        "error against where the lines of sight of all cameras meet."
     )
     by_number = Experiment(
         item=ITEMS[0],

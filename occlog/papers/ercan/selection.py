@@ -45,7 +45,7 @@ LAB_TRACK = {"occluder_diameter": 12.0}
 LAB_SIGMA, LAB_Q = 12.8, 24.0
 """Deviation and motion noise that give the paper's RMSE_occ of 12.1 inches in the lab, at 7.5 steps a second."""
 LAB_SKIP = 5
-"""Steps at the start that the RMSE leaves out."""
+"""Steps at the start that the RMSE omits."""
 EVERY, LAB_EVERY = 5.0, 5.0 / 7.5
 """Five steps between selections, in the tracker's reference steps of a second."""
 
@@ -229,7 +229,7 @@ def by_period(size: Size, execute: Execute) -> Table:
 def judge(table: Table) -> list[StatementVerdict]:
     """Judge that the error is lower with more frequent selections."""
     rows = v.series(table, GREEDY)
-    said = "Selecting anew more often gives better tracking: RMSE lower with the shorter time, by."
+    said = "Selecting again more often gives better tracking: RMSE lower with the shorter time, by."
     return [v.pairs("selection-period", said, list(pairwise(rows)))]
 
 

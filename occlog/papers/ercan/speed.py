@@ -46,7 +46,7 @@ LINEAR, NEARLY = 1.3, 1.6
 class LikelihoodInput(NamedTuple):
     """Arguments of a likelihood at one step."""
 
-    xy: Floats  # (L, 2) places of the particles
+    xy: Floats  # (L, 2) positions of the particles
     looks: PackedScan
     priors: dict[str, Priors]  # by series
 
@@ -69,7 +69,7 @@ LIKELIHOOD_FORMS = (
 def fig10(size: Size, execute: Execute) -> Table:  # noqa: ARG001
     """Measure the CPU time of the likelihoods of a step, relative to two cameras without priors.
 
-    All forms take turns at the same steps; a run is one pass over a world of its own.
+    All forms take turns at the same steps; a run is one pass over its own world.
     """
     scene = scene_from_yaml(square_room(pillar=True), "scene")
     counts = (2, 4, 8) if size.quick else tuple(range(1, 9))

@@ -2,7 +2,7 @@
 
 The rooms of [Ercan] Secs. 6 and 7 as scene files.
 
-The scan of the paper has no figures: the places of cameras and occluders are this project's reference.
+The scan of the paper has no figures: the positions of cameras and occluders are this project's reference.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def trial(
     Args:
         scene: scene file as text.
         size: steps, particles and seed.
-        simulate: settings of the simulated world besides its steps.
+        simulate: settings of the simulated world also its steps.
         priors: kind and settings of the occluders' priors.
         cameras: names of the cameras that are used; None: all.
         more: further entries; those of `track` are settings of the filter.

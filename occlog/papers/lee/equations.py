@@ -1,7 +1,7 @@
 """[Lee]: printed equations that can be computed without error, and the planes and angles that the text names.
 
 Each formula is written down here as it is printed.  What it should give is computed another way: by the motion or the
-geometry that it describes, by differences, or by its definition.  Eq. 2.41 is left out: the scan has lost rows of it.
+geometry that it describes, by differences, or by its definition.  Eq. 2.41 is skipped: the scan has lost rows of it.
 """
 
 from __future__ import annotations
@@ -66,12 +66,12 @@ STATEMENTS: Mapping[str, LeeStatement] = {
         "(2.36) to (2.38) are gradients of the projected angles: largest deviation.", CLOSE, "at most 1e-6"
     ),
     "eq2.24-alike": LeeStatement(
-        "(2.22) to (2.24) convert places of a sensor with axes as the first one's: largest error [m].",
+        "(2.22) to (2.24) convert positions of a sensor with axes as the first one's: largest error [m].",
         SAME,
         "at most 1e-9",
     ),
     "eq2.24-reversed": LeeStatement(
-        "(2.22) to (2.24) convert places of a sensor with reversed axes: largest error [m].", SAME, "at most 1e-9"
+        "(2.22) to (2.24) convert positions of a sensor with reversed axes: largest error [m].", SAME, "at most 1e-9"
     ),
     "eq3.10": LeeStatement(
         "(3.7) to (3.11) are weighted means: sum of the particles' shares in the estimate.",
@@ -150,7 +150,7 @@ def _turns() -> dict[str, float]:
 
 
 def _propagator(a: float, velocity: float, step: float) -> Floats:
-    """Write (2.15) of one axis, [place, velocity], with the acceleration `a`."""
+    """Write (2.15) of one axis, [position, velocity], with the acceleration `a`."""
     return np.array([[1.0, a * step**2 / (2.0 * velocity) + step], [0.0, a * step / velocity + 1.0]])
 
 
@@ -200,7 +200,7 @@ def _gradients(rng: np.random.Generator) -> float:
 
 
 def _conversions(rng: np.random.Generator) -> dict[str, float]:
-    """Convert places by (2.22) to (2.24), one axis at a time, to the world of the first sensor."""
+    """Convert positions by (2.22) to (2.24), one axis at a time, to the world of the first sensor."""
     own, sensor = rng.uniform(1.0, 10.0, (2, EXAMPLES))
     alike, reversed_ = own - sensor, own + (sensor - own)
     return {
@@ -233,7 +233,7 @@ def _decisions() -> dict[str, float]:
 
 
 def _planes() -> dict[str, float]:
-    """Order the first-order variances of scenario 4 at the true places, of the three planes and two sensors."""
+    """Order the first-order variances of scenario 4 at the true positions, of the three planes and two sensors."""
     w = world(4, INSTANTS)
     variance = np.array(
         [[plane_variance(w.states[:, :3], at, np.eye(3), SIGMA, SIGMA, p) for p in range(3)] for at in w.places]

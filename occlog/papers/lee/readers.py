@@ -25,7 +25,7 @@ CAMERAS = np.array([[0.0, 0.5 * SIDE], [0.5 * SIDE, 0.0]])
 """In the middle of the left and of the bottom wall (Fig. 5-36)."""
 YAWS = np.array([0.0, 0.5 * np.pi])
 SIGMA = 1e-4
-"""Of the sight lines [rad]: as good as none."""
+"""Of the lines of sight [rad]: as good as none."""
 ROOM = np.array([[0.0, 0.0], [SIDE, 0.0], [SIDE, SIDE], [0.0, SIDE]])
 
 
@@ -35,7 +35,7 @@ def name_of(what: str, reach: float) -> str:
 
 
 def grid(readers: int) -> Floats:
-    """(readers, 2) places in a square grid that is even over the room."""
+    """(readers, 2) positions in a square grid that is even over the room."""
     n = math.isqrt(readers)
     at = (np.arange(n) + 0.5) * SIDE / n
     return np.stack(np.meshgrid(at, at), axis=2).reshape(-1, 2)
@@ -94,7 +94,7 @@ def judge_errors(table: Table) -> list[StatementVerdict]:
         v.pairs("refine-5.40", "Eq. 5.40 improves the coarse position: median lower by this.", pair(parallel, coarse)),
         v.pairs("refine-depth", "Eq. 5.40 is better than 5.39: median lower by this.", pair(parallel, printed)),
         v.pairs("refine-tail", "Eq. 5.40 has lighter tails than 5.39: 95 % of errors below.", pair(deep_tails, tails)),
-        v.pairs("refine-rays", "Crossed sight lines are better than Eq. 5.39 (of this project).", pair(rays, printed)),
+        v.pairs("refine-rays", "Crossed lines of sight are better than Eq. 5.39 (of this project).", pair(rays, printed)),
     ]
     nine, twenty_five = printed[0], printed[-1]
     same, fair = v.around(1.0, v.NEAR), v.around(1.0, v.FAR)

@@ -23,7 +23,7 @@ PARTS = 20
 LITTLE = 1.0
 """Rate [%] below which there is nothing to gain."""
 KEPT = ("idf1", "hota", "mota", "frame_ms", "particles", "left", "lost")
-"""Figures of trials that tables have besides the rates."""
+"""Figures of trials that tables have also the rates."""
 
 
 def seed_of(size: Size, run: int) -> int:
@@ -51,7 +51,7 @@ def rate_row(
 
 
 def ordered(key: str, statement: str, low: PaperRow, high: PaperRow) -> StatementVerdict:
-    """Judge that one mean rate [%] is below another; where the higher one is below `LITTLE`, nothing can be said."""
+    """Judge that one mean rate [%] is below another; where the higher one is below `LITTLE`, nothing can be stated."""
     points = [] if high.mean < LITTLE and low.mean < LITTLE else [v.lower(low, high)]
     better = sum(a < b for a, b in zip(low.values, high.values, strict=True))
     worse = sum(a > b for a, b in zip(low.values, high.values, strict=True))
@@ -66,12 +66,12 @@ def everywhere(key: str, statement: str, points: Sequence[tuple[PaperRow, PaperR
     Args:
         key: id of the verdict.
         statement: its text.
-        points: the lower and the higher row [%] of each; those whose higher mean is below `LITTLE` are left out.
+        points: the lower and the higher row [%] of each; those whose higher mean is below `LITTLE` are skipped.
     """
     open_ones = [(low, high) for low, high in points if max(low.mean, high.mean) >= LITTLE]
     if not open_ones:
         return None
     left = len(points) - len(open_ones)
     rule = "below it by two standard errors, run by run"
-    rule += f" ({left} points left out, at which there is less than {LITTLE:g} % to gain)" if left else ""
+    rule += f" ({left} points skipped, at which there is less than {LITTLE:g} % to gain)" if left else ""
     return v.judge_points(key, statement, [v.lower(low, high) for low, high in open_ones], rule=rule)

@@ -35,19 +35,19 @@ class DivertedTracker(NamedTuple):
     view: int
     target: int
     frame: int  # before which it is put there
-    x: float  # place [px]
+    x: float  # position [px]
     y: float
 
 
 class Runner(NamedTuple):
     """A method on a video."""
 
-    config: MipfConfig  # settings of the method, which say how it tracks
+    config: MipfConfig  # settings of the method, which state how it tracks
     geometry: ViewGeometry
     births: tuple[Birth, ...]
     seed: int
     use: int  # number of views, the first ones of the video
-    exchange: tuple[int, int, int, int] | None = None  # view, two targets; they change places before that frame
+    exchange: tuple[int, int, int, int] | None = None  # view, two targets; they change positions before that frame
     astray: DivertedTracker | None = None
     timed: bool = False  # true: measure the time of each part of the likelihood; for `bmct` alone
 
@@ -157,7 +157,7 @@ def exchanged(state: VisualState, view: int, one: int, other: int) -> VisualStat
 
 
 def led_astray(state: VisualState, astray: DivertedTracker) -> VisualState:
-    """Return the state with a tracker at rest in another place; InputError where there is no such tracker."""
+    """Return the state with a tracker at rest in another position; InputError where there is no such tracker."""
     t = state.trackers
     rows = np.flatnonzero((t.view == astray.view) & (t.target == astray.target))
     if len(rows) != 1:

@@ -180,4 +180,4 @@ SCENES: dict[str, Callable[[BallsConfig, Generator], Floats]] = {
     "decoys-on-line": _decoys(on_line=True),
     "decoys-off-line": _decoys(on_line=False),
 }
-"""Scenes by name: settings and generator to places (T, n, 3) about the centre of the box."""
+"""Scenes by name: settings and generator to positions (T, n, 3) about the centre of the box."""

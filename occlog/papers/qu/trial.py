@@ -186,7 +186,7 @@ def _first(followed: TrackerOutput, rows: Bools) -> float:
 
 
 def _for_good(followed: TrackerOutput, rows: Bools, on: Bools) -> float:
-    """Return the first frame from which a tracker stays on its target to the end; inf: there is none."""
+    """Return the first frame from which a tracker stays on its target to the end; inf: missing."""
     frames, held = followed.frame[rows], on[rows]
     off = frames[~held]
     after = frames[frames > off.max()] if len(off) else frames
@@ -213,7 +213,7 @@ def run_views_trial(spec: Spec) -> dict[str, float]:
             is on it, default 1).  One method: `method` (a name of `CONFIGS`), `set` (its settings),
             `fundamental` (kind, or [kind, amount], of `geometry_of`), `wrong` ([view, target, other]: there
             the tracker of `target` starts on `other`; with a frame behind, the two are exchanged in that),
-            `use` (the first so many views only), `astray` (fields of `DivertedTracker`), `timed` (also `local_ms`,
+            `use` (the first this many views only), `astray` (fields of `DivertedTracker`), `timed` (also `local_ms`,
             `interaction_ms`, `collaboration_ms` and `step_ms`: means of CPU time a frame).  Several: `methods`,
             these keys by label.  `parts`: also `off_0`, ... of `timeline`.  `scene`: one of `SCENES`.  `unseen`:
             targets that the first view does not see.  `watched`: view and targets by name; also `name_off`, ... of

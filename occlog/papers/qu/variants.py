@@ -87,7 +87,7 @@ def _of_views(points: Sequence[float], size: Size, execute: Execute) -> Found:
 
 
 def _renamed(result: Mapping[str, float], ending: str) -> dict[str, float]:
-    """Return the figures whose labels have this ending, with the ending removed from the keys."""
+    """Return the figures with labels that have this ending, with the ending removed from the keys."""
     return {k.replace(f"{ending}.", "."): value for k, value in result.items() if f"{ending}." in k}
 
 

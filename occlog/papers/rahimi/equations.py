@@ -1,6 +1,6 @@
 """[Rahimi]: what bearings determine (Fig. 1, Sec. 7), and the printed equations of Secs. 3 and 5.
 
-A target at constant velocity has four unknowns, place and velocity.  Bearings without noise leave those dimensions open
+A target at constant velocity has four unknowns, position and velocity.  Bearings without noise leave those dimensions open
 in which these can change and no bearing does, to first order: as many as 4 less the rank of the gradients.
 Equations are written down as printed; what they should give is computed by their definition.
 """
@@ -45,10 +45,10 @@ STATEMENTS: Mapping[str, RahimiStatement] = {
         "all: one dimension of four",
     ),
     SPEED_KNOWN: RahimiStatement(
-        "If its speed is known, one camera determines its places: share of the targets.", ALL, "all: no dimension"
+        "If its speed is known, one camera determines its positions: share of the targets.", ALL, "all: no dimension"
     ),
     TWO: RahimiStatement(
-        "If its speed is constant and unknown, two cameras whose views do not overlap do: share of the targets.",
+        "If its speed is constant and unknown, two cameras with views that do not overlap do: share of the targets.",
         ALL,
         "all: no dimension",
     ),
@@ -98,11 +98,11 @@ def judge(table: Table) -> list[StatementVerdict]:
 
 
 def open_dimensions(cameras: Floats, place: Floats, velocity: Floats, *, speed: bool) -> int:
-    """Return how many of a target's four unknowns, place and velocity, its bearings leave open.
+    """Return how many of a target's four unknowns, position and velocity, its bearings leave open.
 
     Args:
-        cameras: (C, 2) places; each sees the target at `STEPS` times, one camera after the other.
-        place: (2,) of the target at the first time.
+        cameras: (C, 2) positions; each sees the target at `STEPS` times, one camera after the other.
+        position: (2,) of the target at the first time.
         velocity: (2,) of the target [length per step], constant.
         speed: true: the length of the velocity is known.
     """
@@ -143,7 +143,7 @@ def _undetermined(rng: np.random.Generator, targets: int) -> dict[str, float]:
 
 def _prior() -> dict[str, float]:
     """Compare (1) to (3) with the motion and the covariance that they describe."""
-    n, x = 4 * STEPS, np.array([1.0, 2.0, 0.3, 0.4])  # places 1 and 2, velocities 0.3 and 0.4
+    n, x = 4 * STEPS, np.array([1.0, 2.0, 0.3, 0.4])  # positions 1 and 2, velocities 0.3 and 0.4
     moved = float(np.abs((A @ x)[:2] - (x[:2] + 0.5 * x[2:])).max())
     # The covariance, state by state; the first one's is that of a weak prior, without which there is none
     first, covariance = np.eye(4), np.zeros((n, n))
@@ -185,7 +185,7 @@ def _gram(root: Floats) -> Floats:
 def _sparse() -> float:
     """Return the share of the rows of J with two entries: rows of G, and one of a bearing at each time."""
     two = list(np.count_nonzero(_rows(np.diag(1.0 / np.sqrt(np.diag(NOISE)))), axis=1) == 2)
-    # A bearing has the gradients by the two coordinates of its place
+    # A bearing has the gradients by the two coordinates of its position
     return float(np.mean([*two, *[True] * STEPS]))
 
 

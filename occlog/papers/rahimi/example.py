@@ -73,10 +73,10 @@ def sparse_scene(*, known_range: bool) -> Scene:
 
 
 def reflected_path(steps: int, rng: np.random.Generator, smoothing: float = SMOOTHING) -> Floats:
-    """Draw (steps, 2) places of a target that moves straight at constant speed, is reflected by walls, and smoothed.
+    """Draw (steps, 2) positions of a target that moves straight at constant speed, is reflected by walls, and smoothed.
 
     Args:
-        steps: number of places, `STEP_S` apart.
+        steps: number of positions, `STEP_S` apart.
         rng: draws the first place and the direction.
         smoothing: standard deviation of the Gaussian [steps].
     """
@@ -107,7 +107,7 @@ def example(seed: int, run: int, steps: int, false: float = 0.0) -> Example:
 
 
 def truth_of(xy: Floats) -> Truth:
-    """Return (T, 2) places as a table, `STEP_S` apart."""
+    """Return (T, 2) positions as a table, `STEP_S` apart."""
     n = len(xy)
     return Truth.of(
         t_ns=times(n),
@@ -143,7 +143,7 @@ def with_false(bearings: Bearings, scene: Scene, share: float, rng: np.random.Ge
 def identified(seed: int, fit_step_s: float = STEP_S) -> tuple[float, float]:
     """Fit acceleration and jitter of constant-velocity motion (see `MapConfig`) to paths that belong to no problem.
 
-    The paths' places are known to a millimetre.  A turn takes several steps: a fit at the paper's step
+    The paths' positions are known to a millimetre.  A turn takes several steps: a fit at the paper's step
     assumes that these are independent, one at a longer step sees the whole turn as one change.
 
     Args:

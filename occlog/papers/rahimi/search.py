@@ -148,7 +148,7 @@ FIG3 = Experiment(
     quick=(3, 80),
     compute=fig3,
     judge=judge3,
-    note="Residuals of the bearings, errors of the distances from the cameras, errors of all places.",
+    note="Residuals of the bearings, errors of the distances from the cameras, errors of all positions.",
     trial=sparse_trial,
     plans={"iterations": iterations_plan},
 )

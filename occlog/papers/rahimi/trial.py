@@ -33,7 +33,7 @@ PAPER: Mapping[str, object] = {
     "estimate": "mode",
     "covariance": "hessian",
 }
-"""Settings that make `map` the paper's method: cost, start, and places before the cameras as the only constraint."""
+"""Settings that make `map` the paper's method: cost, start, and positions before the cameras as the only constraint."""
 ENDS = 0.1
 """Share of the times in each of the trajectory's two ends."""
 KNOWN = 0.5
@@ -48,18 +48,18 @@ class Solved(NamedTuple):
     problem: Example
     tracks: Tracks
     diagnostics: Diagnostics
-    iterates: tuple[Floats, ...]  # (T, 2) places at the start and after every iteration
+    iterates: tuple[Floats, ...]  # (T, 2) positions at the start and after every iteration
     iterations: int
     converged: bool
 
     @property
     def xy(self) -> Floats:
-        """(T, 2) estimated places."""
+        """(T, 2) estimated positions."""
         return np.column_stack([self.tracks.x, self.tracks.y])
 
     @property
     def true_xy(self) -> Floats:
-        """(T, 2) true places."""
+        """(T, 2) true positions."""
         return np.column_stack([self.problem.truth.x, self.problem.truth.y])
 
 
@@ -83,7 +83,7 @@ def sparse_spec(
         false: share of false bearings.
         fit_step_s: step at which the motion is identified [s].
         known_range: true: the method knows the ranges of the cameras.
-        track: settings of `map` besides those of the paper.
+        track: settings of `map` also those of the paper.
     """
     acceleration, jitter = identified(size.seed, fit_step_s)
     settings = {**PAPER, "acceleration": acceleration, "jitter": jitter, **track}
@@ -143,7 +143,7 @@ def sparse_trial(spec: Spec) -> dict[str, float]:
 
     Returns:
         Figures of `errors`, `consistency` and `refinement`; `iterations`; `converged` (0 or 1); `measurements`;
-        and `behind`, the measurements whose camera has the estimate behind it or beside it.
+        and `behind`, the measurements with a camera that has the estimate behind it or beside it.
     """
     solved = solve_problem(spec)
     at = sightings(solved.problem.bearings, solved.tracks.t_ns)
@@ -187,7 +187,7 @@ def consistency(solved: Solved, at: SparseMeasurements) -> dict[str, float]:
     """Return the mean normalised squared error, 2 for a right covariance, and the share of times behind the mean.
 
     `nees` (`unflagged`): over times that are not flagged.  `nees_known` (`known`): over those of them at which the
-    standard deviation along the sight line of each camera that sees the target is at most `KNOWN` of the distance.
+    standard deviation along the line of sight of each camera that sees the target is at most `KNOWN` of the distance.
     """
     t = solved.tracks
     P = np.stack([t.cov_xx, t.cov_xy, t.cov_xy, t.cov_yy], axis=1).reshape(-1, 2, 2)
@@ -210,8 +210,8 @@ def refinement(solved: Solved, at: SparseMeasurements) -> dict[str, float]:
     """Return errors of the iterates: figures `ray_k`, `distance_k` and `place_k` after iteration k, and `start_off`.
 
     ray: root mean square of the residuals, in standard deviations.  distance: that of the errors of the distances
-    from the cameras, over seen states [m].  place: RMSE of all states [m].  start_off: largest distance of a state
-    of the start from its place in the paper [m].
+    from the cameras, over seen states [m].  position: RMSE of all states [m].  start_off: largest distance of a state
+    of the start from its position in the paper [m].
     """
     true = np.sum((solved.true_xy[at.state] - at.place) * at.axis, axis=1)
     out = {}

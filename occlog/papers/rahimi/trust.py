@@ -44,7 +44,7 @@ LOSES = 0.15
 SAME = 1e-4
 """Largest difference of two errors that count as equal, by the tolerance of the search [m]."""
 
-HESSIAN, KNOWN, MOMENT = "mode, hessian", "mode, hessian; distances known", "mode, moment"
+HESSIAN, KNOWN, MOMENT = "mode, hessian", "mode, hessian; distances known", "mode, time step"
 INVARIANT, INVARIANT_ROOM, RIGHT = "invariant", "invariant; room and ranges", "consistent"
 ESTIMATES: dict[str, tuple[str, Values]] = {
     HESSIAN: ("nees", {}),
@@ -146,7 +146,7 @@ def judge_covariance(table: Table) -> list[StatementVerdict]:
 
 def _consistent(key: str, what: str, row: PaperRow) -> StatementVerdict:
     """Judge a mean against 2; the error bar is that of the problems' means, as errors within a problem depend."""
-    said = f"The normalised squared error is 2 in the mean, as the covariance says ({what})."
+    said = f"The normalised squared error is 2 in the mean, as the covariance states ({what})."
     low, high = RIGHT_WITHIN
     rule = f"from {low:g} to {high:g}; in part within a factor of 2"
     return v.judge(key, said, mean_of(row), v.Interval(low, high), v.Interval(1.0, 4.0), rule=rule, paper=2.0)

@@ -1,8 +1,8 @@
 """[Rahimi] Fig. 7: a walk of a minute past four cameras, in a building of this project.
 
-Recording, floor plan and figure of Sec. 7 are lost.  What the text tells of them is kept: cameras on the walls that
+Recording, floor plan and figure of Sec. 7 are lost.  What the text reports them is kept: cameras on the walls that
 look at right angles to these, views that do not overlap, readings every 250 ms, a walk that begins and ends at the same
-place, a loop before camera 1 with legs at two depths, legs towards camera 3 and away from it along one bearing, and a
+position, a loop before camera 1 with legs at two depths, legs towards camera 3 and away from it along one bearing, and a
 wall between cameras 3 and 4.  Every run moves the turning points a little.
 """
 
@@ -51,7 +51,7 @@ REST = ((15.0, 2.0), (12.0, 1.5))
 APART = 2.0
 """Distance between the two legs of the loop [m]."""
 TRAINING, FIT_EVERY = 20, 8
-"""Walks at which the motion is identified, at every so many steps: about a turn."""
+"""Walks at which the motion is identified, at every this many steps: about a turn."""
 MOST, SOME = 0.9, 0.05
 """Shares of the walks that count as all, and as some."""
 FREE, WALLED = "no walls", "walls"
@@ -77,7 +77,7 @@ def building(*, known: bool) -> Scene:
 
 
 def walk(rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Draw a walk: (T, 2) places `STEP_S` apart, and (T,) the way to the last turning point passed, counted from 0."""
+    """Draw a walk: (T, 2) positions `STEP_S` apart, and (T,) the way to the last turning point passed, counted from 0."""
     points = np.array([HOME, *LOOP, HOME, *LEGS, *REST, HOME])
     points[1:-1] += MOVED * rng.standard_normal((len(points) - 2, 2))
     legs = slice(len(LOOP) + 2, len(LOOP) + 2 + len(LEGS))
@@ -240,6 +240,6 @@ FIG7 = Experiment(
     compute=fig7,
     judge=judge7,
     note="Recording and floor plan of Sec. 7 are lost: a building of this project. A walk takes about a minute, "
-    "whatever --steps says.",
+    "whatever --steps states.",
     trial=walk_trial,
 )

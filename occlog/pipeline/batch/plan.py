@@ -20,7 +20,7 @@ from occlog.pipeline.pack.archive import key_of_name
 MIN_DIGITS = 8
 """Digits of the hash that tells recordings of one name apart; more if they do not."""
 MAX_PATHS = 1_000_000
-"""Paths that a pattern may stand for, with folders: links that lead back into their own folder make them endless."""
+"""Paths that a pattern may represent, with folders: links that lead back into their own folder make them endless."""
 LONGEST_NAME = 255
 """Bytes of a name that file systems take."""
 
@@ -31,7 +31,7 @@ class BatchRecording(NamedTuple):
     Attributes:
         name: of its run folder, different from every other one, also where case does not count, or how accents are put.
         shown: its file name, with folders where these are needed to find it among the others; names no machine; text.
-        place: where it is.
+        position: where it is.
         fault: why it cannot be taken, in words that follow its name; empty: it may be.
     """
 
@@ -96,7 +96,7 @@ def _links(place: str) -> int:
 def _places(pattern: str, results: str) -> Iterable[str]:
     if is_url(pattern):
         return _found(pattern, results)
-    if Path(pattern).is_file():  # also one whose name has brackets
+    if Path(pattern).is_file():  # also one with a name that has brackets
         return [_absolute(pattern)]
     if Path(pattern).is_dir():
         raise InputError(f"{pattern}: is a folder; name the recordings in it: '{Path(pattern) / '*.mcap'}'")
@@ -120,7 +120,7 @@ def _is_below(name: str, folder: str) -> bool:
 
 
 def _may_be_file(name: str) -> bool:
-    """Whether it is a file, or something that cannot be looked at: whoever named it has to be told."""
+    """Whether it is a file, or something that cannot be looked at: whoever named it has to be reported."""
     try:
         return stat.S_ISREG(Path(name).stat().st_mode)
     except OSError:
@@ -165,7 +165,7 @@ def _fits(name: str) -> bool:
 
 
 def _shown(places: Sequence[str]) -> dict[str, str]:
-    """What each place is called: its path below the folder that all have in common."""
+    """What each position is called: its path below the folder that all have in common."""
     local = [place for place in places if not is_url(place)]
     common = os.path.commonpath([str(Path(place).parent) for place in local]) if local else ""
     files = {place: Path(place).relative_to(common).as_posix() for place in local}

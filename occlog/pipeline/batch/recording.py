@@ -1,4 +1,4 @@
-"""One recording of a batch: the stages of its run, and what a row of the table of runs says of it.
+"""One recording of a batch: the stages of its run, and what a row of the table of runs states about it.
 
 Whatever is wrong with a recording is an outcome, not an error: the others go on.
 
@@ -33,7 +33,7 @@ from occlog.records.verdicts import Verdict, all_plausible, found_by_stage
 from .plan import in_line
 
 MARK = "batch.json"
-"""File that says that a folder is one of a batch."""
+"""File that states that a folder is one of a batch."""
 RUNS = "runs"
 """Folder of the run folders."""
 
@@ -181,7 +181,7 @@ class RecordingOutcome:
 def process(task: Task) -> RecordingOutcome:
     """Do the stages of a recording that are not up to date."""
     begin, used = time.perf_counter(), time.process_time()
-    with redirect_stderr(io.StringIO()):  # what stages say of losses and warnings is in the outcome
+    with redirect_stderr(io.StringIO()):  # what stages state about losses and warnings is in the outcome
         outcome = _Run(task).outcome()
     return replace(outcome, seconds=time.perf_counter() - begin, cpu_seconds=time.process_time() - used)
 
@@ -192,7 +192,7 @@ class _Run:
     def __init__(self, task: Task) -> None:
         self._task = task
         self._stage = "recording"
-        self._names = {str(task.config.path): task.config.path.name}  # of places of this machine, for messages
+        self._names = {str(task.config.path): task.config.path.name}  # of positions of this machine, for messages
         self._steps: list[StageStep] = []
 
     def outcome(self) -> RecordingOutcome:
@@ -246,7 +246,7 @@ class _Run:
         self._stage = stage
 
     def _with_outputs(self, told: RecordingOutcome, folder: Path) -> RecordingOutcome:
-        """The outcome with what its files say."""
+        """The outcome with what its files state."""
         made = tuple(name for step in self._steps for name in step.outputs)
         redone = told.redone or any(step.what == "done" for step in self._steps)
         files = [folder / name for name in made]

@@ -1,4 +1,4 @@
-"""Work of `occlog batch`: runs every recording on an executor, and gathers the results in tables.
+"""Work of `occlog batch`: runs every recording on an executor, and collects the results in tables.
 
 The tables of a batch: what became of each recording, its figures, and its rows beside those of the others.
 """
@@ -44,7 +44,7 @@ METRICS_FILES = ("metrics.json", "metrics_in_images.json")
 MAX_LOSSES = 20
 """Losses of a recording that the provenance of each table has; the table of runs has all."""
 WHOLE = "the whole recording"
-"""Place of the loss of a recording that failed."""
+"""Position of the loss of a recording that failed."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def gather(
 
 
 def losses_of(outcomes: Sequence[RecordingOutcome]) -> tuple[Loss, ...]:
-    """What was lost in all recordings; of one that failed all of it, of one with many losses a part and their number.
+    """Losses in all recordings; of one that failed all of it, of one with many losses a part and their number.
 
     The table of runs has them all: in the metadata of a file, a million are more than libraries of Parquet read.
     """
@@ -101,7 +101,7 @@ def losses_of(outcomes: Sequence[RecordingOutcome]) -> tuple[Loss, ...]:
         if more:
             counts = [loss.count for loss in more]
             what = f"{len(more)} more losses; {RUNS_TABLE} lists them"
-            found.append(Loss(each.name, "other places", what, sum(counts) if all(counts) else 0))
+            found.append(Loss(each.name, "other positions", what, sum(counts) if all(counts) else 0))
         if each.state == FAILED:
             found.append(Loss(each.name, WHOLE, f"{each.stage} failed: {each.message}"))
     return tuple(found)
@@ -164,7 +164,7 @@ def _figures(runs: Path, outcomes: Sequence[RecordingOutcome]) -> Iterator[dict[
 TIMINGS = "timings.csv"
 """What differs from run to run; the other files have the same bytes each time."""
 TOLD = 20
-"""So many recordings that failed are named; the table has all."""
+"""This many recordings that failed are named; the table has all."""
 
 
 @dataclass(frozen=True)
@@ -243,7 +243,7 @@ def _check_config(config: Config) -> None:
 
 
 def _check_places(request: BatchRequest, sources: Sequence[BatchRecording]) -> None:
-    """Refuse places that other processes do not have."""
+    """Refuse positions that other processes do not have."""
     here = [p for p in (request.output, *(source.place for source in sources)) if is_url(p) and kind_of(p) == "memory"]
     if here and (request.workers > 1 or request.scheduler is not None):
         raise UsageError(f"{here[0]}: lies in the memory of this process; give {option('workers')} 1")
@@ -311,7 +311,7 @@ def _from_here(source: BatchRecording) -> str:
 
 
 def _tell(outcomes: Sequence[RecordingOutcome], sources: Sequence[BatchRecording], quiet: bool) -> None:
-    """Name recordings that failed or that are not to be believed, on standard error."""
+    """Name recordings that failed or that are not reliable, on standard error."""
     failed = [(each, source) for each, source in zip(outcomes, sources, strict=True) if each.state == FAILED]
     for each, source in failed[:TOLD]:
         message = each.message.replace(in_line(each.shown), _from_here(source))

@@ -22,8 +22,8 @@ def executor_of(
         workers: processes of this machine.
         scheduler: what is used instead; None: nothing.
         jobs: settings of jobs.
-        folder: for scripts and logs of jobs, where their settings name none; None: there is none.
-        isolated: true: one worker is a process of its own too, which may die without harm.
+        folder: for scripts and logs of jobs, where their settings name none; None: missing.
+        isolated: true: one worker is a separate process too, which may die without harm.
 
     Raises:
         UsageError: jobs have no folder.

@@ -1,4 +1,4 @@
-"""The workers of a Dask cluster, which somebody else has started.
+"""The workers of a Dask cluster, which another person has started.
 
 The workers of a Ray cluster, or of a Ray that is started on this machine.
 
@@ -44,7 +44,7 @@ class DaskCluster:
             import distributed
         except ImportError as error:
             raise UsageError(
-                "a scheduler wants the package `distributed`; install occlog[cluster], or use processes of this machine"
+                "a scheduler requires the package `distributed`; install occlog[cluster], or use processes of this machine"
             ) from error
         library: Any = distributed  # it has no types
         try:
@@ -108,7 +108,7 @@ async def _greet(library: Any, address: str) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep what Dask logs of connections, with tracebacks, out of standard error: their end is an error of its own."""
+    """Keep what Dask logs of connections, with tracebacks, out of standard error: their end is its own error."""
     before = logging.root.manager.disable
     logging.disable()
     try:
@@ -184,7 +184,7 @@ class Jobs:
         told = dict(settings)
         count = told.pop("jobs", str(JOBS))
         if not count.isdecimal() or not int(count):
-            raise UsageError(f"--job jobs={count}: want a number above 0")
+            raise UsageError(f"--job jobs={count}: expected a number above 0")
         self._cluster, self._folder, self._count, self._settings = cluster, folder, int(count), told
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
@@ -241,5 +241,5 @@ def _number(value: str) -> object:
 
 
 def _each(work: Callable[[T], R], pieces: list[tuple[str, T]]) -> list[tuple[str, R | Lost]]:
-    """Do the pieces of a job, in a process of its own: one that dies would end the job before the others, each time."""
+    """Do the pieces of a job, in a separate process: one that dies would end the job before the others, each time."""
     return list(Processes(1).outcomes(dict(pieces), work))

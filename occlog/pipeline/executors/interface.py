@@ -34,7 +34,7 @@ class Executor(Protocol):
                 iteration: it returns errors that concern one piece alone.
 
         Raises:
-            UsageError: the executor wants a package that is not installed, or does not answer.
+            UsageError: the executor requires a package that is not installed, or does not answer.
         """
         ...
 

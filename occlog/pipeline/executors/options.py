@@ -1,4 +1,4 @@
-"""Options that say who does work that is made of many pieces; they load no executor."""
+"""Options that state who does work that is made of many pieces; they load no executor."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ JOB_FOLDER = "folder"
 
 
 def scheduler_options(command: F) -> F:
-    """`--scheduler` and `--job`, which say where work is done that is made of many pieces."""
+    """`--scheduler` and `--job`, which state where work is done that is made of many pieces."""
     for option in (
         click.option(
             "--job",
@@ -48,6 +48,6 @@ def job_settings(texts: Sequence[str], scheduler: str | None) -> dict[str, str]:
     for text in texts:
         name, given, value = text.partition("=")
         if not (name and given and value):
-            raise UsageError(f"--job {text}: want NAME=VALUE")
+            raise UsageError(f"--job {text}: expected NAME=VALUE")
         settings[name] = value
     return settings

@@ -1,6 +1,6 @@
 """The archive of a packed run: a ZIP file with the same bytes each time, and unpacking that trusts nothing in it.
 
-What a packed run says of itself: `pack.json`.
+What a packed run states about itself: `pack.json`.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         version: of occlog.
         versions: of Python and of packages, by name.
         config: name of the configuration among the inputs.
-        folder: where the run folder lies among the inputs: a recording that `ingest` made says so where its videos are.
+        folder: where the run folder lies among the inputs: a recording that `ingest` made states it where its videos are.
         inputs: the configuration, and all that it names.
         outputs: what the run made.
         stages: exit code of each stage.
@@ -219,7 +219,7 @@ def unpack(path: Path, folder: Path) -> Manifest:
 
     Raises:
         InputError: it is damaged or hostile: names that lead out, links, more files or bytes than stated or allowed,
-            files that the manifest does not have, or that are not what it says.
+            files that the manifest does not have, or that are not what it states.
         OutputError: there is no space for them.
     """
     check_input(path, "an archive of `occlog pack`")
@@ -298,7 +298,7 @@ def _copy(
             digest.update(part)
             out.write(part)
     if size != told.bytes or digest.hexdigest() != told.sha256:
-        raise InputError(f"{where}: is not what {MANIFEST} says (size or SHA-256); {remedy}")
+        raise InputError(f"{where}: is not what {MANIFEST} states (size or SHA-256); {remedy}")
 
 
 def take(source: Path, target: Path, told: PackedFile) -> None:

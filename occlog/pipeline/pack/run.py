@@ -130,7 +130,7 @@ def _check_relative(config: Config) -> None:
 
 
 def _check_unpackable(manifest: Manifest, folder: Path) -> None:
-    """InputError for names, or so many files, that `unpack` would refuse."""
+    """InputError for names, or this many files, that `unpack` would refuse."""
     check_names(manifest, str(folder), "rename it, run again, and pack")
     count = len({*manifest.members(), MANIFEST, LOCK})
     if count > MAX_FILES:

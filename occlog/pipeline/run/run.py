@@ -33,9 +33,9 @@ GOING_ON = (ExitCode.DONE, ExitCode.LOSSY, ExitCode.THRESHOLD)
 """Exit codes of a stage after which the next stage runs."""
 UP_TO_DATE = "up to date"
 PATIENCE = 5.0
-"""Time to wait for another command in a run folder [s]: workers of one that was killed need a moment to end."""
+"""Time to wait for another command in a run folder [s]: workers of one that was killed need a time step to end."""
 WAITING = "would run"
-"""What a dry run says of a stage that is not up to date."""
+"""What a dry run states about a stage that is not up to date."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def run_stages(
         output: run folder.
         force: true: run every stage.
         dry_run: true: only say which stages would run.
-        strict: true: exit code 6 if a stage says that its results are not plausible.
+        strict: true: exit code 6 if a stage states that its results are not plausible.
         quiet: true: no notes.
         as_json: true: print the summary as JSON.
     """
@@ -197,13 +197,13 @@ def verdicts_of(files: Iterable[Path]) -> tuple[Verdict, ...]:
 
 
 def losses_of(files: Iterable[Path]) -> tuple[Loss, ...]:
-    """What was lost on the way to some tables, each once."""
+    """Losses while reading to some tables, each once."""
     tables = (file for file in files if file.suffix == ".parquet")
     return tuple(dict.fromkeys(loss for file in tables for loss in read_provenance(file).losses))
 
 
 def worst(codes: Iterable[int]) -> int:
-    """The exit code that says most of several after each of which the work went on."""
+    """The exit code that states most of several after each of which the work went on."""
     codes = list(codes)
     for code in (ExitCode.THRESHOLD, ExitCode.LOSSY):
         if code in codes:
@@ -312,7 +312,7 @@ def outcomes(folder: Path) -> dict[str, StageOutcome]:
 
 
 def _is_outcome(told: StageOutcome, folder: Path) -> bool:
-    """Whether what a state tells of a stage can be: outputs in the run folder, since those of others are removed."""
+    """Whether what a state reports a stage can be: outputs in the run folder, since those of others are removed."""
     texts = [told.key, *told.outputs.keys(), *told.outputs.values()]
     return (
         all(isinstance(text, str) for text in texts)
@@ -323,7 +323,7 @@ def _is_outcome(told: StageOutcome, folder: Path) -> bool:
 
 
 def other_versions(folder: Path) -> str:
-    """Which packages a run folder was made with that are other ones now; "": they are the same, or it says nothing."""
+    """Which packages a run folder was made with that are other ones now; "": they are the same, or it states nothing."""
     path = folder / STATE
     then = read_json(path).get("versions") if path.is_file() else None
     if not isinstance(then, dict):

@@ -99,7 +99,7 @@ class RunStage:
         return exit_code(request, done, strict=self.values.get(STRICT) is True)
 
     def _request(self, kept: Path | None = None) -> Request:
-        """The request, with a file in the place of standard input."""
+        """The request, with a file in the position of standard input."""
         given = {entry.name: self._read(entry, kept) for entry in self.form.entries() if self._has(entry)}
         free, settings = self.form.set_group(), self._settings()
         with self._keys_in_errors():
@@ -162,7 +162,7 @@ class RunStage:
         parts = [str(text).partition("=") for text in listed(given)]
         for name, equals, _ in parts:
             if not equals:
-                raise UsageError(f"{option(SET)}: {name}: want NAME=VALUE")
+                raise UsageError(f"{option(SET)}: {name}: expected NAME=VALUE")
         return {name.strip(): value for name, _, value in parts}
 
     def _free(self) -> list[type[Settings]]:
@@ -206,7 +206,7 @@ def form_of_plugin(plugin: Plugin) -> Form:
 
 
 def plugin_of(key: str, name: str, kind: str) -> Plugin:
-    """The plug-in of a name; UsageError, with the nearest name, where there is none."""
+    """The plug-in of a name; UsageError, with the nearest name, if missing."""
     plugin = find(name, kind)
     if plugin is None:
         known = did_you_mean(name, (each.name for each in installed(kind)))
@@ -215,11 +215,11 @@ def plugin_of(key: str, name: str, kind: str) -> Plugin:
 
 
 def setting_of(entry: RequestEntry, value: object) -> object:
-    """The value of a setting, of what YAML has for it; UsageError, which names the key, where it says none."""
+    """The value of a setting, of what YAML has for it; UsageError, which names the key, where it states none."""
     said, kind = declaration(entry.of), kind_of(entry.owner, entry.of.name)
     if plain_kind(kind) is bool:
         if not isinstance(value, bool):
-            raise UsageError(f"{option(entry.key)}: want true or false, got {value!r}")
+            raise UsageError(f"{option(entry.key)}: expected true or false, got {value!r}")
         return value
     texts = [str(each) for each in listed(value)]
     if said.whole:
@@ -234,7 +234,7 @@ def setting_of(entry: RequestEntry, value: object) -> object:
 
 
 def _file(entry: RequestEntry, value: object, kept: Path | None) -> float | Path:
-    """A path, or the number that may stand in its place."""
+    """A path, or the number that may stand instead."""
     text = ",".join(map(str, listed(value)))
     if kept is not None and text == STANDARD_INPUT:
         return kept
@@ -289,7 +289,7 @@ def _beside(path: Path) -> Iterator[Path]:
     elif path.suffix.lower() == NETWORK and path.is_file():
         try:
             yield from read_onnx(path).weights
-        except InputError:  # whoever reads it says so
+        except InputError:  # whoever reads it states it
             return
     elif path.is_file():
         yield from linked_videos(path)

@@ -26,7 +26,7 @@ from .stage import RunStage
 
 SOURCES = ("recording", "simulate", "ingest")
 OVERLAY = "overlay"
-"""Stage that draws tracks over the video: of everybody unless it is false, of a target where it is there."""
+"""Stage that draws tracks over the video: of all people unless it is false, of a target where it is there."""
 STAGES = ("detect", "priors", "track", "evaluate", "report", OVERLAY)
 PARTICLES = "cloud"
 """Key of `track` that is true where the folder is to have the table `particles`."""
@@ -36,7 +36,7 @@ KEYS = ("occlog_run", *SOURCES, *STAGES, "seed", "scene")
 
 @dataclass(frozen=True)
 class Config:
-    """A run configuration: its file and its keys, and the line of each value by its place."""
+    """A run configuration: its file and its keys, and the line of each value by its position."""
 
     path: Path
     values: dict[str, object]
@@ -76,7 +76,7 @@ def read_config(path: Path, sources: tuple[str, ...] = SOURCES) -> Config:
         raise InputError(f"{path}: give exactly one of {', '.join(sources)}; got {', '.join(given) or 'none'}")
     for name in ("simulate", "ingest", *STAGES):
         if not isinstance(values.get(name) or {}, dict):
-            raise InputError(f"{path}: {name}: want keys and values, got {values[name]!r}")
+            raise InputError(f"{path}: {name}: expected keys and values, got {values[name]!r}")
     return Config(path, values, lines_of(path))
 
 
@@ -109,7 +109,7 @@ def refused_in(config: Config, stage: str) -> Iterator[None]:
 
 
 def _place(config: Config, stage: str, keys: tuple[str, ...]) -> str:
-    """Name a key of a stage, or the one of the whole configuration that stands for it."""
+    """Name a key of a stage, or the one of the whole configuration that represents it."""
     whole = keys[0] in config.values and keys[0] not in config.stage(stage)
     return config.at(*keys) if whole else config.at(stage, *keys)
 
@@ -177,7 +177,7 @@ def _with_particles(config: Config, folder: Path, tracked: dict[str, Path]) -> t
     values = config.stage("track")
     asked = values.pop(PARTICLES, False)
     if not isinstance(asked, bool):
-        raise InputError(f"{config.at('track', PARTICLES)}: want true or false (outputs of a run lie in its folder)")
+        raise InputError(f"{config.at('track', PARTICLES)}: expected true or false (outputs of a run lie in its folder)")
     if asked:
         tracked = {**tracked, PARTICLES: folder / f"{Particles.NAME}.parquet"}
     return replace(config, values={**config.values, "track": values}), tracked

@@ -41,7 +41,7 @@ def key_of(spec: Spec, run: Trial = run_trial) -> str:
 class Store:
     """Results by key; without a path they are kept in memory only.
 
-    A last line that was cut off is left out and overwritten; its trial is run again.
+    A last line that was cut off is skipped and overwritten; its trial is run again.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -134,7 +134,7 @@ def run_all(
     Args:
         specs: descriptions, see `run_trial` (or what `run` takes); equal ones are run once.
         workers: processes on this machine.
-        scheduler: what does the work instead of these, as `--scheduler` says it; None: nothing.
+        scheduler: what does the work instead of these, as `--scheduler` states it; None: nothing.
         store: file of finished trials (JSON lines); those in it are not run again.
         progress: called with the number of trials that have finished since the last call.
         run: runs one trial.
@@ -142,7 +142,7 @@ def run_all(
 
     Raises:
         TrialError: names the first trial that failed; all others were run before.
-        UsageError: a scheduler whose package is not installed, or that does not answer.
+        UsageError: a scheduler with a package that is not installed, or that does not answer.
     """
     kept = Store(store)
     keys = [key_of(spec, run) for spec in specs]

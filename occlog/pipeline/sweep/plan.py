@@ -36,7 +36,7 @@ class SweepSpec(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True, 
     occlog_sweep: Annotated[Literal[1], Meta(description="version of this format")]
     scene: Annotated[str, Meta(description="scene file, beside the sweep file")]
     seed: Annotated[int, Meta(ge=0)] = 0
-    runs: Annotated[int, Meta(ge=1, description="runs of every setting, each with a world of its own")] = 5
+    runs: Annotated[int, Meta(ge=1, description="runs of every setting, each with its own world")] = 5
     simulate: Annotated[dict[str, object], Meta(description="as the options of `occlog simulate`")] = {}
     observe: Annotated[dict[str, object], Meta(description="noise, miss, false_alarm, diameter")] = {}
     priors: Annotated[dict[str, object], Meta(description="kind: none, known or kalman; sigma; q")] = {}
@@ -44,7 +44,7 @@ class SweepSpec(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True, 
     select: Annotated[dict[str, object], Meta(description="policy, count, every, model, order")] | None = None
     cameras: Annotated[list[str] | int | None, Meta(description="names, or how many of `order`; all")] = None
     order: Annotated[list[str], Meta(description="order in which cameras are used")] = []
-    skip: Annotated[int, Meta(ge=0, description="estimates left out at the start")] = 0
+    skip: Annotated[int, Meta(ge=0, description="estimates skipped at the start")] = 0
     vary: Annotated[dict[str, list[object]], Meta(description="values to be combined with each other")] = {}
     cases: Annotated[list[dict[str, object]], Meta(description="named settings, each combined with `vary`")] = []
 
@@ -125,7 +125,7 @@ def settings_of(path: Path, spec: SweepSpec) -> list[Setting]:
 
     Args:
         path: the sweep file, beside which the scene is.
-        spec: what it says.
+        spec: what it states.
 
     Raises:
         InputError: a name that cannot vary, an empty list, too many trials, or cameras that are not there.
@@ -193,5 +193,5 @@ def _cameras(value: object, order: Sequence[str]) -> list[str] | None:
         names = (
             f"the {counted(len(order), 'name')} in `order`" if order else "some names in `order`, which is not there"
         )
-        raise InputError(f"cameras: {value!r}: want a list of names, or how many of {names} to use")
+        raise InputError(f"cameras: {value!r}: expected a list of names, or how many of {names} to use")
     return list(order[:value])

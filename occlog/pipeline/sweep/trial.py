@@ -60,7 +60,7 @@ def run_trial(spec: Spec) -> dict[str, float]:
             `observe` (of `ObserveConfig`), `priors` (`kind` none, known or kalman, with
             `sigma` of the virtual measurements and `q` of the motion), `track` (`method` and
             its settings), `cameras` (names of those to use), `select` (fields of
-            `SelectConfig`), `skip` (estimates left out at the start).
+            `SelectConfig`), `skip` (estimates skipped at the start).
 
     Returns:
         `rmse`, `mean_error`, `max_error` (length unit), `rmse_occ` (of the priors' means; NaN
@@ -138,7 +138,7 @@ def _priors(values: Values, truth: Truth, seed: int) -> Occluders | None:
 
 
 def rmse_of_priors(occluders: Occluders | None, truth: Truth) -> float:
-    """Return the RMS distance of the priors' means from the true places of the occluders; NaN without priors."""
+    """Return the RMS distance of the priors' means from the true positions of the occluders; NaN without priors."""
     if occluders is None or not len(occluders):
         return float("nan")
     true = truth.take(truth.role == "occluder")

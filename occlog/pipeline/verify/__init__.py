@@ -1,1 +1,1 @@
-"""Verb: make a packed run again, and say whether it is the same."""
+"""Verb: make a packed run again, and state whether it is the same."""

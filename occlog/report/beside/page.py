@@ -1,4 +1,4 @@
-"""The page of two runs as HTML: self-contained, with a script of its own and no other.
+"""The page of two runs as HTML: self-contained, with its own script and no other.
 
 The words and tables of two runs as Markdown, for pull requests.
 
@@ -35,7 +35,7 @@ def build_page(found: RunComparisonPage) -> str:
     """The page of two runs.
 
     Args:
-        found: the runs, laid beside each other.
+        found: the runs, aligned.
     """
     with house_style():
         errors, lives = _errors(found), _lives(found)
@@ -116,7 +116,7 @@ def _whose(*followed: MatchedRuns) -> list[int]:
 
 
 def build_markdown(found: RunComparisonPage) -> str:
-    """The verdict, what is not to be believed, figures, partings and identities; no pictures."""
+    """The verdict, what is not reliable, figures, partings and identities; no pictures."""
     out = [f"# {plain(found.title)}", "", f"**{plain(words.comparison_heading(found))}.**", ""]
     out += [f"- {plain(f'{letter}: {side.name}')}" for letter, side in found.sides]
     out += ["", *(f"- {plain(sentence)}" for sentence in words.sentences(found)), ""]
@@ -185,14 +185,14 @@ def summary_of(found: RunComparisonPage, request: RunComparisonRequest) -> dict[
 
 
 def _figure(row: ComparisonRow) -> dict[str, object]:
-    """What is known of a figure of both."""
+    """State of a figure of both."""
     d = row.found
     values = {"a": d.a, "b": d.b, "difference": d.difference, "low": d.low, "high": d.high, "p": row.holm}
     return {name: value for name, value in values.items() if math.isfinite(value)} | {"verdict": row.verdict}
 
 
 def _moment(found: RunComparisonPage, moment: RunComparisonStep) -> dict[str, object]:
-    """Values of a moment that are known."""
+    """Values of a time step that are known."""
     values: dict[str, object] = {"seconds": (moment.t_ns - found.time.start_ns) / NS, "t_ns": moment.t_ns}
     values |= {name: label for name, label in (("a", moment.a), ("b", moment.b)) if label is not None}
     return values | ({"distance": moment.distance} if math.isfinite(moment.distance) else {})

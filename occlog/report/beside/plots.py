@@ -1,9 +1,9 @@
 """Figures of two runs: errors over time with their difference, and who follows whom.
 
-What the script of a page of two runs is given: both plans in the same moments, and who is whom.
+What the script of a page of two runs is given: both plans in the same time steps, and who is whom.
 
 The rule: of the common frames every k-th is kept, with the smallest k by which not more than `MAX_MOMENTS` of them,
-`MAX_SHOWN` estimates of both runs together and as many true places are left; beside them those that the page leads to.
+`MAX_SHOWN` estimates of both runs together and as many true positions are left; beside them those that the page leads to.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from .comparison.partings import ErrorsOverTime
 from .words import RunComparisonPage, RunSide, followed
 
 MAX_LIVES = 20
-"""People who have rows of their own."""
+"""People who have their own rows."""
 MAX_PIECES = 300
 """Of one person that are drawn."""
 LEAST = 0.01
@@ -42,7 +42,7 @@ STYLES: dict[str, Style] = {
     "A": {"color": COLOURS["seen"], "linewidth": 1.2},
     "B": {"color": COLOURS["bound"], "linewidth": 1.2, "linestyle": (0, (5, 1.2))},
 }
-"""How lines of the runs are drawn: by colour, and by dashes where there is none."""
+"""How lines of the runs are drawn: by colour, and by dashes if missing."""
 
 
 class PersonLifeline(NamedTuple):
@@ -126,7 +126,7 @@ PAIR_COLOURS = 6
 
 @dataclass(frozen=True, eq=False)
 class CommonMoments(ReplaySteps):
-    """Moments of a run that are those of the other run, too.
+    """Time steps of a run that are those of the other run, too.
 
     Attributes:
         common: (M,) their times.
@@ -147,11 +147,11 @@ class CommonMoments(ReplaySteps):
 
 @dataclass(frozen=True)
 class RunComparisonReplay:
-    """The moments of two runs for the page.
+    """The time steps of two runs for the page.
 
     Attributes:
         json: what the script is given, safe inside a `<script>` element.
-        words: what is shown and what was left out, in sentences.
+        words: what is shown and what was skipped, in sentences.
         people: what can be switched off: name, number, colour (-1: none).
         layers: what can be shown.
     """
@@ -163,7 +163,7 @@ class RunComparisonReplay:
 
 
 def beside_replay(found: RunComparisonPage, led_to: list[int]) -> RunComparisonReplay | None:
-    """The moments of two runs; None where there are fewer than two.
+    """The time steps of two runs; None where there are fewer than two.
 
     Args:
         found: the runs.
@@ -210,7 +210,7 @@ def name_of(person: Any) -> str:
 
 
 def _drawn(side: RunSide, times: Ints, truth: Truth | None) -> ReportInput:
-    """What is drawn of a run: its estimates in the common frames, and what it was told of occluders."""
+    """Drawings of a run: its estimates in the common frames, and what it was told of occluders."""
     table: Tracks = side.laid.table(side.tracks, times)
     return replace(
         side.data, tracks=table, truth=truth, bearings=None, errors=None, bound=None, events=None, gathered=None
@@ -233,7 +233,7 @@ def _colours(found: RunComparisonPage) -> list[int]:
 
 
 def _partners(found: RunComparisonPage, moments: ReplaySteps) -> Any:
-    """Of each of A's estimates at the kept moments the number of its partner among B's targets; NONE: it has none."""
+    """Of each of A's estimates at the kept time steps the number of its partner among B's targets; NONE: it has none."""
     partner = np.full(len(found.a.laid.frame), MISSING, dtype=np.int64)
     targets = np.unique(found.b.laid.label)
     partner[found.pairs.a] = np.searchsorted(targets, found.b.laid.label[found.pairs.b])
@@ -247,7 +247,7 @@ def _most(values: np.ndarray, frames: Ints) -> np.ndarray:
 
 
 def _changes(found: RunComparisonPage, start: int) -> list[float]:
-    """Times [s] at which somebody is another one in one of the runs; evenly taken where there are many."""
+    """Times [s] at which a person is another one in one of the runs; evenly taken where there are many."""
     changes = [change for each in followed(found) for change in each.changes]
     times = np.unique(np.array([change.t_ns for change in changes], dtype=np.int64))
     some = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), MAX_EVENTS)).round().astype(int))]
@@ -256,13 +256,13 @@ def _changes(found: RunComparisonPage, start: int) -> list[float]:
 
 def _words(found: RunComparisonPage, kept: Ints, every: int, step: float) -> str:
     count = f"{len(kept):,}"
-    out = [f"{count} of {len(found.times):,} moments: every {every}-th." if every > 1 else f"{count} moments."]
+    out = [f"{count} of {len(found.times):,} time steps: every {every}-th." if every > 1 else f"{count} time steps."]
     out.append("The same colour is the same person, as far as the runs agree; grey: one run alone has them.")
-    out.append("A dashed ring is a target that no sensor sees, or of which something is doubtful.")
+    out.append("A dashed ring is a target that no sensor sees, or of which something is uncertain.")
     out += ["A cross is where one truly is."] if found.a.data.truth is not None else []
     out.append(
-        "The strip shows the largest distance of partners; orange below it: one run alone has somebody; "
-        "red: somebody is followed by another track."
+        "The strip shows the largest distance of partners; orange below it: one run alone has a person; "
+        "red: a person is followed by another track."
     )
     out.append(f"Positions are rounded to {step:.1g} {found.unit}.")
     return " ".join(out)

@@ -43,11 +43,11 @@ from .stage import (
 from .words import RunComparisonPage, RunSide, TruthComparison, lengths_of
 
 MAX_ROWS = 1_000_000
-"""Estimates of one run that are laid beside another: they are in memory as a whole."""
+"""Estimates of one run that are aligned with another: they are in memory as a whole."""
 
 
 WHOLE = ("tracks", "diagnostics", "occluders")
-"""Tables of which everything is laid beside another run's, or shown at its moments."""
+"""Tables of which everything is aligned with another run's, or shown at its time steps."""
 
 
 class ReportRun(NamedTuple):
@@ -77,7 +77,7 @@ def files_of(run: Path, shared: PageRequest) -> PageRequest:
 
     Args:
         run: a run folder or a table of tracks.
-        shared: what is named besides, of both runs.
+        shared: what is named also, of both runs.
     """
     found = replace(shared, tracks=run).found
     if found.tracks is not None and content_of(found.tracks) is Content.RECORDING:
@@ -96,7 +96,7 @@ def open_run(name: str, paths: PageRequest) -> ReportRun:
     if data is None or tracks is None or len(tracks) > MAX_ROWS:
         raise InputError(
             f"{file}: holds {rows if tracks is None else len(tracks):,} estimates, of a run {MAX_ROWS:,} at most are "
-            "laid beside another; name runs of a part of the recording, or compare figures alone (occlog compare)"
+            "aligned with another; name runs of a part of the recording, or compare figures alone (occlog compare)"
         )
     if not len(tracks):
         raise InputError(f"{file}: holds no estimates, so that there is nothing to lay beside another run")
@@ -114,7 +114,7 @@ def check_scenes(a: ReportRun, b: ReportRun) -> None:
 
 
 def truth_of(files: Sequence[PageRequest], unit: str) -> tuple[Path, Truth] | None:
-    """The truth of both runs; None: there is none with targets.  InputError where each has another one, or unit."""
+    """The truth of both runs; None: missing with targets.  InputError where each has another one, or unit."""
     first: tuple[Path, Truth] | None = None
     for path in dict.fromkeys(each.truth for each in files if each.truth is not None):
         opened = open_input(path)

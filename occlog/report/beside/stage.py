@@ -1,4 +1,4 @@
-"""Two runs laid beside each other: tables in, what the page says out."""
+"""Two runs aligned: tables in, what the page states out."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def same_rows(a: ColumnTable, b: ColumnTable) -> bool:
 def matched_by_truth(
     a: Tracks, b: Tracks, truth: Truth, near: float, unit: str, lasting_ns: int
 ) -> tuple[MatchedRuns, MatchedRuns, tuple[int, int], ErrorsOverTime]:
-    """What the truth says of both runs, in all true frames.
+    """What the truth states about both runs, in all true frames.
 
     Args:
         a: run A.
@@ -44,7 +44,7 @@ def matched_by_truth(
         truth: with targets.
         near: a track meets a target this near.
         unit: of lengths.
-        lasting_ns: shorter pieces are left out.
+        lasting_ns: shorter pieces are skipped.
 
     Returns:
         The tracks of each run that follow each true target, identity switches of each run as CLEAR-MOT counts them,
@@ -75,7 +75,7 @@ def notes_on_time(a: Tracks, b: Tracks, *, truth: bool) -> Iterator[str]:
         if own_end - end > step:
             parts.append(f"{letter} goes on for {TimeAxis(end, own_end).told} longer")
     if parts:
-        said = f"{' and '.join(parts)}: the runs are laid beside each other in their common time"
+        said = f"{' and '.join(parts)}: the runs are aligned in their common time"
         more = "; figures are of all true frames, in which a run that is not there misses its people" if truth else ""
         yield said + more
 
@@ -91,7 +91,7 @@ def notes_on_truth(found: ErrorsOverTime, near: float, unit: str) -> Iterator[st
 
 
 def recordings_of(made: Mapping[str, object]) -> dict[str, str]:
-    """Names, by SHA-256, of the recordings that tables of a run were made of; empty: they do not say.
+    """Names, by SHA-256, of the recordings that tables of a run were made of; empty: they do not state.
 
     Args:
         made: provenance of each table, as JSON-ready values.
@@ -101,7 +101,7 @@ def recordings_of(made: Mapping[str, object]) -> dict[str, str]:
 
 
 def notes_on_recordings(a: Mapping[str, str], b: Mapping[str, str]) -> Iterator[str]:
-    """Runs of different recordings, of which nothing between them says what the methods do.
+    """Runs of different recordings, of which nothing between them states what the methods do.
 
     Args:
         a: names of the recordings of A by SHA-256.
@@ -130,7 +130,7 @@ def notes_on_scenes(a: Scene | None, b: Scene | None) -> Iterator[str]:
 
 
 def same_room(a: Scene | None, b: Scene | None) -> bool:
-    """Whether nothing says that two scenes are of different places: their rooms, or names of sensors without rooms."""
+    """Whether nothing states that two scenes are of different positions: their rooms, or names of sensors without rooms."""
     if a is None or b is None:
         return True
     if a.room is not None and b.room is not None:

@@ -1,6 +1,6 @@
 """Two runs in words: the heading, the sentences below it, and the cells of tables.
 
-What a page of two runs says.
+What a page of two runs states.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class RunSide:
 
 @dataclass(frozen=True, eq=False)
 class TruthComparison:
-    """What the truth says of both.
+    """What the truth states about both.
 
     Attributes:
         comparison: figures with their differences, of `occlog compare`.
@@ -72,12 +72,12 @@ class RunComparisonPage:
         a, b: the runs.
         near: a track meets a target, or a track of the other run, this near.
         tolerance: partners that are farther from each other have parted.
-        lasting_s: changes of track that last less are not told.
+        lasting_s: changes of track that last less are not given.
         times: (T,) common frames [ns].
         pairs: of the runs.
         partings: where they part.
         in_b, in_a: tracks of B that follow each one of A, and the other way round.
-        against_truth: what the truth says; None: there is none.
+        against_truth: what the truth states; None: missing.
         same: every estimate is the same, to the last digit.
         notes: what does not fit: spans of time, sensors that stand elsewhere.
         provenance: how everything was made, as JSON-ready values.
@@ -118,7 +118,7 @@ class RunComparisonPage:
 
     @property
     def losses(self) -> tuple[tuple[str, Loss], ...]:
-        """Input that was lost, with the letter of the run; what both lost in the same place stands once."""
+        """Input that was lost, with the letter of the run; what both lost in the same position stands once."""
         known: dict[Loss, str] = {}
         for letter, side in self.sides:
             for loss in side.data.losses:
@@ -148,23 +148,23 @@ def lengths_of(config: RunComparisonConfig, unit: str) -> tuple[float, float]:
 
 
 NAMES = {"idf1": "IDF1", "hota": "HOTA", "mota": "MOTA", "pairs_rmse": "RMSE of pairs"}
-"""Figures whose names are not words; see `occlog.core.metrics.mot.frame_sums`."""
+"""Figures with names that are not words; see `occlog.core.metrics.mot.frame_sums`."""
 MEANINGS = {
     "idf1": "how long each person is followed by one track",
     "hota": "finding and following, over many limits of distance",
     "mota": "1 less misses, false tracks and exchanges, of all true people",
     "recall": "true people that are found",
-    "precision": "tracks that are on somebody",
+    "precision": "tracks that are on a person",
     "pairs_rmse": "distance from the truth of those that are found",
 }
 KINDS = {
     TOO_FAR_APART: "partners too far apart",
-    ONLY_IN_A: "A alone has somebody",
-    ONLY_B: "B alone has somebody",
+    ONLY_IN_A: "A alone has a person",
+    ONLY_B: "B alone has a person",
     OTHER: "another partner",
 }
 MAX_ROWS = 50
-"""People and changes that are told; how many more there are is said."""
+"""People and changes that are reported; how many more there are is stated."""
 MAX_PIECES = 8
 """Pieces of one person in a cell."""
 
@@ -193,7 +193,7 @@ class DivergenceRow(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """A track and when it follows somebody; `seconds` is where it begins, None for what is left out."""
+    """A track and when it follows a person; `seconds` is where it begins, None for what is skipped."""
 
     text: str
     seconds: float | None
@@ -224,7 +224,7 @@ def seconds(found: RunComparisonPage, t_ns: int) -> float:
 
 
 def format_time(found: RunComparisonPage, t_ns: int) -> str:
-    """The same as it is told."""
+    """The same as it is reported."""
     return f"{seconds(found, t_ns):.2f} s"
 
 
@@ -267,7 +267,7 @@ def sentences(found: RunComparisonPage) -> list[str]:
     if found.same:
         out.append("Every estimate of one is an estimate of the other, to the last digit.")
     if found.against_truth is None:
-        out.append("Which one is better only the truth can say: give it, as a recording or a table of true positions.")
+        out.append("Which one is better only the truth can state: give it, as a recording or a table of true positions.")
     else:
         out += _of_figures(found)
     out.append(first_divergence(found))
@@ -303,14 +303,14 @@ def first_divergence(found: RunComparisonPage) -> str:
     if first is None:
         return (
             f"In {counted(found.partings.frames, 'common frame')} both have the same number of people at the same "
-            f"places: no partners are farther than {measure} from each other."
+            f"positions: no partners are farther than {measure} from each other."
         )
     kind, moment = first
     share = f"{found.partings.parted} of {counted(found.partings.frames, 'frame')}"
     return (
         f"They first part at {format_time(found, moment.t_ns)}: {_told(found, kind, moment)}. They are apart in "
         f"{share}: one "
-        f"has somebody whom the other has not, or partners are farther than {measure} from each other."
+        f"has a person whom the other has not, or partners are farther than {measure} from each other."
     )
 
 
@@ -345,7 +345,7 @@ def of_identities(found: RunComparisonPage) -> str:
         return "Nobody has another partner later on."
     return (
         f"{counted(_changed(found.in_b), 'track')} of A and {counted(_changed(found.in_a), 'track')} of B "
-        "have another partner later on: there one of the runs has taken somebody for somebody else, or lost and found."
+        "have another partner later on: there one of the runs has taken a person for another person, or lost and found."
     )
 
 
@@ -360,7 +360,7 @@ def _changed(followed: MatchedRuns) -> int:
 
 
 def lasting_ns(found: RunComparisonPage) -> int:
-    """What lasts less is not told."""
+    """What lasts less is not given."""
     return round(found.lasting_s * NS)
 
 
@@ -410,7 +410,7 @@ def _values(side: RunSide, unit: str) -> dict[tuple[str, str, str], str]:
 
 
 def parting_rows(found: RunComparisonPage) -> list[DivergenceRow]:
-    """Each way of parting, what is farthest apart, and the longest stretches."""
+    """Each way of parting, what is farthest apart, and the longest sections."""
     out = []
     for kind in found.partings.kinds:
         often = f"{kind.frames} of {counted(found.partings.frames, 'frame')}" if kind.frames else "never"
@@ -421,7 +421,7 @@ def parting_rows(found: RunComparisonPage) -> list[DivergenceRow]:
     for stretch in found.partings.stretches:
         length = f"{format_time(found, stretch.start_ns)} to {format_time(found, stretch.end_ns)}"
         at_start = stretch.worst._replace(t_ns=stretch.start_ns)
-        out.append(_row(found, f"apart from {length}", at_start, ""))
+        out.append(_row(found, f"except for {length}", at_start, ""))
     return out
 
 
@@ -453,7 +453,7 @@ def _own(followed: MatchedRuns) -> list[int]:
 
 
 def _several(pieces: Sequence[Piece]) -> int:
-    """How many tracks follow somebody beside the first."""
+    """How many tracks follow a person beside the first."""
     return max(len({piece.track for piece in pieces}) - 1, 0)
 
 
@@ -469,7 +469,7 @@ def _cells(found: RunComparisonPage, pieces: Sequence[Piece]) -> list[Cell]:
 
 
 def change_rows(found: RunComparisonPage) -> tuple[list[ChangeRow], int]:
-    """Every change of track in the order of time, as many as are told; how many more there are."""
+    """Every change of track in the order of time, as many as are reported; how many more there are."""
     truth, rows = found.against_truth, list[tuple[int, ChangeRow]]()
     if truth is not None:
         for letter, own, other in (("A", truth.a, truth.b), ("B", truth.b, truth.a)):
@@ -488,7 +488,7 @@ def _change(found: RunComparisonPage, run: str, who: str, change: TrackChange, a
 
 
 def consequence_of_change(found: RunComparisonPage) -> list[int]:
-    """Times [ns] of common frames that the page leads to: a moment of the replay is there for each."""
+    """Times [ns] of common frames that the page leads to: a time step of the replay is there for each."""
     moments = [kind.first.t_ns for kind in found.partings.kinds if kind.first is not None]
     moments += [found.partings.farthest.t_ns] if found.partings.farthest is not None else []
     moments += [stretch.start_ns for stretch in found.partings.stretches]

@@ -1,1 +1,1 @@
-"""What a page says: figures in words, the plane of sight."""
+"""What a page states: figures in words, the plane of sight."""

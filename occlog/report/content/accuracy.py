@@ -1,6 +1,6 @@
 """Errors beside the bound, row by row: the RMSE and the bound on it over the times and targets that have both.
 
-Which track errors are of: they name the true target, and a tracker of everybody has names of its own.
+Which track errors are of: they name the true target, and a tracker of all people has names of its own.
 
 How the filter fared, in numbers: effective samples, fallbacks, doubts.
 """
@@ -50,7 +50,7 @@ class _BoundSoFar:
 
 
 class ErrorsAgainstBound:
-    """Gathers errors and bounds while both stream by, in stretches of the same time."""
+    """Collects errors and bounds while both stream by, in sections of the same time."""
 
     def __init__(self) -> None:
         """Nothing yet."""
@@ -58,7 +58,7 @@ class ErrorsAgainstBound:
         self._targets: dict[int, _BoundSoFar] = {}
 
     def add(self, errors: Errors, bound: Bound) -> Floats:
-        """Another stretch; (N, 2) root mean square of the target's bounds up to each one, and of those of smoothing."""
+        """Another section; (N, 2) root mean square of the target's bounds up to each one, and of those of smoothing."""
         out = np.full((len(bound), 2), np.nan)
         for target in np.unique(bound.target_id).tolist():
             for where in WHERE:
@@ -113,21 +113,21 @@ MAX_LOOKUPS = 200
 
 
 def relabelled(found: Mapping[int, int | None]) -> bool:
-    """Whether tracks have names of their own, and errors those of the truth, of what `matching_tracks` found."""
+    """Whether tracks have their own names, and errors those of the truth, of what `matching_tracks` found."""
     return any(target != track for target, track in found.items())
 
 
 def matching_tracks(errors: Errors, tracks: Tracks) -> dict[int, int | None]:
     """By the identity that errors name, that of the track whose estimates they are of.
 
-    An error is of the estimate of its time and place.
+    An error is of the estimate of its time and position.
 
     Args:
         errors: of `occlog evaluate`, or some of them.
         tracks: in the order of time, or some of their times.
 
     Returns:
-        By target its track; None where errors of one target are of several tracks.  A target is left out if no
+        By target its track; None where errors of one target are of several tracks.  A target is skipped if no
         estimate of its errors is among the tracks.
     """
     out: dict[int, int | None] = {}
@@ -183,7 +183,7 @@ class FilterDiagnostics:
         particles: whether they are of a particle filter.
         lowest: effective sample size.
         fallbacks: by their kind, which rise.
-        doubtful: rows with a doubt.
+        uncertain: rows with a doubt.
         doubts: kinds of doubts, which rise.
     """
 
@@ -196,10 +196,10 @@ class FilterDiagnostics:
 
 
 class FilterDiagnosticsStreams:
-    """Gathers how the filter fared while diagnostics stream by."""
+    """Collects how the filter fared while diagnostics stream by."""
 
     def __init__(self, in_memory: int = 1 << 16) -> None:
-        """Nothing yet; of each kind so many times of fallbacks are kept `in_memory`."""
+        """Nothing yet; of each kind this many times of fallbacks are kept `in_memory`."""
         self._in_memory = in_memory
         self._rows = self._doubtful = 0
         self._particles, self._lowest = False, np.inf
@@ -224,7 +224,7 @@ class FilterDiagnosticsStreams:
         self._doubts.update(kind for text in np.unique(part.doubt).tolist() if text for kind in text.split(","))
 
     def finish(self) -> FilterDiagnostics:
-        """All that was gathered."""
+        """All that was collected."""
         fallbacks = {kind: self._drawn(times) for kind, times in sorted(self._fallbacks.items())}
         doubts = tuple(sorted(self._doubts))
         return FilterDiagnostics(self._rows, self._particles, self._lowest, fallbacks, self._doubtful, doubts)

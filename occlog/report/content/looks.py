@@ -1,4 +1,4 @@
-"""What bearings say without tracks: how often each sensor looked, what it saw, and when.
+"""What bearings state without tracks: how often each sensor looked, what it saw, and when.
 
 Which cameras were selected when: how often, for how long each, and the error that was expected of them and found.
 """
@@ -40,7 +40,7 @@ class SensorSightings:
         edges: (C + 1,) borders of the cells [ns].
         looked: (C,) frames in each cell; 0 = no frame.
         seen: (C,) frames in each cell that saw the target.
-        any_object: whether they tell of candidates that may be of any object, not of a named target.
+        any_object: whether they report candidates that may be of any object, not of a named target.
     """
 
     sensor: str
@@ -118,7 +118,7 @@ def _by_sensor(names: Strings, which: Ints, seen: Bools) -> dict[str, tuple[int,
 
 
 class ObservationStreams:
-    """Gathers looks while bearings stream by; each is put aside, for cells whose borders are known at the end."""
+    """Collects looks while bearings stream by; each is buffered on disk, for cells with known borders at the end."""
 
     def __init__(self, blocks: Blocks | None = None) -> None:
         """Nothing was seen yet; `blocks` takes records of `LOOK`."""
@@ -172,7 +172,7 @@ class ObservationStreams:
         return tuple(sorted(self._sensors))
 
     def finish(self, sensors: Iterable[str], targets: Iterable[int]) -> ObservationCoverage:
-        """All that was gathered, with the sightings of some sensors and targets."""
+        """All that was collected, with the sightings of some sensors and targets."""
         self._told.end()
         wanted: dict[Pair, tuple[int, bool]] = {}
         named = {sensor for sensor, label in self._pairs if label != UNLABELLED}
@@ -273,10 +273,10 @@ class _SelectionTarget:
 
 
 class SelectionStreams:
-    """Gathers selections while diagnostics stream by, and what came out while errors or tracks do beside them."""
+    """Collects selections while diagnostics stream by, and what came out while errors or tracks do beside them."""
 
     def __init__(self, every: int = 1) -> None:
-        """Nothing was selected yet; each so manieth selection is drawn."""
+        """Nothing was selected yet; every n-th selection is drawn."""
         self._every = every
         self._targets: dict[int, _SelectionTarget] = {}
 
@@ -302,7 +302,7 @@ class SelectionStreams:
             own.last = int(part.t_ns[mine][-1])
 
     def came_out(self, part: Diagnostics, beside: Errors | Tracks) -> None:
-        """What errors or tracks say at the times of selections, both of a stretch of time."""
+        """What errors or tracks say at the times of selections, both of a time interval."""
         told = np.isfinite(part.predicted_mse)
         for target in np.unique(part.target_id[told]).tolist():
             at = np.isin(beside.t_ns, part.t_ns[told & (part.target_id == target)])
@@ -321,7 +321,7 @@ class SelectionStreams:
         return bool(self._targets)
 
     def finish(self) -> dict[int, Selections]:
-        """All that was gathered, by rising target."""
+        """All that was collected, by rising target."""
         return {target: _finished(own) for target, own in sorted(self._targets.items())}
 
 

@@ -27,7 +27,7 @@ class Word(NamedTuple):
 
 _ACCURACY, _BOUND, _TRUST = "Accuracy", "Bound", "Consistency"
 _MANY = "Tracking of many targets"
-_SEEN, _MEET, _HELD, _VIEWS = "Detection", "Sight lines", "Prediction of held-out sensors", "Views and true boxes"
+_SEEN, _MEET, _HELD, _VIEWS = "Detection", "Lines of sight", "Prediction of held-out sensors", "Views and true boxes"
 
 WORDS: tuple[Word, ...] = (
     Word(_MANY, "hota", "HOTA", "", "geometric mean of detection and association, over thresholds of similarity"),
@@ -118,21 +118,21 @@ WORDS: tuple[Word, ...] = (
         "sight_lines_distance_rms",
         "RMS distance",
         LENGTH,
-        "of the track from where the sight lines meet",
+        "of the track from where the lines of sight meet",
     ),
     Word(_MEET, "sight_lines_distance_median", "median distance", LENGTH),
     Word(_MEET, "sight_lines_distance_p95", "95 % of distances below", LENGTH),
     Word(_MEET, "sight_lines_distance_max", "largest distance", LENGTH),
     Word(_MEET, "sight_lines_share_within", "within the limit", SHARE, "distances up to the limit that was asked for"),
     Word(_MEET, "sight_lines_sigma_median", "uncertainty of the meeting point", LENGTH, "median standard deviation"),
-    Word(_MEET, "sight_lines_residual_rms", "RMS miss of the sight lines", "mrad", "of their own meeting point"),
-    Word(_MEET, "sight_lines_scans", "scans", "", "with sight lines from enough sensors"),
+    Word(_MEET, "sight_lines_residual_rms", "RMS miss of the lines of sight", "mrad", "of their own meeting point"),
+    Word(_MEET, "sight_lines_scans", "scans", "", "with lines of sight from enough sensors"),
     Word(
         _MEET,
         "sight_lines_refused",
         "scans without meeting point",
         "",
-        "sight lines nearly parallel, or that do not meet",
+        "lines of sight nearly parallel, or that do not meet",
     ),
     Word(_MEET, "sight_lines_compared", "scans compared", "", "during the track"),
     Word(_MEET, "noise_scale", "noise wanted / stated", "", "factor on standard deviations, from three lines and more"),
@@ -231,7 +231,7 @@ def number(value: Value) -> str:
 
 
 def groups(metrics: Mapping[str, object], length_unit: str) -> list[MetricGroup]:
-    """All metrics, gathered in the order of the vocabulary; unknown ones last, under their own names."""
+    """All metrics, collected in the order of the vocabulary; unknown ones last, under their own names."""
     parsed = [_parse(key, value, length_unit) for key, value in _flat(metrics)]
     order = {word.base + word.unit: n for n, word in enumerate(WORDS)}
     found = sorted(parsed, key=lambda m: (m.settled, order.get(m.word.base + m.word.unit, len(order))))
@@ -243,7 +243,7 @@ def groups(metrics: Mapping[str, object], length_unit: str) -> list[MetricGroup]
 
 
 def _flat(values: Mapping[str, object], prefix: str = "") -> list[tuple[str, Value]]:
-    """Scalars of a mapping with dotted paths; entries that begin with `_` (provenance) are left out."""
+    """Scalars of a mapping with dotted paths; entries that begin with `_` (provenance) are skipped."""
     out: list[tuple[str, Value]] = []
     for key, value in values.items():
         if str(key).startswith("_") or key == "plausible":  # said with its reasons elsewhere

@@ -98,15 +98,15 @@ class ReportInput:
         title: heading of the page.
         scene: room, occluders, sensors.
         tracks, bearings, truth, errors, bound, diagnostics: tables as the stages write them.
-        events: births, deaths and doubtful identities of everybody.
+        events: births, deaths and uncertain identities of all people.
         occluders: where moving occluders were thought to be.
         metrics: flat figures of `occlog evaluate`, by name.
         provenance: how the inputs were made, as JSON-ready values.
-        losses: input that was lost on the way.
+        losses: input that was lost while reading.
         made: how the tracks were made.
-        length_unit: unit of lengths where there is no scene to say it.
+        length_unit: unit of lengths where there is no scene to state it.
         earlier: verdicts of the stages that made the inputs.
-        gathered: figures of all rows, of which the tables may be a part; None: the tables are whole.
+        collected: figures of all rows, of which the tables may be a part; None: the tables are whole.
     """
 
     title: str = "Tracking report"
@@ -142,7 +142,7 @@ class ReportInput:
 
     @property
     def whole(self) -> Mapping[str, TableTotals]:
-        """What is known of all rows of each table that is given, by its name."""
+        """State of all rows of each table that is given, by its name."""
         return self.figures.whole
 
     def rows(self, name: str) -> int:
@@ -150,7 +150,7 @@ class ReportInput:
         return self.whole[name].rows
 
     def drawn(self, *names: str) -> str:
-        """A sentence on what is drawn of the tables of these names; empty: all of them."""
+        """A sentence on the drawing of the tables of these names; empty: all of them."""
         parts = {name: self.whole[name] for name in names if name in self.whole and self.whole[name].every > 1}
         said = [f"one time in {w.every} of the {w.rows:,} rows of {name}" for name, w in parts.items()]
         return f"Drawn: {', '.join(said)}." if said else ""
@@ -167,17 +167,17 @@ class ReportInput:
 
     @property
     def everybody(self) -> PeopleTracks | None:
-        """The tracks if they are of everybody, with probabilities of existence; None: they are not."""
+        """The tracks if they are of all people, with probabilities of existence; None: they are not."""
         return self.tracks if isinstance(self.tracks, PeopleTracks) and self.people is not None else None
 
     @property
     def labelled(self) -> Bearings | None:
-        """The bearings if their labels are identities of the tracks, which those of everybody are not."""
+        """The bearings if their labels are identities of the tracks, which those of all people are not."""
         return self.bearings if self.everybody is None else None
 
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """Verdicts of the stages before, and that of the report where its tables say something of the tracks."""
+        """Verdicts of the stages before, and that of the report where its tables state something of the tracks."""
         own = self.figures.judged
         return self.earlier if own is None else (*self.earlier, Verdict.of("report", own))
 
@@ -205,7 +205,7 @@ class ReportInput:
 
     @cached_property
     def relabelled(self) -> bool:
-        """Whether tracks have names of their own, and errors those of the truth."""
+        """Whether tracks have their own names, and errors those of the truth."""
         return relabelled(self.followers)
 
     @cached_property
@@ -244,7 +244,7 @@ class ReportInput:
 
     @property
     def sight(self) -> Mapping[int, TriangulationDistances]:
-        """Distances of each track without errors from where its sight lines meet; without any where they cannot."""
+        """Distances of each track without errors from where its lines of sight meet; without any where they cannot."""
         return self.figures.sight
 
     @property
@@ -267,7 +267,7 @@ class ReportInput:
 
     @property
     def people(self) -> PeopleStatistics | None:
-        """What tracks of everybody tell; None: they are not of everybody."""
+        """What tracks of all people tell; None: they are not of all people."""
         return self.figures.people
 
     @property

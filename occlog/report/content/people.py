@@ -64,7 +64,7 @@ def camera_has_box(tracks: PeopleTracks, name: str) -> Bools:
 
 
 def usual_step(t_ns: Ints) -> int:
-    """The usual time between two moments [ns], at least 1."""
+    """The usual time between two time steps [ns], at least 1."""
     times = np.unique(t_ns)
     return max(int(np.median(np.diff(times))), 1) if len(times) > 1 else 1
 
@@ -95,7 +95,7 @@ class _VisibilityCells:
 
 @dataclass(frozen=True, eq=False)
 class PeopleStatistics:
-    """What all estimates of everybody tell together.
+    """What all estimates of all people tell together.
 
     Attributes:
         rows: how many there are.
@@ -106,7 +106,7 @@ class PeopleStatistics:
         several: share of the estimates of people whom several cameras see.
         identities: how many there are.
         drawn: those that have a row of their own, in the order of their births.
-        cameras: names of those that have a box of anybody.
+        cameras: names of those that have a box of any person.
         crowd: how many there are at each time, or at those that are drawn.
         found: sightings of each camera.
     """
@@ -129,7 +129,7 @@ class PeopleStatistics:
 
 
 class PeopleStreams:
-    """Gathers what estimates of everybody tell while they stream by."""
+    """Collects what estimates of all people tell in streaming mode."""
 
     def __init__(self) -> None:
         """Nobody yet."""
@@ -141,7 +141,7 @@ class PeopleStreams:
 
     @property
     def any(self) -> bool:
-        """Whether it is known of anybody how probable it is that they are there."""
+        """Whether it is known of any person how probable it is that they are there."""
         return self._told > 0
 
     def add(self, tracks: PeopleTracks) -> None:
@@ -161,17 +161,17 @@ class PeopleStreams:
         self._rows += len(tracks)
 
     def begin_cells(self, span_ns: tuple[int, int], step_ns: float) -> None:
-        """Say that all came once, and will come again to `see`; when the first and the last time were, and the step."""
+        """Report that all came once, and will come again to `see`; when the first and the last time were, and the step."""
         step = max(int(step_ns), 1) if self._times > 1 else 1
         self._cells = _VisibilityCells(span_ns[0], span_ns[1] + step, step)
 
     def see(self, tracks: PeopleTracks, cameras: int) -> None:
-        """Count what the first so many cameras saw of some more."""
+        """Count what the first this many cameras saw of some more."""
         assert self._cells is not None
         self._cells.add(tracks, tuple(sorted(self._cameras))[:cameras])
 
     def finish(self, drawn: PeopleCount) -> PeopleStatistics:
-        """All that was gathered; `drawn`: at the times that are drawn."""
+        """All that was collected; `drawn`: at the times that are drawn."""
         names = np.array(sorted(self._identities), dtype=np.int64)
         first, rows = (np.array([self._identities[n][k] for n in names.tolist()], dtype=np.int64) for k in (0, 1))
         cameras = tuple(sorted(self._cameras))

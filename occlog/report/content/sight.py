@@ -1,6 +1,6 @@
-"""How far tracks are from sight lines, and from where these meet, gathered while both stream by.
+"""How far tracks are from lines of sight, and from where these meet, accumulated while both stream by.
 
-What a sensor can see, and where sight lines meet: plane geometry for drawing.
+What a sensor can see, and where lines of sight meet: plane geometry for drawing.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def visible_area(origin: Floats, yaw: float, fov: float, reach: float, walls: Fl
 
 
 def _hits(origin: Floats, direction: Floats, walls: Floats) -> Floats:
-    """(R,) distance along each ray to the nearest wall; inf where there is none."""
+    """(R,) distance along each ray to the nearest wall; inf if missing."""
     if not len(walls):
         return np.full(len(direction), np.inf)
     start, along = walls[:, 0] - origin, walls[:, 1] - walls[:, 0]
@@ -69,7 +69,7 @@ def edges_of(polygon: Floats) -> Floats:
 
 
 def places(scene: Scene) -> dict[str, Floats]:
-    """(2,) position on the ground of each sensor whose pose is known, by name."""
+    """(2,) position on the ground of each sensor with known pose, by name."""
     cameras = {c.name: c.ground for c in scene.cameras if c.placed}
     return cameras | {a.name: a.position[:2] for a in scene.arrays}
 
@@ -98,7 +98,7 @@ class DirectionErrors:
 
 @dataclass(frozen=True, eq=False)
 class LabelledSightings:
-    """Sightings of one label by sensors whose place is known, ordered by time."""
+    """Sightings of one label by sensors with known position, ordered by time."""
 
     t_ns: Ints  # (N,)
     sensor: Ints  # (N,) index into the names of `places`
@@ -122,7 +122,7 @@ def label_of(target: int, labels: Collection[int]) -> int:
 
 
 def distance_to_lines(lines: LabelledSightings, estimate: Floats, scene: Scene, *, nearest: bool) -> DirectionErrors:
-    """How far (N, 2) estimates are from sight lines; `nearest`: the nearest line of each time and sensor alone."""
+    """How far (N, 2) estimates are from lines of sight; `nearest`: the nearest line of each time and sensor alone."""
     known = places(scene)
     origins = np.array(list(known.values())).reshape(-1, 2)[lines.sensor]
     delta = estimate - origins
@@ -184,7 +184,7 @@ def scans(lines: LabelledSightings, period_ns: int | None, start_ns: int) -> tup
 
 
 def triangulate_scans(lines: LabelledSightings, rows: Ints, scan: Ints, scene: Scene) -> tuple[Ints, Floats]:
-    """First row and meeting point of each scan whose lines meet; see `scans`."""
+    """First row and meeting point of each scan with lines that meet; see `scans`."""
     origins = np.array(list(places(scene).values())).reshape(-1, 2)[lines.sensor[rows]]
     _, first = np.unique(scan, return_index=True)
     starts = np.append(first, len(rows))
@@ -201,7 +201,7 @@ class Residual:
         drawn: sightings, or a part of them.
         rows: of each sensor the number of all sightings.
         squares: (2,) of each sensor sums of all squared residuals, as angles [rad2] and in standard deviations.
-        every: of each sensor each so manieth sighting is drawn.
+        every: of each sensor every n-th sighting is drawn.
     """
 
     drawn: DirectionErrors
@@ -221,7 +221,7 @@ def _squares(residual: Floats, sigma: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class TriangulationDistances:
-    """Distances of a track from where the sight lines of scans meet.
+    """Distances of a track from where the lines of sight of scans meet.
 
     Attributes:
         t_ns: (D,) times of those that are drawn.
@@ -230,7 +230,7 @@ class TriangulationDistances:
         rows: how many there are in all.
         rms: root mean square of all of them; NaN without any.
         high: 95 % of all of them are below; NaN without any.
-        every: each so manieth is drawn.
+        every: every n-th is drawn.
     """
 
     t_ns: Ints
@@ -259,7 +259,7 @@ class _Off:
 
 
 class BearingResidualStreams:
-    """Gathers residuals and distances while tracks and bearings stream by."""
+    """Collects residuals and distances while tracks and bearings stream by."""
 
     def __init__(
         self,
@@ -276,8 +276,8 @@ class BearingResidualStreams:
             scene: the sensors.
             targets: that are tracked.
             labels: of all bearings.
-            periods_ns: of targets whose distances are wanted the period of a scan; None: sensors share their times.
-            every: of residuals of a sensor, and of distances, each so manieth is drawn, and the largest ones between.
+            periods_ns: of targets with distances that are requested the period of a scan; None: sensors share their times.
+            every: of residuals of a sensor, and of distances, every n-th is drawn, and the largest ones between.
             in_memory: how many distances are kept in memory.
         """
         self._scene, self._every, self._periods_ns = scene, every, periods_ns
@@ -287,7 +287,7 @@ class BearingResidualStreams:
         self._spools = {target: Spool(in_memory // len(periods_ns)) for target in periods_ns}
 
     def add(self, tracks: Tracks, bearings: Bearings) -> None:
-        """The bearings of another stretch of time, and all estimates between which they are."""
+        """The bearings of another time interval, and all estimates between which they are."""
         lines = sight_lines(bearings, self._scene, set(self._labels.values()))
         for target, label in self._labels.items():
             own, mine = self._off[target], lines[label]

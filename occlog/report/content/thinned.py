@@ -1,8 +1,8 @@
-"""What is drawn of tables: of long ones every so manieth time; what is said in numbers is of all rows.
+"""Drawings of tables: of long ones every n-th time; what is stated in numbers is of all rows.
 
 The rule: of a table of more than `MAX_ROWS` rows those of every k-th time are kept, with the smallest k by which not
-more than so many are left, if all times have as many; beside them the first and the last row of each target, of
-errors the largest one of each target between two times that are kept, and what the moments of the replay need.
+more than this many are left, if all times have as many; beside them the first and the last row of each target, of
+errors the largest one of each target between two times that are kept, and what the time steps of the replay need.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ T = TypeVar("T", bound=ColumnTable)
 MAX_ROWS = 200_000
 """Rows of a table that are drawn whole."""
 MAX_MOMENTS = 10_000
-"""Moments of a replay."""
+"""Time steps of a replay."""
 MAX_SHOWN = 45_000
-"""Estimates, and true positions, of all moments of a replay."""
+"""Estimates, and true positions, of all time steps of a replay."""
 MAX_MOVING = 40
 """Moving objects that are no targets and are drawn."""
 
 
 @dataclass(frozen=True)
 class TableTotals:
-    """What is known of all rows of a table of which a part is drawn.
+    """State of all rows of a table of which a part is drawn.
 
     Attributes:
         rows: how many there are.
         times: how many times they are of.
-        every: each so manieth of these is drawn.
+        every: every n-th of these is drawn.
         at: (T,) these times, of which all rows are drawn.
         step_ns: the usual time between two of all times; a second where there are fewer.
         span_ns: the first and the last of all times.
@@ -58,7 +58,7 @@ class DownsampledTable(Generic[T]):
 
     Attributes:
         table: the rows that are kept.
-        rows: (n,) their places in the whole.
+        rows: (n,) their positions in the whole.
         whole: what is known of all rows.
     """
 
@@ -77,7 +77,7 @@ def downsample(
         kind: the table.
         rows: how many it has.
         most: how many of them are to be kept, about.
-        also: (K,) times whose rows are kept, too.
+        also: (K,) times with rows that are kept, too.
         ends: whether the first and the last row of each target are kept.
     """
     every = max(-(-rows // most), 1)
@@ -115,7 +115,7 @@ def downsample(
 
 
 def downsample_with(found: DownsampledTable[T], chunks: Iterable[T], pick: Callable[[T], Ints]) -> DownsampledTable[T]:
-    """The same with other rows of the table, too: those of each chunk whose places in it `pick` gives."""
+    """The same with other rows of the table, too: those of each chunk whose positions in it `pick` gives."""
     parts, numbers, count = [found.table], [found.rows], 0
     for chunk in chunks:
         rows = pick(chunk)
@@ -127,15 +127,15 @@ def downsample_with(found: DownsampledTable[T], chunks: Iterable[T], pick: Calla
 
 
 def kept_steps(times: int, rows: Iterable[int]) -> int:
-    """Each so manieth time is shown of so many, of tables of so many rows."""
+    """Every n-th time is shown of this many, of tables of this many rows."""
     return max(1, -(-times // MAX_MOMENTS), *(-(-n // MAX_SHOWN) for n in rows))
 
 
 def rows_before(kept: Ints, period_ns: float, t_ns: Ints) -> tuple[Ints, Ints]:
-    """Rows at a moment that is kept or since the time before it, and the moment of each.
+    """Rows at a time step that is kept or since the time before it, and the time step of each.
 
     Args:
-        kept: (M,) moments.
+        kept: (M,) time steps.
         period_ns: the usual time between two times.
         t_ns: (N,) times of rows.
     """
@@ -148,7 +148,7 @@ def rows_before(kept: Ints, period_ns: float, t_ns: Ints) -> tuple[Ints, Ints]:
 
 
 def every_nth(counts: Ints, most: int) -> int:
-    """The smallest number by which not more than so many are left if each so manieth count is kept."""
+    """The smallest number by which not more than this many are left if every n-th count is kept."""
     every = max(-(-int(counts.sum()) // max(most, 1)), 1)
     while every < len(counts) and int(counts[::every].sum()) > most:
         every += 1
@@ -156,7 +156,7 @@ def every_nth(counts: Ints, most: int) -> int:
 
 
 def _in_place(kind: type[T], parts: list[T], numbers: list[Ints]) -> tuple[T, Ints]:
-    """One table of parts whose times overlap, and the places of its rows; each row once, as its number says."""
+    """One table of parts with times that overlap, and the positions of its rows; each row once, as its number states."""
     found, place = np.unique(np.concatenate(numbers), return_index=True)
     columns = {c.name: [getattr(part, c.name) for part in parts] for c in kind.columns()}
     # Column by column, so that no more than one is in memory twice
@@ -177,7 +177,7 @@ def _firsts(target: Ints, known: Ints) -> Ints:
 
 
 def largest(values: Floats, target: Ints, stretch: Ints) -> Bools:
-    """(N,) whether a row has the largest value of its target in its stretch."""
+    """(N,) whether a row has the largest value of its target in its section."""
     if not len(values):
         return np.zeros(0, dtype=np.bool_)
     order = np.lexsort((values, target, stretch))

@@ -57,7 +57,7 @@ class LineDrawing(NamedTuple):
 
 
 class FrameDrawing(NamedTuple):
-    """What is drawn over one frame of one view; all in pixels of the frame, their centres at whole numbers."""
+    """Drawings over one frame of one view; all in pixels of the frame, their centres at whole numbers."""
 
     title: str
     outlines: Sequence[Outline] = ()
@@ -67,7 +67,7 @@ class FrameDrawing(NamedTuple):
     boxed: bool = False  # true boxes instead of crosses
     notes: Sequence[str] = ()  # said at the bottom
     ways: Sequence[LineDrawing] = ()
-    ranks: Mapping[int, int] = {}  # place of a target among all by identity, which says its colour; else its number
+    ranks: Mapping[int, int] = {}  # position of a target among all by identity, which states its colour; else its number
 
     def colour(self, target_id: int) -> Colour:
         """BGR colour of a target."""
@@ -157,7 +157,7 @@ def _rim(ellipse: Floats) -> Floats:
 
 
 def _dashes(points: Floats, scale: float) -> list[Floats]:
-    """Parts of a way (k, 2) with gaps between them that can be told apart in the picture."""
+    """Parts of a way (k, 2) with gaps between them that can be distinguished in the picture."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     count = max(3, round(scale * float(way[-1]) / 22.0))
     parts = (np.arange(count)[:, None] + np.linspace(0.0, 0.5, 7)) / count * way[-1]
@@ -179,7 +179,7 @@ def _estimate(picture: Bytes, outline: Outline, scale: float, colour: Colour) ->
 
 
 def _tag(picture: Bytes, outline: Outline, scale: float, taken: list[Box], colour: Colour) -> None:
-    """The target's number above its ellipse, and what is wrong with it."""
+    """The target's number above its ellipse, and the faults of it."""
     rim = _rim(outline.ellipse)
     x, y = (scale * (rim[rim[:, 1].argmin()] + 0.5) - 0.5).tolist()
     words = str(outline.target_id) + (f" {outline.wrong}" if outline.wrong else "")

@@ -35,11 +35,11 @@ from .plan import GroundTrackPositions, OverlayTables, PlanRenderer, Trails, tar
 from .stage import OverlayFrameRows, OverlayRig, frame_shot
 
 NO_IMAGE = "no image: lost"
-"""What is said in place of an image."""
+"""What is stated instead of an image."""
 
 
 class LostFrames:
-    """Decodes frames, and keeps which of those that were wanted could not be."""
+    """Decodes frames, and keeps which of those that were requested could not be."""
 
     def __init__(self) -> None:
         """None yet."""
@@ -60,13 +60,13 @@ class LostFrames:
         return (sensor, index) in self._why
 
     def miss(self, sensor: str, index: int) -> None:
-        """A frame is wanted: it counts as lost if it could not be decoded."""
+        """A frame is requested: it counts as lost if it could not be decoded."""
         if self.is_lost(sensor, index):
             self._missed.add((sensor, index))
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """What was lost, by camera and number."""
+        """Losses, by camera and number."""
         sensors = sorted({sensor for sensor, _ in self._missed})
         lost = {name: sorted(index for sensor, index in self._missed if sensor == name) for name in sensors}
         return tuple(
@@ -115,7 +115,7 @@ class Pictures:
     """Iterable of (number of the first camera's frame, picture of all views), one each time round.
 
     A picture shows the latest frame of every camera; the next one starts with the second
-    frame of any of them.  Of a frame that cannot be decoded it shows nothing but what is drawn over it.
+    frame of any of them.  Of a frame that cannot be decoded it shows nothing but the drawing over it.
     """
 
     def __init__(
@@ -207,7 +207,7 @@ class Pictures:
         return self._world.ways(camera, frame.t_ns)
 
     def _shot(self, view: int, number: int, rows: list[OverlayFrameRows]) -> FrameDrawing:
-        """What is drawn over one frame; true boxes only where no estimates are drawn as boxes."""
+        """Drawings over one frame; true boxes only where no estimates are drawn as boxes."""
         shot = frame_shot(view, number, rows, self._rig)
         if self._lost.is_lost(self.names[view], number):
             shot = shot._replace(notes=[*shot.notes, NO_IMAGE])
@@ -239,7 +239,7 @@ def _columns(cells: int) -> int:
 def _world(
     asked: OverlayRequest, recording: McapRecording, scene: Scene | None, ranks: Mapping[int, int], job: Job
 ) -> GroundTrackPositions | None:
-    """Tracks of the world; None: there are none, or nothing says where the cameras are."""
+    """Tracks of the world; None: missing, or nothing states where the cameras are."""
     if asked.world is None:
         return None
     if scene is None:
@@ -258,7 +258,7 @@ def _world(
 
 
 def _first_image(recording: McapRecording, name: str, lost: LostFrames) -> Image:
-    """The first image of a camera that can be decoded; InputError where there is none."""
+    """The first image of a camera that can be decoded; InputError if missing."""
     for frame in recording.frames([name]):
         image = lost.image(frame)
         if image is not None:
@@ -269,7 +269,7 @@ def _first_image(recording: McapRecording, name: str, lost: LostFrames) -> Image
 def _rig(
     asked: OverlayRequest, recording: McapRecording, names: list[str], scene: Scene | None, lost: LostFrames, job: Job
 ) -> OverlayRig:
-    """The views, as large as their first images, and the geometry that the tracker had, as far as it is known."""
+    """The views, as large as their first images, and the geometry that the tracker had, if known."""
     cameras = [next((c for c in scene.cameras if c.name == name), None) if scene else None for name in names]
     sizes = [_first_image(recording, name, lost).shape for name in names]
     views = [TrackedView(name, size[1], size[0]) for name, size in zip(names, sizes, strict=True)]

@@ -1,6 +1,6 @@
-"""The floor plan beside the images: who is where, how surely, where from, and which cameras see them.
+"""The floor plan next to the images: who is where, how surely, where from, and which cameras see them.
 
-Tracks of the world on their way over the video: onto the plan, and into the images of cameras that stand in it.
+Tracks of the world on their way over the video: onto the plan, and into the images of cameras that are in it.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from .draw import WHITE, Box, LineDrawing, bar, colour_of, draw_way, label
 
 GROUND, FLOOR, WALL, PILLAR = (24, 24, 24), (44, 42, 40), (170, 165, 160), (96, 92, 88)
 MARGIN = 0.06
-"""Of the plan, around what is drawn, as a share of its size."""
+"""Of the plan, around the drawing, as a share of its size."""
 MARK = 7.0
 """Size of a camera's mark [px]."""
 
@@ -57,7 +57,7 @@ class PlanRenderer:
             scene: with a room, or sensors around which the plan is.
             metres: length of the scene's unit.
             size: width and height of the picture under its bar [px].
-            ranks: place of each target among all by identity.
+            ranks: position of each target among all by identity.
         """
         self._ranks, self._metres = ranks, metres
         places = [metres * sensor.position[:2] for sensor in placed(scene)]
@@ -71,11 +71,11 @@ class PlanRenderer:
         self._still, self._names = self._draw_still(scene, size)
 
     def draw(self, crowd: PeopleDrawing, truth: Sequence[Floats], t_ns: int, seconds: float) -> Bytes:
-        """(BAR + height, width, 3) the plan at a time, under a bar that says the time since the start.
+        """(BAR + height, width, 3) the plan at a time, under a bar that states the time since the start.
 
         Args:
             crowd: estimates.
-            truth: (2,) true places [m].
+            truth: (2,) true positions [m].
             t_ns: the time.
             seconds: since the start.
         """
@@ -109,7 +109,7 @@ class PlanRenderer:
                 draw_way(picture, LineDrawing(ends, person.target, 1), 1.0, (dim[0], dim[1], dim[2]))
 
     def _at(self, points: Floats) -> Floats:
-        """Pixels of places [m]; y goes up."""
+        """Pixels of positions [m]; y goes up."""
         return np.asarray(self._centre + self._scale * (points - self._middle) * [1.0, -1.0])
 
     def _draw_still(self, scene: Scene, size: tuple[int, int]) -> tuple[Bytes, list[Box]]:
@@ -134,7 +134,7 @@ class PlanRenderer:
 
 
 def _mark(yaw: float) -> Floats:
-    """(3, 2) corners of a camera's mark around its place, which opens to where it looks [px]."""
+    """(3, 2) corners of a camera's mark around its position, which opens to where it looks [px]."""
     c, s = math.cos(yaw), -math.sin(yaw)
     ahead, aside = np.array([c, s]), np.array([-s, c])
     return MARK * np.array([0.0 * ahead, ahead + 0.6 * aside, ahead - 0.6 * aside])
@@ -148,7 +148,7 @@ T = TypeVar("T", bound=ColumnTable)
 
 
 class Latest(Generic[T]):
-    """Rows of the latest time of a table that is gone through once."""
+    """Rows of the latest time of a table that is read once."""
 
     def __init__(self, path: Path, table: type[T], unit: str | None) -> None:
         """Open it; `unit`: of lengths, None: as the file has them.  InputError where one of ours has another."""
@@ -256,7 +256,7 @@ class Trails:
 
 
 def targets_of(paths: Mapping[Path, type[Tracks] | type[ViewTracks]]) -> dict[int, int]:
-    """Place of each identity among all of the tables; a pass over their rows."""
+    """Position of each identity among all of the tables; a pass over their rows."""
     found = (rows for path, table in paths.items() for rows in open_input(path).rows(table))
     names = {target for rows in found for target in np.unique(rows.target_id).tolist()}
     return {target: rank for rank, target in enumerate(sorted(names))}

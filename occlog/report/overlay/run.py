@@ -23,7 +23,7 @@ from .pictures import Pictures
 
 
 def _previous_losses(asked: OverlayRequest) -> tuple[Loss, ...]:
-    """What was lost in making the inputs."""
+    """Losses in making the inputs."""
     tables = (asked.recording, asked.tracks, asked.world, asked.diagnostics, asked.truth, asked.failures)
     found = input_losses(open_if_ours(path) for path in tables if path is not None)
     return tuple(dict.fromkeys((*found, *model_losses([asked.fundamental]))))
@@ -80,7 +80,7 @@ def _check(asked: OverlayRequest) -> None:
 
 
 def classify_inputs(asked: OverlayRequest) -> OverlayRequest:
-    """What a run folder holds, and tracks of the world, in the places where they belong."""
+    """What a run folder holds, and tracks of the world, in the positions where they belong."""
     given = asked.tracks
     if given is not None and given.is_dir():
         found = {name: given / f"{name}.parquet" for name in ("view_tracks", "tracks", "diagnostics")}

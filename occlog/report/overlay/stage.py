@@ -1,4 +1,4 @@
-"""From the rows of a frame to its drawing: estimates, those that touch, help and fail, and true places."""
+"""From the rows of a frame to its drawing: estimates, those that touch, help and fail, and true positions."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class OverlayRig(NamedTuple):
 
 
 def frame_shot(view: int, frame: int, rows: Sequence[OverlayFrameRows], rig: OverlayRig) -> FrameDrawing:
-    """What is drawn over one frame.
+    """Drawings over one frame.
 
     Args:
         view: its number in the rig.
@@ -54,7 +54,7 @@ def frame_shot(view: int, frame: int, rows: Sequence[OverlayFrameRows], rig: Ove
     Returns:
         Estimates: dashed while only neighbours act on them, or where the view has no box of the person; strong with
         help from other views, from whose estimates their epipolar lines come; links of those that touch; true
-        places; failures.
+        positions; failures.
     """
     tracks, truth, failures = rows[view]
     labels = _label_failures(failures) if rig.numbered else {}
@@ -81,7 +81,7 @@ def _label_failures(failures: Failures | None) -> dict[int, int]:
 
 
 def _others(failures: Failures | None, numbered: bool) -> list[str]:
-    """Words for label failures of trackers whose numbers are not told."""
+    """Words for label failures of trackers with numbers that are not given."""
     if failures is None or numbered:
         return []
     rows = np.flatnonzero(failures.kind == "label")
@@ -130,7 +130,7 @@ def _places(truth: TruthBoxes, missed: set[int], coloured: bool) -> list[TruePos
 def _lines(
     view: int, tracks: ViewTracks, rows: Sequence[OverlayFrameRows], rig: OverlayRig, geometry: ViewGeometry
 ) -> list[tuple[int, Floats]]:
-    """The epipolar lines of what other views say of the targets that they help with."""
+    """The epipolar lines of what other views state about the targets that they help with."""
     numbers = {v.name: n for n, v in enumerate(rig.views)}
     out = []
     for target, names in zip(tracks.target_id.tolist(), tracks.helpers.tolist(), strict=True):
@@ -144,7 +144,7 @@ def _lines(
 def _line(
     target: int, helper: int, view: int, tracks: ViewTracks | None, rig: OverlayRig, geometry: ViewGeometry
 ) -> Floats | None:
-    """(k, 2) recorded pixels of a line in `view`; None where there is none, or it passes by."""
+    """(k, 2) recorded pixels of a line in `view`; None if missing, or it passes by."""
     rows = np.flatnonzero(tracks.target_id == target) if tracks is not None else np.zeros(0, dtype=np.int64)
     if tracks is None or not len(rows):
         return None

@@ -232,7 +232,7 @@ NO_ROWS = np.zeros(0, dtype=np.int64)
 ELLIPSES, ELLIPSES_OF_ALL = 24, 480
 """Ellipses along the path of a target at most, and of all targets together; each takes as much as 25 points."""
 PATH_POINTS = 1400
-"""Stretches of the paths of all targets, of each of which extremes are drawn; each target has at most half of them."""
+"""Sections of the paths of all targets, of each of which extremes are drawn; each target has at most half of them."""
 MIN_POINTS = 12
 MAX_MOVING_OCCLUDERS = 8
 MAX_NAMES = 6
@@ -240,7 +240,7 @@ TRUE_PATH: Style = {"color": COLOURS["ink"], "linewidth": 1.0, "linestyle": (0, 
 
 
 MAX_CAMERA_DISTANCE_ROOMS = 10.0
-"""Cameras farther from the room than so many times its size are not drawn, but named."""
+"""Cameras farther from the room than this many times its size are not drawn, but named."""
 LONG = 15.0
 RECENT = 6.0
 """A path longer than `LONG` times the plan's diagonal is drawn faint but for its last `RECENT` diagonals."""
@@ -272,7 +272,7 @@ def draw_floorplan(figure: FigureBase, data: ReportInput) -> None:
 
 
 def plan_limits(data: ReportInput) -> Floats:
-    """(2, 2) lower and upper corner of what is drawn: the scene whole, the paths but for a few outliers."""
+    """(2, 2) lower and upper corner of the drawing: the scene whole, the paths but for a few outliers."""
     points = []
     if data.scene is not None:
         points += [data.scene.room] if data.scene.room is not None else []
@@ -387,7 +387,7 @@ def _paths(axes: Axes, data: ReportInput) -> list[Line2D | Patch]:
             handles += [Line2D([], [], color=colour, linewidth=1.8, label=name)] if i < MAX_NAMES else []
     if data.truth is not None:
         true = _rows_of(data.truth, "target")
-        # Of those that nobody tracks, too, where names do not tell who is tracked
+        # Of those that nobody tracks, too, where names do not determine who is tracked
         for target in data.targets if data.same_names else true:
             rows = true.get(target, NO_ROWS)
             _path(axes, data.truth, rows, since, points, zorder=4, **TRUE_PATH)
@@ -397,7 +397,7 @@ def _paths(axes: Axes, data: ReportInput) -> list[Line2D | Patch]:
 
 
 def _path_handles(data: ReportInput) -> list[Line2D | Patch]:
-    """What the legend says of all paths."""
+    """What the legend states about all paths."""
     mark: Style = {"color": COLOURS["ink"], "linestyle": "none", "markersize": 6}
     out: list[Line2D | Patch] = []
     if data.truth is not None:
@@ -424,7 +424,7 @@ def _estimate(
 
 
 def confidence_ellipse(rows: Tracks | Occluders, row: int, **style: Any) -> Ellipse:
-    """Ellipse that holds an object with 95 % probability if its place is Gaussian; a known place has no area."""
+    """Ellipse that holds an object with 95 % probability if its position is Gaussian; a known position has no area."""
     covariance = np.array([[rows.cov_xx[row], rows.cov_xy[row]], [rows.cov_xy[row], rows.cov_yy[row]]])
     values, vectors = np.linalg.eigh(covariance)
     minor, major = 2.0 * np.sqrt(CHI2_95_2D * np.maximum(values, 0.0))
@@ -440,7 +440,7 @@ def _ends(axes: Axes, path: Tracks | Truth, colour: str) -> None:
 
 
 def draw_priors(axes: Axes, priors: Occluders | Hulls) -> list[Line2D | Patch]:
-    """Draw the priors of a few moments, evenly spread over those that have any; what the legend says of them."""
+    """Draw the priors of a few time steps, evenly spread over those that have any; what the legend states about them."""
     there = priors.take(priors.occluder_id >= 0)
     if not len(there):
         return []

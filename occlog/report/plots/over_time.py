@@ -2,11 +2,11 @@
 
 How the filter fared: effective sample size, or how well a method without particles knows the position; fallbacks.
 
-Everybody over time: how many people there are, who is there, who sees them, and where identities are in doubt.
+Everybody over time: how many people there are, who is there, who sees them, and where identities are ambiguous.
 
 Which cameras were selected when, and the error that was expected of them.
 
-Where there is no truth: how far the track is from where the sight lines meet, and from each of them.
+Where there is no truth: how far the track is from where the lines of sight meet, and from each of them.
 
 What each sensor saw when: one row a sensor, filled as far as it saw the target.
 """
@@ -42,7 +42,7 @@ from occlog.report.drawing import COLOURS, Style, broken, envelope, extremes, ga
 
 T = TypeVar("T", Errors, Bound, Tracks)
 BUCKETS, FEWEST = 350, 80
-"""Stretches of a line, of each of which the extremes are drawn; those of each target among many, at least."""
+"""Sections of a line, of each of which the extremes are drawn; those of each target among many, at least."""
 OF_ALL = 600
 """The same of the lines of all targets together, so that a page of many stays small."""
 
@@ -114,7 +114,7 @@ def _distance(
 
 
 def line(axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, buckets: int = BUCKETS, **style: object) -> None:
-    """One line, thinned to the extremes of so many stretches, broken at gaps."""
+    """One line, thinned to the extremes of this many sections, broken at gaps."""
     if len(values):
         keep = extremes(values, buckets)
         t, v = broken(t_ns, keep, time.of(t_ns), values)
@@ -126,7 +126,7 @@ def mark_clipped(
 ) -> None:
     """Marks at the upper edge where values leave the drawing, with the highest one in words.
 
-    How many there are is said only if the values are `all_there`.
+    How many there are is stated only if the values are `all_there`.
     """
     over = np.flatnonzero(values > top)
     if not len(over):
@@ -151,7 +151,7 @@ def _axis_error(
     colour: str,
     buckets: int,
 ) -> None:
-    """Signed error along one axis with what the filter and the bound say of its spread; heights where known."""
+    """Signed error along one axis with what the filter and the bound state about its spread; heights where known."""
     # Columns alone: of a long run tables are large
     t_ns, values = _known(errors.t_ns, getattr(errors, f"error_{name}"))
     shown = [np.abs(values)]
@@ -195,8 +195,8 @@ def _band(axes: Axes, time: TimeAxis, t_ns: Ints, spread: Floats, colour: str, b
 MAX_PLOTTED_TARGETS = 6
 FALLBACKS = {
     "sir": ("hidden", "d", "auxiliary stage skipped"),
-    "restart": ("t5", "v", "particles drawn anew"),
-    "gap": ("t5", "s", "particles drawn anew after a gap"),
+    "restart": ("t5", "v", "particles redrawn"),
+    "gap": ("t5", "s", "particles redrawn after a gap"),
     "depleted": ("t1", "d", "fewer than ten effective particles"),
     "unobservable": ("hidden", "d", "position hardly known"),
     "contradiction": ("t5", "v", "constraints contradict each other"),
@@ -329,7 +329,7 @@ def _residuals(axes: Axes, data: ReportInput, found: DirectionErrors) -> list[Li
     top = sensible_top(np.abs(degrees))
     axes.set_ylim(-top, top)
     axes.axhline(0.0, color=COLOURS["muted"], linewidth=0.6, zorder=1)
-    axes.set_ylabel("off sight line [°]")
+    axes.set_ylabel("off line of sight [°]")
     return handles
 
 
@@ -363,7 +363,7 @@ def draw_visibility(
 
 
 def coarser(found: SensorSightings, most: int) -> SensorSightings:
-    """The same frames in at most so many cells: neighbours are one, as many as it takes."""
+    """The same frames in at most this many cells: neighbours are one, as many as it takes."""
     together = -(-len(found.looked) // most)
     if together <= 1:
         return found
@@ -428,7 +428,7 @@ def _merged(found: SensorSightings) -> tuple[Ints, Floats]:
 
 
 LONGEST_GAP = 1.5
-"""A row of a track lasts until the next one, but at most so many usual periods."""
+"""A row of a track lasts until the next one, but at most this many usual periods."""
 SEEN, SINGLE_VIEW, COASTING = "seen", "view", "hidden"
 """Colours of people of whom several cameras, one camera or none has a box."""
 

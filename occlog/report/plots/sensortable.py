@@ -1,4 +1,4 @@
-"""The table of sensors: where each stands, how often it saw the target, how well its sight lines fit the track."""
+"""The table of sensors: where each stands, how often it saw the target, how well its lines of sight fit the track."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def _counts(data: ReportInput, name: str) -> tuple[str, str, str]:
 
 
 def _fits(data: ReportInput) -> dict[str, tuple[str, str]]:
-    """RMS distance of the track from each sensor's sight lines: in degrees, and in its own standard deviations."""
+    """RMS distance of the track from each sensor's lines of sight: in degrees, and in its own standard deviations."""
     every, out = list(data.residuals.values()), {}
     for name in dict.fromkeys(name for found in every for name in found.rows):
         rows = sum(found.rows[name] for found in every)

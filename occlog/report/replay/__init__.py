@@ -1,1 +1,1 @@
-"""The moments of a run, to be scrubbed and played in the page."""
+"""The time steps of a run, to be scrubbed and played in the page."""

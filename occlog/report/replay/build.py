@@ -1,4 +1,4 @@
-"""What the page's script is given: the room, the sensors and the moments of a run, as JSON."""
+"""What the page's script is given: the room, the sensors and the time steps of a run, as JSON."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .moments import MISSING, ReplaySteps, Words, packed
 from .thumbnails import Thumbnails
 
 LARGEST = 2.5
-"""Widths and heights are told up to this [m]."""
+"""Widths and heights are reported up to this [m]."""
 MAX_EVENTS = 400
 MAX_BOXES = 40
 """Targets that can be switched off one by one."""
@@ -45,11 +45,11 @@ class Peak:
 
 @dataclass(frozen=True)
 class Replay:
-    """The moments of a run for the page.
+    """The time steps of a run for the page.
 
     Attributes:
         json: what the script is given, safe inside a `<script>` element.
-        words: what is shown and what was left out, in sentences.
+        words: what is shown and what was skipped, in sentences.
         targets: identities that can be switched off, with the number of their colour.
         layers: names of what can be shown, with words for it and whether it is shown at first.
         peaks: the largest errors, the largest first.
@@ -65,7 +65,7 @@ class Replay:
 
 
 def replay(data: ReportInput, images: Thumbnails | None = None) -> Replay | None:
-    """The moments of a run; None where nothing moves."""
+    """The time steps of a run; None where nothing moves."""
     limits = plan_limits(data)
     moments = ReplaySteps(data, limits)
     if len(moments.kept) < 2:
@@ -89,7 +89,7 @@ def replay(data: ReportInput, images: Thumbnails | None = None) -> Replay | None
 
 
 def plan_values(data: ReportInput, moments: ReplaySteps) -> tuple[dict[str, Any], int, list[Layer]]:
-    """What a plan is drawn from at each moment; every how manieth one has sight lines; what can be shown."""
+    """What a plan is drawn from at each time step; every how manieth one has lines of sight; what can be shown."""
     sensors = [] if data.scene is None else _sensors(near_scene(data.scene)[0], moments.limits)
     metres = METRES.get(data.unit, 1.0)
     seen, doubts = Words(), Words()
@@ -121,7 +121,7 @@ def plan_values(data: ReportInput, moments: ReplaySteps) -> tuple[dict[str, Any]
 
 
 def safe_json(values: object) -> str:
-    """JSON in which nothing can end the element that it stands in, or begin another."""
+    """JSON in which nothing can end the element that it is in, or begin another."""
     text = json.dumps(values, ensure_ascii=True, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
@@ -142,7 +142,7 @@ def _sigma_step(data: ReportInput, moments: ReplaySteps) -> float:
 
 
 def _sensors(scene: Scene, limits: Floats) -> list[dict[str, Any]]:
-    """Place, axis and view of each sensor whose pose is known."""
+    """Position, axis and view of each sensor with known pose."""
     far = float(np.hypot(*(limits[1] - limits[0])))
     placed: list[Camera | MicrophoneArray] = [*(c for c in scene.cameras if c.placed), *scene.arrays]
     out = []
@@ -189,7 +189,7 @@ def _layers(truth: object, sight: object, priors: object, sensors: list[dict[str
         ("names", "names", True, True),
         ("ellipses", "ellipses (95 %)", True, True),
         ("truth", "truth", True, bool(truth)),
-        ("sight", "sight lines", True, bool(sight)),
+        ("sight", "lines of sight", True, bool(sight)),
         ("views", "fields of view", False, cameras),
         ("shadows", "shadows of people", cameras, cameras),
         ("priors", "occluders as the tracker knew them", True, bool(priors)),
@@ -200,11 +200,11 @@ def _layers(truth: object, sight: object, priors: object, sensors: list[dict[str
 def _words(moments: ReplaySteps, sight_every: int, images: Thumbnails | None) -> str:
     count, all_of = len(moments.kept), moments.count
     said = [
-        f"{count:,} of {all_of:,} moments: every {moments.every}-th." if moments.every > 1 else f"{count:,} moments."
+        f"{count:,} of {all_of:,} time steps: every {moments.every}-th." if moments.every > 1 else f"{count:,} time steps."
     ]
     if sight_every > 1:
-        said.append(f"Sight lines are those of every {sight_every}-th of them.")
-    said.append("A dashed ring is a target that no sensor sees, or of which something is doubtful.")
+        said.append(f"Lines of sight are those of every {sight_every}-th of them.")
+    said.append("A dashed ring is a target that no sensor sees, or of which something is uncertain.")
     said += ["A cross is where one truly is."] if moments.truth() else []
     said.append(f"Positions are rounded to {moments.step:.1g} {moments.data.unit}.")
     if not moments.same:

@@ -1,10 +1,10 @@
-"""Which moments of a run can be shown, and what was at each of them.
+"""Which time steps of a run can be shown, and what was at each of them.
 
-The rule: of the times of the tracks (of the truth, where there are none) every k-th is kept, with the smallest k by
-which not more than `MOST_SHOWN` estimates and as many true places are left; where a part of a table is drawn, that
-part is chosen with these times (`chosen`).  Sight lines are those of the latest look
+The rule: of the times of the tracks (of the truth, if missing) every k-th is kept, with the smallest k by
+which not more than `MOST_SHOWN` estimates and as many true positions are left; where a part of a table is drawn, that
+part is chosen with these times (`chosen`).  Lines of sight are those of the latest look
 of each sensor since the time before; where more than `MAX_OBSERVATIONS` would be left, those of every j-th kept
-moment, with the smallest such j.
+time step, with the smallest such j.
 
 Columns of numbers as text that is short and that a script turns back into arrays.
 """
@@ -51,13 +51,13 @@ def packed(kind: str, values: ArrayLike) -> Packed:
 
 
 def placed(values: Floats, middle: float, step: float) -> Ints:
-    """(N,) places as whole steps from the middle of the plan, cut off where 16 bits end."""
+    """(N,) positions as whole steps from the middle of the plan, cut off where 16 bits end."""
     steps = np.round((values - middle) / step)
     return np.asarray(np.clip(steps, -MAX_INT16, MAX_INT16).astype(np.int64))
 
 
 def starts(moment: Ints, moments: int) -> Packed:
-    """First row of each moment and the end, of rows in the order of their moments."""
+    """First row of each time step and the end, of rows in the order of their time steps."""
     return packed("u4", np.searchsorted(moment, np.arange(moments + 1)))
 
 
@@ -105,7 +105,7 @@ class ReplaySteps:
 
     @property
     def _leading(self) -> TableTotals | None:
-        """What is known of the table that says the moments: the tracks, or the truth without them."""
+        """State of the table that states the time steps: the tracks, or the truth without them."""
         return self.data.whole.get("truth" if self.data.tracks is None else "tracks")
 
     @property
@@ -115,7 +115,7 @@ class ReplaySteps:
 
     @property
     def every(self) -> int:
-        """Each so manieth time is kept."""
+        """Every n-th time is kept."""
         return self.data.figures.every
 
     @cached_property
@@ -130,7 +130,7 @@ class ReplaySteps:
 
     @cached_property
     def step(self) -> float:
-        """Length of a step of places: 16 bits reach from the middle of the plan to twice its size."""
+        """Length of a step of positions: 16 bits reach from the middle of the plan to twice its size."""
         return float((self.limits[1] - self.limits[0]).max()) * 2.0 / MAX_UINT16
 
     @cached_property
@@ -150,14 +150,14 @@ class ReplaySteps:
         return np.asarray((self.kept - self.data.time.start_ns) / NS)
 
     def at(self, t_ns: Ints) -> tuple[Ints, Ints]:
-        """Rows at times that are kept, and the moment of each."""
+        """Rows at times that are kept, and the time step of each."""
         moment = np.searchsorted(self.kept, t_ns)
         inside = np.minimum(moment, len(self.kept) - 1)
         rows = np.flatnonzero((moment < len(self.kept)) & (self.kept[inside] == t_ns))
         return rows, moment[rows]
 
     def place(self, table: Tracks | Truth | Hulls, rows: Ints) -> dict[str, Packed]:
-        """Places of rows."""
+        """Positions of rows."""
         middle = self.limits.mean(axis=0)
         xs, ys = (np.where(np.isfinite(v[rows]), v[rows], np.inf) for v in (table.x, table.y))
         return {
@@ -167,7 +167,7 @@ class ReplaySteps:
 
     @cached_property
     def _truth(self) -> Truth | None:
-        """True places of targets, and of others where there are few; those that errors tell where nothing else does."""
+        """True positions of targets, and of others where there are few; those that errors tell where nothing else does."""
         truth = _of_errors(self.data.errors) if self.data.truth is None else self.data.truth
         if truth is None or not len(truth):
             return None
@@ -176,11 +176,11 @@ class ReplaySteps:
         return truth if few else truth.take(~others)
 
     def tracks(self, seen: Words, doubts: Words, size: float, sigma: float) -> dict[str, Packed]:
-        """Estimates of each moment.
+        """Estimates of each time step.
 
         Args:
             seen: takes who saw each.
-            doubts: takes why each is not to be believed.
+            doubts: takes why each is not reliable.
             size: step of widths and heights.
             sigma: step of standard deviations.
         """
@@ -210,7 +210,7 @@ class ReplaySteps:
         }
 
     def _said(self, tracks: Tracks, rows: Ints) -> tuple[Texts, Bools, Texts]:
-        """Who saw each row's target, whether that is known, and what is doubtful, as the tracks or the filter say."""
+        """Who saw each row's target, whether that is known, and what is uncertain, as the tracks or the filter say."""
         if self.data.everybody is not None:
             people = self.data.everybody
             return people.seen_by[rows], np.isfinite(people.existence[rows]), people.doubt[rows]
@@ -228,14 +228,14 @@ class ReplaySteps:
             at = np.array([its.get(key, -1) for key in mine], dtype=np.int64)
             there = at >= 0
             names[there] = diagnostics.seen_by[at[there]]
-            # Some methods do not say which sensors saw the target
+            # Some methods do not state which sensors saw the target
             known[there] = (diagnostics.seen_by[at[there]] != "") | (diagnostics.n_seen[at[there]] == 0)
             said = np.where(diagnostics.doubt != "", diagnostics.doubt, diagnostics.fallback)[at[there]]
             doubt[there] = np.where(doubt[there] == "", said, doubt[there])
         return names, known, doubt
 
     def truth(self) -> dict[str, Packed]:
-        """True places of each moment."""
+        """True positions of each time step."""
         truth = self._truth
         if truth is None:
             return {}
@@ -254,7 +254,7 @@ class ReplaySteps:
         return {"first": starts(moment, len(self.kept)), "target": packed("u2", target), **self.place(truth, rows)}
 
     def sight(self, sensors: list[str]) -> tuple[dict[str, Packed], int]:
-        """Directions in which sensors saw something at each moment, and every how manieth moment has them."""
+        """Directions in which sensors saw something at each time step, and every how manieth time step has them."""
         bearings = self.data.bearings
         if bearings is None or not len(bearings) or not len(self.kept):
             return {}, 1
@@ -275,7 +275,7 @@ class ReplaySteps:
         return table, every
 
     def _looks(self, bearings: Bearings, sensors: list[str]) -> tuple[Ints, Ints, Ints]:
-        """Rows that saw something, of each sensor's latest look before each moment; their moments and sensors."""
+        """Rows that saw something, of each sensor's latest look before each time step; their time steps and sensors."""
         names, which = np.unique(bearings.sensor, return_inverse=True)
         place = {name: k for k, name in enumerate(sensors)}
         number = np.array([place.get(str(name), -1) for name in names], dtype=np.int64)[which]
@@ -286,7 +286,7 @@ class ReplaySteps:
         return rows[seen], moment[seen], number[rows[seen]]
 
     def _latest(self, t_ns: Ints, who: Ints) -> tuple[Ints, Ints]:
-        """Rows of each one's latest time since the time before a moment that is kept, and their moments, ascending.
+        """Rows of each one's latest time since the time before a time step that is kept, and their time steps, ascending.
 
         Args:
             t_ns: (N,) times.
@@ -302,7 +302,7 @@ class ReplaySteps:
         return rows[order], moment[order]
 
     def priors(self) -> tuple[dict[str, Packed], int]:
-        """Where moving occluders were thought to be at each moment, as polygons; every how manieth moment has them."""
+        """Where moving occluders were thought to be at each time step, as polygons; every how manieth time step has them."""
         hulls = _as_hulls(self.data.occluders)
         if hulls is None or not len(self.kept):
             return {}, 1
@@ -322,7 +322,7 @@ def _steps(values: Floats, step: float, unknown: int, most: int = MISSING - 1) -
 
 
 def _of_errors(errors: Errors | None) -> Truth | None:
-    """The true places to which estimates were compared."""
+    """The true positions to which estimates were compared."""
     if errors is None:
         return None
     own = errors.take(np.isfinite(errors.truth_x) & np.isfinite(errors.truth_y))

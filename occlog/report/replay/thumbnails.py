@@ -1,7 +1,7 @@
-"""Small images of the cameras beside the plan, with what is tracked drawn over them.
+"""Small images of the cameras next to the plan, with what is tracked drawn over them.
 
-The rule: images of evenly spaced moments, so many that all together stay below a limit that the user gives, judged by
-those of the first moment; not more than `MAX_MOMENTS`.
+The rule: images of evenly spaced time steps, this many that all together stay below a limit that the user gives, judged by
+those of the first time step; not more than `MAX_MOMENTS`.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ class Thumbnails:
 
     Attributes:
         cameras: names, with the times [ns] and the JPEG of each image.
-        moments: moments that were asked for.
+        time steps: time steps that were asked for.
         of: times of frames there are.
-        losses: frames of these moments that cannot be decoded, of which there is no image.
+        losses: frames of these time steps that cannot be decoded, of which there is no image.
     """
 
     cameras: dict[str, list[tuple[int, bytes]]] = field(default_factory=dict)
@@ -56,7 +56,7 @@ class Thumbnails:
     @property
     def words(self) -> str:
         """What is shown, in a sentence."""
-        return f"Images: {self.moments:,} of {self.of:,} moments." if self.of > self.moments else ""
+        return f"Images: {self.moments:,} of {self.of:,} time steps." if self.of > self.moments else ""
 
     def packed(self, start_ns: int) -> list[dict[str, Any]]:
         """What the script is given."""
@@ -72,7 +72,7 @@ class Thumbnails:
 
 
 def thumbnails(recording: Path, sources: OverlayTables | None, targets: Sequence[int], limit: int) -> Thumbnails:
-    """Images of a recording, with tracks of the world drawn over those of cameras that stand in it, in its unit.
+    """Images of a recording, with tracks of the world drawn over those of cameras that are in it, in its unit.
 
     Args:
         recording: with images or videos.
@@ -90,11 +90,11 @@ def thumbnails(recording: Path, sources: OverlayTables | None, targets: Sequence
     for frame in opened.frames():
         known.setdefault(frame.sensor, []).append(frame.t_ns)
     if not known:
-        raise InputError(f"{recording}: holds no images; leave out {option('images')}")
+        raise InputError(f"{recording}: holds no images; omit {option('images')}")
     times = np.unique(np.concatenate(list(known.values())))
     size = _size(opened, known, sources, targets) * BASE64
     if not size:
-        raise InputError(f"{recording}: no image of it can be decoded; leave out {option('images')}")
+        raise InputError(f"{recording}: no image of it can be decoded; omit {option('images')}")
     count = max(min(int(MARGIN * limit // size), MAX_MOMENTS, len(times)), 1)
     moments = times[np.unique(np.linspace(0, len(times) - 1, count).round().astype(np.int64))]
     chosen = {name: _before(np.array(own, dtype=np.int64), moments) for name, own in known.items()}
@@ -121,7 +121,7 @@ def _size(
 
 
 def _before(times: Ints, moments: Ints) -> set[int]:
-    """The last of some times before each moment, or at it."""
+    """The last of some times before each time step, or at it."""
     at = np.searchsorted(times, moments, side="right") - 1
     return set(times[at[at >= 0]].tolist())
 

@@ -1,1 +1,1 @@
-"""Balls that look alike, rendered for several cameras."""
+"""Balls that look similar, rendered for several cameras."""

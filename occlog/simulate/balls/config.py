@@ -9,7 +9,7 @@ from typing import ClassVar
 from occlog.settings import Settings, setting
 
 ORTHOGRAPHIC_DISTANCE_PX = 1e6
-"""At this distance [px] places and sizes in an image of 320 px change by less than 0.03 px with depth."""
+"""At this distance [px] positions and sizes in an image of 320 px change by less than 0.03 px with depth."""
 MOTIONS = ("straight", "walk", "manoeuvre")
 """How balls may move: straight on at constant speed, by steps at random, or with accelerations at random."""
 FASTEST = 2.0

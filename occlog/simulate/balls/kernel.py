@@ -1,6 +1,6 @@
 """Kernels that draw balls over a background: nearest surfaces first, then colours.
 
-Every pixel has four sight lines.  All places are in the frame of the camera: x to the
+Every pixel has four lines of sight.  All positions are in the frame of the camera: x to the
 right, y down, z forward.
 """
 
@@ -40,13 +40,13 @@ class Skin(NamedTuple):
 def trace_balls_into(
     depth: Floats, label: Ints32, covered: Ints, centres: Floats, radius: float, view: RenderView
 ) -> None:
-    """Find the nearest ball on every sight line.
+    """Find the nearest ball on every line of sight.
 
     Args:
         depth: (H, W, 4) distance of the nearest ball so far, inf at first; lowered where a ball is nearer.
         label: (H, W, 4) number of that ball, set with `depth`.
         covered: (n, 5) of each ball, set: left, top, right, bottom (half-open) of the part of
-            the image in which it can be, and the number of sight lines that meet it, hidden or not.
+            the image in which it can be, and the number of lines of sight that meet it, hidden or not.
         centres: (n, 3), at a distance of more than `radius`.
         radius: of all balls.
         view: the camera.
@@ -106,7 +106,7 @@ def paint_balls_into(
     view: RenderView,
     skin: Skin,
 ) -> None:
-    """Paint what `trace_balls_into` found and count the sight lines that end on each ball.
+    """Paint what `trace_balls_into` found and count the lines of sight that end on each ball.
 
     Args:
         image: (H, W, 3) a copy of the background, changed in place.
@@ -184,8 +184,8 @@ def deliver_into(out: Bytes, image: Floats32, noise: Floats32, starts: Ints) -> 
     Args:
         out: (H, 3 W) the frame.
         image: (H, 3 W) light.
-        noise: (N,) what is added to colours one after the other, plus 0.5; a row takes a stretch of it.
-        starts: (H,) where the stretch of each row starts, at most N - 3 W.
+        noise: (N,) what is added to colours one after the other, plus 0.5; a row takes a section of it.
+        starts: (H,) where the section of each row starts, at most N - 3 W.
     """
     zero, full = np.float32(0.0), np.float32(255.0)
     for row in range(image.shape[0]):

@@ -24,7 +24,7 @@ VIEWS = ((0.0, 0.0), (90.0, 0.0), (45.0, -15.0), (135.0, -15.0), (20.0, -10.0), 
 """Yaw and pitch [deg] of the cameras that there may be: the two of the paper, then more that look down."""
 
 TRIES = 5_000
-"""Draws of starting places before it is said that the balls have no room."""
+"""Draws of starting positions before it is stated that the balls have no room."""
 
 
 class BallPaths(NamedTuple):
@@ -83,7 +83,7 @@ def _all_inside(cameras: tuple[Camera, ...], points: Floats) -> bool:
 
 
 def ball_paths(config: BallsConfig, seed: int) -> BallPaths:
-    """True places and turns of the balls in every frame; InputError where they have no room."""
+    """True positions and turns of the balls in every frame; InputError where they have no room."""
     reach = ball_box(config) - config.radius
     if not (reach > 0).all():
         raise InputError(
@@ -96,7 +96,7 @@ def ball_paths(config: BallsConfig, seed: int) -> BallPaths:
     # Move them independently of each other, or as balls that collide
     speeds = config.speed * np.array([rng.uniform(0.5, 1.5) for rng in rngs])
     velocity = speeds[:, None] * _directions(rngs)
-    # Turn each about an axis of its own
+    # Turn each about its own axis
     axes = _directions(rngs)
     first = np.array([rng.uniform(0.0, 2.0 * np.pi) for rng in rngs])
     angles = first + config.spin * np.arange(config.frames)[:, None]
@@ -115,7 +115,7 @@ def _directions(rngs: list[np.random.Generator]) -> Floats:
 
 
 def _start(config: BallsConfig, reach: Floats, rng: np.random.Generator) -> Floats:
-    """(n, 3) places about the centre of the box; apart in all views, or in space, where that is asked for."""
+    """(n, 3) positions about the centre of the box; apart in all views, or in space, where that is asked for."""
     cameras, middle = ball_cameras(config), np.array([0.0, 0.0, 0.5 * config.height])
     gap = 2.1 * config.radius
     placed = np.zeros((0, 3))
@@ -161,13 +161,13 @@ def _way(config: BallsConfig, velocity: Floats, rngs: list[np.random.Generator])
 
 
 def _folded(way: Floats, reach: Floats) -> Floats:
-    """(T, n, 3) places in the box of balls that only the walls throw back: a way without walls, folded into the box."""
+    """(T, n, 3) positions in the box of balls that only the walls throw back: a way without walls, folded into the box."""
     folded = np.mod(way + reach, 4.0 * reach)
     return np.asarray(np.where(folded > 2.0 * reach, 4.0 * reach - folded, folded) - reach)
 
 
 def _bounce(config: BallsConfig, start: Floats, velocity: Floats, reach: Floats) -> Floats:
-    """(T, n, 3) places of balls of equal mass that also bounce off each other, in steps of a tenth of a radius."""
+    """(T, n, 3) positions of balls of equal mass that also bounce off each other, in steps of a tenth of a radius."""
     place, v = start.copy(), velocity.copy()
     steps = max(1, math.ceil(1.5 * config.speed / (0.1 * config.radius)))
     out = np.empty((config.frames, *start.shape))
@@ -212,7 +212,7 @@ def ball_ellipses(camera: Camera, centres: Floats, radius: float) -> Floats:
 
     Args:
         camera: with its pose.
-        centres: (..., 3) world places of the balls, wholly in front of the camera.
+        centres: (..., 3) world positions of the balls, wholly in front of the camera.
         radius: > 0.
 
     Returns:

@@ -63,7 +63,7 @@ def _paths(config: BallsConfig, seed: int) -> BallPaths:
 
 
 def balls_videos(setup: BallsSetup, output: Path) -> dict[str, Path]:
-    """The video file of each view, beside the recording; none where images go into it."""
+    """The video file of each view, next to the recording; none where images go into it."""
     if setup.store.store != "ffv1":
         return {}
     return {c.name: output.with_name(f"{output.stem}.{c.name}.avi") for c in setup.scene.cameras}
@@ -155,7 +155,7 @@ def _write_files(
     counts: Counter[str],
     overwrite: bool,
 ) -> None:
-    """Write FFV1 files beside the recording."""
+    """Write FFV1 files next to the recording."""
     size = (setup.config.width, setup.config.height)
     with ExitStack() as stack:
         open_videos = {

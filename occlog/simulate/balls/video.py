@@ -36,7 +36,7 @@ LAMP = np.array([-0.35, 0.25, 0.9])
 CIRCUMSCRIBED = 2.47802
 """Radius about a truncated icosahedron of edge 1."""
 NOISE = 1 << 18
-"""Pixels for which sensor noise is drawn once; every row of every frame takes a stretch at random."""
+"""Pixels for which sensor noise is drawn once; every row of every frame takes a section at random."""
 
 
 class BallsFrame(NamedTuple):
@@ -66,7 +66,7 @@ def render_balls(
         config: balls, motion and views.
         seed: of all random numbers; a frame's noise depends on seed, view and frame number only.
         workers: frames drawn at the same time; the result does not depend on it.
-        paths: where the balls are; None: as `ball_paths` says.
+        paths: where the balls are; None: as `ball_paths` states.
 
     Returns:
         `config.frames` frames, or as many as the paths have; InputError where the balls have no room.
@@ -112,7 +112,7 @@ def _draw(
     turns = np.ascontiguousarray(canvas.camera.rotation.T @ paths.turns[t])
     covered, visible = np.zeros((len(centres), 5), dtype=np.int64), np.zeros(len(centres), dtype=np.int64)
     light = canvas.background.copy()
-    # Cast: which ball each sight line meets first
+    # Cast: which ball each line of sight meets first
     trace_balls_into(depth=depth, label=label, covered=covered, centres=centres, radius=config.radius, view=canvas.view)
     # Shade the balls, and count the pixels in which each can be seen
     paint_balls_into(
@@ -219,7 +219,7 @@ def balls_scene(config: BallsConfig, rate_hz: float) -> Scene:
 
 
 def balls_truth(centres: Floats, t_ns: int) -> Truth:
-    """Places of the centres (n, 3) of all balls at one time; each is a target."""
+    """Positions of the centres (n, 3) of all balls at one time; each is a target."""
     n = len(centres)
     return Truth.of(
         t_ns=np.full(n, t_ns),
@@ -234,7 +234,7 @@ def balls_truth(centres: Floats, t_ns: int) -> Truth:
 def balls_boxes(frame: BallsFrame, cameras: tuple[Camera, ...], t_ns: int) -> list[TruthBoxes]:
     """For each view the boxes around the whole outlines of all balls that reach into the image.
 
-    Hidden balls have theirs too: the visible share of the part that is in the image says so.
+    Hidden balls have theirs too: the visible share of the part that is in the image states it.
     """
     return [_boxes(frame.ellipses[k], frame.share[k], camera, frame.frame, t_ns) for k, camera in enumerate(cameras)]
 

@@ -1,6 +1,6 @@
 """People made of ellipsoids: where they face and are in their gait, where their parts are, what they wear.
 
-Lengths of a body are metres for a person 1.75 m tall; `solids` scales and places them.  A body
+Lengths of a body are metres for a person 1.75 m tall; `solids` scales and positions them.  A body
 faces its heading; arms and legs swing with its phase, which grows by 2 pi with every two
 steps.
 """
@@ -27,7 +27,7 @@ WARM = (0.035, 0.93, 0.17, 0.29)
 
 
 class Clothes(NamedTuple):
-    """What n bodies look like; colours are BGR, 0 to 255."""
+    """What n bodies resemble; colours are BGR, 0 to 255."""
 
     first: Floats  # (n, 5, 3) colour of skin, hair, shirt, trousers, shoes
     second: Floats  # (n, 5, 3) second colour of patterned parts
@@ -146,7 +146,7 @@ def _frames(heading: Floats) -> Floats:
 
 
 class Outfit(NamedTuple):
-    """What one body looks like; colours are BGR, 0 to 255."""
+    """What one body resembles; colours are BGR, 0 to 255."""
 
     first: Floats  # (5, 3) colour of skin, hair, shirt, trousers, shoes
     second: Floats  # (5, 3) second colour of patterned parts
@@ -231,7 +231,7 @@ def walking(grids: Iterable[TimeGrid], metre: float) -> Iterator[TimeGrid]:
 
 
 def _start(last: TimeGrid | None, grid: TimeGrid, metre: float) -> tuple[Floats, Floats, Floats]:
-    """Place, velocity and phase of each object before the first time of a chunk."""
+    """Position, velocity and phase of each object before the first time of a chunk."""
     place = grid.xyz[0, :, :2].copy()
     velocity = np.zeros_like(place)
     velocity[:, 0] = 1e-6

@@ -126,7 +126,7 @@ class RenderedFrame(NamedTuple):
 
     image: Bytes  # (H, W, 3) BGR
     present: Ints  # (m,) which objects were there to be drawn
-    extent: Ints  # (m, 5) left, top, right, bottom pixel and sight lines, hidden parts included
+    extent: Ints  # (m, 5) left, top, right, bottom pixel and lines of sight, hidden parts included
     visible: Ints  # (m, 5) the same of the visible parts
 
 
@@ -137,8 +137,8 @@ def canvas(scene: Scene, camera: Camera, metre: float, noise: Floats32, contrast
         scene: room and occluders.
         camera: with image size and pose.
         metre: a metre in scene units.
-        noise: (N,) standard normal numbers; every row of a frame takes a stretch of them from
-            a random place on.  N must be well above three times the width of the image.
+        noise: (N,) standard normal numbers; every row of a frame takes a section of them from
+            a random position on.  N must be well above three times the width of the image.
         contrast: of the surfaces' grain.
     """
     lights = lamps(scene.surroundings, scene.room_height)

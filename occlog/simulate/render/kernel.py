@@ -1,6 +1,6 @@
 """Kernels that draw bodies and their shadows over the empty room.
 
-Every pixel has four sight lines; a body covers a pixel by the share of them it catches.
+Every pixel has four lines of sight; a body covers a pixel by the share of them it catches.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ def trace_into(
     room: Room,
     first_stamp: int,
 ) -> None:
-    """Find the nearest ellipsoid on every sight line, and how far every body reaches in the image.
+    """Find the nearest ellipsoid on every line of sight, and how far every body reaches in the image.
 
     Args:
         depth: (H, W, 4) depth of the nearest thing so far; lowered where a body is nearer.
         label: (H, W, 4) number of the ellipsoid seen, set with `depth`.
-        stamp: (H, W, 4) last body that a sight line met, to count each line once.
-        extent: (n, 5) for each body: left, top, right, bottom pixel and number of sight lines
+        stamp: (H, W, 4) last body that a line of sight met, to count each line once.
+        extent: (n, 5) for each body: left, top, right, bottom pixel and number of lines of sight
             that meet it, hidden or not.
         rays: (H, W, 4, 3) directions with unit forward component.
         bodies: what to draw.
@@ -112,7 +112,7 @@ def cloth(qx: float, qy: float, qz: float, half: float, pattern: int, metre: flo
 
 @kernel
 def shade_body_into(colour: Floats, p: int, t: float, ray: Floats32, bodies: Bodies, room: Room) -> None:
-    """Colour (3,) of ellipsoid p where a sight line meets it at depth t."""
+    """Colour (3,) of ellipsoid p where a line of sight meets it at depth t."""
     rx, ry, rz = ray[0], ray[1], ray[2]
     x, y, z = room.origin[0] + t * rx, room.origin[1] + t * ry, room.origin[2] + t * rz
     a, centre = bodies.axes[p], bodies.centre[p]
@@ -148,8 +148,8 @@ def resolve_into(
 ) -> None:
     """Paint what `trace_into` found, count what is visible of each body, and restore the buffers.
 
-    `visible` (n, 5) is like `extent`, for the sight lines that end on the body.  An
-    ellipsoid is shaded once in a pixel, on the first of its sight lines.
+    `visible` (n, 5) is like `extent`, for the lines of sight that end on the body.  An
+    ellipsoid is shaded once in a pixel, on the first of its lines of sight.
     """
     colour = np.zeros(3)
     for k in range(extent.shape[0]):
@@ -177,7 +177,7 @@ def resolve_into(
 
 @kernel
 def count_into(bounds: Ints, row: int, col: int) -> None:
-    """Widen (5,) left, top, right, bottom, count by a sight line of a pixel."""
+    """Widen (5,) left, top, right, bottom, count by a line of sight of a pixel."""
     bounds[0] = min(bounds[0], col)
     bounds[1] = min(bounds[1], row)
     bounds[2] = max(bounds[2], col)
@@ -254,8 +254,8 @@ def finish_into(
     Args:
         out: (H, W, 3) the frame.
         image: (H, W, 3) light.
-        noise: (N,) standard normal numbers; a row of the image takes two stretches of them.
-        starts: (H, 2) where the stretches of each row start, at most N - 3 W.
+        noise: (N,) standard normal numbers; a row of the image takes two sections of them.
+        starts: (H, 2) where the sections of each row start, at most N - 3 W.
         gain: factor of the light.
         common: standard deviation of the noise that is the same in the three colours.
         single: standard deviation of the noise of each colour alone.

@@ -1,9 +1,9 @@
 """True paths to video: what cameras in a textured room see of the people who walk in it.
 
-Bodies are ellipsoids drawn by casting sight lines, so that any camera pose and lens
+Bodies are ellipsoids drawn by casting lines of sight, so that any camera pose and lens
 distortion, people in front of others and behind walls and pillars come out right.
 
-What the targets look like: appearance histograms of their bodies rendered alone, for the detector.
+What the targets resemble: appearance histograms of their bodies rendered alone, for the detector.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from .frame import Canvas, RenderedFrame, bare_canvas, canvas, draw
 from .surfaces import lamps
 
 NOISE = 1 << 22
-"""Numbers drawn once for the sensor noise; every row of every frame takes a stretch at random."""
+"""Numbers drawn once for the sensor noise; every row of every frame takes a section at random."""
 PERSON = 0.5
 """Width of a person [m]."""
 
@@ -80,7 +80,7 @@ def render(
 
     Args:
         scene: room, static occluders and cameras.
-        truth_chunks: true paths of everybody, in time order, as tables or grids; people face and step where they go.
+        truth_chunks: true paths of all people, in time order, as tables or grids; people face and step where they go.
         config: noise, light, clothes.
         seed: of all random numbers.
 
@@ -136,7 +136,7 @@ def _checked(camera: Camera) -> Camera:
 
 
 def _clothes(ids: NDArray[np.int64], target: NDArray[np.bool_], config: RenderConfig, seed: int) -> Clothes:
-    """What the objects wear: it depends on seed and number only (where some look alike, on who is a target too)."""
+    """What the objects wear: it depends on seed and number only (where some look similar, on who is a target too)."""
     targets = ids[target].tolist()
     worn = []
     for number, is_target in zip(ids.tolist(), target.tolist(), strict=True):
@@ -240,7 +240,7 @@ def reference_appearances(
 
 
 def _view(scene: Scene, metre: float, angle: float) -> tuple[Canvas, Floats]:
-    """A camera that looks from a distance at the place under the first lamp, and that place (2,)."""
+    """A camera that looks from a distance at the position under the first lamp, and that position (2,)."""
     lights = lamps(scene.surroundings, scene.room_height)
     place = lights[0, :2]
     width, height = SIZE

@@ -1,4 +1,4 @@
-"""The empty room as a camera sees it: colours, depths and sight lines of every pixel, computed once."""
+"""The empty room as a camera sees it: colours, depths and lines of sight of every pixel, computed once."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from . import surfaces as texture
 from .surfaces import AMBIENT, lamps, light_at, shade_into
 
 SAMPLES = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
-"""Places in a pixel at which sight lines are cast, against jagged edges."""
+"""Positions in a pixel at which lines of sight are cast, against jagged edges."""
 
 SKY = np.array([212.0, 196.0, 178.0])
 NOTHING, FLOOR, CEILING, FACES = -1, 0, 1, 2
-"""What a sight line hits: nothing, floor, ceiling; face k is FACES + k, cap k follows after the faces."""
+"""What a line of sight hits: nothing, floor, ceiling; face k is FACES + k, cap k follows after the faces."""
 
 LAMP_SPREAD = 0.12
 """Half the width of a lamp, in metres."""
@@ -49,7 +49,7 @@ class Background(NamedTuple):
     """The view of the empty room."""
 
     colour: Floats32  # (H, W, 3) BGR
-    depth: Floats32  # (H, W, 4) distance along the optical axis to what each sight line hits
+    depth: Floats32  # (H, W, 4) distance along the optical axis to what each line of sight hits
     rays: Floats32  # (H, W, 4, 3) directions with unit forward component
     floor: Floats32  # (H, W, 3) x, y on the floor in the pixel's middle, and the share of the pixel that is floor
     lamp: Floats32  # (H, W, L) light of each lamp on the floor there, without shadows
@@ -66,7 +66,7 @@ def cast(
     starts: Ints,
     heights: Floats,
 ) -> tuple[Floats, Ints]:
-    """Nearest hits of (N, 3) sight lines: distance in units of the ray, infinite for none, and what is hit."""
+    """Nearest hits of (N, 3) lines of sight: distance in units of the ray, infinite for none, and what is hit."""
     cx, cy, cz = origin[0], origin[1], origin[2]
     t_out = np.full(rays.shape[0], np.inf)
     hit = np.full(rays.shape[0], -1, dtype=np.int64)
@@ -139,7 +139,7 @@ def _sides(polygon: Floats, height: float, ground: Floats, inner: bool) -> list[
 
 
 def background(scene: Scene, camera: Camera, metre: float, contrast: float = 1.0) -> Background:
-    """The view of the empty room by one camera, with four sight lines a pixel."""
+    """The view of the empty room by one camera, with four lines of sight a pixel."""
     solid = solid_scene(scene, camera, metre, contrast)
     out = blank(camera, len(solid.lights))
     height = out.depth.shape[0]
@@ -149,7 +149,7 @@ def background(scene: Scene, camera: Camera, metre: float, contrast: float = 1.0
 
 
 def blank(camera: Camera, n_lights: int) -> Background:
-    """The view of nothing: black, infinitely far, no floor; with the camera's sight lines."""
+    """The view of nothing: black, infinitely far, no floor; with the camera's lines of sight."""
     if camera.image_size is None:
         raise ValueError(f"camera {camera.name} has no image size")
     width, height = camera.image_size
@@ -167,7 +167,7 @@ def blank(camera: Camera, n_lights: int) -> Background:
 
 
 def _sight_lines(camera: Camera, top: int, bottom: int, width: int) -> Floats:
-    """(rows * width * 4, 3) sight lines through the pixels of some rows."""
+    """(rows * width * 4, 3) lines of sight through the pixels of some rows."""
     v, u = np.mgrid[top:bottom, 0:width].astype(np.float64)
     pixels = np.stack([np.stack([u + du, v + dv], axis=-1) for du, dv in SAMPLES], axis=2)
     return camera.rays(pixels.reshape(-1, 2))
@@ -210,7 +210,7 @@ def floor_into(floor: Floats32, lamp: Floats32, share: Floats, rays: Floats, ori
 
 
 def surface_colours(origin: Floats, rays: Floats, t: Floats, hit: Ints, solid: Solid) -> Floats:
-    """(N, 3) lit colours of what the sight lines hit; the sky where they hit nothing."""
+    """(N, 3) lit colours of what the lines of sight hit; the sky where they hit nothing."""
     colour = np.tile(SKY, (len(rays), 1))
     normals = np.zeros((len(rays), 3))
     points = origin + np.where(np.isfinite(t), t, 0.0)[:, None] * rays

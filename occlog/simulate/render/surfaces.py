@@ -1,6 +1,6 @@
 """Procedural surfaces of the rendered room: floor, walls, ceiling, pillars.
 
-Colours are BGR, 0 to 255, before lighting; places are in metres.  `contrast` scales
+Colours are BGR, 0 to 255, before lighting; positions are in metres.  `contrast` scales
 everything that makes a surface other than plain: 1 is usual, 0 leaves plain paint.
 
 Light of the rendered room: an even part and two lamps under the ceiling, with shadows of walls and pillars.
@@ -47,7 +47,7 @@ def hashed(i: Ints, j: Ints, seed: int) -> Floats:
 
 @kernel
 def smooth_noise(x: Floats, y: Floats, cell: float, seed: int) -> Floats:
-    """(N,) smooth noise in [-1, 1] whose grains are `cell` wide: hashed grid values, blended."""
+    """(N,) smooth noise in [-1, 1] with grains that are `cell` wide: hashed grid values, blended."""
     out = np.empty(x.shape[0])
     for n in range(x.shape[0]):
         i, j = math.floor(x[n] / cell), math.floor(y[n] / cell)
@@ -118,7 +118,7 @@ def ceiling_colour(x: Floats, y: Floats, contrast: float) -> Floats:
 AMBIENT = 0.55
 POWER = (0.6, 0.4)
 LAMP: Floats = np.array([(u, v) for u in (-1.0, -0.33, 0.33, 1.0) for v in (-1.0, -0.33, 0.33, 1.0)])
-"""Places of a lamp at which it is sampled."""
+"""Positions of a lamp at which it is sampled."""
 
 
 def lamps(region: Floats, height: float) -> Floats:
@@ -131,7 +131,7 @@ def lamps(region: Floats, height: float) -> Floats:
     grid = np.array([low + (high - low) * (u, v) for u in steps for v in steps])
     clear = np.array([distance_to_boundary(x, y, region) if point_inside(x, y, region) else -1.0 for x, y in grid])
     size = float(np.hypot(*(high - low)))
-    clear = np.round(clear / size, 9)  # the first of equally good places, whatever the unit of length
+    clear = np.round(clear / size, 9)  # the first of equally good positions, whatever the unit of length
     first = grid[np.argmax(clear)]
     away = np.round(np.hypot(*(grid - first).T) / size, 9)
     second = grid[np.argmax(np.where(clear > 0, np.minimum(away, 3.0 * clear), -1.0))]

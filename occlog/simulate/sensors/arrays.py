@@ -1,6 +1,6 @@
 """True paths to the directions of arrival that microphone arrays report.
 
-When sources sound, and which of them a microphone array cannot tell apart.
+When sources sound, and which of them a microphone array cannot distinguish.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def merge_near(to: Floats, known: Bools, heard: Bools, resolution: float, planar
     Sources nearer to each other than the resolution are one, and so are all that hang together
     by such pairs (single linkage).  Their direction is the mean of their unit vectors: they are taken
     to be of equal power.  "Nearer" is along the arc, or in azimuth where the array is planar or
-    the height of one of the two is not known.  The first of them stands for all.
+    the height of one of the two is not known.  The first of them represents all.
 
     Args:
         to: (T, n, 3) from the array to each source, z 0 where it is not known.
@@ -220,7 +220,7 @@ def _report(
 
     Args:
         sensor: the array.
-        look: T times with the places of all objects.
+        look: T times with the positions of all objects.
         columns: (n,) which of the objects are targets.
         ids: numbers of all objects.
         sounds: (T, n) whether each target sounds.

@@ -27,7 +27,7 @@ class SimulatedCamera(NamedTuple):
     """A camera with what stays the same for all its frames."""
 
     camera: Camera
-    walls: tuple[Floats, ...]  # (K, 2) polygons that no sight line crosses
+    walls: tuple[Floats, ...]  # (K, 2) polygons that no line of sight crosses
     true_ground: Floats  # (2,) where the camera really is
     true_yaw: float  # [rad]
     noise: np.random.Generator  # of the readings
@@ -42,7 +42,7 @@ def observe(
     Each camera delivers frames at its own rate from the first time of the truth on, or at
     every time of the truth if it has none.  Times are world times (a camera's clock is
     taken to be corrected).  `sigma_px` is the camera's read noise; `sigma` is the angle
-    that belongs to [Ercan] Eq. 2 with all its parts at the target's true place, which a real
+    that belongs to [Ercan] Eq. 2 with all its parts at the target's true position, which a real
     camera could not know exactly.
 
     Args:
@@ -79,7 +79,7 @@ def _simulated_camera(scene: Scene, camera: Camera, number: int, config: Observe
 
 
 def visible(camera: Camera, walls: tuple[Floats, ...], xyz: Floats, k: int, diameter: float) -> Bools:
-    """(T,) bool: whether the camera sees object k of the (T, n, 3) places; an absent object is not seen."""
+    """(T,) bool: whether the camera sees object k of the (T, n, 3) positions; an absent object is not seen."""
     xy = xyz[:, k, :2]
     # In front of the camera, in its field of view and range
     seen: Bools = in_view(*planar_offsets(xy, camera.ground, camera.yaw), camera.fov, camera.range)
@@ -117,11 +117,11 @@ def _report_target(
 
     Args:
         sensor: the camera.
-        look: T times with the places of all objects.
-        k: column of the object among those places.
+        look: T times with the positions of all objects.
+        k: column of the object among those positions.
         target: its number.
         noise: (T,) standard normal numbers.
-        chance: (T, 3) uniform numbers in [0, 1): of a miss, of a false alarm, and its place in the image.
+        chance: (T, 3) uniform numbers in [0, 1): of a miss, of a false alarm, and its position in the image.
         config: noise and losses.
     """
     camera = sensor.camera

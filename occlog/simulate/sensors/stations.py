@@ -55,8 +55,8 @@ def observe_readers(
     """Simulate what the readers of a scene read of the targets, each of which carries a tag of its number.
 
     A reader looks at its own rate, or at every step.  It reads a tag within its `range` on the floor with the
-    probability `detection` and others with `stray`; where the scene says no range, any tag with `detection`.
-    Signals below `weakest` are not read.  The strength is that of the distance in space; a target whose height is
+    probability `detection` and others with `stray`; where the scene states no range, any tag with `detection`.
+    Signals below `weakest` are not read.  The strength is that of the distance in space; a target with a height that is
     not known is taken to carry its tag on the floor.  Walls and people do not weaken it but by the shadowing, which
     is of each reader and tag.
 
@@ -95,7 +95,7 @@ def _read(own: SimulatedReader, look: SensorFrames, xyz: Floats, ids: Ints, metr
     Args:
         own: the reader.
         look: its T times.
-        xyz: (T, n, 3) places of the targets at these times; NaN: not there.
+        xyz: (T, n, 3) positions of the targets at these times; NaN: not there.
         ids: (n,) their numbers.
         metre: in units of length.
         config: path loss and probabilities.
@@ -127,7 +127,7 @@ def _read(own: SimulatedReader, look: SensorFrames, xyz: Floats, ids: Ints, metr
 
 
 class Station(NamedTuple):
-    """A sensor with a place that measures distances, and its own random numbers."""
+    """A sensor with a position that measures distances, and its own random numbers."""
 
     name: str
     place: Floats  # (3,)
@@ -137,7 +137,7 @@ class Station(NamedTuple):
 
 
 def stations_of(scene: Scene, seed: int) -> list[Station]:
-    """Cameras and arrays that have a place, in the order of the scene; readers have reads of their own."""
+    """Cameras and arrays that have a position, in the order of the scene; readers have their own reads."""
     named = [(c.name, c.position) for c in scene.cameras if c.placed] + [(a.name, a.position) for a in scene.arrays]
     return [
         Station(
@@ -159,9 +159,9 @@ def stations_of(scene: Scene, seed: int) -> list[Station]:
 def observe_stations(
     scene: Scene, truth_chunks: Iterable[Truth | TimeGrid], config: MeasureConfig, radio: ReadConfig, seed: int
 ) -> Iterator[Measurements]:
-    """Simulate what the stations of a scene measure of the targets; `MeasureConfig` says how.
+    """Simulate what the stations of a scene measure of the targets; `MeasureConfig` states how.
 
-    Distances are in space; a target whose height is not known is on the floor.  A difference is of each station but the
+    Distances are in space; a target with unknown height is on the floor.  A difference is of each station but the
     first to the first.  Walls and people hide nothing: what they do is `measure_late`, the detours of signals.
 
     Args:
@@ -205,9 +205,9 @@ def _measured(
 
     Args:
         own: the station.
-        reference: name of the first station, and its place (3,); None: no difference to it is measured.
+        reference: name of the first station, and its position (3,); None: no difference to it is measured.
         look: its T times.
-        xyz: (T, n, 3) places of the targets at these times; NaN: not there.
+        xyz: (T, n, 3) positions of the targets at these times; NaN: not there.
         ids: (n,) their numbers.
         reach: largest distance in the scene, up to which false ranges are drawn.
         metre: in units of length.
@@ -260,6 +260,6 @@ def _measured(
 
 
 def _distance(xyz: Floats, place: Floats) -> Floats:
-    """(T, n) distances in space of (T, n, 3) places; those without a height are on the floor."""
+    """(T, n) distances in space of (T, n, 3) positions; those without a height are on the floor."""
     up = np.where(np.isnan(xyz[..., 2]), 0.0, xyz[..., 2]) - place[2]
     return np.asarray(np.sqrt((xyz[..., 0] - place[0]) ** 2 + (xyz[..., 1] - place[1]) ** 2 + up**2))

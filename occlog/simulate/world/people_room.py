@@ -1,13 +1,13 @@
 """A room in which people of one look walk about and hide one another, seen by two to six cameras.
 
 The cameras stand so far from the part that people walk in that all views hold them whole,
-and not in one line: then the views of any three of them say where a point is in the third.
+and not in one line: then the views of any three of them state where a point is in the third.
 
-Objects that walk to random places by potential fields: around each other, walls and people ([Lee] Sec. 5.2.2).
+Objects that walk to random positions by potential fields: around each other, walls and people ([Lee] Sec. 5.2.2).
 
 The total force gives the direction of a step, its length is constant, and noise is added as for `waypoints`.  The
 thesis turns away from what is straight ahead and no more; here a step that would bring an object closer than a diameter
-to another one, into a wall or out of the room is turned or left out, as `waypoints` does it.  So objects never overlap,
+to another one, into a wall or out of the room is turned or skipped, as `waypoints` does it.  So objects never overlap,
 never leave the room and never enter a static occluder.
 
 People of a recording walk where they walked.  An object does not step into them, but they may walk into it.
@@ -50,14 +50,14 @@ CAMERAS = (
     (13.9, 13.9, 3.0, 500.0),
     (7.0, 0.1, 2.4, 390.0),
 )
-"""Place x, y, z [m], and focal length [px] in images of 640 x 480."""
+"""Position x, y, z [m], and focal length [px] in images of 640 x 480."""
 HEIGHT = 0.9
 """Of the point in the middle of the room that all cameras look at [m]."""
 
 BODY = np.array([[x, y, z] for x in (-0.3, 0.3) for y in (-0.3, 0.3) for z in (0.0, 1.85)])
 """Corners of a box about a body, from where it stands [m]."""
 TRIES, DRAWN = 200, 500
-"""Searches for places at which nobody hides another, and places drawn in each."""
+"""Searches for positions at which nobody hides another, and positions drawn in each."""
 
 
 def people_room(views: int, size: tuple[int, int], rate_hz: float) -> Scene:
@@ -96,7 +96,7 @@ def _camera(number: int, size: tuple[int, int], rate_hz: float) -> Camera:
 
 
 def people_apart(scene: Scene, people: int, seed: int) -> Floats:
-    """(n, 2) places in the middle of the room at which nobody hides another from any camera.
+    """(n, 2) positions in the middle of the room at which nobody hides another from any camera.
 
     Args:
         scene: the room.
@@ -104,7 +104,7 @@ def people_apart(scene: Scene, people: int, seed: int) -> Floats:
         seed: of the search.
 
     Returns:
-        The places; InputError where none are found.
+        The positions; InputError where none are found.
     """
     rng = generator(seed, RandomStream.WORLD_START)
     for _ in range(TRIES):
@@ -116,13 +116,13 @@ def people_apart(scene: Scene, people: int, seed: int) -> Floats:
         if len(kept) == people:
             return places[kept]
     raise InputError(
-        f"people: no places found at which {people} people hide nobody from {len(scene.cameras)} cameras; "
+        f"people: no positions found at which {people} people hide nobody from {len(scene.cameras)} cameras; "
         "take fewer of either, or let them overlap in the first frame"
     )
 
 
 def _image_boxes(camera: Camera, places: Floats) -> Floats:
-    """(n, 4) left, top, right, bottom of bodies at places (n, 2)."""
+    """(n, 4) left, top, right, bottom of bodies at positions (n, 2)."""
     corners = np.column_stack([places, np.zeros(len(places))])[:, None] + BODY
     pixels = camera.project(corners.reshape(-1, 3)).reshape(len(places), len(BODY), 2)
     return np.concatenate([pixels.min(axis=1), pixels.max(axis=1)], axis=1)
@@ -174,7 +174,7 @@ def walk_avoiding(
     """Move all objects by as many steps as there are draws.
 
     Returns:
-        The world after the last step, and the path (C, n, 2) with the places after each step.
+        The world after the last step, and the path (C, n, 2) with the positions after each step.
     """
     path = np.empty(draws.noise.shape)
     low = ground.room.min(axis=0)
@@ -205,7 +205,7 @@ def walk_avoiding(
 
 
 def _free(candidates: Floats, ground: Ground) -> Floats | None:
-    """The first of (K, 2) places where an object can be; None if there is none."""
+    """The first of (K, 2) positions where an object can be; None if missing."""
     for place in candidates:
         if place_free(place[0], place[1], ground):
             return np.asarray(place)
@@ -236,7 +236,7 @@ def _around(
 def _moved(
     xy: Floats, step: Floats, *, first: int, ground: Ground, diameter: float, moment: MovingObstacles | None
 ) -> Floats:
-    """(n, 2) places after steps (n, 2); each object in turn moves first, and none where it is not free."""
+    """(n, 2) positions after steps (n, 2); each object in turn moves first, and none where it is not free."""
     n, out = len(xy), xy.copy()
     people = np.empty((0, 2)) if moment is None else np.concatenate([moment.xy, moment.after])
     people = people[np.isfinite(people[:, 0])]

@@ -1,10 +1,10 @@
-"""Scripted targets to their true places: stretches of constant velocity, turns and accelerations.
+"""Scripted targets to their true positions: sections of constant velocity, turns and accelerations.
 
-A stretch is followed exactly, whatever the steps: a turn keeps its speed in the plane and
+A section is followed exactly, whatever the steps: a turn keeps its speed in the plane and
 turns at the rate lateral / speed ([Lee] Eqs. 2.13-2.14), an acceleration is a known input.
-Noise is that of white acceleration, gathered from step to step.
+Noise is that of white acceleration, collected from step to step.
 
-True paths as places on a grid of times.
+True paths as positions on a grid of times.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ def step_times(first: int, count: int, step_s: float) -> Ints:
 def simulate_paths(
     script: MotionScript, steps: int, step_s: float, z: float, start_ns: int, seed: int
 ) -> Iterator[TimeGrid]:
-    """True places of all scripted objects, chunk after chunk; NaN where one is not there.
+    """True positions of all scripted objects, chunk after chunk; NaN where one is not there.
 
     Args:
         script: the objects.
         steps: times simulated.
         step_s: between them [s].
-        z: height of objects whose own is not known; NaN: it stays so.
+        z: height of objects with unknown own; NaN: it stays so.
         start_ns: time of the first step.
         seed: of the noise; each object has its own random numbers.
 
@@ -61,7 +61,7 @@ def simulate_paths(
 
 
 def grid_truth(grid: TimeGrid) -> Truth:
-    """The table of the places on a grid; an object that is not there has no row."""
+    """The table of the positions on a grid; an object that is not there has no row."""
     step, column = np.nonzero(~np.isnan(grid.xyz[..., 0]))
     places = grid.xyz[step, column]
     return Truth.of(
@@ -101,7 +101,7 @@ def check_inside(scene: Scene, grid: TimeGrid, start_ns: int) -> None:
 
 
 def moved(state: Floats, segment: Segment, dt: float) -> Floats:
-    """(6,) place and velocity after dt seconds of one segment, without noise."""
+    """(6,) position and velocity after dt seconds of one segment, without noise."""
     out = state.copy()
     out[:3] += dt * state[3:]
     if any(segment.acceleration):
@@ -118,7 +118,7 @@ def moved(state: Floats, segment: Segment, dt: float) -> Floats:
 
 
 def _follow(target: ScriptedTarget, steps: int, step_s: float, z: float, rng: np.random.Generator) -> Iterator[Floats]:
-    """The (3,) place at every step; NaN where the target is not there."""
+    """The (3,) position at every step; NaN where the target is not there."""
     x, y, own_z = target.position
     state = np.array([x, y, z if math.isnan(own_z) else own_z, *target.velocity])
     begin, end = to_ns(target.from_s), math.inf if math.isinf(target.until_s) else to_ns(target.until_s)
@@ -171,7 +171,7 @@ def _noise(density: float, dt: float, rng: np.random.Generator) -> Floats:
 
 
 def truth_grid(truth: Truth | TimeGrid) -> TimeGrid:
-    """The (C, n, 3) places x, y, z in a table of truth; NaN where an object has no row.  A grid stays as it is."""
+    """The (C, n, 3) positions x, y, z in a table of truth; NaN where an object has no row.  A grid stays as it is."""
     if isinstance(truth, TimeGrid):
         return truth
     places = np.column_stack([truth.x, truth.y, truth.z])

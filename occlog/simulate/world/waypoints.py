@@ -128,7 +128,7 @@ def move_into(
 ) -> None:
     """Move object i by (ux, uy), in place; where that is not free, turn away step by step, or stay.
 
-    Directions are tried in the order of their angle to the wanted one, each with a whole
+    Directions are tried in the order of their angle to the requested one, each with a whole
     step, then half a step.  Of two equal angles, the one that leads away from the object
     in the way comes first (to the right if that is straight ahead), so that two objects
     that meet pass each other.
@@ -224,7 +224,7 @@ CANDIDATES = 8
 """Destinations drawn for each object and step; the first one that is free is taken if one is needed."""
 
 ATTEMPTS = 20_000
-"""Places tried for each object before the room is called full."""
+"""Positions tried for each object before the room is called full."""
 
 
 class WaypointState(NamedTuple):
@@ -244,9 +244,9 @@ class WaypointNoise(NamedTuple):
 
 
 def populate(n: int, ground: Ground, diameter: float, rng: np.random.Generator) -> WaypointState:
-    """Put `n` objects at random free places, at least a diameter apart, each with a random destination.
+    """Put `n` objects at random free positions, at least a diameter apart, each with a random destination.
 
-    ValueError says how many were placed when the room is too full.
+    ValueError states how many were placed when the room is too full.
     """
     xy = np.empty((n, 2))
     for i in range(n):
@@ -263,7 +263,7 @@ def _free_place(ground: Ground, taken: Floats, diameter: float, rng: np.random.G
         far = not len(taken) or bool(np.min(np.sum((taken - place) ** 2, axis=1)) >= diameter**2)
         if far and place_free(place[0], place[1], ground):
             return place
-    raise ValueError(f"no free place found after {len(taken)} objects of diameter {diameter:g}")
+    raise ValueError(f"no free position found after {len(taken)} objects of diameter {diameter:g}")
 
 
 def _bounds(room: Floats) -> tuple[Floats, Floats]:
@@ -277,7 +277,7 @@ def walk(
     """Move all objects by as many steps as there are draws.
 
     Returns:
-        The world after the last step, the path (C, n, 2) with the places after each step,
+        The world after the last step, the path (C, n, 2) with the positions after each step,
         and (C, n) bool: which objects took a new destination in that step.
     """
     low, size = _bounds(ground.room)

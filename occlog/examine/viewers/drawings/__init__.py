@@ -1,1 +1,1 @@
-"""What is drawn in the world and over images: people, sensors, sight lines, what does not move."""
+"""Drawings in the world and over images: people, sensors, lines of sight, what does not move."""

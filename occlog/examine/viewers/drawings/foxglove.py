@@ -34,7 +34,7 @@ GROUND: Rgba = (0.06, 0.06, 0.06, 0.7)
 def scene_update(things: Iterable[DrawingGroup], t_ns: int, frame: str) -> bytes:
     """A `foxglove.SceneUpdate` that shows these things and nothing else of its topic.
 
-    Each message says all: what was drawn before goes, so that a jump in time shows the same as playing up to it.
+    Each message states all: what was drawn before goes, so that a jump in time shows the same as playing up to it.
 
     Args:
         things: in metres.
@@ -66,7 +66,7 @@ def _colour(place: object, colour: Rgba) -> None:
 
 
 def _place(pose: Pose, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> None:
-    pose.position.SetInParent()  # the schema wants it said even at the origin
+    pose.position.SetInParent()  # the schema requires it said even at the origin
     pose.position.x, pose.position.y, pose.position.z = x, y, z
     pose.orientation.w = 1.0
 
@@ -142,12 +142,12 @@ MOST, FEWEST = 400, 8
 MAX_OF_ALL = 40_000
 """Points of the lines of one message, as far as each has `FEWEST`: shadows of a crowd have thousands of edges."""
 DEPTH = 0.4
-"""Of the plane on which what is drawn over an image stands before its camera [m]."""
+"""Of the plane on which the drawing over an image stands before its camera [m]."""
 PLACED = np.dtype([("xyz", "<f4", 3), ("rgba", "u1", 4)])
 
 
 def point_cloud(things: Iterable[DrawingGroup], t_ns: int, frame: str) -> bytes:
-    """A `foxglove.PointCloud` along the lines and edges of things [m], then of their dots; words are left out."""
+    """A `foxglove.PointCloud` along the lines and edges of things [m], then of their dots; words are skipped."""
     things = list(things)
     cut = iter(_cut([line for thing in things for line in thing.lines], DASH))
     ways: list[Floats] = []

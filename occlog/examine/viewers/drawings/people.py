@@ -30,7 +30,7 @@ from occlog.records.scene import Camera
 from occlog.records.tables import Boxes, Diagnostics, Tracks, Truth, TruthBoxes, Views, ViewTracks
 
 HEIGHT, WIDTH = 1.7, 0.5
-"""Of a person whose size the tracks do not tell [m]."""
+"""Of a person whose size the tracks do not determine [m]."""
 TRAIL_NS, TRAIL_POINTS = 5 * NS, 60
 """How long a trail is; points of it that are drawn."""
 STALE_NS = NS
@@ -55,7 +55,7 @@ class PersonEstimate:
     height: float
     width: float
     seen_by: frozenset[str] | None  # None: not known
-    doubt: str  # why it is not to be believed
+    doubt: str  # why it is not reliable
 
     @property
     def unsure(self) -> bool:
@@ -64,7 +64,7 @@ class PersonEstimate:
 
     @cached_property
     def rim(self) -> Floats | None:
-        """(k, 2) around the 95 % ellipse of its place; None where that is not known."""
+        """(k, 2) around the 95 % ellipse of its position; None where that is not known."""
         return rim(self.xy, self.covariance) if np.isfinite(self.covariance).all() else None
 
     @cached_property
@@ -94,7 +94,7 @@ class Palette:
 
 
 class DiagnosticsDrawing:
-    """What a filter last said of each target, of which its tracks say nothing: who sees it, and what is doubtful."""
+    """What a filter last said of each target, of which its tracks say nothing: who sees it, and what is uncertain."""
 
     def __init__(self) -> None:
         """Nothing yet."""
@@ -106,7 +106,7 @@ class DiagnosticsDrawing:
         for k, target in enumerate(rows.target_id.tolist()):
             self.doubt[target] = str(rows.doubt[k]) or str(rows.fallback[k])
             names = frozenset(filter(None, str(rows.seen_by[k]).split(",")))
-            # Some methods do not say which sensors saw the target
+            # Some methods do not state which sensors saw the target
             self.seen_by[target] = names if names or not rows.n_seen[k] else None
 
 
@@ -116,7 +116,7 @@ def people_of(rows: Tracks, metres: float, said: DiagnosticsDrawing | None = Non
     Args:
         rows: of tracks, one a target.
         metres: length of the unit of the rows.
-        said: by the filter of its targets, where the rows do not say; None: nothing.
+        said: by the filter of its targets, where the rows do not state; None: nothing.
     """
     said = DiagnosticsDrawing() if said is None else said
     wide = rows if isinstance(rows, PeopleTracks) else None
@@ -128,7 +128,7 @@ def people_of(rows: Tracks, metres: float, said: DiagnosticsDrawing | None = Non
         if wide is not None:
             height, width = metres * float(wide.height[k]), metres * float(wide.width[k])
             doubt = str(wide.doubt[k]) or doubt
-            # A method that follows everybody says of each row who saw it
+            # A method that follows everybody states about each row who saw it
             if not np.isnan(wide.existence[k]):
                 seen = frozenset(filter(None, str(wide.seen_by[k]).split(",")))
         out.append(
@@ -182,7 +182,7 @@ class PeopleDrawing:
         return np.asarray(points[keep])
 
     def in_space(self, t_ns: int) -> list[DrawingGroup]:
-        """What is drawn in space at a time."""
+        """Drawings in space at a time."""
         return [self._in_space(person) for person in self.at(t_ns)]
 
     def _in_space(self, person: PersonEstimate) -> DrawingGroup:
@@ -217,7 +217,7 @@ class PeopleDrawing:
 
 
 def name_of(person: PersonEstimate) -> str:
-    """Its number, with a question mark where it is in doubt."""
+    """Its number, with a question mark where it is ambiguous."""
     return f"{person.target}?" if person.doubt else str(person.target)
 
 
@@ -250,7 +250,7 @@ def body_in_image(person: PersonEstimate, camera: Camera, metres: float) -> Floa
 
 
 def feet_in_image(person: PersonEstimate, camera: Camera, metres: float) -> Floats | None:
-    """(k, 2) the 95 % ellipse of the place on the floor as the camera sees it [px]; None where it does not."""
+    """(k, 2) the 95 % ellipse of the position on the floor as the camera sees it [px]; None where it does not."""
     if person.rim is None or not camera.above_floor:
         return None
     pixels = camera.project(at_height(person.rim, person.floor) / metres)
@@ -286,7 +286,7 @@ def boxes_in_image(rows: Boxes | Views | TruthBoxes) -> list[DrawingGroup]:
         rows = rows.take(rows.box >= 0)
     box = np.column_stack([rows.left_px, rows.top_px, rows.left_px + rows.width_px, rows.top_px + rows.height_px])
     hidden = rows.visible < HIDDEN if isinstance(rows, TruthBoxes) else np.zeros(len(rows), dtype=np.bool_)
-    # The edges are those of pixels, whose centres are at whole numbers
+    # The edges are those of pixels, with centres at whole numbers
     lines = [
         Polyline(corners(b), WHITE if true else GREY, 1.0, bool(h)) for b, h in zip(box, hidden.tolist(), strict=True)
     ]

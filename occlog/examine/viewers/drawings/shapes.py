@@ -1,4 +1,4 @@
-"""What is drawn in the world and over images, before it is coded for a viewer.
+"""Drawings in the world and over images, before it is coded for a viewer.
 
 Many ways through points at once: dashes of them, and points close together along them.
 
@@ -246,7 +246,7 @@ def _between(group: EqualLengthPolylines, counts: Ints, wanted: Floats) -> Float
 
 
 def _passed(along: Floats, counts: Ints, wanted: Floats) -> Ints:
-    """(n,) how many points of its way lie behind each distance, the first left out."""
+    """(n,) how many points of its way lie behind each distance, the first skipped."""
     if along.shape[1] == 2:
         return (wanted >= np.repeat(along[:, 1], counts)).astype(np.int64)
     parts = np.split(wanted, np.cumsum(counts)[:-1])

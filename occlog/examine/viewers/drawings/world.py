@@ -2,7 +2,7 @@
 
 Where sensors are and how cameras see, as messages of Foxglove.
 
-What sensors look at: sight lines, which cameras were selected, and what people hide from cameras.
+What sensors look at: lines of sight, which cameras were selected, and what people hide from cameras.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def world_of(scene: Scene | None) -> str:
 
 
 def placed(scene: Scene) -> list[Camera | MicrophoneArray]:
-    """The sensors whose poses are known."""
+    """The sensors with known poses."""
     return [*(camera for camera in scene.cameras if camera.placed), *scene.arrays]
 
 
@@ -76,7 +76,7 @@ def frame_transforms(scene: Scene, t_ns: int, metres: float) -> bytes:
 def camera_calibration(camera: Camera, size: tuple[int, int], t_ns: int) -> bytes:
     """A `foxglove.CameraCalibration` for images of `size` (width, height).
 
-    The model of distortion that viewers do not know (`tsai`) is left out: what they project themselves is then
+    The model of distortion that viewers do not know (`tsai`) is skipped: what they project themselves is then
     off towards the edges of images.
     """
     fx, fy = camera.focal_px.tolist()
@@ -216,9 +216,9 @@ def shadows(eyes: Floats, bases: Floats, heights: Floats, room: Polygon | None) 
 
 
 MIDDLE = 0.5
-"""Sight lines end at this share of a person's height."""
+"""Lines of sight end at this share of a person's height."""
 UNKNOWN_REACH = 8.0
-"""Length of a sight line that is of no target whose place is known [m]."""
+"""Length of a line of sight that is of no target with known position [m]."""
 MARK = 0.3
 """Diameter of the mark of a camera that was selected [m]."""
 _TURNS = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
@@ -236,9 +236,9 @@ class SightDrawing:
         self._walls = walls(scene, metres)
 
     def lines(self, sensor: str, targets: Sequence[int], azimuths: Sequence[float]) -> list[DrawingGroup] | None:
-        """Sight lines of one sensor and time.
+        """Lines of sight of one sensor and time.
 
-        They end at the target; a dashed grey one leads to a target that the sensor looked for and did not see.
+        They end at the target; a dashed grey one leads to a target that the sensor searched for and did not see.
 
         Args:
             sensor: its name.
@@ -306,7 +306,7 @@ def _missed(eye: Floats, person: PersonEstimate | None) -> Polyline | None:
 
 
 def moving_occluders(middles: Floats, covariances: Floats, metres: float) -> list[DrawingGroup]:
-    """Ellipses of moving occluders as the tracker was told.
+    """Ellipses of moving occluders as the tracker was given.
 
     Args:
         middles: (n, 2).

@@ -44,7 +44,7 @@ def to_texts(values: pa.Array, where: str, longest: int | None = None) -> String
         longest: characters that a text may have; None: as many as fit into an array of these rows.
 
     Raises:
-        InputError: a text is too long for so many rows, or a row refers to one that is not there.
+        InputError: a text is too long for this many rows, or a row refers to one that is not there.
     """
     coded = values if pa.types.is_dictionary(values.type) else values.dictionary_encode()
     texts = ["" if text is None else str(text) for text in coded.dictionary.to_pylist()]
@@ -142,7 +142,7 @@ def to_arrow(table: ColumnTable, schema: pa.Schema) -> pa.Table:
 
 
 def from_arrow(batch: pa.RecordBatch | pa.Table, table: type[T]) -> T:
-    """Record of an Arrow batch whose columns have been checked; optional ones may be left out."""
+    """Record of an Arrow batch with columns that have been checked; optional ones may be skipped."""
     told = [c for c in table.columns() if c.name in batch.schema.names]
     return table.of(**{c.name: _column_from_arrow(c, batch.column(c.name)) for c in told})
 

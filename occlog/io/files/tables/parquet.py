@@ -1,6 +1,6 @@
-"""Reads tables from Parquet, with the check sums of pages and of what the footer says verified.
+"""Reads tables from Parquet, with the check sums of pages and of what the footer states verified.
 
-What the header of a table says without its rows: name, units, columns, times, and how it was made.
+What the header of a table states without its rows: name, units, columns, times, and how it was made.
 
 Vectors in rows, each of which takes as much as the longest: a file may have one of a million numbers among many.
 """
@@ -37,7 +37,7 @@ BYTES_PER_NUMBER = 8
 
 
 def in_parts(path: Path, size: int, batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
-    """The batches in parts of so many rows that none takes much memory.
+    """The batches in parts of this many rows that none takes much memory.
 
     Args:
         path: the file that they are of.
@@ -97,7 +97,7 @@ def open_parquet(path: Path) -> Iterator[SizedFile]:
     """A Parquet file, with the check sums of its pages verified when they are read.
 
     Raises:
-        InputError: the check sum of what its footer says is wrong, or the footer states more than a file of its size
+        InputError: the check sum of what its footer states is wrong, or the footer states more than a file of its size
             can hold, so that reading it would fill the memory.
         pyarrow.ArrowException, OSError: it is damaged.
     """
@@ -116,7 +116,7 @@ def open_parquet(path: Path) -> Iterator[SizedFile]:
 
 
 def statements_of(file: pq.ParquetFile) -> dict[bytes, bytes]:
-    """What a table says of itself: entries of its schema, replaced by those that were added after the last row."""
+    """What a table states about itself: entries of its schema, replaced by those that were added after the last row."""
     return {**(file.schema_arrow.metadata or {}), **(file.metadata.metadata or {})}
 
 
@@ -174,7 +174,7 @@ def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterat
 
 
 def _check_beside(held: T | None, chunk: T) -> T:
-    """Look for copies of rows of one time in several chunks; returns those of the last time, for the chunks behind."""
+    """Search for copies of rows of one time in several chunks; returns those of the last time, for the chunks behind."""
     times: Ints = chunk.t_ns  # type: ignore[attr-defined]
     last = chunk.take(slice(int(np.searchsorted(times, times[-1])), None))
     if held is None or held.t_ns[0] != times[0]:  # type: ignore[attr-defined]
@@ -257,7 +257,7 @@ def arrow_batches(path: Path, rows: int = ROWS_PER_GROUP) -> Iterator[pa.RecordB
 
 
 class TableHeader(NamedTuple):
-    """What a table says of itself: its name, the unit of its lengths, and how it was made."""
+    """What a table states about itself: its name, the unit of its lengths, and how it was made."""
 
     table: str
     length_unit: str
@@ -292,7 +292,7 @@ class TableDescription(TypedDict):
     version: int  # of the schema; 0: not stated
     rows: int
     length_unit: str
-    columns: list[dict[str, str]]  # name, type, and what the file says of it
+    columns: list[dict[str, str]]  # name, type, and what the file states about it
     time_ns: list[int] | None  # first and last time; None: not stated
     provenance: dict[str, Any]
 
@@ -332,7 +332,7 @@ def first_rows(path: Path, rows: int) -> dict[str, list[object]]:
 
 
 def _time_span(file: SizedFile) -> list[int] | None:
-    """First and last time: rows stand in the order of time."""
+    """First and last time: rows are in the order of time."""
     if not len(file.schema_arrow) or not pa.types.is_int64(file.schema_arrow.field(0).type):
         return None  # times of another program
     groups = [n for n in range(file.num_row_groups) if file.metadata.row_group(n).num_rows]

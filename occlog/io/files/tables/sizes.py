@@ -37,7 +37,7 @@ FREE_STEPS, BYTES_PER_STEP = 2_000_000, 10
 """Bytes of any footer, without texts, and bytes of the file for each one more."""
 BYTES_PER_VALUE = 8
 HEAD_WINDOWS = (256, 1 << 24)
-"""Bytes in which a page header is looked for: most have 40 bytes, some have long statistics."""
+"""Bytes in which a page header is searched for: most have 40 bytes, some have long statistics."""
 END = struct.Struct("<I4s")
 """Last bytes of a file: length of the footer, and a magic number."""
 ENCRYPTED = "is encrypted (Parquet), and occlog takes no keys; write it again without encryption"
@@ -250,7 +250,7 @@ def _chunk(reader: CompactReader) -> Chunk:
                 reader.skip(kind)
     size, data, dictionary = found.values()
     if min(size, data) < 0 or not column:
-        raise MalformedError("a column without its name, its size or its place")
+        raise MalformedError("a column without its name, its size or its position")
     # A column without values has no data page, but a dictionary
     begin = dictionary if dictionary > 0 and (dictionary < data or not data) else data
     return Chunk(column, begin, begin + size)
@@ -266,7 +266,7 @@ class Page(NamedTuple):
 
 
 def read_page(data: bytes) -> Page:
-    """The page header that begins with the first byte; MalformedError if there is none."""
+    """The page header that begins with the first byte; MalformedError if missing."""
     reader, found, values = CompactReader(data, len(data)), dict[int, int](), 0
     for number, kind in reader.fields():
         if number in (PAGE_UNPACKED, PAGE_PACKED):

@@ -65,7 +65,7 @@ class TableWriter:
         return self
 
     def write(self, table: ColumnTable) -> None:
-        """Append rows; they are written in groups, so many small chunks cost no space."""
+        """Append rows; they are written in groups, this many small chunks cost no space."""
         self.rows += len(table)
         self._pending.append(table)
         self._pending_rows += len(table)
@@ -80,7 +80,7 @@ class TableWriter:
         self._pending, self._pending_rows, self._pending_bytes = [], 0, 0
 
     def annotate(self, provenance: Provenance) -> None:
-        """Replace the provenance by one that is known only after the last row (for example what was lost)."""
+        """Replace the provenance by one that is known only after the last row (for example the losses)."""
         if self._writer is not None:
             self._writer.add_key_value_metadata(statements(provenance, self._length_unit))
 

@@ -1,6 +1,6 @@
 """Files in formats that readers of plug-ins know: read as a text table with a header, wherever such tables are read.
 
-A reader is used for files whose names end as it says, if that is no ending of ours, or if the user names the reader.
+A reader is used for files with names that end as it states, if that is no ending of ours, or if the user names the reader.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ OURS = (
     *(".yaml", ".yml", ".ini", ".toml", ".npz", ".npy", ".mat", ".mcap", ".db3", ".bag", ".onnx", ".html", ".wav"),
     *(".tum", ".trc", ".geojson", ".mp4", ".avi", ".mkv", ".webm", ".mov", ".png", ".jpg", ".jpeg", ".bmp", ".tif"),
 )
-"""Endings of names for which no plug-in is looked for."""
+"""Endings of names for which no plug-in is searched for."""
 UNIT = "m"
 """Unit of lengths among the settings of readers."""
 
@@ -69,7 +69,7 @@ def named_reader(chosen: Chosen) -> Iterator[NamedReader]:
 
 
 def reader_of(path: Path) -> Chosen | None:
-    """The reader of a file; None where there is none, or the file is none of a plug-in's.
+    """The reader of a file; None if missing, or the file is none of a plug-in's.
 
     Raises:
         UsageError: several readers know such files.
@@ -105,7 +105,7 @@ def text_of(path: Path, what: str) -> str | None:
     """A file as text with a header line; None where no reader reads it.
 
     Raises:
-        InputError: the reader says that the file is damaged.
+        InputError: the reader states that the file is damaged.
         PluginError: the reader fails, or gives what no table can be.
     """
     chosen = reader_of(path)
@@ -142,7 +142,7 @@ def columns_of(chosen: Chosen, path: Path) -> dict[str, NDArray[np.generic]]:
 
 
 def fault_of(columns: object) -> str | None:
-    """What is wrong with what a reader gave back, in words; None: nothing."""
+    """Faults of what a reader gave back, in words; None: nothing."""
     if not isinstance(columns, Mapping):
         return f"read gives a {type(columns).__name__}; a mapping of names to columns was expected"
     if not columns:

@@ -38,7 +38,7 @@ FREE_LINES = 1_000_000
 """Lines that any gzip file may unpack to, and above that one for each of its bytes: rows of measured numbers take 3
 packed bytes or more."""
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
-"""Texts that a spreadsheet takes for a formula, and those that begin with the marks that say they are none."""
+"""Texts that a spreadsheet takes for a formula, and those that begin with the marks that state they are none."""
 _NUMBER = re.compile(r"^\s*[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\s*$")
 
 
@@ -47,7 +47,7 @@ COARSEST = 0.01
 
 
 def last_place(text: str) -> float:
-    """What the last digit of a number stands for, if that is above 1, as it is with an exponent alone; else 0."""
+    """What the last digit of a number represents, if that is above 1, as it is with an exponent alone; else 0."""
     try:
         value = Decimal(text.strip())
     except InvalidOperation:
@@ -75,7 +75,7 @@ BAD_LINES: ContextVar[Callable[[InputError], None] | None] = ContextVar("BAD_LIN
 
 @contextmanager
 def bad_lines_told_to(listener: Callable[[InputError], None]) -> Iterator[None]:
-    """Tell somebody of lines that are no rows, and read on meanwhile."""
+    """Tell a person of lines that are no rows, and read on meanwhile."""
     token = BAD_LINES.set(listener)
     try:
         yield
@@ -84,7 +84,7 @@ def bad_lines_told_to(listener: Callable[[InputError], None]) -> Iterator[None]:
 
 
 def _refuse(error: InputError) -> None:
-    """Raise the error, unless somebody wants to be told of it."""
+    """Raise the error, unless a person requires to be told of it."""
     listener = BAD_LINES.get()
     if listener is None:
         raise error
@@ -143,7 +143,7 @@ class CsvRows:
         return values
 
     def steps(self, name: str) -> Floats:
-        """(n,) what the last digit of each number with an exponent above 0 stands for; else 0."""
+        """(n,) what the last digit of each number with an exponent above 0 represents; else 0."""
         out, cells = np.zeros(len(self)), self.cells[name]
         for row in np.flatnonzero(np.char.find(np.char.lower(cells), "e") >= 0).tolist():
             out[row] = last_place(str(cells[row]))
@@ -214,7 +214,7 @@ def check_one_sensor(rows: CsvRows, column: str, given: str, label: str) -> None
         other = str(rows.cells[column][row])
         raise rows.fail(
             row,
-            f"is of {column} {other!r}, rows before of {label!r}, and the file is given as that of {given}; leave out "
+            f"is of {column} {other!r}, rows before of {label!r}, and the file is given as that of {given}; omit "
             f"{given}=, so that each has its own",
         )
 
@@ -251,7 +251,7 @@ def read_rows(
             raise InputError(f"{path}: line {line}: a header line was expected, not data; name the columns: {known}")
         names = _resolve(path, line, header, columns, ignored, ignore_extra)
         if isinstance(file, io.StringIO):
-            # Of a plug-in's table there are rows, and no lines that somebody could look at
+            # Of a plug-in's table there are rows, and no lines that a person could look at
             lines = ((number - line, cells) for number, cells in lines)
             yield from _chunks(path, lines, names, rows, "row")
             return
@@ -259,7 +259,7 @@ def read_rows(
 
 
 def read_plain(path: Path, what: str, *, rows: int = ROWS_PER_CHUNK) -> Generator[CsvRows, None, None]:
-    """Chunks of a text table without a header; columns are named `0`, `1`, ... by their place."""
+    """Chunks of a text table without a header; columns are named `0`, `1`, ... by their position."""
     with _open_text(path, what) as file:
         lines = _split(path, file)
         first = next(lines, None)
@@ -334,7 +334,7 @@ def _split(path: Path, file: TextIO) -> Iterator[tuple[int, list[str]]]:
                 reader = _delimiter(text)
             cells = _cells(text, reader)
             width = width or len(cells)
-            if reader == "\t" and len(cells) < width:  # tabs at the ends stand for cells without a value
+            if reader == "\t" and len(cells) < width:  # tabs at the ends represent cells without a value
                 cells = _cells(line.strip("\r\n"), reader)
             decimal = next((cell for cell in cells if _DECIMAL_COMMA.match(cell)), None) if reader == ";" else None
             if decimal is not None:

@@ -26,7 +26,7 @@ from occlog.records.names import first_double
 
 S = TypeVar("S", bound=msgspec.Struct)
 MAX_JSON_BYTES = 64_000_000
-"""Size of a JSON file that occlog or a person wrote; metrics may hold a value for each moment."""
+"""Size of a JSON file that occlog or a person wrote; metrics may hold a value for each time step."""
 
 
 FREE_VALUES, BYTES_PER_VALUE = 1_000_000, 12
@@ -43,7 +43,7 @@ def read_json(path: Path) -> dict[str, Any]:
     """The object in a JSON file; InputError names the line of what is wrong."""
     values = parse_json(read_configuration(path, "a JSON file", limit=MAX_JSON_BYTES), path, "a JSON file")
     if not isinstance(values, dict):
-        raise InputError(f"{path}: want a JSON object, got {type(values).__name__}")
+        raise InputError(f"{path}: expected a JSON object, got {type(values).__name__}")
     return values
 
 
@@ -52,12 +52,12 @@ def parse_json(text: str | bytes, where: Path | str, what: str) -> Any:
 
     Args:
         text: a whole text, as characters or in UTF-8.
-        where: the file, and the place in it.
+        where: the file, and the position in it.
         what: what was expected.
 
     Raises:
         InputError: it is not JSON, nested too deeply, has a key of an object twice, more objects than such a text can
-            have that says anything with them, or holds half of a pair of surrogates.
+            have that states anything with them, or holds half of a pair of surrogates.
     """
     objects = text.count(b"{") + text.count(b"[") if isinstance(text, bytes) else text.count("{") + text.count("[")
     check_number(objects, "objects and lists", len(text), where)
@@ -158,7 +158,7 @@ def parse_xml(text: str, path: Path) -> Element:
 
 
 def required(parent: Element, name: str, where: str) -> Element:
-    """The child of that name; InputError if there is none."""
+    """The child of that name; InputError if missing."""
     child = parent.find(name)
     if child is None:
         raise InputError(f"{where}: the part <{name}> is missing")

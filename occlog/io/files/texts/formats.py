@@ -13,7 +13,7 @@ part["x"]  # (n,) float64
 
 Formats of a family of files (boxes, calibrations, directions, truth), in one table each.
 
-A table `{name: FileFormat(read, doc, sniff)}` says how a format is recognised and what reads it; its order is that of
+A table `{name: FileFormat(read, doc, sniff)}` states how a format is recognised and what reads it; its order is that of
 recognition, from the most particular format to the least.  A new format is a module with both functions, and a line in
 the table of its family.
 """
@@ -53,7 +53,7 @@ class FormatColumn:
         most: largest value.
         above: value that all must exceed.
         unit: of the limits, for messages.
-        choices: texts that may stand in it; empty: any.
+        choices: texts that may be in it; empty: any.
         default: value of rows without one, where the column is missing or, but for texts, a cell is empty; None: every
             row must have one.
         blank: whether single cells may be empty where there is a default.

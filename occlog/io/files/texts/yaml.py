@@ -45,7 +45,7 @@ class _TooManyError(Exception):
 if yaml.__with_libyaml__:
 
     class _SafeLoader(Composer, yaml.cyaml.CParser, SafeConstructor, Resolver):  # type: ignore[name-defined,misc]
-        """Safe loader whose events are found by libyaml, in a sixth of the time; nodes can be counted as they come."""
+        """Safe loader with events that are found by libyaml, in a sixth of the time; nodes can be counted as they come."""
 
         def __init__(self, stream: str) -> None:
             """Begin to read a text."""
@@ -139,7 +139,7 @@ for _tag in ("tag:yaml.org,2002:opencv-matrix", "tag:yaml.org,2002:opencv-nd-mat
 def yaml_documents(text: str, where: Path | str, what: str) -> list[Any]:
     """The values of every document of a YAML text that another program wrote; InputError for anything else.
 
-    `%YAML:1.0`, as OpenCV 3 and 4 begin their files, is no directive of YAML and is left out.
+    `%YAML:1.0`, as OpenCV 3 and 4 begin their files, is no directive of YAML and is skipped.
     """
     body = re.sub(r"\A%YAML[^\n]*\n(---[^\n]*\n)?", "", text)
     try:
@@ -181,7 +181,7 @@ class _Constructor(_Loader):
         self._source = source
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
-        """The value of a node; InputError where a scalar is not what it looks like, such as a date 2001-99-99."""
+        """The value of a node; InputError where a scalar is not what it resembles, such as a date 2001-99-99."""
         try:
             return super().construct_object(node, deep)
         except FAILURES:
@@ -213,7 +213,7 @@ def _refuse_binary(path: Path, what: str) -> None:
 
 
 def lines_of(path: Path) -> dict[str, int]:
-    """Line of every value in a file that `read_yaml` takes, by its place: `$.track.set.sigma_v`, `$.cases[0]`."""
+    """Line of every value in a file that `read_yaml` takes, by its position: `$.track.set.sigma_v`, `$.cases[0]`."""
     node = compose_yaml(read_configuration(path, "YAML of occlog"), path, _Loader)
     return {} if node is None else dict(_lines(node, "$", str(path)))
 
@@ -222,7 +222,7 @@ def parse_yaml(text: str, source: str, kind: type[T]) -> T:
     """As `read_yaml`, from text; `source` names it in messages."""
     raw, lines = _values(text, source)
     if not isinstance(raw, dict):
-        raise InputError(f"{source}: want keys and values at the top level, got {type(raw).__name__}")
+        raise InputError(f"{source}: expected keys and values at the top level, got {type(raw).__name__}")
     try:
         return msgspec.convert(raw, kind, strict=True)
     except msgspec.ValidationError as error:
@@ -230,12 +230,12 @@ def parse_yaml(text: str, source: str, kind: type[T]) -> T:
 
 
 _KEPT: dict[str, tuple[Any, dict[str, int]]] = {}
-"""The last texts and what they say: a command opens a recording, and reads its scene, several times."""
+"""The last texts and what they state: a command opens a recording, and reads its scene, several times."""
 KEPT_TEXTS, KEPT_LENGTH = 8, 100_000
 
 
 def _values(text: str, source: str) -> tuple[Any, dict[str, int]]:
-    """The value of a text, and the line of every value in it by its place."""
+    """The value of a text, and the line of every value in it by its position."""
     known = _KEPT.get(text)
     if known is None:
         try:
@@ -291,7 +291,7 @@ def _check_finite(raw: object, place: str, lines: dict[str, int], source: str) -
 
 
 def _explain(message: str, raw: object, lines: dict[str, int], kind: type[T]) -> str:
-    """The library's message with line, readable place and the nearest valid key."""
+    """The library's message with line, readable position and the nearest valid key."""
     match = re.fullmatch(r"(.*?)(?: - at `(?:key in )?(\$.*)`)?", message, re.DOTALL)
     text, place = (match.group(1), match.group(2) or "$") if match else (message, "$")
     unknown = re.search(r"unknown field `([^`]*)`", text)

@@ -3,7 +3,7 @@
 Boxes in text tables: CSV with a header line, and MOTChallenge text without one.
 
 A MOTChallenge file holds one camera and has the columns frame (from 1), id, left, top, width, height, confidence; then
-class and visible share (truth of MOT16 to MOT20), or a place in the world that is not used.  -1 stands for what is not
+class and visible share (truth of MOT16 to MOT20), or a position in the world that is not used.  -1 represents what is not
 known.
 """
 
@@ -39,10 +39,10 @@ COLUMNS: dict[str, Sequence[str]] = {
     **TIME_COLUMNS,
 }
 CLASSES = ("class", "class_id", "class_name", "label", "category", "category_id", "name", "cls")
-"""Columns that say what a box shows, by number or by name; a table may have several."""
+"""Columns that state what a box shows, by number or by name; a table may have several."""
 IGNORED = ("visibility", "", "unnamed: 0", "area", "iscrowd", "segmentation", "segments", "keypoints")
 CLASS_KEYS = {f"class:{name}": (name,) for name in CLASSES}
-"""Columns of classes as `CsvRows` name them, so that none takes the place of another."""
+"""Columns of classes as `CsvRows` name them, so that none replaces another."""
 BOX = "box"
 """One column with all edges, as Ultralytics writes it (`{'x1': 1.0, ...}`); occlog's own tables number boxes in it."""
 EDGES = {"x1": "left", "y1": "top", "x2": "right", "y2": "bottom"}
@@ -54,7 +54,7 @@ SIZE_SLACK_PX = 1.5
 
 
 class BoxReadOptions(NamedTuple):
-    """What is stated beside a file of boxes.
+    """What is stated next to a file of boxes.
 
     Attributes:
         camera: the camera; None: the file names its cameras.
@@ -75,7 +75,7 @@ class BoxSource(NamedTuple):
         kind: the format, in words.
         listed: numbers of frames that it names, also those without a box; None: it names those with boxes only.
         cameras: labels of cameras that it names, also those without a box.
-        first_number: number of frame 0, where the format says it; None: it does not.
+        first_number: number of frame 0, where the format states it; None: it does not.
     """
 
     chunks: Iterator[CsvRows]
@@ -86,7 +86,7 @@ class BoxSource(NamedTuple):
 
 
 def disagree(size: Floats, near: Floats, far: Floats) -> Bools:
-    """(n,) boxes whose size is not what lies between their edges, which a file gives as well; NaN: one is not known.
+    """(n,) boxes with a size that is not what lies between their edges, which a file gives as well; NaN: one is not known.
 
     Columns `width` and `height` beside all four edges often are of the image.
     """
@@ -95,9 +95,9 @@ def disagree(size: Floats, near: Floats, far: Floats) -> Bools:
 
 
 def both_sizes(size: str, value: float, far: str, edge: str, near: float) -> str:
-    """What is said of a box of which `disagree` holds."""
+    """Description of a box of which `disagree` holds."""
     return (
-        f"{size} is {value:g}, but {far} is {edge} and the near edge {near:g}; is {size} of the image? Leave out one "
+        f"{size} is {value:g}, but {far} is {edge} and the near edge {near:g}; is {size} of the image? Omit one "
         "of the two columns"
     )
 
@@ -122,7 +122,7 @@ def rows_of(path: Path, records: Sequence[tuple[int, Mapping[str, str]]], place:
     Args:
         path: the file or folder.
         records: number of each in its file, from 1, and its cells by column.
-        place: what is numbered: `line`, `entry`.
+        position: what is numbered: `line`, `entry`.
         files: the file of each record; empty: all are in `path`.
 
     Raises:
@@ -154,14 +154,14 @@ def _csv(path: Path, camera: str | None, ignore_extra: bool) -> Iterator[CsvRows
 
 
 def _split_box(rows: CsvRows) -> CsvRows:
-    """The rows with edges of their own, where one column has them all."""
+    """The rows with their own edges, where one column has them all."""
     if not rows.has(BOX) or rows.has("left"):
         return rows
     cells: dict[str, list[str]] = {name: [] for name in EDGES.values()}
     for n, text in enumerate(rows.cells[BOX]):
         found = dict(_EDGE.findall(str(text)))
         if set(found) != set(EDGES):
-            raise rows.fail(n, f"box is {str(text)[:60]!r}; want {{'x1': ..., 'y1': ..., 'x2': ..., 'y2': ...}}")
+            raise rows.fail(n, f"box is {str(text)[:60]!r}; expected {{'x1': ..., 'y1': ..., 'x2': ..., 'y2': ...}}")
         for edge, name in EDGES.items():
             cells[name].append(found[edge])
     return replace(rows, cells={**rows.cells, **{name: np.array(column) for name, column in cells.items()}})

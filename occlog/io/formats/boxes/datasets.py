@@ -1,20 +1,20 @@
 """KITTI's text of tracked boxes in the images of one camera.
 
 A line is frame (from 0), identity, type, truncated, occluded, alpha, left, top, right, bottom, height, width and length
-of the object, its place and turn in the camera's frame, and perhaps a score.  What is not in the image is not used, nor
+of the object, its position and turn in the camera's frame, and perhaps a score.  What is not in the image is not used, nor
 are regions of the type `DontCare`, of which nobody said what they hold.
 
 Text of the annotation tool VATIC, as of the CAMPUS data set: boxes of one view, with identities.
 
 A line is identity, xmin, ymin, xmax, ymax, frame (from 0), lost, occluded, generated, and the label in quotes.  A box
-that is lost is outside the view and left out; one that is occluded or interpolated is there.
+that is lost is outside the view and skipped; one that is occluded or interpolated is there.
 
-WILDTRACK's annotations: a folder with one JSON file a frame, of people with a place and a box in each view.
+WILDTRACK's annotations: a folder with one JSON file a frame, of people with a position and a box in each view.
 
     [{"personID": 122, "positionID": 456826,
       "views": [{"viewNum": 0, "xmin": 1510, "ymin": 139, "xmax": 1561, "ymax": 288}]}]
 
-The number in a file's name is that of the frame (00000000, 00000005, ...).  View 0 is camera C1; -1 stands for a view
+The number in a file's name is that of the frame (00000000, 00000005, ...).  View 0 is camera C1; -1 represents a view
 in which the person is not.  A position p is a point of a grid: x = -3 m + 2.5 cm (p mod 480), y = -9 m + 2.5 cm (p div
 480), on the floor.
 
@@ -25,7 +25,7 @@ identity: `0 0.51 0.43 0.08 0.31 0.92 7`.  The last number in a file's name is t
 for a frame in which nothing was found.  Where a line has a sixth number only, it is an identity if these are whole
 numbers in the whole folder, else a confidence.  Key points of a pose (17 with x, y, visibility) are passed over.
 
-A folder without such files stands for its subfolders: one a camera, the files in it or in `labels/`.  `classes.txt`
+A folder without such files represents its subfolders: one a camera, the files in it or in `labels/`.  `classes.txt`
 names the classes, one a line from 0.
 """
 
@@ -127,7 +127,7 @@ def _vatic_chunks(path: Path) -> Iterator[CsvRows]:
         found = _LINE.match(line)
         if found is None:
             raise InputError(
-                f'{path}: line {number}: want id xmin ymin xmax ymax frame lost occluded generated "label"'
+                f'{path}: line {number}: expected id xmin ymin xmax ymax frame lost occluded generated "label"'
             )
         if found[2] == "0":
             cells = dict(zip(VATIC_COLUMNS, found[1].split(), strict=True))
@@ -231,7 +231,7 @@ def _person(file: Path, n: int, person: Any) -> AnnotatedPerson:
         found = {view["viewNum"]: [view[edge] for edge in EDGES] for view in views}
     except (TypeError, KeyError) as error:
         raise InputError(
-            f"{where}: has no {error}; want personID, positionID and views with {', '.join(EDGES)}"
+            f"{where}: has no {error}; expected personID, positionID and views with {', '.join(EDGES)}"
         ) from None
     numbers = [identity, position, *found, *(edge for edges in found.values() for edge in edges)]
     if not all(isinstance(v, int | float) and not isinstance(v, bool) for v in numbers):
@@ -249,7 +249,7 @@ def _person(file: Path, n: int, person: Any) -> AnnotatedPerson:
 
 
 def grid_places(position: Floats) -> tuple[Floats, Floats]:
-    """Places (x, y) [m] of points of the grid."""
+    """Positions (x, y) [m] of points of the grid."""
     return ORIGIN[0] + STEP * (position % ACROSS), ORIGIN[1] + STEP * (position // ACROSS)
 
 
@@ -342,7 +342,7 @@ def _camera(folder: Path, camera: str | None, files: dict[int, Path]) -> Iterato
 
 
 def _read(file: Path, frame: int) -> list[Line]:
-    """Lines of one file; it may be empty: looked, and saw nobody."""
+    """Lines of one file; it may be empty: looked, and saw no person."""
     if file.is_file() and file.stat().st_size == 0:
         return []
     check_input(file, "labels of a frame")
@@ -364,7 +364,7 @@ def _read(file: Path, frame: int) -> list[Line]:
             cells = cells[:5] + cells[5 + POSE :]
         if len(cells) not in (5, 6, 7):
             raise InputError(
-                f"{file}: line {number}: {len(cells)} numbers; want class, x, y, width, height and perhaps confidence "
+                f"{file}: line {number}: {len(cells)} numbers; expected class, x, y, width, height and perhaps confidence "
                 "and identity; outlines and turned boxes cannot be used: write boxes (detect)"
             )
         if " ".join(cells) in seen:
@@ -378,7 +378,7 @@ def _read(file: Path, frame: int) -> list[Line]:
 
 
 def _tail(folder: Path, lines: list[Line]) -> tuple[str, ...]:
-    """What the sixth number of a line is, where there is no seventh; InputError where that cannot be said."""
+    """What the sixth number of a line is, where there is no seventh; InputError where that cannot be stated."""
     counts = {len(numbers) for *_, numbers in lines}
     if 7 in counts:
         if 5 in counts:
@@ -393,12 +393,12 @@ def _tail(folder: Path, lines: list[Line]) -> tuple[str, ...]:
 
 
 def names_of_classes(folder: Path) -> Path | None:
-    """The file with the names of classes of a folder of labels: in it or in the one above; None: there is none."""
+    """The file with the names of classes of a folder of labels: in it or in the one above; None: missing."""
     return next((p for p in (folder / CLASS_NAMES, folder.parent / CLASS_NAMES) if p.is_file()), None)
 
 
 def _class_names(folder: Path) -> dict[str, str]:
-    """Names of classes by number; empty where there are none."""
+    """Names of classes by number; empty if missing."""
     place = names_of_classes(folder)
     if place is None:
         return {}

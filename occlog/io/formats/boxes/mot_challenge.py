@@ -2,7 +2,7 @@
 
 A file has the boxes of one camera.  A line is frame (from 1), id, left, top, width, height [px], and then
 
-    tracks      confidence, -1, -1, -1             confidence -1 where there is none
+    tracks      confidence, -1, -1, -1             confidence -1 if missing
     detections  the same, with id -1
     truth       1, 1, 1                            counts, class pedestrian, visible as a whole
 
@@ -13,7 +13,7 @@ TrackEval evaluates has truth, and tracks of one or several programs:
     gt/seqmaps/MOT17-train.txt
     trackers/MOT17-train/TRACKER/data/SEQUENCE.txt
 
-TrackEval looks at MOT17-train when nothing else is said, so that it needs the two folders only.
+TrackEval looks at MOT17-train when nothing else is stated, so that it needs the two folders only.
 
 Classes of MOTChallenge truth: which true boxes are pedestrians that count, and which are of something else.
 
@@ -41,7 +41,7 @@ Kind = Literal["tracks", "detections", "truth"]
 
 
 class SequenceInfo(NamedTuple):
-    """What `seqinfo.ini` says of a recording.
+    """What `seqinfo.ini` states about a recording.
 
     Attributes:
         name: name of the sequence, which is that of its folder and of files of tracks.
@@ -176,7 +176,7 @@ def write_layout(folder: Path, tracker: str, sequences: Sequence[MotSequence], *
     """Write truth and tracks of several sequences.
 
     Truth that is there already with the same content stays, so that tracks of several programs
-    can be put into one folder.  Everything is written beside the folder first, and moved when complete.
+    can be put into one folder.  Everything is written next to the folder first, and moved when complete.
 
     Args:
         folder: made where it is missing.
@@ -231,7 +231,7 @@ def _move(beside: Path, folder: Path, overwrite: bool) -> None:
 
 PEDESTRIAN = 1
 CLASSES = 13
-"""Classes are numbered from 1 to so many."""
+"""Classes are numbered from 1 to this many."""
 DISTRACTORS = {"mot17": (2, 7, 8, 12), "mot20": (2, 6, 7, 8, 12)}
 """Person on a vehicle, static person, distractor, reflection, and in MOT20 vehicles without a motor: whoever tracks one
 of these is neither right nor wrong.  MOT16 has the rule of MOT17."""
@@ -241,7 +241,7 @@ WHAT = "MOTChallenge truth"
 
 
 class Marks(NamedTuple):
-    """What the truth says of each of its n boxes beside the place."""
+    """What the truth states about each of its n boxes beside the position."""
 
     frame: Ints  # (n,) from 0
     target_id: Ints  # (n,)
@@ -267,7 +267,7 @@ def _marks(rows: CsvRows) -> Marks:
         row = int(np.flatnonzero(bad)[0])
         raise rows.fail(
             row,
-            f"class {kind[row]}; they are 1 to {CLASSES}; correct it, or say that the truth has no classes (benchmark "
+            f"class {kind[row]}; they are 1 to {CLASSES}; correct it, or state that the truth has no classes (benchmark "
             "mot15)",
         )
     return Marks(rows.ints("0") - 1, rows.ints("1"), rows.floats("6") != 0, kind)

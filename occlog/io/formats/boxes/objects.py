@@ -121,14 +121,14 @@ def _cells(path: Path, n: int, record: object, ignore_extra: bool, skip: Sequenc
         for meaning in BBOX if name == "bbox" else EDGES.values() if name == BOX else (MEANING.get(name, name),):
             other = said.setdefault(meaning, key)
             if other != key:
-                raise InputError(f"{path}: entry {n}: keys {other!r} and {key!r} both say {meaning}; leave one out")
+                raise InputError(f"{path}: entry {n}: keys {other!r} and {key!r} both state {meaning}; leave one out")
         if name == BOX and isinstance(value, dict):
             if set(value) != set(EDGES):
                 raise InputError(f"{path}: entry {n}: box has {', '.join(value)}; want {', '.join(EDGES)}")
             out |= {EDGES[edge]: _text(path, n, edge, number) for edge, number in value.items()}
         elif name == "bbox":
             if not isinstance(value, list) or len(value) != 4:
-                raise InputError(f"{path}: entry {n}: bbox is {str(value)[:60]}; want [left, top, width, height]")
+                raise InputError(f"{path}: entry {n}: bbox is {str(value)[:60]}; expected [left, top, width, height]")
             out |= {side: _text(path, n, "bbox", number) for side, number in zip(BBOX, value, strict=True)}
         elif name in MEANING:
             out[MEANING[name]] = _text(path, n, key, value)
@@ -177,7 +177,7 @@ def _coco(path: Path, value: Record, camera: str | None) -> BoxSource:
         images[image["id"]], seen[key] = cells, image["id"]
     annotations = value.get("annotations")
     if not isinstance(annotations, list):
-        raise InputError(f"{path}: COCO without annotations; want images, annotations and categories")
+        raise InputError(f"{path}: COCO without annotations; expected images, annotations and categories")
     names = _categories(path, value.get("categories") or [])
     records = []
     for n, annotation in enumerate(annotations, start=1):
@@ -258,7 +258,7 @@ def _check_origin(path: Path, n: int, image: Record, camera: str | None, first: 
     whose = f"camera {camera or _camera_of(image)}"
     raise InputError(
         f"{path}: image {n}: is of {_origin(image)}, and the first image of {whose} of {first}; "
-        + (f"leave out {camera}=, so that each has its own, or " if camera is not None else "")
+        + (f"omit {camera}=, so that each has its own, or " if camera is not None else "")
         + "give every image a key camera"
     )
 
@@ -267,7 +267,7 @@ def _annotation(path: Path, n: int, annotation: Record, names: Mapping[object, s
     """Box, class, score and identity of an annotation of COCO."""
     box = annotation.get("bbox")
     if not isinstance(box, list) or len(box) != 4:
-        raise InputError(f"{path}: annotation {n}: bbox is {str(box)[:60]}; want [left, top, width, height]")
+        raise InputError(f"{path}: annotation {n}: bbox is {str(box)[:60]}; expected [left, top, width, height]")
     out = {side: _text(path, n, "bbox", number) for side, number in zip(BBOX, box, strict=True)}
     extra = annotation.get("attributes")
     given = {**(extra if isinstance(extra, dict) else {}), **annotation}

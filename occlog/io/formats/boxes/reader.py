@@ -1,7 +1,7 @@
 """Boxes of a person detector, in any format that is known (`FORMATS`).
 
 Every frame from the first to the last one in the files is taken for a frame of each
-camera: where it has no row, the camera looked and saw nobody.  `frames` states another range.
+camera: where it has no row, the camera looked and saw no person.  `frames` states another range.
 A format that lists its frames (YOLO, COCO) may count them in steps: then those between are none.
 Where rows carry times, the times of all frames are made from these.
 """
@@ -92,7 +92,7 @@ def table_times(found: dict[int, int], first: int, stop: int, where: str) -> Fra
     step = (t_ns[-1] - t_ns[0]) / max(int(frames[-1] - frames[0]), 1)
     if not step and stop - first > 1:
         raise InputError(
-            f"{where}: only frame {frames[0]} has a time, which says nothing of the others; give the frame rate"
+            f"{where}: only frame {frames[0]} has a time, which contains nothing about the others; give the frame rate"
         )
     wanted = np.arange(stop)
     # Relative to the first time: float64 cannot hold ns since 1970 exactly.
@@ -119,14 +119,14 @@ class BoxOptions:
 
     Attributes:
         frames: first frame and the one after the last; None: from the first to the last in the files.
-        first_number: number that is frame 0, where neither the format nor `BoxFile` says it.
+        first_number: number that is frame 0, where neither the format nor `BoxFile` states it.
         confidence_scale: number by which confidences are divided.
         scores: what a confidence is: `probability`; `logistic`: any number, whose logistic function is taken for one;
             `unknown`: of no use, so that it is not kept.
         ignore_extra: skip unknown columns instead of refusing them.
-        drop_zero: leave out boxes whose confidence is 0.
+        drop_zero: omit boxes with a confidence that is 0.
         use_confidence: false: confidences, which may then be any number, are not kept.
-        classes: classes that are wanted, by number or name; empty: the boxes must all be of one class; None: classes
+        classes: classes that are requested, by number or name; empty: the boxes must all be of one class; None: classes
             are not looked at.
         sizes: width and height of each camera's images [px], for boxes in shares of them; None: not known yet.
         others: cameras that are none of those known are taken under their own names.
@@ -174,7 +174,7 @@ class BoxSurvey:
         kinds: formats of the files, in words.
         classes: classes of the boxes that are kept, and how many boxes each has; one without a name: not stated.
         left_out: the same of boxes of other classes.
-        shares: cameras whose boxes are in shares of the image.
+        shares: cameras with boxes in shares of the image.
         of_files: cameras of each file; a camera is in one.
     """
 
@@ -209,7 +209,7 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
     if options.classes is not None:
         check_classes(where, options.classes, found.classes, found.classes + found.left_out)
     if math.isinf(found.low) and options.frames is None:
-        raise InputError(f"{where}: no row with a box; if nobody was seen in all frames, give the range of frames")
+        raise InputError(f"{where}: no row with a box; if nothing was detected in all frames, give the range of frames")
     if found.farthest <= NORMALISED_PX and found.rows > 1:
         raise InputError(
             f"{where}: no box reaches beyond {found.farthest:.3g} px; these seem to be shares of the image: "
@@ -300,8 +300,8 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
         double = next((name for name in own if name in other), None)
         if double is not None:
             raise InputError(
-                f"{file.path}: camera {double}: has boxes in {before}, too, where each frame without one says that "
-                "nobody was seen; join the files"
+                f"{file.path}: camera {double}: has boxes in {before}, too, where each frame without one states that "
+                "nothing was detected; join the files"
             )
     found.files.append(str(file.path))
     found.of_files.append(tuple(own))
@@ -317,7 +317,7 @@ def read_boxes(
 ) -> Iterator[B]:
     """Tables of boxes with a row for every frame of every camera.
 
-    Memory does not grow with files whose frames are in order; others are sorted as a whole.
+    Memory does not grow with files with frames in order; others are sorted as a whole.
 
     Args:
         files: as for `survey_boxes`.
@@ -362,7 +362,7 @@ def box_source(path: Path) -> BoxSource:
 
 
 def box_rows(rows: CsvRows, cameras: list[str], first_number: int = 0) -> FileBoxRows:
-    """Rows of a file as boxes; InputError, with its place, for one that cannot be, whatever its confidence stands for.
+    """Rows of a file as boxes; InputError, with its position, for one that cannot be, whatever its confidence represents.
 
     Args:
         rows: of a `BoxSource`.
@@ -405,7 +405,7 @@ def _open(file: BoxFile, known: Sequence[str], options: BoxOptions) -> BoxSource
 
 
 def _check_corner(path: Path, names: set[str]) -> None:
-    """InputError for boxes with places x and y, of which nothing says which point of the box they are."""
+    """InputError for boxes with positions x and y, of which nothing states which point of the box they are."""
     if {"x", "y"} <= names and names & {"w", "width"} and not names & set(COLUMNS["left"]):
         raise InputError(
             f"{path}: columns x and y: they may be a corner or the middle of a box; call them left and top, or give "
@@ -458,7 +458,7 @@ def _number_cameras(
     options: BoxOptions,
     meant: dict[str, str],
 ) -> Ints:
-    """(n,) place of each row's camera in `cameras`."""
+    """(n,) position of each row's camera in `cameras`."""
     if labels is None:
         name = file.camera or ""
         if name not in cameras:
@@ -533,7 +533,7 @@ def _edges(
     for n in np.unique(camera).tolist() if sizes is not None else ():
         if sizes is None or cameras[n] not in sizes:
             raise UsageError(
-                f"{rows.path}: counts in shares of the image, and nothing says how large those of camera {cameras[n]} "
+                f"{rows.path}: counts in shares of the image, and nothing states how large those of camera {cameras[n]} "
                 "are; give the image size, a calibration that has it, or the video"
             )
         size[n] = sizes[cameras[n]]
@@ -556,7 +556,7 @@ def _size(rows: CsvRows, size: str, far: str, near: Floats) -> Floats:
 
 
 def _confidence(rows: CsvRows, options: BoxOptions) -> Floats:
-    """(n,) confidences; NaN where there is none."""
+    """(n,) confidences; NaN if missing."""
     if not (rows.has("confidence") and options.use_confidence) or options.scores == "unknown":
         return np.full(len(rows), np.nan)
     given = rows.floats("confidence", blank=True)

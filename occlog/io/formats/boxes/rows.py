@@ -1,6 +1,6 @@
 """Rows of boxes to tables of boxes: sizes checked, frames without a box filled in, times added.
 
-Classes of boxes: those that are wanted, and what there is.
+Classes of boxes: those that are requested, and what there is.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def check_boxes(rows: CsvRows, boxes: FileBoxRows) -> FileBoxRows:
         row = int(np.flatnonzero(bad)[0])
         raise rows.fail(
             row,
-            f"confidence {boxes.confidence[row]:g}; it must be 0 to 1; state the scale that divides it, or say that "
+            f"confidence {boxes.confidence[row]:g}; it must be 0 to 1; state the scale that divides it, or state that "
             "scores are logistic (any number) or unknown (not used)",
         )
     return boxes
@@ -87,14 +87,14 @@ def fingerprints(columns: Sequence[Floats | Ints]) -> Uints:
 
 
 def check_copies(chunks: Iterator[FileBoxRows], cameras: Sequence[str], path: Path) -> Iterator[FileBoxRows]:
-    """The chunks, whole frames each; InputError where a box stands there twice, alike in everything."""
+    """The chunks, whole frames each; InputError where a box stands there as identical duplicates."""
     for rows in chunks:
         marks, first = np.unique(fingerprints(rows), return_index=True)
         if len(marks) < len(rows.frame):
             row = int(np.setdiff1d(np.arange(len(rows.frame)), first)[0])
             raise InputError(
                 f"{path}: camera {cameras[rows.camera[row]]}, frame {rows.frame[row]} (from 0): the box at "
-                f"({rows.left[row]:g}, {rows.top[row]:g}) px stands there twice; leave out the copies of rows"
+                f"({rows.left[row]:g}, {rows.top[row]:g}) px stands there twice; remove the copies of rows"
             )
         yield rows
 
@@ -155,7 +155,7 @@ def fill_frames(
 ) -> Iterator[B]:
     """Tables of boxes in which every frame first <= frame < stop of every camera has at least one row.
 
-    A frame without a box gets a row with `box` = -1: the camera looked and saw nobody.
+    A frame without a box gets a row with `box` = -1: the camera looked and saw no person.
 
     Args:
         chunks: rows in order of frames, whole frames each (`in_frames`).
@@ -217,7 +217,7 @@ def _table(
     empty = empty[(first + empty // len(cameras) - looked[0]) % looked[1] == 0]
     frame = np.concatenate([rows.frame, first + empty // len(cameras)])
     camera = np.concatenate([rows.camera, empty % len(cameras)])
-    # Rows are sorted by cell, so the place within a cell is the distance from its first row.
+    # Rows are sorted by cell, so the position within a cell is the distance from its first row.
     number = np.arange(len(cell)) - np.searchsorted(cell, cell)
     blank = np.full(len(empty), np.nan)
     t_ns = np.zeros(len(frame), dtype=np.int64)
@@ -245,7 +245,7 @@ def _table(
 def times_of(camera: str, times: Mapping[str, FrameTimes]) -> FrameTimes:
     """Times of a camera's frames; UsageError where nothing gives them."""
     if camera not in times:
-        raise UsageError(f"camera {camera}: nothing says when its frames were taken; give a frame rate or time stamps")
+        raise UsageError(f"camera {camera}: nothing states when its frames were taken; give a frame rate or time stamps")
     return times[camera]
 
 
@@ -258,7 +258,7 @@ def check_range(first: int, stop: int, where: str) -> None:
 
 
 def class_labels(rows: CsvRows) -> list[tuple[str, ...]]:
-    """All that a row says of its class, in small letters, numbers without fraction: `("0", "person")`."""
+    """All that a row states about its class, in small letters, numbers without fraction: `("0", "person")`."""
     columns = []
     for key in CLASS_KEYS:
         if rows.has(key):
@@ -277,11 +277,11 @@ def _plain(cell: str) -> str:
 
 
 def wanted_rows(rows: CsvRows, classes: Sequence[str]) -> Bools:
-    """(n,) rows of one of the classes; InputError where the file does not say of what class its boxes are."""
+    """(n,) rows of one of the classes; InputError where the file does not state about what class its boxes are."""
     labels = class_labels(rows)
     if not labels and len(rows):
         raise InputError(
-            f"{rows.path}: does not say of what class its boxes are; choose no class, or add a column class"
+            f"{rows.path}: does not state about what class its boxes are; choose no class, or add a column class"
         )
     wanted = {_plain(name) for name in classes}
     return np.array([bool(wanted & set(label)) for label in labels], dtype=np.bool_)
@@ -295,7 +295,7 @@ def in_words(classes: Counter[tuple[str, ...]]) -> str:
 def check_classes(
     where: str, wanted: Sequence[str], kept: Counter[tuple[str, ...]], all_: Counter[tuple[str, ...]]
 ) -> None:
-    """Raise InputError where boxes of several classes would be taken for people, or none is of a wanted class."""
+    """Raise InputError where boxes of several classes would be taken for people, or none is of a requested class."""
     if wanted and all_ and not kept:
         numbered = all(name.isdigit() for label in all_ for name in label)
         hint = "; here classes have numbers only: give the number" if numbered else ""

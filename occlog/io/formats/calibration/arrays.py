@@ -98,7 +98,7 @@ def _elements(data: bytes, order: str) -> Iterator[_Element]:
     at = 0
     while at + 8 <= len(data):
         kind, length = struct.unpack_from(f"{order}II", data, at)
-        if kind >> 16:  # up to four bytes in the place of the length
+        if kind >> 16:  # up to four bytes in the position of the length
             kind, length = kind & 0xFFFF, kind >> 16
             if length > 4:
                 raise ValueError(f"{length} bytes in an element of at most 4")
@@ -238,21 +238,21 @@ def _cameras(path: Path, options: CalibrationOptions) -> list[Camera]:
         named = {key: value for key, value in arrays.items() if value.shape == (3, 4)}
         if not named:
             shapes = ", ".join(f"{key} {value.shape}" for key, value in arrays.items())
-            raise InputError(f"{path}: has {shapes or 'nothing'}; want P (3, 4) of each camera, or K, R and t")
+            raise InputError(f"{path}: has {shapes or 'nothing'}; expected P (3, 4) of each camera, or K, R and t")
         return [_camera(path, key, {"P": value}, options) for key, value in named.items()]
     matrices = _stack(parts["P" if "P" in parts else "K"], (3, 4) if "P" in parts else (3, 3), path)
     n = len(matrices)
     if "P" not in parts:
         for key in ("R", "t"):
             if key not in parts:
-                raise InputError(f"{path}: has K, but no {key}; want K, R and t, or P")
+                raise InputError(f"{path}: has K, but no {key}; expected K, R and t, or P")
     columns = {key: _per_camera(value, key, n, path) for key, value in parts.items()}
     names = [path.stem] if n == 1 else [f"cam{k + 1}" for k in range(n)]
     return [_camera(path, names[k], {key: value[k] for key, value in columns.items()}, options) for k in range(n)]
 
 
 def _stack(value: Floats, shape: tuple[int, int], path: Path) -> Floats:
-    """(n, ...) matrices of one shape, the cameras first; InputError where it is none or cannot be told."""
+    """(n, ...) matrices of one shape, the cameras first; InputError where it is none or cannot be reported."""
     if value.ndim == 2 and value.shape == shape:
         return value[None]
     if value.ndim == 3 and value.shape[1:] == shape and not (value.shape[:2] == shape and value.shape[0] == 3):
@@ -261,7 +261,7 @@ def _stack(value: Floats, shape: tuple[int, int], path: Path) -> Floats:
         return np.moveaxis(value, 2, 0)
     if value.ndim == 3 and value.shape[1:] == shape:
         raise InputError(
-            f"{path}: an array of {value.shape}; which axis counts the cameras cannot be told; save one each"
+            f"{path}: an array of {value.shape}; which axis counts the cameras cannot be reported; save one each"
         )
     raise InputError(f"{path}: an array of {value.shape}; want {shape[0]} x {shape[1]} matrices, one a camera")
 

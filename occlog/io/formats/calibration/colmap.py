@@ -1,4 +1,4 @@
-"""COLMAP's text model: `cameras.txt` with lenses, `images.txt` with places.
+"""COLMAP's text model: `cameras.txt` with lenses, `images.txt` with positions.
 
 Each image is a camera of the rig, named after the image's folder, or else after the image.  Xc = R Xw + t; pixels count
 from the corner of the image, half a pixel before the centre of the first one.  A model from images alone has no unit:
@@ -83,7 +83,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
         cells = line.split(maxsplit=9)
         where = f"{files['images.txt']}: image {cells[-1] if cells else ''}"
         if len(cells) != 10:
-            raise InputError(f"{where}: {len(cells)} values; want IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME")
+            raise InputError(f"{where}: {len(cells)} values; expected IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME")
         values = _numbers(cells[1:8], where)
         if cells[8] not in lenses:
             raise InputError(f"{where}: its camera {cells[8]} is not in cameras.txt")

@@ -95,7 +95,7 @@ MAX_SKEW_PX = 1.0
 
 @dataclass(frozen=True, eq=False)
 class CalibrationOptions:
-    """What some formats do not say themselves.
+    """What some formats do not state themselves.
 
     Attributes:
         unit: length unit of the file, `m`, `cm` or `mm`; None: the format's own, else metres.
@@ -136,7 +136,7 @@ class Pose:
 class Lens(NamedTuple):
     """A lens as a file states it.
 
-    `brown` has k1, k2, p1, p2, k3; `rational` k4, k5, k6 besides; `equidistant` k1 to k4.
+    `brown` has k1, k2, p1, p2, k3; `rational` k4, k5, k6 also; `equidistant` k1 to k4.
     """
 
     model: str
@@ -155,7 +155,7 @@ def lens_pose(
     options: CalibrationOptions,
     where: str,
 ) -> Pose:
-    """The pose of a camera with Xc = R Xw + t [m], whose lens is fitted by Brown's where it is rational.
+    """The pose of a camera with Xc = R Xw + t [m], with a lens that is fitted by Brown's where it is rational.
 
     Raises:
         InputError: the lens cannot be fitted closely.
@@ -194,11 +194,11 @@ def check_camera_matrix(matrix: Floats, height: float, where: str) -> None:
     MATLAB's `IntrinsicMatrix` is the transpose of it, whose principal point would be (0, 0).
     """
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
-        raise InputError(f"{where}: want a 3 x 3 camera matrix")
+        raise InputError(f"{where}: expected a 3 x 3 camera matrix")
     below = np.array([matrix[1, 0], matrix[2, 0], matrix[2, 1], matrix[2, 2] - 1.0])
     if np.abs(below).max() > MAX_ROUNDING:
         hint = "; it is transposed, as MATLAB has it" if matrix[2, :2].any() and not matrix[:2, 2].any() else ""
-        raise InputError(f"{where}: camera matrix {matrix.tolist()}; want [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]{hint}")
+        raise InputError(f"{where}: camera matrix {matrix.tolist()}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]{hint}")
     lean = abs(float(matrix[0, 1])) * height / 2 / max(abs(float(matrix[1, 1])), 1e-300)
     if not lean <= MAX_SKEW_PX:
         raise InputError(f"{where}: has a skew of {lean:.2g} px at the edge of the image; the limit is {MAX_SKEW_PX:g}")
@@ -253,7 +253,7 @@ def build_camera(pose: Pose, where: str) -> Camera:
         off = _round_trip(camera, size)
     if pose.model == "equidistant":
         _check_fisheye(camera, size, where)
-    # Tsai's model gives the sight line of a pixel directly; only the way back has to be solved.
+    # Tsai's model gives the line of sight of a pixel directly; only the way back has to be solved.
     if pose.model == "brown" and not off < MAX_ROUND_TRIP_PX:
         raise InputError(f"{where}: the distortion {given.tolist()} cannot be undone at the edge of the image")
     return camera

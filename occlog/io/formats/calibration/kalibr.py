@@ -40,7 +40,7 @@ def detect(text: str) -> bool:
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
     """The cameras of one chain, named cam0, cam1, ..."""
     if len(paths) > 1:
-        raise InputError(f"{paths[1]}: a second camera chain; the places of their cameras to each other are not known")
+        raise InputError(f"{paths[1]}: a second camera chain; the positions of their cameras to each other are not known")
     values = yaml_values(read_text(paths[0]), paths[0])
     cameras = {key: table for key, table in values.items() if _CAMERA.match(key) and isinstance(table, dict)}
     places = _places(paths[0], cameras, options)
@@ -64,7 +64,7 @@ def _places(path: Path, cameras: Mapping[str, Mapping[str, object]], options: Ca
         options.told.append("the world is the frame of the IMU")
         return {name: _transform(cameras[name], "T_cam_imu", f"{path}: {name}") for name in names}
     lacking = next(name for name in names[1:] if "T_cn_cnm1" not in cameras[name])
-    raise InputError(f"{path}: {lacking}: has no T_cn_cnm1, so that its place is not known; calibrate all together")
+    raise InputError(f"{path}: {lacking}: has no T_cn_cnm1, so that its position is not known; calibrate all together")
 
 
 def _transform(table: Mapping[str, object], key: str, where: str) -> Floats:
@@ -82,7 +82,7 @@ def _camera(path: Path, name: str, table: Mapping[str, object], place: Floats, o
     intrinsics = numbers(table.get("intrinsics"), f"{where}: intrinsics").reshape(-1)
     size = numbers(table.get("resolution"), f"{where}: resolution").reshape(-1)
     if intrinsics.shape != (4,) or size.shape != (2,):
-        raise InputError(f"{where}: want intrinsics of 4 numbers (fu, fv, pu, pv) and a resolution of 2")
+        raise InputError(f"{where}: expected intrinsics of 4 numbers (fu, fv, pu, pv) and a resolution of 2")
     known = {"radtan": ("brown", 4), "equidistant": ("equidistant", 4), "none": ("brown", 0)}
     if lens not in known:
         raise InputError(f"{where}: distortion model {lens}; only {', '.join(known)} can be used")

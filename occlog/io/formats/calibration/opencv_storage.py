@@ -30,7 +30,7 @@ from .common import (
 from .opencv_toml import rotation_from_vector
 
 PLAIN_MATRIX = ("camera_matrix", "cameramatrix", "intrinsic_matrix", "k", "mtx")
-"""Names that say what the matrix is, also in a text of which nothing else is known."""
+"""Names that state what the matrix is, also in a text of which nothing else is known."""
 MATRIX = (*PLAIN_MATRIX, "m", "matrix")
 DISTORTION = ("distortion_coefficients", "distcoeffs", "dist_coeffs", "distortion", "dist", "d")
 ROTATION = ("r", "rotation", "rotation_matrix", "rvec", "rotation_vector")
@@ -78,7 +78,7 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
 
 
 def is_fisheye(values: Mapping[str, object], where: str) -> bool:
-    """Whether a calibration says that its lens is OpenCV's model of fisheye lenses; InputError for an unknown model."""
+    """Whether a calibration states that its lens is OpenCV's model of fisheye lenses; InputError for an unknown model."""
     flag = str(values.get("fisheye_model", values.get("fisheye", 0))).strip().lower()
     named = str(values.get("distortion_model", "")).strip().lower()
     if flag not in (*NO, *YES) or named not in (*BROWN, *FISHEYE):
@@ -93,7 +93,7 @@ def extrinsics_of(values: dict[str, object], where: str) -> tuple[Floats, Floats
     if rotation.size == 3:
         rotation = rotation_from_vector(rotation.reshape(3))
     if rotation.shape != (3, 3) or translation.shape != (3,):
-        raise InputError(f"{where}: want a rotation of 9 or 3 and a translation of 3 numbers")
+        raise InputError(f"{where}: expected a rotation of 9 or 3 and a translation of 3 numbers")
     return rotation, translation
 
 

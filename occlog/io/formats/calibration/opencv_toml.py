@@ -59,7 +59,7 @@ def _camera(key: str, table: dict[str, object], path: Path, options: Calibration
         raise InputError(f"{where}: has no rotation and translation; calibrate where it stands")
     matrix = _array(table, "matrix", where)
     if matrix.shape != (3, 3) or matrix[0, 1] or matrix[1, 0] or matrix[2].tolist() != [0, 0, 1]:
-        raise InputError(f"{where}: matrix {matrix.tolist()}; want [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+        raise InputError(f"{where}: matrix {matrix.tolist()}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
     rotation = _array(table, "rotation", where)
     if rotation.size == 3:
         rotation = rotation_from_vector(rotation.reshape(3))

@@ -1,7 +1,7 @@
-"""OpenCV calibrations in two files a camera: `intr_NAME` with the lens, `extr_NAME` with the place.
+"""OpenCV calibrations in two files a camera: `intr_NAME` with the lens, `extr_NAME` with the position.
 
 So are those of WILDTRACK (`calibrations/intrinsic_zero/intr_CVLab1.xml`, `calibrations/extrinsic/extr_CVLab1.xml`),
-whose unit is the centimetre and whose images have 1920 x 1080 px; neither is stated in the files.  `rvec` is a rotation
+with a unit that is the centimetre and whose images have 1920 x 1080 px; neither is stated in the files.  `rvec` is a rotation
 vector, Xc = R Xw + t.  The intrinsic files in `intrinsic_zero` are of images without distortion, which are those that
 the data set ships; they are preferred to `intrinsic_original`.
 """
@@ -47,7 +47,7 @@ def folder_files(path: Path) -> list[Path] | None:
 
 
 def detect(text: str) -> bool:
-    """Whether a text is OpenCV's, with a lens or a place alone."""
+    """Whether a text is OpenCV's, with a lens or a position alone."""
     if not ("opencv_storage" in text[:400] or text.startswith("%YAML")):
         return False
     lower = text.lower()
@@ -73,7 +73,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
         path, lacks = (lenses[name], "extrinsic") if name in lenses else (places[name], "intrinsic")
         raise InputError(
             f"{path}: camera {name} has no {lacks} file; give both, with names as {_example(lacks, name)}; where one "
-            f"file has both, the matrix is called {', '.join(MATRIX)}, the place {' or '.join(ROTATION[::3])} and "
+            f"file has both, the matrix is called {', '.join(MATRIX)}, the position {' or '.join(ROTATION[::3])} and "
             f"{' or '.join(TRANSLATION[:2])}"
         )
     wildtrack = set(lenses) <= WILDTRACK.keys()

@@ -1,7 +1,7 @@
 """Projection matrices: one text file a camera with three rows of four numbers.
 
 The pixel of a world point X is (u, v, w) = P (X, 1), divided by w.  P = K R (I | -C) is
-taken apart into intrinsic matrix K, rotation R and centre C; there is no distortion.  The
+split into intrinsic matrix K, rotation R and centre C; there is no distortion.  The
 file states neither the unit (metres unless told) nor the size of the images.
 """
 

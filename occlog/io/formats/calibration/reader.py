@@ -68,7 +68,7 @@ def read_calibration(
     """The cameras of one or more calibration files of one format.
 
     Args:
-        paths: files; a folder stands for all files in it, by name.
+        paths: files; a folder represents all files in it, by name.
         format: a key of `IMPORTERS`, or `auto`: found out from the content.
         options: what the format does not state itself.
 

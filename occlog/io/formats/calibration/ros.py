@@ -1,7 +1,7 @@
-"""ROS: `camera_info` files with lenses, and static transforms with places.
+"""ROS: `camera_info` files with lenses, and static transforms with positions.
 
 A lens is the YAML of `camera_calibration` (`image_width`, `camera_matrix`, ...) or what `ros2 topic echo` prints of
-`sensor_msgs/CameraInfo` (`width`, `k`, `d`, ...).  Places are what it prints of `/tf_static`, or a list of transforms
+`sensor_msgs/CameraInfo` (`width`, `k`, `d`, ...).  Positions are what it prints of `/tf_static`, or a list of transforms
 with `frame_id`, `child_frame_id` (also in `header`), `translation` and `rotation` (x, y, z, w).  The frame of a camera
 is its optical one (x right, y down, z forward: REP 103); the world is the frame that all others hang from.  Lengths are
 metres, and the lens is that of the raw images.
@@ -71,7 +71,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
         raise InputError(f"{paths[0]}: transforms without cameras; give the camera_info of each camera as well")
     if not tree:
         raise InputError(
-            f"{paths[0]}: a camera_info does not say where the camera is; give the static transforms as well"
+            f"{paths[0]}: a camera_info does not state where the camera is; give the static transforms as well"
         )
     roots = {_root(frame, tree, paths[-1]) for frame in tree}
     if len(roots) > 1:
@@ -107,7 +107,7 @@ def _transforms(path: Path, part: Mapping[str, object]) -> Iterator[tuple[str, T
         parent = one.get("frame_id") or (header.get("frame_id") if isinstance(header, dict) else None)
         values = one.get("transform", one) if isinstance(one, dict) else {}
         if not child or not parent or not isinstance(values, dict):
-            raise InputError(f"{where}: want frame_id, child_frame_id, translation and rotation")
+            raise InputError(f"{where}: expected frame_id, child_frame_id, translation and rotation")
         t = _parts(values.get("translation"), "xyz", f"{where}: translation")
         q = _parts(values.get("rotation"), "xyzw", f"{where}: rotation")
         if abs(float(np.linalg.norm(q)) - 1) > 1e-3:

@@ -7,9 +7,9 @@ A CSV file has the columns
     x_px, y_px     centre in the image
     a_px, b_px     half axes
     rho_deg        angle of axis a, from +x (to the right) towards +y (down)
-    frame          number of the frame; left out: the camera's first one
+    frame          number of the frame; skipped: the camera's first one
 
-Of boxes the ellipse inside is taken, the first whose centre is in the image and of which half can be seen.
+Of boxes the ellipse inside is taken, the first with centre in the image and of which half can be seen.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from occlog.records.tables import Boxes, TruthBoxes
 
 WHAT = "a table of ellipses"
 FIRST = -1
-"""`GivenEllipse.frame` where the file does not say."""
+"""`GivenEllipse.frame` where the file does not state."""
 FORMAT = TextFormat(
     WHAT,
     {
@@ -54,7 +54,7 @@ Sizes = Mapping[str, tuple[int, int]]
 class GivenEllipse(NamedTuple):
     """Where a target is in a view at first."""
 
-    where: str  # file and place in it
+    where: str  # file and position in it
     sensor: str
     target_id: int
     frame: int
@@ -62,7 +62,7 @@ class GivenEllipse(NamedTuple):
 
 
 def read_ellipses(path: Path, sizes: Sizes, cameras: Sequence[str]) -> tuple[GivenEllipse, ...]:
-    """The ellipses of a file, those of cameras without a size left out.
+    """The ellipses of a file, those of cameras without a size skipped.
 
     Args:
         path: CSV, Parquet (view_tracks, truth_boxes, or boxes with identities), or a recording with boxes.
@@ -168,7 +168,7 @@ def _boxes(c: Boxes) -> _EllipseRows:
 
 
 def _first_of(path: Path, chunks: Iterable[_EllipseRows], sizes: Sizes) -> list[GivenEllipse]:
-    """The first good ellipse of each target in each view whose centre is in the image."""
+    """The first good ellipse of each target in each view with centre in the image."""
     found: dict[tuple[str, int], GivenEllipse] = {}
     anonymous = rows = 0
     for c in chunks:

@@ -2,7 +2,7 @@
 
 Path losses of readers as JSON files: what `occlog fit-readers` writes and tracking by reads takes.
 
-What was lost in making a model: motion, path losses, fundamental matrices.
+Losses in making a model: motion, path losses, fundamental matrices.
 """
 
 from __future__ import annotations
@@ -108,9 +108,9 @@ def _check_numbers(path: Path, spec: MotionSpec, A: Floats, sigma: Floats) -> No
     for name, matrix in (("A", A), ("sigma", sigma)):
         if not np.isfinite(matrix).all():
             i, j = np.argwhere(~np.isfinite(matrix))[0]
-            raise InputError(f"{path}: {name}: row {i + 1}, column {j + 1} is {matrix[i, j]}; want a finite number")
+            raise InputError(f"{path}: {name}: row {i + 1}, column {j + 1} is {matrix[i, j]}; expected a finite number")
     if not np.isfinite(spec.step_s):
-        raise InputError(f"{path}: step_s is {spec.step_s}; want a finite number of seconds above 0")
+        raise InputError(f"{path}: step_s is {spec.step_s}; expected a finite number of seconds above 0")
 
 
 def _check_sigma(path: Path, sigma: Floats) -> None:
@@ -185,7 +185,7 @@ def read_path_loss(path: Path) -> PathLossSpec:
     numbers |= {f"power of reader {r.name}": r.power for r in spec.readers}
     for name, value in numbers.items():
         if not math.isfinite(value):
-            raise InputError(f"{path}: {name} is {value}; want a finite number")
+            raise InputError(f"{path}: {name} is {value}; expected a finite number")
     if (double := first_double([r.name for r in spec.readers])) is not None:
         raise InputError(f"{path}: reader {double} is there twice; keep one")
     return spec
@@ -210,5 +210,5 @@ def _lost(path: Path) -> tuple[Loss, ...]:
     opened = open_if_ours(path)
     if opened is not None:
         return opened.losses
-    made = read_json(path).get("_provenance", {})  # somebody who writes a model may say anything there
+    made = read_json(path).get("_provenance", {})  # a person who writes a model may state anything there
     return provenance_from_json(json.dumps(made), path).losses if made.get("losses") else ()

@@ -41,7 +41,7 @@ class SizesSpec(NetworkFileSpec, kw_only=True):
     """Bytes of what is sent."""
 
     packet: Annotated[int, Meta(gt=0, le=1_000_000_000, description="payload of a packet, at most")] = 1000
-    header: Annotated[Bytes, Meta(description="of each packet, besides")] = 0
+    header: Annotated[Bytes, Meta(description="of each packet, also")] = 0
     ack: Annotated[Bytes, Meta(description="acknowledgement of a packet of an image, at each hop")] = 40
     detection: Annotated[Bytes, Meta(description="RFID detection data of an object")] = 8
     assigned: Annotated[Bytes, Meta(description="assigned object data of an object")] = 8
@@ -96,7 +96,7 @@ def read_network(path: Path) -> NetworkSpec:
         if number and not any(s.router == router for s in spec.sensors):
             raise InputError(f"{path}: objects: router {router} has {number} objects, but no sensor; add one")
     if not any(spec.objects.values()):
-        raise InputError(f"{path}: objects: there are none; give a router some")
+        raise InputError(f"{path}: objects: missing; give a router some")
     _check_ways(path, spec, nodes)
     return spec
 

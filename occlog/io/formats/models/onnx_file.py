@@ -1,4 +1,4 @@
-"""What an ONNX file says of itself: its inputs, outputs and metadata, and the files of weights beside it.
+"""What an ONNX file states about itself: its inputs, outputs and metadata, and the files of weights beside it.
 
 The file is walked through in the wire format of Protocol Buffers, by the numbers of fields in `onnx.proto3` of the ONNX
 project; weights are skipped.  Models come from anywhere: sizes and depths are limited, and weights in other files are
@@ -36,7 +36,7 @@ KINDS = {1: "float32", 2: "uint8", 3: "int8", 6: "int32", 7: "int64", 10: "float
 BITS = {1: 32, 2: 8, 3: 8, 4: 16, 5: 16, 6: 32, 7: 64, 9: 8, 10: 16, 11: 64, 12: 32, 13: 64, 16: 16}
 """Of an element, by the number of its type; runtimes read as many as the dimensions say, whatever is there."""
 TYPED = {4: 4, 5: 0, 7: 0, 10: 8, 11: 0}
-"""Fields of a tensor with values one by one, in place of their bytes, and the bytes of each; 0: that varies."""
+"""Fields of a tensor with values one by one, instead of their bytes, and the bytes of each; 0: that varies."""
 LONGEST_SIDE = 2**31 - 1
 """Dimension of a tensor, at most."""
 ABOVE_ZERO = ("strides", "dilations", "kernel_shape", "group", "blocksize", "size", "num_groups")
@@ -54,7 +54,7 @@ class Port:
 
 @dataclass(frozen=True)
 class OnnxFile:
-    """What a file of a network says of itself."""
+    """What a file of a network states about itself."""
 
     path: Path
     inputs: tuple[Port, ...]  # without those that have a value in the file
@@ -69,7 +69,7 @@ class OnnxFile:
 
 
 def read_onnx(path: Path) -> OnnxFile:
-    """Read what a network says of itself.
+    """Read what a network states about itself.
 
     Raises:
         InputError: the file is none of a network, is damaged or too large, or has weights in a file that is not in its
@@ -107,7 +107,7 @@ def _beside(path: Path, places: list[str]) -> tuple[Path, ...]:
             inside = False
         if not inside:
             raise InputError(
-                f"{path}: its weights are said to be in {place!r}, which is not in the model's folder; put them beside "
+                f"{path}: its weights are stated to be in {place!r}, which is not in the model's folder; put them beside "
                 "the model and export it again"
             )
         found.append(check_input(beside, f"weights of {path.name}"))
@@ -123,7 +123,7 @@ class _DamageError(Exception):
 
 @dataclass
 class _OnnxWalk:
-    """Goes through a model and gathers what it says; the numbers are those of fields in `onnx.proto3`."""
+    """Goes through a model and collects what it states; the numbers are those of fields in `onnx.proto3`."""
 
     inputs: list[Port] = field(default_factory=list)
     outputs: list[Port] = field(default_factory=list)
@@ -150,7 +150,7 @@ class _OnnxWalk:
                         self._node(node, depth=0)
 
     def _graph(self, data: memoryview, depth: int, whole: bool = False) -> None:
-        """GraphProto; the inputs and outputs of the `whole` model's are gathered."""
+        """GraphProto; the inputs and outputs of the `whole` model's are collected."""
         if depth > DEEPEST:
             raise _DamageError(f"graphs in graphs, {DEEPEST} deep")
         for number, value in self._messages(data):
@@ -288,7 +288,7 @@ class _OnnxWalk:
 
 
 def _varint(data: memoryview, place: int) -> tuple[int, int]:
-    """A whole number of up to 64 bits, and the place after it."""
+    """A whole number of up to 64 bits, and the position after it."""
     value = 0
     for shift in range(0, 70, 7):
         if place >= len(data):
@@ -310,7 +310,7 @@ def _varints(data: memoryview) -> Iterator[int]:
 
 
 def _count(data: memoryview, width: int) -> int:
-    """Numbers of so many bytes one behind the other; 0: of as many as each says."""
+    """Numbers of this many bytes one behind the other; 0: of as many as each states."""
     return len(data) // width if width else int(np.count_nonzero(np.frombuffer(data, np.uint8) < 0x80))
 
 

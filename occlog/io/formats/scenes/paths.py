@@ -26,7 +26,7 @@ Interval = tuple[Time, Time]
 
 
 class SegmentSpec(SceneFileSpec, kw_only=True):
-    """A stretch of a path; without `lateral` and `acceleration` one of constant velocity."""
+    """A section of a path; without `lateral` and `acceleration` one of constant velocity."""
 
     from_s: (
         Annotated[Time, Meta(description="default: the end of the segment before, or the target's start")] | None
@@ -56,7 +56,7 @@ class TargetSpec(SceneFileSpec, kw_only=True):
     from_s: Annotated[Time, Meta(description="when it comes")] = 0.0
     until_s: Annotated[Time, Meta(description="when it goes; default: it stays")] | None = None
     noise_density: Annotated[
-        float, Meta(ge=0, le=LIMIT, description="variance of the velocity gathered in a second, for each axis")
+        float, Meta(ge=0, le=LIMIT, description="variance of the velocity accumulated over 1 s, for each axis")
     ] = 0.0
     segments: tuple[SegmentSpec, ...] = ()
     silent: Annotated[tuple[Interval, ...], Meta(description="from, to: when it makes no sound")] = ()
@@ -122,7 +122,7 @@ def _target(spec: TargetSpec, where: str) -> ScriptedTarget:
 
 
 def _segments(spec: TargetSpec, flat: bool, where: str) -> tuple[Segment, ...]:
-    """Segments with their ends filled in; InputError where they overlap or say two things at once."""
+    """Segments with their ends filled in; InputError where they overlap or state two things at once."""
     done: list[Segment] = []
     for i, s in enumerate(spec.segments):
         place, before = f"{where}: segments[{i}]", done[-1].until_s if done else spec.from_s

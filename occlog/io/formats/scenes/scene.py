@@ -338,7 +338,7 @@ def _rotation(spec: CameraSpec, where: str) -> tuple[Floats, bool]:
         return matrix, spec.position is not None
     if spec.position is None:
         if any(a is not None for a in angles):
-            raise InputError(f"{where}: has angles but no position; add it, or leave out the angles too")
+            raise InputError(f"{where}: has angles but no position; add it, or omit the angles too")
         return camera_rotation(0.0, 0.0, 0.0), False
     if angles[0] is None:
         raise InputError(f"{where}: has a position but no yaw_deg; add it")

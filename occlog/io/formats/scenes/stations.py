@@ -1,4 +1,4 @@
-"""Places of sensors that tell directions, in a text table: a scene for those who have no more than that."""
+"""Positions of sensors that measure directions, in a text table: a scene for those who have no more than that."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ COLUMNS: dict[str, Sequence[str]] = {
 
 
 def holds_stations(path: Path) -> bool:
-    """Whether a text file names stations and their places in its header line."""
+    """Whether a text file names stations and their positions in its header line."""
     try:
         header = {cell.lower() for cell in first_line(path, WHAT)}
     except InputError:
@@ -37,9 +37,9 @@ def holds_stations(path: Path) -> bool:
 
 
 def read_stations(path: Path) -> Scene:
-    """Read a scene of sensors that tell directions: the columns name, x, y, and perhaps z and sigma_deg.
+    """Read a scene of sensors that measure directions: the columns name, x, y, and perhaps z and sigma_deg.
 
-    Names of places end in the unit (`x_m`, `y_m`), or are in metres.  Without a column z stations tell no elevation.
+    Names of positions end in the unit (`x_m`, `y_m`), or are in metres.  Without a column z stations tell no elevation.
     `sigma_deg` is the standard deviation of directions that come without one; 3 degrees where it is not given.
 
     Raises:
@@ -57,7 +57,7 @@ def read_stations(path: Path) -> Scene:
             )
         units = {_unit(name) for name in spelled.values() if name is not None}
         if len(units) > 1:
-            raise InputError(f"{path}: places are in {' and '.join(sorted(units))}; state all in one unit")
+            raise InputError(f"{path}: positions are in {' and '.join(sorted(units))}; state all in one unit")
         unit = units.pop()
         place = np.column_stack([_numbers(rows, spelled[axis]) for axis in "xyz"])
         sigma = rows.floats("sigma_deg") if rows.has("sigma_deg") else None
@@ -78,7 +78,7 @@ def read_stations(path: Path) -> Scene:
 
 
 def _unit(name: str) -> str:
-    """The unit of a column of places: as its name says, or as it is stated; metres otherwise."""
+    """The unit of a column of positions: as its name states, or as it is stated; metres otherwise."""
     said = name.partition("_")[2]
     STATED.get().note_use(name, "length", said)
     return STATED.get().unit_of(name, "length", said) or "m"
@@ -88,7 +88,7 @@ def _spelled(rows: CsvRows, axis: str) -> str | None:
     """The column of an axis, whatever unit it states."""
     found = [name for name in COLUMNS if name.partition("_")[0] == axis and rows.has(name)]
     if len(found) > 1:
-        raise InputError(f"{rows.path}: columns {' and '.join(found)} both say {axis}; keep one")
+        raise InputError(f"{rows.path}: columns {' and '.join(found)} both state {axis}; keep one")
     return found[0] if found else None
 
 

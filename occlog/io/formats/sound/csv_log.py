@@ -22,12 +22,12 @@ from occlog.records.losses import Loss
 
 @dataclass(frozen=True)
 class DoaOptions:
-    """What a log does not say itself.
+    """What a log does not state itself.
 
     Attributes:
         format: a key of `occlog.io.formats.sound.directions.FORMATS`, or `auto`.
         sensor: array of a log that does not name one.
-        unit: `deg` or `rad`, for columns whose name does not say; None: not given.
+        unit: `deg` or `rad`, for columns with a name that does not state; None: not given.
         convention: `math`, `compass` or `array`; None: the format's own.
         algorithm: which algorithm's estimates to take (frida).
         start_ns: time of the origin of a log without absolute times.
@@ -137,7 +137,7 @@ def _sensors(rows: CsvRows, options: DoaOptions, label: str) -> Strings:
 
 
 def _angle(rows: CsvRows, name: str, options: DoaOptions) -> Floats:
-    """(n,) angles [rad] of a column whose name, or the option `unit`, states the unit; NaN where there is none."""
+    """(n,) angles [rad] of a column whose name, or the option `unit`, states the unit; NaN if missing."""
     found = [unit for unit in ("", "_deg", "_rad") if rows.has(name + unit)]
     if not found:
         return np.full(len(rows), np.nan)

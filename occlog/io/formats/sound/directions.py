@@ -62,7 +62,7 @@ def read_doa(
     Args:
         path: the log.
         arrays: arrays of the scene; sensors of the log are matched with their names.
-        options: what the log does not say itself.
+        options: what the log does not state itself.
         clocks: clocks of the arrays that do not run by world time.
         losses: is told what the end of the log cuts off; None: that is an error.
 

@@ -1,9 +1,9 @@
-"""Logs of direction finders in their authors' own formats, and the places of their arrays.
+"""Logs of direction finders in their authors' own formats, and the positions of their arrays.
 
 Text files of the LOCATA challenge: poses of arrays with their microphones, and positions of sources.
 
-Each is a table with tabs whose rows are times (`year`, `month`, `day`, `hour`, `minute`, `second`) of an optical
-tracking system: place `x`, `y`, `z` [m] in a world whose z axis is up, and `rotation_11` to `rotation_33`,
+Each is a table with tabs with rows that are times (`year`, `month`, `day`, `hour`, `minute`, `second`) of an optical
+tracking system: position `x`, `y`, `z` [m] in a world whose z axis is up, and `rotation_11` to `rotation_33`,
 world-from-local by rows.  Arrays also have `mic1_x`, `mic1_y`, `mic1_z`, `mic2_x`, ..., which are in the world.
 The challenge counts azimuths of an array from its y axis; here they are counted, as ever, from its x axis.
 
@@ -62,7 +62,7 @@ def read_array(path: Path, name: str | None) -> MicrophoneArray:
 
     Args:
         path: `position_array_NAME.txt`.
-        name: what the array is called; None: as the file says.
+        name: what the array is called; None: as the file states.
 
     Raises:
         InputError: the table is malformed, or the array moves, which no array of a scene does.
@@ -89,7 +89,7 @@ def read_array(path: Path, name: str | None) -> MicrophoneArray:
 
 
 def read_source(path: Path) -> Truth:
-    """Places of one source in the order of time; its identity is the number at the end of the file's name, or 0.
+    """Positions of one source in the order of time; its identity is the number at the end of the file's name, or 0.
 
     A time that is repeated counts once.  InputError where times go back.
     """
@@ -179,7 +179,7 @@ def _angles(rotation: Floats) -> tuple[float, float, float]:
     return yaw, float(np.arctan2(forward[2], flat)), roll
 
 
-ARRAY_POSITIONS = "a table of places of arrays"
+ARRAY_POSITIONS = "a table of positions of arrays"
 MAX_ARRAYS = 10_000
 """Direction finders of a table at most: each becomes a sensor of the scene."""
 FRIDA = TextFormat(
@@ -229,7 +229,7 @@ def looks_like_telemetr(head: list[str]) -> bool:
 def read_telemetr(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
     """Bearings of towers, clockwise from north; dates are month/day/year, 1900 + yy, and taken for UTC.
 
-    An animal's number is the identity of its bearings.  0 stands for a tower without a bearing
+    An animal's number is the identity of its bearings.  0 represents a tower without a bearing
     (north is 360): the program that made such logs took the other towers alone for its fix.
     """
     for rows in read_plain(path, "a field log of bearings"):
@@ -272,7 +272,7 @@ def _moment(path: Path, line: int, day: str, clock: str) -> int:
 
 
 def read_arrays(path: Path, name: str | None = None) -> tuple[MicrophoneArray, ...]:
-    """Arrays of a scene from a table of places.
+    """Arrays of a scene from a table of positions.
 
     A table of LOCATA is one array with its pose.  With a header x, y, z the rows are the microphones
     of one array at the origin, called `name` or after the file; without a header, rows x, y are
@@ -289,7 +289,7 @@ def read_arrays(path: Path, name: str | None = None) -> tuple[MicrophoneArray, .
         return (MicrophoneArray(name or path.stem, np.zeros(3), microphones=microphones),)
     plain = list(read_plain(path, ARRAY_POSITIONS))
     if (count := sum(map(len, plain))) > MAX_ARRAYS:
-        raise InputError(f"{path}: {count} rows; places of at most {MAX_ARRAYS} direction finders were expected")
+        raise InputError(f"{path}: {count} rows; positions of at most {MAX_ARRAYS} direction finders were expected")
     if len(plain[0].cells) not in (2, 3):
         raise InputError(f"{path}: {len(plain[0].cells)} columns; x and y of direction finders were expected")
     places = np.concatenate([np.column_stack([rows.floats(c) for c in rows.cells]) for rows in plain])
@@ -353,7 +353,7 @@ def parse_hop(text: str) -> Fraction:
     except (ValueError, ZeroDivisionError):
         value = Fraction(0)
     if not 0 < value <= 10:
-        raise UsageError(f"hop {text!r}: want seconds above 0 and at most 10, for example 0.008 or 128/16000")
+        raise UsageError(f"hop {text!r}: expected seconds above 0 and at most 10, for example 0.008 or 128/16000")
     return value
 
 
@@ -383,14 +383,14 @@ def _hops(path: Path, losses: list[Loss]) -> Iterator[_OdasObject]:
 
 
 def _after_blanks(text: str, at: int) -> int:
-    """The place of the next character that is not a blank."""
+    """The position of the next character that is not a blank."""
     while at < len(text) and text[at] in " \t\r\n":
         at += 1
     return at
 
 
 def _decode(decoder: json.JSONDecoder, text: str, at: int) -> tuple[object, int, str]:
-    """The JSON value that begins at a place of the text, and its end; None and the reason where it is not all there."""
+    """The JSON value that begins at a position of the text, and its end; None and the reason where it is not all there."""
     if at >= len(text):
         return None, at, ""
     try:

@@ -44,7 +44,7 @@ class Sound:
     floats: bool
     start: int  # byte at which the samples begin
     frames: int  # that are there, one sample a channel
-    promised: int | None  # frames by the header; None: it does not say
+    promised: int | None  # frames by the header; None: it does not state
     losses: list[Loss] = field(default_factory=list)
 
     def blocks(self, size: int = 65536) -> Iterator[Floats]:
@@ -97,7 +97,7 @@ class Sound:
 
 
 def open_sound(path: Path) -> Sound:
-    """A WAV file whose header has been read; InputError for another file, or one without sound."""
+    """A WAV file with a header that has been read; InputError for another file, or one without sound."""
     check_input(path, WHAT)
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -151,7 +151,7 @@ def _left(path: Path, at: int) -> Loss:
     rest = path.stat().st_size - at
     what = (
         f"{rest} bytes from there on were not read: the header states a length of the samples that is too short, as "
-        "where it has room for 4 GiB alone; convert the file anew"
+        "where it has room for 4 GiB alone; convert the file again"
     )
     return Loss(path.name, f"byte {at}", what)
 

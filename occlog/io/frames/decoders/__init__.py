@@ -1,1 +1,1 @@
-"""Decoders in processes of their own: started or forked, their jobs, and the memory that images come through."""
+"""Decoders in separate processes: started or forked, their jobs, and the memory that images come through."""

@@ -1,4 +1,4 @@
-"""Compressed images and the frames of linked videos, decoded in processes of their own.
+"""Compressed images and the frames of linked videos, decoded in separate processes.
 
 A process for images is kept for the next one.  There are as many as threads that decode at the same time.
 """
@@ -51,7 +51,7 @@ def decode_apart(data: bytes, where: str) -> Image:
 
 
 def _take(size: int) -> Decoder:
-    """A process whose shared memory has slots of so many bytes."""
+    """A process whose shared memory has slots of this many bytes."""
     while _idle:
         try:
             decoder = _idle.pop()

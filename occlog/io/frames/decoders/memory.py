@@ -30,7 +30,7 @@ AHEAD = 2**23
 
 
 def slot_size(width: int, height: int) -> int:
-    """Size of a slot for images of so many pixels [bytes], 0 where a pipe is better or memory cannot be shared."""
+    """Size of a slot for images of this many pixels [bytes], 0 where a pipe is better or memory cannot be shared."""
     size = 3 * width * height
     return size if SHARED and SMALLEST <= size <= LARGEST else 0
 

@@ -1,4 +1,4 @@
-"""Decoding processes as copies of one that has loaded what they need: a fifth of the time of starting each anew.
+"""Decoding processes as copies of one that has loaded what they need: a fifth of the time of starting each again.
 
 The nursery is `python -m occlog.io.frames.decoders.nursery`, started once and when it is first wanted.  It loads
 OpenCV, decodes nothing itself, and forks a process for each request.  It ends with the process that started it, and
@@ -59,7 +59,7 @@ class ForkedProcess:
         return self.returncode
 
     def wait(self) -> int:
-        """Wait for its end, and say how it was."""
+        """Wait for its end, and state how it was."""
         if self.returncode is None:
             self._line.setblocking(True)
             self._end(self._line.recv(_NUMBER.size))

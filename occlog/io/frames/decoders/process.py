@@ -1,4 +1,4 @@
-"""Frames of a video file or an image folder, decoded in a process of its own."""
+"""Frames of a video file or an image folder, decoded in a separate process."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class DecodingJob(TypedDict, total=False):
     files: list[tuple[int, str]]  # of images: frame number and file
     start: int  # of a video: first frame
     waits: bool  # of a video: its first frame, and the size of slots in shared memory, come later, on standard input
-    slot: int  # of messages: size of slots in shared memory, 0: there is none
+    slot: int  # of messages: size of slots in shared memory, 0: missing
     stop: int | None  # of a video: frame before which it ends; None: its end
     store: Required[str]  # png, jpeg, raw or none; of images also keep
     quality: Required[int]  # of JPEG
@@ -83,7 +83,7 @@ class Decoder:
         frames: number of frames announced, None if unknown.
         rate_hz: frame rate as stated, None if not.
         bars: width of black bars at the left, top, right and lower edge [px].
-        losses: what was lost; complete when all frames have been read.
+        losses: the losses; complete when all frames have been read.
     """
 
     path: Path

@@ -3,7 +3,7 @@
 A flipped bit makes an end mark of a chunk (6 becomes 2), or of an index of messages (7 becomes 15), and files that were
 put one behind another have several.  So a mark counts by its length and by what follows it.
 
-One of the recordings that stand in a file one behind another, as far as it is whole.
+One of the recordings that are in a file one behind another, as far as it is whole.
 
 Numbers of schemas and channels, the index and the metadata hold for one recording alone.
 """
@@ -83,10 +83,10 @@ def byte_after_end(file: IO[bytes], at: int, size: int) -> int | None:
 
 
 def index_of(file: IO[bytes], begin: int, size: int) -> tuple[int, bytes] | None:
-    """The first index from byte `begin` on whose footer says that it belongs to a recording that begins there.
+    """The first index from byte `begin` on whose footer states that it belongs to a recording that begins there.
 
-    Places in an index count from the beginning of its recording, so that of a recording behind another one the index
-    has a right check sum only if it is looked for there.
+    Positions in an index count from the beginning of its recording, so that of a recording behind another one the index
+    has a right check sum only if it is searched for there.
 
     Args:
         file: an MCAP file.
@@ -94,7 +94,7 @@ def index_of(file: IO[bytes], begin: int, size: int) -> tuple[int, bytes] | None
         size: length of the file.
 
     Returns:
-        Where the index begins in the file, and its records; None: there is none that is whole.
+        Where the index begins in the file, and its records; None: missing that is whole.
     """
     places = [size - FOOTER_BYTES - len(RECORDING_MAGIC)] if begin == 0 else []
     at: int | None = begin + len(RECORDING_MAGIC)
@@ -140,7 +140,7 @@ def are_records(data: bytes) -> bool:
 
 
 def _find(file: IO[bytes], marks: re.Pattern[bytes], at: int, size: int) -> int | None:
-    """Where a mark stands for the first time from a byte on."""
+    """Where a mark represents the first time from a byte on."""
     block = 1 << 20
     while at < size:
         file.seek(at)
@@ -152,7 +152,7 @@ def _find(file: IO[bytes], marks: re.Pattern[bytes], at: int, size: int) -> int 
 
 
 class SalvagedRecording:
-    """What is known of one recording."""
+    """State of one recording."""
 
     def __init__(self, at: int) -> None:
         """`at`: byte of the file at which it begins."""
@@ -174,7 +174,7 @@ class SalvagedRecording:
         self.before: dict[str, int] = {}
         """Time of the last message of each topic in the recordings before it [ns]."""
         self.copies: dict[str, int] = {}
-        """Messages by topic that stand in the recording twice."""
+        """Messages by topic that are in the recording twice."""
         self._runs: dict[str, list[list[int]]] = {}
         """Numbers of messages by topic: the first and the last one of each run, in order."""
         self._latest: dict[str, int] = {}
@@ -235,7 +235,7 @@ class SalvagedRecording:
         return "" if schema is None else str(schema.name)
 
     def lost(self) -> list[tuple[str, str, int | None]]:
-        """Topic, time and number of messages that are lost; None: nobody knows whether there were any."""
+        """Topic, time and number of messages that are lost; None: unknown whether there were any."""
         counts = self.counts if self.counts is not None else dict.fromkeys(self.channels)
         return [
             (self.channels[channel_id].topic, place, messages)

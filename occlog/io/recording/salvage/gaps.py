@@ -1,7 +1,7 @@
 """Messages of a topic that are lost in what is damaged: when, and how many as far as that can be known.
 
 Statistics in the index count the messages of a topic, and the index behind a damaged chunk those in the chunk.  Without
-both the numbers of messages tell, but only of a topic whose numbers rise by one: frames that a recorder left out on
+both the numbers of messages tell, but only of a topic with numbers that rise by one: frames that a recorder skipped on
 purpose leave the same jump.
 
 Which messages were written, so that those of a copy that follows are not taken for others.
@@ -18,11 +18,11 @@ from occlog.io.recording.chunks import MESSAGE_HEAD
 
 
 class Gap(NamedTuple):
-    """A stretch between two messages of a topic with damage in it.
+    """A section between two messages of a topic with damage in it.
 
     Attributes:
-        before: time of the last message before it [ns]; None: there is none.
-        after: time of the first message behind it [ns]; None: there is none.
+        before: time of the last message before it [ns]; None: missing.
+        after: time of the first message behind it [ns]; None: missing.
         jump: messages that are lost by their numbers, if these rise by one; None: one end is open.
         indexed: messages that indexes of the chunks in it count.
         whole: whether there is such an index of all that is damaged.
@@ -47,9 +47,9 @@ class Damage:
 
     def __init__(self) -> None:
         self.places = 0
-        """How many places are damaged."""
+        """How many positions are damaged."""
         self.unknown = 0
-        """How many of them no index of a chunk tells of."""
+        """How many of them no index of a chunk reports."""
         self.counted: dict[int, int] = {}
         """Messages of each channel that indexes of damaged chunks count."""
         self._behind = self._told = False
@@ -96,7 +96,7 @@ class ChannelTally:
         self.messages += 1
 
     def lost(self, count: int | None) -> list[tuple[str, int | None]]:
-        """When messages are lost, and how many; None: nobody knows whether there were any.
+        """When messages are lost, and how many; None: unknown whether there were any.
 
         Args:
             count: messages of the channel, by the statistics of the index; None: they are lost.
@@ -134,7 +134,7 @@ class ChannelTally:
 
 
 class Written:
-    """Times and check sums of messages by topic: 8 bytes a message, and more once somebody asks for a topic."""
+    """Times and check sums of messages by topic: 8 bytes a message, and more once a person asks for a topic."""
 
     def __init__(self) -> None:
         """Nothing was written yet."""

@@ -2,7 +2,7 @@
 
 A chunk counts if its check sum is right.  The last one of a file that was cut has none that could be tried; of
 what it holds up to the cut nothing was changed, so its complete messages count.  Where the length of a record is
-damaged, the search goes on at the next chunk whose head makes sense, or at the next recording: several may stand in a
+damaged, the search goes on at the next chunk whose head makes sense, or at the next recording: several may be in a
 file one behind another, and any but the last may be cut.
 
 What a cut LZ4 frame holds of the block in which it was cut, which the library gives whole or not at all.
@@ -45,7 +45,7 @@ from .ends import BEGIN, END_BYTES, byte_after_end, index_of, is_end_mark
 
 _MAGIC = 0x184D2204
 _PLAIN = 1 << 31
-"""Bit of a block's size that says that its bytes are not packed."""
+"""Bit of a block's size that states that its bytes are not packed."""
 _LENGTH = struct.Struct("<I")
 _OFFSET = struct.Struct("<H")
 _HEAD = 7
@@ -106,7 +106,7 @@ def _sequences(block: bytes, before: bytes, most: int) -> bytes:
 
 
 def _length(block: bytes, at: int, length: int) -> tuple[int, int]:
-    """A length that begins with this number, and the place after it; what is there of it where it is cut."""
+    """A length that begins with this number, and the position after it; what is there of it where it is cut."""
     if length < _LONG:
         return length, at
     while at < len(block):
@@ -120,7 +120,7 @@ def _length(block: bytes, at: int, length: int) -> tuple[int, int]:
 LAST_CODE = Opcode.DATA_END
 """Codes of records that the format defines go up to this one."""
 _MARKS = tuple(_LENGTH.pack(len(name)) + name.encode() for name in KNOWN_COMPRESSION if name)
-"""The name of the compression as it stands in the head of a chunk."""
+"""The name of the compression as it is in the head of a chunk."""
 _SIZES = {1: "<I", 2: "<Q"}
 _PARTS: dict[int, tuple[int, ...]] = {
     Opcode.HEADER: (-1, -1),
@@ -131,10 +131,10 @@ _PARTS: dict[int, tuple[int, ...]] = {
     Opcode.ATTACHMENT: (16, -1, -1, -2, 4),
     Opcode.METADATA: (-1, -1),
 }
-"""What records consist of, by the MCAP format: so many bytes; -1, -2: bytes behind their number, of 4 or 8 bytes."""
+"""What records consist of, by the MCAP format: this many bytes; -1, -2: bytes behind their number, of 4 or 8 bytes."""
 _BLOCK = 1 << 20
 _FIRST_BLOCK = 1 << 12
-"""Bytes in which the next record is looked for at first: where damage follows damage, it is near."""
+"""Bytes in which the next record is searched for at first: where damage follows damage, it is near."""
 _BEGINS = re.compile(b"|".join(map(re.escape, (*_MARKS, BEGIN))))
 FAILURES = (McapError, struct.error, ValueError, RuntimeError, EOFError, MemoryError, zstandard.ZstdError)
 """What damaged records raise in the libraries that take them apart."""
@@ -238,7 +238,7 @@ def repeated_records(path: Path, begin: int = 0) -> list[McapRecord]:
 
 
 def _behind(file: IO[bytes], at: int, size: int, damaged: DamageReporter) -> int:
-    """Where to read on behind the end mark at a byte: at the next recording or chunk; `size`: there is none."""
+    """Where to read on behind the end mark at a byte: at the next recording or chunk; `size`: missing."""
     behind = byte_after_end(file, at, size)
     if behind is None:  # the index is damaged, or the mark is none
         begins = _next_begin(file, at + 1, size)
@@ -249,7 +249,7 @@ def _behind(file: IO[bytes], at: int, size: int, damaged: DamageReporter) -> int
         return behind
     begins = _next_begin(file, behind, size)
     stop = size if begins is None else begins
-    damaged(behind, f"{stop - behind} bytes behind the end mark are no records, and are left out")
+    damaged(behind, f"{stop - behind} bytes behind the end mark are no records, and are skipped")
     return stop
 
 
@@ -263,11 +263,11 @@ def _is_recording(file: IO[bytes], at: int) -> bool:
 
 
 def _kind(file: IO[bytes], code: int, length: int, before: int) -> int:
-    """The kind of a record that the file stands in, by what it holds where its code may be damaged; 0: none is known.
+    """The kind of a record that the file is in, by what it holds where its code may be damaged; 0: none is known.
 
     Args:
         file: the file, standing behind the head of the record.
-        code: what the head says.
+        code: what the head states.
         length: of the record, which is all in the file.
         before: code of the record before it.
     """
@@ -282,7 +282,7 @@ def _kind(file: IO[bytes], code: int, length: int, before: int) -> int:
 
 
 def _own_length(file: IO[bytes], at: int, code: int, size: int) -> int | None:
-    """The length of a record at a byte by what it holds, whatever its head says; None: that does not tell."""
+    """The length of a record at a byte by what it holds, whatever its head states; None: that does not determine."""
     place = at + HEAD.size
     for part in _PARTS.get(code, ()):
         if part < 0:
@@ -327,10 +327,10 @@ def _one(
     if code == Opcode.HEADER:
         return end
     if code in END_BYTES:
-        damaged(at, f"a damaged record of {length} bytes is left out: an end mark has {END_BYTES[code]}")
+        damaged(at, f"a damaged record of {length} bytes is skipped: an end mark has {END_BYTES[code]}")
         return end
     if length > MAX_CHUNK_BYTES:
-        damaged(at, f"a record of {length} bytes (limit {MAX_CHUNK_BYTES}) is left out")
+        damaged(at, f"a record of {length} bytes (limit {MAX_CHUNK_BYTES}) is skipped")
         return end
     data = file.read(length)
     cut = data.find(BEGIN)  # before what was cut another recording may be, which the record cannot hold
@@ -350,7 +350,7 @@ def _one(
             yield from _cut_chunk(file, at, at + HEAD.size + cut, damaged, growth)
             return at + HEAD.size + cut
         reason = " ".join(str(error).split())[:80] or "data end early"
-        damaged(at, f"a damaged chunk of {length} bytes is left out ({reason})")
+        damaged(at, f"a damaged chunk of {length} bytes is skipped ({reason})")
         return end
     growth.add(len(data) - head.begin, records)
     yield from _split(records, at)
@@ -415,7 +415,7 @@ def _split(records: bytes, at: int) -> Iterator[McapRecord]:
 
 
 def _next_begin(file: IO[bytes], at: int, size: int) -> int | None:
-    """Where the next record begins that looks like a whole compressed chunk, or the next recording; None: nowhere."""
+    """Where the next record begins that resembles a whole compressed chunk, or the next recording; None: nowhere."""
     before = HEAD.size + CHUNK_HEAD.size  # of the name of the compression
     longest = max(map(len, (*_MARKS, BEGIN)))
     begin, length = at, _FIRST_BLOCK

@@ -37,8 +37,8 @@ class Recovered(NamedTuple):
 
     Attributes:
         messages: how many there are, by topic.
-        span: times of the first and the last message [ns]; None: there is none.
-        losses: what is lost of the recording, and what had been lost when it was made.
+        span: times of the first and the last message [ns]; None: missing.
+        losses: what is lost of the recording, and earlier losses when it was made.
     """
 
     messages: dict[str, int]
@@ -51,7 +51,7 @@ def recover_recording(
 ) -> Recovered:
     """Write `path`, whole or not at all, with every whole message of a damaged recording.
 
-    Messages keep their order, times and numbers.  What was lost is in the provenance, from where all later stages
+    Messages keep their order, times and numbers.  Losses is in the provenance, from where all later stages
     carry it on.  Where several recordings stand in the file one behind another, those of one scene are brought
     together, but for frames of linked videos, whose numbers mean something in the first one's videos alone.
 
@@ -85,7 +85,7 @@ class _Salvage:
         self._written_channels: dict[tuple[str, str, int, str], int] = {}
         self._attached: dict[str, bytes] = {}  # digests
         self._losses: dict[Loss, None] = {}
-        self._before: list[Loss] = []  # what had been lost when the recordings were made
+        self._before: list[Loss] = []  # earlier losses when the recordings were made
         self._names: set[str] = set()  # of schemas
         self._messages: dict[str, int] = {}
         self._written = Written()
@@ -118,10 +118,10 @@ class _Salvage:
             elif record.code == Opcode.MESSAGE:
                 self._message(record)
         except FAILURES as error:
-            self._lose(f"byte {record.at}", f"a damaged record is left out ({' '.join(str(error).split())[:80]})")
+            self._lose(f"byte {record.at}", f"a damaged record is skipped ({' '.join(str(error).split())[:80]})")
 
     def _begin(self, at: int) -> None:
-        """Begin with the recording at a byte of the file, and take what its index says."""
+        """Begin with the recording at a byte of the file, and take what its index states."""
         if at:
             self._next(at)
         with suppress(*FAILURES):
@@ -133,7 +133,7 @@ class _Salvage:
                 self._part.counts = {int(k): int(n) for k, n in told.items()}
 
     def _define(self, found: records.Schema | records.Channel, at: int) -> None:
-        if self._part.contradicts(found):  # another recording, whose beginning is lost
+        if self._part.contradicts(found):  # another recording, with a beginning that is lost
             self._next(at)
         self._part.define(found)
 
@@ -149,7 +149,7 @@ class _Salvage:
         part = self._part
         for name in damaged_metadata(part.metadata):
             part.metadata.pop(name, None)
-            self._lose(name, "metadata with a wrong digest are left out")
+            self._lose(name, "metadata with a wrong digest are skipped")
         for topic, copies in sorted(part.copies.items()):
             told = "message that stands" if copies == 1 else "messages that stand"
             self._losses[Loss(_source_of(topic), "copies", f"{copies} {told} in the file twice, and count once")] = None
@@ -168,18 +168,18 @@ class _Salvage:
         self._before += self._provenance_before(part).losses
 
     def _tell_of_other(self, part: SalvagedRecording) -> None:
-        """List a recording that follows another one, and what is left out of it."""
+        """List a recording that follows another one, and what is skipped of it."""
         place = f"from byte {part.at} on"
         if not self._belongs(part):
-            what = "messages of another recording, which has another scene or none, are left out; split the file there"
+            what = "messages of another recording, which has another scene or none, are skipped; split the file there"
             self._losses[Loss(self._source.name, place, what, part.left_out)] = None
             return
         self._lose(place, "another recording, of the same scene; its messages follow those of the first")
         if part.early:
-            what = "messages of another recording that are not later than those before it are left out; split the file"
+            what = "messages of another recording that are not later than those before it are skipped; split the file"
             self._losses[Loss(self._source.name, place, f"{what} there", part.early)] = None
         if part.left_out:
-            what = "frames of linked videos of another recording are left out; split the file there"
+            what = "frames of linked videos of another recording are skipped; split the file there"
             self._losses[Loss(self._source.name, place, what, part.left_out)] = None
 
     def _belongs(self, part: SalvagedRecording) -> bool:
@@ -212,7 +212,7 @@ class _Salvage:
         channel_id, number, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(record.data)
         part.damage.end()
         if channel_id not in part.channels:
-            self._lose(f"channel {channel_id}", "its messages are left out: what they are is lost")
+            self._lose(f"channel {channel_id}", "its messages are skipped: what they are is lost")
             return
         topic = part.channels[channel_id].topic
         tally = part.tallies.setdefault(channel_id, ChannelTally(channel_id, part.damage))
@@ -240,7 +240,7 @@ class _Salvage:
         self._span = min(low, log_ns), max(high, log_ns)
 
     def _register(self, part: SalvagedRecording, channel: records.Channel) -> int:
-        """The channel of the new recording that is the same, which is begun if there is none."""
+        """The channel of the new recording that is the same, which is begun if missing."""
         number = 0
         if channel.schema_id:
             schema = part.schemas.get(channel.schema_id)
@@ -261,7 +261,7 @@ class _Salvage:
     def _attach(self, record: McapRecord) -> None:
         # What occlog writes has a check sum: 0, which means that there is none, is damage
         if not has_right_sum(record.data) or not any(record.data[-4:]):
-            self._lose(f"byte {record.at}", "an attached file with a wrong check sum is left out")
+            self._lose(f"byte {record.at}", "an attached file with a wrong check sum is skipped")
             return
         a = records.Attachment.read(_stream(record))
         digest = hashlib.sha256(a.data).digest()
@@ -269,20 +269,20 @@ class _Salvage:
             self._part.scene = digest
         if self._part is not self._first:
             same = self._attached.get(a.name) == digest
-            if not same and a.name != SCENE_ATTACHMENT:  # of another scene all is left out
-                self._lose(f"byte {record.at}", f"{a.name}, attached to another recording, is left out")
+            if not same and a.name != SCENE_ATTACHMENT:  # of another scene all is skipped
+                self._lose(f"byte {record.at}", f"{a.name}, attached to another recording, is skipped")
             return
         self._writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)
         self._attached[a.name] = digest
 
     def _provenance_before(self, part: SalvagedRecording) -> Provenance:
-        """How the recording was made, with what was lost then; a loss where that itself is lost."""
+        """How the recording was made, with the losses then; a loss where that itself is lost."""
         before = UNKNOWN
         with suppress(InputError):
             before = provenance_from_json(part.metadata.get(OURS, {}).get("provenance", ""), self._source)
         if before.command == "unknown":
             place = "its end" if part is self._first else f"the end of what begins at byte {part.at}"
-            self._lose(place, "how it was made, and what was lost then, is not known any more")
+            self._lose(place, "how it was made, and the losses then, is not known any more")
         return before
 
     def _links(self, videos: Mapping[str, Path]) -> dict[str, dict[str, str]]:

@@ -1,8 +1,8 @@
-"""A first look at a recording: the empty scene, the size of people, and the target's appearance.
+"""A first pass at a recording: the empty scene, the size of people, and the target's appearance.
 
 Of each camera some frames are kept, spread evenly over the recording; the rest is not
 decoded.  What the camera shows when nobody is there, how large people are where the
-camera's pose does not tell, and what a person in a given box looks like come from these.
+camera's pose does not determine, and what a person in a given box resembles come from these.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def learn(
     """Learn the empty scene, the sizes of people, and the appearances of the targets in boxes.
 
     Frames that cannot be decoded, or are of another size than the camera's first, are
-    left out here; `detect` reports them.
+    skipped here; `detect` reports them.
 
     Args:
         frames: of all cameras, in the order of time.

@@ -54,12 +54,12 @@ from ..config import (
 from ..near import TrackFeedback
 
 MAX_JUMP_WIDTHS = 2.0
-"""Distance from its last place at which a target's closeness is exp(-1/2), in spreads of a person's width."""
+"""Distance from its last position at which a target's closeness is exp(-1/2), in spreads of a person's width."""
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A person to look for, known by appearance; InputError where a row of `appearances` is no histogram."""
+    """A person to search for, known by appearance; InputError where a row of `appearances` is no histogram."""
 
     target_id: int
     appearances: Floats  # (n, 72) histograms of one person, in several views or lights
@@ -83,13 +83,13 @@ def check_targets(targets: Sequence[Target]) -> None:
 
 @dataclass
 class TargetMemory:
-    """The place where one camera last saw each target: number of the target to time [ns], x and y [px]."""
+    """The position where one camera last saw each target: number of the target to time [ns], x and y [px]."""
 
     last: dict[int, tuple[int, float, float]] = field(default_factory=dict)
 
 
 def similarities(appearance: Floats, targets: Sequence[Target]) -> Floats:
-    """(K, T) likeness of regions (K, 72) to each target: that to its best appearance, NaN where a row has NaN."""
+    """(K, T) similarity of regions (K, 72) to each target: that to its best appearance, NaN where a row has NaN."""
     columns = [similarity(appearance, target.appearances).max(axis=1, initial=-np.inf) for target in targets]
     return np.column_stack(columns) if columns else np.empty((len(appearance), 0))
 
@@ -105,15 +105,15 @@ def choose(
     """Choose the region of each target in one frame, and update `memory`.
 
     With appearances, pairs of target and region are taken greedily in falling order of
-    likeness plus `CONTINUITY_BONUS` times closeness, each region for one target at most, while the
-    likeness is at least `least_likeness`.  Without appearances there is one target: the
+    similarity plus `CONTINUITY_BONUS` times closeness, each region for one target at most, while the
+    similarity is at least `least_likeness`.  Without appearances there is one target: the
     region with the most foreground times 1 + closeness, so that it does not change between
     regions of about the same size.  A region of more than `MAX_CLUSTER_RATIO` persons' pixels is no target.
 
     Args:
         t_ns: time of the frame.
         regions: K regions.
-        like: (K, T) likenesses; (K, 0) where no appearance is known.
+        like: (K, T) similarities; (K, 0) where no appearance is known.
         memory: of the camera.
         least_likeness: 0 to 1.
         allowed: (K, max(T, 1)) regions that may be of each target; None: all.
@@ -124,7 +124,7 @@ def choose(
     n_targets = max(like.shape[1], 1)
     close = np.column_stack([_closeness(t_ns, regions, memory.last.get(n)) for n in range(n_targets)])
     chosen = np.full(n_targets, -1, dtype=np.int64)
-    # Gate: leave out regions that are much larger than a person.
+    # Gate: omit regions that are much larger than a person.
     plausible = np.repeat((regions.fill <= MAX_CLUSTER_RATIO)[:, None], n_targets, axis=1)
     if allowed is not None:
         plausible &= allowed
@@ -147,7 +147,7 @@ def choose(
 
 
 def _closeness(t_ns: int, regions: ForegroundRegions, last: tuple[int, float, float] | None) -> Floats:
-    """(K,) closeness to the target's last place: 1 there, exp(-far^2 / 2) around it; 0 after `MEMORY_S`."""
+    """(K,) closeness to the target's last position: 1 there, exp(-far^2 / 2) around it; 0 after `MEMORY_S`."""
     if last is None or (t_ns - last[0]) * 1e-9 > MEMORY_S:
         return np.zeros(len(regions.mass))
     widths = np.sqrt(regions.person[:, 0])
@@ -187,7 +187,7 @@ class CameraState:
     seen: int = 0  # frames given to the background model
     memory: TargetMemory = field(default_factory=TargetMemory)
     apart: SeparateSightings = field(default_factory=SeparateSightings)
-    near: TrackFeedback | None = None  # where targets are thought to be; None: they are looked for everywhere
+    near: TrackFeedback | None = None  # where targets are thought to be; None: they are searched for everywhere
 
 
 @dataclass(frozen=True)
@@ -267,7 +267,7 @@ def set_up(state: CameraState, image: Image) -> CameraSetup:
     """Background model and expected sizes for images like the camera's first.
 
     Raises:
-        InputError: the image does not fit the scene's, or nothing says how large people are.
+        InputError: the image does not fit the scene's, or nothing states how large people are.
     """
     camera, c = state.camera, state.config
     size = (image.shape[1], image.shape[0])
@@ -281,7 +281,7 @@ def set_up(state: CameraState, image: Image) -> CameraSetup:
     sizes = state.sizes if state.sizes is not None else known_sizes(camera, state.scene, size, c)
     if sizes is None:
         raise InputError(
-            f"camera {camera.name}: nothing says how large people are in its images: it has no pose in metres, feet "
+            f"camera {camera.name}: nothing states how large people are in its images: it has no pose in metres, feet "
             "or inches in an upright world, and no people were seen beforehand; give the height of a person in pixels "
             "(person_height_px)"
         )
@@ -291,7 +291,7 @@ def set_up(state: CameraState, image: Image) -> CameraSetup:
 
 
 def known_sizes(camera: Camera, scene: Scene, size: tuple[int, int], config: DetectConfig) -> SizeMap | None:
-    """Size map from the options or from the camera's pose; None if neither says."""
+    """Size map from the options or from the camera's pose; None if neither states."""
     if config.person_height_px is not None:
         return constant_sizes(size, config.person_height_px)
     height = config.person_height or PERSON_HEIGHT.get(scene.length_unit)
@@ -335,7 +335,7 @@ def check_size(camera: Camera, size: tuple[int, int]) -> None:
     cut = np.subtract(camera.image_size, size)
     if (cut < 0).any() or (cut >= BLOCK).any():
         raise InputError(
-            f"camera {camera.name}: frames are {size[0]} x {size[1]} px but the scene says "
+            f"camera {camera.name}: frames are {size[0]} x {size[1]} px but the scene states "
             f"{camera.image_size[0]} x {camera.image_size[1]}: the calibration is for other images; correct "
             "image_size_px, focal_px and principal_point_px of the camera"
         )
@@ -370,7 +370,7 @@ def plain_image(image: NDArray[np.integer], bits: int | None) -> Image:
             raise InputError("16-bit image: say how many bits count (bits, 8 to 16)")
         image = np.minimum(image >> (bits - 8), 255).astype(np.uint8)
     if image.dtype != np.uint8:
-        raise InputError(f"image of {image.dtype}: want 8 or 16 bits")
+        raise InputError(f"image of {image.dtype}: expected 8 or 16 bits")
     return np.ascontiguousarray(image)
 
 
@@ -391,7 +391,7 @@ def stretches(sensor: str, lost: list[tuple[int, str]]) -> tuple[Loss, ...]:
 
 
 FRAMES = re.compile(r"frames? (\d+)(?: to (\d+))?")
-"""Place of a loss that `stretches` has made."""
+"""Position of a loss that `stretches` has made."""
 
 
 def numbers_of(loss: Loss) -> tuple[int, int] | None:

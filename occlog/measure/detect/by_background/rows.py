@@ -72,7 +72,7 @@ def _choose(state: CameraState, frames: _RegionFrames, like: Floats, seen: Regio
 
 
 def _near(state: CameraState, frames: _RegionFrames, seen: RegionBearings) -> Bools | None:
-    """(K, T) regions that are near where each target is thought to be; None: nothing is said, or without a pose."""
+    """(K, T) regions that are near where each target is thought to be; None: nothing is reported, or without a pose."""
     near, camera = state.near, state.camera
     if near is None or not camera.placed:
         return None

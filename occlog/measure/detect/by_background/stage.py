@@ -35,10 +35,10 @@ IN_FLIGHT = 2  # batches that wait or run while the oldest is finished
 
 @dataclass(frozen=True)
 class Learned:
-    """Images and sizes learnt from a first look at a recording (`learning.learn`), by camera."""
+    """Images and sizes learnt from a first pass at a recording (`learning.learn`), by camera."""
 
     empty: Mapping[str, Image] = field(default_factory=dict)  # images of the empty scene
-    sizes: Mapping[str, SizeMap] = field(default_factory=dict)  # of people, where the pose does not tell
+    sizes: Mapping[str, SizeMap] = field(default_factory=dict)  # of people, where the pose does not determine
 
 
 class _Part(NamedTuple):
@@ -73,8 +73,8 @@ def detect(
         config: options.
         workers: threads.
         learned: images of the empty scene and sizes of people.
-        targets: people to look for; none: the largest region is the one target, `LONE_TARGET_ID`.
-        near: where targets are thought to be; None: they are looked for everywhere.
+        targets: people to search for; none: the largest region is the one target, `LONE_TARGET_ID`.
+        near: where targets are thought to be; None: they are searched for everywhere.
         batch: frames read ahead at a time, 1 or more; the rows do not depend on it.
 
     Yields:
@@ -82,7 +82,7 @@ def detect(
 
     Raises:
         InputError: a frame's camera is not in the scene, an image does not fit its
-            calibration, or nothing says how large people are.
+            calibration, or nothing states how large people are.
         UsageError: two targets have the same identity.
     """
     check_targets(targets)

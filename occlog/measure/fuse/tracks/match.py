@@ -1,8 +1,8 @@
-"""Which tracks of two groups of cameras are of one person, moment by moment.
+"""Which tracks of two groups of cameras are of one person, time step by time step.
 
 Identities of people whom several groups of cameras follow: they go over from one group to the other.
 
-Covariance intersection of two estimates of one state whose errors have an unknown part in common.
+Covariance intersection of two estimates of one state with errors that have an unknown part in common.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from occlog.core.numerics.assignment import assign
 from occlog.records.tables import PeopleTracks
 
 MAX_DISTANCE_GATES = 4.0
-"""A distance counts at most so many times the gate, so that a quarter of the moments may be far off."""
+"""A distance counts at most this many times the gate, so that a quarter of the time steps may be far off."""
 CONTINUITY_BONUS_CHI2 = 4.0
-"""The pairs of the moment before are preferred by so much of the squared distance in standard deviations."""
+"""The pairs of the time step before are preferred by so much of the squared distance in standard deviations."""
 
 
 def match_tracks(first: PeopleTracks, second: PeopleTracks, error: float, gate: float, span_s: float) -> Ints:
     """Find for each row of the first group the row of the second that is of the same person.
 
-    Two tracks are compared by the mean, over `span_s` about the moment, of the squared distance of their places in
-    standard deviations, that of each moment at most `MAX_DISTANCE_GATES` times the gate.  At each moment the pairs
+    Two tracks are compared by the mean, over `span_s` about the time step, of the squared distance of their positions in
+    standard deviations, that of each time step at most `MAX_DISTANCE_GATES` times the gate.  At each time step the pairs
     within the gate are assigned one to one.
 
     Args:
-        first: tracks at common moments, ordered by time.
+        first: tracks at common time steps, ordered by time.
         second: the same.
-        error: standard deviation of the places beyond their covariances, per axis.
+        error: standard deviation of the positions beyond their covariances, per axis.
         gate: in standard deviations.
         span_s: how long tracks are compared [s].
 
@@ -66,7 +66,7 @@ def match_tracks(first: PeopleTracks, second: PeopleTracks, error: float, gate: 
 
 
 class GroundPositions(NamedTuple):
-    """Places on the floor; n of them."""
+    """Positions on the floor; n of them."""
 
     x: Floats  # (n,)
     y: Floats
@@ -89,7 +89,7 @@ def distances(first: GroundPositions, second: GroundPositions, error: float) -> 
     """(n,) squared distances in standard deviations; chi-square with 2 degrees of freedom for independent errors.
 
     Args:
-        first: n places.
+        first: n positions.
         second: n others.
         error: standard deviation of both beyond their covariances, per axis.
     """
@@ -103,7 +103,7 @@ def distances(first: GroundPositions, second: GroundPositions, error: float) -> 
 def _compared(
     first: PeopleTracks, second: PeopleTracks, error: float, gate: float, span_s: float
 ) -> tuple[Ints, Ints, Floats]:
-    """Rows of both groups at one moment, of tracks that are ever near each other, and the mean squared distance."""
+    """Rows of both groups at one time step, of tracks that are ever near each other, and the mean squared distance."""
     places = GroundPositions.of(first), GroundPositions.of(second)
     rows_of = [{i: np.flatnonzero(g.target_id == i) for i in np.unique(g.target_id).tolist()} for g in (first, second)]
     none = np.zeros(0, dtype=np.int64)
@@ -119,7 +119,7 @@ def _compared(
 
 
 def _ever_near(first: PeopleTracks, second: PeopleTracks, error: float, gate: float) -> list[tuple[int, int]]:
-    """Pairs of identities that are within the gate at some moment."""
+    """Pairs of identities that are within the gate at some time step."""
     places = GroundPositions.of(first), GroundPositions.of(second)
     near: set[tuple[int, int]] = set()
     times, start, number = np.unique(second.t_ns, return_index=True, return_counts=True)
@@ -150,13 +150,13 @@ NO_ID = -1
 
 @dataclass
 class IdentityMatcher:
-    """Who is who, moment by moment.
+    """Who is who, time step by time step.
 
     A person is followed by tracks of one group or of several; while one of these tracks goes on, the person keeps the
     identity.  Of tracks that part one keeps it: the one that has had it for longest.
 
     Attributes:
-        doubts: pairs of identities that may have been exchanged in the last moment.
+        doubts: pairs of identities that may have been exchanged in the last time step.
     """
 
     doubts: list[tuple[int, int]] = field(default_factory=list)
@@ -165,10 +165,10 @@ class IdentityMatcher:
     _next: int = 0
 
     def step(self, people: list[tuple[Member, ...]]) -> list[int]:
-        """Give an identity to each person, who is a set of tracks, at the next moment."""
+        """Give an identity to each person, who is a set of tracks, at the next time step."""
         self.doubts = []
         taken: dict[int, int] = {}
-        # The oldest identity goes first, to those whose tracks have had it all along
+        # The oldest identity goes first, to those with tracks that have had it all along
         for identity, place in self._claims(people):
             if identity not in taken and place not in taken.values():
                 taken[identity] = place
@@ -207,17 +207,17 @@ class IdentityMatcher:
 
 
 LEAST = 1e-12
-"""Part of the larger variance that the smaller one is taken to be at least: exact places have no inverse."""
+"""Part of the larger variance that the smaller one is taken to be at least: exact positions have no inverse."""
 
 
 def weights(first: Floats, second: Floats) -> Floats:
-    """Weights of the first estimate that make the area of the fused place's ellipse smallest.
+    """Weights of the first estimate that make the area of the fused position's ellipse smallest.
 
     With the information matrices A and B and the eigenvalues d of A^-1 B, the determinant of w A + (1 - w) B is
-    proportional to the product of w + (1 - w) d, a parabola in w whose vertex is known.
+    proportional to the product of w + (1 - w) d, a parabola in w with known vertex.
 
     Args:
-        first: (n, 2, 2) covariances of the place.
+        first: (n, 2, 2) covariances of the position.
         second: (n, 2, 2) the same.
 
     Returns:
@@ -239,10 +239,10 @@ def weights(first: Floats, second: Floats) -> Floats:
 def intersect(means: tuple[Floats, Floats], covariances: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
     """Fuse two estimates by covariance intersection (Julier and Uhlmann 1997), whatever their errors have in common.
 
-    P^-1 = w A^-1 + (1 - w) B^-1, P^-1 x = w A^-1 a + (1 - w) B^-1 b; w as `weights` says.
+    P^-1 = w A^-1 + (1 - w) B^-1, P^-1 x = w A^-1 a + (1 - w) B^-1 b; w as `weights` states.
 
     Args:
-        means: two times (n, k) states, the first two numbers the place.
+        means: two times (n, k) states, the first two numbers the position.
         covariances: two times (n, k, k), finite.
 
     Returns:

@@ -24,11 +24,11 @@ from .stage import FusedGroupTracks, GroupConsistency, fuse_tracks
 FOUND, AGREE = "number of people", "agreement of the groups of cameras"
 """Names of checks."""
 MAX_SEPARATION_RATIO = 2.0
-"""Groups whose places differ by more than so many times the expected error, on average, are said to."""
+"""Groups with positions that differ by more than this many times the expected error, on average, are stated to."""
 
 
 def run_fuse_tracks(request: TrackFusionRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Fuse tracks and write; return the summary, and what had been lost before."""
+    """Fuse tracks and write; return the summary, and earlier losses."""
     paths = (request.bearings, *request.others)
     opened = [open_input(path, PeopleTracks) for path in paths]
     unit, source = common_unit(opened)
@@ -50,7 +50,7 @@ def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGro
 
     people, rows: of the output.  in_several: share of the rows of people whom several groups follow at that time.
     doubts: how often two identities may have been exchanged.  groups: of each input the identities; of each but the
-    first the rows that it has in common with those before, and the median distance of their places.
+    first the rows that it has in common with those before, and the median distance of their positions.
     """
     several = np.char.count(fused.tracks.made_of, "-") < len(groups) - 1 if len(fused.tracks) else np.zeros(0)
     by_group: dict[str, object] = {}
@@ -91,11 +91,11 @@ def _apart(
         if not len(group):
             continue
         if not agreement.moments:
-            text = "nobody is there at a time at which the tracks before it have anybody; check its clock"
+            text = "nobody is there at a time at which the tracks before it have any person; check its clock"
             yield finding(AGREE, "warning", "group-at-other-times", f"{path}: {text}")
         elif not agreement.pairs:
             text = f"none of its people is one of those before it, though there are some at {agreement.moments} times"
-            remedy = "if the groups of cameras see the same places, check their poses and clocks"
+            remedy = "if the groups of cameras see the same positions, check their poses and clocks"
             yield finding(AGREE, "warning", "group-of-others", f"{path}: {text}; {remedy}")
         elif _beside(agreement, config):
             x, y = agreement.beside

@@ -1,10 +1,10 @@
 """Fusion of the tracks of several groups of cameras: one identity and one state of each person.
 
-The tracks of all groups are brought to common moments.  Then one group after the other joins those before: tracks of
+The tracks of all groups are brought to common time steps.  Then one group after the other joins those before: tracks of
 one person are matched, their states are fused by covariance intersection, since groups share what they do not know (the
 motion, cameras, poses), and identities go over from track to track.
 
-Tracks of several groups of cameras at common moments.
+Tracks of several groups of cameras at common time steps.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from .config import TrackFusionConfig
 from .match import NO_ID, GroundPositions, IdentityMatcher, distances, intersect, match_tracks
 
 JUST_UNDER = 0.49
-"""Moments are so much of the shortest period long, so that none has two rows of one track."""
+"""Time steps are so much of the shortest period long, so that none has two rows of one track."""
 STRAIGHT = (
     *("x", "y", "vx", "vy", "cov_xx", "cov_xy", "cov_yy", "cov_x_vx", "cov_x_vy", "cov_y_vx", "cov_y_vy"),
     *("cov_vx_vx", "cov_vx_vy", "cov_vy_vy", "existence", "height", "width", "sd_height", "sd_width"),
 )
-"""Columns that a straight line bridges.  The covariance of a place on the line is at most that of its ends in the same
+"""Columns that a straight line bridges.  The covariance of a position on the line is at most that of its ends in the same
 shares, whatever their errors have in common."""
 
 
@@ -47,7 +47,7 @@ def default_window(groups: Sequence[PeopleTracks]) -> int:
 
 
 def moments_of(groups: Sequence[PeopleTracks], window_ns: int) -> Ints:
-    """(T,) the common moments [ns]: the first of all times that are at most a window after it."""
+    """(T,) the common time steps [ns]: the first of all times that are at most a window after it."""
     times = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(g.t_ns for g in groups)]))
     starts: list[int] = []
     at = 0
@@ -58,10 +58,10 @@ def moments_of(groups: Sequence[PeopleTracks], window_ns: int) -> Ints:
 
 
 def at_moments(tracks: PeopleTracks, moments: Ints, window_ns: int, gap_ns: int) -> PeopleTracks:
-    """Rows of all tracks at the moments at which they are there, ordered by time and identity.
+    """Rows of all tracks at the time steps at which they are there, ordered by time and identity.
 
-    A row at a moment stays as it is.  Between rows that are at most `gap_ns` apart lies a straight line; a row that is
-    at most `window_ns` from a moment is moved there with its velocity where there is no line.
+    A row at a time step stays as it is.  Between rows that are at most `gap_ns` apart lies a straight line; a row that is
+    at most `window_ns` from a time step is moved there with its velocity where there is no line.
     """
     order = np.lexsort((tracks.t_ns, tracks.target_id))
     starts = np.flatnonzero(np.diff(tracks.target_id[order], prepend=-1)) if len(order) else np.zeros(0, dtype=np.int64)
@@ -76,7 +76,7 @@ def at_moments(tracks: PeopleTracks, moments: Ints, window_ns: int, gap_ns: int)
 def _one_at_moments(track: PeopleTracks, moments: Ints, window_ns: int, gap_ns: int) -> PeopleTracks:
     t = track.t_ns
     asked = moments[np.searchsorted(moments, t[0] - window_ns) : np.searchsorted(moments, t[-1] + window_ns, "right")]
-    # The rows before and after each moment; at the ends of the track the same row twice
+    # The rows before and after each time step; at the ends of the track the same row twice
     before = np.clip(np.searchsorted(t, asked, side="right") - 1, 0, len(t) - 1)
     after = np.clip(np.searchsorted(t, asked, side="left"), 0, len(t) - 1)
     nearest = np.where(asked - t[before] <= t[after] - asked, before, after)
@@ -118,14 +118,14 @@ NOT_THERE = "-"
 class GroupConsistency(NamedTuple):
     """How a group of cameras agrees with those before it."""
 
-    moments: int  # at which both have somebody
-    pairs: int  # rows of one person, at these moments
-    beside: tuple[float, float]  # mean of the later group's place minus that of those before; NaN without pairs
+    moments: int  # at which both have a person
+    pairs: int  # rows of one person, at these time steps
+    beside: tuple[float, float]  # mean of the later group's position minus that of those before; NaN without pairs
     apart: float  # median distance; NaN without pairs
 
 
 class FusedGroupTracks(NamedTuple):
-    """Tracks of everybody, from all groups."""
+    """Tracks of all people, from all groups."""
 
     tracks: JoinedTracks
     events: Events
@@ -220,7 +220,7 @@ def _identities(t_ns: Ints, here: Ints, also: Ints) -> tuple[Ints32, list[_Doubt
 
 
 def _fuse_matched(mine: JoinedTracks, theirs: PeopleTracks, config: TrackFusionConfig) -> JoinedTracks:
-    """Rows of people whom both groups follow: covariance intersection, and what each group says besides."""
+    """Rows of people whom both groups follow: covariance intersection, and what each group states also."""
     n = len(mine)
     known = np.isfinite(_covariances(mine)).all(axis=(1, 2)) & np.isfinite(_covariances(theirs)).all(axis=(1, 2))
     mean, covariance = np.full((n, 4), np.nan), np.full((n, 4, 4), np.nan)
@@ -309,7 +309,7 @@ def _renamed(doubts: list[_Doubt], before: JoinedTracks, after: JoinedTracks) ->
 
 
 def _events(tracks: JoinedTracks, doubts: list[_Doubt], moments: Ints) -> Events:
-    """Births at the first row of each identity, deaths at the moment after the last, and doubts."""
+    """Births at the first row of each identity, deaths at the time step after the last, and doubts."""
     ids, first = np.unique(tracks.target_id, return_index=True)
     last = len(tracks) - 1 - np.unique(tracks.target_id[::-1], return_index=True)[1]
     ended = np.searchsorted(moments, tracks.t_ns[last], side="right")

@@ -1,1 +1,1 @@
-"""Programs that run networks, each network in a process of its own."""
+"""Programs that run networks, each network in a separate process."""

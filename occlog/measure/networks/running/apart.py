@@ -1,4 +1,4 @@
-"""A network that runs in a process of its own: programs that run networks check little, and may crash on one."""
+"""A network that runs in a separate process: programs that run networks check little, and may crash on one."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class SubprocessRuntime:
         """Start the process and load the network.
 
         Args:
-            model: what its file says.
+            model: what its file states.
             runtime: one of `config`'s.
             threads: that the network may use.
 

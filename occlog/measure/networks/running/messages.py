@@ -1,4 +1,4 @@
-"""Messages between the process that wants a network run and the one that runs it: JSON, and arrays.
+"""Messages between the process that requires a network run and the one that runs it: JSON, and arrays.
 
 A message is the length of its JSON, the JSON, and the bytes of its arrays as they are in memory.  The process that asks
 does not trust the other: what it reads is of known types, and no larger than it allows.

@@ -36,7 +36,7 @@ def load(model: OnnxFile, runtime: str, threads: int) -> Runtime:
     """Load a network.
 
     Args:
-        model: what its file says.
+        model: what its file states.
         runtime: one of `config`'s.
         threads: that the network may use; OpenCV takes those of `opencv_threads`.
 
@@ -95,7 +95,7 @@ class _OpenCv:
 
     def __post_init__(self) -> None:
         if any(port.kind == "float16" for port in self.model.inputs):
-            raise InputError(f"{self.model.path}: wants numbers of 16 bits, which {self.called} does not take; use "
+            raise InputError(f"{self.model.path}: requires numbers of 16 bits, which {self.called} does not take; use "
                              f"the runtime {ONNXRUNTIME}")  # fmt: skip
         with _as_input_error(self.model, self.called, self.ERRORS, "load"), utf8_name(self.model.path) as name:
             self.net = cv2.dnn.readNetFromONNX(name)

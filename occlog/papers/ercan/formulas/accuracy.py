@@ -16,14 +16,14 @@ from .blocking import FORMS, blocking
 SIGMA, ALPHA, DIAMETER = 2.0, 4.0, 3.33
 TOLERANCES = (1.0, 2.0, 3.0, 4.0, 6.0, 10.0)
 MOST = 0.5
-"""Share above which "most places" holds."""
+"""Share above which "most positions" holds."""
 
 
 def fig17(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Compute the share of random places whose probability is within some sigma of Monte Carlo, for each form.
+    """Compute the share of random positions with probability within some sigma of Monte Carlo, for each form.
 
-    Every run has `steps` places and as many priors; each is compared with 16 draws of the
-    occluder a place, at least 1,000 and at most 10,000 (the paper does not say how many).
+    Every run has `steps` positions and as many priors; each is compared with 16 draws of the
+    occluder a position, at least 1,000 and at most 10,000 (the paper does not state how many).
     """
     draws = min(10_000, max(1_000, 16 * size.steps))
     shares: dict[tuple[str, float], list[float]] = {(name, k): [] for name in FORMS for k in TOLERANCES}
@@ -47,7 +47,7 @@ def fig17(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 
 
 def _random(n: int, rng: np.random.Generator) -> tuple[Floats, Priors]:
-    """Draw places (n, 2), 5 to 30 units from the camera at the origin, each with a prior near its sight line."""
+    """Draw positions (n, 2), 5 to 30 units from the camera at the origin, each with a prior near its line of sight."""
     angle, distance = rng.uniform(-math.pi, math.pi, n), rng.uniform(5.0, 30.0, n)
     places = distance[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     along, across = rng.uniform(-0.1, 1.2, n), rng.uniform(-6.0, 6.0, n)
@@ -72,13 +72,13 @@ def _covariances(priors: Priors) -> Floats:
 
 
 def _diagonal(places: Floats, priors: Priors, form: int) -> Floats:
-    """Return (n,) the probability that occluder i hides place i."""
+    """Return (n,) the probability that occluder i hides position i."""
     camera = np.zeros(2)
     return np.array([blocking(places[i : i + 1], camera, _one(priors, i), form)[0, 0] for i in range(len(places))])
 
 
 def _monte_carlo(places: Floats, priors: Priors, draws: int, rng: np.random.Generator) -> Floats:
-    """Return (n,) the share of drawn occluders whose centre is in the rectangle from the camera to the place."""
+    """Return (n,) the share of drawn occluders with centre in the rectangle from the camera to the position."""
     out = np.empty(len(places))
     e = priors.axis
     for i, place in enumerate(places):
@@ -92,16 +92,16 @@ def _monte_carlo(places: Floats, priors: Priors, draws: int, rng: np.random.Gene
 
 
 def judge17(table: Table) -> list[StatementVerdict]:
-    """Judge the statement about Fig. 17 that most of the places are within the tolerance."""
+    """Judge the statement about Fig. 17 that most of the positions are within the tolerance."""
     out = []
-    rule = f"more than {MOST:.0%} of the places; in part from half of that"
+    rule = f"more than {MOST:.0%} of the positions; in part from half of that"
     for name in FORMS:
         row = v.find(table, name, 3.0)
         if row is None:
             continue
         which = {"printed": "as printed", "improved": "in its improved form"}.get(name, "by quadrature")
         off = row.extra["largest_error"]
-        said = f"Most places are within 3 sigma of Monte Carlo: Eq. 7 {which} (largest error {off:.3g})."
+        said = f"Most positions are within 3 sigma of Monte Carlo: Eq. 7 {which} (largest error {off:.3g})."
         out.append(v.judge(f"fig17-{name}", said, mean_of(row), v.above(MOST), v.above(0.5 * MOST), rule=rule))
     return out
 
@@ -110,11 +110,11 @@ FIG17 = Experiment(
     item="fig17",
     title="Eq. 7 against Monte Carlo",
     x_label="tolerance [sigma of Monte Carlo]",
-    y_label="share of places within it",
+    y_label="share of positions within it",
     runs=2,
     steps=16_000,
     quick=(2, 400),
     compute=fig17,
     judge=judge17,
-    note="Steps are places: sigma 2, alpha 4, D 3.33.",
+    note="Steps are positions: sigma 2, alpha 4, D 3.33.",
 )

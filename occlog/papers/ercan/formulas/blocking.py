@@ -1,8 +1,8 @@
-"""q_ij: probability that moving occluder j hides a place from camera i ([Ercan] Eq. 7, App. C).
+"""q_ij: probability that moving occluder j hides a position from camera i ([Ercan] Eq. 7, App. C).
 
 Occluder j's centre has the prior N(mu, Sigma), eigenvalues sigma^2 and sigma^2 / alpha; it
-hides the place x from a camera if it is in the rectangle A(x) from the camera to x, D wide.
-With x' = (along, across) the sight line,
+hides the position x from a camera if it is in the rectangle A(x) from the camera to x, D wide.
+With x' = (along, across) the line of sight,
 
     q = int_{-D/2}^{D/2} int_0^|x| N(x'; mu', Sigma') dx'_1 dx'_2                     (Eq. 17)
 
@@ -13,20 +13,20 @@ x'_2.  The forms:
     IMPROVED    the inner integral at the mean of x'_2 given -D/2 <= x'_2 <= D/2.
     QUADRATURE  Eq. 17 by Gauss-Legendre slices, to about 1e-12.
 
-All agree (and are exact) for isotropic priors and when the sight line is along or across
+All agree (and are exact) for isotropic priors and when the line of sight is along or across
 the major axis.  Known positions, priors on a line and uniform priors over polygons are
 exact in every form.  The rectangle is closed; at the camera itself nothing is hidden.
 These are the plain forms; the tracker's kernels are tested against them.
 
-p(eta | u): probability that exactly the cameras of eta see a place among moving occluders ([Ercan] Sec. 4.2).
+p(eta | u): probability that exactly the cameras of eta see a position among moving occluders ([Ercan] Sec. 4.2).
 
-eta_i = 1 if no occluder hides the place from camera i.  Occluders are independent of each
-other.  p_Q, the probability that all cameras of a subset Q see the place, is
+eta_i = 1 if no occluder hides the position from camera i.  Occluders are independent of each
+other.  p_Q, the probability that all cameras of a subset Q see the position, is
 
     recursion   prod_j (1 - sum_{i in Q} q_ij), factors below 0 taken as 0      (Eq. 8)
     exact       prod_j (1 - P(occluder j is in the union of A_i, i in Q))
 
-Eq. 8 takes the rectangles A_i as disjoint, which they are not near the place, where all of
+Eq. 8 takes the rectangles A_i as disjoint, which they are not near the position, where all of
 them end.  From p_Q the recursion of Eq. 9 gives p(eta); written out it is
 
     p(eta) = sum_{H subset of the hidden} (-1)^|H| p_{seen + H}.
@@ -60,10 +60,10 @@ ROOT_2 = math.sqrt(2.0)
 
 
 def blocking(xy: Floats, camera_xy: Floats, priors: Priors, form: int) -> Floats:
-    """Return (L, M) probabilities q that occluder j hides a place from a camera; ValueError for an unknown form.
+    """Return (L, M) probabilities q that occluder j hides a position from a camera; ValueError for an unknown form.
 
     Args:
-        xy: (L, 2) places.
+        xy: (L, 2) positions.
         camera_xy: (2,) the camera.
         priors: M priors.
         form: PRINTED, IMPROVED or QUADRATURE; they differ for normal priors with an area alone.
@@ -103,7 +103,7 @@ def _eq_7(x: Floats, mean: Floats, priors: Priors, which: Bools, form: int) -> F
     """Return (L, m) q of Eq. 7, or of its improved form, in the letters of [Ercan] Sec. 4.2 and App. C.
 
     Args:
-        x: (L, 2) places, from the camera.
+        x: (L, 2) positions, from the camera.
         mean: (m, 2) means, from the camera.
         priors: of which the axes and standard deviations are taken.
         which: (M,) the m priors.
@@ -113,13 +113,13 @@ def _eq_7(x: Floats, mean: Floats, priors: Priors, which: Bools, form: int) -> F
     e, alpha = priors.axis[which], (sigma / minor) ** 2
     r = np.hypot(x[:, 0], x[:, 1])[:, None]
     direction = x / np.where(r > 0.0, r, 1.0)
-    # theta: from the major axis to the sight line; mu: mean in the prior's axes.
+    # theta: from the major axis to the line of sight; mu: mean in the prior's axes.
     cos, sin = direction @ e.T, direction[:, 1:] * e[:, 0] - direction[:, :1] * e[:, 1]
     mu_1, mu_2 = np.sum(mean * e, axis=1), mean[:, 1] * e[:, 0] - mean[:, 0] * e[:, 1]
     mu_o1 = cos * mu_1 + alpha * sin * mu_2
     g1_g1, g1_g2 = np.where(r > 0.0, cos**2 + alpha * sin**2, 1.0), (alpha - 1.0) * sin * cos
     phi = cos * mu_2 - sin * mu_1
-    s = sigma * np.sqrt(g1_g1 / alpha)  # standard deviation of x'_2, whose mean is phi
+    s = sigma * np.sqrt(g1_g1 / alpha)  # standard deviation of x'_2, with a mean that is phi
     low, high = (-R - phi) / s, (R - phi) / s
     across = _normal_between(low, high)
     if form == IMPROVED:
@@ -153,7 +153,7 @@ def recursion(q: Floats, eta: Bools, floor: float = 0.0) -> Floats:
 
     Args:
         q: (L, N, M) of `occlog.papers.ercan.formulas.blocking`.
-        eta: (N,) true: the camera sees the place.
+        eta: (N,) true: the camera sees the position.
         floor: least value, >= 0.
     """
     return pattern(seen_by_recursion(q), eta, floor)
@@ -169,10 +169,10 @@ def exact(xy: Floats, cameras: Floats, priors: Priors, eta: Bools, floor: float 
     """Return (L,) p(eta | u) without an assumption about overlaps, at least `floor`.
 
     Args:
-        xy: (L, 2) places.
+        xy: (L, 2) positions.
         cameras: (N, 2) positions.
         priors: of the occluders.
-        eta: (N,) true: the camera sees the place.
+        eta: (N,) true: the camera sees the position.
         floor: least value, >= 0; rounding alone may give -1e-16.
     """
     return pattern(seen_exactly(xy, cameras, priors), eta, floor)
@@ -190,7 +190,7 @@ def seen_by_recursion(q: Floats) -> Floats:
 
 
 def seen_exactly(xy: Floats, cameras: Floats, priors: Priors) -> Floats:
-    """Return (L, 2^N) p_Q for places xy (L, 2) and cameras (N, 2), with unions of rectangles."""
+    """Return (L, 2^N) p_Q for positions xy (L, 2) and cameras (N, 2), with unions of rectangles."""
     _check(len(cameras))
     return np.asarray(
         _seen_exactly(

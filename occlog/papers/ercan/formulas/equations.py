@@ -1,6 +1,6 @@
 """[Ercan]: the noise of Eq. 2, how occlusions depend on each other (Eqs. 8 and 9), and the cameras of Fig. 5.
 
-The room is that of Fig. 5, as in Fig. 6, with 40 occluders.  Every run draws places of the target and priors of the
+The room is that of Fig. 5, as in Fig. 6, with 40 occluders.  Every run draws positions of the target and priors of the
 occluders; what is compared with Monte Carlo or with a limit has the error bars of the runs.
 """
 
@@ -36,12 +36,12 @@ SIGMA_POSITION, SIGMA_YAW, SIGMA_READ = 1.0, 0.01, 2.0
 OCCLUDERS, SPREAD, DIAMETER = 40, 6.67 / math.sqrt(2.0), 3.33
 """Occluders of Fig. 6, the deviation of their priors along each axis (RMSE_occ 6.67), and their diameter."""
 DRAWS = 4000
-"""Drawn cameras at each place."""
+"""Drawn cameras at each position."""
 DEPTHS = (50.0, 100.0)
-"""Depths of places at the edge of the image, where the square counts most."""
+"""Depths of positions at the edge of the image, where the square counts most."""
 SAME = 0.05
 APART, FAR = 5.0, 50.0
-"""Distance between the two cameras that are close to each other, and least distance of the places seen by them."""
+"""Distance between the two cameras that are close to each other, and least distance of the positions seen by them."""
 COUNTS = (2, 4, 6, 8)
 VARIANCE, PRINTED = "Eq. 2", "last line of App. B"
 RECURSION, INDEPENDENT = "Eqs. 8 and 9", "independent cameras"
@@ -135,7 +135,7 @@ def _in_view(xy: Floats, place: Place) -> Floats:
 
 
 def _error_of(xy: Floats, pair: tuple[int, int]) -> float:
-    """Return the root mean square of the least error at places (N, 2): two readings by Eq. 2, and a uniform prior."""
+    """Return the root mean square of the least error at positions (N, 2): two readings by Eq. 2, and a uniform prior."""
     information = np.tile(12.0 / SIDE**2 * np.eye(2), (len(xy), 1, 1))
     for n in pair:
         x, y, yaw = SQUARE[n - 1]
@@ -174,7 +174,7 @@ def _judge_noise(own: Mapping[str, PaperRow]) -> list[StatementVerdict]:
 def _judge_occlusions(table: Table, own: Mapping[str, PaperRow]) -> list[StatementVerdict]:
     close, counts = mean_of(own[CLOSE_PAIR]), len(COUNTS)
     said = (
-        f"Hidden from one of two cameras {APART:g} units apart, a place is more likely hidden from the other: mean, by."
+        f"Hidden from one of two cameras {APART:g} units apart, a position is more likely hidden from the other: mean, by."
     )
     out = [v.judge("sec4.2-dependent", said, close, v.above(0.0), rule="above 0 by two standard errors")]
     said = "Eqs. 8 and 9 approximate p(eta): mean distance in total variation from the exact probabilities, 8 cameras."
@@ -201,7 +201,7 @@ def _judge_cameras(own: Mapping[str, PaperRow]) -> list[StatementVerdict]:
 
 EQUATIONS = Experiment(
     item="equations",
-    title="Noise, dependent occlusions and places of cameras",
+    title="Noise, dependent occlusions and positions of cameras",
     x_label="cameras",
     y_label="distance from the exact probabilities",
     runs=20,
@@ -209,5 +209,5 @@ EQUATIONS = Experiment(
     quick=(3, 20),
     compute=equations,
     judge=judge,
-    note="Steps are places. Lines across: the quantities that are no distances.",
+    note="Steps are positions. Lines across: the quantities that are no distances.",
 )

@@ -175,6 +175,6 @@ COEFFICIENT = Experiment(
     compute=coefficients,
     judge=judge_coefficients,
     trial=coefficient_trial,
-    note="Steps are values of a histogram. The histograms of Figs. 5-11 to 5-14 are lost; objects are drawn anew.",
+    note="Steps are values of a histogram. The histograms of Figs. 5-11 to 5-14 are lost; objects are redrawn.",
 )
 """What the coefficient depends on."""

@@ -1,4 +1,4 @@
-"""[Lee] Figs. 5-20 to 5-23: heads from several angles, told apart by their colours; decisions that are suspended."""
+"""[Lee] Figs. 5-20 to 5-23: heads from several angles, distinguished by their colours; decisions that are suspended."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Heads(NamedTuple):
     """Heads of P people at A angles, S images of each, as counts of colours."""
 
     counts: Floats  # (P, A, S, m)
-    angle: Ints  # (A,) place of the angle, 0 (front) to N - 1
+    angle: Ints  # (A,) position of the angle, 0 (front) to N - 1
 
 
 def people_of(kind: str, rng: np.random.Generator) -> Clothes:
@@ -63,7 +63,7 @@ def people_of(kind: str, rng: np.random.Generator) -> Clothes:
 
 
 def studio() -> Canvas:
-    """A canvas of the place where heads are seen, by a camera that looks along the x axis."""
+    """A canvas of the position where heads are seen, by a camera that looks along the x axis."""
     width, height = IMAGE
     camera = Camera(
         "studio",
@@ -79,7 +79,7 @@ def studio() -> Canvas:
 def head_counts(
     canvas: Canvas, people: Clothes, angle: float, rng: np.random.Generator, gain: float, levels: list[int]
 ) -> list[Floats]:
-    """(P, m) pixels of each colour of everybody's head at one viewing angle, for each number of levels."""
+    """(P, m) pixels of each colour of all people's head at one viewing angle, for each number of levels."""
     out: list[list[Ints]] = [[] for _ in levels]
     for k in range(len(people.stature)):
         one = Clothes(*(part[k : k + 1] for part in people))  # type: ignore[arg-type]
@@ -269,11 +269,11 @@ def judge_bins(table: Table) -> list[StatementVerdict]:
     """Judge that different people are separable and alike ones challenging."""
     out = []
     for name in ("rank-1", "AUC"):
-        said = f"Figs. 5-20 and 5-21: people of one skin and hair are harder to tell apart ({name} lower by this)."
+        said = f"Figs. 5-20 and 5-21: people of one skin and hair are harder to distinguish ({name} lower by this)."
         points = v.matched(table, f"{ALIKE}, {name}", f"{DIFFERENT}, {name}")
         out.append(v.pairs(f"race-{name}", said, points))
     row = v.find(table, f"{DIFFERENT}, AUC", float(bins_of(OWN_LEVELS)))
-    said = "Fig. 5-20: people of different skin and hair are told apart by the coefficient; AUC with 72 bins."
+    said = "Fig. 5-20: people of different skin and hair are distinguished by the coefficient; AUC with 72 bins."
     rule = "an AUC of at least .9; in part from .7 on"
     measured = sample(() if row is None else row.values)
     return [*out, v.judge("separable", said, measured, v.at_least(0.9), v.at_least(0.7), rule=rule)]
@@ -317,7 +317,7 @@ NOTE = (
 FACES = (
     Experiment(
         item="faces",
-        title="Figs. 5-20 and 5-21: people told apart by colours",
+        title="Figs. 5-20 and 5-21: people distinguished by colours",
         x_label="number of bins",
         y_label="rank-1, AUC",
         runs=24,

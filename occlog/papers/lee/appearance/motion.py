@@ -17,7 +17,7 @@ from occlog.records.scene import Camera
 DISTANCE, HEIGHT, PERSON = 8.0, 2.0, 1.7
 """Of the cameras from the middle and above the floor, and of a person [m]."""
 PLACES = {1: (180.0, 1.5), 2: (180.0, -1.5), 3: (270.0, 0.0), 4: (0.0, 0.0), 5: (90.0, 0.0)}
-"""Cameras: the side of the middle on which each stands [deg from east], and how far beside it [m].  They follow from
+"""Cameras: the side of the middle on which each stands [deg from east], and how far from it [m].  They follow from
 the statements: who walks north moves to the left in cameras that look east."""
 DIRECTIONS = {"N": 90.0, "S": 270.0, "W": 180.0, "E": 0.0, "NE": 45.0, "SE": -45.0, "NW": 135.0, "SW": 225.0}
 SIDEWAYS = {"left": -1, "right": 1, "": 0}
@@ -32,7 +32,7 @@ PRINTED = {
         5: ("left", "bigger"),
     },
 }
-"""What the text says is seen: movement and change of size; empty: it does not say."""
+"""What the text states is seen: movement and change of size; empty: it does not state."""
 STEP, AROUND = 0.5, 0.5
 """Way between two frames, and how far from the middle people start [m]."""
 STILL = 0.25
@@ -130,13 +130,13 @@ def judge_motions(table: Table) -> list[StatementVerdict]:
             side, change = PRINTED[name][number]
             words = " and ".join([*([f"move {side}"] if side else []), *([f"get {change}"] if change else [])])
             row = v.find(table, f"moves {name}", float(number))
-            said = f"Fig. {figure}: who moves {name} is seen to {words} by camera {number}; share of the places."
+            said = f"Fig. {figure}: who moves {name} is seen to {words} by camera {number}; share of the positions."
             out.append(_share(f"motion-{name}-{number}", said, row))
     row = v.find(table, "two who move alike")
-    said = "Two people who move in the same direction cannot be told apart by that; share of cameras with equal signs."
+    said = "Two people who move in the same direction cannot be distinguished by that; share of cameras with equal signs."
     out.append(_share("motion-alike", said, row))
     pairs = [(low, high) for low, high in [(v.find(table, "two who move oppositely"), row)] if low and high]
-    said = "People are told apart by different movements (equal signs are rarer, by this)."
+    said = "People are distinguished by different movements (equal signs are rarer, by this)."
     return [*out, v.pairs("motion-apart", said, pairs)]
 
 
@@ -151,7 +151,7 @@ MOTION = Experiment(
     item="motion",
     title="Figs. 5-8 and 5-9: movement in the images",
     x_label="camera",
-    y_label="share of the places",
+    y_label="share of the positions",
     runs=20,
     steps=100,
     quick=(5, 20),

@@ -1,9 +1,9 @@
 """The drawn cases of [Lee] Sec. 3.3.3: which of the triggers (3.14) to (3.16) fire in Figs. 3-8, 3-10, 3-11 and 3-13.
 
-The figures are sketches without numbers.  Here each run draws places, courses and noise that fit what the
-text says of a case, so that a share of runs tells whether its statement depends on the sketch.
+The figures are sketches without numbers.  Here each run draws positions, courses and noise that fit what the
+text states about a case, so that a share of runs tells whether its statement depends on the sketch.
 
-Fig. 3-8: two changes at one moment that leave the number of bearings as it is.  The text describes (b)
+Fig. 3-8: two changes at one time step that leave the number of bearings as it is.  The text describes (b)
 and (c); (d) to (f) are "similar cases", for which stand the other pairs of the changes that Sec. 3.3.2 names.
 The array hears everywhere, so that I(k-1) of (3.14) is the number of tracks.
 """
@@ -63,13 +63,13 @@ PERFORMANCE = ("bearing", "ellipse")
 
 
 class HearingChange(NamedTuple):
-    """A case of Fig. 3-8: who is heard before a moment and from it on; those in brackets are heard as one."""
+    """A case of Fig. 3-8: who is heard before a time step and from it on; those in brackets are heard as one."""
 
     what: str
     before: tuple[tuple[int, ...], ...]
     after: tuple[tuple[int, ...], ...]
     edge: tuple[int, ...] = ()  # objects at the end of the range
-    close: tuple[int, ...] = ()  # two objects whose bearings differ by the resolution
+    close: tuple[int, ...] = ()  # two objects with bearings that differ by the resolution
 
 
 CHANGES = {
@@ -123,7 +123,7 @@ def change_trial(spec: Spec) -> dict[str, float]:
 
 
 def _objects(case: HearingChange, rng: Generator) -> tuple[Floats, Floats]:
-    """Draw places (4, 2) [m] at first and velocities (4, 2) [m/s] so that the sketch holds when the change comes."""
+    """Draw positions (4, 2) [m] at first and velocities (4, 2) [m/s] so that the sketch holds when the change comes."""
     while True:
         angle = rng.uniform(-math.pi, math.pi, 4)
         if case.close:
@@ -209,7 +209,7 @@ class Sketch(NamedTuple):
     """
 
     clouds: tuple[tuple[float, float, float], ...]
-    bearing: bool | None  # whether (3.15) fires; None: the text does not say
+    bearing: bool | None  # whether (3.15) fires; None: the text does not state
     ellipse: bool | None  # (3.16)
 
 
@@ -259,7 +259,7 @@ def sketches(size: Size, execute: Execute) -> Table:
 
 
 def judge_sketches(table: Table) -> list[StatementVerdict]:
-    """Judge that each of (3.15) and (3.16) fires where the text says so, and not where it says that it does not."""
+    """Judge that each of (3.15) and (3.16) fires where the text states it, and not where it states that it does not."""
     out = []
     for figure, case in SKETCHES.items():
         for name, title in CONDITIONS.items():
@@ -290,7 +290,7 @@ DRAWN_EXPERIMENTS = (
         compute=changes,
         judge=judge_changes,
         note="The text describes (b) and (c) only; (d) to (f) are the other pairs of the changes of Sec. 3.3.2. "
-        "Each run draws places, courses and noise.",
+        "Each run draws positions, courses and noise.",
         trial=change_trial,
     ),
     Experiment(

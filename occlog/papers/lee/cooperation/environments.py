@@ -8,7 +8,7 @@ ranges of the room's sensors.  They are chosen as in the files of the same names
 Of Fig. 3-4 the text has the starts of the three objects, the number of samples, the models and the
 noise; the paths are only drawn, and the figure is lost.  So each run draws paths of its own: speeds
 of 0.2 to 0.3 m/s towards the sensor's side of the field, and one of the three models in each of the
-stretches of Fig. 3-7.  The sensor is at the origin, as the bearings of Eqs. 3.2 and 3.4 are.
+sections of Fig. 3-7.  The sensor is at the origin, as the bearings of Eqs. 3.2 and 3.4 are.
 """
 
 from __future__ import annotations
@@ -128,11 +128,11 @@ OPEN_STARTS = ((50.0, 30.0), (35.0, 50.0), (45.0, 45.0))
 OPEN_SPEEDS, OPEN_SIDE = (0.2, 0.3), math.radians(45.0)
 """Least and greatest speed [m/s], and how far a first course may be from that to the origin."""
 STRETCHES = ((50, 100), (100, 150), (150, 200))
-"""Times between which one model holds, as in Fig. 3-7 [s]; the first stretch is straight."""
+"""Times between which one model holds, as in Fig. 3-7 [s]; the first section is straight."""
 HEIGHT = 0.9
 """Height of the sound sources [m]."""
 PAIR = "\n".join(line for line in FIELD.splitlines() if "cam3" not in line)
-"""The field with the two cameras alone whose axes are at a right angle."""
+"""The field with the two cameras alone with axes at a right angle."""
 TEXTS = {"field": (FIELD, FIELD_PATHS), "pair": (PAIR, FIELD_PATHS), "room": (ROOM, ROOM_PATHS)}
 
 
@@ -199,7 +199,7 @@ def _drawn_paths(rng: np.random.Generator) -> str:
 
 
 def _within(scene: Scene, places: Floats) -> bool:
-    """Return whether all places (T, K, 3) are in the scene's room."""
+    """Return whether all positions (T, K, 3) are in the scene's room."""
     flat = np.ascontiguousarray(places[..., :2].reshape(-1, 2))
     return bool(inside_polygon(flat, scene.surroundings).all())
 

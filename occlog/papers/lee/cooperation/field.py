@@ -41,7 +41,7 @@ RESAMPLES = 1000
 VARIANCES = (0.0, 0.5, 1.5, 5.0)
 """Variances of the noise in Fig. 3-4 [deg^2]."""
 LEAST_VARIANCE = 0.01
-"""Variance that stands for 0 [deg^2]: no weight can be had for bearings without any error."""
+"""Variance that represents 0 [deg^2]: no weight can be had for bearings without any error."""
 LARGEST = VARIANCES[-1]
 """Variance of Figs. 3-5 and 3-6 [deg^2]."""
 LARGEST_RMS = {1: 3.98, 2: 9.80, 3: 1.08}
@@ -274,7 +274,7 @@ FIG3_4 = Experiment(
     quick=(4, 80),
     compute=by_variance,
     judge=judge_variance,
-    note=f"{OPEN_NOTE} A variance of {LEAST_VARIANCE:g} stands for 0.",
+    note=f"{OPEN_NOTE} A variance of {LEAST_VARIANCE:g} represents 0.",
     trial=cooperation_trial,
 )
 FIG3_6 = Experiment(

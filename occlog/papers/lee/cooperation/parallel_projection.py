@@ -1,4 +1,4 @@
-"""[Lee] Sec. 3.2.2: errors of the parallel projection model and of crossed sight lines, of places and of tracks."""
+"""[Lee] Sec. 3.2.2: errors of the parallel projection model and of crossed lines of sight, of positions and of tracks."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ TRACK = "track"
 
 
 def projection_trial(spec: Spec) -> dict[str, float]:
-    """Run a trial of `cooperation_trial`, or with `what` = "places" one of places.
+    """Run a trial of `cooperation_trial`, or with `what` = "positions" one of positions.
 
     Returns:
-        Of places: the median distance to the truth of every way and spread of the references, `WAY_SPREAD` [m].
+        Of positions: the median distance to the truth of every way and spread of the references, `WAY_SPREAD` [m].
     """
     if spec.get("what") != "places":
         return cooperation_trial(spec)
@@ -51,7 +51,7 @@ def projection_trial(spec: Spec) -> dict[str, float]:
 
 
 def errors(size: Size, execute: Execute) -> Table:
-    """Compute medians of places by the references' spread, and RMS errors of tracks with the printed triggers."""
+    """Compute medians of positions by the references' spread, and RMS errors of tracks with the printed triggers."""
     runs = range(size.runs)
     places = execute([{"what": "places", "paper": "lee322", "seed": size.seed, "run": r} for r in runs])
     rows = [
@@ -74,28 +74,28 @@ def errors(size: Size, execute: Execute) -> Table:
 
 
 def judge_errors(table: Table) -> list[StatementVerdict]:
-    """Judge what the thesis says of the model, and how it compares with sight lines."""
+    """Judge what the thesis states about the model, and how it compares with lines of sight."""
     pairs = [
         ("sec3.2.2-improves", "Eq. 5.39 improves the reference: median lower by [m].", ONCE, REFERENCE),
         ("sec3.2.2-depth", "Eq. 5.40 is better than Eq. 5.39: median lower by [m].", DEEP, ONCE),
-        ("sec3.2.2-lines", "Crossed sight lines are better than Eq. 5.39: median lower by [m].", LINES, ONCE),
+        ("sec3.2.2-lines", "Crossed lines of sight are better than Eq. 5.39: median lower by [m].", LINES, ONCE),
         ("sec3.2.2-passes", "Three passes of Eq. 5.39 are better than one: median lower by [m].", THRICE, ONCE),
     ]
     out = [v.pairs(key, said, v.matched(table, low, high)) for key, said, low, high in pairs]
-    said = "Ten passes of Eq. 5.39 are as good as crossed sight lines."
+    said = "Ten passes of Eq. 5.39 are as good as crossed lines of sight."
     out.append(v.close("sec3.2.2-limit", said, v.matched(table, OFTEN, LINES)))
     lines = v.find(table, f"{TRACK}, {LINES}")
     for key, way in (("once", ONCE), ("often", OFTEN)):
         row = v.find(table, f"{TRACK}, {way}")
         if row is not None and lines is not None:
-            said = f"Tracks with the printed triggers are better with sight lines than with {way}: RMSE lower by [m]."
+            said = f"Tracks with the printed triggers are better with lines of sight than with {way}: RMSE lower by [m]."
             out.append(v.pairs(f"sec3.2.2-track-{key}", said, [(lines, row)]))
     return out
 
 
 SEC3_2_2 = Experiment(
     item="sec3.2.2",
-    title="Places by parallel projection and by sight lines",
+    title="Positions by parallel projection and by lines of sight",
     x_label="standard deviation of the reference per axis [m]",
     y_label="median error [m]",
     runs=30,
@@ -103,7 +103,7 @@ SEC3_2_2 = Experiment(
     quick=(4, 80),
     compute=errors,
     judge=judge_errors,
-    note="The field of Fig. 3-7 with the two cameras whose axes are at a right angle; the thesis describes the model "
+    note="The field of Fig. 3-7 with the two cameras with axes at a right angle; the thesis describes the model "
     "in Sec. 5.2.3. Without x: tracks with the printed triggers, the array's estimate as reference.",
     trial=projection_trial,
 )

@@ -1,9 +1,9 @@
-"""Places by the parallel projection model of [Lee] Secs. 3.2.2 and 5.2.3, and those where sight lines cross.
+"""Positions by the parallel projection model of [Lee] Secs. 3.2.2 and 5.2.3, and those where lines of sight cross.
 
 The model moves a reference point by what each of two cameras sees between it and the object, on the plane
 through the point that is parallel to the camera's: Eqs. 5.39 and 5.40, where the thesis describes it.  When an
 array asks, the reference is its own estimate.  [45], the source, is not among the texts; by its title it is
-iterative: each place is the reference of the next pass.  Where Eq. 5.39 moves nothing more, sight lines cross.
+iterative: each position is the reference of the next pass.  Where Eq. 5.39 moves nothing more, lines of sight cross.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from occlog.records.scene import Camera, Scene
 from occlog.track.methods.imm.ask_cameras import CameraRequest
 from occlog.track.methods.readers.refine import PARALLEL, PRINTED, TagSightings, refine
 
-LINES = "sight lines"
+LINES = "lines of sight"
 
 
 class Projection(NamedTuple):
@@ -37,7 +37,7 @@ PROJECTIONS = {
 
 
 def projected(reference: Floats, sights: TagSightings, way: Projection) -> tuple[Floats, Bools]:
-    """Move (N, 2) references by what two cameras see; return places (N, 2), and whether the model has any (N,)."""
+    """Move (N, 2) references by what two cameras see; return positions (N, 2), and whether the model has any (N,)."""
     xy, found = reference, np.ones(len(reference), dtype=np.bool_)
     covariance = np.tile(np.eye(2), (len(reference), 1, 1))
     for _ in range(way.passes):
@@ -47,7 +47,7 @@ def projected(reference: Floats, sights: TagSightings, way: Projection) -> tuple
 
 
 def crossed(sights: TagSightings) -> tuple[Floats, Bools]:
-    """Return the places (N, 2) where the lines of two cameras cross, and whether they do (N,)."""
+    """Return the positions (N, 2) where the lines of two cameras cross, and whether they do (N,)."""
     n = len(sights.bearing)
     origins = np.tile(sights.place, (n, 1))
     met = triangulate(origins, sights.bearing.ravel(), sights.sigma.ravel(), 2 * np.arange(n + 1))
@@ -61,10 +61,10 @@ def sights_of(cameras: tuple[Camera, ...], bearing: Floats, sigma: float) -> Tag
 
 
 def relocated(request: CameraRequest, scene: Scene, way: Projection) -> CameraRequest:
-    """Return a request whose answer has the place of the model instead of that where two sight lines cross.
+    """Return a request with an answer that has the position of the model instead of that where two lines of sight cross.
 
-    Two lines go through the place where they cross, so that its bearings are theirs.  The covariance stays that
-    of the crossing.  Where the model has no place, the request is in vain.
+    Two lines go through the position where they cross, so that its bearings are theirs.  The covariance stays that
+    of the crossing.  Where the model has no position, the request is in vain.
     """
     answer = request.answer
     if answer.place is None or len(request.cameras) != 2:

@@ -55,7 +55,7 @@ def finals(size: Size, execute: Execute) -> Table:
 
 
 def _average(table: Table, series: str, since: float, until: float) -> PaperRow | None:
-    """Return a row of the means over a stretch of time, run by run; None without points in it."""
+    """Return a row of the means over a time interval, run by run; None without points in it."""
     rows = [r for r in v.series(table, series) if since <= r.x < until]
     if not rows:
         return None

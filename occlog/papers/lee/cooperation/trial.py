@@ -3,7 +3,7 @@
 As in the thesis, the targets in a sensor's range are known: a track begins with the target's true
 state when the sensor first hears it, and ends when the target has left the range.  (The thesis states
 that initial states are known; how the filter without cameras starts tracks of later targets it does
-not say.)  Trials differ in the policy, the association, and the noise.
+not state.)  Trials differ in the policy, the association, and the noise.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from .projected_places import PROJECTIONS, relocated
 BIN = 50
 """Steps over which a share of requests is taken."""
 START_SIGMA, START_SIGMA_V = 0.1, 0.01
-"""Deviation of a track's start from the true place [m] and velocity [m/s]."""
+"""Deviation of a track's start from the true position [m] and velocity [m/s]."""
 FIELD_ALPHA, ROOM_ALPHA = 0.01, 0.2
 THESIS = {
     "association": "any",
@@ -92,7 +92,7 @@ def cooperation_spec(
         array: index of the scene's array that the filter listens to.
         answer: false: cameras are asked, but their answers are not used.
         variance: of the arrays' noise [deg^2]; None: that of the scene.
-        projection: a key of `PROJECTIONS`: how cameras find places; empty: where their sight lines cross.
+        projection: a key of `PROJECTIONS`: how cameras find positions; empty: where their lines of sight cross.
         settings: fields of `ImmConfig`.
     """
     return {

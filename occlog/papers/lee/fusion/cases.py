@@ -23,7 +23,7 @@ VARIANCES = (0.01, 0.03, 0.085, 0.195, 0.325, 0.48, 0.55, 0.635, 0.8, 1.135, 1.5
 PRINTED = {5: (1.135, 4.485), 4: (0.480, 1.565), 3: (0.195, 0.635), 2: (0.085, 0.325), 1: (0.030, 0.235)}
 """Detecting sensors to the largest variances at which P(G_1) is above 0.99 and above 0.50, as printed."""
 CROSSINGS = ((2, 0.55), (3, 1.74))
-"""Above this variance one detecting sensor declares more often than so many, as printed."""
+"""Above this variance one detecting sensor declares more often than this many, as printed."""
 
 
 def declaration_trial(spec: Spec) -> dict[str, float]:
@@ -183,7 +183,7 @@ def case(name: str, size: Size, execute: Execute) -> Table:  # noqa: ARG001
     xy = fused_position(positions, predicted, 1.0)
     prior = prior_present(xy, predicted, 1.0)
     detected = np.isfinite(weight)
-    # The decision is computed from the printed W and P_1, since errors in these are statements of their own.
+    # The decision is computed from the printed W and P_1, since errors in these are their own statements.
     printed = np.array([[c.qualities.get(j, math.nan) for j in range(len(c.detections))]])
     rows = [PaperRow("quality", j + 1.0, (float(weight[0, j]),)) for j in c.qualities]
     rows += [
@@ -269,7 +269,7 @@ DECISION_EXPERIMENTS = (
         compute=curves,
         judge=judge_curves,
         trial=declaration_trial,
-        note="Six sensors with P_M = P_F = 0.2; the thesis does not say which formula its curves are from.",
+        note="Six sensors with P_M = P_F = 0.2; the thesis does not state which formula its curves are from.",
     ),
     _case("case1", "Case study 1: one sensor misses the object"),
     _case("case2", "Case study 2: two sensors with a shadow"),

@@ -33,7 +33,7 @@ from occlog.track.methods.apf.config import ApfConfig
 DIAMETER = 3.33
 """Diameter of all people in the room, in units of the scene."""
 START = 10
-"""Estimates left out at the start of a track."""
+"""Estimates skipped at the start of a track."""
 
 
 def fusion_trial(spec: Spec) -> dict[str, float]:

@@ -13,7 +13,7 @@ from occlog.settings import setting
 class NavigateConfig(FieldSettings):
     """A robot, its steps, and what counts as an obstacle; lengths in the scene's unit.
 
-    The defaults in a unit of its own are those of the example printed in [Lee] Sec. 5.2.2.
+    The defaults in its own unit are those of the example printed in [Lee] Sec. 5.2.2.
     """
 
     OWNER: ClassVar[str] = "navigate"

@@ -73,7 +73,7 @@ class Course:
         return self.moving.at(step)
 
     def around(self, xy: Floats, moment: MovingObstacles) -> NearbyObstacles:
-        """Obstacles as robots at (N, 2) places meet them."""
+        """Obstacles as robots at (N, 2) positions meet them."""
         there = np.isfinite(moment.xy[:, 0])
         # People are where they come nearest within the time ahead, on the way they have taken in the last step
         soon = moment.xy[there] + self.ahead * moment.move[there]
@@ -104,10 +104,10 @@ class Course:
         A robot that runs into a polygon or a wall has minus its radius; infinite where a person is not there.
 
         Args:
-            start: (N, 2) places before the step.
-            end: (N, 2) places after it.
+            start: (N, 2) positions before the step.
+            end: (N, 2) positions after it.
             radius: of the robots.
-            moment: people at the start and the end of the step.
+            time step: people at the start and the end of the step.
         """
         first = np.where(np.isfinite(moment.xy), moment.xy, moment.after)
         last = np.where(np.isfinite(moment.after), moment.after, moment.xy)
@@ -122,14 +122,14 @@ class Course:
         return np.concatenate(parts, axis=1) - radius
 
     def check_place(self, what: str, xy: Floats, config: NavigateConfig) -> None:
-        """InputError unless a robot can be at a (2,) place, the start or the goal, without touching anything."""
+        """InputError unless a robot can be at a (2,) position, the start or the goal, without touching anything."""
         at = f"the {what} ({xy[0]:g}, {xy[1]:g})"
         here = xy[None]
         for name, polygon in zip(self.names[len(self.discs) :], self.polygons, strict=False):
             if inside_polygon(here, polygon)[0]:
-                raise InputError(f"{at} is inside {name}; give a place on the floor")
+                raise InputError(f"{at} is inside {name}; give a position on the floor")
         if len(self.walls) and not inside_polygon(here, self.walls[:, 0])[0]:
-            raise InputError(f"{at} is outside the room; give a place on the floor")
+            raise InputError(f"{at} is outside the room; give a position on the floor")
         gaps = self.clearance(here, here, config.radius, self.moment(0))[0]
         if what == "goal":
             gaps = gaps[: len(gaps) - (0 if self.moving is None else len(self.moving.ids))]
@@ -137,9 +137,9 @@ class Course:
         if len(gaps) and gaps[worst] <= ROUNDING * config.way:
             away = gaps[worst] + config.radius
             if away < 0.0:
-                raise InputError(f"{at} is inside {self.names[worst]}; give a place on the floor")
+                raise InputError(f"{at} is inside {self.names[worst]}; give a position on the floor")
             raise InputError(
-                f"{at} is {away:.4g} from {self.names[worst]}; want more than the robot's radius {config.radius:g}"
+                f"{at} is {away:.4g} from {self.names[worst]}; expected more than the robot's radius {config.radius:g}"
             )
         if self.round_shapes and len(self.circles):
             apart = distance(here, self.circles[:, :2]) - self.circles[:, 2]

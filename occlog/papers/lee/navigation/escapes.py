@@ -109,7 +109,7 @@ def escape_trial(spec: Mapping[str, Any]) -> dict[str, float]:
 
 
 def judge_escapes(table: Table) -> list[StatementVerdict]:
-    """Judge what Sec. 5.2.2 says of the two escapes, of their angles and of their distances."""
+    """Judge what Sec. 5.2.2 states about the two escapes, of their angles and of their distances."""
 
     def of(step: str, radius: float) -> PaperRow:
         row = v.find(table, name_of(step, radius) + ", printed angle")
@@ -206,7 +206,7 @@ def _shortest(table: Table, key: str, step: str) -> StatementVerdict:
 
 
 ACROSS = (0.02, 0.05, 0.1, 0.2, 0.5)
-"""Starts are up to so far beside the line."""
+"""Starts are up to so far from the line."""
 MAIN = 0.5
 """Of the verdicts."""
 NEAR_RADIUS = 0.2
@@ -237,7 +237,7 @@ def near_trial(spec: Mapping[str, Any]) -> dict[str, float]:
 
 
 def near(size: Size, execute: Execute) -> Table:
-    """Shares of robots that collide, by how far beside the line they start."""
+    """Shares of robots that collide, by how far from the line they start."""
     cases = [(way, across, run) for way in WAYS for across in ACROSS for run in range(size.runs)]
     found = execute(
         [{"seed": size.seed, "run": run, "robots": size.steps, "across": a, "way": way} for way, a, run in cases]
@@ -293,12 +293,12 @@ ESCAPE_EXPERIMENTS = (
         judge=judge_escapes,
         trial=escape_trial,
         note="Radii of robot and obstacle are r; a distance below 2 r is a collision. Shares are over robots on random "
-        "lines, so many in each run and radius.",
+        "lines, this many in each run and radius.",
     ),
     Experiment(
         item="near-aligned",
         title="Robots that start nearly in line with obstacle and goal",
-        x_label="start, at most so far beside the line",
+        x_label="start, at most so far from the line",
         y_label="share that collides",
         runs=10,
         steps=1000,

@@ -33,7 +33,7 @@ from .stage import Drive, End, RobotStep, drive
 
 PLANE = Scene(length_unit="unit")
 START, OBSTACLE, GOAL = (12.0, 12.0), (8.0, 8.0), (6.0, 6.0)
-"""Places of the printed example."""
+"""Positions of the printed example."""
 OUT = np.array([1.0, 1.0]) / math.sqrt(2.0)
 """Along the diagonal, away from the origin: positive in Figs. 5-26 and 5-27."""
 FIELD = Field(0.5, 5.0, 2, 2, influence=10.0)
@@ -43,7 +43,7 @@ SPAWN = (2009, 52)
 
 
 class RobotLines(NamedTuple):
-    """N robots, each on a line of its own with the one obstacle and a goal behind it."""
+    """N robots, each on its own line with the one obstacle and a goal behind it."""
 
     starts: Floats  # (N, 2)
     goals: Floats  # (N, 2)
@@ -84,7 +84,7 @@ def shown(
 
 
 def always(key: str, said: str, row: PaperRow | None, share: float, paper: float | None = None) -> StatementVerdict:
-    """Verdict on a statement that says what always, or never, happens.
+    """Verdict on a statement that states what always, or never, happens.
 
     Reproduced where the share over all trials is exactly that; not reproduced where it differs from it by more than
     two standard errors over the runs.
@@ -108,7 +108,7 @@ BEHIND = math.sqrt(8.0)
 """Distance of the goal from the obstacle."""
 ATTRACTION, REPULSION, TOTAL, PREVENTED = "attractive force", "repulsive force", "total force", "total force (5.24)"
 BEYOND = ", beyond the obstacle"
-FORCE, DELTA, PLACE = "zero force at", "delta", "place after step"
+FORCE, DELTA, PLACE = "zero force at", "delta", "position after step"
 SAFE, DOOMED = "collisions, delta above a step", "collisions, (5.16) to (5.18)"
 ORIGINAL = NavigateConfig(force="original", escape="none")
 PREVENTION = NavigateConfig(force="prevent", escape="none")
@@ -133,7 +133,7 @@ def diagonal(at: Floats) -> dict[str, Floats]:
 
 
 def original_forces(size: Size, execute: Execute) -> Table:
-    """Forces along the diagonal, the place of zero force, the printed robot's places, and shares of collisions."""
+    """Forces along the diagonal, the position of zero force, the printed robot's positions, and shares of collisions."""
     at = np.arange(FIRST, LAST + 0.5 * SPACING, SPACING)
     at = at[at != OBSTACLE[0]]
     rows = _curves(at, (ATTRACTION, REPULSION, TOTAL))
@@ -170,8 +170,8 @@ def collision_trial(spec: Mapping[str, Any]) -> dict[str, float]:
         spec: `item`, `seed`, `run`, and `lines`, how many robots.
 
     Returns:
-        Among robots whose delta is above a step, and among those for which the three conditions (5.16) to (5.18)
-        hold at some step, the shares that collide; NaN where there are none.
+        Among robots with delta above a step, and among those for which the three conditions (5.16) to (5.18)
+        hold at some step, the shares that collide; NaN if missing.
     """
     rng = np.random.default_rng(np.random.SeedSequence(spec["seed"], spawn_key=(*SPAWN, 26, spec["run"])))
     lines = random_lines(int(spec["lines"]), rng)
@@ -193,7 +193,7 @@ def _share(of: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> float:
 
 
 def judge_original(table: Table) -> list[StatementVerdict]:
-    """Judge what Sec. 5.2.2 says of the printed example and of Fig. 5-26, and the definition of the problem."""
+    """Judge what Sec. 5.2.2 states about the printed example and of Fig. 5-26, and the definition of the problem."""
     zero, delta = v.find(table, FORCE), v.find(table, DELTA)
     fine = np.arange(8.91, LAST, 0.01)
     negative = float(np.mean(diagonal(fine)[TOTAL] < 0.0))
@@ -288,7 +288,7 @@ def prevention_trial(spec: Mapping[str, Any]) -> dict[str, float]:
 
 
 def prevented_forces(size: Size, execute: Execute) -> Table:
-    """Forces along the diagonal by (5.24), the printed robot's places, and shares over random lines."""
+    """Forces along the diagonal by (5.24), the printed robot's positions, and shares over random lines."""
     at = np.arange(FIRST, LAST + 0.5 * SPACING, SPACING)
     at = at[at != OBSTACLE[0]]
     steps, _ = printed_drive(PREVENTION)
@@ -298,7 +298,7 @@ def prevented_forces(size: Size, execute: Execute) -> Table:
 
 
 def judge_prevention(table: Table) -> list[StatementVerdict]:
-    """Judge what Sec. 5.2.2 says of the modified force, Fig. 5-27 and the oscillation after it."""
+    """Judge what Sec. 5.2.2 states about the modified force, Fig. 5-27 and the oscillation after it."""
     places = [row.mean for row in v.series(table, PLACE)]
     robots = printed_drive(PREVENTION)[1]
     back = [9.0, 10.0, 9.0, 10.0][: len(places) - 3]
@@ -308,7 +308,7 @@ def judge_prevention(table: Table) -> list[StatementVerdict]:
             "When the robot moves from (10,10) to (9,9), it moves back to (10,10), and the collision is avoided.",
             abs(places[4] - 10.0) < EXACT and not collided(robots)[0],
             places[4],
-            "the place after (9,9) is (10,10), without a collision",
+            "the position after (9,9) is (10,10), without a collision",
             paper=10.0,
         ),
         shown(
@@ -316,7 +316,7 @@ def judge_prevention(table: Table) -> list[StatementVerdict]:
             "It moves back and forth between (9,9) and (10,10) and never reaches the goal.",
             robots.end[0] == End.ENDLESS and np.allclose(places[3:], back, atol=EXACT),
             float(np.abs(np.subtract(places[3:], back)).max()),
-            "place and force come back exactly; largest deviation of places: 0",
+            "position and force come back exactly; largest deviation of positions: 0",
         ),
         shown(
             "fig5.27-recognised",
@@ -365,7 +365,7 @@ FORCE_EXPERIMENTS = (
         compute=original_forces,
         judge=judge_original,
         trial=collision_trial,
-        note="Shares are over robots on random lines through an obstacle, so many in each run.",
+        note="Shares are over robots on random lines through an obstacle, this many in each run.",
     ),
     Experiment(
         item="fig5.27",

@@ -1,4 +1,4 @@
-"""Picture of a robot's path in its scene, its states told apart, with the clearance over time below."""
+"""Picture of a robot's path in its scene, its states distinguished, with the clearance over time below."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .course import Course
 
 
 class PathPicture(NamedTuple):
-    """What is drawn."""
+    """Drawings."""
 
     scene: Scene
     course: Course
@@ -42,7 +42,7 @@ MARKS: dict[str, tuple[str, str, str]] = {
 }
 """Name in the legend, marker and colour of each state beside `free`."""
 DOTS = 120
-"""Places of steps are dots on paths of up to so many steps."""
+"""Positions of steps are dots on paths of up to this many steps."""
 BODIES = 40
 """Outlines of the robot, and of people, that are drawn along a path."""
 
@@ -108,7 +108,7 @@ def _obstacles(axes: Axes, what: PathPicture) -> list[Line2D | Patch]:
 
 
 def _people(axes: Axes, what: PathPicture) -> list[Line2D | Patch]:
-    """Paths of people; circles where they were at the moment of least clearance."""
+    """Paths of people; circles where they were at the time step of least clearance."""
     moving = what.course.moving
     style: Style = {"color": COLOURS["moving"], "linewidth": 0.8, "alpha": 0.6, "zorder": 2.2}
     assert moving is not None

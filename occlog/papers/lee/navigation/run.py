@@ -1,4 +1,4 @@
-"""Run of `occlog navigate`: scene, tracks and places in; path, picture and summary out.
+"""Run of `occlog navigate`: scene, tracks and positions in; path, picture and summary out.
 
 How a robot fared, in figures and in words.
 """
@@ -65,7 +65,7 @@ class RobotVerdict:
 
     @property
     def trap(self) -> bool:
-        """Whether forces, or the guard, hold the robot at one place, without the prevention taking part."""
+        """Whether forces, or the guard, hold the robot at one position, without the prevention taking part."""
         return self._stays and not self._prevented
 
     def words(self) -> str:
@@ -101,7 +101,7 @@ class RobotVerdict:
     def figures(self) -> dict[str, object]:
         """The figures of the summary.
 
-        reached: without a collision.  length: of the path, without steps that the guard left out.
+        reached: without a collision.  length: of the path, without steps that the guard skipped.
         least_clearance: from obstacles, border to border, also between steps; null without obstacles.
         oscillation: whether it was recognised at any step.  trap: a local minimum, or the guard, holds the robot.
         states: steps by what decided on them.
@@ -124,7 +124,7 @@ class RobotVerdict:
 
 
 def run_navigate(request: NavigateRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Drive the robot and write its path; the summary, and what was lost before."""
+    """Drive the robot and write its path; the summary, and the losses before."""
     if request.after and request.obstacles is None:
         raise UsageError(f"{option('after')} is a time of {option('obstacles')}; add them")
     discs = tuple(map(disc_of, request.discs))
@@ -169,7 +169,7 @@ def disc_of(text: str) -> Disc:
     except ValueError:
         numbers = []
     if not 2 <= len(numbers) <= 3 or not all(map(math.isfinite, numbers)):
-        raise UsageError(f"{option('obstacle')} {text}: want X,Y or X,Y,RADIUS")
+        raise UsageError(f"{option('obstacle')} {text}: expected X,Y or X,Y,RADIUS")
     if len(numbers) > 2 and numbers[2] < 0.0:
         raise UsageError(f"{option('obstacle')} {text}: the radius must be at least 0")
     return Disc(*numbers)

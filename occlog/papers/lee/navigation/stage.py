@@ -27,13 +27,13 @@ from .config import NavigateConfig
 from .course import Course
 
 WINDOW = 50
-"""Steps over which a robot's whereabouts are gathered, to tell whether it still gets on."""
+"""Steps over which a robot's whereabouts are collected, to tell whether it still gets on."""
 GUARD = 1e-3
 """Clearance that guarded steps keep, in lengths of a step."""
 TURNS = tuple(math.radians(15.0 * k) for k in range(-11, 13))
 """Angles by which a step that would collide is turned."""
 STUCK = 4.0
-"""A robot that stayed for a window and more within so many steps' length is caught."""
+"""A robot that stayed for a window and more within this many steps' length is caught."""
 
 
 class End(IntEnum):
@@ -42,7 +42,7 @@ class End(IntEnum):
     GOING = 0
     REACHED = 1
     COLLIDED = 2
-    ENDLESS = 3  # place and force of an earlier step come back: they come back for ever
+    ENDLESS = 3  # position and force of an earlier step come back: they come back for ever
     STOPPED = 4  # the steps ran out
 
 
@@ -53,7 +53,7 @@ class RobotStep(NamedTuple):
     active: Ints  # numbers of the robots that were still going
     xy: Floats  # (A, 2) where they are
     clearance: Floats  # (A,) least distance from obstacles since the step before, border to border
-    nearest: Ints  # (A,) which obstacle that was; -1: there are none
+    nearest: Ints  # (A,) which obstacle that was; -1: missing
     steering: Steering | None  # what they do next; None: none of them goes on
 
 
@@ -62,15 +62,15 @@ class Drive:
     """How N robots fared; filled while `drive` goes on.
 
     Attributes:
-        xy: (N, 2) last places.
+        xy: (N, 2) last positions.
         end: (N,) numbers of `End`.
         steps: (N,) steps done.
-        length: (N,) of the paths; steps that the guard left out have none.
+        length: (N,) of the paths; steps that the guard skipped have none.
         clearance: (N,) least distance from obstacles, border to border, between steps, too.
-        nearest: (N,) which obstacle that was; -1: there are none.
+        nearest: (N,) which obstacle that was; -1: missing.
         states: (N, 4) steps in each `SteeringState`.
         recognised: (N,) steps at which oscillation was recognised.
-        caught: (N,) whether a robot whose steps ran out stayed at one place in the end.
+        caught: (N,) whether a robot whose steps ran out stayed at one position in the end.
         prevented: (N,) whether the endless part of a path, or its last window, has steps of the prevention.
     """
 
@@ -168,7 +168,7 @@ def _guarded(
     moment: MovingObstacles,
     config: NavigateConfig,
 ) -> tuple[Floats, Ints]:
-    """Steps (A, 2) of robots at (A, 2) places that do not collide if people go on as they did, and their states.
+    """Steps (A, 2) of robots at (A, 2) positions that do not collide if people go on as they did, and their states.
 
     A step that would collide is turned by as little as will do, of two equal angles to the side on which the goal is
     nearer; where no direction is free, the one of the greatest clearance is taken, which may be to stand.
@@ -221,10 +221,10 @@ def _note_clearance(robots: Drive, active: Ints, clearance: Floats, nearest: Int
 
 
 class _Watch:
-    """Notices robots that repeat themselves for ever, or that stay at one place.
+    """Notices robots that repeat themselves for ever, or that stay at one position.
 
-    Among obstacles that stand, place and total force decide on everything that follows: where both come back the
-    robot repeats what it did between.  The state that is compared is taken anew at steps 1, 2, 4, 8, ... (Brent's
+    Among obstacles that stand, position and total force decide on everything that follows: where both come back the
+    robot repeats what it did between.  The state that is compared is taken again at steps 1, 2, 4, 8, ... (Brent's
     way to find cycles), so that a cycle of any length is found without a memory of all steps.
     """
 
@@ -238,12 +238,12 @@ class _Watch:
         """(N,) whether the prevention acted since the state that is compared was taken."""
 
     def repeats(self, active: Ints, xy: Floats, total: Floats, slack: float) -> Bools:
-        """(A,) whether robots at (A, 2) places, moved there by forces (A, 2), have been so before."""
+        """(A,) whether robots at (A, 2) positions, moved there by forces (A, 2), have been so before."""
         size = np.hypot(total[:, 0], total[:, 1])
         same = (distance(xy, self._xy[active]) <= slack) & (distance(total, self._total[active]) <= ROUNDING * size)
         if self._step == self._next:
             self._next *= 2
-            # Robots that have just been found to repeat themselves are told so before the state is forgotten
+            # Robots that have just been found to repeat themselves are reported so before the state is forgotten
             fresh = active[~same]
             self._xy[fresh], self._total[fresh], self.prevented[fresh] = xy[~same], total[~same], False
         return np.asarray(same)

@@ -70,7 +70,7 @@ def judge_table(name: str, table: Table) -> list[StatementVerdict]:
             row = v.find(table, way, j + 1.0)
             if row is not None:
                 said = (
-                    f"RMSE of {AXIS_NAMES[j]} [m], {way} (the thesis does not say what spread the filters start with)."
+                    f"RMSE of {AXIS_NAMES[j]} [m], {way} (the thesis does not state what spread the filters start with)."
                 )
                 out.append(v.stated(f"{key}-{way}-{AXIS_NAMES[j]}", said, value, mean_of(row)))
     return out

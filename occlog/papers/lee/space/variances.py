@@ -90,7 +90,7 @@ def printed_projection(theta: Floats, phi: Floats) -> Floats:
     """Projected angles by [Lee] Eq. 2.1 and 2.2 as printed, which are wrong on most of the sphere.
 
     They are wrong for yz where x < 0, on half of the sphere, since |sec theta| should be sec theta; and for
-    zx everywhere but where x >= 0 and z >= 0, on three quarters: besides |sec|, the case
+    zx everywhere but where x >= 0 and z >= 0, on three quarters: also |sec|, the case
     gamma = pi is printed for x < 0 and not for z < 0.  `projected_angles` is right.
 
     Args:

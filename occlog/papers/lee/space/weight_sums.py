@@ -1,7 +1,7 @@
 """[Lee] Fig. 2-7: sums of unnormalised weights of a plane's particles and of particles in space, against the noise.
 
 The text has 100 particles, and not where the target is or how they are spread.  Here they are drawn around
-the true places of scenario 1, where the planes xy and yz are selected, with the prior of the scenarios.  A weight is
+the true positions of scenario 1, where the planes xy and yz are selected, with the prior of the scenarios.  A weight is
 the density of the measurement (Alg. 1): of one angle in the plane, of two in space.  Densities of one and of two angles
 have different units, so that their order depends on the unit of angles; a relative change does not.
 """
@@ -109,7 +109,7 @@ FIG2_7 = Experiment(
     quick=(10, 50),
     compute=sums,
     judge=judge_sums,
-    note="Particles around the true places of scenario 1 with a standard deviation of 0.3 m per axis. A density of two "
+    note="Particles around the true positions of scenario 1 with a standard deviation of 0.3 m per axis. A density of two "
     "angles has another unit than one of a single angle: the order of the sums depends on the unit.",
     trial=weight_trial,
 )

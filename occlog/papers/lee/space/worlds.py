@@ -40,11 +40,11 @@ STARTS = {
     3: (2.0, 1.0, 2.0, 0.3, 0.3, 0.3),
     4: (2.0, 1.0, 2.0, 0.3, 0.3, 0.3),
 }
-"""Initial place [m] and velocity [m/s] by scenario."""
+"""Initial position [m] and velocity [m/s] by scenario."""
 ACCELERATION = (0.0, 0.1, 0.5)
 """Known acceleration in scenarios 1 to 4 [m/s^2]."""
 SECOND_ARRAY = (10.0, 10.0, 10.0)
-"""Place of the second array, of scenario 4 [m]; the first is at the origin."""
+"""Position of the second array, of scenario 4 [m]; the first is at the origin."""
 STEP_S = 0.1
 PRIOR = (0.3, 0.1)
 """Standard deviations of the prior in scenarios 1 to 4: of a position [m] and of a velocity [m/s]."""
@@ -75,7 +75,7 @@ class SpaceWorld(NamedTuple):
 
     @property
     def sensors(self) -> tuple[Floats, Floats]:
-        """Places (S, 3) and rotations (S, 3, 3) of the arrays."""
+        """Positions (S, 3) and rotations (S, 3, 3) of the arrays."""
         return self.places, np.tile(np.eye(3), (len(self.places), 1, 1))
 
 
@@ -220,7 +220,7 @@ def _table_motions(w: SpaceWorld, k: int, wrong: bool) -> tuple[AccelerationMode
 def bounds(scenario: int, steps: int) -> tuple[Floats, Floats]:
     """Return (T, 3) standard deviations of x, y and z [m]: the direct bound, and that of the planes.
 
-    At each instant the planes are the two with the least variances of their angles at the true place, over
+    At each instant the planes are the two with the least variances of their angles at the true position, over
     all arrays; on the axis that both have, the lower bound counts.
     """
     w = world(scenario, steps)

@@ -126,7 +126,7 @@ def judge_end_to_end(table: Table) -> list[StatementVerdict]:
 
 
 def judge_hops(table: Table) -> list[StatementVerdict]:
-    """Judge the orderings of the printed hop-by-hop delays; the numbers follow from settings that are not told."""
+    """Judge the orderings of the printed hop-by-hop delays; the numbers follow from settings that are not given."""
     out = []
     for scenario in PRINTED:
         for kind in ("visual sensing data", "final estimation data"):
@@ -161,7 +161,7 @@ TRAFFIC_EXPERIMENTS = (
         quick=(1, 1),
         compute=end_to_end,
         judge=judge_end_to_end,
-        note="Packets of 1 kB, 2 Mb/s, acknowledgements of 40 bytes; the thesis does not tell its settings of NS-2, so "
+        note="Packets of 1 kB, 2 Mb/s, acknowledgements of 40 bytes; the thesis does not determine its settings of NS-2, so "
         "that only orderings are judged. Plotted: links that share one channel.",
     ),
     Experiment(

@@ -3,7 +3,7 @@
 Discrete events: packets that are stored and forwarded over links which share channels.
 
 A hop occupies its channels for the time on the air of the packet and of its acknowledgement.  Hops that wait begin in
-the order in which they came to wait, as soon as all of their channels are free: one whose channels are free may
+the order in which they came to wait, as soon as all of their channels are free: one with channels that are free may
 overtake one that still waits for another channel.
 
 The protocols RBVC and SBVC: visual compensation in the routers, or in the server ([Lee] Figs. 5-42 and 5-43).
@@ -42,7 +42,7 @@ class Sizes:
     """Bytes of what is sent."""
 
     packet: int = 1000  # payload of a packet, at most
-    header: int = 0  # of each packet, besides
+    header: int = 0  # of each packet, also
     ack: int = 40  # acknowledgement of a packet of an image, at each hop
     detection: int = 8  # of an object
     assigned: int = 8
@@ -260,7 +260,7 @@ class NetworkSimulation:
         self.at(self.now_s, lambda _: None)  # so that it begins now if it can
 
     def _begin(self) -> None:
-        """Begin all hops whose channels are free, in the order in which they came."""
+        """Begin all hops with channels that are free, in the order in which they came."""
         left = []
         for hop in self._waiting:
             if hop.channels & self._busy:
@@ -329,7 +329,7 @@ def simulate_cycle(network: RouterNetwork, protocol: str, image_bytes: float, sh
     tracking = [name for name, number in network.objects.items() if number > 0]
     delays: dict[str, float] = {}
     sizes, server = network.sizes, network.server
-    # A router's final estimate wants its acoustic estimate and all images
+    # A router's final estimate requires its acoustic estimate and all images
     ready = {name: _Gate(1 + len(network.cameras)) for name in tracking}
 
     def finish(router: str, now_s: float) -> None:

@@ -145,7 +145,7 @@ def judge_failures(table: Table) -> list[StatementVerdict]:
 
 
 def _more_stable(name: str, table: Table) -> list[StatementVerdict]:
-    """Judge that failures with the most particles are below those with the fewest; nothing where there are none."""
+    """Judge that failures with the most particles are below those with the fewest; nothing if missing."""
     ends = [(rows[-1], rows[0]) for n in (4, 5, 6, 8) if (rows := v.series(table, series_of(name, n)))]
     said = f"More particles are more stable ({name}): failures with the fewest less those with the most, by [%]."
     verdict = everywhere(f"table2-rates-{name.lower()}-stable", said, ends)

@@ -1,4 +1,4 @@
-"""The two failures of IDMOT that [Qu] Sec. 4.1 explains by Fig. 7b, each in a scene of its own beside a control.
+"""The two failures of IDMOT that [Qu] Sec. 4.1 explains by Fig. 7b, each in its own scene beside a control.
 
 Two balls meet in one view, and the other view sees them apart.  What is counted is how many of the two trackers are not
 on their own target in the last frame of the view in which they met, after they have parted.
@@ -135,6 +135,6 @@ MECHANISMS = Experiment(
     judge=judge_mechanisms,
     trial=run_views_trial,
     note="Two balls of radius 22 px that meet in one view and are apart in the other. On the same epipolar line the "
-    "other view cannot tell one from the other.",
+    "other view cannot determine one from the other.",
 )
 """The mechanisms of Fig. 7b."""

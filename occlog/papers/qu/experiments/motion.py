@@ -1,6 +1,6 @@
 """How the methods of [Qu] bear other motions than straight ways: a random walk, and targets that manoeuvre.
 
-[Qu] Sec. 4.1 says that the balls "move independently" and not how.  The videos of a run start alike and differ in the
+[Qu] Sec. 4.1 states that the balls "move independently" and not how.  The videos of a run start alike and differ in the
 motion alone.  `REMEDY` is BMCT with settings for targets that manoeuvre; they were chosen on the seeds 1001 to 1006.
 """
 
@@ -21,7 +21,7 @@ LOW = 8.0
 
 
 def motion(size: Size, execute: Execute) -> Table:
-    """Compute both rates [%] of every method at every motion; x is the place in `MOTIONS`, from 1."""
+    """Compute both rates [%] of every method at every motion; x is the position in `MOTIONS`, from 1."""
     results = execute([_spec(size, run, name) for name in MOTIONS for run in range(size.runs)])
     rows = []
     for rate, name in RATES.items():

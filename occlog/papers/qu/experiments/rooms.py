@@ -1,7 +1,7 @@
 """The real videos of [Qu] Secs. 4.2 and 4.3 in rendered rooms: *Hall*, *LivingRoom*, *Campus*.
 
-The recordings are not available.  What the paper tells of each is kept: the number of people, cameras and frames, the
-rate, and whether there are colours.  People walk in a room of this project, in clothes of their own; trackers start on
+The recordings are not available.  What the paper reports each is kept: the number of people, cameras and frames, the
+rate, and whether there are colours.  People walk in a room of this project, in their own clothes; trackers start on
 their first true boxes.  All images have 320 x 240 px, also those of *Hall*, where the paper has 640 x 480.
 """
 
@@ -26,7 +26,7 @@ GREY = {**COLOURS, "model": "pca", "pca_power": 0.3}
 
 
 class PaperVideo(NamedTuple):
-    """What [Qu] tells of a video, and which methods are run on one of this project."""
+    """What [Qu] reports a video, and which methods are run on one of this project."""
 
     item: str
     title: str
@@ -95,7 +95,7 @@ def compute(recording: PaperVideo, size: Size, execute: Execute) -> Table:
 
 
 def judge(recording: PaperVideo, table: Table) -> list[StatementVerdict]:
-    """Judge that BMCT is robust, and what else the paper says of the video."""
+    """Judge that BMCT is robust, and what else the paper states about the video."""
     out = []
     for rate, name in RATES.items():
         own = {label: v.find(table, f"{label}, {name}") for label in recording.methods}
@@ -135,7 +135,7 @@ def _experiment(recording: PaperVideo, runs: int) -> Experiment:
         compute=functools.partial(compute, recording),
         judge=functools.partial(judge, recording),
         trial=run_rooms_trial,
-        note="Rendered people in clothes of their own; the paper's recording is not available.",
+        note="Rendered people in their own clothes; the paper's recording is not available.",
     )
 
 

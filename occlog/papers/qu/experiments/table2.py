@@ -220,7 +220,7 @@ def _robust(trials: Sequence[Tried]) -> float:
 
 
 def _line(x: Floats, y: Floats, at: float) -> float:
-    """Interpolate y at a place, or extrapolate from the two nearest points; x (n,) rises."""
+    """Interpolate y at a position, or extrapolate from the two nearest points; x (n,) rises."""
     k = int(np.clip(np.searchsorted(x, at), 1, len(x) - 1))
     step = max(x[k] - x[k - 1], 1e-9)
     return float(y[k - 1] + (y[k] - y[k - 1]) * (at - x[k - 1]) / step)

@@ -1,1 +1,1 @@
-"""Two runs compared moment by moment: who is who, how far both are from the truth, and where they part."""
+"""Two runs compared time step by time step: who is who, how far both are from the truth, and where they part."""

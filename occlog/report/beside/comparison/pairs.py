@@ -1,8 +1,8 @@
 """Who of one run is who of the other: pairs of each frame, and the people that they make.
 
-Which tracks follow a person over time, and when one track takes the place of another.
+Which tracks follow a person over time, and when one track replaces another.
 
-Two runs in the same moments: the times of both, from the later of their starts to the earlier of their ends.
+Two runs in the same time steps: the times of both, from the later of their starts to the earlier of their ends.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ class AlignedEstimates:
 
     Attributes:
         frame: (n,) number of the frame.
-        row: (n,) row of the run's table: the estimate itself, or the latest one before an interpolated place.
-        xy: (n, 2) places.
+        row: (n,) row of the run's table: the estimate itself, or the latest one before an interpolated position.
+        xy: (n, 2) positions.
         label: (n,) identities.
     """
 
@@ -39,7 +39,7 @@ class AlignedEstimates:
     label: Ints
 
     def objects(self) -> Objects:
-        """The places, to be laid against others."""
+        """The positions, to be laid against others."""
         return Objects(self.frame, self.label, self.xy)
 
     def table(self, tracks: Tracks, times: Ints) -> Tracks:
@@ -67,7 +67,7 @@ def common_times(a: Tracks, b: Tracks) -> Ints:
 def align_estimates(tracks: Tracks, times: Ints) -> AlignedEstimates:
     """A run's estimates at some times.
 
-    At times of its own a person is there who has a row.  At times of the other run alone places are interpolated, over
+    At times of its own a person is there who has a row.  At times of the other run alone positions are interpolated, over
     gaps of a usual step of the person's rows (`Path.usual_gap_ns`).
     """
     place = np.searchsorted(times, tracks.t_ns)
@@ -193,7 +193,7 @@ def _people(
 
 
 class Piece(NamedTuple):
-    """A stretch of time in which one track follows somebody: first and last moment [ns]."""
+    """A time interval in which one track follows a person: first and last time step [ns]."""
 
     who: int
     track: int
@@ -202,7 +202,7 @@ class Piece(NamedTuple):
 
 
 class TrackChange(NamedTuple):
-    """Somebody is followed by another track from a moment on."""
+    """A person is followed by another track from a time step on."""
 
     t_ns: int
     who: int
@@ -216,7 +216,7 @@ class MatchedRuns(NamedTuple):
     Attributes:
         pieces: in the order of `who` and time.
         changes: in the order of time.
-        passing: changes of track that last less than is told, and are left out of pieces.
+        passing: changes of track that last less than is reported, and are skipped of pieces.
     """
 
     pieces: tuple[Piece, ...]
@@ -235,7 +235,7 @@ def tracks_by_target(frames: MatchedFrames, made: MatchedPairs, times: Ints, las
         frames: truth and tracks in the true frames.
         made: pairs of each frame alone.
         times: (T,) of the frames [ns].
-        lasting_ns: shorter pieces are left out.
+        lasting_ns: shorter pieces are skipped.
     """
     who = frames.truth_key[frames.truth[made.truth], 1]
     track = frames.track_key[frames.track[made.track], 1]
@@ -252,7 +252,7 @@ def mutual_matches(
         b: run B.
         pairs: of them.
         times: (T,) of the frames [ns].
-        lasting_ns: shorter pieces are left out.
+        lasting_ns: shorter pieces are skipped.
     """
     of_a, of_b = a.label[pairs.a], b.label[pairs.b]
     return (
@@ -262,9 +262,9 @@ def mutual_matches(
 
 
 def pieces_of(who: Ints, track: Ints, frame: Ints, times: Ints, lasting_ns: int) -> MatchedRuns:
-    """Stretches of time in which each one has one track.
+    """Sections of time in which each one has one track.
 
-    Interruptions shorter than `lasting_ns` do not end a stretch; stretches that are shorter are left out, and what is
+    Interruptions shorter than `lasting_ns` do not end a section; sections that are shorter are skipped, and what is
     left on either side of them becomes one if it is of the same track.
 
     Args:
@@ -272,7 +272,7 @@ def pieces_of(who: Ints, track: Ints, frame: Ints, times: Ints, lasting_ns: int)
         track: (n,) the track of each.
         frame: (n,) number of the frame.
         times: (T,) of the frames [ns].
-        lasting_ns: the shortest stretch.
+        lasting_ns: the shortest section.
     """
     if not len(who):
         return MatchedRuns((), (), 0)

@@ -1,7 +1,7 @@
-"""Where two runs part: the first moment of each kind, how often, and the longest stretches.
+"""Where two runs part: the first time step of each kind, how often, and the longest sections.
 
-Two runs have parted in a frame where one has somebody who has no partner in the other, or where partners are farther
-from each other than a tolerance; and at a moment from which on somebody has another partner.
+Two runs have parted in a frame where one has a person who has no partner in the other, or where partners are farther
+from each other than a tolerance; and at a time step from which on a person has another partner.
 
 How far both runs are from the truth over time: of targets that both have found, and how many each has not.
 """
@@ -21,16 +21,16 @@ from occlog.core.metrics.mot.frame_pairs import MatchedFrames
 from .pairs import AlignedEstimates, MatchedRuns, RunPairs
 
 MAX_STRETCHES = 5
-"""Longest stretches that are told."""
+"""Longest sections that are reported."""
 
 
 class RunComparisonStep(NamedTuple):
-    """What is to be seen at a moment.
+    """What is to be seen at a time step.
 
     Attributes:
         t_ns: when.
         a, b: identities; None: the run has nobody there.
-        distance: from each other; of somebody without a partner from the nearest one of the other run; NaN: it has
+        distance: from each other; of a person without a partner from the nearest one of the other run; NaN: it has
             nobody then.
     """
 
@@ -41,7 +41,7 @@ class RunComparisonStep(NamedTuple):
 
 
 class DivergenceKind(NamedTuple):
-    """One way of having parted: the first moment, in how many frames, and how often it happens to anybody."""
+    """One way of having parted: the first time step, in how many frames, and how often it happens to any person."""
 
     name: str
     first: RunComparisonStep | None
@@ -50,7 +50,7 @@ class DivergenceKind(NamedTuple):
 
 
 class DivergenceStretch(NamedTuple):
-    """Frames after each other in which the runs have parted: from, to, and the moment at which most is apart."""
+    """Frames after each other in which the runs have parted: from, to, and the time step at which most is apart."""
 
     start_ns: int
     end_ns: int
@@ -62,10 +62,10 @@ class Divergences:
     """Where two runs part.
 
     Attributes:
-        kinds: pairs that are too far apart, somebody whom A alone has, and B alone, and other partners.
+        kinds: pairs that are too far apart, a person whom A alone has, and B alone, and other partners.
         frames: how many frames there are.
         parted: in how many of them the runs have parted.
-        stretches: the longest, the longest first.
+        sections: the longest, the longest first.
         farthest: the pair that is farthest apart; None: there are no pairs.
         apart: (T,) largest distance of partners in each frame, 0 without any.
         alone: (T,) how many have no partner.
@@ -81,7 +81,7 @@ class Divergences:
 
     @property
     def first(self) -> tuple[str, RunComparisonStep] | None:
-        """Kind and moment of the first parting; None: they never part."""
+        """Kind and time step of the first parting; None: they never part."""
         found = [(kind.name, kind.first) for kind in self.kinds if kind.first is not None]
         return min(found, key=lambda each: each[1].t_ns, default=None)
 
@@ -135,7 +135,7 @@ def _kind(name: str, frames: Ints, moment: Callable[[int], RunComparisonStep]) -
 def _exchanges(
     a: AlignedEstimates, b: AlignedEstimates, pairs: RunPairs, times: Ints, partners: tuple[MatchedRuns, MatchedRuns]
 ) -> DivergenceKind:
-    """Moments from which on a track has another partner."""
+    """Time steps from which on a track has another partner."""
     found = [(change.t_ns, change.who, change.after) for change in partners[0].changes]
     found += [(change.t_ns, change.after, change.who) for change in partners[1].changes]
     if not found:
@@ -154,7 +154,7 @@ def _of_pair(a: AlignedEstimates, b: AlignedEstimates, pairs: RunPairs, times: I
 
 
 def _of_one(own: AlignedEstimates, other: AlignedEstimates, times: Ints, row: int, *, first: bool) -> RunComparisonStep:
-    """Somebody without a partner, with the distance from the nearest one of the other run."""
+    """A person without a partner, with the distance from the nearest one of the other run."""
     frame, label = int(own.frame[row]), int(own.label[row])
     at = slice(*np.searchsorted(other.frame, [frame, frame + 1]))
     away = np.hypot(*(other.xy[at] - own.xy[row]).T)
@@ -163,7 +163,7 @@ def _of_one(own: AlignedEstimates, other: AlignedEstimates, times: Ints, row: in
 
 
 def _longest(parted: Bools, times: Ints) -> list[tuple[int, int]]:
-    """First and last frame of the longest stretches in which runs have parted."""
+    """First and last frame of the longest sections in which runs have parted."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], parted, [False]]).astype(np.int8)))
     found = list(zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True))
     found.sort(key=lambda each: (int(times[each[0]] - times[each[1]]), each[0]))
@@ -173,7 +173,7 @@ def _longest(parted: Bools, times: Ints) -> list[tuple[int, int]]:
 def _stretch(
     a: AlignedEstimates, b: AlignedEstimates, pairs: RunPairs, times: Ints, frames: tuple[int, int]
 ) -> DivergenceStretch:
-    """A stretch with its worst moment: the pair farthest apart, or else the first one without a partner."""
+    """A section with its worst time step: the pair farthest apart, or else the first one without a partner."""
     inside = np.flatnonzero((pairs.frame >= frames[0]) & (pairs.frame <= frames[1]))
     lone = [
         _of_one(own, other, times, int(rows[0]), first=is_a)
