@@ -2,7 +2,7 @@
 
 A class of requests derives from `Request`. Its fields are files to read (`source`) and to write (`sink`), values
 (`occlog.settings.setting`) and groups of settings (`group`). A field has one name, the key that YAML has for it; the
-command line spells it `--fused-views`, Python `fused_views`. A field whose option declares another name has that one.
+command line spells it `--fused-views`, Python `fused_views`. A field with an option of another name has that one.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class File:
         together: of a field of several files this many are given at a time.
         number: a number from this on may be in the position of the file; None: no number may.
         scene: a scene is read from it.
-        there: click looks whether it is there, and `-` is standard input.
+        there: click checks that it exists, and `-` is standard input.
         kinds: kinds of input that it is for, where the request is of several (`Request.KIND`); empty: all.
         suffix: output: how the name of the file ends that a Python function makes.
     """
@@ -162,7 +162,7 @@ class Request(Settings):
     RUN: ClassVar[str]
     JUDGED: ClassVar[bool] = False
     VERDICT: ClassVar[str] = "plausible"
-    STRICT: ClassVar[str] = "if warnings say that the estimates are not plausible. Outputs are written all the same."
+    STRICT: ClassVar[str] = "if the estimates fail a consistency check. Outputs are written all the same."
     KIND: ClassVar[str] = ""
     KINDS: ClassVar[Mapping[str, str]] = {}
 

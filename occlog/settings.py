@@ -50,7 +50,7 @@ MAX_SETTING, MIN_POSITIVE_SETTING = 1e12, 1e-15
 
 @dataclass(frozen=True)
 class Declaration:
-    """Description of a setting beside its type and default.
+    """Description of a setting in addition to its type and default.
 
     Attributes:
         help: one sentence or more, for people.
@@ -261,7 +261,7 @@ def configure(config: C, values: Mapping[str, object]) -> C:
 
 
 def check_setting(of: Sequence[type[Settings]], name: str, value: object) -> None:
-    """Refuse a value that a setting by itself cannot have; what it must be beside others is not looked at.
+    """Refuse a value that a setting by itself cannot have; its relation to other settings is not checked.
 
     Args:
         of: classes of settings; the first that has the setting is meant.
@@ -335,7 +335,7 @@ def read_value(text: str, kind: object, name: str) -> object:
             return listed(text) if item is str else tuple(item(part) for part in text.split(","))
         return plain(text)
     except (ValueError, KeyError) as error:
-        raise UsageError(f"setting {name}: want {KIND_WORDS[item_kind(kind)]}, got {text!r}") from error
+        raise UsageError(f"setting {name}: expected {KIND_WORDS[item_kind(kind)]}, got {text!r}") from error
 
 
 def read_pair(text: str, size: bool) -> tuple[int, int]:
@@ -345,7 +345,7 @@ def read_pair(text: str, size: bool) -> tuple[int, int]:
     first, second = (int(found[1] or 0), int(found[2])) if found is not None else (0, 0)
     if not (first > 0 < second if size else first < second):
         want = "WIDTHxHEIGHT, for example 1920x1080" if size else "A:B with A < B, for example 0:400"
-        raise UsageError(f"{text!r}: want {want}")
+        raise UsageError(f"{text!r}: expected {want}")
     return first, second
 
 

@@ -53,7 +53,7 @@ class _Home:
     known: _Home | None = None
 
     def __init__(self) -> None:
-        """Make it, lock it, and remove those that nobody holds any more."""
+        """Make it, lock it, and remove those that are no longer in use."""
         self.process, self.path = os.getpid(), Path(mkdtemp(prefix=PREFIX))
         self._lock = _locked(self.path)
         self._numbers = count(1)

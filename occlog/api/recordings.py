@@ -210,7 +210,7 @@ def _table_of(name: str) -> type[Rows]:
 
 def _only(names: tuple[str, ...], wanted: str | None) -> str:
     if wanted is None and len(names) != 1:
-        raise UsageError(f"the recording holds {', '.join(names) or 'no table'}; say which table to read")
+        raise UsageError(f"the recording holds {', '.join(names) or 'no table'}; state which table to read")
     return names[0] if wanted is None else wanted
 
 
@@ -230,7 +230,7 @@ def _stored(opened: Opened, table: type[Rows], home: Folder | None = None) -> Ta
 
 
 class ArrowStream(Protocol):
-    """A table in memory that speaks the Arrow PyCapsule interface: of polars, DuckDB, pyarrow and others."""
+    """A table in memory with the Arrow PyCapsule interface: of polars, DuckDB, pyarrow or similar."""
 
     def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
         """A capsule of an Arrow C stream."""
@@ -266,7 +266,7 @@ class CallInputs:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Remove the files; an error speaks of arguments."""
+        """Remove the files; errors refer to arguments."""
         self._folder.remove()
         if isinstance(error, OcclogError):
             error.args = (self.named(str(error)),)
@@ -352,7 +352,7 @@ def arrow_of(value: object, name: str) -> Any:
     A pandas index that has a name becomes a column, any other is dropped.
 
     Args:
-        value: a DataFrame of pandas, anything that speaks `__arrow_c_stream__`, or a dict of columns.
+        value: a DataFrame of pandas, anything with `__arrow_c_stream__`, or a dict of columns.
         name: of the argument, for messages.
 
     Raises:

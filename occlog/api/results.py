@@ -1,4 +1,4 @@
-"""What functions give back: tables, figures, and what speaks against them; a notebook shows it."""
+"""What functions give back: tables, figures, and findings against them; a notebook shows it."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Result:
         summary: figures of the whole run, as the command prints them by `--json`.
         tables: by name; `result["diagnostics"]` is one of them.
         losses: input that was lost while reading.
-        warnings: what speaks against the estimates, each a sentence; they were Python warnings, too.
+        warnings: findings against the estimates, each a sentence; they were Python warnings, too.
         notes: what else a user must know.
     """
 
@@ -53,7 +53,7 @@ class Result:
 
     @property
     def plausible(self) -> bool | None:
-        """Whether nothing speaks against the estimates; None: nobody has judged them."""
+        """Whether all checks of the estimates passed; None: unchecked."""
         found: bool | None = self.summary.get("plausible")
         return found
 
@@ -134,11 +134,11 @@ class TrackResult(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DetectResult(Result):
-    """Bearings of the targets, and everybody whom the cameras saw."""
+    """Bearings of the targets, and all people that the cameras detected."""
 
     @property
     def bearings(self) -> Table:
-        """Bearings, also those of looks in which nothing was seen."""
+        """Bearings, including frames without a detection."""
         return self["bearings"]
 
     @property
@@ -224,7 +224,7 @@ def sentences(notes: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def warn(told: Iterable[str], losses: Iterable[Loss]) -> None:
-    """Report what speaks against a result by Python warnings of the caller's line, one a sentence; losses in one."""
+    """Report findings against a result by Python warnings of the caller's line, one a sentence; losses in one."""
     level = 1
     frame: FrameType | None = sys._getframe()
     while frame is not None and frame.f_code.co_filename.startswith(PACKAGE):

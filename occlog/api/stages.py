@@ -71,7 +71,7 @@ def detect(
         target: file with the appearances of targets; None: those attached to the recording.
         target_boxes: boxes around targets from which their appearance is learnt, each `[ID:]CAM:FRAME:X,Y,W,H` [px].
         near: tracks around which targets are searched for.
-        learn: look through the recording first, for what it shows when nobody is there.
+        learn: learn the empty scene from the recording in a first pass.
         fuse: fuse the detections of the cameras; settings of the fusion, or True for its defaults.
         onnx: detect with this network (ONNX).
         classes: with `onnx`: what to search for, by name or number; empty: people, or the only class.
@@ -125,7 +125,7 @@ def fuse(
         InputError: an input is missing, damaged, or cannot be fused.
 
     Warns:
-        OcclogWarning: input was lost, or the fusion cannot be believed.
+        OcclogWarning: input was lost, or the fusion is unreliable.
     """
     return call(Form(FuseRequest), locals(), DetectResult)
 
@@ -315,7 +315,7 @@ def ingest(
         arrays: positions of direction finders, or microphones of one array.
         readers: positions and ranges of the readers of tags.
         start_time: date and time (ISO 8601) or seconds since 1970 of the origin of the times; None: 0.
-        offset: added to the times of a sensor whose clock is off [s], or text with a unit: {"cam2": "-400ms"}.
+        offset: added to the times of a sensor with a clock offset [s], or text with a unit: {"cam2": "-400ms"}.
         fps: frame rate, where nothing else gives times.
         frames: only frames first <= number < stop.
         output: where the recording is written; None: a folder that goes with the last reference to it.
@@ -498,7 +498,7 @@ def track(
         window: measurements this close together in time [s] make one scan; None: equal times; frames: below half the
             shortest frame period; reads: 1 s.
         targets: track only these; empty: all.
-        starts: where targets are at first, each x, y and perhaps sigma.
+        starts: initial positions of targets, each x, y and perhaps sigma.
         labelled_only: do not use candidates that are not assigned to a target.
         use_recovered: use what the fusion of detections recovered as if it had been measured.
         in_turn: use one sensor at a time, each for so long [s]; None: all at once.
@@ -507,14 +507,14 @@ def track(
         doa_labels: identities in the log of directions are those of targets.
         occluders: where moving occluders may be.
         motion: how targets move, a file of `occlog fit-motion`.
-        answer_delay: cameras' answers take so long [s], or as the delays of `occlog traffic` say.
+        answer_delay: delay of cameras' answers [s], or the delays of `occlog traffic`.
         select: choose cameras: `{"policy": "greedy", "count": 3}` and the other settings of the selection.
-        initial: where targets are in each view at first, for methods in images.
+        initial: initial positions of targets in each view, for methods in images.
         detections: boxes that trackers in images begin from.
         fundamental: file of fundamental matrices.
         path_loss: file of `occlog fit-readers`.
         sights: bearings of cameras that refine the tracks of tags.
-        gallery: how people look, for the tracks of all people: a table or a file of `occlog appearance learn`.
+        gallery: appearance of people, for the tracks of all people: a table or a file of `occlog appearance learn`.
         also: more tables of the method: calibration, cloud (its particles), cooperation, view_tracks, virtual_sensors,
             world.
         progress: show a bar on standard error, if it is a terminal.
@@ -587,7 +587,7 @@ def report(
         title: heading of the page.
         png: also make the picture of the main figures.
         markdown: also make words and figures as Markdown.
-        output: where the page is written (HTML), with picture and Markdown beside it; None: nowhere, see `html`.
+        output: where the page is written (HTML), with picture and Markdown next to it; None: nowhere, see `html`.
         overwrite: files that are there may be replaced.
 
     Raises:

@@ -40,9 +40,9 @@ def add_common(command: click.Command) -> None:
 
 
 def _after_a_look(callback: Callable[..., Any]) -> Callable[..., Any]:
-    """The callback of a command, after a look whether its inputs are there.
+    """The callback of a command, after a check that its inputs exist.
 
-    What is wrong in the command line is stated first: settings of `--set` are looked at by the callback.
+    What is wrong in the command line is reported first: settings of `--set` are checked by the callback.
     """
 
     @wraps(callback)
@@ -57,9 +57,9 @@ def _after_a_look(callback: Callable[..., Any]) -> Callable[..., Any]:
 WITHOUT_DRY_RUN = ("reproduce", "schema")
 """Commands that write where nothing stops them."""
 DRY_RUN_HELP = (
-    "Check inputs, settings and outputs as far as the work does before it begins, say what would be written, and stop."
+    "Check inputs, settings and outputs, report what would be written, and stop without running."
 )
-VERBOSE_HELP = "Say on standard error what inputs are taken for, what is written, and how long it takes."
+VERBOSE_HELP = "Report on standard error the detected input formats, written files and run times."
 
 
 def _flag(name: str, callback: Callable[..., None], help: str, *more: str) -> click.Option:
@@ -98,7 +98,7 @@ def _input_units() -> click.Option:
         expose_value=False,
         callback=_state,
         metavar="COLUMN=UNIT,...",
-        help="Units of columns of other programs whose names state none: bearing=deg,x=cm, or deg,cm for all angles and "
+        help="Units of external columns without a unit in their names: bearing=deg,x=cm, or deg,cm for all angles and "
         "lengths.",
     )
 

@@ -1,6 +1,6 @@
 """Input files on the command line: they are there, and `-` is standard input.
 
-Standard input is kept in a temporary file, since readers look at a file more than once.
+Standard input is kept in a temporary file, since readers read a file more than once.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from occlog.io.files.limits import STANDARD_INPUT
 
 NAME = "standard input"
 MAX_NAMES = 10_000
-"""This many names of a folder are looked at for one that is like a missing one."""
+"""Number of names of a folder that are searched for one similar to a missing one."""
 KEPT = "occlog.standard_input"
 """Key of the temporary file in the metadata of click's context."""
 
@@ -80,7 +80,7 @@ def is_missing(path: Path) -> bool:
 
 
 def _nearest(path: Path) -> str:
-    """Words that name the file beside a path with a name that is like it."""
+    """Hint at a file with a similar name in the same folder."""
     import difflib
     import itertools
 

@@ -48,7 +48,7 @@ COMMANDS = {
         "occlog.measure.fuse.request:VERB",
         "Fuse detections of several cameras, or tracks of several groups of cameras.",
     ),
-    "appearance": Command("occlog.measure.appearance.request:VERBS", "Learn how people look from several sides."),
+    "appearance": Command("occlog.measure.appearance.request:VERBS", "Learn the appearance of people by viewing direction."),
     "priors": Command("occlog.measure.priors.request:VERBS", "Find where moving occluders are."),
     "fit-motion": Command(
         "occlog.track.methods.map.fit_motion.request:FitMotionRequest", "Identify a motion model from trajectories."
@@ -241,7 +241,7 @@ def run(args: list[str] | None = None) -> int:
 
 
 class Explained(NamedTuple):
-    """What a user is told of an error."""
+    """Report of an error to the user."""
 
     message: str  # one line
     code: ExitCode
@@ -294,7 +294,7 @@ def _show_plan(as_json: bool) -> None:
 
 
 def _fail(message: str, code: ExitCode, words: Sequence[str]) -> int:
-    """Say on standard error what went wrong: in a line, or where `--json` was given as one JSON object."""
+    """Report an error on standard error: in a line, or where `--json` was given as one JSON object."""
     from occlog.console.notes import named
     from occlog.console.text import shortened
 

@@ -40,7 +40,7 @@ seed_opt = click.option(
 )
 SCENE_HELP = "Scene file (YAML), a recording that holds one, or a text table of stations."
 scene_opt = click.option("--scene", type=INPUT, default=None, help=SCENE_HELP)
-STRICT_HELP = "Exit code 6 if warnings say that the estimates are not plausible. Outputs are written all the same."
+STRICT_HELP = "Exit code 6 if the estimates fail a consistency check. Outputs are written all the same."
 strict_opt = click.option("--strict", is_flag=True, help=STRICT_HELP)
 quiet_opt = click.option(
     "-q", "--quiet", is_flag=True, callback=remember_quiet, help="No progress and no notes on standard error."
@@ -54,7 +54,7 @@ workers_opt = click.option(
 
 
 def set_opt(example: str) -> Callable[[F], F]:
-    """`--set`, repeated, for settings that have no option of their own."""
+    """`--set`, repeated, for settings without a separate option."""
     return click.option(
         "--set", "settings", multiple=True, metavar="NAME=VALUE", help=f"A setting, e.g. {example}; may be repeated."
     )

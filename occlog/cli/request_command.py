@@ -128,7 +128,7 @@ def _settings_of(form: Form, group: str) -> type[Settings]:
 def _do_chosen(verb: Verb, /, **values: Any) -> int:
     """Do the kind of request that the arguments chose."""
     kind = verb.kind(click.get_current_context().meta[CHOSEN])
-    assert kind is not None  # the command has looked when it parsed
+    assert kind is not None  # checked when the command was parsed
     return _do(kind.form(), **values)
 
 

@@ -1,14 +1,14 @@
-"""Options of the command line made from declared settings, and commands whose options depend on a choice.
+"""Options of the command line made from declared settings, and commands with options that depend on a choice.
 
 A setting that declares `option=` becomes an option with its type, range, default and help; all of
 them can be given by `--set NAME=VALUE` where a command has it.  A `VariantCommand` has shared
-options and, beside them, those of the variant that the arguments choose: `occlog track --method map`
+options and those of the variant that the arguments choose: `occlog track --method map`
 takes what `map` takes and nothing else.
 
 Commands that plug-ins serve: the settings of a plug-in that the arguments name are options under its name.
 
 An exporter `gpx` with the setting `creator` has the option `--gpx-creator`, so that several plug-ins can be used in one
-call, and none takes a name of the command's own.  Installed plug-ins are looked at for a name that is not ours, and by
+call, and none takes a name of the command.  Installed plug-ins are searched for a name that is not built in, and by
 --help.
 """
 
@@ -41,7 +41,7 @@ from .options import FRAMES, SIZE, AnyFinite, Finite, parse_setting
 
 F = TypeVar("F", bound=Callable[..., object])
 SET = "--set"
-"""The option for settings that have none of their own."""
+"""The option for settings without a separate one."""
 CHOSEN = "occlog.variant"
 """Key of the chosen variant's name in the metadata of click's context."""
 
@@ -216,7 +216,7 @@ def flag_of(settings: type[Settings], name: str) -> str:
 
 
 def settings_table(settings: type[Settings], *, without: Sequence[str] = ()) -> list[tuple[str, str]]:
-    """Name and description of each setting that has no option of its own, for --help."""
+    """Name and description of each setting without a separate option, for --help."""
     rows = []
     for f in declared(settings):
         said = declaration(f)
@@ -227,7 +227,7 @@ def settings_table(settings: type[Settings], *, without: Sequence[str] = ()) -> 
 
 
 def write_settings(formatter: click.HelpFormatter, heading: str, settings: type[Settings]) -> None:
-    """A section of --help with the settings that have no option of their own, if there are any."""
+    """A section of --help with the settings without a separate option, if there are any."""
     rows = settings_table(settings)
     if rows:
         with formatter.section(heading):
@@ -236,12 +236,12 @@ def write_settings(formatter: click.HelpFormatter, heading: str, settings: type[
 
 @dataclass(frozen=True)
 class CommandVariant:
-    """One of the things that a command can do, with options of its own.
+    """One of the things that a command can do, with its own options.
 
     Attributes:
         summary: one line.
         params: makes its options; called when the variant is chosen.
-        settings: makes the classes whose settings without an option are listed in --help.
+        settings: makes the classes of settings that --help lists without an option.
         called: how it is chosen, if not as the command's other variants are.
     """
 
@@ -252,10 +252,10 @@ class CommandVariant:
 
 
 class SettingsCommand(click.Command):
-    """A command whose settings are declared: a value out of its range is an error of usage that names the option.
+    """A command with declared settings: a value out of its range is an error of usage that names the option.
 
     Args:
-        settings: makes the class whose settings without an option are listed in --help; None: none are.
+        settings: makes the class of settings that --help lists without an option; None: none.
     """
 
     def __init__(self, *args: Any, settings: Callable[[], type[Settings]] | None = None, **kwargs: Any) -> None:
@@ -317,7 +317,7 @@ class VariantCommand(SettingsCommand):
         variants: by name.
         choose: the variant that arguments choose; None: they choose none.
         default: the variant where none is chosen.
-        more: makes variants of others; called for a name that `variants` does not have, and for --help.
+        more: makes third-party variants; called for a name that `variants` does not have, and for --help.
         shows_default: --help without a choice shows what that one takes too.
         what: how a variant is called, for example `method`.
         chosen_by: how a variant is chosen, with {} for its name, for example `--method {}`.
@@ -341,13 +341,13 @@ class VariantCommand(SettingsCommand):
         self.what, self.chosen_by, self.more = what, chosen_by, more
 
     def variant(self, name: str) -> CommandVariant | None:
-        """The variant of that name, ours or of others; None: missing."""
+        """The variant of that name, built in or third-party; None: missing."""
         return self.variants[name] if name in self.variants else self.more().get(name)
 
     def existing(self, name: str) -> CommandVariant:
         """The variant of a name that there is."""
         found = self.variant(name)
-        assert found is not None  # parse_args has looked
+        assert found is not None  # checked by parse_args
         return found
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
@@ -468,7 +468,7 @@ CHOSEN_PLUGINS = "occlog.plugins"
 
 
 class PluggedCommand(SettingsCommand):
-    """A command with an option whose value can be the name of a plug-in.
+    """A command with an option that takes the name of a plug-in.
 
     Args:
         flag: the option.

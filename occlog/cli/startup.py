@@ -1,4 +1,4 @@
-"""A line on standard error where a first run compiles for long, so that nobody takes it for stuck.
+"""A line on standard error while a first run compiles, so that it does not seem to hang.
 
 How many files this process may have open: each decoding process takes four, and there is one for each video.
 """
@@ -23,7 +23,7 @@ NOT_KEPT = (
 
 @contextmanager
 def with_compile_notice(root: click.Context) -> Iterator[None]:
-    """Say once that kernels are compiled, if that takes long meanwhile and the command of this context is not quiet."""
+    """Report once that kernels are compiled, if that takes long meanwhile and the command of this context is not quiet."""
 
     def say(kept: bool) -> None:
         if not root.meta.get(QUIET):

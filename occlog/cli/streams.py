@@ -1,9 +1,9 @@
-"""Standard output and standard error that state clearly what happens when nobody reads them, or no space is left.
+"""Standard output and standard error that state clearly what happens when their reader has closed, or no space is left.
 
 * Standard error: a message that cannot be written is dropped; the work goes on.
 * Standard output: a reader that went away (`| head`) ends the program quietly, as SIGPIPE ends other programs; a full
   disk is an error of one line.
-* A stream that was closed before the program began is one that nobody reads, and has nothing to be read.
+* A stream that was closed before the program began has no reader, and has nothing to be read.
 """
 
 from __future__ import annotations

@@ -163,7 +163,7 @@ def check_strided(of: Any) -> None:
 
 
 def check_empty(of: Any) -> None:
-    """Nobody may be there: images of one colour."""
+    """Check images of one colour, in which no person is present."""
     for value in (0, 128, 255):
         film(of, [np.full((*SIZE, 3), value, dtype=np.uint8)], f"an image of the colour {value}: detect")
 

@@ -116,11 +116,11 @@ def check_exact_times(of: Any) -> None:
         columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
         later = type(rows).of(**{**columns, "t_ns": rows.t_ns + np.int64(10**6)})  # type: ignore[attr-defined]
         if write(of, later, f"writing {rows.NAME}") == write(of, rows, f"writing {rows.NAME}"):
-            raise BrokenError(f"times of {rows.NAME} that are a millisecond later are written alike")
+            raise BrokenError(f"times of {rows.NAME} that are a millisecond later are written as equal")
 
 
 def check_unit(of: Any) -> None:
-    """Lengths may be in centimetres, or in a unit of their own."""
+    """Lengths may be in centimetres, or in a scene-specific unit."""
     for rows in taken(of):
         for unit, factor in (("cm", 100.0), ("cell", 1.0)):
             write(of, in_unit(rows, factor), f"writing {rows.NAME} in {unit}", unit=unit)

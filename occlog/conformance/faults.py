@@ -112,7 +112,7 @@ def manners(use: Callable[[Any], object], what: str, *, growth_bytes: int = 0) -
 
     def check_global_random(of: Any) -> None:
         def state() -> str:
-            shared = dict(np.random.get_state(legacy=False))  # noqa: NPY002 - what others use is looked at, not used
+            shared = dict(np.random.get_state(legacy=False))  # noqa: NPY002 - external state is inspected, not used
             return f"{random.getstate()} {pickle.dumps(shared)!r}"
 
         before = state()

@@ -17,7 +17,7 @@ from .samples import FEW, PLAIN, SIGMA_RAD, WALK_STEPS, SampleWalk, blind, later
 SETTLED = WALK_STEPS // 2
 """From this time step on a filter has had time to find the target."""
 FARTHEST_M = 3.0
-"""Root mean square error [m] of a filter that has found it; lines of sight alone tell it to about 0.6 m."""
+"""Root mean square error [m] of a filter that has found it; lines of sight alone determine it to about 0.6 m."""
 MAX_NEES = 20.0
 """Mean normalised squared error of a covariance that is reliable; 2 is right."""
 GROWTH_BYTES = 150
@@ -108,7 +108,7 @@ def _refuse(of: Of, word: str) -> None:
 
 
 def _raw(of: Of) -> list[EstimatedPosition | None]:
-    """What a filter states about the plain walk, as it is; nothing where it fails, which other checks tell."""
+    """What a filter states about the plain walk, as it is; nothing where it fails, which other checks report."""
     try:
         own = start(of)
         return [own.step(moment) for moment in PLAIN]
@@ -185,13 +185,13 @@ def check_memory(of: Of) -> None:
 
 
 def check_empty(of: Of) -> None:
-    """Time steps in which no sensor looks can come first, and in between."""
+    """Time steps without any frame can come first, and in between."""
     moments = list(FEW)
     run(of, [nobody(moments[0]), *moments[1:6], nobody(moments[6]), *moments[7:]])
 
 
 def check_hidden(of: Of) -> None:
-    """Sensors that look in vain, with bearings that are NaN, can come first, and in between."""
+    """Frames without a detection, with bearings that are NaN, can come first, and in between."""
     moments = list(FEW)
     half = moments[7]._replace(
         bearings=np.array([np.nan, *moments[7].bearings[1:]]), sigma=np.array([np.nan, *moments[7].sigma[1:]])

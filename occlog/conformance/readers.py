@@ -102,14 +102,14 @@ def checks_with(sample: Path) -> dict[str, Check]:
                 raise BrokenError("a copy of the file with another name is read differently")
 
     def check_unchanged(of: Any) -> None:
-        """A file that is read stays as it is, and nothing appears beside it."""
+        """A file that is read stays as it is, and no file appears next to it."""
         with TemporaryDirectory() as other:
             path = Path(other) / sample.name
             shutil.copy(sample, path)
             before = path.read_bytes()
             read(of, path)
             if path.read_bytes() != before or len(list(Path(other).iterdir())) != 1:
-                raise BrokenError("read changes the file, or leaves another one beside it")
+                raise BrokenError("read changes the file, or leaves another one next to it")
 
     def check_closed(of: Any) -> None:
         """Files are closed."""

@@ -1,6 +1,6 @@
 """Small tables that plug-ins are tried with: two people who walk past two cameras.
 
-The walk that plug-ins are tried with: one target past three sensors, and what may happen to it on the way.
+The walk that plug-ins are tried with: one target past three sensors, and possible events on its path.
 """
 
 from __future__ import annotations
@@ -225,7 +225,7 @@ class SampleWalk:
     Attributes:
         time steps: how many.
         start_ns: time of the first.
-        sensors: positions in `NAMES` of the sensors that look, in the order of rows.
+        sensors: positions in `NAMES` of the sensors that observe, in the order of rows.
         turn: the world is turned by this angle about its origin [rad].
         shift: and then shifted.
         scale: and its unit of length is 1/scale metres.
@@ -257,7 +257,7 @@ class SampleWalk:
         return Scene(arrays=tuple(arrays), length_unit="m" if self.scale == 1.0 else "cm")
 
     def __iter__(self) -> Iterator[TargetScan]:
-        """The time steps, made one after the other; errors of a sensor are the same whoever else looks."""
+        """The time steps, made one after the other; errors of a sensor are the same whichever others observe."""
         noise = np.random.default_rng(5)
         places, own = self.at(PLACES), list(self.sensors)
         for n, xy in enumerate(self.truth):
@@ -278,13 +278,13 @@ FEW = replace(PLAIN, moments=12)
 
 
 def blind(moment: TargetScan) -> TargetScan:
-    """The time step in which all sensors look and nobody sees the target."""
+    """The time step in which all sensors have a frame and none detects the target."""
     unknown = np.full(len(moment.bearings), np.nan)
     return moment._replace(bearings=unknown, sigma=unknown.copy())
 
 
 def nobody(moment: TargetScan) -> TargetScan:
-    """The time step in which no sensor looks."""
+    """The time step without any frame."""
     return moment._replace(sensors=(), places=np.zeros((0, 2)), bearings=np.zeros(0), sigma=np.zeros(0))
 
 

@@ -17,7 +17,7 @@ START_NS = 1_790_000_000 * NS
 STEP_NS = NS // 25
 FRAMES = 40
 SETTLED = 10
-"""From this frame on a tracker has had time to believe in a person."""
+"""From this frame on a tracker has had time to confirm a person."""
 GROWTH_BYTES = 300
 """Memory that a frame may leave behind."""
 
@@ -103,7 +103,7 @@ def check_numbers(of: Any) -> None:
 
 
 def check_once(of: Any) -> None:
-    """Nobody is twice in one frame."""
+    """Check that no identity occurs twice in one frame."""
     _raw(of, lambda wrong: "twice" in wrong)
 
 
@@ -126,7 +126,7 @@ def check_apart(of: Any) -> None:
 
 
 def check_newcomer(of: Any) -> None:
-    """A person who comes later has an identity that nobody had."""
+    """A person who comes later has an identity that is new."""
     newcomer = np.array([[1500.0, 300.0, 50.0, 150.0]])
     frames = [frame(k, np.concatenate([edges(k), newcomer + 0.5 * k]) if k >= 20 else None) for k in range(FRAMES)]
     ids = run(of, frames)

@@ -2,7 +2,7 @@
 
 Python drops an exception that a finaliser or a callback of compiled code raises, and some compiled code drops it
 without a word.  An interrupt that arrives there would be lost, so that it is remembered here and raised later.  Where
-numba's kernels look up the class of a result and make a named tuple of it the process would crash, so that the
+numba's kernels search for the class of a result and make a named tuple of it the process would crash, so that the
 interrupt waits for another position.
 """
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 USUAL = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
 """Signals that are taken over, and what Python does of itself."""
 NOT_THERE = ("numba.core.serialize", "namedtuple_")
-"""How modules begin whose functions numba calls to make results: that of classes' constructors is of `collections`."""
+"""Prefixes of modules with functions that numba calls to make results: that of classes' constructors is of `collections`."""
 AGAIN_S = 0.05
 """An interrupt that was dropped comes again so much later, so that the callback has ended."""
 
@@ -40,7 +40,7 @@ class Interrupts:
         self.asked = self.raised = self.terminated = self._waiting = False
 
     def install(self) -> None:
-        """Take over SIGINT and SIGTERM, unless the process is to ignore them, and look at what Python drops."""
+        """Take over SIGINT and SIGTERM, unless the process is to ignore them, and inspect what Python drops."""
         for number, usual in USUAL.items():
             if signal.getsignal(number) == usual:
                 signal.signal(number, self._arrived)

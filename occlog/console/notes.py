@@ -73,10 +73,10 @@ def note_losses(losses: Iterable[object]) -> None:
 
 
 LISTENER: ContextVar[Callable[[str], None] | None] = ContextVar("LISTENER", default=None)
-"""Who is told of details; None: nobody."""
+"""Receiver of details; None: none."""
 COMPILING: list[Callable[[bool], None]] = []
 """Who is reported, in whatever thread, that this process compiles kernels and takes long, and whether they are kept for
-later ones; nobody twice."""
+later ones; each receiver once."""
 _UNCACHED: list[bool] = []
 THREADS = "OCCLOG_THREADS"
 """Variable of the environment: how many threads commands take that are not given how many."""
@@ -105,7 +105,7 @@ class DryRunStop(BaseException):
 
 
 def log_detail(text: str) -> None:
-    """Tell a detail: what an input is taken for, how long a step took, what was written."""
+    """Report a detail: the detected format of an input, how long a step took, what was written."""
     listener = LISTENER.get()
     if listener is not None:
         listener(text)
@@ -117,14 +117,14 @@ def note_uncached() -> None:
 
 
 def log_compiling() -> None:
-    """Tell, once, that compilation takes long."""
+    """Report once that compilation takes long."""
     while COMPILING:
         COMPILING.pop()(not _UNCACHED)
 
 
 @contextmanager
 def logging_to(listener: Callable[[str], None]) -> Iterator[None]:
-    """Tell a person of details meanwhile."""
+    """Send details to a receiver meanwhile."""
     token = LISTENER.set(listener)
     try:
         yield

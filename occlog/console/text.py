@@ -1,4 +1,4 @@
-"""Words beside numbers, in messages and summaries."""
+"""Words with numbers, in messages and summaries."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ nees_space_mean nees_space_share_95 nees_space_singular bound_rmse bound_ratio b
 bound_ratio_space bound_rmse_z smoothed_bound_rmse smoothed_bound_ratio smoothed_bound_rmse_space
 smoothed_bound_ratio_space smoothed_bound_rmse_z
 """
-"""Errors on the ground and in space beside their bound; with `settled_` before it, after the settling time."""
+"""Errors on the ground and in space with their bound; with `settled_` before it, after the settling time."""
 OF_BEARINGS = """
 bearing_bias bearing_nis bearing_rms bearings_unmatched elevation_nis elevation_rms correct_rejections detected
 detected_hidden detection_frames detection_looks detection_looks_without_truth detection_rate false_alarms
@@ -51,7 +51,7 @@ FIGURES = frozenset((ON_GROUND + OF_BEARINGS + OF_VIEWS + OF_DIRECTIONS + OF_MAN
 UNITS = ("m", "unit", "ft", "in", "px", "mrad")
 """Units that end the names of figures and may be left away."""
 OWN_ENDINGS = ("views_", "cooperation_requests_", "doa_of_")
-"""Beginnings of names whose ends come from the data: classes of boxes, causes of requests, numbers of sources."""
+"""Prefixes of names with ends that come from the data: classes of boxes, causes of requests, numbers of sources."""
 _OF = re.compile(r"_(sensor|target|recording)_.+$")
 
 

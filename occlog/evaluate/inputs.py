@@ -59,7 +59,7 @@ def _opened(path: Path | None, *tables: type[ColumnTable]) -> Opened | None:
 
 
 def open_tables(request: EvaluateRequest) -> tuple[Opened | None, Opened | None, Scene]:
-    """Tracks and truth, of which nothing is read yet, and the scene, whose unit of lengths they have."""
+    """Tracks and truth, not read yet, and the scene, which has the same unit of lengths."""
     truth = None if request.truth is None else _open_truth(request.truth)
     tracks = None if request.tracks is None else open_input(request.tracks, Tracks)
     scene = _scene(request, tracks, truth)

@@ -89,7 +89,7 @@ def parse_threshold(text: str) -> Threshold:
 
 
 def failures(metrics: Mapping[str, float], thresholds: Iterable[Threshold]) -> list[str]:
-    """One line for each threshold that is broken, or whose metric is missing, ambiguous or not a number."""
+    """One line for each threshold that is broken, or has a metric that is missing, ambiguous or not a number."""
     return [line for t in thresholds if (line := _failure(metrics, t)) is not None]
 
 
@@ -318,7 +318,7 @@ GROUPS: tuple[tuple[str, tuple[Entry, ...]], ...] = (
         (
             ("views_recall", "recall", ""),
             ("views_recall_clear", "  in the clear", ""),
-            ("views_recall_front", "  in front of others", ""),
+            ("views_recall_front", "  in front of other targets", ""),
             ("views_recall_hidden", "  partly hidden", ""),
             ("views_precision", "precision", ""),
             ("views_error_rms", "horizontal RMS error", "px"),
@@ -346,7 +346,7 @@ BY_TARGET = (
 OF_SMOOTHED = tuple(
     (f"smoothed_{name}" if name.startswith("bound_") else name, label, of) for name, label, of in BY_TARGET
 )
-"""For tracks that know what came after them: the bound of smoothing beside their errors."""
+"""For smoothed tracks: the bound of smoothing with their errors."""
 BY_SENSOR = (
     ("detection_rate", "rate", ""),
     ("detected", "detected", ""),
@@ -395,7 +395,7 @@ def recording_lines(each: Mapping[str, Mapping[str, float]], combined: Mapping[s
 def summary_lines(metrics: Mapping[str, float], unit: str) -> list[str]:
     """Lines of text: only groups and columns that the metrics have.
 
-    Of tracks that were smoothed (`tracks_smoothed`) each target's errors stand beside the bound of smoothing.
+    Of tracks that were smoothed (`tracks_smoothed`) each target's errors are compared with the bound of smoothing.
     """
     lines: list[str] = []
     own = headline.independent_ids(metrics)

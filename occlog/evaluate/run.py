@@ -102,7 +102,7 @@ def evaluate_several(request: EvaluateRequest, job: Job) -> MultiRecordingFigure
         if entry.field in ALONE and getattr(request, entry.field):
             raise UsageError(f"{option(entry.key)} is of one recording; omit {option('also')}")
     if request.tracks is None or request.truth is None:
-        raise UsageError(f"{option('also')} requires TRACKS with {option('truth')} beside it")
+        raise UsageError(f"{option('also')} requires TRACKS with {option('truth')} as well")
     recordings = [
         EvaluatedRecording(request.tracks, request.truth),
         *(EvaluatedRecording(*pair) for pair in request.more),
@@ -395,7 +395,7 @@ def simulated(truth: Path | None) -> dict[str, float]:
 
 
 def _check_held_out(tracks: Opened | None, held_out: tuple[str, ...]) -> None:
-    """InputError if the tracks say that they were made with a sensor that is held out."""
+    """InputError if the tracks state that they were made with a sensor that is held out."""
     if tracks is None or not held_out:
         return
     made = tracks.provenance.parameters
@@ -424,7 +424,7 @@ def _of_directions(request: EvaluateRequest, job: Job) -> tuple[dict[str, float]
     metrics = doa_metrics(found, _true_directions(truth, found), math.radians(gate_deg), round(0.5 * max_gap_s * NS))
     if metrics["doa_found"] == 0:
         raise InputError(
-            f"{truth}: has no time near those of {doa}; look at the times, or give a larger {option('max_gap')}"
+            f"{truth}: has no time near those of {doa}; check the times, or give a larger {option('max_gap')}"
         )
     losses = previous_losses([doa, truth])
     if request.output is not None:

@@ -1,7 +1,7 @@
 """Computes every figure that tracks, truth, bearings and what else is given allow, in memory that does not grow.
 
 All tables come in chunks and are read two or three times, side by side in time intervals: for what must be
-known of the whole (`survey`), where wanted for the pairs of tracks and targets (`prepare`), and for the figures.  A
+known of the whole (`survey`), if requested for the pairs of tracks and targets (`prepare`), and for the figures.  A
 table in memory is one chunk.
 
 What it costs to ask cameras for their bearings: requests, frames and their mean period.
@@ -180,7 +180,7 @@ def evaluate(
 class Evaluator:
     """Evaluates what is given.
 
-    Tracks and truth give errors and, where wanted, the figures of many targets; bearings and truth give detections and
+    Tracks and truth give errors and, if requested, the figures of many targets; bearings and truth give detections and
     the bound; bearings alone give the distance of the tracks from where lines of sight meet, and the prediction of
     held-out sensors; views and true boxes give recall and precision; requests of cameras give their cost.
     """
@@ -256,7 +256,7 @@ class Evaluator:
         if self._sees:
             seen = AgainstBearings(sources, known, self._outlines, self._scene, config, places=places)
             beside = seen.begin(pairs, evidence, high_tracks=self._high)
-        # Of tracks with their own identities the pairs of each frame say whether covariances are right
+        # Of tracks with their own identities the pairs of each frame show whether covariances are right
         own = ground is not None and config.match != "id" and known.single is None
         for part, frames in self._parts(many, beside) if self._compares or self._sees else ():
             found = errors.update(part) if self._compares else Errors.empty()

@@ -1,4 +1,4 @@
-"""The verdict on finished tracks: what their diagnostics, bearings, truth and bound say against them.
+"""The verdict on finished tracks: what their diagnostics, bearings, truth and bound report against them.
 
 `occlog.consistency.verdict` judges what the tracks themselves and their bearings state, here as there; this file
 adds what only a comparison with the truth can state.
@@ -102,7 +102,7 @@ def checks_with_truth(
     unknown: bool,
     metrics: Mapping[str, object],
 ) -> tuple[Check, ...]:
-    """Everything that speaks against tracks.
+    """All findings against tracks.
 
     Args:
         found: what was collected of the tracks and their bearings.
@@ -254,7 +254,7 @@ def _of_nees(found: _Nees, rows: int, where: str) -> Iterator[Check]:
             COVARIANCES,
             "warning",
             "nees-large",
-            f"the covariances are too small ({words}): errors are larger than they state; look at other warnings, use "
+            f"the covariances are too small ({words}): errors are larger than they state; see other warnings, use "
             "more particles, state larger noises, and check that the truth is of the same target",
             nees=mean.value * dimensions,
             allowed=NEES_HIGH * dimensions,
@@ -273,7 +273,7 @@ def _of_nees(found: _Nees, rows: int, where: str) -> Iterator[Check]:
 
 
 def _of_figures(metrics: Mapping[str, object]) -> tuple[Check, ...]:
-    """What other figures of the evaluation say."""
+    """Findings from other figures of the evaluation."""
     return (
         *outcome(
             DETECTIONS,
@@ -326,7 +326,7 @@ def _far_from_bound(metrics: Mapping[str, object]) -> Iterator[Check]:
             "note",
             "far-from-bound",
             f"the RMSE is {ratio:.1f} times the Cramer-Rao bound (usual: up to {MAX_BOUND_RATIO:.0f}): the bearings "
-            "would allow more, or the motion that the bound was told is too quiet",
+            "would allow more, or the motion given to the bound has too little noise",
             ratio=ratio,
             allowed=MAX_BOUND_RATIO,
         )

@@ -61,7 +61,7 @@ def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Desc
     """Describe each file of a folder in one line.
 
     Args:
-        folder: with entries that are checked, up to `MAX_ENTRIES`; those of its own folders that are bags, too.
+        folder: with entries that are checked, up to `MAX_ENTRIES`; those subfolders that are bags, too.
         describe: values and lines of one file; InputError where it is none that occlog reads.
 
     Raises:
@@ -103,9 +103,9 @@ def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Desc
 
 
 SHOWN_VERSIONS = ("python", "numpy", "scipy", "numba", "opencv-python-headless", "pyarrow")
-"""Packages whose versions change figures most; `--json` has all."""
+"""Packages with versions that change figures most; `--json` has all."""
 TABLES_OR_RECORDINGS = (".mcap", ".parquet", ".csv", ".tsv", ".gz", ".arrow", ".feather")
-"""Endings of names of files whose reader describes the fault of the content."""
+"""File name endings with a reader that describes faults of the content."""
 
 
 @click.command(name="info", short_help="Print what a scene, a recording or a table holds.")
@@ -362,7 +362,7 @@ def _describe_recording(recording: McapRecording) -> Description:
 
 
 def _epipolar_lines(recording: McapRecording) -> Iterator[str]:
-    """Iterate over the pairs of views whose fundamental matrix a recording holds, a line each."""
+    """Iterate over the pairs of views with a fundamental matrix in a recording, a line each."""
     from occlog.io.formats.models.fundamental_matrices import attached_epipolar
 
     found = attached_epipolar(recording)

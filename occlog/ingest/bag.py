@@ -1,4 +1,4 @@
-"""Bags of an ingest: which of their topics are taken, the cameras that they place, and their messages on the way."""
+"""Bags of an ingest: which of their topics are taken, the cameras that they place, and their messages as they are read."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 ROUNDED = 1e-6
 """Calibrations that differ by less than this are the same."""
 STEEP = math.cos(math.radians(30))
-"""An optical axis this near to straight up is that of a frame whose z axis is up, and not forward."""
+"""An optical axis this near to straight up is that of a frame with z up, and not forward."""
 
 
 def asked_topics(plan: IngestPlan) -> list[tuple[str, str]]:
@@ -88,7 +88,7 @@ class BagCameraPoses(NamedTuple):
 
 
 def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], note: Note) -> BagCameraPoses:
-    """The cameras of a bag by their calibrations and transforms, but for those that other files place.
+    """The cameras of a bag by their calibrations and transforms, but for those with poses from other files.
 
     The world is the frame that the user gives, else the highest one in which no camera moves.
     """
@@ -150,7 +150,7 @@ def _camera(name: str, found: BagSurvey, rotation: Floats, centre: Floats) -> Ca
 
 
 def _shared_frames(found: BagSurvey) -> set[str]:
-    """Frames of several cameras: those of stereo pairs whose right camera is told by its matrix P alone."""
+    """Frames of several cameras: those of stereo pairs with a right camera known by its matrix P alone."""
     return {frame for frame, cameras in Counter(found.frames.values()).items() if cameras > 1}
 
 
@@ -168,26 +168,26 @@ def _world(found: BagSurvey, plan: IngestPlan, cameras: list[str]) -> str | None
     roots = {tree.still_root(found.frames[c]): c for c in cameras if tree.knows(found.frames[c])}
     if len(roots) > 1:
         told = ", ".join(f"{frame} (camera {camera})" for frame, camera in sorted(roots.items()))
-        raise UsageError(f"the cameras of the bag stand still in several frames: {told}; say which one is the world")
+        raise UsageError(f"the cameras of the bag stand still in several frames: {told}; state which one is the world")
     return next(iter(roots), None)
 
 
 def _placed(tree: Transforms, frame: str, world: str | None) -> FramePose:
     if world is None or not tree.knows(frame):
-        raise InputError(f"no transforms tell where its frame {frame!r} is")
+        raise InputError(f"no transforms determine where its frame {frame!r} is")
     return tree.placed(frame, world)
 
 
 def _pose(camera: str, frame: str, placed: FramePose, plan: IngestPlan) -> FramePose:
     """World-from-camera pose of a frame with axes that are those of an image, or of a body (x forward, z up).
 
-    UsageError for a frame that is not called optical and whose z axis points up: as that of an image it cannot be.
+    UsageError for a frame without "optical" in its name and with z up: it cannot be an image frame.
     """
     if plan.camera_axes == "body":
         return FramePose(placed.rotation @ BODY, placed.translation)
     if plan.camera_axes is None and "optical" not in frame.lower() and placed.rotation[2, 2] > STEEP:
         raise UsageError(
-            f"camera {camera}: the z axis of its frame {frame!r} points up, so that it would look at the sky; say "
+            f"camera {camera}: the z axis of its frame {frame!r} points up, so that it would point at the sky; state "
             "whether the frames of cameras have the axes of a body (x forward, z up) or are optical (z forward)"
         )
     return placed
@@ -263,7 +263,7 @@ class Taking:
         times: dict[str, list[int]] = {topic: [] for topic in topics}
         for message in self.bag.messages(set(topics)):
             state = states[message.topic]
-            with suppress(InputError):  # damaged ones are told when they are taken
+            with suppress(InputError):  # damaged ones are reported when they are taken
                 read = self._messages.read(message.topic, message.data)
                 t_ns = self._time(state, message, read.header)
                 if state.last is None or t_ns > state.last:
@@ -383,7 +383,7 @@ class Taking:
             raise UsageError(f"true positions: {error}; leave their topic out, or choose another world frame") from None
 
     def finish(self, note: Note) -> list[Loss]:
-        """Tell which clock was used, and list the losses."""
+        """Report which clock was used, and list the losses."""
         losses = []
         for topic, remark in self.bag.remarks.items():
             note(f"warning: {topic}: {remark}")
@@ -431,9 +431,9 @@ def _is_same(a: InfoMessage, b: InfoMessage) -> bool:
 
 
 def check_truth_frames(found: BagSurvey, placement: BagCameraPoses, note: Note) -> None:
-    """Report that true positions are taken as they are where nothing tells how their frame lies in the world."""
+    """Report that true positions are used unchanged where the pose of their frame in the world is unknown."""
     if found.map.poses and placement.world is None:
-        note("bag: no transforms place the cameras: true positions are taken for those of the scene's world")
+        note("bag: no transforms give poses of the cameras: true positions are taken to be in the scene's world")
 
 
 def check_plan(plan: IngestPlan, found: BagSurvey, scene: Scene, note: Note) -> None:

@@ -86,7 +86,7 @@ def _named_cameras(plan: IngestPlan) -> list[str]:
 
 
 def box_options(plan: IngestPlan, scene: Scene | None = None) -> BoxOptions:
-    """How files of boxes are to be understood; `scene` tells the sizes of images."""
+    """How files of boxes are to be understood; `scene` has the sizes of images."""
     sizes = None if scene is None else {c.name: c.image_size for c in scene.cameras if c.image_size is not None}
     return BoxOptions(
         frames=plan.frames,

@@ -131,7 +131,7 @@ def with_offsets(scene: Scene, offsets: Mapping[str, float]) -> Scene:
 
 
 def _free_name(name: str, taken: Collection[str]) -> str:
-    """The name, or with the first number from 2 behind it that nobody has."""
+    """The name, or with the first number from 2 behind it that is unused."""
     return next(each for each in (name, *(f"{name}-{n}" for n in range(2, len(taken) + 3))) if each not in taken)
 
 

@@ -88,7 +88,7 @@ def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], lis
         provenance = Provenance("ingest", settings, None, _hashes(plan))
         writer = stack.enter_context(TimedWriter(plan.output, scene, provenance, overwrite=job.overwrite))
         writer.times = done.seen
-        # Tables first: a fault in one is then told before hours of video have been read.
+        # Tables first: a fault in one is then reported before hours of video have been read.
         _write_reads(plan, scene, writer, done, note)
         _write_tables(plan, scene, turn, survey, times, writer, done, note)
         if sources:
@@ -106,7 +106,7 @@ def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], lis
 
 
 class _OpenBag(NamedTuple):
-    """The bag of an ingest: its files, what they hold, and the cameras that it places."""
+    """The bag of an ingest: its files, what they hold, and the cameras with poses from it."""
 
     bag: Bag
     found: BagSurvey
@@ -202,7 +202,7 @@ def _all_times(
 def _write_frames(
     plan: IngestPlan, sources: list[CameraSource], writer: RecordingWriter, done: Ingested, job: Job
 ) -> None:
-    """Frames of all cameras in the order of time; a camera that fails on the way is a loss, unless all do."""
+    """Frames of all cameras in the order of time; a camera that fails later is a loss, unless all do."""
     streams = [_guarded(source, done) for source in sources]
     total = sum(s.decoder.frames or 0 for s in sources) or None
     merged = heapq.merge(*streams, key=lambda item: (item[0], item[1]))

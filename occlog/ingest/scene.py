@@ -88,7 +88,7 @@ def find_turn(
         cameras: as calibrated.
         up: `auto`, an axis with its sign, three numbers, or None: it stays, with a warning if it seems not upright.
         ground: height of the ground along up, in the calibration's world; None: 0.
-        note: is told what was done.
+        note: receives notes on what was done.
 
     Raises:
         UsageError: `up` is nothing of that.
@@ -109,7 +109,7 @@ def find_turn(
         found = vertical(rotations)
         direction = found.up
         if not found.certain:
-            note("warning: the cameras look the same way, so that up is only known to their pitch; it was taken for 0")
+            note("warning: the cameras have the same viewing direction, so that up is only known to their pitch; it was taken for 0")
     else:
         direction = read_up(up)
     turn = Turn(turn_upright(direction), 0.0 if ground is None else ground)
@@ -128,7 +128,7 @@ def _warn_of_low(cameras: Sequence[Camera], turn: Turn, ground: float | None, no
         return
     lowest = min(heights.values())
     remedy = (
-        "heights are unknown; say where the ground is (ground)"
+        "heights are unknown; state where the ground is (ground)"
         if ground is None
         else f"the ground is stated to be at {ground:g} m along up, in the calibration's world (ground): negative where "
         "it is below the origin"
@@ -196,7 +196,7 @@ def fit_size(camera: Camera, size: tuple[int, int], bars: Bars, note: Callable[[
         camera: as calibrated.
         size: width and height of the frames [px].
         bars: width of black bars at the left, top, right and lower edge of the frames [px].
-        note: is told what was assumed.
+        note: receives notes on assumptions.
 
     Raises:
         InputError: the frames have another shape.
@@ -242,7 +242,7 @@ Note = Callable[[str], None]
 def add_bag_cameras(
     scene: Scene, cameras: tuple[Camera, ...], world: str | None, plan: IngestPlan, note: Note
 ) -> tuple[Scene, Turn | None]:
-    """The scene with the cameras that a bag places, and how their world was turned."""
+    """The scene with the cameras with poses from a bag, and how their world was turned."""
     if not cameras:
         return scene, None
     if scene.length_unit != "m":
@@ -283,7 +283,7 @@ def base_scene(plan: IngestPlan, note: Note) -> tuple[Scene, Turn | None]:
 
 
 def check_metres(plan: IngestPlan, unit: str) -> None:
-    """InputError for a table in metres beside a scene in another unit: tables of arrays are, others state it by names."""
+    """InputError for a table in metres with a scene in another unit: tables of arrays are, others state it by names."""
     if unit == "m":
         return
     named = [path for _, path in plan.truth] + ([] if plan.readers is None else [plan.readers])
@@ -321,7 +321,7 @@ def match_cameras(scene: Scene, wanted: Sequence[str], plan: IngestPlan, reasons
     """The scene with the cameras that have data, under the names that the user gives them.
 
     Cameras of a calibration without data are skipped, those of a scene file are kept.  `reasons` states about
-    cameras of a bag why it does not place them.
+    cameras of a bag why it gives no poses of them.
     """
     kept = {c.name: c for c in scene.cameras}
     # What has the very name of another camera is of that one

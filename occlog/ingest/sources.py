@@ -149,7 +149,7 @@ T = TypeVar("T", bound=ColumnTable)
 
 
 class Copies:
-    """Leaves copies out of the logs (of tables with a column `sensor`) of a recording, and tells how many there were.
+    """Leaves copies out of the logs (of tables with a column `sensor`) of a recording, and counts them.
 
     Of several logs 8 bytes for each row are kept; of one log only those of the last time.
     """
@@ -182,7 +182,7 @@ class Copies:
         if copies:
             others = " or in a log before" if self._several else ""
             note(
-                f"warning: {path.name}: {counted(copies, what)} stood there{others} already, alike in everything; each "
+                f"warning: {path.name}: {counted(copies, what)} are exact duplicates{others}; each "
                 "counts once"
             )
 

@@ -1,6 +1,6 @@
 """Whether true positions, true boxes and calibration agree: feet of people, projected, against their boxes.
 
-True positions and the frames that a recording has: those outside `frames` are skipped, or told.
+True positions and the frames that a recording has: those outside `frames` are skipped, or reported.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def check_truth_consistency(
             )
     if medians:
         told = ", ".join(f"{name} {value:.2g}" for name, value in medians.items())
-        note(f"true positions, projected, are beside the feet of true boxes by (median, in heights of the box): {told}")
+        note(f"true positions, projected, are off the feet of true boxes by (median, in heights of the box): {told}")
 
 
 def _off(truth: Truth, boxes: TruthBoxes, project: Callable[[Floats], Floats]) -> Floats:
@@ -106,7 +106,7 @@ def within_frames(
 ) -> Iterator[Truth | TruthBoxes]:
     """The tables, true positions only of the frames that are chosen; a note states how many were skipped.
 
-    Without a choice all are kept, and a note states by how much they go beyond the looks of a detector.
+    Without a choice all are kept, and a note states by how much they go beyond the frames of a detector.
     """
     looked = None if survey is None or plan.video or plan.images else (survey.first, survey.stop)
     frames = plan.frames or looked

@@ -7,7 +7,7 @@ The tables `runs` and `metrics` of a batch: what became of each recording, and e
 What tables over many recordings have in common: the column of recordings, their names, and how they are written.
 
 They carry names of schemas that no command takes for the table of one recording: rows of several recordings in one
-track would be a wrong result that looks right.
+track would be a wrong result that seems right.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def _columns(parts: Mapping[str, Path], name: str) -> tuple[dict[str, pa.Field],
     for recording, part in parts.items():
         header = read_header(part)
         if header.table != name:
-            raise InputError(f"{part}: holds {header.table}, want {name}")
+            raise InputError(f"{part}: holds {header.table}, expected {name}")
         if where and header.length_unit != unit:
             raise InputError(
                 f"{name}: lengths are in {unit} in {where} and in {header.length_unit} in {recording}; a table has one "
@@ -151,7 +151,7 @@ RUNS = (
     field(
         "source",
         pa.string(),
-        "the recording's file, with the folders that tell it from the others; a byte that is not UTF-8 as \\xe9",
+        "the recording's file, with the folders that distinguish it from the others; a byte that is not UTF-8 as \\xe9",
     ),
     field("sha256", pa.string(), "of the recording's bytes; empty: it could not be read"),
     field("state", NAMES, "done, lossy (input was lost), threshold (not met) or failed"),

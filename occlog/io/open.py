@@ -1,6 +1,6 @@
 """Opens an input: a recording, one of our tables or one that others made, distinguished by content.
 
-Every command opens its inputs here.  The first bytes of a file say what it is; its name
+Every command opens its inputs here.  The first bytes of a file determine what it is; its name
 does not matter.  an external table is known by its columns (`occlog.io.foreign`).  An
 opened input streams its rows, and carries the scene, the unit of lengths and the losses
 that its rows come with.  What reads a kind of file is imported when such a file is opened: `occlog info` of a table
@@ -138,7 +138,7 @@ class Opened:
         names = [t.NAME for t in tables]
         if self.recording is None:
             swapped = next((hint for have, want, hint in SWAPPED if have == self.table and want in names), "")
-            raise InputError(f"{self.path}: holds {self.table}; want {_or(names)}{swapped}")
+            raise InputError(f"{self.path}: holds {self.table}; expected {_or(names)}{swapped}")
         missing = " and no ".join(WORDS.get(t.NAME, t.NAME) for t in tables)
         hint = "" if self.recording.ours else f"; {FOREIGN_BAG}"
         raise InputError(f"{self.path}: holds no {missing}; {remedy}{hint}")
@@ -220,7 +220,7 @@ def _source(path: Path) -> ColumnSource | None:
 
 
 def _external_table(source: ColumnSource, wants: Sequence[type[ColumnTable]] = ()) -> Opened:
-    """A table that another program made, as that wanted table which it fits best; InputError if it fits none."""
+    """A table that another program made, as the requested table that it fits best; InputError if it fits none."""
     from occlog.io.foreign.names import kind_of, unit_in_name
     from occlog.io.foreign.table import ForeignTable, best_fit
 

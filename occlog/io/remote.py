@@ -132,7 +132,7 @@ def _as_output_error(url: str, failure: type[OcclogError] = InputError) -> Itera
         if reason is not None:
             raise failure(f"{public_url(url)}: cannot be reached: {without_secrets(str(reason))}; try again") from error
         raise failure(f"{public_url(url)}: no such file") from None
-    except Exception as error:  # each file system has errors of its own
+    except Exception as error:  # each file system has its own errors
         if isinstance(error, OSError) and error.errno in FULL:
             raise  # of this machine
         words = without_secrets(str(error))
@@ -140,7 +140,7 @@ def _as_output_error(url: str, failure: type[OcclogError] = InputError) -> Itera
 
 
 def _unreached(error: FileNotFoundError) -> BaseException | None:
-    """Why nobody knows whether a file is there: fsspec states about all that a web server does not give that it is not."""
+    """Why the existence of a file is unknown: fsspec states about all that a web server does not give that it is not."""
     cause = error.__cause__
     if isinstance(cause, OSError) and not isinstance(cause, FileNotFoundError):
         return cause  # no such host, no connection, a time limit
@@ -244,7 +244,7 @@ class Cache:
 
     Attributes:
         folder: made if missing.
-        limit: bytes of what is kept when nobody uses it.
+        limit: bytes of what is kept while it is unused.
     """
 
     folder: Path
@@ -252,7 +252,7 @@ class Cache:
 
     @contextmanager
     def holding(self, url: str) -> Iterator[Path]:
-        """Fetch a recording, and the videos beside it that it links to; it stays while the block lasts.
+        """Fetch a recording, and the videos next to it that it links to; it stays while the block lasts.
 
         Raises:
             InputError: it is not there, may not be read, came incomplete, or is larger than the limit.
@@ -263,7 +263,7 @@ class Cache:
                 f"{public_url(url)}: has {told.size} bytes, limit {self.limit}; raise {option('cache_limit')}"
             )
         key = hashlib.sha256(f"{identity(url)}\0{told.size}\0{told.mark}".encode()).hexdigest()[:32]
-        # Without a mark nobody knows whether the file is still what it was
+        # Without a mark a change of the file cannot be noticed
         with self._using(key) if told.mark else self.scratch() as entry:
             file = entry / PurePosixPath(public_url(url)).name
             with _fetching(entry):
@@ -324,14 +324,14 @@ class Cache:
 
     @contextmanager
     def _managed(self) -> Iterator[None]:
-        """Nobody else looks at locks meanwhile."""
+        """Hold off other processes from the locks meanwhile."""
         self.folder.mkdir(parents=True, exist_ok=True)
         with (self.folder / LOCK).open("a") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             yield
 
     def _trim(self, wanted: int) -> None:
-        """Remove entries that nobody uses, oldest first, until this many bytes more fit in; scratch folders anyway."""
+        """Remove entries that are not in use, oldest first, until this many bytes more fit in; scratch folders anyway."""
         with self._managed():
             locks = sorted(self.folder.glob(f"?*{LOCK}"), key=lambda lock: (lock.stat().st_mtime_ns, lock.name))
             sizes = {lock: _size(self._entry(lock)) for lock in locks}
@@ -365,7 +365,7 @@ def default_folder() -> Path:
 
 @contextmanager
 def _fetching(entry: Path) -> Iterator[None]:
-    """Nobody else fetches into an entry meanwhile; whoever comes later finds what was fetched."""
+    """Keep other processes from fetching into an entry; later ones find what was fetched."""
     descriptor = os.open(entry, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX)

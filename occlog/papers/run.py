@@ -257,7 +257,7 @@ def sizes_of(given: Sequence[str], items: Sequence[str]) -> dict[str, tuple[int,
 
 
 def executor(experiment: Experiment, request: ReproduceRequest, output: Path | None) -> Execute:
-    """Return what runs the trials of an experiment as the options say, with progress on standard error."""
+    """Return what runs the trials of an experiment by the options, with progress on standard error."""
     store = None if output is None else output / STORE
 
     def execute(specs: Sequence[Spec]) -> list[dict[str, float]]:
@@ -388,5 +388,5 @@ def _size(finding: ExperimentResult) -> str:
     size, e = finding.size, finding.experiment
     if (size.runs, size.steps) == (e.runs, e.steps):
         return f"{size.runs} runs of {size.steps} steps, the full form."
-    quick = " A quick look: too small to judge by." if size.quick else ""
+    quick = " A quick run: too small to judge by." if size.quick else ""
     return f"{size.runs} runs of {size.steps} steps; the full form has {e.runs} of {e.steps}.{quick}"

@@ -25,7 +25,7 @@ not decided       otherwise: the error bar is too large to state.
 What is computed exactly has a range of width 0, so that it is always decided.
 
 A statement about several points holds, fails or is open at each of them: it holds if the range is in the
-good interval, it fails if the range is outside of it, or if there is no difference to speak of.  It is reproduced
+good interval, it fails if the range is outside of it, or if there is no difference of relevance.  It is reproduced
 if it holds at all points, in part if at half of them or more; it is not decided if the open points could change that.
 `number`, `printed`, `factor`, `pairs` and `close` are cases of these two.
 

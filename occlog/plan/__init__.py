@@ -1,1 +1,1 @@
-"""Verb: tell what errors are to be expected of sensors, where, and which placements would help most."""
+"""Verb: predict the errors of sensors over the floor, and rank further placements."""

@@ -66,11 +66,11 @@ def run_filter(
     Args:
         ways: (N, T, 2) positions of targets.
         information: (3, N, T) xx, xy, yy of the Fisher information I of each step about the position.
-        noise: (2, N, T) what is told of a position x is I x + this; its covariance is I.
+        noise: (2, N, T) the measurement of a position x is I x + this; its covariance is I.
         start: (2,) the position that is expected first.
         prior: (2, 2) its covariance.
         turn: probability that the target turns in a step.
-        believed: noise of a step that the filter expects.
+        believed: noise of a step assumed by the filter.
         true: noise of the walk.
         dt: between steps [s].
         keep: number of the last steps that are requested.
@@ -205,7 +205,7 @@ def _weigh_into(rows: Floats, n: int, told: Floats, work: Floats) -> int:
 def _update_into(row: Floats, told: Floats, work: Floats) -> float:
     """A hypothesis after what is reported; the logarithm of its likelihood, but for what all have in common.
 
-    With M = 1 + I P_xx: gain W = P_x M^-1 of what is reported beside I x, G = W I of the position; the believed covariance
+    With M = 1 + I P_xx: gain W = P_x M^-1 of what is reported in addition to I x, G = W I of the position; the filter's covariance
     becomes P - G P_x^T, the true one (1 - G H) R (1 - G H)^T + W I W^T.
     """
     xx, xy, yy = told[0], told[1], told[2]
@@ -271,7 +271,7 @@ def _merge_into(rows: Floats, n: int) -> None:
 BLOCK = 1_000_000
 """Positions times cells that are summed at a time."""
 MIN_VELOCITY_VARIANCE = 1e-18
-"""Least variance of a velocity after a turn, so that logarithms stay finite where nobody moves."""
+"""Least variance of a velocity after a turn, so that logarithms stay finite without motion."""
 
 
 class Motion(NamedTuple):
@@ -290,7 +290,7 @@ class FilterNoise(NamedTuple):
 
 
 class Reports(NamedTuple):
-    """What is told of N targets at T steps."""
+    """Measurement information of N targets at T steps."""
 
     information: Floats  # (3, N, T) xx, xy, yy of the Fisher information I of each step about the position
     noise: Floats  # (2, N, T) the error of what is reported, in units of I times a position; its covariance is I
@@ -321,11 +321,11 @@ def errors_along(
     dt: float,
     keep: int = 1,
 ) -> ExpectedPosteriors:
-    """What a filter makes of what is told of targets on their ways, at the last `keep` steps.
+    """Filter errors from measurements of targets along their paths, at the last `keep` steps.
 
     Args:
         ways: (N, T, 2) positions.
-        reports: what is told of them.
+        reports: their measurement information.
         start: (2,) mean and (2, 2) covariance of the position where nothing was seen yet.
         motion: of the targets.
         belief: of the filter.

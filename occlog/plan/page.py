@@ -194,4 +194,4 @@ def _figures(summary: Mapping[str, object], unit: str) -> list[tuple[str, str]]:
         "no_fix": "without a fix",
     }
     out += [(words, f"{number[name]:.1%}") for name, words in names.items()]
-    return [*out, ("people beside the target", str(summary["people"])), ("sensors", str(summary["sensors"]))]
+    return [*out, ("people near the target", str(summary["people"])), ("sensors", str(summary["sensors"]))]

@@ -15,7 +15,7 @@ from .config import PlanConfig
 
 @dataclass(frozen=True, kw_only=True)
 class PlanRequest(Request):
-    """Tell what errors are to be expected of the cameras and arrays of SCENE (YAML, or a recording that holds one).
+    """Predict the errors of the cameras and arrays of SCENE (YAML, or a recording that holds one).
 
     For each position of the floor: the root mean square error of a filter that has followed a target there, and how
     probable it is that no, one, or several sensors see the target, among --people who walk about and hide it.  The

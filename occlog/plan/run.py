@@ -158,7 +158,7 @@ def caveats(scene: Scene, table: PlanMap) -> list[str]:
     if unplaced:
         out.append(f"{', '.join(unplaced)}: no pose, skipped; give position and yaw")
     if scene.readers:
-        out.append("readers of tags are skipped: what they tell is not planned")
+        out.append("readers of tags are skipped: planning does not support their measurements")
     blind = float(table.weight @ table.no_fix)
     if blind > 0.1:
         out.append(

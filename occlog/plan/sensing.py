@@ -1,6 +1,6 @@
-"""What each sensor sees of targets on their ways, and what that tells about their positions (Fisher information).
+"""Visibility of targets along their paths for each sensor, and its information about their positions (Fisher information).
 
-Which places a walking crowd hides from a sensor: the discs of [Ercan] Fig. 3, with a height where it is known.
+Positions that a walking crowd hides from a sensor: the discs of [Ercan] Fig. 3, with a height where it is known.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def hide_behind_crowd(
     diameter: float,
     least_share: float,
 ) -> None:
-    """Set `seen` to false, in place, where a disc stands between sensor and target.
+    """Set `seen` to false, in place, where a disc is between sensor and target.
 
     A disc hides the target if its centre is in the rectangle from the sensor to the target, as wide as the disc.
 
@@ -77,7 +77,7 @@ Sensor = Camera | MicrophoneArray
 
 
 class ExpectedInformation(NamedTuple):
-    """What one sensor tells."""
+    """Information of one sensor."""
 
     seen: Bools  # (N, T) whether it reports the target
     information: Floats  # (3, N, T) xx, xy, yy of the Fisher information about the position; 0 where not seen

@@ -46,7 +46,7 @@ MAX_WALK_STEPS = 5_000_000
 
 
 class PreparedPlan(NamedTuple):
-    """A scene ready to be judged: positions, walks, and what each sensor tells."""
+    """A scene prepared for planning: positions, walks, and the information of each sensor."""
 
     scene: Scene
     cells: FloorCells
@@ -69,7 +69,7 @@ def sensors_of(scene: Scene) -> tuple[Sensor, ...]:
 def prepare(
     scene: Scene, config: PlanConfig, seed: int, also: Sequence[Sensor] = (), paths: Floats | None = None
 ) -> PreparedPlan:
-    """Walks and crowds for a scene, and what its sensors tell.
+    """Walks and crowds for a scene, and the information of its sensors.
 
     Args:
         scene: with a room and sensors.
@@ -130,7 +130,7 @@ def filter_noise_of(config: PlanConfig) -> FilterNoise:
 
 
 def expected(planned: PreparedPlan, told: Sequence[ExpectedInformation]) -> ExpectedPosteriors:
-    """What a filter makes of a set of sensors at the end of each way, before what the room tells."""
+    """Filter errors for a set of sensors at the end of each path, without the room's prior."""
     walked = planned.walked
     total = np.zeros((3, *walked.ways.shape[:2]))
     for one in told:
@@ -140,7 +140,7 @@ def expected(planned: PreparedPlan, told: Sequence[ExpectedInformation]) -> Expe
 
 
 def square_errors(planned: PreparedPlan, found: ExpectedPosteriors) -> Floats:
-    """(C, draws) mean square errors, with what the room tells."""
+    """(C, draws) mean square errors, with the room's prior."""
     cells = planned.cells
     square = square_error_in_room(found.covariance[:, -1], found.place[:, -1], cells.xy, cells.size)
     return square.reshape(len(cells.xy), -1)
@@ -188,7 +188,7 @@ def _seen_by(planned: PreparedPlan) -> tuple[Floats, Floats]:
 
 
 def area_share_below(table: PlanMap, limit: float) -> float:
-    """Share of the floor, by weight, whose expected error is below a limit."""
+    """Share of the floor, by weight, with an expected error below a limit."""
     return float(table.weight[table.rmse < limit].sum())
 
 
@@ -240,7 +240,7 @@ def rank_removal(planned: PreparedPlan) -> list[PlacementCandidate]:
 
 
 def _sum(told: Sequence[ExpectedInformation]) -> ExpectedInformation:
-    """All that several sensors tell, as if of one."""
+    """Information of several sensors as one."""
     seen, information = told[0].seen.copy(), told[0].information.copy()
     for one in told[1:]:
         seen |= one.seen
@@ -249,7 +249,7 @@ def _sum(told: Sequence[ExpectedInformation]) -> ExpectedInformation:
 
 
 def along_walls(scene: Scene, like: Camera, spacing: float) -> tuple[Camera, ...]:
-    """Copies of a camera along the walls, each looking at the middle of the room.
+    """Copies of a camera along the walls, each pointing at the middle of the room.
 
     Args:
         scene: with a room.
@@ -269,7 +269,7 @@ def along_walls(scene: Scene, like: Camera, spacing: float) -> tuple[Camera, ...
 
 
 def _turned(like: Camera, place: Floats, to: Floats, name: str) -> Camera:
-    """The camera at a position, with its pitch, looking to another."""
+    """The camera at a position, with its pitch, pointing at another."""
     _, pitch, roll = angles_from_rotation(like.rotation)
     yaw = float(np.arctan2(*(to - place)[::-1]))
     position = np.array([place[0], place[1], like.position[2]])

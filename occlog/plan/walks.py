@@ -80,7 +80,7 @@ def cells_of(scene: Scene, count: int) -> FloorCells:
         InputError: the scene has no room.
     """
     if scene.room is None:
-        raise InputError("plan: the scene has no room, so that nobody knows where people walk; add `room` to it")
+        raise InputError("plan: the scene has no room, so that the walking area is unknown; add `room` to it")
     low, high = scene.room.min(axis=0), scene.room.max(axis=0)
     floor = make_floor(scene.room, [o.polygon for o in scene.occluders])
     size = math.sqrt(float(np.prod(high - low)) / count)
@@ -147,7 +147,7 @@ def simulate_crowd(scene: Scene, config: PlanConfig, dt: float, steps: int, seed
 
 
 def crowd_size(scene: Scene, config: PlanConfig) -> int:
-    """How many people there are beside the target."""
+    """Number of people near the target."""
     if config.people is not None:
         return config.people
     if config.density == 0.0:
@@ -162,7 +162,7 @@ def crowd_size(scene: Scene, config: PlanConfig) -> int:
 def cell_visits(cells: FloorCells, people: Floats, steps: int) -> Visits:
     """When a person who has walked `steps` steps is in each cell, in the order of time.
 
-    A cell that nobody ever came to has the visits of the nearest one that a person came to.
+    A cell without any visit has the visits of the nearest one with visits.
     """
     n = people.shape[1]
     cell = nearest_cell(cells, people[steps - 1 :].reshape(-1, 2))
@@ -191,7 +191,7 @@ def nearest_cell(cells: FloorCells, xy: Floats) -> Ints:
 
 
 def moments_of(people: Floats, dt: float) -> Motion:
-    """The motion whose steps agree as well as those of a walk.
+    """The motion with steps that fit those of a walk best.
 
     Args:
         people: (K, n, 2) their positions, K >= 3.

@@ -2,13 +2,13 @@
 
 Detectors: an image in, boxes out.
 
-Exporters: a table in, a file in a format of others out.
+Exporters: a table in, a file in an external format out.
 
 Tracking methods of bearings: what a filter is given, and what it gives back.
 
 Metrics: tracks and truth in, figures out.
 
-Readers: a file of a format of others as named columns.
+Readers: a file of an external format as named columns.
 
 Tracking methods of one camera: boxes in, identities out.
 """
@@ -37,7 +37,7 @@ class Detected(NamedTuple):
         boxes: (N, 4) left and upper edge, width and height [px], the last two above 0; the centre of the first pixel is
             (0, 0).
         scores: (N,) confidence, 0 to 1.
-        embeddings: (N, D) how those look who are in the boxes, D the same in all images; None: the detector tells none.
+        embeddings: (N, D) appearance in the boxes, D the same in all images; None: the detector gives none.
     """
 
     boxes: Floats
@@ -62,11 +62,11 @@ class Detector(Protocol):
 
 
 class ExportContext(NamedTuple):
-    """What must be known beside the rows.
+    """Context that is needed with the rows.
 
     Attributes:
         length_unit: of all lengths.
-        scene: cameras, arrays and the room; None: nobody gave one.
+        scene: cameras, arrays and the room; None: not given.
     """
 
     length_unit: str
@@ -94,7 +94,7 @@ class TargetScan(NamedTuple):
         t_ns: time [ns since the Unix epoch]; it never goes back.
         sensors: (R,) names; one may be there several times, with candidates that may be of anything.
         positions: (R, 2) where they are, in the scene's unit of length.
-        bearings: (R,) from +x towards +y [rad]; NaN: the sensor looked and did not see the target.
+        bearings: (R,) from +x towards +y [rad]; NaN: the sensor observed and did not see the target.
         sigma: (R,) standard deviations [rad]; NaN where the bearing is.
     """
 
@@ -140,7 +140,7 @@ class MetricInput(NamedTuple):
 
     Attributes:
         tracks: rows in the order of time.
-        truth: likewise; `role` tells targets from occluders.
+        truth: likewise; `role` distinguishes targets from occluders.
         errors: of each estimate that has a truth at its time, paired as `occlog evaluate` pairs them.
         length_unit: of all lengths.
     """
@@ -194,8 +194,8 @@ class BoxesInFrame(NamedTuple):
         t_ns: time of the frame [ns since the Unix epoch]; it never goes back.
         frame: number of the frame in the camera's stream; it grows, perhaps by more than 1.
         boxes: (N, 4) left and upper edge, width and height [px].
-        scores: (N,) confidence of the detector, 0 to 1; NaN: it tells none.
-        embeddings: (N, D) how those look who are in the boxes; D is 0 where nobody tells.
+        scores: (N,) confidence of the detector, 0 to 1; NaN: it gives none.
+        embeddings: (N, D) appearance in the boxes; D is 0 if not given.
     """
 
     t_ns: int
@@ -215,10 +215,10 @@ class ViewTracker(Protocol):
     settings: ClassVar[type[Settings]]
 
     def __init__(self, settings: Settings, rng: Generator) -> None:
-        """Nobody has been seen yet."""
+        """Create a tracker without people."""
 
     def step(self, found: BoxesInFrame) -> Ints:
-        """Give the (N,) identities of the boxes, from 0 and each once; -1 for a box that is of nobody (yet)."""
+        """Give the (N,) identities of the boxes, from 0 and each once; -1 for a box without an identity (yet)."""
 
 
 __all__ = [

@@ -250,7 +250,7 @@ def _shrink(text: str, prefix: str) -> str:
     used = {name: k for k, name in enumerate(dict.fromkeys(_REFERENCE.findall(text)))}
     text = _TAG.sub(lambda m: _tag(m[0], used, prefix), text)
     text = re.sub(r">\s*\n\s*<", ">\n<", text)
-    # Groups that only carried an id say nothing any more.
+    # Groups that only carried an id have no use any more.
     return re.sub(r"<g>\n<g>\n(<(?:path|text|use)[^\n]*)\n</g>\n</g>", r"\1", text)
 
 

@@ -1,9 +1,9 @@
 """Goes through the tables of a report: figures of all their rows, and of long ones the part that is drawn.
 
 A table comes in chunks, of a file or as a whole, and is read several times.  Tracks are first, as their times
-say which rows of the other tables the replay needs.
+determine which rows of the other tables the replay needs.
 
-Goes through the bearings of a report: alone, then beside the tracks.
+Passes over the bearings of a report: alone, then with the tracks.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ STEP = np.dtype([("group", "i8"), ("step", "f8")])
 
 
 class Posts:
-    """Estimates on both sides of gaps, between which places are interpolated however wide they are."""
+    """Estimates on both sides of gaps, of any width, between which positions are interpolated."""
 
     def __init__(self) -> None:
         """No estimates yet."""
@@ -141,7 +141,7 @@ class BearingReference:
         posts: of all estimates.
         evidence: takes what bearings state for and against them.
         made: how they were made.
-        without: targets of which no error is known, whose distances from where lines of sight meet are asked for.
+        without: targets without known errors, for the distances from triangulated positions.
     """
 
     tracks: Callable[[], Iterator[Tracks]]
@@ -159,7 +159,7 @@ class ThinnedBearings:
     Attributes:
         table: those of the time steps.
         whole: what is known of all rows.
-        looked: what they tell together.
+        looked: their summary.
         every: every n-th time step has its bearings.
         residuals: of each track.
         sight: distances of each track of which no error is known.
@@ -228,7 +228,7 @@ def bearings_of(
         scene: the sensors.
         targets: that are tracked.
         time steps: times that the replay shows, and the usual time between two of all times [ns].
-        beside: what they are compared with; None: nothing.
+        beside: the other side of the comparison; None: nothing.
         most: how many of them are drawn, about.
     """
     looks, steps, times, span = ObservationStreams(), Spool(), 0, (0, 0)
@@ -271,7 +271,7 @@ def bearings_of(
 def _beside(
     stream: Callable[[], Iterator[Bearings]], scene: Scene, beside: BearingReference
 ) -> Iterator[tuple[Tracks, Bearings]]:
-    """Sections of bearings, and all estimates between which they are; evidence is collected on the way."""
+    """Sections of bearings, and all estimates between which they are; evidence is collected meanwhile."""
     sight = SightEvidence(beside.evidence, scene, beside.made, ())
     tracks, bearings = TableBuffer(beside.tracks(), Tracks), TableBuffer(stream(), Bearings)
     said: TableBuffer[Diagnostics] | None = None
@@ -303,7 +303,7 @@ class ReportFigures:
         priors_every: every n-th time step has occluders as the tracker knew them.
         errors: of all errors.
         errors_so_far: (N,) RMSE of the target of each error that is drawn, up to it.
-        bound: of errors beside the bound.
+        bound: of errors and the bound.
         bound_so_far: (N, 2) root mean square of each bound that is drawn and of all before it, and of smoothing.
         looked: of all bearings.
         residuals: of each track.
@@ -562,7 +562,7 @@ class _Reading:
     def _came_out(
         self, selected: SelectionStreams, diagnostics: StreamedTable[Diagnostics], kind: type[Errors] | type[Tracks]
     ) -> None:
-        """What errors or tracks say at the times at which cameras were selected."""
+        """Values of errors or tracks at the times at which cameras were selected."""
         beside = self._open(kind.NAME, kind)
         if beside is None:
             return
@@ -571,7 +571,7 @@ class _Reading:
             selected.came_out(limits.of(ours), limits.of(its))
 
     def _read_errors_and_bound(self) -> None:
-        """Errors, with the RMSE up to each one that is drawn, and the bound on it beside them."""
+        """Errors, with the RMSE up to each one that is drawn, and the bound on it."""
         errors, bound = self._open("errors", Errors), self._open("bound", Bound)
         theirs = None if bound is None else self._thin("bound", bound)
         if errors is None:
@@ -624,7 +624,7 @@ class _Reading:
 
     @property
     def _with_bearings(self) -> bool:
-        """Whether bearings speak for and against the tracks, whose labels those of all people are not."""
+        """Whether bearings are evidence for or against the tracks; labels of all people are independent of bearings."""
         return "bearings" in self._whole and self._whole["bearings"].rows > 0 and "people" not in self._figures
 
     def _read_bearings(self) -> None:
@@ -680,7 +680,7 @@ class _Drawn:
 
 
 def _shown(truth: Truth) -> float:
-    """Share of true positions that the replay shows: of others than targets where there are few of them."""
+    """Share of true positions that the replay shows: of objects other than targets where there are few of them."""
     others = truth.role != "target"
     few = len(np.unique(truth.target_id[others])) <= MAX_MOVING
     return 1.0 if few or not len(truth) else 1.0 - float(others.mean())

@@ -61,7 +61,7 @@ def headline(data: ReportInput) -> list[Figure]:
     looked = data.looked
     if looked is not None and looked.rows:
         share = 100.0 * (looked.seen / looked.rows)
-        out.append(Figure("target seen", number(round(share, 1)), "%", f"of {number(looked.rows)} looks"))
+        out.append(Figure("target seen", number(round(share, 1)), "%", f"of {number(looked.rows)} observations"))
     if data.losses:
         lost = sum(loss.count for loss in data.losses)
         out.append(Figure("input lost", number(lost or len(data.losses)), "", "items" if lost else "stretches"))
@@ -69,7 +69,7 @@ def headline(data: ReportInput) -> list[Figure]:
 
 
 def _people(people: PeopleStatistics) -> list[Figure]:
-    """How many people there were, all in all and at a time, and how many of them nobody saw."""
+    """Numbers of people in total and at a time, and share of unobserved ones."""
     at_a_time = number(float(f"{people.mean:.3g}"))
     unseen = number(round(100.0 * people.unseen, 1))
     return [
@@ -156,7 +156,7 @@ class CheckRow(NamedTuple):
 def verdict_heading(verdicts: Sequence[Verdict]) -> str:
     """The verdict in a line."""
     return {
-        True: "Nothing speaks against these estimates",
+        True: "All checks of these estimates passed",
         False: "Not reliable as they are",
         None: "Not checked: nothing is known for or against these estimates",
     }[all_plausible(verdicts)]
@@ -201,7 +201,7 @@ def build_page(data: ReportInput, images: Thumbnails | None = None) -> str:
 
     Args:
         data: the run.
-        images: of the cameras, beside the time steps of the run.
+        images: of the cameras, with the time steps of the run.
     """
     with house_style():
         plots = _plots(data)

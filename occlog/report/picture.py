@@ -27,7 +27,7 @@ class PicturePanel(NamedTuple):
 DPI = 110.0
 SIZE = (15.0, 9.6)
 MAX_ROWS = 20
-"""Sensors whose sightings fit beside the floor plan; the page has more."""
+"""Sensors whose sightings fit next to the floor plan; the page has more."""
 
 
 def build_picture(data: ReportInput) -> bytes:
@@ -42,7 +42,7 @@ def build_picture(data: ReportInput) -> bytes:
 
 
 def _arrange(figure: SubFigure, data: ReportInput, panels: list[PicturePanel]) -> None:
-    """Floor plan on the left, what there is beside it."""
+    """Floor plan on the left, the other panels on the right."""
     if not panels:
         draw_floorplan(figure, data)
         return
@@ -75,7 +75,7 @@ def _head(figure: FigureBase, text: str) -> None:
 
 
 def _panels(data: ReportInput) -> list[PicturePanel]:
-    """What stands beside the floor plan: the first target's error, and who saw it."""
+    """Panels next to the floor plan: the first target's error, and who saw it."""
     out: list[PicturePanel] = []
     looked, errors = data.looked, data.errors
     first = data.targets[0] if data.targets else None

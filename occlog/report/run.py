@@ -149,7 +149,7 @@ def run_report(request: PageRequest, job: Job) -> JobResult:
         raise UsageError(f"nothing to show: give TRACKS, a run folder, or {option('scene')}")
     if paths.tracks is not None and paths.scene is None and content_of(paths.tracks) is Content.RECORDING:
         raise UsageError(
-            f"{paths.tracks}: is a recording, not tracks; show it by {option('scene')}, beside tracks or alone"
+            f"{paths.tracks}: is a recording, not tracks; show it by {option('scene')}, with tracks or alone"
         )
     data = read_input(request)
     begin_work()

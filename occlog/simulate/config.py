@@ -319,7 +319,7 @@ class MeasureConfig(Settings):
 
 @dataclass(frozen=True)
 class RenderConfig(Settings):
-    """How the video looks."""
+    """Appearance of the video."""
 
     OWNER: ClassVar[str] = "render"
 
@@ -386,7 +386,7 @@ class StoreConfig(Settings):
 
 @dataclass(frozen=True)
 class PeopleConfig(Settings):
-    """How many people of one look walk about in a room, and how many cameras see them."""
+    """Numbers of people of identical appearance in a room, and of the cameras that see them."""
 
     OWNER: ClassVar[str] = "people"
 

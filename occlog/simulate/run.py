@@ -72,7 +72,7 @@ def run_scene(request: SceneRequest, job: Job) -> JobResult:
 
 
 def run_people(request: SimulatePeopleRequest, job: Job) -> JobResult:
-    """Make the video of people who look similar."""
+    """Render the video of people of similar appearance."""
     return _write(people_setup(request), request, job)
 
 
@@ -159,7 +159,7 @@ def _check_request(scene: Scene, request: SceneRequest) -> None:
 
 
 def _walkers(scene: Scene, request: SceneRequest) -> WorldConfig:
-    """Settings of objects that walk at random; in video nobody walks into a wall."""
+    """Settings of objects that walk at random; in video no person walks into a wall."""
     defaults = WorldConfig.in_unit(scene.length_unit)
     world = configure(defaults, {**_times(defaults, request.rate_hz, request.seconds), **request.world})
     if request.render and "clearance" not in request.world:
@@ -194,7 +194,7 @@ def _times(defaults: WorldConfig, rate_hz: float | None, seconds: float | None) 
 
 
 def people_setup(request: SimulatePeopleRequest) -> Setup:
-    """Everything that decides on the video of people who look similar; without `fps` there are 25 frames a second."""
+    """Everything that decides on the video of people of similar appearance; without `fps` there are 25 frames a second."""
     if "occluders" in request.world:
         raise UsageError(f"{option('occluders')}: all people of this scene are targets; leave it out")
     size = {} if request.size is None else dict(zip(("width", "height"), request.size, strict=True))
@@ -270,7 +270,7 @@ def _targets(setup: Setup) -> list[int]:
 
 
 def _places_apart(setup: Setup, seed: int) -> Floats:
-    """First positions at which nobody hides another; UsageError if missing."""
+    """First positions without occlusions between people; UsageError if missing."""
     try:
         return people_apart(setup.scene, setup.world.targets, seed)
     except InputError as error:
@@ -278,7 +278,7 @@ def _places_apart(setup: Setup, seed: int) -> Floats:
 
 
 def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | TimeGrid]:
-    """Chunks of true paths: random walks from the positions (n, 2) at first (None: random ones), or the script's."""
+    """Chunks of true paths: random walks from the initial positions (n, 2) (None: random ones), or the script's."""
     world, script = setup.world, setup.script
     if script is None:
         return simulate_truth(setup.scene, world, seed, start, field=setup.field, people=setup.people)

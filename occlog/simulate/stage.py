@@ -76,7 +76,7 @@ def simulate_truth(
         seed: of all random numbers.
         start: (n, 2) positions of all objects at the first step; None: random ones.
         field: how objects avoid each other where motion is `field`; None: the defaults of the scene's unit.
-        people: who walk as they did and are avoided where motion is `field`; None: nobody.
+        people: recorded walkers, avoided where motion is `field`; None: none.
 
     Returns:
         Tables of up to CHUNK_STEPS steps; time k is `start_ns + round(k step_s)`.
@@ -124,7 +124,7 @@ def _first(floor: Ground, n: int, config: WorldConfig, seed: int, people: Moving
                 return world
     except ValueError as error:
         raise InputError(f"simulate: {error}; use fewer or smaller objects, or a larger room") from error
-    raise InputError(f"simulate: no positions found for {n} objects beside {len(there)} people; use fewer or smaller ones")
+    raise InputError(f"simulate: no positions found for {n} objects next to {len(there)} people; use fewer or smaller ones")
 
 
 def _draw(generators: list[list[np.random.Generator]]) -> WaypointNoise:
@@ -139,7 +139,7 @@ def _draw(generators: list[list[np.random.Generator]]) -> WaypointNoise:
 
 
 def _truth(places: Floats, first: int, config: WorldConfig) -> Truth:
-    """Table of (C, n, 2) positions whose first step is number `first`."""
+    """Table of (C, n, 2) positions with first step number `first`."""
     c, n = places.shape[:2]
     ids = np.arange(n)
     steps = np.rint(np.arange(first, first + c) * (config.step_s * 1e9)).astype(np.int64)

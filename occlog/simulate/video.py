@@ -41,13 +41,13 @@ class Setup:
         scene: room, occluders and sensors.
         world: how many objects move, and how.
         observe: how cameras measure; None: no simulated bearings.
-        render: how the video looks; None: no video.
+        render: appearance of the video; None: no video.
         store: how the video is kept.
         sound: what sources do and arrays hear.
         script: paths of targets; None: random walkers.
-        apart: nobody hides another in the first frame.
+        apart: no occlusion between people in the first frame.
         field: how walkers avoid what is in their way, where motion is `field`.
-        people: who walk as they did and are avoided; None: nobody.
+        people: recorded walkers, which are avoided; None: none.
         reads: what readers of tags read.
         measure: what cameras and arrays measure of distances.
         losses: the losses when the tracks of people to avoid were made.

@@ -1,9 +1,9 @@
-"""How well bearings tell where the targets are: detections, misses, false alarms, errors of the bearings.
+"""Quality of bearings against true positions: detections, misses, false alarms, errors of the bearings.
 
 Views (clusters or detector boxes) against true boxes: recall, precision, horizontal error.
 
 True boxes are put into three classes: `clear`, people that share next to nothing with
-another box; `front`, in front of others; `hidden`, partly behind others.  Of two boxes
+another box; `front`, in front of other targets; `hidden`, partly behind other targets.  Of two boxes
 the one that reaches further down in the image is the nearer, as people stand on the ground.
 
 Directions of arrival against true ones: unordered sets, assigned as well as they can be.
@@ -35,16 +35,16 @@ Metrics = dict[str, float]
 
 @dataclass(frozen=True)
 class DetectionCounts:
-    """Counts and sums over looks with a known truth; they add up over sensors."""
+    """Counts and sums over observations with a known truth; they add up over sensors."""
 
     frames: int = 0  # of a sensor
     looks: int = 0  # frame and target
-    visible: int = 0  # looks in which the target should have been seen
+    visible: int = 0  # observations in which the target should have been seen
     detected: int = 0  # of these, with a bearing within the gate
     detected_hidden: int = 0  # a bearing within the gate although the target should have been hidden
     false_alarms: int = 0  # bearings that are of no true object, or of the target but away from it
     correct_rejections: int = 0  # hidden, and nothing reported
-    without_truth: int = 0  # looks with unknown truth; in no other count
+    without_truth: int = 0  # observations with unknown truth; in no other count
     n_px: int = 0  # bearings of visible targets within the gate: number, sums of residuals and their squares
     sum_px: float = 0.0
     square_px: float = 0.0
@@ -56,7 +56,7 @@ class DetectionCounts:
 
     @property
     def missed(self) -> int:
-        """Looks at a visible target without a bearing within the gate."""
+        """Observations of a visible target without a bearing within the gate."""
         return self.visible - self.detected
 
 
@@ -90,7 +90,7 @@ def count(found: SensorObservationSet) -> DetectionCounts:
 def observations_of(
     bearings: Bearings, truth: Truth, scene: Scene, pairs: Mapping[int, int], config: EvaluateConfig
 ) -> dict[str, SensorObservationSet]:
-    """Looks of every sensor in the bearings, by its name.
+    """Observations of every sensor in the bearings, by its name.
 
     Args:
         bearings: labelled or not.
@@ -108,14 +108,14 @@ def observations_of(
 
 
 class DetectionFigures:
-    """Counts looks in streaming mode."""
+    """Counts observations in streaming mode."""
 
     def __init__(self) -> None:
-        """No look yet."""
+        """Create an empty count of observations."""
         self._sensors: dict[str, dict[str, Sum]] = {}
 
     def update(self, looks: Mapping[str, SensorObservationSet]) -> None:
-        """Looks of some more frames, by sensor."""
+        """Observations of further frames, by sensor."""
         for name, found in looks.items():
             own = self._sensors.setdefault(name, {f.name: Sum() for f in fields(DetectionCounts)})
             part = count(found)
@@ -381,7 +381,7 @@ def _sets(found: Doa, truth: Doa, gap_ns: int) -> Iterator[Pairing | None]:
 
 
 def paired(found: Floats, truth: Floats) -> Pairing:
-    """The pairing of (n,) estimates with (m,) true azimuths [rad] whose sum of 1 - cos(error) is least."""
+    """The pairing of (n,) estimates with (m,) true azimuths [rad] with the least sum of 1 - cos(error)."""
     apart = (found[:, None] - truth[None, :] + np.pi) % (2.0 * np.pi) - np.pi
     i, j = linear_sum_assignment(1.0 - np.cos(apart))
     return Pairing(len(truth), len(found), np.asarray(apart[i, j], dtype=np.float64))

@@ -7,7 +7,7 @@ track where there are many.  So every figure is given once more with the sensor'
 frames paired with predictions for other times: what chance, and a target that stays
 about where it is, would give.
 
-Leave one camera out, everybody: which of its boxes do tracks made without it predict.
+Held-out camera with tracks of all people: the boxes that tracks made without it predict.
 
 The tracks must have been made without the camera (`occlog track --without NAME`).  At each of its frames every track
 is expected in its image, where the middle of the person and the feet project to; boxes and tracks are paired one to

@@ -64,7 +64,7 @@ def labelled(bearings: Bearings, config: EvaluateConfig) -> Bearings:
 
 
 class ScanCuts:
-    """Cuts rows that stream by into scans, which are the same wherever the stream is cut."""
+    """Groups a stream of rows into scans, independent of its chunks."""
 
     def __init__(self, config: EvaluateConfig) -> None:
         """No rows yet."""
@@ -113,7 +113,7 @@ Metrics = dict[str, float]
 MIN_SCANS = 20
 """From fewer scans no noise is learned."""
 INITIAL_OUTLIER_SHARE = 0.2
-"""Share of scans with a false bearing at first."""
+"""Share of scans with a false bearing initially."""
 MIN_OUTLIER_RANGE_SIGMAS = 20.0
 """False bearings leave up to this many standard deviations at least: what lies at the end of honest noise is none."""
 MIN_SHARE, TINY = 1e-9, 1e-30
@@ -128,7 +128,7 @@ ITERATIONS = 200
 
 
 class NoiseFigures:
-    """Collects by how far the lines of sight of scans miss one another, while scans stream by."""
+    """Accumulates the distances between lines of sight over a stream of scans."""
 
     def __init__(self, config: EvaluateConfig, in_memory: int = NUMBERS_IN_MEMORY) -> None:
         """No scan yet; `in_memory`: how many numbers of a kind are kept in memory."""
@@ -269,7 +269,7 @@ def _misses(scans: Scans, origins: Floats, config: EvaluateConfig) -> tuple[Floa
 MIN_READINGS = 60
 """From fewer readings no noise is measured."""
 STRETCHES = 10
-"""Sections of time that are skipped in turn for the error bar: errors of neighbouring frames are alike."""
+"""Sections of time that are skipped in turn for the error bar: errors of neighbouring frames are correlated."""
 BIAS_SIGNIFICANCE = 3.0
 """A mean error of this many of its errors, and of half a standard deviation, is stated: the pose is off."""
 
@@ -349,7 +349,7 @@ def _jackknife(without: Floats) -> float:
 
 
 class NoiseFromTruth:
-    """Collects readings of targets in plain view, while looks stream by."""
+    """Accumulates readings of unoccluded targets over a stream of observations."""
 
     def __init__(self, scene: Scene, in_memory: int = NUMBERS_IN_MEMORY) -> None:
         """No reading yet.
@@ -362,11 +362,11 @@ class NoiseFromTruth:
         self._residuals = {camera.name: Spool(share) for camera in scene.cameras}
 
     def update(self, looks: Mapping[str, SensorObservationSet]) -> None:
-        """Looks of some more frames, by sensor."""
+        """Observations of further frames, by sensor."""
         for name in looks.keys() & self._residuals.keys():
             own = looks[name].looks
             use = own.truth & own.visible & own.reported & np.isfinite(own.residual_px)
-            # Labelled looks and those of candidates come one after the other, each in the order of time
+            # Labelled observations and those of candidates come one after the other, each in the order of time
             order = np.argsort(own.t_ns[use], kind="stable")
             self._residuals[name].add(own.residual_px[use][order])
 
@@ -384,7 +384,7 @@ class NoiseFromTruth:
                 out[name] = found
         if not out:
             raise InputError(
-                f"write-scene: no camera has {MIN_READINGS} readings in pixels of a target in plain view whose "
+                f"write-scene: no camera has {MIN_READINGS} readings in pixels of a target in plain view with a "
                 "position is known; record more, or give the truth at more times"
             )
         return out

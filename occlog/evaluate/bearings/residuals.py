@@ -88,7 +88,7 @@ def triangulate_scan(
 
 
 class TriangulationFigures:
-    """Collects distances of tracks from where lines of sight meet, while scans stream by."""
+    """Accumulates distances of tracks from triangulated positions over a stream of scans."""
 
     def __init__(self, unit: str, config: EvaluateConfig, in_memory: int = NUMBERS_IN_MEMORY) -> None:
         """No scan yet.
@@ -187,7 +187,7 @@ class AgainstBearings:
         """Bearings so far."""
 
     def begin(self, pairs: Mapping[int, int], evidence: ConsistencyEvidence, *, high_tracks: bool) -> StretchTables:
-        """Open bearings and measurements; what is to be read beside tracks and truth.
+        """Open bearings and measurements; the tables to read along with tracks and truth.
 
         Args:
             pairs: which target each track is of.
@@ -273,7 +273,7 @@ class AgainstBearings:
         return paths_of(part.limits.about(part.sides[0], self._config.bridge_ns + self._cuts.window_ns + 1))
 
     def _true_paths(self, part: EvaluationChunk) -> tuple[dict[int, ObjectPath], dict[int, ObjectPath]]:
-        """Paths of targets and of moving occluders, which tell rough positions far away, too."""
+        """Paths of targets and of moving occluders, with rough positions far away."""
         around = self._around_ns
         near = part.limits.about(part.sides[1], around)
         limits = (part.limits.begin - around, LAST if part.limits.end == LAST else part.limits.end + around)

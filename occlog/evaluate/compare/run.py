@@ -59,7 +59,7 @@ def runs_of(method: Path, truth: Path | None) -> dict[str, ComparedRun]:
             not; None: `recording.mcap` of each run folder.
 
     Raises:
-        UsageError: no truth is given, and there is none.
+        UsageError: no truth is given, and none is found.
         InputError: no tracks are there, or no truth of some.
     """
     if not method.is_dir():
@@ -286,7 +286,7 @@ def _holm(p: Mapping[tuple[int, str], float]) -> dict[tuple[int, str], float]:
 
 
 def _verdict(figure: str, found: PairedDifference, holm: float, rows: int) -> str:
-    """The verdict; `rows` is how many are looked at together."""
+    """The verdict; `rows` is the number of rows tested together."""
     if not np.isfinite(holm) or 2 * found.least * rows >= LEVEL:
         return "not decided"
     if holm >= LEVEL:
@@ -312,7 +312,7 @@ def _failure(condition: Condition, row: ComparisonRow, later: int) -> str:
 
 
 def _why(row: ComparisonRow, later: int) -> str:
-    """Why a row is not decided beside `later` methods."""
+    """Why a row is not decided against `later` methods."""
     found = row.found
     if np.isfinite(found.p):
         return f"of {found.stretches} recordings nothing can be shown of {later} methods; take more recordings"

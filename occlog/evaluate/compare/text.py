@@ -34,7 +34,7 @@ class ComparisonRow:
         method: position among those that were given, from 1.
         figure: name.
         found: what was found.
-        holm: p, with all rows of a comparison looked at together (Holm 1979).
+        holm: p, with all rows of a comparison tested together (Holm 1979).
         verdict: `better`, `worse`, `no difference shown` or `not decided`, for the later method.
     """
 
@@ -104,7 +104,7 @@ def table(found: MetricComparison, methods: Sequence[Path]) -> str:
     for m in range(1, len(methods)):
         lines = [HEAD, *rows_of(found, m)]
         widths = [max(len(line[k]) for line in lines) for k in range(len(HEAD))]
-        out.append(f"{methods[m]} beside {methods[0]}")
+        out.append(f"{methods[m]} against {methods[0]}")
         out += ["  " + "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in lines]
     return "\n".join(line.rstrip() for line in [*out, basis(found), *implausible_notes(found, methods)])
 
@@ -141,7 +141,7 @@ def markdown(found: MetricComparison, methods: Sequence[Path]) -> str:
     """For a pull request."""
     out = []
     for m in range(1, len(methods)):
-        out += [f"### `{methods[m]}` beside `{methods[0]}`", "", "| " + " | ".join(HEAD) + " |"]
+        out += [f"### `{methods[m]}` against `{methods[0]}`", "", "| " + " | ".join(HEAD) + " |"]
         out += ["|---|---:|---:|---:|---:|---:|---|", *("| " + " | ".join(c) + " |" for c in rows_of(found, m)), ""]
     notes = [f"\n**Failed**: {line}" for line in found.failed]
     notes += [f"\n**Not plausible**: {line}" for line in implausible_notes(found, methods)]

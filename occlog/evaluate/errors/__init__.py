@@ -1,1 +1,1 @@
-"""Errors of tracks on the ground and in space, beside their bound."""
+"""Errors of tracks on the ground and in space, with their bound."""

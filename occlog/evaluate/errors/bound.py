@@ -1,11 +1,11 @@
-"""Posterior Cramer-Rao bound, on the ground or in space, and the RMSE beside it, in memory that does not grow.
+"""Posterior Cramer-Rao bound, on the ground or in space, and the RMSE against it, in memory that does not grow.
 
 The bound of a target begins with the prior at its first detection or miss.  It takes in every bearing of the target, at
 the target's true position, unless the target was out of the field of view and the bearing away from it: such a bearing
 is not of the target.  Measurements of distances all count.  The bound is given at the times of the target's errors, or
 at those of its detections and misses if it has no errors.
 
-The information of each time step is buffered on disk by `Bounds.update`.  `Bounds.finish` then goes through it forwards for
+The information of each time step is buffered on disk by `Bounds.update`.  `Bounds.finish` then reads it forwards for
 the bound of filtering and backwards for that of smoothing, block by block, with the state that the block before, or
 after, has left for each target.
 """
@@ -74,7 +74,7 @@ class _BoundTarget:
 
 
 class BoundSums:
-    """Sums over rows of the bound, and over those of errors beside them."""
+    """Sums over rows of the bound, and over those of errors at the same rows."""
 
     def __init__(self) -> None:
         """No rows yet."""
@@ -154,7 +154,7 @@ class Bounds:
         Args:
             scene: room and unit.
             config: motion, prior, dimensions.
-            high: targets whose true height is known anywhere.
+            high: targets with a true height anywhere.
             ways: information of how many dimensions is buffered on disk.
             block: records that are worked on at once.
         """
@@ -185,7 +185,7 @@ class Bounds:
         """What there is in another time interval.
 
         Args:
-            looks: of each sensor that counts, by its name.
+            looks: observations of each sensor that counts, by its name.
             sensors: of these names.
             errors: in the order of time.
             late: (N,) which of them are after the transient.
@@ -287,7 +287,7 @@ class Bounds:
         return out
 
     def _backwards(self, told: Records, made: Records) -> Records:
-        """The bound of smoothing beside that of filtering."""
+        """The bounds of smoothing and of filtering."""
         for target, rows in _by_target(told):
             known = self._targets[target]
             d, n = known.d, known.d if self._config.motion == "waypoint" else 2 * known.d

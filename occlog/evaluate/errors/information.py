@@ -47,9 +47,9 @@ def ground_information(sensor: SensorGeometry, seen: SensorObservations) -> Floa
 
 
 def space_information(sensor: SensorGeometry, seen: SensorObservations) -> Floats:
-    """(N, 3, 3) Fisher information of all that one sensor told about (x, y, z).
+    """(N, 3, 3) Fisher information of all measurements of one sensor about (x, y, z).
 
-    A row without elevation tells its azimuth only; so does a planar array, with an azimuth that is the world's.
+    A row without elevation has its azimuth only; so does a planar array, with an azimuth that is the world's.
     """
     pixels = np.isfinite(seen.sigma_px) & (sensor.camera is not None)
     tells = np.isfinite(seen.elevation)
@@ -113,7 +113,7 @@ def distances_in_space() -> InputError:
 
 
 def dimension(target: int, *, high: bool, in_space: bool, config: EvaluateConfig) -> int:
-    """2 or 3: `auto` is in space for a target of whose errors one at least is.
+    """2 or 3: `auto` is in space for a target with at least one error in space.
 
     Args:
         target: identity in the truth.
@@ -204,7 +204,7 @@ def motion_of(information: Floats, dt: Floats, scene: Scene, config: EvaluateCon
     Args:
         information: (T, d, d) about the position.
         dt: (T,) time since the step before [s]; of the first 0.
-        scene: whose unit of lengths the noise of the motion has.
+        scene: its unit of lengths is that of the motion noise.
         config: the motion.
 
     Returns:
@@ -218,7 +218,7 @@ def motion_of(information: Floats, dt: Floats, scene: Scene, config: EvaluateCon
 
 
 def prior_of(d: int, scene: Scene, config: EvaluateConfig) -> Floats:
-    """(n, n) covariance of the state at the first pass: a position as told, else of a point anywhere in the room."""
+    """(n, n) covariance of the state at the first pass: a position as given, else of a point anywhere in the room."""
     place = np.zeros((d, d))
     if config.prior_cov is None:
         place[:2, :2] = crlb.polygon_covariance(scene.region)
@@ -246,7 +246,7 @@ class DistancesOfTargets:
             labels: identity in the measurements to identity in the truth; rows of other identities are skipped.
             scene: the stations.
             config: what the measurements do not state.
-            radio: a fitted path loss; None: as the scene and the settings say.
+            radio: a fitted path loss; None: by the scene and the settings.
         """
         self._labels, self._config, self._radio = labels, config, radio
         self._stations = make_stations(scene, config, radio)

@@ -1,7 +1,7 @@
 """Errors of tracks: which track is of which target, the error of each estimate, and figures of all errors.
 
 Errors are those of (x, y).  Where a track has heights and its target's height is known, errors in space
-stand beside them.
+are next to them.
 """
 
 from __future__ import annotations
@@ -208,7 +208,7 @@ class PairSums:
             found.append((np.full(len(track), self._place[label]), track, shared, np.bincount(which, square)))
         if found:
             target, track, shared, more = (np.concatenate(column) for column in zip(*found, strict=True))
-            # The rounding of each addition is kept beside the sum (Neumaier 1974)
+            # The rounding of each addition is kept with the sum (Neumaier 1974)
             before = self._sums.at(target, track)[1]
             total = before + more
             lost = np.where(before >= more, (before - total) + more, (more - total) + before)

@@ -27,7 +27,7 @@ Metrics = dict[str, float]
 
 
 def space_errors(errors: Errors) -> Bools:
-    """(N,) bool: errors of estimates whose height and true height are known."""
+    """(N,) bool: errors of estimates with known height and true height."""
     return np.isfinite(errors.error_space)
 
 
@@ -47,7 +47,7 @@ class Consistency:
         self.inside += int(np.count_nonzero(told <= self._limit))
 
     def merge(self, other: Consistency) -> None:
-        """Take in the errors of others."""
+        """Add the errors of another sum."""
         self._sum.merge(other._sum)
         self.told, self.inside = self.told + other.told, self.inside + other.inside
         self.rows += other.rows
@@ -62,7 +62,7 @@ class Consistency:
 
 
 class InSpace:
-    """Errors in space, of estimates whose height and true height are known: not more than those on the ground."""
+    """Errors in space, of estimates with known height and true height: not more than those on the ground."""
 
     def __init__(self) -> None:
         """No errors yet."""
@@ -129,7 +129,7 @@ class Spread:
         self._most = float(np.fmax(self._most, values.max())) if len(values) else self._most
 
     def merge(self, other: Spread) -> None:
-        """Take in the distances of others."""
+        """Add the distances of another sum."""
         for block in other._values.blocks():
             self._values.add(block)
         self._sum.merge(other._sum)

@@ -194,7 +194,7 @@ class EvaluationChunk(NamedTuple):
 
 
 class StretchTables(NamedTuple):
-    """Tables that are read beside tracks and truth, and how much of these there is about a section [ns].
+    """Tables that are read along with tracks and truth, and how much of these there is about a section [ns].
 
     Attributes:
         sides: the other tables, of which nothing is read yet.
@@ -227,7 +227,7 @@ def chunks_in_time(
         known: of the same chunks.
         config: how far apart samples may be.
         track_gap_ns: how far apart samples of tracks may be, if that is further.
-        beside: other tables, of which rows may be looked at while a section is.
+        beside: other tables, of which rows may be read with a section.
     """
     more = beside or StretchTables()
     limit = max(known.gaps_ns.values(), default=0) if config.limit_ns is None else config.limit_ns

@@ -1,6 +1,6 @@
-"""Bearings against the truth, look by look: what a sensor said of a target and what it should have said.
+"""Bearings against the truth, by observation: what a sensor reported of a target and what it should have reported.
 
-A look is one frame of one sensor together with one true target of which the frame states
+An observation is one frame of one sensor together with one true target of which the frame states
 something: a labelled row (`target_id` >= 0, seen or not), or unlabelled candidates, which are
 paired one to one with the true objects of their frame.
 
@@ -109,7 +109,7 @@ def occluded_by_moving(
     everyone: Mapping[int, ObjectPath],
     config: EvaluateConfig,
 ) -> Bools:
-    """(N,) bool: which looks at a target a moving object blocks ([Ercan] Fig. 3).
+    """(N,) bool: observations of a target that a moving object blocks ([Ercan] Fig. 3).
 
     Cameras only, and only if the configuration gives the objects a diameter.
     """
@@ -150,9 +150,9 @@ def match_candidates(
     A candidate may be of an occluder: it is stray only if it is near no true object at all.
 
     Args:
-        sensor: whose rows these are.
+        sensor: sensor of these rows.
         rows: unlabelled rows of that sensor.
-        told: (time, target) of which a labelled row states something already; they get no row here.
+        told: (time, target) of which a labelled row exists; they get no row here.
         targets: true paths of the targets.
         everyone: true paths of targets and occluders.
         config: gates, limits.
@@ -216,7 +216,7 @@ def _chosen(rows: Bearings, row: Ints, seen: Bools) -> Bearings:
 
 @dataclass(frozen=True, eq=False)
 class SensorObservations:
-    """Looks of one sensor; residuals and noise are NaN where no bearing was reported."""
+    """Observations of one sensor; residuals and noise are NaN where no bearing was reported."""
 
     t_ns: Ints
     target: Ints  # identity in the truth
@@ -238,12 +238,12 @@ class SensorObservations:
     normalised_elevation: Floats
 
     def take(self, rows: Bools) -> SensorObservations:
-        """The looks selected by a mask."""
+        """The observations selected by a mask."""
         return SensorObservations(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
 
 
 class SensorObservationSet(NamedTuple):
-    """All looks of one sensor, and the candidates that are of nothing in the truth."""
+    """All observations of one sensor, and the candidates that are of nothing in the truth."""
 
     looks: SensorObservations
     frames: int  # with a known truth
@@ -261,7 +261,7 @@ def observe(
     """Compare one sensor's rows with the truth.
 
     Args:
-        sensor: whose rows these are.
+        sensor: sensor of these rows.
         rows: bearings of that sensor only.
         labels: identity in the bearings to identity in the truth; rows of other identities are skipped.
         targets: true paths of the targets.

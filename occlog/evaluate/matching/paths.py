@@ -1,4 +1,4 @@
-"""Truth, tracks and sensors as `evaluate` looks at them: paths by identity, sensors by name."""
+"""Truth, tracks and sensors as `evaluate` uses them: paths by identity, sensors by name."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ class MotFigures:
 
         Args:
             cells: number of frames, empty ones included, over which GOSPA is averaged.
-            whose: ending of the names, such as `_sensor_NAME`.
+            whose: suffix of the names, such as `_sensor_NAME`.
             unit: of the distance; empty: 1 - IoU.
         """
         out = _clear(self._clear.result(), whose, unit) | _identity(self.identity.result(), whose)

@@ -1,6 +1,6 @@
 """Tracks of many targets on the ground against true positions, as points at the times of the truth.
 
-Beside the figures of `figures`: MODA and MODP, OSPA(2), trajectory GOSPA, whether covariances state how far tracks are
+In addition to the figures of `figures`: MODA and MODP, OSPA(2), trajectory GOSPA, whether covariances state how far tracks are
 from the targets that they are on, and how many people there are and were found over time.
 """
 
@@ -43,12 +43,12 @@ def evaluate_ground(
     limit_ns: int | None,
     unit: str = "m",
 ) -> Evaluation:
-    """Figures of points (x, y); heights are not looked at.
+    """Figures of points (x, y); heights are ignored.
 
     A frame is a time at which the truth has a sample of any target.  Truth and tracks are
     interpolated to it, the truth over gaps of at most `limit_ns`, tracks over gaps of at most
     `config.track_gap_s`; nothing is extrapolated, so that a track that begins late misses its
-    target until then.  Of an empty truth, which states that nobody is there, every time of the tracks is a frame.
+    target until then.  Of an empty truth, which states that no target is present, every time of the tracks is a frame.
 
     Args:
         tracks: estimates of any number of targets.

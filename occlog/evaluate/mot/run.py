@@ -151,7 +151,7 @@ def _timed(ours: Opened, theirs: Opened) -> Sides:
 
 
 def _benchmark(truth: Path, config: MultiTargetConfig, text: bool) -> str:
-    """The rules for classes: as asked for, or as the columns of the truth want them if it is MOTChallenge text."""
+    """The rules for classes: as asked for, or as the columns of the truth require them if it is MOTChallenge text."""
     classes = text and not has_no_rows(truth) and has_classes(truth)
     if config.benchmark == "auto":
         return "mot17" if classes else "mot15"
@@ -163,7 +163,7 @@ def _benchmark(truth: Path, config: MultiTargetConfig, text: bool) -> str:
 
 
 def has_no_rows(path: Path) -> bool:
-    """Whether a text has no line of data: nothing was tracked, or nobody is there."""
+    """Whether a text has no line of data: nothing was tracked, or no target is present."""
     return path.stat().st_size == 0 or not first_line(path, "MOTChallenge text")
 
 
@@ -239,7 +239,7 @@ def _sole_camera(path: Path, boxes: Boxes, config: MultiTargetConfig) -> str:
     names = list(config.cameras) or np.unique(boxes.sensor).tolist()
     if len(names) != 1:
         raise UsageError(
-            f"{path}: has cameras {', '.join(names)}; say with {option('camera')} NAME which one the text is of"
+            f"{path}: has cameras {', '.join(names)}; state with {option('camera')} NAME which one the text is of"
         )
     return str(names[0])
 

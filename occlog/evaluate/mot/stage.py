@@ -115,7 +115,7 @@ def _near(truth: Objects, tracks: Objects, tau: Floats) -> NearPairs:
 
 
 class PointTracks(NamedTuple):
-    """Truth and tracks as points, with the limits of distance and the frames that failures are told by."""
+    """Truth and tracks as points, with the limits of distance and the frames for counting failures."""
 
     truth: Objects
     tracks: Objects

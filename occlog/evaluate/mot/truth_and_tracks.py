@@ -273,7 +273,7 @@ def read_annotation(path: Path, name: str, camera: str, config: MultiTargetConfi
     Args:
         path: the file.
         name: of its format.
-        camera: whose boxes they are.
+        camera: camera of the boxes.
         config: frame rate and number of frame 0.
 
     Raises:
@@ -306,7 +306,7 @@ def timed_like(truth: TruthBoxes, tracks: Boxes, camera: str, config: MultiTarge
     Args:
         truth: true boxes of a file without times.
         tracks: a table, which has times.
-        camera: whose they are.
+        camera: camera of the rows.
         config: the frame rate, if it is given.
         path: of the truth, for messages.
 

@@ -1,1 +1,1 @@
-"""Verb: say whether two outputs are the same, and where they first differ."""
+"""Verb: report whether two outputs are the same, and where they first differ."""

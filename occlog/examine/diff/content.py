@@ -78,7 +78,7 @@ class _JsonWalk(NamedTuple):
 
         Args:
             path: position of both values in the file, as `tracks[0].x`; empty for the whole file.
-            key: last key of an object on the way to them.
+            key: last key of an object on the path to them.
             a: value of the first file.
             b: value of the second file.
         """

@@ -13,7 +13,7 @@ RTOL = 1e-9
 """Relative tolerance of golden files: processors differ in the last bits."""
 
 RTOL_SINGLE = 4.8e-7
-"""The same for 4-byte numbers, whose last bit is larger: four of their steps."""
+"""Relative tolerance of 4-byte numbers: four steps of their last bit."""
 MAX_SCHEMA_LINES = 12
 
 

@@ -29,7 +29,7 @@ T = TypeVar("T", bound=ColumnTable)
 class Join(NamedTuple):
     """Pairs of rows of A and B, and rows without a partner.
 
-    `rank_a` and `rank_b` order the rows of both tables alike, by their keys.
+    `rank_a` and `rank_b` order the rows of both tables in the same order, by their keys.
     """
 
     a: Ints  # (M,) rows of A, by rising key

@@ -23,7 +23,7 @@ from occlog.io.foreign.table import ForeignTable
 from .findings import GAP_INTERVALS, Findings
 
 MIN_INTERVALS = 10
-"""Fewer intervals tell no usual one."""
+"""Fewer intervals determine no usual one."""
 REGULAR_SHARE, REGULAR_FROM, REGULAR_TO = 0.9, 0.5, 1.5
 """Of a regular sensor at least this share of intervals is between these times the usual one."""
 MAX_INTERVALS = 50_000
@@ -47,12 +47,12 @@ SAME_RATE = 0.01
 
 @dataclass
 class SensorTimes:
-    """What the times of one sensor say, fed in the order of the file.
+    """Statistics of the times of one sensor, fed in the order of the file.
 
     Attributes:
         name: the sensor, in words.
         unique: its times may not repeat, since they are those of frames.
-        dropped: messages whose times repeat or go back are skipped by whoever reads the file.
+        dropped: messages with times that repeat or go back are skipped by readers.
         sorted: whoever reads the file puts its times in order, so that they may go back.
         sporadic: no time means that there was nothing, as for a reader without a tag; such a sensor has no gaps.
     """
@@ -130,7 +130,7 @@ class SensorTimes:
 
     @property
     def times(self) -> int:
-        """How many different times came, of a sensor whose times do not go back: rows of one time count once."""
+        """Number of different times of a sensor with times that do not go back: rows of one time count once."""
         return self.count - self._repeats
 
     @property
@@ -169,7 +169,7 @@ class SensorTimes:
         for factor, unit, stated in UNITS:
             if not FIRST_NS <= self.low * factor <= self.high * factor <= LAST_NS:
                 continue
-            # Intervals tell seconds and milliseconds from short times after 0; those of microseconds tell nothing
+            # Intervals distinguish seconds and milliseconds from short times after 0; those of microseconds determine nothing
             if factor == UNITS[0][0] or 0 < usual < SHORTEST_NS:
                 meant = utc(self.low * factor)
                 value = f"from {utc(self.low)} if they are {stated}, and from {meant} if they are {unit}"
@@ -205,7 +205,7 @@ def _is_wide(t_ns: Ints) -> bool:
 
 
 def check_clocks(clocks: Sequence[SensorTimes], findings: Findings) -> None:
-    """Note what is wrong with the times of every sensor, and of each beside the others."""
+    """Note faults in the times of every sensor, alone and against the others."""
     for clock in clocks:
         clock.judge(findings)
     # Whoever has times of another epoch is not late too

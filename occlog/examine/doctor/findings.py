@@ -118,7 +118,7 @@ KINDS: dict[str, FindingKind] = {
         "if its clock is off, give an offset (ingest --offset)",
     ),
     "two-clocks": FindingKind(
-        W, "recorded at other times than its header stamps say", remedy="choose one: ingest --stamp"
+        W, "recorded at other times than its header stamps state", remedy="choose one: ingest --stamp"
     ),
 }
 """Every kind of findings, by the name that it has in JSON."""
@@ -178,7 +178,7 @@ _VALUE = re.compile(r"'[^']*'|[-+]?\d[\d.]*(?:e[-+]?\d+)?")
 
 
 class Findings:
-    """The findings of one file; those that differ in place and numbers alone are counted together."""
+    """The findings of one file; those that differ in location and numbers alone are counted together."""
 
     def __init__(self, file: str) -> None:
         """Nothing has been found yet."""
@@ -194,7 +194,7 @@ class Findings:
             position: where it is.
             value: what is there.
             limit: what may be there, if the kind does not state it.
-            count: how many places it represents.
+            count: how many locations it represents.
             alike: what findings have in common that are counted as one; empty: each of the first `MAX_LISTED_FINDINGS`
                 stands alone.
         """

@@ -51,11 +51,11 @@ from .findings import Findings
 from .tables import TableWatch, drop_bad_rows, note_losses
 
 TIMED = (TopicKind.IMAGE, TopicKind.BOX, TopicKind.POSE, TopicKind.DIRECTION)
-"""Messages whose times ingest takes."""
+"""Messages with times that ingest uses."""
 
 
 def check_bag(path: Path, findings: Findings) -> None:
-    """Check every message of a bag whose time would be taken; what is lost is told by whoever reads the file."""
+    """Check every message of a bag with a time that would be used; losses are reported by the reader."""
     try:
         with open_bag([path]) as bag:
             topics = bag.topics()
@@ -75,7 +75,7 @@ def check_bag(path: Path, findings: Findings) -> None:
 
 
 def _check_indexes(bag: Bag, findings: Findings) -> None:
-    """Note topics that an index omits, so that nobody reads them."""
+    """Note topics that an index omits, so that readers miss them."""
     for file in bag.files:
         if isinstance(file, McapFile) and not file.losses:
             try:
@@ -217,7 +217,7 @@ def check_recording(path: Path, recording: McapRecording | None, findings: Findi
             for message in _in_order(path):
                 look.take(message)
         except InputError as error:
-            # Read on without the index, which tells all damage
+            # Read on without the index, which reports all damage
             recording, fault = None, error
             look = _RecordingScan(path, findings)
     if recording is None:

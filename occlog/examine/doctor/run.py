@@ -51,7 +51,7 @@ def check_files(paths: Sequence[Path], each: Callable[[Path], None] = lambda _: 
 
     Args:
         paths: files and folders.
-        each: is told of each file before it is checked.
+        each: is called with each file before it is checked.
     """
     out, seen = Diagnosis(), set[Path]()
     for path in paths:

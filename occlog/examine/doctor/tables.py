@@ -232,7 +232,7 @@ def look_at_foreign(foreign: ForeignTable, findings: Findings) -> None:
         try:
             for cells in foreign.cells():
                 drop_bad_rows(len(cells), _maker(foreign, cells), watch)
-                with suppress(InputError):  # of a time that cannot be, and was told
+                with suppress(InputError):  # of a time that cannot be, and was reported
                     restarts.add(cells)
         except InputError as error:
             findings.refused("unreadable", error)

@@ -1,4 +1,4 @@
-"""Texts: scenes, calibrations, tables of boxes, of times and of others, JSON, XML, TOML and YAML.
+"""Texts: scenes, calibrations, tables of boxes, of times and external ones, JSON, XML, TOML and YAML.
 
 Files of boxes: text and JSON of detectors and of benchmarks.
 """
@@ -81,7 +81,7 @@ def _clock(camera: str, stamps: dict[int, int]) -> SensorTimes:
 
 
 class _Copies:
-    """Rows that are alike in everything, anywhere in the file."""
+    """Identical duplicate rows, anywhere in the file."""
 
     def __init__(self) -> None:
         self._marks: list[Uints] = []
@@ -151,7 +151,7 @@ def _yaml(path: Path, findings: Findings) -> bool:
 def _calibration(path: Path, findings: Findings) -> bool:
     """Whether a file is a calibration of a known format; what cannot be read of one is noted."""
     try:
-        # Some formats want a size of the images, which is then asked for: any will do for a look
+        # Some formats want a size of the images, which is then required: any will do for a check
         calibration = read_calibration([path], options=CalibrationOptions(image_size=ANY_SIZE))
     except (InputError, UsageError) as error:
         if "not a calibration of a known format" in str(error):

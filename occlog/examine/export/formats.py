@@ -21,7 +21,7 @@ class ExportFormat:
     """One format.
 
     Attributes:
-        endings: of names of files that are of this format without being told; none: it must be named.
+        endings: of names of files that are of this format without a format option; none: it must be named.
         tables: names of the tables that it takes, the first that an input holds is taken; none: any.
         doc: one line of what it is.
         viewer: whether it shows everything that a run folder or a recording holds, and is no table.
@@ -44,7 +44,7 @@ FORMATS: dict[str, ExportFormat] = {
     "coco": ExportFormat((".json",), IMAGE_TABLES, "COCO's images, annotations and categories"),
     "trc": ExportFormat((".trc",), PLACE_TABLES, "OpenSim's table of markers, one a target"),
     VIEWERS: ExportFormat(
-        (".mcap",), (), "a run or a recording to look at in Foxglove, Lichtblick and Rerun", viewer=True
+        (".mcap",), (), "a run or a recording to view in Foxglove, Lichtblick and Rerun", viewer=True
     ),
     FOXGLOVE: ExportFormat((), (), "the same without what Foxglove and Lichtblick do not need", viewer=True),
     RERUN: ExportFormat((), (), "the same without what Rerun does not draw", viewer=True),

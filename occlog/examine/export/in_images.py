@@ -102,7 +102,7 @@ def sequence_info(found: Cameras, camera: str | None, folder: str, scene: Scene 
     Args:
         found: in the table; rows of frames without a box count too.
         camera: the camera; None: there is one.
-        folder: of the sequence, whose name it has.
+        folder: of the sequence, with the same name.
         scene: has the sizes of images.
 
     Raises:

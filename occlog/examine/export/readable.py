@@ -1,6 +1,6 @@
 """Rows that come back as they are when the exported file is read again; others are refused.
 
-What a format of other programs cannot hold of a table: found in a pass over its rows, and told.
+What a format of other programs cannot hold of a table: found in a pass over its rows, and reported.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ BOXES = {
 """Columns of boxes that a format holds; MOTChallenge has identities of tracks, too."""
 ELLIPSE = ("x_px", "y_px", "a_px", "b_px", "rho")
 SILENT = ("role", "box", "cluster", "sensor")
-"""Columns that are told of otherwise, or number what is there anyway."""
+"""Columns that are reported otherwise, or number what is there anyway."""
 WORDS = {"t_ns": "times", "target_id": "identities", "z": "heights"}
 
 
@@ -105,7 +105,7 @@ class UnrepresentableColumns:
         self._frames = ExportedFrames()
 
     def watched(self, rows: Iterable[T]) -> Iterator[T]:
-        """The rows in parts, each of which has been looked at; those of one time are in one part."""
+        """The rows in parts, each checked; those of one time are in one part."""
         for part in rows:
             self._see(part)
             yield part
@@ -169,7 +169,7 @@ class ExportedFrames:
         self._rows: Counter[str] = Counter()
 
     def see(self, boxes: Boxes) -> None:
-        """Look at the frames of some rows; those of one time come at once."""
+        """Check the frames of some rows; those of one time come at once."""
         for name in np.unique(boxes.sensor).tolist():
             own = boxes.sensor == name
             frames = boxes.frame[own]

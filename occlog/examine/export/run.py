@@ -130,7 +130,7 @@ class ExportRequest:
         to: format; None: as the name of the output states.
         table: which table of a recording; None: the first that the format takes.
         targets: identities to keep; none: all.
-        camera: whose boxes; None: there is one.
+        camera: camera of the boxes; None: the only one.
         origin: where the origin of the scene is on earth; None: not given.
         scene: scene file, for the sizes of images; None: that of the recording.
         exporter: the plug-in that `to` names; None: the format is one of ours.

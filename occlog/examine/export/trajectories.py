@@ -2,7 +2,7 @@
 
 Whole tables as text with a header, and as Parquet with plain columns.
 
-A name of a column ends in its unit: `bearing_rad`, `x_m`, `cov_xx_m2`; those of times and pixels say it already.
+A name of a column ends in its unit: `bearing_rad`, `x_m`, `cov_xx_m2`; those of times and pixels state it already.
 What is read again (`occlog.io.foreign`) is the same table.
 """
 
@@ -111,7 +111,7 @@ def check_one_target(names: list[int]) -> None:
 
 
 def tum_text(places: ExportedPositions) -> str:
-    """Lines `t x y z qx qy qz qw` of one target [s]; it looks to where it goes, along +x where that is not known."""
+    """Lines `t x y z qx qy qz qw` of one target [s]; it faces its direction of motion, along +x where that is not known."""
     heading = np.arctan2(places.velocity[:, 1], places.velocity[:, 0])
     half = np.where(np.isnan(heading), 0.0, 0.5 * heading)
     rows = zip(places.t_ns.tolist(), places.xyz.tolist(), np.sin(half).tolist(), np.cos(half).tolist(), strict=True)
@@ -147,7 +147,7 @@ def geojson_texts(
     for places in pieces():
         names, rows = np.unique(places.identity, return_counts=True)
         counts.update(dict(zip(names.tolist(), rows.tolist(), strict=True)))
-    where = {ORIGIN: dict(zip(KEYS, origin, strict=True))}  # so that places in the scene can be read again
+    where = {ORIGIN: dict(zip(KEYS, origin, strict=True))}  # so that positions in the scene can be read again
     yield json.dumps({"type": COLLECTION, **where, "features": []})[:-2]
     mark = ""
     for group in _groups(counts, most):

@@ -122,7 +122,7 @@ def find_inputs(path: Path, recording: Path | None, scene: Path | None) -> Viewe
 
     Args:
         path: run folder, recording or table.
-        recording: whose images, scene and true positions are shown; None: that of the folder.
+        recording: with images, scene and true positions are shown; None: that of the folder.
         scene: scene file; None: that of the recording.
 
     Raises:

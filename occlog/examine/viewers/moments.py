@@ -287,7 +287,7 @@ class Thinner:
         self._every_ns = every_ns
         self._begin: int | None = None
         self._kept: dict[str, int] = {}
-        self._shown: set[str] = set()  # topics whose last message shows something
+        self._shown: set[str] = set()  # topics with a last message that shows something
 
     def keeps(self, moment: Moment) -> bool:
         """Whether a time step is written; time steps come in the order of time."""

@@ -53,7 +53,7 @@ _LEVELS = {False: Log.Level.INFO, True: Log.Level.WARNING}
 QUALITY = 90
 """Of JPEG images that are made of videos, or made smaller."""
 HEIGHT = 720
-"""Images higher than this are made smaller: what is looked at need not be what was measured in [px]."""
+"""Images higher than this are made smaller: images for viewing may be smaller than those for measurement [px]."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Outputs that appear whole or not at all.
 
 A file is written without a name where the file system can do that (O_TMPFILE), so that
-even a killed process leaves nothing behind, and beside its target under a hidden name
+even a killed process leaves nothing behind, and it writes next to its target under a hidden name
 elsewhere.  Only a complete file, flushed to the disk, takes the target's name.  Files that
 belong together take theirs when all of them are complete.
 
@@ -180,9 +180,9 @@ def open_output(path: Path, overwrite: bool = False, together: OutputGroup | Non
 
 @contextmanager
 def folder_beside(path: Path) -> Iterator[Path]:
-    """A hidden folder beside an output, for what libraries write into files that they name themselves; it goes away.
+    """A hidden folder next to an output, for what libraries write into files that they name themselves; it goes away.
 
-    What a killed process left goes when the output, or a folder beside it, is made again.
+    What a killed process left goes when the output, or a folder next to it, is created again.
 
     Raises:
         OutputError: the folder of `path` is not writable, or the disk is full.
@@ -306,7 +306,7 @@ with suppress(ImportError):  # Windows has no such locks
 def alone_with(path: Path, command: str, patience: float = 0.0) -> Iterator[None]:
     """Keep other commands out of a folder or file that is there, to the end of the block or of the process.
 
-    File systems that know no locks let everybody in.
+    File systems that know no locks admit every process.
 
     Args:
         path: the folder or file.

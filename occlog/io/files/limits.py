@@ -3,7 +3,7 @@
 The border that foreign bytes cross: sizes before reading, and one line for whatever a parser raises.
 
 Parsers fail in more ways than they state: a date of a 99th month is a ValueError, a list as a key a TypeError, brackets
-within brackets a RecursionError.  Each is called inside `guarded`, on bytes with a number that was looked at before.
+within brackets a RecursionError.  Each is called inside `guarded`, on bytes with a number that was checked before.
 
 Checks that every reader makes before it opens an input.
 
@@ -131,7 +131,7 @@ def content_of(path: Path, what: str = EXPECTED) -> Content:
     """What a file is; InputError where no readable file with content is there.
 
     Args:
-        path: the file; one whose first bytes are damaged is `OTHER`.
+        path: the file; one with damaged first bytes is `OTHER`.
         what: what was expected, for the message.
     """
     check_input(path, what)
@@ -161,7 +161,7 @@ def guarded(where: Path | str, what: str) -> Iterator[None]:
         what: what was expected.
 
     Raises:
-        InputError: the parser failed; its own InputError goes through as it is.
+        InputError: the parser failed; its own InputError is passed on unchanged.
     """
     try:
         yield

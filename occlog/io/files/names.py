@@ -43,7 +43,7 @@ PROMISING = (
 
 
 def check_output_name(path: Path, ending: str) -> None:
-    """UsageError for an output whose name promises another format than that of files with an ending."""
+    """UsageError for an output with a name that implies a format other than that of the ending."""
     suffix = Path(path).suffix.lower()
     if suffix in PROMISING and suffix != ending:
         what, form = WRITTEN[ending]
@@ -53,7 +53,7 @@ def check_output_name(path: Path, ending: str) -> None:
 def match_sensor(given: str, names: Sequence[str], where: str, *, what: str = "camera") -> str:
     """The name in use that a file means by `given`.
 
-    It is the equal name, or else the only one whose last number is the same: `2`,
+    It is the equal name, or else the only one with the same last number: `2`,
     `cam_2` and `cam02` mean each other.  InputError if missing, or several; `what` states what has the name.
     """
     if given in names:

@@ -90,7 +90,7 @@ class Provenance:
         seed: seed of the random numbers, None if missing.
         inputs: (file name, SHA-256) of every input, in a fixed order.
         losses: input that was lost so far, also in earlier stages.
-        input_units: units that were stated for columns of inputs whose names state none.
+        input_units: units that were stated for input columns without a unit in their names.
         readers: name of each input that a plug-in has read, with the plug-in and its settings; None: as it was.
         version: of occlog; empty: not known.
         versions: of Python and of the packages that are installed, by name; empty: not known.
@@ -149,15 +149,15 @@ class Provenance:
 
 
 UNKNOWN = Provenance("unknown", input_units=(), readers=(), version="", versions={}, verdicts=())
-"""How files of others were made."""
+"""Provenance of external files."""
 
 
 def provenance_from_json(text: str | bytes, where: Path) -> Provenance:
-    """Provenance as written by `Provenance.json`; `unknown` for an empty text, which files of others have.
+    """Provenance as written by `Provenance.json`; `unknown` for an empty text, as in external files.
 
     Raises:
         InputError: the text of the file `where` is not one.  Losses in earlier stages stands there, so that a
-            table with a provenance that is damaged would look as if nothing had been.
+            table with a provenance that is damaged would seem to have no losses.
     """
     if not text:
         return UNKNOWN
@@ -175,7 +175,7 @@ def provenance_from_json(text: str | bytes, where: Path) -> Provenance:
         )
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(
-            f"{where}: its provenance is damaged ({type(error).__name__}), so that nobody knows the losses on the "
+            f"{where}: its provenance is damaged ({type(error).__name__}), so that its earlier losses on the "
             "way; make it again"
         ) from error
 

@@ -1,4 +1,4 @@
-"""Units that the user states for columns of external tables whose names state none.
+"""Units that the user states for columns of external tables without a unit in their names.
 
 They hold for all inputs of one command, so that they are kept in a context that the command line enters; every
 provenance that is made meanwhile has them.
@@ -83,7 +83,7 @@ def stated_units(texts: Sequence[str]) -> Iterator[StatedUnits]:
     """Let units hold for the tables that are opened meanwhile.
 
     Args:
-        texts: each `COLUMN=UNIT`, or a unit alone for all columns of its kind whose names state none; several may be
+        texts: each `COLUMN=UNIT`, or a unit alone for all columns of its kind without a unit in their names; several may be
             separated by commas.
 
     Raises:

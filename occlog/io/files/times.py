@@ -96,7 +96,7 @@ class FrameTimes:
         if self.table_ns is not None:
             frames = np.arange(len(self.table_ns))
         elif self.rate is not None:
-            # The drift of a clock is told by two frames that are far apart
+            # The drift of a clock is determined by two frames that are far apart
             frames = np.array([0, min(10**6, int(MAX_SECONDS * float(self.rate)))])
         else:
             return self.start_ns == other.start_ns
@@ -182,7 +182,7 @@ def parse_time(text: str, unit: str = "s") -> int:
 
     Exact to the nanosecond.  Raises InputError for anything else, for a number of
     seconds beyond the year 5138, which must have been meant in another unit, and for a
-    number with an exponent whose last digit represents more than `COARSEST_NS`: float32 and
+    number with an exponent and a last digit that represents more than `COARSEST_NS`: float32 and
     six digits of 1.71456e+09 are a minute or more away from the time that was meant.
     """
     iso = _ISO.match(text.strip())
@@ -253,7 +253,7 @@ def time_column(rows: CsvRows) -> str | None:
 
 
 def read_sidecar(path: Path, cameras: Sequence[str]) -> dict[str, Ints]:
-    """Times [ns] of frames 0, 1, ... of each camera that the file tells about.
+    """Times [ns] of frames 0, 1, ... of each camera in the file.
 
     The file has one time a line, or the columns frame and time, or a header line with a
     column of times and perhaps `frame` and `camera`.  Without a column `camera` it holds
@@ -329,11 +329,11 @@ def _by_camera(rows: CsvRows, unit: str, cameras: Sequence[str]) -> dict[str, In
         try:
             name = match_sensor(label, cameras, str(rows.path))
         except InputError:
-            continue  # the file may tell about more cameras than are ingested
+            continue  # the file may contain more cameras than are ingested
         check_meaning(meant, label, name, str(rows.path))
         out[name] = _in_order(rows, t_ns[picked], picked)
     if not out:
-        raise InputError(f"{rows.path}: tells about {str(given[0])!r}, but none of {', '.join(cameras)}")
+        raise InputError(f"{rows.path}: contains {str(given[0])!r}, but none of {', '.join(cameras)}")
     return out
 
 

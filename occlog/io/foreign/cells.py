@@ -123,7 +123,7 @@ class ArrowCells:
     """Cells of columns in memory, as Parquet and Arrow files have them."""
 
     def __init__(self, path: Path, batch: pa.RecordBatch, first: int) -> None:
-        """Take a batch of a file, whose first row has a number in it."""
+        """Take a batch of a file, with the number of its first row in the file."""
         self._path, self._batch, self._first = path, batch, first
 
     def __len__(self) -> int:

@@ -123,7 +123,7 @@ class Spelling(NamedTuple):
     name: str  # of the file's column
     unit: str  # that the name ends in: `ns`, `deg`, `cm`, ...; empty: the table's own
     edge: bool = False  # the column has the far edge of a box instead of its size
-    far: str = ""  # name of a column with the far edge, beside that of the size
+    far: str = ""  # name of a column with the far edge, in addition to that of the size
 
     @property
     def compass(self) -> bool:
@@ -157,7 +157,7 @@ class TableLayout(NamedTuple):
 
     @property
     def length_unit(self) -> str | None:
-        """Unit that names of lengths end in; None: they do not state one, or there are none."""
+        """Unit that names of lengths end in; None: they do not state one, or are missing."""
         told = {s.unit for s in self.columns if s.column.unit in POWERS and s.unit}
         return next(iter(told), None)
 
@@ -170,7 +170,7 @@ def lay_out(names: Sequence[str], table: type[ColumnTable]) -> TableLayout:
         table: with columns that are searched for.
 
     Raises:
-        InputError: two columns say the same, an angle does not state its unit, lengths are in several units, or a
+        InputError: two columns have one meaning, an angle does not state its unit, lengths are in several units, or a
             stated unit contradicts the name of its column.
     """
     there = {name.strip().lower(): name for name in reversed(names)}
@@ -265,7 +265,7 @@ def describe_missing(layout: TableLayout, names: Sequence[str]) -> str:
 
 
 def misspelled(layout: TableLayout, names: Sequence[str]) -> str | None:
-    """A sentence on a column that is not used, and whose name is nearly that of one that is not there; else None."""
+    """A sentence on a column that is not used, and with a name close to that of a missing one; else None."""
     there = {s.column.name for s in layout.columns}
     absent = [c for c in layout.table.columns() if c.name not in there]
     known = {name: c.name for c in absent for name in spellings(c, layout.table) if len(name) > 3}
@@ -352,10 +352,10 @@ def _check_lengths(layout: TableLayout) -> None:
             if bare is None:
                 alike = [each.column.name + ending(each.column, "m") for each in (first, s)]
             else:
-                # A name without a unit beside one with it: the same unit is meant, or it must be stated
+                # A name without a unit next to one with it: the same unit is meant, or it must be stated
                 unit = first.unit or s.unit
                 alike = [e.name + ending(e.column, unit) if e is bare else e.name for e in (first, s)]
             raise InputError(
                 (f"column {bare.name} does not state its unit: " if bare is not None else "")
-                + f"columns {first.name} and {s.name} are not in one unit; name all lengths alike ({', '.join(alike)})"
+                + f"columns {first.name} and {s.name} are not in one unit; give all lengths one unit ({', '.join(alike)})"
             )

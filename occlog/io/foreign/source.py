@@ -1,8 +1,8 @@
 """Files that may hold an external table: text with a header (also gzip), Parquet, Arrow, trajectories.
 
-Messages of an Arrow file or stream by their heads: how many rows they promise, and what they unpack to.
+Messages of an Arrow file or stream by their heads: how many rows they declare, and what they unpack to.
 
-The library unpacks a batch at once, to the sizes that are in the batch itself.  So the heads are looked at before: a
+The library unpacks a batch at once, to the sizes that are in the batch itself.  So the heads are checked before: a
 small file may promise gigabytes, or rows that take no bytes at all.  Heads are FlatBuffers; only the fields that matter
 are read.
 """
@@ -297,7 +297,7 @@ def _arrow_batches(path: Path, names: list[str]) -> Iterator[pa.RecordBatch]:
 
 
 def _validated(batch: pa.RecordBatch) -> pa.RecordBatch:
-    """A batch whose offsets and positions in dictionaries lead somewhere: the library follows them wherever that is.
+    """A batch whose offsets and positions in dictionaries lead somewhere: the library follows them unchecked.
 
     Its texts are UTF-8, too.
     """
@@ -306,7 +306,7 @@ def _validated(batch: pa.RecordBatch) -> pa.RecordBatch:
 
 
 def _check_messages(path: Path) -> None:
-    """InputError for an Arrow file whose messages promise more than a file of its size can hold."""
+    """InputError for an Arrow file with messages that declare more than a file of its size can hold."""
     size, rows, unpacked = path.stat().st_size, 0, 0
     for message in messages(path):
         rows, unpacked = rows + message.rows, unpacked + message.unpacked

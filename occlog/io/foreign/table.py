@@ -37,7 +37,7 @@ from .source import ColumnSource
 T = TypeVar("T", bound=ColumnTable)
 Values = dict[str, NDArray[np.generic]]
 WHOSE = ("sensor", "target_id", "source_id", "occluder_id", "tag", "reference")
-"""Columns that tell whose a row is."""
+"""Columns that identify the owner of a row."""
 OF_READS = {"reader", "anchor", "gateway", "tag", "beacon", "epc", "rssi", "rssi_dbm", "signal"}
 """Names that reads of tags alone have."""
 HELD_PER_BYTE = 100
@@ -48,7 +48,7 @@ FARTHEST_RAD = 4 * np.pi
 
 @dataclass
 class ForeignTable:
-    """A file whose columns fit one of our tables.
+    """A file with columns that fit an occlog table.
 
     Attributes:
         source: the file.
@@ -75,7 +75,7 @@ class ForeignTable:
         return not self.layout_of(table).missing
 
     def widest(self, table: type[T]) -> type[T]:
-        """Of the tables that have the name of one, and more columns, the widest all of whose columns the file has."""
+        """Of the tables that have the name of one, and more columns: the widest with all its columns in the file."""
         found = table
         for wider in WIDER:
             if not issubclass(wider, table) or not fields_of(found) < fields_of(wider):
@@ -256,7 +256,7 @@ def best_fit(source: ColumnSource, tables: Sequence[type[ColumnTable]] = ()) -> 
         tables: those that it may be; none: any.
 
     Raises:
-        InputError: it fits none; the message tells what is missing for the nearest.
+        InputError: it fits none; the message states what is missing for the nearest.
     """
     wanted = tuple(tables) or _every_table()
     told = TABLES.get(source.table)
@@ -297,7 +297,7 @@ def _lay_out(source: ColumnSource, table: type[ColumnTable]) -> TableLayout:
 
 
 def _is_vague(layout: TableLayout, names: Sequence[str]) -> bool:
-    """Whether no used name speaks of readers or tags, and columns are left over."""
+    """Whether no used name refers to readers or tags, and columns are left over."""
     used = {s.name.strip().lower() for s in layout.columns}
     return len(names) > len(used) and not used & OF_READS
 

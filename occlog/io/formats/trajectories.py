@@ -4,14 +4,14 @@ Longitude and latitude (WGS 84) of positions on the plane that touches the earth
 
 GeoJSON as `occlog export` writes it: a line or a point for each target, with the times of its corners.
 
-The member `origin` of the collection states which place on earth the scene's origin is; without it longitude and latitude
-tell no position in the scene.
+The member `origin` of the collection states the position of the scene's origin on earth; without it longitude and latitude
+give no position in the scene.
 
 Which format of trajectories a text is of, and its rows under names that tables know.
 
 TRC, OpenSim's table of markers: a line for each time, three columns for each marker.
 
-Markers must be targets, `target_N`, as `occlog export` calls them: those of others are points of a body, whose axes
+Markers must be targets, `target_N`, as `occlog export` calls them: others are points of a body, whose axes
 the file does not determine.  Times count from the first one of the recording; empty cells are markers that are not there.
 
 TUM text: lines `t x y z qx qy qz qw` of one target, in seconds; attitudes are not used.
@@ -134,7 +134,7 @@ def _origin(path: Path, told: object) -> Origin:
     if not all(_is_number(v) for v in values):
         raise InputError(
             f'{path}: does not state where the scene lies; add the member "{ORIGIN}": '
-            f'{{"{KEYS[0]}": 52.5163, "{KEYS[1]}": 13.3777, "{KEYS[2]}": 0}} beside "features"'
+            f'{{"{KEYS[0]}": 52.5163, "{KEYS[1]}": 13.3777, "{KEYS[2]}": 0}} next to "features"'
         )
     found = Origin(*(float(v) for v in values))
     if abs(found.latitude) > FARTHEST or abs(found.longitude) > 180:

@@ -278,7 +278,7 @@ class TruthOptions:
 
     Attributes:
         format: a key of `FORMATS`, or `auto`.
-        camera: camera whose boxes a file holds, where it does not state; None: not given.
+        camera: camera of the boxes of a file that does not state it; None: not given.
         cameras: names of the cameras in use.
         times: times of the frames of each camera.
         sync_ns: time of every synchronisation index (caliscope).
@@ -408,7 +408,7 @@ def _format(probe: Probe, stated: str) -> str:
 
 
 def _one_camera(path: Path, options: TruthOptions) -> str:
-    """The camera whose boxes a file holds."""
+    """The camera of the boxes in a file."""
     if options.camera is not None:
         return options.camera
     if len(options.cameras) == 1:

@@ -19,7 +19,7 @@ from .decoders.process import Decoder, DecodingJob, Delivered, start_decoder
 from .streams import ImageFolder, rate_times
 
 TRIAL = 4
-"""Frames whose time stamps must rise before the stamps of a container that we cannot read are accepted."""
+"""Frames with time stamps that must rise before the stamps of a container that we cannot read are accepted."""
 
 
 @dataclass
@@ -34,7 +34,7 @@ class CameraSource:
     losses: list[Loss] = field(default_factory=list)
 
     def frames(self) -> Iterator[tuple[int, Delivered]]:
-        """(t_ns, frame) in the order of time; frames without a time of their own are listed as lost."""
+        """(t_ns, frame) in the order of time; frames without a time stamp are listed as lost."""
         stream = self._with_times()
         last: int | None = None
         late: list[int] = []

@@ -1,4 +1,4 @@
-"""Compressed images: size and damage told from their bytes, encoding, decoding with a limit.
+"""Compressed images: size and damage determined from their bytes, encoding, decoding with a limit.
 
 Images of which decoders give one picture of several, without a word: animations, pages (TIFF), views (MPO).
 
@@ -7,7 +7,7 @@ The range of brightness that images of the kind PNM (PGM, PPM) state, and what d
 The size of each frame as its compressed data states it.
 
 OpenCV scales every frame to the size of the first one and states nothing.  So where the
-codec's data tell the size (motion JPEG, PNG, VP8, H.264), it is read from them.
+codec's data state the size (motion JPEG, PNG, VP8, H.264), it is read from them.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ _SEQUENCE, _SAMPLES = b"avis", b"stsz"
 """Brand of AVIF with a sequence of pictures, and the box of MP4 that states about each track how many it has."""
 _ORDERS = {b"II": "<", b"MM": ">"}
 _KIND_OF_PAGE, _NO_PAGE = 254, 0b101
-"""Tag of TIFF that states what a picture is, and its bits for smaller copies and masks of others."""
+"""Tag of TIFF that states what a picture is, and its bits for smaller copies and masks of other pictures."""
 _LIST_OF_VIEWS, _VIEW_BYTES = 0xB002, 16
 _VIEW = 0x020000
 """Kind of the pictures of a panorama, of two eyes, or of several positions; previews are of another one."""
 _UNDEFINED = 0x000000
 _LIGHT = (b"hdrgm:", b"hdrgainmap")
-"""Words by which a picture of undefined kind is told to be a map of brightness for the first one."""
+"""Words by which a picture of undefined kind is recognised as a map of brightness for the first one."""
 _MPO_BYTES = 1 << 17
 """Bytes of a JPEG image among which its list of views begins."""
 
@@ -63,7 +63,7 @@ def is_multi_image(data: bytes) -> bool:
         if data[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
             return _pages(data) > 1
         return data[:3] == b"\xff\xd8\xff" and _views(data) > 1
-    except struct.error:  # what is damaged is told by the decoder
+    except struct.error:  # what is damaged is reported by the decoder
         return False
 
 
@@ -117,7 +117,7 @@ def _pages(data: bytes) -> int:
 
 
 def _is_copy(data: bytes, order: str, begin: int, count: int, entry: int) -> bool:
-    """Whether the entries of a page, which are sorted by tag, say that it is a smaller copy or a mask of another."""
+    """Whether the entries of a page, which are sorted by tag, mark it as a smaller copy or a mask of another."""
     for at in range(begin, begin + count * entry, entry):
         (tag,) = struct.unpack_from(order + "H", data, at)
         if tag == _KIND_OF_PAGE:
@@ -172,7 +172,7 @@ def scaled(image: np.ndarray, most: int) -> Image:
 
 
 MAX_SCANS = 200
-"""Scans of a JPEG image at most: progressive ones have some ten, and each goes through all pixels again."""
+"""Scans of a JPEG image at most: progressive ones have some ten, and each passes over all pixels again."""
 PNG_MARK = b"\x89PNG\r\n\x1a\n"
 ORIENTATION = (0x0112, 3, 1)
 """Tag, type and count of the entry of Exif data that states how an image has to be turned."""
@@ -204,7 +204,7 @@ def image_size(data: bytes) -> tuple[int, int] | None:
 
 
 def shown_size(data: bytes) -> tuple[int, int] | None:
-    """As `image_size`, of the image as it is decoded: turned as its Exif data say."""
+    """As `image_size`, of the image as it is decoded: rotated by its Exif data."""
     size = image_size(data)
     return size if size is None or _orientation(data) not in SIDEWAYS else size[::-1]
 
@@ -240,7 +240,7 @@ def _jpeg_size(data: bytes) -> tuple[int, int] | None:
 
 
 def image_damage(data: bytes) -> str | None:
-    """Faults of PNG or JPEG bytes as far as their marks and check sums tell; None: nothing."""
+    """Faults of PNG or JPEG bytes that their marks and check sums reveal; None: nothing."""
     kind = image_kind(data)
     if kind == "png":
         return _png_damage(data)
@@ -275,7 +275,7 @@ def _png_damage(data: bytes) -> str | None:
 
 
 def check_image(data: bytes, where: str) -> None:
-    """InputError for images that are too large, or damaged as far as their marks and check sums tell."""
+    """InputError for images that are too large, or damaged by their marks and check sums."""
     size = image_size(data)
     if size is not None and size[0] * size[1] > MAX_PIXELS:
         raise InputError(f"{where}: {size[0]} x {size[1]} px; the limit is {MAX_PIXELS} pixels")

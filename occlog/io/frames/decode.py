@@ -105,7 +105,7 @@ class FrameLedger:
         raise InputError(f"{self._path}: not one of the requested frames can be used{faults}; copy or repair the file")
 
     def report(self, lost: Callable[[Loss], None]) -> None:
-        """Tell everything that is missing from the range, and what may be wrong in it."""
+        """Report everything that is missing from the range, and possible faults in it."""
         losses = [*self._missing(), *self._odd_sizes(), *self._reported()]
         if self._misplaced:
             what = "pictures are stored in another order than shown, and some were dropped: times near these may be off"
@@ -188,7 +188,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class VideoFile:
-    """An open video whose first frame was decoded: what is known of it, and its frames, which can be taken once."""
+    """An open video with its first frame decoded: its properties, and its frames, which can be taken once."""
 
     path: Path
     size: tuple[int, int]  # width, height
@@ -280,14 +280,14 @@ def decode(
     sizes: Changes | None = None,
     target: Callable[[], Image | None] | None = None,
 ) -> Iterator[Picture]:
-    """Pictures of frames start <= number < stop in order; what is missing is told to `lost` at the end.
+    """Pictures of frames start <= number < stop in order; what is missing is reported to `lost` at the end.
 
     InputError where the range holds no frame that can be used.
 
     Args:
         video: the file, as `examine` found it; it is closed at the end.
-        start: first frame number wanted.
-        stop: first frame number not wanted any more; None: to the end.
+        start: first frame number requested.
+        stop: first frame number after the range; None: to the end.
         lost: is called for everything that should be there and is not.
         sizes: where the size of the frames changes, as `size_changes` finds it.
         target: gives what the next frame may be decoded into, if it has that size.
@@ -351,7 +351,7 @@ def _retrieve(capture: cv2.VideoCapture, target: Image | None) -> tuple[bool, Im
 def _trusted(container: Container | None, pictures: Iterator[_Raw], misplaced: Callable[[], None]) -> Iterator[_Raw]:
     """The pictures with their numbers from the container's list, if the first few fit it.
 
-    `misplaced` is told where numbers near frames that were dropped may be those of neighbours.
+    `misplaced` is called where numbers near frames that were dropped may be those of neighbours.
     """
     head: list[_Raw] = []
     for raw in pictures:

@@ -24,7 +24,7 @@ BYTES_PER_SECOND = 10_000_000
 FILES = 64
 """Files that may be open at once; a decoder opens one."""
 WRITTEN = 16 * 2**20
-"""Size of a file that is written [B]: there is one, of what the decoders say."""
+"""Size of a file that is written [B]: one limit holds, by what the decoders report."""
 
 
 def lower_limits(memory: int | None = MEMORY) -> None:

@@ -67,7 +67,7 @@ def video_times(
         start_ns: time of the first frame.
 
     Returns:
-        Times whose `table_ns` and `rate` are both None where only the decoder knows the
+        Times whose `table_ns` and `rate` are both None if only the decoder knows the
         time stamps: containers other than MP4, MKV and AVI, and damaged ones.
 
     Raises:
@@ -97,7 +97,7 @@ def _plausible(container: Container) -> bool:
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp")
 MAX_DIGITS = 40
-"""Digits of a number that is looked at."""
+"""Digits of a number that is read."""
 NS_DIGITS = 18
 """A name that is a number of this many digits is a time in ns since the Unix epoch."""
 
@@ -116,7 +116,7 @@ def list_images(folder: Path) -> list[Path]:
 
 def numbers_of(files: list[Path]) -> list[int]:
     """The last number in each name, strictly rising; InputError where a name has none or two are equal."""
-    from occlog.records.declared.sensors import MAX_FRAMES  # which the process that decodes does not want
+    from occlog.records.declared.sensors import MAX_FRAMES  # which the process that decodes does not need
 
     numbers: list[int] = []
     for file in files:
@@ -150,7 +150,7 @@ def load(
     lost: Callable[[Loss], None],
     complaint: Callable[[], str] = lambda: "",
 ) -> Iterator[tuple[Picture, bytes]]:
-    """Picture and file content of each image; one that cannot be used is told to `lost` and skipped.
+    """Picture and file content of each image; one that cannot be used is reported to `lost` and skipped.
 
     Args:
         files: (frame number, file) in order.

@@ -1,4 +1,4 @@
-"""Video files: lossless ones (FFV1 in AVI), half as large as PNG images, and small ones to look at."""
+"""Video files: lossless ones (FFV1 in AVI), half as large as PNG images, and small ones for viewing."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from occlog.io.video.reader import read_container
 from occlog.records.frames import Image
 
 SHOWN = {".avi": "MJPG", ".mp4": "mp4v", ".webm": "VP80"}
-"""Kinds of files to look at, and how their frames are coded; browsers play WebM.
+"""Kinds of files for viewing, and how their frames are coded; browsers play WebM.
 
 VP8 rather than VP9, which OpenCV codes five times slower for files a quarter smaller.
 """
@@ -158,7 +158,7 @@ class LosslessVideo(VideoWriter):
 
 
 class ShownVideo(VideoWriter):
-    """Video to look at, not to measure in; the name's suffix, one of `SHOWN`, decides on the kind.
+    """Video for viewing, not for measurements; the name's suffix, one of `SHOWN`, decides on the kind.
 
     Equal images give equal bytes.
     """

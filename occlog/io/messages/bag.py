@@ -119,7 +119,7 @@ class Bag:
                             f"bytes unpack to more than {most} bytes, as those of no recording do"
                         )
                     yield message._replace(data=data)
-        # Topics that are no longer wanted were not read to the end.
+        # Topics that are no longer needed were not read to the end.
         for topic in sorted(topics):
             told, found = self.promised.get(topic), counts.get(topic, 0)
             if told is None or told == found:
@@ -152,7 +152,7 @@ class Bag:
         return None
 
     def unpack(self, path: Path) -> Path:
-        """A whole file that is compressed, unpacked; what its end lacks is told by whoever reads it."""
+        """A whole file that is compressed, unpacked; a missing end is reported by the reader."""
         if self._folder is None:
             self._folder = tempfile.TemporaryDirectory(prefix="occlog-bag-")
         out = Path(self._folder.name) / f"{len(self.files)}-{path.stem}"
@@ -284,7 +284,7 @@ def _listed(path: Path, bag: Bag) -> list[Path]:
         except (KeyError, TypeError, ValueError, OverflowError):
             continue
         bag.promised[name] = bag.promised.get(name, 0) + count
-    # A name may be an old absolute path, or lead out of the folder: only the file beside the metadata counts.
+    # A name may be an old absolute path, or lead out of the folder: only the file next to the metadata counts.
     return [_packed_or_not(path / Path(name.replace("\\", "/")).name) for name in names]
 
 
@@ -372,7 +372,7 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
     Args:
         bag: the bag.
         asked: names and topics that the user gives.
-        transforms_too: go through the whole bag for its transforms.
+        transforms_too: read the whole bag for its transforms.
 
     Raises:
         UsageError: a topic that is asked for is not there, or a package is missing that reads it.
@@ -399,7 +399,7 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
             if isinstance(found, ImageMessage) and (is_picture(found) or message.topic in named):
                 sizes[message.topic] = _size(found, message.topic)
         except InputError:
-            # Single damaged messages are reported later; a topic that nobody asked for may hold whatever it likes.
+            # Single damaged messages are reported later; a topic that was not requested may hold anything.
             faults[message.topic] += 1
             if faults[message.topic] > TRIALS:
                 if message.topic in named:

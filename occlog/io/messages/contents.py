@@ -250,7 +250,7 @@ class Transforms:
         self.faults: dict[str, str] = {}
 
     def add(self, message: TransformMessage) -> None:
-        """Take a transform; one that is no pose is told when its frame is needed."""
+        """Take a transform; one that is no pose is reported when its frame is needed."""
         try:
             rotation = rotation_of(message)
         except InputError as error:
@@ -419,7 +419,7 @@ class MessageBoxRows:
         if number in self._owners:
             raise InputError(
                 f"tracks {self._owners[number]!r} and {text!r} would both be number {number}: some are named by "
-                "numbers, some otherwise; name all alike"
+                "numbers, some otherwise; name all in one way"
             )
         self._numbers[text], self._owners[number] = number, text
         return number

@@ -1,6 +1,6 @@
 """What types of messages mean: images, calibrations, transforms, poses, boxes, directions.
 
-ROS 2 and Foxglove say the same things with other names; the readers here make one form of them.
+ROS 2 and Foxglove have the same content under other names; the readers here make one form of them.
 
 Bytes of messages to objects with the fields of their types: CDR of ROS 2, protobuf of Foxglove, JSON.
 
@@ -339,12 +339,12 @@ FAILURES = (
 )
 """What decoders raise for bytes that are not such a message."""
 LISTS = ("FrameTransforms", "PosesInFrame")
-"""Types of Foxglove that have lists of others."""
+"""Types of Foxglove that have lists of other types."""
 INSTALL = "pip install 'occlog[ros2]'"
 LONGEST_DEFINITION = 128 << 10
 """Bytes of a definition of ROS that is read, which takes about two seconds; types of ROS itself have a few thousand."""
 MAX_ENTRIES = 10_000
-"""Entries, but for numbers, of all arrays whose length a definition gives."""
+"""Entries, but for numbers, of all arrays with a length that a definition gives."""
 MAX_LISTED_BYTES = 4 << 20
 """Bytes of a message with lists of texts or types: each entry of a byte takes a hundred in memory."""
 MAX_OBJECTS = 100_000
@@ -408,7 +408,7 @@ def _cdr(topic: BagTopic) -> Decode:
         serde = importlib.import_module("rosbags.serde")
     except ImportError:
         raise UsageError(
-            f"topic {topic.name}: messages of ROS 2 want the package rosbags, which is not installed; {INSTALL}"
+            f"topic {topic.name}: messages of ROS 2 require the package rosbags, which is not installed; {INSTALL}"
         ) from None
     if len(topic.definition) > LONGEST_DEFINITION:
         raise InputError(

@@ -48,7 +48,7 @@ class BagTopic(NamedTuple):
         encoding: how they are encoded: cdr, protobuf, json, ...
         definition: definition of the type.
         language: what the definition is written in: ros2msg, ros2idl, protobuf, jsonschema, ...; empty: missing.
-        messages: how many there are; None: not known without going through the file.
+        messages: how many there are; None: not known without reading the file.
     """
 
     name: str
@@ -76,7 +76,7 @@ class McapFile:
         self.losses: dict[Loss, None] = {}
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
-        self._repeated: list[Schema | Channel] = []  # definitions that a damaged index alone tells
+        self._repeated: list[Schema | Channel] = []  # definitions that a damaged index alone has
         self._contradicted = ""  # the definition that is of another file
         summary: Summary | None = None
         with path.open("rb") as file:
@@ -121,7 +121,7 @@ class McapFile:
     def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
         """Messages of some topics, chunk by chunk, in the order of time within each.
 
-        A topic that is taken out of the collection on the way is skipped from the next chunk on.
+        A topic that is taken out of the collection during the iteration is skipped from the next chunk on.
         """
         found = Counter[int]()
         for channel, log_ns, data in self._walk(topics):
@@ -131,7 +131,7 @@ class McapFile:
             self._tell_missing(topics, found)
 
     def _tell_missing(self, topics: Collection[str], found: Mapping[int, int]) -> None:
-        """Tell of messages that the index counts, and whose chunks it does not lead to."""
+        """Report messages that the index counts in chunks that it does not list."""
         for number, channel in self._channels.items():
             missing = (self._counts or {}).get(number, 0) - found.get(number, 0)
             if channel.topic in topics and missing > 0:
@@ -181,7 +181,7 @@ class McapFile:
             self._lose(f"byte {at}", "the file ends without its end mark")
 
     def _check_end(self, file: IO[bytes], at: int, size: int) -> None:
-        """Tell of what follows the end of the file's data at a byte, other than its index."""
+        """Report what follows the end of the file's data at a byte, other than its index."""
         behind = byte_after_end(file, at, size)
         if behind is None:
             self._lose(f"byte {at}", f"the index is damaged; {size - at} bytes from there on were not read")
@@ -197,7 +197,7 @@ class McapFile:
             while at + HEAD.size <= size:
                 file.seek(at)
                 head = file.read(HEAD.size)
-                if head.startswith(MAGIC):  # another file, whose numbers mean something else
+                if head.startswith(MAGIC):  # another file, with other meanings of its numbers
                     return
                 code, length = HEAD.unpack(head)
                 at += HEAD.size + length
@@ -212,7 +212,7 @@ class McapFile:
                 what = type(found).__name__.lower()
                 self._contradicted = self._contradicted or f"{what} {found.id} is defined a second time, and otherwise"
                 return
-            # The index is of another file, and what only it tells does not hold here
+            # The index is of another file, and its content does not hold here
             for each in self._repeated:
                 (self._schemas if isinstance(each, Schema) else self._channels).pop(each.id, None)
             self._repeated.clear()
@@ -261,7 +261,7 @@ class McapFile:
         found: list[tuple[int, int, bytes]],
         growth: DecompressionCount,
     ) -> None:
-        """Add the messages of a chunk whose check sum is right."""
+        """Add the messages of a chunk with a right check sum."""
         head = chunk_head(data)
         records = unpacked(data[head.begin :], head.compression, head.declared)
         if head.crc and zlib.crc32(records) != head.crc:

@@ -76,7 +76,7 @@ class SqliteFile:
             self.losses[Loss(self.name, place, f"damaged SQLite file: the rest cannot be read ({error})")] = None
 
     def _tell_beside(self) -> None:
-        """Tell of a log next to the file with writes that a recorder which ended early did not put into the file."""
+        """Report a log next to the file with writes that a recorder which ended early did not put into the file."""
         for ending, magics in _LOGS.items():
             log = self.path.with_name(self.path.name + ending)
             if log.is_file():

@@ -63,7 +63,7 @@ def map_topics(topics: Mapping[str, BagTopic], asked: Sequence[tuple[str, str]],
     Args:
         topics: topics of the bag.
         asked: names and topics that the user gives; of kinds of which there are any, no others are taken.
-        pictures: topics of images whose first message shows what a camera sees (and not depth).
+        pictures: topics of images with a first message that shows what a camera sees (and not depth).
 
     Raises:
         UsageError: a topic that the user gives is not there, or cannot be taken, or a name is given twice.
@@ -152,7 +152,7 @@ def _one_of_each(images: Iterable[str], topics: Mapping[str, BagTopic]) -> list[
 
 
 def name_cameras(images: Sequence[str]) -> dict[str, str]:
-    """Names of cameras: the last part of their topics that states something, and as many before as tell them apart."""
+    """Names of cameras: the last part of their topics that states something, and as many before as distinguish them."""
     parts = {topic: _telling(topic) for topic in images}
     for depth in range(1, 1 + max((len(p) for p in parts.values()), default=0)):
         names = {topic: "_".join(p[-depth:]) for topic, p in parts.items()}

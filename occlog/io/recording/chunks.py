@@ -8,7 +8,7 @@ What the chunks of an MCAP file may come to together: well packed, kilobytes are
 A record takes a microsecond or more and some hundred bytes of memory to read, however small it is: so records count,
 and not their bytes alone.
 
-How records lie in an MCAP file, beside what its library states (`mcap.opcode`), and the description of damaged ones.
+Layout of records in an MCAP file, in addition to what its library states (`mcap.opcode`), and the description of damaged ones.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ PROGRAM = "occlog "
 """What the head of our recordings states about who wrote them begins with."""
 _TEXT = struct.Struct("<I")
 _LONGEST = 256
-"""Bytes of the head that are looked at."""
+"""Bytes of the head that are read."""
 
 
 def is_of_occlog(path: Path) -> bool:

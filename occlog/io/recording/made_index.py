@@ -1,7 +1,7 @@
 """An index made in one pass of an MCAP file that has none, or not all of it.
 
 The format allows files without an index, or without parts of it: attachments and metadata that are not listed,
-messages outside chunks.  Read by what index there is, such a file would look as if it held less than it does.
+messages outside chunks.  Read by what index there is, such a file would seem to hold less than it does.
 
 Messages of an MCAP file by an index that was made of it, in the order of time or of the file.
 """
@@ -109,7 +109,7 @@ def _agrees_with_itself(summary: Summary) -> bool:
         and told.message_count == sum(told.channel_message_counts.values())
         and counted <= channels.keys()
         and all(channel.schema_id in {0, *summary.schemas} for channel in channels.values())
-        # Readers omit a chunk whose topics they are not given
+        # Readers omit a chunk with none of their topics
         and all(index.message_index_offsets for index in summary.chunk_indexes)
         and (told.chunk_count > 0 or told.message_count == 0)
         # One record that is listed a thousand times would be read as often
@@ -149,7 +149,7 @@ def _agrees_with_chunks(file: IO[bytes], summary: Summary) -> bool:
 
 
 def rebuild_index(path: Path, file: IO[bytes]) -> RebuiltIndex:
-    """The index of a file with ends that are whole; sizes and check sums are tried on the way.
+    """The index of a file with ends that are whole; sizes and check sums are checked meanwhile.
 
     Args:
         path: its name, for messages.
@@ -163,7 +163,7 @@ def rebuild_index(path: Path, file: IO[bytes]) -> RebuiltIndex:
 
 
 def check_index_statistics(path: Path, told: Summary | None, made: Summary) -> None:
-    """InputError unless a file holds as much as the statistics in its own index say, if there are any."""
+    """InputError unless a file holds as much as the statistics in its own index state, if it has any."""
     if told is None or told.statistics is None:
         return
     for what in ("message", "attachment", "metadata"):

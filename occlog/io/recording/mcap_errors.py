@@ -98,7 +98,7 @@ def _state(stat: os.stat_result) -> tuple[int, ...]:
 
 @lru_cache(maxsize=4)
 def _has_whole_index(path: Path, state: tuple[int, ...]) -> bool:  # noqa: ARG001
-    """Whether a file has an index of all that it holds; looked at once as long as the file does not change."""
+    """Whether a file has an index of all that it holds; checked once as long as the file does not change."""
     with path.open("rb") as file, translate_mcap(path, file):
         summary = SeekingReader(file, validate_crcs=True, record_size_limit=MAX_CHUNK_BYTES).get_summary()
         return summary is not None and is_index_complete(file, summary)
@@ -137,7 +137,7 @@ def check_index(path: Path) -> None:
 
 @lru_cache(maxsize=4)
 def _check_growth(path: Path, state: tuple[int, ...], chunks: tuple[tuple[int, ChunkSize], ...]) -> None:  # noqa: ARG001
-    """InputError where the chunks of a file unpack to too much; looked at once as long as the file does not change."""
+    """InputError where the chunks of a file unpack to too much; checked once as long as the file does not change."""
     with path.open("rb") as file, translate_mcap(path, file):
         check_growth(path, file, chunks)
 
@@ -173,7 +173,7 @@ def _check_summary_crc(path: Path, file: IO[bytes]) -> None:
         raise damaged_mcap(path, f"the index is stated to begin at byte {start} of {size}")
     file.seek(start)
     if crc == 0:
-        # Behind another file places in an index are wrong, and the library would read the index of that one
+        # Behind another file positions in an index are wrong, and the library would read the index of that one
         if not are_records(file.read(max(size - 8 - FOOTER_BYTES - start, 0))):
             raise damaged_mcap(path, f"the index is stated to begin at byte {start}, and does not")
         return
@@ -183,7 +183,7 @@ def _check_summary_crc(path: Path, file: IO[bytes]) -> None:
 
 
 def read_attachment(path: Path, file: IO[bytes], offset: int, length: int) -> bytes:
-    """Data of an attachment whose check sum is right."""
+    """Data of an attachment with a right check sum."""
     file.seek(offset)
     raw = file.read(length)
     crc = struct.unpack("<I", raw[-4:])[0]

@@ -1,6 +1,6 @@
-"""Records of metadata in a recording, which MCAP has no check sums for: their digests are in a record of their own.
+"""Records of metadata in a recording, which MCAP has no check sums for: their digests are in a separate record.
 
-Its name is told by the index, which has a check sum: it cannot go without a word.
+Its name is in the index, which has a check sum: its loss is always noticed.
 
 Links of recordings to videos: where they may lead.
 
@@ -77,7 +77,7 @@ def read_metadata(path: Path, summary: Summary) -> dict[str, dict[str, str]]:
 
 
 def damaged_metadata(records: Mapping[str, Mapping[str, str]]) -> list[str]:
-    """Names of records that are missing, or not what their digests say; none where there are no digests."""
+    """Names of records that are missing, or differ from their digests; none without digests."""
     digests = records.get(DIGESTS, {})
     return [name for name, told in digests.items() if name not in records or digest_of(name, records[name]) != told]
 

@@ -54,7 +54,7 @@ class LinkedVideo:
         image = self._video.read(index)
         if image is not None:
             return image
-        # Other losses were told when the video was ingested.
+        # Other losses were reported when the video was ingested.
         why = f"the decoder of {self.path} {self._video.death}" if self._video.death else ""
         raise InputError(
             f"{self.where}: frame {index}: {why or f'cannot be decoded from {self.path}'}; ingest it again"

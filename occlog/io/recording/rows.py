@@ -156,7 +156,7 @@ class RowCollector(Generic[T]):
             raise InputError(f"{self._source}: {error}") from error
 
     def columns(self) -> dict[str, NDArray[np.generic]]:
-        """The columns of the rows so far, which nothing has looked at; the collector is empty afterwards."""
+        """The columns of the rows so far, not yet checked; the collector is empty afterwards."""
         lists, self._lists = self._lists, {c.name: [] for c in self._table.columns()}
         self.rows = 0
         return {c.name: _array(c, lists[c.name], self._source) for c in self._table.columns()}

@@ -176,7 +176,7 @@ def _numbered_chunks(data: mmap.mmap, found: _AviScan, tag: bytes) -> Ints:
     """(n, 3) frame number, position and size of the readable chunks of a stream, in the order of the file.
 
     Chunks follow each other, so each is numbered by counting.  Behind a damaged header the
-    index tells the number of the next chunk that stands where the index states; where there
+    index gives the number of the next chunk that stands where the index states; where there
     is none, nothing behind the damage can be given a number, and the walk ends.
     """
     out = array("q")

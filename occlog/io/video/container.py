@@ -1,6 +1,6 @@
 """What a video file itself states about its frames, read without a decoder.
 
-OpenCV never tells that a video was cut or damaged, and its frame count is an estimate for
+OpenCV never reports that a video was cut or damaged, and its frame count is an estimate for
 some containers.  The parsers next to this file (`mp4`, `avi`, `mkv`) read the tables
 and marks of the container, so that lost frames are counted and the rest keep their position.
 This file has what they share: the result, checked reading, and common faults.
@@ -23,7 +23,7 @@ MAX_FRAMES = 10_000_000
 """A container that announces more frames than it holds is accepted up to this number."""
 
 MAX_FAULTS = 20
-"""Faults told one by one; the others are counted."""
+"""Faults reported one by one; the others are counted."""
 
 RELEASE_BYTES = 4 * 2**20
 
@@ -121,7 +121,7 @@ def let_go(data: mmap.mmap, upto: int, done: int) -> int:
 
 
 def unknown_frames(kind: str, *problems: tuple[str, str]) -> Container:
-    """A container whose list of frames cannot be read."""
+    """A container with an unreadable list of frames."""
     return Container(kind, None, np.zeros(0, dtype=np.bool_), False, None, problems)
 
 

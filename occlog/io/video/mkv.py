@@ -134,7 +134,7 @@ def _part(data: mmap.mmap, part: Element, stop: int, found: _MkvScan) -> int:
     end = part.stop
     if end is not None and end > stop:
         if part.id != CLUSTER:
-            return stop  # the missing end has been told of already
+            return stop  # the missing end has been reported already
         end = stop
     if end is not None and part.id != CLUSTER:
         _check_sum(data, part, end, found)
@@ -232,7 +232,7 @@ def _block(data: mmap.mmap, e: Element, base: int, found: _MkvScan) -> None:
 
 
 def _container(found: _MkvScan) -> Container:
-    # Whole numbers, as FFmpeg has them, whose times the pictures get
+    # Whole numbers, as FFmpeg has them; the pictures get their times
     tick_ns = max(int(found.tick_ns * found.scale), 1) if found.scale != 1 else found.tick_ns
     if max(map(abs, found.ticks), default=0) * tick_ns > LATEST:
         return unknown_frames("matroska", *found.problems, ("clusters", "times of frames beyond 2^62 ns"))

@@ -1,1 +1,1 @@
-"""Verb: learn how people look from several sides, and tell by it whom a box shows."""
+"""Verb: learn appearance by viewing direction, and identify boxes by it."""

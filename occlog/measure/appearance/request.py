@@ -18,7 +18,7 @@ class LearnRequest(Request):
     """Learn a gallery from RECORDING: the colours of each target, apart by the side from which it is seen.
 
     The side is the angle between where a person heads, by the tracks, and the camera; left and right are taken
-    for the same. Boxes are of the tracks in whose positions they are, unless they bring the tracks' identities.
+    for the same. Boxes are of the tracks at the positions of which they are, unless they bring the tracks' identities.
 
     \b
       occlog appearance learn hall.mcap -o gallery.parquet
@@ -43,7 +43,7 @@ class LearnRequest(Request):
 
 
 VERBS = Verbs(
-    """Learn how people look from several sides, for `occlog label --gallery` ([Lee] Sec. 5.2.1).
+    """Learn the appearance of people by viewing direction, for `occlog label --gallery` ([Lee] Sec. 5.2.1).
 
     \b
       occlog appearance learn hall.mcap --tracks tracks.parquet -o gallery.parquet

@@ -47,7 +47,7 @@ class SightingFiles:
 
 
 class SightingInput:
-    """Boxes with their images, and where everybody was.
+    """Boxes with their images, and the positions of all people.
 
     Attributes:
         scene: where.
@@ -103,19 +103,19 @@ class SightingInput:
         return iter(())
 
     def walks(self, config: SightingConfig) -> dict[int, Walk]:
-        """Paths of all people; InputError where there is nobody."""
+        """Paths of all people; InputError without people."""
         if self._tracks is None:
             found = paths_of_boxes(self._chunks(), self.scene, config)
             if not found:
                 raise InputError(
-                    f"{self.files.boxes}: no box has an identity that tells a path on the floor; give tracks, for "
+                    f"{self.files.boxes}: no box has an identity with a path on the floor; give tracks, for "
                     "example those of `occlog track` with method jipda"
                 )
             return found
         source: Opened = self._tracks
         rows = source.read(Truth) if source.has(Truth) else source.read(Tracks)
         if not len(rows):
-            raise InputError(f"{source.path}: has no rows; nobody is followed there")
+            raise InputError(f"{source.path}: has no rows; it contains no track")
         return paths_of_rows(rows, config)
 
 

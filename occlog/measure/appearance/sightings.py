@@ -88,7 +88,7 @@ class PersonPath(NamedTuple):
 
 
 class PeopleAtTimes(NamedTuple):
-    """Everybody at some times; N times, K people."""
+    """All people at some times; N times, K people."""
 
     identity: Ints32  # (K,) rising
     xy: Floats  # (N, K, 2) NaN: not there
@@ -126,7 +126,7 @@ def path_of(t_ns: Ints, xy: Floats, velocity: Floats, heading_ns: int, least_spe
 
 
 def at_times(paths: dict[int, PersonPath], t_ns: Ints, limit_ns: int) -> PeopleAtTimes:
-    """Everybody at times (N,), linear between their rows where these are at most `limit_ns` apart."""
+    """All people at times (N,), linear between their rows where these are at most `limit_ns` apart."""
     identity = np.array(sorted(paths), dtype=np.int32)
     n, k = len(t_ns), len(identity)
     xy, heading = np.full((n, k, 2), np.nan), np.full((n, k, 2), np.nan)
@@ -209,7 +209,7 @@ class Sighting(NamedTuple):
 
 @dataclass
 class SightingTally:
-    """What was found while frames stream by.
+    """Results accumulated over a stream of frames.
 
     Attributes:
         frames, boxes: of those with boxes.
@@ -282,7 +282,7 @@ def _whole_times(chunks: Iterable[Boxes] | Iterable[Views]) -> Iterator[Boxes | 
 
 
 def paths_of_rows(table: Tracks | Truth, config: SightingConfig) -> dict[int, PersonPath]:
-    """Paths of all people in a table, by identity; true positions have no velocity of their own."""
+    """Paths of all people in a table, by identity; true positions have no velocity."""
     unknown = np.full((len(table), 2), np.nan)
     velocity = unknown if isinstance(table, Truth) else np.column_stack([table.vx, table.vy])
     return _paths(table.target_id, table.t_ns, np.column_stack([table.x, table.y]), velocity, config)
@@ -293,7 +293,7 @@ def paths_of_boxes(
 ) -> dict[int, PersonPath]:
     """Paths of the identities that boxes have: the floor below the middle of their lower edges.
 
-    Of one time the mean over the cameras; boxes whose lower edge does not meet the floor are skipped.
+    At one time the mean over the cameras; boxes whose lower edge does not meet the floor are skipped.
     """
     placed = {c.name: c for c in scene.cameras if c.has_height}
     identity, t_ns, xy = [np.zeros(0, dtype=np.int32)], [np.zeros(0, dtype=np.int64)], [np.zeros((0, 2))]

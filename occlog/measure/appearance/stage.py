@@ -1,4 +1,4 @@
-"""Sightings to a gallery, and sightings beside a gallery to decisions ([Lee] Sec. 5.2.1).
+"""Sightings to a gallery, and sightings with a gallery to decisions ([Lee] Sec. 5.2.1).
 
 Whom each track follows, by all of its boxes; and tracks under the identities of the gallery.
 """
@@ -167,7 +167,7 @@ class IdentityEvidence(NamedTuple):
 
 
 class EvidenceTally:
-    """The sums, accumulated while tables stream by."""
+    """The sums, accumulated over streams of tables."""
 
     def __init__(self) -> None:
         """Nothing yet."""
@@ -228,7 +228,7 @@ def tracks_together(tracks: Tracks, which: Ints32) -> Bools:
 def renamed(tracks: T, named: dict[int, int], gallery: Iterable[int]) -> tuple[T, dict[int, int]]:
     """The tracks under the targets' identities, and the new name of every track.
 
-    Tracks of nobody in the gallery get numbers above all of the gallery's, in the order of their own.
+    Tracks without a gallery identity get numbers above all of the gallery's, in their order.
     """
     names = np.unique(tracks.target_id)
     free = 1 + max(gallery, default=-1)

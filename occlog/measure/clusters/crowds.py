@@ -5,12 +5,12 @@ silhouettes are explained by outlines of people (`outlines`), with boxes that go
 
 Several people in one silhouette: outlines of people of the expected size, fitted to the foreground together.
 
-Where people touch in the image their foreground is one region.  A cell of it is foreground unless nobody covers it,
+Where people touch in the image their foreground is one region.  A cell of it is foreground unless no person covers it,
 
     P(foreground) = 1 - (1 - SPECKS) prod_k (1 - p_k),
 
 p_k the probability that a person at position k covers the cell: the model of a probabilistic occupancy map (Fleuret,
-Berclaz, Lengagne and Fua 2008, IEEE T-PAMI 30(2), Eq. 12) in one image, with the outline of a walking person in place
+Berclaz, Lengagne and Fua 2008, IEEE T-PAMI 30(2), Eq. 12) in one image, with the outline of a walking person instead
 of a rectangle.  Its logarithm, summed over the cells, is maximised: people are added one after another where they
 explain most, all positions and sizes are improved in turn, and the last one stays if the sum rises by enough.
 
@@ -33,7 +33,7 @@ from .person_size import Prior, person_at, place
 from .stage import Clusters
 
 CLUTTER_PROBABILITY = 0.03
-"""Probability that a cell is foreground which nobody covers."""
+"""Probability that a cell without a person is foreground."""
 MIN_LOG_LIKELIHOOD_GAIN = 0.45
 """What one more person must explain, in the logarithm of the likelihood per cell of a person."""
 SIZE_COST = 10.0
@@ -45,7 +45,7 @@ MAX_PEOPLE = 6
 FINE = 14.0
 """Positions are tried that are this part of a height apart."""
 ROUNDS = 12
-"""Most rounds in which places and sizes are improved."""
+"""Maximum number of rounds that improve positions and sizes."""
 MIN_COVER = 0.02
 """Cells that a person covers with a lower probability are passed over."""
 SPAN = 0.5
@@ -101,7 +101,7 @@ def not_covered(x: float, y: float, height: float, column: int, row: int) -> flo
 
 @kernel
 def _put(free: Floats, x: float, y: float, height: float, sign: float) -> None:
-    """Add a person to the (rows, columns) logs of the probability that nobody covers a cell, or take them out."""
+    """Add a person to the (rows, columns) logs of the probability that no person covers a cell, or take them out."""
     top, bottom, left, right = _window(x, y, height, *free.shape)
     for row in range(top, bottom):
         for column in range(left, right):
@@ -230,7 +230,7 @@ something in front of the people divides them, and outlines of whole people fit 
 AROUND = 0.5
 """Heights of a person by which the surroundings of a silhouette count."""
 MIN_OWN = 0.05
-"""A cell is nobody's that everybody covers with a lower probability."""
+"""A cell belongs to no person if all cover it with a lower probability."""
 MIN_PIXEL_RATIO = 0.5
 """Pixels, relative to a person in full view, from which its own silhouette is a person who was seen apart."""
 APART_FRAMES = 5
@@ -257,7 +257,7 @@ class Crowds(NamedTuple):
     """Clusters of one frame, some of which are people in a silhouette of several; by falling mass."""
 
     clusters: Clusters
-    boxes: Floats  # (K, 4) left, top, width, height [px] of people in crowds; NaN: their pixels say it
+    boxes: Floats  # (K, 4) left, top, width, height [px] of people in crowds; NaN: given by their pixels
 
 
 def split_silhouettes(
@@ -299,7 +299,7 @@ def split_silhouettes(
             continue
         people = _people_in(grid, parts == k, boxes[k], height, prior, side)
         if len(people) < max(len(members), 2):
-            continue  # clusters tell these people apart as well
+            continue  # clusters distinguish these people as well
         gone[members] = True
         labels[np.isin(labels, members)] = -1
         mine = np.flatnonzero(part == k)
@@ -329,7 +329,7 @@ def _people_in(grid: Floats, silhouette: Bools, box: Ints32, height: float, prio
 
 @kernel
 def _owners(column: Ints, row: Ints, people: Floats, first: int) -> Ints:
-    """(n,) number of the person who covers each cell with the highest probability, counted from `first`; -1: nobody."""
+    """(n,) number of the person who covers each cell with the highest probability, counted from `first`; -1: none."""
     out = np.full(column.shape[0], -1)
     for i in range(column.shape[0]):
         best = np.log1p(-MIN_OWN)

@@ -149,7 +149,7 @@ def e_step(cells: Floats, mixture: Mixture, area: float, labels: Ints) -> tuple[
 def shared_entropy(cells: Floats, mixture: Mixture, area: float) -> Floats:
     """(K, K) entropy of which of two clusters a pixel is of, summed over the pixels that are of either.
 
-    It is what J loses, beside the fit, when the two become one.
+    It is what J loses, in addition to the fit, when the two become one.
     """
     n_clusters = mixture.means.shape[0]
     shape = _shape(mixture, area)
@@ -266,7 +266,7 @@ def group_worth(g: Floats, prior: Prior) -> float:
 
 @kernel
 def merge(groups: Floats, covs: Floats, entropy: Floats, prior: Prior) -> Floats:
-    """The groups (K, 6) after merging, best first, every pair whose union raises the objective.
+    """The groups (K, 6) after merging, best first, every pair with a union that raises the objective.
 
     The union must be worth more than both and the entropy between them: pixels that lie
     between two clusters are explained by both of them together, and by each only in part.
@@ -280,7 +280,7 @@ def merge(groups: Floats, covs: Floats, entropy: Floats, prior: Prior) -> Floats
     groups, entropy = groups.copy(), entropy.copy()
     worths = np.array([group_worth(groups[k], prior) for k in range(groups.shape[0])])
     while True:
-        # Search: the pair of neighbours whose union gains most
+        # Search: the pair of neighbours with the union that gains most
         best, best_a, best_b = 0.0, -1, -1
         for a in range(groups.shape[0]):
             for b in range(a):

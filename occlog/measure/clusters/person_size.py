@@ -88,7 +88,7 @@ def sizes_from_camera(camera: Camera, image_size: tuple[int, int], height: float
     """Size map from a camera's pose.
 
     Along the azimuth of each position people are placed at many distances; each counts
-    by how near its centre comes to the position, so that a camera that looks down gets
+    by how near its centre comes to the position, so that a camera that points down gets
     one size for each position, and one at half a person's height, or of unknown height
     (z = 0), the middle of the possible sizes and their spread.
 
@@ -141,7 +141,7 @@ def _mean_sizes(image_size: tuple[int, int], shape: tuple[int, int], weights: Fl
     det = cov[..., 0, 0] * cov[..., 1, 1] - cov[..., 0, 1] ** 2
     known = np.isfinite(det) & (det > 0)
     weights = np.where(known, weights, 0.0)
-    # A cell in which nobody can stand takes the sizes of the nearest one in which a person can
+    # A cell in which no person can stand takes the sizes of the nearest one in which a person can
     like = _nearest_standing(weights.sum(axis=0) > 0.0, image_size)
     weights, known, cov, det = weights[:, like], known[:, like], cov[:, like], det[:, like]
     weights /= np.maximum(weights.sum(axis=0), 1e-300)
@@ -162,7 +162,7 @@ def _nearest_standing(standing: Bools, image_size: tuple[int, int]) -> Ints:
     """(cells,) number of the nearest cell in which a person can stand; ValueError if it is less than half of them."""
     like = np.arange(len(standing))
     if 2 * np.count_nonzero(standing) < len(standing):
-        raise ValueError("nobody can stand in most of the image")
+        raise ValueError("no person can stand in most of the image; check the camera's pose")
     _, centres = cell_centres(image_size)
     there = np.flatnonzero(standing)
     for cell in np.flatnonzero(~standing):
@@ -171,7 +171,7 @@ def _nearest_standing(standing: Bools, image_size: tuple[int, int]) -> Ints:
 
 
 class Prior(NamedTuple):
-    """A size map of people for one camera, and how strongly to believe in it."""
+    """A size map of people for one camera, and its weight as a prior."""
 
     cov: Floats  # (grid cells, 3) covariance xx, xy, yy of a person's pixels [px^2]
     mass: Floats  # (grid cells,) foreground pixels of a person in full view

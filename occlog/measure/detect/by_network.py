@@ -1,7 +1,7 @@
 """Detect people in frames with a network: frames in, views with embeddings, and candidate bearings, out.
 
 One thread decodes the frames, in their order, and brings them to the network's size; the network, which has threads of
-its own, runs beside it.  Frames of one time are written together, so that the rows depend neither on the number of
+its own, runs next to it.  Frames of one time are written together, so that the rows depend neither on the number of
 images that the network takes at a time nor on that of threads.
 """
 
@@ -69,7 +69,7 @@ def detect_by_network(
         frames: in the order of time; each camera's also in the order of its index.
         scene: must hold the cameras.
         detector: what detects.
-        embedder: what describes how those look who are in the boxes.
+        embedder: describes the appearance in the boxes.
         config: of it `bits`, `sigma_px` and `sigma_scale` are used.
         rows: frames in a part, about.
 

@@ -26,7 +26,7 @@ def detect_by_plugin(
     Args:
         frames: in the order of time; each camera's also in the order of its index.
         scene: must hold the cameras.
-        chosen: the plug-in; each camera has its own object, with random numbers of its own, always the same.
+        chosen: the plug-in; each camera has its own object, with its own reproducible random numbers.
         config: of it `bits`, `sigma_px`, `sigma_scale` and `min_confidence` are used.
 
     Raises:
@@ -73,7 +73,7 @@ def _detect_frames(
 
 
 def vectors_of(found: Detected) -> np.ndarray[tuple[int, int], np.dtype[np.float32]]:
-    """(N, D) embeddings of length 1; D is 0 where the detector tells none."""
+    """(N, D) embeddings of length 1; D is 0 where the detector gives none."""
     if found.embeddings is None:
         return np.zeros((len(found.boxes), 0), dtype=np.float32)
     vectors = np.asarray(found.embeddings, dtype=np.float32)

@@ -1,4 +1,4 @@
-"""What is checked of detections: cameras that detect nobody, boxes outside the image, one that stays where it is."""
+"""What is checked of detections: cameras without detections, boxes outside the image, one that stays where it is."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ OUTSIDE = 0.01
 
 
 class Checked:
-    """Collects what is checked while views stream by."""
+    """Accumulates the checks of detections over a stream of views."""
 
     def __init__(self, scene: Scene) -> None:
         """Nothing was seen yet."""
@@ -66,7 +66,7 @@ class Checked:
         """What was checked, and what was found.
 
         Args:
-            frames: number of frames of each camera that was looked at.
+            frames: number of frames processed of each camera.
         """
         enough = {name: count for name, count in frames.items() if count >= FEWEST}
         few = "" if enough else f"no camera has {FEWEST} frames"
@@ -78,7 +78,7 @@ class Checked:
         )
 
     def _none(self, frames: Mapping[str, int]) -> Iterator[Check]:
-        """Cameras that detect nobody where another one often does."""
+        """Cameras without detections where another one often has some."""
         shares = {name: self._frames[name] / count for name, count in frames.items()}
         often = max(shares, key=lambda name: shares[name], default="")
         for name in (each for each, share in sorted(shares.items()) if not share and shares[often] >= OFTEN):
@@ -86,9 +86,9 @@ class Checked:
                 DETECTS,
                 "note",
                 "no-detections",
-                f"camera {name} detects nobody in any of its {frames[name]} frames, and {often} a person in "
+                f"camera {name} has no detection in any of its {frames[name]} frames, and {often} a person in "
                 f"{shares[often]:.0%} of its own: check its images, how large people are expected to be in them, and "
-                "whether it looks at the same position",
+                "whether it sees the same area",
                 sensors=[name],
                 frames=frames[name],
             )

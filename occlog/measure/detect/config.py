@@ -1,4 +1,4 @@
-"""Settings of `occlog detect`, and the constants that its provenance records beside them."""
+"""Settings of `occlog detect`, and the constants that its provenance records with them."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ def counted(boxes: Boxes, config: DetectConfig) -> Bools:
 
 
 def scan_labels(chunks: Iterable[Boxes], scope: str, config: DetectConfig) -> LabelMap:
-    """Look through all boxes for the targets, and when each is there.
+    """Scan all boxes for the targets and the times at which each is present.
 
     With global identities a target has the identity's own number.  Identities of cameras are numbered from 0,
     in the order of the times, the cameras and the identities.

@@ -1,4 +1,4 @@
-"""Numbers of frames at which nobody looked: they are not in the recording, or could not be used."""
+"""Numbers of skipped frames: they are not in the recording, or could not be used."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MAX_STRETCHES = 10_000
 
 
 class SkippedFrames:
-    """Collects the numbers while frames stream by.
+    """Accumulates frame numbers over a stream of frames.
 
     Frames that are numbered in steps (0, 5, 10) leave no number out between them.
 
@@ -40,7 +40,7 @@ class SkippedFrames:
             yield frame
 
     def watch_boxes(self, chunks: Iterable[Boxes]) -> Iterator[Boxes]:
-        """Pass on boxes, which have a row for each frame that a detector looked at, also for one without any."""
+        """Pass on boxes, which have a row for each frame that a detector processed, also for one without any."""
         for chunk in chunks:
             for sensor, number in dict.fromkeys(zip(chunk.sensor.tolist(), chunk.frame.tolist(), strict=True)):
                 self._see(sensor, number)

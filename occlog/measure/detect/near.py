@@ -91,7 +91,7 @@ def inside_gate(near: TrackFeedback, target: int, origin: Floats, t_ns: Ints, be
 
 
 def limited(bearings: Bearings, near: TrackFeedback, places: dict[str, Floats]) -> Bearings:
-    """Bearings in which labelled ones outside of their target's gate say "not seen".
+    """Bearings with labelled ones outside of their target's gate marked "not seen".
 
     Args:
         bearings: of sensors in `places`; candidates without a label stay.

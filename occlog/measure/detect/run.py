@@ -139,7 +139,7 @@ def write_detections(
 
 
 def _figures(tally: Counter[str]) -> dict[str, int]:
-    """Figures of the summary; frames that only taught the background are told where there were some."""
+    """Figures of the summary; frames that only taught the background are reported if there are any."""
     names = ("frames", "warmup_frames", "regions", "rows", "seen")
     return {name: tally[name] for name in names if tally[name] or name != "warmup_frames"}
 
@@ -223,7 +223,7 @@ def _near(
 
     Raises:
         UsageError: there is a gate and no tracks.
-        InputError: the tracks are in another unit than the scene, have no covariance, or there are none.
+        InputError: the tracks are in another unit than the scene, have no covariance, or are missing.
     """
     if request.near is None:
         if "near_gate" in request.settings:
@@ -272,7 +272,7 @@ def _from_images(
 
 
 def images_of(request: Detection, detector: str) -> tuple[McapRecording, Scene, tuple[str, ...]]:
-    """The recording of a request, its scene, and the cameras in whose images to detect.
+    """The recording of a request, its scene, and the cameras to detect in.
 
     Raises:
         InputError: the recording holds no images.
@@ -291,7 +291,7 @@ def images_of(request: Detection, detector: str) -> tuple[McapRecording, Scene, 
 
 
 def cameras_of(only: tuple[str, ...], recording: McapRecording) -> tuple[str, ...]:
-    """Names of the cameras in whose images to detect; UsageError for one of which there are no images."""
+    """Names of the cameras to detect in; UsageError for one of which there are no images."""
     for name in only:
         if name not in recording.cameras:
             known = ", ".join(recording.cameras)
@@ -374,7 +374,7 @@ def run_network(request: NetworkRequest, job: Job) -> tuple[dict[str, object], l
 
 
 def of_boxes(config: DetectConfig) -> dict[str, object]:
-    """Settings of detection that boxes of others take, as far as they are not the defaults, for the provenance."""
+    """Settings of detection that external boxes use, unless they are the defaults, for the provenance."""
     known = {name: getattr(config, name) for name in ("bits", "sigma_px") if getattr(config, name) is not None}
     return known | ({"sigma_scale": config.sigma_scale} if config.sigma_scale != 1.0 else {})
 

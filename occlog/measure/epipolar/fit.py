@@ -19,7 +19,7 @@ BEST_NOISE_PX = 0.1
 
 
 class FundamentalMatrixFit(NamedTuple):
-    """A fundamental matrix and what its matches say about it."""
+    """A fundamental matrix and its fit to the matches."""
 
     matrix: Floats  # (3, 3)
     residuals: Floats  # (N,) Sampson distances [px]
@@ -168,7 +168,7 @@ def _tangents(u: Floats, angle: float, vt: Floats) -> Floats:
 
 
 def _judged(matrix: Floats, tangents: Floats, a: Floats, b: Floats) -> FundamentalMatrixFit:
-    """The fit with its noise and expected error; `tangents` (p, 3, 3) say how the matrix can change."""
+    """The fit with its noise and expected error; `tangents` (p, 3, 3) give the directions in which the matrix can change."""
     residuals = sampson(matrix, a, b)
     free = max(len(a) - len(tangents), 1)
     noise = float(np.sqrt((residuals**2).sum() / free))

@@ -27,7 +27,7 @@ def view_geometry(
         fundamental: pairs that are known; each comes before the poses of the scene.
 
     Returns:
-        Matrices NaN for a view with itself, and for pairs that neither tells.
+        Matrices NaN for a view with itself, and for pairs that neither determines.
 
     Raises:
         InputError: a given pair is for pixels without distortion and the scene states no
@@ -74,9 +74,9 @@ def _check_pixels(pair: ViewPair, a: Camera | None, b: Camera | None) -> None:
     if pair.undistorted:
         raise InputError(
             f"the fundamental matrix of {pair.a} and {pair.b} is for pixels without lens distortion, and no scene "
-            "tells the distortion of these cameras; give the scene that it was made with"
+            "has the distortion of these cameras; give the scene that it was made with"
         )
     raise InputError(
-        f"the fundamental matrix of {pair.a} and {pair.b} is for pixels as recorded, but the scene tells the lens "
+        f"the fundamental matrix of {pair.a} and {pair.b} is for pixels as recorded, but the scene has the lens "
         "distortion of these cameras; make the matrix again with `occlog epipolar` and the scene"
     )

@@ -116,7 +116,7 @@ def estimate_fundamental(
         b: (N, 2) their matches in view b.
         config: of it `model`, where `auto` means affine unless perspective fits better than by
             chance (F test at 1 %); `threshold_px`, the Sampson distance at which a match does not
-            agree at first, which three standard deviations of the noise found replace; and
+            agree initially, which three standard deviations of the noise found replace; and
             `max_error_px`, the expected error of the lines beyond which a matrix is refused.
         min_matches: fewer matches that agree are refused.
 
@@ -163,7 +163,7 @@ def _not_on_a_line(a: Floats, b: Floats, threshold_px: float) -> None:
         if across < threshold_px:
             raise ValueError(
                 f"the matches lie on a line in the {view} view (spread across it {across:.2g} px, "
-                f"must be at least {threshold_px:g}); add matches beside it"
+                f"must be at least {threshold_px:g}); add matches as well"
             )
 
 

@@ -19,7 +19,7 @@ class EpipolarRequest(Request):
 
     It comes from --matches (or --from-tracks) where they are given, else from the poses of the scene.
     Matches of one plane (people's feet), of a line, from one position, or too few are refused.
-    Where a scene tells lens distortion, it is taken off the points first.
+    If a scene has lens distortion, it is removed from the points first.
 
     With RECORDING and an output that ends in .mcap, a copy of the recording holds the matrices, and
     `occlog track` finds them there.

@@ -91,7 +91,7 @@ def _find(request: EpipolarRequest, config: EpipolarConfig, scene: Scene | None)
         return estimated_pairs(_matches(request, config), scene, config)
     if scene is None:
         raise UsageError(
-            f"nothing tells how the views lie; give {option('scene')}, "
+            f"the geometry of the views is unknown; give {option('scene')}, "
             f"{option('matches')}, {option('from_tracks')} or {option('fundamental')}"
         )
     return calibrated_pairs(scene)

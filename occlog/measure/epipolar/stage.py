@@ -33,7 +33,7 @@ class PairCheck(NamedTuple):
     matches: int
     median_px: float
     most_px: float  # at most this of 95 % of the matches
-    share: float  # of the matches whose two distances are within the tolerance
+    share: float  # of the matches with both distances within the tolerance
     chance: float  # the same of wrong pairings
     fits: bool
 
@@ -61,7 +61,7 @@ def estimated_pairs(
     scene: Scene | None = None,
     config: EpipolarConfig | None = None,
 ) -> ViewPairs:
-    """The pairs that matches tell, lens distortion taken off where the scene states it.
+    """Pairs of views by their matches, lens distortion removed where the scene states it.
 
     Args:
         matches: of each pair.
@@ -82,7 +82,7 @@ def checked_pairs(
 
     Raises:
         InputError: no matrix is known of a pair that has matches, it is for other pixels, or
-            the matches are too few to tell.
+            the matches are too few to determine one.
     """
     return tuple(_checked(pairs, m, scene, tolerance_px) for m in matches)
 
@@ -114,7 +114,7 @@ def _checked(pairs: ViewPairs, m: PointMatches, scene: Scene | None, tolerance_p
         raise InputError(f"{m.where}: no fundamental matrix of these views to check; choose other cameras")
     a, b, undistorted = _ideal(m, scene)
     if pair.undistorted != undistorted:
-        pixels = "without lens distortion" if pair.undistorted else "as recorded, but the scene tells lens distortion"
+        pixels = "without lens distortion" if pair.undistorted else "as recorded, but the scene has lens distortion"
         raise InputError(f"{m.where}: the fundamental matrix is for pixels {pixels}; give the scene it was made with")
     try:
         found = check_fundamental(pair.matrix, a, b, tolerance_px)
@@ -168,8 +168,8 @@ def matches_of_tracks(
         chunks: in the order of time.
         where: what they come from, for messages.
         points: `centres`, or `ends`, the tops and the bottoms.  People's middles are all at about one
-            height, so that their centres lie on a plane and tell no matrix; their heads and feet do.
-        window_ns: rows at most so far apart are of one time, unless a view speaks twice.
+            height, so that their centres lie on a plane and determine no matrix; their heads and feet do.
+        window_ns: rows at most so far apart are of one time, unless a view reports twice.
     """
     sides = (-1, 1) if points == "ends" else (0,)
     samples: dict[tuple[str, str], _Sample] = {}

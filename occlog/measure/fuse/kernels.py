@@ -3,7 +3,7 @@
 One decision from the detections of several cameras, and what becomes of each ([Lee] Ch. 4).
 
 All cameras search for one and the same object.  Arrays have N times and J cameras.  A local detection is a
-ground position; a NaN row states that the camera looked and detected nothing.  A camera that delivered no
+ground position; a NaN row states that the camera has a frame without a detection.  A camera that delivered no
 frame, or cannot see the position, is marked in `looked` and has no part in the decision.
 
 Lines of sight on the ground, some with a distance, against a position and its covariance.
@@ -43,7 +43,7 @@ CAUSES = (
     "no object declared",
     "far from the global position",
 )
-"""What the numbers in `Fusion.cause` say."""
+"""Meanings of the numbers in `Fusion.cause`."""
 
 
 class FusionDecisions(NamedTuple):
@@ -138,7 +138,7 @@ def decision_value(
         prior: P_1, one number or (N,).
         p_miss: P_M, one number or (J,) or (N, J).
         p_false: P_F, likewise.
-        looked: (N, J) false = the camera has no part in it.  None: all looked.
+        looked: (N, J) false = the camera has no part in it.  None: all observed.
         base: of the logarithm; 10 for the values of the case studies.
         edge: distance kept from 0 and 1.
     """
@@ -192,7 +192,7 @@ def fuse(
         p_miss: P_M, one number or (J,) or (N, J).
         p_false: P_F, likewise.
         gate: a detection farther than this from the global position of a declared object is removed [length].
-        looked: (N, J) false = the camera has no part in it, its positions neither.  None: all looked.
+        looked: (N, J) false = the camera has no part in it, its positions neither.  None: all observed.
         reach: a detection farther than this from the predicted position counts as missed in the decision and in
             the global position [length].  Infinite as in the thesis, where one far detection can outvote many
             good ones, because its log W/(1 - W) has no lower bound.
@@ -276,7 +276,7 @@ def deviations(sight: LocalDirections, place: PositionWithCovariance) -> tuple[F
     """How far local detections are from a position, and the variance of that without the position's own.
 
     Returns:
-        (R, 2) offsets across and along each line; across is infinite for a line that looks away, along is 0
+        (R, 2) offsets across and along each line; across is infinite for a line that points away, along is 0
         where the distance is not known.  (R, 2) variances of the two.
     """
     away = place.xy - sight.origin

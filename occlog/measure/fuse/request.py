@@ -21,7 +21,7 @@ class FuseRequestBase(Request):
 
     Detections of one target are brought together on the ground. Where enough cameras agree, a camera
     that missed the target gets its detection back (cause `recovered`); a detection that the others
-    contradict becomes "looked, not seen" (cause `removed`). Candidates (target_id -1) are grouped first.
+    contradict becomes "not seen" (cause `removed`). Candidates (target_id -1) are grouped first.
     `occlog detect --fuse` does the same while it detects.
 
     With --with, BEARINGS and the files named there are tracks of several groups of cameras in one world:

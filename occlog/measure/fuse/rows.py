@@ -35,7 +35,7 @@ class FusionPart:
 def whole_moments(parts: Iterable[Detections], window_ns: int) -> Iterator[FusionPart]:
     """Parts that never end amid a time step; where the input is cut does not matter to the time steps.
 
-    Rows at most `window_ns` apart are of one time step, unless a sensor speaks at two times.  Views go with the
+    Rows at most `window_ns` apart are of one time step, unless a sensor reports at two times.  Views go with the
     bearings of their time.
 
     Raises:
@@ -79,7 +79,7 @@ def moments(bearings: Bearings, window_ns: int) -> Ints:
 
 
 def in_step(views: Iterable[Views], bearings: Iterable[Bearings]) -> Iterator[Detections]:
-    """Tables of their own as parts: each chunk of bearings with the views up to its last time."""
+    """Separate tables as parts: each chunk of bearings with the views up to its last time."""
     ahead = iter(views)
     held = Views.empty()
     for chunk in bearings:
@@ -139,7 +139,7 @@ class FusionRows:
             self._sight[row] = expected_sight(self.cameras.placed[camera], place)
 
     def tidy_candidates(self, first: int, last: int) -> None:
-        """One row "not seen" of a camera's candidates at most, and none beside candidates that stand.
+        """One row "not seen" of a camera's candidates at most, and none if a candidate is kept.
 
         To be called for the rows of a time step after all its decisions.
         """

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 AGREE = "agreement of the cameras"
 """Name of the check."""
 MAX_REMOVED = 0.2
-"""Share of a camera's detections of targets that the fusion removes that matters, beside its stated false ones."""
+"""Share of a camera's detections of targets that the fusion removes that matters, beyond its stated false ones."""
 
 
 def run_fuse(request: FuseRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:

@@ -1,6 +1,6 @@
 """Views in the fusion: distances of feet on the floor, and boxes of recovered detections.
 
-Cameras with a pose: which places each sees, how reliably it detects, and at which bearing it would see a position.
+Cameras with a pose: the positions that each sees, how reliably it detects, and at which bearing it would see a position.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ class LabelRequestBase(Request):
     Rows that have a label stay.
 
     With --gallery BEARINGS holds boxes or views, and each is compared with the people of the gallery as they
-    look from the side that the camera sees ([Lee] Sec. 5.2.1). What the gallery does not have is suspended.
+    from the viewing direction of the camera ([Lee] Sec. 5.2.1). What the gallery does not have is suspended.
 
     \b
       occlog track boxes.parquet --scene hall.mcap --start 2.9,0.5,0.3 -o tracks.parquet
@@ -71,7 +71,7 @@ class LabelRequest(LabelRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class MatchRequest(LabelRequestBase):
-    """Boxes to label by how people look."""
+    """Boxes to label by appearance."""
 
     RUN: ClassVar[str] = "occlog.measure.label.run:run_match"
 

@@ -76,8 +76,8 @@ class LabelTally:
     def summary(self) -> dict[str, object]:
         """The figures.
 
-        rows: in the output.  frames_of_tracks: at whose time there is a track.  labelled, not_seen:
-        rows of each target that got a label, or were added.  candidates_left: those of nobody.
+        rows: in the output.  frames_of_tracks: frames with a track at their time.  labelled, not_seen:
+        rows of each target that got a label, or were added.  candidates_left: without a label.
         """
         return {
             "rows": self.rows,
@@ -92,7 +92,7 @@ def run_match(request: MatchRequest, job: Job) -> tuple[dict[str, object], tuple
     """Match and write; the summary, and the losses."""
     if request.named is not None and request.tracks is None:
         raise UsageError(
-            f"{option('named')}: writes tracks under other identities, and there are none; give {option('tracks')}"
+            f"{option('named')}: writes tracks under other identities, but no tracks are given; give {option('tracks')}"
         )
     naming = NamingConfig(**request.naming)  # type: ignore[arg-type]
     opened = open_input(request.gallery, Gallery)

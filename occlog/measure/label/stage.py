@@ -1,4 +1,4 @@
-"""Label candidates: assign each to the track whose bearing it agrees with."""
+"""Label candidates: assign each to the track with the bearing that it agrees with."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class Labelled(NamedTuple):
     bearings: Bearings
     given: Ints32  # target of each candidate that got a label
     missed: Ints32  # target of each "not seen" row that was added
-    left: int  # candidates of nobody
-    frames: int  # at whose time there is a track
+    left: int  # candidates without a label
+    frames: int  # with a track at their time
 
 
 class _States(NamedTuple):

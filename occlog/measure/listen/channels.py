@@ -21,7 +21,7 @@ FULL, CLIPPED = 0.999, 1e-3
 
 
 class Channels:
-    """Levels of the microphones of one array, accumulated while samples stream by."""
+    """Levels of the microphones of one array, accumulated over a stream of samples."""
 
     def __init__(self) -> None:
         """Nothing was heard yet."""

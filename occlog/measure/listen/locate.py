@@ -121,10 +121,10 @@ FACTOR = 1.6
 FLOOR = math.radians(0.5)
 """Least standard deviation: no array is built and placed better."""
 INDEPENDENT, MAX_INDEPENDENT = 1.0 / 3.0, 1.5
-"""Share of spectra that are independent (windows overlap, bins are alike), and how many a frame has at
+"""Share of spectra that are independent (windows overlap, bins are correlated), and how many a frame has at
 most: reflections stay the same all through a frame."""
 SHRINK = 0.1
-"""A flat array tells the angle to its plane by how much slower the wave crosses it; rooms change that by so much."""
+"""A planar array measures the angle to its plane by how much slower the wave crosses it; rooms change that by so much."""
 POINTS_A_LOBE = 4.0
 MAX_SOURCES = 10
 """Directions a frame where their number is found."""
@@ -136,9 +136,9 @@ class ArrayDirection(NamedTuple):
     """A direction, in the array's frame."""
 
     azimuth: float
-    elevation: float  # NaN: the array tells none
+    elevation: float  # NaN: not measured
     sigma_azimuth: float
-    sigma_elevation: float  # NaN: the array tells none
+    sigma_elevation: float  # NaN: not measured
     confidence: float
 
 

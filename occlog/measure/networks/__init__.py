@@ -1,1 +1,1 @@
-"""Neural networks in ONNX files: boxes of objects in images, and vectors that state how they look."""
+"""Neural networks in ONNX files: boxes of objects in images, and appearance vectors (embeddings) of them."""

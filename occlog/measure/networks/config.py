@@ -1,4 +1,4 @@
-"""Settings of networks that detect or describe people, and the constants that the provenance records beside them."""
+"""Settings of networks that detect or describe people, and the constants that the provenance records with them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ YOLOV5, YOLO, END2END, RFDETR, DETR, ULTRALYTICS_DETR, RTDETR, RTMDET = (
     "rtdetr",
     "rtmdet",
 )
-"""What networks tell boxes by; see `heads`."""
+"""Kinds of network outputs; see `heads`."""
 LETTERBOX, CORNER, STRETCH = "letterbox", "corner", "stretch"
 """How an image is brought to the network's size: with a border around it, at the right and below, or stretched."""
 UNIT, IMAGENET, IMAGENET_BGR, RAW = "unit", "imagenet", "imagenet-bgr", "raw"
@@ -27,9 +27,9 @@ UNIT, IMAGENET, IMAGENET_BGR, RAW = "unit", "imagenet", "imagenet-bgr", "raw"
 PAD = 114
 """Grey of the border."""
 MAX_CROPS = 32
-"""Boxes of which a network tells vectors at a time."""
+"""Boxes that a network describes in one batch."""
 LONGEST_VECTOR = 8192
-"""Numbers of a vector that states how a person looks."""
+"""Dimension of an appearance vector of a person."""
 LARGEST_SIDE = 8192
 """Longest side of a network's images [px]."""
 

@@ -1,6 +1,6 @@
 """Boxes of the requested classes in images, by a network.
 
-Vectors that state how a person looks, by a network for re-identification, from the boxes of an image.
+Appearance vectors of people, by a network for re-identification, from the boxes of an image.
 
 Non-maximum suppression: of boxes that cover each other the most confident one.
 """

@@ -1,4 +1,4 @@
-"""What networks tell boxes by: the meaning of their outputs, how to tell it from names and shapes, and how to read it.
+"""Network heads: the meaning of outputs, how names and shapes determine it, and how to read them.
 
 | head | outputs | by |
 |---|---|---|
@@ -54,13 +54,13 @@ SHARE_SLACK = 2.0
 """Coordinates above this are no shares of an image; boxes of which none is above it are no pixels."""
 SCORE_SLACK = 1e-3
 WITH_MORE = ("segment", "pose")
-"""What networks are for whose boxes have masks or key points, too."""
+"""Tasks of networks with masks or key points in addition to boxes."""
 MAX_LABEL = 2**31
 """Numbers of classes above this are none."""
 MAX_END2END = 1000
 """Boxes of networks that leave nothing out afterwards, by which they are reported from others."""
 PLAIN_DETR = 92
-"""Classes of the first DETR on COCO: its scores want a softmax, which no head here takes."""
+"""Classes of the first DETR on COCO: its scores require a softmax, which no head here takes."""
 
 
 class NetworkDetections(NamedTuple):
@@ -115,7 +115,7 @@ class Reading(NamedTuple):
 def recognise(
     outputs: Outputs, size: tuple[int, int], names: int | None, head: str | None, metadata: Mapping[str, str]
 ) -> Reading:
-    """Tell the head of a network from its outputs.
+    """Determine the head of a network from its outputs.
 
     Args:
         outputs: of a batch.
@@ -140,11 +140,11 @@ def recognise(
     if len(told) != 1:
         maybe = f"may be of {', '.join(each.head for each in told)}" if told else "are of no head that is known"
         raise InputError(
-            f"its outputs {maybe}: {shapes(outputs)}{_named_classes(names)}; say which head it has (head: "
+            f"its outputs {maybe}: {shapes(outputs)}{_named_classes(names)}; state which head it has (head: "
             f"{', '.join(HEADS)})"
         )
     if told[0].head in LOGITS and told[0].classes == PLAIN_DETR:
-        raise InputError(f"it is the first DETR, whose scores want a softmax; it cannot be used: {shapes(outputs)}")
+        raise InputError(f"it is the first DETR, with scores that require a softmax; it cannot be used: {shapes(outputs)}")
     return told[0]
 
 
@@ -158,14 +158,14 @@ def shapes(outputs: Outputs) -> str:
 
 
 def _candidates(outputs: Outputs, size: tuple[int, int], names: int | None, more: bool) -> list[str]:
-    """Heads whose outputs these may be, by their names, by the number of classes, and of positions where YOLO looks."""
+    """Heads whose outputs these may be, by their names, by the number of classes, and of positions of YOLO."""
     of_dets = RTMDET if "dets" in outputs and outputs["dets"].shape[-1:] == (5,) else RFDETR
     for head in (of_dets if "dets" in outputs else DETR, RTDETR):
         if _reading(outputs, head, names) is not None:
             return [head]
     rows, columns = next((each.shape[1:] for each in outputs.values() if each.ndim == 3), (0, 0))
     places = {sum((size[0] // s) * (size[1] // s) for s in strides) for strides in STRIDES}
-    # YOLOv5 looks with three shapes of boxes at each position.
+    # YOLOv5 has three anchors of boxes at each position.
     looks = rows in {3 * n for n in places}
     end2end = rows <= MAX_END2END and not looks and (columns == 6 or (more and columns > 6 and columns not in places))
     if names is None:
@@ -269,11 +269,11 @@ def read(
 def _best(
     boxes: Floats32, scores: Floats32, objectness: Floats32 | None, wanted: Ints, least: float
 ) -> NetworkDetections:
-    """Boxes whose best class is a requested one."""
+    """Boxes with a requested class as the best one."""
     if objectness is not None:
         _check_scores(YOLOV5, objectness)
     _check_scores(YOLO, scores)
-    # Look closer where a requested class alone is confident enough.
+    # Evaluate fully where a requested class alone is confident enough.
     may = (scores[:, wanted] >= least).any(axis=1)
     if objectness is not None:
         may &= objectness >= least

@@ -1,6 +1,6 @@
 """A network that is ready: its file is read, a separate process has loaded it, and it has been tried once.
 
-Images as networks want them: brought to the network's size, colours as numbers; and boxes brought back.
+Images as networks require them: brought to the network's size, colours as numbers; and boxes brought back.
 
 Edges of boxes in a network's image are counted from the image's corner (0 is the left edge of the first pixel);
 those of the program from the centre of the first pixel, so that they are half a pixel less.

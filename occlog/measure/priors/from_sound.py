@@ -1,4 +1,4 @@
-"""Priors of moving occluders from directions of arrival: locate people who speak, and follow each by Kalman filter."""
+"""Priors of moving occluders from directions of arrival: locate people who speak, and track each by Kalman filter."""
 
 from __future__ import annotations
 

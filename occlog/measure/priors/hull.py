@@ -27,7 +27,7 @@ from occlog.core.sight.camera import wrap_angle
 from occlog.records.scene import Camera, Scene
 
 Run = tuple[int, int]
-"""A camera's position in the list of looks, and the number of its run."""
+"""A camera's position in the list of frames, and the number of its run."""
 
 
 STEP = np.pi / 6
@@ -123,7 +123,7 @@ def _merged(of_runs: Floats) -> list[tuple[float, float]]:
 class CameraCones(NamedTuple):
     """Evidence of one camera."""
 
-    visible: shapely.Geometry  # where it can tell whether there is an object
+    visible: shapely.Geometry  # where it can decide whether an object is present
     cones: list[shapely.Geometry]  # of its runs
 
 
@@ -131,7 +131,7 @@ class Polygon(NamedTuple):
     """A part of the hull."""
 
     shape: shapely.Polygon
-    runs: tuple[Run, ...]  # whose cones hold it, rising
+    runs: tuple[Run, ...]  # with cones that contain it, rising
     missed: int  # cameras that can see it and have no run there
 
 
@@ -142,10 +142,10 @@ class _Cell(NamedTuple):
 
 
 def hull(looks: Sequence[CameraCones], room: Floats, least: int, misses: int, smallest: float) -> list[Polygon]:
-    """The polygons of the hull, in an order that depends on the looks only.
+    """The polygons of the hull, in an order that depends on the frames only.
 
     Args:
-        looks: of the cameras, at one time.
+        looks: frames of the cameras, at one time.
         room: (K, 2).
         least: cameras that must have a run at a position.
         misses: cameras that may have none at a position that they can see.
@@ -270,7 +270,7 @@ def track_polygons(
     """The next memory, and the polygons that are accepted in, by identity.
 
     Args:
-        memory: after the last time step; `HullMemory()` at first.
+        memory: after the last time step; `HullMemory()` initially.
         t_ns: later than that of the last time step.
         polygons: of this time step.
         rules: when polygons are accepted in.

@@ -20,7 +20,7 @@ of its height; a blob counts as a person who stands alone if it is 1.5 to 4.5 ti
 high as wide, fills 35 to 95 % of its box, is at least 24 px high and does not touch the
 border of the image.  On level ground the height grows linearly with the row of the feet,
 so a line is fitted by the median of the slopes between all pairs (Theil-Sen).  With
-fewer than ten blobs, or blobs whose feet are all in nearly the same rows, the height is
+fewer than ten blobs, or blobs with feet all in nearly the same rows, the height is
 their median everywhere.
 """
 
@@ -69,7 +69,7 @@ def make_subtractor(
             becomes background after about a tenth of it.
         threshold: squared distance of a pixel from the background, for MOG2 in units of
             the background's variance, for KNN in squared grey levels; None: the default.
-        shadows: tell shadows from foreground.
+        shadows: distinguish shadows from foreground.
         start: image of the empty scene to start from; None: learn from the first frames.
         seed: of KNN's random choice of samples (MOG2 has none).
 

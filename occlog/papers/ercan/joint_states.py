@@ -133,7 +133,7 @@ def judge(table: Table) -> list[StatementVerdict]:
         "joint-particles", said, quotient_of(ess[0], ess[-1]), v.at_least(LEFT), v.at_least(SOME), rule=rule
     )
     both = v.matched(table, SEPARATE, JOINT)
-    said = "Filters of their own, then priors, have a lower error than one joint filter of as many particles."
+    said = "Separate filters, then priors, have a lower error than one joint filter of as many particles."
     return [grows, fewer, v.pairs("joint-error", said, both)]
 
 

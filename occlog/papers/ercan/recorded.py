@@ -2,7 +2,7 @@
 
 [Ercan] Sec. 7 on recorded detections: virtual occluders hide the target of a recording, and a filter tracks it.
 
-Virtual people walk through the room.  A camera whose line of sight to the target is crossed by one of
+Virtual people walk through the room.  A camera with a line of sight to the target that is crossed by one of
 them reports "not seen" instead of its detection.  `target` finds the target's own
 detections and its true path.  A trial is described by plain values, so that any process can run it.
 
@@ -84,7 +84,7 @@ class Recorded:
 
     @property
     def start(self) -> Floats:
-        """(2,) first place."""
+        """(2,) first position."""
         return np.array([self.places.x[0], self.places.y[0]])
 
     @property
@@ -106,14 +106,14 @@ def recorded_target(scene: Scene, bearings: Bearings) -> Recorded:
     config = replace(ApfConfig.in_unit("m"), particles=4000)
     tracks = Tracks.concat([p.tracks for p in track([bearings], scene, TrackingTask(config, 0))])
     if len(tracks) <= SKIP + 1:
-        raise InputError(f"{len(tracks)} times with detections, want more than {SKIP + 1}")
+        raise InputError(f"{len(tracks)} times with detections, expected more than {SKIP + 1}")
     target = tracks.target_id[0]
     tracks = tracks.take(tracks.target_id == target)
     own = np.isin(bearings.target_id, (UNLABELLED, target)) & np.isin(bearings.t_ns, tracks.t_ns)
     mine = assign(scene, bearings.take(own), tracks)
     found = set(mine.sensor[mine.seen].tolist())
     if len(found) < 2:
-        raise InputError(f"{len(found)} cameras saw the target, want at least 2")
+        raise InputError(f"{len(found)} cameras saw the target, expected at least 2")
     places = stand_in(scene, mine, min(LINES, len(found)))
     return Recorded(scene, mine.take(np.isin(mine.t_ns, places.t_ns)), places)
 
@@ -151,7 +151,7 @@ def stand_in(scene: Scene, mine: Bearings, lines: int) -> Truth:
     met = triangulated_points(mine, scene, EvaluateConfig(lines_min_sensors=lines))[TARGET]
     good = met.status == TRIANGULATED
     if good.sum() < MEETINGS:
-        raise InputError(f"{lines} lines of sight met at {good.sum()} times, want at least {MEETINGS}")
+        raise InputError(f"{lines} lines of sight met at {good.sum()} times, expected at least {MEETINGS}")
     at, xy = met.t_ns[good], met.xy[good]
     weight = 1.0 / np.sqrt(met.covariance[good, 0, 0] + met.covariance[good, 1, 1])
     times = np.unique(mine.t_ns)
@@ -303,7 +303,7 @@ def occluders_of(recorded: Recorded, seed: int) -> Truth:
 
 
 def hidden(recorded: Recorded, people: Truth, diameter: float = DIAMETER) -> Bools:
-    """Return (n,) true for bearings whose line of sight to the target a person crosses ([Ercan] Fig. 3, A(x))."""
+    """Return (n,) true for bearings with a line of sight to the target that a person crosses ([Ercan] Fig. 3, A(x))."""
     bearings, places = recorded.bearings, recorded.places
     times = np.unique(people.t_ns)
     crowd = np.column_stack([people.x, people.y]).reshape(len(times), -1, 2)
@@ -432,7 +432,7 @@ def _crowd(source: RecordedFiles, seed: int) -> VirtualCrowd:
     return crowd_of(target_of(source), seed)
 
 
-NOBODY = "nobody hides anything"
+NOBODY = "no occlusion"
 KINDS = {NONE: "none", PRIOR: "kalman", KNOWN: "known", NOBODY: CLEAR}
 ITEMS = ("fig14-recorded", "fig15-recorded")
 RUNS = 20

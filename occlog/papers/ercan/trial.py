@@ -187,8 +187,8 @@ def lab() -> str:
     """Write a stand-in for the lab of Fig. 13, in inches.
 
     Sixteen cameras of 47 degrees counter-clockwise along the walls, four to a wall from
-    corner 1 on, which look at the middle of the room; images 640 px wide; one static
-    occluder of 2 ft x 2 ft beside the middle.
+    corner 1 on, which point at the middle of the room; images 640 px wide; one static
+    occluder of 2 ft x 2 ft next to the middle.
     """
     w, h = LAB_SIZE
     corners = [(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)]

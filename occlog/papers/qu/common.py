@@ -66,7 +66,7 @@ def everywhere(key: str, statement: str, points: Sequence[tuple[PaperRow, PaperR
     Args:
         key: id of the verdict.
         statement: its text.
-        points: the lower and the higher row [%] of each; those whose higher mean is below `LITTLE` are skipped.
+        points: the lower and the higher row [%] of each; those with a higher mean below `LITTLE` are skipped.
     """
     open_ones = [(low, high) for low, high in points if max(low.mean, high.mean) >= LITTLE]
     if not open_ones:

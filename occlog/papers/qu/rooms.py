@@ -1,7 +1,7 @@
 """Trials on rendered video of people, through the same stages as a user's: simulate, track, read the tables.
 
 [Qu] Secs. 4.2 and 4.3 have recordings that are not available.  Here people walk in a room of this project in clothes of
-their own, filmed by as many cameras and in as many frames as the paper tells.
+their own, filmed by as many cameras and in as many frames as the paper states.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Staged videos: balls on ways that bring about one thing that [Qu] speaks of, and balls that a view does not see.
+"""Staged videos: balls on paths that produce one situation described in [Qu], and balls that a view does not see.
 
 Camera 1 sees -y and z of a ball, camera 2 sees x and z, and the epipolar lines are the rows.  A scene draws what
 the statement leaves open from its seed.

@@ -128,7 +128,7 @@ def _undetermined(rng: np.random.Generator, targets: int) -> dict[str, float]:
         cameras, yaws = places[[one, other], :2], np.radians(places[[one, other], 2])
         angle, distance = yaws + rng.uniform(-half, half, 2), rng.uniform(0.2, 1.0, 2) * RANGE
         sight = np.column_stack([np.cos(angle), np.sin(angle)])
-        # It passes a point that the first camera sees, and is in the second one's view when that looks
+        # It passes a point that the first camera sees, and is in the second one's view when that one observes
         first, second = cameras + distance[:, None] * sight
         across = (second - first) / STEPS
         turn = rng.uniform(-math.pi, math.pi)
@@ -145,7 +145,7 @@ def _prior() -> dict[str, float]:
     """Compare (1) to (3) with the motion and the covariance that they describe."""
     n, x = 4 * STEPS, np.array([1.0, 2.0, 0.3, 0.4])  # positions 1 and 2, velocities 0.3 and 0.4
     moved = float(np.abs((A @ x)[:2] - (x[:2] + 0.5 * x[2:])).max())
-    # The covariance, state by state; the first one's is that of a weak prior, without which there is none
+    # The covariance, state by state; the first one's is that of a weak prior, without which it does not exist
     first, covariance = np.eye(4), np.zeros((n, n))
     each = [first]
     for _ in range(STEPS - 1):

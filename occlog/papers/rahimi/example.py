@@ -77,7 +77,7 @@ def reflected_path(steps: int, rng: np.random.Generator, smoothing: float = SMOO
 
     Args:
         steps: number of positions, `STEP_S` apart.
-        rng: draws the first place and the direction.
+        rng: draws the first position and the direction.
         smoothing: standard deviation of the Gaussian [steps].
     """
     rest = math.ceil(4.0 * smoothing)

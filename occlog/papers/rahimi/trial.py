@@ -143,7 +143,7 @@ def sparse_trial(spec: Spec) -> dict[str, float]:
 
     Returns:
         Figures of `errors`, `consistency` and `refinement`; `iterations`; `converged` (0 or 1); `measurements`;
-        and `behind`, the measurements with a camera that has the estimate behind it or beside it.
+        and `behind`, the measurements with a camera that has the estimate behind it or at its side.
     """
     solved = solve_problem(spec)
     at = sightings(solved.problem.bearings, solved.tracks.t_ns)

@@ -36,7 +36,7 @@ WAYS: dict[str, Values] = {
     CAUCHY_ROOM: {"loss": "cauchy", **ROOM},
 }
 CLEAN = {HUBER: SQUARE, CAUCHY: SQUARE, LINEAR: SQUARE, SQUARE: SQUARE, CAUCHY_ROOM: SQUARE_ROOM}
-"""Each way with false bearings, and the way whose error with clean data is its measure."""
+"""Each way with false bearings, and the reference for its error with clean data."""
 SHARES = (0.0, 10.0, 20.0)
 """False bearings in per cent of the measurements."""
 LOSES = 0.15

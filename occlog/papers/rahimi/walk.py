@@ -1,7 +1,7 @@
 """[Rahimi] Fig. 7: a walk of a minute past four cameras, in a building of this project.
 
 Recording, floor plan and figure of Sec. 7 are lost.  What the text reports them is kept: cameras on the walls that
-look at right angles to these, views that do not overlap, readings every 250 ms, a walk that begins and ends at the same
+point at right angles to these, views that do not overlap, readings every 250 ms, a walk that begins and ends at the same
 position, a loop before camera 1 with legs at two depths, legs towards camera 3 and away from it along one bearing, and a
 wall between cameras 3 and 4.  Every run moves the turning points a little.
 """

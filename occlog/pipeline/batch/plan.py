@@ -18,7 +18,7 @@ from occlog.io.remote import public_url as without_secrets
 from occlog.pipeline.pack.archive import key_of_name
 
 MIN_DIGITS = 8
-"""Digits of the hash that tells recordings of one name apart; more if they do not."""
+"""Digits of the hash that distinguishes recordings of one name; more if they do not."""
 MAX_PATHS = 1_000_000
 """Paths that a pattern may represent, with folders: links that lead back into their own folder make them endless."""
 LONGEST_NAME = 255
@@ -89,7 +89,7 @@ def _each_once(places: Iterable[str]) -> list[str]:
 
 
 def _links(place: str) -> int:
-    """Number of symbolic links on the way to a file."""
+    """Number of symbolic links on the path to a file."""
     return 0 if is_url(place) else sum(part.is_symlink() for part in (Path(place), *Path(place).parents))
 
 
@@ -120,7 +120,7 @@ def _is_below(name: str, folder: str) -> bool:
 
 
 def _may_be_file(name: str) -> bool:
-    """Whether it is a file, or something that cannot be looked at: whoever named it has to be reported."""
+    """Whether it is a file, or something inaccessible, which is reported to the caller."""
     try:
         return stat.S_ISREG(Path(name).stat().st_mode)
     except OSError:
@@ -135,7 +135,7 @@ def _fault(place: str) -> str:
     except FileNotFoundError:
         return "is a symbolic link to a file that is not there; mend or remove it"
     except OSError as error:
-        return f"cannot be looked at: {error.strerror}; mend or remove it"
+        return f"cannot be accessed: {error.strerror}; repair or remove it"
     name = Path(place).name
     return "" if in_text(name) == name else "its name is not UTF-8, as names in tables have to be; rename it"
 
@@ -173,7 +173,7 @@ def _shown(places: Sequence[str]) -> dict[str, str]:
 
 
 def _with_hash(stem: str, shown: str, taken: set[str]) -> str:
-    """A name that nobody else has and that file systems take; it is taken then."""
+    """Return an unused name that file systems accept, and reserve it."""
     digest = hashlib.sha256(os.fsencode(shown)).hexdigest()
     ends = (f"-{digest[:length]}" for length in range(MIN_DIGITS, len(digest) + 1))
     names = (stem.encode()[: LONGEST_NAME - len(end)].decode(errors="ignore") + end for end in ends)

@@ -107,7 +107,7 @@ def run_folder(place: str, name: str, cache: Cache) -> Iterator[Path]:
     with cache.scratch() as folder:
         run = folder / name
         names = names_in(place)
-        # Without its state nobody knows what the files of a run are
+        # Without its state the files of a run are unknown
         fetch_files(place, names if STATE in names else (), run)
         before = {path.name: hash_file(path) for path in run.iterdir()}
         yield run
@@ -128,12 +128,12 @@ def fetch_files(place: str, names: Iterable[str], folder: Path) -> None:
 
 STATES = {ExitCode.DONE: "done", ExitCode.LOSSY: "lossy", ExitCode.THRESHOLD: "threshold"}
 FAILED = "failed"
-"""State of a recording one of whose stages ended with any other exit code."""
+"""State of a recording with a stage that ended with any other exit code."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """What a worker is told of a recording."""
+    """Work order of a recording."""
 
     name: str
     shown: str  # what it is called in tables
@@ -173,7 +173,7 @@ class RecordingOutcome:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against the results, each with its stage."""
+        """Findings against the results, each with its stage."""
         failed = ((stage, check) for stage, check in found_by_stage(self.verdicts) if check.status == "failed")
         return tuple(f"{stage}: {check.id}: {check.text}" for stage, check in failed)
 
@@ -201,7 +201,7 @@ class _Run:
         try:
             with self._recording() as recording, run_folder(task.folder, task.name, task.cache) as folder:
                 self._names |= {str(recording): task.shown, str(folder): task.name}
-                # Of what lies beside it, such as videos
+                # Of the files next to it, such as videos
                 self._names[f"{recording.parent}/"] = task.shown[: task.shown.rfind("/") + 1]
                 found = replace(found, sha256=hash_file(recording))
                 try:

@@ -1,6 +1,6 @@
 """Work of `occlog batch`: runs every recording on an executor, and collects the results in tables.
 
-The tables of a batch: what became of each recording, its figures, and its rows beside those of the others.
+The tables of a batch: what became of each recording, its figures, and its rows in the joined tables.
 """
 
 from __future__ import annotations
@@ -234,7 +234,7 @@ def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool
 
 
 def _check_config(config: Config) -> None:
-    """Refuse keys and values that every run would refuse, before any recording is looked at."""
+    """Refuse keys and values that every run would refuse, before any recording is opened."""
     # What a recording holds is not known yet; the video that is drawn on depends on it
     values = {key: value for key, value in config.values.items() if key != OVERLAY}
     unknown = replace(config, values={**values, "recording": "recording.mcap"})

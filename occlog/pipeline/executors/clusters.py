@@ -131,7 +131,7 @@ class RayCluster:
         self._address = address
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Iterate over the results; `Lost` for a piece whose worker died as often as Ray allows."""
+        """Iterate over the results; `Lost` for a piece with a worker that died as often as Ray allows."""
         try:
             import ray
         except ImportError as error:
@@ -164,11 +164,11 @@ class RayCluster:
 JOBS = 10
 """Jobs that the work is dealt out to by default."""
 POLL_S = 10.0
-"""Time between two looks at jobs [s]."""
+"""Polling interval of jobs [s]."""
 
 
 class Jobs:
-    """Jobs that share the pieces of work; each does one piece after another, in a process beside it."""
+    """Jobs that share the pieces of work; each does one piece after another, in a subprocess."""
 
     def __init__(self, cluster: str, folder: Path, settings: Mapping[str, str]) -> None:
         """Use jobs on a cluster.
@@ -232,7 +232,7 @@ def _library() -> Any:
     try:
         import submitit
     except ImportError as error:
-        raise UsageError("jobs want the package `submitit`; install occlog[slurm]") from error
+        raise UsageError("jobs require the package `submitit`; install occlog[slurm]") from error
     return submitit
 
 

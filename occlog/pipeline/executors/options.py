@@ -11,7 +11,7 @@ from occlog.errors import UsageError
 
 F = TypeVar("F", bound=Callable[..., object])
 JOB_CLUSTERS = {"slurm": "slurm", "slurm-here": "local"}
-"""Names of schedulers whose work are jobs, and what submitit calls them."""
+"""Names of schedulers that run jobs, and their names in submitit."""
 JOBS_FOLDER = "jobs"
 """Folder of the scripts and logs of jobs, in that of the results."""
 JOB_FOLDER = "folder"

@@ -34,7 +34,7 @@ class Processes:
         self._workers = workers
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Iterate over the results; `Lost` for a piece whose process died twice, the second time alone in it."""
+        """Iterate over the results; `Lost` for a piece with a process that died twice, the second time alone in it."""
         rest = dict(todo)
         while rest:
             pool = _Pool(min(self._workers, len(rest)), work)

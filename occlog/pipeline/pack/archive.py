@@ -86,7 +86,7 @@ def manifest_bytes(manifest: Manifest) -> bytes:
 
 
 def read_manifest(data: bytes, where: str) -> Manifest:
-    """A manifest whose names all stay in their folders; InputError for anything else."""
+    """A manifest with names that all stay in their folders; InputError for anything else."""
     try:
         manifest = msgspec.json.decode(data, type=Manifest)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
@@ -139,7 +139,7 @@ def lock_text(manifest: Manifest) -> bytes:
 
 
 FREE_BYTES, MAX_GROWTH = 1 << 30, 4
-"""Unpacked bytes that any archive may hold, and above that for each of its own: only texts are compressed."""
+"""Unpacked bytes that any archive may hold, and above that for each of its bytes: only texts are compressed."""
 MAX_FILES = 10_000
 TEXTS = (".json", ".yaml", ".yml", ".txt", ".csv", ".html", ".xml", ".toml", ".svg")
 _TIME = (1980, 1, 1, 0, 0, 0)
@@ -171,7 +171,7 @@ class Packer:
         self._zip.writestr(_info(name), data, compresslevel=6)
 
     def file(self, name: str, path: Path, told: PackedFile) -> None:
-        """Add a file; InputError where it is not the one that was looked at any more."""
+        """Add a file; InputError if it changed since it was checked."""
         digest = hashlib.sha256()
         info = _info(name)
         info.file_size = told.bytes
@@ -211,7 +211,7 @@ def _guarded(path: Path) -> Iterator[None]:
 def unpack(path: Path, folder: Path) -> Manifest:
     """Write the files of an archive into an empty folder.
 
-    Nothing is written but regular files below `folder`, whose names, sizes and digests the manifest has.
+    Nothing is written but regular files below `folder`, with names, sizes and digests as in the manifest.
 
     Args:
         path: the archive.

@@ -81,7 +81,7 @@ def run_stages(
         config: file of the configuration; its paths are relative to its folder.
         output: run folder.
         force: true: run every stage.
-        dry_run: true: only say which stages would run.
+        dry_run: true: only report which stages would run.
         strict: true: exit code 6 if a stage states that its results are not plausible.
         quiet: true: no notes.
         as_json: true: print the summary as JSON.
@@ -119,7 +119,7 @@ def do_stages(
         wanted: the configuration; its paths are relative to its folder.
         output: run folder; made if missing.
         force: true: do every stage.
-        dry_run: true: only say which stages would run.
+        dry_run: true: only report which stages would run.
         begin: called with the name of each stage that is done, before it is.
 
     Raises:
@@ -312,7 +312,7 @@ def outcomes(folder: Path) -> dict[str, StageOutcome]:
 
 
 def _is_outcome(told: StageOutcome, folder: Path) -> bool:
-    """Whether what a state reports a stage can be: outputs in the run folder, since those of others are removed."""
+    """Whether a state's report of a stage is possible: outputs in the run folder, since other ones are removed."""
     texts = [told.key, *told.outputs.keys(), *told.outputs.values()]
     return (
         all(isinstance(text, str) for text in texts)

@@ -1,6 +1,6 @@
 """Stages of a run: requests made from the values of a configuration's keys.
 
-The files that an argument of a stage names, and those that are read beside them.
+The files that an argument of a stage names, and those that are read with them.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class RunStage:
         return [*(entry.key for entry in self._entries()), READS, *settings, *strict]
 
     def without_key(self, name: str) -> bool:
-        """Whether a name is that of a setting that has no key of its own, but stands under `set`."""
+        """Whether a name is that of a setting without its own key, given under `set`."""
         return any(name == f.name for of in self._free() for f in declared(of))
 
     def check(self) -> None:
@@ -268,7 +268,7 @@ def places_of(argument: str) -> list[Path]:
 
 
 def files_of(argument: str) -> list[Path]:
-    """Files that an argument names, with what is read beside them.
+    """Files that an argument names, with the files read with them.
 
     Of a recording these are the videos that it links to, of a network its weights, of folders with labels the names of
     their classes; of a folder all its files.

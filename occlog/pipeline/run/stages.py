@@ -68,7 +68,7 @@ def read_config(path: Path, sources: tuple[str, ...] = SOURCES) -> Config:
         if key not in KEYS:
             raise InputError(f"{path}: unknown key {key!r}; {_nearest(str(key), KEYS)}")
     if values.get("occlog_run") != 1:
-        raise InputError(f"{path}: want `occlog_run: 1` (the version of this format), got {values.get('occlog_run')!r}")
+        raise InputError(f"{path}: expected `occlog_run: 1` (the version of this format), got {values.get('occlog_run')!r}")
     given = [s for s in SOURCES if s in values]
     if given and not sources:
         raise InputError(f"{path}: {given[0]}: a batch has its recordings from the command line; remove this key")
@@ -118,7 +118,7 @@ def plan(config: Config, folder: Path) -> Iterator[RunStage]:
     """Iterate over the stages in order, with outputs in the run folder.
 
     The arguments of later stages depend on what the recording holds.  The first stage must therefore have
-    run when the iteration goes on; without a recording the configuration tells what it will hold.
+    run when the iteration goes on; without a recording the configuration determines what it will hold.
     """
     method = str(config.stage("track").get("method"))
     if method in METHODS and METHODS[method].takes_in == READS:
@@ -210,7 +210,7 @@ def _of_everybody(config: Config) -> bool:
 def _everybody(
     config: Config, folder: Path, recording: Path, out: dict[str, Path], scene: dict[str, object]
 ) -> Iterator[RunStage]:
-    """Iterate over the stages after detection where everybody is followed, in the world and in the images."""
+    """Iterate over the stages after detection if all people are tracked, in the world and in the images."""
     found = {n: folder / f"{n}.parquet" for n in ("support", "events", "view_tracks")}
     yield _stage(config, "track", {"output": out["tracks"], **found}, (str(out["views"]),), scene)
     inputs, shown, metrics = dict(scene), dict(scene), folder / "metrics.json"
@@ -233,7 +233,7 @@ def _everybody(
 
 
 def _has_video(config: Config, recording: Path) -> bool:
-    """Whether the recording holds images; without a recording the configuration tells."""
+    """Whether the recording holds images; without a recording the configuration decides."""
     if recording.is_file():
         return bool(open_recording(recording).cameras)
     simulated, ingested = config.stage("simulate"), config.stage("ingest")

@@ -110,7 +110,7 @@ class Store:
 
 
 class TrialOutcome(NamedTuple):
-    """Result of a trial, or why there is none."""
+    """Result of a trial, or the reason why it is missing."""
 
     result: Result | None
     error: str | None

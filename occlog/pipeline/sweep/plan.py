@@ -34,7 +34,7 @@ class SweepSpec(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True, 
     """A sweep file."""
 
     occlog_sweep: Annotated[Literal[1], Meta(description="version of this format")]
-    scene: Annotated[str, Meta(description="scene file, beside the sweep file")]
+    scene: Annotated[str, Meta(description="scene file, next to the sweep file")]
     seed: Annotated[int, Meta(ge=0)] = 0
     runs: Annotated[int, Meta(ge=1, description="runs of every setting, each with its own world")] = 5
     simulate: Annotated[dict[str, object], Meta(description="as the options of `occlog simulate`")] = {}
@@ -124,7 +124,7 @@ def settings_of(path: Path, spec: SweepSpec) -> list[Setting]:
     """Combine all settings with their trials, in the order of the file; the last name of `vary` varies fastest.
 
     Args:
-        path: the sweep file, beside which the scene is.
+        path: the sweep file, next to the scene.
         spec: what it states.
 
     Raises:
@@ -180,7 +180,7 @@ def _put(trial: dict[str, object], name: str, value: object) -> None:
         trial[part] = {**(before if isinstance(before, dict) else {}), key: value}
     else:
         raise InputError(
-            f"vary: {name}: want {' or '.join(WHOLE)}, or a part and its key, e.g. track.particles "
+            f"vary: {name}: expected {' or '.join(WHOLE)}, or a part and its key, e.g. track.particles "
             f"(parts: {', '.join(PARTS)})"
         )
 

@@ -157,7 +157,7 @@ def errors_of(tracks: Tracks, truth: Truth, scene: Scene, skip: int) -> dict[str
     own = tracks.take(tracks.target_id == 0)
     place = np.searchsorted(true.t_ns, own.t_ns)
     if np.any(place >= len(true)) or not np.array_equal(true.t_ns[place], own.t_ns):
-        raise InputError("trial: estimates at times that the truth does not have; give cameras no rate of their own")
+        raise InputError("trial: estimates at times that the truth does not have; give cameras no separate rate")
     error = np.hypot(own.x - true.x[place], own.y - true.y[place])[skip:]
     if not len(error):
         raise InputError(f"trial: skip is {skip}, but there are {len(own)} estimates; skip fewer")

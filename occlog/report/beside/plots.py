@@ -3,7 +3,7 @@
 What the script of a page of two runs is given: both plans in the same time steps, and who is whom.
 
 The rule: of the common frames every k-th is kept, with the smallest k by which not more than `MAX_MOMENTS` of them,
-`MAX_SHOWN` estimates of both runs together and as many true positions are left; beside them those that the page leads to.
+`MAX_SHOWN` estimates of both runs together and as many true positions are left; in addition those that the page leads to.
 """
 
 from __future__ import annotations
@@ -210,7 +210,7 @@ def name_of(person: Any) -> str:
 
 
 def _drawn(side: RunSide, times: Ints, truth: Truth | None) -> ReportInput:
-    """Drawings of a run: its estimates in the common frames, and what it was told of occluders."""
+    """Drawings of a run: its estimates in the common frames, and its occluder priors."""
     table: Tracks = side.laid.table(side.tracks, times)
     return replace(
         side.data, tracks=table, truth=truth, bearings=None, errors=None, bound=None, events=None, gathered=None

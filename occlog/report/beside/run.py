@@ -1,4 +1,4 @@
-"""What `occlog report A B` does: open two runs, lay them beside each other, write the page.
+"""What `occlog report A B` does: open two runs, compare them, write the page.
 
 Two runs as they are opened: their names, files, estimates, and the truth of both.
 """
@@ -60,7 +60,7 @@ class ReportRun(NamedTuple):
 
 
 def names_of(a: Path, b: Path) -> tuple[str, str]:
-    """Names of two runs: the ends of their paths, as many parts of them as tell them apart."""
+    """Names of two runs: the ends of their paths, as many parts of them as distinguish them."""
     ways = []
     for path in (a, b):
         whole = Path(os.path.abspath(path))  # noqa: PTH100  # links keep their names
@@ -99,7 +99,7 @@ def open_run(name: str, paths: PageRequest) -> ReportRun:
             "aligned with another; name runs of a part of the recording, or compare figures alone (occlog compare)"
         )
     if not len(tracks):
-        raise InputError(f"{file}: holds no estimates, so that there is nothing to lay beside another run")
+        raise InputError(f"{file}: holds no estimates, so that there is nothing to compare")
     return ReportRun(name, file, tracks, data)
 
 
@@ -133,7 +133,7 @@ def truth_of(files: Sequence[PageRequest], unit: str) -> tuple[Path, Truth] | No
 
 
 def run_beside(request: RunComparisonRequest, job: Job) -> JobResult:
-    """Read both runs, lay them beside each other, write the page and its words.
+    """Read both runs, compare them, write the page and its words.
 
     Raises:
         UsageError: lengths have a unit without defaults, or something is asked for that is of one run.
@@ -169,7 +169,7 @@ def run_beside(request: RunComparisonRequest, job: Job) -> JobResult:
 def align_runs(
     a: ReportRun, b: ReportRun, truth: tuple[Path, Truth] | None, config: RunComparisonConfig, seed: int
 ) -> RunComparisonPage:
-    """Lay two runs beside each other.
+    """Compare two runs.
 
     Args:
         a: run A.

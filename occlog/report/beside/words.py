@@ -322,7 +322,7 @@ def _told(found: RunComparisonPage, kind: str, moment: RunComparisonStep) -> str
         return f"from here on track {moment.b} of B goes with track {moment.a} of A, which had another partner before"
     letter, other, track = ("A", "B", moment.a) if kind == ONLY_IN_A else ("B", "A", moment.b)
     nobody = not np.isfinite(moment.distance)
-    where = f"{other} has nobody" if nobody else f"the nearest of {other} is {away} away"
+    where = f"{other} has no track" if nobody else f"the nearest of {other} is {away} away"
     return f"track {track} of {letter} has no partner within {number(found.near)} {found.unit}; {where}"
 
 
@@ -342,7 +342,7 @@ def of_identities(found: RunComparisonPage) -> str:
         return f"{said}. CLEAR-MOT counts {switches} in A and {truth.switches[1]} in B."
     changed = _changed(found.in_b) + _changed(found.in_a)
     if not changed:
-        return "Nobody has another partner later on."
+        return "No track changes its partner."
     return (
         f"{counted(_changed(found.in_b), 'track')} of A and {counted(_changed(found.in_a), 'track')} of B "
         "have another partner later on: there one of the runs has taken a person for another person, or lost and found."
@@ -365,7 +365,7 @@ def lasting_ns(found: RunComparisonPage) -> int:
 
 
 def verdict_words(side: RunSide) -> tuple[str, bool]:
-    """Whether something speaks against a run, in a line; whether it may be believed."""
+    """Outcome of a run's checks in a line, and whether it is plausible."""
     return verdict_heading(side.data.verdicts), side.data.plausible is not False
 
 
@@ -429,7 +429,7 @@ def _row(found: RunComparisonPage, what: str, moment: RunComparisonStep | None, 
     if moment is None:
         return DivergenceRow(what, None, "", "", often)
     who = " · ".join(f"{letter} {k}" for letter, k in (("A", moment.a), ("B", moment.b)) if k is not None)
-    away = "nobody else" if np.isnan(moment.distance) else f"{number(float(f'{moment.distance:.3g}'))} {found.unit}"
+    away = "no other track" if np.isnan(moment.distance) else f"{number(float(f'{moment.distance:.3g}'))} {found.unit}"
     return DivergenceRow(what, seconds(found, moment.t_ns), who, away, often)
 
 
@@ -453,7 +453,7 @@ def _own(followed: MatchedRuns) -> list[int]:
 
 
 def _several(pieces: Sequence[Piece]) -> int:
-    """How many tracks follow a person beside the first."""
+    """Number of further tracks of a person after the first."""
     return max(len({piece.track for piece in pieces}) - 1, 0)
 
 

@@ -1,8 +1,8 @@
-"""Errors beside the bound, row by row: the RMSE and the bound on it over the times and targets that have both.
+"""Errors and the bound, row by row: the RMSE and the bound on it over the times and targets that have both.
 
-Which track errors are of: they name the true target, and a tracker of all people has names of its own.
+Which track errors are of: they name the true target, and a tracker of all people has its own identities.
 
-How the filter fared, in numbers: effective samples, fallbacks, doubts.
+Filter diagnostics in numbers: effective sample size, fallbacks, quality flags.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class _BoundSoFar:
 
 
 class ErrorsAgainstBound:
-    """Collects errors and bounds while both stream by, in sections of the same time."""
+    """Accumulates errors and bounds over streams, in sections of the same time."""
 
     def __init__(self) -> None:
         """Nothing yet."""
@@ -109,7 +109,7 @@ class ErrorsAgainstBound:
 
 
 MAX_LOOKUPS = 200
-"""Errors of each target that are looked up among the tracks, evenly taken."""
+"""Errors of each target that are searched in the tracks, evenly sampled."""
 
 
 def relabelled(found: Mapping[int, int | None]) -> bool:
@@ -118,7 +118,7 @@ def relabelled(found: Mapping[int, int | None]) -> bool:
 
 
 def matching_tracks(errors: Errors, tracks: Tracks) -> dict[int, int | None]:
-    """By the identity that errors name, that of the track whose estimates they are of.
+    """Identity of the track with these estimates, by the identity in the errors.
 
     An error is of the estimate of its time and position.
 
@@ -176,15 +176,15 @@ class Fallbacks:
 
 @dataclass(frozen=True, eq=False)
 class FilterDiagnostics:
-    """What all diagnostics tell together.
+    """Summary of all diagnostics.
 
     Attributes:
         rows: how many there are.
         particles: whether they are of a particle filter.
         lowest: effective sample size.
         fallbacks: by their kind, which rise.
-        uncertain: rows with a doubt.
-        doubts: kinds of doubts, which rise.
+        uncertain: rows with a quality flag.
+        doubts: kinds of quality flags, rising.
     """
 
     rows: int
@@ -196,7 +196,7 @@ class FilterDiagnostics:
 
 
 class FilterDiagnosticsStreams:
-    """Collects how the filter fared while diagnostics stream by."""
+    """Accumulates filter diagnostics over a stream."""
 
     def __init__(self, in_memory: int = 1 << 16) -> None:
         """Nothing yet; of each kind this many times of fallbacks are kept `in_memory`."""

@@ -1,4 +1,4 @@
-"""What bearings state without tracks: how often each sensor looked, what it saw, and when.
+"""Observation coverage of bearings without tracks: frames, detections and times of each sensor.
 
 Which cameras were selected when: how often, for how long each, and the error that was expected of them and found.
 """
@@ -18,7 +18,7 @@ from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Errors, Tra
 
 CELLS = 500
 LOOK = np.dtype([("pair", "i8"), ("t_ns", "i8"), ("step", "f8"), ("seen", "?")])
-"""A look of a sensor for one label: the number of both, its time, that since the look before, whether it saw it."""
+"""An observation of one label by a sensor: the numbers of both, its time, the time since the previous one, and whether it is a detection."""
 Pair = tuple[str, int]
 """A sensor and a label of bearings."""
 MAX_SENSORS, MAX_TARGETS = 60, 6
@@ -61,7 +61,7 @@ def _nothing(sensor: str) -> SensorSightings:
 
 
 class _Cells:
-    """Counts of looks in `CELLS` cells of equal time."""
+    """Counts of observations in `CELLS` cells of equal time."""
 
     def __init__(self, first: int, end: int) -> None:
         self.edges = np.linspace(first, end, CELLS + 1).astype(np.int64)
@@ -86,7 +86,7 @@ def _frame_cells(times: Ints, seen: Bools, period: int) -> tuple[Ints, Ints, Int
 
 @dataclass(frozen=True, eq=False)
 class ObservationCoverage:
-    """What all bearings tell together.
+    """Summary of all bearings.
 
     Attributes:
         rows: how many there are.
@@ -118,14 +118,14 @@ def _by_sensor(names: Strings, which: Ints, seen: Bools) -> dict[str, tuple[int,
 
 
 class ObservationStreams:
-    """Collects looks while bearings stream by; each is buffered on disk, for cells with known borders at the end."""
+    """Accumulates observations over a stream of bearings; each is buffered on disk, for cells with known borders at the end."""
 
     def __init__(self, blocks: Blocks | None = None) -> None:
         """Nothing was seen yet; `blocks` takes records of `LOOK`."""
         self.rows = self._seen = 0
         self._sensors: dict[str, tuple[int, int]] = {}
         self._pairs: dict[Pair, int] = {}
-        self._ends: list[list[int]] = []  # of each pair: first time, last time, looks
+        self._ends: list[list[int]] = []  # of each pair: first time, last time, observations
         self._told = Blocks(LOOK) if blocks is None else blocks
 
     def add(self, bearings: Bearings) -> None:
@@ -148,7 +148,7 @@ class ObservationStreams:
             self._told.append(np.concatenate(parts))
 
     def _looks(self, number: int, t_ns: Ints, seen: Bools) -> Records:
-        """Looks of one pair: several candidates of one frame are one."""
+        """Observations of one pair: several candidates of one frame are one."""
         times, first = np.unique(t_ns, return_index=True)
         if number == len(self._ends):
             self._ends.append([int(times[0]), int(times[0]), 0])
@@ -192,7 +192,7 @@ class ObservationStreams:
         return ObservationCoverage(self.rows, self._seen, by_name, self.labels, told)
 
     def _sightings(self, wanted: set[int]) -> dict[int, tuple[Ints, Ints, Ints]]:
-        """Edges, looks and sightings of pairs."""
+        """Edges, observations and detections of pairs."""
 
         def steps() -> Iterator[tuple[Ints, np.ndarray]]:
             for number in range(self._told.count):
@@ -273,7 +273,7 @@ class _SelectionTarget:
 
 
 class SelectionStreams:
-    """Collects selections while diagnostics stream by, and what came out while errors or tracks do beside them."""
+    """Accumulates selections over a stream of diagnostics, and their outcomes over errors or tracks read along."""
 
     def __init__(self, every: int = 1) -> None:
         """Nothing was selected yet; every n-th selection is drawn."""
@@ -302,7 +302,7 @@ class SelectionStreams:
             own.last = int(part.t_ns[mine][-1])
 
     def came_out(self, part: Diagnostics, beside: Errors | Tracks) -> None:
-        """What errors or tracks say at the times of selections, both of a time interval."""
+        """Values of errors or tracks at the times of selections, both of a time interval."""
         told = np.isfinite(part.predicted_mse)
         for target in np.unique(part.target_id[told]).tolist():
             at = np.isin(beside.t_ns, part.t_ns[told & (part.target_id == target)])

@@ -99,7 +99,7 @@ WORDS: tuple[Word, ...] = (
     Word(_SEEN, "false_alarms_per_frame", "false alarms a frame"),
     Word(_SEEN, "detection_frames", "frames", "", "", False),
     Word(_SEEN, "detection_looks", "looks", "", "a frame of a sensor, for each target"),
-    Word(_SEEN, "detection_looks_without_truth", "looks without truth", "", "", False),
+    Word(_SEEN, "detection_looks_without_truth", "observations without truth", "", "", False),
     Word(_SEEN, "visible", "target visible", "", "in view and not hidden, by the truth"),
     Word(_SEEN, "detected", "detected", "", "visible, and seen where it is"),
     Word(_SEEN, "missed", "missed", "", "visible, but not seen where it is"),
@@ -125,7 +125,7 @@ WORDS: tuple[Word, ...] = (
     Word(_MEET, "sight_lines_distance_max", "largest distance", LENGTH),
     Word(_MEET, "sight_lines_share_within", "within the limit", SHARE, "distances up to the limit that was asked for"),
     Word(_MEET, "sight_lines_sigma_median", "uncertainty of the meeting point", LENGTH, "median standard deviation"),
-    Word(_MEET, "sight_lines_residual_rms", "RMS miss of the lines of sight", "mrad", "of their own meeting point"),
+    Word(_MEET, "sight_lines_residual_rms", "RMS miss of the lines of sight", "mrad", "from their triangulated position"),
     Word(_MEET, "sight_lines_scans", "scans", "", "with lines of sight from enough sensors"),
     Word(
         _MEET,
@@ -135,8 +135,8 @@ WORDS: tuple[Word, ...] = (
         "lines of sight nearly parallel, or that do not meet",
     ),
     Word(_MEET, "sight_lines_compared", "scans compared", "", "during the track"),
-    Word(_MEET, "noise_scale", "noise wanted / stated", "", "factor on standard deviations, from three lines and more"),
-    Word(_MEET, "noise_px", "noise wanted", "px", "median"),
+    Word(_MEET, "noise_scale", "noise required / stated", "", "factor on standard deviations, from three lines and more"),
+    Word(_MEET, "noise_px", "noise required", "px", "median"),
     Word(_MEET, "noise_scans", "scans with three lines or more", "", "", False),
     Word(
         _HELD, "held_out_median", "median miss", "px", "of the nearest reported bearing; the track was made without it"
@@ -168,7 +168,7 @@ WORDS: tuple[Word, ...] = (
 
 
 WHOSE = r"(?:_target_(?P<target>-?\d+)|_sensor_(?P<sensor>.+?)|_(?P<box>clear|front|hidden))?"
-BOXES = {"clear": "in the clear", "front": "in front of others", "hidden": "partly hidden"}
+BOXES = {"clear": "in the clear", "front": "in front of other people", "hidden": "partly hidden"}
 SETTLED = "settled_"
 LONGEST_FIRST = sorted(WORDS, key=lambda word: -len(word.base))
 """So that `detected_hidden` is not read as `detected` of what is `hidden`."""

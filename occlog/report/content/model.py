@@ -188,7 +188,7 @@ class ReportInput:
 
     @property
     def plausible(self) -> bool | None:
-        """Whether no stage found anything that speaks against the tracks; None: none has judged."""
+        """Whether all checks of all stages passed; None: no stage has checks."""
         return all_plausible(self.verdicts)
 
     @cached_property
@@ -254,7 +254,7 @@ class ReportInput:
 
     @property
     def looked(self) -> ObservationCoverage | None:
-        """What bearings tell; None without bearings."""
+        """Summary of bearings; None without bearings."""
         return self.figures.looked
 
     @property
@@ -267,12 +267,12 @@ class ReportInput:
 
     @property
     def people(self) -> PeopleStatistics | None:
-        """What tracks of all people tell; None: they are not of all people."""
+        """Summary of the tracks of all people; None for other tracks."""
         return self.figures.people
 
     @property
     def fared(self) -> FilterDiagnostics | None:
-        """What diagnostics tell; None without any."""
+        """Summary of diagnostics; None without any."""
         return self.figures.fared
 
     @property

@@ -1,4 +1,4 @@
-"""Everybody in numbers: how many people there are, who is there longest, how many cameras see them."""
+"""People in numbers: counts over time, longest tracks, number of cameras that see them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from occlog.records.tables import PeopleTracks, Truth
 from .looks import CELLS, SensorSightings
 
 MAX_PEOPLE = 60
-"""People who have a row of their own, those who are there longest."""
+"""People with a separate row: those with the longest tracks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,7 @@ class PeopleCount:
     """How many people there are at each time.
 
     Attributes:
-        t_ns: (T,) times of the tracks, and the ends of those after which nobody is there for a while.
+        t_ns: (T,) times of the tracks, and the ends of those that gaps without people follow.
         people: (T,) tracks there.
         expected: (T,) sum of their probabilities of existence.
         seen: (T,) those of whom some camera has a box.
@@ -95,7 +95,7 @@ class _VisibilityCells:
 
 @dataclass(frozen=True, eq=False)
 class PeopleStatistics:
-    """What all estimates of all people tell together.
+    """Summary of all estimates of all people.
 
     Attributes:
         rows: how many there are.
@@ -105,7 +105,7 @@ class PeopleStatistics:
         existence: mean probability that they are there, where it is known.
         several: share of the estimates of people whom several cameras see.
         identities: how many there are.
-        drawn: those that have a row of their own, in the order of their births.
+        drawn: those that have a separate row, in the order of their initiation.
         cameras: names of those that have a box of any person.
         crowd: how many there are at each time, or at those that are drawn.
         found: sightings of each camera.
@@ -129,10 +129,10 @@ class PeopleStatistics:
 
 
 class PeopleStreams:
-    """Collects what estimates of all people tell in streaming mode."""
+    """Accumulates estimates of all people over a stream."""
 
     def __init__(self) -> None:
-        """Nobody yet."""
+        """Create an empty summary of people."""
         self._rows = self._times = self._people = self._most = self._seen = self._several = self._told = 0
         self._existence = Sum()
         self._identities: dict[int, list[int]] = {}  # first row, rows

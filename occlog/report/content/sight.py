@@ -1,4 +1,4 @@
-"""How far tracks are from lines of sight, and from where these meet, accumulated while both stream by.
+"""How far tracks are from lines of sight, and from triangulated positions, accumulated over both streams.
 
 What a sensor can see, and where lines of sight meet: plane geometry for drawing.
 """
@@ -259,7 +259,7 @@ class _Off:
 
 
 class BearingResidualStreams:
-    """Collects residuals and distances while tracks and bearings stream by."""
+    """Accumulates residuals and distances over streams of tracks and bearings."""
 
     def __init__(
         self,

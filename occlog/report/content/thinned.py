@@ -1,7 +1,7 @@
 """Drawings of tables: of long ones every n-th time; what is stated in numbers is of all rows.
 
 The rule: of a table of more than `MAX_ROWS` rows those of every k-th time are kept, with the smallest k by which not
-more than this many are left, if all times have as many; beside them the first and the last row of each target, of
+more than this many are left, if all times have as many; in addition the first and the last row of each target, of
 errors the largest one of each target between two times that are kept, and what the time steps of the replay need.
 """
 
@@ -115,7 +115,7 @@ def downsample(
 
 
 def downsample_with(found: DownsampledTable[T], chunks: Iterable[T], pick: Callable[[T], Ints]) -> DownsampledTable[T]:
-    """The same with other rows of the table, too: those of each chunk whose positions in it `pick` gives."""
+    """Downsample a table and keep the rows that `pick` selects from each chunk."""
     parts, numbers, count = [found.table], [found.rows], 0
     for chunk in chunks:
         rows = pick(chunk)
@@ -197,7 +197,7 @@ class _ErrorsOfTarget:
 
 
 class ErrorsSoFar:
-    """Figures of errors that stream by: RMSE and largest error of each target, and the RMSE up to each row."""
+    """Figures of a stream of errors: RMSE and largest error of each target, and the RMSE up to each row."""
 
     def __init__(self) -> None:
         """No errors yet."""

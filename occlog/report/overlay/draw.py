@@ -120,7 +120,7 @@ def draw_shot(image: Bytes, shot: FrameDrawing, scale: float) -> Bytes:
 
 
 def tile(pictures: Sequence[Bytes], columns: int) -> Bytes:
-    """Pictures side by side, row by row, on a dark ground; width and height of the whole are even, as codecs want."""
+    """Pictures side by side, row by row, on a dark ground; width and height of the whole are even, as codecs require."""
     height, width = (max(p.shape[k] for p in pictures) for k in (0, 1))
     gap, rows = 4, math.ceil(len(pictures) / columns)
     whole = (rows * height + (rows - 1) * gap, columns * width + (columns - 1) * gap)

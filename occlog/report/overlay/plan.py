@@ -134,7 +134,7 @@ class PlanRenderer:
 
 
 def _mark(yaw: float) -> Floats:
-    """(3, 2) corners of a camera's mark around its position, which opens to where it looks [px]."""
+    """(3, 2) corners of a camera's mark around its position, which opens in its viewing direction [px]."""
     c, s = math.cos(yaw), -math.sin(yaw)
     ahead, aside = np.array([c, s]), np.array([-s, c])
     return MARK * np.array([0.0 * ahead, ahead + 0.6 * aside, ahead - 0.6 * aside])

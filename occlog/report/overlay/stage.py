@@ -53,7 +53,7 @@ def frame_shot(view: int, frame: int, rows: Sequence[OverlayFrameRows], rig: Ove
 
     Returns:
         Estimates: dashed while only neighbours act on them, or where the view has no box of the person; strong with
-        help from other views, from whose estimates their epipolar lines come; links of those that touch; true
+        help from other views, with the epipolar lines of their estimates; links of those that touch; true
         positions; failures.
     """
     tracks, truth, failures = rows[view]
@@ -164,7 +164,7 @@ def line_in_image(line: Floats, view: TrackedView, camera: Camera | None) -> Flo
     Args:
         line: (3,) with l1^2 + l2^2 = 1.
         view: with the image's size.
-        camera: whose lens distortion bends the line; None: it is straight.
+        camera: its lens distortion bends the line; None: it is straight.
     """
     size = np.array([view.width, view.height], dtype=np.float64)
     middle, reach = 0.5 * (size - 1.0), float(np.hypot(*size)) * (0.5 if camera is None else 1.0)

@@ -2,7 +2,7 @@
 
 Fixed parts of a floor plan: room, occluders, sensors, their fields of view, their names, the scale.
 
-Names beside points are moved until they do not cover each other.
+Names next to points are moved until they do not cover each other.
 """
 
 from __future__ import annotations
@@ -387,7 +387,7 @@ def _paths(axes: Axes, data: ReportInput) -> list[Line2D | Patch]:
             handles += [Line2D([], [], color=colour, linewidth=1.8, label=name)] if i < MAX_NAMES else []
     if data.truth is not None:
         true = _rows_of(data.truth, "target")
-        # Of those that nobody tracks, too, where names do not determine who is tracked
+        # Untracked ones as well, if names do not determine who is tracked
         for target in data.targets if data.same_names else true:
             rows = true.get(target, NO_ROWS)
             _path(axes, data.truth, rows, since, points, zorder=4, **TRUE_PATH)

@@ -2,7 +2,7 @@
 
 How the filter fared: effective sample size, or how well a method without particles knows the position; fallbacks.
 
-Everybody over time: how many people there are, who is there, who sees them, and where identities are ambiguous.
+People over time: counts, presence, the cameras that see them, and ambiguous identities.
 
 Which cameras were selected when, and the error that was expected of them.
 
@@ -202,7 +202,7 @@ FALLBACKS = {
     "contradiction": ("t5", "v", "constraints contradict each other"),
     "wall": ("t1", "s", "no way around a wall"),
     "unfinished": ("ink", "x", "search did not converge"),
-    "doubted": ("t2", "v", "fewer than half of the bearings believed"),
+    "doubted": ("t2", "v", "fewer than half of the bearings accepted"),
 }
 
 
@@ -373,7 +373,7 @@ def coarser(found: SensorSightings, most: int) -> SensorSightings:
 
 
 def draw_rows(axes: Axes, time: TimeAxis, rows: Sequence[SensorSightings], names: Sequence[str]) -> None:
-    """Draw a bar for each sensor, with its share of sightings beside it; the first sensor is on top."""
+    """Draw a bar for each sensor, labelled with its share of detections; the first sensor is on top."""
     shares = []
     for row, found in enumerate(rows):
         _bar(axes, time, found, -float(row))
@@ -406,7 +406,7 @@ def label_rows(axes: Axes, names: Sequence[str], shares: Sequence[str]) -> None:
 
 
 def _bar(axes: Axes, time: TimeAxis, found: SensorSightings, y: float) -> None:
-    """Grey where there is no frame, orange where the sensor looked, blue from below as far as it saw."""
+    """Grey where there is no frame, orange where the sensor observed, blue from below for the share of detections."""
     low = y - HEIGHT / 2
     axes.fill_between([0.0, time.length], low, low + HEIGHT, color=COLOURS["absent"], linewidth=0)
     if not len(found.looked):
@@ -461,7 +461,7 @@ def draw_seen_by(figure: FigureBase, data: ReportInput, found: PeopleStatistics)
     kinds = (
         ("seen", "share of the people there that it sees"),
         ("hidden", "the others"),
-        ("absent", "nobody is there"),
+        ("absent", "no person present"),
     )
     handles = [Patch(facecolor=COLOURS[colour], label=text) for colour, text in kinds]
     figure.legend(handles=handles, loc="outside lower center", ncols=3)

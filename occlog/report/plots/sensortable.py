@@ -57,7 +57,7 @@ def _point(position: Floats) -> str:
 
 
 def _counts(data: ReportInput, name: str) -> tuple[str, str, str]:
-    """Looks, sightings, and their share."""
+    """Observations, detections, and their share."""
     if data.looked is None:
         return "–", "–", "–"
     looks, seen = data.looked.sensors.get(name, (0, 0))

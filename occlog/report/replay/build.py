@@ -30,7 +30,7 @@ MIN_PEAK_SEPARATION = 0.05
 
 
 Layer = tuple[str, str, bool]
-"""What can be shown: its name, words for it, and whether it is shown at first."""
+"""A layer: its name, its label, and whether it is visible initially."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Replay:
         json: what the script is given, safe inside a `<script>` element.
         words: what is shown and what was skipped, in sentences.
         targets: identities that can be switched off, with the number of their colour.
-        layers: names of what can be shown, with words for it and whether it is shown at first.
+        layers: names of layers, with their labels and initial visibility.
         peaks: the largest errors, the largest first.
         cameras: names of the cameras that have images.
     """

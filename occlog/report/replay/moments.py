@@ -2,7 +2,7 @@
 
 The rule: of the times of the tracks (of the truth, if missing) every k-th is kept, with the smallest k by
 which not more than `MOST_SHOWN` estimates and as many true positions are left; where a part of a table is drawn, that
-part is chosen with these times (`chosen`).  Lines of sight are those of the latest look
+part is chosen with these times (`chosen`).  Lines of sight are those of the latest frame
 of each sensor since the time before; where more than `MAX_OBSERVATIONS` would be left, those of every j-th kept
 time step, with the smallest such j.
 
@@ -140,7 +140,7 @@ class ReplaySteps:
 
     @property
     def pairs(self) -> dict[int, int]:
-        """By the identity of a true target that of its track, as the errors say; empty: they do not, or not for all."""
+        """Track identity by true target, from the errors; empty: not in the errors, or not for all."""
         found = {target: track for target, track in self.data.followers.items() if track is not None}
         return found if not self.same and len(set(found.values())) == len(self.data.followers) else {}
 
@@ -167,7 +167,7 @@ class ReplaySteps:
 
     @cached_property
     def _truth(self) -> Truth | None:
-        """True positions of targets, and of others where there are few; those that errors tell where nothing else does."""
+        """True positions of targets, and of others where there are few; those in the errors if there is no other source."""
         truth = _of_errors(self.data.errors) if self.data.truth is None else self.data.truth
         if truth is None or not len(truth):
             return None
@@ -180,7 +180,7 @@ class ReplaySteps:
 
         Args:
             seen: takes who saw each.
-            doubts: takes why each is not reliable.
+            doubts: receives the reason why each is unreliable.
             size: step of widths and heights.
             sigma: step of standard deviations.
         """
@@ -210,7 +210,7 @@ class ReplaySteps:
         }
 
     def _said(self, tracks: Tracks, rows: Ints) -> tuple[Texts, Bools, Texts]:
-        """Who saw each row's target, whether that is known, and what is uncertain, as the tracks or the filter say."""
+        """Sensors that saw each row's target, whether these are known, and quality flags, from the tracks or the filter."""
         if self.data.everybody is not None:
             people = self.data.everybody
             return people.seen_by[rows], np.isfinite(people.existence[rows]), people.doubt[rows]
@@ -275,7 +275,7 @@ class ReplaySteps:
         return table, every
 
     def _looks(self, bearings: Bearings, sensors: list[str]) -> tuple[Ints, Ints, Ints]:
-        """Rows that saw something, of each sensor's latest look before each time step; their time steps and sensors."""
+        """Rows with a detection in each sensor's latest frame before each time step; their time steps and sensors."""
         names, which = np.unique(bearings.sensor, return_inverse=True)
         place = {name: k for k, name in enumerate(sensors)}
         number = np.array([place.get(str(name), -1) for name in names], dtype=np.int64)[which]

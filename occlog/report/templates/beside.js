@@ -5,7 +5,7 @@
   const data = JSON.parse(source.textContent);
   root.hidden = false;
   const times = unpack(data.times), apart = unpack(data.apart), alone = unpack(data.alone), partner = unpack(data.partner);
-  // True places are the same in both plans
+  // True positions are the same in both plans
   data.b.truth = data.a.truth;
   const letters = ["A", "B"], hidden = [new Set(), new Set()];
   const plans = letters.map((letter, k) => (
@@ -19,7 +19,7 @@
   const strip = makeStrip(times, apart, (top) => `largest distance of partners, up to ${number(top)} ${unit}`, marks);
 
   // ---- words
-  // Partners of a moment, those of A first; null where a run has nobody
+  // Partners at a time, those of A first; null where a run has no track
   const pairsAt = (m) => {
     const [ofA, ofB] = plans.map((plan) => plan.peopleAt(m)), left = new Map(ofB.map((person) => [person.target, person]));
     const out = ofA.map((person) => {

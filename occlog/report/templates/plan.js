@@ -1,4 +1,4 @@
-// One floor plan: who is where at a moment, who sees them, who hides whom, and how all that is drawn.
+// One floor plan: people, lines of sight and occlusions at a time, and their drawing.
 // What is drawn comes from an element that holds JSON and is never executed; text is set as text.
 "use strict";
 const NONE = 65535;
@@ -22,7 +22,7 @@ const unpackTable = (packed) => {
 };
 const number = (value) => (Math.abs(value) >= 1000 ? value.toFixed(0) : value.toPrecision(3));
 
-// ---- a plan of a run on a canvas; `times` are the moments [s], `hiddenTargets` those that are not drawn
+// ---- a plan of a run on a canvas; `times` are the time steps [s], `hiddenTargets` those that are not drawn
 const makePlan = (canvas, data, times, hiddenTargets) => {
   const tracks = unpackTable(data.tracks), truth = unpackTable(data.truth);
   const sight = unpackTable(data.sight), hulls = unpackTable(data.hulls);
@@ -30,7 +30,7 @@ const makePlan = (canvas, data, times, hiddenTargets) => {
   const centre = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2];
   const place = (columns, i) => [centre[0] + columns.x[i] * data.step, centre[1] + columns.y[i] * data.step];
   const beyond = (columns, i) => Math.abs(columns.x[i]) >= 32767 || Math.abs(columns.y[i]) >= 32767;
-  // Colours are those of the targets' numbers, unless the data name others; -1: of nobody in particular
+  // Colours are those of the targets' numbers, unless the data name others; -1: of no particular target
   const colourNumber = (index) => (data.colours ? data.colours[index] : index % 6);
   const colourOf = (style, index) => style.getPropertyValue(colourNumber(index) < 0 ? "--muted" : `--t${colourNumber(index)}`).trim();
   const pen = canvas.getContext("2d");
@@ -64,7 +64,7 @@ const makePlan = (canvas, data, times, hiddenTargets) => {
     pen.ellipse(...px([x, y]), root95(mean + half), root95(mean - half), -Math.atan2(2 * c, a - b) / 2, 0, 2 * Math.PI);
   };
 
-  // People of a moment
+  // People at a time
   const peopleAt = (m) => {
     const out = [];
     const [from, to] = rowsOf(tracks, m);
@@ -183,7 +183,7 @@ const makePlan = (canvas, data, times, hiddenTargets) => {
       pen.lineWidth = 2;
       pen.stroke();
     }
-    // What moves and is not a target: where it is, and what the tracker was told of it
+    // What moves and is not a target: where it is, and the tracker's occluder prior
     pen.fillStyle = muted;
     for (const at of real.others) {
       const [x, y] = px(at), r = Math.max((data.body[0] / 2) * scale, 2);
@@ -305,7 +305,7 @@ const makePlan = (canvas, data, times, hiddenTargets) => {
     trails(tracks, "", [], 0.7);
   };
 
-  // The person nearest to a place of the canvas [px] that is not far from it
+  // The person nearest to a position on the canvas [px] that is not far from it
   const personAt = (x, y) => {
     const people = peopleAt(now).filter((p) => !hiddenTargets.has(p.target) && !p.outside);
     const near = people.map((p) => [Math.hypot(px(p.at)[0] - x, px(p.at)[1] - y), p]).sort((a, b) => a[0] - b[0])[0];
@@ -316,11 +316,11 @@ const makePlan = (canvas, data, times, hiddenTargets) => {
     hovered = target;
     draw();
   };
-  // As many digits as a place has, rounded to whole steps as it is
+  // As many digits as a position has, rounded to whole steps as it is
   const digits = Math.min(Math.max(Math.floor(-Math.log10(2 * data.step)), 0), 3);
-  // ---- what is said of a person
+  // ---- the description of a person
   const placeWords = (person) => (person.outside ? "outside" : person.at.map((v) => v.toFixed(digits)).join(", "));
-  const seenWords = ({ seen }) => (seen === null ? "–" : seen === "" ? "nobody" : seen.split(",").join(", "));
+  const seenWords = ({ seen }) => (seen === null ? "–" : seen === "" ? "no camera" : seen.split(",").join(", "));
   const remarks = (person, people) => (
     [person.doubt, ...hiders(person, people).map((text) => `hidden by ${text}`)].filter(Boolean).join("; ") || "–"
   );

@@ -1,4 +1,4 @@
-// The moments of a run: a plan to scrub and play, and its values in words.
+// The time steps of a run: a plan to scrub and play, and its values in words.
 (() => {
   const source = $("replay-data"), root = $("replay");
   if (!source || !root) return followTheme(() => {});
@@ -9,7 +9,7 @@
   const { tracks, truth, peopleAt, truthAt } = plan;
   let at = 0;
 
-  // ---- the strip: largest error of each moment, or how many are there; events below it
+  // ---- the strip: largest error of each time step, or how many are there; events below it
   const series = new Float64Array(times.length);
   const compared = data.compared && truth.first && truth.target.some((t) => t < data.targets.length);
   for (let m = 0; m < times.length; m++) {

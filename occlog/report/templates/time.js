@@ -14,7 +14,7 @@ const followTheme = (redraw) => {
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
 };
 
-// ---- the strip above the slider: a value of each moment as an area, and marks below it
+// ---- the strip above the slider: a value of each time step as an area, and marks below it
 // `words` say what it is, with its largest value; `marks` are a time and the name of a colour each
 const makeStrip = (times, series, words, marks) => {
   const strip = $("replay-strip"), pen = strip.getContext("2d");
@@ -59,7 +59,7 @@ const makeStrip = (times, series, words, marks) => {
   return { strip, draw, timeAt };
 };
 
-// ---- the time that is shown; `show(now, playing)` draws and writes that moment, `canvases` take keys
+// ---- the time that is shown; `show(now, playing)` draws and writes that time step, `canvases` take keys
 const makeTime = (root, times, second, strip, canvases, show) => {
   const slider = $("replay-time"), button = $("replay-play");
   const span = times[times.length - 1] - times[0] || 1;
@@ -182,7 +182,7 @@ const switchTargets = (root, hiddenTargets) => {
   }
 };
 
-// ---- what is said of the target under the pointer: `lines` of it, or of none
+// ---- the description of the target under the pointer: `lines` of it, or of none
 const tellWhatIsThere = (plan, tip, lines) => {
   plan.canvas.addEventListener("pointermove", (event) => {
     const box = plan.canvas.getBoundingClientRect(), x = event.clientX - box.left, y = event.clientY - box.top;

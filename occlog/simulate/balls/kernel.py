@@ -43,7 +43,7 @@ def trace_balls_into(
     """Find the nearest ball on every line of sight.
 
     Args:
-        depth: (H, W, 4) distance of the nearest ball so far, inf at first; lowered where a ball is nearer.
+        depth: (H, W, 4) distance of the nearest ball so far, initially inf; lowered where a ball is nearer.
         label: (H, W, 4) number of that ball, set with `depth`.
         covered: (n, 5) of each ball, set: left, top, right, bottom (half-open) of the part of
             the image in which it can be, and the number of lines of sight that meet it, hidden or not.
@@ -146,7 +146,7 @@ def paint_balls_into(
 
 @kernel
 def shade_ball_into(colour: Floats, x: float, y: float, z: float, turn: Floats, view: RenderView, skin: Skin) -> None:
-    """Colour (3,) of a ball where its surface looks along (x, y, z)."""
+    """Colour (3,) of a ball where its surface normal is (x, y, z)."""
     qx = turn[0, 0] * x + turn[1, 0] * y + turn[2, 0] * z
     qy = turn[0, 1] * x + turn[1, 1] * y + turn[2, 1] * z
     qz = turn[0, 2] * x + turn[1, 2] * y + turn[2, 2] * z

@@ -1,4 +1,4 @@
-"""Balls that fly about in a box, and the cameras that look at it: the world of [Qu] Sec. 4.1.
+"""Balls that fly about in a box, and the cameras around it: the world of [Qu] Sec. 4.1.
 
 Lengths are pixels: the cameras are so far away, and so long, that a pixel is one unit
 everywhere in the box.  The floor is at z = 0, half an image height below the box's centre.
@@ -21,7 +21,7 @@ from occlog.records.scene import Camera
 from .config import FASTEST, BallsConfig
 
 VIEWS = ((0.0, 0.0), (90.0, 0.0), (45.0, -15.0), (135.0, -15.0), (20.0, -10.0), (110.0, -10.0))
-"""Yaw and pitch [deg] of the cameras that there may be: the two of the paper, then more that look down."""
+"""Yaw and pitch [deg] of the cameras that there may be: the two of the paper, then more that point down."""
 
 TRIES = 5_000
 """Draws of starting positions before it is stated that the balls have no room."""
@@ -131,7 +131,7 @@ def _start(config: BallsConfig, reach: Floats, rng: np.random.Generator) -> Floa
             return placed
     where = f"{config.balls} balls of radius {config.radius:g} px that start apart"
     if config.start_apart:
-        raise InputError(f"balls: no room for {where}; take fewer or smaller ones, or let them overlap at first")
+        raise InputError(f"balls: no room for {where}; take fewer or smaller ones, or let them overlap initially")
     if config.collide:
         raise InputError(f"balls: no room for {where}, as balls that collide must; take fewer or smaller ones")
     raise InputError(f"balls: {config.balls} are more than the {TRIES} that there can be; take fewer")

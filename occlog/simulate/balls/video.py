@@ -159,14 +159,14 @@ def football_faces() -> Floats:
 
 
 def football() -> Skin:
-    """Dark pentagons and light hexagons with seams between them; only the faces that shading looks at."""
+    """Dark pentagons and light hexagons with seams between them; only the faces that shading uses."""
     faces = football_faces() * CIRCUMSCRIBED
     used = _first_or_second(faces)
     return Skin(np.ascontiguousarray(faces[used]), int(used[:12].sum()), 0.035, np.vstack([PENTAGON, HEXAGON, SEAM]))
 
 
 def _first_or_second(faces: Floats) -> NDArray[np.bool_]:
-    """(F,) the faces that are nearest, or second to it, somewhere with x, y, z >= 0: all that shading looks at."""
+    """(F,) the faces that are nearest, or second to it, somewhere with x, y, z >= 0: all that shading uses."""
     x, y, z = np.meshgrid(*3 * [np.linspace(0.0, 1.0, 25)])
     points = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
     points = points[np.linalg.norm(points, axis=1) > 0.5]

@@ -21,7 +21,7 @@ from .room import Background, background, blank
 from .surfaces import AMBIENT, lamps
 
 IN_FRONT = 1e-6
-"""Least depth of a point whose projection counts."""
+"""Least depth of a point with a valid projection."""
 BORDER = np.linspace(0.0, 1.0, 9)
 
 
@@ -36,7 +36,7 @@ def ideal_limits(camera: Camera) -> Floats:
 
 
 def pixel_boxes(camera: Camera, limits: Floats, points: Floats) -> Ints:
-    """Pixels in which things can be whose convex hulls are given by points.
+    """Pixels that can contain things, given by points of their convex hulls.
 
     Args:
         camera: with an image size.
@@ -44,7 +44,7 @@ def pixel_boxes(camera: Camera, limits: Floats, points: Floats) -> Ints:
         points: (P, m, 3) world points around each of P things.
 
     Returns:
-        (P, 4) left, top, right, bottom, half-open; empty behind the camera or beside the
+        (P, 4) left, top, right, bottom, half-open; empty behind the camera or outside the
         image, the whole image for a thing that reaches from before to behind the camera.
     """
     width, height = camera.image_size or (0, 0)

@@ -214,7 +214,7 @@ def shadow_into(
         y: of the cylinder.
         height: of the cylinder.
         radius: of the cylinder.
-        box: (4,) pixels in which to look.
+        box: (4,) pixels to search.
         room: lamps.
     """
     lights = room.lights

@@ -1,7 +1,7 @@
 """True paths to video: what cameras in a textured room see of the people who walk in it.
 
 Bodies are ellipsoids drawn by casting lines of sight, so that any camera pose and lens
-distortion, people in front of others and behind walls and pillars come out right.
+distortion, people in front of other people and behind walls and pillars come out right.
 
 What the targets resemble: appearance histograms of their bodies rendered alone, for the detector.
 """
@@ -136,7 +136,7 @@ def _checked(camera: Camera) -> Camera:
 
 
 def _clothes(ids: NDArray[np.int64], target: NDArray[np.bool_], config: RenderConfig, seed: int) -> Clothes:
-    """What the objects wear: it depends on seed and number only (where some look similar, on who is a target too)."""
+    """Clothes of the objects: they depend on seed and number only (where some look similar, on who is a target too)."""
     targets = ids[target].tolist()
     worn = []
     for number, is_target in zip(ids.tolist(), target.tolist(), strict=True):
@@ -182,7 +182,7 @@ def _rendered(camera: Camera, job: RenderJob, drawn: RenderedFrame, config: Rend
 def _boxes(
     camera: Camera, job: RenderJob, ids: NDArray[np.int64], pixels: NDArray[np.int64], share: Floats
 ) -> TruthBoxes:
-    """Boxes around whole pixels; one empty row for a frame that shows nobody."""
+    """Boxes around whole pixels; one empty row for a frame without people."""
     if not len(ids):
         ids, pixels, share = np.array([-1]), np.full((1, 5), -1), np.array([np.nan])
         left = top = width = height = np.array([np.nan])
@@ -240,7 +240,7 @@ def reference_appearances(
 
 
 def _view(scene: Scene, metre: float, angle: float) -> tuple[Canvas, Floats]:
-    """A camera that looks from a distance at the position under the first lamp, and that position (2,)."""
+    """A camera at a distance that points at the position under the first lamp, and that position (2,)."""
     lights = lamps(scene.surroundings, scene.room_height)
     place = lights[0, :2]
     width, height = SIZE

@@ -84,7 +84,7 @@ def merge_near(to: Floats, known: Bools, heard: Bools, resolution: float, planar
         known: (T, n) whether the height is.
         heard: (T, n) whether it is heard at all.
         resolution: [rad], > 0.
-        planar: whether the array tells azimuths only.
+        planar: whether the array measures azimuths only.
 
     Returns:
         to, known and heard after that; where several became one, `to` is a unit vector.
@@ -156,7 +156,7 @@ def observe_arrays(
 
     Sounding targets are of equal strength; sound needs no time and goes past occluders and walls;
     the moving occluders are silent.  Azimuth and polar angle about the array's own axes carry
-    independent Gaussian noise and are turned into angles of the world.  A planar array tells no
+    independent Gaussian noise and are turned into angles of the world.  A planar array measures no
     elevation, nor does any of a target of unknown height (z NaN).  Targets nearer to each
     other than the array's resolution are heard as one; see `merge_near`: its noise, and whether it
     is missed, are those of the first of them.  A target that is out of range (in space), silent
@@ -190,7 +190,7 @@ def _simulated_array(array: MicrophoneArray, number: int, seed: int) -> Simulate
     """The array with its own random numbers; InputError for one that is planar and tilted."""
     if array.planar and not _vertical(array):
         raise InputError(
-            f"microphone array {array.name} is planar and tilted, so that it tells no azimuth of the world; "
+            f"microphone array {array.name} is planar and tilted, so that it measures no azimuth in the world; "
             "set pitch_deg and roll_deg to 0 or planar to false"
         )
     return SimulatedArray(

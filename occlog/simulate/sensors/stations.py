@@ -25,7 +25,7 @@ from occlog.simulate.world.scripted_paths import truth_grid
 
 @dataclass
 class SimulatedReader:
-    """A reader with its own random numbers, and the shadowing of each tag at its last look."""
+    """A reader with its own random numbers, and the shadowing of each tag at its last reading."""
 
     reader: TagReader
     noise: np.random.Generator  # of the strengths
@@ -54,7 +54,7 @@ def observe_readers(
 ) -> Iterator[Reads]:
     """Simulate what the readers of a scene read of the targets, each of which carries a tag of its number.
 
-    A reader looks at its own rate, or at every step.  It reads a tag within its `range` on the floor with the
+    A reader reads at its own rate, or at every step.  It reads a tag within its `range` on the floor with the
     probability `detection` and others with `stray`; where the scene states no range, any tag with `detection`.
     Signals below `weakest` are not read.  The strength is that of the distance in space; a target with a height that is
     not known is taken to carry its tag on the floor.  Walls and people do not weaken it but by the shadowing, which

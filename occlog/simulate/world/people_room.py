@@ -1,4 +1,4 @@
-"""A room in which people of one look walk about and hide one another, seen by two to six cameras.
+"""A room in which people of identical appearance walk and occlude one another, seen by two to six cameras.
 
 The cameras stand so far from the part that people walk in that all views hold them whole,
 and not in one line: then the views of any three of them state where a point is in the third.
@@ -52,12 +52,12 @@ CAMERAS = (
 )
 """Position x, y, z [m], and focal length [px] in images of 640 x 480."""
 HEIGHT = 0.9
-"""Of the point in the middle of the room that all cameras look at [m]."""
+"""Height of the point in the middle of the room at which all cameras point [m]."""
 
 BODY = np.array([[x, y, z] for x in (-0.3, 0.3) for y in (-0.3, 0.3) for z in (0.0, 1.85)])
 """Corners of a box about a body, from where it stands [m]."""
 TRIES, DRAWN = 200, 500
-"""Searches for positions at which nobody hides another, and positions drawn in each."""
+"""Searches for positions without occlusions between people, and positions drawn in each."""
 
 
 def people_room(views: int, size: tuple[int, int], rate_hz: float) -> Scene:
@@ -96,7 +96,7 @@ def _camera(number: int, size: tuple[int, int], rate_hz: float) -> Camera:
 
 
 def people_apart(scene: Scene, people: int, seed: int) -> Floats:
-    """(n, 2) positions in the middle of the room at which nobody hides another from any camera.
+    """(n, 2) positions in the middle of the room without occlusions between people in any camera.
 
     Args:
         scene: the room.
@@ -116,7 +116,7 @@ def people_apart(scene: Scene, people: int, seed: int) -> Floats:
         if len(kept) == people:
             return places[kept]
     raise InputError(
-        f"people: no positions found at which {people} people hide nobody from {len(scene.cameras)} cameras; "
+        f"people: no positions found at which {people} people do not occlude one another in {len(scene.cameras)} cameras; "
         "take fewer of either, or let them overlap in the first frame"
     )
 
@@ -141,11 +141,11 @@ class Avoidance(NamedTuple):
     steps: StepRules
     occluders: tuple[Floats, Ints]  # packed polygons that repel
     patience: int  # steps without getting nearer to a destination, after which another one is taken
-    people: MovingObstacleTracks | None  # who walk as they did; None: nobody
+    people: MovingObstacleTracks | None  # recorded walkers; None: none
 
 
 class AvoidingState(NamedTuple):
-    """Where n objects are, where they want to go, and what they felt."""
+    """Where n objects are, their destinations, and the forces on them."""
 
     xy: Floats  # (n, 2)
     destination: Floats  # (n, 2)

@@ -157,7 +157,7 @@ def _entered(state: Floats, segment: Segment) -> Floats:
 
 
 def _advanced(state: Floats, pieces: list[tuple[int, Segment]], starts: list[int], now: int, t: int) -> Floats:
-    """The state at time t [ns], from that at `now`, through all pieces on the way."""
+    """The state at time t [ns], from that at `now`, through all pieces in between."""
     piece = bisect_right(starts, now) - 1
     while piece + 1 < len(pieces) and starts[piece + 1] <= t:
         state = _entered(moved(state, pieces[piece][1], (starts[piece + 1] - now) * 1e-9), pieces[piece + 1][1])

@@ -7,7 +7,7 @@ without noise would end in a static occluder or outside the room, and - the vari
 "waypoints+" - with a fixed probability in every step.
 
 The paper leaves open how objects go around each other.  Here the objects of a step move
-one after another, each in turn first; an object whose step would bring its centre
+one after another, each in turn first; an object with a step that would bring its centre
 closer than one diameter to another's, into a wall or out of the room turns its step by
 15, 30, ... 180 degrees to either side and takes the first that is free, or stays.  So
 objects never overlap, never leave the room and never enter a static occluder.
@@ -228,7 +228,7 @@ ATTEMPTS = 20_000
 
 
 class WaypointState(NamedTuple):
-    """Where the objects are and want to go."""
+    """Positions and destinations of the objects."""
 
     xy: Floats  # (n, 2)
     destination: Floats  # (n, 2)

@@ -174,7 +174,7 @@ def image_cloud(things: Sequence[DrawingGroup], t_ns: int, frame: str, camera: C
         things: in pixels as recorded, their centres at whole numbers.
         t_ns: their time.
         frame: of the camera: x to the right, y down, z forward.
-        camera: whose image it is. The viewer takes its images for ones without distortion, and so does this.
+        camera: camera of the image. The viewer assumes images without distortion, and so does this.
     """
     lines = [line for thing in things for line in thing.lines]
     cut = _cut(lines, DASH_PX)

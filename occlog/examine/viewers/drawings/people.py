@@ -30,13 +30,13 @@ from occlog.records.scene import Camera
 from occlog.records.tables import Boxes, Diagnostics, Tracks, Truth, TruthBoxes, Views, ViewTracks
 
 HEIGHT, WIDTH = 1.7, 0.5
-"""Of a person whose size the tracks do not determine [m]."""
+"""Size of a person without a size in the tracks [m]."""
 TRAIL_NS, TRAIL_POINTS = 5 * NS, 60
 """How long a trail is; points of it that are drawn."""
 STALE_NS = NS
 """An estimate that is older than this is no longer drawn: the target is gone."""
 SLACK = 0.1
-"""A person whose middle is this far outside the field of view may still be in the image in part [rad]."""
+"""A person with a middle this far outside the field of view may still be in the image in part [rad]."""
 HIDDEN = 0.3
 """A target of which less than this share is visible counts as hidden."""
 NAME_SIZE, NAME_PX = 0.3, 14.0
@@ -59,7 +59,7 @@ class PersonEstimate:
 
     @property
     def unsure(self) -> bool:
-        """Whether it is drawn dashed: no camera sees it, or something speaks against it."""
+        """Whether it is drawn dashed: no camera sees it, or a check contradicts it."""
         return bool(self.doubt) or (self.seen_by is not None and not self.seen_by)
 
     @cached_property
@@ -94,7 +94,7 @@ class Palette:
 
 
 class DiagnosticsDrawing:
-    """What a filter last said of each target, of which its tracks say nothing: who sees it, and what is uncertain."""
+    """Latest filter output for each target that tracks do not contain: the sensors that see it, and uncertainties."""
 
     def __init__(self) -> None:
         """Nothing yet."""
@@ -128,7 +128,7 @@ def people_of(rows: Tracks, metres: float, said: DiagnosticsDrawing | None = Non
         if wide is not None:
             height, width = metres * float(wide.height[k]), metres * float(wide.width[k])
             doubt = str(wide.doubt[k]) or doubt
-            # A method that follows everybody states about each row who saw it
+            # A method that tracks all people states the sensors of each row
             if not np.isnan(wide.existence[k]):
                 seen = frozenset(filter(None, str(wide.seen_by[k]).split(",")))
         out.append(
@@ -151,7 +151,7 @@ class PeopleDrawing:
     """The latest estimate of each target, and where it was in the last seconds."""
 
     def __init__(self, palette: Palette, trail_ns: int = TRAIL_NS) -> None:
-        """Nobody yet."""
+        """Create an empty list of people."""
         self._palette, self._trail_ns = palette, trail_ns
         self._people: dict[int, PersonEstimate] = {}
         self._trails: dict[int, deque[tuple[int, Floats]]] = {}

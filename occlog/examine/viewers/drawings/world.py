@@ -2,7 +2,7 @@
 
 Where sensors are and how cameras see, as messages of Foxglove.
 
-What sensors look at: lines of sight, which cameras were selected, and what people hide from cameras.
+Observations of sensors: lines of sight, which cameras were selected, and what people hide from cameras.
 """
 
 from __future__ import annotations
@@ -243,7 +243,7 @@ class SightDrawing:
         Args:
             sensor: its name.
             targets: identities; -1: not known.
-            azimuths: in the world [rad]; NaN: the sensor looked and did not see the target.
+            azimuths: in the world [rad]; NaN: the sensor observed and did not see the target.
 
         Returns:
             None: the sensor is not in the scene, or its pose is not known.

@@ -166,7 +166,7 @@ def vectors(c: Column, values: pa.Array) -> NDArray[np.generic]:
     lengths, numbers = to_numpy(values.value_lengths()).astype(np.int64), values.flatten()
     (length, *others) = np.unique(lengths[lengths > 0]).tolist() or [0]
     if others or numbers.null_count:
-        fault = f"lists of {length} and of {others[0]} numbers; all must be alike" if others else "numbers are missing"
+        fault = f"lists of {length} and of {others[0]} numbers; all must have one length" if others else "numbers are missing"
         raise InputError(f"column {c.name}: {fault}")
     if len(values) * length > max(MAX_NUMBERS, 2 * len(numbers)):
         raise InputError(f"column {c.name}: a list of {length} numbers among {len(values)} rows, most without any")
@@ -180,7 +180,7 @@ def check_schema(path: Path, schema: pa.Schema, table: type[ColumnTable]) -> Non
     found = (schema.metadata or {}).get(SCHEMA_KEY.encode(), b"").decode()
     name, _, version = found.partition("/")
     if name != table.NAME:
-        raise InputError(f"{path}: holds {found or 'no occlog table'}, want {table.NAME}/{table.VERSION}")
+        raise InputError(f"{path}: holds {found or 'no occlog table'}, expected {table.NAME}/{table.VERSION}")
     if not version.isdigit() or int(version) > table.VERSION:
         raise InputError(f"{path}: holds {found}, which is newer than {name}/{table.VERSION}; update occlog")
     known = {c.name for kind in (table, *TABLES.values(), *WIDER) if name == kind.NAME for c in kind.columns()}
@@ -197,9 +197,9 @@ def check_schema(path: Path, schema: pa.Schema, table: type[ColumnTable]) -> Non
         have, kind = schema.field(c.name).type, _ARROW[c.kind]
         if c.width == ANY_WIDTH:
             if not (pa.types.is_list(have) and have.value_type == kind):
-                raise InputError(f"{path}: column {c.name} is {have}, want lists of {kind}")
+                raise InputError(f"{path}: column {c.name} is {have}, expected lists of {kind}")
             continue
         kind = pa.list_(kind, c.width) if c.width else kind
         texts = have.value_type if pa.types.is_dictionary(have) else have
         if have != kind and not (c.kind == "U" and (pa.types.is_string(texts) or pa.types.is_large_string(texts))):
-            raise InputError(f"{path}: column {c.name} is {have}, want {kind}")
+            raise InputError(f"{path}: column {c.name} is {have}, expected {kind}")

@@ -137,7 +137,7 @@ def schema_name(path: Path) -> str:
 
 
 def schema_name_of(path: Path, schema: pa.Schema) -> str:
-    """Name of the table whose Arrow schema it is; InputError for one that occlog did not write."""
+    """Name of the table with this Arrow schema; InputError for one that occlog did not write."""
     raw = (schema.metadata or {}).get(SCHEMA_KEY.encode())
     if raw is None:
         raise InputError(f"{path}: has no {SCHEMA_KEY} entry, so it is not an occlog table")

@@ -43,7 +43,7 @@ _NUMBER = re.compile(r"^\s*[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\s*$")
 
 
 COARSEST = 0.01
-"""Lengths that are held or written to less than this (in m, or in a unit that nobody states) have been rounded."""
+"""Lengths that are held or written to less than this (in m, or in a unit that is not stated) have been rounded."""
 
 
 def last_place(text: str) -> float:
@@ -70,12 +70,12 @@ def plain_text(text: str) -> str:
 
 
 BAD_LINES: ContextVar[Callable[[InputError], None] | None] = ContextVar("BAD_LINES", default=None)
-"""Who is told of lines that are no rows, which are then passed over; None: the first one ends the reading."""
+"""Callback for lines that are no rows; these are then skipped; None: the first one ends the reading."""
 
 
 @contextmanager
 def bad_lines_told_to(listener: Callable[[InputError], None]) -> Iterator[None]:
-    """Tell a person of lines that are no rows, and read on meanwhile."""
+    """Report lines that are no rows to a callback, and continue reading meanwhile."""
     token = BAD_LINES.set(listener)
     try:
         yield
@@ -84,7 +84,7 @@ def bad_lines_told_to(listener: Callable[[InputError], None]) -> Iterator[None]:
 
 
 def _refuse(error: InputError) -> None:
-    """Raise the error, unless a person requires to be told of it."""
+    """Raise the error, unless a callback takes it."""
     listener = BAD_LINES.get()
     if listener is None:
         raise error
@@ -200,7 +200,7 @@ class CsvRows:
 
 
 def check_one_sensor(rows: CsvRows, column: str, given: str, label: str) -> None:
-    """InputError where rows that are given as those of one sensor say themselves that they are of several.
+    """InputError where rows that are given as those of one sensor are stated in the file to be of several.
 
     Args:
         rows: of a file.
@@ -228,7 +228,7 @@ def read_rows(
     ignore_extra: bool = False,
     rows: int = ROWS_PER_CHUNK,
 ) -> Generator[CsvRows, None, None]:
-    """Chunks of a text table whose first line names the columns, or of a file that a plug-in reads as one.
+    """Chunks of a text table with a first line that names the columns, or of a file that a plug-in reads as one.
 
     Cells are separated by commas, semicolons or tabs; lines that are empty or begin
     with `#` are skipped; upper and lower case of column names do not matter.
@@ -251,7 +251,7 @@ def read_rows(
             raise InputError(f"{path}: line {line}: a header line was expected, not data; name the columns: {known}")
         names = _resolve(path, line, header, columns, ignored, ignore_extra)
         if isinstance(file, io.StringIO):
-            # Of a plug-in's table there are rows, and no lines that a person could look at
+            # Of a plug-in's table there are rows, and no lines that a user could open
             lines = ((number - line, cells) for number, cells in lines)
             yield from _chunks(path, lines, names, rows, "row")
             return
@@ -387,7 +387,7 @@ def _resolve(
                 "rename it, or ignore extra columns"
             )
         if name is not None and name in names:
-            raise InputError(f"{path}: line {line}: two columns say {name!r}; remove or rename one")
+            raise InputError(f"{path}: line {line}: two columns are called {name!r}; remove or rename one")
         names.append(name)
     return names
 

@@ -118,7 +118,7 @@ class FormatColumn:
 
 @dataclass(frozen=True)
 class TextFormat:
-    """A text table whose first line names the columns.
+    """A text table with a first line that names the columns.
 
     Attributes:
         what: what a file of it is, for messages.

@@ -88,7 +88,7 @@ class BoxSource(NamedTuple):
 def disagree(size: Floats, near: Floats, far: Floats) -> Bools:
     """(n,) boxes with a size that is not what lies between their edges, which a file gives as well; NaN: one is not known.
 
-    Columns `width` and `height` beside all four edges often are of the image.
+    Columns `width` and `height` next to all four edges often describe the image.
     """
     with np.errstate(invalid="ignore", over="ignore"):
         return np.asarray(np.abs(near + size - far) > SIZE_SLACK_PX)

@@ -2,7 +2,7 @@
 
 A line is frame (from 0), identity, type, truncated, occluded, alpha, left, top, right, bottom, height, width and length
 of the object, its position and turn in the camera's frame, and perhaps a score.  What is not in the image is not used, nor
-are regions of the type `DontCare`, of which nobody said what they hold.
+are regions of the type `DontCare`, with unspecified content.
 
 Text of the annotation tool VATIC, as of the CAMPUS data set: boxes of one view, with identities.
 
@@ -342,7 +342,7 @@ def _camera(folder: Path, camera: str | None, files: dict[int, Path]) -> Iterato
 
 
 def _read(file: Path, frame: int) -> list[Line]:
-    """Lines of one file; it may be empty: looked, and saw no person."""
+    """Lines of one file; it may be empty: a frame without detections."""
     if file.is_file() and file.stat().st_size == 0:
         return []
     check_input(file, "labels of a frame")

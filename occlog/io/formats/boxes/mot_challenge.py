@@ -13,7 +13,7 @@ TrackEval evaluates has truth, and tracks of one or several programs:
     gt/seqmaps/MOT17-train.txt
     trackers/MOT17-train/TRACKER/data/SEQUENCE.txt
 
-TrackEval looks at MOT17-train when nothing else is stated, so that it needs the two folders only.
+TrackEval reads MOT17-train when nothing else is stated, so that it needs the two folders only.
 
 Classes of MOTChallenge truth: which true boxes are pedestrians that count, and which are of something else.
 
@@ -121,7 +121,7 @@ def write_sequence(folder: Path, truth: TruthBoxes, info: SequenceInfo, *, overw
 
 
 def write_sequence_list(path: Path, names: Sequence[str], *, overwrite: bool = False) -> None:
-    """Write the list of sequences that TrackEval is to look at (its SEQMAP_FILE)."""
+    """Write the list of sequences that TrackEval is to evaluate (its SEQMAP_FILE)."""
     write_bytes(path, "".join(f"{name}\n" for name in ("name", *names)).encode(), overwrite)
 
 
@@ -241,7 +241,7 @@ WHAT = "MOTChallenge truth"
 
 
 class Marks(NamedTuple):
-    """What the truth states about each of its n boxes beside the position."""
+    """What the truth states about each of its n boxes in addition to the position."""
 
     frame: Ints  # (n,) from 0
     target_id: Ints  # (n,)

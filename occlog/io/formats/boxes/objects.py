@@ -124,7 +124,7 @@ def _cells(path: Path, n: int, record: object, ignore_extra: bool, skip: Sequenc
                 raise InputError(f"{path}: entry {n}: keys {other!r} and {key!r} both state {meaning}; leave one out")
         if name == BOX and isinstance(value, dict):
             if set(value) != set(EDGES):
-                raise InputError(f"{path}: entry {n}: box has {', '.join(value)}; want {', '.join(EDGES)}")
+                raise InputError(f"{path}: entry {n}: box has {', '.join(value)}; expected {', '.join(EDGES)}")
             out |= {EDGES[edge]: _text(path, n, edge, number) for edge, number in value.items()}
         elif name == "bbox":
             if not isinstance(value, list) or len(value) != 4:

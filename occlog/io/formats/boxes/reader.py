@@ -1,7 +1,7 @@
 """Boxes of a person detector, in any format that is known (`FORMATS`).
 
 Every frame from the first to the last one in the files is taken for a frame of each
-camera: where it has no row, the camera looked and saw no person.  `frames` states another range.
+camera: where it has no row, the frame has no detection.  `frames` states another range.
 A format that lists its frames (YOLO, COCO) may count them in steps: then those between are none.
 Where rows carry times, the times of all frames are made from these.
 """
@@ -121,13 +121,13 @@ class BoxOptions:
         frames: first frame and the one after the last; None: from the first to the last in the files.
         first_number: number that is frame 0, where neither the format nor `BoxFile` states it.
         confidence_scale: number by which confidences are divided.
-        scores: what a confidence is: `probability`; `logistic`: any number, whose logistic function is taken for one;
+        scores: what a confidence is: `probability`; `logistic`: any number, converted by the logistic function;
             `unknown`: of no use, so that it is not kept.
         ignore_extra: skip unknown columns instead of refusing them.
         drop_zero: omit boxes with a confidence that is 0.
         use_confidence: false: confidences, which may then be any number, are not kept.
         classes: classes that are requested, by number or name; empty: the boxes must all be of one class; None: classes
-            are not looked at.
+            are ignored.
         sizes: width and height of each camera's images [px], for boxes in shares of them; None: not known yet.
         others: cameras that are none of those known are taken under their own names.
     """
@@ -150,7 +150,7 @@ class BoxFile(NamedTuple):
     Attributes:
         path: where it is.
         camera: the camera; None: the file itself names the cameras.
-        first_number: number that is frame 0; None: as the format or the options say.
+        first_number: number that is frame 0; None: as the format or the options state.
     """
 
     path: Path
@@ -219,7 +219,7 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
     check_range(first, stop, where)
     times = {name: table_times(stamps, first, stop, where) for name, stamps in found.stamps.items()}
     return BoxSurvey(
-        # Files without any box name no camera: all looked at nobody
+        # Files without any box name no camera: no camera detected anything
         cameras=tuple(found.cameras or known),
         first=first,
         stop=stop,
@@ -330,13 +330,13 @@ def read_boxes(
     for file, own in zip(files, survey.of_files, strict=True):
         source = _open(file, known, options)
         how = _numbering(file, source, options)
-        # In files without any box all cameras looked at nobody
+        # In files without any box no camera detected anything
         cameras = list(own) if any(survey.of_files) else list(survey.cameras if file is files[0] else ())
         chunks: Iterator[FileBoxRows] = (boxes for _, boxes in _read(file, source, cameras, known, how, Counter()))
         if not survey.ordered:
             chunks = iter([join(parts)] if (parts := list(chunks)) else [])
         whole = in_frames(chunks, survey.first, survey.stop)
-        # A detector may give one box to several classes, which the rows no longer tell
+        # A detector may give one box to several classes, which the rows no longer show
         if options.classes is None or len(options.classes) < 2:
             whole = check_copies(whole, cameras, file.path)
         if options.classes is not None:
@@ -427,7 +427,7 @@ def _read(
     options: BoxOptions,
     left_out: Counter[tuple[str, ...]],
 ) -> Iterator[tuple[CsvRows, FileBoxRows]]:
-    """Rows of a file as text and as numbers; cameras and classes that are not wanted are added to the lists."""
+    """Rows of a file as text and as numbers; cameras and classes that are not requested are added to the lists."""
     meant: dict[str, str] = {}
     label = ""
     for chunk in source.chunks:
@@ -525,7 +525,7 @@ def _edges(
     """Left, top, width and height [px]; in shares of the image where these are given and sizes are not known yet."""
     if not rows.has(SHARE_X):
         left, top = rows.floats("left"), rows.floats("top")
-        with np.errstate(over="ignore"):  # whoever takes the boxes looks how large they are
+        with np.errstate(over="ignore"):  # the caller checks their sizes
             width = _size(rows, "width", "right", left)
             height = _size(rows, "height", "bottom", top)
         return left, top, width, height

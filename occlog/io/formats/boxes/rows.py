@@ -44,7 +44,7 @@ class FileBoxRows(NamedTuple):
 
 
 def check_boxes(rows: CsvRows, boxes: FileBoxRows) -> FileBoxRows:
-    """The boxes; InputError with the line of one whose size, identity or confidence (0 to 1) cannot be."""
+    """The boxes; InputError with the line of one with an impossible size, identity or confidence (0 to 1)."""
     bad = ~((boxes.width > 0) & (boxes.height > 0))
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
@@ -155,7 +155,7 @@ def fill_frames(
 ) -> Iterator[B]:
     """Tables of boxes in which every frame first <= frame < stop of every camera has at least one row.
 
-    A frame without a box gets a row with `box` = -1: the camera looked and saw no person.
+    A frame without a box gets a row with `box` = -1: the frame has no detection.
 
     Args:
         chunks: rows in order of frames, whole frames each (`in_frames`).
@@ -164,7 +164,7 @@ def fill_frames(
         first: first frame.
         stop: frame after the last one.
         times: times of the frames of each camera.
-        step: only first, first + step, ... are frames that were looked at.
+        step: only first, first + step, ... are frames that were processed.
     """
     origin = first
     done = first
@@ -210,7 +210,7 @@ def _table(
     times: Mapping[str, FrameTimes],
     looked: tuple[int, int],
 ) -> B:
-    """One table of the frames first <= frame < stop; `looked` is one that was looked at, and the step to the next."""
+    """One table of the frames first <= frame < stop; `looked` is a processed frame, and the step to the next."""
     cell = (rows.frame - first) * len(cameras) + rows.camera
     counts = np.bincount(cell, minlength=(stop - first) * len(cameras))
     empty = np.flatnonzero(counts == 0)

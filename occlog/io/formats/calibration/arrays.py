@@ -9,7 +9,7 @@ A file with one camera gives it its own name; cameras of a stack are cam1, cam2,
 
 Arrays of numbers in MATLAB files of the versions 4 to 7, after the format that MathWorks describes (MAT-File).
 
-Read here and not by SciPy, whose reader a damaged file of a few hundred bytes can make crash.
+Read here and not by SciPy, since a damaged file of a few hundred bytes can crash its reader.
 """
 
 from __future__ import annotations
@@ -263,7 +263,7 @@ def _stack(value: Floats, shape: tuple[int, int], path: Path) -> Floats:
         raise InputError(
             f"{path}: an array of {value.shape}; which axis counts the cameras cannot be reported; save one each"
         )
-    raise InputError(f"{path}: an array of {value.shape}; want {shape[0]} x {shape[1]} matrices, one a camera")
+    raise InputError(f"{path}: an array of {value.shape}; expected {shape[0]} x {shape[1]} matrices, one a camera")
 
 
 def _per_camera(value: Floats, key: str, n: int, path: Path) -> Floats:

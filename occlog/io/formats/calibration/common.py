@@ -100,7 +100,7 @@ class CalibrationOptions:
     Attributes:
         unit: length unit of the file, `m`, `cm` or `mm`; None: the format's own, else metres.
         image_size: width and height [px]; None: as stated in the file.
-        told: importers add what they took for granted, for people.
+        told: importers add their assumptions, as notes for users.
     """
 
     unit: str | None = None
@@ -191,7 +191,7 @@ def numbers(value: object, what: str) -> Floats:
 def check_camera_matrix(matrix: Floats, height: float, where: str) -> None:
     """InputError for a matrix that is not [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], with a skew that matters.
 
-    MATLAB's `IntrinsicMatrix` is the transpose of it, whose principal point would be (0, 0).
+    MATLAB's `IntrinsicMatrix` is its transpose, with the principal point at (0, 0).
     """
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
         raise InputError(f"{where}: expected a 3 x 3 camera matrix")
@@ -219,7 +219,7 @@ def read_text(path: Path) -> str:
 
 
 def scale_of(options: CalibrationOptions, own: str) -> float:
-    """Metres of one unit of the file; `own` is the unit that the format has unless told otherwise."""
+    """Metres of one unit of the file; `own` is the unit that the format has unless stated otherwise."""
     return UNITS[options.unit or own]
 
 
@@ -267,7 +267,7 @@ def _round_trip(camera: Camera, size: tuple[int, int]) -> float:
 
 
 def _check_fisheye(camera: Camera, size: tuple[int, int], where: str) -> None:
-    """InputError where a border pixel of a fisheye looks so far off the axis that its ray cannot be used."""
+    """InputError where a border pixel of a fisheye is so far off the axis that its ray cannot be used."""
     u, v = np.meshgrid(np.linspace(0, size[0] - 1, 9), np.linspace(0, size[1] - 1, 9))
     rays = camera.rays(np.column_stack([u.ravel(), v.ravel()])) @ camera.rotation
     if not np.hypot(rays[:, 0], rays[:, 1]).max() < np.tan(np.radians(MAX_FISHEYE_DEG)):

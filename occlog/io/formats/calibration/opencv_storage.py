@@ -2,7 +2,7 @@
 
 Read with an own parser: OpenCV's crashes on malformed files, and versions 4 and 5 write
 different headers.  Names of the parts differ from program to program; the usual ones are
-known.  Xc = R Xw + t; the unit is not stated: metres unless told.
+known.  Xc = R Xw + t; the unit is not stated: metres unless stated otherwise.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Each table with `matrix` is a camera: `size`, `distortions` (k1, k2, p1, p2, k3; k1 to k4
 with `fisheye`),
 `rotation` as a 3 x 3 matrix or a rotation vector, and `translation`, with Xc = R Xw + t.
-The files do not state their unit: metres unless told.
+The files do not state their unit: metres unless stated otherwise.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """OpenCV calibrations in two files a camera: `intr_NAME` with the lens, `extr_NAME` with the position.
 
 So are those of WILDTRACK (`calibrations/intrinsic_zero/intr_CVLab1.xml`, `calibrations/extrinsic/extr_CVLab1.xml`),
-with a unit that is the centimetre and whose images have 1920 x 1080 px; neither is stated in the files.  `rvec` is a rotation
+with a unit that is the centimetre and images of 1920 x 1080 px; neither is stated in the files.  `rvec` is a rotation
 vector, Xc = R Xw + t.  The intrinsic files in `intrinsic_zero` are of images without distortion, which are those that
 the data set ships; they are preferred to `intrinsic_original`.
 """
@@ -67,7 +67,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
         found = lenses if any(name in values for name in MATRIX) else places
         name = _MARK.sub("", path.stem) or path.stem
         if name in found:
-            raise InputError(f"{path}: a second file of camera {name}, beside {found[name]}; keep one")
+            raise InputError(f"{path}: a second file of camera {name}, next to {found[name]}; keep one")
         found[name] = path
     for name in sorted(lenses.keys() ^ places.keys()):
         path, lacks = (lenses[name], "extrinsic") if name in lenses else (places[name], "intrinsic")

@@ -2,7 +2,7 @@
 
 The pixel of a world point X is (u, v, w) = P (X, 1), divided by w.  P = K R (I | -C) is
 split into intrinsic matrix K, rotation R and centre C; there is no distortion.  The
-file states neither the unit (metres unless told) nor the size of the images.
+file states neither the unit (metres unless stated otherwise) nor the size of the images.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def camera_of_parts(
 def take_apart(matrix: Floats, where: str = "matrix") -> tuple[Floats, Floats, Floats]:
     """Intrinsic matrix K (K[2, 2] = 1), camera-from-world rotation and centre of a projection matrix.
 
-    InputError for a matrix whose camera would lie at infinity.
+    InputError for a matrix with a camera that would be at infinity.
     """
     left = matrix[:, :3]
     if not abs(np.linalg.det(left)) > 1e-12 * np.linalg.norm(left) ** 3:

@@ -79,7 +79,7 @@ def read_calibration(
     if not files:
         where = ", ".join(str(path) for path in paths)
         raise UsageError(
-            f"{where}: a folder without a calibration file; name the file (boxes are an input of their own)"
+            f"{where}: a folder without a calibration file; name the file (boxes are a separate input)"
         )
     name = recognise(IMPORTERS, Probe(files[0], WHAT), format, "calibration")
     if name is None:
@@ -98,7 +98,7 @@ def read_calibration(
 
 
 def _doubts(cameras: Sequence[Camera]) -> list[str]:
-    """What speaks against the unit of the lengths, in words."""
+    """Evidence against the unit of the lengths, in words."""
     centres = np.array([c.position for c in cameras])
     with np.errstate(over="ignore"):  # cameras that are too far apart for a number are infinitely so
         span = float(np.linalg.norm(centres.max(axis=0) - centres.min(axis=0)))

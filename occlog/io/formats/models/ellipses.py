@@ -52,7 +52,7 @@ Sizes = Mapping[str, tuple[int, int]]
 
 
 class GivenEllipse(NamedTuple):
-    """Where a target is in a view at first."""
+    """Initial position of a target in a view."""
 
     where: str  # file and position in it
     sensor: str

@@ -1,4 +1,4 @@
-"""What an ONNX file states about itself: its inputs, outputs and metadata, and the files of weights beside it.
+"""Description of an ONNX file: its inputs, outputs and metadata, and the files of weights next to it.
 
 The file is walked through in the wire format of Protocol Buffers, by the numbers of fields in `onnx.proto3` of the ONNX
 project; weights are skipped.  Models come from anywhere: sizes and depths are limited, and weights in other files are
@@ -22,9 +22,9 @@ from occlog.io.files.limits import check_input
 MAX_BYTES = 2 * 1024**3
 """A message of Protocol Buffers is smaller than this."""
 MAX_WEIGHTS = 16 * 1024**3
-"""Bytes of all files of weights beside a model."""
+"""Bytes of all files of weights next to a model."""
 MAX_FIELDS = 5_000_000
-"""Fields of a file that are looked at; networks have some tens of thousands."""
+"""Fields of a file that are read; networks have some tens of thousands."""
 DEEPEST = 16
 """Graphs in graphs."""
 LONGEST = 1024 * 1024
@@ -34,7 +34,7 @@ KINDS = {1: "float32", 2: "uint8", 3: "int8", 6: "int32", 7: "int64", 10: "float
 
 
 BITS = {1: 32, 2: 8, 3: 8, 4: 16, 5: 16, 6: 32, 7: 64, 9: 8, 10: 16, 11: 64, 12: 32, 13: 64, 16: 16}
-"""Of an element, by the number of its type; runtimes read as many as the dimensions say, whatever is there."""
+"""Of an element, by the number of its type; runtimes read as many as the dimensions state, whatever the data are."""
 TYPED = {4: 4, 5: 0, 7: 0, 10: 8, 11: 0}
 """Fields of a tensor with values one by one, instead of their bytes, and the bytes of each; 0: that varies."""
 LONGEST_SIDE = 2**31 - 1
@@ -107,7 +107,7 @@ def _beside(path: Path, places: list[str]) -> tuple[Path, ...]:
             inside = False
         if not inside:
             raise InputError(
-                f"{path}: its weights are stated to be in {place!r}, which is not in the model's folder; put them beside "
+                f"{path}: its weights are stated to be in {place!r}, which is not in the model's folder; put them next to "
                 "the model and export it again"
             )
         found.append(check_input(beside, f"weights of {path.name}"))

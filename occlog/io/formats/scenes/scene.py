@@ -153,7 +153,7 @@ class ArraySpec(SceneFileSpec, kw_only=True):
         | None
     ) = None
     resolution_deg: Annotated[float, Meta(ge=0, le=360)] | None = None
-    planar: Annotated[bool, Meta(description="tells no elevation")] = False
+    planar: Annotated[bool, Meta(description="measures no elevation")] = False
     range: Positive | None = None
     rate_hz: Rate | None = None
     clock: Name | None = None

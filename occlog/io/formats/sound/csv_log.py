@@ -137,12 +137,12 @@ def _sensors(rows: CsvRows, options: DoaOptions, label: str) -> Strings:
 
 
 def _angle(rows: CsvRows, name: str, options: DoaOptions) -> Floats:
-    """(n,) angles [rad] of a column whose name, or the option `unit`, states the unit; NaN if missing."""
+    """(n,) angles [rad] of a column with a unit from its name or the option `unit`; NaN if missing."""
     found = [unit for unit in ("", "_deg", "_rad") if rows.has(name + unit)]
     if not found:
         return np.full(len(rows), np.nan)
     if len(found) > 1:
-        raise InputError(f"{rows.path}: two columns say {name}; keep one")
+        raise InputError(f"{rows.path}: two columns are called {name}; keep one")
     unit = found[0].removeprefix("_") or options.unit
     if unit is None:
         raise UsageError(f"{rows.path}: column {name} does not state its unit; name it {name}_deg, or state the unit")

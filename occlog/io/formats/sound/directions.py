@@ -57,14 +57,14 @@ def read_doa(
 ) -> Iterator[Doa]:
     """Tables of directions, azimuths in the world's convention.
 
-    Directions from the frame of a tilted array are turned as vectors where the log tells elevations.
+    Directions from the frame of a tilted array are turned as vectors where the log has elevations.
 
     Args:
         path: the log.
         arrays: arrays of the scene; sensors of the log are matched with their names.
         options: what the log does not state itself.
         clocks: clocks of the arrays that do not run by world time.
-        losses: is told what the end of the log cuts off; None: that is an error.
+        losses: receives what the end of the log cuts off; None: that is an error.
 
     Raises:
         InputError: the log is malformed, names an array that is not there, or its times go back.

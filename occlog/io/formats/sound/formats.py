@@ -3,16 +3,16 @@
 Text files of the LOCATA challenge: poses of arrays with their microphones, and positions of sources.
 
 Each is a table with tabs with rows that are times (`year`, `month`, `day`, `hour`, `minute`, `second`) of an optical
-tracking system: position `x`, `y`, `z` [m] in a world whose z axis is up, and `rotation_11` to `rotation_33`,
+tracking system: position `x`, `y`, `z` [m] in a world with z up, and `rotation_11` to `rotation_33`,
 world-from-local by rows.  Arrays also have `mic1_x`, `mic1_y`, `mic1_z`, `mic2_x`, ..., which are in the world.
 The challenge counts azimuths of an array from its y axis; here they are counted, as ever, from its x axis.
 
 Streams of ODAS: sources that it tracks (SST) or finds (SSL), as JSON objects one after another.
 
 An object is a hop of the sound: `{"timeStamp": 17, "src": [{"id": 3, "tag": "dynamic", "x": 0.6, "y": 0.8, "z": 0.0,
-"activity": 0.9}, ...]}`; sources that are found but not tracked have `x, y, z, E`.  The time stamp counts hops, whose
+"activity": 0.9}, ...]}`; sources that are found but not tracked have `x, y, z, E`.  The time stamp counts hops; their
 length (hopSize / fS) stands in ODAS' configuration alone.  The vector is a unit vector in the array's frame.  An empty
-slot has the id 0, or no direction: a hop with empty slots alone heard nobody.
+slot has the id 0, or no direction: a hop with empty slots alone has no source.
 """
 
 from __future__ import annotations
@@ -200,7 +200,7 @@ def read_frida(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
     """One algorithm's estimates; recording k of the file (from 0) gets the time k seconds.
 
     The estimates of one recording are a set without order or identity, measured from the
-    array's own x axis.  The recordings have no time of their own.
+    array's own x axis.  The recordings have no time stamps.
     """
     if options.sensor is None:
         raise UsageError(f"{path}: does not name its array; give it as ARRAY={path.name}")

@@ -27,7 +27,7 @@ PCM, FLOAT, EXTENSIBLE = 1, 3, 0xFFFE
 OPEN = (0, 0xFFFFFFFF)
 """Lengths that a recorder writes first and corrects at the end."""
 MAX_CHUNKS = 1000
-"""Chunks behind the samples that are looked at."""
+"""Chunks behind the samples that are read."""
 MAX_CHANNELS, MAX_RATE = 4096, 10_000_000
 LOUDEST = 1e30
 """Full scale is 1; squares of much more leave the range of numbers."""

@@ -51,7 +51,7 @@ def decode_apart(data: bytes, where: str) -> Image:
 
 
 def _take(size: int) -> Decoder:
-    """A process whose shared memory has slots of this many bytes."""
+    """A process with shared memory in slots of this many bytes."""
     while _idle:
         try:
             decoder = _idle.pop()
@@ -108,7 +108,7 @@ class SubprocessVideo:
 
     @property
     def death(self) -> str:
-        """How the process came to its end on the way, "" if it did not."""
+        """How the process ended early, "" if it did not."""
         return "" if self._decoder is None else self._decoder.death
 
     def close(self) -> None:

@@ -1,7 +1,7 @@
 """Memory that a decoding process shares with the one that asks: images come through it without being copied.
 
 It is cut into slots of one image each.  A slot belongs to the decoder until an image in it is delivered, then to the
-image, and to the decoder again when nobody holds the image any more.
+image, and to the decoder again when the image is released.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from occlog.records.frames import Image
 SHARED = sys.platform == "linux"
 """Whether there is memory without a name that can be given to another process."""
 SMALLEST, LARGEST = 2**18, 2**25
-"""Sizes of images that go through it [bytes]: a pipe is as quick for smaller ones; 3840 x 2160 px take 25 million."""
+"""Sizes of images that pass through it [bytes]: a pipe is as quick for smaller ones; 3840 x 2160 px take 25 million."""
 MIN_SLOTS, MAX_SLOTS = 3, 8
-"""Slots: at least one that is decoded into, one that waits, and one that is looked at."""
+"""Slots: at least one that is decoded into, one that waits, and one that is in use."""
 AHEAD = 2**23
 """Size of all slots, where they are more than the fewest [bytes]."""
 
@@ -40,7 +40,7 @@ class SharedImages:
 
     Attributes:
         file: descriptor of the memory, for the decoding process.
-        size: of a slot [bytes], 0 as long as there are none.
+        size: of a slot [bytes], 0 as long as no slots exist.
     """
 
     def __init__(self) -> None:
@@ -102,7 +102,7 @@ class Slots:
         Args:
             file: descriptor of the memory.
             size: of a slot [bytes].
-            wait: gives the numbers of slots that are free again, at least one; none: nobody listens any more.
+            wait: gives the numbers of slots that are free again, at least one; none: the receiver has closed.
         """
         count = os.fstat(file).st_size // size
         self._memory, self._size, self._wait = mmap.mmap(file, count * size), size, wait
@@ -116,7 +116,7 @@ class Slots:
         """An image of that shape in the next free slot, to be decoded into; None where it does not fit.
 
         Raises:
-            BrokenPipeError: nobody listens any more.
+            BrokenPipeError: the receiver has closed.
         """
         count = int(np.prod(shape))
         if count > self._size:

@@ -1,6 +1,6 @@
 """Decoding processes as copies of one that has loaded what they need: a fifth of the time of starting each again.
 
-The nursery is `python -m occlog.io.frames.decoders.nursery`, started once and when it is first wanted.  It loads
+The nursery is `python -m occlog.io.frames.decoders.nursery`, started once and when it is first needed.  It loads
 OpenCV, decodes nothing itself, and forks a process for each request.  It ends with the process that started it, and
 takes those that it forked with it.
 
@@ -195,7 +195,7 @@ class _Served:
         self._selector.register(self._wake, selectors.EVENT_READ)
 
     def serve(self) -> None:
-        """Fork until nobody asks any more; only a forked process comes back from it."""
+        """Fork until the requests end; only a forked process comes back from it."""
         while True:
             for key, _ in self._selector.select():
                 if key.fileobj is self._requests:
@@ -212,7 +212,7 @@ class _Served:
                     self._hear(key.data)
 
     def _fork(self, descriptors: list[int]) -> bool:
-        """Fork; true in the new process, whose standard input and output are those that were sent."""
+        """Fork; true in the new process, with the standard input and output that were sent."""
         stdin, stdout, line, *memory = descriptors
         pid = os.fork()
         if pid == 0:
@@ -235,7 +235,7 @@ class _Served:
         return pid == 0
 
     def _hear(self, pid: int) -> None:
-        """Kill a process, as was asked for, or because nobody listens to it any more."""
+        """Kill a process, on request, or because its receiver has closed."""
         if pid in self._lines:
             with suppress(OSError):
                 self._lines[pid].recv(1)
@@ -243,7 +243,7 @@ class _Served:
             self._selector.unregister(self._lines[pid])
 
     def _bury(self) -> None:
-        """Tell of each process that has ended how it did."""
+        """Report how each ended process did so."""
         while self._lines:
             pid, status = os.waitpid(-1, os.WNOHANG)
             if pid == 0:
@@ -264,7 +264,7 @@ class _Served:
 def main() -> None:
     """Load what decoding needs, fork, and decode in what was forked."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interruption means
-    gc.disable()  # what is loaded stays; to look through it again and again takes time
+    gc.disable()  # what is loaded stays; to traverse it again and again takes time
     from . import process_main
 
     process_main.load()

@@ -97,7 +97,7 @@ class Decoder:
     shared: SharedImages | None = field(default=None, repr=False)
 
     def begin(self, start: int) -> None:
-        """Tell a video that `waits` its first frame."""
+        """Report to a video that `waits` its first frame."""
         size = slot_size(*self.size) if self.shared is not None else 0
         if self.shared is not None and size:
             self.shared.cut(size)
@@ -166,7 +166,7 @@ class Decoder:
             self.shared.close()
 
     def delivered(self) -> Iterator[Delivered]:
-        """The frames in order; InputError where none can be used, a loss where the decoder dies on the way."""
+        """The frames in order; InputError where none can be used, a loss where the decoder dies early."""
         last = None
         while True:
             freed = self._freed()

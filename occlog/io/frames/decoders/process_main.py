@@ -2,7 +2,7 @@
 
 Decoders are large and old C code that meets damaged files here: a crash must not take the
 whole run with it, and what FFmpeg, libjpeg and libpng write about damage is the only trace
-that some of it leaves.  So they run in a their own process whose standard error is read.
+that some of it leaves.  So they run in a separate process, and its standard error is read.
 The job comes as JSON on standard input; messages go to standard output.
 """
 
@@ -127,7 +127,7 @@ def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory
         if not line:
             return
         start, size = map(int, line.split())
-        sizes = None  # frames of another size were told of, and skipped, when it was ingested
+        sizes = None  # frames of another size were reported, and skipped, when it was ingested
         slots = _slots(memory, size)
     else:
         start, sizes, slots = job["start"], size_changes(video.path), None

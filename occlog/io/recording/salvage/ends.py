@@ -54,7 +54,7 @@ def is_end_mark(code: int, length: int) -> bool:
 
 
 def byte_after_end(file: IO[bytes], at: int, size: int) -> int | None:
-    """The byte behind a recording whose data end with the end mark at byte `at`.
+    """The byte behind a recording with data that end with the end mark at byte `at`.
 
     Args:
         file: an MCAP file.
@@ -83,7 +83,7 @@ def byte_after_end(file: IO[bytes], at: int, size: int) -> int | None:
 
 
 def index_of(file: IO[bytes], begin: int, size: int) -> tuple[int, bytes] | None:
-    """The first index from byte `begin` on whose footer states that it belongs to a recording that begins there.
+    """The first index from byte `begin` on with a footer that states that it belongs to a recording that begins there.
 
     Positions in an index count from the beginning of its recording, so that of a recording behind another one the index
     has a right check sum only if it is searched for there.
@@ -179,7 +179,7 @@ class SalvagedRecording:
         """Numbers of messages by topic: the first and the last one of each run, in order."""
         self._latest: dict[str, int] = {}
         self._unnumbered: dict[str, set[int]] = {}
-        """CRC-32 of the last time's messages by topic, of topics whose messages all have the number 0."""
+        """CRC-32 of the last time's messages by topic, of topics with messages that all have the number 0."""
 
     def contradicts(self, found: records.Schema | records.Channel) -> bool:
         """Whether a number is defined a second time, and otherwise: it is of another recording."""
@@ -230,7 +230,7 @@ class SalvagedRecording:
         return {topic: max(self._latest.get(topic, -1), self.before.get(topic, -1)) for topic in topics}
 
     def schema_of(self, channel_id: int) -> str:
-        """Name of the schema of a channel; empty: it is lost, or there is none."""
+        """Name of the schema of a channel; empty: it is lost or missing."""
         schema = self.schemas.get(self.channels[channel_id].schema_id)
         return "" if schema is None else str(schema.name)
 

@@ -2,7 +2,7 @@
 
 A chunk counts if its check sum is right.  The last one of a file that was cut has none that could be tried; of
 what it holds up to the cut nothing was changed, so its complete messages count.  Where the length of a record is
-damaged, the search goes on at the next chunk whose head makes sense, or at the next recording: several may be in a
+damaged, the search goes on at the next chunk with a valid head, or at the next recording: several may be in a
 file one behind another, and any but the last may be cut.
 
 What a cut LZ4 frame holds of the block in which it was cut, which the library gives whole or not at all.
@@ -134,14 +134,14 @@ _PARTS: dict[int, tuple[int, ...]] = {
 """What records consist of, by the MCAP format: this many bytes; -1, -2: bytes behind their number, of 4 or 8 bytes."""
 _BLOCK = 1 << 20
 _FIRST_BLOCK = 1 << 12
-"""Bytes in which the next record is searched for at first: where damage follows damage, it is near."""
+"""Bytes in which the next record is searched for first: where damage follows damage, it is near."""
 _BEGINS = re.compile(b"|".join(map(re.escape, (*_MARKS, BEGIN))))
 FAILURES = (McapError, struct.error, ValueError, RuntimeError, EOFError, MemoryError, zstandard.ZstdError)
 """What damaged records raise in the libraries that take them apart."""
 
 
 class DamageReporter(Protocol):
-    """Is told of damage."""
+    """Receives damage."""
 
     def __call__(self, at: int, what: str, *, messages: bool = True) -> None:
         """Take note of damage at a byte of the file, what it is, and whether messages may be lost by it."""
@@ -358,7 +358,7 @@ def _one(
 
 
 def has_right_sum(attachment: bytes) -> bool:
-    """Whether the check sum of an attachment is right, or there is none."""
+    """Whether the check sum of an attachment is right, or missing."""
     (crc,) = struct.unpack("<I", attachment[-4:])
     return not crc or zlib.crc32(attachment[:-4]) == crc
 

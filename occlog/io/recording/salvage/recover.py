@@ -53,7 +53,7 @@ def recover_recording(
 
     Messages keep their order, times and numbers.  Losses is in the provenance, from where all later stages
     carry it on.  Where several recordings stand in the file one behind another, those of one scene are brought
-    together, but for frames of linked videos, whose numbers mean something in the first one's videos alone.
+    together, but for frames of linked videos; their numbers are valid in the first one's videos alone.
 
     Args:
         source: a recording of occlog.
@@ -259,7 +259,7 @@ class _Salvage:
         return self._written_channels[key]
 
     def _attach(self, record: McapRecord) -> None:
-        # What occlog writes has a check sum: 0, which means that there is none, is damage
+        # What occlog writes has a check sum: 0, which means none, is damage
         if not has_right_sum(record.data) or not any(record.data[-4:]):
             self._lose(f"byte {record.at}", "an attached file with a wrong check sum is skipped")
             return
@@ -299,7 +299,7 @@ class _Salvage:
             camera = sensor_of(self._first.channels[channel_id].topic)
             if self._first.schema_of(channel_id) == VIDEO_FRAME and VIDEO_METADATA + camera not in links:
                 raise InputError(
-                    f"{self._source}: camera {camera}: the link to its video is lost; say which file it is: "
+                    f"{self._source}: camera {camera}: the link to its video is lost; name its file: "
                     f"{option('video')} {camera}=FILE"
                 )
         return links

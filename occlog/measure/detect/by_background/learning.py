@@ -160,7 +160,7 @@ def sample_limit(image_bytes: int, n_cameras: int) -> int:
 
 
 def _study(samples: LearningFrames, camera: Camera, scene: Scene, config: DetectConfig) -> _LearntCamera | None:
-    """The empty scene, and sizes of people unless the camera's pose tells them; None without images."""
+    """The empty scene, and sizes of people unless the camera's pose determines them; None without images."""
     if not samples.images:
         return None
     sizes = known_sizes(camera, scene, samples.size, config)
@@ -212,7 +212,7 @@ def appearance_in_box(image: Image, empty: Image | None, box: TargetBox) -> Floa
     mask = (difference(part, empty[y0:y1, x0:x1]) > DIFFERENCE).astype(np.uint8)
     if np.count_nonzero(mask) < MIN_PIXELS:
         raise InputError(
-            f"{where}: only {np.count_nonzero(mask)} pixels differ from the empty scene, want {MIN_PIXELS}; "
+            f"{where}: only {np.count_nonzero(mask)} pixels differ from the empty scene, expected at least {MIN_PIXELS}; "
             "draw the box around the target, in a frame in which it moves"
         )
     return histogram(part, mask)

@@ -307,7 +307,7 @@ def known_sizes(camera: Camera, scene: Scene, size: tuple[int, int], config: Det
 
 
 def upright(scene: Scene) -> bool:
-    """Whether the scene's world seems to be upright, so that poses of cameras tell how large people are."""
+    """Whether the scene's world seems to be upright, so that poses of cameras determine the size of people."""
     return is_upright(np.array([c.rotation for c in scene.cameras if c.placed]).reshape(-1, 3, 3))
 
 
@@ -367,7 +367,7 @@ def plain_image(image: NDArray[np.integer], bits: int | None) -> Image:
         raise InputError(f"image of shape {image.shape} is neither grey nor colour")
     if image.dtype == np.uint16:
         if bits is None:
-            raise InputError("16-bit image: say how many bits count (bits, 8 to 16)")
+            raise InputError("16-bit image: state how many bits count (bits, 8 to 16)")
         image = np.minimum(image >> (bits - 8), 255).astype(np.uint8)
     if image.dtype != np.uint8:
         raise InputError(f"image of {image.dtype}: expected 8 or 16 bits")

@@ -162,7 +162,7 @@ def _merge(parts: list[_Part]) -> Detections:
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """OpenCV without threads of its own: cameras are the unit of parallel work."""
+    """OpenCV without its own threads: cameras are the unit of parallel work."""
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:

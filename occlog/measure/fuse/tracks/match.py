@@ -38,7 +38,7 @@ def match_tracks(first: PeopleTracks, second: PeopleTracks, error: float, gate: 
         span_s: how long tracks are compared [s].
 
     Returns:
-        (n,) rows of the second group; -1: nobody there is the person.
+        (n,) rows of the second group; -1: no match.
     """
     out = np.full(len(first), -1, dtype=np.int64)
     found = _compared(first, second, error, gate, span_s)

@@ -76,7 +76,7 @@ def _checks(
     """What was checked of the inputs, and what was found."""
     anybody = any(len(group) for group in groups)
     empty = (
-        finding(FOUND, "note", "nobody", f"{path}: holds nobody")
+        finding(FOUND, "note", "nobody", f"{path}: contains no people")
         for path, group in zip(paths, groups, strict=True)
         if not len(group)
     )
@@ -86,12 +86,12 @@ def _checks(
 def _apart(
     paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGroupTracks, config: TrackFusionConfig, unit: str
 ) -> Iterator[Check]:
-    """Groups that have nobody in common with those before, or are beside them."""
+    """Groups without a person in common with those before, or displaced from them."""
     for path, group, agreement in zip(paths[1:], groups[1:], fused.agreements, strict=True):
         if not len(group):
             continue
         if not agreement.moments:
-            text = "nobody is there at a time at which the tracks before it have any person; check its clock"
+            text = "no person is present at any time at which the tracks before it have one; check its clock"
             yield finding(AGREE, "warning", "group-at-other-times", f"{path}: {text}")
         elif not agreement.pairs:
             text = f"none of its people is one of those before it, though there are some at {agreement.moments} times"
@@ -103,7 +103,7 @@ def _apart(
                 AGREE,
                 "warning",
                 "group-beside",
-                f"{path}: its people are beside those before it by ({x:.3g}, {y:.3g}) {unit} on average (allowed: "
+                f"{path}: its people are displaced from those before it by ({x:.3g}, {y:.3g}) {unit} on average (allowed: "
                 f"{MAX_SEPARATION_RATIO * config.error:.3g} {unit}); check poses and clocks",
                 beside=math.hypot(x, y),
                 allowed=MAX_SEPARATION_RATIO * config.error,

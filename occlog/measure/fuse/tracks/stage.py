@@ -268,7 +268,7 @@ def _united(first: str, second: str) -> str:
 
 
 def _keep_flags(word: str, where: Bools) -> Bools:
-    """(n, W) mask of the doubts with one of them."""
+    """(n, W) mask of possible switches with one of them."""
     mask: Bools = where[:, None] & (np.array(DOUBTS) == word)
     return mask
 
@@ -289,7 +289,7 @@ def _agreement(first: PeopleTracks, second: PeopleTracks, mine: PeopleTracks, th
 
 
 def _renamed(doubts: list[_Doubt], before: JoinedTracks, after: JoinedTracks) -> list[_Doubt]:
-    """Doubts with the identities that people have after one more group has joined."""
+    """Possible switches with the identities that people have after one more group has joined."""
     named: dict[int, tuple[Ints, Ints]] = {}
     groups = before.made_of[0].count(",") + 1 if len(before) else 0
     keys = np.array([text.rsplit(",", 1)[0] for text in after.made_of.tolist()], dtype=np.str_)
@@ -309,7 +309,7 @@ def _renamed(doubts: list[_Doubt], before: JoinedTracks, after: JoinedTracks) ->
 
 
 def _events(tracks: JoinedTracks, doubts: list[_Doubt], moments: Ints) -> Events:
-    """Births at the first row of each identity, deaths at the time step after the last, and doubts."""
+    """Track initiations at the first row of each identity, terminations at the time step after the last, and possible switches."""
     ids, first = np.unique(tracks.target_id, return_index=True)
     last = len(tracks) - 1 - np.unique(tracks.target_id[::-1], return_index=True)[1]
     ended = np.searchsorted(moments, tracks.t_ns[last], side="right")

@@ -27,7 +27,7 @@ def send(pipe: IO[bytes], header: Mapping[str, Any], arrays: Feeds) -> None:
     """Write a message.
 
     Raises:
-        OSError: nobody listens any more.
+        OSError: the receiver has closed.
     """
     listed = [[name, values.dtype.str, values.shape] for name, values in arrays.items()]
     text = json.dumps({**header, "arrays": listed}).encode()

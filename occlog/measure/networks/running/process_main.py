@@ -1,7 +1,7 @@
 """The process that runs a network: `python -m occlog.measure.networks.running.process_main`, started by `apart`.
 
 The first message on standard input states which network; each further one has its inputs.  Each is answered on standard
-output by the outputs, or by why there are none.  The process ends when nobody asks any more.
+output by the outputs, or by why there are none.  The process ends when the requests end.
 """
 
 from __future__ import annotations

@@ -51,7 +51,7 @@ def load(model: OnnxFile, runtime: str, threads: int) -> Runtime:
 
 @contextmanager
 def opencv_threads(threads: int) -> Iterator[None]:
-    """OpenCV with that many threads, and without words of its own on standard error."""
+    """OpenCV with that many threads, and without messages on standard error."""
     log = cv2.utils.logging
     before, level = cv2.getNumThreads(), log.getLogLevel()
     cv2.setNumThreads(threads)
@@ -120,7 +120,7 @@ class _OnnxRuntime:
     model: OnnxFile
     threads: int
 
-    ERRORS = (Exception,)  # they have no base of their own
+    ERRORS = (Exception,)  # they have no common base class
 
     def __post_init__(self) -> None:
         self.module: Any = _extra(ONNXRUNTIME)
@@ -149,7 +149,7 @@ class _OpenVino:
     model: OnnxFile
     threads: int
 
-    ERRORS = (Exception,)  # they have no base of their own
+    ERRORS = (Exception,)  # they have no common base class
 
     def __post_init__(self) -> None:
         self.module: Any = _extra(OPENVINO)

@@ -45,7 +45,7 @@ APART, FAR = 5.0, 50.0
 COUNTS = (2, 4, 6, 8)
 VARIANCE, PRINTED = "Eq. 2", "last line of App. B"
 RECURSION, INDEPENDENT = "Eqs. 8 and 9", "independent cameras"
-CLOSE_PAIR = "more likely hidden from a camera if from one beside it"
+CLOSE_PAIR = "more likely hidden from a camera if from one next to it"
 VERTICES, EDGES = "seen by a camera on a vertex", "seen by a camera on an edge"
 ORTHOGONAL, OPPOSITE = "error with two orthogonal cameras", "error with two opposite cameras"
 

@@ -1,1 +1,1 @@
-"""[Lee] Sec. 5.2.1: how people look from several sides."""
+"""[Lee] Sec. 5.2.1: appearance of people by viewing direction."""

@@ -18,7 +18,7 @@ GREY = 256
 SHIFTS = (0.0, 0.25, 0.5, 0.75)
 """Of the end points, in widths of a bin."""
 WIDE = 4
-"""Bins of the histograms whose end points are shifted."""
+"""Bins of the histograms with shifted end points."""
 MEANS, SPREAD = (100.0, 130.0), 20.0
 """Grey levels of two objects."""
 SAME, FEW, WITHOUT = "one object twice", "one object twice, a quarter of the values", "one object twice, bias corrected"
@@ -36,7 +36,7 @@ def coefficient_trial(spec: Spec) -> dict[str, float]:
     Returns:
         `same-M`, two samples of one even density of M bins, `few-M`, the same of a quarter of the values, and
         `same-closed-M` and `few-closed-M`, 1 less the bias in closed form; `two-M` of two
-        objects of normal grey levels with other means; `shift-S`, of the two in bins whose end points lie S widths
+        objects of normal grey levels with other means; `shift-S`, of the two in bins with end points S widths
         further; `layout` and `order`, how much the coefficient changes when the pixels of one are
         put in another order, and when the bins of both are; `beyond`, how far any coefficient lies outside of [0, 1].
     """

@@ -127,7 +127,7 @@ def head_image(canvas: Canvas, one: Clothes, angle: float, phase: float, gain: f
 
 
 def faces_trial(spec: Spec) -> dict[str, float]:
-    """Draw everybody once for the gallery and `probes` times as candidates, at every angle, and tell them apart.
+    """Draw all people once for the gallery and `probes` times as candidates, at every angle, and distinguish them.
 
     Args:
         spec: `probes`, `seed` and `run`.
@@ -266,7 +266,7 @@ def by_suspension(size: Size, execute: Execute) -> Table:
 
 
 def judge_bins(table: Table) -> list[StatementVerdict]:
-    """Judge that different people are separable and alike ones challenging."""
+    """Judge that different people are separable and similar ones challenging."""
     out = []
     for name in ("rank-1", "AUC"):
         said = f"Figs. 5-20 and 5-21: people of one skin and hair are harder to distinguish ({name} lower by this)."

@@ -18,7 +18,7 @@ DISTANCE, HEIGHT, PERSON = 8.0, 2.0, 1.7
 """Of the cameras from the middle and above the floor, and of a person [m]."""
 PLACES = {1: (180.0, 1.5), 2: (180.0, -1.5), 3: (270.0, 0.0), 4: (0.0, 0.0), 5: (90.0, 0.0)}
 """Cameras: the side of the middle on which each stands [deg from east], and how far from it [m].  They follow from
-the statements: who walks north moves to the left in cameras that look east."""
+the statements: who walks north moves to the left in cameras that point east."""
 DIRECTIONS = {"N": 90.0, "S": 270.0, "W": 180.0, "E": 0.0, "NE": 45.0, "SE": -45.0, "NW": 135.0, "SW": 225.0}
 SIDEWAYS = {"left": -1, "right": 1, "": 0}
 GROWTH = {"smaller": -1, "bigger": 1, "": 0}
@@ -40,7 +40,7 @@ STILL = 0.25
 
 
 def camera_of(number: int) -> Camera:
-    """A camera that looks at the middle from its side."""
+    """A camera that points at the middle from its side."""
     side, beside = PLACES[number]
     angle = math.radians(side)
     out, across = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
@@ -102,7 +102,7 @@ def motion_trial(spec: Spec) -> dict[str, float]:
 
 
 def _holds(change: Floats, sign: int, full: float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Whether a change has a sign and is seen; for 0, whether it is small beside a full one."""
+    """Whether a change has a sign and is seen; for 0, whether it is small against a full one."""
     seen = np.abs(change) > STILL * full
     return np.asarray((np.sign(change) == sign) & seen if sign else np.abs(change) < 0.5 * full)
 
@@ -123,7 +123,7 @@ def motions(size: Size, execute: Execute) -> Table:
 
 
 def judge_motions(table: Table) -> list[StatementVerdict]:
-    """Judge what is seen of who moves north and north-east, and whether motion tells people apart."""
+    """Judge what is seen of who moves north and north-east, and whether motion distinguishes people."""
     out = []
     for name, figure in (("N", "5-8"), ("NE", "5-9")):
         for number in PLACES:

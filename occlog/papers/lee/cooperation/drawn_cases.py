@@ -1,7 +1,7 @@
 """The drawn cases of [Lee] Sec. 3.3.3: which of the triggers (3.14) to (3.16) fire in Figs. 3-8, 3-10, 3-11 and 3-13.
 
 The figures are sketches without numbers.  Here each run draws positions, courses and noise that fit what the
-text states about a case, so that a share of runs tells whether its statement depends on the sketch.
+text states about a case, so that a share of runs shows whether its statement depends on the sketch.
 
 Fig. 3-8: two changes at one time step that leave the number of bearings as it is.  The text describes (b)
 and (c); (d) to (f) are "similar cases", for which stand the other pairs of the changes that Sec. 3.3.2 names.
@@ -123,7 +123,7 @@ def change_trial(spec: Spec) -> dict[str, float]:
 
 
 def _objects(case: HearingChange, rng: Generator) -> tuple[Floats, Floats]:
-    """Draw positions (4, 2) [m] at first and velocities (4, 2) [m/s] so that the sketch holds when the change comes."""
+    """Draw initial positions (4, 2) [m] and velocities (4, 2) [m/s] so that the sketch holds when the change comes."""
     while True:
         angle = rng.uniform(-math.pi, math.pi, 4)
         if case.close:

@@ -6,7 +6,7 @@ The thesis does not print which way the turns go, where the cameras of the field
 ranges of the room's sensors.  They are chosen as in the files of the same names in `examples/`.
 
 Of Fig. 3-4 the text has the starts of the three objects, the number of samples, the models and the
-noise; the paths are only drawn, and the figure is lost.  So each run draws paths of its own: speeds
+noise; the paths are only drawn, and the figure is lost.  So each run draws its own paths: speeds
 of 0.2 to 0.3 m/s towards the sensor's side of the field, and one of the three models in each of the
 sections of Fig. 3-7.  The sensor is at the origin, as the bearings of Eqs. 3.2 and 3.4 are.
 """

@@ -190,7 +190,7 @@ FUSION_EXPERIMENTS = (
         compute=rates,
         judge=judge_rates,
         trial=fusion_trial,
-        note=f"{NOTE} Detected: share of the looks at a visible target; false: a frame.",
+        note=f"{NOTE} Detected: share of the observations of a visible target; false: a frame.",
     ),
     Experiment(
         item="fused-track",

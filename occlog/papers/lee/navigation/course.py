@@ -47,7 +47,7 @@ class Course:
         circles: (P, 3) the circle about each of them.
         walls: (E, 2, 2) sides of the room.
         names: of discs, polygons, walls and moving obstacles, in this order.
-        moving: people; None: nobody moves.
+        moving: people; None: none.
         repelling: whether walls repel.
         round_shapes: whether the circles repel, and not the polygons' nearest points.
         bordered: whether distances are from the borders of discs and people, and not from their centres.
@@ -66,7 +66,7 @@ class Course:
     ahead: float
 
     def moment(self, step: int) -> MovingObstacles:
-        """Moving obstacles at a step; none if nobody moves."""
+        """Moving obstacles at a step; none without people."""
         if self.moving is None:
             none, flat = np.empty((0, 2)), np.empty(0)
             return MovingObstacles(none, flat, after=none, radius_after=flat, move=none)
@@ -75,7 +75,7 @@ class Course:
     def around(self, xy: Floats, moment: MovingObstacles) -> NearbyObstacles:
         """Obstacles as robots at (N, 2) positions meet them."""
         there = np.isfinite(moment.xy[:, 0])
-        # People are where they come nearest within the time ahead, on the way they have taken in the last step
+        # People are where they come nearest within the time ahead, on their course of the last step
         soon = moment.xy[there] + self.ahead * moment.move[there]
         people = nearest_on_segments(xy, np.stack([moment.xy[there], soon], axis=1))
         circles, own = self.circles, moment.radius[there]

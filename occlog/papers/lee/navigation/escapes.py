@@ -255,7 +255,7 @@ def judge_near(table: Table) -> list[StatementVerdict]:
     out = [
         always(
             f"near-{key}",
-            f"(5.25) guarantees the prevention of collisions, {way}: share of robots up to {MAIN} beside the line that "
+            f"(5.25) guarantees the prevention of collisions, {way}: share of robots up to {MAIN} off the line that "
             "collide.",
             v.find(table, way, MAIN),
             0.0,

@@ -40,7 +40,7 @@ MARKS: dict[str, tuple[str, str, str]] = {
     "escaping": ("escape", "^", COLOURS["t2"]),
     "guarded": ("step turned by the guard", "D", COLOURS["t4"]),
 }
-"""Name in the legend, marker and colour of each state beside `free`."""
+"""Name in the legend, marker and colour of each state other than `free`."""
 DOTS = 120
 """Positions of steps are dots on paths of up to this many steps."""
 BODIES = 40

@@ -37,7 +37,7 @@ class RobotVerdict:
     """What became of one robot of a drive."""
 
     def __init__(self, robots: Drive, number: int, goal: Floats, names: Sequence[str], config: NavigateConfig) -> None:
-        """Look at a robot when the drive is over.
+        """Judge a robot when the drive is over.
 
         Args:
             robots: the drive.
@@ -77,7 +77,7 @@ class RobotVerdict:
         if self._stays and self._states[SteeringState.GUARDED]:
             return f"caught at {self._at} before {self._nearest}, where the guard holds it back"
         if self.trap:
-            return f"caught at {self._at}, where goal and obstacles pull and push alike (a local minimum)"
+            return f"caught at {self._at}, where goal and obstacles pull and push equally (a local minimum)"
         if self._stays:
             return f"oscillates for ever before {self._nearest}, at {self._at}"
         return f"all {self._steps} steps done, {self._left:.4g} from the goal"
@@ -93,9 +93,9 @@ class RobotVerdict:
         if self.end == End.COLLIDED:
             return "take " + ("" if self._config.guard else "the guard, ") + "shorter steps or a larger repulsion"
         if self.trap:
-            return "take a smaller influence or repulsion, or goals on the way"
+            return "take a smaller influence or repulsion, or intermediate goals"
         if self._stays:
-            return "take escape inside" if self._config.escape != "inside" else "take goals on the way"
+            return "take escape inside" if self._config.escape != "inside" else "take intermediate goals"
         return "take more steps"
 
     def figures(self) -> dict[str, object]:

@@ -27,7 +27,7 @@ from .config import NavigateConfig
 from .course import Course
 
 WINDOW = 50
-"""Steps over which a robot's whereabouts are collected, to tell whether it still gets on."""
+"""Steps over which a robot's whereabouts are collected, to decide whether it still makes progress."""
 GUARD = 1e-3
 """Clearance that guarded steps keep, in lengths of a step."""
 TURNS = tuple(math.radians(15.0 * k) for k in range(-11, 13))
@@ -70,7 +70,7 @@ class Drive:
         nearest: (N,) which obstacle that was; -1: missing.
         states: (N, 4) steps in each `SteeringState`.
         recognised: (N,) steps at which oscillation was recognised.
-        caught: (N,) whether a robot whose steps ran out stayed at one position in the end.
+        caught: (N,) whether a robot without steps left stayed at one position in the end.
         prevented: (N,) whether the endless part of a path, or its last window, has steps of the prevention.
     """
 
@@ -205,7 +205,7 @@ def _standing(moment: MovingObstacles) -> MovingObstacles:
 
 
 def _least(gaps: Floats) -> tuple[Floats, Ints]:
-    """(A,) least of (A, K) clearances, infinite where no obstacle is there, and whose it is, -1 then."""
+    """(A,) least of (A, K) clearances, infinite where no obstacle is there, and the owner, then -1."""
     if not gaps.shape[1]:
         return np.full(len(gaps), np.inf), np.full(len(gaps), -1)
     nearest = np.argmin(gaps, axis=1)

@@ -54,7 +54,7 @@ def judge_table(name: str, table: Table) -> list[StatementVerdict]:
     y = [(v.find(table, WEIGHTED, 2.0), v.find(table, EQUAL, 2.0))]
     pairs = [(a, b) for a, b in y if a is not None and b is not None]
     if name == "2.1":
-        said = "With right models both combinings are alike: difference of the RMSE of y [m]."
+        said = "With right models both combinations are equal: difference of the RMSE of y [m]."
         out.append(v.close(f"{key}-alike", said, pairs))
     else:
         said = "With a wrong model in one plane for 50 s the weights by planes keep the track: RMSE of y lower by [m]."

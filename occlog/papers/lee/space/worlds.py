@@ -194,7 +194,7 @@ def _track_by_planes(
     models: list[tuple[AccelerationModel, ...]] | None,
     rng: Generator,
 ) -> tuple[Floats, list[list[int]]]:
-    """Run PPS; `models`: each plane's motion on the way to every instant, None: that of the settings."""
+    """Run PPS; `models`: each plane's motion up to every instant, None: that of the settings."""
     state, places = projected_planes.init(scene_of(w), config, rng), np.empty((len(given), 3))
     pairs = []
     for k, scan in enumerate(given):
@@ -208,7 +208,7 @@ def _track_by_planes(
 
 
 def _table_motions(w: SpaceWorld, k: int, wrong: bool) -> tuple[AccelerationModel, ...]:
-    """Return each plane's model on the way to instant k: a turn in yz, the known acceleration of one axis elsewhere."""
+    """Return each plane's model up to instant k: a turn in yz, the known acceleration of one axis elsewhere."""
     change = (w.states[k] - w.states[max(k - 1, 0)])[3:] / TABLE_STEP_S
     still = np.zeros(2)
     parts = [AccelerationModel(change[list(axes)], still) for axes in AXES]

@@ -71,7 +71,7 @@ def end_to_end(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 
 
 def hop_by_hop(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Compute mean delays of a hop of each kind of message, with those printed beside them."""
+    """Compute mean delays of a hop of each kind of message, with the printed ones."""
     rows = []
     for scenario, printed in PRINTED.items():
         for case in _cases(scenario, SHARED, (USUAL_KB,), (USUAL_SHARE,)):

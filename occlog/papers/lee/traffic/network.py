@@ -217,7 +217,7 @@ class NetworkSimulation:
             source: node that sends it.
             destinations: nodes that get it, on the shortest ways; the source itself may be one.
             size: bytes.
-            arrived: is told each destination when it has all packets.
+            arrived: is called with each destination when it has all packets.
             reliable: each packet is acknowledged at each hop.
         """
         sizes = self.network.sizes
@@ -314,7 +314,7 @@ class _Gate:
 
 
 def simulate_cycle(network: RouterNetwork, protocol: str, image_bytes: float, share: float) -> Cycle:
-    """Simulate one cycle: everybody detects at time 0, and cameras take their images then.
+    """Simulate one cycle: all nodes detect at time 0, and cameras take their images then.
 
     RBVC: images go to all routers that track objects; each sends its final estimate to the server.  SBVC: images and
     the acoustic estimates go to the server, which sends each router its final estimate.
@@ -372,11 +372,11 @@ def simulate_cycle(network: RouterNetwork, protocol: str, image_bytes: float, sh
 
 
 def _sense(simulation: NetworkSimulation, router: str, share: float, heard: Then) -> None:
-    """Detect, assign and listen: readers tell what they detect, the router who listens to what, arrays what they hear.
+    """Detect, assign and listen: readers send detections, the router sends assignments, arrays send bearings.
 
     Args:
         simulation: at the time of the detection.
-        router: whose sensors they are.
+        router: router of the sensors.
         share: share of the objects that are tracked.
         heard: happens when the router has the data of all arrays.
     """

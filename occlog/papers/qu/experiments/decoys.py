@@ -3,7 +3,7 @@
 "Using an epipolar line to direct the sample distribution and (re)initialize the targets is problematic.  When there are
 several candidate targets in the vicinity of the epipolar lines, the trackers may attach to wrong targets".  Four balls
 go side by side and never touch.  As after a loss one tracker of view 1 is put on the bare wall, nearer to a neighbour
-than to its target.  The four are on one epipolar line, or in a column, so that the line tells them apart.
+than to its target.  The four are on one epipolar line, or in a column, so that the line distinguishes them.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Sec. 4.4.3 selects "the minimal number of particles which does not degrade the performance significantly".  Here the
 performance is the sum of both failure rates (Eq. 9), and a number of particles suffices if the mean over the videos is
-within `WORSE` of that with the most particles tried.  Video and trackers of a run have a seed of their own.
+within `WORSE` of that with the most particles tried.  Video and trackers of a run have their own seed.
 """
 
 from __future__ import annotations

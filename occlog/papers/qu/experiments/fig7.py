@@ -79,7 +79,7 @@ def _good(frame: BallsFrame, rows: TrackerOutlines, i: int) -> bool:
 
 
 def _lines(rows: TrackerOutlines, view: int, geometry: ViewGeometry) -> tuple[EpipolarLine, ...]:
-    """Return the epipolar lines of the views whose estimates help a tracker in this frame."""
+    """Return the epipolar lines of the views with estimates that help a tracker in this frame."""
     out = []
     for i in np.flatnonzero(rows.view == view):
         for other in np.flatnonzero(rows.helpers[i]):
@@ -133,7 +133,7 @@ def judge7(table: Table) -> list[StatementVerdict]:
         ordered("fig7-idmot", said, end["idmot"], end["mipf"]),
         v.judge(
             "fig7-idmot-fails",
-            "IDMOT still has failures: share of the videos at whose end a tracker is off its target.",
+            "IDMOT still has failures: share of the videos that end with a tracker off its target.",
             share_of(failed, n),
             v.at_least(0.5),
             v.at_least(0.1),
@@ -142,7 +142,7 @@ def judge7(table: Table) -> list[StatementVerdict]:
         ordered("fig7-bmct", better, end["bmct"], end["idmot"]),
         v.judge(
             "fig7-all",
-            "BMCT tracks all targets: share of the videos at whose end all trackers are on their targets.",
+            "BMCT tracks all targets: share of the videos that end with all trackers on their targets.",
             share_of(whole, n),
             v.at_least(ALL),
             v.at_least(0.5 * ALL),
@@ -163,5 +163,5 @@ FIG7 = Experiment(
     judge=judge7,
     trial=run_views_trial,
     plans={"frames": fig7_shots},
-    note="The same videos; balls that nobody can see count, too.",
+    note="The same videos; balls that no camera sees count, too.",
 )

@@ -1,4 +1,4 @@
-"""The two failures of IDMOT that [Qu] Sec. 4.1 explains by Fig. 7b, each in its own scene beside a control.
+"""The two failures of IDMOT that [Qu] Sec. 4.1 explains by Fig. 7b, each in its own scene with a control.
 
 Two balls meet in one view, and the other view sees them apart.  What is counted is how many of the two trackers are not
 on their own target in the last frame of the view in which they met, after they have parted.

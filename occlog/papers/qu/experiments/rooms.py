@@ -109,7 +109,7 @@ def judge(recording: PaperVideo, table: Table) -> list[StatementVerdict]:
         for label, ending, why in (
             (IDMOT, "idmot", "The cameras help"),
             (NO_BACKGROUND, "background", "Background subtraction enhances the performance"),
-            (NO_PCA, "pca", "Principal components help beside intensities"),
+            (NO_PCA, "pca", "Principal components help in addition to intensities"),
         ):
             if label in rows:
                 out.append(ordered(f"{key}-{ending}", f"{why}: rate of {name} lower, by [%].", rows[BMCT], rows[label]))

@@ -113,7 +113,7 @@ class FilterVariant(NamedTuple):
     name: str
     method: str
     settings: Mapping[str, object]
-    joint: bool  # one state of all targets in a view; false: every target has particles of its own
+    joint: bool  # one state of all targets in a view; false: every target has its own particles
     tried: Callable[[int], Sequence[int]]  # values of the setting `particles`, about those needed, by number of targets
 
     def total(self, targets: int, particles: float) -> float:

@@ -1,7 +1,7 @@
 """[Qu] Table 3: false position and false label rates of the four methods on the synthetic video.
 
 The printed rates are those of the video UnionStation, which is not available.  The table has them
-beside those of the synthetic video; no verdict rests on their values.
+next to those of the synthetic video; no verdict rests on their values.
 """
 
 from __future__ import annotations

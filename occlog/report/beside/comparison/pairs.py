@@ -67,7 +67,7 @@ def common_times(a: Tracks, b: Tracks) -> Ints:
 def align_estimates(tracks: Tracks, times: Ints) -> AlignedEstimates:
     """A run's estimates at some times.
 
-    At times of its own a person is there who has a row.  At times of the other run alone positions are interpolated, over
+    At a run's own times the people with a row are present.  At times of the other run alone positions are interpolated, over
     gaps of a usual step of the person's rows (`Path.usual_gap_ns`).
     """
     place = np.searchsorted(times, tracks.t_ns)
@@ -117,7 +117,7 @@ class RunPairs:
         a, b: (n,) rows of the runs' `AlignedEstimates` in a pair.
         distance: (n,) between them.
         alone_a, alone_b: rows of `AlignedEstimates` that have no partner, ascending.
-        people: everybody, those of run A first.
+        people: all people, those of run A first.
     """
 
     frame: Ints
@@ -211,7 +211,7 @@ class TrackChange(NamedTuple):
 
 
 class MatchedRuns(NamedTuple):
-    """Everybody's pieces and changes.
+    """Sections and changes of all people.
 
     Attributes:
         pieces: in the order of `who` and time.

@@ -29,9 +29,9 @@ class RunComparisonStep(NamedTuple):
 
     Attributes:
         t_ns: when.
-        a, b: identities; None: the run has nobody there.
+        a, b: identities; None: the run has no track there.
         distance: from each other; of a person without a partner from the nearest one of the other run; NaN: it has
-            nobody then.
+            no track then.
     """
 
     t_ns: int
@@ -126,7 +126,7 @@ def divergences_of(
 
 
 def _kind(name: str, frames: Ints, moment: Callable[[int], RunComparisonStep]) -> DivergenceKind:
-    """A kind by the frames of its rows, of which `moment` tells one."""
+    """A kind by the frames of its rows, one of which is `moment`."""
     if not len(frames):
         return DivergenceKind(name, None, 0, 0)
     return DivergenceKind(name, moment(int(np.argmin(frames))), len(np.unique(frames)), len(frames))
