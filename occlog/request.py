@@ -155,8 +155,8 @@ class Request(Settings):
     `RUN` is module and name of the function that does it: from the request and a `Job` to a summary and losses.
     `JUDGED`: the summary has the figure `VERDICT`, whether all is well; `STRICT` states when false is the exit code
     6 with `--strict`; empty: it always is.
-    `KIND` is module and name of the function that states about which kind of input a request is, and `KINDS` are words for
-    these kinds; without any a request takes all that it declares.
+    `KIND` is module and name of the function that states about which kind of input a request is, and `KINDS` are words
+    for these kinds; without any a request takes all that it declares.
     """
 
     RUN: ClassVar[str]

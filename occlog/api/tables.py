@@ -140,7 +140,7 @@ class Table:
         return self._read(None).__arrow_c_stream__(requested_schema)
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-        """Write the table: as Parquet the same bytes as the command's, else in the format that the name's ending states.
+        """Write the table: Parquet with the same bytes as the command's, else the format of the name's ending.
 
         Args:
             path: where to; `.parquet`, or an ending of `occlog export` (`.csv`, `.csv.gz`, `.tum`, `.trc`).

@@ -56,9 +56,7 @@ def _after_a_look(callback: Callable[..., Any]) -> Callable[..., Any]:
 
 WITHOUT_DRY_RUN = ("reproduce", "schema")
 """Commands that write where nothing stops them."""
-DRY_RUN_HELP = (
-    "Check inputs, settings and outputs, report what would be written, and stop without running."
-)
+DRY_RUN_HELP = "Check inputs, settings and outputs, report what would be written, and stop without running."
 VERBOSE_HELP = "Report on standard error the detected input formats, written files and run times."
 
 
@@ -120,7 +118,7 @@ def _reader() -> click.Option:
         ["--reader"],
         expose_value=False,
         metavar="NAME",
-        help="Reader of a plug-in, for inputs with names that end as it states; its settings are options then (--reader NAME "
+        help="Reader of a plug-in, for inputs with its file name endings; its settings become options (--reader NAME "
         "--help).",
     )
 

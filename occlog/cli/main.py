@@ -48,7 +48,9 @@ COMMANDS = {
         "occlog.measure.fuse.request:VERB",
         "Fuse detections of several cameras, or tracks of several groups of cameras.",
     ),
-    "appearance": Command("occlog.measure.appearance.request:VERBS", "Learn the appearance of people by viewing direction."),
+    "appearance": Command(
+        "occlog.measure.appearance.request:VERBS", "Learn the appearance of people by viewing direction."
+    ),
     "priors": Command("occlog.measure.priors.request:VERBS", "Find where moving occluders are."),
     "fit-motion": Command(
         "occlog.track.methods.map.fit_motion.request:FitMotionRequest", "Identify a motion model from trajectories."

@@ -23,7 +23,7 @@ NOT_KEPT = (
 
 @contextmanager
 def with_compile_notice(root: click.Context) -> Iterator[None]:
-    """Report once that kernels are compiled, if that takes long meanwhile and the command of this context is not quiet."""
+    """Report once that kernels are being compiled, if it takes long and the command of this context is not quiet."""
 
     def say(kept: bool) -> None:
         if not root.meta.get(QUIET):

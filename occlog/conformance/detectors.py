@@ -110,7 +110,9 @@ def check_embeddings(of: Any) -> None:
     told = {each.embeddings is None for each in found}
     lengths = {np.shape(each.embeddings)[1] for each in found if each.embeddings is not None and len(each.boxes)}
     if len(told) > 1 or len(lengths) > 1:
-        raise BrokenError("embeddings have different lengths in the images of one film, or are reported in some of them")
+        raise BrokenError(
+            "embeddings have different lengths in the images of one film, or are reported in some of them"
+        )
 
 
 def check_independent(of: Any) -> None:

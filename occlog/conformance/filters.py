@@ -121,7 +121,9 @@ def check_follows(of: Of) -> None:
     places = run(of, PLAIN)[SETTLED:]
     off = [np.asarray(p.xy) - xy for p, xy in zip(places, PLAIN.truth[SETTLED:], strict=True) if p is not None]
     if len(off) < len(places):
-        raise BrokenError(f"{len(places) - len(off)} of {len(places)} time steps give no position; three sensors see it")
+        raise BrokenError(
+            f"{len(places) - len(off)} of {len(places)} time steps give no position; three sensors see it"
+        )
     rms = float(np.sqrt((np.array(off) ** 2).sum(axis=1).mean()))
     if not rms <= FARTHEST_M:
         raise BrokenError(f"the error is {rms:.3g} m (allowed: {FARTHEST_M:g}), with bearings of one degree from 40 m")

@@ -57,7 +57,9 @@ def check_units(of: Any) -> None:
         if not re.fullmatch(r"[a-z][a-z0-9_]*", str(name)):
             raise BrokenError(f"figure {name!r} must be named by small letters, digits and _")
         if not isinstance(unit, str) or re.search(r"\s", unit):
-            raise BrokenError(f"the unit of {name} is {unit!r}; expected a text without blanks, as 'length', 's' or '1'")
+            raise BrokenError(
+                f"the unit of {name} is {unit!r}; expected a text without blanks, as 'length', 's' or '1'"
+            )
 
 
 def check_figures(of: Any) -> None:

@@ -223,7 +223,7 @@ class SampleWalk:
     """A walk, seen by sensors; as it is, all of them see the target at all times.
 
     Attributes:
-        time steps: how many.
+        moments: how many.
         start_ns: time of the first.
         sensors: positions in `NAMES` of the sensors that observe, in the order of rows.
         turn: the world is turned by this angle about its origin [rad].

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 USUAL = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
 """Signals that are taken over, and what Python does of itself."""
 NOT_THERE = ("numba.core.serialize", "namedtuple_")
-"""Prefixes of modules with functions that numba calls to make results: that of classes' constructors is of `collections`."""
+"""Prefixes of modules with functions that numba calls to make results: `collections` for constructors of classes."""
 AGAIN_S = 0.05
 """An interrupt that was dropped comes again so much later, so that the callback has ended."""
 

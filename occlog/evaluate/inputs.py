@@ -70,7 +70,7 @@ def open_tables(request: EvaluateRequest) -> tuple[Opened | None, Opened | None,
 
 
 def open_measured(path: Path, tracks: Opened | None, scene: Scene) -> MeasuredSource:
-    """Measurements of distances, with the settings that the tracks were made with; defaults where these do not state."""
+    """Distance measurements, with the settings that the tracks were made with, or defaults if these are unknown."""
     opened = open_input(path, Measurements, Reads)
     if not scene.sensors:
         raise UsageError(f"{path}: stations have no positions without a scene; give one")

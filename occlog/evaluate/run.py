@@ -337,7 +337,7 @@ def _check_request(request: EvaluateRequest, given: Mapping[str, object]) -> Non
         )
     if request.write_scene is not None and (request.truth is None or request.directions is None):
         raise UsageError(
-            f"{option('write_scene')} measures noise at known positions; give {option('bearings')} and {option('truth')}"
+            f"{option('write_scene')} measures noise at true positions; add {option('bearings')} and {option('truth')}"
         )
     if request.tracks is not None and request.truth is None and request.directions is None and not held_boxes:
         raise UsageError(f"TRACKS alone cannot be evaluated; give {option('truth')}, {option('bearings')} or both")

@@ -129,8 +129,8 @@ def in_memory(table: T | None) -> Chunks[T] | None:
 def opened_rows(opened: Opened | None, table: type[T]) -> Chunks[T] | None:
     """The rows of a table; None without a file, or in one that holds none.
 
-    Those of a recording or a table of another program, which are slow to read, are buffered on disk while they are read for
-    the first time.
+    Those of a recording or a table of another program, which are slow to read, are buffered on disk while they are read
+    for the first time.
     """
     if opened is None or not opened.has(table):
         return None

@@ -237,7 +237,7 @@ class Evaluator:
         Args:
             take: gets errors, bound, failures and counts in parts, in the order of time.
             many: settings of the figures of many targets, with a match distance; None: these are skipped.
-            positions: whether noise is measured at known positions.
+            places: whether noise is measured at known positions.
             numbers: notes on the numbers of tracks, which stand before that on the errors.
 
         Raises:

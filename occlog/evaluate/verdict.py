@@ -114,7 +114,7 @@ def checks_with_truth(
     said = found.checks(one_target=made.one_target, smoothed=made.smoothed)
     if unknown:
         words = (
-            "estimates have no covariance, so that nothing is reported of whether errors, and what bearings leave at these "
+            "estimates have no covariance, so that it is unchecked whether errors, and residuals of bearings at these "
             "estimates, are as large as they state"
         )
         return (*said, finding(COVARIANCES, "note", "no-covariance", words), *_of_figures(metrics))
@@ -149,7 +149,8 @@ def _truth_of_another_target(found: ConsistencyEvidence, metrics: Mapping[str, o
 def _errors_on_assigned_target(errors: Errors, scene: Scene) -> Errors:
     """Errors of tracks while they are on the target that they are paired with.
 
-    A track that is on another target after an exchange is as far away as that one, which contains nothing about covariances.
+    A track that is on another target after an exchange is as far away as that one, which contains nothing about
+    covariances.
     """
     near = MultiTargetConfig.in_unit(scene.length_unit).match_distance
     return errors if near is None else errors.take(errors.error <= near)

@@ -1,4 +1,4 @@
-"""Bags of an ingest: which of their topics are taken, the cameras that they place, and their messages as they are read."""
+"""Bags of an ingest: the topics that are used, the cameras with poses in them, and their messages as they are read."""
 
 from __future__ import annotations
 

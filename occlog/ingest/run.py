@@ -354,7 +354,9 @@ def _twice(key: int | str, other: Path) -> str:
     """What is wrong where another file has the same target, or boxes of the same camera, at the same times."""
     if isinstance(key, str):
         return f"camera {key}: has true boxes in {other}, too, at the same times; join the files"
-    return f"target {key} has positions in {other}, too, at the same times; give each target its own number in a column id"
+    return (
+        f"target {key} has positions in {other}, too, at the same times; give each target its own number in a column id"
+    )
 
 
 def _doa_options(plan: IngestPlan, sensor: str | None) -> DoaOptions:

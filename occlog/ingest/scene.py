@@ -109,7 +109,9 @@ def find_turn(
         found = vertical(rotations)
         direction = found.up
         if not found.certain:
-            note("warning: the cameras have the same viewing direction, so that up is only known to their pitch; it was taken for 0")
+            note(
+                "warning: all cameras have the same viewing direction; up is known up to their pitch, assumed to be 0"
+            )
     else:
         direction = read_up(up)
     turn = Turn(turn_upright(direction), 0.0 if ground is None else ground)
@@ -130,7 +132,7 @@ def _warn_of_low(cameras: Sequence[Camera], turn: Turn, ground: float | None, no
     remedy = (
         "heights are unknown; state where the ground is (ground)"
         if ground is None
-        else f"the ground is stated to be at {ground:g} m along up, in the calibration's world (ground): negative where "
+        else f"the ground is given as {ground:g} m along up, in the calibration's world (ground): negative where "
         "it is below the origin"
     )
     note(

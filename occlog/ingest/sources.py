@@ -181,10 +181,7 @@ class Copies:
             self._before.setdefault(name, []).append(np.unique(np.concatenate(parts)))
         if copies:
             others = " or in a log before" if self._several else ""
-            note(
-                f"warning: {path.name}: {counted(copies, what)} are exact duplicates{others}; each "
-                "counts once"
-            )
+            note(f"warning: {path.name}: {counted(copies, what)} are exact duplicates{others}; each counts once")
 
 
 def _first(marks: Uints, before: list[Uints]) -> Bools:

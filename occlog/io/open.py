@@ -154,7 +154,7 @@ def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY) -> O
 
     Args:
         path: the file.
-        requires: tables of which the input must hold at least one; none: any will do.
+        wants: tables of which the input must hold at least one; none: any will do.
         remedy: what to do where a recording holds none of them.
 
     Raises:
@@ -336,7 +336,7 @@ def open_in_unit(path: Path, length_unit: str | None, *wants: type[ColumnTable])
     Args:
         path: the file.
         length_unit: of lengths; None: as the file has them.
-        requires: see `open_input`.
+        wants: see `open_input`.
     """
     opened = open_input(path, *wants)
     if opened.foreign is not None and length_unit is not None:

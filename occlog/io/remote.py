@@ -140,7 +140,7 @@ def _as_output_error(url: str, failure: type[OcclogError] = InputError) -> Itera
 
 
 def _unreached(error: FileNotFoundError) -> BaseException | None:
-    """Why the existence of a file is unknown: fsspec states about all that a web server does not give that it is not."""
+    """Reason why the existence of a file is unknown: fsspec reports all that a web server refuses as missing."""
     cause = error.__cause__
     if isinstance(cause, OSError) and not isinstance(cause, FileNotFoundError):
         return cause  # no such host, no connection, a time limit
@@ -331,7 +331,7 @@ class Cache:
             yield
 
     def _trim(self, wanted: int) -> None:
-        """Remove entries that are not in use, oldest first, until this many bytes more fit in; scratch folders anyway."""
+        """Remove unused entries, oldest first, until this many bytes more fit in, and all scratch folders."""
         with self._managed():
             locks = sorted(self.folder.glob(f"?*{LOCK}"), key=lambda lock: (lock.stat().st_mtime_ns, lock.name))
             sizes = {lock: _size(self._entry(lock)) for lock in locks}

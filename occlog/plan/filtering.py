@@ -110,7 +110,7 @@ def run_filter(
 
 @kernel
 def _moments_into(rows: Floats, n: int, first: int, place: Floats, spread: Floats) -> None:
-    """Mean (2,) and covariance (3,) of the position over all hypotheses; `first` column of the covariances that count."""
+    """Mean (2,) and covariance (3,) of the position over all hypotheses; `first`: column of the covariances."""
     x, y = 0.0, 0.0
     for h in range(n):
         x += rows[h, PROBABILITY] * rows[h, STATE]
@@ -205,7 +205,7 @@ def _weigh_into(rows: Floats, n: int, told: Floats, work: Floats) -> int:
 def _update_into(row: Floats, told: Floats, work: Floats) -> float:
     """A hypothesis after what is reported; the logarithm of its likelihood, but for what all have in common.
 
-    With M = 1 + I P_xx: gain W = P_x M^-1 of what is reported in addition to I x, G = W I of the position; the filter's covariance
+    With M = 1 + I P_xx: gain W = P_x M^-1 of the report in addition to I x, G = W I of the position; its covariance
     becomes P - G P_x^T, the true one (1 - G H) R (1 - G H)^T + W I W^T.
     """
     xx, xy, yy = told[0], told[1], told[2]

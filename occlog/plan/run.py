@@ -161,9 +161,7 @@ def caveats(scene: Scene, table: PlanMap) -> list[str]:
         out.append("readers of tags are skipped: planning does not support their measurements")
     blind = float(table.weight @ table.no_fix)
     if blind > 0.1:
-        out.append(
-            f"{blind:.0%} of the time nothing but the room states where a target is; errors there are rough, add sensors"
-        )
+        out.append(f"no sensor sees the target {blind:.0%} of the time; errors there are rough, add sensors")
     return out
 
 

@@ -1,4 +1,4 @@
-"""Visibility of targets along their paths for each sensor, and its information about their positions (Fisher information).
+"""Visibility of targets along their paths for each sensor, and its Fisher information about their positions.
 
 Positions that a walking crowd hides from a sensor: the discs of [Ercan] Fig. 3, with a height where it is known.
 """

@@ -119,7 +119,9 @@ def _weights(cells: FloorCells, paths: Floats | None) -> Floats:
     cell = nearest_cell(cells, paths)
     inside = np.all(np.abs(paths - cells.xy[cell]) <= cells.size, axis=1)
     if not inside.any():
-        raise InputError(f"plan: no position of {option('paths')} is in the room; give paths in the scene's coordinates")
+        raise InputError(
+            f"plan: no position of {option('paths')} is in the room; give paths in the scene's coordinates"
+        )
     count = np.bincount(cell[inside], minlength=len(cells.xy))
     return np.asarray(count / count.sum())
 

@@ -6,8 +6,8 @@ part of the walk.
 
 The second moments of a walk, counted.
 
-Whoever walks straight on at speed v, turns r times a second to anywhere and has noise s of the position takes steps that
-have, with a = (1 - exp(-r dt)) / r,
+Whoever walks straight on at speed v, turns r times a second to anywhere and has noise s of the position takes steps
+that have, with a = (1 - exp(-r dt)) / r,
 
     E[d_0 . d_k] = v^2 a^2 exp(-r (k - 1) dt),   k = 1, 2, ...
     E[d_0 . d_0] = 2 v^2 (dt - a) / r + 2 s^2 dt
@@ -185,7 +185,7 @@ def paths_through_cells(visits: Visits, people: Floats, draws: int, steps: int, 
 
 
 def nearest_cell(cells: FloorCells, xy: Floats) -> Ints:
-    """(P,) number of the cell with a middle that is nearest to each position; it holds the position, where a cell does."""
+    """(P,) number of the cell with the centre nearest to each position; it contains the position if any cell does."""
     tree = KDTree(cells.xy)
     return np.asarray(tree.query(xy)[1], dtype=np.int64)
 

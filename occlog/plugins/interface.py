@@ -93,7 +93,7 @@ class TargetScan(NamedTuple):
     Attributes:
         t_ns: time [ns since the Unix epoch]; it never goes back.
         sensors: (R,) names; one may be there several times, with candidates that may be of anything.
-        positions: (R, 2) where they are, in the scene's unit of length.
+        places: (R, 2) where they are, in the scene's unit of length.
         bearings: (R,) from +x towards +y [rad]; NaN: the sensor observed and did not see the target.
         sigma: (R,) standard deviations [rad]; NaN where the bearing is.
     """

@@ -24,7 +24,7 @@ class PluginKind(NamedTuple):
 
     Attributes:
         group: of its entry points.
-        requires: what the class must have in addition to `summary` and `settings`.
+        wants: what the class must have in addition to `summary` and `settings`.
     """
 
     group: str

@@ -227,7 +227,7 @@ def bearings_of(
         stream: gives them, in the order of time, as often as requested.
         scene: the sensors.
         targets: that are tracked.
-        time steps: times that the replay shows, and the usual time between two of all times [ns].
+        moments: times that the replay shows, and the usual time between two of all times [ns].
         beside: the other side of the comparison; None: nothing.
         most: how many of them are drawn, about.
     """
@@ -297,7 +297,7 @@ class ReportFigures:
 
     Attributes:
         whole: of each table that is given, by its name.
-        time steps: (M,) times that the replay shows; none where nothing moves.
+        moments: (M,) times that the replay shows; none where nothing moves.
         every: of all times of what moves every n-th is one of these.
         sight_every: every n-th time step has lines of sight.
         priors_every: every n-th time step has occluders as the tracker knew them.

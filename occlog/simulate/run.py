@@ -194,7 +194,7 @@ def _times(defaults: WorldConfig, rate_hz: float | None, seconds: float | None) 
 
 
 def people_setup(request: SimulatePeopleRequest) -> Setup:
-    """Everything that decides on the video of people of similar appearance; without `fps` there are 25 frames a second."""
+    """All settings of the video of people of similar appearance; without `fps` 25 frames a second."""
     if "occluders" in request.world:
         raise UsageError(f"{option('occluders')}: all people of this scene are targets; leave it out")
     size = {} if request.size is None else dict(zip(("width", "height"), request.size, strict=True))

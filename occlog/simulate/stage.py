@@ -124,7 +124,9 @@ def _first(floor: Ground, n: int, config: WorldConfig, seed: int, people: Moving
                 return world
     except ValueError as error:
         raise InputError(f"simulate: {error}; use fewer or smaller objects, or a larger room") from error
-    raise InputError(f"simulate: no positions found for {n} objects next to {len(there)} people; use fewer or smaller ones")
+    raise InputError(
+        f"simulate: no positions found for {n} objects next to {len(there)} people; use fewer or smaller ones"
+    )
 
 
 def _draw(generators: list[list[np.random.Generator]]) -> WaypointNoise:

@@ -1,7 +1,7 @@
-"""How large the noise of bearings is, learned from how far the lines of sight of three or more sensors miss one another.
+"""Estimate the noise of bearings from the triangulation residuals of three or more sensors.
 
-Two lines of sight in a plane always meet, n of them leave n - 2 degrees of freedom.  The squares of a scan's residuals at
-the least-squares point, over their stated variances, sum up to S.  Where stated standard deviations are to be
+Two lines of sight in a plane always meet, n of them leave n - 2 degrees of freedom.  The squares of a scan's residuals
+at the least-squares point, over their stated variances, sum up to S.  Where stated standard deviations are to be
 multiplied by s, S / s^2 has a chi-squared distribution of n - 2 degrees; where a bearing is false, the square root of S
 is anywhere up to the largest there is.  s and the share of scans with a false bearing are found by expectation
 maximisation of this mixture, from the median of S over that of the distribution: s^2 is the sum of all S over that of

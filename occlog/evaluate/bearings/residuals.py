@@ -165,7 +165,7 @@ class AgainstBearings:
             outlines: of the truth.
             scene: the sensors.
             config: gates, limits, bound.
-            positions: whether noise is measured at known positions; there is a truth.
+            places: whether noise is measured at known positions; there is a truth.
         """
         self._sources, self._known, self._outlines = sources, known, outlines
         self._scene, self._config = scene, config
@@ -359,6 +359,6 @@ def no_meeting(labelled: bool, config: EvaluateConfig) -> str:
             f"{config.lines_window_s:g} s, so that the tracks are compared with nothing; widen it (lines_window)"
         )
     return (
-        "warning: no bearing states which target it is of, so that the tracks are compared with nothing; label them with "
+        "warning: no bearing has a target label, so that tracks are not compared with bearings; label them with "
         "`occlog label`, or take the numbers of sources for targets (doa_labels)"
     )

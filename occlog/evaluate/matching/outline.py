@@ -1,7 +1,9 @@
 """Paths of true objects about a time interval that are as good there as the whole ones.
 
-Most of what is asked of a path is given by its samples near by.  A rough position, over a gap of any width or before the
-first and after the last sample, is given by samples that may be far away: those are kept of the whole (`TruthOutlines`).
+Most of what is asked of a path is given by its samples near by.  A rough position, over a gap of any width or before
+the
+first and after the last sample, is given by samples that may be far away: those are kept of the whole
+(`TruthOutlines`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 
 The first figures of an evaluation of tracks with identities that are the tracker's own, not those of the truth.
 
-One-to-one pairs over the whole run count every identity switch as an error of position.  The figures that state how good
+One-to-one pairs over the whole run count every identity switch as an error of position.  The figures that state how
+good
 such tracks are come first: HOTA, IDF1, MOTA, identity switches, and RMSE and NEES of the pairs of each frame.
 """
 

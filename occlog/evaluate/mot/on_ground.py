@@ -1,7 +1,7 @@
 """Tracks of many targets on the ground against true positions, as points at the times of the truth.
 
-In addition to the figures of `figures`: MODA and MODP, OSPA(2), trajectory GOSPA, whether covariances state how far tracks are
-from the targets that they are on, and how many people there are and were found over time.
+In addition to the figures of `figures`: MODA and MODP, OSPA(2), trajectory GOSPA, whether covariances state how far
+tracks are from the targets that they are on, and how many people there are and were found over time.
 """
 
 from __future__ import annotations
@@ -257,7 +257,7 @@ class PairErrors:
         Args:
             frames: truth and tracks.
             made: pairs of each frame alone.
-            positions: from which the frames were made.
+            places: from which the frames were made.
             tracks: rows at their times.
         """
         true, ours = frames.truth_row[made.truth], frames.track_row[made.track]

@@ -78,7 +78,7 @@ class RowDifference:
 
     Attributes:
         kind: `value`, `missing` (only in A), `added` (only in B), `schema` or `content`.
-        position: table, JSON path or file.
+        place: table, JSON path or file.
         key: key of the row, by column.
         column: column of the value, empty for whole rows.
         a, b: both values; None if missing.

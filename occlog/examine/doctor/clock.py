@@ -169,7 +169,8 @@ class SensorTimes:
         for factor, unit, stated in UNITS:
             if not FIRST_NS <= self.low * factor <= self.high * factor <= LAST_NS:
                 continue
-            # Intervals distinguish seconds and milliseconds from short times after 0; those of microseconds determine nothing
+            # Intervals distinguish seconds and milliseconds from short times after 0; those of microseconds determine
+            # nothing
             if factor == UNITS[0][0] or 0 < usual < SHORTEST_NS:
                 meant = utc(self.low * factor)
                 value = f"from {utc(self.low)} if they are {stated}, and from {meant} if they are {unit}"
@@ -225,7 +226,7 @@ def check_clocks(clocks: Sequence[SensorTimes], findings: Findings) -> None:
 def check_truth_times(
     truth: Iterable[tuple[str, SensorTimes]], sensors: Iterable[SensorTimes], findings: Findings
 ) -> None:
-    """Note each truth, by its position, that is of none of the times of the sensors: it can be compared with nothing."""
+    """Note each truth without a time in common with the sensors: it cannot be compared."""
     told = [sensor for sensor in sensors if sensor.count]
     low, high = min((s.low for s in told), default=0), max((s.high for s in told), default=0)
     for place, one in truth:
@@ -274,7 +275,7 @@ def _late(clocks: Iterable[SensorTimes]) -> Iterator[tuple[SensorTimes, int]]:
 
 
 MAX_BACKWARD_SHARE = 1 / 3
-"""Where more of the rows than this go back, the file is in no order, which is allowed and contains nothing about a clock."""
+"""Share of rows that go back in time above which a file counts as unordered, which is allowed and no clock fault."""
 
 
 class Restarts:

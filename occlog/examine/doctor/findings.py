@@ -130,10 +130,10 @@ class Finding(NamedTuple):
     Attributes:
         kind: one of `KINDS`.
         file: the file, as it was named.
-        position: where in it: byte, line, row, sensor and time; empty: in the whole of it.
+        place: where in it: byte, line, row, sensor and time; empty: in the whole of it.
         value: what is there.
         limit: what may be there; empty: that of the kind.
-        positions: how many positions are like this one, itself included.
+        places: how many positions are like this one, itself included.
     """
 
     kind: str
@@ -191,7 +191,7 @@ class Findings:
 
         Args:
             kind: one of `KINDS`.
-            position: where it is.
+            place: where it is.
             value: what is there.
             limit: what may be there, if the kind does not state it.
             count: how many locations it represents.
@@ -209,7 +209,7 @@ class Findings:
         self._found[key] = Finding(kind, self._file, place, value, limit, count)
 
     def refused(self, kind: str, error: Exception, *, place: str = "", count: int = 1) -> None:
-        """Note what a reader states about a position; the same said of other positions with other numbers is counted with it."""
+        """Note a reader's message on a position; equal messages on other positions are counted with it."""
         text = str(error).removeprefix(f"{self._file}: ")
         found = _PLACE.match(text)
         if found is not None:

@@ -34,7 +34,7 @@ from .findings import Findings
 MAX_CHECKS = 1000
 """Checks of parts of some thousand rows: about 80 bad rows are found by this many."""
 COMPLETE = tuple(table.NAME for table in (Bearings, Boxes, TruthBoxes, Truth))
-"""Tables with a row for each frame or time step, whatever was seen; in the others no row states that nothing was there."""
+"""Tables with a row for each frame or time step, with or without a detection; other tables omit empty frames."""
 M = TypeVar("M")
 MAX_HELD = 65_536
 """Rows of one time that are held back for those of the same time in the next part."""
@@ -151,7 +151,7 @@ def drop_bad_rows(
         rows: number of rows.
         make: gives the table of the rows start <= row < stop; InputError if one of them cannot be.
         watch: takes the table of the good ones.
-        position: words for a row, where the error has none.
+        place: words for a row, where the error has none.
     """
     good: list[ColumnTable] = []
     for row, error in bisect_bad_rows(rows, make, good):

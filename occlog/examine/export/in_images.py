@@ -97,7 +97,7 @@ def chosen_camera(cameras: list[str], camera: str | None) -> str | None:
 
 
 def sequence_info(found: Cameras, camera: str | None, folder: str, scene: Scene | None) -> SequenceInfo:
-    """What `seqinfo.ini` states about the video of one camera: frames up to the last one that has a row, at their mean rate.
+    """Content of `seqinfo.ini` for the video of one camera: frames up to the last one with a row, at their mean rate.
 
     Args:
         found: in the table; rows of frames without a box count too.

@@ -92,7 +92,7 @@ def format_of_plugin(exporter: Chosen) -> ExportFormat:
     unknown = [name for name in of.tables if name not in TABLES]
     if unknown or not of.tables:
         raise PluginError(
-            f"{exporter.plugin.label}: tables: {unknown[0] if unknown else 'none'}; expected names of {', '.join(TABLES)}"
+            f"{exporter.plugin.label}: tables: {unknown[0] if unknown else 'none'}; give {', '.join(TABLES)}"
         )
     return ExportFormat((), tuple(of.tables), str(of.summary))
 
@@ -231,7 +231,9 @@ def _check_request(request: ExportRequest, name: str, form: ExportFormat) -> Non
             raise UsageError(f"camera: format {name} has no images; leave it out")
     if (request.origin is not None) != (name == "geojson"):
         said = (
-            "requires the position of the scene's origin on earth, as 52.5163,13.3777" if name == "geojson" else "takes none"
+            "requires the position of the scene's origin on earth, as 52.5163,13.3777"
+            if name == "geojson"
+            else "takes none"
         )
         raise UsageError(f"origin: format {name} {said}")
 

@@ -111,7 +111,7 @@ def check_one_target(names: list[int]) -> None:
 
 
 def tum_text(places: ExportedPositions) -> str:
-    """Lines `t x y z qx qy qz qw` of one target [s]; it faces its direction of motion, along +x where that is not known."""
+    """Lines `t x y z qx qy qz qw` of one target [s]; it faces its direction of motion, or +x if unknown."""
     heading = np.arctan2(places.velocity[:, 1], places.velocity[:, 0])
     half = np.where(np.isnan(heading), 0.0, 0.5 * heading)
     rows = zip(places.t_ns.tolist(), places.xyz.tolist(), np.sin(half).tolist(), np.cos(half).tolist(), strict=True)

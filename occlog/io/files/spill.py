@@ -1,4 +1,4 @@
-"""Records that are buffered on disk in blocks of equal length, to be read and replaced in any order, forwards or backwards.
+"""Records buffered on disk in blocks of equal length, to be read and replaced in any order, forwards or backwards.
 
 Numbers that are buffered on disk: in memory while they are few, then in a file without a name.
 

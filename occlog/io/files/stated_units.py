@@ -83,8 +83,8 @@ def stated_units(texts: Sequence[str]) -> Iterator[StatedUnits]:
     """Let units hold for the tables that are opened meanwhile.
 
     Args:
-        texts: each `COLUMN=UNIT`, or a unit alone for all columns of its kind without a unit in their names; several may be
-            separated by commas.
+        texts: each `COLUMN=UNIT`, or a unit alone for all columns of its kind without a unit in their names; several
+            may be separated by commas.
 
     Raises:
         UsageError: a unit is unknown, or two are stated for one thing.

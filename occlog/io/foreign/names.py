@@ -198,7 +198,7 @@ def lay_out(names: Sequence[str], table: type[ColumnTable]) -> TableLayout:
 
 
 def kind_of(column: Column) -> str:
-    """What a column measures with a unit that can be stated: `time`, `interval`, `angle`, `length`; empty for all else."""
+    """Quantity of a column with a unit that can be stated: `time`, `interval`, `angle`, `length`; else empty."""
     if column.name == TIME:
         return "time"
     if _is_time_difference(column):
@@ -357,5 +357,5 @@ def _check_lengths(layout: TableLayout) -> None:
                 alike = [e.name + ending(e.column, unit) if e is bare else e.name for e in (first, s)]
             raise InputError(
                 (f"column {bare.name} does not state its unit: " if bare is not None else "")
-                + f"columns {first.name} and {s.name} are not in one unit; give all lengths one unit ({', '.join(alike)})"
+                + f"columns {first.name} and {s.name} have several units; give all lengths one ({', '.join(alike)})"
             )

@@ -4,15 +4,16 @@ Longitude and latitude (WGS 84) of positions on the plane that touches the earth
 
 GeoJSON as `occlog export` writes it: a line or a point for each target, with the times of its corners.
 
-The member `origin` of the collection states the position of the scene's origin on earth; without it longitude and latitude
-give no position in the scene.
+The member `origin` of the collection states the position of the scene's origin on earth; without it longitude and
+latitude give no position in the scene.
 
 Which format of trajectories a text is of, and its rows under names that tables know.
 
 TRC, OpenSim's table of markers: a line for each time, three columns for each marker.
 
 Markers must be targets, `target_N`, as `occlog export` calls them: others are points of a body, whose axes
-the file does not determine.  Times count from the first one of the recording; empty cells are markers that are not there.
+the file does not determine.  Times count from the first one of the recording; empty cells are markers that are not
+there.
 
 TUM text: lines `t x y z qx qy qz qw` of one target, in seconds; attitudes are not used.
 """
@@ -53,7 +54,7 @@ class Origin(NamedTuple):
 
 
 def degrees_of(xy: Floats, origin: Origin) -> Floats:
-    """(N, 2) longitude and latitude [deg] of positions (N, 2) [m] on the plane that touches the ellipsoid at an origin."""
+    """(N, 2) longitude and latitude [deg] of positions (N, 2) [m] on the ellipsoid's tangent plane at an origin."""
     turned, latitude, longitude = np.radians([origin.turned, origin.latitude, origin.longitude]).tolist()
     east = math.cos(turned) * xy[:, 0] - math.sin(turned) * xy[:, 1]
     north = math.sin(turned) * xy[:, 0] + math.cos(turned) * xy[:, 1]

@@ -59,7 +59,7 @@ class FrameLedger:
         self._odd: list[tuple[int, tuple[int, int]]] = []
 
     def accept(self, index: int) -> bool:
-        """Whether a picture is requested: it has a number, in the range, later than the last one, with all its bytes."""
+        """Return whether a picture is used: numbered, in the range, later than the last one, and complete."""
         if index < 0 or (self._start <= index <= self._last):
             self._unplaced += 1
             return False

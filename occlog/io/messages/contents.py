@@ -383,7 +383,9 @@ class MessageBoxRows:
         kept = [b for b in message.boxes if not self.classes or b.label in self.classes]
         self.labels.update(b.label for b in message.boxes)
         if not self.classes and len(self.labels) > 1:
-            raise InputError(f"boxes of classes {', '.join(map(repr, self.labels))}; choose the class that is requested")
+            raise InputError(
+                f"boxes of classes {', '.join(map(repr, self.labels))}; choose the class that is requested"
+            )
         frame, self.frames = self.frames, self.frames + 1
         edges = np.array([b[:4] for b in kept], dtype=np.float64).reshape(-1, 4)
         score = np.array([b.score for b in kept], dtype=np.float64) / self.scale
@@ -433,7 +435,9 @@ def direction_rows(message: DirectionMessage, t_ns: int, array: MicrophoneArray)
         length = np.linalg.norm(vectors, axis=1)
     bad = ~((length >= LENGTHS[0]) & (length <= LENGTHS[1]))
     if bad.any():
-        raise InputError(f"a direction {vectors[bad][0].tolist()} of length {length[bad][0]:.3g}; expected a unit vector")
+        raise InputError(
+            f"a direction {vectors[bad][0].tolist()} of length {length[bad][0]:.3g}; expected a unit vector"
+        )
     rays = vectors @ array.rotation.T
     n = len(heard)
     azimuth = np.arctan2(rays[:, 1], rays[:, 0])

@@ -459,8 +459,8 @@ def _types(kind: str, language: str, definition: bytes) -> tuple[Any, bool]:
 def _checked(found: Any) -> Any:
     """Types by name; ValueError where code of them cannot be, or takes memory or time without a byte of a message.
 
-    The code that is generated has the names, the constants, and lines for each entry of an array with a length that is given,
-    if they are no numbers; and a message may have any number of entries that take no bytes.
+    The code that is generated has the names, the constants, and lines for each entry of an array with a length that is
+    given, if they are no numbers; and a message may have any number of entries that take no bytes.
     """
     nodes = importlib.import_module("rosbags.interfaces").Nodetype
     entries = 0

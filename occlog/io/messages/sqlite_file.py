@@ -68,7 +68,9 @@ class SqliteFile:
                 for number, log_ns, data in base.execute(query, wanted):
                     # SQLite keeps values of any kind in any column, and `bytes` of a number would be as many zeros
                     if not (isinstance(log_ns, int) and isinstance(data, bytes)):
-                        raise ValueError(f"timestamp {log_ns!r:.40} and data {data!r:.40}; expected an integer and bytes")
+                        raise ValueError(
+                            f"timestamp {log_ns!r:.40} and data {data!r:.40}; expected an integer and bytes"
+                        )
                     last = log_ns
                     yield BagMessage(self._topics[number].name, last, data)
         except (sqlite3.Error, ValueError) as error:

@@ -8,7 +8,8 @@ What the chunks of an MCAP file may come to together: well packed, kilobytes are
 A record takes a microsecond or more and some hundred bytes of memory to read, however small it is: so records count,
 and not their bytes alone.
 
-Layout of records in an MCAP file, in addition to what its library states (`mcap.opcode`), and the description of damaged ones.
+Layout of records in an MCAP file, in addition to what its library states (`mcap.opcode`), and the description of
+damaged ones.
 """
 
 from __future__ import annotations
@@ -182,7 +183,7 @@ def _lz4_size(file: IO[bytes], packed: int) -> int:
 
 
 FREE_RECORDS, BYTES_PER_RECORD = 250_000, 2
-"""Records that the chunks of any file may hold, and above that one for this many packed bytes: a message of honest files
+"""Records that the chunks of any file may hold, and above that one for this many packed bytes: a message of valid files
 takes some more, since its time and number differ from those before."""
 
 

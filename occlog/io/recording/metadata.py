@@ -122,7 +122,7 @@ def linked_path(recording: Path, sensor: str, place: str) -> Path:
     Args:
         recording: file that has the link.
         sensor: name of the camera.
-        position: of the video as the recording states it, relative to the recording's folder.
+        place: of the video as the recording states it, relative to the recording's folder.
 
     Raises:
         InputError: if the position is absolute, if no regular file that can be read is there, or if it leads out of the

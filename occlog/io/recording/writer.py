@@ -135,7 +135,7 @@ class RecordingWriter:
         data: bytes,
         coded: tuple[str, str] = PROTOBUF,
     ) -> None:
-        """Add a message; `described` makes what its schema states, once for each, in the language that `coded` names."""
+        """Add a message; `described` makes each schema once, in the language that `coded` names."""
         encoding, language = coded
         if schema not in self._schemas:
             self._register(schema, language, described())

@@ -138,7 +138,7 @@ def most_alike(likeness: Floats, least: float) -> Bools:
     """(n, R) pairs of a box and the target that it is most like, of which no other box is more like that target.
 
     Args:
-        similarity: (n, R); NaN: not compared.
+        likeness: (n, R); NaN: not compared.
         least: of a pair.
     """
     filled = np.where(np.isnan(likeness), -np.inf, likeness)

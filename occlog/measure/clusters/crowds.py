@@ -263,7 +263,7 @@ class Crowds(NamedTuple):
 def split_silhouettes(
     cells: Floats, corners: Ints, side: int, prior: Prior, clusters: Clusters, apart: SeparateSightings
 ) -> Crowds:
-    """Put people in the position of clusters where a silhouette is larger than one person, once several were seen apart.
+    """Replace clusters by people where a silhouette is larger than one person, once several were seen separately.
 
     Args:
         cells: (N, 6) cell table.

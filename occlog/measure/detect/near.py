@@ -55,7 +55,7 @@ def track_feedback(tracks: Tracks, gate: float) -> TrackFeedback:
 
 
 def directions(path: TargetPath, origin: Floats, t_ns: Ints) -> ExpectedDirections:
-    """Predicted directions from a sensor (2,) at times (N,), by the last position before each, moved on by its velocity.
+    """Predicted directions from a sensor (2,) at times (N,), by the last position and velocity before each.
 
     The position is uncertain by its covariance and by the way that was predicted; after `MAX_AGE_S` nothing is known.
     """
@@ -96,7 +96,7 @@ def limited(bearings: Bearings, near: TrackFeedback, places: dict[str, Floats]) 
     Args:
         bearings: of sensors in `places`; candidates without a label stay.
         near: the tracks.
-        positions: (2,) of each sensor with a pose.
+        places: (2,) of each sensor with a pose.
     """
     keep = np.ones(len(bearings), dtype=np.bool_)
     for sensor in np.unique(bearings.sensor).tolist():

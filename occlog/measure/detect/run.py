@@ -320,7 +320,9 @@ def _references(request: DetectRequest, recording: McapRecording) -> tuple[Targe
             found.setdefault(int(entry["target_id"]), []).append(entry["appearance"])
         return tuple(Target(i, np.array(rows, dtype=np.float64)) for i, rows in sorted(found.items()))
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{where}: expected [{{'target_id': 0, 'appearance': [72 numbers]}}, ...] ({error})") from error
+        raise InputError(
+            f"{where}: expected [{{'target_id': 0, 'appearance': [72 numbers]}}, ...] ({error})"
+        ) from error
 
 
 def _box(text: str) -> TargetBox:

@@ -168,7 +168,7 @@ def _tangents(u: Floats, angle: float, vt: Floats) -> Floats:
 
 
 def _judged(matrix: Floats, tangents: Floats, a: Floats, b: Floats) -> FundamentalMatrixFit:
-    """The fit with its noise and expected error; `tangents` (p, 3, 3) give the directions in which the matrix can change."""
+    """The fit with its noise and expected error; `tangents` (p, 3, 3) are the directions in which the matrix varies."""
     residuals = sampson(matrix, a, b)
     free = max(len(a) - len(tangents), 1)
     noise = float(np.sqrt((residuals**2).sum() / free))

@@ -185,7 +185,7 @@ def _not_on_a_plane(a: Floats, b: Floats, inliers: Bools, noise: float) -> float
     agree, all_off = int((inliers & off).sum()), int(off.sum())
     if agree < OFF_PLANE or agree < OFF_PLANE_SHARE * all_off:
         raise ValueError(
-            f"the matches are those of one plane or of cameras at one position: only {agree} of {all_off} off the plane "
+            f"the matches are of one plane, or the cameras at one position: only {agree} of {all_off} off the plane "
             f"agree, must be at least {max(OFF_PLANE, math.ceil(OFF_PLANE_SHARE * all_off))}; add matches off the plane"
         )
     return parallax

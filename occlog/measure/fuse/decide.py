@@ -310,7 +310,7 @@ def _off(memory: ObjectMemory, t_ns: int, sight: LocalDirections, config: FuseCo
 
 
 def _groups(sight: LocalDirections, rows: Ints, cameras: PlacedCameras, config: FuseConfig) -> Iterator[Ints]:
-    """Candidates that may be of one object: those that meet, the most first; those with feet in one position; the rest."""
+    """Candidates that may be of one object: those that meet, most first; those with feet at one position; the rest."""
     left = rows
     for place in [*_meetings(sight.take(rows), cameras, config), *_standing(sight.take(rows))]:
         mine = _nearest(sight, left, place, config.gate)

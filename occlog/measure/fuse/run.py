@@ -37,7 +37,9 @@ MAX_REMOVED = 0.2
 def run_fuse(request: FuseRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Fuse and write; the summary, and earlier losses."""
     if request.fused_views is not None and request.views is None:
-        raise UsageError(f"{option('fused_views')} requires the views of the bearings; give them with {option('views')}")
+        raise UsageError(
+            f"{option('fused_views')} requires the views of the bearings; give them with {option('views')}"
+        )
     if open_input(request.bearings).table == Tracks.NAME:
         raise UsageError(
             f"{request.bearings}: holds tracks; name those of another group of cameras with {option('with')}, or give "

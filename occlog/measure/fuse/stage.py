@@ -125,7 +125,7 @@ def _fuse_part(
 
 
 def sights_of(bearings: Bearings, camera_of: Ints, cameras: PlacedCameras, distance: Floats) -> LocalDirections:
-    """All rows as lines of sight; rows of sensors that are no placed cameras get a camera's position and are not read."""
+    """All rows as lines of sight; rows of sensors other than cameras with a pose get a camera's position, unused."""
     ground = np.array([c.ground for c in cameras.placed])
     return LocalDirections(
         sensor=camera_of,

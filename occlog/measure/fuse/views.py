@@ -1,6 +1,7 @@
 """Views in the fusion: distances of feet on the floor, and boxes of recovered detections.
 
-Cameras with a pose: the positions that each sees, how reliably it detects, and at which bearing it would see a position.
+Cameras with a pose: the positions that each sees, how reliably it detects, and at which bearing it would see a
+position.
 """
 
 from __future__ import annotations
@@ -75,7 +76,7 @@ def placed_cameras(scene: Scene, config: FuseConfig) -> PlacedCameras:
         blind = len(scene.cameras) - len(cameras)
         why = f"; {blind} more have no pose" if blind else ""
         raise InputError(
-            f"fuse: the scene has {len(cameras)} camera{'s' * (len(cameras) != 1)} with a pose{why}; fusion requires at "
+            f"fuse: the scene has {len(cameras)} camera{'s' * (len(cameras) != 1)} with a pose{why}; fusion needs at "
             "least two, calibrated"
         )
     region = scene.room

@@ -200,7 +200,7 @@ def _apart2(table: Bearings, rows: Ints, frame: Ints, states: _States, places: F
         rows: (n,) those to compare.
         frame: (n,) the frame of each.
         states: tracks at the times of the frames.
-        positions: (frames, 2) sensors of the frames.
+        places: (frames, 2) sensors of the frames.
     """
     x, y, cov_xx, cov_xy, cov_yy = np.moveaxis(states.values, 2, 0)
     dx, dy = x - places[:, :1], y - places[:, 1:]

@@ -124,7 +124,7 @@ INDEPENDENT, MAX_INDEPENDENT = 1.0 / 3.0, 1.5
 """Share of spectra that are independent (windows overlap, bins are correlated), and how many a frame has at
 most: reflections stay the same all through a frame."""
 SHRINK = 0.1
-"""A planar array measures the angle to its plane by how much slower the wave crosses it; rooms change that by so much."""
+"""A planar array measures the angle to its plane by how much slower the wave crosses it; error of that in rooms."""
 POINTS_A_LOBE = 4.0
 MAX_SOURCES = 10
 """Directions a frame where their number is found."""

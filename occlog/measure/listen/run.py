@@ -131,8 +131,7 @@ def _scene(plan: _Plan) -> Scene:
         raise UsageError(f"array {double}: is given twice; keep one")
     if not arrays:
         raise UsageError(
-            f"no array with known microphones; give {option('scene')} with "
-            f"microphone_arrays, or {option('arrays')}"
+            f"no array with known microphones; give {option('scene')} with microphone_arrays, or {option('arrays')}"
         )
     return replace(scene, arrays=arrays)
 

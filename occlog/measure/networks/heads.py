@@ -144,7 +144,9 @@ def recognise(
             f"{', '.join(HEADS)})"
         )
     if told[0].head in LOGITS and told[0].classes == PLAIN_DETR:
-        raise InputError(f"it is the first DETR, with scores that require a softmax; it cannot be used: {shapes(outputs)}")
+        raise InputError(
+            f"it is the first DETR, with scores that require a softmax; it cannot be used: {shapes(outputs)}"
+        )
     return told[0]
 
 
@@ -206,7 +208,8 @@ def _reading(outputs: Outputs, head: str, names: int | None, more: bool = False)
     count = {YOLO: rows - 4, YOLOV5: columns - 5, ULTRALYTICS_DETR: columns - 4}[head]
     if count < 1 or (names is not None and (names > count or (names < count and not more))):
         return None
-    # Masks of objects, as an output of four dimensions, come with numbers after the classes that only names distinguish.
+    # Masks of objects, as an output of four dimensions, come with numbers after the classes that only names
+    # distinguish.
     if names is None and (more or any(each.ndim == 4 for each in outputs.values())):
         return None
     return Reading(head, names or count, name, name, name)

@@ -180,7 +180,7 @@ def _split_complete(table: Views | Bearings, names: list[str]) -> Iterator[_Fram
 
 
 def _camera_cones(frame: _Frame, cameras: dict[str, HullCamera], scene: Scene, config: HullConfig) -> CameraCones:
-    """Cones of a camera's clusters that are no targets, and where the camera can decide whether an object is present."""
+    """Cones of a camera's clusters that are no targets, and the region in which it can decide on presence."""
     if frame.sensor not in cameras:
         cameras[frame.sensor] = hull_camera(scene.camera(frame.sensor), scene)
     view, v = cameras[frame.sensor], frame.views

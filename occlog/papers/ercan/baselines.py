@@ -98,7 +98,9 @@ def judge(table: Table) -> list[StatementVerdict]:
     ]
     apf, ekf = found(f"{APF}, {SHARP}"), found(f"{EKF}, {SHARP}")
     if apf is not None and ekf is not None:
-        said = "With sharp bearings and no person in between an extended Kalman filter is as good as particles: quotient."
+        said = (
+            "With sharp bearings and no person in between an extended Kalman filter is as good as particles: quotient."
+        )
         rule = f"quotient of the errors at most {AS_GOOD}; in part up to {NEARLY}"
         good, fair = v.at_most(AS_GOOD), v.at_most(NEARLY)
         out.append(v.judge("baselines-sharp", said, quotient_of(ekf, apf), good, fair, rule=rule))

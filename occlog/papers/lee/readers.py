@@ -94,7 +94,9 @@ def judge_errors(table: Table) -> list[StatementVerdict]:
         v.pairs("refine-5.40", "Eq. 5.40 improves the coarse position: median lower by this.", pair(parallel, coarse)),
         v.pairs("refine-depth", "Eq. 5.40 is better than 5.39: median lower by this.", pair(parallel, printed)),
         v.pairs("refine-tail", "Eq. 5.40 has lighter tails than 5.39: 95 % of errors below.", pair(deep_tails, tails)),
-        v.pairs("refine-rays", "Crossed lines of sight are better than Eq. 5.39 (of this project).", pair(rays, printed)),
+        v.pairs(
+            "refine-rays", "Crossed lines of sight are better than Eq. 5.39 (of this project).", pair(rays, printed)
+        ),
     ]
     nine, twenty_five = printed[0], printed[-1]
     same, fair = v.around(1.0, v.NEAR), v.around(1.0, v.FAR)

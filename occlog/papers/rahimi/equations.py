@@ -1,6 +1,7 @@
 """[Rahimi]: what bearings determine (Fig. 1, Sec. 7), and the printed equations of Secs. 3 and 5.
 
-A target at constant velocity has four unknowns, position and velocity.  Bearings without noise leave those dimensions open
+A target at constant velocity has four unknowns, position and velocity.  Bearings without noise leave those dimensions
+open
 in which these can change and no bearing does, to first order: as many as 4 less the rank of the gradients.
 Equations are written down as printed; what they should give is computed by their definition.
 """
@@ -102,7 +103,7 @@ def open_dimensions(cameras: Floats, place: Floats, velocity: Floats, *, speed: 
 
     Args:
         cameras: (C, 2) positions; each sees the target at `STEPS` times, one camera after the other.
-        position: (2,) of the target at the first time.
+        place: (2,) of the target at the first time.
         velocity: (2,) of the target [length per step], constant.
         speed: true: the length of the velocity is known.
     """

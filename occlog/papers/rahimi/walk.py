@@ -1,9 +1,9 @@
 """[Rahimi] Fig. 7: a walk of a minute past four cameras, in a building of this project.
 
 Recording, floor plan and figure of Sec. 7 are lost.  What the text reports them is kept: cameras on the walls that
-point at right angles to these, views that do not overlap, readings every 250 ms, a walk that begins and ends at the same
-position, a loop before camera 1 with legs at two depths, legs towards camera 3 and away from it along one bearing, and a
-wall between cameras 3 and 4.  Every run moves the turning points a little.
+point at right angles to these, views that do not overlap, readings every 250 ms, a walk that begins and ends at the
+same position, a loop before camera 1 with legs at two depths, legs towards camera 3 and away from it along one bearing,
+and a wall between cameras 3 and 4.  Every run moves the turning points a little.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def building(*, known: bool) -> Scene:
 
 
 def walk(rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Draw a walk: (T, 2) positions `STEP_S` apart, and (T,) the way to the last turning point passed, counted from 0."""
+    """Draw a walk: (T, 2) positions `STEP_S` apart, and (T,) index from 0 of the last turning point passed."""
     points = np.array([HOME, *LOOP, HOME, *LEGS, *REST, HOME])
     points[1:-1] += MOVED * rng.standard_normal((len(points) - 2, 2))
     legs = slice(len(LOOP) + 2, len(LOOP) + 2 + len(LEGS))

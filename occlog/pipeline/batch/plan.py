@@ -31,7 +31,7 @@ class BatchRecording(NamedTuple):
     Attributes:
         name: of its run folder, different from every other one, also where case does not count, or how accents are put.
         shown: its file name, with folders where these are needed to find it among the others; names no machine; text.
-        position: where it is.
+        place: where it is.
         fault: why it cannot be taken, in words that follow its name; empty: it may be.
     """
 

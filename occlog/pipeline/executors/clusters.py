@@ -44,7 +44,7 @@ class DaskCluster:
             import distributed
         except ImportError as error:
             raise UsageError(
-                "a scheduler requires the package `distributed`; install occlog[cluster], or use processes of this machine"
+                "a scheduler requires the package `distributed`; install occlog[cluster], or use local processes"
             ) from error
         library: Any = distributed  # it has no types
         try:

@@ -18,7 +18,7 @@ from occlog.console.notes import THREADS
 from .interface import Lost, R, T
 
 SAFE_PATH = {"PYTHONSAFEPATH": "1"}
-"""Workers search for no modules in the current folder, where a file `pickle.py` would run in the position of Python's."""
+"""Workers search for no modules in the current folder, where a file `pickle.py` would run instead of Python's."""
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", THREADS)
 """Variables that give each worker one thread: as many workers as processors then share them evenly."""
 AHEAD = 2

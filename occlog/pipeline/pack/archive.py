@@ -58,7 +58,8 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         version: of occlog.
         versions: of Python and of packages, by name.
         config: name of the configuration among the inputs.
-        folder: where the run folder lies among the inputs: a recording that `ingest` made states it where its videos are.
+        folder: where the run folder lies among the inputs: a recording that `ingest` made states it where its videos
+            are.
         inputs: the configuration, and all that it names.
         outputs: what the run made.
         stages: exit code of each stage.

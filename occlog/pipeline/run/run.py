@@ -323,7 +323,7 @@ def _is_outcome(told: StageOutcome, folder: Path) -> bool:
 
 
 def other_versions(folder: Path) -> str:
-    """Which packages a run folder was made with that are other ones now; "": they are the same, or it states nothing."""
+    """Packages in other versions than those that made a run folder; "": equal, or none are recorded."""
     path = folder / STATE
     then = read_json(path).get("versions") if path.is_file() else None
     if not isinstance(then, dict):

@@ -68,7 +68,9 @@ def read_config(path: Path, sources: tuple[str, ...] = SOURCES) -> Config:
         if key not in KEYS:
             raise InputError(f"{path}: unknown key {key!r}; {_nearest(str(key), KEYS)}")
     if values.get("occlog_run") != 1:
-        raise InputError(f"{path}: expected `occlog_run: 1` (the version of this format), got {values.get('occlog_run')!r}")
+        raise InputError(
+            f"{path}: expected `occlog_run: 1` (the version of this format), got {values.get('occlog_run')!r}"
+        )
     given = [s for s in SOURCES if s in values]
     if given and not sources:
         raise InputError(f"{path}: {given[0]}: a batch has its recordings from the command line; remove this key")
@@ -177,7 +179,9 @@ def _with_particles(config: Config, folder: Path, tracked: dict[str, Path]) -> t
     values = config.stage("track")
     asked = values.pop(PARTICLES, False)
     if not isinstance(asked, bool):
-        raise InputError(f"{config.at('track', PARTICLES)}: expected true or false (outputs of a run lie in its folder)")
+        raise InputError(
+            f"{config.at('track', PARTICLES)}: expected true or false (outputs of a run lie in its folder)"
+        )
     if asked:
         tracked = {**tracked, PARTICLES: folder / f"{Particles.NAME}.parquet"}
     return replace(config, values={**config.values, "track": values}), tracked

@@ -3,7 +3,8 @@
 What the script of a page of two runs is given: both plans in the same time steps, and who is whom.
 
 The rule: of the common frames every k-th is kept, with the smallest k by which not more than `MAX_MOMENTS` of them,
-`MAX_SHOWN` estimates of both runs together and as many true positions are left; in addition those that the page leads to.
+`MAX_SHOWN` estimates of both runs together and as many true positions are left; in addition those that the page leads
+to.
 """
 
 from __future__ import annotations
@@ -233,7 +234,7 @@ def _colours(found: RunComparisonPage) -> list[int]:
 
 
 def _partners(found: RunComparisonPage, moments: ReplaySteps) -> Any:
-    """Of each of A's estimates at the kept time steps the number of its partner among B's targets; NONE: it has none."""
+    """Index of the partner among B's targets of each of A's estimates at the kept time steps; NONE: no partner."""
     partner = np.full(len(found.a.laid.frame), MISSING, dtype=np.int64)
     targets = np.unique(found.b.laid.label)
     partner[found.pairs.a] = np.searchsorted(targets, found.b.laid.label[found.pairs.b])

@@ -130,7 +130,7 @@ def notes_on_scenes(a: Scene | None, b: Scene | None) -> Iterator[str]:
 
 
 def same_room(a: Scene | None, b: Scene | None) -> bool:
-    """Whether nothing states that two scenes are of different positions: their rooms, or names of sensors without rooms."""
+    """Return whether two scenes can be of one site, by their rooms, or by names of sensors without rooms."""
     if a is None or b is None:
         return True
     if a.room is not None and b.room is not None:

@@ -267,7 +267,9 @@ def sentences(found: RunComparisonPage) -> list[str]:
     if found.same:
         out.append("Every estimate of one is an estimate of the other, to the last digit.")
     if found.against_truth is None:
-        out.append("Which one is better only the truth can state: give it, as a recording or a table of true positions.")
+        out.append(
+            "Which one is better only the truth can state: give it, as a recording or a table of true positions."
+        )
     else:
         out += _of_figures(found)
     out.append(first_divergence(found))

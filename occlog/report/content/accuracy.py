@@ -183,7 +183,7 @@ class FilterDiagnostics:
         particles: whether they are of a particle filter.
         lowest: effective sample size.
         fallbacks: by their kind, which rise.
-        uncertain: rows with a quality flag.
+        doubtful: rows with a quality flag.
         doubts: kinds of quality flags, rising.
     """
 

@@ -18,7 +18,7 @@ from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Errors, Tra
 
 CELLS = 500
 LOOK = np.dtype([("pair", "i8"), ("t_ns", "i8"), ("step", "f8"), ("seen", "?")])
-"""An observation of one label by a sensor: the numbers of both, its time, the time since the previous one, and whether it is a detection."""
+"""Observation of a label by a sensor: the numbers of both, time, time since the previous one, and detected or not."""
 Pair = tuple[str, int]
 """A sensor and a label of bearings."""
 MAX_SENSORS, MAX_TARGETS = 60, 6
@@ -118,7 +118,7 @@ def _by_sensor(names: Strings, which: Ints, seen: Bools) -> dict[str, tuple[int,
 
 
 class ObservationStreams:
-    """Accumulates observations over a stream of bearings; each is buffered on disk, for cells with known borders at the end."""
+    """Accumulates observations over a stream of bearings, buffered on disk until the borders of cells are known."""
 
     def __init__(self, blocks: Blocks | None = None) -> None:
         """Nothing was seen yet; `blocks` takes records of `LOOK`."""

@@ -125,7 +125,9 @@ WORDS: tuple[Word, ...] = (
     Word(_MEET, "sight_lines_distance_max", "largest distance", LENGTH),
     Word(_MEET, "sight_lines_share_within", "within the limit", SHARE, "distances up to the limit that was asked for"),
     Word(_MEET, "sight_lines_sigma_median", "uncertainty of the meeting point", LENGTH, "median standard deviation"),
-    Word(_MEET, "sight_lines_residual_rms", "RMS miss of the lines of sight", "mrad", "from their triangulated position"),
+    Word(
+        _MEET, "sight_lines_residual_rms", "RMS miss of the lines of sight", "mrad", "from their triangulated position"
+    ),
     Word(_MEET, "sight_lines_scans", "scans", "", "with lines of sight from enough sensors"),
     Word(
         _MEET,
@@ -135,7 +137,9 @@ WORDS: tuple[Word, ...] = (
         "lines of sight nearly parallel, or that do not meet",
     ),
     Word(_MEET, "sight_lines_compared", "scans compared", "", "during the track"),
-    Word(_MEET, "noise_scale", "noise required / stated", "", "factor on standard deviations, from three lines and more"),
+    Word(
+        _MEET, "noise_scale", "noise required / stated", "", "factor on standard deviations, from three lines and more"
+    ),
     Word(_MEET, "noise_px", "noise required", "px", "median"),
     Word(_MEET, "noise_scans", "scans with three lines or more", "", "", False),
     Word(

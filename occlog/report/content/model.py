@@ -106,7 +106,7 @@ class ReportInput:
         made: how the tracks were made.
         length_unit: unit of lengths where there is no scene to state it.
         earlier: verdicts of the stages that made the inputs.
-        collected: figures of all rows, of which the tables may be a part; None: the tables are whole.
+        gathered: figures of all rows, of which the tables may be a part; None: the tables are whole.
     """
 
     title: str = "Tracking report"

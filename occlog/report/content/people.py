@@ -161,7 +161,7 @@ class PeopleStreams:
         self._rows += len(tracks)
 
     def begin_cells(self, span_ns: tuple[int, int], step_ns: float) -> None:
-        """Report that all came once, and will come again to `see`; when the first and the last time were, and the step."""
+        """End the first pass, before the second to `see`; give the first and the last time, and the step."""
         step = max(int(step_ns), 1) if self._times > 1 else 1
         self._cells = _VisibilityCells(span_ns[0], span_ns[1] + step, step)
 

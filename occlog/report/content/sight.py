@@ -276,7 +276,8 @@ class BearingResidualStreams:
             scene: the sensors.
             targets: that are tracked.
             labels: of all bearings.
-            periods_ns: of targets with distances that are requested the period of a scan; None: sensors share their times.
+            periods_ns: of targets with distances that are requested the period of a scan; None: sensors share their
+                times.
             every: of residuals of a sensor, and of distances, every n-th is drawn, and the largest ones between.
             in_memory: how many distances are kept in memory.
         """

@@ -156,7 +156,7 @@ def every_nth(counts: Ints, most: int) -> int:
 
 
 def _in_place(kind: type[T], parts: list[T], numbers: list[Ints]) -> tuple[T, Ints]:
-    """One table of parts with times that overlap, and the positions of its rows; each row once, as its number states."""
+    """Join parts with overlapping times to one table, with the indices of its rows; each row once, by its number."""
     found, place = np.unique(np.concatenate(numbers), return_index=True)
     columns = {c.name: [getattr(part, c.name) for part in parts] for c in kind.columns()}
     # Column by column, so that no more than one is in memory twice

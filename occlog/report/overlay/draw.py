@@ -67,7 +67,9 @@ class FrameDrawing(NamedTuple):
     boxed: bool = False  # true boxes instead of crosses
     notes: Sequence[str] = ()  # said at the bottom
     ways: Sequence[LineDrawing] = ()
-    ranks: Mapping[int, int] = {}  # position of a target among all by identity, which states its colour; else its number
+    ranks: Mapping[
+        int, int
+    ] = {}  # position of a target among all by identity, which states its colour; else its number
 
     def colour(self, target_id: int) -> Colour:
         """BGR colour of a target."""
@@ -120,7 +122,7 @@ def draw_shot(image: Bytes, shot: FrameDrawing, scale: float) -> Bytes:
 
 
 def tile(pictures: Sequence[Bytes], columns: int) -> Bytes:
-    """Pictures side by side, row by row, on a dark ground; width and height of the whole are even, as codecs require."""
+    """Tile pictures row by row on a dark ground; the total width and height are even, as codecs require."""
     height, width = (max(p.shape[k] for p in pictures) for k in (0, 1))
     gap, rows = 4, math.ceil(len(pictures) / columns)
     whole = (rows * height + (rows - 1) * gap, columns * width + (columns - 1) * gap)

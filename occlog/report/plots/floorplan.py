@@ -440,7 +440,7 @@ def _ends(axes: Axes, path: Tracks | Truth, colour: str) -> None:
 
 
 def draw_priors(axes: Axes, priors: Occluders | Hulls) -> list[Line2D | Patch]:
-    """Draw the priors of a few time steps, evenly spread over those that have any; what the legend states about them."""
+    """Draw the priors of a few time steps, evenly spread over those that have any; return their legend."""
     there = priors.take(priors.occluder_id >= 0)
     if not len(there):
         return []

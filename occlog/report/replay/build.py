@@ -200,7 +200,9 @@ def _layers(truth: object, sight: object, priors: object, sensors: list[dict[str
 def _words(moments: ReplaySteps, sight_every: int, images: Thumbnails | None) -> str:
     count, all_of = len(moments.kept), moments.count
     said = [
-        f"{count:,} of {all_of:,} time steps: every {moments.every}-th." if moments.every > 1 else f"{count:,} time steps."
+        f"{count:,} of {all_of:,} time steps: every {moments.every}-th."
+        if moments.every > 1
+        else f"{count:,} time steps."
     ]
     if sight_every > 1:
         said.append(f"Lines of sight are those of every {sight_every}-th of them.")

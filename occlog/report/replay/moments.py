@@ -167,7 +167,7 @@ class ReplaySteps:
 
     @cached_property
     def _truth(self) -> Truth | None:
-        """True positions of targets, and of others where there are few; those in the errors if there is no other source."""
+        """True positions of targets, and of other objects if few; those of the errors if no other source exists."""
         truth = _of_errors(self.data.errors) if self.data.truth is None else self.data.truth
         if truth is None or not len(truth):
             return None
@@ -210,7 +210,7 @@ class ReplaySteps:
         }
 
     def _said(self, tracks: Tracks, rows: Ints) -> tuple[Texts, Bools, Texts]:
-        """Sensors that saw each row's target, whether these are known, and quality flags, from the tracks or the filter."""
+        """Sensors that saw each row's target, whether these are known, and quality flags, by tracks or filter."""
         if self.data.everybody is not None:
             people = self.data.everybody
             return people.seen_by[rows], np.isfinite(people.existence[rows]), people.doubt[rows]
@@ -286,7 +286,7 @@ class ReplaySteps:
         return rows[seen], moment[seen], number[rows[seen]]
 
     def _latest(self, t_ns: Ints, who: Ints) -> tuple[Ints, Ints]:
-        """Rows of each one's latest time since the time before a time step that is kept, and their time steps, ascending.
+        """Rows of each one's latest time since the previous kept time step, and their time steps, ascending.
 
         Args:
             t_ns: (N,) times.
@@ -302,7 +302,7 @@ class ReplaySteps:
         return rows[order], moment[order]
 
     def priors(self) -> tuple[dict[str, Packed], int]:
-        """Where moving occluders were thought to be at each time step, as polygons; every how manieth time step has them."""
+        """Occluder priors at each time step as polygons, and the interval of time steps that have them."""
         hulls = _as_hulls(self.data.occluders)
         if hulls is None or not len(self.kept):
             return {}, 1

@@ -1,7 +1,7 @@
 """Small images of the cameras next to the plan, with what is tracked drawn over them.
 
-The rule: images of evenly spaced time steps, this many that all together stay below a limit that the user gives, judged by
-those of the first time step; not more than `MAX_MOMENTS`.
+The rule: images of evenly spaced time steps, this many that all together stay below a limit that the user gives, judged
+by those of the first time step; not more than `MAX_MOMENTS`.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Thumbnails:
 
     Attributes:
         cameras: names, with the times [ns] and the JPEG of each image.
-        time steps: time steps that were asked for.
+        moments: time steps that were asked for.
         of: times of frames there are.
         losses: frames of these time steps that cannot be decoded, of which there is no image.
     """

@@ -161,7 +161,7 @@ def _way(config: BallsConfig, velocity: Floats, rngs: list[np.random.Generator])
 
 
 def _folded(way: Floats, reach: Floats) -> Floats:
-    """(T, n, 3) positions in the box of balls that only the walls throw back: a way without walls, folded into the box."""
+    """(T, n, 3) positions of balls that only the walls reflect: a path without walls, folded into the box."""
     folded = np.mod(way + reach, 4.0 * reach)
     return np.asarray(np.where(folded > 2.0 * reach, 4.0 * reach - folded, folded) - reach)
 

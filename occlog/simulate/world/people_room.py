@@ -116,7 +116,7 @@ def people_apart(scene: Scene, people: int, seed: int) -> Floats:
         if len(kept) == people:
             return places[kept]
     raise InputError(
-        f"people: no positions found at which {people} people do not occlude one another in {len(scene.cameras)} cameras; "
+        f"people: no positions of {people} people without occlusions in {len(scene.cameras)} cameras; "
         "take fewer of either, or let them overlap in the first frame"
     )
 

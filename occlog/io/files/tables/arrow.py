@@ -166,7 +166,11 @@ def vectors(c: Column, values: pa.Array) -> NDArray[np.generic]:
     lengths, numbers = to_numpy(values.value_lengths()).astype(np.int64), values.flatten()
     (length, *others) = np.unique(lengths[lengths > 0]).tolist() or [0]
     if others or numbers.null_count:
-        fault = f"lists of {length} and of {others[0]} numbers; all must have one length" if others else "numbers are missing"
+        fault = (
+            f"lists of {length} and of {others[0]} numbers; all must have one length"
+            if others
+            else "numbers are missing"
+        )
         raise InputError(f"column {c.name}: {fault}")
     if len(values) * length > max(MAX_NUMBERS, 2 * len(numbers)):
         raise InputError(f"column {c.name}: a list of {length} numbers among {len(values)} rows, most without any")

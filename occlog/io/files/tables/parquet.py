@@ -174,7 +174,7 @@ def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterat
 
 
 def _check_beside(held: T | None, chunk: T) -> T:
-    """Search for copies of rows of one time in several chunks; returns those of the last time, for the chunks behind."""
+    """Search for copies of rows of one time in several chunks; return those of the last time, for later chunks."""
     times: Ints = chunk.t_ns  # type: ignore[attr-defined]
     last = chunk.take(slice(int(np.searchsorted(times, times[-1])), None))
     if held is None or held.t_ns[0] != times[0]:  # type: ignore[attr-defined]

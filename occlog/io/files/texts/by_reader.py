@@ -1,6 +1,7 @@
 """Files in formats that readers of plug-ins know: read as a text table with a header, wherever such tables are read.
 
-A reader is used for files with names that end as it states, if that is no ending of ours, or if the user names the reader.
+A reader is used for files with names that end as it states, if that is no ending of ours, or if the user names the
+reader.
 """
 
 from __future__ import annotations

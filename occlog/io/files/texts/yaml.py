@@ -45,7 +45,7 @@ class _TooManyError(Exception):
 if yaml.__with_libyaml__:
 
     class _SafeLoader(Composer, yaml.cyaml.CParser, SafeConstructor, Resolver):  # type: ignore[name-defined,misc]
-        """Safe loader with events that are found by libyaml, in a sixth of the time; nodes can be counted as they come."""
+        """Safe loader with the parser of libyaml, in a sixth of the time; nodes can be counted as they are read."""
 
         def __init__(self, stream: str) -> None:
             """Begin to read a text."""

@@ -3,8 +3,8 @@
 Boxes in text tables: CSV with a header line, and MOTChallenge text without one.
 
 A MOTChallenge file holds one camera and has the columns frame (from 1), id, left, top, width, height, confidence; then
-class and visible share (truth of MOT16 to MOT20), or a position in the world that is not used.  -1 represents what is not
-known.
+class and visible share (truth of MOT16 to MOT20), or a position in the world that is not used.  -1 represents what is
+not known.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class BoxSource(NamedTuple):
 
 
 def disagree(size: Floats, near: Floats, far: Floats) -> Bools:
-    """(n,) boxes with a size that is not what lies between their edges, which a file gives as well; NaN: one is not known.
+    """(n,) boxes with a size that contradicts their edges, which the file gives as well; NaN: one is unknown.
 
     Columns `width` and `height` next to all four edges often describe the image.
     """
@@ -122,7 +122,7 @@ def rows_of(path: Path, records: Sequence[tuple[int, Mapping[str, str]]], place:
     Args:
         path: the file or folder.
         records: number of each in its file, from 1, and its cells by column.
-        position: what is numbered: `line`, `entry`.
+        place: what is numbered: `line`, `entry`.
         files: the file of each record; empty: all are in `path`.
 
     Raises:

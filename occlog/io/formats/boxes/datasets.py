@@ -1,8 +1,8 @@
 """KITTI's text of tracked boxes in the images of one camera.
 
 A line is frame (from 0), identity, type, truncated, occluded, alpha, left, top, right, bottom, height, width and length
-of the object, its position and turn in the camera's frame, and perhaps a score.  What is not in the image is not used, nor
-are regions of the type `DontCare`, with unspecified content.
+of the object, its position and turn in the camera's frame, and perhaps a score.  What is not in the image is not used,
+nor are regions of the type `DontCare`, with unspecified content.
 
 Text of the annotation tool VATIC, as of the CAMPUS data set: boxes of one view, with identities.
 
@@ -364,7 +364,7 @@ def _read(file: Path, frame: int) -> list[Line]:
             cells = cells[:5] + cells[5 + POSE :]
         if len(cells) not in (5, 6, 7):
             raise InputError(
-                f"{file}: line {number}: {len(cells)} numbers; expected class, x, y, width, height and perhaps confidence "
+                f"{file}: line {number}: {len(cells)} numbers; expected class, x, y, width, height, [confidence] "
                 "and identity; outlines and turned boxes cannot be used: write boxes (detect)"
             )
         if " ".join(cells) in seen:

@@ -267,7 +267,7 @@ def _marks(rows: CsvRows) -> Marks:
         row = int(np.flatnonzero(bad)[0])
         raise rows.fail(
             row,
-            f"class {kind[row]}; they are 1 to {CLASSES}; correct it, or state that the truth has no classes (benchmark "
+            f"class {kind[row]} outside 1 to {CLASSES}; correct it, or state that the truth has no classes (benchmark "
             "mot15)",
         )
     return Marks(rows.ints("0") - 1, rows.ints("1"), rows.floats("6") != 0, kind)

@@ -362,7 +362,7 @@ def box_source(path: Path) -> BoxSource:
 
 
 def box_rows(rows: CsvRows, cameras: list[str], first_number: int = 0) -> FileBoxRows:
-    """Rows of a file as boxes; InputError, with its position, for one that cannot be, whatever its confidence represents.
+    """Rows of a file as boxes; InputError with the position of an impossible one, whatever its confidence.
 
     Args:
         rows: of a `BoxSource`.
@@ -533,7 +533,7 @@ def _edges(
     for n in np.unique(camera).tolist() if sizes is not None else ():
         if sizes is None or cameras[n] not in sizes:
             raise UsageError(
-                f"{rows.path}: counts in shares of the image, and nothing states how large those of camera {cameras[n]} "
+                f"{rows.path}: has shares of the image, and the image size is unknown of camera {cameras[n]} "
                 "are; give the image size, a calibration that has it, or the video"
             )
         size[n] = sizes[cameras[n]]

@@ -245,7 +245,9 @@ def _table(
 def times_of(camera: str, times: Mapping[str, FrameTimes]) -> FrameTimes:
     """Times of a camera's frames; UsageError where nothing gives them."""
     if camera not in times:
-        raise UsageError(f"camera {camera}: nothing states when its frames were taken; give a frame rate or time stamps")
+        raise UsageError(
+            f"camera {camera}: nothing states when its frames were taken; give a frame rate or time stamps"
+        )
     return times[camera]
 
 

@@ -198,7 +198,9 @@ def check_camera_matrix(matrix: Floats, height: float, where: str) -> None:
     below = np.array([matrix[1, 0], matrix[2, 0], matrix[2, 1], matrix[2, 2] - 1.0])
     if np.abs(below).max() > MAX_ROUNDING:
         hint = "; it is transposed, as MATLAB has it" if matrix[2, :2].any() and not matrix[:2, 2].any() else ""
-        raise InputError(f"{where}: camera matrix {matrix.tolist()}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]{hint}")
+        raise InputError(
+            f"{where}: camera matrix {matrix.tolist()}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]{hint}"
+        )
     lean = abs(float(matrix[0, 1])) * height / 2 / max(abs(float(matrix[1, 1])), 1e-300)
     if not lean <= MAX_SKEW_PX:
         raise InputError(f"{where}: has a skew of {lean:.2g} px at the edge of the image; the limit is {MAX_SKEW_PX:g}")

@@ -78,7 +78,7 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
 
 
 def is_fisheye(values: Mapping[str, object], where: str) -> bool:
-    """Whether a calibration states that its lens is OpenCV's model of fisheye lenses; InputError for an unknown model."""
+    """Return whether a calibration has OpenCV's fisheye lens model; InputError for an unknown model."""
     flag = str(values.get("fisheye_model", values.get("fisheye", 0))).strip().lower()
     named = str(values.get("distortion_model", "")).strip().lower()
     if flag not in (*NO, *YES) or named not in (*BROWN, *FISHEYE):

@@ -78,9 +78,7 @@ def read_calibration(
     files = [file for path in paths for file in _files(path)]
     if not files:
         where = ", ".join(str(path) for path in paths)
-        raise UsageError(
-            f"{where}: a folder without a calibration file; name the file (boxes are a separate input)"
-        )
+        raise UsageError(f"{where}: a folder without a calibration file; name the file (boxes are a separate input)")
     name = recognise(IMPORTERS, Probe(files[0], WHAT), format, "calibration")
     if name is None:
         formats = "; ".join(f"{each}: {importer.doc}" for each, importer in IMPORTERS.items())

@@ -1,10 +1,10 @@
 """ROS: `camera_info` files with lenses, and static transforms with positions.
 
 A lens is the YAML of `camera_calibration` (`image_width`, `camera_matrix`, ...) or what `ros2 topic echo` prints of
-`sensor_msgs/CameraInfo` (`width`, `k`, `d`, ...).  Positions are what it prints of `/tf_static`, or a list of transforms
-with `frame_id`, `child_frame_id` (also in `header`), `translation` and `rotation` (x, y, z, w).  The frame of a camera
-is its optical one (x right, y down, z forward: REP 103); the world is the frame that all others hang from.  Lengths are
-metres, and the lens is that of the raw images.
+`sensor_msgs/CameraInfo` (`width`, `k`, `d`, ...).  Positions are what it prints of `/tf_static`, or a list of
+transforms with `frame_id`, `child_frame_id` (also in `header`), `translation` and `rotation` (x, y, z, w).  The frame
+of a camera is its optical one (x right, y down, z forward: REP 103); the world is the frame that all others hang from.
+Lengths are metres, and the lens is that of the raw images.
 """
 
 from __future__ import annotations

@@ -142,7 +142,7 @@ def _pair(spec: PairSpec, where: str) -> ViewPair:
 
 
 def _sized(matrix: Floats) -> Floats:
-    """The matrix with entries below 1, with squares that are numbers; divided by a power of two, so without rounding."""
+    """Scale the matrix by a power of two, without rounding, to entries below 1 with finite squares."""
     largest = np.abs(matrix).max()
     return np.ldexp(matrix, -np.frexp(largest)[1]) if 0.0 < largest < np.inf else matrix
 

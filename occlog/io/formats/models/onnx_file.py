@@ -107,7 +107,7 @@ def _beside(path: Path, places: list[str]) -> tuple[Path, ...]:
             inside = False
         if not inside:
             raise InputError(
-                f"{path}: its weights are stated to be in {place!r}, which is not in the model's folder; put them next to "
+                f"{path}: weights in {place!r} are outside the model's folder; put them next to "
                 "the model and export it again"
             )
         found.append(check_input(beside, f"weights of {path.name}"))

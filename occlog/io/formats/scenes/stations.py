@@ -39,8 +39,9 @@ def holds_stations(path: Path) -> bool:
 def read_stations(path: Path) -> Scene:
     """Read a scene of sensors that measure directions: the columns name, x, y, and perhaps z and sigma_deg.
 
-    Names of positions end in the unit (`x_m`, `y_m`), or are in metres.  Without a column z stations measure no elevation.
-    `sigma_deg` is the standard deviation of directions that come without one; 3 degrees where it is not given.
+    Names of positions end in the unit (`x_m`, `y_m`), or are in metres.  Without a column z stations measure no
+    elevation. `sigma_deg` is the standard deviation of directions that come without one; 3 degrees where it is not
+    given.
 
     Raises:
         InputError: a column is missing, units differ, or a name stands twice.

@@ -390,7 +390,7 @@ def _after_blanks(text: str, at: int) -> int:
 
 
 def _decode(decoder: json.JSONDecoder, text: str, at: int) -> tuple[object, int, str]:
-    """The JSON value that begins at a position of the text, and its end; None and the reason where it is not all there."""
+    """The JSON value that begins at a position of the text, and its end; None and the reason if it is incomplete."""
     if at >= len(text):
         return None, at, ""
     try:

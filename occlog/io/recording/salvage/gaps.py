@@ -1,8 +1,8 @@
 """Messages of a topic that are lost in what is damaged: when, and how many as far as that can be known.
 
 Statistics in the index count the messages of a topic, and the index behind a damaged chunk those in the chunk.  Without
-both the numbers of messages reveal, but only of a topic with numbers that rise by one: frames that a recorder skipped on
-purpose leave the same jump.
+both the numbers of messages reveal, but only of a topic with numbers that rise by one: frames that a recorder skipped
+on purpose leave the same jump.
 
 Which messages were written, so that those of a copy that follows are not taken for others.
 """

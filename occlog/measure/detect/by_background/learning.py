@@ -212,7 +212,7 @@ def appearance_in_box(image: Image, empty: Image | None, box: TargetBox) -> Floa
     mask = (difference(part, empty[y0:y1, x0:x1]) > DIFFERENCE).astype(np.uint8)
     if np.count_nonzero(mask) < MIN_PIXELS:
         raise InputError(
-            f"{where}: only {np.count_nonzero(mask)} pixels differ from the empty scene, expected at least {MIN_PIXELS}; "
+            f"{where}: only {np.count_nonzero(mask)} pixels differ from the empty scene, minimum {MIN_PIXELS}; "
             "draw the box around the target, in a frame in which it moves"
         )
     return histogram(part, mask)

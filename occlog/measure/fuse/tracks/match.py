@@ -26,9 +26,9 @@ CONTINUITY_BONUS_CHI2 = 4.0
 def match_tracks(first: PeopleTracks, second: PeopleTracks, error: float, gate: float, span_s: float) -> Ints:
     """Find for each row of the first group the row of the second that is of the same person.
 
-    Two tracks are compared by the mean, over `span_s` about the time step, of the squared distance of their positions in
-    standard deviations, that of each time step at most `MAX_DISTANCE_GATES` times the gate.  At each time step the pairs
-    within the gate are assigned one to one.
+    Two tracks are compared by the mean, over `span_s` about the time step, of the squared distance of their positions
+    in standard deviations, that of each time step at most `MAX_DISTANCE_GATES` times the gate.  At each time step the
+    pairs within the gate are assigned one to one.
 
     Args:
         first: tracks at common time steps, ordered by time.

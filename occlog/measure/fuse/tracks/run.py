@@ -103,7 +103,7 @@ def _apart(
                 AGREE,
                 "warning",
                 "group-beside",
-                f"{path}: its people are displaced from those before it by ({x:.3g}, {y:.3g}) {unit} on average (allowed: "
+                f"{path}: offset from the tracks before it: ({x:.3g}, {y:.3g}) {unit} in the mean (allowed: "
                 f"{MAX_SEPARATION_RATIO * config.error:.3g} {unit}); check poses and clocks",
                 beside=math.hypot(x, y),
                 allowed=MAX_SEPARATION_RATIO * config.error,

@@ -36,7 +36,7 @@ STRAIGHT = (
     *("x", "y", "vx", "vy", "cov_xx", "cov_xy", "cov_yy", "cov_x_vx", "cov_x_vy", "cov_y_vx", "cov_y_vy"),
     *("cov_vx_vx", "cov_vx_vy", "cov_vy_vy", "existence", "height", "width", "sd_height", "sd_width"),
 )
-"""Columns that a straight line bridges.  The covariance of a position on the line is at most that of its ends in the same
+"""Columns that a straight line bridges.  The covariance of a position on the line is at most that of its ends in that
 shares, whatever their errors have in common."""
 
 
@@ -60,8 +60,8 @@ def moments_of(groups: Sequence[PeopleTracks], window_ns: int) -> Ints:
 def at_moments(tracks: PeopleTracks, moments: Ints, window_ns: int, gap_ns: int) -> PeopleTracks:
     """Rows of all tracks at the time steps at which they are there, ordered by time and identity.
 
-    A row at a time step stays as it is.  Between rows that are at most `gap_ns` apart lies a straight line; a row that is
-    at most `window_ns` from a time step is moved there with its velocity where there is no line.
+    A row at a time step stays as it is.  Between rows that are at most `gap_ns` apart lies a straight line; a row that
+    is at most `window_ns` from a time step is moved there with its velocity where there is no line.
     """
     order = np.lexsort((tracks.t_ns, tracks.target_id))
     starts = np.flatnonzero(np.diff(tracks.target_id[order], prepend=-1)) if len(order) else np.zeros(0, dtype=np.int64)
@@ -309,7 +309,7 @@ def _renamed(doubts: list[_Doubt], before: JoinedTracks, after: JoinedTracks) ->
 
 
 def _events(tracks: JoinedTracks, doubts: list[_Doubt], moments: Ints) -> Events:
-    """Track initiations at the first row of each identity, terminations at the time step after the last, and possible switches."""
+    """Track initiations (first row of an identity), terminations (time step after the last) and possible switches."""
     ids, first = np.unique(tracks.target_id, return_index=True)
     last = len(tracks) - 1 - np.unique(tracks.target_id[::-1], return_index=True)[1]
     ended = np.searchsorted(moments, tracks.t_ns[last], side="right")

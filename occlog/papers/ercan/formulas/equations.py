@@ -135,7 +135,7 @@ def _in_view(xy: Floats, place: Place) -> Floats:
 
 
 def _error_of(xy: Floats, pair: tuple[int, int]) -> float:
-    """Return the root mean square of the least error at positions (N, 2): two readings by Eq. 2, and a uniform prior."""
+    """Return the RMS of the least error at positions (N, 2): two readings by Eq. 2, and a uniform prior."""
     information = np.tile(12.0 / SIDE**2 * np.eye(2), (len(xy), 1, 1))
     for n in pair:
         x, y, yaw = SQUARE[n - 1]
@@ -174,7 +174,7 @@ def _judge_noise(own: Mapping[str, PaperRow]) -> list[StatementVerdict]:
 def _judge_occlusions(table: Table, own: Mapping[str, PaperRow]) -> list[StatementVerdict]:
     close, counts = mean_of(own[CLOSE_PAIR]), len(COUNTS)
     said = (
-        f"Hidden from one of two cameras {APART:g} units apart, a position is more likely hidden from the other: mean, by."
+        f"Hidden from one of two cameras {APART:g} units apart, a position is more often hidden from the other: mean."
     )
     out = [v.judge("sec4.2-dependent", said, close, v.above(0.0), rule="above 0 by two standard errors")]
     said = "Eqs. 8 and 9 approximate p(eta): mean distance in total variation from the exact probabilities, 8 cameras."

@@ -133,7 +133,9 @@ def judge_motions(table: Table) -> list[StatementVerdict]:
             said = f"Fig. {figure}: who moves {name} is seen to {words} by camera {number}; share of the positions."
             out.append(_share(f"motion-{name}-{number}", said, row))
     row = v.find(table, "two who move alike")
-    said = "Two people who move in the same direction cannot be distinguished by that; share of cameras with equal signs."
+    said = (
+        "Two people who move in the same direction cannot be distinguished by that; share of cameras with equal signs."
+    )
     out.append(_share("motion-alike", said, row))
     pairs = [(low, high) for low, high in [(v.find(table, "two who move oppositely"), row)] if low and high]
     said = "People are distinguished by different movements (equal signs are rarer, by this)."

@@ -1,4 +1,4 @@
-"""[Lee] Sec. 3.2.2: errors of the parallel projection model and of crossed lines of sight, of positions and of tracks."""
+"""[Lee] Sec. 3.2.2: errors of the parallel projection model and of triangulation, of positions and of tracks."""
 
 from __future__ import annotations
 
@@ -88,7 +88,9 @@ def judge_errors(table: Table) -> list[StatementVerdict]:
     for key, way in (("once", ONCE), ("often", OFTEN)):
         row = v.find(table, f"{TRACK}, {way}")
         if row is not None and lines is not None:
-            said = f"Tracks with the printed triggers are better with lines of sight than with {way}: RMSE lower by [m]."
+            said = (
+                f"Tracks with the printed triggers are better with lines of sight than with {way}: RMSE lower by [m]."
+            )
             out.append(v.pairs(f"sec3.2.2-track-{key}", said, [(lines, row)]))
     return out
 

@@ -61,7 +61,7 @@ def sights_of(cameras: tuple[Camera, ...], bearing: Floats, sigma: float) -> Tag
 
 
 def relocated(request: CameraRequest, scene: Scene, way: Projection) -> CameraRequest:
-    """Return a request with an answer that has the position of the model instead of that where two lines of sight cross.
+    """Return a request with an answer that has the position of the model instead of the triangulated one.
 
     Two lines go through the position where they cross, so that its bearings are theirs.  The covariance stays that
     of the crossing.  Where the model has no position, the request is in vain.

@@ -107,7 +107,7 @@ class Course:
             start: (N, 2) positions before the step.
             end: (N, 2) positions after it.
             radius: of the robots.
-            time step: people at the start and the end of the step.
+            moment: people at the start and the end of the step.
         """
         first = np.where(np.isfinite(moment.xy), moment.xy, moment.after)
         last = np.where(np.isfinite(moment.after), moment.after, moment.xy)

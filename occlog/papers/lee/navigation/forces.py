@@ -133,7 +133,7 @@ def diagonal(at: Floats) -> dict[str, Floats]:
 
 
 def original_forces(size: Size, execute: Execute) -> Table:
-    """Forces along the diagonal, the position of zero force, the printed robot's positions, and shares of collisions."""
+    """Forces along the diagonal, position of zero force, the printed robot's positions, and shares of collisions."""
     at = np.arange(FIRST, LAST + 0.5 * SPACING, SPACING)
     at = at[at != OBSTACLE[0]]
     rows = _curves(at, (ATTRACTION, REPULSION, TOTAL))

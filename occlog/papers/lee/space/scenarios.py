@@ -63,7 +63,7 @@ PRINTED_THETA = {1: (45.00, 49.04), 2: (45.00, 50.28)}
 
 
 def root_mean(squares: Sequence[float] | Floats) -> tuple[float, ...]:
-    """Return one value a run with a mean that is the root of the mean square, and a standard error that is that root's."""
+    """Return one value a run, with the root of the mean square as mean, and that root's standard error."""
     x = np.asarray(squares, dtype=np.float64)
     root = math.sqrt(float(x.mean()))
     return tuple((root + (x - root**2) / (2.0 * root)).tolist()) if root > 0 else tuple(np.zeros(len(x)).tolist())

@@ -69,9 +69,7 @@ def judge_table(name: str, table: Table) -> list[StatementVerdict]:
         for j, value in enumerate(printed):
             row = v.find(table, way, j + 1.0)
             if row is not None:
-                said = (
-                    f"RMSE of {AXIS_NAMES[j]} [m], {way} (the thesis does not state what spread the filters start with)."
-                )
+                said = f"RMSE of {AXIS_NAMES[j]} [m], {way} (the initial spread of the filters is not in the thesis)."
                 out.append(v.stated(f"{key}-{way}-{AXIS_NAMES[j]}", said, value, mean_of(row)))
     return out
 

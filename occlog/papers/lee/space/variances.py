@@ -114,7 +114,8 @@ def printed_projection(theta: Floats, phi: Floats) -> Floats:
 def _wrong_shares(rng: np.random.Generator) -> dict[str, float]:
     """Return shares of random directions for which a printed statement is wrong.
 
-    yz, zx: the projected angles of Eqs. 2.1 and 2.2.  rule: the plane in addition to xy is not the better one of yz and zx.
+    yz, zx: the projected angles of Eqs. 2.1 and 2.2.  rule: the plane in addition to xy is not the better one of yz and
+        zx.
     band: for phi from 45 to 135 degrees the variance of yz is not below that of the measurement.
     """
     theta = rng.uniform(-math.pi, math.pi, DIRECTIONS)

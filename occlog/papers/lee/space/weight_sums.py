@@ -109,7 +109,7 @@ FIG2_7 = Experiment(
     quick=(10, 50),
     compute=sums,
     judge=judge_sums,
-    note="Particles around the true positions of scenario 1 with a standard deviation of 0.3 m per axis. A density of two "
+    note="Particles around true positions of scenario 1 with a standard deviation of 0.3 m per axis. A density of two "
     "angles has another unit than one of a single angle: the order of the sums depends on the unit.",
     trial=weight_trial,
 )

@@ -161,7 +161,7 @@ TRAFFIC_EXPERIMENTS = (
         quick=(1, 1),
         compute=end_to_end,
         judge=judge_end_to_end,
-        note="Packets of 1 kB, 2 Mb/s, acknowledgements of 40 bytes; the thesis does not determine its settings of NS-2, so "
+        note="Packets of 1 kB, 2 Mb/s, acknowledgements of 40 bytes; the thesis does not give its settings of NS-2, so "
         "that only orderings are judged. Plotted: links that share one channel.",
     ),
     Experiment(

@@ -67,8 +67,8 @@ def common_times(a: Tracks, b: Tracks) -> Ints:
 def align_estimates(tracks: Tracks, times: Ints) -> AlignedEstimates:
     """A run's estimates at some times.
 
-    At a run's own times the people with a row are present.  At times of the other run alone positions are interpolated, over
-    gaps of a usual step of the person's rows (`Path.usual_gap_ns`).
+    At a run's own times the people with a row are present.  At times of the other run alone positions are interpolated,
+    over gaps of a usual step of the person's rows (`Path.usual_gap_ns`).
     """
     place = np.searchsorted(times, tracks.t_ns)
     inside = np.minimum(place, len(times) - 1)

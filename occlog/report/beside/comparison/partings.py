@@ -65,7 +65,7 @@ class Divergences:
         kinds: pairs that are too far apart, a person whom A alone has, and B alone, and other partners.
         frames: how many frames there are.
         parted: in how many of them the runs have parted.
-        sections: the longest, the longest first.
+        stretches: the longest, the longest first.
         farthest: the pair that is farthest apart; None: there are no pairs.
         apart: (T,) largest distance of partners in each frame, 0 without any.
         alone: (T,) how many have no partner.
