@@ -1,7 +1,7 @@
 """Entry point of the `occlog` command and of `python -m occlog`.
 
 `python -m` puts the current folder first into the path of modules, where a file `json.py` or `socket.py` would run in
-the position of Python's own.  It is taken out before anything is imported, unless the program lies in it, and processes
+the place of Python's own.  It is taken out before anything is imported, unless the program is in it, and processes
 that this one starts leave it out, too.
 """
 

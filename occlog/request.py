@@ -167,7 +167,7 @@ class Request(Settings):
     KINDS: ClassVar[Mapping[str, str]] = {}
 
     def files(self, *, output: bool) -> dict[str, Path]:
-        """Files to read, or to write, by the names of fields, in the order of declaration; those of a tuple apart."""
+        """Files to read or write by the names of fields, in the order of declaration; those of a tuple separately."""
         found: dict[str, Path] = {}
         for f in fields(self):
             value, of = getattr(self, f.name), f.metadata.get("file")
@@ -186,7 +186,7 @@ class Request(Settings):
         return str(load(self.KIND)(self)) if self.KIND else ""
 
     def unfit(self, kind: str) -> Iterator[RequestEntry]:
-        """What was given that is not for a kind of input."""
+        """Options given that do not apply to a kind of input."""
         for entry in Form(type(self)).entries():
             value = getattr(self, entry.field)
             value = value.get(entry.of.name) if entry.group is not None else value
@@ -194,7 +194,7 @@ class Request(Settings):
                 yield entry
 
     def check_kind(self, kind: str) -> None:
-        """UsageError for what was given and is not for a kind of input; it names the kinds that have it."""
+        """UsageError for an option that does not apply to a kind of input; it names the kinds that have it."""
         for entry in self.unfit(kind):
             wanted = ", or ".join(self.KINDS[each] for each in entry.kinds)
             raise UsageError(f"{option(entry.key)} is for {wanted}; not for {self.KINDS[kind]}")

@@ -24,14 +24,14 @@ T = TypeVar("T")
 
 
 class JobResult(NamedTuple):
-    """What came of a request.
+    """Result of a request.
 
     Attributes:
         summary: figures for the user.
         losses: input that was lost.
         earlier: input that was lost when the inputs were made.
         failed: conditions that the user gave and that are met, each in words.
-        shown: what is printed in the position of the summary: as JSON, or for a person; None: the summary.
+        shown: text printed instead of the summary: as JSON, or for people; None: the summary.
     """
 
     summary: dict[str, Any]
@@ -74,7 +74,7 @@ class Job:
     """A request that is being done: how its run reads, reports and writes.
 
     Attributes:
-        request: what is asked for.
+        request: the request to run.
         overwrite: outputs that exist are replaced.
         quiet: no progress and no notes.
         kind: of the input, for requests that have several.
@@ -112,7 +112,7 @@ class Job:
         return Provenance(self.request.OWNER, dict(parameters), seed, hashed, tuple(losses))
 
     def judged(self, provenance: Provenance, checks: Iterable[Check]) -> Provenance:
-        """The provenance with what was checked of the outputs; what was found is written for the user."""
+        """Add the checks of the outputs to the provenance, and report findings to the user."""
         made = provenance.with_checks(checks)
         console.note_findings(texts_of(made.judged, self.request.OWNER), self.quiet)
         return made

@@ -33,7 +33,7 @@ class SettingError(InputError):
     """A value that a setting cannot have.
 
     Attributes:
-        owner: what has the setting: a method or a command.
+        owner: owner of the setting: a method or a command.
         setting: its name.
         value: what it was to be.
         limit: what it must be, in words.
@@ -350,7 +350,7 @@ def read_pair(text: str, size: bool) -> tuple[int, int]:
 
 
 def json_schema(of: type[Settings]) -> dict[str, object]:
-    """JSON Schema of an object that gives some of the settings; what is skipped has its default."""
+    """JSON Schema of an object that gives some of the settings; missing ones have their defaults."""
     properties = {f.name: _property(of, f) for f in declared(of)}
     return {"type": "object", "properties": properties, "additionalProperties": False}
 

@@ -103,7 +103,7 @@ def call(
         form: of the request.
         arguments: those of the function by name: fields of the request, groups of settings that are one argument,
             `settings` (keywords), `also` (names of tables on request), paths of outputs, `overwrite` and `progress`.
-        result: class of what is given back.
+        result: class of the return value.
         called: names of inputs for messages, by those of fields (`field[0]` of several files), where they differ.
         more: make attributes of the result from the request, while its inputs are there.
 

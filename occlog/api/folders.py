@@ -1,6 +1,6 @@
 """Folders of tables that are removed with the last reference to them.
 
-All folders of a process lie in its own, which is locked as long as the process lives. It goes when Python ends,
+All folders of a process are in its own, which is locked as long as the process lives. It goes when Python ends,
 also in the processes of `multiprocessing`. A process that is killed can remove nothing: what it left is no longer
 locked, and the next process that makes folders removes it.
 """
@@ -48,7 +48,7 @@ class Folder:
 
 
 class _Home:
-    """The folder of a process in which all its folders lie."""
+    """The folder of a process that contains all its folders."""
 
     known: _Home | None = None
 

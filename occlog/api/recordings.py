@@ -63,7 +63,7 @@ class Recording:
         Args:
             path: of the recording.
             summary: what the command that made it states about it.
-            home: folder in which it lies, which is removed with the last reference to it.
+            home: its folder, which is removed with the last reference to it.
         """
         self.source = path
         self.summary: Mapping[str, object] = {} if summary is None else summary
@@ -276,7 +276,7 @@ class CallInputs:
         """The file with the rows that an argument gives.
 
         Args:
-            value: what was given.
+            value: the given value.
             name: of the argument.
 
         Raises:

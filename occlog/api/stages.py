@@ -138,7 +138,7 @@ def fuse_tracks(tracks: Sequence[Source | TrackResult], **settings: Setting) -> 
         **settings: of the fusion of tracks, by their names in docs/reference/settings.md.
 
     Returns:
-        The fused tracks; `events` are births, deaths and uncertain identities.
+        The fused tracks; `events` are track initiations, terminations and possible switches.
 
     Raises:
         UsageError: a setting that there is not, or fewer than two groups.
@@ -194,7 +194,7 @@ def label(
 
 
 JUDGED = ("plausible", "warnings")
-"""Of a summary what is no figure."""
+"""Entries of a summary other than figures."""
 
 
 def evaluate(
@@ -579,7 +579,7 @@ def report(
         errors: of `evaluate`.
         bound: of `evaluate`.
         diagnostics: of `track`.
-        events: births, deaths and uncertain identities of all people, of `track`.
+        events: initiations, terminations and possible switches of all people, of `track`.
         occluders: moving occluders as the tracker was given.
         metrics: figures written by `occlog evaluate` (JSON).
         images: a recording with images that are shown small next to the plan, with the tracks drawn over them.
@@ -669,7 +669,7 @@ def overlay(
         progress: show a bar on standard error, if it is a terminal.
 
     Returns:
-        The picture of `frame`, which a notebook shows, and what was drawn.
+        The picture of `frame`, which a notebook shows, and a summary.
 
     Raises:
         UsageError: there is nothing to draw, or neither `video` nor `frame` is given.

@@ -36,7 +36,7 @@ class Table:
     are read when they are asked for. Columns, units and meanings are in docs/reference/tables.md. Every function of
     occlog takes a table in the position of a file.
 
-    DataFrames are copies. What is changed in them is not in the table; give the DataFrame to the next function instead.
+    DataFrames are copies. Changes in them do not change the table; give the DataFrame to the next function instead.
     Such a DataFrame is a table of another program: it has lost provenance, losses and the unit of lengths.
     """
 
@@ -46,7 +46,7 @@ class Table:
         Args:
             path: Parquet file of this program.
             source: what functions are given instead, where it was read from a table of another program.
-            home: folder in which it lies, which is removed with the last table in it.
+            home: its folder, which is removed with the last table in it.
         """
         self.path, self.source = path, path if source is None else source
         self._home = home
@@ -91,7 +91,7 @@ class Table:
         return int(self._described["rows"])
 
     def __getitem__(self, column: str) -> NDArray[Any]:
-        """(n,) values of a column, times in ns since the Unix epoch, what is not known as NaN.
+        """(n,) values of a column, times in ns since the Unix epoch, unknown values as NaN.
 
         Raises:
             InputError: there is no such column.
@@ -215,7 +215,7 @@ class Table:
 
 
 def in_words(value: object) -> str:
-    """A value for a cell: four digits of a fraction, nothing for what is not known."""
+    """A value for a cell: four digits of a fraction, empty if unknown."""
     if value is None or (isinstance(value, float) and np.isnan(value)):
         return ""
     if isinstance(value, float):

@@ -42,7 +42,7 @@ def add_common(command: click.Command) -> None:
 def _after_a_look(callback: Callable[..., Any]) -> Callable[..., Any]:
     """The callback of a command, after a check that its inputs exist.
 
-    What is wrong in the command line is reported first: settings of `--set` are checked by the callback.
+    Errors in the command line are reported first: settings of `--set` are checked by the callback.
     """
 
     @wraps(callback)

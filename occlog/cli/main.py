@@ -89,7 +89,7 @@ COMMANDS = {
     "doctor": Command(
         "occlog.examine.doctor.command", "List everything that is wrong in recordings, tables and other files."
     ),
-    "recover": Command("occlog.examine.recover", "Salvage what is whole in a file that was cut off or damaged."),
+    "recover": Command("occlog.examine.recover", "Salvage the intact messages of a truncated or damaged file."),
     "export": Command("occlog.examine.export.command", "Write a table in a format of other programs."),
     "view": Command("occlog.examine.viewers.command", "Show a run or a recording in Rerun, Foxglove or Lichtblick."),
     "plugin": Command("occlog.conformance.command", "List third-party plug-ins, and check them."),
@@ -123,7 +123,7 @@ Exit codes: 0 done; 1 a bug; 2 usage; 3 finished, but input was lost (it is list
 
 \b
   occlog run sample_data/room/run.yaml -o run/   every stage, from video to report
-  occlog info run/tracks.parquet                 what is in a file
+  occlog info run/tracks.parquet                 content of a file
 """
 
 
@@ -145,7 +145,7 @@ class LazyGroup(click.Group):
         return with_reader(command, ctx.meta.get(WORDS, ()))
 
     def invoke(self, ctx: click.Context) -> object:
-        """Call the command, and check what is left when it is done."""
+        """Call the command, and check for leftovers when it is done."""
         from .common import check_common
         from .startup import with_compile_notice
 

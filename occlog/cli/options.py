@@ -94,7 +94,7 @@ class NumberOrFile(click.ParamType):  # type: ignore[type-arg,unused-ignore]
         self._number, self._path = Finite(low), click.Path(path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | Path:
-        """The number, or what is none as a path; a usage error for a number that is not finite or below the limit."""
+        """The number, or other text as a path; a usage error for a number that is not finite or below the limit."""
         try:
             float(value)
         except (TypeError, ValueError):
@@ -136,12 +136,12 @@ def parse_names(text: str) -> tuple[str, ...]:
 
 
 def parse_window(seconds: float) -> int:
-    """Nanoseconds; UsageError for what is not finite or longer than times can be apart."""
+    """Nanoseconds; UsageError for a value that is not finite or longer than the range of times."""
     return round(parse_seconds("--window", seconds) * 1e9)
 
 
 def parse_seconds(option: str, seconds: float) -> float:
-    """The seconds; UsageError for what is not a number or longer than times can be apart."""
+    """The seconds; UsageError for a value that is not a number or longer than the range of times."""
     if seconds != seconds:
         raise UsageError(f"{option} {seconds}: must be a number")
     if not seconds <= LONGEST_WINDOW_S:

@@ -97,7 +97,7 @@ def _arguments(args: Sequence[str], known: Iterable[click.Parameter]) -> int:
         elif arg.startswith("--"):
             skip = arg in takes
         elif arg.startswith("-") and arg != "-":
-            # Short options may stand together (-qo FILE); a value follows at once (-oFILE) or next
+            # Short options may be joined (-qo FILE); a value comes at once (-oFILE) or next
             valued = next((k for k, letter in enumerate(arg[1:], 1) if f"-{letter}" in takes), 0)
             skip = valued == len(arg) - 1
         else:
@@ -143,7 +143,7 @@ def _do(
     settings: Collection[str] = (),
     **values: Any,
 ) -> int:
-    """Build the request of what the options gave, do it, and state what came of it."""
+    """Build the request from the options, run it, and report its result."""
     request = request_of(form, values, settings)
     from occlog.runner import exit_code, run
 

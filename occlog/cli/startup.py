@@ -51,7 +51,7 @@ WANTED_OPEN_FILES = 65_536
 
 
 def allow_open_files() -> None:
-    """Raise the limit that may be raised, which is often 1024, as far as is requested and allowed."""
+    """Raise the limit that may be raised, which is often 1024, up to the requested and allowed value."""
     if "resource" in globals():
         soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
         most = WANTED_OPEN_FILES if hard == resource.RLIM_INFINITY else min(hard, WANTED_OPEN_FILES)

@@ -26,7 +26,7 @@ class ReaderGoneError(OcclogError):
 
 
 class _Output(io.FileIO):
-    """A standard stream; after a failure the rest of what is written to it goes nowhere."""
+    """A standard stream; after a failure the rest of the output is discarded."""
 
     def write(self, data: ReadableBuffer, /) -> int:
         """Write; a failure is reported once."""

@@ -55,7 +55,7 @@ def as_bytes(found: Iterable[Detected]) -> list[tuple[bytes, ...]]:
 
 
 def use(of: Any) -> list[tuple[bytes, ...]]:
-    """What is found in a short film."""
+    """Detections in a short film."""
     return as_bytes(film(of, (image(k) for k in range(4))))
 
 
@@ -99,7 +99,7 @@ def check_inside(of: Any) -> None:
         for left, top, width, height in np.asarray(each.boxes, dtype=np.float64).reshape(-1, 4).tolist():
             if left >= wide or top >= high or left + width <= -0.5 or top + height <= -0.5:
                 raise BrokenError(
-                    f"a box at {left:.0f},{top:.0f} of {width:.0f} x {height:.0f} px lies outside an image of "
+                    f"a box at {left:.0f},{top:.0f} of {width:.0f} x {height:.0f} px is outside an image of "
                     f"{wide} x {high} px"
                 )
 
@@ -138,7 +138,7 @@ def check_inputs(of: Any) -> None:
 
 
 def check_results(of: Any) -> None:
-    """What was given back stays as it was."""
+    """Check that returned arrays do not change later."""
     with called("a new detector"):
         own = start(of)
     kept = []
@@ -157,7 +157,7 @@ def check_read_only(of: Any) -> None:
 
 
 def check_strided(of: Any) -> None:
-    """Images need not lie in memory without gaps."""
+    """Check images that are not contiguous in memory."""
     wide = np.zeros((SIZE[0], 2 * SIZE[1], 3), dtype=np.uint8)
     wide[:, ::2] = image(1)
     if as_bytes(film(of, [wide[:, ::2]], "an image with gaps in memory: detect")) != as_bytes(film(of, [image(1)])):

@@ -36,7 +36,7 @@ def write(of: Any, rows: ColumnTable, what: str, *, unit: str = "m", own: Any = 
 
 
 def use(of: Any) -> list[bytes]:
-    """What is written of all samples."""
+    """Output of all samples."""
     return [write(of, rows, f"writing {rows.NAME}") for rows in taken(of)]
 
 
@@ -59,7 +59,7 @@ def check_writes(of: Any) -> None:
 
 
 def check_rows(of: Any) -> None:
-    """What is written depends on each row."""
+    """Check that the output depends on each row."""
     for rows in taken(of):
         whole = write(of, rows, f"writing {rows.NAME}")
         for name, row in (("first", 0), ("last", -1)):

@@ -37,7 +37,7 @@ Check = Callable[[Any], None]
 
 @contextmanager
 def called(what: str, *refusals: type[Exception]) -> Iterator[None]:
-    """BrokenError where what is called inside raises anything but a refusal."""
+    """BrokenError if the code inside raises anything but a refusal."""
     try:
         yield
     except Exception as error:
@@ -98,7 +98,7 @@ FIRST: dict[str, Check] = {"interface": check_interface, "settings": check_setti
 
 
 def manners(use: Callable[[Any], object], what: str, *, growth_bytes: int = 0) -> dict[str, Check]:
-    """The promises that any plug-in makes to what is around it.
+    """Guarantees of any plug-in to its environment.
 
     Args:
         use: uses a class in an ordinary way, and gives what it said, to be compared.

@@ -157,7 +157,7 @@ def check_independent(of: Of) -> None:
 
 
 def check_inputs(of: Of) -> None:
-    """What is given stays as it is."""
+    """Check that inputs are not changed."""
     own = start(of)
     for moment in FEW:
         copy = [np.array(v) for v in moment[2:]]
@@ -168,7 +168,7 @@ def check_inputs(of: Of) -> None:
 
 
 def check_results(of: Of) -> None:
-    """What was given back stays as it was."""
+    """Check that returned values do not change later."""
     own, kept = start(of), []
     for moment in FEW:
         place = step(own, moment)

@@ -142,7 +142,9 @@ def checks_with(sample: Path) -> dict[str, Check]:
                     found = of(defaults(of)).read(path)
             except REFUSALS as error:
                 if not str(error).strip() or "\n" in str(error).strip():
-                    raise BrokenError(f"{what}: {type(error).__name__} must state in one line what is wrong") from error
+                    raise BrokenError(
+                        f"{what}: {type(error).__name__} needs a message of one line that states the fault"
+                    ) from error
                 return
         if refused:
             raise BrokenError(f"{what} is read as if nothing were wrong; raise a ValueError")
@@ -161,7 +163,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
         raise BrokenError("a file that is not there is read as if it were")
 
     def check_cut(of: Any) -> None:
-        """A file with an end that is cut off is refused by a ValueError, or read as far as it goes."""
+        """A file with an end that is cut off is refused by a ValueError, or read up to its end."""
         data = sample.read_bytes()
         for size in (*(int(share * len(data)) for share in SHARES), *(len(data) - n for n in LAST)):
             damaged(of, f"a file of {len(data)} bytes cut to {size}", data[: max(size, 1)])

@@ -108,7 +108,7 @@ def check_once(of: Any) -> None:
 
 
 def check_follows(of: Any) -> None:
-    """A person whom the detector finds in every frame is followed, with one identity."""
+    """A person whom the detector finds in every frame is tracked, with one identity."""
     late = run(of, walk())[SETTLED:]
     for person in (0, 1):
         own = {ids[person] for ids in late}
@@ -156,7 +156,7 @@ def check_independent(of: Any) -> None:
 
 
 def check_inputs(of: Any) -> None:
-    """What is given stays as it is."""
+    """Check that inputs are not changed."""
     own = start(of)
     for each in walk(15):
         before = [np.array(value) for value in each[2:]]
@@ -167,7 +167,7 @@ def check_inputs(of: Any) -> None:
 
 
 def check_results(of: Any) -> None:
-    """What was given back stays as it was."""
+    """Check that returned arrays do not change later."""
     own, kept = start(of), []
     for k in range(15):
         each = frame(k, edges(k)[: 1 + k % 2])

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 PROGRAM = Path(__file__).resolve().parents[2]
-"""The folder that the package lies in."""
+"""The folder of the package."""
 
 
 @contextmanager
@@ -27,7 +27,7 @@ def hidden(name: str) -> Iterator[None]:
 
 
 def is_own(folder: Path) -> bool:
-    """Whether only this user, or the administrator, can write into a folder: what lies in it may be run.
+    """Whether only this user, or the administrator, can write into a folder: its files may be run.
 
     A folder of the user's own group (that of the same name) counts as the user's; True on Windows, where folders of a
     user are the user's alone.

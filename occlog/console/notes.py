@@ -61,7 +61,7 @@ def note(message: str, quiet: bool = False) -> None:
 
 
 def note_findings(texts: Iterable[str], quiet: bool = False) -> None:
-    """Write what was found in checking results to standard error, a line each; see `records.verdicts.texts_of`."""
+    """Write the findings on results to standard error, a line each; see `records.verdicts.texts_of`."""
     for text in texts:
         note(text, quiet)
 
@@ -105,7 +105,7 @@ class DryRunStop(BaseException):
 
 
 def log_detail(text: str) -> None:
-    """Report a detail: the detected format of an input, how long a step took, what was written."""
+    """Report a detail: the detected format of an input, how long a step took, the files written."""
     listener = LISTENER.get()
     if listener is not None:
         listener(text)
@@ -150,7 +150,7 @@ def begin_work() -> None:
 
 
 def note_files(reads: Iterable[Path], writes: Iterable[Path]) -> None:
-    """Remember, in a dry run, what a command reads and writes; what is named again counts once."""
+    """Remember, in a dry run, what a command reads and writes; repeated names count once."""
     plan = DRY_RUN.get()
     if plan is not None:
         plan.reads += [path for path in reads if path not in plan.reads]

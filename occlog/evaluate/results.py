@@ -40,7 +40,7 @@ class Evaluation:
         failures: of trackers.
         counts: of targets and tracks on the ground, over time.
         notes: lines that the user must know of.
-        checks: what was checked of the tracks; None: nothing could be.
+        checks: checks of the tracks; None: no check was possible.
         verdicts: that of this evaluation, after those of the stages before it.
         plugged: names of the metrics that are of plug-ins.
     """
@@ -117,7 +117,7 @@ def find_metric(metrics: Mapping[str, float], name: str) -> list[str]:
 
 
 LABEL = 48
-"""Width of what stands before a number: that of the longest."""
+"""Width of labels before a number: that of the longest."""
 GROUP = (
     "many targets",
     (
@@ -433,7 +433,7 @@ def without_per_target(figures: Mapping[str, object]) -> dict[str, object]:
 
 
 def number(value: float) -> str:
-    """Four digits; whole numbers in full; a dash for what is not a number."""
+    """Four digits; whole numbers in full; a dash for NaN."""
     if not math.isfinite(value):
         return "-"
     return f"{value:.0f}" if value == round(value) and abs(value) < 1e15 else f"{value:.4g}"

@@ -2,7 +2,7 @@
 
 Work of `occlog evaluate --also`: several recordings in one table, and all of them together.
 
-The figures of all together are those of one long recording in which the recordings follow one another, and in which no
+The figures of all together are those of one long recording of concatenated recordings, and in which no
 target or track of one is in another: those of each recording are merged.  Counts are added up before rates are made of
 them, as TrackEval's COMBINED does.
 """
@@ -93,7 +93,7 @@ ALONE = (
     *("metrics", "bearings", "measurements", "doa", "views", "cooperation", "diagnostics"),
     *("errors", "bound", "failures", "counts", "mot"),
 )
-"""What is of one recording."""
+"""Inputs of one recording."""
 
 
 def evaluate_several(request: EvaluateRequest, job: Job) -> MultiRecordingFigures:

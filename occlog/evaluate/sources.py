@@ -56,7 +56,7 @@ class MeasuredSource(NamedTuple):
 
 @dataclass(frozen=True)
 class EvaluationSources:
-    """What is evaluated; None where it is not given.
+    """Inputs to evaluate; None if not given.
 
     Attributes:
         tracks: estimates.
@@ -110,7 +110,7 @@ class EvaluationSources:
         return replace(out, **during)
 
     def _times_of_frames(self) -> Iterator[Iterator[Ints]]:
-        """Times by which frames are numbered: those of true targets; if missing, of what comes next."""
+        """Times by which frames are numbered: those of true targets; if missing, of the next source."""
         yield (rows.t_ns[rows.role == "target"] for rows in rows_of(self.truth))
         for chunks in (self.truth_boxes, self.bearings, self.boxes, self.tracks):
             yield (times(rows) for rows in rows_of(chunks))

@@ -178,7 +178,7 @@ def evaluate(
 
 
 class Evaluator:
-    """Evaluates what is given.
+    """Evaluates the given inputs.
 
     Tracks and truth give errors and, if requested, the figures of many targets; bearings and truth give detections and
     the bound; bearings alone give the distance of the tracks from where lines of sight meet, and the prediction of
@@ -189,7 +189,7 @@ class Evaluator:
         """Find what must be known of the whole.
 
         Args:
-            sources: what is evaluated.
+            sources: inputs to evaluate.
             scene: the sensors, and the unit of lengths.
             config: settings.
 
@@ -238,7 +238,7 @@ class Evaluator:
             take: gets errors, bound, failures and counts in parts, in the order of time.
             many: settings of the figures of many targets, with a match distance; None: these are skipped.
             places: whether noise is measured at known positions.
-            numbers: notes on the numbers of tracks, which stand before that on the errors.
+            numbers: notes on the numbers of tracks, which come before that on the errors.
 
         Raises:
             InputError: the tables do not fit together (no common identity, time or sensor).

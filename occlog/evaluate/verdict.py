@@ -58,9 +58,9 @@ MAX_BOUND_RATIO = 5.0
 
 
 class TrackProvenance(NamedTuple):
-    """How tracks were made, as far as a verdict needs it."""
+    """How tracks were made, as needed for a verdict."""
 
-    smoothed: bool = False  # they know what came after them
+    smoothed: bool = False  # estimated with later measurements
     one_target: bool = False  # candidates without a label were taken for one target's
     unlabelled: bool = True  # candidates without a label were used
     sensors: frozenset[str] | None = None  # those that were used; None: not known
@@ -105,9 +105,9 @@ def checks_with_truth(
     """All findings against tracks.
 
     Args:
-        found: what was collected of the tracks and their bearings.
+        found: statistics of the tracks and their bearings.
         made: how the tracks were made.
-        against: what was collected of their errors.
+        against: statistics of their errors.
         unknown: the covariance of an estimate is not known.
         metrics: figures of the evaluation.
     """
@@ -139,7 +139,7 @@ def _truth_of_another_target(found: ConsistencyEvidence, metrics: Mapping[str, o
             f"the bearings agree with the tracks (NIS {nis.value:.2g}) and not with the truth (NIS {there:.2g}, "
             f"allowed up to {MAX_BEARING_NIS:.0f}): they are of something else than the truth, such as a person "
             "who carries what "
-            "the truth is of, or the truth has other clocks or another frame; compare with a truth of what was "
+            "the truth is of, or the truth has other clocks or another frame; compare with the truth of the "
             "detected",
             nis=there,
             allowed=MAX_BEARING_NIS,
@@ -181,7 +181,7 @@ class _Nees:
 
     @property
     def share(self) -> Ratio:
-        """Errors outside of the 95 % ellipse over what is expected of them."""
+        """Errors outside of the 95 % ellipse over the expected share."""
         return Ratio.of_parts(self._outside[k] for k in sorted(self._outside))
 
 
@@ -353,7 +353,7 @@ class SightEvidence:
         """Nothing was seen yet.
 
         Args:
-            evidence: takes what is found.
+            evidence: receives the findings.
             scene: the sensors.
             made: how the tracks were made.
             held_out: sensors that the tracks were made without.

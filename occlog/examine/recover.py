@@ -12,7 +12,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import check_outputs
 
 
-@click.command(name="recover", short_help="Salvage what is whole in a recording that was cut off or damaged.")
+@click.command(name="recover", short_help="Salvage the intact messages of a truncated or damaged recording.")
 @click.argument("file", type=options.INPUT)
 @options.output_opt("The recording (MCAP) that is whole again.")
 @click.option(
@@ -25,9 +25,9 @@ from occlog.io.files.atomic import check_outputs
 @options.overwrite_opt
 @options.json_opt
 def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, as_json: bool) -> int:
-    """Write what is whole in FILE, a recording that was cut off or damaged, so that every command reads it.
+    """Write the intact messages of FILE, a truncated or damaged recording, so that every command reads it.
 
-    All messages with a correct check sum are kept, and all before a cut.  What is lost is listed, with times and
+    All messages with a correct check sum are kept, and all before a cut.  Losses are listed, with times and
     numbers of frames where they are known; the list goes into the new file, and from there into everything that is
     made of it.  The exit code is 3 if anything is lost.  A damaged table is made again by the command that made it.
 
@@ -54,7 +54,7 @@ def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, 
 
 
 def _made_again(path: Path) -> str:
-    """What to do with a table instead: the command and the inputs that it was made by, as far as its footer states."""
+    """Remedy for a table: the command and the inputs that it was made by, if in its footer."""
     from occlog.io.files.tables.parquet import read_header
 
     try:

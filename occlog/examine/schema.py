@@ -93,7 +93,7 @@ def verbs() -> tuple[str, ...]:
 
 
 def settings_of(verb: str) -> dict[str, type[Settings]]:
-    """Classes of settings of a verb by the name of what has them; of `track` by the name of the method."""
+    """Classes of settings of a verb by the name of their owner; of `track` by the name of the method."""
     if verb != "track":
         classes = [load(where) for where in CLASSES[verb]]
         return {of.OWNER: of for of in classes}

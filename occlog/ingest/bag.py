@@ -66,7 +66,7 @@ def asked_topics(plan: IngestPlan) -> list[tuple[str, str]]:
 
 
 def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
-    """What the bag holds; what is taken of it is noted.  InputError where it holds nothing that can be."""
+    """Content of the bag, with a note on the topics used.  InputError if it has no usable topic."""
     found = survey(bag, asked_topics(plan))
     chosen = found.map
     if not (chosen.cameras or chosen.poses or chosen.directions):
@@ -168,7 +168,7 @@ def _world(found: BagSurvey, plan: IngestPlan, cameras: list[str]) -> str | None
     roots = {tree.still_root(found.frames[c]): c for c in cameras if tree.knows(found.frames[c])}
     if len(roots) > 1:
         told = ", ".join(f"{frame} (camera {camera})" for frame, camera in sorted(roots.items()))
-        raise UsageError(f"the cameras of the bag stand still in several frames: {told}; state which one is the world")
+        raise UsageError(f"the cameras of the bag are fixed in several frames: {told}; name the one that is the world")
     return next(iter(roots), None)
 
 
@@ -195,7 +195,7 @@ def _pose(camera: str, frame: str, placed: FramePose, plan: IngestPlan) -> Frame
 
 @dataclass
 class _CameraState:
-    """What has been taken of a camera so far."""
+    """Messages of a camera so far."""
 
     sized: tuple[int, int] | None = None
     last: int | None = None
@@ -222,7 +222,7 @@ class Taking:
         placement: BagCameraPoses,
         turn: Turn | None,
     ) -> None:
-        """Know what is taken, and how."""
+        """Initialise from the selected topics."""
         self.bag, self.found, self.plan, self.scene = bag, found, plan, scene
         self.frames: dict[str, int] = {}
         self.rows: dict[str, int] = {}
@@ -409,7 +409,7 @@ class Taking:
         return [*self.bag.losses, *losses]
 
     def _tell_clock(self, topic: str, state: _CameraState, note: Note) -> None:
-        """Warn where the two clocks of a topic are apart, or it has but one."""
+        """Warn where the two clocks of a topic differ, or it has but one."""
         if state.by_log and self.plan.stamp != "log":
             note(f"warning: {topic}: its headers have no time; the times of recording were taken")
         low, high = state.apart

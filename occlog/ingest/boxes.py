@@ -107,7 +107,7 @@ def truth_options(plan: IngestPlan, scene: Scene) -> BoxOptions:
 
 
 def inside(tables: Iterator[B], scene: Scene, losses: list[Loss], note: Note) -> Iterator[B]:
-    """The tables without boxes that lie wholly outside the image; these are listed as lost.
+    """The tables without boxes that are wholly outside the image; these are listed as lost.
 
     Boxes that reach over the border are kept as they are, for detectors complete people whom it cuts; how many there
     are is noted, since many of them are a sign of another size of the images.

@@ -5,7 +5,7 @@ Folders of data sets as they ship: which of their parts are what.
 WILDTRACK has `calibrations`, `annotations_positions` and `Image_subsets/C1` to `C7`; the numbers of its frames (0, 5,
 10, ...) count tenths of a second.
 
-What is added to the times of sensors with known clocks to be off.
+Offsets added to the times of sensors with a clock offset.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ RATE = "10"
 def expand_dataset(values: Mapping[str, Any]) -> dict[str, Any]:
     """The values of the options, with a folder of WILDTRACK split into the options that state the same.
 
-    What is given next to the folder counts before its parts; with boxes its images are skipped.
+    Options given along with the folder counts before its parts; with boxes its images are skipped.
 
     Raises:
         UsageError: the folder has no images, and there are no boxes.
@@ -97,7 +97,7 @@ def offsets_of(texts: Iterable[str]) -> dict[str, float]:
 
 
 def with_offsets(scene: Scene, offsets: Mapping[str, float]) -> Scene:
-    """The scene with clocks that are off by what is to be added to the times [s]; drifts stay as they are.
+    """The scene with clocks that are off by offsets added to the times [s]; drifts stay as they are.
 
     The clocks of the scene stay, also those that an earlier offset has made (`cam2-offset`): the new ones have names of
     their own.
@@ -416,7 +416,7 @@ def is_name(text: str) -> bool:
 
 
 def pairs(values: Iterable[str], kind: Callable[[str], T]) -> tuple[tuple[str | None, T], ...]:
-    """`NAME=VALUE` or `VALUE`: what stands before = is a name unless the whole is a file."""
+    """`NAME=VALUE` or `VALUE`: the text before = is a name unless the whole is a file."""
     out: list[tuple[str | None, T]] = []
     for text in values:
         name, mark, value = text.partition("=")

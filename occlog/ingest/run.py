@@ -50,7 +50,7 @@ from .truth import check_truth_consistency, within_frames
 
 @dataclass
 class Ingested(IngestFailures):
-    """What has been written so far."""
+    """Files and counts written so far."""
 
     frames: dict[str, int] = field(default_factory=dict)
     rows: dict[str, int] = field(default_factory=dict)
@@ -114,7 +114,7 @@ class _OpenBag(NamedTuple):
 
 
 def _open_bag(plan: IngestPlan, scene: Scene, stack: ExitStack, note: Callable[[str], None]) -> _OpenBag | None:
-    """Open the bag and find out what is taken of it; None if missing."""
+    """Open the bag and select its topics; None if missing."""
     if not plan.bags:
         return None
     for path in plan.bags:
@@ -351,7 +351,7 @@ def _split_tables(
 
 
 def _twice(key: int | str, other: Path) -> str:
-    """What is wrong where another file has the same target, or boxes of the same camera, at the same times."""
+    """The fault if another file has the same target, or boxes of the same camera, at the same times."""
     if isinstance(key, str):
         return f"camera {key}: has true boxes in {other}, too, at the same times; join the files"
     return (

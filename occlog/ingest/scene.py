@@ -88,7 +88,7 @@ def find_turn(
         cameras: as calibrated.
         up: `auto`, an axis with its sign, three numbers, or None: it stays, with a warning if it seems not upright.
         ground: height of the ground along up, in the calibration's world; None: 0.
-        note: receives notes on what was done.
+        note: receives notes on changes.
 
     Raises:
         UsageError: `up` is nothing of that.
@@ -109,9 +109,7 @@ def find_turn(
         found = vertical(rotations)
         direction = found.up
         if not found.certain:
-            note(
-                "warning: all cameras have the same viewing direction; up is known up to their pitch, assumed to be 0"
-            )
+            note("warning: all cameras have the same viewing direction; up is known up to their pitch, assumed to be 0")
     else:
         direction = read_up(up)
     turn = Turn(turn_upright(direction), 0.0 if ground is None else ground)
@@ -326,7 +324,7 @@ def match_cameras(scene: Scene, wanted: Sequence[str], plan: IngestPlan, reasons
     cameras of a bag why it gives no poses of them.
     """
     kept = {c.name: c for c in scene.cameras}
-    # What has the very name of another camera is of that one
+    # An entry with the exact name of another camera is of that one
     free = [name for name in kept if name not in wanted]
     meant: dict[str, str] = {}
     out: list[Camera] = []

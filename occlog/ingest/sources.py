@@ -173,7 +173,7 @@ class Copies:
                 marks = fingerprints([getattr(mine, c.name) for c in mine.columns() if c.kind != "U"])
                 fresh[own] = _first(marks, [*self._before.get(name, ()), *here.get(name, ())])
                 kept = marks if self._several else marks[t_ns == t_ns[-1]]
-                # Equal times may lie in two parts of a log
+                # Equal times may be in two parts of a log
                 here[name] = [*here.get(name, ()), kept] if self._several else [*here.get(name, ())[-1:], kept]
             copies += int((~fresh).sum())
             yield table if fresh.all() else table.take(fresh)

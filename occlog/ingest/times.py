@@ -1,4 +1,4 @@
-"""What is checked of a new recording: sensors that measure at other times, times that jump, a truth of another time."""
+"""Checks of a new recording: sensors that measure at other times, times that jump, a truth of another time."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class TimeSpanNs:
     last: int = -(2**63)
 
     def take(self, first: int, last: int) -> None:
-        """Reach as far as these, too."""
+        """Extend the range to these."""
         self.first, self.last = min(self.first, first), max(self.last, last)
 
     def __str__(self) -> str:
@@ -86,7 +86,7 @@ class Times:
                 self.rows.setdefault(name, TimeSpanNs()).take(int(own.min()), int(own.max()))
 
     def checks(self) -> tuple[Check, ...]:
-        """What was checked, and what was found."""
+        """Checks with their findings."""
         several = "" if max(len(self.frames), len(self.rows)) > 1 else "there is one sensor"
         long = any(own.count >= FEWEST for own in self.frames.values())
         truth = "" if self.true.first <= self.true.last and (self.frames or self.rows) else "there is no truth"
@@ -112,7 +112,7 @@ class Times:
                 )
 
     def _of_truth(self) -> Iterator[Check]:
-        """A truth without any time in common with what was measured."""
+        """A truth without any time in common with the measurements."""
         measured = TimeSpanNs()
         for own in (*self.frames.values(), *self.rows.values()):
             measured.take(own.first, own.last)
@@ -121,7 +121,7 @@ class Times:
                 TRUE,
                 "warning",
                 "truth-at-other-times",
-                f"the truth ({self.true}) and what was measured ({measured}) have no time in common; is the start "
+                f"the truth ({self.true}) and the measurements ({measured}) have no time in common; is the start "
                 "time, the unit of times or the clock another?",
             )
 

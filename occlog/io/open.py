@@ -44,9 +44,9 @@ SWAPPED = (
     ("tracks", "truth", "; are the files of tracks and truth swapped?"),
     ("truth", "bearings", "; true positions go to the evaluation, make measurements of a recording by `occlog detect`"),
     ("views", "bearings", "; bearings are the other output of `occlog detect`"),
-    ("boxes", "bearings", "; boxes are followed by the method jipda"),
+    ("boxes", "bearings", "; the method jipda tracks boxes"),
 )
-"""Tables that are given for others by mistake: what a file holds, what is requested, and a hint."""
+"""Tables that are given for others by mistake: table of the file, requested table, and a hint."""
 REMEDY = "give a recording or a table that has them"
 
 
@@ -123,7 +123,7 @@ class Opened:
         return table.concat(self.rows(table))
 
     def require(self, *tables: type[ColumnTable], remedy: str = REMEDY) -> None:
-        """Raise InputError, which names what is missing and the remedy, unless the input holds one of the tables."""
+        """Raise InputError, which names the missing table and the remedy, unless the input holds one of the tables."""
         if any(self.has(table) for table in tables):
             return
         if self.foreign is not None:
@@ -177,7 +177,7 @@ def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY) -> O
             raise InputError(
                 f"{path}: is JSON by its name; boxes in JSON go into a recording by `occlog ingest --boxes`"
             )
-        # The reader of the kind that the name states explains what is wrong with the content
+        # The reader of the kind that the name states explains the fault of the content
         opened = _recording(path) if is_recording_name(path) else _table(path)
     if wants:
         opened.require(*wants, remedy=remedy)
@@ -189,7 +189,7 @@ def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY) -> O
 def open_if_ours(path: Path, what: str = EXPECTED) -> Opened | None:
     """Open a recording or a table; None for a file that is neither, for example a scene or a text, even an empty one.
 
-    InputError, which states what was expected, where no readable file with content is there.
+    InputError, which states the expected content, where no readable file with content is there.
     """
     if path.suffix.lower() in TEXT and path.is_file() and not path.stat().st_size:
         return None
@@ -303,7 +303,7 @@ def check_unit(
     Args:
         opened: the input; one that does not state its unit passes.
         length_unit: what it must be.
-        source: what has that unit, for the message.
+        source: the owner of that unit, for the message.
         error: what to raise.
     """
     if opened.foreign is not None:

@@ -3,11 +3,11 @@
 Files that were fetched, kept in a folder of bounded size that several processes share.
 
 An entry is used while a person holds its lock, and is never removed meanwhile; a process that is killed lets go.  So
-the folder holds at most its limit, or what is in use if that is more.
+the folder holds at most its limit, or the files in use if these are larger.
 
 Where a URL leads: find, read and write files there; every failure is one line that names the URL alone.
 
-URLs of files that lie elsewhere: which are taken, and how they are named without what opens them.
+URLs of files of remote files: which are accepted, and their names without credentials.
 
 Passwords before the host and signatures after the question mark open a file to whoever reads them.  They never leave
 this process but to the server: not into tables, provenance or messages.
@@ -184,7 +184,7 @@ def version(url: str) -> Version:
 
 
 def fetch(url: str, file: Path) -> int:
-    """Copy a file to this machine; its size. What was there is replaced by the whole file or not at all."""
+    """Copy a file to this machine; its size. An existing file is replaced by the whole file or not at all."""
     part = file.with_name(PART)
     try:
         with _as_output_error(url):
@@ -207,7 +207,7 @@ def check_output(url: str) -> None:
 
 
 def put(file: Path, url: str) -> None:
-    """Write a whole file, replacing what was there."""
+    """Write a whole file, replacing an existing one."""
     with _as_output_error(url, OutputError):
         system, path = _opened(url)
         system.pipe_file(path, file.read_bytes())
@@ -244,7 +244,7 @@ class Cache:
 
     Attributes:
         folder: made if missing.
-        limit: bytes of what is kept while it is unused.
+        limit: bytes of unused files that are kept.
     """
 
     folder: Path
@@ -283,7 +283,7 @@ class Cache:
                 shutil.rmtree(entry, ignore_errors=True)
 
     def _fetch_beside(self, url: str, recording: Path, video: Path) -> None:
-        """Fetch a linked video that lies in the recording's folder; whoever reads others describes the fault."""
+        """Fetch a linked video in the recording's folder; readers report faults of others."""
         name = video.name
         if video.parent != recording.parent or video.exists() or name in (".", ".."):
             return
@@ -365,7 +365,7 @@ def default_folder() -> Path:
 
 @contextmanager
 def _fetching(entry: Path) -> Iterator[None]:
-    """Keep other processes from fetching into an entry; later ones find what was fetched."""
+    """Keep other processes from fetching into an entry; later ones find the fetched files."""
     descriptor = os.open(entry, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX)

@@ -1,4 +1,4 @@
-"""How a page was made: the command as far as it changes the results, the seed, and the version of the program."""
+"""Provenance of a page: the command (options that change results), the seed, and the version of the program."""
 
 from __future__ import annotations
 

@@ -151,7 +151,7 @@ class Shots(NamedTuple):
 SHOT_WIDTH = 2.3
 """Width of an image [inch]."""
 BRIGHT = ("#56b4e9", "#e69f00", "#33d17a", "#cc79a7", "#f0e442", "#ff6b4a", "#b19cff", "#9fe8e0")
-"""Colours of targets that stand out on photographs; they repeat."""
+"""Colours of targets with contrast on photographs; they repeat."""
 DPI = 110.0
 
 

@@ -1,6 +1,6 @@
 """Experiments, and the rules by which statements are judged.
 
-Measured quantities: value, standard error, and the range in which the true value lies.
+Measured quantities: value, standard error, and the range of the true value.
 
 The range reaches two standard errors to each side.  For few runs it is wider, by Student's t, so that the
 true value is below it, or above it, in 2.3 % of all cases whatever the number of runs.
@@ -12,7 +12,7 @@ Where a paper makes a statement, and in which words.
 The one rule by which statements are judged.
 
 A statement is about a quantity, and holds while that is in a `good` interval; it holds in part while the
-quantity is in a wider one, `fair`.  What was measured has a range of two standard errors to each side
+quantity is in a wider one, `fair`.  A measurement has a range of two standard errors to each side
 (`measures`).  The statement is
 
 reproduced        if the range is in the good interval;
@@ -22,7 +22,7 @@ in part           if the range is in the fair interval, and outside of the good 
                   distance between the ends;
 not decided       otherwise: the error bar is too large to state.
 
-What is computed exactly has a range of width 0, so that it is always decided.
+An exact quantity has a range of width 0, so that it is always decided.
 
 A statement about several points holds, fails or is open at each of them: it holds if the range is in the
 good interval, it fails if the range is outside of it, or if there is no difference of relevance.  It is reproduced
@@ -102,7 +102,7 @@ Table = list[PaperRow]
 
 @dataclass(frozen=True)
 class StatementVerdict:
-    """A statement of the paper, and whether what was measured confirms it."""
+    """A statement of the paper, and whether the measurement confirms it."""
 
     id: str
     statement: str
@@ -320,7 +320,7 @@ WORDS = (REPRODUCED, IN_PART, NOT, UNDECIDED)
 NEAR, FAR = 0.10, 0.35
 """Shares of a stated number within which it is reproduced, and in part."""
 SHARP = 0.5
-"""Largest half of a range that lies across an end of the good interval and is decided all the same."""
+"""Largest half of a range that spans an end of the good interval and is still decided."""
 NEGLIGIBLE = 0.02
 """A difference that is not above 0 for sure is none if it is known to be within this share of the level."""
 Pair = tuple[PaperRow, PaperRow]
@@ -443,7 +443,7 @@ def judge(
 
     Args:
         key: id of the verdict.
-        statement: what is stated.
+        statement: text of the statement.
         measure: the quantity.
         good: where the statement holds.
         fair: where it holds in part; contains `good`.
@@ -476,7 +476,7 @@ def judge_points(
 
     Args:
         key: id of the verdict.
-        statement: what is stated.
+        statement: text of the statement.
         points: the points; without any, nothing is decided.
         rule: what holds at a point, in words.
         paper: the number that the paper has.

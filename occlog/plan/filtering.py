@@ -8,9 +8,9 @@ know where the target requires to go, as the posterior bound of `occlog evaluate
 A filter that knows that people walk straight on and turn now and then: compiled, for one way after the other.
 
 Between turns a velocity stays as it is, but for noise; at a turn it is redrawn, N(0, fresh I), whatever it was.
-When a person turned the filter has to find out by what is seen.  It keeps hypotheses, each a Kalman filter of (x, y,
-vx, vy) with a probability: at every step one more is born of all others, that the target turns just now.  Of more than
-`MAX_HYPOTHESES` two neighbours in the order of their births are merged that differ least.  In a gap without sight the
+The filter estimates the times of turns from measurements.  It keeps hypotheses, each a Kalman filter of (x, y,
+vx, vy) with a probability: at every step one more starts from all others, for a turn at this step.  Of more than
+`MAX_HYPOTHESES` two neighbours in the order of their start are merged that differ least.  In a gap without sight the
 first two moments of all hypotheses together are exactly those of the walk.
 
 A filter may expect more noise of velocities than there is.  So each hypothesis has two covariances: the one that the
@@ -172,7 +172,7 @@ def _spread_into(P: Floats, dt: float, noise: StepNoise) -> None:
 
 @kernel
 def _weigh_into(rows: Floats, n: int, told: Floats, work: Floats) -> int:
-    """All hypotheses after what is reported at a step; how many are left of them, in front.
+    """All hypotheses after the measurement of a step; how many are left of them, in front.
 
     Args:
         rows: hypotheses.
@@ -203,9 +203,9 @@ def _weigh_into(rows: Floats, n: int, told: Floats, work: Floats) -> int:
 
 @kernel
 def _update_into(row: Floats, told: Floats, work: Floats) -> float:
-    """A hypothesis after what is reported; the logarithm of its likelihood, but for what all have in common.
+    """A hypothesis after a measurement; the logarithm of its likelihood, but for what all have in common.
 
-    With M = 1 + I P_xx: gain W = P_x M^-1 of the report in addition to I x, G = W I of the position; its covariance
+    With M = 1 + I P_xx: gain W = P_x M^-1 of the report beyond I x, G = W I of the position; the filter covariance
     becomes P - G P_x^T, the true one (1 - G H) R (1 - G H)^T + W I W^T.
     """
     xx, xy, yy = told[0], told[1], told[2]
@@ -275,7 +275,7 @@ MIN_VELOCITY_VARIANCE = 1e-18
 
 
 class Motion(NamedTuple):
-    """The second moments of a walk; how they are counted is in `occlog.plan.walks`."""
+    """The second moments of a walk; computed in `occlog.plan.walks`."""
 
     speed: float  # root mean square of the velocity, per second
     turns: float  # how often a second the velocity is forgotten
@@ -293,7 +293,7 @@ class Reports(NamedTuple):
     """Measurement information of N targets at T steps."""
 
     information: Floats  # (3, N, T) xx, xy, yy of the Fisher information I of each step about the position
-    noise: Floats  # (2, N, T) the error of what is reported, in units of I times a position; its covariance is I
+    noise: Floats  # (2, N, T) the error of the measurement, in units of I times a position; its covariance is I
 
 
 class ExpectedPosteriors(NamedTuple):
@@ -304,7 +304,7 @@ class ExpectedPosteriors(NamedTuple):
 
 
 def noise_of(information: Floats, chance: Floats) -> Floats:
-    """(2, N, T) errors of what is reported, from (2, N, T) standard normals: a root of the information times these."""
+    """(2, N, T) errors of the measurement, from (2, N, T) standard normals: a root of the information times these."""
     xx, xy, yy = information
     root = np.sqrt(xx)
     across = np.divide(xy, root, out=np.zeros_like(xy), where=root > 0.0)

@@ -81,7 +81,7 @@ def _map(
     axes: Axes, what: MapPicture, values: Floats, norm: Normalize, title: str, colours: str = MAP
 ) -> list[Line2D | Patch]:
     limits = _limits(what)
-    # Squares lie over the fields of view, of which the map states more
+    # Squares are above the fields of view in the legend
     handles = [h for h in draw_scene(axes, what.scene, limits) if h.get_label() != "field of view"]
     squares = _squares(what, values, norm=norm, cmap=colours, linewidth=0.2, edgecolor="face", zorder=1.3)
     axes.add_collection(squares)
@@ -144,7 +144,7 @@ RANKINGS = {
 
 
 class PageInput(NamedTuple):
-    """What is on the page."""
+    """Content of the page."""
 
     drawn: MapPicture
     summary: Mapping[str, object]

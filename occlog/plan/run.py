@@ -57,7 +57,7 @@ class Rankings:
 
 
 def run_plan(request: PlanRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Plan and write what is asked for; the summary, and the losses of the paths before."""
+    """Plan and write the requested output; the summary, and the losses of the paths before."""
     _check(request)
     scene = load_scene(request.scene, None, request.scene)
     config = configure(PlanConfig.in_unit(scene.length_unit), request.settings)
@@ -152,7 +152,7 @@ def _rank(request: PlanRequest, planned: PreparedPlan, candidates: Sequence[Sens
 
 
 def caveats(scene: Scene, table: PlanMap) -> list[str]:
-    """What is not reliable, or was skipped, in words."""
+    """Unreliable and skipped parts, in words."""
     out = []
     unplaced = [camera.name for camera in scene.cameras if not camera.placed]
     if unplaced:

@@ -94,7 +94,7 @@ def detection_of(sensor: Sensor) -> float:
 
 
 def unoccluded_view(sensor: Sensor, scene: Scene, walked: Walked, config: PlanConfig) -> Bools:
-    """(N, T) where nothing that stands or walks hides the target from the sensor; sound goes past everything."""
+    """(N, T) if neither obstacles nor people hide the target from the sensor; sound is never blocked."""
     n, steps = walked.ways.shape[:2]
     xy = walked.ways.reshape(-1, 2)
     if isinstance(sensor, MicrophoneArray):

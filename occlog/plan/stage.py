@@ -1,4 +1,4 @@
-"""Scene to the map of what is expected, and how it would be with a sensor more or less.
+"""Compute the map of expected errors of a scene, and those with a sensor more or less.
 
 Sensors that may be added, ranked by the error over the floor with each; and the scene's own, by that without each.
 
@@ -154,7 +154,7 @@ def expected_error(planned: PreparedPlan, told: Sequence[ExpectedInformation]) -
 
 
 def plan_map(planned: PreparedPlan) -> PlanMap:
-    """What is expected of the scene's sensors at each position."""
+    """Expected errors of the scene's sensors at each position."""
     told = list(planned.told.values())
     before = expected(planned, told)
     square = square_errors(planned, before)

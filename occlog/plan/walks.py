@@ -1,7 +1,7 @@
 """How people walk about a room, and what of that leads each of them to each position of the floor.
 
 All walk as in `occlog simulate`: to random positions, around static occluders and out of each other's way.  Any of them
-may be the target, whom the others hide: who comes close to it, and how long two who meet stand in each other's way, is
+may be the target, hidden by the others: the frequency and duration of close encounters is
 part of the walk.
 
 The second moments of a walk, counted.
@@ -12,7 +12,7 @@ that have, with a = (1 - exp(-r dt)) / r,
     E[d_0 . d_k] = v^2 a^2 exp(-r (k - 1) dt),   k = 1, 2, ...
     E[d_0 . d_0] = 2 v^2 (dt - a) / r + 2 s^2 dt
 
-so that r follows from where that has fallen to half of its value at k = 1, v from that value, and s from the steps
+so that r is determined where that has fallen to half of its value at k = 1, v from that value, and s from the steps
 alone.  Walkers who turn at walls, or aside for each other, are counted with all of it.
 """
 
@@ -209,7 +209,7 @@ def moments_of(people: Floats, dt: float) -> Motion:
 
 
 def _agreement(steps: Floats, lag: int) -> float:
-    """Mean inner product of steps that are this many apart."""
+    """Mean inner product of steps at this lag."""
     return float(np.mean(np.einsum("tni,tni->tn", steps[: len(steps) - lag], steps[lag:])))
 
 

@@ -155,7 +155,7 @@ class Chosen(NamedTuple):
 
     Attributes:
         plugin: the plug-in.
-        values: settings as far as they were given.
+        values: the given settings.
     """
 
     plugin: Plugin
@@ -175,5 +175,5 @@ class Chosen(NamedTuple):
             return of(config, *more)
 
     def provenance(self, length_unit: str) -> dict[str, object]:
-        """Name, package, version and all settings, for the provenance of what is made."""
+        """Name, package, version and all settings, for the provenance of outputs."""
         return {"name": self.plugin.name, "package": self.plugin.origin, **asdict(self.config(length_unit))}

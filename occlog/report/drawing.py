@@ -10,7 +10,7 @@ Matplotlib's SVG made fit for a page: small, themed by the page, readable by a s
 
 Style attributes become presentation attributes, so that the figures also show where a
 content security policy forbids inline styles; colours become CSS variables with the
-colour itself as what is used when there is no style sheet.
+colour itself as the default when there is no style sheet.
 
 Fewer points for drawing, with the extremes kept: a page must not grow with the recording.
 """
@@ -290,7 +290,7 @@ def _numbers(value: str) -> str:
 
 @dataclass(frozen=True)
 class Plot:
-    """One figure of the page: the picture, its heading, what it states in words, and where its axis of time lies."""
+    """One figure of the page: the picture, its heading, its description, and the position of its time axis."""
 
     heading: str
     svg: Markup
@@ -324,7 +324,7 @@ def plot(name: str, heading: str, caption: str, size: tuple[float, float], draw:
 
 
 def _time_of(canvas: Canvas) -> TimeSpan | None:
-    """Where the axis of time of a drawn figure lies; None: it has none."""
+    """Position of the time axis of a drawn figure; None: it has none."""
     for axes in canvas.axes:
         if axes.get_xlabel().startswith(TIME_LABEL):
             box, (t0, t1) = axes.get_position(), axes.get_xlim()
@@ -333,7 +333,7 @@ def _time_of(canvas: Canvas) -> TimeSpan | None:
 
 
 GAP = 5.0
-"""A line is broken where two samples are further apart than this many usual steps."""
+"""A line is broken where the gap of two samples exceeds this many usual steps."""
 
 
 def buckets_of(n: int, buckets: int) -> tuple[int, int]:

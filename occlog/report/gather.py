@@ -117,7 +117,7 @@ class Posts:
         self._last = both.take(np.sort(order[np.append(np.diff(target) != 0, True)]))
 
     def about(self, limits: Limits, side: TableBuffer[Tracks]) -> Tracks:
-        """All estimates between which those of a time interval lie; the side has those `NEAR_NS` about it."""
+        """All estimates around those of a time interval; the side has those `NEAR_NS` about it."""
         if self._all is None:
             found = Tracks.merge(self._parts)
             _, first = np.unique(np.column_stack([found.t_ns, found.target_id]), axis=0, return_index=True)
@@ -158,7 +158,7 @@ class ThinnedBearings:
 
     Attributes:
         table: those of the time steps.
-        whole: what is known of all rows.
+        whole: figures of all rows.
         looked: their summary.
         every: every n-th time step has its bearings.
         residuals: of each track.
@@ -313,7 +313,7 @@ class ReportFigures:
         deviation: median standard deviation of a position.
         selections: of each target for which cameras were selected.
         events: how many there are of each kind.
-        judged: what was checked of the tracks; None: nothing was.
+        judged: checks of the tracks; None: none.
     """
 
     whole: Mapping[str, TableTotals] = field(default_factory=dict)
@@ -417,7 +417,7 @@ def gather(
 
 
 class _Reading:
-    """Goes through the tables, and collects the drawing and what is stated."""
+    """Reads the tables, and collects the drawings and figures."""
 
     def __init__(self, given: Given, made: TrackProvenance, scene: Scene | None, unthinned: Collection[str]) -> None:
         self._open, self._made, self._scene, self._unthinned = given, made, scene, unthinned
@@ -549,7 +549,7 @@ class _Reading:
         return errors is not None and tracks is not None and relabelled(matching_tracks(errors, tracks))
 
     def _read_selections(self) -> None:
-        """What came out where cameras were selected; errors contain nothing about tracks that have their own names."""
+        """Errors at selections of cameras; errors contain nothing about tracks that have their own names."""
         if self._selected is None:
             return
         selected, given = self._selected

@@ -163,7 +163,7 @@ def verdict_heading(verdicts: Sequence[Verdict]) -> str:
 
 
 def check_rows(verdicts: Sequence[Verdict]) -> list[CheckRow]:
-    """What was checked, with results, figures and the reasons of what could not be checked."""
+    """Checks with results, figures and the reasons of checks that were impossible."""
     return [
         CheckRow(check.name, stage, _result(check), _figures(check), affected(check))
         for stage, check in made_checks(verdicts)
@@ -239,7 +239,7 @@ def floorplan(data: ReportInput) -> Plot:
         words.append(f"Moving occluders are drawn as the tracker knew them at {plural(n, 'moment')}.")
     if (since := bold_from(data)) is not None:
         recent = TimeAxis(since, data.time.end_ns).told
-        words.append(f"The paths are long: the last {recent} are bold, what came before is faint.")
+        words.append(f"The paths are long: the last {recent} are bold, earlier parts are faint.")
     if (gone := outside(data)) > 0:
         whose = " of those that are drawn lie" if data.drawn("tracks") else ""
         words.append(f"{plural(gone, 'estimate')}{whose} outside the drawing.")

@@ -79,7 +79,7 @@ class PageRequest(ReportRequestBase):
 
     @cached_property
     def found(self) -> PageRequest:
-        """The request with what a run folder holds in the position of what is not named."""
+        """The request with what a run folder holds in place of inputs that are not named."""
         found: PageRequest = load("occlog.report.run:from_folder")(self)
         return found
 

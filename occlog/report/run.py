@@ -1,6 +1,6 @@
 """What `occlog report` does for a page: read, draw, write the page, the picture and the text.
 
-What `occlog report` reads: the files that are named or lie in a run folder, and their rows.
+What `occlog report` reads: the files that are named or in a run folder, and their rows.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 def from_folder(request: PageRequest) -> PageRequest:
-    """Where TRACKS is a run folder, what it holds instead of what is not named."""
+    """Where TRACKS is a run folder, its files for the inputs that are not named."""
     folder = request.tracks
     if folder is None or not folder.is_dir():
         return request
@@ -63,7 +63,7 @@ def read_input(request: PageRequest, whole: Collection[str] = ()) -> ReportInput
     """Everything that was named; the scene of the recording with the truth or the bearings if no other is named.
 
     Args:
-        request: what is read.
+        request: inputs.
         whole: names of tables that are drawn whole, however long they are.
     """
     from occlog.io.files.texts.documents import read_json
@@ -124,7 +124,7 @@ def _unit(paths: PageRequest, scene: Scene | None) -> str:
 
 
 def _made(paths: PageRequest, title: str) -> tuple[dict[str, object], tuple[Loss, ...], tuple[Verdict, ...]]:
-    """How this report and each of its inputs were made, the losses in making them, and what was found in them."""
+    """How this report and each of its inputs were made, the losses in making them, and their findings."""
     from occlog.io.files.inputs import hash_inputs
     from occlog.io.files.provenance import Provenance
     from occlog.io.open import input_losses, open_if_ours

@@ -313,7 +313,7 @@ class MeasureConfig(Settings):
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """What is measured."""
+        """Settings of the measurements."""
         return () if self.measure is None else tuple(part.strip() for part in self.measure.split(","))
 
 

@@ -134,7 +134,7 @@ def _check_request(scene: Scene, request: SceneRequest) -> None:
         raise UsageError(f"{of_video[0]} is about video; add {option('render')}")
     if (request.avoidance or request.avoid is not None) and request.world.get("motion") != "field":
         flag = option("avoid") if request.avoid is not None else flag_of(FieldConfig, next(iter(request.avoidance)))
-        raise UsageError(f"{flag} is about walkers that avoid what is in their way; add {option('motion')} field")
+        raise UsageError(f"{flag} is about walkers that avoid obstacles; add {option('motion')} field")
     if request.sound and not scene.arrays:
         flag = flag_of(SoundConfig, next(iter(request.sound)))
         raise UsageError(f"{flag} is about microphone arrays, but the scene has none")

@@ -100,7 +100,7 @@ def simulate_truth(
 
 
 def _avoidance(scene: Scene, config: WorldConfig, field: FieldConfig, people: MovingObstacleTracks | None) -> Avoidance:
-    """Rules of objects that avoid what is in their way."""
+    """Rules of objects that avoid obstacles."""
     return Avoidance(
         field=field_of(field),
         steps=steps_of(field, config.speed * config.step_s, 0.5 * config.diameter),

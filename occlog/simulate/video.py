@@ -46,7 +46,7 @@ class Setup:
         sound: what sources do and arrays hear.
         script: paths of targets; None: random walkers.
         apart: no occlusion between people in the first frame.
-        field: how walkers avoid what is in their way, where motion is `field`.
+        field: obstacle avoidance of walkers, where motion is `field`.
         people: recorded walkers, which are avoided; None: none.
         reads: what readers of tags read.
         measure: what cameras and arrays measure of distances.

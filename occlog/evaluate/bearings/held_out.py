@@ -274,7 +274,7 @@ class BoxFrames(NamedTuple):
 
 
 class Walker(NamedTuple):
-    """A track: where its person stands and how tall they are."""
+    """A track: position and height of its person."""
 
     t_ns: Ints
     state: Floats  # (M, 3) x, y, height
@@ -350,7 +350,7 @@ def tally(camera: Camera, looks: BoxFrames, walkers: list[Walker], config: Evalu
     """Pair the boxes of each frame with the tracks of the frame that is `shift` frames later, one to one."""
     times = np.roll(looks.t_ns, -shift)
     states = [interpolate_positions(times, w.t_ns, w.state, config.bridge_ns)[0] for w in walkers]
-    # (F, K, 3) where each track stands at each time, NaN where it is not
+    # (F, K, 3) position of each track at each time, NaN where it is not
     state = np.stack(states, axis=1) if states else np.full((len(times), 0, 3), np.nan)
     middle = project(camera, state, 0.5)
     feet = project(camera, state, 0.0)

@@ -7,7 +7,7 @@ is anywhere up to the largest there is.  s and the share of scans with a false b
 maximisation of this mixture, from the median of S over that of the distribution: s^2 is the sum of all S over that of
 the degrees of freedom, each by the probability that the scan has no false bearing.
 
-Errors of the poses are in it, as they are for a filter.  What is wrong in the same way in all sensors is not.
+Errors of the poses are in it, as they are for a filter.  Errors common to all sensors are not.
 
 Noise of each camera's readings, measured where the target's position is known ([Rahimi] Sec. 7), and a scene with it.
 
@@ -115,7 +115,7 @@ MIN_SCANS = 20
 INITIAL_OUTLIER_SHARE = 0.2
 """Share of scans with a false bearing initially."""
 MIN_OUTLIER_RANGE_SIGMAS = 20.0
-"""False bearings leave up to this many standard deviations at least: what lies at the end of honest noise is none."""
+"""False bearings leave up to this many standard deviations at least: the tail of correct noise is no false bearing."""
 MIN_SHARE, TINY = 1e-9, 1e-30
 """Neither share is less; nor is a square over its variance."""
 STARTS, DECIDED = (1.0, 0.01, 0.0001), 10.0

@@ -95,7 +95,7 @@ class TriangulationFigures:
 
         Args:
             unit: of lengths.
-            config: how lines of sight meet, and how far apart samples of tracks may be.
+            config: how lines of sight meet, and largest gap between samples of tracks.
             in_memory: how many numbers of a kind are kept in memory.
         """
         self._unit, self._config = unit, config
@@ -160,7 +160,7 @@ class AgainstBearings:
         """Nothing came yet.
 
         Args:
-            sources: what is compared; there are bearings and tracks, a truth or both, or measurements and a truth.
+            sources: inputs; they have bearings and tracks, a truth or both, or measurements and a truth.
             known: of tracks and truth.
             outlines: of the truth.
             scene: the sensors.
@@ -351,7 +351,7 @@ def no_meeting(labelled: bool, config: EvaluateConfig) -> str:
 
     Args:
         labelled: a bearing states which target it is of.
-        config: how far apart bearings of one scan may be.
+        config: time window of a scan.
     """
     if labelled:
         return (

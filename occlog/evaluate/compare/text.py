@@ -1,4 +1,4 @@
-"""What comes of a comparison.
+"""Result of a comparison.
 
 A comparison in words: for the terminal, as Markdown, as JSON.
 """
@@ -33,7 +33,7 @@ class ComparisonRow:
     Attributes:
         method: position among those that were given, from 1.
         figure: name.
-        found: what was found.
+        found: findings.
         holm: p, with all rows of a comparison tested together (Holm 1979).
         verdict: `better`, `worse`, `no difference shown` or `not decided`, for the later method.
     """

@@ -119,7 +119,7 @@ def dimension(target: int, *, high: bool, in_space: bool, config: EvaluateConfig
         target: identity in the truth.
         high: whether its true height is known anywhere.
         in_space: whether one of its errors is in space.
-        config: what is asked for.
+        config: requested figures.
     """
     if config.bound_in == "ground" or (config.bound_in == "auto" and not in_space):
         return 2
@@ -269,6 +269,6 @@ class DistancesOfTargets:
         """Report that all rows came.
 
         Raises:
-            InputError: most differences are longer than their stations are apart.
+            InputError: most range differences exceed the distance of their stations.
         """
         self._differences.refuse()

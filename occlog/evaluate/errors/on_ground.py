@@ -90,7 +90,7 @@ class Gaps:
             t_ns: their times.
             path: of the target, or the part of it about these times.
             span_ns: first and last time of the whole path.
-            config: how far apart samples of the truth may be.
+            config: largest gap between samples of the truth.
         """
         t_ns = t_ns[(t_ns >= span_ns[0]) & (t_ns <= span_ns[1])]
         unknown = int(np.count_nonzero(~path.at(t_ns, config.limit_ns)[1]))
@@ -111,7 +111,7 @@ class Gaps:
 
 
 def errors_of_pairs(tracks_ns: tuple[int, int], truth_ns: tuple[int, int], config: EvaluateConfig) -> InputError:
-    """What is stated where the truth covers the time of no estimate; first and last times of both."""
+    """Message if the truth covers the time of no estimate; first and last times of both."""
     tracks, truth = (f"{first} to {last} ns" for first, last in (tracks_ns, truth_ns))
     if config.match == "id" and tracks_ns[0] <= truth_ns[1] and truth_ns[0] <= tracks_ns[1]:
         return InputError(
@@ -132,7 +132,7 @@ def errors_of(rows: Tracks, target: int, path: ObjectPath, config: EvaluateConfi
         rows: N estimates of one track.
         target: identity in the truth.
         path: of the target.
-        config: how far apart samples of the truth may be.
+        config: largest gap between samples of the truth.
     """
     true, good = path.at(rows.t_ns, config.limit_ns)
     kept, true = rows.take(good), true[good]

@@ -199,7 +199,7 @@ class StretchTables(NamedTuple):
     Attributes:
         sides: the other tables, of which nothing is read yet.
         margins_ns: of each of them.
-        tracks_ns: of tracks, if more than what is bridged.
+        tracks_ns: of tracks, if more than the bridged gap.
         truth_ns: of the truth, likewise.
     """
 
@@ -219,14 +219,14 @@ def chunks_in_time(
 ) -> Iterator[EvaluationChunk]:
     """Go through tracks and truth side by side.
 
-    A section has about it as much as gaps are bridged, so that what is interpolated in it is the same as in the whole.
+    A section has about it as much as gaps are bridged, so that interpolation in it is the same as in the whole.
 
     Args:
         tracks: chunks in the order of time.
         truth: likewise.
         known: of the same chunks.
-        config: how far apart samples may be.
-        track_gap_ns: how far apart samples of tracks may be, if that is further.
+        config: largest gap between samples.
+        track_gap_ns: largest gap between samples of tracks, if larger.
         beside: other tables, of which rows may be read with a section.
     """
     more = beside or StretchTables()

@@ -20,7 +20,7 @@ from occlog.records.tables import Truth
 from .paths import ObjectPath
 
 NEAR_NS = 60 * NS
-"""Samples further apart than this are kept of the whole; so far about a section its samples are needed."""
+"""Samples further apart than this are kept of the whole; samples are needed this far around a section."""
 TARGET, OCCLUDER = "target", "occluder"
 
 
@@ -104,11 +104,11 @@ class TruthOutlines:
         return self._gaps_ns
 
     def paths(self, near: Truth, limits: tuple[int, int], role: str, gaps_ns: dict[int, int]) -> dict[int, ObjectPath]:
-        """Path of each object, by rising identity, with what is known far away.
+        """Path of each object, by rising identity, with coarse samples far away.
 
         Args:
             near: rows from the first of the limits on, up to the second, which is skipped.
-            limits: at least `NEAR_NS` and the widest gap that is bridged about what is asked for.
+            limits: at least `NEAR_NS` and the widest gap that is bridged around the requested times.
             role: of the objects.
             gaps_ns: see the method of that name.
         """

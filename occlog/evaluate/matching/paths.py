@@ -45,7 +45,7 @@ class ObjectPath:
     def usual_gap_ns(self) -> int:
         """Widest gap that is bridged unless one is given: 1.5 times the median time between samples, within limits.
 
-        A sample that is missing is so not made up where they are far enough apart to matter: at 2 a second a second is
+        So a missing sample is not interpolated if the gap is large enough to matter: at 2 a second a second is
         long for a person.
         """
         if self.gap_ns is not None:
@@ -84,7 +84,7 @@ class ObjectPath:
 
 
 def usual_gap_ns(step_ns: float) -> int:
-    """Widest gap that is bridged between samples that usually are `step_ns` apart."""
+    """Widest gap that is bridged between samples with the usual interval `step_ns`."""
     return round(min(max(MAX_GAP_STEPS * step_ns, MIN_BRIDGE_S * NS), BRIDGE_S * NS))
 
 

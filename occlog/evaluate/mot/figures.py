@@ -139,7 +139,7 @@ class GospaFigures:
 
 
 def power_of(config: MultiTargetConfig, unit: str) -> str:
-    """What follows the unit in the names of parts of GOSPA: its exponent, unless that is 1 or there is no unit."""
+    """Suffix after the unit in the names of parts of GOSPA: its exponent, unless that is 1 or there is no unit."""
     return f"{config.gospa_p:g}".replace(".", "p") if unit and config.gospa_p != 1 else ""
 
 
@@ -221,7 +221,7 @@ def matchings_differ(metrics: Mapping[str, float], unit: str) -> bool:
 
 
 def notes(metrics: Mapping[str, float], unit: str, match: str) -> tuple[str, ...]:
-    """A line on which of two errors to read where they are far apart.
+    """A line on which of two errors to read where they differ much.
 
     Args:
         metrics: all figures.

@@ -72,7 +72,7 @@ def in_images(path: Path | None) -> bool:
 
 
 def evaluate_in_images(request: EvaluateRequest, job: Job) -> Evaluation:
-    """Read, compare, write; what came out."""
+    """Read, compare, write; the result."""
     compared, config, scene = compared_boxes(request)
     begin_work()
     provenance = job.provenance(asdict(config), previous_losses(request.inputs))

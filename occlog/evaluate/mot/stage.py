@@ -205,7 +205,7 @@ class ImageTrackFigures:
 
         Args:
             frames: number of frames of each view.
-            counts: of what was compared and what was skipped.
+            counts: of compared and skipped rows.
         """
         out = self._pooled.result(sum(frames), counts)
         if len(self._views) > 1:
@@ -384,7 +384,7 @@ class ComparedBoxes:
         views: cameras that are compared.
         left_out: cameras of the truth that have no track.
         frames: of each view its number of true frames.
-        counts: what was compared and what was skipped.
+        counts: compared and skipped rows.
         targets: (G, 2) view and label of each target.
         tracks: (K, 2) view and label of each track.
     """
@@ -405,7 +405,7 @@ class ComparedBoxes:
             config: options.
             looked: cameras that are compared even if no track is in them.
             by_number: frames are the same when camera and number are; otherwise when camera and time are.
-            adjust: what is done to each part, such as leaving out tracks of distractors.
+            adjust: change of each part, such as leaving out tracks of distractors.
 
         Raises:
             InputError: nothing is to be compared, or an object has no identity, or the same one twice in a frame.

@@ -9,7 +9,7 @@ that the times are needed in tables only.
 
 Truth with classes, as the MOTChallenge and TrackEval treat it before they score.
 
-Tracks of a box that is a person in some way, but no pedestrian to be followed, are neither right nor wrong and are
+Tracks of a box that is a person in some way, but no pedestrian to be tracked, are neither right nor wrong and are
 dropped; so are true boxes that are marked 0 or of another class than pedestrian.
 """
 
@@ -53,7 +53,7 @@ class TruthAndTracks(NamedTuple):
         visible: (n,) visible share of each true object; NaN: not known.
         t_ns: for each view the times of its frames.
         number: for each view the numbers of its frames in the camera's stream.
-        counts: what was compared and what was skipped.
+        counts: compared and skipped rows.
     """
 
     views: tuple[str, ...]
@@ -301,7 +301,7 @@ def frame_times(config: MultiTargetConfig) -> FrameTimes:
 
 
 def timed_like(truth: TruthBoxes, tracks: Boxes, camera: str, config: MultiTargetConfig, path: Path) -> TruthBoxes:
-    """The truth with the times that its frames have in the tracks; frames between and beyond these lie evenly.
+    """The truth with the times that its frames have in the tracks; frames between and beyond these are evenly spaced.
 
     Args:
         truth: true boxes of a file without times.
@@ -336,7 +336,7 @@ def check_counted(path: Path, name: str | None, text: bool, config: MultiTargetC
         path: the file.
         name: as `annotation_format` states.
         text: it is MOTChallenge text.
-        config: with what was given.
+        config: as given.
     """
     if config.fps is not None and name is None and not text:
         raise UsageError(f"{option('fps')} is for a truth that counts frames; {path} has times, leave it out")

@@ -27,7 +27,7 @@ MIN_INTERVALS = 10
 REGULAR_SHARE, REGULAR_FROM, REGULAR_TO = 0.9, 0.5, 1.5
 """Of a regular sensor at least this share of intervals is between these times the usual one."""
 MAX_INTERVALS = 50_000
-"""Different intervals that are kept apart; beyond, they are rounded to `DIGITS` digits."""
+"""Different intervals that are kept separately; beyond, they are rounded to `DIGITS` digits."""
 DIGITS = 3
 KEPT_GAPS = 64
 FIRST_NS, LAST_NS = 946_684_800 * NS, 4_102_444_800 * NS
@@ -153,7 +153,7 @@ class SensorTimes:
         return 0
 
     def judge(self, findings: Findings) -> None:
-        """Note what is wrong with the times of this sensor alone."""
+        """Note faults in the times of this sensor alone."""
         if self._back and not self.sorted:
             findings.add("left-out" if self.dropped else "order", self.name, self._first_back, count=self._back)
         if self.unique and self._repeats:

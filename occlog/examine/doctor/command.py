@@ -20,7 +20,7 @@ def command(files: tuple[Path, ...], as_json: bool, quiet: bool) -> int:
     """List everything that is wrong in FILES: recordings, tables, scenes, calibrations, videos, and their clocks.
 
     Of a folder all files are checked, those of its subfolders too.  Each finding is one line: how bad it is, the
-    file, the position in it, what is there, what may be there, and what to do.  Nothing is changed, and nothing stops
+    file, the position in it, the value, the limit, and what to do.  Nothing is changed, and nothing stops
     at the first finding; one of several that is missing is a finding, too.
 
     The exit code is that of the worst finding: 4 for an error, at which a command that reads the file stops; 3 for

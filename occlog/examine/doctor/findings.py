@@ -33,7 +33,7 @@ class FindingKind(NamedTuple):
 
     Attributes:
         severity: how bad it is.
-        what: what is wrong, in words.
+        what: the fault, in words.
         limit: up to where it would not be; empty: none can be stated, or the value states it.
         remedy: what to do; empty: the value states it.
     """
@@ -65,7 +65,7 @@ KINDS: dict[str, FindingKind] = {
     "miscounted": FindingKind(N, "more messages than its metadata count; `occlog ingest` reads all"),
     "message": FindingKind(E, "a message that is not of its type", remedy="make the recording again"),
     "row": FindingKind(E, "a row that cannot be"),
-    "repeated-row": FindingKind(E, "rows that stand there again", "once", "remove the copies"),
+    "repeated-row": FindingKind(E, "duplicate rows", "once", "remove the copies"),
     "two-places": FindingKind(E, "a person in two positions at one time", "one row", "keep one of them"),
     "double-key": FindingKind(W, "rows of one key with different values", "one row", "keep one of them"),
     "order": FindingKind(E, "a time that goes back", "each after the one before", "sort by time"),
@@ -131,7 +131,7 @@ class Finding(NamedTuple):
         kind: one of `KINDS`.
         file: the file, as it was named.
         place: where in it: byte, line, row, sensor and time; empty: in the whole of it.
-        value: what is there.
+        value: value found.
         limit: what may be there; empty: that of the kind.
         places: how many positions are like this one, itself included.
     """
@@ -192,11 +192,11 @@ class Findings:
         Args:
             kind: one of `KINDS`.
             place: where it is.
-            value: what is there.
+            value: value found.
             limit: what may be there, if the kind does not state it.
             count: how many locations it represents.
             alike: what findings have in common that are counted as one; empty: each of the first `MAX_LISTED_FINDINGS`
-                stands alone.
+                is listed separately.
         """
         key = (kind, alike or f"{place}\0{value}")
         if key not in self._found and self._kinds.get(kind, 0) >= MAX_LISTED_FINDINGS:
@@ -245,7 +245,7 @@ def finding_schema() -> dict[str, object]:
         "file": text | {"description": "as it was named, with the folder in which it was found"},
         "place": maybe | {"description": "byte, line, row, sensor and time; null: the whole file"},
         "what": text,
-        "value": maybe | {"description": "what is there"},
+        "value": maybe | {"description": "value found"},
         "limit": maybe | {"description": "what may be there"},
         "remedy": maybe | {"description": "what to do; null where the value states it"},
         "count": count | {"description": "positions like this one, itself included"},

@@ -1,6 +1,6 @@
 """Recordings of occlog: chunks and their check sums, messages, images, linked videos, the scene and the clocks.
 
-Bags of other programs: what is lost of them, header stamps, and clocks.
+Bags of other programs: their losses, header stamps, and clocks.
 
 Videos and images: frames that are promised and cannot be decoded, and frames at uneven times.
 """
@@ -197,8 +197,8 @@ def check_recording(path: Path, recording: McapRecording | None, findings: Findi
 
     Args:
         path: the recording.
-        recording: it, opened; None: it is damaged, and what is whole is checked.
-        findings: takes what is wrong.
+        recording: it, opened; None: it is damaged, and its intact part is checked.
+        findings: receives the faults.
         seen: videos that have been checked; those that are linked to are added.
     """
     look, fault = _RecordingScan(path, findings), None
@@ -317,7 +317,7 @@ class _RecordingScan:
             self._findings.refused("message", InputError(text), place=f"{message.topic}, message {message.number}")
 
     def finish(self) -> None:
-        """Judge what is known when all messages have been seen."""
+        """Judge the statistics when all messages have been seen."""
         for table in self._collectors:
             self._sift(table)
         for watch in self._watches.values():

@@ -33,7 +33,7 @@ PAGES = (".md", ".html", ".pdf", ".py", ".sh", ".log", ".source", ".svg")
 
 @dataclass
 class Diagnosis:
-    """What was found in all files.
+    """Findings of all files.
 
     Attributes:
         files: number of files that were checked.

@@ -1,6 +1,6 @@
 """Tables: Parquet of occlog, and tables of other programs that fit one of ours.
 
-Rows that cannot be: all of them, though what checks them stops at the first; and rows that stand there twice.
+Rows that cannot be: all of them, although their check stops at the first; and duplicate rows.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class TableWatch:
         self._settle(whole.take(slice(0, last)) if self._held is not None else whole)
 
     def finish(self) -> None:
-        """Take what was held back, and judge."""
+        """Process the rows held back, and judge."""
         if self._held is not None:
             self._settle(self._held)
         check_clocks(self.clocks, self.findings)
@@ -174,7 +174,7 @@ def check_table(path: Path, findings: Findings) -> None:
         header = read_header(path)
         note_losses(header.provenance.losses, findings)
         if header.table.startswith(GATHERED):
-            # Rows of several recordings, which follow no order
+            # Rows of several recordings, which are in no order
             for _ in arrow_batches(path):
                 pass
             return

@@ -38,7 +38,7 @@ MAX_ROWS = 8_000_000
 
 
 def check_boxes(source: BoxSource, findings: Findings) -> None:
-    """Check every row of a file of boxes, for rows that stand there twice, and at the times of frames."""
+    """Check every row of a file of boxes, for duplicate rows, and at the times of frames."""
     copies, cameras = _Copies(), list[str]()
     stamps: dict[str, dict[int, int]] = {}
     with bad_lines_told_to(partial(findings.refused, "row")):
@@ -89,7 +89,7 @@ class _Copies:
         self._rows = 0
 
     def add(self, lines: Ints, boxes: FileBoxRows) -> None:
-        """Take rows and the lines where they stand."""
+        """Take rows and their lines."""
         if self._rows < MAX_ROWS:
             self._marks.append(fingerprints(boxes))
             self._lines.append(lines)
@@ -151,7 +151,7 @@ def _yaml(path: Path, findings: Findings) -> bool:
 def _calibration(path: Path, findings: Findings) -> bool:
     """Whether a file is a calibration of a known format; what cannot be read of one is noted."""
     try:
-        # Some formats want a size of the images, which is then required: any will do for a check
+        # Some formats require the size of the images: any will do for a check
         calibration = read_calibration([path], options=CalibrationOptions(image_size=ANY_SIZE))
     except (InputError, UsageError) as error:
         if "not a calibration of a known format" in str(error):

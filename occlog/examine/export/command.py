@@ -99,7 +99,7 @@ def command(
     as_json: bool,
     **values: object,
 ) -> int:
-    """Call the run, and print what was written; nothing more where the table itself is printed."""
+    """Call the run, and print the written files; nothing more where the table itself is printed."""
     name = to or format_of(output.name)
     if name is not None and name in FORMATS and FORMATS[name].viewer:
         named = {"--table": table, "--target": targets, "--camera": camera, "--origin": origin}

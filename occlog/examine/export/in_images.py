@@ -122,7 +122,7 @@ def sequence_info(found: Cameras, camera: str | None, folder: str, scene: Scene 
 
 
 def kitti_text(boxes: Boxes) -> str:
-    """Lines of KITTI's tracks: frame, identity, type, and what is in the image; positions in space are not known."""
+    """Lines of KITTI's tracks: frame, identity, type, and values in the image; positions in space are not known."""
     unknown = "-1 -1 -1 -1000 -1000 -1000 -10"
     rows = zip(
         boxes.frame.tolist(),

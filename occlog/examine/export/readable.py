@@ -75,7 +75,7 @@ BOXES = {
 """Columns of boxes that a format holds; MOTChallenge has identities of tracks, too."""
 ELLIPSE = ("x_px", "y_px", "a_px", "b_px", "rho")
 SILENT = ("role", "box", "cluster", "sensor")
-"""Columns that are reported otherwise, or number what is there anyway."""
+"""Columns that are reported otherwise, or number existing rows."""
 WORDS = {"t_ns": "times", "target_id": "identities", "z": "heights"}
 
 
@@ -129,7 +129,7 @@ class UnrepresentableColumns:
                 self._known[c.name] = None
 
     def words(self) -> tuple[str, ...]:
-        """What is not held, each in a few words."""
+        """Content that is not held, each item in a few words."""
         out = []
         if self._name in UNITLESS and self._unit != "m":
             out.append(f"that lengths are in {self._unit}")
@@ -138,7 +138,7 @@ class UnrepresentableColumns:
         if self._heightless and "z" in PLACES.get(self._name, ()):
             out.append(f"which heights are not known (0 in {counted(self._heightless, 'row')})")
         if self._others and not self._chosen:
-            out.append(f"{counted(self._others, 'row')} of what is no target")
+            out.append(f"{counted(self._others, 'row')} of other objects than targets")
         covariances = [name for name in self._known if name.startswith(("cov_", "sd_"))]
         speeds = [name for name in self._known if name in ("vx", "vy", "vz")]
         rest = [name for name in self._known if name not in covariances and name not in speeds]

@@ -260,7 +260,7 @@ def _write_text(
     file: IO[bytes],
     world: tuple[str, Scene | None],
 ) -> tuple[int, Cameras | None, tuple[str, ...]]:
-    """Write a format that is no table: the rows in it, of one in images what the table holds, and what is not held.
+    """Write a format that is no table: its rows, for images the content of the table, and the content left out.
 
     The rows are read twice: once for what a message or a head must know of all of them.
     """

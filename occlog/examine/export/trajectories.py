@@ -3,7 +3,7 @@
 Whole tables as text with a header, and as Parquet with plain columns.
 
 A name of a column ends in its unit: `bearing_rad`, `x_m`, `cov_xx_m2`; those of times and pixels state it already.
-What is read again (`occlog.io.foreign`) is the same table.
+Reading it again (`occlog.io.foreign`) gives the same table.
 """
 
 from __future__ import annotations
@@ -292,7 +292,7 @@ def write_csv(
 
 
 def _cells(part: ColumnTable, column: Column) -> Sequence[str]:
-    """The values of a column as text; what is not known is empty."""
+    """The values of a column as text; unknown values are empty."""
     values = getattr(part, column.name)
     if column.kind == "U":
         return [_quoted(no_formula(text)) for text in values.tolist()]
@@ -310,7 +310,7 @@ def _quoted(text: str) -> str:
 
 
 def write_parquet(rows: Iterable[ColumnTable], table: type[ColumnTable], file: IO[bytes], length_unit: str) -> int:
-    """Write Parquet without our keys, with null for what is not known; the number of rows."""
+    """Write Parquet without our keys, with null for unknown values; the number of rows."""
     schema = pa.schema([pa.field(shown_name(c, length_unit), _kind(c)) for c in table.columns()])
     count = 0
     with pq.ParquetWriter(file, schema, compression="zstd") as writer:

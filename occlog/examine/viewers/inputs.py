@@ -1,4 +1,4 @@
-"""What is shown: a run folder with its recording, a recording alone, or a table with or without one."""
+"""Input to show: a run folder with its recording, a recording alone, or a table with or without one."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from occlog.settings import METRES
 T = TypeVar("T", bound=ColumnTable)
 RECORDING = "recording.mcap"
 ROWS = 8192
-"""Rows of a table that are held at once: of several tables, each up to three times while one chunk follows another."""
+"""Rows of a table that are held at once: of several tables, each up to three times between chunks."""
 SHOWN: tuple[type[ColumnTable], ...] = (
     Truth,
     Diagnostics,
@@ -99,7 +99,7 @@ class ViewerInputs:
             yield from chunks_of_equal_time(rows)
 
     def targets(self) -> set[int]:
-        """Every identity that is followed."""
+        """Every identity that is tracked."""
         kinds: tuple[type[Tracks] | type[ViewTracks], ...] = (Tracks, ViewTracks)
         found = (rows for kind in kinds if self.has(kind) for rows in self.tables[kind.NAME].rows(kind, at_once=ROWS))
         return {target for rows in found for target in np.unique(rows.target_id).tolist()}
@@ -179,7 +179,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def note_unexpected(inputs: ViewerInputs, quiet: bool) -> None:
-    """Report what is not as one may expect: no images, a unit without a length, tracks of another recording."""
+    """Report unusual inputs: no images, a unit without a length, tracks of another recording."""
     if inputs.recording is None:
         console.note(
             f"no recording is given: no images and no truth are shown; name it with {option('recording')}", quiet

@@ -1,7 +1,7 @@
 """What happens, in the order of time: rows of tables and frames, as messages of a viewer.
 
 At one time truth comes first, then what the filter said of itself, then estimates, and images last: an image is drawn
-over with what is known by then.
+over with the values known by then.
 
 Fewer time steps of a long recording: what viewers keep in memory grows with what a file holds.
 """
@@ -59,7 +59,7 @@ LAYERS: dict[type[ColumnTable], str] = {
     Boxes: "boxes",
     TruthBoxes: "true_boxes",
 }
-"""What lies over an image can be shown or not, each for itself: targets, boxes of a detector, true boxes."""
+"""Overlays of an image can be shown separately: targets, boxes of a detector, true boxes."""
 PARTICLES = "/particles"
 """The topic of dots alone, which all viewers draw of clouds of points."""
 SHADOWS_NS = NS // 5
@@ -115,7 +115,7 @@ class ViewerStream:
         self._cameras: dict[str, Camera] = {} if scene is None else {c.name: c for c in scene.cameras}
         self._told = DiagnosticsDrawing()
         self._over: dict[str, dict[str, tuple[int, list[DrawingGroup]]]] = {}
-        self._stands: dict[str, tuple[int, int]] = {}  # by topic when it was drawn, and until when that stands
+        self._stands: dict[str, tuple[int, int]] = {}  # by topic when it was drawn, and until when that is valid
         self._selects = False  # whether cameras were ever selected
         self._next_shadows = -(1 << 62)
 
@@ -150,7 +150,7 @@ class ViewerStream:
                 yield moment
 
     def _note(self, moment: SceneDrawing) -> None:
-        """Keep until when the drawing may stand: as long as two and a half times it took to come, 1 s at least."""
+        """Keep until when the drawing is valid: as long as two and a half times it took to come, 1 s at least."""
         before = self._stands.get(moment.topic)
         apart = 0 if before is None else moment.t_ns - before[0]
         self._stands[moment.topic] = (moment.t_ns, moment.t_ns + max(STALE_NS, 5 * apart // 2))
@@ -158,7 +158,7 @@ class ViewerStream:
             del self._stands[moment.topic]
 
     def _ended(self, t_ns: int) -> Iterator[Moment]:
-        """Nothing on topics that have ended by now: a viewer would show what was drawn last for ever."""
+        """Clear topics that have ended by now; a viewer would show their last drawing forever."""
         for topic, (_, until) in list(self._stands.items()):
             if t_ns > until:
                 del self._stands[topic]
@@ -300,7 +300,7 @@ class Thinner:
         )
         self._begin = t_ns if self._begin is None else self._begin
         if isinstance(moment, SceneDrawing) and not moment.things:
-            # Nothing any more: what was drawn last would stay for ever
+            # Nothing any more: the last drawing would stay forever
             shown = topic in self._shown
             self._shown.discard(topic)
             return shown

@@ -55,7 +55,7 @@ def check_writable(path: Path, overwrite: bool) -> None:
         raise UsageError("-: nothing is written to standard output; name a file")
     only = _ONLY.get()
     if only is not None and only not in Path(os.path.realpath(path)).parents:
-        raise OutputError(f"{path}: lies outside of {only}, where all outputs have to be here")
+        raise OutputError(f"{path}: is outside of {only}; all outputs must be in it")
     own = _NO_LINKS.get()
     if own is not None and own in (Path.cwd() / path).parents:
         real = Path(os.path.realpath(path))
@@ -98,7 +98,7 @@ class OutputGroup:
     """Context manager: outputs opened with it take their names when its block ends without an error.
 
     They do so in the order in which they were completed, one right after the other; after an error
-    none of them does, and what was there before is there again.
+    none of them does, and the previous files are restored.
     """
 
     def __init__(self) -> None:
@@ -210,7 +210,7 @@ def _kept_aside(path: Path) -> bool:
 
 
 def _put_back(path: Path, *, existed: bool) -> None:
-    """What was there before, after an error."""
+    """Restore the previous files after an error."""
     with suppress(OSError):
         if existed:
             _aside(path).replace(path)

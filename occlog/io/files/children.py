@@ -1,4 +1,4 @@
-"""Processes that this one starts to take files apart: what they find, how they are talked to, how they ended."""
+"""Processes that this one starts to parse files: results, protocol and exit."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from occlog.records.verdicts import Verdict
 def hash_inputs(paths: Iterable[Path]) -> InputDigests:
     """Name and SHA-256 of each file, and the verdicts that the files carry.
 
-    Names have no folders, so that outputs do not depend on where the files lie.
+    Names have no folders, so that outputs do not depend on the folder of the files.
     """
     files = [Path(path) for path in paths]
     found = [(path.name, hash_file(path)) for path in files]

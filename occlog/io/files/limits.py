@@ -21,7 +21,7 @@ from pathlib import Path
 from occlog.errors import InputError
 
 STANDARD_INPUT = "-"
-"""Name of the file that holds what came from standard input."""
+"""Name of the file that holds the content of standard input."""
 
 FOREIGN_BAG = "of a bag of another program `occlog ingest` makes a recording"
 """What to do with a bag where a recording was expected."""
@@ -43,7 +43,7 @@ def check_regular(path: Path, mode: int, what: str) -> None:
 
 
 def check_input(path: Path, what: str) -> Path:
-    """The path, if a non-empty readable file is there; else InputError that states what was expected."""
+    """The path, if a non-empty readable file is there; else InputError that states the expected content."""
     path = Path(path)
     try:
         status = path.stat()
@@ -132,7 +132,7 @@ def content_of(path: Path, what: str = EXPECTED) -> Content:
 
     Args:
         path: the file; one with damaged first bytes is `OTHER`.
-        what: what was expected, for the message.
+        what: expected content, for the message.
     """
     check_input(path, what)
     with path.open("rb") as file:
@@ -158,7 +158,7 @@ def guarded(where: Path | str, what: str) -> Iterator[None]:
 
     Args:
         where: the file, and the position in it.
-        what: what was expected.
+        what: expected content.
 
     Raises:
         InputError: the parser failed; its own InputError is passed on unchanged.

@@ -34,7 +34,7 @@ def last_number(name: str) -> str | None:
 
 TABLE, RECORDING = ".parquet", ".mcap"
 WRITTEN = {TABLE: ("tables", "Parquet"), RECORDING: ("recordings", "MCAP")}
-"""What is written in files with an ending, and the name of the format."""
+"""Content of files with an ending, and the name of the format."""
 PROMISING = (
     *(".csv", ".tsv", ".txt", ".json", ".jsonl", ".geojson", ".xlsx", ".feather", ".arrow", ".npz", ".mat"),
     *(".yaml", ".yml", ".html", ".png", ".svg", ".mp4", ".gz", TABLE, RECORDING),
@@ -54,7 +54,7 @@ def match_sensor(given: str, names: Sequence[str], where: str, *, what: str = "c
     """The name in use that a file means by `given`.
 
     It is the equal name, or else the only one with the same last number: `2`,
-    `cam_2` and `cam02` mean each other.  InputError if missing, or several; `what` states what has the name.
+    `cam_2` and `cam02` mean each other.  InputError if missing, or several; `what` states the kind of thing named.
     """
     if given in names:
         return given
@@ -74,7 +74,7 @@ def check_meaning(meant: dict[str, str], label: str, name: str, where: str, *, w
         label: as the file has it.
         name: what `match_sensor` takes it for.
         where: the file.
-        what: what has the name.
+        what: kind of thing with the name.
     """
     other = meant.setdefault(name, label)
     if other != label:

@@ -67,7 +67,7 @@ READERS_USED: dict[str, Mapping[str, object]] = {}
 class InputDigests(tuple[tuple[str, str], ...]):
     """(file name, SHA-256) of each input of a stage, and the verdicts that these files carry.
 
-    What is made from the files carries the verdicts on, and no stage can forget that.
+    Every output made from the files carries the verdicts on.
     """
 
     verdicts: tuple[Verdict, ...] = ()
@@ -82,7 +82,7 @@ class InputDigests(tuple[tuple[str, str], ...]):
 
 @dataclass(frozen=True)
 class Provenance:
-    """What is written into every output.
+    """Provenance that is written into every output.
 
     Attributes:
         command: the occlog command, e.g. "detect".
@@ -156,7 +156,7 @@ def provenance_from_json(text: str | bytes, where: Path) -> Provenance:
     """Provenance as written by `Provenance.json`; `unknown` for an empty text, as in external files.
 
     Raises:
-        InputError: the text of the file `where` is not one.  Losses in earlier stages stands there, so that a
+        InputError: the text of the file `where` is not one.  It has the losses of earlier stages, so that a
             table with a provenance that is damaged would seem to have no losses.
     """
     if not text:

@@ -118,14 +118,14 @@ def to_world_time(t_ns: Ints, clock: Clock, start_ns: int) -> Ints:
 def frames_to_ns(frames: Ints, rate: Fraction) -> Ints:
     """(n,) times [ns] after frame 0, rounded, without the error of a float frame rate.
 
-    InputError for a frame that would lie more than 285 years away.
+    InputError for a frame that would be more than 285 years away.
     """
     frames = np.asarray(frames, dtype=np.int64)
     if len(frames) and float(np.abs(frames).max()) > MAX_SECONDS * float(rate):
         raise InputError(
             f"frame {int(frames[np.abs(frames).argmax()])}: its time at {float(rate):g} fps is out of range"
         )
-    # Whole seconds and the rest apart: the product of frame number and 1e9 may leave 64 bits.
+    # Whole seconds and the rest separately: the product of frame number and 1e9 may leave 64 bits.
     whole, rest = np.divmod(frames * rate.denominator, rate.numerator)
     return np.asarray(whole * NS + (rest * NS + rate.numerator // 2) // rate.numerator, dtype=np.int64)
 

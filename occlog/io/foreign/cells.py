@@ -273,7 +273,7 @@ class ArrowCells:
                 raise self._too_large(name, values)
             self._check_range(name, values, unit)
             self._check_steps(name, unit)
-            # The whole part and the rest apart, since float64 cannot hold ns since 1970
+            # The whole part and the rest separately, since float64 cannot hold ns since 1970
             whole = np.floor(values)
             rest = np.round((values - whole) * UNITS[unit]).astype(np.int64)
             return np.asarray(self._scaled(name, whole.astype(np.int64), unit) + rest, dtype=np.int64)

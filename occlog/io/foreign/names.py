@@ -132,7 +132,7 @@ class Spelling(NamedTuple):
 
 
 class TableLayout(NamedTuple):
-    """How a table lies in a file.
+    """Layout of a table in a file.
 
     Attributes:
         table: the table.

@@ -1,6 +1,6 @@
 """Files that may hold an external table: text with a header (also gzip), Parquet, Arrow, trajectories.
 
-Messages of an Arrow file or stream by their heads: how many rows they declare, and what they unpack to.
+Messages of an Arrow file or stream by their heads: how many rows they declare, and their unpacked size.
 
 The library unpacks a batch at once, to the sizes that are in the batch itself.  So the heads are checked before: a
 small file may promise gigabytes, or rows that take no bytes at all.  Heads are FlatBuffers; only the fields that matter
@@ -161,7 +161,7 @@ def _message(file: _Bytes, at: int) -> ArrowMessageHeader:
         return ArrowMessageHeader(0, 0)
     unpacked = 0
     if batch.table(COMPRESSION) is not None:
-        # The size of each buffer stands before what is packed, -1 where it is not
+        # The size of each buffer precedes the packed data, -1 where it is not
         places = [body + offset for offset, length in batch.structs(BUFFERS, "<qq") if length]
         unpacked = sum(max(struct.unpack("<q", file.read(place, 8))[0], 0) for place in places)
     rows = batch.number(LENGTH, "<q") if kind == BATCH else 0

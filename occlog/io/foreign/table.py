@@ -52,7 +52,7 @@ class ForeignTable:
 
     Attributes:
         source: the file.
-        layout: how the table that it fits best lies in it.
+        layout: layout of the table that fits it best.
         wanted_unit: unit of length of the rows; None: as the file has them.
     """
 
@@ -86,7 +86,7 @@ class ForeignTable:
         return found
 
     def layout_of(self, table: type[ColumnTable]) -> TableLayout:
-        """How a table lies in the file; an error names the file."""
+        """Return the layout of a table in the file; an error names the file."""
         if self.layout.table is table:
             return self.layout
         return _lay_out(self.source, table)
@@ -104,7 +104,7 @@ class ForeignTable:
         """Rows of a table in the order of its key; those of one time are never in two parts.
 
         Raises:
-            InputError: columns are missing, a cell cannot be read, a person is twice at one time, a row stands there
+            InputError: columns are missing, a cell cannot be read, a person is twice at one time, a row occurs
                 twice.
         """
         layout = self.layout_of(table)
@@ -199,7 +199,7 @@ class ForeignTable:
         return cells.times(time.name, time.unit)
 
     def whose(self, cells: TableCells) -> list[tuple[object, ...]]:
-        """(n,) sensor and identity of some cells, in the order of the file, as far as it has them."""
+        """(n,) sensor and identity of some cells, in the order of the file, if it has them."""
         names = [s.name for s in self.layout.columns if s.column.name in WHOSE]
         columns = ([repr(v) if isinstance(v, list | dict) else v for v in cells.raw(name)] for name in names)
         return list(zip(*columns, strict=True)) if names else [()] * len(cells)
@@ -249,14 +249,14 @@ def fields_of(table: type[ColumnTable]) -> frozenset[str]:
 
 
 def best_fit(source: ColumnSource, tables: Sequence[type[ColumnTable]] = ()) -> TableLayout:
-    """How the table lies in a file that uses most of its columns.
+    """Return the layout of a table in a file that uses most of its columns.
 
     Args:
         source: the file.
         tables: those that it may be; none: any.
 
     Raises:
-        InputError: it fits none; the message states what is missing for the nearest.
+        InputError: it fits none; the message lists the missing columns of the nearest.
     """
     wanted = tuple(tables) or _every_table()
     told = TABLES.get(source.table)
@@ -289,7 +289,7 @@ def best_fit(source: ColumnSource, tables: Sequence[type[ColumnTable]] = ()) -> 
 
 
 def _lay_out(source: ColumnSource, table: type[ColumnTable]) -> TableLayout:
-    """How a table lies in a file; an error names the file."""
+    """Return the layout of a table in a file; an error names the file."""
     try:
         return lay_out(source.names, table)
     except InputError as error:
@@ -452,14 +452,13 @@ def _as_table(source: ColumnSource, table: type[T], values: Values, row: NDArray
 
 
 def _check_copies(source: ColumnSource, made: ColumnTable, row: NDArray[np.generic]) -> None:
-    """InputError where a row stands there twice."""
+    """InputError for a duplicate row."""
     # Boxes were numbered here, so that copies differ in their numbers
     copies, _ = repeated_rows(made, "box" if isinstance(made, Boxes) else "")
     if copies.any():
         k = first_row(copies)
         raise InputError(
-            f"{source.path}: row {row[k]} (from 0) stands there as identical duplicates ({key_of(made, k)}); leave "
-            "out the copies"
+            f"{source.path}: row {row[k]} (from 0) is a duplicate ({key_of(made, k)}); leave out the copies"
         )
 
 

@@ -52,7 +52,7 @@ def read_readers(path: Path) -> tuple[TagReader, ...]:
     An empty cell of range or power represents a reader of which it is not known.
 
     Raises:
-        InputError: a column is missing, a name stands twice, a range is not above 0.
+        InputError: a column is missing, a name occurs twice, a range is not above 0.
     """
     found: dict[str, TagReader] = {}
     for part in read_format(path, READER_POSITIONS):
@@ -81,7 +81,7 @@ _NUMBER = re.compile(r"^[0-9]{1,9}$")
 
 @dataclass(frozen=True)
 class ReadLog:
-    """The reads of a log, and what had to be put right.
+    """The reads of a log, and corrections.
 
     Attributes:
         reads: in the order of time.

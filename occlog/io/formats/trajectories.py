@@ -111,7 +111,7 @@ KEYS = ("latitude", "longitude", "turned_deg")
 
 
 def read_geojson(path: Path) -> Iterator[CsvRows]:
-    """Rows of all targets; InputError, with the number of the feature, for what is not such a collection."""
+    """Rows of all targets; InputError, with the number of the feature, for any other content."""
     value = parse_json(path.read_bytes(), path, "GeoJSON")
     features = value.get("features") if isinstance(value, dict) else None
     if not isinstance(features, list) or value.get("type") != COLLECTION:
@@ -134,7 +134,7 @@ def _origin(path: Path, told: object) -> Origin:
     values: list[Any] = [members.get(key, 0.0 if key == KEYS[2] else None) for key in KEYS]
     if not all(_is_number(v) for v in values):
         raise InputError(
-            f'{path}: does not state where the scene lies; add the member "{ORIGIN}": '
+            f'{path}: does not state the position of the scene on earth; add the member "{ORIGIN}": '
             f'{{"{KEYS[0]}": 52.5163, "{KEYS[1]}": 13.3777, "{KEYS[2]}": 0}} next to "features"'
         )
     found = Origin(*(float(v) for v in values))
@@ -198,7 +198,7 @@ def names_of(path: Path) -> tuple[str, ...]:
 
 
 def read_trc(path: Path) -> Iterator[CsvRows]:
-    """Rows of all targets by time; InputError, with the line, for what is not such a table."""
+    """Rows of all targets by time; InputError, with the line, for any other content."""
     header = _header(path)
     names = names_of(path)
     targets = _targets(path, header)

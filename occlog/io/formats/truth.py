@@ -305,7 +305,7 @@ class TruthOptions:
 
 
 class Positions(NamedTuple):
-    """Rows of true positions, and the line where each stands."""
+    """Rows of true positions, and their lines."""
 
     t_ns: Ints
     target_id: Ints

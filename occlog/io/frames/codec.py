@@ -63,7 +63,7 @@ def is_multi_image(data: bytes) -> bool:
         if data[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
             return _pages(data) > 1
         return data[:3] == b"\xff\xd8\xff" and _views(data) > 1
-    except struct.error:  # what is damaged is reported by the decoder
+    except struct.error:  # damage is reported by the decoder
         return False
 
 
@@ -163,7 +163,7 @@ def is_scaled(data: bytes, most: int) -> bool:
 
 
 def scaled(image: np.ndarray, most: int) -> Image:
-    """An image as it was decoded with white as 255, rounded down as OpenCV does it; what is above white is white."""
+    """An image as it was decoded with white as 255, rounded down as OpenCV does it; higher values are white."""
     shades = (np.arange(most + 1) * FULL // most).astype(np.uint8)
     out = np.empty(image.shape, np.uint8)
     for row, values in zip(out, image, strict=True):  # all at once would take eight bytes for each value
@@ -227,7 +227,7 @@ def _orientation(data: bytes) -> int:
 
 def _jpeg_size(data: bytes) -> tuple[int, int] | None:
     at = 2
-    # As decoders do, from mark to mark, whatever lies between
+    # As decoders do, from mark to mark, regardless of the data between
     while 0 <= (at := data.find(b"\xff", at)) <= len(data) - 9:
         mark, length = data[at + 1], struct.unpack_from(">H", data, at + 2)[0]
         # The frame header is one of SOF0..SOF15 without DHT (c4), JPG (c8) and DAC (cc).
@@ -308,7 +308,7 @@ def decode_image(data: bytes, where: str) -> Image:
 
 
 def _check_depth(data: bytes, where: str) -> None:
-    """InputError for values of 16 bits that use the lowest of them alone: the upper 8 bits are what is decoded."""
+    """InputError for values of 16 bits that use the lowest of them alone: the upper 8 bits are decoded."""
     if not (data[24:25] == b"\x10" if image_kind(data) == "png" else data.startswith(DEEP_MARKS)):
         return
     deep = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)

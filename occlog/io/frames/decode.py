@@ -221,7 +221,7 @@ def examine(
 
 
 def _open(path: Path, container: Container | None) -> cv2.VideoCapture:
-    # One thread: what is decoded from a damaged file must not depend on the machine.
+    # One thread: the frames from a damaged file must not depend on the machine.
     with utf8_name(path.resolve()) as name:
         capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
     if capture.isOpened():
@@ -280,7 +280,7 @@ def decode(
     sizes: Changes | None = None,
     target: Callable[[], Image | None] | None = None,
 ) -> Iterator[Picture]:
-    """Pictures of frames start <= number < stop in order; what is missing is reported to `lost` at the end.
+    """Pictures of frames start <= number < stop in order; missing ones are reported to `lost` at the end.
 
     InputError where the range holds no frame that can be used.
 

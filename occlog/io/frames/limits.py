@@ -16,7 +16,7 @@ MAX_PIXELS = 100_000_000
 MEMORY = 2 * 2**30
 """Address space of a decoder [B]; a damaged file can ask for any amount."""
 MEMORY_PER_PIXEL = 24
-"""What is added for each pixel of a frame [B]: 16 reference frames of YUV 4:2:0."""
+"""Size added for each pixel of a frame [B]: 16 reference frames of YUV 4:2:0."""
 SECONDS = 60
 """CPU time from one frame to the next [s]."""
 BYTES_PER_SECOND = 10_000_000
@@ -77,7 +77,7 @@ class CpuTimeLimit:
 
 
 def _set(kind: int, value: int) -> None:
-    """Set a soft limit, as far as the hard one goes."""
+    """Set a soft limit, up to the hard one."""
     with suppress(ValueError, OSError):
         _, hard = resource.getrlimit(kind)
         resource.setrlimit(kind, (value if hard == resource.RLIM_INFINITY else min(value, hard), hard))

@@ -67,7 +67,7 @@ def video_times(
         start_ns: time of the first frame.
 
     Returns:
-        Times whose `table_ns` and `rate` are both None if only the decoder knows the
+        Times with `table_ns` and `rate` both None if only the decoder knows the
         time stamps: containers other than MP4, MKV and AVI, and damaged ones.
 
     Raises:
@@ -248,7 +248,7 @@ def _numbered(
             "or name them by their time in ns"
         )
     if numbers[0] < base:
-        raise InputError(f"{files[0]}: number {numbers[0]} lies before the first number, {base}; give a smaller one")
+        raise InputError(f"{files[0]}: number {numbers[0]} is before the first number, {base}; give a smaller one")
     frames = tuple((number - base, file) for number, file in zip(numbers, files, strict=True))
     return ImageFolder(folder, frames, rate_times(fps[name], f"given; {base} is frame 0", start))
 

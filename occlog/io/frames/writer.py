@@ -82,7 +82,7 @@ class VideoWriter:
         """Remember what `_damaged` needs of a frame."""
 
     def _damaged(self) -> int | None:
-        """Number of the first frame of the draft that is not what was written; None: none, if known."""
+        """Number of the first frame of the draft that differs from what the writer got; None: none known."""
         return None
 
     def __exit__(

@@ -53,13 +53,13 @@ MAX_GROWTH = 1000
 
 @dataclass
 class Bag:
-    """An opened bag; a context manager that removes what was unpacked."""
+    """An opened bag; a context manager that removes unpacked files."""
 
     paths: tuple[Path, ...]
     files: list[McapFile | SqliteFile] = field(default_factory=list)
     promised: dict[str, int] = field(default_factory=dict)
     described: bool = True  # metadata report all files, so that they hold no more than is promised
-    remarks: dict[str, str] = field(default_factory=dict)  # of topics, what is wrong though nothing is lost
+    remarks: dict[str, str] = field(default_factory=dict)  # of topics: faults without losses
     _losses: list[Loss] = field(default_factory=list)
     _far: dict[str, tuple[str, int]] = field(default_factory=dict)  # of topics with times out of range, the first
     _folder: tempfile.TemporaryDirectory[str] | None = None
@@ -324,7 +324,7 @@ class BagSurvey:
 
     Attributes:
         topics: its topics by name.
-        map: what is taken.
+        map: topics used.
         frames: frame of reference of the images of each camera (or of its calibration), where one is stated.
         sizes: width and height of the first image of each camera [px].
         infos: calibration of each camera, where there is one.

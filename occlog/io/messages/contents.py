@@ -7,7 +7,7 @@ Images of messages: compressed ones as they are, raw pixels of any common encodi
 
 Rows of tables from messages: true positions, boxes, directions of arrival.
 
-The tree of frames of reference of a bag, and where frames stand that must not move.
+The tree of frames of reference of a bag, and the poses of frames that must not move.
 
 Transforms come all the time; of each pair of frames the first pose is kept, and how far later ones were from it.
 """
@@ -50,7 +50,7 @@ class Intrinsics(NamedTuple):
         model: `brown` or `equidistant`.
         distortion: k1, k2, p1, p2, k3, or k1 to k4.
         turn: (3, 3) rotation of the frame of the images from the camera's own.
-        shift: how far the camera stands to the right of the frame that a stereo pair shares.
+        shift: offset of the camera to the right of the frame that a stereo pair shares.
         fit_px: largest error of a fitted lens model; 0: the model is the same.
     """
 
@@ -331,7 +331,7 @@ def rotation_of(message: TransformMessage) -> Floats:
     """(3, 3) rotation of a unit quaternion (x, y, z, w); InputError for another length, or a position that is none."""
     if not np.isfinite(message.translation).all():
         raise InputError(f"transform of frame {message.child!r}: its translation is not finite")
-    with np.errstate(over="ignore", invalid="ignore"):  # what is infinite, or no number, is refused
+    with np.errstate(over="ignore", invalid="ignore"):  # infinite values and NaN are refused
         length = float(np.linalg.norm(message.quaternion))
     if not abs(length - 1) <= UNIT_SLACK:
         raise InputError(
@@ -431,7 +431,7 @@ def direction_rows(message: DirectionMessage, t_ns: int, array: MicrophoneArray)
     """Directions of one message in the world; empty slots (id 0, or no direction) give no row."""
     heard = [s for s in message.sources if s.id != 0 and any(s.vector)]
     vectors: Floats = np.array([s.vector for s in heard], dtype=np.float64).reshape(-1, 3)
-    with np.errstate(over="ignore"):  # what is infinite is refused
+    with np.errstate(over="ignore"):  # infinite values are refused
         length = np.linalg.norm(vectors, axis=1)
     bad = ~((length >= LENGTHS[0]) & (length <= LENGTHS[1]))
     if bad.any():

@@ -1,4 +1,4 @@
-"""One MCAP file of another program, read record by record: what is whole is used, what is damaged is a loss.
+"""One MCAP file of another program, read record by record: whole records are used, damaged ones are losses.
 
 The reader of occlog's own recordings refuses a file without its end.  Recorders of robots lose power, so this one
 goes forwards through the records, unpacks a chunk at a time, and needs no index; where there is one, chunks without
@@ -127,7 +127,7 @@ class McapFile:
         for channel, log_ns, data in self._walk(topics):
             found[channel] += 1
             yield BagMessage(self._channels[channel].topic, log_ns, data)
-        if not self.losses:  # what is damaged is reported already
+        if not self.losses:  # damage is reported already
             self._tell_missing(topics, found)
 
     def _tell_missing(self, topics: Collection[str], found: Mapping[int, int]) -> None:
@@ -181,7 +181,7 @@ class McapFile:
             self._lose(f"byte {at}", "the file ends without its end mark")
 
     def _check_end(self, file: IO[bytes], at: int, size: int) -> None:
-        """Report what follows the end of the file's data at a byte, other than its index."""
+        """Report data behind the end of the file's data at a byte, other than its index."""
         behind = byte_after_end(file, at, size)
         if behind is None:
             self._lose(f"byte {at}", f"the index is damaged; {size - at} bytes from there on were not read")

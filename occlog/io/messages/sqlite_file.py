@@ -1,4 +1,4 @@
-"""One SQLite file of a ROS 2 bag (.db3), read row by row; where it is damaged, what comes before is used."""
+"""One SQLite file of a ROS 2 bag (.db3), read row by row; where it is damaged, the rows before are used."""
 
 from __future__ import annotations
 

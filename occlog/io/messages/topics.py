@@ -24,7 +24,7 @@ PLAIN = (
 
 @dataclass(frozen=True)
 class TopicMap:
-    """What is taken of a bag.
+    """Topics used of a bag.
 
     Attributes:
         images: topic of the images of each camera.
@@ -58,7 +58,7 @@ def read_topic_map(path: Path) -> list[tuple[str, str]]:
 
 
 def map_topics(topics: Mapping[str, BagTopic], asked: Sequence[tuple[str, str]], pictures: Iterable[str]) -> TopicMap:
-    """Decide what is taken.
+    """Select the topics.
 
     Args:
         topics: topics of the bag.

@@ -1,6 +1,6 @@
 """Chunks of MCAP files: what they unpack to, bounded by the bytes that come out and not by what a person declares.
 
-Three positions state a size: the index, the head of the chunk and the head of the packed data.  Each may lie, and
+Three positions state a size: the index, the head of the chunk and the head of the packed data.  Each may be wrong, and
 LZ4 need not state any.
 
 What the chunks of an MCAP file may come to together: well packed, kilobytes are gigabytes or millions of records.
@@ -56,7 +56,7 @@ def is_of_occlog(path: Path) -> bool:
 
 
 def damaged_mcap(path: Path, what: str) -> InputError:
-    """What to report a damaged file: what is wrong with it, and what to do."""
+    """Message on a damaged file: fault and remedy."""
     return InputError(f"{path}: damaged MCAP file: {what}; copy it again, or salvage it: {SALVAGE.format(path=path)}")
 
 
@@ -93,7 +93,7 @@ class ChunkSize(NamedTuple):
     """Sizes of a chunk.
 
     Attributes:
-        packed: of its records, as they stand in the file [bytes].
+        packed: of its records, as stored in the file [bytes].
         unpacked: of its records, unpacked, at most [bytes].
     """
 

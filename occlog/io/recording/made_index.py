@@ -130,7 +130,7 @@ def _agrees_with_chunks(file: IO[bytes], summary: Summary) -> bool:
     Chunks without the requested topics are passed over, and topics without messages are not asked for.
     """
     counts, size = Counter[int](), file.seek(0, io.SEEK_END)
-    left = size // (HEAD.size + INDEX_HEAD.size)  # chunks that share what follows them would be read as often
+    left = size // (HEAD.size + INDEX_HEAD.size)  # chunks that share their index would be read as often
     for chunk in summary.chunk_indexes:
         at = chunk.chunk_start_offset + chunk.chunk_length
         while at < size:
@@ -244,10 +244,10 @@ class _Pass:
         raise self._damaged("the end of the data is missing")
 
     def _check_end(self, at: int, size: int) -> None:
-        """InputError unless nothing but an index stands behind the end of the data at a byte."""
+        """InputError unless nothing but an index is behind the end of the data at a byte."""
         behind = byte_after_end(self._file, at, size)
         if behind is None:
-            raise self._damaged(f"behind the end of the data at byte {at} stands something else than an index")
+            raise self._damaged(f"behind the end of the data at byte {at} are other data than an index")
         if behind < size:
             raise self._damaged(f"{size - behind} bytes follow its end mark at byte {behind}")
 
@@ -377,7 +377,7 @@ class RebuiltIndexReader:
         self._chunked = _Given(file, self._summary)
 
     def iter_messages(self, topics: Collection[str] | None = None, *, log_time_order: bool = True) -> Iterator[Found]:
-        """Messages of some topics, or of all; those of one time as they stand in the file, chunks before loose ones."""
+        """Messages of some topics, or of all; those of one time in file order, chunks before loose ones."""
         if not log_time_order:
             yield from self._in_file_order(topics)
             return

@@ -92,7 +92,7 @@ def open_mcap(path: Path) -> Iterator[tuple[McapMessages, Summary]]:
 
 
 def _state(stat: os.stat_result) -> tuple[int, ...]:
-    """What is another one when a file has changed."""
+    """Fingerprint that changes with a file."""
     return stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns
 
 

@@ -5,7 +5,7 @@ Its name is in the index, which has a check sum: its loss is always noticed.
 Links of recordings to videos: where they may lead.
 
 A recording that another person made could name any file. In its own folder and below it may; a link that leaves the
-folder is followed only to what begins as a video does, before anything else of the file is read.
+folder is opened only if it begins as a video does, before anything else of the file is read.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def read_metadata(path: Path, summary: Summary) -> dict[str, dict[str, str]]:
     """All records of metadata by their names, without the digests, which are tried.
 
     Raises:
-        InputError: a record is not what was written, or not where the index states.
+        InputError: a record differs from the written one, or not where the index states.
         McapError, struct.error, ValueError: it cannot be read as one.
     """
     found: dict[str, dict[str, str]] = {}
@@ -126,7 +126,7 @@ def linked_path(recording: Path, sensor: str, place: str) -> Path:
 
     Raises:
         InputError: if the position is absolute, if no regular file that can be read is there, or if it leads out of the
-            folder and to what is no video.
+            folder and to a file that is no video.
     """
     where = f"{recording}: camera {sensor}"
     if Path(place).is_absolute():

@@ -62,7 +62,7 @@ class LinkedVideo:
 
 
 def open_linked(recording: Path, sensor: str, link: dict[str, str] | None) -> LinkedVideo:
-    """The video of a camera; InputError unless it lies where the recording states and has not changed."""
+    """The video of a camera; InputError unless it is where the recording states and has not changed."""
     where = f"{recording}: camera {sensor}"
     if not link or "path" not in link or "sha256" not in link:
         raise InputError(f"{where}: has frame times but no link to its video; ingest it again")
@@ -195,7 +195,7 @@ class McapRecording:
 def linked_videos(path: Path) -> tuple[Path, ...]:
     """Files of the videos that a recording links to, those of its folder also if missing.
 
-    None of what is no recording or cannot be opened, and none that may not be followed.
+    Without files that are no recordings, cannot be opened, or may not be opened.
     """
     try:
         if content_of(path, "a recording") is not Content.RECORDING:

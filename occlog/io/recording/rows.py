@@ -45,7 +45,7 @@ def _has_sensor(table: type[ColumnTable]) -> bool:
 
 
 def _listed(table: type[ColumnTable]) -> list[Column]:
-    """Columns that are lists in a message; the time and the sensor stand once."""
+    """Columns that are lists in a message; the time and the sensor occur once."""
     return [c for c in table.columns() if c.name not in ("t_ns", "sensor")]
 
 

@@ -176,7 +176,7 @@ def _numbered_chunks(data: mmap.mmap, found: _AviScan, tag: bytes) -> Ints:
     """(n, 3) frame number, position and size of the readable chunks of a stream, in the order of the file.
 
     Chunks follow each other, so each is numbered by counting.  Behind a damaged header the
-    index gives the number of the next chunk that stands where the index states; where there
+    index gives the number of the next chunk found where the index states; where there
     is none, nothing behind the damage can be given a number, and the walk ends.
     """
     out = array("q")
@@ -207,7 +207,7 @@ def _numbered_chunks(data: mmap.mmap, found: _AviScan, tag: bytes) -> Ints:
 
 
 def _index(data: mmap.mmap, found: _AviScan, tag: bytes) -> tuple[Ints, Ints]:
-    """First byte and frame number, both rising, of the chunks of a stream that stand where the index (idx1) states."""
+    """First byte and frame number, both rising, of the chunks of a stream found where the index (idx1) states."""
     none = np.zeros(0, dtype=np.int64)
     if found.index is None or not found.movies:
         return none, none

@@ -92,7 +92,7 @@ class Faults:
 
 
 class BrokenContainerError(ValueError):
-    """The container's structure is broken at a byte from which on it cannot be followed."""
+    """The container's structure is broken at a byte from which on it cannot be parsed."""
 
     def __init__(self, byte: int, what: str) -> None:
         super().__init__(f"byte {byte}: {what}")
@@ -101,7 +101,7 @@ class BrokenContainerError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class ByteRange:
-    """Bytes start..stop of the file; `stop` may lie beyond the end of a file that was cut."""
+    """Bytes start..stop of the file; `stop` may be beyond the end of a file that was cut."""
 
     kind: bytes
     start: int

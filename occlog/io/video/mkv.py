@@ -277,7 +277,7 @@ TRACK_UID, TAG_TRACK_UID = 0x73C5, 0x63C5
 def number_tracks(path: Path) -> None:
     """Give the tracks of a WebM file the UIDs 1, 2, ..., also where its tags name them.
 
-    Not of a Matroska file: there FFmpeg adds check sums of the elements that these stand in.  A file that is damaged or
+    Not of a Matroska file: there FFmpeg adds check sums of the elements that contain these.  A file that is damaged or
     of another kind is left alone from where it cannot be understood.
     """
     with path.open("r+b") as file:

@@ -1,6 +1,6 @@
 """Frames of an MP4 or QuickTime file: its boxes and sample tables (ISO/IEC 14496-12), with every length checked.
 
-The samples of the video track stand in the tables of the index (moov), and, in files of recorders that are to
+The samples of the video track are in the tables of the index (moov), and, in files of recorders that are to
 survive a power cut, in fragments (moof) behind it.
 """
 
@@ -36,7 +36,7 @@ class VideoSampleTable(NamedTuple):
 
 
 def boxes(data: mmap.mmap, start: int, stop: int) -> Iterator[ByteRange]:
-    """Boxes between two bytes, as far as the file goes: the spans of their content, which may end behind it."""
+    """Boxes between two bytes, up to the end of the file: the spans of their content, which may end behind it."""
     stop = min(stop, len(data))
     while start + 8 <= stop:
         size, kind = struct.unpack_from(">I4s", data, start)
@@ -341,7 +341,7 @@ def _edited(data: mmap.mmap, moov: ByteRange, trak: ByteRange, samples: VideoSam
     is_played = entries[:, 1] >= 0
     if not is_played.any():
         return np.ones(len(time), dtype=np.bool_)
-    # A pause before the first part shifts all frames; what comes behind it must go on where it ends
+    # A pause before the first part shifts all frames; the part behind it must go on where it ends
     first = int(is_played.argmax())
     ticks = samples.scale / ticks_per_second(data, need_box(data, moov, b"mvhd"))
     lengths, starts = (entries[first:, k].astype(np.float64) for k in (0, 1))

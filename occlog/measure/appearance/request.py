@@ -15,7 +15,7 @@ from .config import LearnConfig
 
 @dataclass(frozen=True, kw_only=True)
 class LearnRequest(Request):
-    """Learn a gallery from RECORDING: the colours of each target, apart by the side from which it is seen.
+    """Learn a gallery from RECORDING: the colours of each target, separated by viewing direction.
 
     The side is the angle between where a person heads, by the tracks, and the camera; left and right are taken
     for the same. Boxes are of the tracks at the positions of which they are, unless they bring the tracks' identities.

@@ -73,7 +73,7 @@ def tracks_of_boxes(boxes: Floats, expected: Floats, least_overlap: float) -> In
 
 
 def covered(boxes: Floats) -> Floats:
-    """(n,) greatest share of each box that a box of a person nearer covers; who stands lower in the image is nearer."""
+    """(n,) greatest share of each box that a box of a person nearer covers; lower feet in the image are nearer."""
     nearer = boxes[None, :, 3] > boxes[:, None, 3]
     share = np.where(nearer, overlaps(boxes, boxes), 0.0) / areas(boxes)[:, None]
     return np.asarray(share.max(axis=1, initial=0.0))
@@ -153,7 +153,7 @@ def viewing_angles(xy: Floats, heading: Floats, camera: Floats) -> Floats:
         camera: (2,) position on the floor.
 
     Returns:
-        (...,) NaN where the heading is not known, or a person stands under the camera.
+        (...,) NaN where the heading is not known, or the person is under the camera.
     """
     to = camera - xy
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -293,7 +293,7 @@ def paths_of_boxes(
 ) -> dict[int, PersonPath]:
     """Paths of the identities that boxes have: the floor below the middle of their lower edges.
 
-    At one time the mean over the cameras; boxes whose lower edge does not meet the floor are skipped.
+    At one time the mean over the cameras; boxes with a lower edge off the floor are skipped.
     """
     placed = {c.name: c for c in scene.cameras if c.has_height}
     identity, t_ns, xy = [np.zeros(0, dtype=np.int32)], [np.zeros(0, dtype=np.int64)], [np.zeros((0, 2))]
@@ -345,7 +345,7 @@ def observe_boxes(
         scene: must have the cameras.
         config: settings.
         levels: of the densities.
-        own_identity: the identities of boxes are those of tracks; else boxes are of the tracks where they lie.
+        own_identity: the identities of boxes are those of tracks; else boxes are of the tracks at their positions.
         tally: brought up to date.
 
     Raises:

@@ -1,6 +1,6 @@
 """Sightings to a gallery, and sightings with a gallery to decisions ([Lee] Sec. 5.2.1).
 
-Whom each track follows, by all of its boxes; and tracks under the identities of the gallery.
+Identity of each track by all of its boxes; and tracks under the identities of the gallery.
 """
 
 from __future__ import annotations
@@ -192,7 +192,7 @@ class EvidenceTally:
 
 
 def identities(evidence: IdentityEvidence, together: Bools, least_likeness: float, least_boxes: int) -> dict[int, int]:
-    """Target of each track that is surely enough of one; tracks of one target may follow one another.
+    """Target of each track that is surely enough of one; a target may have several successive tracks.
 
     The pair of track and target with the highest mean similarity comes first.  A track is of one target, and two tracks
     that are there at the same time are not of one target.

@@ -62,7 +62,7 @@ BANDS = np.array(
         [1.00, 0.55, 0.140, 0.040],
     ]
 )
-"""Head, trunk, thighs, and legs that swing, in heights: how people cover what is behind them, on average of a walk."""
+"""Head, trunk, thighs, and legs that swing, in heights: share of background covered, on average over a walk."""
 
 
 def _outline() -> Floats:
@@ -156,7 +156,7 @@ def fit_outlines(foreground: Floats, prior: Prior, side: int, left: int, top: in
     people = np.zeros((MAX_PEOPLE, 4))  # x, y, height, size
     count = 0
     while count < MAX_PEOPLE:
-        # Add: the position that explains most of what is left
+        # Add: the position that explains most of the rest
         best, at_x, at_y, tall = 0.0, 0.0, 0.0, 1.0
         for row in range(rows):
             for column in range(columns):
@@ -234,12 +234,12 @@ MIN_OWN = 0.05
 MIN_PIXEL_RATIO = 0.5
 """Pixels, relative to a person in full view, from which its own silhouette is a person who was seen apart."""
 APART_FRAMES = 5
-"""Frames with two people apart after which silhouettes may hold several."""
+"""Frames with two separate people after which silhouettes may hold several."""
 
 
 @dataclass
 class SeparateSightings:
-    """Whether a camera has seen several people apart: one person with arms and legs spread is like two who touch.
+    """Whether a camera has seen several separate people: one person with arms and legs spread is like two who touch.
 
     Attributes:
         frames: in which at least two people had their own silhouettes.
@@ -249,7 +249,7 @@ class SeparateSightings:
 
     @property
     def several(self) -> bool:
-        """Whether there is more than one person, as far as this camera has seen."""
+        """Whether this camera has seen more than one person."""
         return self.frames >= APART_FRAMES
 
 
@@ -271,7 +271,7 @@ def split_silhouettes(
         side: of the cells [px].
         prior: of the camera.
         clusters: of the frame.
-        apart: of the camera; brought up to date.
+        apart: of the camera; updated.
     """
     column, row = (corners // side).T
     grid = np.zeros((-(-prior.height // side), -(-prior.width // side)))
@@ -345,7 +345,7 @@ def _owners(column: Ints, row: Ints, people: Floats, first: int) -> Ints:
 def _together(
     cells: Floats, labels: Ints, clusters: Clusters, gone: Bools, people: Floats, side: int, prior: Prior
 ) -> Crowds:
-    """What is left of the clusters, and the people, by falling mass."""
+    """The remaining clusters, and the people, by falling mass."""
     K, n = len(clusters.mass), len(clusters.mass) + len(people)
     means = np.concatenate([clusters.means, (people[:, :2] + 0.5) * side - 0.5])
     mass, covs = np.concatenate([clusters.mass, np.zeros(len(people))]), np.zeros((n, 3))

@@ -268,7 +268,7 @@ def group_worth(g: Floats, prior: Prior) -> float:
 def merge(groups: Floats, covs: Floats, entropy: Floats, prior: Prior) -> Floats:
     """The groups (K, 6) after merging, best first, every pair with a union that raises the objective.
 
-    The union must be worth more than both and the entropy between them: pixels that lie
+    The union must be worth more than both and the entropy between them: pixels that are
     between two clusters are explained by both of them together, and by each only in part.
 
     Args:

@@ -1,6 +1,6 @@
 """How large a person is in the image, by position, and the worth of a cluster under this prior.
 
-The size comes from the camera's pose, or from what was seen.  A person is a box of given
+The size comes from the camera's pose, or from detections.  A person is a box of given
 height, width and depth that stands on the ground, turned towards the camera.  Its
 projection is close to a parallelogram, and the pixels of one that is spanned by vectors
 a, b, c have the covariance (a a' + b b' + c c') / 12.

@@ -1,4 +1,4 @@
-"""What is checked of detections: cameras without detections, boxes outside the image, one that stays where it is."""
+"""Checks of detections: cameras without detections, boxes outside the image, one that stays where it is."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Checked:
         self._frames[name] += 1
 
     def checks(self, frames: Mapping[str, int]) -> tuple[Check, ...]:
-        """What was checked, and what was found.
+        """Checks with their findings.
 
         Args:
             frames: number of frames processed of each camera.
@@ -101,7 +101,7 @@ class Checked:
                     INSIDE,
                     "warning",
                     "boxes-outside",
-                    f"camera {name}: {self._outside[name]} of {count} boxes lie outside the image (allowed: "
+                    f"camera {name}: {self._outside[name]} of {count} boxes are outside the image (allowed: "
                     f"{OUTSIDE:.0%}); is the calibration for another size of the image, or are the boxes another "
                     "camera's?",
                     sensors=[name],

@@ -49,7 +49,7 @@ def sampson_slopes(matrix: Floats, a: Floats, b: Floats) -> Floats:
 def fit_affine(a: Floats, b: Floats) -> FundamentalMatrixFit:
     """The best matrix of two views with rays that are parallel: cameras far away with long lenses.
 
-    The matches lie on a plane of their four coordinates; least squares finds it at once.
+    The matches are on a plane of their four coordinates; least squares finds it at once.
     `error_px` is as in `fit_perspective`, with 4 unknowns.
 
     Args:

@@ -37,7 +37,7 @@ PARALLAX = 3.0
 OFF_PLANE_NOISE = 4.0
 """A match this many times the noise away from a plane's is off it."""
 OFF_PLANE = 8
-"""Matches off the plane that most lie on, at least, that have to agree."""
+"""Matches off the plane of most matches, at least, that have to agree."""
 OFF_PLANE_SHARE = 1 / 3
 """The same as a share of all matches off that plane."""
 AGREEING = 0.75
@@ -162,13 +162,13 @@ def _not_on_a_line(a: Floats, b: Floats, threshold_px: float) -> None:
         across = float(np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1]) / np.sqrt(len(points))
         if across < threshold_px:
             raise ValueError(
-                f"the matches lie on a line in the {view} view (spread across it {across:.2g} px, "
+                f"the matches are on a line in the {view} view (spread across it {across:.2g} px, "
                 f"must be at least {threshold_px:g}); add matches as well"
             )
 
 
 def _not_on_a_plane(a: Floats, b: Floats, inliers: Bools, noise: float) -> float:
-    """The parallax [px] of the matches that agree; ValueError where it does not stand out.
+    """The parallax [px] of the matches that agree; ValueError if it is insignificant.
 
     All the same plane leaves the matrix two degrees of freedom, which a few wrong matches
     fix by chance.  So enough matches off the plane have to agree, and enough of those there

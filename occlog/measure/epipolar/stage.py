@@ -168,7 +168,7 @@ def matches_of_tracks(
         chunks: in the order of time.
         where: what they come from, for messages.
         points: `centres`, or `ends`, the tops and the bottoms.  People's middles are all at about one
-            height, so that their centres lie on a plane and determine no matrix; their heads and feet do.
+            height, so that their centres are on a plane and determine no matrix; their heads and feet do.
         window_ns: rows at most so far apart are of one time, unless a view reports twice.
     """
     sides = (-1, 1) if points == "ends" else (0,)
@@ -207,7 +207,7 @@ class _Sample:
             self.size = sum(len(block) for _, block in self.kept)
 
     def matches(self, a: str, b: str, where: str) -> PointMatches:
-        """What was kept, at most `MAX_MATCHES`, but at least a time step."""
+        """Kept matches, at most `MAX_MATCHES`, but at least a time step."""
         lots = np.array([lot for lot, _ in self.kept])
         order = np.argsort(lots)
         sizes = np.cumsum([len(self.kept[k][1]) for k in order])
@@ -223,7 +223,7 @@ Moment = dict[str, Shown]
 
 
 def _moments(times: Iterable[tuple[int, Moment]], window_ns: int) -> Iterator[Moment]:
-    """What the views show at times at most a window apart, each view at one of them."""
+    """Detections of the views at times at most a window apart, each view at one of them."""
     moment: Moment = {}
     begin = 0
     for t_ns, shown in times:

@@ -7,7 +7,7 @@ the distance to the prediction.  Two things differ from the thesis: distances ar
 together with the errors of detection and prediction, and the position is weighted by errors and not by W, because
 cameras measure a direction much better than a distance.
 
-Candidates without a label: bring them together on the ground, and follow their objects from time step to time step.
+Candidates without a label: bring them together on the ground, and track their objects over time steps.
 """
 
 from __future__ import annotations
@@ -58,8 +58,10 @@ class Decision(NamedTuple):
     declared: bool
     value: float  # of Eq. 4.13, natural log
     place: PositionWithCovariance | None  # global position of a declared object; None: a lone line states no position
-    kept: Bools  # (R,) local detections that stand
-    missed: Ints  # positions in `cameras` of the cameras that look, see the position, and have no detection that stands
+    kept: Bools  # (R,) local detections that are kept
+    missed: (
+        Ints  # positions in `cameras` of the cameras that look, see the position, and have no detection that is kept
+    )
     memory: ObjectMemory
 
     @property
@@ -73,7 +75,7 @@ class Decision(NamedTuple):
 def decide(
     memory: ObjectMemory, t_ns: int, sight: LocalDirections, looked: Ints, cameras: PlacedCameras, config: FuseConfig
 ) -> Decision:
-    """Decide whether an object is there, which detections of it stand, and which cameras missed it.
+    """Decide whether an object is there, which detections of it are kept, and which cameras missed it.
 
     Args:
         memory: of the object.
@@ -126,7 +128,7 @@ def decide(
 def agreeing(
     sight: LocalDirections, rows: Ints, motion: MotionEstimate | None, cameras: PlacedCameras, config: FuseConfig
 ) -> Ints:
-    """Which of some detections make the global position; empty if no position follows from them.
+    """Which of some detections make the global position; empty if they determine no position.
 
     Those with lines that meet in one position; without two that meet, the one nearest to the prediction; without a
     prediction, one with known distance and those that agree with it.
@@ -197,7 +199,7 @@ def _predicted_object(
 
 
 def _across(sight: LocalDirections, place: PositionWithCovariance) -> Floats:
-    """(R,) standard deviations by which lines miss a position; what is known of distances is not asked."""
+    """(R,) standard deviations by which lines miss a position; distances are not used."""
     nothing = np.full(len(sight.azimuth), np.nan)
     return np.sqrt(misfit(sight._replace(distance=nothing, sigma_distance=nothing), place))
 
@@ -240,7 +242,7 @@ def _single_line_updates(sight: LocalDirections, looked: Ints, cameras: PlacedCa
 class CandidateDecisions(NamedTuple):
     """Decisions about the candidates of one time step."""
 
-    objects: list[ObjectMemory]  # those that are followed further
+    objects: list[ObjectMemory]  # those that stay tracked
     decisions: list[tuple[Decision, Ints]]  # with the rows of the candidates that each is about
     nobody: Ints  # rows of candidates of no declared object
 
@@ -303,7 +305,7 @@ def _shared_out(
 
 
 def _off(memory: ObjectMemory, t_ns: int, sight: LocalDirections, config: FuseConfig) -> Floats:
-    if memory.motion is None:  # objects that are followed have one
+    if memory.motion is None:  # objects that are tracked have one
         return np.full(len(sight.azimuth), np.inf)
     place = ahead(memory.motion, t_ns, config.acceleration).place
     return misfit(sight, place, config.sigma**2)

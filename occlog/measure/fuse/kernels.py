@@ -58,7 +58,7 @@ class FusionDecisions(NamedTuple):
 
     @property
     def kept(self) -> Bools:
-        """(N, J) local detections that stand."""
+        """(N, J) local detections that are kept."""
         return np.asarray(self.cause == KEPT)
 
     @property

@@ -29,7 +29,7 @@ class FusionPart:
     views: Views
     bearings: Bearings
     starts: Ints  # (M + 1,) of the bearings; 0 first, number of rows last
-    losses: Detections  # what came with them: losses and numbers of frames
+    losses: Detections  # with them: losses and numbers of frames
 
 
 def whole_moments(parts: Iterable[Detections], window_ns: int) -> Iterator[FusionPart]:
@@ -123,7 +123,7 @@ class FusionRows:
         self._views, self._view_of = part.views, views_of(part.views, part.bearings)
 
     def keep(self, rows: Ints) -> None:
-        """These detections stand."""
+        """Keep these detections."""
         self.cause[rows] = KEPT
 
     def remove(self, rows: Ints) -> None:

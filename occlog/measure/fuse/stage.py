@@ -71,7 +71,7 @@ def fuse(parts: Iterable[Detections], scene: Scene, config: FuseConfig | None = 
     """Views and bearings after the fusion, in the order of time.
 
     Each target's labelled detections are fused by themselves.  Candidates (target_id -1) are grouped on the ground
-    and followed from one time step to the next.  Rows of microphone arrays, and of cameras without a pose, stay as
+    and tracked from one time step to the next.  Rows of microphone arrays, and of cameras without a pose, stay as
     they are.  Where the input is cut does not matter; memory does not grow with it.
 
     Args:

@@ -36,7 +36,7 @@ class PlacedCameras:
     region: Floats  # (K, 2) polygon in which objects can be
     far: Floats  # (C,) distance of the farthest position of the room in range
     p_miss: Floats  # (C,) probability that a camera misses what it could see, [Lee] P_M
-    p_false: Floats  # (C,) probability that a camera reports what is not there, [Lee] P_F
+    p_false: Floats  # (C,) probability that a camera reports a false object, [Lee] P_F
     person_height: float | None  # None: not known
 
     @property
@@ -123,7 +123,7 @@ def expected_sight(camera: Camera, place: PositionWithCovariance) -> tuple[float
 
 BORDER_PX = 1.5  # a box that comes this near to the border of the image is cut by it
 STATURE = (0.75, 1.33)
-"""A box this much shorter or taller than a person who stands at its lower edge does not show where the feet are."""
+"""A box this much shorter or taller than a person at its lower edge does not show where the feet are."""
 FOOT = 0.05
 """Standard deviation of the feet's row in the image, in heights of the box, also the reading noise."""
 
@@ -146,7 +146,7 @@ def feet(views: Views, cameras: PlacedCameras) -> Floats:
     """(V, 2) distance along the ground of each view's feet, and its standard deviation; NaN where they do not show.
 
     Feet are at the middle of the lower edge, on the floor z = 0.  They do not show in a camera of unknown
-    height, at the border of the image, or in a box that is too short or too tall for a person who stands there.
+    height, at the border of the image, or in a box that is too short or too tall for a person at that position.
     """
     out = np.full((len(views), 2), np.nan)
     for which, camera in enumerate(cameras.placed):
@@ -190,7 +190,7 @@ def recovered_views(
     Nothing for cameras without their own views so far, or where a person's height is not known.
 
     Args:
-        new: what was recovered.
+        new: recovered detections.
         cameras: those with a pose.
         views: of the part, before.
         bearings: of the part, before; a time of a sensor is a frame.

@@ -62,7 +62,7 @@ def label(
         bearings: chunks in the order of time.
         tracks: chunks in the order of time; linear between their rows, nowhere else.
         scene: must have the sensors.
-        config: gate, gaps, what is kept.
+        config: gate, gaps, rows kept.
         sensors: names of those to use, rows of others are skipped; None: all.
 
     Raises:
@@ -116,7 +116,7 @@ class _Paths:
         return _States(target, values, there)
 
     def _near(self, first_ns: int, last_ns: int) -> Tracks:
-        """Rows from one time to another; what lies before them is dropped."""
+        """Rows from one time to another; earlier rows are dropped."""
         parts = [self._held]
         while not len(parts[-1]) or parts[-1].t_ns[-1] <= last_ns:
             chunk = next(self._chunks, None)

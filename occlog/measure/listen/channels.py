@@ -1,4 +1,4 @@
-"""What is checked of sound: microphones without sound, at full scale, or with the samples of another one."""
+"""Checks of sound: microphones without sound, at full scale, or with the samples of another one."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Channels:
 def checks(
     channels: Mapping[str, Channels], tallies: Mapping[str, DoaTally], rows: Mapping[str, int]
 ) -> tuple[Check, ...]:
-    """What was checked of each array's sound, and what was found.
+    """Checks of each array's sound with their findings.
 
     Args:
         channels: by the name of the array.

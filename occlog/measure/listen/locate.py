@@ -347,7 +347,7 @@ def _off_plane(azimuth: float, elevation: float, normal: Floats) -> Floats:
 
 
 def peaks(chart: Floats, grid: DirectionGrid, config: DoaConfig) -> list[tuple[int, int]]:
-    """Rows and columns of the highest local maxima that are allowed and far enough apart, highest first."""
+    """Rows and columns of the highest local maxima that are allowed and sufficiently separated, highest first."""
     E = len(chart)
     padded = np.pad(np.pad(chart, ((1, 1), (0, 0)), constant_values=-np.inf), ((0, 0), (1, 1)), mode="wrap")
     around = [

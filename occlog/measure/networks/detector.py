@@ -39,7 +39,7 @@ class Embedder:
     """A network that gives a vector for the image of a person.
 
     Attributes:
-        network: what is run.
+        network: network to run.
         pixels: how colours become numbers.
         output: name of the output that is taken.
         length: of the vectors.
@@ -51,7 +51,7 @@ class Embedder:
     length: int
 
     def vectors(self, image: Image, boxes: Floats) -> Floats32:
-        """(n, `length`) vectors of length 1 of what is in boxes (n, 4) of an image; NaN: the network gives none."""
+        """(n, `length`) unit vectors of the contents of boxes (n, 4) of an image; NaN: the network gives none."""
         width, height = self.network.size
         out = np.empty((len(boxes), self.length), dtype=np.float32)
         step = MAX_CROPS if self.network.open_batch else self.network.batch
@@ -148,8 +148,8 @@ class NetworkDetector:
     """A network that detects; `prepare` may be called by other threads than `find`.
 
     Attributes:
-        network: what is run.
-        reading: what is read of its outputs.
+        network: network to run.
+        reading: interpretation of its outputs.
         names: of its classes.
         wanted: numbers of the classes that are searched for.
         fit: how images are brought to its size.

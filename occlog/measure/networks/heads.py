@@ -160,7 +160,7 @@ def shapes(outputs: Outputs) -> str:
 
 
 def _candidates(outputs: Outputs, size: tuple[int, int], names: int | None, more: bool) -> list[str]:
-    """Heads whose outputs these may be, by their names, by the number of classes, and of positions of YOLO."""
+    """Heads with such outputs, by their names, by the number of classes, and of positions of YOLO."""
     of_dets = RTMDET if "dets" in outputs and outputs["dets"].shape[-1:] == (5,) else RFDETR
     for head in (of_dets if "dets" in outputs else DETR, RTDETR):
         if _reading(outputs, head, names) is not None:
@@ -229,7 +229,7 @@ def read(
     `rfdetr` and `detr` the N highest scores of all boxes and classes count.
 
     Args:
-        reading: what is read of the outputs.
+        reading: interpretation of the outputs.
         outputs: of the batch.
         n: position of the image in the batch.
         size: width and height of the network's images.

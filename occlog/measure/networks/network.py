@@ -76,7 +76,7 @@ def ready(path: Path, runtime: str, threads: int, size: tuple[int, int] | None, 
 
     Args:
         path: its file.
-        runtime: what is to run it.
+        runtime: runtime to use.
         threads: that it may use.
         size: width and height of its images, where it leaves them open; None: as it states.
         batch: images at a time, where it leaves that open.
@@ -122,7 +122,7 @@ def _ports(ports: tuple[Port, ...] | list[Port]) -> str:
 
 
 def _whole_size(file: OnnxFile, wide: int | None, high: int | None, asked: tuple[int, int] | None) -> tuple[int, int]:
-    """Width and height of a network's images: its own, else what was asked for, else what its metadata states."""
+    """Width and height of a network's images: its own, else the requested size, else that of its metadata."""
     told = asked
     if told is None and (wide is None or high is None):
         try:
@@ -173,7 +173,7 @@ PIXELS: dict[str, tuple[bool, Floats32]] = {
 
 @dataclass(frozen=True)
 class ImagePlacement:
-    """Where an image lies in a network's: x_network = x_scale * x + left, both counted from the corners."""
+    """Placement of an image in a network's: x_network = x_scale * x + left, both counted from the corners."""
 
     x_scale: float
     y_scale: float
@@ -193,7 +193,7 @@ class ImagePlacement:
 
 
 def place(size: tuple[int, int], wanted: tuple[int, int], fit: str) -> ImagePlacement:
-    """How an image comes to lie in a network's.
+    """Placement of an image in a network's.
 
     `LETTERBOX` is that of ultralytics (`LetterBox`, `scaleup`, centred): one scale for both axes, the size rounded,
     the border halved and the odd pixel at the right and below.  `CORNER` is that of MMDetection (`Resize`, `Pad`).
@@ -244,7 +244,7 @@ def fill(out: Floats32, image: Image, pixels: str) -> None:
 
 
 def crop(image: Image, box: Floats, wanted: tuple[int, int]) -> Image:
-    """What is in a box (left, top, right, bottom) of an image, stretched to a size (width, height).
+    """Content of a box (left, top, right, bottom) of an image, stretched to a size (width, height).
 
     All pixels of which a part is in the box are taken, at least one.
     """

@@ -22,7 +22,7 @@ MOMENTS_PER_CHUNK = 256
 
 
 class _Sources(NamedTuple):
-    """N sources that are followed."""
+    """N sources that are tracked."""
 
     identity: Ints
     first_ns: Ints

@@ -59,7 +59,7 @@ def hull_priors(
     """Polygons and Gaussians in which the moving occluders are, chunk by chunk.
 
     Clusters of a target (`target_id` 0 or above) are not occluders; in their directions the
-    camera cannot determine what is behind.  Cameras without pose are not used.
+    camera cannot see the region behind.  Cameras without pose are not used.
 
     Args:
         views: in the order of time.

@@ -16,7 +16,7 @@ who moves on the spot is found as soon as it shows in one quiet sample.
 How tall people are in the image, from the people that were seen in it.
 
 Rule: in each sample, what differs from the empty scene is joined over gaps of an eighth
-of its height; a blob counts as a person who stands alone if it is 1.5 to 4.5 times as
+of its height; a blob counts as a separate person if it is 1.5 to 4.5 times as
 high as wide, fills 35 to 95 % of its box, is at least 24 px high and does not touch the
 border of the image.  On level ground the height grows linearly with the row of the feet,
 so a line is fitted by the median of the slopes between all pairs (Theil-Sen).  With
@@ -65,7 +65,7 @@ def make_subtractor(
 
     Args:
         kind: `mog2` or `knn`.
-        history: number of frames that the model remembers; a person who stands still
+        history: number of frames that the model remembers; a motionless person
             becomes background after about a tenth of it.
         threshold: squared distance of a pixel from the background, for MOG2 in units of
             the background's variance, for KNN in squared grey levels; None: the default.
@@ -207,7 +207,7 @@ CLOSINGS = (3, 7, 15)  # sides tried for joining pieces [px]; the one with most 
 
 
 def person_like_blobs(samples: list[Bytes], empty: Bytes) -> Floats:
-    """(N, 2) row of the feet and height [px] of blobs that resemble a person who stands alone."""
+    """(N, 2) row of the feet and height [px] of blobs that resemble a separate person."""
     return max((_blobs(samples, empty, side) for side in CLOSINGS), key=len)
 
 

@@ -1,4 +1,4 @@
-"""What is measured of each person-sized region of a frame: time steps, box, appearance.
+"""Measurements of each person-sized region of a frame: time steps, box, appearance.
 
 Foreground pixels collected in small square cells, with exact time steps: what clustering works on.
 
@@ -178,7 +178,7 @@ def cluster_regions(
         mask: (height, width), non-zero on the foreground.
         side: of the cells [px].
         prior: of the camera.
-        apart: of the camera: people of a silhouette of several are found by their outlines
+        apart: state of the camera: people of a silhouette of several are found by their outlines
             (`occlog.measure.clusters.crowds`); None: by EM alone.
     """
     cells, corners = gather(mask, side)

@@ -1,7 +1,7 @@
 """[Ercan] Sec. 4: Kalman filters instead of particles, in the room and among the occluders of Fig. 6.
 
 The filters are the methods `ekf`, `ukf` and `iekf` of `occlog track` with their defaults; the paper's motion is theirs
-in its first two moments.  What only particles can take in, priors and "not seen", is skipped but
+in its first two moments.  Information that only particles can use, priors and "not seen", is skipped but
 where a series states it.
 """
 

@@ -33,7 +33,7 @@ EXAMPLES = 100
 
 
 class LeeStatement(NamedTuple):
-    """What is stated, and where its quantity must be."""
+    """A statement, and the range of its quantity."""
 
     said: str
     good: v.Interval
@@ -270,5 +270,5 @@ EQUATIONS = Experiment(
     quick=(1, 1),
     compute=equations,
     judge=judge,
-    note="Computed without noise; the examples are drawn, and what is shown is the largest deviation.",
+    note="Computed without noise; the examples are drawn, and the largest deviation is shown.",
 )

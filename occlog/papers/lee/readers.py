@@ -179,7 +179,7 @@ READER_EXPERIMENTS = (
         quick=(1, 1),
         compute=counts,
         judge=judge_counts,
-        note="The layouts of Figs. 5-31 and 5-33 are lost: eight readers stand in two uneven rows.",
+        note="The layouts of Figs. 5-31 and 5-33 are lost: eight readers are in two uneven rows.",
     ),
     Experiment(
         item="readers",

@@ -170,7 +170,7 @@ def led_astray(state: VisualState, astray: DivertedTracker) -> VisualState:
 
 
 def _first(births: Sequence[Birth], views: int) -> TrackerOutlines:
-    """Return the rows of the first frame, of trackers that were just born."""
+    """Return the rows of the first frame, of trackers just initiated."""
     n = len(births)
     zero, unknown = np.zeros(n, dtype=np.int64), np.full(n, np.nan)
     return TrackerOutlines(

@@ -21,7 +21,7 @@ from occlog.simulate.balls.motion import BallPaths, ball_paths
 from occlog.simulate.balls.video import BallsFrame, render_balls
 
 APART = 2.4
-"""Distance of balls that are apart [radii]."""
+"""Distance of separate balls [radii]."""
 HIDING = 0.2
 """Distance of balls of which one hides the other [radii]."""
 ASIDE = 60.0
@@ -102,7 +102,7 @@ def _opposite(config: BallsConfig, rng: Generator) -> Floats:
 
 
 def _seen_in_first(middle: Floats, gap: Floats, rng: Generator) -> Floats:
-    """Return (T, 2, 3) two balls with this middle and gap (T, 2) along y and z, that view 2 sees apart."""
+    """Return (T, 2, 3) two balls with this middle and gap (T, 2) along y and z, that are separate in view 2."""
     side = rng.choice([-1.0, 1.0])
     x = np.broadcast_to([side * ASIDE, -side * ASIDE], (len(gap), 2))
     places = np.stack([middle - 0.5 * gap, middle + 0.5 * gap], axis=1)

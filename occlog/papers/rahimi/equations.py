@@ -31,7 +31,7 @@ ALONE, SPEED_KNOWN, TWO, RADIAL = "fig1-scale", "fig1-speed", "fig1-two", "sec7-
 
 
 class RahimiStatement(NamedTuple):
-    """What is stated, and where its quantity must be."""
+    """A statement, and the range of its quantity."""
 
     said: str
     good: v.Interval

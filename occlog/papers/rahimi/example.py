@@ -76,7 +76,7 @@ def reflected_path(steps: int, rng: np.random.Generator, smoothing: float = SMOO
     """Draw (steps, 2) positions of a target that moves straight at constant speed, is reflected by walls, and smoothed.
 
     Args:
-        steps: number of positions, `STEP_S` apart.
+        steps: number of positions, at intervals of `STEP_S`.
         rng: draws the first position and the direction.
         smoothing: standard deviation of the Gaussian [steps].
     """
@@ -107,7 +107,7 @@ def example(seed: int, run: int, steps: int, false: float = 0.0) -> Example:
 
 
 def truth_of(xy: Floats) -> Truth:
-    """Return (T, 2) positions as a table, `STEP_S` apart."""
+    """Return (T, 2) positions as a table, at intervals of `STEP_S`."""
     n = len(xy)
     return Truth.of(
         t_ns=times(n),

@@ -87,7 +87,7 @@ def judge4(table: Table) -> list[StatementVerdict]:
         v.pairs("fig4-ends", "The first and last tenth are worse than the rest, by this much [m].", [(middle, ends)]),
     ]
     if between is not None and beyond is not None and between.runs:
-        said = "What lies before the first or after the last sighting is worse than what lies between two [m]."
+        said = "Errors before the first or after the last detection are larger than between two [m]."
         out.append(v.pairs("fig4-beyond", said, [(between, beyond)]))
     return out
 

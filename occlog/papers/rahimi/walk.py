@@ -202,7 +202,7 @@ def judge7(table: Table) -> list[StatementVerdict]:
         ),
         v.judge(
             "fig7-loop",
-            f"The loop is recovered, its legs {APART:g} m apart: RMSE [m].",
+            f"The loop is recovered, its legs at {APART:g} m distance: RMSE [m].",
             mean_of(loop),
             v.at_most(half),
             v.at_most(once),

@@ -1,1 +1,1 @@
-"""Verb: do the stages of a run for each of many recordings, and collect what comes out in tables over all."""
+"""Verb: do the stages of a run for each of many recordings, and collect their results in tables over all."""

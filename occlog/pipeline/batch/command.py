@@ -65,7 +65,7 @@ def command(
     code, message, losses), metrics.parquet (a row a figure), tracks.parquet (with a column
     `recording`), and timings.csv.  A recording that fails is listed, and the others go on; the
     exit code is 3 then.  After an interruption, or with more recordings, the same command does
-    what is not up to date.  Results do not depend on the number of workers.
+    stages that are not up to date.  Results do not depend on the number of workers.
 
     \b
       occlog batch study.yaml 'recordings/*.mcap' -o results/

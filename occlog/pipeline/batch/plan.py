@@ -32,7 +32,7 @@ class BatchRecording(NamedTuple):
         name: of its run folder, different from every other one, also where case does not count, or how accents are put.
         shown: its file name, with folders where these are needed to find it among the others; names no machine; text.
         place: where it is.
-        fault: why it cannot be taken, in words that follow its name; empty: it may be.
+        fault: why it cannot be taken, as text after its name; empty: it may be.
     """
 
     name: str
@@ -46,7 +46,7 @@ def sources_of(patterns: Sequence[str], results: str = "") -> list[BatchRecordin
 
     Of several ways to one recording, over links, the one with the fewest links counts, and else the first by name.
     A recording is called by its file name without the ending; those of one name have a hash of their folder below the
-    common one behind it, so that names do not depend on where everything lies, and so have names that are too long.
+    common one behind it, so that names do not depend on absolute paths; long names are shortened as well.
 
     Args:
         patterns: files, patterns with `*`, `?`, `[...]` and `**`, and URLs.

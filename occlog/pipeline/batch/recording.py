@@ -4,7 +4,7 @@ Whatever is wrong with a recording is an outcome, not an error: the others go on
 
 The folder of a batch, on this machine or at a URL: begun, filled with tables, and known again.
 
-A run at a URL is worked on in a folder of this machine: what is there of it is fetched, and what is new is written
+A run at a URL is worked on in a folder of this machine: existing files are fetched, and new ones are written
 back, `run.json` last, so that a worker may be killed at any time.
 """
 
@@ -100,7 +100,7 @@ def _mark() -> dict[str, object]:
 
 @contextmanager
 def run_folder(place: str, name: str, cache: Cache) -> Iterator[Path]:
-    """Yield the folder of a run on this machine; what is new of one at a URL is written there at the end."""
+    """Yield the folder of a run on this machine; new files of one at a URL is written there at the end."""
     if not is_url(place):
         yield Path(place)
         return
@@ -141,7 +141,7 @@ class Task:
     config: Config  # without a recording
     folder: str = field(repr=False)  # of its run; the same
     force: bool  # do every stage
-    cache: Cache  # for what is at a URL
+    cache: Cache  # for files at URLs
 
 
 @dataclass(frozen=True)
@@ -187,7 +187,7 @@ def process(task: Task) -> RecordingOutcome:
 
 
 class _Run:
-    """The run of a recording, as far as it has come."""
+    """The run of a recording, in its current state."""
 
     def __init__(self, task: Task) -> None:
         self._task = task

@@ -49,7 +49,7 @@ WHOLE = "the whole recording"
 
 @dataclass(frozen=True)
 class DatasetTables:
-    """What was written over all recordings.
+    """Outputs over all recordings.
 
     Attributes:
         rows: number of rows by the name of the table.
@@ -180,7 +180,7 @@ class BatchRequest:
         scheduler: what does the work instead of these; None: nothing.
         jobs: settings of jobs, where the scheduler makes them.
         force: do every stage.
-        cache: keeps what was fetched from URLs.
+        cache: keeps files fetched from URLs.
     """
 
     config: Path
@@ -198,7 +198,7 @@ def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool
     """Do the stages of every recording that are not up to date, and write the tables; return the exit code.
 
     Args:
-        request: what is asked for.
+        request: options.
         strict: true: exit code 6 if tracks of a recording are not plausible.
         quiet: true: no progress and no notes.
         as_json: true: print the summary as JSON.
@@ -246,7 +246,7 @@ def _check_places(request: BatchRequest, sources: Sequence[BatchRecording]) -> N
     """Refuse positions that other processes do not have."""
     here = [p for p in (request.output, *(source.place for source in sources)) if is_url(p) and kind_of(p) == "memory"]
     if here and (request.workers > 1 or request.scheduler is not None):
-        raise UsageError(f"{here[0]}: lies in the memory of this process; give {option('workers')} 1")
+        raise UsageError(f"{here[0]}: is in the memory of this process; give {option('workers')} 1")
 
 
 def _outcomes(

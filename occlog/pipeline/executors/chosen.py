@@ -20,7 +20,7 @@ def executor_of(
 
     Args:
         workers: processes of this machine.
-        scheduler: what is used instead; None: nothing.
+        scheduler: the replacement; None: nothing.
         jobs: settings of jobs.
         folder: for scripts and logs of jobs, where their settings name none; None: missing.
         isolated: true: one worker is a separate process too, which may die without harm.

@@ -71,7 +71,7 @@ class DaskCluster:
     def _submitted(
         self, library: Any, client: Any, todo: Mapping[str, T], work: Callable[[T], R]
     ) -> Iterator[tuple[str, R | Lost]]:
-        """Iterate over the results of what is submitted together.
+        """Iterate over the results of jointly submitted work.
 
         Raises:
             InputError: the scheduler has gone, or has no occlog that it could read the work with.

@@ -16,7 +16,7 @@ class Lost(NamedTuple):
     """What there is of a piece of work instead of its result, since whoever did it is gone.
 
     Attributes:
-        reason: what is known of the end, in words.
+        reason: description of the end.
     """
 
     reason: str

@@ -76,7 +76,7 @@ class _Pool(Generic[T, R]):
                         result = future.result()
                         yield running.pop(future), result
             except BrokenProcessPool:
-                # What had been finished has its result all the same
+                # Finished work keeps its result
                 whole = [f for f in running if f.done() and not f.cancelled() and f.exception() is None]
                 for future in whole:
                     yield running.pop(future), future.result()

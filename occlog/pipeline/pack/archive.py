@@ -26,7 +26,7 @@ LOCK = "lock.txt"
 INPUTS, OUTPUTS = "inputs", "run"
 """Folders of the archive."""
 MADE = "occlog-verify"
-"""Run folder of a run that may lie anywhere, when it is made again."""
+"""Run folder of a run of any location, when it is made again."""
 MAX_MANIFEST_BYTES = 16_000_000
 LONGEST_NAME = 1000
 

@@ -32,7 +32,7 @@ from .archive import (
 
 
 class Packed(NamedTuple):
-    """What was packed."""
+    """Summary of the pack."""
 
     manifest: Manifest
     size: int  # of the archive [bytes]

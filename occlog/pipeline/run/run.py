@@ -48,7 +48,7 @@ class StageOutcome:
 
 
 class StageStep(NamedTuple):
-    """What was done of a stage."""
+    """State of a finished stage."""
 
     stage: str
     what: str  # "up to date", `WAITING` or "done"
@@ -97,7 +97,7 @@ def run_stages(
         return steps[-1].code
     if dry_run and (others := other_versions(folder)):
         console.note(f"{folder} was made with other packages: {others}", quiet)
-    # What is lost in a stage that is done stands there when it is
+    # Losses of a finished stage are in its state
     kept = [step for step in steps if step.what == UP_TO_DATE and step.code == ExitCode.LOSSY]
     console.note_losses(losses_of(folder / name for step in kept for name in step.outputs))
     verdicts = verdicts_of(folder / name for step in steps for name in step.outputs)
@@ -139,7 +139,7 @@ def _stages(
         _write_state(folder, state)  # so that a run which is killed in its first stage leaves a run folder
     digests = Digests()
     stages: list[RunStage] = []
-    for stage in plan(wanted, folder):  # what a stage made decides which ones follow
+    for stage in plan(wanted, folder):  # outputs of a stage determine the next ones
         stages.append(stage)
         with inside(wanted.path.resolve().parent):
             key = key_of(stage, folder, digests)
@@ -180,7 +180,7 @@ def _drop_others(folder: Path, state: dict[str, StageOutcome], stages: Sequence[
 
 
 def _remove_outputs(folder: Path, older: StageOutcome, made: Collection[str]) -> None:
-    """Remove what a stage made of another configuration, but what is made now."""
+    """Remove outputs of a stage from another configuration, except those made now."""
     for file, digest in older.outputs.items():
         place = folder / file
         if file not in made and place.is_file() and hash_file(place) == digest:

@@ -155,7 +155,7 @@ class RunStage:
         return tuple(zip(*(flat[n :: of.together] for n in range(of.together)), strict=True))
 
     def _settings(self) -> dict[str, str]:
-        """What stands under `set`, as texts by name."""
+        """Values under `set`, as texts by name."""
         given = self.values.get(SET) or {}
         if isinstance(given, Mapping):
             return {str(name): ",".join(map(str, listed(value))) for name, value in given.items()}
@@ -234,7 +234,7 @@ def setting_of(entry: RequestEntry, value: object) -> object:
 
 
 def _file(entry: RequestEntry, value: object, kept: Path | None) -> float | Path:
-    """A path, or the number that may stand instead."""
+    """A path, or the number that may replace it."""
     text = ",".join(map(str, listed(value)))
     if kept is not None and text == STANDARD_INPUT:
         return kept
@@ -251,7 +251,7 @@ def _file(entry: RequestEntry, value: object, kept: Path | None) -> float | Path
 
 
 def listed(value: object) -> list[object]:
-    """The items of a value: of a mapping `key=value` each, of what is no list itself."""
+    """The items of a value: of a mapping `key=value` each, of a single value."""
     if isinstance(value, Mapping):
         return [f"{k}={v}" for k, v in value.items()]
     return list(value) if isinstance(value, list | tuple) else [value]
@@ -261,7 +261,7 @@ NETWORK = ".onnx"
 
 
 def places_of(argument: str) -> list[Path]:
-    """The paths that an argument may mean and that are there: the whole of it, and what `NAME=` stands before."""
+    """The paths that an argument may mean and that are there: the whole of it, and the part behind `NAME=`."""
     texts = dict.fromkeys((argument, argument.split("=", 1)[-1]))
     # A title may be longer than any name of a file, of which Path.exists would complain
     return [Path(text) for text in texts if text and os.path.exists(text)]  # noqa: PTH110
@@ -296,6 +296,6 @@ def _beside(path: Path) -> Iterator[Path]:
 
 
 def name_of(file: Path, argument: str) -> str:
-    """What a file of `files_of` is known by, wherever its folder lies: its name, in a folder with the way to it."""
+    """Key of a file of `files_of`, independent of its folder: its name, in a folder with the way to it."""
     folders = (path for path in places_of(argument) if path.is_dir() and file.is_relative_to(path))
     return next((file.relative_to(path).as_posix() for path in folders), file.name)

@@ -202,7 +202,7 @@ def _overlay(
 
 
 def _of_everybody(config: Config) -> bool:
-    """Whether people are followed by their boxes, not targets by bearings."""
+    """Return whether people are tracked by boxes, not targets by bearings."""
     method = str(config.stage("track").get("method"))
     if method not in METHODS or METHODS[method].takes_in != BOXES:
         return False
@@ -301,7 +301,7 @@ def _stage(
 ) -> RunStage:
     for key in outputs:
         if key in config.stage(name):
-            raise InputError(f"{config.path}: {name}.{key}: outputs of a run lie in its folder; remove this key")
+            raise InputError(f"{config.path}: {name}.{key}: outputs of a run are in its folder; remove this key")
     verb, _, source = (verb or name).partition(" ")
     values = {**(inputs or {}), **config.stage(name), **outputs}
     with refused_in(config, name):
@@ -314,7 +314,7 @@ def _stage(
         known = stage.keys()
     for key in stage.values:
         if key not in known:
-            setting = f"it is a setting, which stands under set: `set: {{{key}: ...}}`"
+            setting = f"it is a setting; give it under set: `set: {{{key}: ...}}`"
             hint = setting if stage.without_key(key) else _nearest(key, sorted(known))
             raise InputError(f"{config.at(name, key)}: unknown key; {hint}")
     return stage

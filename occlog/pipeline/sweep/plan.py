@@ -112,7 +112,7 @@ def _check_priors(name: str, value: object) -> None:
 
 
 def _place(spec: SweepSpec, case: int, name: str, value: object) -> tuple[str, str]:
-    """Where a value of a trial stands in the file: for people, and as `lines_of` names it."""
+    """Position of a trial's value in the file: for people, and as `lines_of` names it."""
     if name in spec.vary:
         return f"vary.{name}", f"$.vary.{name}[{spec.vary[name].index(value)}]"
     if spec.cases and name in spec.cases[case]:

@@ -23,7 +23,7 @@ from occlog.pipeline.run.stages import check_settings, plan, read_config
 
 
 class Verified(NamedTuple):
-    """What came of it.
+    """Result of a verification.
 
     Attributes:
         same: names of outputs with the same bytes.
@@ -44,7 +44,7 @@ class Verified(NamedTuple):
         return ExitCode.DONE if explained and not self.different else ExitCode.DIFFERENT
 
     def in_words(self) -> str:
-        """What follows, in one sentence."""
+        """Conclusion in one sentence."""
         if not self.alike and not self.different:
             return "made again to the same bytes"
         if not self.versions:

@@ -90,7 +90,7 @@ def _errors(found: RunComparisonPage) -> Plot | None:
 
 
 def _lives(found: RunComparisonPage) -> Plot | None:
-    """Who follows whom over time: those of whom tracks change, or else all, as many as fit."""
+    """Matched tracks over time: people with changing tracks, or else all, as many as fit."""
     truth = found.against_truth
     if truth is not None:
         names = _whose(truth.a, truth.b)
@@ -103,12 +103,12 @@ def _lives(found: RunComparisonPage) -> Plot | None:
         return None
     who = "true person" if truth is not None else "track of A"
     caption = (
-        f"The tracks that follow each {who}, by their numbers. "
+        f"Tracks matched to each {who}, by their numbers. "
         + (f"{len(changing)} of {len(lives)} have more than one track in a run. " if changing else "")
         + (f"The first {len(shown)} are drawn." if len(shown) < len(changing or lives) else "")
     )
     size = (WIDTH, 1.0 + 0.42 * len(shown))
-    return plot("lives", "Who follows whom", caption.strip(), size, lambda f: draw_lives(f, found.time, shown))
+    return plot("lives", "Matched tracks", caption.strip(), size, lambda f: draw_lives(f, found.time, shown))
 
 
 def _whose(*followed: MatchedRuns) -> list[int]:
@@ -116,7 +116,7 @@ def _whose(*followed: MatchedRuns) -> list[int]:
 
 
 def build_markdown(found: RunComparisonPage) -> str:
-    """The verdict, what is not reliable, figures, partings and identities; no pictures."""
+    """The verdict, unreliable results, figures, partings and identities; no pictures."""
     out = [f"# {plain(found.title)}", "", f"**{plain(words.comparison_heading(found))}.**", ""]
     out += [f"- {plain(f'{letter}: {side.name}')}" for letter, side in found.sides]
     out += ["", *(f"- {plain(sentence)}" for sentence in words.sentences(found)), ""]
@@ -134,7 +134,7 @@ def build_markdown(found: RunComparisonPage) -> str:
     out += table_lines(("What", "When", "Tracks", "Apart", "In all"), parted, "lrlrr")
     people, more = words.identity_rows(found)
     if people:
-        out += ["## Who follows whom", ""]
+        out += ["## Matched tracks", ""]
         out += table_lines(("Who", "A", "B"), ((p.who, _cells(p.a), _cells(p.b)) for p in people), "lll")
         out += [f"and {more} more.", ""] if more else []
     changes, more = words.change_rows(found)
@@ -158,7 +158,7 @@ def _when(seconds: float | None) -> str:
 
 
 def summary_of(found: RunComparisonPage, request: RunComparisonRequest) -> dict[str, object]:
-    """What was written, whether the runs differ, where they part and who became another one."""
+    """Summary: files written, whether the runs differ, divergences and identity changes."""
     first, truth = found.partings.first, found.against_truth
     out: dict[str, object] = {"page": request.output}
     out |= {} if request.markdown is None else {"markdown": request.markdown}

@@ -1,4 +1,4 @@
-"""Figures of two runs: errors over time with their difference, and who follows whom.
+"""Figures of two runs: errors over time with their difference, and matched tracks.
 
 What the script of a page of two runs is given: both plans in the same time steps, and who is whom.
 
@@ -47,7 +47,7 @@ STYLES: dict[str, Style] = {
 
 
 class PersonLifeline(NamedTuple):
-    """A person whom tracks of both runs follow."""
+    """A person with tracks in both runs."""
 
     name: str
     a: tuple[Piece, ...]
@@ -88,7 +88,7 @@ def draw_errors(figure: FigureBase, time: TimeAxis, found: ErrorsOverTime, near:
 
 
 def draw_lives(figure: FigureBase, time: TimeAxis, lives: Sequence[PersonLifeline]) -> None:
-    """Draw two bars for each person, of A above that of B; a bar changes its colour where another track follows."""
+    """Draw two bars for each person, of A above that of B; a bar changes its colour where the track changes."""
     axes = figure.add_subplot()
     for place, life in enumerate(lives):
         for letter, pieces, offset in (("A", life.a, 0.21), ("B", life.b, -0.21)):
@@ -152,7 +152,7 @@ class RunComparisonReplay:
 
     Attributes:
         json: what the script is given, safe inside a `<script>` element.
-        words: what is shown and what was skipped, in sentences.
+        words: shown and skipped items, in sentences.
         people: what can be switched off: name, number, colour (-1: none).
         layers: what can be shown.
     """
@@ -258,12 +258,12 @@ def _changes(found: RunComparisonPage, start: int) -> list[float]:
 def _words(found: RunComparisonPage, kept: Ints, every: int, step: float) -> str:
     count = f"{len(kept):,}"
     out = [f"{count} of {len(found.times):,} time steps: every {every}-th." if every > 1 else f"{count} time steps."]
-    out.append("The same colour is the same person, as far as the runs agree; grey: one run alone has them.")
+    out.append("The same colour is the same person, where the runs agree; grey: in one run only.")
     out.append("A dashed ring is a target that no sensor sees, or of which something is uncertain.")
     out += ["A cross is where one truly is."] if found.a.data.truth is not None else []
     out.append(
         "The strip shows the largest distance of partners; orange below it: one run alone has a person; "
-        "red: a person is followed by another track."
+        "red: the track of a person changes."
     )
     out.append(f"Positions are rounded to {step:.1g} {found.unit}.")
     return " ".join(out)

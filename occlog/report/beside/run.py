@@ -77,7 +77,7 @@ def files_of(run: Path, shared: PageRequest) -> PageRequest:
 
     Args:
         run: a run folder or a table of tracks.
-        shared: what is named also, of both runs.
+        shared: further inputs, of both runs.
     """
     found = replace(shared, tracks=run).found
     if found.tracks is not None and content_of(found.tracks) is Content.RECORDING:

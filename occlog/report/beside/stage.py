@@ -22,7 +22,7 @@ from .comparison.pairs import EACH_FRAME, MatchedRuns, tracks_by_target
 from .comparison.partings import ErrorsOverTime, Paired, over_time
 
 MOVED = 1e-6
-"""Sensors that are farther than this share of a unit of length from where they were stand elsewhere."""
+"""Sensors that are farther than this share of a unit of length from their former positions count as moved."""
 
 
 def same_rows(a: ColumnTable, b: ColumnTable) -> bool:
@@ -47,7 +47,7 @@ def matched_by_truth(
         lasting_ns: shorter pieces are skipped.
 
     Returns:
-        The tracks of each run that follow each true target, identity switches of each run as CLEAR-MOT counts them,
+        The tracks of each run matched to each true target, identity switches of each run as CLEAR-MOT counts them,
         and errors over time.
     """
     config, limit = MultiTargetConfig(match_distance=near), EvaluateConfig().limit_ns
@@ -113,7 +113,7 @@ def notes_on_recordings(a: Mapping[str, str], b: Mapping[str, str]) -> Iterator[
 
 
 def notes_on_scenes(a: Scene | None, b: Scene | None) -> Iterator[str]:
-    """Sensors that one scene alone has, and those that stand elsewhere."""
+    """Sensors that one scene alone has, and those that moved."""
     if a is None or b is None:
         return
     own, other = ({s.name: s for s in scene.sensors} for scene in (a, b))
@@ -126,7 +126,7 @@ def notes_on_scenes(a: Scene | None, b: Scene | None) -> Iterator[str]:
         if name in other and not np.allclose(own[name].position, other[name].position, atol=MOVED, equal_nan=True)
     ]
     if moved:
-        yield f"sensors stand elsewhere in B: {', '.join(moved)}"
+        yield f"sensors have other positions in B: {', '.join(moved)}"
 
 
 def same_room(a: Scene | None, b: Scene | None) -> bool:

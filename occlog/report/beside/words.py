@@ -51,7 +51,7 @@ class TruthComparison:
 
     Attributes:
         comparison: figures with their differences, of `occlog compare`.
-        a, b: tracks that follow each true target.
+        a, b: tracks matched to each true target.
         switches: identity switches of A and of B, as CLEAR-MOT counts them.
         over_time: errors.
     """
@@ -76,10 +76,10 @@ class RunComparisonPage:
         times: (T,) common frames [ns].
         pairs: of the runs.
         partings: where they part.
-        in_b, in_a: tracks of B that follow each one of A, and the other way round.
+        in_b, in_a: tracks of B matched to each one of A, and the other way round.
         against_truth: what the truth states; None: missing.
         same: every estimate is the same, to the last digit.
-        notes: what does not fit: spans of time, sensors that stand elsewhere.
+        notes: mismatches: time spans, sensors with other positions.
         provenance: how everything was made, as JSON-ready values.
     """
 
@@ -118,7 +118,7 @@ class RunComparisonPage:
 
     @property
     def losses(self) -> tuple[tuple[str, Loss], ...]:
-        """Input that was lost, with the letter of the run; what both lost in the same position stands once."""
+        """Input that was lost, with the letter of the run; equal losses of both are listed once."""
         known: dict[Loss, str] = {}
         for letter, side in self.sides:
             for loss in side.data.losses:
@@ -150,7 +150,7 @@ def lengths_of(config: RunComparisonConfig, unit: str) -> tuple[float, float]:
 NAMES = {"idf1": "IDF1", "hota": "HOTA", "mota": "MOTA", "pairs_rmse": "RMSE of pairs"}
 """Figures with names that are not words; see `occlog.core.metrics.mot.frame_sums`."""
 MEANINGS = {
-    "idf1": "how long each person is followed by one track",
+    "idf1": "share of time with one track per person",
     "hota": "finding and following, over many limits of distance",
     "mota": "1 less misses, false tracks and exchanges, of all true people",
     "recall": "true people that are found",
@@ -158,7 +158,7 @@ MEANINGS = {
     "pairs_rmse": "distance from the truth of those that are found",
 }
 KINDS = {
-    TOO_FAR_APART: "partners too far apart",
+    TOO_FAR_APART: "partners beyond tolerance",
     ONLY_IN_A: "A alone has a person",
     ONLY_B: "B alone has a person",
     OTHER: "another partner",
@@ -193,14 +193,14 @@ class DivergenceRow(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """A track and when it follows a person; `seconds` is where it begins, None for what is skipped."""
+    """A track and the interval in which it is matched to a person; `seconds`: its begin, None for skipped ones."""
 
     text: str
     seconds: float | None
 
 
 class IdentityRow(NamedTuple):
-    """A person, and the tracks of both runs that follow them."""
+    """A person, and the tracks of both runs matched to them."""
 
     who: str
     a: list[Cell]
@@ -228,7 +228,7 @@ def format_time(found: RunComparisonPage, t_ns: int) -> str:
     return f"{seconds(found, t_ns):.2f} s"
 
 
-# ---- the heading and what is below it
+# ---- the heading and the lines below it
 
 
 def comparison_heading(found: RunComparisonPage) -> str:
@@ -262,7 +262,7 @@ def listed(names: Sequence[str]) -> str:
 
 
 def sentences(found: RunComparisonPage) -> list[str]:
-    """What is below the heading, each one sentence or two."""
+    """Lines below the heading, each one sentence or two."""
     out = []
     if found.same:
         out.append("Every estimate of one is an estimate of the other, to the last digit.")
@@ -310,7 +310,7 @@ def first_divergence(found: RunComparisonPage) -> str:
     kind, moment = first
     share = f"{found.partings.parted} of {counted(found.partings.frames, 'frame')}"
     return (
-        f"They first part at {format_time(found, moment.t_ns)}: {_told(found, kind, moment)}. They are apart in "
+        f"They first diverge at {format_time(found, moment.t_ns)}: {_told(found, kind, moment)}. They differ in "
         f"{share}: one "
         f"has a person whom the other has not, or partners are farther than {measure} from each other."
     )
@@ -352,7 +352,7 @@ def of_identities(found: RunComparisonPage) -> str:
 
 
 def followed(found: RunComparisonPage) -> tuple[MatchedRuns, MatchedRuns]:
-    """Tracks of A and of B that follow true targets, or without a truth those of the other run."""
+    """Tracks of A and of B matched to true targets, or without a truth those of the other run."""
     truth = found.against_truth
     return (found.in_a, found.in_b) if truth is None else (truth.a, truth.b)
 
@@ -412,7 +412,7 @@ def _values(side: RunSide, unit: str) -> dict[tuple[str, str, str], str]:
 
 
 def parting_rows(found: RunComparisonPage) -> list[DivergenceRow]:
-    """Each way of parting, what is farthest apart, and the longest sections."""
+    """Each kind of divergence, the largest distance, and the longest sections."""
     out = []
     for kind in found.partings.kinds:
         often = f"{kind.frames} of {counted(found.partings.frames, 'frame')}" if kind.frames else "never"
@@ -436,7 +436,7 @@ def _row(found: RunComparisonPage, what: str, moment: RunComparisonStep | None, 
 
 
 def identity_rows(found: RunComparisonPage) -> tuple[list[IdentityRow], int]:
-    """Who follows whom, those first of whom tracks differ; how many more there are."""
+    """Matched tracks, people with differing tracks first; how many more there are."""
     rows = []
     truth = found.against_truth
     if truth is not None:

@@ -22,7 +22,7 @@ LOOK = np.dtype([("pair", "i8"), ("t_ns", "i8"), ("step", "f8"), ("seen", "?")])
 Pair = tuple[str, int]
 """A sensor and a label of bearings."""
 MAX_SENSORS, MAX_TARGETS = 60, 6
-"""Sensors in a figure; targets that have a figure of their own."""
+"""Sensors in a figure; targets with a separate figure."""
 
 
 def scene_order(scene: Scene | None, found: Iterable[str]) -> tuple[str, ...]:
@@ -240,7 +240,7 @@ class Selections:
         chosen: n, the cameras of each.
         shares: of the time from the first selection to the last scan for which each camera was selected.
         expected: RMS of the error expected at selections.
-        found: RMS of what came out right then; NaN: nothing is known.
+        found: RMS of the error right then; NaN: unknown.
         what: `error`, `stated spread`, or nothing if that is not known.
     """
 

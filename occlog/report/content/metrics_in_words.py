@@ -71,12 +71,12 @@ WORDS: tuple[Word, ...] = (
     Word(_ACCURACY, "estimates_without_truth", "estimates without truth", "", "no truth near enough in time"),
     Word(_ACCURACY, "estimates_unmatched", "estimates of no target", "", "their track belongs to no true target"),
     Word(_ACCURACY, "tracks", "tracks"),
-    Word(_ACCURACY, "tracks_smoothed", "tracks smoothed", "", "1: they know what came after them", False),
+    Word(_ACCURACY, "tracks_smoothed", "tracks smoothed", "", "1: estimated with later measurements", False),
     Word(_ACCURACY, "tracks_unmatched", "tracks of no target"),
     Word(_ACCURACY, "targets", "true targets"),
     Word(_ACCURACY, "targets_unmatched", "true targets without track"),
     Word(_ACCURACY, "time_coverage", "time covered", SHARE, "of the targets' true path"),
-    Word(_BOUND, "bound_rmse", "bound on the RMSE", LENGTH, "posterior Cramér–Rao bound for what was really visible"),
+    Word(_BOUND, "bound_rmse", "bound on the RMSE", LENGTH, "posterior Cramér–Rao bound for the true visibility"),
     Word(_BOUND, "bound_ratio", "RMSE / bound", "", "1 is the best possible"),
     Word(_BOUND, "smoothed_bound_rmse", "bound of smoothing", LENGTH, "with everything known that was seen later, too"),
     Word(_BOUND, "smoothed_bound_ratio", "RMSE / bound of smoothing", "", "1 is the best possible of all estimates"),
@@ -175,7 +175,7 @@ WHOSE = r"(?:_target_(?P<target>-?\d+)|_sensor_(?P<sensor>.+?)|_(?P<box>clear|fr
 BOXES = {"clear": "in the clear", "front": "in front of other people", "hidden": "partly hidden"}
 SETTLED = "settled_"
 LONGEST_FIRST = sorted(WORDS, key=lambda word: -len(word.base))
-"""So that `detected_hidden` is not read as `detected` of what is `hidden`."""
+"""So that `detected_hidden` is not read as `detected` of `hidden`."""
 
 
 @dataclass(frozen=True)
@@ -221,7 +221,7 @@ class MetricValue(NamedTuple):
 
 
 def number(value: Value) -> str:
-    """A number with about four digits, thousands apart; a dash for NaN and None."""
+    """A number with about four digits, thousands separated; a dash for NaN and None."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "–" if value is None or math.isnan(value) else ("∞" if value > 0 else "\N{MINUS SIGN}∞")
     if isinstance(value, bool | np.bool_):

@@ -1,4 +1,4 @@
-"""What a report is made of, and what comes out."""
+"""Input and content of a report."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class ReportInput:
         title: heading of the page.
         scene: room, occluders, sensors.
         tracks, bearings, truth, errors, bound, diagnostics: tables as the stages write them.
-        events: births, deaths and uncertain identities of all people.
+        events: initiations, terminations and possible identity switches of all people.
         occluders: where moving occluders were thought to be.
         metrics: flat figures of `occlog evaluate`, by name.
         provenance: how the inputs were made, as JSON-ready values.
@@ -162,7 +162,7 @@ class ReportInput:
 
     @property
     def smoothed(self) -> bool:
-        """Whether the tracks know what came after them."""
+        """Whether the tracks are smoothed."""
         return self.made.smoothed
 
     @property
@@ -183,7 +183,7 @@ class ReportInput:
 
     @property
     def findings(self) -> tuple[tuple[str, Check], ...]:
-        """What was found, with the stage that found it."""
+        """Findings, with their stages."""
         return found_by_stage(self.verdicts)
 
     @property
@@ -224,7 +224,7 @@ class ReportInput:
             return ", any object"
         if self.looked is None or len(self.looked.watched) == 1:
             return ""
-        return f", target {target}" if self.same_names else f", what is labelled {target}"
+        return f", target {target}" if self.same_names else f", label {target}"
 
     def whose_errors(self, target: int) -> str:
         """Words for the target that errors name, with its track where that has another name."""

@@ -25,14 +25,14 @@ RAYS = 121
 
 
 def visible_area(origin: Floats, yaw: float, fov: float, reach: float, walls: Floats) -> Floats:
-    """Polygon that a sensor sees: a wedge cut off where a wall stands in the way.
+    """Polygon that a sensor sees: a wedge cut off at walls.
 
     Args:
         origin: (2,) position of the sensor.
         yaw: azimuth of the optical axis [rad].
         fov: full opening angle [rad]; 2 pi or more is all around.
         reach: farthest distance, finite and > 0.
-        walls: (S, 2, 2) line segments that hide what is behind them.
+        walls: (S, 2, 2) line segments that block lines of sight.
 
     Returns:
         (K, 2) corners, the sensor first (unless it sees all around).

@@ -1,4 +1,4 @@
-"""Drawings of tables: of long ones every n-th time; what is stated in numbers is of all rows.
+"""Drawings of tables, downsampled to every n-th time if long; numbers are of all rows.
 
 The rule: of a table of more than `MAX_ROWS` rows those of every k-th time are kept, with the smallest k by which not
 more than this many are left, if all times have as many; in addition the first and the last row of each target, of
@@ -59,7 +59,7 @@ class DownsampledTable(Generic[T]):
     Attributes:
         table: the rows that are kept.
         rows: (n,) their positions in the whole.
-        whole: what is known of all rows.
+        whole: figures of all rows.
     """
 
     table: T

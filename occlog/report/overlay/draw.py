@@ -1,4 +1,4 @@
-"""Draws what is tracked, and what is true, over the frames of several views, as in [Qu] Fig. 7."""
+"""Draws tracks and truth over the frames of several views, as in [Qu] Fig. 7."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Outline(NamedTuple):
     target_id: int
     dashed: bool = False  # its neighbours repel it, and no other view helps
     strong: bool = False  # other views help
-    wrong: str = ""  # what is wrong with it
+    wrong: str = ""  # its fault
 
 
 class TruePosition(NamedTuple):
@@ -106,7 +106,7 @@ def draw_shot(image: Bytes, shot: FrameDrawing, scale: float) -> Bytes:
         _estimate(picture, outline, scale, shot.colour(outline.target_id))
     for place in shot.places:
         (_true_box if shot.boxed else _true_cross)(picture, place, scale, shot.colour(place.target_id))
-    taken: list[Box] = []  # numbers lie over everything else
+    taken: list[Box] = []  # numbers are drawn on top
     for outline in shot.outlines:
         _tag(picture, outline, scale, taken, shot.colour(outline.target_id))
     for way in shot.ways:

@@ -1,4 +1,4 @@
-"""The pictures of a video, one after another: the frames of all cameras with what was tracked, and the plan.
+"""The pictures of a video, one after another: the frames of all cameras with tracks, and the plan.
 
 Frames that cannot be decoded: nothing is shown of them, and they are listed as lost.
 """
@@ -35,7 +35,7 @@ from .plan import GroundTrackPositions, OverlayTables, PlanRenderer, Trails, tar
 from .stage import OverlayFrameRows, OverlayRig, frame_shot
 
 NO_IMAGE = "no image: lost"
-"""What is stated instead of an image."""
+"""Text instead of an image."""
 
 
 class LostFrames:
@@ -85,7 +85,7 @@ class FrameRowReader(Generic[T]):
     """Rows of a table sorted by time, chunk by chunk, taken by time and camera; earlier ones are let go."""
 
     def __init__(self, chunks: Iterable[T]) -> None:
-        """`chunks` follow each other in time."""
+        """`chunks` are in the order of time."""
         self._chunks = iter(chunks)
         self._held: T | None = None
         self.read = self.used = 0
@@ -196,7 +196,7 @@ class Pictures:
         return OverlayFrameRows(_at(self._tracks, frame), _at(self._truth, frame), _at(self._failures, frame))
 
     def _ways_of(self, view: int, frame: Frame, rows: OverlayFrameRows) -> list[LineDrawing]:
-        """Trails in the image; of targets that are followed in the world alone where they should be seen."""
+        """Trails in the image; of targets tracked in the world only, at their expected positions."""
         if self._world is not None:
             self._world.move(frame.t_ns)
         if rows.tracks is not None:

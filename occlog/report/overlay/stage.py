@@ -39,7 +39,7 @@ class OverlayRig(NamedTuple):
     cameras: Sequence[Camera | None]  # of the scene, for lens distortion
     geometry: ViewGeometry | None  # None: no epipolar lines are drawn
     numbered: bool = True  # a tracker has the number of its target; else the two have nothing in common
-    bottom: bool = False  # lines are of the lowest points of ellipses, where people stand; else of their centres
+    bottom: bool = False  # lines are of the lowest points of ellipses, at people's feet; else of their centres
 
 
 def frame_shot(view: int, frame: int, rows: Sequence[OverlayFrameRows], rig: OverlayRig) -> FrameDrawing:
@@ -159,7 +159,7 @@ def _line(
 
 
 def line_in_image(line: Floats, view: TrackedView, camera: Camera | None) -> Floats | None:
-    """(k, 2) recorded pixels along a line of ideal pixels, as far as it is near the image; None: it passes by.
+    """(k, 2) recorded pixels along a line of ideal pixels, near the image; None: it passes by.
 
     Args:
         line: (3,) with l1^2 + l2^2 = 1.

@@ -304,7 +304,7 @@ def near_scene(scene: Scene) -> tuple[Scene, list[str]]:
 
 
 def _ahead(scene: Scene) -> Floats:
-    """(N, 2) points in front of the cameras, about as far as they are from each other."""
+    """(N, 2) points in front of the cameras, at about the distance between them."""
     cameras = [c for c in scene.cameras if c.placed]
     at = np.array([c.ground for c in cameras]).reshape(-1, 2)
     spread = float(np.ptp(at, axis=0).max()) if len(at) else 0.0
@@ -313,7 +313,7 @@ def _ahead(scene: Scene) -> Floats:
 
 
 def outside(data: ReportInput) -> int:
-    """How many estimates lie outside the drawing."""
+    """Number of estimates outside the drawing."""
     if data.tracks is None:
         return 0
     (x0, y0), (x1, y1) = plan_limits(data)
@@ -365,7 +365,7 @@ def _line(axes: Axes, table: Tracks | Truth, rows: Ints, points: int, **style: A
 
 
 def _path(axes: Axes, table: Tracks | Truth, rows: Ints, since: int | None, points: int, **style: Any) -> None:
-    """One path; what is older than `since` is faint."""
+    """One path; older than `since` is faint."""
     if since is not None:
         faint = {"color": style["color"], "linewidth": 0.4, "alpha": 0.3, "zorder": 2.8}
         _line(axes, table, rows[table.t_ns[rows] <= since], points, **faint)

@@ -8,7 +8,7 @@ Which cameras were selected when, and the error that was expected of them.
 
 Where there is no truth: how far the track is from where the lines of sight meet, and from each of them.
 
-What each sensor saw when: one row a sensor, filled as far as it saw the target.
+What each sensor saw when: one row a sensor, filled for the share of detections.
 """
 
 from __future__ import annotations

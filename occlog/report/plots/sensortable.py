@@ -1,4 +1,4 @@
-"""The table of sensors: where each stands, how often it saw the target, how well its lines of sight fit the track."""
+"""The table of sensors: position, detections, and bearing residuals of each."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ MAX_BOXES = 40
 """Targets that can be switched off one by one."""
 PEAKS = 5
 MIN_PEAK_SEPARATION = 0.05
-"""Peaks of the error are at least this share of the time apart."""
+"""Peaks of the error have at least this share of the time between them."""
 
 
 Layer = tuple[str, str, bool]
@@ -49,7 +49,7 @@ class Replay:
 
     Attributes:
         json: what the script is given, safe inside a `<script>` element.
-        words: what is shown and what was skipped, in sentences.
+        words: shown and skipped items, in sentences.
         targets: identities that can be switched off, with the number of their colour.
         layers: names of layers, with their labels and initial visibility.
         peaks: the largest errors, the largest first.

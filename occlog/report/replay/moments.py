@@ -1,4 +1,4 @@
-"""Which time steps of a run can be shown, and what was at each of them.
+"""Time steps of a run that can be shown, and the state at each.
 
 The rule: of the times of the tracks (of the truth, if missing) every k-th is kept, with the smallest k by
 which not more than `MOST_SHOWN` estimates and as many true positions are left; where a part of a table is drawn, that
@@ -30,7 +30,7 @@ KINDS = {"f8": "<f8", "u4": "<u4", "u2": "<u2", "i2": "<i2", "u1": "u1", "i1": "
 """Kinds of numbers by their names in the script."""
 MAX_INT16, MAX_UINT16 = 32767, 65535
 MISSING = MAX_UINT16
-"""Stands for what is not known, or not named."""
+"""Marks unknown or unnamed values."""
 SMALL = {"u4": "u2", "u2": "u1", "i2": "i1"}
 """Kinds of half the size."""
 Packed = list[Any]
@@ -93,7 +93,7 @@ TRUE_FROM = 40_000
 
 @dataclass(frozen=True, eq=False)
 class ReplaySteps:
-    """What is shown of a run.
+    """Replay data of a run.
 
     Attributes:
         data: the run.

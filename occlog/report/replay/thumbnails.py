@@ -1,4 +1,4 @@
-"""Small images of the cameras next to the plan, with what is tracked drawn over them.
+"""Small images of the cameras next to the plan, with tracks drawn over them.
 
 The rule: images of evenly spaced time steps, this many that all together stay below a limit that the user gives, judged
 by those of the first time step; not more than `MAX_MOMENTS`.
@@ -55,7 +55,7 @@ class Thumbnails:
 
     @property
     def words(self) -> str:
-        """What is shown, in a sentence."""
+        """Description of the images in a sentence."""
         return f"Images: {self.moments:,} of {self.of:,} time steps." if self.of > self.moments else ""
 
     def packed(self, start_ns: int) -> list[dict[str, Any]]:

@@ -1,5 +1,5 @@
 // One floor plan: people, lines of sight and occlusions at a time, and their drawing.
-// What is drawn comes from an element that holds JSON and is never executed; text is set as text.
+// The data come from an element that holds JSON and is never executed; text is set as text.
 "use strict";
 const NONE = 65535;
 const $ = (id) => document.getElementById(id);
@@ -91,7 +91,7 @@ const makePlan = (canvas, data, times, hiddenTargets) => {
     return { targets: out, others };
   };
 
-  // The part of the floor that a body hides from a camera: between its two tangents, as far as its shadow reaches
+  // The part of the floor that a body hides from a camera: between its two tangents, up to the end of its shadow
   const shadow = (camera, at, bodyWidth, bodyHeight) => {
     const dx = at[0] - camera.x, dy = at[1] - camera.y, far = Math.hypot(dx, dy), r = bodyWidth / 2;
     if (far <= r || (camera.fov < 6.28 && turn(Math.atan2(dy, dx) - camera.yaw) > camera.fov / 2 + 0.1)) return null;
@@ -102,7 +102,7 @@ const makePlan = (canvas, data, times, hiddenTargets) => {
     return end <= near ? null : { middle, half, far, end, corners: [point(middle - half, near), point(middle - half, end),
       point(middle + half, end), point(middle + half, near)] };
   };
-  // Who stands between a camera and a person that it does not see
+  // People between a camera and a person that it does not see
   const hiders = (person, people) => {
     const out = [];
     if (person.seen === null) return out;

@@ -15,7 +15,7 @@ const followTheme = (redraw) => {
 };
 
 // ---- the strip above the slider: a value of each time step as an area, and marks below it
-// `words` say what it is, with its largest value; `marks` are a time and the name of a colour each
+// `words` describe it, with its largest value; `marks` are a time and the name of a colour each
 const makeStrip = (times, series, words, marks) => {
   const strip = $("replay-strip"), pen = strip.getContext("2d");
   const top = series.reduce((a, b) => Math.max(a, b), 0) || 1;

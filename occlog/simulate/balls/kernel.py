@@ -184,7 +184,7 @@ def deliver_into(out: Bytes, image: Floats32, noise: Floats32, starts: Ints) -> 
     Args:
         out: (H, 3 W) the frame.
         image: (H, 3 W) light.
-        noise: (N,) what is added to colours one after the other, plus 0.5; a row takes a section of it.
+        noise: (N,) values added to colours in sequence, plus 0.5; a row takes a section of it.
         starts: (H,) where the section of each row starts, at most N - 3 W.
     """
     zero, full = np.float32(0.0), np.float32(255.0)

@@ -62,7 +62,7 @@ def ball_box(config: BallsConfig) -> Floats:
 
 
 def _largest(good: Callable[[float], bool]) -> float:
-    """The largest scale up to 1 that is good; good ones lie below bad ones."""
+    """The largest scale up to 1 that is good; good ones are below bad ones."""
     if good(1.0):
         return 1.0
     low, high = 0.0, 1.0
@@ -115,7 +115,7 @@ def _directions(rngs: list[np.random.Generator]) -> Floats:
 
 
 def _start(config: BallsConfig, reach: Floats, rng: np.random.Generator) -> Floats:
-    """(n, 3) positions about the centre of the box; apart in all views, or in space, where that is asked for."""
+    """(n, 3) positions about the centre of the box; separated in all views, or in space, if requested."""
     cameras, middle = ball_cameras(config), np.array([0.0, 0.0, 0.5 * config.height])
     gap = 2.1 * config.radius
     placed = np.zeros((0, 3))
@@ -129,7 +129,7 @@ def _start(config: BallsConfig, reach: Floats, rng: np.random.Generator) -> Floa
             placed = np.zeros((0, 3))  # the first ones may leave no room for the rest
         if len(placed) == config.balls:
             return placed
-    where = f"{config.balls} balls of radius {config.radius:g} px that start apart"
+    where = f"{config.balls} balls of radius {config.radius:g} px that start separately"
     if config.start_apart:
         raise InputError(f"balls: no room for {where}; take fewer or smaller ones, or let them overlap initially")
     if config.collide:

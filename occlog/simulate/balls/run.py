@@ -106,7 +106,7 @@ def _made(setup: BallsSetup, job: Job, seed: int) -> Provenance:
 def _write_truth(
     writer: RecordingWriter, setup: BallsSetup, paths: BallPaths, frame: BallsFrame, counts: Counter[str]
 ) -> int:
-    """Write what is truly in the frames of one time; return the time [ns]."""
+    """Write the ground truth of the frames of one time; return the time [ns]."""
     t_ns = START_NS + int(step_times(frame.frame, 1, 1.0 / setup.rate_hz)[0])
     writer.table(balls_truth(paths.centres[frame.frame], t_ns))
     for boxes in balls_boxes(frame, setup.scene.cameras, t_ns):

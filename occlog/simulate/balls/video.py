@@ -2,7 +2,7 @@
 
 Where the balls are is in `render_balls_motion`; this makes the images of it.
 
-The synthetic video of balls as tables: the scene, and what is truly in each frame.
+The synthetic video of balls as tables: the scene, and the ground truth of each frame.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ class Clothes(NamedTuple):
 
 
 class Poses(NamedTuple):
-    """Where n bodies are and how they stand."""
+    """Positions and postures of n bodies."""
 
     xy: Floats  # (n, 2) in scene units
     heading: Floats  # (n, 2) unit vectors

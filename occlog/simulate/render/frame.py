@@ -122,7 +122,7 @@ class Canvas(NamedTuple):
 
 
 class RenderedFrame(NamedTuple):
-    """A frame and what is in it."""
+    """A frame and its content."""
 
     image: Bytes  # (H, W, 3) BGR
     present: Ints  # (m,) which objects were there to be drawn

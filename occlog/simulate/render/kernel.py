@@ -146,7 +146,7 @@ def resolve_into(
     bodies: Bodies,
     room: Room,
 ) -> None:
-    """Paint what `trace_into` found, count what is visible of each body, and restore the buffers.
+    """Paint what `trace_into` found, count the visible pixels of each body, and restore the buffers.
 
     `visible` (n, 5) is like `extent`, for the lines of sight that end on the body.  An
     ellipsoid is shaded once in a pixel, on the first of its lines of sight.

@@ -43,13 +43,13 @@ PERSON = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rendered:
-    """One frame of one camera, with what is truly in it."""
+    """One frame of one camera, with its ground truth."""
 
     t_ns: int
     sensor: str
     index: int
     image: Bytes  # (H, W, 3) BGR
-    boxes: TruthBoxes  # whole bodies, hidden parts included, as far as they are in the image
+    boxes: TruthBoxes  # whole bodies, hidden parts included, clipped to the image
     visible: TruthBoxes  # the visible parts of the same bodies, but for those wholly hidden
     share: Floats  # visible share of each body that has a box
 
@@ -217,7 +217,7 @@ def reference_appearances(
     """Appearance of each target: the histogram of its body as seen from eight sides in the scene's light.
 
     Args:
-        scene: its lamps light the body, which stands where the first lamp hangs.
+        scene: its lamps light the body, which is below the first lamp.
         targets: numbers of the targets, rising, as in the truth that is rendered.
         config: as for `render`.
         seed: as for `render`; it decides on the clothes.

@@ -20,7 +20,7 @@ SAMPLES = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
 
 SKY = np.array([212.0, 196.0, 178.0])
 NOTHING, FLOOR, CEILING, FACES = -1, 0, 1, 2
-"""What a line of sight hits: nothing, floor, ceiling; face k is FACES + k, cap k follows after the faces."""
+"""Surface hit by a line of sight: nothing, floor, ceiling; face k is FACES + k, cap k comes after the faces."""
 
 LAMP_SPREAD = 0.12
 """Half the width of a lamp, in metres."""
@@ -66,7 +66,7 @@ def cast(
     starts: Ints,
     heights: Floats,
 ) -> tuple[Floats, Ints]:
-    """Nearest hits of (N, 3) lines of sight: distance in units of the ray, infinite for none, and what is hit."""
+    """Nearest hits of (N, 3) lines of sight: distance in units of the ray, infinite for none, and the surface hit."""
     cx, cy, cz = origin[0], origin[1], origin[2]
     t_out = np.full(rays.shape[0], np.inf)
     hit = np.full(rays.shape[0], -1, dtype=np.int64)

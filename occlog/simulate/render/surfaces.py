@@ -156,7 +156,7 @@ def light_at(px: float, py: float, pz: float, nx: float, ny: float, nz: float, l
 def in_shadow(
     px: float, py: float, pz: float, lx: float, ly: float, lz: float, walls: Floats, starts: Ints, heights: Floats
 ) -> bool:
-    """True if a prism stands between the point p and the lamp l above it."""
+    """True if a prism is between the point p and the lamp l above it."""
     ex, ey = lx - px, ly - py
     for w in range(starts.shape[0] - 1):
         first, last = starts[w], starts[w + 1]

@@ -51,7 +51,7 @@ class Sounding:
 
 
 class SoundChanges:
-    """Times at which one source starts and stops, drawn as far as they are asked for."""
+    """Times at which one source starts and stops, drawn on demand."""
 
     def __init__(self, means: tuple[float, float], start_ns: int, rng: np.random.Generator) -> None:
         sounds = rng.random() * sum(means) < means[0]
@@ -116,7 +116,7 @@ def _merge(to: Floats, known: Bools, heard: Bools, resolution: float, planar: bo
         for u in (ground, units)
     )
     total = np.where(all_known[..., None], total, flat_total)
-    clear = np.linalg.norm(total, axis=-1) > 1e-9  # opposite directions have no mean: the first stands
+    clear = np.linalg.norm(total, axis=-1) > 1e-9  # opposite directions have no mean: the first is kept
     return np.where((several & clear)[..., None], _unit(total), to), all_known, stands
 
 

@@ -62,7 +62,7 @@ def observe(
 
 
 def _simulated_camera(scene: Scene, camera: Camera, number: int, config: ObserveConfig, seed: int) -> SimulatedCamera:
-    """The camera with its own random numbers, where it really stands if its calibration is wrong."""
+    """The camera with its own random numbers, at its true position if its calibration is wrong."""
     ground, yaw = camera.ground, camera.yaw
     if config.noise == "calibration":
         error = generator(seed, RandomStream.CAMERA_CALIBRATION, number).standard_normal(3)

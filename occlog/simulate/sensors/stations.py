@@ -132,7 +132,7 @@ class Station(NamedTuple):
     name: str
     place: Floats  # (3,)
     noise: np.random.Generator  # of ranges, differences, strengths
-    chance: np.random.Generator  # of what is missed, false, or comes by a detour
+    chance: np.random.Generator  # of misses, false readings and detours
     signal: SimulatedReader  # the shadowing of each target
 
 
@@ -167,7 +167,7 @@ def observe_stations(
     Args:
         scene: cameras and arrays are the stations.
         truth_chunks: true paths, in time order, as tables or grids.
-        config: what is measured, and how well.
+        config: measured quantities and their noise.
         radio: path loss and shadowing of strengths.
         seed: of all random numbers; each station has its own.
 
@@ -211,7 +211,7 @@ def _measured(
         ids: (n,) their numbers.
         reach: largest distance in the scene, up to which false ranges are drawn.
         metre: in units of length.
-        config: what is measured, and how well.
+        config: measured quantities and their noise.
         radio: path loss and shadowing.
     """
     shape = xyz.shape[:2]

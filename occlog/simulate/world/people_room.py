@@ -1,12 +1,12 @@
 """A room in which people of identical appearance walk and occlude one another, seen by two to six cameras.
 
-The cameras stand so far from the part that people walk in that all views hold them whole,
+The cameras are at such a distance from the walking area that all views hold them whole,
 and not in one line: then the views of any three of them state where a point is in the third.
 
 Objects that walk to random positions by potential fields: around each other, walls and people ([Lee] Sec. 5.2.2).
 
 The total force gives the direction of a step, its length is constant, and noise is added as for `waypoints`.  The
-thesis turns away from what is straight ahead and no more; here a step that would bring an object closer than a diameter
+thesis turns away from obstacles straight ahead only; here a step that would bring an object closer than a diameter
 to another one, into a wall or out of the room is turned or skipped, as `waypoints` does it.  So objects never overlap,
 never leave the room and never enter a static occluder.
 
@@ -55,7 +55,7 @@ HEIGHT = 0.9
 """Height of the point in the middle of the room at which all cameras point [m]."""
 
 BODY = np.array([[x, y, z] for x in (-0.3, 0.3) for y in (-0.3, 0.3) for z in (0.0, 1.85)])
-"""Corners of a box about a body, from where it stands [m]."""
+"""Corners of a box about a body, relative to its feet [m]."""
 TRIES, DRAWN = 200, 500
 """Searches for positions without occlusions between people, and positions drawn in each."""
 
@@ -135,7 +135,7 @@ def _clear(box: Floats, others: Floats) -> Bools:
 
 
 class Avoidance(NamedTuple):
-    """How objects avoid what is in their way."""
+    """Obstacle avoidance of objects."""
 
     field: Field
     steps: StepRules

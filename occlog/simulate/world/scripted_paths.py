@@ -1,6 +1,6 @@
 """Scripted targets to their true positions: sections of constant velocity, turns and accelerations.
 
-A section is followed exactly, whatever the steps: a turn keeps its speed in the plane and
+A section is traversed exactly, whatever the steps: a turn keeps its speed in the plane and
 turns at the rate lateral / speed ([Lee] Eqs. 2.13-2.14), an acceleration is a known input.
 Noise is that of white acceleration, collected from step to step.
 
@@ -84,7 +84,7 @@ def silences(script: MotionScript, start_ns: int) -> dict[int, Ints]:
 
 
 def check_inside(scene: Scene, grid: TimeGrid, start_ns: int) -> None:
-    """InputError for an object that leaves the room or stands in a static occluder: people cannot be drawn there."""
+    """InputError for an object that leaves the room or is in a static occluder: people cannot be drawn there."""
     for column, number in enumerate(grid.ids.tolist()):
         there = np.flatnonzero(~np.isnan(grid.xyz[:, column, 0]))
         places = np.ascontiguousarray(grid.xyz[there, column, :2])

@@ -44,7 +44,7 @@ class WaypointMotion(NamedTuple):
 
 
 TURN = math.radians(15.0)
-"""Directions tried by an object that goes around another are this far apart."""
+"""Directions tried by an object that goes around another have this angle between them."""
 TURNS = 12
 
 

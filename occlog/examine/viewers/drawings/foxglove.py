@@ -34,7 +34,7 @@ GROUND: Rgba = (0.06, 0.06, 0.06, 0.7)
 def scene_update(things: Iterable[DrawingGroup], t_ns: int, frame: str) -> bytes:
     """A `foxglove.SceneUpdate` that shows these things and nothing else of its topic.
 
-    Each message states all: what was drawn before goes, so that a jump in time shows the same as playing up to it.
+    Each message states all: earlier drawings go, so that a jump in time shows the same as playing up to it.
 
     Args:
         things: in metres.
@@ -138,11 +138,11 @@ def image_annotations(things: Sequence[DrawingGroup], t_ns: int) -> bytes:
 STEP, STEP_PX = 0.04, 2.0
 """From one point of a line to the next, in space [m] and in an image [px]."""
 MOST, FEWEST = 400, 8
-"""Points of one line at most, those of a longer one are farther apart; and where there are very many lines."""
+"""Points of one line at most, a longer one is downsampled; and where there are very many lines."""
 MAX_OF_ALL = 40_000
-"""Points of the lines of one message, as far as each has `FEWEST`: shadows of a crowd have thousands of edges."""
+"""Points of the lines of one message, down to `FEWEST` each: shadows of a crowd have thousands of edges."""
 DEPTH = 0.4
-"""Of the plane on which the drawing over an image stands before its camera [m]."""
+"""Of the plane on which the drawing over an image is in front of its camera [m]."""
 PLACED = np.dtype([("xyz", "<f4", 3), ("rgba", "u1", 4)])
 
 

@@ -236,7 +236,7 @@ def true_in_space(rows: Truth, metres: float) -> list[DrawingGroup]:
 
 
 def body_in_image(person: PersonEstimate, camera: Camera, metres: float) -> Floats | None:
-    """(4,) left, top, right, bottom [px] around a person; None where it is not wholly before the camera, or beside."""
+    """(4,) left, top, right, bottom [px] around a person; None where it is not wholly before the camera, or outside."""
     away = person.xy / metres - camera.ground
     aside = float(wrap_angle(np.arctan2(away[1], away[0]) - camera.yaw))
     pixels = camera.project(person.body / metres)

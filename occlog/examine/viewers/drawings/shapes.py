@@ -80,7 +80,7 @@ class Dots:
 
 @dataclass(frozen=True)
 class DrawingGroup:
-    """What belongs together, such as all of a person; things of one name follow each other."""
+    """Group of shapes, such as all of a person; shapes of one name are adjacent."""
 
     name: str
     lines: Sequence[Polyline] = field(default=())
@@ -183,7 +183,7 @@ def dense(ways: Sequence[Floats], step: float, most: int) -> tuple[Floats, Ints]
     Args:
         ways: points (k, d), k > 1, of one d; at least one way.
         step: from one point to the next, at most, > 0.
-        most: points of one way; those of a longer one are farther apart.
+        most: points of one way; a longer one is downsampled.
 
     Returns:
         (N, d), way after way, and (len(ways),) from 2 to `most`.
@@ -246,7 +246,7 @@ def _between(group: EqualLengthPolylines, counts: Ints, wanted: Floats) -> Float
 
 
 def _passed(along: Floats, counts: Ints, wanted: Floats) -> Ints:
-    """(n,) how many points of its way lie behind each distance, the first skipped."""
+    """(n,) how many points of its way are behind each distance, the first skipped."""
     if along.shape[1] == 2:
         return (wanted >= np.repeat(along[:, 1], counts)).astype(np.int64)
     parts = np.split(wanted, np.cumsum(counts)[:-1])

@@ -127,7 +127,7 @@ NAME_SIZE = 0.25
 REACH = 60.0
 """How far shadows go where no room ends them [m]."""
 LIFTED = 0.01
-"""Shadows lie this far above the floor, so that viewers draw them over it [m]."""
+"""Shadows are this far above the floor, so that viewers draw them over it [m]."""
 
 
 def plan(scene: Scene, metres: float) -> list[DrawingGroup]:
@@ -187,7 +187,7 @@ def walls(scene: Scene, metres: float) -> Polygon | None:
 def shadows(eyes: Floats, bases: Floats, heights: Floats, room: Polygon | None) -> list[Floats | None]:
     """(k, 2) convex part of the floor that each upright prism hides from its eye, its own base with it [m].
 
-    A prism as high as the eye hides all behind it, up to the walls; a lower one as far as the floor is seen again
+    A prism as high as the eye hides all behind it, up to the walls; a lower one up to where the floor is seen again
     over its top. None where there is no such part.
 
     Args:

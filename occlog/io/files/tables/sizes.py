@@ -70,7 +70,7 @@ class CompactReader:
     def fields(self) -> Iterator[tuple[int, int]]:
         """Id and type of each field of a struct; the caller reads or skips each value before the next.
 
-        MalformedError for ids that do not ascend: of a field that stands twice it is not defined which one counts.
+        MalformedError for ids that do not ascend: the meaning of a repeated field is undefined.
         """
         number = 0
         while (head := self._byte()) != 0:
@@ -83,13 +83,13 @@ class CompactReader:
     def integer(self, kind: int, expected: int = I64) -> int:
         """An integer; MalformedError where the field has another type."""
         if kind != expected:
-            raise MalformedError("a field of another type where a number should stand")
+            raise MalformedError("a field of another type where a number is expected")
         return self._zigzag()
 
     def items(self, kind: int, of: int) -> range:
         """Indices of a list's items; the caller reads or skips each; MalformedError for other types."""
         if kind != LIST:
-            raise MalformedError("a field of another type where a list should stand")
+            raise MalformedError("a field of another type where a list is expected")
         found, count = self._list_head()
         if found != of and count:
             raise MalformedError("a list with items of another type")

@@ -93,7 +93,7 @@ def _refuse(error: InputError) -> None:
 
 @dataclass(frozen=True)
 class CsvRows:
-    """Some rows of a table: cells as text by column, and the line (or `place` of another kind) where each row stands.
+    """Some rows of a table: cells as text by column, and the line (or `place` of another kind) of each row.
 
     `files` has the file of each row where `path` is a folder; else it is empty.
     """
@@ -127,7 +127,7 @@ class CsvRows:
         if blank:
             cells = np.where(np.isin(np.char.lower(np.char.strip(cells)), ("", "nan", "none")), "nan", cells)
         try:
-            with np.errstate(over="ignore"):  # what is too large is infinite, and refused below
+            with np.errstate(over="ignore"):  # too large values are infinite, and refused below
                 values = cells.astype(np.float64)
         except ValueError:
             row = next(n for n, cell in enumerate(cells) if not _is_number(cell, blank))

@@ -40,7 +40,7 @@ def write_json(path: Path, values: Mapping[str, object], *, overwrite: bool = Fa
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """The object in a JSON file; InputError names the line of what is wrong."""
+    """The object in a JSON file; InputError names the line of the fault."""
     values = parse_json(read_configuration(path, "a JSON file", limit=MAX_JSON_BYTES), path, "a JSON file")
     if not isinstance(values, dict):
         raise InputError(f"{path}: expected a JSON object, got {type(values).__name__}")
@@ -53,7 +53,7 @@ def parse_json(text: str | bytes, where: Path | str, what: str) -> Any:
     Args:
         text: a whole text, as characters or in UTF-8.
         where: the file, and the position in it.
-        what: what was expected.
+        what: expected content.
 
     Raises:
         InputError: it is not JSON, nested too deeply, has a key of an object twice, more objects than such a text can
@@ -98,7 +98,7 @@ def struct_of(values: object, kind: type[S], *, key: str, source: Path | str, ot
     """Convert an object of JSON to the struct that describes its format.
 
     Args:
-        values: what was read.
+        values: content.
         kind: the struct.
         key: that every object of the format has.
         source: the file, for messages.

@@ -194,7 +194,7 @@ class Probe:
 
     Attributes:
         path: of the file or folder.
-        what: what is expected, for messages.
+        what: expected content, for messages.
     """
 
     def __init__(self, path: Path, what: str) -> None:
@@ -266,7 +266,7 @@ def recognise(formats: Mapping[str, FileFormat[R]], probe: Probe, stated: str = 
 
     Raises:
         UsageError: there is no format of the stated name.
-        InputError: the file cannot be read as far as formats are recognised.
+        InputError: the file cannot be read up to the recognition of its format.
     """
     if stated == "auto":
         return next((name for name, each in formats.items() if each.sniff(probe)), None)

@@ -325,7 +325,7 @@ def _valid_keys(kind: type[T], place: str) -> list[str]:
 
 
 def _type_at(kind: type[T], place: str) -> msgspec.inspect.Type:
-    """The type of what is at a path, found by walking the declared types."""
+    """The type of the value at a path, found by walking the declared types."""
     info = _strip(msgspec.inspect.type_info(kind))
     for part in re.findall(r"\.([^.\[\]]+)|\[[^\]]*\]", place.removeprefix("$")):
         info = _strip(_step(info, part))
@@ -333,7 +333,7 @@ def _type_at(kind: type[T], place: str) -> msgspec.inspect.Type:
 
 
 def _strip(info: msgspec.inspect.Type) -> msgspec.inspect.Type:
-    """The struct or container inside a union with null, or inside what is described."""
+    """The struct or container inside a union with null, or inside an annotated type."""
     if isinstance(info, msgspec.inspect.Metadata):
         return _strip(info.type)
     if isinstance(info, msgspec.inspect.UnionType):

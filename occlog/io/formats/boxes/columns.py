@@ -54,7 +54,7 @@ SIZE_SLACK_PX = 1.5
 
 
 class BoxReadOptions(NamedTuple):
-    """What is stated next to a file of boxes.
+    """Options given along with a file of boxes.
 
     Attributes:
         camera: the camera; None: the file names its cameras.

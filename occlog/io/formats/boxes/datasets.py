@@ -369,7 +369,7 @@ def _read(file: Path, frame: int) -> list[Line]:
             )
         if " ".join(cells) in seen:
             raise InputError(
-                f"{file}: line {number}: this box stands here twice; Ultralytics appends to the files of an earlier "
+                f"{file}: line {number}: duplicate box; Ultralytics appends to the files of an earlier "
                 "run: empty the folder and detect again"
             )
         seen.add(" ".join(cells))

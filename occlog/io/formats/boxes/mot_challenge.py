@@ -109,7 +109,7 @@ def write_sequence(folder: Path, truth: TruthBoxes, info: SequenceInfo, *, overw
         overwrite: replace files that exist.
 
     Raises:
-        InputError: as for `write_mot`, or a box lies after the last frame.
+        InputError: as for `write_mot`, or a box is after the last frame.
     """
     last = int(truth.frame.max()) if len(truth) else -1
     if last >= info.frames:
@@ -213,7 +213,7 @@ def _fill(folder: Path, tracker: str, sequences: Sequence[MotSequence]) -> None:
 
 
 def _move(beside: Path, folder: Path, overwrite: bool) -> None:
-    """Move what is new or other; nothing if something may not be replaced."""
+    """Move new or changed files; none if one may not be replaced."""
     files = sorted(path for path in beside.rglob("*") if path.is_file())
     new = []
     with translate_write_errors(folder):

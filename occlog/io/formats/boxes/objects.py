@@ -235,7 +235,7 @@ def _image(path: Path, n: int, image: object, camera: str | None) -> dict[str, s
 
 
 def _camera_of(image: Record) -> str:
-    """The camera that an image of COCO names, or the folder that it lies in; empty: neither."""
+    """The camera that an image of COCO names, or its folder; empty: neither."""
     return str(image.get("camera") or _folder(image).name)
 
 

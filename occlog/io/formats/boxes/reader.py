@@ -75,10 +75,10 @@ def note_times(rows: CsvRows, boxes: FileBoxRows, cameras: list[str], stamps: di
 
 
 def table_times(found: dict[int, int], first: int, stop: int, where: str) -> FrameTimes:
-    """Times of all frames; those without a row lie evenly between their neighbours.
+    """Times of all frames; those without a row are evenly spaced between their neighbours.
 
     Raises:
-        InputError: no frame has a time, or times go back, stand still or reach too far.
+        InputError: no frame has a time, or times go back, repeat or reach too far.
     """
     if not found:
         raise InputError(f"{where}: no frame of a camera has a time; give the frame rate")

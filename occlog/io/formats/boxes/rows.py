@@ -87,14 +87,14 @@ def fingerprints(columns: Sequence[Floats | Ints]) -> Uints:
 
 
 def check_copies(chunks: Iterator[FileBoxRows], cameras: Sequence[str], path: Path) -> Iterator[FileBoxRows]:
-    """The chunks, whole frames each; InputError where a box stands there as identical duplicates."""
+    """The chunks, whole frames each; InputError for a duplicate box."""
     for rows in chunks:
         marks, first = np.unique(fingerprints(rows), return_index=True)
         if len(marks) < len(rows.frame):
             row = int(np.setdiff1d(np.arange(len(rows.frame)), first)[0])
             raise InputError(
                 f"{path}: camera {cameras[rows.camera[row]]}, frame {rows.frame[row]} (from 0): the box at "
-                f"({rows.left[row]:g}, {rows.top[row]:g}) px stands there twice; remove the copies of rows"
+                f"({rows.left[row]:g}, {rows.top[row]:g}) px is a duplicate; remove the copies"
             )
         yield rows
 
@@ -254,7 +254,7 @@ def times_of(camera: str, times: Mapping[str, FrameTimes]) -> FrameTimes:
 def check_range(first: int, stop: int, where: str) -> None:
     """Raise InputError for a range of frames that is empty or absurdly long."""
     if stop <= first:
-        raise InputError(f"{where}: no row lies in frames {first} to {stop}; give another range of frames")
+        raise InputError(f"{where}: no row is in frames {first} to {stop}; give another range of frames")
     if stop - first > 100_000_000:
         raise InputError(f"{where}: frames {first} to {stop - 1}; a frame number must be wrong")
 

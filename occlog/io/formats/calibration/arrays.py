@@ -89,7 +89,7 @@ def read_matlab(content: bytes, limit: int) -> dict[str, Floats | None]:
         if part.kind != MATRIX:
             raise ValueError(f"an element of type {part.kind} where an array was expected")
         name, values = _matrix(part.data, order)
-        if name:  # what has none is not a variable
+        if name:  # without a name it is not a variable
             found[name] = values
     return found
 
@@ -118,7 +118,7 @@ def _matrix(data: bytes, order: str) -> tuple[str, Floats | None]:
     (flags,) = struct.unpack_from(f"{order}I", next(parts, _Element(0, b"")).data)
     sizes = next(parts, _Element(0, b""))
     if flags & 0xFF not in NUMBERS or flags & COMPLEX:
-        # The name of an object stands where others have their sizes
+        # The name of an object is where others have their sizes
         name = sizes if TYPES.get(sizes.kind) == "i1" else next(parts, _Element(0, b""))
         return name.data.decode("latin-1") or "", None
     shape = np.frombuffer(sizes.data, f"{order}i4").tolist()

@@ -56,7 +56,7 @@ def _camera(key: str, table: dict[str, object], path: Path, options: Calibration
     name = str(table.get("name", key))
     where = f"{path}: camera {name}"
     if table.get("rotation") is None or table.get("translation") is None:
-        raise InputError(f"{where}: has no rotation and translation; calibrate where it stands")
+        raise InputError(f"{where}: has no rotation and translation; calibrate its pose")
     matrix = _array(table, "matrix", where)
     if matrix.shape != (3, 3) or matrix[0, 1] or matrix[1, 0] or matrix[2].tolist() != [0, 0, 1]:
         raise InputError(f"{where}: matrix {matrix.tolist()}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")

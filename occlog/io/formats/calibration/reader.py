@@ -54,7 +54,7 @@ FAR_M, NEAR_M = 500.0, 0.05
 
 
 class CalibrationFile(NamedTuple):
-    """Cameras, the format they were read as, the unit of its lengths, and what was taken for granted."""
+    """Cameras, the format they were read as, the unit of its lengths, and the assumptions made."""
 
     cameras: tuple[Camera, ...]
     format: str

@@ -63,7 +63,7 @@ def epipolar_schema() -> dict[str, object]:
 
 
 def read_epipolar(path: Path) -> ViewPairs:
-    """The pairs in a JSON file or in a recording that holds some; InputError, one line, names what is wrong."""
+    """The pairs in a JSON file or in a recording that holds some; InputError, one line, names the fault."""
     opened = open_if_ours(path, "a JSON file of fundamental matrices, or a recording that holds some")
     if opened is not None and opened.recording is not None:
         found = attached_epipolar(opened.recording)

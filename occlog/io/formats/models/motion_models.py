@@ -83,7 +83,7 @@ def read_motion(path: Path) -> MotionModel:
 def write_motion(
     path: Path, motion: MotionModel, details: Mapping[str, object], provenance: Provenance, *, overwrite: bool = False
 ) -> None:
-    """Write a model, whole or not at all; what is not finite in `details` becomes null.
+    """Write a model, whole or not at all; a non-finite value in `details` becomes null.
 
     Args:
         path: file to write.
@@ -146,7 +146,7 @@ class ReaderLoss(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 class CoverageSpec(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     """From which strength on a read counts, as that of a tag in range, and how often that is wrong."""
 
-    range: Annotated[Positive, Meta(description="of all readers: what is weaker than expected there is out of range")]
+    range: Annotated[Positive, Meta(description="of all readers: a tag expected weaker than this is out of range")]
     detection: Annotated[Share, Meta(description="probability that a tag in range is read so strongly in a window")]
     stray: Annotated[Share, Meta(description="probability that a tag out of range is")]
 

@@ -38,7 +38,7 @@ class CameraNodeSpec(NetworkFileSpec, kw_only=True):
 
 
 class SizesSpec(NetworkFileSpec, kw_only=True):
-    """Bytes of what is sent."""
+    """Bytes sent."""
 
     packet: Annotated[int, Meta(gt=0, le=1_000_000_000, description="payload of a packet, at most")] = 1000
     header: Annotated[Bytes, Meta(description="of each packet, also")] = 0
@@ -75,7 +75,7 @@ def network_schema() -> dict[str, object]:
 
 
 def read_network(path: Path) -> NetworkSpec:
-    """Read a network; InputError names what is wrong in it."""
+    """Read a network; InputError names the fault."""
     spec = read_yaml(path, NetworkSpec, "a network (YAML)")
     nodes = {name for pair in spec.links for name in pair}
     routers = nodes - {spec.server}

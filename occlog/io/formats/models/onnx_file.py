@@ -2,7 +2,7 @@
 
 The file is walked through in the wire format of Protocol Buffers, by the numbers of fields in `onnx.proto3` of the ONNX
 project; weights are skipped.  Models come from anywhere: sizes and depths are limited, and weights in other files are
-refused unless these lie in the model's own folder.
+refused unless these are in the model's own folder.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def _beside(path: Path, places: list[str]) -> tuple[Path, ...]:
     found = []
     for place in dict.fromkeys(places):
         beside = folder / place
-        # What a link points to counts, not where it lies.
+        # The target of a link counts, not its location.
         try:
             inside = beside.resolve().is_relative_to(folder) and not Path(place).is_absolute()
         except (OSError, ValueError):

@@ -206,7 +206,7 @@ class SceneSpec(SceneFileSpec, kw_only=True):
 
 
 def read_scene(path: Path) -> Scene:
-    """The scene in a YAML file; InputError names line, key, value and limit of what is wrong."""
+    """The scene in a YAML file; InputError names line, key, value and limit of a fault."""
     spec = read_yaml(path, SceneSpec, "a scene file (YAML)")
     return _build(spec, str(path))
 
@@ -268,7 +268,7 @@ def _polygon(corners: list[tuple[float, float]], where: str) -> Floats:
     polygon = Polygon(corners)
     if not np.all(np.isfinite(np.asarray(corners))):
         raise InputError(f"{where}: corners must be finite numbers")
-    with np.errstate(all="ignore"):  # what is too large for an area has none
+    with np.errstate(all="ignore"):  # too large values have no area
         sound = polygon.is_valid and 0.0 < polygon.area < math.inf
         why = "" if sound else explain_validity(polygon)
     if not sound:
@@ -293,7 +293,7 @@ def _camera(spec: CameraSpec, where: str) -> Camera:
     fov = _angle(spec.fov, spec.fov_deg, "fov", where)
     if fov is None:
         if size is None:
-            raise InputError(f"{where}: give fov_deg, or image_size_px from which it follows")
+            raise InputError(f"{where}: give fov_deg, or image_size_px to compute it")
         fov = camera_fov(size, focal, principal, distortion, model, rotation)
     return Camera(
         name=spec.name,

@@ -44,7 +44,7 @@ def read_stations(path: Path) -> Scene:
     given.
 
     Raises:
-        InputError: a column is missing, units differ, or a name stands twice.
+        InputError: a column is missing, units differ, or a name occurs twice.
     """
     found: dict[str, MicrophoneArray] = {}
     unit = "m"

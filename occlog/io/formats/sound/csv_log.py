@@ -107,7 +107,7 @@ def read_table(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
     for part in read_format(path, FORMAT, ignore_extra=options.ignore_extra):
         rows = part.rows
         elevation = _angle(rows, "elevation", options)
-        _check_limits(rows, "elevation", np.abs(elevation) > np.pi / 2, "must lie within 90 degrees")
+        _check_limits(rows, "elevation", np.abs(elevation) > np.pi / 2, "must be within 90 degrees")
         azimuth = _angle(rows, "azimuth", options)
         if np.isnan(azimuth).any():
             raise InputError(f"{path}: has no column azimuth_deg or azimuth_rad; add it")

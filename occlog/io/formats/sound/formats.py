@@ -11,7 +11,7 @@ Streams of ODAS: sources that it tracks (SST) or finds (SSL), as JSON objects on
 
 An object is a hop of the sound: `{"timeStamp": 17, "src": [{"id": 3, "tag": "dynamic", "x": 0.6, "y": 0.8, "z": 0.0,
 "activity": 0.9}, ...]}`; sources that are found but not tracked have `x, y, z, E`.  The time stamp counts hops; their
-length (hopSize / fS) stands in ODAS' configuration alone.  The vector is a unit vector in the array's frame.  An empty
+length (hopSize / fS) is in ODAS' configuration only.  The vector is a unit vector in the array's frame.  An empty
 slot has the id 0, or no direction: a hop with empty slots alone has no source.
 """
 
@@ -58,7 +58,7 @@ def looks_like_locata(head: Sequence[str]) -> bool:
 
 
 def read_array(path: Path, name: str | None) -> MicrophoneArray:
-    """An array that stands still, with its microphones in its own frame.
+    """An array that does not move, with its microphones in its own frame.
 
     Args:
         path: `position_array_NAME.txt`.
@@ -165,7 +165,7 @@ def _check_still(path: Path, places: Floats, turns: Floats, lines: Ints) -> None
         k = int(bad[0])
         raise InputError(
             f"{path}: line {lines[k]}: the array has moved by {moved[k]:.3g} m and {np.degrees(turned[k]):.3g} degrees "
-            f"(limits {STILL_M} m, {np.degrees(STILL_RAD):g} degrees); the arrays of a scene stand still"
+            f"(limits {STILL_M} m, {np.degrees(STILL_RAD):g} degrees); the arrays of a scene cannot move"
         )
 
 
@@ -303,7 +303,7 @@ MAX_OBJECT = 1 << 20
 LENGTHS = (0.9, 1.1)
 """Of a vector that is taken for a direction; ODAS writes three decimals."""
 MAX_COUNT = 10**11
-"""A greater time stamp is no count of hops: at a hop of 1 ms it would lie three years after the start."""
+"""A greater time stamp is no count of hops: at a hop of 1 ms it would be three years after the start."""
 ROWS_PER_CHUNK = 16_384
 
 

@@ -1,4 +1,4 @@
-"""WAV files read block by block, damaged ones as far as they go.
+"""WAV files read block by block, damaged ones up to the damage.
 
 Neither the standard library's reader (no floats) nor SciPy's (the whole file at once, no files
 cut off) will do for a recording of hours that a recorder did not finish, so the chunks are read
@@ -126,7 +126,7 @@ def open_sound(path: Path) -> Sound:
 
 
 def _is_more(path: Path, at: int) -> bool:
-    """Whether something stands behind the samples that is no chunk but more of them, or a second chunk of samples."""
+    """Return whether the data behind the samples are more samples, or a second chunk of samples."""
     size = path.stat().st_size
     with path.open("rb") as file:
         for _ in range(MAX_CHUNKS):

@@ -4,7 +4,7 @@ The nursery is `python -m occlog.io.frames.decoders.nursery`, started once and w
 OpenCV, decodes nothing itself, and forks a process for each request.  It ends with the process that started it, and
 takes those that it forked with it.
 
-A request is one byte with three or four descriptors: what is to be standard input and standard output of the new
+A request is one byte with three or four descriptors: for standard input and standard output of the new
 process, its line, over which go, to the parent, its number and, when it has ended, how, and back, that it be killed;
 and memory that it shares.
 """
@@ -41,7 +41,7 @@ class ForkedProcess:
         stdin: pipe to its standard input.
         stdout: pipe from its standard output.
         pid: number of the process.
-        returncode: exit code, or minus the number of the signal that ended it; None as far as that is not known.
+        returncode: exit code, or minus the number of the signal that ended it; None if unknown.
     """
 
     stdin: IO[bytes]
@@ -262,9 +262,9 @@ class _Served:
 
 
 def main() -> None:
-    """Load what decoding needs, fork, and decode in what was forked."""
+    """Load what decoding needs, fork, and decode in the child process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interruption means
-    gc.disable()  # what is loaded stays; to traverse it again and again takes time
+    gc.disable()  # loaded objects stay; traversing them repeatedly takes time
     from . import process_main
 
     process_main.load()

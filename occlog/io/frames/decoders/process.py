@@ -51,7 +51,7 @@ class DecoderMessage(TypedDict, total=False):
     p: float | None  # its time in the file [ns]
     k: str  # how its data are stored
     s: tuple[int, ...]  # shape of raw data
-    m: int  # slot of shared memory that they are in; without it they follow
+    m: int  # slot of shared memory that they are in; without it the bytes come next
     end: list[dict[str, Any]]  # losses
     error: str
 

@@ -39,7 +39,7 @@ MAX_TEXT = 90
 
 
 class Log:
-    """The file that stands in for standard error."""
+    """The file that replaces standard error."""
 
     def __init__(self) -> None:
         self._file = tempfile.TemporaryFile()  # noqa: SIM115
@@ -68,13 +68,13 @@ def send(out: BinaryIO, header: DecoderMessage, payload: bytes | memoryview = b"
 
 
 def load() -> None:
-    """Load what every job needs: what is loaded before the fork, no job has to load."""
+    """Load what every job needs: modules loaded before the fork are shared by all jobs."""
     from occlog.io.frames import decode  # noqa: F401
     from occlog.io.video import avi, mkv, mp4  # noqa: F401
 
 
 def main(memory: int | None = None) -> None:
-    """Do the job on standard input; `memory` is what is shared with whoever gave it."""
+    """Do the job on standard input; `memory` is shared with the caller."""
     out = os.fdopen(os.dup(1), "wb")
     log = Log()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interruption means
@@ -131,7 +131,7 @@ def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory
         slots = _slots(memory, size)
     else:
         start, sizes, slots = job["start"], size_changes(video.path), None
-        news()  # what was written about packets will be written again
+        news()  # messages about packets will be written again
     width, height = video.size
     target = None if slots is None else partial(slots.target, (height, width, 3))
     for picture in decode(video, start, job["stop"], losses.append, sizes, target):
@@ -216,7 +216,7 @@ def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> No
 
 
 def bytes_of(image: Image) -> memoryview:
-    """The values of an image as they lie in memory, row by row."""
+    """The values of an image in memory order, row by row."""
     import numpy as np
 
     return np.ascontiguousarray(image).reshape(-1).data

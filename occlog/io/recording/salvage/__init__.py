@@ -1,1 +1,1 @@
-"""What is whole in a recording that is damaged, and a whole recording made of it."""
+"""Salvage of the intact messages of a damaged recording into a new one."""

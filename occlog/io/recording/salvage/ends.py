@@ -1,9 +1,9 @@
-"""End marks of a recording: where they may stand, and where the recording ends behind them.
+"""End marks of a recording: their possible positions, and where the recording ends behind them.
 
 A flipped bit makes an end mark of a chunk (6 becomes 2), or of an index of messages (7 becomes 15), and files that were
-put one behind another have several.  So a mark counts by its length and by what follows it.
+are concatenated have several.  So a mark counts by its length and by the data behind it.
 
-One of the recordings that are in a file one behind another, as far as it is whole.
+One of the recordings concatenated in a file, up to its damage.
 
 Numbers of schemas and channels, the index and the metadata hold for one recording alone.
 """
@@ -62,8 +62,8 @@ def byte_after_end(file: IO[bytes], at: int, size: int) -> int | None:
         size: length of the file.
 
     Returns:
-        `size` too where the file is cut in the index; None: what follows is no index, so that the mark is none, or the
-        index is damaged.
+        `size` too where the file is cut in the index; None: the data behind are no index, so that the mark is none, or
+        the index is damaged.
     """
     while at < size:
         file.seek(at)

@@ -1,4 +1,4 @@
-"""Messages of a topic that are lost in what is damaged: when, and how many as far as that can be known.
+"""Messages of a topic that are lost in damaged parts: when, and how many if known.
 
 Statistics in the index count the messages of a topic, and the index behind a damaged chunk those in the chunk.  Without
 both the numbers of messages reveal, but only of a topic with numbers that rise by one: frames that a recorder skipped
@@ -43,7 +43,7 @@ class Gap(NamedTuple):
 
 
 class Damage:
-    """What is damaged of a recording so far, for all topics."""
+    """Damage of a recording so far, for all topics."""
 
     def __init__(self) -> None:
         self.places = 0
@@ -82,7 +82,7 @@ class ChannelTally:
         self.messages = 0
         self._channel, self._damage = channel, damage
         self._last: tuple[int, int] | None = None  # number and time of the last message
-        self._seen = (0, 0, 0)  # what was damaged when it came
+        self._seen = (0, 0, 0)  # damage when it came
         self._rising: bool | None = None  # whether numbers rise by one where nothing is damaged; None: not known
         self._gaps: list[Gap] = []
 

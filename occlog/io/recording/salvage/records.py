@@ -1,4 +1,4 @@
-"""What is whole in a recording that was cut off or damaged: records, one after another, without its index.
+"""Intact records of a truncated or damaged recording, one after another, without its index.
 
 A chunk counts if its check sum is right.  The last one of a file that was cut has none that could be tried; of
 what it holds up to the cut nothing was changed, so its complete messages count.  Where the length of a record is
@@ -7,7 +7,7 @@ file one behind another, and any but the last may be cut.
 
 What a cut LZ4 frame holds of the block in which it was cut, which the library gives whole or not at all.
 
-A block is a list of sequences: literal bytes, and then a match, which repeats what came before.  They are unpacked in
+A block is a list of sequences: literal bytes, and then a match, which repeats earlier output.  They are unpacked in
 their order, so all before the cut can be (LZ4 block format, sections "Compressed block format" and "End of block").
 """
 
@@ -59,7 +59,7 @@ def recover_block_tail(frame: bytes, whole: bytes, most: int) -> bytes:
     """The unpacked bytes that follow those of a cut frame's whole blocks.
 
     Args:
-        frame: an LZ4 frame, as far as it is there.
+        frame: an LZ4 frame, possibly truncated.
         whole: what its whole blocks unpack to, and plain bytes of the block with the cut.
         most: how many bytes `whole` and the rest may be together.
     """
@@ -106,7 +106,7 @@ def _sequences(block: bytes, before: bytes, most: int) -> bytes:
 
 
 def _length(block: bytes, at: int, length: int) -> tuple[int, int]:
-    """A length that begins with this number, and the position after it; what is there of it where it is cut."""
+    """A length that begins with this number, and the position after it; its available part if truncated."""
     if length < _LONG:
         return length, at
     while at < len(block):
@@ -134,10 +134,10 @@ _PARTS: dict[int, tuple[int, ...]] = {
 """What records consist of, by the MCAP format: this many bytes; -1, -2: bytes behind their number, of 4 or 8 bytes."""
 _BLOCK = 1 << 20
 _FIRST_BLOCK = 1 << 12
-"""Bytes in which the next record is searched for first: where damage follows damage, it is near."""
+"""Bytes in which the next record is searched for first: after repeated damage it is near."""
 _BEGINS = re.compile(b"|".join(map(re.escape, (*_MARKS, BEGIN))))
 FAILURES = (McapError, struct.error, ValueError, RuntimeError, EOFError, MemoryError, zstandard.ZstdError)
-"""What damaged records raise in the libraries that take them apart."""
+"""What damaged records raise in the libraries that parse them."""
 
 
 class DamageReporter(Protocol):
@@ -180,7 +180,7 @@ def intact_records(path: Path, damaged: DamageReporter) -> Iterator[McapRecord]:
         begin = file.read(len(RECORDING_MAGIC))
         if begin.startswith(PARQUET_MAGIC):
             raise InputError(
-                f"{path}: is a table (Parquet); what its columns are and where stands at its end alone, so that "
+                f"{path}: is a table (Parquet); its columns and layout are described at its end only, so that "
                 "nothing can be salvaged of one that was cut: make it again"
             )
         if begin != RECORDING_MAGIC:
@@ -333,7 +333,7 @@ def _one(
         damaged(at, f"a record of {length} bytes (limit {MAX_CHUNK_BYTES}) is skipped")
         return end
     data = file.read(length)
-    cut = data.find(BEGIN)  # before what was cut another recording may be, which the record cannot hold
+    cut = data.find(BEGIN)  # before the cut another recording may begin, which the record cannot hold
     if code != Opcode.CHUNK:
         if cut >= 0 and not (code == Opcode.ATTACHMENT and has_right_sum(data)):
             damaged(at, "the file is cut within a record, and another recording follows")
@@ -375,7 +375,7 @@ def _cut_chunk(
         data = records = b""
     growth.add(len(data), records)
     yield from _split(records, at)
-    damaged(at, "the file is cut within a chunk; what is complete before the cut is kept, without a check sum")
+    damaged(at, "the file is cut within a chunk; messages before the cut are kept, unchecked")
 
 
 def _unpacked(data: bytes, head: ChunkHead) -> bytes:

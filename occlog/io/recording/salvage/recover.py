@@ -1,4 +1,4 @@
-"""Makes a whole recording of what is whole in one that was cut off or damaged, with a list of what is lost."""
+"""Salvages the intact messages of a truncated or damaged recording into a new one, with a list of losses."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Recovered(NamedTuple):
     Attributes:
         messages: how many there are, by topic.
         span: times of the first and the last message [ns]; None: missing.
-        losses: what is lost of the recording, and earlier losses when it was made.
+        losses: losses of the recording, and earlier losses when it was made.
     """
 
     messages: dict[str, int]
@@ -52,7 +52,7 @@ def recover_recording(
     """Write `path`, whole or not at all, with every whole message of a damaged recording.
 
     Messages keep their order, times and numbers.  Losses is in the provenance, from where all later stages
-    carry it on.  Where several recordings stand in the file one behind another, those of one scene are brought
+    carry it on.  Where several recordings are concatenated in the file, those of one scene are brought
     together, but for frames of linked videos; their numbers are valid in the first one's videos alone.
 
     Args:
@@ -75,7 +75,7 @@ def recover_recording(
 
 
 class _Salvage:
-    """The recording that is being written, and what is known of what is lost."""
+    """The recording that is being written, and the losses known so far."""
 
     def __init__(self, source: Path, path: Path, file: IO[bytes]) -> None:
         self._source, self._path = source, path
@@ -145,13 +145,13 @@ class _Salvage:
         self._part.before = before
 
     def _close(self) -> None:
-        """List what is lost of a recording that ends."""
+        """List the losses of a recording that ends."""
         part = self._part
         for name in damaged_metadata(part.metadata):
             part.metadata.pop(name, None)
             self._lose(name, "metadata with a wrong digest are skipped")
         for topic, copies in sorted(part.copies.items()):
-            told = "message that stands" if copies == 1 else "messages that stand"
+            told = "message kept" if copies == 1 else "messages kept"
             self._losses[Loss(_source_of(topic), "copies", f"{copies} {told} in the file twice, and count once")] = None
         if part is not self._first:
             self._tell_of_other(part)
@@ -160,15 +160,13 @@ class _Salvage:
         self._names |= {schema.name for schema in part.schemas.values()}
         for topic, place, count in part.lost():
             what = (
-                f"messages of {topic}, if there were more"
-                if count is None
-                else f"messages of {topic} in what is damaged"
+                f"messages of {topic}, if there were more" if count is None else f"messages of {topic} in damaged parts"
             )
             self._losses[Loss(_source_of(topic), place, what, count or 0)] = None
         self._before += self._provenance_before(part).losses
 
     def _tell_of_other(self, part: SalvagedRecording) -> None:
-        """List a recording that follows another one, and what is skipped of it."""
+        """List a recording that follows another one, and its skipped parts."""
         place = f"from byte {part.at} on"
         if not self._belongs(part):
             what = "messages of another recording, which has another scene or none, are skipped; split the file there"
@@ -192,8 +190,8 @@ class _Salvage:
         ours = OURS in self._first.metadata or SCENE_ATTACHMENT in self._attached
         if not ours and not any(name.startswith("occlog.") for name in self._names):
             raise InputError(
-                f"{self._source}: not a recording of occlog, as far as it is whole; of a bag of another program "
-                "`occlog ingest` takes what is whole, and lists the rest"
+                f"{self._source}: no occlog recording in its intact part; of a bag of another program "
+                "`occlog ingest` takes the intact messages, and lists the rest"
             )
         if not self._messages and not self._attached:
             raise InputError(f"{self._source}: nothing is whole before the damage; there is nothing to salvage")

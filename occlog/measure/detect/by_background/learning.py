@@ -1,7 +1,7 @@
 """A first pass at a recording: the empty scene, the size of people, and the target's appearance.
 
 Of each camera some frames are kept, spread evenly over the recording; the rest is not
-decoded.  What the camera shows when nobody is there, how large people are where the
+decoded.  The camera's empty scene, how large people are where the
 camera's pose does not determine, and what a person in a given box resembles come from these.
 """
 
@@ -29,7 +29,7 @@ from .stage import Learned
 SAMPLE_BYTES = 512 * 1024 * 1024
 """TargetMemory for the samples of all cameras together."""
 MAX_SAMPLES, MIN_SAMPLES = 48, 12
-THICKNESS = 0.5  # of a person's width: what is filled between the edges of a moving body
+THICKNESS = 0.5  # of a person's width: gaps filled between the edges of a moving body
 UNKNOWN_THICKNESS = 0.06  # of the image's height, where the size of people is not known yet
 MIN_PIXELS = 30  # of foreground in a box, for an appearance
 
@@ -106,7 +106,7 @@ def learn(
         workers: threads.
 
     Raises:
-        InputError: a box's frame is not there, or nothing stands out in the box.
+        InputError: a box's frame is not there, or no foreground is in the box.
     """
     samples = _sample(frames, scene, boxes, config)
 
@@ -206,7 +206,7 @@ def appearance_in_box(image: Image, empty: Image | None, box: TargetBox) -> Floa
     part = image[y0:y1, x0:x1]
     where = f"target {box.target_id}: box in frame {box.frame} of camera {box.sensor}"
     if 0 in part.shape:
-        raise InputError(f"{where}: lies off the image")
+        raise InputError(f"{where}: is outside the image")
     if empty is None or empty.shape != image.shape:
         return histogram(part)
     mask = (difference(part, empty[y0:y1, x0:x1]) > DIFFERENCE).astype(np.uint8)

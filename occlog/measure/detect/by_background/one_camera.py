@@ -352,7 +352,7 @@ def check_background(camera: Camera, kind: str, size: tuple[int, int], factor: i
 
 
 def plain_image(image: NDArray[np.integer], bits: int | None) -> Image:
-    """8-bit grey or BGR image from what was decoded.
+    """8-bit grey or BGR image from a decoded one.
 
     Args:
         image: integer array (height, width) or (height, width, 1, 3 or 4).

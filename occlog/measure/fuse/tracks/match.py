@@ -1,6 +1,6 @@
 """Which tracks of two groups of cameras are of one person, time step by time step.
 
-Identities of people whom several groups of cameras follow: they go over from one group to the other.
+Identities of people that several groups of cameras track: they pass from one group to the other.
 
 Covariance intersection of two estimates of one state with errors that have an unknown part in common.
 """
@@ -152,7 +152,7 @@ NO_ID = -1
 class IdentityMatcher:
     """Who is who, time step by time step.
 
-    A person is followed by tracks of one group or of several; while one of these tracks goes on, the person keeps the
+    A person is tracked by tracks of one group or of several; while one of these tracks goes on, the person keeps the
     identity.  Of tracks that part one keeps it: the one that has had it for longest.
 
     Attributes:

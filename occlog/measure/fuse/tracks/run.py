@@ -48,7 +48,7 @@ def run_fuse_tracks(request: TrackFusionRequest, job: Job) -> tuple[dict[str, ob
 def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGroupTracks) -> dict[str, object]:
     """Figures of the summary.
 
-    people, rows: of the output.  in_several: share of the rows of people whom several groups follow at that time.
+    people, rows: of the output.  in_several: share of the rows of people that several groups track at that time.
     doubts: how often two identities may have been exchanged.  groups: of each input the identities; of each but the
     first the rows that it has in common with those before, and the median distance of their positions.
     """
@@ -73,7 +73,7 @@ def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGro
 def _checks(
     paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGroupTracks, config: TrackFusionConfig, unit: str
 ) -> tuple[Check, ...]:
-    """What was checked of the inputs, and what was found."""
+    """Checks of the inputs with their findings."""
     anybody = any(len(group) for group in groups)
     empty = (
         finding(FOUND, "note", "nobody", f"{path}: contains no people")

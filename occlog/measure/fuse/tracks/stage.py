@@ -111,7 +111,7 @@ COVARIANCE = (
 )
 """Columns of the state and of its covariance."""
 DOUBTS = (COASTING, SINGLE_VIEW, POSSIBLE_SWITCH, INCONSISTENT_VIEWS)
-"""Values of the column `doubt`, in the order in which they stand there."""
+"""Values of the column `doubt`, in their order."""
 NOT_THERE = "-"
 
 
@@ -220,7 +220,7 @@ def _identities(t_ns: Ints, here: Ints, also: Ints) -> tuple[Ints32, list[_Doubt
 
 
 def _fuse_matched(mine: JoinedTracks, theirs: PeopleTracks, config: TrackFusionConfig) -> JoinedTracks:
-    """Rows of people whom both groups follow: covariance intersection, and what each group states also."""
+    """Rows of people that both groups track: covariance intersection, and flags of either group."""
     n = len(mine)
     known = np.isfinite(_covariances(mine)).all(axis=(1, 2)) & np.isfinite(_covariances(theirs)).all(axis=(1, 2))
     mean, covariance = np.full((n, 4), np.nan), np.full((n, 4, 4), np.nan)

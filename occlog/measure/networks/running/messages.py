@@ -49,7 +49,7 @@ def receive(pipe: IO[bytes], most: float = math.inf) -> tuple[dict[str, Any], di
 
     Raises:
         EOFError: the other process has ended.
-        ValueError: what was read is no message, or too large.
+        ValueError: the data are no message, or too large.
     """
     (length,) = _LENGTH.unpack(_whole(pipe, bytearray(_LENGTH.size)))
     if length > LONGEST:

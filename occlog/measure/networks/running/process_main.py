@@ -1,7 +1,7 @@
 """The process that runs a network: `python -m occlog.measure.networks.running.process_main`, started by `apart`.
 
 The first message on standard input states which network; each further one has its inputs.  Each is answered on standard
-output by the outputs, or by why there are none.  The process ends when the requests end.
+output by the outputs, or by the reason of a failure.  The process ends when the requests end.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def _run(network: Runtime, feeds: Feeds) -> tuple[Runtime, dict[str, str], Feeds
 
 
 def _answered(out: IO[bytes], work: Callable[[], tuple[Runtime, dict[str, str], Feeds]]) -> Runtime | None:
-    """Answer by what came of some work; the network, None where the work failed."""
+    """Answer by the result of some work; the network, None where the work failed."""
     try:
         network, header, arrays = work()
     except InputError as error:

@@ -1,7 +1,7 @@
 """[Ercan]: the noise of Eq. 2, how occlusions depend on each other (Eqs. 8 and 9), and the cameras of Fig. 5.
 
 The room is that of Fig. 5, as in Fig. 6, with 40 occluders.  Every run draws positions of the target and priors of the
-occluders; what is compared with Monte Carlo or with a limit has the error bars of the runs.
+occluders; quantities compared with Monte Carlo or with a limit has the error bars of the runs.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ def coefficient_trial(spec: Spec) -> dict[str, float]:
         `same-closed-M` and `few-closed-M`, 1 less the bias in closed form; `two-M` of two
         objects of normal grey levels with other means; `shift-S`, of the two in bins with end points S widths
         further; `layout` and `order`, how much the coefficient changes when the pixels of one are
-        put in another order, and when the bins of both are; `beyond`, how far any coefficient lies outside of [0, 1].
+        put in another order, and when the bins of both are; `beyond`, how far any coefficient is outside of [0, 1].
     """
     rng = np.random.default_rng(np.random.SeedSequence(int(spec["seed"]), spawn_key=(int(spec["run"]),)))
     n = int(spec["values"])
@@ -130,7 +130,7 @@ def judge_coefficients(table: Table) -> list[StatementVerdict]:
         v.pairs(
             "ends",
             f"Histograms depend on the end points of the bins: the coefficient of two objects in {WIDE} bins is "
-            "higher by this when these move by half a bin, and no end point lies between the objects any more.",
+            "higher by this when these move by half a bin, and no end point is between the objects any more.",
             [(low, high) for low, high in [(v.find(table, MOVED, 0.0), v.find(table, MOVED, 0.5))] if low and high],
         ),
         *_biases(table),

@@ -120,7 +120,7 @@ def heads(size: Size) -> Shots:
 
 def head_image(canvas: Canvas, one: Clothes, angle: float, phase: float, gain: float) -> Bytes:
     """The head of one person at a viewing angle, on black and without noise."""
-    # The camera lies towards -x: who heads there is seen from the front
+    # The camera is towards -x: who heads there is seen from the front
     heading = math.pi + angle
     row = np.array([[0.0, 0.0, WALKING * math.cos(heading), WALKING * math.sin(heading), phase]])
     return draw(canvas, row, one, gain, (0.0, 0.0), shadows=False, rng=np.random.default_rng(0)).image

@@ -17,7 +17,7 @@ from occlog.records.scene import Camera
 DISTANCE, HEIGHT, PERSON = 8.0, 2.0, 1.7
 """Of the cameras from the middle and above the floor, and of a person [m]."""
 PLACES = {1: (180.0, 1.5), 2: (180.0, -1.5), 3: (270.0, 0.0), 4: (0.0, 0.0), 5: (90.0, 0.0)}
-"""Cameras: the side of the middle on which each stands [deg from east], and how far from it [m].  They follow from
+"""Cameras: the side of the middle of each [deg from east], and how far from it [m].  They are from
 the statements: who walks north moves to the left in cameras that point east."""
 DIRECTIONS = {"N": 90.0, "S": 270.0, "W": 180.0, "E": 0.0, "NE": 45.0, "SE": -45.0, "NW": 135.0, "SW": 225.0}
 SIDEWAYS = {"left": -1, "right": 1, "": 0}
@@ -123,7 +123,7 @@ def motions(size: Size, execute: Execute) -> Table:
 
 
 def judge_motions(table: Table) -> list[StatementVerdict]:
-    """Judge what is seen of who moves north and north-east, and whether motion distinguishes people."""
+    """Judge the detections of people who move north and north-east, and whether motion distinguishes people."""
     out = []
     for name, figure in (("N", "5-8"), ("NE", "5-9")):
         for number in PLACES:
@@ -160,6 +160,6 @@ MOTION = Experiment(
     compute=motions,
     judge=judge_motions,
     trial=motion_trial,
-    note="Steps are people who start near the middle; cameras stand 8 m from it, where the statements put them.",
+    note="Steps are people who start near the middle; cameras are 8 m from it, as the statements require.",
 )
 """Signs of projected motion."""

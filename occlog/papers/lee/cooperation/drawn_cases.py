@@ -4,7 +4,7 @@ The figures are sketches without numbers.  Here each run draws positions, course
 text states about a case, so that a share of runs shows whether its statement depends on the sketch.
 
 Fig. 3-8: two changes at one time step that leave the number of bearings as it is.  The text describes (b)
-and (c); (d) to (f) are "similar cases", for which stand the other pairs of the changes that Sec. 3.3.2 names.
+and (c); (d) to (f) are "similar cases", represented by the other pairs of the changes that Sec. 3.3.2 names.
 The array hears everywhere, so that I(k-1) of (3.14) is the number of tracks.
 """
 
@@ -49,7 +49,7 @@ RESOLUTION = math.radians(3.0)
 BEFORE, WITHIN = 30, 10
 """Steps before the change, and steps from it on in which a trigger should fire."""
 SPEED, APART = 0.25, math.radians(25.0)
-"""Speed of the objects [m/s], and least angle between two that are heard apart."""
+"""Speed of the objects [m/s], and least angle between two that are heard separately."""
 NEAR, FAR, EDGE = 8.0, 18.0, 22.5
 """Distances of objects inside the range, and of those at its end [m]."""
 CERTAIN = 0.9

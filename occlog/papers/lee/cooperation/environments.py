@@ -2,7 +2,7 @@
 
 The room's ranges are those on the ground, so its sensors are at the height of the objects.
 
-The thesis does not print which way the turns go, where the cameras of the field stand, and the
+The thesis does not print which way the turns go, the positions of the field's cameras, and the
 ranges of the room's sensors.  They are chosen as in the files of the same names in `examples/`.
 
 Of Fig. 3-4 the text has the starts of the three objects, the number of samples, the models and the

@@ -257,7 +257,7 @@ def judge_object(table: Table) -> list[StatementVerdict]:
 
 
 NOTE = (
-    "Filter of the thesis with the weights put right; what is not printed (motion noise, cameras, which way the "
+    "Filter of the thesis with the weights put right; unprinted parts (motion noise, cameras, which way the "
     "turns go) is stated in the documentation. A frame is one picture of one camera."
 )
 OPEN_NOTE = (

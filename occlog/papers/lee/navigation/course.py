@@ -30,7 +30,7 @@ from .config import NavigateConfig
 
 
 class Disc(NamedTuple):
-    """A round obstacle that stands."""
+    """A round obstacle that does not move."""
 
     x: float
     y: float
@@ -39,7 +39,7 @@ class Disc(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Everything that stands in a robot's way, and the people who move there.
+    """All static obstacles of a robot, and the people who move there.
 
     Attributes:
         discs: (D, 3) round obstacles x, y, radius.

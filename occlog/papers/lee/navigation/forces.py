@@ -94,7 +94,7 @@ def always(key: str, said: str, row: PaperRow | None, share: float, paper: float
         said: the statement.
         row: share of trials in each run.
         share: what it must be, 0 or 1.
-        paper: what is printed; None: nothing.
+        paper: printed value; None: none.
     """
     found = estimate(math.nan, math.nan, 0) if row is None else mean_of(row)
     return v.judge(key, said, found, v.Interval(share, share), rule=f"share of trials: {share:g} in all", paper=paper)

@@ -18,7 +18,7 @@ class NavigateRequest(Request):
     """Drive a robot through SCENE (YAML, or a recording that holds one) by potential fields.
 
     The goal pulls, obstacles push, and every --step seconds the robot takes the direction of the sum, at constant
-    speed (Lee 2009, Sec. 5.2.2).  Where an obstacle stands in line with the goal a step could end in it: --force
+    speed (Lee 2009, Sec. 5.2.2).  If an obstacle is in line with the goal a step could end in it: --force
     prevent turns away before.  The robot then goes to and fro, which is recognised; --escape leaves the line.
 
     The path ends at the goal, with a collision, where everything repeats itself for ever, or after --steps.

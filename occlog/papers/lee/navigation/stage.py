@@ -171,14 +171,14 @@ def _guarded(
     """Steps (A, 2) of robots at (A, 2) positions that do not collide if people go on as they did, and their states.
 
     A step that would collide is turned by as little as will do, of two equal angles to the side on which the goal is
-    nearer; where no direction is free, the one of the greatest clearance is taken, which may be to stand.
+    nearer; where no direction is free, the one of the greatest clearance is taken, which may be no motion.
     """
     expected = moment.expected()
     clearance = _least(course.clearance(xy, xy + move, config.radius, expected))[0]
     rows = np.flatnonzero(clearance <= GUARD * config.way)
     if not len(rows):
         return move, state
-    # All directions, and to stand, which comes last: (T + 1, R, 2)
+    # All directions, and no motion as the last: (T + 1, R, 2)
     angles = np.array(TURNS)[:, None]
     tried = turned(
         np.broadcast_to(move[rows], (len(TURNS), len(rows), 2)), np.broadcast_to(angles, (len(TURNS), len(rows)))
@@ -223,7 +223,7 @@ def _note_clearance(robots: Drive, active: Ints, clearance: Floats, nearest: Int
 class _Watch:
     """Notices robots that repeat themselves for ever, or that stay at one position.
 
-    Among obstacles that stand, position and total force decide on everything that follows: where both come back the
+    Among static obstacles, position and total force determine all later steps: where both come back the
     robot repeats what it did between.  The state that is compared is taken again at steps 1, 2, 4, 8, ... (Brent's
     way to find cycles), so that a cycle of any length is found without a memory of all steps.
     """

@@ -194,5 +194,5 @@ VARIANCES = Experiment(
     compute=variances,
     judge=judge,
     note="Angles with a standard deviation of 1 degree; not where a plane is blind. More polar "
-    "angles, and the shares of directions for which what is printed is wrong, are in the table.",
+    "angles, and the shares of directions for which the printed formula is wrong, are in the table.",
 )

@@ -14,7 +14,7 @@ CHANNELS = ("shared", "node", "link")
 
 @dataclass(frozen=True)
 class TrafficConfig(Settings):
-    """What is sent through the network: each protocol with each size of images and each share of objects."""
+    """Traffic of the network: each protocol with each size of images and each share of objects."""
 
     OWNER: ClassVar[str] = "traffic"
 

@@ -126,7 +126,7 @@ def judge_end_to_end(table: Table) -> list[StatementVerdict]:
 
 
 def judge_hops(table: Table) -> list[StatementVerdict]:
-    """Judge the orderings of the printed hop-by-hop delays; the numbers follow from settings that are not given."""
+    """Judge the orderings of the printed hop-by-hop delays; the numbers depend on settings that are not given."""
     out = []
     for scenario in PRINTED:
         for kind in ("visual sensing data", "final estimation data"):

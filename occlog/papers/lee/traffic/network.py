@@ -39,7 +39,7 @@ class CameraNode:
 
 @dataclass(frozen=True)
 class Sizes:
-    """Bytes of what is sent."""
+    """Bytes sent."""
 
     packet: int = 1000  # payload of a packet, at most
     header: int = 0  # of each packet, also
@@ -62,7 +62,7 @@ class RouterNetwork:
         objects: number of objects in the range of each router that has some.
         rate_bps: of every channel [bit/s].
         channel: what the links share: `shared`, `node` or `link`.
-        sizes: bytes of what is sent.
+        sizes: bytes of messages.
         processing_s: time that an estimate takes.
     """
 
@@ -136,7 +136,7 @@ SLOT = 1e-12
 
 @dataclass
 class NetworkMessage:
-    """What was sent, and how it fared.
+    """Messages with their delays and losses.
 
     Attributes:
         kind: what it is.

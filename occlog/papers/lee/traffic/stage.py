@@ -18,7 +18,7 @@ KILOBYTE = 1000.0
 
 
 class TrafficCase(NamedTuple):
-    """One cycle of tracking: how it was set up, and what came out."""
+    """One cycle of tracking: setup and result."""
 
     protocol: str
     channel: str

@@ -25,7 +25,7 @@ VIEWS = 2
 WORSE = 2.0
 """Failures [%] above those with the most particles that do not count as a significant degradation."""
 FOLLOWED = 20.0
-"""Failures [%] with the most particles above which the targets are not followed, so that none suffice."""
+"""Failures [%] with the most particles above which the targets count as lost, so that none suffice."""
 LINEAR = 1.3
 """Largest exponent of the number of targets that counts as linear; as in Table 2 by effective samples."""
 PRINTED = {MCMC: {4: 500.0, 5: 1100.0, 6: 2800.0}, BMCT: {4: 400.0, 5: 500.0, 6: 600.0}}
@@ -102,7 +102,7 @@ def enough(totals: Floats, rates: Floats) -> float:
 
 
 def growth(curves: Sequence[FailureCurve], runs: Sequence[int] | slice = slice(None)) -> float:
-    """Return the exponent of the number of targets in what suffices, of the means over some runs; NaN: not followed."""
+    """Return the exponent of sufficient particles in the number of targets, by means over some runs; NaN: lost."""
     need = np.array([enough(c.totals, c.rates[:, runs].mean(axis=1)) for c in curves])
     if len(need) < 2 or not np.all(np.isfinite(need)):
         return math.nan

@@ -1,6 +1,6 @@
 """The two failures of IDMOT that [Qu] Sec. 4.1 explains by Fig. 7b, each in its own scene with a control.
 
-Two balls meet in one view, and the other view sees them apart.  What is counted is how many of the two trackers are not
+Two balls meet in one view, and separate in the other view.  The count is how many of the two trackers are not
 on their own target in the last frame of the view in which they met, after they have parted.
 """
 
@@ -24,7 +24,7 @@ ENDS = {"end_other": "on the other", "end_none": "on none"}
 
 
 class MechanismCase(NamedTuple):
-    """A scene and what is special about it."""
+    """A scene and its special property."""
 
     scene: str
     view: int  # in which the balls meet, from 0
@@ -134,7 +134,7 @@ MECHANISMS = Experiment(
     compute=mechanisms,
     judge=judge_mechanisms,
     trial=run_views_trial,
-    note="Two balls of radius 22 px that meet in one view and are apart in the other. On the same epipolar line the "
+    note="Two balls of radius 22 px that meet in one view and are separate in the other. On the same epipolar line the "
     "other view cannot determine one from the other.",
 )
 """The mechanisms of Fig. 7b."""

@@ -16,9 +16,9 @@ from occlog.simulate.balls.config import MOTIONS
 
 REMEDY = "bmct, remedy"
 SETTINGS = {"sigma_px": 4.0, "keep_velocity": 0.7, "inertia": 1.0}
-"""Settings of the remedy: more noise, a velocity that follows sooner, and less weight on going on as before."""
+"""Settings of the remedy: more noise, a faster velocity update, and less weight on going on as before."""
 LOW = 8.0
-"""Largest rate of false labels [%] with which targets count as followed; what this project asks of Table 3."""
+"""Largest rate of false labels [%] with which targets count as tracked; this project's criterion for Table 3."""
 
 
 def motion(size: Size, execute: Execute) -> Table:
@@ -39,7 +39,7 @@ def _spec(size: Size, run: int, motion: str) -> Spec:
 
 
 def judge_motion(table: Table) -> list[StatementVerdict]:
-    """Judge BMCT against IDMOT at every motion, whether it follows targets that manoeuvre, and the remedy."""
+    """Judge BMCT against IDMOT at every motion, whether it tracks manoeuvring targets, and the remedy."""
     out = []
     for rate, name in RATES.items():
         said = f"BMCT is robust in different conditions: rate of {name} below that of IDMOT at every motion, by [%]."
@@ -55,7 +55,7 @@ def _of_motion(rate: str, name: str, motion: str, plain: PaperRow, better: Paper
     """Judge BMCT and its remedy at one motion."""
     key, out = f"motion-{motion}-{rate}", []
     if rate == "fr_l":
-        said = f"BMCT follows the targets ({motion}): rate of {name} [%]."
+        said = f"BMCT tracks the targets ({motion}): rate of {name} [%]."
         rule = f"at most {LOW:g} %; in part {2.0 * LOW:g} %"
         out.append(v.judge(f"{key}-followed", said, mean_of(plain), v.at_most(LOW), v.at_most(2.0 * LOW), rule=rule))
     if motion == "manoeuvre":

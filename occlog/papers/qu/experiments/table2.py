@@ -192,7 +192,7 @@ def needed(trials: Sequence[Tried]) -> tuple[tuple[float, ...], tuple[float, ...
     """Return the total particles of which `ENOUGH` are effective, in every run, and the time that they take.
 
     Between the numbers tried, and beyond, both are taken as powers of the number.  The result is at least
-    the number from which on targets are followed (`ROBUST`), and empty where there is no such number.
+    the number from which on targets are tracked (`ROBUST`), and empty where there is no such number.
 
     Args:
         trials: by rising number of particles.

@@ -1,6 +1,6 @@
 """Who of one run is who of the other: pairs of each frame, and the people that they make.
 
-Which tracks follow a person over time, and when one track replaces another.
+Tracks matched to a person over time, and when one track replaces another.
 
 Two runs in the same time steps: the times of both, from the later of their starts to the earlier of their ends.
 """
@@ -98,7 +98,7 @@ EACH_FRAME = ClearRule(memory=0)
 
 @dataclass(frozen=True)
 class PersonPair:
-    """Tracks of either run that are one person's, as far as the runs agree; one of them may have none.
+    """Tracks of either run that are one person's, where the runs agree; one of them may have none.
 
     Attributes:
         a, b: identities, the one that is there longest first.
@@ -193,7 +193,7 @@ def _people(
 
 
 class Piece(NamedTuple):
-    """A time interval in which one track follows a person: first and last time step [ns]."""
+    """A time interval in which one track is matched to a person: first and last time step [ns]."""
 
     who: int
     track: int
@@ -202,7 +202,7 @@ class Piece(NamedTuple):
 
 
 class TrackChange(NamedTuple):
-    """A person is followed by another track from a time step on."""
+    """Change of a person's track at a time step."""
 
     t_ns: int
     who: int
@@ -229,7 +229,7 @@ class MatchedRuns(NamedTuple):
 
 
 def tracks_by_target(frames: MatchedFrames, made: MatchedPairs, times: Ints, lasting_ns: int) -> MatchedRuns:
-    """Tracks of a run that follow each true target.
+    """Tracks of a run matched to each true target.
 
     Args:
         frames: truth and tracks in the true frames.
@@ -245,7 +245,7 @@ def tracks_by_target(frames: MatchedFrames, made: MatchedPairs, times: Ints, las
 def mutual_matches(
     a: AlignedEstimates, b: AlignedEstimates, pairs: RunPairs, times: Ints, lasting_ns: int
 ) -> tuple[MatchedRuns, MatchedRuns]:
-    """Tracks of B that follow each one of A, and the other way round.
+    """Tracks of B matched to each one of A, and the other way round.
 
     Args:
         a: run A in common frames.
@@ -264,11 +264,11 @@ def mutual_matches(
 def pieces_of(who: Ints, track: Ints, frame: Ints, times: Ints, lasting_ns: int) -> MatchedRuns:
     """Sections of time in which each one has one track.
 
-    Interruptions shorter than `lasting_ns` do not end a section; sections that are shorter are skipped, and what is
+    Interruptions shorter than `lasting_ns` do not end a section; sections that are shorter are skipped, and the rest
     left on either side of them becomes one if it is of the same track.
 
     Args:
-        who: (n,) those who are followed.
+        who: (n,) identities of the other side.
         track: (n,) the track of each.
         frame: (n,) number of the frame.
         times: (T,) of the frames [ns].

@@ -25,7 +25,7 @@ MAX_STRETCHES = 5
 
 
 class RunComparisonStep(NamedTuple):
-    """What is to be seen at a time step.
+    """Divergence at a time step.
 
     Attributes:
         t_ns: when.
@@ -50,7 +50,7 @@ class DivergenceKind(NamedTuple):
 
 
 class DivergenceStretch(NamedTuple):
-    """Frames after each other in which the runs have parted: from, to, and the time step at which most is apart."""
+    """Consecutive frames in which the runs diverge: from, to, and the time step of the largest divergence."""
 
     start_ns: int
     end_ns: int
@@ -62,11 +62,11 @@ class Divergences:
     """Where two runs part.
 
     Attributes:
-        kinds: pairs that are too far apart, a person whom A alone has, and B alone, and other partners.
+        kinds: pairs beyond the tolerance, a person in A only, and B alone, and other partners.
         frames: how many frames there are.
         parted: in how many of them the runs have parted.
         stretches: the longest, the longest first.
-        farthest: the pair that is farthest apart; None: there are no pairs.
+        farthest: the pair of largest distance; None: no pair.
         apart: (T,) largest distance of partners in each frame, 0 without any.
         alone: (T,) how many have no partner.
     """
@@ -106,7 +106,7 @@ def divergences_of(
         pairs: of them.
         times: (T,) of the frames [ns].
         tolerance: partners that are farther from each other have parted.
-        partners: tracks of B that follow each one of A, and the other way round.
+        partners: tracks of B matched to each one of A, and the other way round.
     """
     far = np.flatnonzero(pairs.distance > tolerance)
     kinds = (
@@ -173,7 +173,7 @@ def _longest(parted: Bools, times: Ints) -> list[tuple[int, int]]:
 def _stretch(
     a: AlignedEstimates, b: AlignedEstimates, pairs: RunPairs, times: Ints, frames: tuple[int, int]
 ) -> DivergenceStretch:
-    """A section with its worst time step: the pair farthest apart, or else the first one without a partner."""
+    """A section with its worst time step: the pair of largest distance, or else the first one without a partner."""
     inside = np.flatnonzero((pairs.frame >= frames[0]) & (pairs.frame <= frames[1]))
     lone = [
         _of_one(own, other, times, int(rows[0]), first=is_a)
