@@ -30,7 +30,7 @@ def test_texts_are_read_as_the_type_of_the_setting():
         ("particles", "many", "setting particles: want a whole number, got 'many'"),
         ("particles", "1.5", "setting particles: want a whole number, got '1.5'"),
         ("sigma_v", "", "setting sigma_v: want a number, got ''"),
-        ("use_score", "maybe", "setting use_score: want true or false, got 'maybe'"),
+        ("use_score", "maybe", "setting use_score: expected true or false, got 'maybe'"),
         ("start", "1,a", "setting start: want numbers with commas, got '1,a'"),
     ],
 )

@@ -79,7 +79,7 @@ COMMANDS = {
     "run": Command("occlog.pipeline.run.command", "Do all stages of a configuration into a run folder."),
     "batch": Command("occlog.pipeline.batch.command", "Do the stages of a run for each of many recordings."),
     "pack": Command("occlog.pipeline.pack.command", "Put a run folder with its inputs and versions into one file."),
-    "verify": Command("occlog.pipeline.verify.command", "Make a packed run again, and state whether it is the same."),
+    "verify": Command("occlog.pipeline.verify.command", "Repeat a packed run, and check that its outputs are the same."),
     "sweep": Command("occlog.pipeline.sweep.command", "Monte Carlo runs over seeds and parameters, in parallel."),
     "reproduce": Command("occlog.papers.command", "Run a paper's experiments and judge each of its statements."),
     "diff": Command(

@@ -181,8 +181,8 @@ def checks_with(sample: Path) -> dict[str, Check]:
             damaged(of, "a file with a wrong byte", bytes(broken))
 
     def check_size(of: Any) -> None:
-        """A file with a content that is there twice is refused, or has more rows."""
-        damaged(of, "a file with a content that is there twice", 2 * sample.read_bytes())
+        """A file with repeated content is refused, or has more rows."""
+        damaged(of, "a file with repeated content", 2 * sample.read_bytes())
 
     own: dict[str, Callable[[Any], None]] = {
         name.removeprefix("check_").replace("_", "-"): check

@@ -303,7 +303,7 @@ GROUPS: tuple[tuple[str, tuple[Entry, ...]], ...] = (
         (
             ("cooperation_requests", "requests", ""),
             ("cooperation_answered", "answered", ""),
-            ("cooperation_shared", "positions that came along", ""),
+            ("cooperation_shared", "shared positions", ""),
             ("cooperation_frames", "frames asked for", ""),
             ("cooperation_period", "mean time between requests", "s"),
             ("cooperation_requests_periodic", "  by the period", ""),

@@ -194,7 +194,7 @@ def _run_paper(paper: str, request: ReproduceRequest, output: Path | None) -> li
         console.note(f"wrote {output / PAGE}", request.quiet)
     if request.everything and not recorded and paper in RECORDED:
         left = ", ".join(RECORDED[paper])
-        console.note(f"skipped: {left}; they want --data, or --bearings and --scene", request.quiet)
+        console.note(f"skipped: {left}; they require --data, or --bearings and --scene", request.quiet)
     return findings
 
 

@@ -97,7 +97,7 @@ def test_tables_are_saved_as_what_their_name_says(tmp_path: Path) -> None:
     assert len(pd.read_csv(tmp_path / "tracks.csv")) == len(tracks)
     with pytest.raises(occlog.OutputExistsError):
         tracks.save(tmp_path / "tracks.csv")
-    with pytest.raises(occlog.UsageError, match="its name does not say the format"):
+    with pytest.raises(occlog.UsageError, match="its name does not state the format"):
         tracks.save(tmp_path / "tracks.xyz")
     with pytest.raises(occlog.InputError, match="tracks has no column 'z_m'"):
         tracks["z_m"]

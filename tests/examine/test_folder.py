@@ -63,7 +63,7 @@ def test_of_very_many_entries_the_first_are_looked_at(
     for n in range(MAX_ENTRIES + more):
         (tmp_path / f"{n}.txt").touch()
     assert run(["info", str(tmp_path)]) == ExitCode.DONE
-    assert (f"entries after the first {MAX_ENTRIES} were not looked at" in capsys.readouterr().out) == bool(more)
+    assert (f"entries after the first {MAX_ENTRIES} were not checked" in capsys.readouterr().out) == bool(more)
 
 
 def test_parts_of_one_name_are_one_bag_and_recordings_are_none(folder: Path, tmp_path: Path) -> None:

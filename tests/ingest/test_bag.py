@@ -89,7 +89,7 @@ def test_topics_are_named_by_options_or_a_file(bag: Path, capsys: pytest.Capture
     assert recording.cameras == ("east",)
     assert "has no such topic; it has: /cam_back/camera_info" in refused(capsys, bag, "--topic", "a=/b")
     text = refused(capsys, bag, "--topic", "/cam_front/image_raw/compressed")
-    assert "does not say what it is called" in text
+    assert "does not state what it is called" in text
     both = ("--topic", "a=/cam_front/image_raw/compressed", "--topic", "a=/cam_back/image_raw/compressed")
     assert "a already has images in /cam_front" in refused(capsys, bag, *both)
 
@@ -282,7 +282,7 @@ def test_a_camera_without_pose_or_calibration_is_refused_with_the_reason(
 ) -> None:
     unplaced = ros.write_mcap(tmp_path / "a.mcap", rig()[1:])
     text = refused(capsys, unplaced, code=ExitCode.BAD_INPUT)
-    assert "camera cam: has no calibration (no transforms tell where its frame 'cam_optical' is)" in text
+    assert "camera cam: has no calibration (no transforms determine where its frame 'cam_optical' is)" in text
     assert made(unplaced, "--allow-uncalibrated").cameras == ("cam",)
     (tmp_path / "scene.yaml").write_text(SCENE)
     scene = made(unplaced, "--scene", str(tmp_path / "scene.yaml"), "--topic", "front=/cam/image_raw").scene
@@ -404,7 +404,7 @@ def test_a_choice_of_frames_cuts_images_boxes_and_true_positions(
     assert cut.read(Truth).x.tolist() == [2.0, 2.5, 3.0, 3.5, 4.0]
     assert times(cut, "front") == [100, 150]
     assert cut.read(Boxes).frame.tolist() == [2, 3]
-    assert "7 of 12 true positions are of other frames than 2:4, and left out" in capsys.readouterr().err
+    assert "7 of 12 true positions are of other frames than 2:4, and skipped" in capsys.readouterr().err
     boxes = made(bag, *scene, *topics[2:], "--frames", "2:4")
     assert boxes.read(Truth).x.tolist() == [2.0, 2.5, 3.0, 3.5, 4.0]
     assert len(made(bag, *scene, *topics).read(Truth)) == 12
@@ -441,7 +441,7 @@ def test_a_bag_without_anything_to_take_says_what_it_holds(tmp_path: Path, capsy
 def test_options_that_a_bag_does_not_take_are_refused(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "has its times from the bag" in refused(capsys, bag, "--fps", "cam_front=10")
     assert "a bag has its own times" in refused(capsys, bag, "--start-time", "2024-05-01T12:00:00Z")
-    assert "leave out the frame rate" in refused(capsys, bag, "--fps", "10")
+    assert "omit the frame rate" in refused(capsys, bag, "--fps", "10")
     assert "only videos can be linked to" in refused(capsys, bag, "--store", "link")
     out = bag.parent / "x.mcap"
     assert run(["ingest", "-o", str(out), "--doa", "a=b", "--topic", "a=/b"]) == ExitCode.USAGE

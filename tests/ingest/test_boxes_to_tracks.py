@@ -83,7 +83,7 @@ def test_two_commands_make_tracks_of_yolo_text_and_a_kalibr_file(
     assert run(["ingest", "-o", str(recording), *how, *placed]) == ExitCode.DONE
     said = capsys.readouterr().err
     assert "kalibr, m, right-handed, 4 cameras" in said
-    assert "left out: class 13" in said
+    assert "skipped: class 13" in said
     assert run(["track", str(recording), "--method", "jipda", "-o", str(tracks)]) == ExitCode.DONE
 
     # The world is turned and shifted from the hall's: the cameras tell by how much.
@@ -116,7 +116,7 @@ def test_files_without_any_box_are_looks_of_all_cameras_at_nobody(
     boxes_of = ["--boxes", str(tmp_path / "none.csv"), "--calibration", str(tmp_path / "chain.yaml")]
     world = ["--up", "auto", "--ground", "-4", "--fps", "10", "--frames", "0:40"]
     assert run(["ingest", "-o", recording, *boxes_of, *world]) == ExitCode.DONE
-    assert "every frame of cam0, cam1, cam2, cam3 is a look at nobody" in capsys.readouterr().err
+    assert "every frame of cam0, cam1, cam2, cam3 is a frame without a person" in capsys.readouterr().err
     assert run(["track", recording, "--method", "jipda", "-o", tracks]) == ExitCode.DONE
     assert "nobody was found: the tracks are empty" in capsys.readouterr().err
     assert len(read_table(Path(tracks), PeopleTracks)) == 0

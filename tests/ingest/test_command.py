@@ -412,10 +412,10 @@ def test_a_choice_of_frames_cuts_true_positions_and_counts_the_boxes_that_are_ta
     given += ["--truth", str(place / "t.csv")]
     assert run(["ingest", "-o", str(place / "out.mcap"), *given, "--frames", "2:10"]) == ExitCode.DONE
     said = capsys.readouterr().err
-    assert "7 boxes of 1 camera, left out: 22 boxes of other frames; frames 2 to 9" in said
-    assert "boxes: 7; 1 more row is of frames in which a camera saw nobody" in said
+    assert "7 boxes of 1 camera, skipped: 22 boxes of other frames; frames 2 to 9" in said
+    assert "boxes: 7; 1 more row is of frames in which a camera saw no person" in said
     # Frames 2 to 9 are at 0.2 to 0.9 s; half a frame more belongs to the first and the last one.
-    assert "truth: 183 of 200 true positions are of other frames than 2:10, and left out" in said
+    assert "truth: 183 of 200 true positions are of other frames than 2:10, and skipped" in said
     truth = open_recording(place / "out.mcap").read(Truth)
     assert (truth.t_ns[0], truth.t_ns[-1], len(truth)) == (150_000_000, 950_000_000, 17)
     assert run(["ingest", "-o", str(place / "all.mcap"), *given]) == ExitCode.DONE
@@ -557,7 +557,7 @@ def test_a_target_of_two_files_is_not_at_two_places_at_once(place: Path, capsys:
     truth = [f"--truth={place / name}.csv" for name in "abc"]
     assert ingest(place, truth[0], truth[2]) == ExitCode.DONE
     assert ingest(place, truth[0], truth[1], output="two.mcap") == ExitCode.BAD_INPUT
-    assert "b.csv: target 0 has places in" in capsys.readouterr().err
+    assert "b.csv: target 0 has positions in" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -591,7 +591,7 @@ def test_a_file_of_truth_that_is_given_twice_is_refused(place: Path, capsys: pyt
     """Its rows counted twice."""
     (place / "a.csv").write_text("time,x,y\n0,1,1\n1,1,1\n")
     assert ingest(place, *[f"--truth={place / 'a.csv'}"] * 2) == ExitCode.BAD_INPUT
-    assert "a.csv: target 0 has places in" in capsys.readouterr().err
+    assert "a.csv: target 0 has positions in" in capsys.readouterr().err
 
 
 def test_directions_that_stand_in_logs_twice_count_once(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -602,12 +602,12 @@ def test_directions_that_stand_in_logs_twice_count_once(place: Path, capsys: pyt
     assert run(["ingest", "-o", str(place / "o.mcap"), "--scene", str(place / "scene.yaml"),
                 *[f"--doa={place / name}.csv" for name in "aba"]]) == ExitCode.DONE  # fmt: skip
     said = capsys.readouterr().err
-    assert "warning: b.csv: 2 directions stood there or in a log before already, alike in everything" in said
-    assert "warning: a.csv: 4 directions stood there" in said
+    assert "warning: b.csv: 2 directions are exact duplicates or in a log before" in said
+    assert "warning: a.csv: 4 directions are exact duplicates" in said
     assert open_recording(place / "o.mcap").read(Doa).t_ns.tolist() == [0, 0, 10**9, 10**9, 2 * 10**9]
     assert run(["ingest", "-o", str(place / "c.mcap"), "--scene", str(place / "scene.yaml"),
                 f"--doa={place / 'c.csv'}"]) == ExitCode.DONE  # fmt: skip
-    assert "warning: c.csv: 4 directions stood there already" in capsys.readouterr().err
+    assert "warning: c.csv: 4 directions are exact duplicates" in capsys.readouterr().err
     assert len(open_recording(place / "c.mcap").read(Doa)) == 4
 
 
@@ -618,7 +618,7 @@ def test_reads_that_stand_in_two_logs_count_once(place: Path, capsys: pytest.Cap
     (place / "b.csv").write_text("t,reader,tag,rssi\n1,r,a,-50\n2,r,a,-50\n")
     logs = [f"--reads={place / name}.csv" for name in "ab"]
     assert run(["ingest", "-o", str(place / "o.mcap"), "--readers", str(place / "readers.csv"), *logs]) == ExitCode.DONE
-    assert "warning: b.csv: 1 read stood there or in a log before already" in capsys.readouterr().err
+    assert "warning: b.csv: 1 read are exact duplicates or in a log before" in capsys.readouterr().err
     assert open_recording(place / "o.mcap").read(Reads).t_ns.tolist() == [0, 10**9, 2 * 10**9]
 
 

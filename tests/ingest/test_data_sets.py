@@ -88,7 +88,7 @@ def test_the_folder_of_wildtrack_is_ingested_as_it_ships(tmp_path: Path, capsys:
     assert set(boxes.frame.tolist()) == set(FRAMES)
     said = capsys.readouterr().err
     assert "opencv-pairs, cm -> m, right-handed" in said
-    assert "true positions, projected, are beside the feet of true boxes" in said
+    assert "true positions, projected, are off the feet of true boxes" in said
 
 
 def test_wildtrack_without_images_wants_boxes_and_takes_its_own(

@@ -112,7 +112,7 @@ def test_units_of_time(text: str, seconds: float) -> None:
 
 @pytest.mark.parametrize("text", ["a", "=1", "a=", "a=nan", "a=inf", "a=1h", "a=1.1e9", "1"])
 def test_what_is_no_offset_is_refused(text: str) -> None:
-    with pytest.raises(UsageError, match="want SENSOR=SECONDS"):
+    with pytest.raises(UsageError, match="expected SENSOR=SECONDS"):
         offsets_of([text])
 
 

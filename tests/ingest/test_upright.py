@@ -131,7 +131,7 @@ def test_a_truth_without_heights_is_refused(folder, capsys):
 
 def test_an_unknown_ground_below_no_camera_is_told(folder, capsys):
     assert ingest(folder, "--up", "auto") == ExitCode.DONE
-    assert "say where the ground is" in capsys.readouterr().err
+    assert "state where the ground is" in capsys.readouterr().err
 
 
 def test_an_upright_world_is_left_alone():
@@ -146,7 +146,7 @@ def test_an_upright_world_is_left_alone():
 def test_cameras_that_look_the_same_way_are_told_to_leave_the_pitch_open():
     said: list[str] = []
     find_turn(CAMERAS[:1], "auto", None, said.append)
-    assert "look the same way" in said[0]
+    assert "have the same viewing direction" in said[0]
 
 
 @pytest.mark.parametrize(

@@ -142,7 +142,7 @@ def test_every_experiment_can_be_given_a_size() -> None:
     [
         ([], ExitCode.USAGE, "--list"),
         (["erkan", "--list"], ExitCode.USAGE, "erkan"),
-        (["--all", "--size", "fig7=2x50"], ExitCode.USAGE, "--size wants a paper"),
+        (["--all", "--size", "fig7=2x50"], ExitCode.USAGE, "--size requires a paper"),
         (["--all", "--bearings", __file__], ExitCode.USAGE, "--scene"),
         (["ercan"], ExitCode.USAGE, "--all"),
         (["erkan", "fig6"], ExitCode.USAGE, "erkan"),

@@ -104,7 +104,7 @@ def test_a_blind_room_is_said_to_be_blind(tmp_path: Path, capsys: pytest.Capture
     out, err = capsys.readouterr()
     told = json.loads(out)
     assert told["no_fix"] > 0.5
-    assert "nothing but the room says where a target is" in told["warnings"][0]
+    assert "no sensor sees the target" in told["warnings"][0]
     assert told["warnings"][0] in err
 
 

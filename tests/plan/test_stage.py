@@ -234,7 +234,7 @@ def test_a_scene_without_room_or_sensors_is_refused(scene: Scene, words: str):
 @pytest.mark.parametrize(
     ("config", "words"),
     [
-        (replace(SMALL, people=300), "no free place found"),
+        (replace(SMALL, people=300), "no free position found"),
         (replace(SMALL, density=1e3), "must be at most 1000"),
         (replace(SMALL, draws=5000, cells=5000), "take fewer cells or draws"),
     ],

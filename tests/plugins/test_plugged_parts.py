@@ -278,7 +278,7 @@ def test_an_exporter_of_others_is_a_format(folder: Path, capsys: pytest.CaptureF
     [
         ("fails-exporter", "plug-in fails-exporter (bad-parts 0.3): AttributeError: "),
         ("lies-exporter", "TypeError: bytes are written, not str; encode the text at "),
-        ("no-tables", "plug-in no-tables (bad-parts 0.3): tables: trucks; want names of "),
+        ("no-tables", "plug-in no-tables (bad-parts 0.3): tables: trucks; give "),
         ("half", "plug-in half (bad-parts 0.3): AttributeError: "),
     ],
 )

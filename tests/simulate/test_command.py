@@ -187,7 +187,7 @@ def test_a_recording_can_be_the_scene(room: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("args", "code", "says"),
     [
-        (["--seconds", "3", "--steps", "4"], ExitCode.USAGE, "--seconds and --steps both say"),
+        (["--seconds", "3", "--steps", "4"], ExitCode.USAGE, "--seconds and --steps both state"),
         (["--lookalike"], ExitCode.USAGE, "--lookalike is about video; add --render"),
         (["--store", "ffv1"], ExitCode.USAGE, "--store is about video"),
         (["--image-noise", "2"], ExitCode.USAGE, "--image-noise is about video"),

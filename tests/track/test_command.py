@@ -253,7 +253,7 @@ def test_settings_go_to_the_method(folder):
         (["--cameras", "cam0"], ExitCode.USAGE, "no sensor 'cam0' in the scene; did you mean 'cam"),
         (["--without", ",".join([*(f"cam{i}" for i in range(1, 9)), "array"])], ExitCode.USAGE, "no sensor is left"),
         (["--set", "sigmav=1"], ExitCode.USAGE, "no setting 'sigmav'; did you mean 'sigma_v'?"),
-        (["--set", "sigma_v"], ExitCode.USAGE, "--set sigma_v: want NAME=VALUE"),
+        (["--set", "sigma_v"], ExitCode.USAGE, "--set sigma_v: expected NAME=VALUE"),
         (["--set", "phi=2"], ExitCode.USAGE, "--set phi=2: must be at least 0 and at most 1"),
         (["--start", "1"], ExitCode.USAGE, "--start 1: want X,Y or X,Y,SIGMA"),
         (["--start", "1,2", "--set", "start=1,2,3"], ExitCode.USAGE, "give one of them"),
@@ -264,7 +264,7 @@ def test_settings_go_to_the_method(folder):
         (["--particles", "0"], ExitCode.USAGE, "--particles"),
         (["--in-turn", "0"], ExitCode.USAGE, "--in-turn"),
         (["--in-turn", "nan"], ExitCode.USAGE, "--in-turn': nan is not a finite number"),
-        (["--doa-labels"], ExitCode.USAGE, "doa_labels wants directions of arrival; give some (doa)"),
+        (["--doa-labels"], ExitCode.USAGE, "doa_labels requires directions of arrival; give some (doa)"),
     ],
 )
 def test_what_cannot_be_done_is_one_line_and_leaves_no_output(folder, capsys, monkeypatch, args, code, message):

@@ -242,5 +242,5 @@ def test_strict_writes_outputs_and_ends_with_six(tmp_path, capsys) -> None:
     assert "occlog: warning: the bearings are" in heard.err
     assert "plausible: no (" in " ".join(heard.out.split())
     assert run(["report", str(files.tracks), *shown, "-o", str(page), "--overwrite", "--strict"]) == ExitCode.THRESHOLD
-    assert "Not to be believed as they are" in page.read_text()
+    assert "Not reliable as they are" in page.read_text()
     assert "<strong>nis-large</strong>" in page.read_text()

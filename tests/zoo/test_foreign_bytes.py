@@ -115,7 +115,7 @@ CASES = [
     Case("json depth", text("[" * 100_000), REPORT, "nested too deeply"),
     Case("json digits", text(f'{{"rmse_m": {"9" * 5000}}}'), REPORT, "cannot be read"),
     Case("json surrogate", text('{"camera": "\\ud800"}'), REPORT, "half a character"),
-    Case("json list", text("[1]"), REPORT, "want a JSON object"),
+    Case("json list", text("[1]"), REPORT, "expected a JSON object"),
     Case("json not utf-8", lambda p: p.write_bytes(b'{"a": "\xff"}'), REPORT, "not UTF-8"),
     Case("boxes depth", text("[" * 100_000), BOXES, "nested too deeply"),
     Case("boxes digits", text(f"[{'9' * 5000}]"), BOXES, "cannot be read"),
@@ -130,7 +130,7 @@ CASES = [
             "<rvec>0 0 0</rvec><tvec>0 0 0</tvec></opencv_storage>"
         ),
         CALIBRATE,
-        "want a 3 x 3 camera matrix",
+        "expected a 3 x 3 camera matrix",
     ),
     Case("xml entities", text('<!DOCTYPE a [<!ENTITY b "c">]><opencv_storage>opencv-&b;'), CALIBRATE, "entities"),
     Case("provenance list", metadata(MADE, b"[1]"), TRACK, "provenance is damaged"),

@@ -384,8 +384,8 @@ class NoiseFromTruth:
                 out[name] = found
         if not out:
             raise InputError(
-                f"write-scene: no camera has {MIN_READINGS} readings in pixels of a target in plain view with a "
-                "position is known; record more, or give the truth at more times"
+                f"write-scene: no camera has {MIN_READINGS} readings in pixels of a visible target at a known position; "
+                "record more, or give the truth at more times"
             )
         return out
 

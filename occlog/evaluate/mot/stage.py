@@ -326,7 +326,7 @@ def _visible(at: Objects, places: PointTracks) -> Floats:
 
 def skipped_cameras_note(names: Sequence[str]) -> list[str]:
     """A line on cameras of the truth that no track is in; none where there is no such camera."""
-    return [f"skipped: {', '.join(names)}, which the truth knows and no track is in"] if names else []
+    return [f"skipped: {', '.join(names)}: in the truth, but without any track"] if names else []
 
 
 def unrelated_ids_note(ours: Ints, theirs: Ints, config: MultiTargetConfig) -> list[str]:

@@ -175,8 +175,8 @@ def provenance_from_json(text: str | bytes, where: Path) -> Provenance:
         )
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(
-            f"{where}: its provenance is damaged ({type(error).__name__}), so that its earlier losses on the "
-            "way; make it again"
+            f"{where}: its provenance is damaged ({type(error).__name__}), so that earlier losses are "
+            "unknown; make it again"
         ) from error
 
 

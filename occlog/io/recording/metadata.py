@@ -130,7 +130,7 @@ def linked_path(recording: Path, sensor: str, place: str) -> Path:
     """
     where = f"{recording}: camera {sensor}"
     if Path(place).is_absolute():
-        raise InputError(f"{where}: links to {place}, which is no position relative to it; ingest it again")
+        raise InputError(f"{where}: links to {place}, which is no relative path; ingest it again")
     path = recording.parent / place
     check_input(path, f"the video of camera {sensor} that {recording} links to")
     if leaves_folder(recording, place) and not is_video_header(path):

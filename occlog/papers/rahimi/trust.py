@@ -44,7 +44,7 @@ LOSES = 0.15
 SAME = 1e-4
 """Largest difference of two errors that count as equal, by the tolerance of the search [m]."""
 
-HESSIAN, KNOWN, MOMENT = "mode, hessian", "mode, hessian; distances known", "mode, time step"
+HESSIAN, KNOWN, MOMENT = "mode, hessian", "mode, hessian; distances known", "mode, moment"
 INVARIANT, INVARIANT_ROOM, RIGHT = "invariant", "invariant; room and ranges", "consistent"
 ESTIMATES: dict[str, tuple[str, Values]] = {
     HESSIAN: ("nees", {}),

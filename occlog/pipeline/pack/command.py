@@ -16,7 +16,7 @@ from occlog.io.files.atomic import check_outputs
 @click.option("--config", type=options.INPUT, required=True, help="Configuration that the run folder was made by.")
 @options.output_opt("The archive (ZIP).")
 @click.option(
-    "--reference", is_flag=True, help="Leave the inputs out, and state only which they are: name, size and SHA-256."
+    "--reference", is_flag=True, help="Leave the inputs out; record only their names, sizes and SHA-256."
 )
 @options.overwrite_opt
 @options.json_opt

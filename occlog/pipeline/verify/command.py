@@ -10,7 +10,7 @@ from occlog import console
 from occlog.cli import options
 
 
-@click.command(name="verify", short_help="Make a packed run again, and state whether it is the same.")
+@click.command(name="verify", short_help="Repeat a packed run, and check that its outputs are the same.")
 @click.argument("archive", type=options.INPUT)
 @click.option(
     "--inputs", type=options.PATH, help="Folder of the inputs that the archive only names, under their names in it."

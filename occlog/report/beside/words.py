@@ -268,7 +268,7 @@ def sentences(found: RunComparisonPage) -> list[str]:
         out.append("Every estimate of one is an estimate of the other, to the last digit.")
     if found.against_truth is None:
         out.append(
-            "Which one is better only the truth can state: give it, as a recording or a table of true positions."
+            "Only ground truth shows which run is better: give it as a recording or a table of true positions."
         )
     else:
         out += _of_figures(found)

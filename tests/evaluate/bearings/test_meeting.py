@@ -87,7 +87,7 @@ def test_nothing_to_meet_gives_no_figures() -> None:
 
 def test_bearings_of_nobody_in_particular_compare_with_nothing_and_a_line_says_so() -> None:
     nameless = both(pixels(EAST, T5, [0] * 5, target=-1), pixels(NORTH, T5, [0] * 5, target=-1))
-    assert "no bearing says which target it is of" in evaluate(tracks(T5, [10, 10]), None, nameless, PLACE).notes[0]
+    assert "no bearing has a target label" in evaluate(tracks(T5, [10, 10]), None, nameless, PLACE).notes[0]
     assert not evaluate(tracks(T5, [10, 10]), None, rows_to([10] * 5, [10] * 5), PLACE).notes
 
 

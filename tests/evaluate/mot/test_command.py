@@ -235,7 +235,7 @@ def test_what_the_tracker_says_of_itself(folder: Path, capsys: pytest.CaptureFix
     east = tracks.take(tracks.sensor == "east")
     write_table(folder / "one.parquet", east, MADE)
     assert run(["evaluate", "one.parquet", "--truth", "recording.mcap"]) == ExitCode.DONE
-    assert "left out: north" in capsys.readouterr().err
+    assert "skipped: north" in capsys.readouterr().err
     made = Provenance("track", {"cameras": ["east", "north"], "births": "detections"})
     write_table(folder / "both.parquet", east, made)
     both = ["evaluate", "both.parquet", "--truth", "recording.mcap"]
@@ -333,7 +333,7 @@ def test_tables_are_shown_and_compared(folder: Path, capsys: pytest.CaptureFixtu
         ([*XML, "--fps", "7"], 2, "--fps 7: the tracks have 25 frames a second"),
         ([*XML, "--first-number", "4"], 4, "boxes.xml: frame 3 is before the first number, 4"),
         ([*XML, "--frames", "90:99"], 4, "boxes.xml: has no true box in frames 90:99"),
-        (XML[:-2], 2, "has cameras east, north; say with --camera"),
+        (XML[:-2], 2, "has cameras east, north; state with --camera"),
         (["evaluate", "twice.txt", "--truth", "far.xml"], 4, "twice.txt: their frames (2 to 2) are none"),
         ([*XML[:3], "far.xml", *XML[4:]], 4, "far.xml: frame 90000000; there may be 2000000 frames"),
         ([*XML[:3], "cut.xml", *XML[4:]], 4, "cut.xml: line 1: not XML"),

@@ -202,7 +202,7 @@ def test_what_is_compared() -> None:
     got = evaluate_boxes(table(Boxes, rows), truth(), MultiTargetConfig(frames=(0, 2))).metrics
     assert (got["frames"], got["objects"], got["views_without_tracks"]) == (2, 4, 1)
     made = evaluate_boxes(table(Boxes, rows), truth())
-    assert made.notes == ("left out: b, which the truth knows and no track is in",)
+    assert made.notes == ("skipped: b: in the truth, but without any track",)
     assert (made.metrics["frames"], made.metrics["frames_without_tracks"]) == (10, 6)
     got = evaluate_boxes(table(Boxes, tracked_rows()), truth(), MultiTargetConfig(cameras=("b",))).metrics
     assert (got["objects"], got["fr_l"], "fr_p_sensor_b" in got) == (20, 0.0, False)

@@ -142,7 +142,7 @@ def test_classes_are_chosen_by_number_or_name_and_never_mixed_in_silence(tmp_pat
     with pytest.raises(InputError, match=r"no box is of class person; there are .*numbers only"):
         read(BoxFile(folder, "a"), options=BoxOptions(classes=("person",), sizes=SIZES))
     table = saved(tmp_path / "t.csv", "frame,left,top,width,height\n0,1,2,30,40\n")
-    with pytest.raises(InputError, match="does not say of what class"):
+    with pytest.raises(InputError, match="has no classes"):
         read(BoxFile(table, "a"), options=BoxOptions(classes=("person",)))
 
 
@@ -213,7 +213,7 @@ def test_coco_images_name_frame_and_camera_and_may_be_empty(tmp_path: Path) -> N
     ("second", "said"),
     [
         ({"file_name": "b/000001.jpg"}, "is of folder b, and the first image of camera cam1 of folder a"),
-        ({"file_name": "b/000002.jpg"}, "leave out cam1=, so that each has its own"),
+        ({"file_name": "b/000002.jpg"}, "omit cam1=, so that each has its own"),
         (
             {"file_name": "a/000002.jpg", "camera": "b"},
             "is of camera b, and the first image of camera cam1",
@@ -335,8 +335,8 @@ def test_two_keys_of_a_record_that_say_the_same_are_refused(tmp_path: Path) -> N
     path = tmp_path / "records.json"
     record = {"frame": 0, "track_id": 3, "id": 100, "left": 1, "top": 1, "width": 20, "height": 50}
     path.write_text(json.dumps([record]))
-    with pytest.raises(InputError, match="entry 1: keys 'track_id' and 'id' both say id; leave one out"):
+    with pytest.raises(InputError, match="entry 1: keys 'track_id' and 'id' both state id; leave one out"):
         read(BoxFile(path, "a"))
     path.write_text(json.dumps([{"frame": 0, "bbox": [1, 1, 20, 50], "x1": 5, "score": 0.5}]))
-    with pytest.raises(InputError, match="keys 'bbox' and 'x1' both say left"):
+    with pytest.raises(InputError, match="keys 'bbox' and 'x1' both state left"):
         read(BoxFile(path, "a"))

@@ -389,7 +389,7 @@ FAULTS = [
     ("a.toml", TOML.replace("0.1, -0.05", "1e90, 0.5"), "cannot be undone"),
     ("a.toml", TOML + TOML.replace("[cam1]", "[cam2]"), "two cameras are named 'left'"),
     ("a.txt", "1 2 3 4\n5 6 7 8\n", "not a calibration of a known format"),
-    ("a.txt", "1 2 3 4\n5 6 7 8\n2 4 6 8\n", "lie at infinity"),
+    ("a.txt", "1 2 3 4\n5 6 7 8\n2 4 6 8\n", "be at infinity"),
     ("a.txt", "", "is empty"),
     ("a.xml", "<Camera name='x'><Geometry/><Intrinsic kappa1='1'", "not XML"),
     ("a.xml", "<Camera name='x'><Geometry/><Intrinsic kappa1='1'/></Camera>", "<Extrinsic> is missing"),

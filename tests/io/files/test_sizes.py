@@ -198,13 +198,13 @@ def test_times_of_a_table_are_told_whatever_its_statistics_are(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("number", "field", "reason"),
     [
-        (sizes.PACKED, Field(I64, -1), "without its name, its size or its place"),
+        (sizes.PACKED, Field(I64, -1), "without its name, its size or its position"),
         (sizes.PACKED, Field(I64, 1 << 40), "beyond the end"),
-        (sizes.PACKED, Field(I32, 5), "where a number should stand"),
+        (sizes.PACKED, Field(I32, 5), "where a number is expected"),
         (sizes.DATA_PAGE, Field(I64, (1 << 63) - 1), "beyond the end"),
         (PATH, Field(LIST, (BINARY, [])), "without its name"),
         (PATH, Field(LIST, (I64, [5])), "items of another type"),
-        (PATH, Field(BINARY, b"x"), "where a list should stand"),
+        (PATH, Field(BINARY, b"x"), "where a list is expected"),
     ],
 )
 def test_columns_that_cannot_be(tmp_path: Path, number: int, field: Field, reason: str) -> None:

@@ -70,7 +70,7 @@ def test_lengths_are_in_one_unit() -> None:
     assert lay_out(("t", "x_cm", "y_cm"), Truth).length_unit == "cm"
     assert lay_out(("t", "x", "y"), Truth).length_unit is None
     for names in (("t", "x_cm", "y_m"), ("t", "x_cm", "y")):
-        with pytest.raises(InputError, match="are not in one unit; name all lengths alike"):
+        with pytest.raises(InputError, match="have several units; give all lengths one"):
             lay_out(names, Truth)
 
 
@@ -83,7 +83,7 @@ def test_a_length_without_a_unit_beside_one_with_it_is_named_with_it() -> None:
 
 def test_two_columns_of_one_meaning_are_refused_but_the_own_name_counts() -> None:
     assert found(Doa, "t_ns", "sensor", "azimuth", "bearing")["azimuth"] == ("azimuth", "")
-    with pytest.raises(InputError, match="both say target_id; keep one"):
+    with pytest.raises(InputError, match="both state target_id; keep one"):
         lay_out(("t", "id", "track_id", "x", "y"), Truth)
 
 

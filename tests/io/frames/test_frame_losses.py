@@ -40,7 +40,7 @@ def test_so_many_lost_stretches_are_listed_and_the_rest_is_added_up(holes: int, 
     assert len(found) == lines
     assert found[0] == Loss("v.avi", "frame 1", "could not be decoded", 1)
     assert sum(loss.count for loss in found) == holes
-    assert found[-1].place.startswith("1 more stretches in frames") == (holes > MAX_STRETCHES)
+    assert found[-1].place.startswith("1 more sections in frames") == (holes > MAX_STRETCHES)
 
 
 @pytest.mark.parametrize(("met", "told"), [(979, False), (978, True)])
@@ -63,8 +63,8 @@ def test_pictures_that_go_back_have_no_place() -> None:
 
 
 def test_without_a_frame_of_the_range_there_is_an_error() -> None:
-    with pytest.raises(InputError, match="frames from 10 on are wanted, but the video has only 10"):
+    with pytest.raises(InputError, match="frames from 10 on are requested, but the video has only 10"):
         delivered([], 10, start=10).check_any()
-    with pytest.raises(InputError, match="not one of the wanted frames"):
+    with pytest.raises(InputError, match="not one of the requested frames"):
         delivered([], 10, start=9).check_any()
     delivered([9], 10, start=9).check_any()

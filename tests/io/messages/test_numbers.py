@@ -29,7 +29,7 @@ LARGE = 1e200
 @pytest.mark.parametrize("value", [LARGE, np.inf, np.nan])
 def test_a_direction_beyond_all_range(value: float) -> None:
     heard = DirectionMessage(HEADER, (SoundSource(1, (value, 0.1, 0.1), 1.0),))
-    with pytest.raises(InputError, match="want a unit vector"):
+    with pytest.raises(InputError, match="expected a unit vector"):
         direction_rows(heard, 1, MicrophoneArray("mic", np.zeros(3)))
 
 

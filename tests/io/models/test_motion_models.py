@@ -50,7 +50,7 @@ def without(i: int, j: int, value: float) -> list[list[float]]:
     ("text", "says"),
     [
         ("{", "line 1: not valid JSON"),
-        ("[1]", "want a JSON object"),
+        ("[1]", "expected a JSON object"),
         (changed(occlog_motion="gone"), "not a motion file"),
         (changed(occlog_motion=2), "occlog_motion"),
         (changed(A="gone"), "`A`"),

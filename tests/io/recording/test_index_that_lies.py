@@ -75,7 +75,7 @@ def test_a_topic_that_the_index_leaves_out_is_read(tmp_path: Path, lies: tuple[s
 @pytest.mark.parametrize("lies", LESS)
 def test_an_index_that_counts_less_than_there_is_is_refused(tmp_path: Path, lies: tuple[str, ...]) -> None:
     path = lying(tmp_path / "r.mcap", *lies)
-    with pytest.raises(InputError, match="its index tells of 5 records of the kind message, and there are 10"):
+    with pytest.raises(InputError, match="its index reports 5 records of the kind message, and there are 10"):
         open_recording(path)
     assert run(["doctor", str(path)]) == ExitCode.BAD_INPUT
 

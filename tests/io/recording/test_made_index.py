@@ -249,7 +249,7 @@ def test_damage_is_said_with_its_place(tmp_path: Path) -> None:
     changed = data[: end - 1] + bytes([data[end - 1] ^ 1]) + data[end:]
     assert "damaged MCAP file" in refusal(path, changed)
     longer = data[: chunk + 1] + struct.pack("<Q", len(data)) + data[chunk + 9 :]
-    assert f"the record at byte {chunk} is said to end at byte {chunk + 9 + len(data)} of {len(data)}" in refusal(
+    assert f"the record at byte {chunk} is stated to end at byte {chunk + 9 + len(data)} of {len(data)}" in refusal(
         path, longer
     )
     for code in (0, 2, 14, 38, 70):
@@ -267,7 +267,7 @@ def test_a_file_that_holds_less_than_its_statistics_say_is_refused(tmp_path: Pat
     start = struct.unpack_from("<Q", data, footer + 9)[0] - (second - first)
     ends = struct.pack("<QQI", start, 0, 0)
     less = data[:first] + data[second : footer + 9] + ends + data[footer + 9 + 20 :]
-    assert "its index tells of 10 records of the kind message, and there are 9" in refusal(path, less)
+    assert "its index reports 10 records of the kind message, and there are 9" in refusal(path, less)
 
 
 def loose_file(*records: tuple[int, bytes]) -> bytes:

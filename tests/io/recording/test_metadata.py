@@ -60,5 +60,5 @@ def test_what_was_damaged_is_lost_in_words_when_it_is_salvaged(path: Path, tmp_p
     lost = [loss.what for loss in open_recording(tmp_path / "whole.mcap").losses]
     assert found.messages == {"/camera/cam1/video": 1}
     assert any("wrong digest" in reason for reason in lost)
-    assert any("what was lost then, is not known any more" in reason for reason in lost)
+    assert any("the losses then, is not known any more" in reason for reason in lost)
     assert not any("frame 7" in loss.place for loss in found.losses)

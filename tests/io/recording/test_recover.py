@@ -127,7 +127,7 @@ def test_lost_frames_are_counted_and_dated(whole: Path, tmp_path: Path, index: b
     gone = sorted(set(range(FRAMES)) - kept)
     assert gone == list(range(gone[0], gone[-1] + 1))
     last, after = (f"2023-11-14T22:13:2{n // 10}.{n % 10}00Z" for n in (gone[0] - 1, gone[-1] + 1))
-    frames = Loss("a", f"{last} to {after}", "messages of /camera/a/image in what is damaged", len(gone))
+    frames = Loss("a", f"{last} to {after}", "messages of /camera/a/image in damaged parts", len(gone))
     assert frames in found.losses
     assert any(loss.source == "/bearings/a" and loss.count in (10, 11) for loss in found.losses)
 
@@ -178,7 +178,7 @@ def test_a_lost_link_to_a_video_is_asked_for(tmp_path: Path) -> None:
     assert not (tmp_path / "x.mcap").exists()
     found = recover_recording(cut, out, {"a": tmp_path / "a.avi"}, overwrite=True)
     assert open_recording(out).videos["a"]["path"] == "../a.avi"
-    assert any("how it was made, and what was lost then, is not known" in loss.what for loss in found.losses)
+    assert any("how it was made, and the losses then, is not known" in loss.what for loss in found.losses)
 
 
 def test_what_is_none_of_ours_or_nothing_is_refused(tmp_path: Path) -> None:

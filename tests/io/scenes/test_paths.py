@@ -74,7 +74,7 @@ def test_what_the_documentation_shows_is_read() -> None:
         ("occlog_paths: 1\ntargets: []", "targets: expected `array` of length >= 1"),
         ("targets: [{id: 1, position: [1, 2]}]", "missing required field `occlog_paths`"),
         ("occlog_paths: 2\ntargets: []", "occlog_paths: 2 is none of 1"),
-        ("[1, 2]", "want keys and values at the top level"),
+        ("[1, 2]", "expected keys and values at the top level"),
         (target("speed: 1"), r"line 3: unknown key 'speed' in targets\[0\]; valid keys: from_s, id,"),
         (target("velocty: [1, 1]"), "did you mean 'velocity'?"),
         (target("velocity: [1]"), "velocity: expected `array` of length >= 2"),

@@ -151,7 +151,7 @@ def test_a_pile_of_aliases_is_refused() -> None:
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [(b"", "is empty"), (b"\xff\xfe", "not UTF-8"), (b"- 1\n", "want keys and values"), (None, "no such")],
+    [(b"", "is empty"), (b"\xff\xfe", "not UTF-8"), (b"- 1\n", "expected keys and values"), (None, "no such")],
 )
 def test_files_that_are_none(tmp_path: Path, content: bytes | None, message: str) -> None:
     path = tmp_path / "s.yaml"

@@ -95,12 +95,12 @@ def test_faults_are_named(tmp_path: Path, text: str, message: str) -> None:
 @pytest.mark.parametrize(
     ("column", "good", "bad", "message"),
     [
-        ("elevation_deg", "90", "90.0001", "it must lie within 90 degrees"),
-        ("elevation_deg", "-90", "-90.0001", "it must lie within 90 degrees"),
+        ("elevation_deg", "90", "90.0001", "it must be within 90 degrees"),
+        ("elevation_deg", "-90", "-90.0001", "it must be within 90 degrees"),
         ("confidence", "0", "-1e-9", "it must be 0 to 1"),
         ("confidence", "1", "1.000000001", "it must be 0 to 1"),
         ("sigma_deg", "1e-9", "0", "it must be above 0"),
-        ("elevation_rad", "1.5707963267948966", "1.5707963267948968", "it must lie within 90 degrees"),
+        ("elevation_rad", "1.5707963267948966", "1.5707963267948968", "it must be within 90 degrees"),
     ],
 )
 def test_limits_of_a_column_are_allowed_and_no_more(

@@ -112,7 +112,7 @@ def test_a_hop_is_a_number_or_a_quotient_above_0_and_at_most_10() -> None:
     assert parse_hop("0.008") == parse_hop("128/16000") == Fraction(1, 125)
     assert parse_hop("10") == 10
     for bad in ("0", "-1", "10.001", "1/0", "x"):
-        with pytest.raises(UsageError, match="want seconds above 0"):
+        with pytest.raises(UsageError, match="expected seconds above 0"):
             parse_hop(bad)
 
 

@@ -66,7 +66,7 @@ def test_times_are_those_of_the_world(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("t,reader,tag,rssi\n1,C,x,-70\n", "line 2: reader 'C' has no place; readers: A, B"),
+        ("t,reader,tag,rssi\n1,C,x,-70\n", "line 2: reader 'C' has no position; readers: A, B"),
         ("t,reader,tag,rssi\n1,A,x,-201\n", "line 2: rssi is -201; it must be -200 to 50 dBm"),
         ("t,reader,tag,rssi\n1,A,x,51\n", "line 2: rssi is 51; it must be -200 to 50 dBm"),
         ("t,reader,tag,rssi\n1,A,x,loud\n", "line 2: rssi is 'loud'; a number was expected"),

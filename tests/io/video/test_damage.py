@@ -39,7 +39,7 @@ def check(path: Path, data: bytes, *, blurred: int = 0) -> tuple[list[int], list
     path.write_bytes(data)
     given, shown, losses = decoded(path)
     assert sum(g != s for g, s in zip(given, shown, strict=True)) <= blurred
-    assert sum(loss.count for loss in losses if "place in" not in loss.what) == FRAMES - len(given)
+    assert sum(loss.count for loss in losses if "position in" not in loss.what) == FRAMES - len(given)
     assert all(a < b for a, b in pairwise(given))
     return given, losses
 

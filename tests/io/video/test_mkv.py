@@ -82,7 +82,7 @@ def test_faults_are_told_up_to_a_limit(tmp_path: Path) -> None:
     rest = b"\x1f\x43\xb6\x75\x81\x00" * 1000
     problems = parsed(tmp_path, video(cluster(0, block(0)), rest)).problems
     assert len(problems) == MAX_FAULTS + 1
-    assert problems[-1][1].endswith("more places")
+    assert problems[-1][1].endswith("more positions")
 
 
 def test_blocks_of_other_tracks_and_pictures_that_are_not_shown_are_no_frames(tmp_path: Path) -> None:

@@ -177,7 +177,7 @@ def test_shrunk_size_maps_keep_place_and_shape() -> None:
 
 
 def test_a_camera_that_looks_straight_up_shows_nobody_who_stands():
-    with pytest.raises(ValueError, match="nobody can stand"):
+    with pytest.raises(ValueError, match="no person can stand"):
         sizes_from_camera(camera(3.0, 90.0), SIZE, 1.7, 30.0)
 
 

@@ -199,7 +199,7 @@ def test_cameras_are_chosen_without_images(tmp_path: Path, capsys: pytest.Captur
     ("args", "code", "message"),
     [
         (("--cameras", "z"), ExitCode.USAGE, "no images of camera 'z'; there are images of a, b"),
-        (("--target-box", "b:six:1,2,3,4"), ExitCode.USAGE, "want CAM:FRAME:X,Y,W,H"),
+        (("--target-box", "b:six:1,2,3,4"), ExitCode.USAGE, "expected CAM:FRAME:X,Y,W,H"),
         (("--target-box", "b:99:1,2,30,40"), ExitCode.BAD_INPUT, "no readable frame 99 of camera 'b'"),
         (("--target", "nowhere.json"), ExitCode.BAD_INPUT, "nowhere.json"),
         (("--bits", "7"), ExitCode.USAGE, "bits"),

@@ -251,7 +251,7 @@ def test_classes_that_are_assumed_are_said(folder: Path, tmp_path: Path, capsys:
     people_network(tmp_path / "p.onnx")
     command = ["detect", str(folder / "room.mcap"), "--onnx", str(tmp_path / "p.onnx")]
     assert run([*command, "-o", str(tmp_path / "v.parquet")]) == ExitCode.DONE
-    assert "those of COCO are assumed: 0 is person (--names says otherwise)" in capsys.readouterr().err
+    assert "those of COCO are assumed: 0 is person (--names states otherwise)" in capsys.readouterr().err
     (tmp_path / "names.txt").write_text("dog\nperson\ncat\n")
     names = ["--names", str(tmp_path / "names.txt"), "-o", str(tmp_path / "w.parquet")]
     assert run([*command, *names, "-q"]) == ExitCode.DONE

@@ -215,7 +215,7 @@ FLOOR = room_points(np.random.default_rng(5), 60) * [1, 1, 0]
 @pytest.mark.parametrize(
     ("args", "code", "says"),
     [
-        (["-o", "x.json"], ExitCode.USAGE, "nothing tells how the views lie"),
+        (["-o", "x.json"], ExitCode.USAGE, "the geometry of the views is unknown"),
         (["--scene", "scene.yaml"], ExitCode.USAGE, "name the output with -o"),
         (["--scene", "scene.yaml", "--check"], ExitCode.USAGE, "--check wants matches"),
         (["--check", "--matches", "scene.csv"], ExitCode.USAGE, "--check wants something to check"),

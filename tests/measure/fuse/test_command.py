@@ -106,7 +106,7 @@ def test_bad_input_is_one_line(recording, tmp_path, capsys):
     assert run(["fuse", str(recording), "--scene", str(lone), "-o", out]) == ExitCode.BAD_INPUT
     assert "1 camera with a pose; fusion wants at least two" in line(capsys)
     assert run(["detect", str(recording), "--scene", str(lone), "-o", out, "--fuse"]) == ExitCode.BAD_INPUT
-    assert "fusion wants at least two" in line(capsys)
+    assert "fusion needs at least two" in line(capsys)
     assert run(["detect", str(recording), "-o", out, "--p-miss", "0.1"]) == ExitCode.USAGE
     assert "--p-miss is an option of the fusion; add --fuse" in line(capsys)
     assert run(["fuse", str(recording), "-o", out, "--p-false", "0"]) == ExitCode.USAGE

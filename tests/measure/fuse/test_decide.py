@@ -77,7 +77,7 @@ def test_without_detections_nothing_is_declared_and_no_place_is_told() -> None:
     assert got.value == -np.inf
     assert got.memory.absent == 1
     assert got.memory.motion is not None
-    with pytest.raises(ValueError, match="says no place"):
+    with pytest.raises(ValueError, match="states no position"):
         _ = got.at
 
 

@@ -116,7 +116,7 @@ def test_damaged_files_are_used_as_far_as_they_go(folder: Path, capsys: pytest.C
         (["mic1=mic1.wav", "--channels", "1,2,3"], 4, "3 channels, but array mic1 has 6 microphones"),
         (["mic1=mic1.wav", "--channels", "1,2,3,4,5,9"], 2, "no channel 9"),
         (["mic1=mic1.wav", "--channels", "1,1"], 2, "names a channel twice"),
-        (["mic1=mic1.wav", "--channels", "0"], 2, "want numbers from 1"),
+        (["mic1=mic1.wav", "--channels", "0"], 2, "expected numbers from 1"),
         (["mic1=mic1.wav", "--sources", "many"], 2, "must be 1 to 100, or auto"),
         (["mic1=mic1.wav", "--sources", "auto", "--algorithm", "music"], 2, "only srp finds how many"),
         (["mic1=mic1.wav", "--band", "4000", "300"], 2, "above the lower end"),

@@ -218,7 +218,7 @@ def test_recorded_detections_with_virtual_occluders(
     lines = (tmp_path / "out" / f"{ITEMS[0]}.csv").read_text().splitlines()
     head = lines[0].split(",")
     shares = {cells[0]: float(cells[head.index("hidden")]) for cells in (line.split(",") for line in lines[1:])}
-    assert shares.pop("nobody hides anything") == 0.0
+    assert shares.pop("no occlusion") == 0.0
     assert all(0.1 < share < 0.9 for share in shares.values())
     assert len(lines) == 1 + 3 * 4
     assert len((tmp_path / "out" / f"{ITEMS[1]}.csv").read_text().splitlines()) == 1 + 2 * 5 + 1

@@ -64,18 +64,18 @@ def test_sight_lines_say_where_the_target_was() -> None:
     found = stand_in(SCENE, mine, 3)
     np.testing.assert_array_equal(found.t_ns, np.arange(14) * SECOND)  # at 14 and 15 two lines only
     np.testing.assert_allclose(np.column_stack([found.x, found.y]), walk[:14], atol=1e-6)
-    with pytest.raises(InputError, match="3 sight lines met at 5 times, want at least 7"):
+    with pytest.raises(InputError, match="3 lines of sight met at 5 times, expected at least 7"):
         stand_in(SCENE, mine.take(mine.t_ns < 5 * SECOND), 3)
 
 
 def test_a_recording_in_other_units_or_with_one_camera_is_refused() -> None:
     scene, table = walked(8, "unit")
-    with pytest.raises(InputError, match="wants metres"):
+    with pytest.raises(InputError, match="requires metres"):
         recorded_target(scene, table)
     scene, table = walked(20)
-    with pytest.raises(InputError, match="1 cameras saw the target, want at least 2"):
+    with pytest.raises(InputError, match="1 cameras saw the target, expected at least 2"):
         recorded_target(scene, table.take(table.sensor == "cam1"))
-    with pytest.raises(InputError, match="8 times with detections, want more than 11"):
+    with pytest.raises(InputError, match="8 times with detections, expected more than 11"):
         recorded_target(scene, table.take(table.t_ns < 8 * SECOND))
 
 

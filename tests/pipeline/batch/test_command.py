@@ -271,7 +271,7 @@ def test_a_run_at_a_url_loses_what_its_configuration_no_longer_makes(simulated: 
 @pytest.mark.parametrize(
     ("places", "words"),
     [
-        (("memory://in/a.mcap", "-o", "out", "--workers", "2"), "lies in the memory of this process"),
+        (("memory://in/a.mcap", "-o", "out", "--workers", "2"), "is in the memory of this process"),
         (("ftp://h/a.mcap", "-o", "out"), "ftp: is not taken"),
         (("hall.mcap", "-o", "out", "--tables", "traks"), "--tables: no table 'traks'; did you mean 'tracks'?"),
         (("hall.mcap", "-o", "out", "--tables", "runs"), "--tables: no table 'runs'"),

@@ -28,6 +28,6 @@ def test_many_losses_stand_in_the_table_of_runs_and_not_all_in_the_metadata_of_e
         told = read_provenance(tmp_path / name).losses
         assert len(told) == 2 * (MAX_LOSSES + 1)
         assert told[0] == Loss("hall: camera a", "frame 0", "is damaged", 2)
-        assert told[-1] == Loss("yard", "other places", "5 more losses; runs.parquet lists them", 10)
+        assert told[-1] == Loss("yard", "other positions", "5 more losses; runs.parquet lists them", 10)
         assert run(["doctor", str(tmp_path / name)]) == ExitCode.DONE, "it was said to be of a newer version"
     assert all(len(row["losses"]) == len(lost) for row in pq.read_table(tmp_path / "runs.parquet").to_pylist())

@@ -39,8 +39,8 @@ def test_what_the_options_name_is_what_works(tmp_path: Path) -> None:
     ("texts", "scheduler", "words"),
     [
         (("mem_gb=2",), None, "only goes with --scheduler slurm or slurm-here"),
-        (("mem_gb",), "slurm", "--job mem_gb: want NAME=VALUE"),
-        (("jobs=none",), "slurm", "--job jobs=none: want a number above 0"),
+        (("mem_gb",), "slurm", "--job mem_gb: expected NAME=VALUE"),
+        (("jobs=none",), "slurm", "--job jobs=none: expected a number above 0"),
     ],
 )
 def test_settings_that_are_none_are_refused(

@@ -233,7 +233,7 @@ def test_a_stage_may_write_nothing_outside_of_the_inputs(
     while places:
         code, found = verify(packed / "x.zip", capsys)
         assert code == ExitCode.BAD_INPUT
-        assert "out.parquet: lies outside of inputs, where all outputs have to be here" in str(found["error"])
+        assert "out.parquet: is outside of inputs; all outputs must be in it" in str(found["error"])
         del places[0]
     write_bytes(tmp_path / "out.parquet", b"")  # elsewhere is anywhere again
 

@@ -124,7 +124,7 @@ def test_particles_are_among_the_outputs_where_they_are_asked_for(
     config.write_text(CONFIG.replace("{particles: 200}", "{particles: 200, cloud: p.parquet}"))
     capsys.readouterr()
     assert run(["run", str(config), "-o", str(folder), "-q"]) == ExitCode.BAD_INPUT
-    assert "line 5: track.cloud: want true or false (outputs of a run lie in its folder)" in capsys.readouterr().err
+    assert "line 5: track.cloud: expected true or false (outputs of a run lie in its folder)" in capsys.readouterr().err
 
 
 def shown_topics(folder: Path) -> set[str]:
@@ -174,16 +174,16 @@ def test_missed_threshold_is_told_after_all_was_made(config: Path, capsys: pytes
         ("particles: 200", "set: {sigmav: 1}", "line 5: track.set.sigmav: apf has no setting 'sigmav'; did you mean"),
         ("particles: 200", "sigma_v: 1", "line 5: track.sigma_v: unknown key; it is a setting, which stands under set"),
         ("track:", "trakc:", "unknown key 'trakc'; did you mean 'track'?"),
-        ("occlog_run: 1", "occlog_run: 2", "want `occlog_run: 1`"),
+        ("occlog_run: 1", "occlog_run: 2", "expected `occlog_run: 1`"),
         ("simulate:", "recording: a.mcap\nsimulate:", "give exactly one of recording, simulate, ingest"),
         ("track: {particles: 200}", "track: 7", "track: want keys and values"),
         ("particles: 200", "particles: many", "line 5: track.particles: want a whole number, got 'many'"),
         ("particles: 200", "method: ekff", "line 5: track.method: no method 'ekff'; did you mean 'ekf'?"),
-        ("particles: 200", "smooth: 1", "line 5: track.smooth: want true or false, got 1"),
-        ("particles: 200", "strict: true, set: [sigma_v]", "line 5: track.set: sigma_v: want NAME=VALUE"),
+        ("particles: 200", "smooth: 1", "line 5: track.smooth: expected true or false, got 1"),
+        ("particles: 200", "strict: true, set: [sigma_v]", "line 5: track.set: sigma_v: expected NAME=VALUE"),
         ("particles: 200", "output: x", "track.output: outputs of a run lie in its folder"),
         ("room.yaml", "nowhere.yaml", "nowhere.yaml: no such file"),
-        ("steps: 30", "render: 7", "simulate.render: want true or false, got 7"),
+        ("steps: 30", "render: 7", "simulate.render: expected true or false, got 7"),
     ],
 )
 def test_what_is_wrong_is_named(

@@ -75,7 +75,7 @@ def test_page_words_and_summary_of_two_run_folders(runs: tuple[Path, Path], tmp_
         "verdict": "no difference shown"
     }
     text = words(page)
-    assert "They first part at 2.50 s" in text
+    assert "They first diverge at 2.50 s" in text
     assert "2 of B the other run does not have" in text
     assert "person 0" in text
     assert 'data-time="2.5"' in page.read_text()
@@ -137,7 +137,7 @@ def test_without_truth_the_page_says_what_it_can(tmp_path: Path, capsys: Any) ->
     assert (said["a"], said["b"]) == ("a/tracks", "b/tracks")
     assert "figures" not in said
     assert said["first_parting"]["kind"] == "a alone"
-    assert "Which one is better only the truth can say" in words(page)
+    assert "Only ground truth shows which run is better" in words(page)
     assert "Errors over time" not in words(page)
 
 
@@ -291,8 +291,8 @@ def test_strict_asks_both_runs(tmp_path: Path, capsys: Any) -> None:
     said = json.loads(capsys.readouterr().out.splitlines()[0])
     assert said["plausible"] is False
     assert [(w["run"], w["code"]) for w in said["warnings"]] == [("b", "nees-large")]
-    assert "B: Not to be believed as they are" not in words(tmp_path / "x.html")  # the runs changed places
-    assert "A: Not to be believed as they are" in words(tmp_path / "x.html")
+    assert "B: Not reliable as they are" not in words(tmp_path / "x.html")  # the runs changed places
+    assert "A: Not reliable as they are" in words(tmp_path / "x.html")
 
 
 def test_names_are_the_ends_of_paths_that_tell_runs_apart(tmp_path: Path) -> None:

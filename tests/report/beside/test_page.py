@@ -103,7 +103,7 @@ def test_long_runs_are_thinned_but_keep_the_moments_that_the_page_leads_to() -> 
     assert times[k] == 700.1
     assert packed(data["apart"])[k] == 0.7
     assert len(page) < 2_000_000
-    assert f"{len(times):,} of {frames:,} moments: every 2-th." in page
+    assert f"{len(times):,} of {frames:,} time steps: every 2-th." in page
 
 
 def test_the_largest_distance_between_kept_moments_is_not_lost() -> None:

@@ -87,7 +87,7 @@ def test_names_of_the_truth_are_no_targets_of_a_page_of_others() -> None:
 def test_labels_of_bearings_are_no_names_of_tracks_that_have_their_own() -> None:
     data = replace(renamed({0: 1, 1: 0}), bearings=run(steps=60, targets=2).bearings)
     page = build_page(data)
-    assert "What each sensor saw, what is labelled 1" in page
+    assert "What each sensor saw, label 1" in page
     assert "What each sensor saw, target" not in page
 
 

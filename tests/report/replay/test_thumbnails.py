@@ -67,7 +67,7 @@ def test_a_limit_is_kept_and_moments_are_evenly_spaced(recording: Path) -> None:
     found = thumbnails(recording, None, [], limit)
     assert sum(len(text) for each in found.packed(0) for text in each["data"]) <= limit
     assert 3 <= found.moments <= 5
-    assert found.words == f"Images: {found.moments} of {FRAMES} moments."
+    assert found.words == f"Images: {found.moments} of {FRAMES} time steps."
     assert np.ptp(np.diff([t for t, _ in found.cameras["cam1"]])) <= STEP
     times = np.frombuffer(base64.b64decode(found.packed(STEP)[0]["times"][1]))
     np.testing.assert_allclose(times, [t / 1e9 - 0.1 for t, _ in found.cameras["cam1"]])
@@ -135,5 +135,5 @@ def test_images_that_are_damaged_are_dark_and_listed(tmp_path: Path, capsys: pyt
 def test_recordings_without_images_are_refused(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / "r.mcap", scene(), Provenance("test")):
         pass
-    with pytest.raises(InputError, match="holds no images; leave out --images"):
+    with pytest.raises(InputError, match="holds no images; omit --images"):
         thumbnails(tmp_path / "r.mcap", None, [], 10**6)

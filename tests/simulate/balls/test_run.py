@@ -124,7 +124,7 @@ def test_options_that_do_not_belong_together(
         (["--radius", "200"], "does not fit into the box"),
         (
             ["--balls", "30", "--size", "64x48", "--radius", "8"],
-            "take fewer or smaller ones, or let them overlap at first",
+            "take fewer or smaller ones, or let them overlap initially",
         ),
         (["--balls", "100000", "--overlap", "--collide"], "as balls that collide must; take fewer or smaller ones\n"),
         (["--balls", "100000", "--overlap"], "; take fewer\n"),

@@ -115,7 +115,7 @@ def test_a_person_who_walks_slowly_is_left_alone():
 @pytest.mark.jit
 def test_a_floor_full_of_people_is_refused():
     room = Scene(room=np.array([[0.0, 0.0], [1.2, 0.0], [1.2, 1.2], [0.0, 1.2]]))
-    with pytest.raises(InputError, match="no places found for 1 objects beside 1 people"):
+    with pytest.raises(InputError, match="no positions found for 1 objects next to 1 people"):
         walked(room, 0, people(np.full((20, 2), 0.6)), targets=1, steps=10)
 
 
@@ -159,8 +159,8 @@ def test_a_recording_of_walkers_that_avoid_people_says_how_often_they_were_walke
 @pytest.mark.parametrize(
     ("args", "words"),
     [
-        (["--influence", "2"], "--influence is about walkers that avoid what is in their way; add --motion field"),
-        (["--avoid", "walk.mcap"], "--avoid is about walkers that avoid what is in their way; add --motion field"),
+        (["--influence", "2"], "--influence is about walkers that avoid obstacles; add --motion field"),
+        (["--avoid", "walk.mcap"], "--avoid is about walkers that avoid obstacles; add --motion field"),
         (["--motion", "straight"], "--motion"),
     ],
 )

@@ -105,7 +105,7 @@ def test_video_of_scripted_people(files: tuple[Path, Path], tmp_path: Path) -> N
     [
         (["--targets", "2"], ExitCode.USAGE, "--targets is an option of SCENE, not of SCENE --paths FILE"),
         (["--speed", "2"], ExitCode.USAGE, "--speed is an option of SCENE, --scene people, not of SCENE --paths FILE"),
-        (["--steps", "2", "--seconds", "3"], ExitCode.USAGE, "--seconds and --steps both say"),
+        (["--steps", "2", "--seconds", "3"], ExitCode.USAGE, "--seconds and --steps both state"),
         (["--silence", "3"], ExitCode.USAGE, "--silence 3: must be 2 numbers"),
         (["--silence", "3,0"], ExitCode.USAGE, "--silence 3,0: must be two mean times above 0 s"),
         (["--render", "--seconds", "6"], ExitCode.BAD_INPUT, "target 4 is outside the room at"),

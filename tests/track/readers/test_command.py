@@ -248,7 +248,7 @@ def test_an_unknown_reader_stops_the_ingest(folder: Path, capsys: pytest.Capture
     out = folder / "bad.mcap"
     options = ["--readers", str(folder / "readers.csv"), "--reads", str(bad), "-o", str(out)]
     assert run(["ingest", *options]) == ExitCode.BAD_INPUT
-    assert "line 3: reader 'r99' has no place; readers: r0, r1" in capsys.readouterr().err
+    assert "line 3: reader 'r99' has no position; readers: r0, r1" in capsys.readouterr().err
     assert not out.exists()
 
 

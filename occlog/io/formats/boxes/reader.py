@@ -92,7 +92,7 @@ def table_times(found: dict[int, int], first: int, stop: int, where: str) -> Fra
     step = (t_ns[-1] - t_ns[0]) / max(int(frames[-1] - frames[0]), 1)
     if not step and stop - first > 1:
         raise InputError(
-            f"{where}: only frame {frames[0]} has a time, which contains nothing about the others; give the frame rate"
+            f"{where}: only frame {frames[0]} has a time, which does not determine the others; give the frame rate"
         )
     wanted = np.arange(stop)
     # Relative to the first time: float64 cannot hold ns since 1970 exactly.
@@ -533,8 +533,8 @@ def _edges(
     for n in np.unique(camera).tolist() if sizes is not None else ():
         if sizes is None or cameras[n] not in sizes:
             raise UsageError(
-                f"{rows.path}: has shares of the image, and the image size is unknown of camera {cameras[n]} "
-                "are; give the image size, a calibration that has it, or the video"
+                f"{rows.path}: is in shares of the image, and the image size of camera {cameras[n]} "
+                "is unknown; give the image size, a calibration that has it, or the video"
             )
         size[n] = sizes[cameras[n]]
     across, down = size[camera].T

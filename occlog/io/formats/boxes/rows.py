@@ -279,11 +279,11 @@ def _plain(cell: str) -> str:
 
 
 def wanted_rows(rows: CsvRows, classes: Sequence[str]) -> Bools:
-    """(n,) rows of one of the classes; InputError where the file does not state about what class its boxes are."""
+    """(n,) rows of one of the classes; InputError if the file has no classes."""
     labels = class_labels(rows)
     if not labels and len(rows):
         raise InputError(
-            f"{rows.path}: does not state about what class its boxes are; choose no class, or add a column class"
+            f"{rows.path}: has no classes; choose no class, or add a column class"
         )
     wanted = {_plain(name) for name in classes}
     return np.array([bool(wanted & set(label)) for label in labels], dtype=np.bool_)

@@ -41,7 +41,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
     """The cameras of one chain, named cam0, cam1, ..."""
     if len(paths) > 1:
         raise InputError(
-            f"{paths[1]}: a second camera chain; the positions of their cameras to each other are not known"
+            f"{paths[1]}: a second camera chain; the relative poses of the two are unknown"
         )
     values = yaml_values(read_text(paths[0]), paths[0])
     cameras = {key: table for key, table in values.items() if _CAMERA.match(key) and isinstance(table, dict)}

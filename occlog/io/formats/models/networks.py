@@ -41,7 +41,7 @@ class SizesSpec(NetworkFileSpec, kw_only=True):
     """Bytes sent."""
 
     packet: Annotated[int, Meta(gt=0, le=1_000_000_000, description="payload of a packet, at most")] = 1000
-    header: Annotated[Bytes, Meta(description="of each packet, also")] = 0
+    header: Annotated[Bytes, Meta(description="added to each packet")] = 0
     ack: Annotated[Bytes, Meta(description="acknowledgement of a packet of an image, at each hop")] = 40
     detection: Annotated[Bytes, Meta(description="RFID detection data of an object")] = 8
     assigned: Annotated[Bytes, Meta(description="assigned object data of an object")] = 8

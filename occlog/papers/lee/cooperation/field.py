@@ -258,7 +258,7 @@ def judge_object(table: Table) -> list[StatementVerdict]:
 
 NOTE = (
     "Filter of the thesis with the weights put right; unprinted parts (motion noise, cameras, which way the "
-    "turns go) is stated in the documentation. A frame is one picture of one camera."
+    "turns go) are stated in the documentation. A frame is one picture of one camera."
 )
 OPEN_NOTE = (
     "Filter of the thesis with the weights put right. The paths of Fig. 3-4 are lost: each run draws paths from the "
@@ -274,7 +274,7 @@ FIG3_4 = Experiment(
     quick=(4, 80),
     compute=by_variance,
     judge=judge_variance,
-    note=f"{OPEN_NOTE} A variance of {LEAST_VARIANCE:g} represents 0.",
+    note=f"{OPEN_NOTE} A variance of {LEAST_VARIANCE:g} is used for 0.",
     trial=cooperation_trial,
 )
 FIG3_6 = Experiment(

@@ -42,7 +42,7 @@ class Sizes:
     """Bytes sent."""
 
     packet: int = 1000  # payload of a packet, at most
-    header: int = 0  # of each packet, also
+    header: int = 0  # added to each packet
     ack: int = 40  # acknowledgement of a packet of an image, at each hop
     detection: int = 8  # of an object
     assigned: int = 8

@@ -143,12 +143,12 @@ def _alarms(table: Table) -> list[StatementVerdict]:
     rows = v.series(table, f"{BMCT}, {RATES['fr_p']}")
     out = []
     if rows and rows[0].x == 0.0:
-        said = "False alarms are rare: share of the checks of sound targets that state bad, with the right lines."
+        said = "False alarms are rare: share of the checks of sound targets with the result bad, with the right lines."
         false, rule = sample(_known(rows[0].each["false_alarm"])), "at most 1 %; in part 5 %"
         out.append(v.judge("loop-false-alarms", said, false, v.at_most(0.01), v.at_most(0.05), rule=rule))
     far = [r.each["bad"] for r in rows if r.x >= 45.0]
     if far:
-        said = "Wrong lines are noticed: share of the checks that state bad, with lines 45 px and more away."
+        said = "Wrong lines are noticed: share of the checks with the result bad, with lines 45 px and more away."
         of_runs = [math.fsum(run) / len(run) for run in zip(*far, strict=True)]
         bad, rule = sample(_known(of_runs)), "at least half; in part 20 %"
         out.append(v.judge("loop-wrong-lines", said, bad, v.at_least(0.5), v.at_least(0.2), rule=rule))

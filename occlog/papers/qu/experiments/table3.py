@@ -149,12 +149,12 @@ def _speed(rows: Mapping[str, PaperRow]) -> list[StatementVerdict]:
     out = []
     for other in ("mipf", "idmot"):
         said = f"BMCT is nearly as fast as {other.upper()}: its speed over that of {other.upper()}."
-        rule = "CPU time of a frame, drawing skipped; at least 0.75; in part 0.5"
+        rule = "CPU time of a frame without drawing; at least 0.75; in part 0.5"
         speed, printed = quotient_of(times[other], times["bmct"]), PRINTED_FPS["bmct"] / PRINTED_FPS[other]
         near, half = v.at_least(0.75), v.at_least(0.5)
         out.append(v.judge(f"table3-speed-{other}", said, speed, near, half, rule=rule, paper=printed))
     said = "BMCT (60 particles) is faster than CMCT (100, as in the paper): by this factor."
-    rule = "CPU time of a frame, drawing skipped; above 1.1; in part above 1"
+    rule = "CPU time of a frame without drawing; above 1.1; in part above 1"
     speed, printed = quotient_of(times["cmct"], times["bmct"]), PRINTED_FPS["bmct"] / PRINTED_FPS["cmct"]
     return [*out, v.judge("table3-speed-cmct", said, speed, v.above(1.1), v.above(1.0), rule=rule, paper=printed)]
 

@@ -203,7 +203,7 @@ def test_why_nothing_can_be_decoded_is_told(tmp_path: Path) -> None:
     """A codec that FFmpeg was built without (AV1) looked like damage."""
     path = tmp_path / "v.avi"
     path.write_bytes(avi([b"no picture at all"] * 3))
-    with pytest.raises(InputError, match=r"not one frame can be decoded; the decoder says: .*; copy"), decoder(path):
+    with pytest.raises(InputError, match=r"not one frame can be decoded; the decoder states: .*; copy"), decoder(path):
         pass
 
 

@@ -89,7 +89,7 @@ def test_a_second_recording_of_another_scene_is_left_out_and_counted(cut: int | 
     first, second = recording(tmp_path / "1.mcap"), recording(tmp_path / "2.mcap", scene=OTHER, seed=1)
     got, found = recovered(tmp_path, first[:cut] + second)
     assert got == messages(tmp_path / "1.mcap")[: len(got)]
-    (left,) = [loss.count for loss in found.losses if "which has another scene or none, are left out" in loss.what]
+    (left,) = [loss.count for loss in found.losses if "which has another scene or none, are skipped" in loss.what]
     assert left == 2 * FRAMES
 
 
@@ -111,7 +111,7 @@ def test_bytes_behind_the_end_are_counted(tmp_path: Path) -> None:
     data = recording(tmp_path / "1.mcap")
     got, found = recovered(tmp_path, data + bytes(1234))
     assert got == messages(tmp_path / "1.mcap")
-    lost = Loss("bad.mcap", f"byte {len(data)}", "1234 bytes behind the end mark are no records, and are left out")
+    lost = Loss("bad.mcap", f"byte {len(data)}", "1234 bytes behind the end mark are no records, and are skipped")
     assert lost in found.losses
 
 
@@ -201,9 +201,9 @@ def test_a_recording_that_stands_there_twice_counts_once(tmp_path: Path) -> None
     found, said = recovered(tmp_path, data + data)
     assert found == messages(tmp_path / "a.mcap")
     assert [loss.what for loss in said.losses if loss.place == "copies"] == [
-        "20 messages that stand in the file twice, and count once"
+        "20 messages kept in the file twice, and count once"
     ] * 2
-    assert not any("left out" in loss.what for loss in said.losses)
+    assert not any("skipped" in loss.what for loss in said.losses)
 
 
 @pytest.mark.parametrize("cut", [None, 2_600_000])
@@ -213,7 +213,7 @@ def test_a_copy_that_follows_leaves_nothing_out(cut: int | None, tmp_path: Path)
     found, said = recovered(tmp_path, data[:cut] + data)
     assert found == messages(tmp_path / "a.mcap")
     assert any("stand in the file twice, and count once" in loss.what for loss in said.losses)
-    assert not any("left out" in loss.what for loss in said.losses)
+    assert not any("skipped" in loss.what for loss in said.losses)
     assert not any(counted(said).values())
 
 
@@ -223,7 +223,7 @@ def test_another_recording_of_the_same_times_is_left_out(tmp_path: Path) -> None
     found, said = recovered(tmp_path, data + other)
     assert found[:40] == messages(tmp_path / "a.mcap")
     assert found[40:] == messages(tmp_path / "b.mcap")[20:]
-    assert any("not later than those before it are left out" in loss.what and loss.count == 20 for loss in said.losses)
+    assert any("not later than those before it are skipped" in loss.what and loss.count == 20 for loss in said.losses)
 
 
 def test_chunks_that_stand_there_twice_count_once_and_exchanged_ones_are_taken(tmp_path: Path) -> None:
@@ -231,7 +231,7 @@ def test_chunks_that_stand_there_twice_count_once_and_exchanged_ones_are_taken(t
     first, second, third = (places(data, 6)[n] for n in range(3))
     found, said = recovered(tmp_path, data[:second] + data[first:])
     assert found == messages(tmp_path / "a.mcap")
-    assert any("messages that stand in the file twice, and count once" in loss.what for loss in said.losses)
+    assert any("messages kept in the file twice, and count once" in loss.what for loss in said.losses)
     found, said = recovered(tmp_path, data[:first] + data[second:third] + data[first:second] + data[third:])
     assert sorted(found) == sorted(messages(tmp_path / "a.mcap"))
     assert not any("twice" in loss.what for loss in said.losses)

@@ -134,7 +134,7 @@ def test_a_target_is_learnt_from_a_box_without_what_is_behind_it() -> None:
     [
         ({"frame": 99}, r"no readable frame 99 of camera 'a'; it has a \(0 to 23\), b \(0 to 23\)"),
         ({"sensor": "z"}, "no readable frame 10 of camera 'z'"),
-        ({"left_px": 900.0}, "lies off the image"),
+        ({"left_px": 900.0}, "is outside the image"),
         ({"left_px": 0.0, "top_px": 0.0, "width_px": 9.0, "height_px": 9.0}, "pixels differ from the empty scene"),
     ],
 )

@@ -211,7 +211,7 @@ def test_16_bit_images_need_their_number_of_bits() -> None:
     ]
     refused = run(place, deep)
     assert refused.frames == 0
-    assert "say how many bits count" in refused.losses[0].what
+    assert "state how many bits count" in refused.losses[0].what
     got = run(place, deep, bits=12)
     plain = run(place, frames(place, N, lambda k: [walk(N)[k]]))
     assert_same(got.bearings, plain.bearings)
@@ -250,7 +250,7 @@ def test_a_camera_without_pose_gives_views_but_no_bearings() -> None:
 def test_images_for_another_calibration_are_refused() -> None:
     place = scene(camera("a", 0.0, 0.0, 45.0, image_size=(320, 240)))
     items = frames(place, 2, lambda _: [])
-    with pytest.raises(InputError, match="camera a: frames are 160 x 120 px but the scene says 320 x 240"):
+    with pytest.raises(InputError, match="camera a: frames are 160 x 120 px but the scene states 320 x 240"):
         run(place, items)
 
 

@@ -43,9 +43,9 @@ def test_tracks_of_two_groups_become_tracks_that_every_command_reads(tmp_path, c
     ("tracks", "unit", "words"),
     [
         (walk(3, TIMES, (0.4, 0), (1, 0), sd=0.2), "m", "are beside those before it by (0.4, 0) m on average"),
-        (walk(3, TIMES + 100, (0, 0), (1, 0)), "m", "nobody is there at a time at which"),
+        (walk(3, TIMES + 100, (0, 0), (1, 0)), "m", "no person is present at any time at which"),
         (walk(3, TIMES, (0, 7), (1, 0)), "m", "none of its people is one of those before it"),
-        (PeopleTracks.empty(), "m", "holds nobody"),
+        (PeopleTracks.empty(), "m", "contains no people"),
     ],
 )
 def test_groups_that_do_not_agree_are_a_line(tmp_path, capsys, tracks, unit, words) -> None:

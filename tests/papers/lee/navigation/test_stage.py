@@ -231,7 +231,7 @@ def test_many_robots_fare_as_each_alone():
         ("start", (4.0, 3.0), "inside static occluder pillar"),
         ("goal", (4.0, 3.0), "inside static occluder pillar"),
         ("start", (9.0, 3.0), "outside the room"),
-        ("start", (0.2, 3.0), "0.2 from wall 4; want more than the robot's radius 0.25"),
+        ("start", (0.2, 3.0), "0.2 from wall 4; expected more than the robot's radius 0.25"),
         ("start", (1.0, 1.0), "inside obstacle 1"),
         ("start", (3.35, 3.0), "0.15 from static occluder pillar"),
     ],
