@@ -1,4 +1,4 @@
-"""What `occlog evaluate` reads: tracks, truth, bearings, directions, views, scene."""
+"""Inputs of `occlog evaluate`: tracks, truth, bearings, directions, views, scene."""
 
 from __future__ import annotations
 

@@ -161,7 +161,7 @@ class EvaluateRequest(Request):
 
     @property
     def directions(self) -> Path | None:
-        """What holds bearings or directions of arrival, for messages."""
+        """File of bearings or directions of arrival, for messages."""
         return self.bearings or self.doa
 
     @property

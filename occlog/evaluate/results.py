@@ -1,4 +1,4 @@
-"""What an evaluation gives, and conditions such as `rmse>0.5` that judge its figures.
+"""Results of an evaluation, and conditions such as `rmse>0.5` that judge its figures.
 
 Figures of `evaluate` as text: a few lines in groups, then a table by target and one by sensor.
 """

@@ -363,7 +363,7 @@ OF_WHAT = {
     "held_out_gate_px": ("held-out boxes", "--held-out and --views"),
     "box_overlap": ("views against true boxes", "--views and --truth"),
 }
-"""What settings are of that change nothing without some inputs, and these."""
+"""Groups of settings that need certain inputs, and these inputs."""
 
 
 def _check_used(request: EvaluateRequest, given: Mapping[str, object]) -> None:

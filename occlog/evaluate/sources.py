@@ -1,4 +1,4 @@
-"""What `occlog evaluate` compares: tables in chunks, which are read several times, whole or in part."""
+"""Sources of `occlog evaluate`: tables in chunks, which are read several times, whole or in part."""
 
 from __future__ import annotations
 

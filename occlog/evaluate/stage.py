@@ -289,7 +289,7 @@ class Evaluator:
         return Evaluation({name: float(v) for name, v in metrics.items()}, notes=tuple(notes), checks=checks)
 
     def _prepare(self, ground: GroundFigures | None, many: MultiTargetConfig | None) -> dict[int, int]:
-        """Which target each track is of; what the figures of many targets must know of all frames."""
+        """Return the target of each track, and prepare the figures of many targets over all frames."""
         known, by_number = self.known, self._config.match == "id"
         if not self._compares:
             return {}
@@ -377,7 +377,7 @@ class Evaluator:
         return figures.result()
 
     def _of_requests(self) -> Metrics:
-        """What it cost to ask cameras."""
+        """Return the cost of requests to cameras."""
         asked: Chunks[Cooperation] | None = self._sources.cooperation
         if asked is None:
             return {}

@@ -58,7 +58,7 @@ MAX_BOUND_RATIO = 5.0
 
 
 class TrackProvenance(NamedTuple):
-    """How tracks were made, as needed for a verdict."""
+    """Provenance of tracks, as needed for a verdict."""
 
     smoothed: bool = False  # estimated with later measurements
     one_target: bool = False  # candidates without a label were taken for one target's
@@ -70,7 +70,7 @@ class TrackProvenance(NamedTuple):
 
     @classmethod
     def of(cls, provenance: Provenance) -> TrackProvenance:
-        """As the tracks' provenance states."""
+        """Read from the tracks' provenance."""
         parameters = provenance.parameters
         sensors, window = parameters.get("sensors"), parameters.get("window_ns")
         return cls(
@@ -166,7 +166,7 @@ class _Nees:
         self._outside: dict[int, BatchMeans] = {}
 
     def update(self, target: int, nees: Floats) -> None:
-        """Some more of a target, NaN where the covariance is singular."""
+        """Add values of a target, NaN where the covariance is singular."""
         told = np.isfinite(nees)
         self.told += int(told.sum())
         squares = nees[told]
@@ -195,7 +195,7 @@ class CovarianceConsistency:
         self._ground, self._space = _Nees(2, CHI2_95_2D), _Nees(3, CHI2_95_3D)
 
     def update(self, errors: Errors) -> None:
-        """Some more, in the order of time."""
+        """Add values in the order of time."""
         if self._own_numbers and self._scene is not None:
             errors = _errors_on_assigned_target(errors, self._scene)
         self.rows += len(errors)
@@ -206,7 +206,7 @@ class CovarianceConsistency:
             self._space.update(target, errors.nees_space[own])
 
     def update_pairs(self, targets: Ints, nees: Floats) -> None:
-        """Some more pairs of each frame on the ground, in the order of time: target and NEES of each."""
+        """Add pairs of each frame on the ground, in the order of time: target and NEES of each."""
         self.rows += len(nees)
         for target, rows in rows_by_label(targets):
             self._ground.update(target, nees[rows])
@@ -340,7 +340,7 @@ def _number(metrics: Mapping[str, object], name: str) -> float:
 
 
 class SightEvidence:
-    """What bearings state for and against tracks."""
+    """Evidence of bearings for and against tracks."""
 
     def __init__(
         self,
@@ -350,7 +350,7 @@ class SightEvidence:
         held_out: tuple[str, ...],
         in_memory: int = NUMBERS_IN_MEMORY,
     ) -> None:
-        """Nothing was seen yet.
+        """Create empty evidence.
 
         Args:
             evidence: receives the findings.
@@ -367,7 +367,7 @@ class SightEvidence:
 
     @property
     def margin_ns(self) -> int:
-        """How far about a section tracks and bearings must be there."""
+        """Margin around a section within which tracks and bearings are needed."""
         return self._made.window_ns + 1
 
     def update(
@@ -421,7 +421,7 @@ class _Alone:
         self._first: dict[int, int] = {}
 
     def add(self, residuals: Residuals, end_ns: int) -> None:
-        """Some more rows; none that comes later is before `end_ns`."""
+        """Add rows; later ones are not before `end_ns`."""
         rows = Residuals.concat([self._kept, residuals])
         if not len(rows):
             return

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 MAX_ENTRIES = 1000
 """Entries of a folder that are checked."""
 PART = re.compile(r"_\d+$")
-"""What the names of files of one split bag end with."""
+"""Endings of file names of a split bag."""
 CONTAINERS = (".mcap", ".db3", ".zstd")
 
 Described = tuple[Mapping[str, object], list[str]]

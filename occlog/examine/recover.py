@@ -70,7 +70,7 @@ def _made_again(path: Path) -> str:
 
 
 def _times(span: tuple[int, int] | None) -> dict[str, object]:
-    """What the summary states about the first and the last time."""
+    """Summary entries of the first and the last time."""
     from occlog.io.files.utc import utc
 
     return {} if span is None else {"from": utc(span[0]), "to": utc(span[1]), "seconds": (span[1] - span[0]) / 1e9}

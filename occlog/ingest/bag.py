@@ -245,7 +245,7 @@ class Taking:
 
     @property
     def count(self) -> int | None:
-        """How many messages will come, None if not known."""
+        """Number of messages to come, None if unknown."""
         counts = [self.found.topics[t].messages for t in self._wanted()]
         return None if None in counts else sum(c or 0 for c in counts)
 
@@ -373,7 +373,7 @@ class Taking:
         return self.plan.frames is None or self.plan.frames[0] <= number < self.plan.frames[1]
 
     def _frame_of_truth(self, frame: str) -> FramePose:
-        """Where the frame of true positions is; UsageError for one that no transforms connect with the world."""
+        """Pose of the frame of true positions; UsageError for one that no transforms connect with the world."""
         tree, world = self.found.transforms, self._placement.world
         if world is None or frame in ("", world):
             return FramePose(np.eye(3), np.zeros(3))

@@ -86,7 +86,7 @@ def _named_cameras(plan: IngestPlan) -> list[str]:
 
 
 def box_options(plan: IngestPlan, scene: Scene | None = None) -> BoxOptions:
-    """How files of boxes are to be understood; `scene` has the sizes of images."""
+    """Options for reading box files; `scene` has the sizes of images."""
     sizes = None if scene is None else {c.name: c.image_size for c in scene.cameras if c.image_size is not None}
     return BoxOptions(
         frames=plan.frames,
@@ -101,7 +101,7 @@ def box_options(plan: IngestPlan, scene: Scene | None = None) -> BoxOptions:
 
 
 def truth_options(plan: IngestPlan, scene: Scene) -> BoxOptions:
-    """The same for true boxes, of which no class is chosen unless one is given."""
+    """Options for reading true boxes; all classes are kept unless one is given."""
     options = replace(box_options(plan, scene), others=False)
     return options if plan.classes else replace(options, classes=None)
 

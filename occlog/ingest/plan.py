@@ -1,4 +1,4 @@
-"""What `occlog ingest` is to do: its options split and checked against each other.
+"""Plan of `occlog ingest`: its options split and checked against each other.
 
 Folders of data sets as they ship: which of their parts are what.
 

@@ -38,7 +38,7 @@ AUTO = "auto"
 
 
 class Turn(NamedTuple):
-    """How a calibration's world was turned: p becomes R p - (0, 0, ground)."""
+    """Rotation of a calibration's world: p becomes R p - (0, 0, ground)."""
 
     rotation: Floats  # (3, 3)
     ground: float  # height of the ground after the rotation
@@ -82,7 +82,7 @@ class Turn(NamedTuple):
 def find_turn(
     cameras: Sequence[Camera], up: str | None, ground: float | None, note: Callable[[str], None]
 ) -> Turn | None:
-    """How to turn the world of calibrated cameras; None: not at all.
+    """Find the rotation of the calibrated cameras' world; None: none.
 
     Args:
         cameras: as calibrated.
@@ -154,7 +154,7 @@ def read_up(text: str) -> Floats:
 
 
 def _horizons(rotations: Floats) -> str:
-    """What the cameras' horizons state about the vertical, in words."""
+    """Describe the vertical that follows from the cameras' horizons."""
     found = vertical(rotations)
     off = np.degrees(np.arccos(np.clip(found.up[2], -1.0, 1.0)))
     text = ", ".join(f"{v:.2f}" for v in found.up)

@@ -33,7 +33,7 @@ Sidecars = dict[str, tuple[Ints, str]]
 
 @dataclass
 class IngestFailures:
-    """What went wrong so far: the losses, and the errors of cameras that could not be used at all."""
+    """Failures of an ingest: the losses, and the errors of cameras that could not be used at all."""
 
     losses: list[Loss] = field(default_factory=list)
     failures: list[InputError] = field(default_factory=list)
@@ -180,8 +180,8 @@ class Copies:
         for name, parts in here.items():
             self._before.setdefault(name, []).append(np.unique(np.concatenate(parts)))
         if copies:
-            others = " or in a log before" if self._several else ""
-            note(f"warning: {path.name}: {counted(copies, what)} are exact duplicates{others}; each counts once")
+            others = " within it or of an earlier log" if self._several else ""
+            note(f"warning: {path.name}: exact duplicates skipped{others}: {counted(copies, what)}; each counts once")
 
 
 def _first(marks: Uints, before: list[Uints]) -> Bools:

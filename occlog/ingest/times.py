@@ -15,7 +15,7 @@ from occlog.records.verdicts import Check, finding, outcome
 SENSORS, FRAMES, TRUE = "times of the sensors", "intervals of the frames", "times of the truth"
 """Names of checks."""
 FRAMES_APART_NS, ROWS_APART_NS = 60 * NS, 3600 * NS
-"""So far from all others a sensor's times are apart, and from the length of the others on; rows are only where
+"""Gap above which a sensor's times count as disjoint, if also above the others' duration; rows are only where
 something was detected."""
 FEWEST, JUMP, JUMP_NS = 20, 0.5, 60 * NS
 """Of fewer frames nothing is reported; an interval above this share of all time, and this long, is a jump."""

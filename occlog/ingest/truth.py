@@ -1,4 +1,4 @@
-"""Whether true positions, true boxes and calibration agree: feet of people, projected, against their boxes.
+"""Agreement of true positions, true boxes and calibration: feet of people, projected, against their boxes.
 
 True positions and the frames that a recording has: those outside `frames` are skipped, or reported.
 """

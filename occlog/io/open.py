@@ -39,7 +39,7 @@ WORDS = {
     "truth_boxes": "true boxes",
     "view_tracks": "tracks in images",
 }
-"""What tables hold, where their names do not state it."""
+"""Descriptions of tables whose names do not state the content."""
 SWAPPED = (
     ("tracks", "truth", "; are the files of tracks and truth swapped?"),
     ("truth", "bearings", "; true positions go to the evaluation, make measurements of a recording by `occlog detect`"),

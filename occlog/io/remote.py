@@ -89,7 +89,7 @@ def without_secrets(text: str) -> str:
 
 
 MARKS = ("ETag", "etag", "LastModified", "mtime", "created", "md5Hash")
-"""What file systems report a file that changes when the file does."""
+"""File system entries that change when a file does."""
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 

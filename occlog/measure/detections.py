@@ -1,4 +1,4 @@
-"""What detection and fusion give for a part of a recording, and the height of a person; loads nothing heavy."""
+"""Output of detection and fusion for a part of a recording, and the height of a person; light to import."""
 
 from __future__ import annotations
 

@@ -104,7 +104,7 @@ DARK = {
     "halo": "#161b21",
     **{f"t{n}": colour for n, colour in enumerate(TARGETS_DARK)},
 }
-"""The same on a dark screen."""
+"""Colours on a dark screen."""
 
 Style = dict[str, Any]
 """Keyword arguments of an artist of Matplotlib."""

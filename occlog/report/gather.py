@@ -107,7 +107,7 @@ class Posts:
         self._all: Tracks | None = None
 
     def add(self, tracks: Tracks) -> None:
-        """Some more, in the order of time."""
+        """Add rows in the order of time."""
         own = {c.name: getattr(tracks, c.name) for c in Tracks.columns()}
         both = Tracks.concat([self._last, Tracks(**own)])
         order = np.lexsort((both.t_ns, both.target_id))
@@ -133,7 +133,7 @@ class Posts:
 
 @dataclass(frozen=True)
 class BearingReference:
-    """What bearings are compared with.
+    """Reference of the comparison with bearings.
 
     Attributes:
         tracks: gives all estimates, as often as requested.
@@ -174,7 +174,7 @@ class ThinnedBearings:
 
 
 class _Periods:
-    """Whether the sensors that see a target share their times, and how long a scan is where they do not."""
+    """Scan periods: sensors of a target share their times, or a scan lasts one period."""
 
     def __init__(self, scene: Scene, targets: frozenset[int]) -> None:
         self._scene, self._targets = scene, sorted(targets)
@@ -184,7 +184,7 @@ class _Periods:
         self._counts = np.zeros(len(targets) * self._sensors, dtype=np.int64)
 
     def add(self, bearings: Bearings) -> None:
-        """Some more, which end between two times."""
+        """Add bearings that end between two times."""
         for k, (target, lines) in enumerate(sight_lines(bearings, self._scene, self._targets).items()):
             self._rows[target] += len(lines.t_ns)
             self._together[target] += int(np.count_nonzero(has_common_time(lines.t_ns)))
@@ -198,7 +198,7 @@ class _Periods:
                 self._steps.append(rows)
 
     def periods_ns(self) -> dict[int, int | None]:
-        """That of each target; None: its sensors share their times."""
+        """Return the scan period of each target; None: its sensors share their times."""
         out: dict[int, int | None] = {t: None for t in self._targets if 2 * self._together[t] >= self._rows[t]}
         if len(out) < len(self._targets):
             self._steps.end()
@@ -352,7 +352,7 @@ class StreamedTable(Generic[T]):
 
     @cached_property
     def rows(self) -> int:
-        """How many rows it has; they are read where no file states it."""
+        """Number of rows, counted by reading if no file states it."""
         return sum(len(chunk) for chunk in self.chunks()) if self.of_file is None else self.of_file[0]
 
     def may_have(self, column: str) -> bool:
@@ -450,7 +450,7 @@ class _Reading:
         return self._tables, ReportFigures(whole=self._whole, moments=self._moments, **self._figures)
 
     def _most(self, name: str) -> int:
-        """How many rows of a table are drawn, about."""
+        """Return the approximate number of rows of a table to draw."""
         return sys.maxsize if name in self._unthinned else rule.MAX_ROWS
 
     def _keep(self, name: str, found: DownsampledTable[T]) -> T:
@@ -521,7 +521,7 @@ class _Reading:
             self._keep("truth", near)
 
     def _read_diagnostics(self) -> None:
-        """How the filter fared, and which cameras were selected."""
+        """Read the filter diagnostics, and the selected cameras."""
         given: StreamedTable[Diagnostics] | None = self._open("diagnostics", Diagnostics)
         if given is None:
             return
@@ -591,7 +591,7 @@ class _Reading:
         self._figures |= {"bound": beside, "bound_so_far": drawn[1].values((2,))}
 
     def _read_events(self) -> None:
-        """What happened, and how often."""
+        """Read the events, and count them."""
         given: StreamedTable[Events] | None = self._open("events", Events)
         if given is None:
             return
@@ -606,7 +606,7 @@ class _Reading:
         self._figures["events"] = dict(counts)
 
     def _read_occluders(self) -> None:
-        """Where moving occluders were thought to be, at the time steps of the replay and at others."""
+        """Read the occluder priors, at the time steps of the replay and at others."""
         given = self._open("occluders", Hulls, Occluders)
         if given is None:
             return
@@ -628,7 +628,7 @@ class _Reading:
         return "bearings" in self._whole and self._whole["bearings"].rows > 0 and "people" not in self._figures
 
     def _read_bearings(self) -> None:
-        """What sensors saw, how it fits the tracks, and the lines of sight of the time steps."""
+        """Read the bearings, their residuals, and the lines of sight of the time steps."""
         stream: StreamedTable[Bearings] | None = self._open("bearings", Bearings)
         if stream is None:
             return
@@ -669,7 +669,7 @@ class _Drawn:
         self._parts: list[np.ndarray] = []
 
     def add(self, values: np.ndarray) -> None:
-        """Those of some more rows."""
+        """Add the values of further rows."""
         first, last = np.searchsorted(self._rows, (self._count, self._count + len(values)))
         self._parts.append(values[self._rows[first:last] - self._count])
         self._count += len(values)

@@ -129,7 +129,7 @@ def _headline_sight(data: ReportInput) -> list[Figure]:
 
 
 def row_counts(data: ReportInput) -> list[Figure]:
-    """How many rows each table has, and the time it covers."""
+    """Return the number of rows and the time span of each table."""
     out = []
     for name in ("truth", "bearings", "tracks", "diagnostics", "events", "errors", "bound"):
         if getattr(data, name) is None:
@@ -171,7 +171,7 @@ def check_rows(verdicts: Sequence[Verdict]) -> list[CheckRow]:
 
 
 def check_counts(verdicts: Sequence[Verdict]) -> str:
-    """How many checks were made, and how they came out."""
+    """Describe the number of checks and their outcomes."""
     return counts_of(check for _, check in made_checks(verdicts))
 
 
@@ -248,7 +248,7 @@ def floorplan(data: ReportInput) -> Plot:
 
 
 def _everybody(data: ReportInput) -> list[Plot]:
-    """Who was there, and who saw them."""
+    """Plots of people and the sensors that see them."""
     tracks, people = data.everybody, data.people
     if tracks is None or people is None:
         return []
@@ -308,7 +308,7 @@ def _accuracy(data: ReportInput, target: int) -> list[Plot]:
 
 
 def _sight(data: ReportInput, target: int) -> list[Plot]:
-    """What can be stated without truth."""
+    """Plots that need no truth."""
     if target not in data.residuals or not data.residuals[target].any:
         return []
     words = ["There is no truth to compare with."]

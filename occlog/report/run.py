@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 def from_folder(request: PageRequest) -> PageRequest:
-    """Where TRACKS is a run folder, its files for the inputs that are not named."""
+    """If TRACKS is a run folder, use its files for the inputs that are not named."""
     folder = request.tracks
     if folder is None or not folder.is_dir():
         return request
@@ -94,7 +94,7 @@ def read_input(request: PageRequest, whole: Collection[str] = ()) -> ReportInput
 
 
 def _made_tracks(tracks: Path | None) -> TrackProvenance:
-    """How the tracks were made, as their provenance states."""
+    """Return the provenance of the tracks."""
     from occlog.evaluate.verdict import TrackProvenance
     from occlog.io.open import open_if_ours
 
@@ -124,7 +124,7 @@ def _unit(paths: PageRequest, scene: Scene | None) -> str:
 
 
 def _made(paths: PageRequest, title: str) -> tuple[dict[str, object], tuple[Loss, ...], tuple[Verdict, ...]]:
-    """How this report and each of its inputs were made, the losses in making them, and their findings."""
+    """Return the provenance of this report and its inputs, with their losses and findings."""
     from occlog.io.files.inputs import hash_inputs
     from occlog.io.files.provenance import Provenance
     from occlog.io.open import input_losses, open_if_ours

@@ -1,1 +1,1 @@
-"""How good bearings, azimuths and detections are."""
+"""Accuracy of bearings, azimuths and detections."""

@@ -132,7 +132,7 @@ class DetectionFigures:
 
 
 def _counts(sums: Mapping[str, Sum]) -> DetectionCounts:
-    """Whole numbers, and sums."""
+    """Convert to integer counts and sums."""
     whole = {f.name: isinstance(f.default, int) for f in fields(DetectionCounts)}
     return DetectionCounts(**{name: int(s.value) if whole[name] else s.value for name, s in sums.items()})  # type: ignore[arg-type]
 

@@ -47,7 +47,7 @@ CHANCE_SHIFTS = 16
 MAX_SPILLED_SERIES = 64
 """Tracks times sensors with frames that are buffered on disk, each in its own file; of more all are kept in memory."""
 FRAME = np.dtype([("bearing", "f8"), ("u_px", "f8"), ("usable", "?"), ("first", "i8"), ("reported", "i8")])
-"""What a track predicts of a frame, whether it can be seen there, and which bearings were reported."""
+"""Predictions of a track in a frame, its visibility, and the reported bearings."""
 REPORTED = np.dtype([("bearing", "f8"), ("u_px", "f8")])
 
 
@@ -80,7 +80,7 @@ class HeldOutFigures:
         block: int = RECORDS_PER_BLOCK,
         in_memory: int = RECORD_BYTES_IN_MEMORY,
     ) -> None:
-        """Nothing came yet.
+        """Create empty statistics.
 
         Args:
             scene: the sensors.

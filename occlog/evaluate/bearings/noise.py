@@ -43,7 +43,7 @@ from occlog.records.tables import LAST, Bearings
 
 
 class Scans(NamedTuple):
-    """Whole scans of one target.
+    """Complete scans of one target.
 
     Attributes:
         target: its identity.
@@ -69,7 +69,7 @@ class ScanCuts:
     def __init__(self, config: EvaluateConfig) -> None:
         """No rows yet."""
         self.window_ns = round(config.lines_window_s * NS)
-        """How long a scan lasts at most."""
+        """Maximum duration of a scan."""
         self._held: dict[int, Bearings] = {}
 
     def update(self, rows: Bearings, end_ns: int) -> Iterator[Scans]:
@@ -136,11 +136,11 @@ class NoiseFigures:
         self._squares, self._degrees, self._sigma_px = (Spool(in_memory) for _ in range(3))
 
     def see(self, rows: Bearings) -> None:
-        """Some more labelled rows, of scans or not."""
+        """Add labelled rows."""
         self._sigma_px.add(rows.sigma_px[np.isfinite(rows.sigma_px)])
 
     def update(self, scans: Scans, sensors: Mapping[str, SensorGeometry]) -> None:
-        """Some more scans of a target, by sensors with these names."""
+        """Add scans of a target, by sensors with these names."""
         origins = np.array([sensors[name].ground for name in scans.rows.sensor.tolist()]).reshape(-1, 2)
         squares, degrees = _misses(scans, origins, self._config)
         self._squares.add(squares)
@@ -221,7 +221,7 @@ class NoiseFit(NamedTuple):
 
 
 def _fitted(blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int, start: float, most: float) -> NoiseFit:
-    """Where the search from a factor on the variances ends; `most`: the largest sum of squares."""
+    """Fit the noise, starting from a factor on the variances; `most`: the largest sum of squares."""
     scale2, false, reach = start, INITIAL_OUTLIER_SHARE, math.sqrt(max(most, MIN_OUTLIER_RANGE_SIGMAS**2 * start))
     for _ in range(ITERATIONS):
         total, expected, honest, fit = Sum(), Sum(), Sum(), Sum()
@@ -400,7 +400,7 @@ def scene_with(scene: Scene, noise: Mapping[str, MeasuredNoise]) -> Scene:
 
 
 def notes_of(scene: Scene, noise: Mapping[str, MeasuredNoise]) -> tuple[str, ...]:
-    """What a user must know: cameras that keep the noise that was stated, and cameras with readings that are biased."""
+    """Return notes for the user: cameras that keep the noise that was stated, and cameras with readings that are biased."""
     kept = [c.name for c in scene.cameras if c.name not in noise]
     lines = []
     if kept:

@@ -39,7 +39,7 @@ Metrics = dict[str, float]
 
 
 class TriangulationSeries(NamedTuple):
-    """Where the lines of sight to one target met, scan after scan; NaN where they were refused."""
+    """Triangulated positions of one target by scan; NaN where refused."""
 
     t_ns: Ints  # (S,) mean time of the scan's lines
     xy: Floats  # (S, 2)
@@ -104,7 +104,7 @@ class TriangulationFigures:
         self._squares, self._residual_squares = Sum(), Sum()
 
     def update(self, scans: Scans, sensors: Mapping[str, SensorGeometry], path: ObjectPath | None) -> None:
-        """Some more scans of a target, by sensors with these names, and its track, or the part of it about them."""
+        """Add scans of a target, by sensors with these names, and its track, or the part of it about them."""
         found = triangulate_scan(scans, sensors, self._config)
         met = found.status == triangulate.TRIANGULATED
         self._total, self._met = self._total + len(met), self._met + int(np.count_nonzero(met))
@@ -157,7 +157,7 @@ class AgainstBearings:
         *,
         places: bool = False,
     ) -> None:
-        """Nothing came yet.
+        """Create empty statistics.
 
         Args:
             sources: inputs; they have bearings and tracks, a truth or both, or measurements and a truth.
@@ -231,7 +231,7 @@ class AgainstBearings:
 
     @property
     def _around_ns(self) -> int:
-        """How far about a section samples of the truth are requested."""
+        """Margin around a section within which samples of the truth are needed."""
         gaps = self._outlines.gaps_ns(OCCLUDER, {})
         return max(NEAR_NS, self._config.limit_ns or 0, *self._known.gaps_ns.values(), *gaps.values()) + 1
 

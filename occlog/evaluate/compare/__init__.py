@@ -1,1 +1,1 @@
-"""Whether runs differ: paired comparisons of several tables of tracks with the same truth."""
+"""Comparison of runs: paired comparisons of several tables of tracks with the same truth."""

@@ -243,7 +243,7 @@ def _unit(runs: Sequence[ComparedRun]) -> str:
 
 
 def _sums(run: ComparedRun, first: ComparedRun, limit: float, unit: str) -> Floats:
-    """What each true frame of a recording adds to the figures of a run."""
+    """Return the contributions of each true frame of a recording to the figures of a run."""
     tracks, truth = open_in_unit(run.tracks, unit).read(Tracks), open_in_unit(run.truth, unit).read(Truth)
     if run.truth != first.truth and not _same(truth, open_in_unit(first.truth, unit).read(Truth)):
         raise InputError(f"{run.truth}: is not the truth of {first.tracks}; runs are compared with the same truth")

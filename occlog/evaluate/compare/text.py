@@ -22,7 +22,7 @@ class Condition(NamedTuple):
     margin: float = 0.0
 
     def __str__(self) -> str:
-        """As it is given."""
+        """Return the text of the number."""
         return f"{self.figure} worse" + (f" by {self.margin:g}" if self.margin else "")
 
 
@@ -61,7 +61,7 @@ class Implausible(NamedTuple):
 
 @dataclass(frozen=True)
 class MetricComparison:
-    """All of it.
+    """Comparison of one metric.
 
     Attributes:
         rows: by method and figure.
@@ -110,7 +110,7 @@ def table(found: MetricComparison, methods: Sequence[Path]) -> str:
 
 
 def basis(found: MetricComparison) -> str:
-    """What the comparison rests on, in a sentence."""
+    """Describe the basis of the comparison in a sentence."""
     count = len(found.recordings)
     what = f"{found.frames} frames of {count} recording{'s' if count > 1 else ''}"
     if not found.rows:

@@ -83,7 +83,7 @@ class BoundSums:
         self._sums: dict[str, Sum] = {}
 
     def update(self, table: Bound, error: Floats, error_space: Floats) -> None:
-        """Some more rows and their errors; NaN: missing in space, or none at all."""
+        """Add rows and their errors; NaN: missing in space, or none at all."""
         self.rows += len(table)
         self._more("error", error)
         for kind in KINDS:
@@ -106,7 +106,7 @@ class BoundSums:
 
     @classmethod
     def together(cls, parts: Iterable[BoundSums]) -> BoundSums:
-        """Those of all parts."""
+        """Merge the sums of all parts."""
         out = cls()
         out.update(Bound.empty(), np.zeros(0), np.zeros(0))
         for part in parts:
@@ -118,7 +118,7 @@ class BoundSums:
         return out
 
     def result(self, unit: str, whose: str, *, with_errors: bool) -> Metrics:
-        """As `bound_metrics` has them; without errors those of the bound alone."""
+        """Return the metrics of the bound, see `bound_metrics`; without errors those of the bound alone."""
         error, least, smoothed = (self._rms(name, self.rows) for name in ("error", *KINDS))
         out: Metrics = {f"bound_rmse{whose}_{unit}": least}
         if with_errors:
@@ -149,7 +149,7 @@ class Bounds:
         ways: BoundDimensions,
         block: int = RECORDS_PER_BLOCK,
     ) -> None:
-        """Nothing yet.
+        """Create an empty bound.
 
         Args:
             scene: room and unit.
@@ -182,7 +182,7 @@ class Bounds:
         targets: Mapping[int, ObjectPath],
         measured: StationMeasurements | None = None,
     ) -> None:
-        """What there is in another time interval.
+        """Add the tables of a further time interval.
 
         Args:
             looks: observations of each sensor that counts, by its name.

@@ -100,7 +100,7 @@ def _without_pixels(sensor: SensorGeometry, seen: SensorObservations) -> Floats:
 
 
 class StationMeasurements(NamedTuple):
-    """What stations measured of distances, of all targets."""
+    """Distance measurements of stations, of all targets."""
 
     t_ns: Ints  # (m,)
     target: Ints  # (m,) identity in the truth
@@ -254,7 +254,7 @@ class DistancesOfTargets:
         self._differences = RangeDifferenceCheck()
 
     def add(self, rows: Measurements) -> StationMeasurements:
-        """Some more rows, with all of each time, in the order of time.
+        """Add rows, whole time steps, in the order of time.
 
         Raises:
             InputError: as `pack`.

@@ -84,7 +84,7 @@ class Gaps:
         self._inside = self._missed = self._widest_ns = 0
 
     def add(self, t_ns: Ints, path: ObjectPath, span_ns: tuple[int, int], config: EvaluateConfig) -> None:
-        """Some more estimates of one track.
+        """Add estimates of one track.
 
         Args:
             t_ns: their times.
@@ -215,7 +215,7 @@ class PairSums:
             self._sums.add(target, track, np.stack([shared, more, lost]))
 
     def pairs(self) -> dict[int, int]:
-        """Which target each track is of."""
+        """Return the target of each track."""
         target, track, (shared, squares, lost) = self._sums.all()
         made = pair_by_sums(track, target, shared, squares + lost, self._worst)
         return {self._tracks[track[n]]: self._targets[target[n]] for n in made.tolist()}
@@ -248,7 +248,7 @@ class TrackErrors:
         self._transient = config.skip_s > 0 or config.from_ns is not None
         self._left_out = self._interpolated = self._covered = 0
         self.late: Bools = np.zeros(0, dtype=np.bool_)
-        """Which errors of the last section are after the transient; none without one."""
+        """Errors of the last section after the transient; none without one."""
 
     def update(self, part: EvaluationChunk) -> Errors:
         """Estimates of another section, in the order of time; their errors."""

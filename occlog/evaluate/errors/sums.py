@@ -40,7 +40,7 @@ class Consistency:
         self.told = self.inside = self.rows = 0
 
     def update(self, nees: Floats) -> None:
-        """Some more, NaN where the covariance is singular."""
+        """Add values, NaN where the covariance is singular."""
         told = nees[np.isfinite(nees)]
         self._sum.add(float(told.sum()))
         self.rows, self.told = self.rows + len(nees), self.told + len(told)
@@ -71,7 +71,7 @@ class InSpace:
         self._nees = Consistency(CHI2_95_3D)
 
     def update(self, high: Errors) -> None:
-        """Some more, in space all of them."""
+        """Add errors, all of them in space if any is."""
         self.rows += len(high)
         self._squares.add(float(np.sum(np.square(high.error_space))))
         self._squares_z.add(float(np.sum(np.square(high.error_z))))
@@ -123,7 +123,7 @@ class Spread:
         return ratio_or_nan(self._sum.value, self._values.count)
 
     def update(self, values: Floats) -> None:
-        """Some more."""
+        """Add distances."""
         self._values.add(values)
         self._sum.add(float(values.sum()))
         self._most = float(np.fmax(self._most, values.max())) if len(values) else self._most
@@ -186,7 +186,7 @@ class ErrorFigures:
         self._nees, self._space = Consistency(CHI2_95_2D), InSpace()
 
     def update(self, errors: Errors) -> None:
-        """Some more, in any order."""
+        """Add values in any order."""
         self.rows += len(errors)
         for k, rows in rows_by_label(errors.target_id):
             part = errors.take(rows)

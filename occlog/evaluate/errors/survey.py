@@ -1,4 +1,4 @@
-"""What must be known of tracks and truth as a whole before they are read side by side.
+"""Survey of whole tracks and truth before they are read side by side.
 
 Tracks and truth side by side in time intervals, so that memory does not grow with their length.
 
@@ -25,7 +25,7 @@ from occlog.records.tables import Limits, TableBuffer, Tracks, Truth, in_step
 
 @dataclass
 class Lifetime:
-    """How long a target or a track is there.
+    """Lifetime of a target or a track.
 
     Attributes:
         rows: number of its rows.
@@ -40,7 +40,7 @@ class Lifetime:
 
 @dataclass
 class EvaluationSurvey:
-    """What a pass over tracks and truth finds.
+    """Result of a pass over tracks and truth.
 
     Attributes:
         tracks: by rising identity.
@@ -142,7 +142,7 @@ class TruthIntervals:
     """Times between one true position of an object and the next."""
 
     def __init__(self, in_memory: int = NUMBERS_IN_MEMORY) -> None:
-        """None yet; `in_memory`: how many are kept in memory."""
+        """Create an empty list; `in_memory`: number kept in memory."""
         self._number: dict[int, int] = {}
         self._steps, self._whose = Spool(in_memory), Spool(in_memory)
         self._counts: list[int] = []
@@ -172,7 +172,7 @@ class TruthIntervals:
 
 
 class EvaluationChunk(NamedTuple):
-    """What there is during a time interval.
+    """Tables of a time interval.
 
     Attributes:
         rows: estimates.

@@ -252,5 +252,5 @@ class EvaluateConfig(Settings):
 
     @property
     def bridge_ns(self) -> int:
-        """The same [ns]."""
+        """Largest gap to interpolate [ns]."""
         return round(self.bridge_s * 1e9)

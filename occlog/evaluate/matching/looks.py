@@ -42,7 +42,7 @@ class BearingErrors(NamedTuple):
 
     @property
     def distance(self) -> Floats:
-        """How many standard deviations off, by all that was reported."""
+        """Normalised distance [standard deviations] of the whole measurement."""
         flat = np.abs(self.normalised)
         return np.where(np.isnan(self.elevation), flat, np.hypot(flat, self.elevation_normalised))
 

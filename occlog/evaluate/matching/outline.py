@@ -64,7 +64,7 @@ class TruthOutlines:
     """Collects what must be known of the whole of true objects, while chunks pass by."""
 
     def __init__(self) -> None:
-        """Nothing passed yet."""
+        """Create an empty outline."""
         self._found: dict[tuple[str, int], _Outline] = {}
         self._steps = TruthIntervals()
         self.high: set[int] = set()

@@ -99,7 +99,7 @@ def paths_of(table: Truth | Tracks, role: str | None = None) -> dict[int, Object
 
 
 class ExpectedMeasurement(NamedTuple):
-    """What a sensor should report of positions (N, 2)."""
+    """Expected measurements of a sensor for positions (N, 2)."""
 
     bearing: Floats  # (N,) azimuth [rad]
     u_px: Floats  # (N,) offset to the right; NaN where not in front, or not a camera
@@ -110,7 +110,7 @@ class ExpectedMeasurement(NamedTuple):
     phi: Floats  # (N,) angle from that axis [rad]; NaN where the height is not known
 
     def reshape(self, shape: tuple[int, ...]) -> ExpectedMeasurement:
-        """The same in another shape."""
+        """Reshape all arrays."""
         return ExpectedMeasurement._make(column.reshape(shape) for column in self)
 
     def take(self, rows: Ints) -> ExpectedMeasurement:
@@ -137,7 +137,7 @@ class SensorGeometry:
         return np.append(self.ground, self.height)
 
     def expect(self, xy: Floats, z: Floats) -> ExpectedMeasurement:
-        """What the sensor should report of positions (N, 2), NaN ones included (not in view), at heights (N,).
+        """Return the expected measurements for positions (N, 2), NaN ones included (not in view), at heights (N,).
 
         A height that is not known (NaN) counts as the sensor's own in the distance.
         """

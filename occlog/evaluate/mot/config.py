@@ -204,7 +204,7 @@ class MultiTargetConfig(Settings):
 
 
 def own_targets_by(config: EvaluateConfig, *, numbered_itself: bool) -> str:
-    """Which target is a track's own unless that is given; see `ManyConfig.own`."""
+    """Return the default rule for the target of a track; see `ManyConfig.own`."""
     return "label" if config.match == "id" else ("start" if numbered_itself else "best")
 
 

@@ -26,7 +26,7 @@ from .config import MultiTargetConfig
 
 Metrics = dict[str, float]
 RULES = {"classic": CLASSIC, "challenge": CHALLENGE}
-"""How CLEAR-MOT pairs objects, by `ManyConfig.clear_rule`."""
+"""Matching rules of CLEAR-MOT, by `ManyConfig.clear_rule`."""
 
 
 class MotFigures:
@@ -58,7 +58,7 @@ class MotFigures:
         self._alignment.update(frames)
 
     def update(self, frames: MatchedFrames) -> MatchedPairs:
-        """Some more frames, in the order of time; the pairs of CLEAR-MOT."""
+        """Add frames in the order of time; return the pairs of CLEAR-MOT."""
         made = self._matcher.update(frames)
         self._clear.update(frames, made)
         self.identity.update(frames)
@@ -122,7 +122,7 @@ class GospaFigures:
         self._config, self._cutoff, self._sums = config, cutoff, GospaSums(config.gospa_p)
 
     def update(self, frames: MatchedFrames) -> None:
-        """Some more frames."""
+        """Add frames."""
         self._sums.update(gospa(frames, self._cutoff, self._config.gospa_p, self._config.gospa_alpha))
 
     def merge(self, other: GospaFigures) -> None:
@@ -158,11 +158,11 @@ class FailureCounts:
     """Failure rates of failures that come in parts."""
 
     def __init__(self) -> None:
-        """None yet."""
+        """Create an empty count of failures."""
         self._label = self._position = self._total = 0
 
     def update(self, found: FailureRates, rows: Bools, total: int) -> None:
-        """Some of the failures, of `total` true rows."""
+        """Add failures of `total` true rows."""
         label = int(np.count_nonzero(found.label[rows]))
         self._label += label
         self._position += int(np.count_nonzero(rows)) - label

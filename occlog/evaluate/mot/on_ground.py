@@ -135,7 +135,7 @@ class GroundFigures:
 
     @classmethod
     def of(cls, known: EvaluationSurvey, config: MultiTargetConfig, unit: str) -> GroundFigures:
-        """Those of tracks and truth of which a survey was made."""
+        """Prepare the figures from a survey of tracks and truth."""
         targets, tracks = (np.array(list(each), dtype=np.int64) for each in (known.targets, known.tracks))
         return cls(targets, tracks, known.frames, config, unit)
 
@@ -153,7 +153,7 @@ class GroundFigures:
         self._mot.prepare(self._frames_of(part))
 
     def update(self, part: EvaluatedPart) -> tuple[Counts, Failures]:
-        """Some more frames, in the order of time: how many targets and tracks they have, and failures of trackers."""
+        """Add frames in the order of time; return counts of targets and tracks, and failures of trackers."""
         places, frames = part.places, self._frames_of(part)
         self._interpolated += _interpolated(places, part.targets)
         made = self._mot.update(frames)
@@ -307,7 +307,7 @@ def _rows_at(tracks: Tracks, times: Ints, labels: Ints) -> Ints:
 
 
 def counts_over_time(frames: MatchedFrames, made: MatchedPairs, places: PointTracks, begin: int) -> Counts:
-    """How many targets and tracks there are in each frame, and how many of them are pairs; see `GroundPart.begin`."""
+    """Count targets, tracks and pairs in each frame; see `GroundPart.begin`."""
     cells = len(places.t_ns[0])
     true = np.bincount(places.truth.frame, minlength=cells)
     found = np.bincount(places.tracks.frame, minlength=cells)
@@ -334,7 +334,7 @@ class CountSums:
         self._frames = self._targets = self._tracks = self._off = self._squares = self._most = 0
 
     def update(self, counts: Counts) -> None:
-        """Some more frames."""
+        """Add frames."""
         off = counts.tracks.astype(np.int64) - counts.targets
         self._frames += len(counts)
         self._targets += int(counts.targets.sum())
@@ -409,7 +409,7 @@ def places_of(
 
 
 def _points(paths: Mapping[int, ObjectPath], times: Ints, limit_ns: int | None) -> Objects:
-    """Where each path is at these times; no row where that is not known."""
+    """Return the positions of each path at these times; no row if unknown."""
     parts = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)))]
     for label, path in paths.items():
         xy, good = path.at(times, limit_ns)

@@ -168,7 +168,7 @@ def has_no_rows(path: Path) -> bool:
 
 
 def _asked(given: Mapping[str, object]) -> str | None:
-    """Which identities are a target's own, as the user asked for it."""
+    """Return the user's rule for the identities of a target."""
     return None if given.get("own") is None else str(given["own"])
 
 

@@ -65,7 +65,7 @@ class AssignedTargets:
     """Finds which target is each track's own, while parts of a recording come by, in the order of time."""
 
     def __init__(self, how: str) -> None:
-        """Nothing yet; `how`: as `assigned_targets` has it."""
+        """Create an empty evaluation; `how`: see `assigned_targets`."""
         self._how = how
         self._first: dict[int, int] = {}
         self._met: Counter[tuple[int, int]] = Counter()
@@ -177,7 +177,7 @@ class ImageTrackFigures:
             each.prepare(of_view(part.truth, v), of_view(part.tracks, v), begin[v : v + 1])
 
     def update(self, part: TruthAndTracks, begin: Sequence[int]) -> Failures:
-        """Some more frames, in the order of time; their failures."""
+        """Add frames in the order of time; return their failures."""
         points = centres_and_limits(part, self._config)
         found = find_failures(points, self._owners)
         self._pooled.update(part.truth, part.tracks, begin, found, found.frame >= 0)

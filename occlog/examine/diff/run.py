@@ -33,7 +33,7 @@ STAGES = (
 RUN_STATE = "run.json"
 """State of `occlog run`: hashes of everything, so it counts as provenance."""
 NAMED = {".mcap": Content.RECORDING, ".parquet": Content.TABLE}
-"""What a file is thought to be with a content that has no signature: its reader describes the fault of it."""
+"""Default kind of a file without a signature; its reader describes the fault."""
 OTHERS = (".csv", ".tsv", ".gz", ".txt", ".arrow", ".feather", ".tum", ".trc", ".geojson")
 """Endings of names of tables that other programs make; those of Parquet are known by their content."""
 

@@ -236,7 +236,7 @@ def check_truth_times(
 
 
 def _disjoint_sensors(clocks: Sequence[SensorTimes]) -> Iterator[SensorTimes]:
-    """Those with times that lie far from the group with the most sensors; the first such group stays."""
+    """Iterate over sensors with times disjoint from those of the largest group; of equal groups the first counts."""
     groups: list[list[SensorTimes]] = []
     end = 0
     margin = max([APART_NS, *(clock.high - clock.low for clock in clocks)])

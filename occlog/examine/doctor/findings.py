@@ -1,4 +1,4 @@
-"""What can be found wrong in a file: the kinds of findings, and the list of those that were found."""
+"""Findings in files: their kinds, and the list of those found."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MAX_LISTED_FINDINGS = 10
 
 
 class Severity(StrEnum):
-    """How bad a finding is, which is what a command does that reads the file."""
+    """Severity of a finding: the reaction of a command that reads the file."""
 
     ERROR = "error"
     """The command stops, and states it (exit code 4)."""
@@ -145,7 +145,7 @@ class Finding(NamedTuple):
 
     @property
     def severity(self) -> Severity:
-        """How bad it is."""
+        """Severity of the kind."""
         return KINDS[self.kind].severity
 
     def as_dict(self) -> dict[str, Any]:
@@ -181,7 +181,7 @@ class Findings:
     """The findings of one file; those that differ in location and numbers alone are counted together."""
 
     def __init__(self, file: str) -> None:
-        """Nothing has been found yet."""
+        """Create an empty list of findings."""
         self._file = file
         self._found: dict[tuple[str, str], Finding] = {}
         self._kinds: dict[str, int] = {}

@@ -123,7 +123,7 @@ def bisect_bad_rows(
 def _bad(
     start: int, stop: int, make: Callable[[int, int], M], good: list[M], left: list[int]
 ) -> Iterator[tuple[int, InputError]]:
-    """As `bisect_bad_rows`, of a section; `left` has the number of calls that are left."""
+    """Bisect a section of rows like `bisect_bad_rows`; `left` has the number of calls that are left."""
     left[0] -= 1
     try:
         good.append(make(start, stop))

@@ -43,7 +43,7 @@ def boxes_of(table: Boxes | Views | ViewTracks) -> Boxes:
 
 
 class Cameras(NamedTuple):
-    """What a pass over a table in images finds.
+    """Cameras found in a pass over a table in images.
 
     Attributes:
         boxed: cameras that have a box, rising.

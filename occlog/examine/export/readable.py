@@ -24,7 +24,7 @@ from occlog.records.tables import Boxes, Tracks, Truth
 
 T = TypeVar("T", bound=ColumnTable)
 BREAKS = ("\n", "\r", "\0")
-"""What no cell of a text can hold."""
+"""Values that no cell of a text can hold."""
 
 
 def readable(chunks: Iterable[T], source: Path, *, text: bool) -> Iterator[T]:
@@ -80,12 +80,12 @@ WORDS = {"t_ns": "times", "target_id": "identities", "z": "heights"}
 
 
 class UnrepresentableColumns:
-    """What the rows that go by have, and the format has not."""
+    """Columns of the rows that the format cannot hold."""
 
     def __init__(
         self, name: str, table: type[ColumnTable], length_unit: str, chosen: tuple[int, ...], camera: str | None
     ):
-        """Nothing yet.
+        """Create an empty set of columns.
 
         Args:
             name: of the format.
@@ -163,7 +163,7 @@ class ExportedFrames:
     """Frames of cameras, of which formats of boxes have those with a box alone."""
 
     def __init__(self) -> None:
-        """None yet."""
+        """Create an empty list of frames."""
         self._ends: dict[str, tuple[int, int]] = {}
         self._boxed: dict[str, tuple[int, int]] = {}
         self._rows: Counter[str] = Counter()

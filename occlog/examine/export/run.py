@@ -53,7 +53,7 @@ class Sink:
     """A file that can only be written on."""
 
     def __init__(self, file: IO[bytes]) -> None:
-        """Nothing is written yet."""
+        """Create an exporter without output."""
         self._file = file
 
     def write(self, data: bytes) -> int:
@@ -122,7 +122,7 @@ STANDARD = Path("-")
 
 @dataclass(frozen=True)
 class ExportRequest:
-    """What to write, and how.
+    """Request of an export.
 
     Attributes:
         input: a table or a recording.
@@ -217,7 +217,7 @@ def parse_origin(text: str) -> Origin:
 
 
 def _info_path(output: Path) -> Path | None:
-    """Where `seqinfo.ini` goes: next to the folder `gt` or `det`, as in a sequence of MOTChallenge; None elsewhere."""
+    """Path of `seqinfo.ini`: next to the folder `gt` or `det`, as in a sequence of MOTChallenge; None elsewhere."""
     folder = output.resolve().parent
     return folder.parent / SEQUENCE_INFO if folder.name in ("gt", "det") else None
 

@@ -34,7 +34,7 @@ MAX_ROWS = 500_000
 
 
 class ExportedPositions(NamedTuple):
-    """Where targets were; N rows in the order of time, then of identities."""
+    """Positions of targets; N rows in the order of time, then of identities."""
 
     t_ns: Ints
     identity: Ints

@@ -118,7 +118,7 @@ def chunks_of_equal_time(rows: T) -> Iterator[T]:
 
 
 def find_inputs(path: Path, recording: Path | None, scene: Path | None) -> ViewerInputs:
-    """What a folder or a file holds.
+    """Find the inputs in a folder or a file.
 
     Args:
         path: run folder, recording or table.

@@ -1,4 +1,4 @@
-"""What happens, in the order of time: rows of tables and frames, as messages of a viewer.
+"""Messages of a viewer in the order of time: rows of tables and frames.
 
 At one time truth comes first, then what the filter said of itself, then estimates, and images last: an image is drawn
 over with the values known by then.

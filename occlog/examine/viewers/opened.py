@@ -25,7 +25,7 @@ RERUN_OPTIONS = ("--bind", "127.0.0.1", "--new")
 
 @dataclass(frozen=True)
 class ViewRequest:
-    """What to show, and in what.
+    """Request to view an input.
 
     Attributes:
         input: run folder, recording or table.

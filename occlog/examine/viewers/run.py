@@ -58,7 +58,7 @@ HEIGHT = 720
 
 @dataclass(frozen=True)
 class ViewerTask:
-    """What to write.
+    """Task of writing a viewer's file.
 
     Attributes:
         input: run folder, recording or table.

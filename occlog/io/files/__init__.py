@@ -1,1 +1,1 @@
-"""What all formats share: Parquet, CSV, JSON, YAML, XML, times, atomic outputs, provenance."""
+"""Shared parts of all formats: Parquet, CSV, JSON, YAML, XML, times, atomic outputs, provenance."""

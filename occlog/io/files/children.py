@@ -41,7 +41,7 @@ def enlarge_pipe(pipe: IO[bytes] | None) -> None:
 
 
 def exit_description(code: int, too_long: str) -> str:
-    """How a process ended, as the end of a sentence about it.
+    """Describe how a process ended, as the end of a sentence about it.
 
     Args:
         code: exit code, or minus the number of the signal that ended it.

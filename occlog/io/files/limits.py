@@ -1,4 +1,4 @@
-"""What a file is, by its first bytes: a recording, a table, or anything else.
+"""Kind of a file by its first bytes: a recording, a table, or anything else.
 
 The border that foreign bytes cross: sizes before reading, and one line for whatever a parser raises.
 
@@ -24,7 +24,7 @@ STANDARD_INPUT = "-"
 """Name of the file that holds the content of standard input."""
 
 FOREIGN_BAG = "of a bag of another program `occlog ingest` makes a recording"
-"""What to do with a bag where a recording was expected."""
+"""Remedy for a bag where a recording was expected."""
 
 
 _KINDS = {
@@ -73,7 +73,7 @@ EXPECTED = "a recording or a table"
 
 
 class Content(Enum):
-    """What a file is, by its first bytes."""
+    """Kind of a file by its first bytes."""
 
     RECORDING = "a recording (MCAP)"
     TABLE = "a table (Parquet)"
@@ -100,7 +100,7 @@ _OTHERS = (
 
 
 ODAS = (b'"timeStamp"', b'"src"')
-"""What an object of a stream of ODAS holds."""
+"""Content of an object of an ODAS stream."""
 ODAS_BYTES = 512
 ODAS_BY_INGEST = (
     "a stream of directions (ODAS); make a recording of it by `occlog ingest --doa ARRAY={name} --hop SECONDS`"
@@ -118,7 +118,7 @@ def is_zstd(head: bytes) -> bool:
 
 
 def describe_unsupported(path: Path) -> str | None:
-    """What a file is that is neither a recording nor a table, and what to do with it; None: not known."""
+    """Describe a file that is neither a recording nor a table, with the remedy; None: unknown."""
     with path.open("rb") as file:
         head = file.read(ODAS_BYTES)
     if head.lstrip().startswith(b"{") and all(mark in head for mark in ODAS):
@@ -128,7 +128,7 @@ def describe_unsupported(path: Path) -> str | None:
 
 
 def content_of(path: Path, what: str = EXPECTED) -> Content:
-    """What a file is; InputError where no readable file with content is there.
+    """Return the kind of a file; InputError without a readable file with content.
 
     Args:
         path: the file; one with damaged first bytes is `OTHER`.
@@ -149,7 +149,7 @@ LONG_TEXT = 1_000
 MAX_TEXTS_BYTES = 2**28
 """Memory of a column with longer texts at most: each of its rows takes as much as the longest."""
 FAILURES = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError)
-"""What parsers raise for bytes that they do not expect, each also its own exception."""
+"""Exceptions of parsers for unexpected bytes, each also its own exception."""
 
 
 @contextmanager
@@ -223,12 +223,12 @@ FREE_BYTES, MAX_GROWTH = 128 * 1024 * 1024, 1000
 
 
 def max_decompressed_bytes(size: int) -> int:
-    """How many bytes a group of rows, or all chunks, of a file of `size` bytes may unpack to."""
+    """Maximum unpacked bytes of a group of rows, or of all chunks, in a file of `size` bytes."""
     return max(FREE_BYTES, MAX_GROWTH * size)
 
 
 def exceeded_limit(size: int, rows: int, unpacked: int) -> str:
-    """What no file of `size` bytes can hold: its rows, or what a group of them unpacks to [bytes]; empty: neither."""
+    """Name the limit that a file of `size` bytes exceeds: rows, or unpacked bytes of a group; empty: neither."""
     if rows > max(FREE_ROWS, MAX_ROWS_PER_BYTE * size):
         return f"{rows} rows"
     return f"{unpacked} bytes at once" if unpacked > max_decompressed_bytes(size) else ""

@@ -1,4 +1,4 @@
-"""How a file was made: program, versions, parameters, seed, inputs. No clock time, no host name.
+"""Provenance of a file: program, versions, parameters, seed, inputs. No clock time, no host name.
 
 Versions of what occlog computes and writes with, as they are installed.
 """
@@ -29,9 +29,9 @@ DISTRIBUTIONS = (
     *("numba", "numpy", "opencv-python-headless", "pandas", "protobuf", "pyarrow", "pyyaml", "scipy", "shapely"),
     *("tqdm", "zstandard"),
 )
-"""What occlog cannot do without."""
+"""Required packages."""
 PARTS = ("clarabel", "llvmlite", "onnxruntime", "openvino", "osqp", "pyroomacoustics", "rosbags")
-"""What some commands take where it is installed, and the compiler of the kernels."""
+"""Optional packages, and the compiler of the kernels."""
 _VERSION = re.compile(r"^Version: *(\S+)", re.MULTILINE)
 
 

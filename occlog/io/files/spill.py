@@ -57,7 +57,7 @@ class Blocks:
             self._file.close()
 
     def append(self, rows: Records) -> None:
-        """Some more records; OutputError if the folder for temporary files is full."""
+        """Append records; OutputError if the folder for temporary files is full."""
         self._open.append(rows)
         self._rows += len(rows)
         if self._rows < self._block:
@@ -138,7 +138,7 @@ class Spool:
             self._file.close()
 
     def add(self, values: Floats) -> None:
-        """Some more numbers; OutputError if the folder for temporary files is full."""
+        """Add numbers; OutputError if the folder for temporary files is full."""
         self.count += len(values)
         self._parts.append(np.array(values, dtype=np.float64))
         self._kept += len(values)
@@ -179,7 +179,7 @@ class SpilledTable(Generic[T]):
     """
 
     def __init__(self, table: type[T], source: Callable[[], Iterator[T]]) -> None:
-        """Nothing was asked yet.
+        """Create a spilled table without reading it.
 
         Args:
             table: what it is.
@@ -189,7 +189,7 @@ class SpilledTable(Generic[T]):
         self._schema = arrow_schema(table, Provenance("aside"))
         self._file: IO[bytes] | None = None
         self.rows = 0
-        """How many rows there are, once all were read."""
+        """Number of rows, once all were read."""
 
     def __del__(self) -> None:
         """Let go of the file."""
@@ -197,7 +197,7 @@ class SpilledTable(Generic[T]):
             self._file.close()
 
     def chunks(self) -> Iterator[T]:
-        """All of them, to be read to their end before they are asked for again.
+        """Iterate over all chunks; read to the end before starting again.
 
         Raises:
             OutputError: the folder for temporary files is full.

@@ -34,7 +34,7 @@ class StatedUnits:
     used: set[str] = field(default_factory=set)
 
     def texts(self) -> tuple[str, ...]:
-        """All of them as they were given."""
+        """All stated units as given."""
         return (*(f"{name}={unit}" for name, unit in self.columns.items()), *self.kinds.values())
 
     def unit_of(self, name: str, kind: str, said: str) -> str:
@@ -71,7 +71,7 @@ class StatedUnits:
             self.used.add(self.kinds[kind])
 
     def unused(self) -> tuple[str, ...]:
-        """Those that no table had a use for."""
+        """Stated units that no table used."""
         return tuple(text for text in self.texts() if text not in self.used)
 
 

@@ -168,7 +168,7 @@ TIME_COLUMNS = {
     "ms": ("t_ms", "time_ms", "timestamp_ms", "frame_time_ms"),
     "s": ("time", "t", "t_s", "time_s", "timestamp", "timestamp_s", "frame_time", "seconds", "unix_time"),
 }
-"""What a column of times may be called; the ending states the unit, seconds without one."""
+"""Accepted names of time columns; the ending states the unit, seconds without one."""
 
 _FRAME = ("frame", "frame_index", "frame_number", "index")
 _CAMERA = ("camera", "cam_id", "cam", "sensor", "port")

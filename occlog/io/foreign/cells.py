@@ -18,11 +18,11 @@ from occlog.records.columns import ANY_WIDTH, MAX_NS
 
 YES, NO = ("true", "1", "1.0", "yes"), ("false", "0", "0.0", "no")
 EXACT = 2.0**53
-"""Whole numbers up to here are exact in float64."""
+"""Largest value up to which whole numbers are exact in float64."""
 
 
 class TableCells(Protocol):
-    """Some rows of a table; each method gives a column, and fails with the position of a cell that cannot be."""
+    """Rows of a table; each method gives a column, and fails with the position of a cell that cannot be."""
 
     def __len__(self) -> int:
         """Number of rows."""

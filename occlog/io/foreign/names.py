@@ -1,4 +1,4 @@
-"""What columns of tables may be called by others, and how a name states its unit.
+"""Column names in external tables, and units in names.
 
 A name may end in the unit: `bearing_deg`, `x_cm`, `cov_xx_cm2`, `vx_cm_s`, `t_ms`.  Without an ending lengths are in
 the unit of the scene.  An angle without one is in radians where the table's own column of times, `t_ns`, is there as
@@ -30,13 +30,13 @@ TIME = "t_ns"
 _IDENTITY = tuple(dict.fromkeys((*POSITIONS.names["id"], *BOXES["id"])))
 _SENSOR = tuple(dict.fromkeys((*DIRECTIONS.names["sensor"], *BOXES["camera"], *READS.names["reader"])))
 COMPASS = "compass"
-"""What a bearing is called that is clockwise from north (+y), without the ending of its unit."""
+"""Names of bearings clockwise from north (+y), without the ending of the unit."""
 SIGMAS = (
     *("sigma_bearing", *ANGLES["sigma_azimuth"], "bearing_sigma", "azimuth_sigma", "std", "sd", "stddev"),
     *(f"{angle}_{word}" for angle in ANGLES["azimuth"] for word in ("std", "sd")),
     *(f"{word}_{angle}" for angle in ANGLES["azimuth"] for word in ("std", "sd")),
 )
-"""What the standard deviation of a bearing may be called, without the ending of a unit."""
+"""Names of the standard deviation of a bearing, without the ending of the unit."""
 ALIASES: Mapping[str, Sequence[str]] = {
     "sensor": _SENSOR,
     "target_id": _IDENTITY,
@@ -151,7 +151,7 @@ class TableLayout(NamedTuple):
 
     @property
     def likeness(self) -> tuple[int, int]:
-        """How many columns of the file the table uses, and how many of them have the table's own names."""
+        """Number of file columns that the table uses, and of those with the table's own names."""
         own = sum(s.name in (s.column.name, f"{s.column.name}_{s.unit}") for s in self.columns)
         return len({s.name for s in self.columns}), own
 
@@ -214,7 +214,7 @@ def unit_in_name(table: type[ColumnTable], column: Column, name: str) -> str:
 
 
 def spellings(column: Column, table: type[ColumnTable] | None = None) -> Mapping[str, str]:
-    """What a column (of a table) may be called, its own name first, and the unit that each name states."""
+    """Accepted names of a column (of a table), its own name first, with the unit of each."""
     return _spellings(column, "" if table is None else table.NAME)
 
 
@@ -243,13 +243,13 @@ def _is_time_difference(column: Column) -> bool:
 
 
 def ending(column: Column, unit: str) -> str:
-    """What the name of a column ends in with lengths in a unit: `_cm`, `_cm2`, `_cm_s`, `_cm2_s`, `_cm2_s2`."""
+    """Ending of a column's name with lengths in a unit: `_cm`, `_cm2`, `_cm_s`, `_cm2_s`, `_cm2_s2`."""
     length, per_second = POWERS[column.unit]
     return f"_{unit}" + ("2" if length == 2 else "") + ("", "_s", "_s2")[per_second]
 
 
 def describe_missing(layout: TableLayout, names: Sequence[str]) -> str:
-    """What a file lacks to be a table, with the nearest of its names."""
+    """Describe the columns that a file lacks for a table, with its nearest names."""
     used = {s.name for s in layout.columns}
     left = [name for name in names if name not in used][:COMPARED]
     one_of = [name for name in ONE_OF.get(layout.table.NAME, ()) if name in layout.missing]

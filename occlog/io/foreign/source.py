@@ -41,7 +41,7 @@ DICTIONARIES, BATCHES = 2, 3  # of the footer of a file: where messages are
 
 
 class ArrowMessageHeader(NamedTuple):
-    """What the head of a message promises.
+    """Declared sizes in the head of a message.
 
     Attributes:
         rows: of a batch; of a dictionary none.
@@ -88,7 +88,7 @@ class _Table:
         return struct.unpack_from(form, self._data, at)[0]
 
     def _place(self, field: int) -> int:
-        """Where a field is; 0: it is not there."""
+        """Return the offset of a field; 0: missing."""
         entry = 4 + 2 * field
         offset = self._number("<H", self._offsets + entry) if entry + 2 <= self._size else 0
         return self._at + offset if offset else 0
@@ -130,7 +130,7 @@ def _head(file: _Bytes, at: int) -> tuple[_Table, int]:
 
 
 def _places_of_file(file: _Bytes) -> Iterator[int]:
-    """Where the messages of a file begin, as its footer states."""
+    """Iterate over the offsets of messages in a file, by its footer."""
     end = 4 + len(FILE_MAGIC)
     length, magic = struct.unpack(f"<i{len(FILE_MAGIC)}s", file.read(file.size - end, end))
     if magic != FILE_MAGIC or not 0 <= length <= file.size - end:
@@ -142,7 +142,7 @@ def _places_of_file(file: _Bytes) -> Iterator[int]:
 
 
 def _places_of_stream(file: _Bytes) -> Iterator[int]:
-    """Where the messages of a stream begin, one behind the other, up to its end mark or the end of the file."""
+    """Iterate over the offsets of messages in a stream, up to its end mark or the end of the file."""
     at = 0
     while at + 8 <= file.size and file.read(at, 8) != STREAM_MAGIC + bytes(4):
         head, body = _head(file, at)

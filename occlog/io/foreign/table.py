@@ -182,7 +182,7 @@ class ForeignTable:
         return values
 
     def table_of(self, cells: TableCells) -> ColumnTable:
-        """Some cells as the table that fits best, in the order of its key; InputError as for `rows`."""
+        """Convert cells to the table that fits best, in the order of its key; InputError as for `rows`."""
         values = self._part(cells, self.layout)
         values["_row"] = np.arange(len(cells))
         values = _pick(values, np.argsort(values[TIME], kind="stable"))

@@ -46,7 +46,7 @@ FARTHEST = 85.0
 
 
 class Origin(NamedTuple):
-    """Where on earth the origin of a scene is, and how it is turned."""
+    """Position on earth and heading of a scene's origin."""
 
     latitude: float  # [deg]
     longitude: float  # [deg]
@@ -288,7 +288,7 @@ TUM_COLUMNS = ("time", "x", "y", "z")
 COLUMNS = 8
 WHAT = "a trajectory in TUM text"
 UNIT = 1e-3
-"""How far the length of the quaternion of a first line may be from 1, so that the text is known as TUM's."""
+"""Tolerance of the quaternion's length from 1 in the first line for recognising TUM text."""
 
 
 def looks_like_tum(head: Sequence[str]) -> bool:

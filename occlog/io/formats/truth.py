@@ -274,7 +274,7 @@ POSITIONS = TextFormat(
 
 @dataclass(frozen=True, eq=False)
 class TruthOptions:
-    """How truth files are to be understood.
+    """Options for reading truth files.
 
     Attributes:
         format: a key of `FORMATS`, or `auto`.

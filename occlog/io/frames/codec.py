@@ -35,7 +35,7 @@ SEVERAL = (
 _ANIMATED_WEBP = 0x02
 """Bit of the first part of a WebP image that states that it has several pictures."""
 _GIF_IMAGE, _GIF_EXTENSION = 0x2C, 0x21
-"""What the blocks of a GIF image begin with: a picture, and all else that it may hold."""
+"""First bytes of GIF blocks: a picture, and all other kinds."""
 _SEQUENCE, _SAMPLES = b"avis", b"stsz"
 """Brand of AVIF with a sequence of pictures, and the box of MP4 that states about each track how many it has."""
 _ORDERS = {b"II": "<", b"MM": ">"}
@@ -68,7 +68,7 @@ def is_multi_image(data: bytes) -> bool:
 
 
 def _blocks(data: bytes) -> int:
-    """How many pictures a GIF image has; counting stops at two."""
+    """Count the pictures of a GIF image, up to two."""
     at, pictures = 13 + _colours(data, 10), 0
     while pictures < 2 and at < len(data):
         if data[at] == _GIF_IMAGE:
@@ -91,7 +91,7 @@ def _colours(data: bytes, at: int) -> int:
 
 
 def _sequence(data: bytes) -> int:
-    """How many pictures the longest track of an AVIF image has; 1 for one that is no sequence."""
+    """Count the pictures in the longest track of an AVIF image; 1 for a single image."""
     (size,) = struct.unpack_from(">I", data)
     pictures, at = 1, size
     if _SEQUENCE in data[8:size]:
@@ -102,7 +102,7 @@ def _sequence(data: bytes) -> int:
 
 
 def _pages(data: bytes) -> int:
-    """How many pages a TIFF image has, smaller copies and masks skipped; counting stops at two."""
+    """Count the pages of a TIFF image without smaller copies and masks, up to two."""
     order, large = _ORDERS[data[:2]], b"+" in data[:4]
     count, entry, place = ("Q", 20, "Q") if large else ("H", 12, "I")
     (at,) = struct.unpack_from(order + place, data, 8 if large else 4)
@@ -129,7 +129,7 @@ def _is_copy(data: bytes, order: str, begin: int, count: int, entry: int) -> boo
 
 
 def _views(data: bytes) -> int:
-    """How many pictures a JPEG image has (CIPA DC-007); previews and maps of brightness do not count."""
+    """Count the pictures of a JPEG image (CIPA DC-007); previews and maps of brightness do not count."""
     base = data.find(b"MPF\0", 0, _MPO_BYTES) + 4
     order = _ORDERS.get(data[base : base + 2]) if base > 3 else None
     if order is None:
@@ -181,7 +181,7 @@ SIDEWAYS = (5, 6, 7, 8)
 EXIF_BYTES = 1 << 16
 """Bytes of a JPEG image among which its Exif data begin."""
 DEEP_MARKS = (b"II*\0", b"MM\0*", b"P2", b"P3", b"P5", b"P6")
-"""What TIFF, PGM and PPM begin with, with values that may have 16 bits; of PNG a byte states it."""
+"""First bytes of TIFF, PGM and PPM files with values that may have 16 bits; of PNG a byte states it."""
 DARK_16 = 4095
 """Largest of values of 16 bits up to which they are taken for values of 12 bits or fewer, which state it nowhere."""
 BLACK = 24
@@ -204,13 +204,13 @@ def image_size(data: bytes) -> tuple[int, int] | None:
 
 
 def shown_size(data: bytes) -> tuple[int, int] | None:
-    """As `image_size`, of the image as it is decoded: rotated by its Exif data."""
+    """Return the size of an image as decoded, rotated by its Exif data; see `image_size`."""
     size = image_size(data)
     return size if size is None or _orientation(data) not in SIDEWAYS else size[::-1]
 
 
 def _orientation(data: bytes) -> int:
-    """How the image has to be turned, 1 to 8 as Exif has it; 1, which is not at all, where it does not state."""
+    """Return the Exif orientation, 1 to 8; 1 (no rotation) if missing."""
     png = image_kind(data) == "png"
     at = data.find(b"eXIf", 0, data.find(b"IDAT")) + 4 if png else data.find(b"Exif\0\0", 0, EXIF_BYTES) + 6
     order = {b"II*\0": "<", b"MM\0*": ">"}.get(data[at : at + 4])
@@ -252,7 +252,7 @@ def image_damage(data: bytes) -> str | None:
 
 
 def _scans(data: bytes) -> int:
-    """How many scans of a JPEG image begin; `bytes.count` would take a tenth of the time of decoding."""
+    """Count the scans of a JPEG image; `bytes.count` would take a tenth of the time of decoding."""
     values = np.frombuffer(data, np.uint8)
     return int(np.count_nonzero((values[:-1] == 0xFF) & (values[1:] == 0xDA)))
 
@@ -350,7 +350,7 @@ MAX_SEARCH = 4096
 
 
 def size_changes(path: Path) -> Changes:
-    """Where the size of the frames changes, the first size included; empty where the codec is another."""
+    """List the changes of frame size, including the first size; empty for other codecs."""
     with utf8_name(path.resolve()) as name:
         capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1, cv2.CAP_PROP_N_THREADS, 1])
     changes: Changes = []

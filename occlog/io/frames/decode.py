@@ -174,7 +174,7 @@ CAPTURE_OPTIONS = (
     "protocol_whitelist;file|format_whitelist;mov,mp4,matroska,webm,avi,mpegts,mpeg,mpegvideo,flv,asf,ogg,mxf,h264,"
     "hevc,mjpeg,jpeg_pipe,png_pipe,m4v,ivf,y4m,yuv4mpegpipe,dv,gif,apng,nut,rawvideo"
 )
-"""What FFmpeg may open: files, and no play lists that name others."""
+"""Protocols that FFmpeg may open: files, and no play lists."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""What a decoding process may use: memory, time, files."""
+"""Limits of a decoding process: memory, time, files."""
 
 from __future__ import annotations
 

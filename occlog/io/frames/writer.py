@@ -119,7 +119,7 @@ class VideoWriter:
 
 @contextmanager
 def _without_words() -> Iterator[None]:
-    """Nothing on standard error meanwhile: OpenCV states about WebM there that its tag is not the one of its table."""
+    """Silence standard error meanwhile: OpenCV states about WebM there that its tag is not the one of its table."""
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 2)

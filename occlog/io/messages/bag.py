@@ -132,7 +132,7 @@ class Bag:
                 self.remarks[topic] = f"{what}; write it again: ros2 bag reindex"
 
     def __enter__(self) -> Self:
-        """Nothing is left to do."""
+        """Return the bag, which is open already."""
         return self
 
     def __exit__(
@@ -244,7 +244,7 @@ def _add(bag: Bag, path: Path) -> None:
 
 
 def _kind(path: Path) -> str | None:
-    """What a file is by its first bytes: mcap, sqlite, zstd, or None."""
+    """Return the kind of a file by its first bytes: mcap, sqlite, zstd, or None."""
     with path.open("rb") as file:
         head = file.read(16)
     if head.startswith(RECORDING_MAGIC):
@@ -320,7 +320,7 @@ TRIALS = 5
 
 @dataclass
 class BagSurvey:
-    """What a bag holds.
+    """Content of a bag.
 
     Attributes:
         topics: its topics by name.
@@ -340,7 +340,7 @@ class BagSurvey:
 
 
 CLOCKS_APART_S = 0.5
-"""Where the stamps of messages are farther from the time of recording than this, the user is reported."""
+"""Difference of header stamps and recording times above which a note is printed."""
 
 
 class BagDecoder:

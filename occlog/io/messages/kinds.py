@@ -1,4 +1,4 @@
-"""What types of messages mean: images, calibrations, transforms, poses, boxes, directions.
+"""Message types and their meaning: images, calibrations, transforms, poses, boxes, directions.
 
 ROS 2 and Foxglove have the same content under other names; the readers here make one form of them.
 
@@ -31,7 +31,7 @@ from .mcap_file import BagTopic
 
 
 class TopicKind(Enum):
-    """What a topic can be taken as."""
+    """Kind of data of a topic."""
 
     IMAGE = "images"
     INFO = "calibration"
@@ -131,7 +131,7 @@ class DirectionMessage(NamedTuple):
 
 
 def kind_of(name: str) -> TopicKind | None:
-    """What messages of a type can be taken as; None: nothing."""
+    """Return the kind of data of a message type; None: unsupported."""
     found = _TYPES.get(bare(name))
     return None if found is None else found[0]
 
@@ -337,7 +337,7 @@ FAILURES = (
     ValueError,
     struct.error,
 )
-"""What decoders raise for bytes that are not such a message."""
+"""Exceptions of decoders for invalid messages."""
 LISTS = ("FrameTransforms", "PosesInFrame")
 """Types of Foxglove that have lists of other types."""
 INSTALL = "pip install 'occlog[ros2]'"
@@ -355,7 +355,7 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)+")
 
 
 def decoder(topic: BagTopic) -> Decode:
-    """How messages of a topic are decoded.
+    """Return the decoder of a topic's messages.
 
     Raises:
         UsageError: they need a package that is not installed.

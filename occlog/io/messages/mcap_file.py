@@ -306,7 +306,7 @@ _REPEATED = 1
 
 
 def unpack_frames(data: bytes, most: int) -> bytes:
-    """What all frames unpack to; zstandard.ZstdError where they are damaged, or come to more than this many bytes."""
+    """Unpack all frames; zstandard.ZstdError where they are damaged, or come to more than this many bytes."""
     parts, left = list[bytes](), most
     for frame in _frames(data):
         told = zstandard.frame_content_size(frame)  # -1: whoever packed it did not know

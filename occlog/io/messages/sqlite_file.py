@@ -23,7 +23,7 @@ _LOGS = {
     "-wal": (b"\x37\x7f\x06\x82", b"\x37\x7f\x06\x83"),
     "-journal": (b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7",),
 }
-"""What logs of SQLite next to a file begin with that hold writes; one that is done is empty, or begins with zeros."""
+"""First bytes of SQLite logs with pending writes; a finished log is empty, or begins with zeros."""
 _LOG_HEAD = 32
 _TABLES = ("topics", "messages", "message_definitions")
 

@@ -1,4 +1,4 @@
-"""Which topics of a bag are taken, as what, and under which name: as the user states, or found by type and name."""
+"""Selection of a bag's topics, their kinds and names: by the user, or by type and name."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def _readable(topic: BagTopic) -> bool:
 
 
 def _kind_asked(topics: Mapping[str, BagTopic], name: str, topic: str) -> TopicKind:
-    """What a topic that the user names is taken as, by its type."""
+    """Return the kind of a topic named by the user, by its type."""
     if topic not in topics:
         known = ", ".join(topics) or "none"
         raise UsageError(f"topic {topic}: the bag has no such topic; it has: {known}")

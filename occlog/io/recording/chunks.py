@@ -33,10 +33,10 @@ MESSAGE_HEAD = struct.Struct("<HIQQ")
 INDEX_HEAD, INDEX_ENTRY = struct.Struct("<HI"), 16
 """Of an index of messages: channel and length of its entries, and the length of each."""
 SALVAGE = "`occlog recover {path} -o OUT.mcap`"
-"""What to do with a damaged recording that cannot be copied again."""
+"""Remedy for a damaged recording that cannot be copied again."""
 
 PROGRAM = "occlog "
-"""What the head of our recordings states about who wrote them begins with."""
+"""Beginning of the library entry in the head of occlog recordings."""
 _TEXT = struct.Struct("<I")
 _LONGEST = 256
 """Bytes of the head that are read."""
@@ -74,7 +74,7 @@ _FRAME_HEAD = 32
 
 
 class ChunkHead(NamedTuple):
-    """What a chunk states about itself.
+    """Declared sizes of a chunk.
 
     Attributes:
         declared: size of its records, unpacked [bytes].
@@ -188,10 +188,10 @@ takes some more, since its time and number differ from those before."""
 
 
 class DecompressionCount:
-    """What the chunks of a file came to so far."""
+    """Unpacked size of a file's chunks so far."""
 
     def __init__(self, path: Path) -> None:
-        """Nothing yet, of the file `path`."""
+        """Start the count for the file `path`."""
         self._path, self._size = path, path.stat().st_size
         self._unpacked, self._free = 0, FREE_RECORDS
 
@@ -236,12 +236,12 @@ def check_growth(path: Path, file: IO[bytes], chunks: Sequence[tuple[int, ChunkS
 
 
 def _most_beyond(size: ChunkSize) -> int:
-    """How many records a chunk may hold beyond those that its packed bytes allow."""
+    """Number of records that a chunk may hold beyond those that its packed bytes allow."""
     return size.unpacked // HEAD.size - size.packed // BYTES_PER_RECORD
 
 
 def _count(records: bytes, most: int) -> int:
-    """How many records a chunk holds; no more than `most` are counted."""
+    """Count the records of a chunk, up to `most`."""
     begin = count = 0
     while count < most and begin + HEAD.size <= len(records):
         begin += HEAD.size + HEAD.unpack_from(records, begin)[1]

@@ -86,7 +86,7 @@ class UnchunkedMessages(NamedTuple):
 
 
 class RebuiltIndex(NamedTuple):
-    """What a pass through a file finds."""
+    """Index found in a pass through a file."""
 
     summary: Summary
     loose: UnchunkedMessages

@@ -83,7 +83,7 @@ def damaged_metadata(records: Mapping[str, Mapping[str, str]]) -> list[str]:
 
 
 def wrong_metadata(path: Path, name: str, at: int) -> InputError:
-    """What to report a damaged record."""
+    """Error for a damaged record."""
     return damaged_mcap(path, f"the metadata {name!r} at byte {at} changed since they were written (wrong digest)")
 
 

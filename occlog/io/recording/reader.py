@@ -100,7 +100,7 @@ class McapRecording:
     time_ns: tuple[int, int] | None
     ours: bool
     indexed: bool = True
-    """Whether the file has an index of all that it holds; otherwise one was made in a pass through it."""
+    """True if the file has a complete index; otherwise one was rebuilt in a pass through it."""
 
     @property
     def losses(self) -> tuple[Loss, ...]:
@@ -117,7 +117,7 @@ class McapRecording:
         return any(t.schema == schema_of(table) for t in self.topics)
 
     def messages(self, table: type[ColumnTable]) -> int:
-        """How many messages with rows of a table there are; a message has the rows of a sensor at a time."""
+        """Number of messages with rows of a table; a message has the rows of a sensor at a time."""
         return sum(t.messages for t in self.topics if t.schema == schema_of(table))
 
     def attachment(self, name: str) -> bytes | None:

@@ -32,7 +32,7 @@ VIDEO_METADATA = "occlog.video/"
 FORMAT = "recording/1"
 VIDEO_FRAME = "occlog.VideoFrame"
 PROTOBUF, ROS2 = ("protobuf", "protobuf"), ("cdr", "ros2msg")
-"""How messages are coded, and the language of their schemas, by MCAP's registry of well-known encodings."""
+"""Encodings of messages and schemas, by MCAP's registry of well-known encodings."""
 VIDEO_FRAME_SCHEMA = {
     "$schema": "https://json-schema.org/draft/2020-12/schema",
     "title": VIDEO_FRAME,

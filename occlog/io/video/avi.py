@@ -44,7 +44,7 @@ def recognised(data: mmap.mmap) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Stream:
-    """What the header states of a video stream: number, frame rate, first packet, count of frames, largest one [B]."""
+    """Header of a video stream: number, frame rate, first packet, count of frames, largest one [B]."""
 
     number: int
     rate: Fraction
@@ -55,7 +55,7 @@ class _Stream:
 
 @dataclass
 class _AviScan:
-    """What a walk through the file has met so far."""
+    """State of the walk through the file."""
 
     chunks: list[tuple[int, int]] = field(default_factory=list)  # (position, bytes) of the video stream's chunks
     problems: Faults = field(default_factory=Faults)

@@ -1,4 +1,4 @@
-"""What a video file itself states about its frames, read without a decoder.
+"""Frame list of a video container, read without a decoder.
 
 OpenCV never reports that a video was cut or damaged, and its frame count is an estimate for
 some containers.  The parsers next to this file (`mp4`, `avi`, `mkv`) read the tables

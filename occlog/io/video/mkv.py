@@ -45,7 +45,7 @@ class Element(NamedTuple):
 
 @dataclass
 class _MkvScan:
-    """What a walk through the file has met so far."""
+    """State of the walk through the file."""
 
     tick_ns: int = 1_000_000
     duration: float = 0.0  # ticks

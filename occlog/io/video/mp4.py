@@ -327,7 +327,7 @@ def _offsets(data: mmap.mmap, stbl: ByteRange, size: Ints) -> Ints:
 
 
 def _edited(data: mmap.mmap, moov: ByteRange, trak: ByteRange, samples: VideoSampleTable, time: Ints) -> Bools | None:
-    """Which samples, in the order of time, the edit list shows; None for an edit list that cuts and joins."""
+    """Return the samples, in the order of time, that the edit list shows; None for an edit list that cuts and joins."""
     elst = find_box(data, trak, b"edts", b"elst")
     if elst is None:
         return np.ones(len(time), dtype=np.bool_)

@@ -13,7 +13,7 @@ MAX_LEVELS = 15
 
 @dataclass(frozen=True)
 class SightingConfig(Settings):
-    """Which box is of whom, and from which side it is seen; lengths in the scene's unit."""
+    """Settings for assigning boxes to people with viewing directions; lengths in the scene's unit."""
 
     OWNER: ClassVar[str] = "appearance"
 
@@ -75,7 +75,7 @@ class SightingConfig(Settings):
 
 @dataclass(frozen=True)
 class LearnConfig(SightingConfig):
-    """What a gallery holds."""
+    """Settings of a gallery."""
 
     angle_step: float = setting(
         30.0,

@@ -31,7 +31,7 @@ SOURCES = (TruthBoxes, Boxes, Views)
 
 @dataclass(frozen=True)
 class SightingFiles:
-    """What to read.
+    """Input files of sightings.
 
     Attributes:
         boxes: a recording or a table with boxes.

@@ -1,4 +1,4 @@
-"""What boxes show: colours, of which track they are, and from which side the camera sees it.
+"""Sightings: colours of boxes with their tracks and viewing directions.
 
 Of which track a box is, and whether a nearer person covers it.
 
@@ -80,7 +80,7 @@ def covered(boxes: Floats) -> Floats:
 
 
 class PersonPath(NamedTuple):
-    """Where a person was and headed."""
+    """Positions and headings of a person."""
 
     t_ns: Ints  # (M,) rising
     xy: Floats  # (M, 2)
@@ -197,7 +197,7 @@ class FrameBoxes(NamedTuple):
 
 
 class Sighting(NamedTuple):
-    """What the boxes of one frame show; n boxes."""
+    """Sightings in the n boxes of one frame."""
 
     boxes: FrameBoxes
     track: Ints32  # (n,) NOBODY: of no track
@@ -227,7 +227,7 @@ class SightingTally:
     last_ns: int = -1
 
     def losses(self) -> tuple[Loss, ...]:
-        """What could not be used."""
+        """Losses of the input."""
         gone = [Loss(name, "boxes", "there is no frame of that number", n) for name, n in sorted(self.missing.items())]
         bad = [Loss(name, "frames", "cannot be decoded", n) for name, n in sorted(self.undecoded.items())]
         return (*gone, *bad)

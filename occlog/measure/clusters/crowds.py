@@ -35,7 +35,7 @@ from .stage import Clusters
 CLUTTER_PROBABILITY = 0.03
 """Probability that a cell without a person is foreground."""
 MIN_LOG_LIKELIHOOD_GAIN = 0.45
-"""What one more person must explain, in the logarithm of the likelihood per cell of a person."""
+"""Minimum gain in log-likelihood for one more person, per cell of a person."""
 SIZE_COST = 10.0
 """Cost of the squared logarithm of a size relative to the expected one, in cells of a person."""
 AREA = 0.175
@@ -110,7 +110,7 @@ def _put(free: Floats, x: float, y: float, height: float, sign: float) -> None:
 
 @kernel
 def gain(foreground: Floats, free: Floats, x: float, y: float, height: float) -> float:
-    """How much the log-likelihood rises with one more person.
+    """Return the gain in log-likelihood from one more person.
 
     Args:
         foreground: (rows, columns) shares of the cells.
@@ -239,7 +239,7 @@ APART_FRAMES = 5
 
 @dataclass
 class SeparateSightings:
-    """Whether a camera has seen several separate people: one person with arms and legs spread is like two who touch.
+    """Evidence that a camera has seen several separate people: one person with arms and legs spread is like two who touch.
 
     Attributes:
         frames: in which at least two people had their own silhouettes.

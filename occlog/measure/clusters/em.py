@@ -63,7 +63,7 @@ def log_prior(covs: Floats, prior_covs: Floats, prior_mass: Floats) -> float:
 
 
 class _Shape(NamedTuple):
-    """What the densities of the clusters need."""
+    """Parameters of the cluster densities."""
 
     inverse: Floats  # (K, 3) of the covariances
     log_scale: Floats  # (K,) logarithm of share / (2 pi sqrt(det))

@@ -1,4 +1,4 @@
-"""How large a person is in the image, by position, and the worth of a cluster under this prior.
+"""Size of a person in the image by position, and the prior probability of a cluster.
 
 The size comes from the camera's pose, or from detections.  A person is a box of given
 height, width and depth that stands on the ground, turned towards the camera.  Its

@@ -35,7 +35,7 @@ STEP_PX = 0.5  # of the finite differences
 
 
 class RegionBearings(NamedTuple):
-    """Where K regions are seen; NaN for a camera without pose."""
+    """Directions of K regions; NaN for a camera without pose."""
 
     bearing: Floats  # (K,) [rad]
     sigma: Floats  # (K,) [rad]
@@ -44,7 +44,7 @@ class RegionBearings(NamedTuple):
 
 
 class BearingNoise(NamedTuple):
-    """What the settings state about the noise of centres."""
+    """Settings of the noise of centres."""
 
     sigma_px: float | None = None  # of a person in full view [px], instead of POSTURE and reading; None: from these
     scale: float = 1.0  # factor on all standard deviations

@@ -75,7 +75,7 @@ class SkippedFrames:
         return [(first, last) for first, last in self._gaps.get(sensor, ()) if last - first + 2 > step]
 
     def parameters(self) -> dict[str, object]:
-        """What provenance states about it; nothing where no number is skipped."""
+        """Provenance entries; empty if no number is skipped."""
         told = {name: sorted({*self._without_steps(name), *self._lost.get(name, ())}) for name in sorted(self._last)}
         told = {name: each for name, each in told.items() if 0 < len(each) <= MAX_STRETCHES}
         return {LEFT_OUT: told} if told else {}

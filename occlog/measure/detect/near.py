@@ -30,14 +30,14 @@ class TargetPath(NamedTuple):
 
 
 class TrackFeedback(NamedTuple):
-    """Where targets are thought to be, and how far off they may be."""
+    """Predicted positions of targets with their uncertainty."""
 
     paths: dict[int, TargetPath]
     gate: float  # standard deviations
 
 
 class ExpectedDirections(NamedTuple):
-    """Where a target is, seen from a sensor, at N times; NaN: nothing is known."""
+    """Predicted directions of a target from a sensor at N times; NaN: unknown."""
 
     azimuth: Floats  # (N,) [rad]
     sigma: Floats  # (N,) standard deviation [rad]

@@ -120,7 +120,7 @@ class DetectRequest(Detection):
 
 @dataclass(frozen=True, kw_only=True)
 class _BoxRequest(Detection):
-    """What detectors take that find boxes."""
+    """Request of detectors that output boxes."""
 
     output: Path = output_file(
         "Bearings of the targets (Parquet); with --onnx or a plug-in the boxes, a table of views.", "views"

@@ -219,7 +219,7 @@ def _rows_of(chunks: Iterator[T], only: tuple[str, ...]) -> Iterator[T]:
 def _near(
     request: DetectRequest, config: DetectConfig, length_unit: str
 ) -> tuple[TrackFeedback | None, dict[str, object]]:
-    """Where targets are searched for, and the parameters of it.
+    """Return the track feedback that limits the search, and its parameters.
 
     Raises:
         UsageError: there is a gate and no tracks.

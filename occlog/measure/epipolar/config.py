@@ -10,7 +10,7 @@ from occlog.settings import Settings, setting
 
 @dataclass(frozen=True)
 class EpipolarConfig(Settings):
-    """Which matches make a fundamental matrix, and how."""
+    """Settings of the estimation of fundamental matrices from matches."""
 
     OWNER: ClassVar[str] = "epipolar"
 

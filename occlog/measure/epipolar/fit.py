@@ -230,7 +230,7 @@ def homography_distances(mapping: Floats, a: Floats, b: Floats) -> Floats:
 
 
 def homography_parallax(a: Floats, b: Floats) -> float:
-    """How far matches (N, 2), N >= 5, are from those of one plane, or of cameras at one position [px].
+    """Return the parallax [px] of matches (N, 2), N >= 5, against a homography (one plane, or one camera position).
 
     The root mean square of `homography_distances` of the best plane for each of the
     coordinates that are left: noise of standard deviation s in every coordinate alone

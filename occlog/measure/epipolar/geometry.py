@@ -1,4 +1,4 @@
-"""How the views of a recording see the same point, from fundamental matrices or from the scene's camera poses."""
+"""Epipolar geometry of the views of a recording, from fundamental matrices or from the scene's camera poses."""
 
 from __future__ import annotations
 

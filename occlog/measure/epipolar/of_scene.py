@@ -39,9 +39,9 @@ OFF_PLANE_NOISE = 4.0
 OFF_PLANE = 8
 """Matches off the plane of most matches, at least, that have to agree."""
 OFF_PLANE_SHARE = 1 / 3
-"""The same as a share of all matches off that plane."""
+"""Minimum share of all matches off that plane that have to agree."""
 AGREEING = 0.75
-"""So large a share of the least number of matches has to agree."""
+"""Share of the least number of matches that has to agree."""
 AFFINE_DRAWS = 500
 """Sets of four matches that the robust affine fit tries."""
 
@@ -198,7 +198,7 @@ def _off_the_plane(a: Floats, b: Floats, noise: float) -> Bools:
 
 
 def _off_one_plane(a: Floats, b: Floats, side: float, noise: float) -> Bools:
-    """The same of planes of which both views see one side (1), or each another (-1): OpenCV finds the first kind."""
+    """Matches off one plane, seen from one side by both views (1) or from both sides (-1): OpenCV finds the first kind."""
     mirror = np.array([side, 1.0])
     mapping, _ = cv2.findHomography(a, b * mirror, cv2.USAC_MAGSAC, PARALLAX * noise, maxIters=5_000, confidence=0.9999)
     off = np.ones(len(a), dtype=np.bool_)

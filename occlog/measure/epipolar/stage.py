@@ -26,7 +26,7 @@ from .of_scene import estimate_fundamental, fundamental_of_cameras, ideal_pixels
 
 
 class PairCheck(NamedTuple):
-    """How well matches agree with a fundamental matrix; distances are from the epipolar lines."""
+    """Agreement of matches with a fundamental matrix; distances are from the epipolar lines."""
 
     a: str
     b: str
@@ -78,7 +78,7 @@ def estimated_pairs(
 def checked_pairs(
     pairs: ViewPairs, matches: Iterable[PointMatches], scene: Scene | None, tolerance_px: float
 ) -> tuple[PairCheck, ...]:
-    """How well the matches of each pair agree with its matrix.
+    """Return the agreement of each pair's matches with its matrix.
 
     Raises:
         InputError: no matrix is known of a pair that has matches, it is for other pixels, or
@@ -219,7 +219,7 @@ class _Sample:
 Shown = dict[int, tuple[Floats, float]]
 """Centres of targets and how far they reach up and down."""
 Moment = dict[str, Shown]
-"""The same by view."""
+"""Detections by view."""
 
 
 def _moments(times: Iterable[tuple[int, Moment]], window_ns: int) -> Iterator[Moment]:

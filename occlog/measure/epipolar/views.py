@@ -17,7 +17,7 @@ class TrackedView(NamedTuple):
 
 
 class ViewGeometry(NamedTuple):
-    """How V views see the same point.
+    """Epipolar geometry of V views.
 
     Attributes:
         fundamental: (V, V, 3, 3); [a, b] maps a point of view a to its line in view b (b' F a = 0, see

@@ -128,7 +128,7 @@ def decide(
 def agreeing(
     sight: LocalDirections, rows: Ints, motion: MotionEstimate | None, cameras: PlacedCameras, config: FuseConfig
 ) -> Ints:
-    """Which of some detections make the global position; empty if they determine no position.
+    """Select the detections that determine the global position; empty if they determine no position.
 
     Those with lines that meet in one position; without two that meet, the one nearest to the prediction; without a
     prediction, one with known distance and those that agree with it.
@@ -151,7 +151,7 @@ def agreeing(
 def _meeting(
     sight: LocalDirections, motion: MotionEstimate | None, cameras: PlacedCameras, config: FuseConfig
 ) -> PositionWithCovariance | None:
-    """Where the most lines meet, of equals the nearest to the prediction; None if no two meet."""
+    """Return the position where most lines meet, of equals the nearest to the prediction; None if no two meet."""
     crossing = math.radians(config.min_crossing_deg)
     everything = triangulate(
         sight.origin, sight.azimuth, sight.sigma, np.array([0, len(sight.azimuth)]), "gauss", crossing

@@ -254,7 +254,7 @@ class LocalDirections(NamedTuple):
     sigma_distance: Floats  # (R,)
 
     def take(self, rows: Ints | Bools) -> LocalDirections:
-        """Some of them."""
+        """Select rows."""
         return LocalDirections(
             sensor=self.sensor[rows],
             origin=self.origin[rows],
@@ -273,7 +273,7 @@ class PositionWithCovariance(NamedTuple):
 
 
 def deviations(sight: LocalDirections, place: PositionWithCovariance) -> tuple[Floats, Floats]:
-    """How far local detections are from a position, and the variance of that without the position's own.
+    """Return distances of local detections from a position, and their variance without the position's own.
 
     Returns:
         (R, 2) offsets across and along each line; across is infinite for a line that points away, along is 0
@@ -311,7 +311,7 @@ def misfit(sight: LocalDirections, place: PositionWithCovariance, extra: float =
 
 
 def meet(sight: LocalDirections, min_crossing: float) -> PositionWithCovariance | None:
-    """Where lines meet, or else the mean of those with a distance; None if neither is there.
+    """Return the position where lines meet, or else the mean of those with a distance; None without either.
 
     Args:
         sight: of one object.

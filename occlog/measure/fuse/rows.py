@@ -24,7 +24,7 @@ T = TypeVar("T", Views, Bearings)
 
 @dataclass(frozen=True, eq=False)
 class FusionPart:
-    """Some whole time steps: their views, their bearings, and the first row of each time step in the bearings."""
+    """Chunk of whole time steps: their views, their bearings, and the first row of each time step in the bearings."""
 
     views: Views
     bearings: Bearings
@@ -106,7 +106,7 @@ class FusionRows:
     """The rows of a part with what the decisions do to them."""
 
     def __init__(self, part: FusionPart, cameras: PlacedCameras, camera_of: Ints) -> None:
-        """Nothing is decided yet.
+        """Create an empty set of decisions.
 
         Args:
             part: of whole time steps.

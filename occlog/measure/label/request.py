@@ -43,7 +43,7 @@ class LabelRequestBase(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class _ByKind(LabelRequestBase):
-    """What all kinds have, with what chooses the kind."""
+    """Shared fields of all kinds, with the fields that choose the kind."""
 
     gallery: Path | None = source(GALLERY)
 

@@ -24,7 +24,7 @@ class Channels:
     """Levels of the microphones of one array, accumulated over a stream of samples."""
 
     def __init__(self) -> None:
-        """Nothing was heard yet."""
+        """Create empty statistics of channels."""
         self.count = 0
         self._squares = self._full = np.zeros(0)
         self._sums: list[int] = []  # check sums of the samples

@@ -64,7 +64,7 @@ def levels(X: np.ndarray, bins: np.ndarray) -> Floats:
 
 
 def coherence(X: np.ndarray, bins: np.ndarray, omega: Floats, microphones: Floats, u: Floats, c: float) -> float:
-    """How well phases agree with a plane wave: 1 of one wave, about 0 of independent noise.
+    """Return the agreement of phases with a plane wave: 1 of one wave, about 0 of independent noise.
 
     Mean over pairs of microphones, bins and spectra of the cosine of the phase that is left.
 
@@ -117,7 +117,7 @@ def sharpness(
 
 
 FACTOR = 1.6
-"""How much larger errors are than their bound in simulated rooms, see docs/how-to/sound.md."""
+"""Ratio of errors to their bound in simulated rooms, see docs/how-to/sound.md."""
 FLOOR = math.radians(0.5)
 """Least standard deviation: no array is built and placed better."""
 INDEPENDENT, MAX_INDEPENDENT = 1.0 / 3.0, 1.5
@@ -384,6 +384,6 @@ def refined(chart: Floats, grid: DirectionGrid, row: int, column: int) -> tuple[
 
 
 def _top(y: Floats) -> float:
-    """Where a parabola through y at -1, 0, 1 is highest, within half a step."""
+    """Return the maximum of a parabola through y at -1, 0, 1, within half a step."""
     bend = float(y[0] - 2.0 * y[1] + y[2])
     return float(np.clip(0.5 * (y[0] - y[2]) / bend, -0.5, 0.5)) if bend < 0.0 else 0.0

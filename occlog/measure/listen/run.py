@@ -36,7 +36,7 @@ Pairs = tuple[tuple[str | None, T], ...]
 
 
 class _Plan(NamedTuple):
-    """What to listen to and how."""
+    """Plan of channels, arrays and settings."""
 
     scene: Path | None
     sounds: Pairs[Path]  # (array or None, path)

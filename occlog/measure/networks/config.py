@@ -21,9 +21,9 @@ YOLOV5, YOLO, END2END, RFDETR, DETR, ULTRALYTICS_DETR, RTDETR, RTMDET = (
 )
 """Kinds of network outputs; see `heads`."""
 LETTERBOX, CORNER, STRETCH = "letterbox", "corner", "stretch"
-"""How an image is brought to the network's size: with a border around it, at the right and below, or stretched."""
+"""Ways of resizing an image to the network's size: with a border around it, at the right and below, or stretched."""
 UNIT, IMAGENET, IMAGENET_BGR, RAW = "unit", "imagenet", "imagenet-bgr", "raw"
-"""What numbers represent the colours of a pixel; see `images.PIXELS`."""
+"""Encodings of a pixel's colours; see `images.PIXELS`."""
 PAD = 114
 """Grey of the border."""
 MAX_CROPS = 32

@@ -70,7 +70,7 @@ class Embedder:
         return out
 
     def parameters(self) -> dict[str, object]:
-        """What the vectors depend on, for the provenance."""
+        """Parameters of the vectors, for the provenance."""
         width, height = self.network.size
         return {
             "embed_runtime": self.network.runtime.called,
@@ -168,7 +168,7 @@ class NetworkDetector:
     overlap: float
 
     def prepare(self, image: Image) -> Prepared:
-        """What the network requires of an image (height, width, 3) in BGR."""
+        """Convert an image (height, width, 3) in BGR to the network's input."""
         size = self.network.size
         where = place((image.shape[1], image.shape[0]), size, self.fit)
         numbers = np.empty((3, size[1], size[0]), dtype=np.float32)
@@ -202,7 +202,7 @@ class NetworkDetector:
         return found
 
     def parameters(self) -> dict[str, object]:
-        """What the boxes depend on, for the provenance."""
+        """Parameters of the boxes, for the provenance."""
         width, height = self.network.size
         return {
             "runtime": self.network.runtime.called,

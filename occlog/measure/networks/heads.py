@@ -73,7 +73,7 @@ class NetworkDetections(NamedTuple):
 
 @dataclass(frozen=True)
 class Head:
-    """What a head requires of images, and whether boxes of one object come several times."""
+    """Input format of a head, and whether it outputs several boxes per object."""
 
     fit: str
     pixels: str
@@ -343,7 +343,7 @@ COCO = (
 LEFT_OUT = (0, 12, 26, 29, 30, 45, 66, 68, 69, 71, 83)
 """Numbers from 0 to 90 that no class of COCO has in its annotations."""
 COCO_91 = dict(zip((k for k in range(91) if k not in LEFT_OUT), COCO, strict=True))
-"""The same classes by COCO's own numbers, as RF-DETR has them."""
+"""Classes of COCO by COCO's own numbers, as in RF-DETR."""
 
 
 class ClassNames(NamedTuple):

@@ -17,7 +17,7 @@ CHANGE = "Change of the velocity in a second, per axis."
 
 @dataclass(frozen=True)
 class PositionPriorConfig(Settings):
-    """How measured positions become priors; with the defaults of the reference scene the RMS error is 6.67."""
+    """Settings of priors from measured positions; with the defaults of the reference scene the RMS error is 6.67."""
 
     OWNER: ClassVar[str] = "priors"
 
@@ -44,7 +44,7 @@ class PositionPriorConfig(Settings):
 
 @dataclass(frozen=True)
 class HullConfig(Settings):
-    """How views become polygons."""
+    """Settings of hull polygons from views."""
 
     OWNER: ClassVar[str] = "hull"
 
@@ -120,7 +120,7 @@ class HullConfig(Settings):
 
 @dataclass(frozen=True)
 class AcousticConfig(Settings):
-    """How directions of arrival become priors."""
+    """Settings of priors from directions of arrival."""
 
     OWNER: ClassVar[str] = "acoustic"
 

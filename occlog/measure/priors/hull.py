@@ -66,7 +66,7 @@ def wedge(origin: Floats, axis: float, width: float, far: float) -> shapely.Geom
 
 
 def shadow(origin: Floats, wall: Floats, far: float) -> shapely.Geometry:
-    """What a polygon hides from a point outside it, to a distance of at least `far`, itself included."""
+    """Return the shadow of a polygon from a point outside it, up to at least `far`, including the polygon."""
     parts = [shapely.Polygon(wall)]
     for a, b in zip(wall, np.roll(wall, -1, axis=0), strict=True):
         rays = np.array([a, b]) - origin
@@ -322,7 +322,7 @@ def _lately(known: TrackedPolygon, t_ns: int, rules: HullRules) -> bool:
 
 
 def _needed(current: list[TrackedPolygon], t_ns: int, rules: HullRules) -> list[TrackedPolygon]:
-    """Those with evidence, and of the others what explains runs that have none of these.
+    """Select polygons with evidence, and those that explain otherwise unexplained runs.
 
     Which of two polygons that may both be phantoms is one cannot be reported from their runs; what
     explains more is taken first, both of what explains as much.

@@ -337,7 +337,7 @@ MOST = 8
 
 
 def downscale_factor(width_px: float) -> int:
-    """Whole number by which images are shrunk where people are so wide."""
+    """Return the integer factor for downscaling images, by the width of people."""
     return int(np.clip(width_px // ENOUGH_WIDTH_PX, 1, MOST))
 
 

@@ -43,7 +43,7 @@ STYLES: dict[str, Style] = {
     "A": {"color": COLOURS["seen"], "linewidth": 1.2},
     "B": {"color": COLOURS["bound"], "linewidth": 1.2, "linestyle": (0, (5, 1.2))},
 }
-"""How lines of the runs are drawn: by colour, and by dashes if missing."""
+"""Line styles of the runs: by colour, or by dashes without colours."""
 
 
 class PersonLifeline(NamedTuple):

@@ -217,7 +217,7 @@ def align_runs(
 
 
 def _made(run: ReportRun) -> dict[str, object]:
-    """How each table of a run was made."""
+    """Return the provenance of each table of a run."""
     made = run.data.provenance.get("made", {})
     return made if isinstance(made, dict) else {}
 
@@ -225,7 +225,7 @@ def _made(run: ReportRun) -> dict[str, object]:
 def _provenance(
     request: RunComparisonRequest, job: Job, found: RunComparisonPage, config: RunComparisonConfig
 ) -> dict[str, object]:
-    """How this page and everything in both runs was made."""
+    """Return the provenance of this page and of both runs."""
     own = job.provenance({"title": request.title, **asdict(config)}, seed=request.seed)
     made = {f"{letter}: {side.name}": side.data.provenance.get("made", {}) for letter, side in found.sides}
     return {name: value for name, value in own.as_dict().items() if name != "losses"} | {"made": made}

@@ -36,7 +36,7 @@ def same_rows(a: ColumnTable, b: ColumnTable) -> bool:
 def matched_by_truth(
     a: Tracks, b: Tracks, truth: Truth, near: float, unit: str, lasting_ns: int
 ) -> tuple[MatchedRuns, MatchedRuns, tuple[int, int], ErrorsOverTime]:
-    """What the truth states about both runs, in all true frames.
+    """Compare both runs with the truth, in all true frames.
 
     Args:
         a: run A.
@@ -64,7 +64,7 @@ def matched_by_truth(
 
 
 def notes_on_time(a: Tracks, b: Tracks, *, truth: bool) -> Iterator[str]:
-    """What one run has before or after the other has anything."""
+    """Describe the times that only one run covers."""
     spans = [(int(t.t_ns[0]), int(t.t_ns[-1])) for t in (a, b)]
     step = max(int(np.median(np.diff(np.unique(t.t_ns)))) if len(t) > 1 else 0 for t in (a, b))
     start, end = max(s for s, _ in spans), min(e for _, e in spans)

@@ -47,7 +47,7 @@ class RunSide:
 
 @dataclass(frozen=True, eq=False)
 class TruthComparison:
-    """What the truth states about both.
+    """Comparison of both runs with the truth.
 
     Attributes:
         comparison: figures with their differences, of `occlog compare`.
@@ -127,7 +127,7 @@ class RunComparisonPage:
 
 
 def lengths_of(config: RunComparisonConfig, unit: str) -> tuple[float, float]:
-    """How near tracks meet, and the tolerance, in a scene's unit; UsageError where neither they nor defaults are known.
+    """Return the matching distance and the tolerance in a scene's unit; UsageError if neither given nor default.
 
     Args:
         config: as given, in the scene's unit; None for a default.
@@ -224,7 +224,7 @@ def seconds(found: RunComparisonPage, t_ns: int) -> float:
 
 
 def format_time(found: RunComparisonPage, t_ns: int) -> str:
-    """The same as it is reported."""
+    """Format a time as the page prints it."""
     return f"{seconds(found, t_ns):.2f} s"
 
 
@@ -242,7 +242,7 @@ def comparison_heading(found: RunComparisonPage) -> str:
 
 
 def _of_verdicts(rows: Sequence[ComparisonRow]) -> str:
-    """What figures show, in a line."""
+    """Describe the figures in a line."""
     decided = [f"{v} in {names}" for v in ("better", "worse") if (names := _names(r for r in rows if r.verdict == v))]
     if decided:
         return f"B is {' and '.join(decided)}"
@@ -300,7 +300,7 @@ def _of_figures(found: RunComparisonPage) -> list[str]:
 
 
 def first_divergence(found: RunComparisonPage) -> str:
-    """Where the runs first part, or that they do not."""
+    """Describe the first divergence of the runs, or that there is no divergence."""
     first, measure = found.partings.first, f"{number(found.tolerance)} {found.unit}"
     if first is None:
         return (
@@ -329,7 +329,7 @@ def _told(found: RunComparisonPage, kind: str, moment: RunComparisonStep) -> str
 
 
 def of_identities(found: RunComparisonPage) -> str:
-    """How many became another one."""
+    """Describe the number of identity changes."""
     truth = found.against_truth
     if truth is not None:
         a, b = len(truth.a.changes), len(truth.b.changes)
@@ -362,7 +362,7 @@ def _changed(followed: MatchedRuns) -> int:
 
 
 def lasting_ns(found: RunComparisonPage) -> int:
-    """What lasts less is not given."""
+    """Minimum duration of listed changes [ns]."""
     return round(found.lasting_s * NS)
 
 
@@ -390,7 +390,7 @@ def figure_rows(found: RunComparisonPage) -> list[FigureRow]:
 
 
 def basis_sentence(found: RunComparisonPage) -> str:
-    """What figures rest on."""
+    """Describe the basis of the figures."""
     if found.against_truth is None:
         return ""
     return text.basis(found.against_truth.comparison)

@@ -1,1 +1,1 @@
-"""What a page states: figures in words, the plane of sight."""
+"""Content of a page: figures in words, the plane of sight."""

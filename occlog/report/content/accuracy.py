@@ -53,7 +53,7 @@ class ErrorsAgainstBound:
     """Accumulates errors and bounds over streams, in sections of the same time."""
 
     def __init__(self) -> None:
-        """Nothing yet."""
+        """Create empty statistics."""
         self._sums: dict[tuple[int, str, str], _Sums] = {}
         self._targets: dict[int, _BoundSoFar] = {}
 
@@ -199,7 +199,7 @@ class FilterDiagnosticsStreams:
     """Accumulates filter diagnostics over a stream."""
 
     def __init__(self, in_memory: int = 1 << 16) -> None:
-        """Nothing yet; of each kind this many times of fallbacks are kept `in_memory`."""
+        """Create empty statistics; `in_memory`: times of fallbacks kept of each kind."""
         self._in_memory = in_memory
         self._rows = self._doubtful = 0
         self._particles, self._lowest = False, np.inf
@@ -208,7 +208,7 @@ class FilterDiagnosticsStreams:
         self._doubts: set[str] = set()
 
     def add(self, part: Diagnostics) -> None:
-        """Some more."""
+        """Add diagnostics."""
         if not len(part):
             return
         self._start = int(part.t_ns[0]) if self._start is None else self._start

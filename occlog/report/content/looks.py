@@ -121,7 +121,7 @@ class ObservationStreams:
     """Accumulates observations over a stream of bearings, buffered on disk until the borders of cells are known."""
 
     def __init__(self, blocks: Blocks | None = None) -> None:
-        """Nothing was seen yet; `blocks` takes records of `LOOK`."""
+        """Create an empty coverage; `blocks` takes records of `LOOK`."""
         self.rows = self._seen = 0
         self._sensors: dict[str, tuple[int, int]] = {}
         self._pairs: dict[Pair, int] = {}
@@ -129,7 +129,7 @@ class ObservationStreams:
         self._told = Blocks(LOOK) if blocks is None else blocks
 
     def add(self, bearings: Bearings) -> None:
-        """Some more, which end between two times."""
+        """Add bearings that end between two times."""
         self.rows += len(bearings)
         names, which = np.unique(bearings.sensor, return_inverse=True)
         for name, (rows, seen) in _by_sensor(names, which, bearings.seen).items():
@@ -276,12 +276,12 @@ class SelectionStreams:
     """Accumulates selections over a stream of diagnostics, and their outcomes over errors or tracks read along."""
 
     def __init__(self, every: int = 1) -> None:
-        """Nothing was selected yet; every n-th selection is drawn."""
+        """Create an empty list of selections; every n-th selection is drawn."""
         self._every = every
         self._targets: dict[int, _SelectionTarget] = {}
 
     def add(self, part: Diagnostics) -> None:
-        """Some more, in the order of time."""
+        """Add rows in the order of time."""
         rows = np.isfinite(part.predicted_mse)
         for target in np.union1d(part.target_id[rows], np.array(list(self._targets), np.int64)).astype(int).tolist():
             mine = part.target_id == target

@@ -175,7 +175,7 @@ WHOSE = r"(?:_target_(?P<target>-?\d+)|_sensor_(?P<sensor>.+?)|_(?P<box>clear|fr
 BOXES = {"clear": "in the clear", "front": "in front of other people", "hidden": "partly hidden"}
 SETTLED = "settled_"
 LONGEST_FIRST = sorted(WORDS, key=lambda word: -len(word.base))
-"""So that `detected_hidden` is not read as `detected` of `hidden`."""
+"""Longest prefixes first: `detected_hidden` must not match `detected`."""
 
 
 @dataclass(frozen=True)

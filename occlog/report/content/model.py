@@ -146,7 +146,7 @@ class ReportInput:
         return self.figures.whole
 
     def rows(self, name: str) -> int:
-        """How many rows a table has that is given, drawn or not."""
+        """Return the number of rows of a given table, drawn or not."""
         return self.whole[name].rows
 
     def drawn(self, *names: str) -> str:
@@ -249,7 +249,7 @@ class ReportInput:
 
     @property
     def residuals(self) -> Mapping[int, Residual]:
-        """What each target's track leaves of the directions it was seen in."""
+        """Bearing residuals of each target's track."""
         return self.figures.residuals
 
     @property

@@ -20,7 +20,7 @@ MAX_PEOPLE = 60
 
 @dataclass(frozen=True, eq=False)
 class PeopleCount:
-    """How many people there are at each time.
+    """Number of people at each time.
 
     Attributes:
         t_ns: (T,) times of the tracks, and the ends of those that gaps without people follow.
@@ -145,7 +145,7 @@ class PeopleStreams:
         return self._told > 0
 
     def add(self, tracks: PeopleTracks) -> None:
-        """Some more, which end between two times."""
+        """Add rows that end between two times."""
         found = people_statistics(tracks)
         self._times += len(found.t_ns)
         self._people += int(found.people.sum())

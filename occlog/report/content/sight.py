@@ -1,4 +1,4 @@
-"""How far tracks are from lines of sight, and from triangulated positions, accumulated over both streams.
+"""Distances of tracks from lines of sight and from triangulated positions, accumulated over both streams.
 
 What a sensor can see, and where lines of sight meet: plane geometry for drawing.
 """
@@ -107,7 +107,7 @@ class LabelledSightings:
 
 
 def sight_lines(bearings: Bearings, scene: Scene, labels: Iterable[int]) -> dict[int, LabelledSightings]:
-    """Those of each label."""
+    """Group sightings by label."""
     sensor = _index(bearings.sensor, tuple(places(scene)))
     seen, out = bearings.seen & (sensor >= 0), {}
     for label in labels:
@@ -122,7 +122,7 @@ def label_of(target: int, labels: Collection[int]) -> int:
 
 
 def distance_to_lines(lines: LabelledSightings, estimate: Floats, scene: Scene, *, nearest: bool) -> DirectionErrors:
-    """How far (N, 2) estimates are from lines of sight; `nearest`: the nearest line of each time and sensor alone."""
+    """Return the distances of (N, 2) estimates from lines of sight; `nearest`: the nearest line of each time and sensor alone."""
     known = places(scene)
     origins = np.array(list(known.values())).reshape(-1, 2)[lines.sensor]
     delta = estimate - origins
@@ -161,7 +161,7 @@ def has_common_time(t_ns: Ints) -> Bools:
 
 
 def period_of(steps: Sequence[float]) -> int:
-    """That of sensors with these usual times between sightings."""
+    """Return the scan period of sensors with these usual intervals."""
     return max(int(np.median(steps)) if len(steps) else 1, 1)
 
 
@@ -195,7 +195,7 @@ def triangulate_scans(lines: LabelledSightings, rows: Ints, scan: Ints, scene: S
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """What a track leaves of the directions that its target was seen in.
+    """Bearing residuals of a track.
 
     Attributes:
         drawn: sightings, or a part of them.
@@ -244,7 +244,7 @@ class TriangulationDistances:
 
 @dataclass
 class _Off:
-    """What one target's track left up to now."""
+    """Accumulated residuals of one target's track."""
 
     rows: Ints
     squares: Floats
@@ -270,7 +270,7 @@ class BearingResidualStreams:
         every: int = 1,
         in_memory: int = NUMBERS_IN_MEMORY,
     ) -> None:
-        """Nothing yet.
+        """Create empty statistics.
 
         Args:
             scene: the sensors.

@@ -204,7 +204,7 @@ class ErrorsSoFar:
         self._targets: dict[int, _ErrorsOfTarget] = {}
 
     def add(self, errors: Errors) -> Floats:
-        """Some more, in the order of time; (N,) the RMSE of each one's target up to it."""
+        """Add errors in the order of time; return (N,) the RMSE of each one's target up to it."""
         out = np.zeros(len(errors))
         for k in np.unique(errors.target_id).tolist():
             own = self._targets.setdefault(k, _ErrorsOfTarget())
@@ -226,7 +226,7 @@ class ErrorsSoFar:
         return _root(sum(t.squares.value for t in own), sum(t.rows for t in own))
 
     def rmse_in_space(self) -> float:
-        """The same in space of all targets."""
+        """Return the RMSE in space over all targets."""
         own = self._of(None)
         return _root(sum(t.squares_in_space.value for t in own), sum(t.in_space for t in own))
 

@@ -37,7 +37,7 @@ class Outline(NamedTuple):
 
 
 class TruePosition(NamedTuple):
-    """Where a target truly is."""
+    """True position of a target."""
 
     box: Floats  # (4,) left, top, width, height [px]
     target_id: int

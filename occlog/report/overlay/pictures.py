@@ -42,7 +42,7 @@ class LostFrames:
     """Decodes frames, and keeps which of those that were requested could not be."""
 
     def __init__(self) -> None:
-        """None yet."""
+        """Create an empty series of pictures."""
         self._why: dict[tuple[str, int], str] = {}
         self._missed: set[tuple[str, int]] = set()
 

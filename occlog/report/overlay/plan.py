@@ -182,7 +182,7 @@ class OverlayTables(NamedTuple):
 
 
 class GroundTrackPositions:
-    """Where targets are in the world at the time of the frames, which must not go back."""
+    """Positions of targets in the world at the times of frames, which must not go back."""
 
     def __init__(self, sources: OverlayTables, metres: float, ranks: Mapping[int, int], trail_s: float) -> None:
         """Open the tables; lengths are of a unit of `metres`, trails are as long as `trail_s`."""
@@ -232,7 +232,7 @@ class GroundTrackPositions:
 
 
 class Trails:
-    """Where the feet of targets were in the images of one camera."""
+    """Trails of targets' feet in the images of one camera."""
 
     def __init__(self, trail_s: float) -> None:
         """Keep the last seconds."""

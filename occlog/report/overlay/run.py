@@ -80,7 +80,7 @@ def _check(asked: OverlayRequest) -> None:
 
 
 def classify_inputs(asked: OverlayRequest) -> OverlayRequest:
-    """What a run folder holds, and tracks of the world, in the positions where they belong."""
+    """Sort the inputs of a run folder, and tracks of the world, into the request."""
     given = asked.tracks
     if given is not None and given.is_dir():
         found = {name: given / f"{name}.parquet" for name in ("view_tracks", "tracks", "diagnostics")}

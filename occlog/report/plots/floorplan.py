@@ -88,7 +88,7 @@ def _overlap(a: Floats, b: Floats) -> float:
 
 
 def _beyond(box: Floats, limits: Floats) -> float:
-    """How far a label sticks out of the axes."""
+    """Return the overhang of a label beyond the axes."""
     return float(np.maximum(limits[0] - box[0], 0.0).sum() + np.maximum(box[1] - limits[1], 0.0).sum())
 
 
@@ -397,7 +397,7 @@ def _paths(axes: Axes, data: ReportInput) -> list[Line2D | Patch]:
 
 
 def _path_handles(data: ReportInput) -> list[Line2D | Patch]:
-    """What the legend states about all paths."""
+    """Legend entries of all paths."""
     mark: Style = {"color": COLOURS["ink"], "linestyle": "none", "markersize": 6}
     out: list[Line2D | Patch] = []
     if data.truth is not None:

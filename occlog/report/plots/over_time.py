@@ -44,7 +44,7 @@ T = TypeVar("T", Errors, Bound, Tracks)
 BUCKETS, FEWEST = 350, 80
 """Sections of a line, of each of which the extremes are drawn; those of each target among many, at least."""
 OF_ALL = 600
-"""The same of the lines of all targets together, so that a page of many stays small."""
+"""Maximum number of points of the lines of all targets together, so that a page of many stays small."""
 
 
 def draw_accuracy(figure: FigureBase, data: ReportInput, all_errors: Errors, target: int) -> None:
@@ -363,7 +363,7 @@ def draw_visibility(
 
 
 def coarser(found: SensorSightings, most: int) -> SensorSightings:
-    """The same frames in at most this many cells: neighbours are one, as many as it takes."""
+    """Merge neighbouring frames into at most a given number of cells."""
     together = -(-len(found.looked) // most)
     if together <= 1:
         return found
@@ -385,7 +385,7 @@ def draw_rows(axes: Axes, time: TimeAxis, rows: Sequence[SensorSightings], names
 
 
 def _percent(share: float) -> str:
-    """Whole per cent; never 0 or 100 unless it is exactly that."""
+    """Format as whole per cent; never 0 or 100 unless it is exactly that."""
     if 0.0 < share < 1.0:
         return f"{min(max(round(100 * share), 1), 99)} %"
     return f"{100 * share:.0f} %"

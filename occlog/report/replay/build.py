@@ -1,4 +1,4 @@
-"""What the page's script is given: the room, the sensors and the time steps of a run, as JSON."""
+"""Data of the page's script: the room, the sensors and the time steps of a run, as JSON."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def replay(data: ReportInput, images: Thumbnails | None = None) -> Replay | None
 
 
 def plan_values(data: ReportInput, moments: ReplaySteps) -> tuple[dict[str, Any], int, list[Layer]]:
-    """What a plan is drawn from at each time step; every how manieth one has lines of sight; what can be shown."""
+    """Return the plan's data at each time step, the interval of those with lines of sight, and the layers."""
     sensors = [] if data.scene is None else _sensors(near_scene(data.scene)[0], moments.limits)
     metres = METRES.get(data.unit, 1.0)
     seen, doubts = Words(), Words()

@@ -65,7 +65,7 @@ class Words:
     """Texts that repeat, each once."""
 
     def __init__(self) -> None:
-        """None yet."""
+        """Create an empty list of times."""
         self._numbers: dict[str | None, int] = {}
 
     def numbers(self, texts: Iterable[Any], known: Bools | None = None) -> Ints:
@@ -110,7 +110,7 @@ class ReplaySteps:
 
     @property
     def count(self) -> int:
-        """How many times there are, those that are not drawn, too."""
+        """Number of times, including those not drawn."""
         return 0 if self._leading is None else self._leading.times
 
     @property

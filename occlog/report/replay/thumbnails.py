@@ -34,7 +34,7 @@ MARGIN = 0.85
 """Share of the limit that images of the size of the first ones may fill: later ones may be larger."""
 BASE64 = 4 / 3
 TRAIL_S = 2.0
-"""How long a way is drawn behind each target."""
+"""Length of the trail behind each target."""
 
 
 @dataclass
@@ -59,7 +59,7 @@ class Thumbnails:
         return f"Images: {self.moments:,} of {self.of:,} time steps." if self.of > self.moments else ""
 
     def packed(self, start_ns: int) -> list[dict[str, Any]]:
-        """What the script is given."""
+        """Return the data of the script."""
         return [
             {
                 "index": index,

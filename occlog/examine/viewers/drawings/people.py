@@ -32,7 +32,7 @@ from occlog.records.tables import Boxes, Diagnostics, Tracks, Truth, TruthBoxes,
 HEIGHT, WIDTH = 1.7, 0.5
 """Size of a person without a size in the tracks [m]."""
 TRAIL_NS, TRAIL_POINTS = 5 * NS, 60
-"""How long a trail is; points of it that are drawn."""
+"""Length of a trail, and the points of it that are drawn."""
 STALE_NS = NS
 """An estimate that is older than this is no longer drawn: the target is gone."""
 SLACK = 0.1
@@ -82,7 +82,7 @@ class Palette:
         self._index = {target: n for n, target in enumerate(sorted(set(targets)))}
 
     def __len__(self) -> int:
-        """How many targets there are."""
+        """Number of targets."""
         return len(self._index)
 
     def __call__(self, target: int) -> Rgba:
@@ -97,7 +97,7 @@ class DiagnosticsDrawing:
     """Latest filter output for each target that tracks do not contain: the sensors that see it, and uncertainties."""
 
     def __init__(self) -> None:
-        """Nothing yet."""
+        """Create empty drawings."""
         self.doubt: dict[int, str] = {}
         self.seen_by: dict[int, frozenset[str] | None] = {}
 

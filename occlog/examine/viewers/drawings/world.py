@@ -1,4 +1,4 @@
-"""What does not move: the floor, walls, static occluders and what they hide, names of sensors.
+"""Static parts of a scene: the floor, walls, static occluders and what they hide, names of sensors.
 
 Where sensors are and how cameras see, as messages of Foxglove.
 
@@ -125,7 +125,7 @@ def quaternion(rotation: Floats) -> Floats:
 NAME_SIZE = 0.25
 """Height of the name of a sensor or an occluder [m]."""
 REACH = 60.0
-"""How far shadows go where no room ends them [m]."""
+"""Length of shadows without a room [m]."""
 LIFTED = 0.01
 """Shadows are this far above the floor, so that viewers draw them over it [m]."""
 
@@ -178,7 +178,7 @@ def static_shadows(scene: Scene, metres: float) -> list[DrawingGroup]:
 
 
 def walls(scene: Scene, metres: float) -> Polygon | None:
-    """What ends shadows: the convex hull of the room [m]; None where there is no room."""
+    """Boundary of shadows: the convex hull of the room [m]; None without a room."""
     import shapely
 
     return None if scene.room is None else shapely.convex_hull(shapely.MultiPoint(metres * scene.room))

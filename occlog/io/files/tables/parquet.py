@@ -1,6 +1,6 @@
 """Reads tables from Parquet, with the check sums of pages and of what the footer states verified.
 
-What the header of a table states without its rows: name, units, columns, times, and how it was made.
+What the header of a table states without its rows: name, units, columns, times, and its provenance.
 
 Vectors in rows, each of which takes as much as the longest: a file may have one of a million numbers among many.
 """
@@ -116,7 +116,7 @@ def open_parquet(path: Path) -> Iterator[SizedFile]:
 
 
 def statements_of(file: pq.ParquetFile) -> dict[bytes, bytes]:
-    """What a table states about itself: entries of its schema, replaced by those that were added after the last row."""
+    """Metadata of a table: entries of its schema, replaced by those that were added after the last row."""
     return {**(file.schema_arrow.metadata or {}), **(file.metadata.metadata or {})}
 
 
@@ -257,7 +257,7 @@ def arrow_batches(path: Path, rows: int = ROWS_PER_GROUP) -> Iterator[pa.RecordB
 
 
 class TableHeader(NamedTuple):
-    """What a table states about itself: its name, the unit of its lengths, and how it was made."""
+    """Header of a table: its name, the unit of its lengths, and its provenance."""
 
     table: str
     length_unit: str
@@ -272,7 +272,7 @@ def read_header(path: Path) -> TableHeader:
 
 
 def read_provenance(path: Path) -> Provenance:
-    """How the file was made."""
+    """Read the provenance of the file."""
     with opened_table(path) as file:
         return _provenance(statements_of(file), path)
 
@@ -286,7 +286,7 @@ def _unit(entries: Mapping[bytes, bytes]) -> str:
 
 
 class TableDescription(TypedDict):
-    """What a Parquet file holds."""
+    """Description of a Parquet file."""
 
     schema: str  # name of the table
     version: int  # of the schema; 0: not stated
@@ -298,7 +298,7 @@ class TableDescription(TypedDict):
 
 
 def describe(path: Path) -> TableDescription:
-    """What a Parquet file holds: schema, rows, columns with units, time span, provenance."""
+    """Describe a Parquet file: schema, rows, columns with units, time span, provenance."""
     with opened_table(path) as file:
         schema, name = file.schema_arrow, schema_name_of(path, file.schema_arrow)
         columns = [

@@ -23,7 +23,7 @@ WRITTEN: dict[str, Any] = {
     "compression_level": 3,
     "write_page_checksum": True,
 }
-"""How pages are written."""
+"""Settings of Parquet pages."""
 
 
 class TableWriter:

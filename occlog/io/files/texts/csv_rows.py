@@ -47,7 +47,7 @@ COARSEST = 0.01
 
 
 def last_place(text: str) -> float:
-    """What the last digit of a number represents, if that is above 1, as it is with an exponent alone; else 0."""
+    """Return the unit of the last digit of a number if above 1, as with an exponent; else 0."""
     try:
         value = Decimal(text.strip())
     except InvalidOperation:
@@ -65,7 +65,7 @@ def no_formula(text: str) -> str:
 
 
 def plain_text(text: str) -> str:
-    """What `no_formula` was given."""
+    """Return the text that was given to `no_formula`."""
     return text[1:] if text.startswith("'") and _FORMULA.match(text) else text
 
 
@@ -93,7 +93,7 @@ def _refuse(error: InputError) -> None:
 
 @dataclass(frozen=True)
 class CsvRows:
-    """Some rows of a table: cells as text by column, and the line (or `place` of another kind) of each row.
+    """Rows of a table: cells as text by column, and the line (or `place` of another kind) of each row.
 
     `files` has the file of each row where `path` is a folder; else it is empty.
     """

@@ -136,13 +136,13 @@ class TextFormat:
 
     @property
     def names(self) -> dict[str, Sequence[str]]:
-        """What each column may be called."""
+        """Accepted names of each column."""
         return {**(TIME_COLUMNS if self.times else {}), **{name: c.names for name, c in self.columns.items()}}
 
 
 @dataclass(frozen=True)
 class TextPart:
-    """Some rows of a table: `part[name]` are the (n,) values of a column."""
+    """Rows of a table: `part[name]` are the (n,) values of a column."""
 
     rows: CsvRows
     values: Mapping[str, NDArray[Any]]
@@ -190,7 +190,7 @@ START = 4096
 
 
 class Probe:
-    """What a format can be recognised by: the path, and the beginning of the file, read when it is asked for.
+    """Evidence for recognising a format: the path, and the beginning of the file, read on demand.
 
     Attributes:
         path: of the file or folder.

@@ -176,7 +176,7 @@ class _Constructor(_Loader):
     """Makes values of nodes, and names the line of one that its tag or its form does not allow."""
 
     def __init__(self, text: str, source: str) -> None:
-        """As the loader; `source` names the file in messages."""
+        """Initialise the loader; `source` names the file in messages."""
         super().__init__(text)
         self._source = source
 
@@ -219,7 +219,7 @@ def lines_of(path: Path) -> dict[str, int]:
 
 
 def parse_yaml(text: str, source: str, kind: type[T]) -> T:
-    """As `read_yaml`, from text; `source` names it in messages."""
+    """Parse YAML text like `read_yaml`; `source` names it in messages."""
     raw, lines = _values(text, source)
     if not isinstance(raw, dict):
         raise InputError(f"{source}: expected keys and values at the top level, got {type(raw).__name__}")

@@ -68,7 +68,7 @@ class BoxReadOptions(NamedTuple):
 
 
 class BoxSource(NamedTuple):
-    """What a file or folder of boxes holds.
+    """Content of a file or folder of boxes.
 
     Attributes:
         chunks: its rows, with columns named as in `COLUMNS`, `CLASS_KEYS` and `share_x`, ...

@@ -378,7 +378,7 @@ def _read(file: Path, frame: int) -> list[Line]:
 
 
 def _tail(folder: Path, lines: list[Line]) -> tuple[str, ...]:
-    """What the sixth number of a line is, where there is no seventh; InputError where that cannot be stated."""
+    """Return the meaning of the sixth number of lines without a seventh; InputError if ambiguous."""
     counts = {len(numbers) for *_, numbers in lines}
     if 7 in counts:
         if 5 in counts:

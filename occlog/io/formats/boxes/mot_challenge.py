@@ -41,7 +41,7 @@ Kind = Literal["tracks", "detections", "truth"]
 
 
 class SequenceInfo(NamedTuple):
-    """What `seqinfo.ini` states about a recording.
+    """Content of `seqinfo.ini` for a recording.
 
     Attributes:
         name: name of the sequence, which is that of its folder and of files of tracks.
@@ -241,7 +241,7 @@ WHAT = "MOTChallenge truth"
 
 
 class Marks(NamedTuple):
-    """What the truth states about each of its n boxes in addition to the position."""
+    """Attributes of the n true boxes in addition to the position."""
 
     frame: Ints  # (n,) from 0
     target_id: Ints  # (n,)

@@ -109,13 +109,13 @@ def table_times(found: dict[int, int], first: int, stop: int, where: str) -> Fra
 
 B = TypeVar("B", bound=Boxes)
 NORMALISED_PX = 1.5
-"""Where no box of many reaches farther than this, they are given in shares of the image, not in pixels."""
+"""Largest coordinate up to which many boxes are taken to be given in shares of the image, not in pixels."""
 MIN_FRAMES_OF_STEPS = 3
 
 
 @dataclass(frozen=True)
 class BoxOptions:
-    """How box files are to be understood.
+    """Options for reading box files.
 
     Attributes:
         frames: first frame and the one after the last; None: from the first to the last in the files.
@@ -160,7 +160,7 @@ class BoxFile(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BoxSurvey:
-    """What a first pass through the files has found.
+    """Result of the first pass through the files.
 
     Attributes:
         cameras: names of the cameras.
@@ -238,7 +238,7 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
 
 @dataclass
 class _BoxScan:
-    """What a survey has found so far; `listed` is None once a file does not list its frames."""
+    """State of a survey; `listed` is None once a file does not list its frames."""
 
     cameras: list[str] = field(default_factory=list)
     stamps: dict[str, dict[int, int]] = field(default_factory=dict)
@@ -345,7 +345,7 @@ def read_boxes(
 
 
 def box_source(path: Path) -> BoxSource:
-    """What a file of boxes holds, of whichever format; one that names no camera is of a camera with its own name.
+    """Return the content of a box file of any format; a file without camera names is of a camera with its own name.
 
     Raises:
         InputError: it is none, or cannot be read.

@@ -167,7 +167,7 @@ PARTS = {
     "dist": ("dist", "distortion", "dist_coeffs", "d"),
     "size": ("image_size", "size", "resolution", "imsize"),
 }
-"""What arrays may be called, in small letters."""
+"""Accepted names of arrays, in small letters."""
 _FAILURES = (
     *(*FAILURES, OSError, EOFError, MemoryError, NotImplementedError, RuntimeError),
     *(zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError, SyntaxError),

@@ -1,4 +1,4 @@
-"""What all calibration importers share: checked matrices to a `Camera`.
+"""Shared parts of calibration importers: checked matrices to a `Camera`.
 
 OpenCV's rational lens, fitted by Brown's, which has fewer coefficients.
 
@@ -95,7 +95,7 @@ MAX_SKEW_PX = 1.0
 
 @dataclass(frozen=True, eq=False)
 class CalibrationOptions:
-    """What some formats do not state themselves.
+    """Options for values that some formats do not state.
 
     Attributes:
         unit: length unit of the file, `m`, `cm` or `mm`; None: the format's own, else metres.
@@ -262,7 +262,7 @@ def build_camera(pose: Pose, where: str) -> Camera:
 
 
 def _round_trip(camera: Camera, size: tuple[int, int]) -> float:
-    """How far pixels of the image's border are from themselves after being undistorted and distorted again [px]."""
+    """Return the largest error of border pixels after undistortion and distortion [px]."""
     u, v = np.meshgrid(np.linspace(0, size[0] - 1, 9), np.linspace(0, size[1] - 1, 9))
     pixels = np.column_stack([u.ravel(), v.ravel()])
     return float(np.abs(camera.project(camera.position + camera.rays(pixels)) - pixels).max())

@@ -37,7 +37,7 @@ ROTATION = ("r", "rotation", "rotation_matrix", "rvec", "rotation_vector")
 TRANSLATION = ("t", "tvec", "translation", "translation_vector")
 SIZE = (("image_width", "image_height"), ("width", "height"))
 YES, NO = ("1", "true"), ("0", "false", "none", "")
-"""What `fisheye_model` may be, as OpenCV's own program for calibrations writes it."""
+"""Values of `fisheye_model`, as written by OpenCV's calibration program."""
 BROWN, FISHEYE = ("", "plumb_bob", "radtan", "brown", "rational_polynomial"), ("fisheye", "equidistant")
 """Names of `distortion_model`."""
 MAX_NUMBERS = 10_000

@@ -41,7 +41,7 @@ _OPTICAL = re.compile(r"_?optical(_frame)?$")
 
 
 class Transform(NamedTuple):
-    """Where a frame is in its parent: p_parent = R p + t."""
+    """Pose of a frame in its parent: p_parent = R p + t."""
 
     parent: str
     rotation: Floats

@@ -88,7 +88,7 @@ def write_epipolar(path: Path, pairs: ViewPairs, provenance: Provenance, *, over
 
 
 def epipolar_bytes(pairs: ViewPairs, provenance: Provenance) -> bytes:
-    """The same text as an attachment."""
+    """Return the epipolar geometry as the bytes of an attachment (JSON)."""
     return (json.dumps(_values(pairs, provenance), sort_keys=True, indent=2) + "\n").encode()
 
 

@@ -54,7 +54,7 @@ class Port:
 
 @dataclass(frozen=True)
 class OnnxFile:
-    """What a file of a network states about itself."""
+    """Metadata of a network file."""
 
     path: Path
     inputs: tuple[Port, ...]  # without those that have a value in the file
@@ -302,7 +302,7 @@ def _varint(data: memoryview, place: int) -> tuple[int, int]:
 
 
 def _varints(data: memoryview) -> Iterator[int]:
-    """Whole numbers one behind the other."""
+    """Iterate over consecutive variable-length integers."""
     place = 0
     while place < len(data):
         value, place = _varint(data, place)

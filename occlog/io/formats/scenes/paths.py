@@ -86,7 +86,7 @@ def read_paths(path: Path) -> MotionScript:
 
 
 def paths_from_yaml(text: str, source: str) -> MotionScript:
-    """As `read_paths`, from text; `source` names it in messages."""
+    """Parse scripted paths from YAML text, like `read_paths`; `source` names it in messages."""
     return _build(parse_yaml(text, source, PathsSpec), source)
 
 

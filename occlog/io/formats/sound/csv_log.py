@@ -22,7 +22,7 @@ from occlog.records.losses import Loss
 
 @dataclass(frozen=True)
 class DoaOptions:
-    """What a log does not state itself.
+    """Options for values that a log does not state.
 
     Attributes:
         format: a key of `occlog.io.formats.sound.directions.FORMATS`, or `auto`.

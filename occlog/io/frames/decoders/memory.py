@@ -20,7 +20,7 @@ from occlog.errors import InputError
 from occlog.records.frames import Image
 
 SHARED = sys.platform == "linux"
-"""Whether there is memory without a name that can be given to another process."""
+"""True if the system has memory without a name that can be given to another process."""
 SMALLEST, LARGEST = 2**18, 2**25
 """Sizes of images that pass through it [bytes]: a pipe is as quick for smaller ones; 3840 x 2160 px take 25 million."""
 MIN_SLOTS, MAX_SLOTS = 3, 8

@@ -26,7 +26,7 @@ from dataclasses import dataclass, field
 from typing import IO, NoReturn
 
 FORKS = sys.platform == "linux"
-"""Whether processes are forked; elsewhere libraries that were loaded before a fork may not work after it."""
+"""True where processes are forked; elsewhere libraries that were loaded before a fork may not work after it."""
 PATIENCE = 5.0
 """Time for the nursery to end its processes and itself [s]."""
 _REQUEST, _KILL = b"F", b"K"
@@ -51,7 +51,7 @@ class ForkedProcess:
     returncode: int | None = None
 
     def poll(self) -> int | None:
-        """How it ended, None if it still runs."""
+        """Return the exit status, or None while it runs."""
         if self.returncode is None:
             self._line.setblocking(False)
             with suppress(BlockingIOError):
@@ -81,7 +81,7 @@ class ForkServer:
     """The side of the process that asks for others."""
 
     def __init__(self) -> None:
-        """Nothing is started yet."""
+        """Create a fork server that is not started."""
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self._requests: socket.socket | None = None

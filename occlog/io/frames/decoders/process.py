@@ -26,7 +26,7 @@ from .nursery import FORKS, NURSERY, ForkedProcess
 
 
 class DecodingJob(TypedDict, total=False):
-    """What the decoding process is to do."""
+    """Work order of the decoding process."""
 
     kind: Required[Literal["video", "images", "messages"]]  # messages: images that come on standard input
     path: Required[str]  # video file, or folder of the images

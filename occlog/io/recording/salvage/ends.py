@@ -140,7 +140,7 @@ def are_records(data: bytes) -> bool:
 
 
 def _find(file: IO[bytes], marks: re.Pattern[bytes], at: int, size: int) -> int | None:
-    """Where a mark represents the first time from a byte on."""
+    """Return the first position of a mark from a byte on."""
     block = 1 << 20
     while at < size:
         file.seek(at)

@@ -47,9 +47,9 @@ class Damage:
 
     def __init__(self) -> None:
         self.places = 0
-        """How many positions are damaged."""
+        """Number of damaged positions."""
         self.unknown = 0
-        """How many of them no index of a chunk reports."""
+        """Number of damaged positions without an index of a chunk."""
         self.counted: dict[int, int] = {}
         """Messages of each channel that indexes of damaged chunks count."""
         self._behind = self._told = False
@@ -137,7 +137,7 @@ class Written:
     """Times and check sums of messages by topic: 8 bytes a message, and more once a person asks for a topic."""
 
     def __init__(self) -> None:
-        """Nothing was written yet."""
+        """Create an empty list of written messages."""
         self._all: dict[str, array[int]] = {}
         self._asked: dict[str, set[int]] = {}
 

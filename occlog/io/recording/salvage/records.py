@@ -131,13 +131,13 @@ _PARTS: dict[int, tuple[int, ...]] = {
     Opcode.ATTACHMENT: (16, -1, -1, -2, 4),
     Opcode.METADATA: (-1, -1),
 }
-"""What records consist of, by the MCAP format: this many bytes; -1, -2: bytes behind their number, of 4 or 8 bytes."""
+"""Layout of records in the MCAP format: numbers of bytes; -1, -2: bytes behind a count of 4 or 8 bytes."""
 _BLOCK = 1 << 20
 _FIRST_BLOCK = 1 << 12
 """Bytes in which the next record is searched for first: after repeated damage it is near."""
 _BEGINS = re.compile(b"|".join(map(re.escape, (*_MARKS, BEGIN))))
 FAILURES = (McapError, struct.error, ValueError, RuntimeError, EOFError, MemoryError, zstandard.ZstdError)
-"""What damaged records raise in the libraries that parse them."""
+"""Exceptions of parsing libraries for damaged records."""
 
 
 class DamageReporter(Protocol):
@@ -238,7 +238,7 @@ def repeated_records(path: Path, begin: int = 0) -> list[McapRecord]:
 
 
 def _behind(file: IO[bytes], at: int, size: int, damaged: DamageReporter) -> int:
-    """Where to read on behind the end mark at a byte: at the next recording or chunk; `size`: missing."""
+    """Return the position to read on behind the end mark at a byte: at the next recording or chunk; `size`: missing."""
     behind = byte_after_end(file, at, size)
     if behind is None:  # the index is damaged, or the mark is none
         begins = _next_begin(file, at + 1, size)
@@ -379,7 +379,7 @@ def _cut_chunk(
 
 
 def _unpacked(data: bytes, head: ChunkHead) -> bytes:
-    """As much of the declared records as a chunk's data hold, and no more; ValueError: too much is declared."""
+    """Unpack at most the declared records of a chunk; ValueError: too much is declared."""
     packed, compression, declared = data[head.begin :], head.compression, head.declared
     if compression not in KNOWN_COMPRESSION:
         raise ValueError(f"unknown compression {compression!r}")
@@ -415,7 +415,7 @@ def _split(records: bytes, at: int) -> Iterator[McapRecord]:
 
 
 def _next_begin(file: IO[bytes], at: int, size: int) -> int | None:
-    """Where the next record begins that resembles a whole compressed chunk, or the next recording; None: nowhere."""
+    """Return the start of the next plausible compressed chunk or recording; None: missing."""
     before = HEAD.size + CHUNK_HEAD.size  # of the name of the compression
     longest = max(map(len, (*_MARKS, BEGIN)))
     begin, length = at, _FIRST_BLOCK

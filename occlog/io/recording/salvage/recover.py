@@ -33,7 +33,7 @@ from occlog.records.losses import Loss
 
 
 class Recovered(NamedTuple):
-    """What a recovered recording holds.
+    """Content of a recovered recording.
 
     Attributes:
         messages: how many there are, by topic.
@@ -274,7 +274,7 @@ class _Salvage:
         self._attached[a.name] = digest
 
     def _provenance_before(self, part: SalvagedRecording) -> Provenance:
-        """How the recording was made, with the losses then; a loss where that itself is lost."""
+        """Return the recording's provenance with earlier losses; a loss if the provenance is lost."""
         before = UNKNOWN
         with suppress(InputError):
             before = provenance_from_json(part.metadata.get(OURS, {}).get("provenance", ""), self._source)
@@ -307,7 +307,7 @@ class _Salvage:
 
 
 def _source_of(topic: str) -> str:
-    """What losses call a topic: the camera, or the topic of a table."""
+    """Return the name of a topic in losses: the camera, or the topic of a table."""
     return sensor_of(topic) if topic.startswith("/camera/") else topic
 
 

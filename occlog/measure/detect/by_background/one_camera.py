@@ -162,7 +162,7 @@ BLOCK = 16  # codecs cut images at the right and below to whole blocks
 
 @dataclass(frozen=True)
 class CameraSetup:
-    """What a camera's first frame fixes for all of its frames."""
+    """Setup of a camera from its first frame."""
 
     shape: tuple[int, ...]
     shrink: int

@@ -1,4 +1,4 @@
-"""Which tracks of two groups of cameras are of one person, time step by time step.
+"""Matching of tracks from two groups of cameras to people, by time step.
 
 Identities of people that several groups of cameras track: they pass from one group to the other.
 
@@ -76,12 +76,12 @@ class GroundPositions(NamedTuple):
 
     @classmethod
     def of(cls, tracks: PeopleTracks) -> GroundPositions:
-        """Those of all rows."""
+        """Return the positions of all rows."""
         tracks = tracks.with_covariance()
         return cls(tracks.x, tracks.y, tracks.cov_xx, tracks.cov_xy, tracks.cov_yy)
 
     def take(self, rows: Ints) -> GroundPositions:
-        """Some of them."""
+        """Select rows."""
         return GroundPositions(*(values[rows] for values in self))
 
 
@@ -150,7 +150,7 @@ NO_ID = -1
 
 @dataclass
 class IdentityMatcher:
-    """Who is who, time step by time step.
+    """Identity matching over time steps.
 
     A person is tracked by tracks of one group or of several; while one of these tracks goes on, the person keeps the
     identity.  Of tracks that part one keeps it: the one that has had it for longest.

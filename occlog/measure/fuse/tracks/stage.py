@@ -116,7 +116,7 @@ NOT_THERE = "-"
 
 
 class GroupConsistency(NamedTuple):
-    """How a group of cameras agrees with those before it."""
+    """Consistency of a group of cameras with those before it."""
 
     moments: int  # at which both have a person
     pairs: int  # rows of one person, at these time steps

@@ -85,7 +85,7 @@ class SubprocessRuntime:
         return answer, found
 
     def _death(self) -> str:
-        """How the process ended."""
+        """Describe how the process ended."""
         return exit_description(self._process.wait(), f"{SECONDS} s of each thread")
 
 

@@ -1,4 +1,4 @@
-"""Who of one run is who of the other: pairs of each frame, and the people that they make.
+"""Matching of two runs: pairs of each frame, and the resulting people.
 
 Tracks matched to a person over time, and when one track replaces another.
 

@@ -1,4 +1,4 @@
-"""Where two runs part: the first time step of each kind, how often, and the longest sections.
+"""Divergences of two runs: the first time step of each kind, how often, and the longest sections.
 
 Two runs have parted in a frame where one has a person who has no partner in the other, or where partners are farther
 from each other than a tolerance; and at a time step from which on a person has another partner.
@@ -59,7 +59,7 @@ class DivergenceStretch(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Divergences:
-    """Where two runs part.
+    """Divergences of two runs.
 
     Attributes:
         kinds: pairs beyond the tolerance, a person in A only, and B alone, and other partners.
@@ -222,7 +222,7 @@ class ErrorsOverTime:
 
     @property
     def both(self) -> int:
-        """How many frames have targets that both have found."""
+        """Number of frames with targets in both runs."""
         return int(np.isfinite(self.a).sum())
 
 
