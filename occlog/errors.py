@@ -19,7 +19,7 @@ def as_flag(name: str) -> str:
 
 
 SPELLING: ContextVar[Callable[[str], str]] = ContextVar("SPELLING", default=as_flag)
-"""How the surface in use spells the name of something that a request takes."""
+"""Spelling of a request's field on the surface in use."""
 
 
 def option(name: str) -> str:
@@ -36,7 +36,7 @@ def spelled(text: str) -> str:
 
 
 class ExitCode(IntEnum):
-    """What the exit status of an `occlog` command states."""
+    """Exit status of an `occlog` command."""
 
     DONE = 0
     BUG = 1

@@ -1,4 +1,4 @@
-"""What a verb takes, declared once: the command line, the Python function and the keys of YAML are made from it.
+"""Request of a verb, declared once: the command line, the Python function and the keys of YAML are made from it.
 
 A class of requests derives from `Request`. Its fields are files to read (`source`) and to write (`sink`), values
 (`occlog.settings.setting`) and groups of settings (`group`). A field has one name, the key that YAML has for it; the
@@ -248,7 +248,7 @@ class RequestEntry(NamedTuple):
 
     @property
     def required(self) -> bool:
-        """Whether it must be given."""
+        """True if it must be given."""
         return self.of.default is MISSING and self.of.default_factory is MISSING
 
     @property

@@ -100,7 +100,7 @@ class Job:
         seed: int | None = None,
         inputs: Sequence[Path] | None = None,
     ) -> Provenance:
-        """How the outputs are made: the verb, its parameters, and the names and SHA-256 of all inputs.
+        """Return the provenance of the outputs: the verb, its parameters, and the names and SHA-256 of all inputs.
 
         Args:
             parameters: on which the outputs depend.

@@ -1,4 +1,4 @@
-"""What a setting is: declared once, with default, unit, range and help.
+"""Settings: declared once, with default, unit, range and help.
 
 A class of settings derives from `Settings`; each of its fields is a `setting(...)`.  From the
 declaration derive the check of its values, the reading of texts (`--set NAME=VALUE`), the
@@ -110,7 +110,7 @@ class Declaration:
         return " and ".join(f"{word} {end:g}" for word, end in ends if end is not None)
 
     def holds(self, value: Any) -> bool:
-        """Whether a number or a text is in the range; None always is."""
+        """Return whether a number or a text is in the range; None always is."""
         if value is None:
             return True
         if self.choices:
@@ -202,7 +202,7 @@ KIND_WORDS: dict[type | tuple[type, type], str] = {
     (tuple, int): "whole numbers with commas",
     (tuple, str): "a list of names",
 }
-"""What a value of a type is, in words."""
+"""Descriptions of the values of each type."""
 
 
 def item_kind(kind: object) -> type | tuple[type, type]:
@@ -215,7 +215,7 @@ def item_kind(kind: object) -> type | tuple[type, type]:
 
 
 def _is_a(value: object, kind: object) -> bool:
-    """Whether a value is of the annotated type; a whole number is a number, true is none."""
+    """Return whether a value is of the annotated type; a whole number is a number, true is none."""
     key = item_kind(kind)
     if isinstance(key, tuple):
         items = {float: numbers.Real, int: numbers.Integral}.get(key[1], str)
@@ -226,7 +226,7 @@ def _is_a(value: object, kind: object) -> bool:
 
 
 def counted(counts: tuple[int, ...]) -> str:
-    """How many numbers a tuple must have, in words."""
+    """Describe the length of a tuple."""
     return " or ".join(str(n) for n in counts) + " numbers"
 
 
@@ -318,7 +318,7 @@ def plain_kind(kind: object) -> type:
 
 
 def optional(kind: object) -> bool:
-    """Whether a setting of this type may be None."""
+    """Return whether a setting of this type may be None."""
     return isinstance(kind, types.UnionType) and types.NoneType in typing.get_args(kind)
 
 

@@ -222,7 +222,7 @@ def _asked(entry: RequestEntry, of: File, arguments: Mapping[str, Any]) -> bool:
 
 
 def _value(entry: RequestEntry, arguments: Mapping[str, Any], inputs: CallInputs, called: Mapping[str, str]) -> object:
-    """What an argument states, as the field of the request has it."""
+    """Convert an argument to the type of the request's field."""
     value, of, name = arguments.get(entry.field), entry.file, entry.field
     if value is None or (of is not None and of.output):
         return None

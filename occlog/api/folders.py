@@ -38,7 +38,7 @@ class Folder:
         return self.path / name
 
     def written(self, names: Iterable[str]) -> dict[str, Path]:
-        """Those of some Parquet files that are there, by the names of their tables."""
+        """Return the existing Parquet files by the names of their tables."""
         paths = {name: self.file(f"{name}.parquet") for name in names}
         return {name: path for name, path in paths.items() if path.is_file()}
 
@@ -62,7 +62,7 @@ class _Home:
 
     @classmethod
     def of_this_process(cls) -> _Home:
-        """That of this process: a new one after a fork, or where a person removed it."""
+        """Return the folder of this process: a new one after a fork, or where a person removed it."""
         home = cls.known
         if home is None or home.process != os.getpid() or not home.path.is_dir():
             home = cls.known = cls()

@@ -103,7 +103,7 @@ class Recording:
 
     @property
     def provenance(self) -> Mapping[str, object]:
-        """How it was made: command, parameters, seed, version, names and SHA-256 of the inputs."""
+        """Provenance: command, parameters, seed, version, names and SHA-256 of the inputs."""
         return self._opened.provenance.as_dict()
 
     def __getitem__(self, name: str) -> Table:
@@ -237,7 +237,7 @@ class ArrowStream(Protocol):
 
 
 Source: TypeAlias = "str | os.PathLike[str] | Table | Recording | ArrowStream | pd.DataFrame | Mapping[str, Any]"
-"""Where rows come from: a file, a table or a recording of this program, a DataFrame, or a dict of columns."""
+"""Source of rows: a file, a table or a recording of this program, a DataFrame, or a dict of columns."""
 SceneSource: TypeAlias = "Source | Scene"
 """A scene: a file or a recording that holds one, a `Scene`, or a table of stations."""
 
@@ -330,7 +330,7 @@ class CallInputs:
         return text
 
     def _as_argument(self, name: str) -> str:
-        """What a request takes, or a setting, as an argument."""
+        """Convert a value of a request or a setting to an argument."""
         free = name.removeprefix("set.")
         return self._arguments.get(name, name) if free == name else f"{free}="
 

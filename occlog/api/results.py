@@ -1,4 +1,4 @@
-"""What functions give back: tables, figures, and findings against them; a notebook shows it."""
+"""Results of functions: tables, figures, and findings against them; a notebook shows it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class OcclogWarning(UserWarning):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Result:
-    """What a function found.
+    """Result of a function.
 
     Attributes:
         summary: figures of the whole run, as the command prints them by `--json`.
@@ -53,18 +53,18 @@ class Result:
 
     @property
     def plausible(self) -> bool | None:
-        """Whether all checks of the estimates passed; None: unchecked."""
+        """True if all checks of the estimates passed; None: unchecked."""
         found: bool | None = self.summary.get("plausible")
         return found
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """What each stage checked and what it found, in the order of the stages, as the tables carry it."""
+        """Checks and findings of each stage, in the order of the stages, as the tables carry them."""
         return distinct(each for table in self.tables.values() for each in verdicts_in(table.provenance))
 
     @property
     def provenance(self) -> Mapping[str, Any]:
-        """How it was made: command, parameters, seed, version, names and SHA-256 of the inputs."""
+        """Provenance: command, parameters, seed, version, names and SHA-256 of the inputs."""
         return next((table.provenance for table in self.tables.values()), {})
 
     def __getitem__(self, name: str) -> Table:
@@ -90,7 +90,7 @@ class Result:
         return f"<table>{rows}</table>" + (f"<ul>{lines}</ul>" if lines else "") + self._picture()
 
     def _figures(self) -> Mapping[str, object]:
-        """What the notebook lists."""
+        """Return the figures that a notebook lists."""
         return {k: v for k, v in self.summary.items() if k != "warnings"}
 
     def _picture(self) -> str:
@@ -209,7 +209,7 @@ class OverlayResult(Result):
 
 
 def tables_in(folder: Folder, names: Iterable[str]) -> dict[str, Table]:
-    """Those of the tables that were written into a folder."""
+    """Return the tables written into a folder, by name."""
     return {name: Table(path, home=folder) for name, path in folder.written(names).items()}
 
 

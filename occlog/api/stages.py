@@ -366,7 +366,7 @@ def _paths(value: File | Sequence[File]) -> tuple[Path, ...]:
 
 
 def _named(value: object, argument: str) -> tuple[str, ...]:
-    """What the command takes: `VALUE` or `NAME=VALUE`; UsageError for a name that no sensor can have."""
+    """Return arguments of the command: `VALUE` or `NAME=VALUE`; UsageError for a name that no sensor can have."""
     if value is None:
         return ()
     if isinstance(value, Mapping):
@@ -380,7 +380,7 @@ def _named(value: object, argument: str) -> tuple[str, ...]:
 
 
 def _text(value: object, argument: str) -> str:
-    """As it is typed: 10.0 is 10; UsageError for a table in memory."""
+    """Format a value as typed: 10.0 is 10; UsageError for a table in memory."""
     if isinstance(value, float):
         return f"{value:.15g}"
     if getattr(value, "ndim", 0) or hasattr(value, "__arrow_c_stream__"):
@@ -540,13 +540,13 @@ def track(
 
 
 def _scene_of(request: Request) -> Scene | None:
-    """Where the targets are; None: no input states it."""
+    """Return the scene of the targets; None: in no input."""
     assert isinstance(request, TrackRequestBase)
     return open_input(request.bearings).scene if request.scene is None else scene_in(request.scene)
 
 
 SIDE_OUTPUTS = {"png": ".png", "markdown": ".md"}
-"""How files end that are made next to a page."""
+"""Endings of files that are written next to a page."""
 
 
 def report(

@@ -57,7 +57,7 @@ class Table:
 
     @property
     def name(self) -> str:
-        """Which table it is, for example `tracks`."""
+        """Name of the table, for example `tracks`."""
         return str(self._described["schema"])
 
     @property
@@ -77,7 +77,7 @@ class Table:
 
     @property
     def provenance(self) -> Mapping[str, Any]:
-        """How it was made: command, parameters, seed, version, names and SHA-256 of the inputs."""
+        """Provenance: command, parameters, seed, version, names and SHA-256 of the inputs."""
         found: dict[str, Any] = self._described["provenance"]
         return found
 

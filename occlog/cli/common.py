@@ -124,7 +124,7 @@ def _reader() -> click.Option:
 
 
 def _takes_reader(command: click.Command) -> bool:
-    """Whether inputs of a command can be files of a reader."""
+    """Return whether inputs of a command can be files of a reader."""
     return command.name == "ingest" or any(isinstance(param.type, Input) for param in command.params)
 
 

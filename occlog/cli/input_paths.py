@@ -68,7 +68,7 @@ def no_such_file(path: Path) -> InputError:
 
 
 def is_missing(path: Path) -> bool:
-    """Whether there is no file or folder of that name."""
+    """Return whether there is no file or folder of that name."""
     try:
         path.stat()
     except (FileNotFoundError, NotADirectoryError):

@@ -23,7 +23,7 @@ from .startup import allow_open_files, open_files_limit
 
 
 class Command(NamedTuple):
-    """Where a command is (module and name of its request, or a module with `command`), and what it does in one line."""
+    """Location of a command (module and name of its request, or a module with `command`), and its summary."""
 
     where: str
     summary: str
@@ -79,7 +79,9 @@ COMMANDS = {
     "run": Command("occlog.pipeline.run.command", "Do all stages of a configuration into a run folder."),
     "batch": Command("occlog.pipeline.batch.command", "Do the stages of a run for each of many recordings."),
     "pack": Command("occlog.pipeline.pack.command", "Put a run folder with its inputs and versions into one file."),
-    "verify": Command("occlog.pipeline.verify.command", "Repeat a packed run, and check that its outputs are the same."),
+    "verify": Command(
+        "occlog.pipeline.verify.command", "Repeat a packed run, and check that its outputs are the same."
+    ),
     "sweep": Command("occlog.pipeline.sweep.command", "Monte Carlo runs over seeds and parameters, in parallel."),
     "reproduce": Command("occlog.papers.command", "Run a paper's experiments and judge each of its statements."),
     "diff": Command(
@@ -271,7 +273,7 @@ def explain(error: Exception) -> Explained:
 
 
 def _bug(error: Exception) -> str:
-    """What to report an error that occlog did not raise on purpose: what it is, where, and what to send."""
+    """Describe an unexpected error: kind, location, and data for a report."""
     import traceback
 
     frames = [f for f in traceback.extract_tb(error.__traceback__) if f"{os.sep}occlog{os.sep}" in f.filename]

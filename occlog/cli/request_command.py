@@ -81,7 +81,7 @@ def _several(verb: Verb, name: str, short_help: str) -> VariantCommand:
 
 
 def _arguments(args: Sequence[str], known: Iterable[click.Parameter]) -> int:
-    """How many words of a command line are no options and no values of options.
+    """Count the words of a command line other than options and their values.
 
     Args:
         args: the words.
@@ -106,7 +106,7 @@ def _arguments(args: Sequence[str], known: Iterable[click.Parameter]) -> int:
 
 
 def _variant(verb: Verb, kind: VerbKind) -> CommandVariant:
-    """What one kind of requests takes in addition to the fields that all kinds share."""
+    """Return the variant of one kind of requests: its fields in addition to the shared ones."""
     shared = {entry.name for entry in Form(verb.shared).entries()}
 
     def params() -> list[click.Parameter]:

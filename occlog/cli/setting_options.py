@@ -94,7 +94,7 @@ class SettingOption(click.Option):
         return in_own_unit(value, self._said)
 
     def is_of(self, error: SettingError) -> bool:
-        """Whether the error is about this option's setting."""
+        """Return whether the error is about this option's setting."""
         return (self.owner, self.setting) == (error.owner, error.setting)
 
 
@@ -119,7 +119,7 @@ def _type_of(settings: type[Settings], f: Field[object]) -> click.ParamType[Any]
 
 
 def default_words(f: Field[object]) -> str:
-    """How a default is reported: `1.7 m, or 3.33 in a unit of its own`."""
+    """Describe a default: `1.7 m, or 3.33 in a unit of its own`."""
     said = declaration(f)
     if said.shown is not None:
         return said.shown
@@ -195,7 +195,7 @@ def options_of(
 
 
 def given(settings: type[Settings], values: Mapping[str, object], *, prefix: str = "") -> dict[str, Any]:
-    """Those values of a command's options that are settings of this class and were given."""
+    """Return the option values that belong to this settings class and were given."""
     wanted = {f.name: declaration(f) for f in declared(settings) if declaration(f).option is not None}
     found = {name: values.get(prefix + name) for name in wanted}
     return {name: in_own_unit(value, wanted[name]) for name, value in found.items() if value not in (None, ())}
@@ -210,7 +210,7 @@ def in_own_unit(value: Any, said: Declaration) -> Any:
 
 
 def flag_of(settings: type[Settings], name: str) -> str:
-    """How the option of a setting is typed: `--shadows/--no-shadows`."""
+    """Return the spelling of a setting's option: `--shadows/--no-shadows`."""
     option = next(declaration(f).option for f in declared(settings) if f.name == name)
     return option or f"--set {name}="
 
@@ -382,7 +382,7 @@ class VariantCommand(SettingsCommand):
         return left
 
     def _refusal(self, error: click.NoSuchOption, name: str) -> str:
-        """Which variants have the option, and what to do; click's own message if none has."""
+        """Name the variants with the option, and the remedy; click's own message if none has it."""
         owners = [
             other
             for other, variant in self.variants.items()
@@ -398,7 +398,7 @@ class VariantCommand(SettingsCommand):
         return self.existing(ctx.meta[CHOSEN]).settings()
 
     def called(self, name: str) -> str:
-        """How a variant is chosen: `--method apf`."""
+        """Return the option that chooses a variant: `--method apf`."""
         own = self.existing(name).called
         return self.chosen_by.format(name) if own is None else own
 
@@ -424,7 +424,7 @@ class VariantCommand(SettingsCommand):
                 formatter.write_dl([(v.called or n, v.summary) for n, v in {**self.variants, **self.more()}.items()])
 
     def _format_own(self, ctx: click.Context, formatter: click.HelpFormatter, name: str) -> None:
-        """What one variant takes."""
+        """Write the options of one variant."""
         chosen = self.existing(name)
         rows = help_rows(ctx, chosen.params())
         if rows:
@@ -435,7 +435,7 @@ class VariantCommand(SettingsCommand):
 
 
 def _texts_of_set(ctx: click.Context) -> Sequence[str]:
-    """What --set was given, NAME=VALUE each; none where a command does not have it."""
+    """Return the values of --set, NAME=VALUE each; none for commands without it."""
     there = any(SET in param.opts for param in ctx.command.params)
     return ctx.params.get("settings", ()) if there else ()
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class ReaderGoneError(OcclogError):
-    """Whoever read standard output has closed it."""
+    """Error: the reader of standard output has closed it."""
 
     exit_code = ExitCode.PIPE
 

@@ -30,7 +30,7 @@ def image(k: int, size: tuple[int, int] = SIZE) -> Image:
 
 
 def film(of: Any, images: Iterable[Image], what: str = "detect", *, own: Any = None) -> list[Detected]:
-    """What a detector finds in images; BrokenError where it fails, or gives back what no boxes can be."""
+    """Run a detector on images; BrokenError where it fails, or returns impossible boxes."""
     with called("a new detector"):
         seeing = start(of) if own is None else own
     found = []

@@ -26,7 +26,7 @@ def taken(of: Any) -> Iterator[ColumnTable]:
 
 
 def write(of: Any, rows: ColumnTable, what: str, *, unit: str = "m", own: Any = None) -> bytes:
-    """What an exporter writes; BrokenError where it fails."""
+    """Run an exporter and return its output; BrokenError where it fails."""
     file = io.BytesIO()
     with called(what):
         (of(defaults(of, unit)) if own is None else own).write(rows, ExportContext(unit, SCENE), Sink(file))

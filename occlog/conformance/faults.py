@@ -1,4 +1,4 @@
-"""What the kits share: a fault with its name, and the promises that all kinds of plug-ins make."""
+"""Shared parts of the kits: a fault with its name, and checks of all kinds of plug-ins."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def bytes_left(steps: Iterable[object], first: int) -> float:
 
 
 FIRST: dict[str, Check] = {"interface": check_interface, "settings": check_settings}
-"""Where one of these finds a fault, nothing else is tried."""
+"""Checks after whose failure no other check is run."""
 
 
 def manners(use: Callable[[Any], object], what: str, *, growth_bytes: int = 0) -> dict[str, Check]:
@@ -160,7 +160,7 @@ def manners(use: Callable[[Any], object], what: str, *, growth_bytes: int = 0) -
 
 
 USES = 5
-"""How often something is used to see whether memory grows."""
+"""Number of repetitions in the test for growing memory."""
 
 
 def faults_by(checks: Mapping[str, Check], of: Any) -> list[Fault]:

@@ -32,7 +32,7 @@ Of = type[Filter]
 def run(
     of: Of, walk: Iterable[TargetScan], *, scene: SampleWalk = PLAIN, seed: int = 1
 ) -> list[EstimatedPosition | None]:
-    """What a filter states about a walk; BrokenError where it fails, or gives back what no position can be."""
+    """Run a filter on a walk; BrokenError where it fails, or returns an impossible position."""
     own = start(of, scene, seed)
     return [step(own, moment) for moment in walk]
 
@@ -108,7 +108,7 @@ def _refuse(of: Of, word: str) -> None:
 
 
 def _raw(of: Of) -> list[EstimatedPosition | None]:
-    """What a filter states about the plain walk, as it is; nothing where it fails, which other checks report."""
+    """Run a filter on the plain walk; empty where it fails, which other checks report."""
     try:
         own = start(of)
         return [own.step(moment) for moment in PLAIN]

@@ -24,7 +24,7 @@ POWERS = {"length": 1, "length^2": 2, "length2": 2, "length/s": 1}
 
 
 def figures(of: Any, given: MetricInput, what: str = "figures") -> Mapping[str, float]:
-    """What a metric states; BrokenError where it fails, or gives what cannot be."""
+    """Run a metric; BrokenError where it fails, or returns impossible values."""
     with called(what):
         found = of(defaults(of, given.length_unit)).figures(given)
     wrong = fault_of(found, of.units)
@@ -134,7 +134,7 @@ def check_no_covariance(of: Any) -> None:
 
 
 def check_numbers(of: Any) -> None:
-    """What targets are called does not matter."""
+    """Check that figures do not depend on the numbers of targets."""
     given = compared()
 
     def renamed(table: Any) -> Any:

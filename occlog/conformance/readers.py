@@ -22,11 +22,11 @@ from occlog.records.tables import TABLES
 from .faults import FIRST, BrokenError, Check, called, defaults, manners
 
 REFUSALS = (ValueError, OSError)
-"""What a reader may raise for a damaged file."""
+"""Exceptions that a reader may raise for a damaged file."""
 GROWTH_BYTES = 2_000
 """Memory that a reading may leave behind."""
 SHARES, LAST = (0.9, 0.5, 0.1), range(1, 9)
-"""Where the end of the sample is cut off: shares that are left, and bytes that are missing."""
+"""Truncations of the sample: shares that are left, and bytes that are missing."""
 
 
 def checks_with(sample: Path) -> dict[str, Check]:

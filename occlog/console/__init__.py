@@ -1,4 +1,4 @@
-"""What a command reports to people: notes and progress on standard error, summaries on standard output, exit codes.
+"""Reports of a command: notes and progress on standard error, summaries on standard output, exit codes.
 
 Nothing here knows of options or of click, so that every room may use it.
 """

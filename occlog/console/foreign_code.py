@@ -27,7 +27,7 @@ def hidden(name: str) -> Iterator[None]:
 
 
 def is_own(folder: Path) -> bool:
-    """Whether only this user, or the administrator, can write into a folder: its files may be run.
+    """Return whether only this user, or the administrator, can write into a folder: its files may be run.
 
     A folder of the user's own group (that of the same name) counts as the user's; True on Windows, where folders of a
     user are the user's alone.
@@ -44,7 +44,7 @@ def is_own(folder: Path) -> bool:
 
 
 def _of_one(group: int) -> bool:
-    """Whether a group is that of this user alone, by its name."""
+    """Return whether a group is that of this user alone, by its name."""
     import grp
     import pwd
 

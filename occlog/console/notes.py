@@ -75,7 +75,7 @@ def note_losses(losses: Iterable[object]) -> None:
 LISTENER: ContextVar[Callable[[str], None] | None] = ContextVar("LISTENER", default=None)
 """Receiver of details; None: none."""
 COMPILING: list[Callable[[bool], None]] = []
-"""Who is reported, in whatever thread, that this process compiles kernels and takes long, and whether they are kept for
+"""Receiver of the note, in any thread, that this process compiles kernels, and whether they are kept for
 later ones; each receiver once."""
 _UNCACHED: list[bool] = []
 THREADS = "OCCLOG_THREADS"
@@ -83,7 +83,7 @@ THREADS = "OCCLOG_THREADS"
 
 
 class DryRunPlan:
-    """What a dry run would do.
+    """Plan of a dry run.
 
     Attributes:
         reads: inputs.
@@ -91,13 +91,13 @@ class DryRunPlan:
     """
 
     def __init__(self) -> None:
-        """Nothing yet."""
+        """Create an empty plan."""
         self.reads: list[Path] = []
         self.writes: list[Path] = []
 
 
 DRY_RUN: ContextVar[DryRunPlan | None] = ContextVar("DRY_RUN", default=None)
-"""What would be done; None: it is done."""
+"""Plan of a dry run; None: no dry run."""
 
 
 class DryRunStop(BaseException):

@@ -1,4 +1,4 @@
-"""What `occlog evaluate` takes."""
+"""Request of `occlog evaluate`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `occlog evaluate` does: files and settings to figures, and these to files.
+"""Run of `occlog evaluate`: files and settings to figures, and these to files.
 
 Work of `occlog evaluate --also`: several recordings in one table, and all of them together.
 

@@ -220,7 +220,7 @@ class Evaluator:
 
     @property
     def several(self) -> bool:
-        """Whether there are several tracks or targets to compare, or a truth in which no target is there."""
+        """True if there are several tracks or targets to compare, or a truth in which no target is there."""
         known = self.known
         return self._compares and (max(len(known.tracks), len(known.targets)) > 1 or known.truth_ns is None)
 

@@ -129,7 +129,7 @@ def checks_with_truth(
 
 
 def _truth_of_another_target(found: ConsistencyEvidence, metrics: Mapping[str, object]) -> Iterator[Check]:
-    """Whether bearings agree with tracks that are far from the truth, and not with the truth."""
+    """Return whether bearings agree with tracks that are far from the truth, and not with the truth."""
     nis, there = found.agreements.nis, _number(metrics, "bearing_nis")
     if there > MAX_BEARING_NIS and nis.value <= NIS_HIGH and found.agreements.doubted <= MAX_REJECTED_SHARE:
         yield finding(
@@ -212,7 +212,7 @@ class CovarianceConsistency:
             self._ground.update(target, nees[rows])
 
     def checks(self) -> tuple[Check, ...]:
-        """Whether covariances state how large the errors are."""
+        """Return whether covariances state how large the errors are."""
         if self.rows < MIN_SAMPLES:
             few = f"fewer than {MIN_SAMPLES} errors" if self.rows else "no errors against a truth"
             return outcome(COVARIANCES, (), unless=few)
@@ -227,7 +227,7 @@ class CovarianceConsistency:
 
 
 def _of_nees(found: _Nees, rows: int, where: str) -> Iterator[Check]:
-    """Whether covariances state how large the errors are."""
+    """Return whether covariances state how large the errors are."""
     dimensions, mean, share = found.dimensions, found.mean, found.share
     singular = rows - found.told
     if exceeds_share(singular, rows, MAX_SINGULAR_SHARE):

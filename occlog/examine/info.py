@@ -40,7 +40,7 @@ Described = tuple[Mapping[str, object], list[str]]
 
 
 def is_one_bag(folder: Path) -> bool:
-    """Whether the files of a folder are one bag of ROS 2: it has the bag's metadata, or they are parts of one name."""
+    """Return whether a folder is one bag of ROS 2: it has the bag's metadata, or its files are parts of one name."""
     from occlog.io.messages.bag import METADATA, is_bag
     from occlog.io.recording.reader import open_recording
 
@@ -171,7 +171,7 @@ def describe(path: Path, rows: int) -> Description:
 
 
 def _is_foreign_bag(path: Path) -> bool:
-    """Whether a path is a bag of ROS 2 or an MCAP file of another program, perhaps cut off."""
+    """Return whether a path is a bag of ROS 2 or an MCAP file of another program, perhaps cut off."""
     from occlog.io.files.limits import RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC
 
     if path.is_dir():
@@ -193,7 +193,7 @@ def _is_foreign_bag(path: Path) -> bool:
 
 
 def _says_occlog(path: Path) -> bool:
-    """Whether the first bytes of a damaged recording name occlog as the program that wrote it."""
+    """Return whether the first bytes of a damaged recording name occlog as the program that wrote it."""
     with path.open("rb") as file:
         return b"occlog" in file.read(64)
 
@@ -381,7 +381,7 @@ def _provenance_lines(p: Mapping[str, Any]) -> list[str]:
 
 
 def _verdict_lines(path: Path) -> list[str]:
-    """Whether the stages that made a file found their results plausible, how much each checked, and each warning."""
+    """Return the verdicts of the stages that made a file: plausible or not, numbers of checks, and warnings."""
     from occlog.io.files.inputs import verdicts_of_file
     from occlog.records.verdicts import counts_of, summary_of, texts_of
 

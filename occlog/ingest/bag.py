@@ -369,7 +369,7 @@ class Taking:
         self.frames[camera] = self.frames.get(camera, 0) + 1
 
     def _is_chosen(self, number: int) -> bool:
-        """Whether a frame is among those that the user chooses."""
+        """Return whether a frame is among those that the user chooses."""
         return self.plan.frames is None or self.plan.frames[0] <= number < self.plan.frames[1]
 
     def _frame_of_truth(self, frame: str) -> FramePose:
@@ -422,7 +422,7 @@ class Taking:
 
 
 def _is_same(a: InfoMessage, b: InfoMessage) -> bool:
-    """Whether two calibrations are the same but for rounding."""
+    """Return whether two calibrations are the same but for rounding."""
     if (a.size, a.model, a.binning, a.roi) != (b.size, b.model, b.binning, b.roi):
         return False
     if a.distortion.shape != b.distortion.shape:

@@ -65,7 +65,7 @@ def expand_dataset(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def is_wildtrack(path: Path) -> bool:
-    """Whether a folder is laid out as WILDTRACK's is."""
+    """Return whether a folder is laid out as WILDTRACK's is."""
     return (path / CALIBRATION_FOLDER).is_dir() and any((path / part).is_dir() for part in (ANNOTATIONS, IMAGES))
 
 
@@ -411,7 +411,7 @@ def _plain(value: object) -> object:
 
 
 def is_name(text: str) -> bool:
-    """Whether a text can be the name of a sensor before `=`."""
+    """Return whether a text can be the name of a sensor before `=`."""
     return _NAME.match(text) is not None
 
 

@@ -1,4 +1,4 @@
-"""What `occlog ingest` takes."""
+"""Request of `occlog ingest`."""
 
 from __future__ import annotations
 

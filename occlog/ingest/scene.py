@@ -220,7 +220,7 @@ def fit_size(camera: Camera, size: tuple[int, int], bars: Bars, note: Callable[[
 
 
 def _has_bars(bars: Bars, margin: np.ndarray) -> bool:
-    """Whether the black bars are as wide as the margins (x, y) on both sides."""
+    """Return whether the black bars are as wide as the margins (x, y) on both sides."""
     wanted = np.array([margin[0], margin[1], margin[0], margin[1]])
     there = wanted >= MIN_BAR_PX
     return bool((np.abs(np.array(bars) - wanted)[there] <= BAR_SLACK_PX).all())
@@ -294,7 +294,7 @@ def check_metres(plan: IngestPlan, unit: str) -> None:
 
 
 def _says_metres(path: Path) -> bool:
-    """Whether a table names columns of lengths in metres."""
+    """Return whether a table names columns of lengths in metres."""
     try:
         names = {cell.lower() for cell in first_line(path, "a table")}
     except InputError:  # whoever reads it states it

@@ -83,19 +83,19 @@ class Opened:
 
     @property
     def made_in_a_scene(self) -> bool:
-        """Whether a table states its unit: it was made from other files, in the unit of their scene, or names it."""
+        """True if a table states its unit: it was made from other files, in the unit of their scene, or names it."""
         if self.foreign is not None:
             return self.length_unit is not None
         return self.recording is None and bool(self.provenance.inputs)
 
     def has_lengths(self, table: type[ColumnTable]) -> bool:
-        """Whether lengths of a table are in a unit that the input states, so that it must be that of the scene."""
+        """Return whether the input states the unit of a table's lengths, which must then be that of the scene."""
         return self.made_in_a_scene or (
             self.recording is not None and self.has(table) and any(c.unit in LENGTHS for c in table.columns())
         )
 
     def has(self, table: type[ColumnTable]) -> bool:
-        """Whether the input holds rows of a table."""
+        """Return whether the input holds rows of a table."""
         return self.table == table.NAME if self.recording is None else self.recording.has(table)
 
     def widest(self, table: type[T]) -> type[T]:
@@ -261,7 +261,7 @@ def _table(path: Path) -> Opened:
 
 
 def is_external(path: Path | None) -> bool:
-    """Whether a file is a table that another program made, so that its identities are that program's own."""
+    """Return whether a file is a table that another program made, so that its identities are that program's own."""
     return path is not None and _source(path) is not None
 
 
@@ -291,7 +291,7 @@ def scene_in(path: Path) -> Scene | None:
 
 
 def is_recording_name(output: Path) -> bool:
-    """Whether the name of an output asks for a recording: the name of an output states its format."""
+    """Return whether the name of an output asks for a recording: the name of an output states its format."""
     return output.suffix.lower() == RECORDING_SUFFIX
 
 

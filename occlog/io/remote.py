@@ -49,7 +49,7 @@ MAX_WORDS = 160
 
 
 def is_url(text: str) -> bool:
-    """Whether a text is a URL, not the name of a file."""
+    """Return whether a text is a URL, not the name of a file."""
     return _URL.match(text) is not None
 
 

@@ -127,7 +127,7 @@ SOURCES: dict[str, Sources] = {
     "lee": lee_statements.SOURCES,
     "qu": qu_statements.SOURCES,
 }
-"""Where each paper makes its statements."""
+"""Modules with the statements of each paper."""
 RECORDED = {"ercan": recorded_figures.ITEMS}
 """Items of the experiments that need a recording."""
 TITLES = {

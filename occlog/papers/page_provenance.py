@@ -17,7 +17,7 @@ COMMIT_S = 5.0
 
 
 class PageProvenance(NamedTuple):
-    """How a page was made."""
+    """Provenance of a page."""
 
     command: str
     seed: int

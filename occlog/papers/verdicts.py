@@ -314,7 +314,7 @@ def attributed(verdicts: Sequence[StatementVerdict], sources: Sources) -> list[S
 
 REPRODUCED, IN_PART, NOT, UNDECIDED = "reproduced", "in part", "not reproduced", "not decided"
 WORDS = (REPRODUCED, IN_PART, NOT, UNDECIDED)
-"""All of them, in the order of tables."""
+"""All verdicts, in the order of tables."""
 
 
 NEAR, FAR = 0.10, 0.35

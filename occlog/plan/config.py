@@ -15,7 +15,7 @@ MAX_PEOPLE = 1000
 
 @dataclass(frozen=True)
 class PlanConfig(Settings):
-    """Who walks about, how well the answer is to be known, and what a good position is; lengths in the scene's unit."""
+    """Settings of walking people, accuracy of the map, and the criterion for positions; lengths in the scene's unit."""
 
     OWNER: ClassVar[str] = "plan"
 

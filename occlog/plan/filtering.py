@@ -36,11 +36,11 @@ MIN_HYPOTHESIS_PROBABILITY = 1e-6
 PROBABILITY, STATE, FILTER_COVARIANCE, TRUE_COVARIANCE, WIDTH = 0, 1, 5, 15, 25
 """Columns of the hypotheses: probability, state, and the triangles of the two covariances."""
 TRIANGLE = np.array([[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]])
-"""Where an element of a covariance is in its triangle."""
+"""Index of an element of a covariance in its triangle."""
 
 
 class StepNoise(NamedTuple):
-    """What a step without a turn adds to a covariance, per axis, and the velocity after a turn."""
+    """Process noise of a step without a turn, per axis, and the velocity after a turn."""
 
     place: float
     both: float  # of position and velocity
@@ -297,7 +297,7 @@ class Reports(NamedTuple):
 
 
 class ExpectedPosteriors(NamedTuple):
-    """Where a filter thinks that N targets are, and how its errors are spread, at K steps."""
+    """Expected posteriors of N targets with error covariances, at K steps."""
 
     place: Floats  # (N, K, 2)
     covariance: Floats  # (N, K, 2, 2)

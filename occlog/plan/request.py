@@ -1,4 +1,4 @@
-"""What `occlog plan` takes."""
+"""Request of `occlog plan`."""
 
 from __future__ import annotations
 

@@ -130,7 +130,7 @@ def share_below_heads(camera: Camera, config: PlanConfig) -> float:
 def information_of_sensor(
     sensor: Sensor, scene: Scene, walked: Walked, config: PlanConfig, seed: int
 ) -> ExpectedInformation:
-    """What one sensor reports all targets; its chance of detection depends on its name and the seed alone."""
+    """Return the information of one sensor about all targets; its detections depend on its name and the seed alone."""
     seen = unoccluded_view(sensor, scene, walked, config)
     n, steps = seen.shape
     # Frames: the last step is one; others at the sensor's own rate

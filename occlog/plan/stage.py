@@ -127,7 +127,7 @@ def _weights(cells: FloorCells, paths: Floats | None) -> Floats:
 
 
 def filter_noise_of(config: PlanConfig) -> FilterNoise:
-    """What the filter expects between turns."""
+    """Return the process noise that the filter assumes between turns."""
     return FilterNoise(config.sigma_v, config.sigma_a)
 
 

@@ -1,4 +1,4 @@
-"""How people walk about a room, and what of that leads each of them to each position of the floor.
+"""Walks of people in a room, and the sections that lead them to each position of the floor.
 
 All walk as in `occlog simulate`: to random positions, around static occluders and out of each other's way.  Any of them
 may be the target, hidden by the others: the frequency and duration of close encounters is
@@ -214,7 +214,7 @@ def _agreement(steps: Floats, lag: int) -> float:
 
 
 def _half(steps: Floats, whole: float) -> float:
-    """How many steps after the next one the agreement is half of `whole`: between two lags, in proportion.
+    """Return the number of steps until the correlation is half of `whole`: between two lags, in proportion.
 
     The lag is found by doubling and halving; a walk too short for it is taken at its longest lag.
     """

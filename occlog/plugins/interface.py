@@ -1,4 +1,4 @@
-"""What plug-ins implement: classes with a line of summary, a class of settings, and one function that works.
+"""Interfaces of plug-ins: classes with a line of summary, a class of settings, and one function that works.
 
 Detectors: an image in, boxes out.
 
@@ -81,14 +81,14 @@ class Exporter(Protocol):
     tables: ClassVar[tuple[str, ...]]  # names of the tables that it takes; the first that an input holds is taken
 
     def __init__(self, settings: Settings) -> None:
-        """Nothing has been written yet."""
+        """Create an exporter without output."""
 
     def write(self, rows: ColumnTable, world: ExportContext, file: IO[bytes]) -> None:
         """Write all rows; the file can only be written on, may be standard output, and is closed by who opened it."""
 
 
 class TargetScan(NamedTuple):
-    """What R sensors state about one target at one time.
+    """Measurements of one target by R sensors at one time.
 
     Attributes:
         t_ns: time [ns since the Unix epoch]; it never goes back.
@@ -106,7 +106,7 @@ class TargetScan(NamedTuple):
 
 
 class EstimatedPosition(NamedTuple):
-    """Where a target is thought to be.
+    """Estimated position of a target.
 
     Attributes:
         xy: (2,) in the scene's unit of length.
@@ -129,7 +129,7 @@ class Filter(Protocol):
     settings: ClassVar[type[Settings]]
 
     def __init__(self, scene: Scene, settings: Settings, rng: Generator) -> None:
-        """Nothing of the target is known yet."""
+        """Create a filter without knowledge of the target."""
 
     def step(self, moment: TargetScan) -> EstimatedPosition | None:
         """Take a time step in; where the target is then, or None where that cannot be reported yet."""
@@ -159,7 +159,7 @@ class Metric(Protocol):
     units: ClassVar[Mapping[str, str]]  # unit of each figure by its name: `length`, `s`, `1`, ...
 
     def __init__(self, settings: Settings) -> None:
-        """Nothing has been compared yet."""
+        """Create a metric without data."""
 
     def figures(self, compared: MetricInput) -> Mapping[str, float]:
         """Give all figures by their names; NaN: there is nothing to compute it from."""
@@ -181,7 +181,7 @@ class Reader(Protocol):
     table: ClassVar[str]  # what such files hold, as `bearings`: a name of the tables of this program
 
     def __init__(self, settings: Settings) -> None:
-        """Nothing has been read yet."""
+        """Create a reader that has not read anything."""
 
     def read(self, path: Path) -> Columns:
         """Read a file; ValueError, which describes the fault and where, for one that is damaged."""

@@ -356,7 +356,7 @@ class StreamedTable(Generic[T]):
         return sum(len(chunk) for chunk in self.chunks()) if self.of_file is None else self.of_file[0]
 
     def may_have(self, column: str) -> bool:
-        """Whether it may have a column."""
+        """Return whether it may have a column."""
         known = {each.name for each in self.kind.columns()} if self.of_file is None else self.of_file[1]
         return column in known
 
@@ -544,7 +544,7 @@ class _Reading:
 
     @property
     def _relabelled(self) -> bool:
-        """Whether tracks have their own names, and errors those of the truth."""
+        """True if tracks have their own names, and errors those of the truth."""
         errors, tracks = self._tables.get("errors"), self._tables.get("tracks")
         return errors is not None and tracks is not None and relabelled(matching_tracks(errors, tracks))
 
@@ -624,7 +624,7 @@ class _Reading:
 
     @property
     def _with_bearings(self) -> bool:
-        """Whether bearings are evidence for or against the tracks; labels of all people are independent of bearings."""
+        """True if bearings are evidence for or against the tracks; labels of all people are independent of bearings."""
         return "bearings" in self._whole and self._whole["bearings"].rows > 0 and "people" not in self._figures
 
     def _read_bearings(self) -> None:

@@ -1,4 +1,4 @@
-"""What `occlog report` takes: a page of a run, tracks drawn over a video, or a page of two runs."""
+"""Request of `occlog report`: a page of a run, tracks drawn over a video, or a page of two runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `occlog report` does for a page: read, draw, write the page, the picture and the text.
+"""Run of `occlog report` for a page: read, draw, write the page, the picture and the text.
 
 What `occlog report` reads: the files that are named or in a run folder, and their rows.
 """

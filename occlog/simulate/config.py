@@ -17,7 +17,7 @@ SHARE: dict[str, float] = {"at_least": 0, "at_most": 1}
 
 @dataclass(frozen=True)
 class WorldConfig(Settings):
-    """How many objects move, and how; lengths in the scene's unit.
+    """Settings of moving objects; lengths in the scene's unit.
 
     Speed, noise and change of destination are per second, so that they keep their
     meaning when the step changes.  The defaults in its own unit are the reference scene
@@ -98,7 +98,7 @@ class WorldConfig(Settings):
 
 @dataclass(frozen=True)
 class FieldConfig(FieldSettings):
-    """How objects avoid each other, walls and people, where motion is `field`."""
+    """Settings of avoidance between objects, walls and people for motion `field`."""
 
     OWNER: ClassVar[str] = "field"
 
@@ -117,7 +117,7 @@ class FieldConfig(FieldSettings):
 
 @dataclass(frozen=True)
 class ObserveConfig(Settings):
-    """How cameras and microphone arrays measure."""
+    """Settings of measurements by cameras and microphone arrays."""
 
     OWNER: ClassVar[str] = "observe"
 
@@ -153,7 +153,7 @@ class ObserveConfig(Settings):
 
 @dataclass(frozen=True)
 class SoundConfig(Settings):
-    """What sources do, and what arrays hear also."""
+    """Settings of sound sources, and of false directions at arrays."""
 
     OWNER: ClassVar[str] = "sound"
 
@@ -192,7 +192,7 @@ class SoundConfig(Settings):
 
 @dataclass(frozen=True)
 class ReadConfig(Settings):
-    """What readers of tags read; every target carries a tag.
+    """Settings of tag readers; every target carries a tag.
 
     A read at a distance of d metres has the strength power - 10 exponent log10(d), plus the shadowing of the reader and
     tag, which changes slowly, plus white noise.
@@ -242,12 +242,12 @@ class ReadConfig(Settings):
 
 
 KINDS = ("range", "difference", "strength")
-"""What stations can measure."""
+"""Quantities that stations can measure."""
 
 
 @dataclass(frozen=True)
 class MeasureConfig(Settings):
-    """What cameras and arrays measure of distances; every target states who it is.
+    """Settings of distance measurements of cameras and arrays; every target transmits its identity.
 
     Strengths have the path loss, noise and shadowing of reads of tags; readers make these and nothing else.
     """
@@ -371,7 +371,7 @@ class RenderConfig(Settings):
 
 @dataclass(frozen=True)
 class StoreConfig(Settings):
-    """How the video is kept."""
+    """Settings of the video's format."""
 
     OWNER: ClassVar[str] = "video"
 

@@ -1,4 +1,4 @@
-"""What `occlog simulate` takes, for each kind of scene."""
+"""Request of `occlog simulate`, for each kind of scene."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ BALLS, PEOPLE = "balls", "people"
 KINDS = (BALLS, PEOPLE)
 """Scenes that need no file."""
 RENDER = "render_"
-"""What names of settings of the video begin with: the noise of images is not that of cameras."""
+"""Prefix of the names of video settings: the noise of images is not that of cameras."""
 RATES: dict[str, Any] = {"unit": "Hz", "at_least": 1e-3, "at_most": 1e6, "metavar": "HZ", "shown": ""}
 """Frames or steps a second: times are whole nanoseconds, and recordings last days at most."""
 

@@ -119,7 +119,7 @@ def make_setup(scene: Scene, request: SceneRequest, script: MotionScript | None 
 
 
 def _people(opened: Opened, scene: Scene, world: WorldConfig) -> MovingObstacleTracks:
-    """Whom walkers avoid."""
+    """Return the people that walkers avoid."""
     taken = PeopleAsObstacles(
         radius=0.5 * world.diameter, sigmas=0.0, max_gap_s=LONGEST_GAP_S, step_s=world.step_s, steps=world.steps
     )

@@ -51,7 +51,7 @@ def motion_in_a_step(config: WorldConfig) -> WaypointMotion:
 
 
 def ground(scene: Scene, clearance: float) -> Ground:
-    """Where objects may be in a scene."""
+    """Return the free ground of a scene."""
     walls = [o.polygon for o in scene.occluders] + pockets(scene.surroundings)
     return Ground(np.ascontiguousarray(scene.surroundings, dtype=np.float64), *pack_polygons(walls), clearance)
 

@@ -158,7 +158,7 @@ def test_exit_code_7_for_an_output_that_exists(
     [
         ("edge_px=-1", "--set edge_px=-1: must be above 0"),
         ("egde_px=1", "--set egde_px=1: jipda has no setting 'egde_px'; did you mean 'edge_px'?"),
-        ("edge_px=wide", "--set edge_px=wide: want a number"),
+        ("edge_px=wide", "--set edge_px=wide: expected a number"),
     ],
 )
 def test_exit_code_2_for_a_setting_before_any_input_is_looked_for(

@@ -207,7 +207,7 @@ def test_exit_code_7_when_an_output_exists(folder: Path, capsys: pytest.CaptureF
     ("args", "words"),
     [
         (["missing.parquet", "--truth", "recording.mcap"], "missing.parquet: no such file"),
-        (["bearings.parquet", "--truth", "recording.mcap"], "bearings.parquet: holds bearings; want tracks"),
+        (["bearings.parquet", "--truth", "recording.mcap"], "bearings.parquet: holds bearings; expected tracks"),
         (["tracks.parquet", "--truth", "cut.mcap"], "cut.mcap"),
         (["tracks.parquet", "--truth", "empty.parquet", "--scene", "scene.yaml"], "empty.parquet: is empty"),
         (["other.parquet", "--truth", "recording.mcap"], "no track number (5)"),

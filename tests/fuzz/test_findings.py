@@ -55,7 +55,11 @@ FINDINGS = [
     ("trajectories (TRC)", seeds.TRC.encode() + b" " * 1_000_001, "longer than 1000000 characters"),
     ("boxes (KITTI)", seeds.KITTI.encode() + b" " * 1_000_001, "longer than 1000000 characters"),
     ("trajectories (GeoJSON)", seeds.GEOJSON.replace("48.1001", "9" * 400).encode(), "no list of longitudes"),
-    ("trajectories (GeoJSON)", seeds.GEOJSON.replace("48.1,", "9" * 400 + ",").encode(), "state the position of the scene on earth"),
+    (
+        "trajectories (GeoJSON)",
+        seeds.GEOJSON.replace("48.1,", "9" * 400 + ",").encode(),
+        "state the position of the scene on earth",
+    ),
     ("trajectories (GeoJSON)", seeds.GEOJSON.replace('d": 3', f'd": {"9" * 400}').encode(), "t.geojson: "),
     ("trajectories (GeoJSON)", seeds.GEOJSON.replace("1000000000", "9" * 400).encode(), "t.geojson: "),
     ("boxes (YOLO)", (seeds.YOLO + "0 0.25 0.5 0.5 1 0.5 \n").replace(" 8\n", " 1e19\n").encode(), "a whole number"),

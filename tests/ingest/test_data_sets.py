@@ -154,4 +154,4 @@ def test_vatic_text_is_truth_and_boxes_without_those_that_are_lost(
     assert "class person (4)" in capsys.readouterr().err
     (tmp_path / "view.txt").write_text(VATIC + "8 1 2 3 4\n")
     assert run(["ingest", "-o", str(tmp_path / "x.mcap"), "--boxes", *given]) == ExitCode.BAD_INPUT
-    assert "line 6: want id xmin" in capsys.readouterr().err
+    assert "line 6: expected id xmin" in capsys.readouterr().err

@@ -140,9 +140,9 @@ def test_what_is_missing_is_named_with_its_remedy(tmp_path: Path) -> None:
 def test_a_table_of_another_kind_names_what_it_holds(tmp_path: Path) -> None:
     path = table(tmp_path / "t.parquet")
     for wants, said in (
-        ((Tracks,), "want tracks$"),
-        ((Tracks, Hulls), "want tracks or hulls$"),
-        ((Tracks, Hulls, Doa), "want tracks, hulls or doa$"),
+        ((Tracks,), "expected tracks$"),
+        ((Tracks, Hulls), "expected tracks or hulls$"),
+        ((Tracks, Hulls, Doa), "expected tracks, hulls or doa$"),
     ):
         with pytest.raises(InputError, match=r"t.parquet: holds truth; " + said):
             open_input(path, *wants)

@@ -384,7 +384,7 @@ class NoiseFromTruth:
                 out[name] = found
         if not out:
             raise InputError(
-                f"write-scene: no camera has {MIN_READINGS} readings in pixels of a visible target at a known position; "
+                f"write-scene: no camera has {MIN_READINGS} readings [px] of a visible target at a known position; "
                 "record more, or give the truth at more times"
             )
         return out
@@ -400,7 +400,7 @@ def scene_with(scene: Scene, noise: Mapping[str, MeasuredNoise]) -> Scene:
 
 
 def notes_of(scene: Scene, noise: Mapping[str, MeasuredNoise]) -> tuple[str, ...]:
-    """Return notes for the user: cameras that keep the noise that was stated, and cameras with readings that are biased."""
+    """Return notes for the user: cameras that keep the stated noise, and cameras with biased readings."""
     kept = [c.name for c in scene.cameras if c.name not in noise]
     lines = []
     if kept:

@@ -1,4 +1,4 @@
-"""What `occlog compare` takes."""
+"""Request of `occlog compare`."""
 
 from __future__ import annotations
 

@@ -192,7 +192,7 @@ MIN_MATCHED_SHARE = 0.5
 
 
 def independent_ids(metrics: Mapping[str, object]) -> bool:
-    """Whether the figures are of tracks with their own identities, so that those of the pairs come first."""
+    """Return whether the figures are of tracks with their own identities, so that those of the pairs come first."""
     return metrics.get(INDEPENDENT_IDS) == 1.0
 
 
@@ -215,7 +215,7 @@ def first(metrics: Mapping[str, float], unit: str) -> dict[str, float]:
 
 
 def matchings_differ(metrics: Mapping[str, float], unit: str) -> bool:
-    """Whether errors of whole tracks are more than `MIN_RMSE_RATIO` times those of the pairs of each frame."""
+    """Return whether errors of whole tracks are more than `MIN_RMSE_RATIO` times those of the pairs of each frame."""
     whole, pairs = metrics.get(f"rmse_{unit}", math.nan), metrics.get(f"pairs_rmse_{unit}", math.nan)
     return whole > MIN_RMSE_RATIO * pairs
 

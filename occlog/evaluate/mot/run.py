@@ -62,7 +62,7 @@ TEXT = (".txt", ".csv")
 
 
 def in_images(path: Path | None) -> bool:
-    """Whether a file holds tracks in images; anything else is for the other figures to judge."""
+    """Return whether a file holds tracks in images; anything else is for the other figures to judge."""
     if path is None:
         return False
     if _is_text(path):
@@ -163,7 +163,7 @@ def _benchmark(truth: Path, config: MultiTargetConfig, text: bool) -> str:
 
 
 def has_no_rows(path: Path) -> bool:
-    """Whether a text has no line of data: nothing was tracked, or no target is present."""
+    """Return whether a text has no line of data: nothing was tracked, or no target is present."""
     return path.stat().st_size == 0 or not first_line(path, "MOTChallenge text")
 
 
@@ -187,7 +187,7 @@ def _named(files: Mapping[str, Path]) -> Iterator[None]:
 
 
 def _is_text(path: Path) -> bool:
-    """Whether a file is MOTChallenge text: it is named so, and is neither a recording nor a table."""
+    """Return whether a file is MOTChallenge text: it is named so, and is neither a recording nor a table."""
     if path.suffix.lower() not in TEXT or open_if_ours(path, "MOTChallenge text") is not None:
         return False
     return not path.stat().st_size or not is_external(path)

@@ -92,7 +92,7 @@ def _files(path: Path, out: Diagnosis) -> Iterator[tuple[Path, bool]]:
 
 
 def _is_bag(folder: Path) -> bool:
-    """Whether a folder states that its files are one bag."""
+    """Return whether a folder states that its files are one bag."""
     return (folder / METADATA).is_file()
 
 

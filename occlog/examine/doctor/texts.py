@@ -149,7 +149,7 @@ def _yaml(path: Path, findings: Findings) -> bool:
 
 
 def _calibration(path: Path, findings: Findings) -> bool:
-    """Whether a file is a calibration of a known format; what cannot be read of one is noted."""
+    """Return whether a file is a calibration of a known format; what cannot be read of one is noted."""
     try:
         # Some formats require the size of the images: any will do for a check
         calibration = read_calibration([path], options=CalibrationOptions(image_size=ANY_SIZE))
@@ -221,7 +221,7 @@ def _table(path: Path, findings: Findings) -> bool:
 
 
 def _is_scene(path: Path) -> bool:
-    """Whether a file is a table of stations, all of which can be."""
+    """Return whether a file is a table of stations, all of which can be."""
     try:
         read_stations(path)
     except InputError:

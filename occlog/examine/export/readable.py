@@ -151,7 +151,7 @@ class UnrepresentableColumns:
 
 
 def _says_something(values: NDArray[np.generic]) -> bool:
-    """Whether a column has a value: a number that is known, an identity, a text."""
+    """Return whether a column has a value: a number that is known, an identity, a text."""
     if values.dtype.kind == "f":
         return bool(np.isfinite(values).any())
     if values.dtype.kind in "US":

@@ -63,20 +63,20 @@ class Sink:
         return self._file.write(data)
 
     def writable(self) -> bool:
-        """Whether it can be written on, which wrappers ask."""
+        """Return whether it can be written on, which wrappers ask."""
         return True
 
     def readable(self) -> bool:
-        """Whether it can be read."""
+        """Return whether it can be read."""
         return False
 
     def seekable(self) -> bool:
-        """Whether one can go back in it."""
+        """Return whether one can go back in it."""
         return False
 
     @property
     def closed(self) -> bool:
-        """Whether it is closed, which wrappers ask."""
+        """True if it is closed, which wrappers ask."""
         return False
 
     def flush(self) -> None:

@@ -88,7 +88,7 @@ class ViewerInputs:
         return list({opened.path: opened for opened in self.tables.values()}.values())
 
     def has(self, table: type[ColumnTable]) -> bool:
-        """Whether there are rows of a table."""
+        """Return whether there are rows of a table."""
         return table.NAME in self.tables
 
     def pieces(self, table: type[T]) -> Iterator[T]:

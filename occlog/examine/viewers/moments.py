@@ -290,7 +290,7 @@ class Thinner:
         self._shown: set[str] = set()  # topics with a last message that shows something
 
     def keeps(self, moment: Moment) -> bool:
-        """Whether a time step is written; time steps come in the order of time."""
+        """Return whether a time step is written; time steps come in the order of time."""
         if isinstance(moment, LogLine):
             return True
         topic, t_ns = (

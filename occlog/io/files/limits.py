@@ -108,12 +108,12 @@ ODAS_BY_INGEST = (
 
 
 def is_skipped_zstd(head: bytes) -> bool:
-    """Whether data of zstd begin with a frame to skip, which holds notes of whoever packed them."""
+    """Return whether data of zstd begin with a frame to skip, which holds notes of whoever packed them."""
     return head[1:4] == b"\x2a\x4d\x18" and head[0] & 0xF0 == 0x50
 
 
 def is_zstd(head: bytes) -> bool:
-    """Whether data begin as those that zstd packed."""
+    """Return whether data begin as those that zstd packed."""
     return head.startswith(ZSTD_MAGIC) or is_skipped_zstd(head)
 
 

@@ -82,7 +82,7 @@ def check_meaning(meant: dict[str, str], label: str, name: str, where: str, *, w
 
 
 def means_none(given: str, names: Sequence[str]) -> bool:
-    """Whether no name in use is what a file may mean by `given`, as `match_sensor` takes it."""
+    """Return whether no name in use is what a file may mean by `given`, as `match_sensor` takes it."""
     number = _last_number(given)
     return given not in names and (number is None or all(_last_number(name) != number for name in names))
 
@@ -111,7 +111,7 @@ def _last_number(name: str) -> int | None:
 
 
 def is_utf8(name: str) -> bool:
-    """Whether the bytes of a name are UTF-8; on Linux they may be anything."""
+    """Return whether the bytes of a name are UTF-8; on Linux they may be anything."""
     try:
         name.encode()
     except UnicodeEncodeError:

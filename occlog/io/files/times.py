@@ -90,7 +90,7 @@ class FrameTimes:
         return replace(self, source=told, clock=clock)
 
     def same_as(self, other: FrameTimes) -> bool:
-        """Whether every frame has the same time in the world."""
+        """Return whether every frame has the same time in the world."""
         if self.count != other.count or (self.table_ns is None and self.rate != other.rate):
             return False
         if self.table_ns is not None:
@@ -151,7 +151,7 @@ def as_rate(fps: float | str) -> Fraction:
 
 
 def _is_written(rate: float, value: float) -> bool:
-    """Whether a value is a rate with two decimals, three or many."""
+    """Return whether a value is a rate with two decimals, three or many."""
     return value in (round(rate, 2), round(rate, 3)) or abs(value - rate) <= 1e-6 * rate
 
 
@@ -273,7 +273,7 @@ def read_sidecar(path: Path, cameras: Sequence[str]) -> dict[str, Ints]:
 
 
 def looks_like_times(path: Path) -> bool:
-    """Whether a text is a table of time stamps and nothing else, by its first line."""
+    """Return whether a text is a table of time stamps and nothing else, by its first line."""
     try:
         cells = first_line(path, WHAT)
         named = is_header_line(path)
@@ -301,7 +301,7 @@ def iter_times(path: Path) -> Iterator[tuple[CsvRows, str]]:
 
 
 def is_header_line(path: Path) -> bool:
-    """Whether the file begins with names of columns; a date and time is not a name."""
+    """Return whether the file begins with names of columns; a date and time is not a name."""
     cells = first_line(path, WHAT)
     return is_header(cells) and not any(_ISO.match(cell) for cell in cells)
 

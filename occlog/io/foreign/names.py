@@ -127,7 +127,7 @@ class Spelling(NamedTuple):
 
     @property
     def compass(self) -> bool:
-        """Whether it is an angle clockwise from north, not from +x towards +y."""
+        """True if it is an angle clockwise from north, not from +x towards +y."""
         return self.column.unit == "rad" and self.name.strip().lower().startswith(COMPASS)
 
 
@@ -238,7 +238,7 @@ def _spellings(column: Column, table: str) -> Mapping[str, str]:
 
 
 def _is_time_difference(column: Column) -> bool:
-    """Whether a column is a time with a name that does not state its unit."""
+    """Return whether a column is a time with a name that does not state its unit."""
     return column.unit == "s" and not column.name.endswith("_s")
 
 
@@ -313,7 +313,7 @@ def _find(column: Column, there: Mapping[str, str], known: Mapping[str, str]) ->
 
 
 def _is_wanted(column: Column, table: str) -> bool:
-    """Whether a table cannot do without a column."""
+    """Return whether a table cannot do without a column."""
     if column.name in WANTED.get(table, ()):
         return True
     may_lack = column.optional or column.nan is not None or column.name in FILLED.get(table, {})

@@ -67,11 +67,11 @@ class ForeignTable:
 
     @property
     def has_lengths(self) -> bool:
-        """Whether a column that is used is a length, or one of its powers or speeds."""
+        """True if a column that is used is a length, or one of its powers or speeds."""
         return any(s.column.unit in POWERS for s in self.layout.columns)
 
     def fits(self, table: type[ColumnTable]) -> bool:
-        """Whether the file has what a table requires."""
+        """Return whether the file has what a table requires."""
         return not self.layout_of(table).missing
 
     def widest(self, table: type[T]) -> type[T]:
@@ -148,7 +148,7 @@ class ForeignTable:
             )
 
     def _is_in_order(self, layout: TableLayout) -> bool:
-        """Whether the times of the file never fall: a pass over these alone."""
+        """Return whether the times of the file never fall: a pass over these alone."""
         time = next(s for s in layout.columns if s.column.name == TIME)
         last = None
         for cells in self.source.cells([time.name]):
@@ -297,7 +297,7 @@ def _lay_out(source: ColumnSource, table: type[ColumnTable]) -> TableLayout:
 
 
 def _is_vague(layout: TableLayout, names: Sequence[str]) -> bool:
-    """Whether no used name refers to readers or tags, and columns are left over."""
+    """Return whether no used name refers to readers or tags, and columns are left over."""
     used = {s.name.strip().lower() for s in layout.columns}
     return len(names) > len(used) and not used & OF_READS
 

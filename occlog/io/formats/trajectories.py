@@ -292,7 +292,7 @@ UNIT = 1e-3
 
 
 def looks_like_tum(head: Sequence[str]) -> bool:
-    """Whether a first line has eight numbers, of which the last four are a rotation."""
+    """Return whether a first line has eight numbers, of which the last four are a rotation."""
     if len(head) != COLUMNS:
         return False
     try:

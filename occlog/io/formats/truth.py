@@ -454,7 +454,7 @@ def _all_mot_positions(path: Path, options: TruthOptions) -> list[Positions]:
 
 
 def _has_places_alone(path: Path) -> bool:
-    """Whether a MOTChallenge text has positions in the world, and -1 for all edges of boxes: it is of no camera."""
+    """Return whether a MOTChallenge text has world positions, and -1 for all edges of boxes (no camera)."""
     for rows in read_plain(path, WHAT):
         if len(rows.cells) < 10 or any((rows.floats(edge) != -1).any() for edge in "2345"):
             return False

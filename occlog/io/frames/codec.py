@@ -52,7 +52,7 @@ _MPO_BYTES = 1 << 17
 
 
 def is_multi_image(data: bytes) -> bool:
-    """Whether an image (WebP, GIF, AVIF, TIFF, JPEG) holds several pictures that differ; of PNG see `codec`."""
+    """Return whether an image (WebP, GIF, AVIF, TIFF, JPEG) holds several pictures that differ; of PNG see `codec`."""
     if data[:4] == b"RIFF":
         return data[8:16] == b"WEBPVP8X" and bool(data[20:21]) and bool(data[20] & _ANIMATED_WEBP)
     try:
@@ -117,7 +117,7 @@ def _pages(data: bytes) -> int:
 
 
 def _is_copy(data: bytes, order: str, begin: int, count: int, entry: int) -> bool:
-    """Whether the entries of a page, which are sorted by tag, mark it as a smaller copy or a mask of another."""
+    """Return whether the entries of a page, which are sorted by tag, mark it as a smaller copy or a mask of another."""
     for at in range(begin, begin + count * entry, entry):
         (tag,) = struct.unpack_from(order + "H", data, at)
         if tag == _KIND_OF_PAGE:
@@ -158,7 +158,7 @@ def stated_white(data: bytes) -> int | None:
 
 
 def is_scaled(data: bytes, most: int) -> bool:
-    """Whether OpenCV makes 255 of white by itself: in text up to 255, and of values that use all of 8 or 16 bits."""
+    """Return whether OpenCV scales white to 255: in text up to 255, and for values of full 8 or 16 bits."""
     return most in (FULL, FULL_16) or (most < FULL and data[1:2] in (b"2", b"3"))
 
 

@@ -398,7 +398,7 @@ def _lateness(container: Container | None, first: _Raw) -> int:
 
 
 def _distinct(container: Container | None) -> bool:
-    """Whether no two frames of the container have the same time."""
+    """Return whether no two frames of the container have the same time."""
     return container is not None and container.pts_ns is not None and bool((np.diff(container.pts_ns) > 0).all())
 
 

@@ -91,7 +91,7 @@ def video_times(
 
 
 def _plausible(container: Container) -> bool:
-    """Whether the container gives every frame its own time."""
+    """Return whether the container gives every frame its own time."""
     return container.pts_ns is not None and bool((np.diff(container.pts_ns) > 0).all())
 
 
@@ -140,7 +140,7 @@ def numbers_of(files: list[Path]) -> list[int]:
 
 
 def are_times(files: list[Path]) -> bool:
-    """Whether the names are times in ns since the Unix epoch (numbers of 18 or more digits)."""
+    """Return whether the names are times in ns since the Unix epoch (numbers of 18 or more digits)."""
     return all(file.stem.isdigit() and len(file.stem) >= NS_DIGITS for file in files)
 
 

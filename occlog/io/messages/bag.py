@@ -178,7 +178,7 @@ class Bag:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path resembles a bag: a folder with its files, or a file of that kind."""
+    """Return whether a path resembles a bag: a folder with its files, or a file of that kind."""
     if path.is_dir():
         return (path / METADATA).is_file() or bool(_members(path))
     return path.is_file() and _kind(path) is not None

@@ -156,7 +156,7 @@ class Stored(NamedTuple):
 
 
 def is_picture(message: ImageMessage) -> bool:
-    """Whether the message shows what a camera sees, and not depth or the like."""
+    """Return whether the message shows what a camera sees, and not depth or the like."""
     if message.size is not None:
         return message.encoding in ENCODINGS
     words = message.encoding.lower()
@@ -230,7 +230,7 @@ class Edge:
 
     @property
     def still(self) -> bool:
-        """Whether it never moved by more than noise does."""
+        """True if it never moved by more than noise does."""
         return self.moved <= STILL_M and self.turned <= STILL_RAD
 
 
@@ -275,7 +275,7 @@ class Transforms:
         return sorted({*self.edges, *(edge.parent for edge in self.edges.values())})
 
     def knows(self, frame: str) -> bool:
-        """Whether a frame is in the tree."""
+        """Return whether a frame is in the tree."""
         return frame in self.edges or any(edge.parent == frame for edge in self.edges.values())
 
     def chain(self, frame: str) -> list[str]:

@@ -221,7 +221,7 @@ class McapFile:
             self._repeated.remove(found)
 
     def _skipped(self, code: int, at: int, topics: Collection[str] | None) -> bool:
-        """Whether a chunk holds none of the topics, by the index."""
+        """Return whether a chunk holds none of the topics, by the index."""
         if code != Opcode.CHUNK or topics is None or at not in self._chunks:
             return False
         return not any(self._channels[c].topic in topics for c in self._chunks[at] if c in self._channels)

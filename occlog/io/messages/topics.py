@@ -135,7 +135,7 @@ def base_of(topic: str) -> str:
 
 
 def is_rectified(topic: str) -> bool:
-    """Whether the name of a topic states that its images are rectified."""
+    """Return whether the name of a topic states that its images are rectified."""
     return "rect" in base_of(topic).rpartition("/")[2]
 
 

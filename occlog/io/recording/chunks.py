@@ -43,7 +43,7 @@ _LONGEST = 256
 
 
 def is_of_occlog(path: Path) -> bool:
-    """Whether an MCAP file was written by occlog, as its head states, which stays where it is cut or damaged later."""
+    """Return whether an MCAP file was written by occlog, by its head, also if it is truncated or damaged later."""
     with path.open("rb") as file:
         data = file.read(_LONGEST)
     at = len(RECORDING_MAGIC) + HEAD.size

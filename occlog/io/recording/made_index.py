@@ -93,7 +93,7 @@ class RebuiltIndex(NamedTuple):
 
 
 def is_index_complete(file: IO[bytes], summary: Summary) -> bool:
-    """Whether an index reports everything in the file, by its own statistics and by the indexes behind the chunks."""
+    """Return whether an index is complete, by its own statistics and by the indexes behind the chunks."""
     return _agrees_with_itself(summary) and _agrees_with_chunks(file, summary)
 
 
@@ -125,7 +125,7 @@ def _agrees_with_itself(summary: Summary) -> bool:
 
 
 def _agrees_with_chunks(file: IO[bytes], summary: Summary) -> bool:
-    """Whether the indexes of messages behind the chunks have the channels and the counts that the file's index states.
+    """Return whether the message indexes behind the chunks have the channels and counts of the file's index.
 
     Chunks without the requested topics are passed over, and topics without messages are not asked for.
     """

@@ -98,7 +98,7 @@ def _state(stat: os.stat_result) -> tuple[int, ...]:
 
 @lru_cache(maxsize=4)
 def _has_whole_index(path: Path, state: tuple[int, ...]) -> bool:  # noqa: ARG001
-    """Whether a file has an index of all that it holds; checked once as long as the file does not change."""
+    """Return whether a file has an index of all that it holds; checked once as long as the file does not change."""
     with path.open("rb") as file, translate_mcap(path, file):
         summary = SeekingReader(file, validate_crcs=True, record_size_limit=MAX_CHUNK_BYTES).get_summary()
         return summary is not None and is_index_complete(file, summary)

@@ -104,14 +104,14 @@ _VIDEOS = (
 
 
 def is_video_header(path: Path) -> bool:
-    """Whether the first bytes of a regular file are those of a video."""
+    """Return whether the first bytes of a regular file are those of a video."""
     with path.open("rb") as file:
         head = file.read(HEAD)
     return any(head[place:].startswith(mark) for place, mark in _VIDEOS)
 
 
 def leaves_folder(recording: Path, place: str) -> bool:
-    """Whether a position that a recording states leads out of its folder, by its name or by symbolic links."""
+    """Return whether a position that a recording states leads out of its folder, by its name or by symbolic links."""
     lies = (recording.parent / place).resolve()
     return ".." in PurePosixPath(place).parts or not lies.is_relative_to(recording.parent.resolve())
 

@@ -113,7 +113,7 @@ class McapRecording:
         return tuple(sorted({sensor_of(t.name) for t in self.topics if _is_image(t)}))
 
     def has(self, table: type[ColumnTable]) -> bool:
-        """Whether the recording holds rows of a table."""
+        """Return whether the recording holds rows of a table."""
         return any(t.schema == schema_of(table) for t in self.topics)
 
     def messages(self, table: type[ColumnTable]) -> int:

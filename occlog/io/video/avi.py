@@ -38,7 +38,7 @@ _LISTS = (b"RIFF", b"LIST")
 
 
 def recognised(data: mmap.mmap) -> bool:
-    """Whether the file begins like an AVI file."""
+    """Return whether the file begins like an AVI file."""
     return len(data) >= 12 and data[:4] == b"RIFF" and data[8:12] == b"AVI "
 
 
@@ -168,7 +168,7 @@ def _container(data: mmap.mmap, found: _AviScan, stream: _Stream) -> Container:
 
 
 def _is_frame(kind: bytes, tag: bytes) -> bool:
-    """Whether a chunk holds a frame of the stream; the others that have its number change its palette."""
+    """Return whether a chunk holds a frame of the stream; the others that have its number change its palette."""
     return kind[:2] == tag and kind[2:] != PALETTE
 
 

@@ -81,7 +81,7 @@ class Faults:
         self._count += 1
 
     def __bool__(self) -> bool:
-        """Whether there are any."""
+        """Return whether there are any."""
         return bool(self._told)
 
     def __iter__(self) -> Iterator[tuple[str, str]]:

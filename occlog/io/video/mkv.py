@@ -58,7 +58,7 @@ class _MkvScan:
 
 
 def recognised(data: mmap.mmap) -> bool:
-    """Whether the file begins like a Matroska file."""
+    """Return whether the file begins like a Matroska file."""
     return data[:4] == EBML.to_bytes(4, "big")
 
 

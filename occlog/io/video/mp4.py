@@ -200,7 +200,7 @@ _TOP = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"styp", b"sidx", 
 
 
 def recognised(data: mmap.mmap) -> bool:
-    """Whether the file begins like an MP4 or QuickTime file."""
+    """Return whether the file begins like an MP4 or QuickTime file."""
     return len(data) >= 8 and data[4:8] in _TOP
 
 

@@ -1,4 +1,4 @@
-"""What `occlog appearance` takes."""
+"""Request of `occlog appearance`."""
 
 from __future__ import annotations
 

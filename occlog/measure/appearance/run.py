@@ -1,4 +1,4 @@
-"""What `occlog appearance learn` does: read boxes with their images, collect their colours, write a gallery.
+"""Run of `occlog appearance learn`: read boxes with their images, collect their colours, write a gallery.
 
 Inputs of `occlog appearance learn` and of `occlog label` with a gallery: boxes, images, tracks, and the scene.
 """

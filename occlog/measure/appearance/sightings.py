@@ -418,7 +418,7 @@ class _Images:
     """Images as a stream; holds those of the time that is asked for."""
 
     def __init__(self, frames: Iterable[Frame], tally: SightingTally) -> None:
-        """Nothing is read yet."""
+        """Create sightings that are not read yet."""
         self._frames, self._tally = iter(frames), tally
         self._held: dict[tuple[str, int], Frame] = {}
         self._next: Frame | None = None

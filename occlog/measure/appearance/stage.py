@@ -170,7 +170,7 @@ class EvidenceTally:
     """The sums, accumulated over streams of tables."""
 
     def __init__(self) -> None:
-        """Nothing yet."""
+        """Create an empty stage."""
         self._sums: dict[tuple[int, int], tuple[float, int]] = {}
 
     def add(self, part: AppearanceMatches) -> None:

@@ -239,7 +239,7 @@ APART_FRAMES = 5
 
 @dataclass
 class SeparateSightings:
-    """Evidence that a camera has seen several separate people: one person with arms and legs spread is like two who touch.
+    """Evidence that a camera has seen several separate people; one with spread limbs resembles two who touch.
 
     Attributes:
         frames: in which at least two people had their own silhouettes.
@@ -249,7 +249,7 @@ class SeparateSightings:
 
     @property
     def several(self) -> bool:
-        """Whether this camera has seen more than one person."""
+        """True if this camera has seen more than one person."""
         return self.frames >= APART_FRAMES
 
 
@@ -312,7 +312,7 @@ def split_silhouettes(
 
 
 def _may_be_several(box: Ints32, height: float, clusters: int) -> bool:
-    """Whether a silhouette with a box (left, top, width, height, cells) may hold several people."""
+    """Return whether a silhouette with a box (left, top, width, height, cells) may hold several people."""
     if box[4] < MIN_SHARE * height**2:
         return False
     return bool(clusters > 1 or box[2] > MIN_WIDTH_RATIO * WIDTH * height or box[3] > MIN_HEIGHT_RATIO * height)

@@ -31,7 +31,7 @@ class Checked:
     """Accumulates the checks of detections over a stream of views."""
 
     def __init__(self, scene: Scene) -> None:
-        """Nothing was seen yet."""
+        """Create empty statistics of detections."""
         self._sizes = {c.name: c.image_size for c in scene.cameras}
         self._boxes: Counter[str] = Counter()
         self._outside: Counter[str] = Counter()
@@ -133,7 +133,7 @@ class Checked:
 
 
 def _overlaps(box: Floats, others: Floats) -> bool:
-    """Whether any of (k, 4) boxes is at the position of a (4,) box."""
+    """Return whether any of (k, 4) boxes is at the position of a (4,) box."""
     both = np.prod(np.maximum(np.minimum(box[2:], others[:, 2:]) - np.maximum(box[:2], others[:, :2]), 0.0), axis=1)
     each = np.prod(others[:, 2:] - others[:, :2], axis=1) + np.prod(box[2:] - box[:2])
     return bool((both >= SAME * (each - both)).any())

@@ -26,7 +26,7 @@ class SkippedFrames:
     """
 
     def __init__(self) -> None:
-        """Nothing was seen yet."""
+        """Create an empty list of skipped frames."""
         self.frames: Counter[str] = Counter()
         self._last: dict[str, int] = {}
         self._step: dict[str, int] = {}  # that divides all differences of the numbers of a camera

@@ -1,4 +1,4 @@
-"""What `occlog detect` takes, for each of the detectors."""
+"""Request of `occlog detect`, for each of the detectors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `occlog detect` does: open a recording, detect in what it holds, fuse, write.
+"""Run of `occlog detect`: open a recording, detect in what it holds, fuse, write.
 
 What `occlog detect --onnx` does: open a recording and networks, detect in its images, write views and bearings.
 

@@ -46,7 +46,7 @@ def view_geometry(
 
 
 def bends(camera: Camera | None) -> bool:
-    """Whether a camera's lens distorts, if known."""
+    """Return whether a camera's lens distorts, if known."""
     return camera is not None and bool(np.any(camera.distortion))
 
 

@@ -198,7 +198,7 @@ def _off_the_plane(a: Floats, b: Floats, noise: float) -> Bools:
 
 
 def _off_one_plane(a: Floats, b: Floats, side: float, noise: float) -> Bools:
-    """Matches off one plane, seen from one side by both views (1) or from both sides (-1): OpenCV finds the first kind."""
+    """Matches off one plane, seen from one side by both views (1) or from both (-1): OpenCV finds the first kind."""
     mirror = np.array([side, 1.0])
     mapping, _ = cv2.findHomography(a, b * mirror, cv2.USAC_MAGSAC, PARALLAX * noise, maxIters=5_000, confidence=0.9999)
     off = np.ones(len(a), dtype=np.bool_)
@@ -234,7 +234,7 @@ def _affine_will_do(
     full: tuple[FundamentalMatrixFit, Bools, bool],
     affine: tuple[FundamentalMatrixFit, Bools, bool],
 ) -> bool:
-    """Whether perspective leaves, over the matches that agree with it, no less than chance lets it: 3 more unknowns."""
+    """Return whether perspective fits its matches no better than chance does with 3 more unknowns."""
     inliers, fit = full[1], full[0]
     n = int(inliers.sum())
     if n < MIN_MATCHES or affine[1].sum() < 0.9 * n:

@@ -1,4 +1,4 @@
-"""What `occlog epipolar` takes."""
+"""Request of `occlog epipolar`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `occlog epipolar` does: open matches, poses or matrices, estimate or check, write."""
+"""Run of `occlog epipolar`: open matches, poses or matrices, estimate or check, write."""
 
 from __future__ import annotations
 

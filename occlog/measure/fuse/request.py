@@ -1,4 +1,4 @@
-"""What `occlog fuse` takes."""
+"""Request of `occlog fuse`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `occlog fuse` does: open bearings and views, fuse, write; and the figures of a fusion."""
+"""Run of `occlog fuse`: open bearings and views, fuse, write; and the figures of a fusion."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class FuseTally:
         return out | {"cameras": {name: dict(counts) for name, counts in self.cameras.items()}}
 
     def checks(self) -> tuple[Check, ...]:
-        """Whether the cameras agree on where targets are: detections with a label that the fusion removes."""
+        """Return whether the cameras agree on where targets are: detections with a label that the fusion removes."""
         removed = {name: own["removed"] for name, own in self._of_targets.items()}
         whole = {name: own.total() for name, own in self._of_targets.items()}
         told = [name for name, count in whole.items() if count >= MIN_SAMPLES]

@@ -1,4 +1,4 @@
-"""What `occlog label` takes."""
+"""Request of `occlog label`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `occlog label` does: read, assign, write.
+"""Run of `occlog label`: read, assign, write.
 
 What `occlog label --gallery` does: compare boxes with a gallery, write the matches, and the tracks renamed.
 """
@@ -58,7 +58,7 @@ class LabelTally:
     """Figures of the summary, accumulated while streaming."""
 
     def __init__(self) -> None:
-        """Nothing yet."""
+        """Create an empty summary."""
         self.rows = 0
         self.labelled: Counter[int] = Counter()
         self.not_seen: Counter[int] = Counter()
@@ -157,7 +157,7 @@ class DecisionTally:
     """Figures of the summary, accumulated while streaming."""
 
     def __init__(self) -> None:
-        """Nothing yet."""
+        """Create an empty summary."""
         self.rows = self.boxes = self.same = self.decided = 0
         self.reasons: Counter[str] = Counter()
 

@@ -99,7 +99,7 @@ class _Paths:
     """Tracks as a stream; holds the rows about the times that are asked for."""
 
     def __init__(self, chunks: Iterable[Tracks], limit_ns: int) -> None:
-        """Nothing is read yet."""
+        """Create a stage that has not read any input."""
         self._chunks = iter(chunks)
         self._limit_ns = limit_ns
         self._held = Tracks.empty()

@@ -1,4 +1,4 @@
-"""What `occlog listen` takes."""
+"""Request of `occlog listen`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `occlog listen` does: open sound and scene, find directions, write them in the order of time."""
+"""Run of `occlog listen`: open sound and scene, find directions, write them in the order of time."""
 
 from __future__ import annotations
 

@@ -317,7 +317,7 @@ def _identities(
 
 
 def _lately(known: TrackedPolygon, t_ns: int, rules: HullRules) -> bool:
-    """Whether there was evidence of it lately."""
+    """Return whether there was evidence of it lately."""
     return known.evidence_ns is not None and t_ns - known.evidence_ns <= rules.memory_ns
 
 

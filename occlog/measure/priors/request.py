@@ -1,4 +1,4 @@
-"""What `occlog priors` takes, for each source of moving occluders."""
+"""Request of `occlog priors`, for each source of moving occluders."""
 
 from __future__ import annotations
 

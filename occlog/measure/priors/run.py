@@ -1,4 +1,4 @@
-"""What `occlog priors` does: read, find occluders, write."""
+"""Run of `occlog priors`: read, find occluders, write."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ class PriorsTally:
     """Figures of the summary, accumulated while streaming."""
 
     def __init__(self) -> None:
-        """Nothing yet."""
+        """Create an empty summary."""
         self.rows = 0
         self.occluders = 0
         self.times = 0

@@ -73,7 +73,7 @@ def _tracked(
     targets: tuple[int, ...] | None = None,
     priors: Occluders | None = None,
 ) -> tuple[list[TrackChunk], float]:
-    """What a method gives out, and the CPU seconds that it took."""
+    """Return the output of a method, and its CPU time [s]."""
     start = time.process_time()
     sensors = frozenset(names(SQUARE_ORDER[:CAMERAS]))
     tracking = TrackingTask(config, seed, method=method, sensors=sensors, targets=targets)

@@ -24,7 +24,7 @@ from .space.worlds import ACCELERATION, SIGMA, STEP_S, TABLE, world
 EQUAL = 1e-9
 """Largest deviation with which two formulas are the same, in doubles."""
 BY_DIFFERENCES = 1e-6
-"""The same where one of them is a quotient of differences."""
+"""Tolerance where one of the values is a quotient of differences."""
 INSTANTS, FIRST_PLANES, TABLE_INSTANTS = 50, 13, 165
 """Instants of scenarios 3 and 4, those before the planes change, and seconds of the track of Tables 2.1 and 2.2."""
 PHI_RANGE, THETA_RANGE = (50.47, 82.14), (36.35, 85.60)

@@ -31,7 +31,7 @@ OUT = 10_000.0
 
 
 class Staging(NamedTuple):
-    """What a video shows instead of balls that fly about."""
+    """Staged content of a video instead of freely moving balls."""
 
     scene: str = ""  # one of `SCENES`; empty: balls that fly about
     unseen: tuple[int, ...] = ()  # balls that the first view does not see
@@ -89,12 +89,12 @@ def _together(config: BallsConfig, rng: Generator) -> Floats:
 
 
 def _together_in_second(config: BallsConfig, rng: Generator) -> Floats:
-    """As `_together`, but in view 2."""
+    """Return paths like those of `_together`, but in view 2."""
     return _together(config, rng)[..., [1, 0, 2]]
 
 
 def _opposite(config: BallsConfig, rng: Generator) -> Floats:
-    """As `_together`, but the two go opposite ways and pass one another."""
+    """Return paths like those of `_together`, but in opposite directions, passing one another."""
     t = np.linspace(0.0, 1.0, config.frames)
     close = HIDING * config.radius * rng.choice([-1.0, 1.0])
     gap = np.column_stack([400.0 * (t - 0.5), np.full(len(t), close)])

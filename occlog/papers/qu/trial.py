@@ -34,7 +34,7 @@ from .world import births_of, boxes_of, first_frame, geometry_of, of_views
 
 
 class TrackerPlaces(NamedTuple):
-    """Where each tracker is in each frame; one that has ended is on none."""
+    """Positions of each tracker in each frame; one that has ended is on none."""
 
     own: Bools  # (T, k) within reach of its own target
     other: Bools  # (T, k) not on its own, and within reach of another

@@ -120,7 +120,7 @@ def _is_below(name: str, folder: str) -> bool:
 
 
 def _may_be_file(name: str) -> bool:
-    """Whether it is a file, or something inaccessible, which is reported to the caller."""
+    """Return whether it is a file, or something inaccessible, which is reported to the caller."""
     try:
         return stat.S_ISREG(Path(name).stat().st_mode)
     except OSError:
@@ -165,7 +165,7 @@ def _fits(name: str) -> bool:
 
 
 def _shown(places: Sequence[str]) -> dict[str, str]:
-    """What each position is called: its path below the folder that all have in common."""
+    """Return the short name of each location: its path below the folder that all have in common."""
     local = [place for place in places if not is_url(place)]
     common = os.path.commonpath([str(Path(place).parent) for place in local]) if local else ""
     files = {place: Path(place).relative_to(common).as_posix() for place in local}

@@ -146,7 +146,7 @@ class Task:
 
 @dataclass(frozen=True)
 class RecordingOutcome:
-    """What became of a recording."""
+    """Outcome of a recording."""
 
     name: str
     shown: str
@@ -168,7 +168,7 @@ class RecordingOutcome:
 
     @property
     def plausible(self) -> bool | None:
-        """Whether every stage found its results plausible; None: none has judged."""
+        """True if every stage found its results plausible; None: none has judged."""
         return all_plausible(self.verdicts)
 
     @property

@@ -162,14 +162,14 @@ def _figures(runs: Path, outcomes: Sequence[RecordingOutcome]) -> Iterator[dict[
 
 
 TIMINGS = "timings.csv"
-"""What differs from run to run; the other files have the same bytes each time."""
+"""Files that differ from run to run; the other files have the same bytes each time."""
 TOLD = 20
 """This many recordings that failed are named; the table has all."""
 
 
 @dataclass(frozen=True)
 class BatchRequest:
-    """What the command line asks for.
+    """Request of a batch.
 
     Attributes:
         config: file of the configuration.
@@ -303,7 +303,7 @@ def _code(outcomes: Sequence[RecordingOutcome], lost: bool) -> int:
 
 
 def _from_here(source: BatchRecording) -> str:
-    """What a command takes for a recording: tables have its name without the folder."""
+    """Return the argument of a command for a recording: tables have its name without the folder."""
     if is_url(source.place):
         return source.shown
     place, here = Path(source.place), Path.cwd()

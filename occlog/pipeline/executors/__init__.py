@@ -1,1 +1,1 @@
-"""Where many pieces of work run: this process, processes of this machine, or a cluster."""
+"""Executors of independent pieces of work: this process, processes of this machine, or a cluster."""

@@ -1,4 +1,4 @@
-"""What every executor does: run independent pieces of work, and hand over each outcome as it comes."""
+"""Interface of executors: run independent pieces of work, and hand over each outcome as it comes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ R = TypeVar("R")
 
 
 class Lost(NamedTuple):
-    """What there is of a piece of work instead of its result, since whoever did it is gone.
+    """Replacement of the result of a piece of work with a dead worker.
 
     Attributes:
         reason: description of the end.

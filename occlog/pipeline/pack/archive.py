@@ -115,7 +115,7 @@ def check_names(manifest: Manifest, where: str, so: str) -> None:
 
 
 def key_of_name(name: str) -> str:
-    """What a name has in common with those that some systems take for the same: by case, and by how accents are put."""
+    """Return a key that is equal for names some systems treat as equal, by case and by encoding of accents."""
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
 
 
@@ -156,7 +156,7 @@ FAILURES = (
     RuntimeError,
     LookupError,
 )
-"""What the library raises for archives that are damaged."""
+"""Exceptions of the library for damaged archives."""
 
 
 class Packer:

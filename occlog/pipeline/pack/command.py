@@ -15,9 +15,7 @@ from occlog.io.files.atomic import check_outputs
 @click.argument("folder", type=options.PATH)
 @click.option("--config", type=options.INPUT, required=True, help="Configuration that the run folder was made by.")
 @options.output_opt("The archive (ZIP).")
-@click.option(
-    "--reference", is_flag=True, help="Leave the inputs out; record only their names, sizes and SHA-256."
-)
+@click.option("--reference", is_flag=True, help="Leave the inputs out; record only their names, sizes and SHA-256.")
 @options.overwrite_opt
 @options.json_opt
 def command(folder: Path, config: Path, output: Path, reference: bool, overwrite: bool, as_json: bool) -> int:

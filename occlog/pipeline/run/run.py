@@ -35,7 +35,7 @@ UP_TO_DATE = "up to date"
 PATIENCE = 5.0
 """Time to wait for another command in a run folder [s]: workers of one that was killed need a time step to end."""
 WAITING = "would run"
-"""What a dry run states about a stage that is not up to date."""
+"""Text of a dry run for a stage that is not up to date."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Digests:
     """Hashes of files, each read once unless it changes."""
 
     def __init__(self) -> None:
-        """None yet."""
+        """Create an empty list of stages."""
         self._known: dict[tuple[str, int, int], str] = {}
 
     def of(self, path: Path) -> str:
@@ -288,7 +288,7 @@ def _is_current(outcome: StageOutcome, key: str, folder: Path) -> bool:
 
 
 def outcomes(folder: Path) -> dict[str, StageOutcome]:
-    """What the stages of a run folder came to, as its state has it; none in an empty folder.
+    """Return the outcomes of the stages from a run folder's state; none in an empty folder.
 
     Raises:
         UsageError: it is not a run folder.
@@ -312,7 +312,7 @@ def outcomes(folder: Path) -> dict[str, StageOutcome]:
 
 
 def _is_outcome(told: StageOutcome, folder: Path) -> bool:
-    """Whether a state's report of a stage is possible: outputs in the run folder, since other ones are removed."""
+    """Return whether a state's report of a stage is possible: all its outputs are in the run folder."""
     texts = [told.key, *told.outputs.keys(), *told.outputs.values()]
     return (
         all(isinstance(text, str) for text in texts)

@@ -57,7 +57,7 @@ class RunStage:
     output_paths: tuple[str, ...]
 
     def texts(self) -> list[str]:
-        """What the outputs depend on, as text: the names of all values, and each value or each of its items."""
+        """Return the parameters of the outputs as text: the names of all values, and each value or its items."""
         return [text for name, value in self.values.items() for text in (f"{name}:", *map(str, listed(value)))]
 
     def keys(self) -> list[str]:
@@ -71,7 +71,7 @@ class RunStage:
         return [*(entry.key for entry in self._entries()), READS, *settings, *strict]
 
     def without_key(self, name: str) -> bool:
-        """Whether a name is that of a setting without its own key, given under `set`."""
+        """Return whether a name is that of a setting without its own key, given under `set`."""
         return any(name == f.name for of in self._free() for f in declared(of))
 
     def check(self) -> None:
@@ -114,7 +114,7 @@ class RunStage:
         return self.values.get(entry.key) is not None
 
     def _entries(self) -> Iterator[RequestEntry]:
-        """What the request takes, and the settings of the plug-ins that keys name."""
+        """Iterate over the fields of the request, and the settings of the plug-ins that keys name."""
         own = list(self.form.entries())
         named = [plugin for entry in own if entry.plugged is not None for plugin in self._plugins(entry)]
         if (reader := self._reader()) is not None:
@@ -201,7 +201,7 @@ class _Plugged(Request):
 
 
 def form_of_plugin(plugin: Plugin) -> Form:
-    """What a plug-in takes: its settings, each under its name."""
+    """Return the form of a plug-in: its settings, each under its name."""
     return Form(_Plugged, settings={"own": plugin.load().settings}, under={"own": plugin.name})
 
 

@@ -237,7 +237,7 @@ def _everybody(
 
 
 def _has_video(config: Config, recording: Path) -> bool:
-    """Whether the recording holds images; without a recording the configuration decides."""
+    """Return whether the recording holds images; without a recording the configuration decides."""
     if recording.is_file():
         return bool(open_recording(recording).cameras)
     simulated, ingested = config.stage("simulate"), config.stage("ingest")

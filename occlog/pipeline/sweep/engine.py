@@ -117,7 +117,7 @@ class TrialOutcome(NamedTuple):
 
 
 class TrialError(OcclogError):
-    """Some trials failed; the others are stored."""
+    """Error for failed trials; the others are stored."""
 
 
 def run_all(

@@ -1,4 +1,4 @@
-"""What `occlog report A B` does: open two runs, compare them, write the page.
+"""Run of `occlog report A B`: open two runs, compare them, write the page.
 
 Two runs as they are opened: their names, files, estimates, and the truth of both.
 """

@@ -26,7 +26,7 @@ MOVED = 1e-6
 
 
 def same_rows(a: ColumnTable, b: ColumnTable) -> bool:
-    """Whether two tables have the same values."""
+    """Return whether two tables have the same values."""
     if len(a) != len(b):
         return False
     columns = ((getattr(a, c.name), getattr(b, c.name)) for c in type(a).columns())

@@ -232,7 +232,7 @@ def format_time(found: RunComparisonPage, t_ns: int) -> str:
 
 
 def comparison_heading(found: RunComparisonPage) -> str:
-    """Whether the runs differ, in a line."""
+    """Return whether the runs differ, in a line."""
     if found.same:
         return "The two runs are the same"
     if found.against_truth is not None:
@@ -267,9 +267,7 @@ def sentences(found: RunComparisonPage) -> list[str]:
     if found.same:
         out.append("Every estimate of one is an estimate of the other, to the last digit.")
     if found.against_truth is None:
-        out.append(
-            "Only ground truth shows which run is better: give it as a recording or a table of true positions."
-        )
+        out.append("Only ground truth shows which run is better: give it as a recording or a table of true positions.")
     else:
         out += _of_figures(found)
     out.append(first_divergence(found))

@@ -104,7 +104,7 @@ class ErrorsAgainstBound:
         )
 
     def smooths(self, target: int) -> bool:
-        """Whether the bound of smoothing of a target is known all the time."""
+        """Return whether the bound of smoothing of a target is known all the time."""
         return target in self._targets and self._targets[target].smoothed
 
 
@@ -113,7 +113,7 @@ MAX_LOOKUPS = 200
 
 
 def relabelled(found: Mapping[int, int | None]) -> bool:
-    """Whether tracks have their own names, and errors those of the truth, of what `matching_tracks` found."""
+    """Return whether tracks have their own names, and errors those of the truth, of what `matching_tracks` found."""
     return any(target != track for target, track in found.items())
 
 
@@ -152,7 +152,7 @@ MARKS = 300
 
 
 def has_particles(diagnostics: Diagnostics) -> bool:
-    """Whether the diagnostics are of a particle filter."""
+    """Return whether the diagnostics are of a particle filter."""
     return bool(np.isfinite(diagnostics.ess).any())
 
 

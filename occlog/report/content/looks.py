@@ -317,7 +317,7 @@ class SelectionStreams:
 
     @property
     def any(self) -> bool:
-        """Whether cameras were selected for any target."""
+        """True if cameras were selected for any target."""
         return bool(self._targets)
 
     def finish(self) -> dict[int, Selections]:

@@ -162,7 +162,7 @@ class ReportInput:
 
     @property
     def smoothed(self) -> bool:
-        """Whether the tracks are smoothed."""
+        """True if the tracks are smoothed."""
         return self.made.smoothed
 
     @property
@@ -188,7 +188,7 @@ class ReportInput:
 
     @property
     def plausible(self) -> bool | None:
-        """Whether all checks of all stages passed; None: no stage has checks."""
+        """True if all checks of all stages passed; None: no stage has checks."""
         return all_plausible(self.verdicts)
 
     @cached_property
@@ -205,7 +205,7 @@ class ReportInput:
 
     @cached_property
     def relabelled(self) -> bool:
-        """Whether tracks have their own names, and errors those of the truth."""
+        """True if tracks have their own names, and errors those of the truth."""
         return relabelled(self.followers)
 
     @cached_property
@@ -215,7 +215,7 @@ class ReportInput:
 
     @property
     def same_names(self) -> bool:
-        """Whether the identities of tracks are those of the truth, and of the labels of bearings."""
+        """True if the identities of tracks are those of the truth, and of the labels of bearings."""
         return self.everybody is None and not self.relabelled
 
     def whose_bearings(self, target: int) -> str:

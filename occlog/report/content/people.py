@@ -141,7 +141,7 @@ class PeopleStreams:
 
     @property
     def any(self) -> bool:
-        """Whether it is known of any person how probable it is that they are there."""
+        """True if it is known of any person how probable it is that they are there."""
         return self._told > 0
 
     def add(self, tracks: PeopleTracks) -> None:

@@ -122,7 +122,7 @@ def label_of(target: int, labels: Collection[int]) -> int:
 
 
 def distance_to_lines(lines: LabelledSightings, estimate: Floats, scene: Scene, *, nearest: bool) -> DirectionErrors:
-    """Return the distances of (N, 2) estimates from lines of sight; `nearest`: the nearest line of each time and sensor alone."""
+    """Return distances of (N, 2) estimates from lines of sight; `nearest`: the nearest line per time and sensor."""
     known = places(scene)
     origins = np.array(list(known.values())).reshape(-1, 2)[lines.sensor]
     delta = estimate - origins
@@ -211,7 +211,7 @@ class Residual:
 
     @property
     def any(self) -> bool:
-        """Whether there is any sighting."""
+        """True if there is any sighting."""
         return any(self.rows.values())
 
 

@@ -56,7 +56,7 @@ class LostFrames:
             return None
 
     def is_lost(self, sensor: str, index: int) -> bool:
-        """Whether a frame could not be decoded."""
+        """Return whether a frame could not be decoded."""
         return (sensor, index) in self._why
 
     def miss(self, sensor: str, index: int) -> None:
@@ -152,7 +152,7 @@ class Pictures:
         return PlanRenderer(scene, METRES.get(scene.length_unit, 1.0), size, self._ranks)
 
     def strange(self) -> bool:
-        """Whether the table of tracks in images has rows, none of which is of a frame so far."""
+        """Return whether the table of tracks in images has rows, none of which is of a frame so far."""
         return self._tracks is not None and self._tracks.read > 0 and not self._tracks.used
 
     def used(self) -> dict[str, int]:
@@ -283,7 +283,7 @@ def _rig(
 
 
 def _numbered(asked: OverlayRequest) -> bool:
-    """Whether trackers have the numbers of their targets: not those that began with detections."""
+    """Return whether trackers have the numbers of their targets: not those that began with detections."""
     births = read_provenance(asked.tracks).parameters.get("births") if asked.tracks is not None else None
     failures = asked.failures
     own = read_provenance(failures).parameters.get("own") if failures is not None else None

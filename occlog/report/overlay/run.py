@@ -1,4 +1,4 @@
-"""What `occlog report --recording` does: tracks and truth drawn over the frames of a recording."""
+"""Run of `occlog report --recording`: tracks and truth drawn over the frames of a recording."""
 
 from __future__ import annotations
 

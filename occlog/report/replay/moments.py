@@ -135,7 +135,7 @@ class ReplaySteps:
 
     @cached_property
     def same(self) -> bool:
-        """Whether the identities of tracks are those of the truth."""
+        """True if the identities of tracks are those of the truth."""
         return self.data.same_names
 
     @property

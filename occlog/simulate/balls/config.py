@@ -11,14 +11,14 @@ from occlog.settings import Settings, setting
 ORTHOGRAPHIC_DISTANCE_PX = 1e6
 """At this distance [px] positions and sizes in an image of 320 px change by less than 0.03 px with depth."""
 MOTIONS = ("straight", "walk", "manoeuvre")
-"""How balls may move: straight on at constant speed, by steps at random, or with accelerations at random."""
+"""Motions of balls: straight on at constant speed, by steps at random, or with accelerations at random."""
 FASTEST = 2.0
 """Balls that manoeuvre are at most this many times as fast as `speed`."""
 
 
 @dataclass(frozen=True)
 class BallsConfig(Settings):
-    """How many balls there are, how they move, and what looks at them."""
+    """Settings of balls: number, motion, cameras and rendering."""
 
     OWNER: ClassVar[str] = "balls"
 

@@ -19,7 +19,7 @@ AMBIENT = 0.62
 
 
 class RenderView(NamedTuple):
-    """What the kernels need of a camera and its light."""
+    """Camera and light as the kernels need them."""
 
     focal: float  # [px]
     cx: float

@@ -28,7 +28,7 @@ TRIES = 5_000
 
 
 class BallPaths(NamedTuple):
-    """Where the balls truly are."""
+    """True paths of the balls."""
 
     centres: Floats  # (T, n, 3)
     turns: Floats  # (T, n, 3, 3) world-from-ball rotations
@@ -73,7 +73,7 @@ def _largest(good: Callable[[float], bool]) -> float:
 
 
 def _all_inside(cameras: tuple[Camera, ...], points: Floats) -> bool:
-    """Whether all points are in all images, or over their edges by less than 0.1 px."""
+    """Return whether all points are in all images, or over their edges by less than 0.1 px."""
     for camera in cameras:
         pixels = camera.project(points)
         size = np.asarray(camera.image_size)

@@ -96,7 +96,7 @@ def run_balls(request: BallsRequest, job: Job) -> JobResult:
 
 
 def _made(setup: BallsSetup, job: Job, seed: int) -> Provenance:
-    """How the recording is made; views as their yaw and pitch [deg]."""
+    """Return the provenance of the recording; views as their yaw and pitch [deg]."""
     values = asdict(setup.config)
     values["views"] = [list(view) for view in VIEWS[: setup.config.views]]
     made = {"balls": values, "rate_hz": setup.rate_hz, "store": setup.store.store, "grey": setup.store.grey}

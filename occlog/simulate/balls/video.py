@@ -40,7 +40,7 @@ NOISE = 1 << 18
 
 
 class BallsFrame(NamedTuple):
-    """What V views deliver at one time, with the truth."""
+    """Frames of V views at one time, with the truth."""
 
     frame: int
     images: tuple[Bytes, ...]  # V of (H, W, 3) BGR
@@ -49,7 +49,7 @@ class BallsFrame(NamedTuple):
 
 
 class ViewCanvas(NamedTuple):
-    """What the drawing of one view needs that is the same in all frames."""
+    """Constant data for rendering one view."""
 
     number: int  # of the view
     camera: Camera
@@ -138,7 +138,7 @@ def _draw(
 
 
 def _noise(config: BallsConfig, rng: np.random.Generator) -> Floats32:
-    """What the sensor adds to the three colours of pixels in a row, plus 0.5 for rounding."""
+    """Return sensor noise for the three colours of pixels in a row, plus 0.5 for rounding."""
     n = NOISE + config.width
     common, single = rng.standard_normal((n, 1), dtype=np.float32), rng.standard_normal((n, 3), dtype=np.float32)
     return np.asarray(0.5 + config.noise * common + config.colour_noise * single, dtype=np.float32).ravel()

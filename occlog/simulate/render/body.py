@@ -27,7 +27,7 @@ WARM = (0.035, 0.93, 0.17, 0.29)
 
 
 class Clothes(NamedTuple):
-    """What n bodies resemble; colours are BGR, 0 to 255."""
+    """Clothes of n bodies; colours are BGR, 0 to 255."""
 
     first: Floats  # (n, 5, 3) colour of skin, hair, shirt, trousers, shoes
     second: Floats  # (n, 5, 3) second colour of patterned parts
@@ -146,7 +146,7 @@ def _frames(heading: Floats) -> Floats:
 
 
 class Outfit(NamedTuple):
-    """What one body resembles; colours are BGR, 0 to 255."""
+    """Clothes of one body; colours are BGR, 0 to 255."""
 
     first: Floats  # (5, 3) colour of skin, hair, shirt, trousers, shoes
     second: Floats  # (5, 3) second colour of patterned parts

@@ -99,7 +99,7 @@ def around_shadows(xy: Floats, height: Floats, radius: Floats, lights: Floats, r
 
 
 NEAR = 0.05
-"""Nothing nearer to the camera is drawn [m]."""
+"""Near clipping distance [m]."""
 RADIUS = 0.22
 """Of the cylinder that throws a body's shadow [m]."""
 SHADOW_REACH = 2.5
@@ -107,7 +107,7 @@ SHADOW_REACH = 2.5
 
 
 class Canvas(NamedTuple):
-    """What one camera keeps from frame to frame."""
+    """Buffers of one camera, reused from frame to frame."""
 
     camera: Camera
     empty: Background

@@ -30,7 +30,7 @@ class Bodies(NamedTuple):
 
 
 class Room(NamedTuple):
-    """What the kernels need of camera and light."""
+    """Camera and lights as the kernels need them."""
 
     origin: Floats  # (3,) centre of the camera
     lights: Floats  # (L, 5)

@@ -99,7 +99,7 @@ def cast(
 
 
 def solid_scene(scene: Scene, camera: Camera, metre: float, contrast: float) -> Solid:
-    """What of the scene a camera can hit: the sides of walls and pillars that face it."""
+    """Return the surfaces visible from a camera: the sides of walls and pillars that face it."""
     sides: list[list[float]] = []
     wall: list[bool] = []
     if scene.room is not None:
@@ -198,7 +198,7 @@ def _band_into(out: Background, camera: Camera, solid: Solid, top: int, bottom: 
 
 @kernel
 def floor_into(floor: Floats32, lamp: Floats32, share: Floats, rays: Floats, origin: Floats, lights: Floats) -> None:
-    """Where the middle of each pixel that shows floor is on it, and how strongly each lamp shines there."""
+    """Compute the floor position at the centre of each floor pixel, and the light of each lamp there."""
     for row in range(share.shape[0]):
         for col in range(share.shape[1]):
             if share[row, col] > 0.0 and rays[row, col, 2] < 0.0:

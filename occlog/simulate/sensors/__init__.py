@@ -1,1 +1,1 @@
-"""What cameras and microphone arrays measure of simulated targets."""
+"""Measurements of simulated targets by cameras and microphone arrays."""

@@ -29,7 +29,7 @@ PAIRS = 32
 
 
 class Sounding:
-    """Which sources sound at which times; it remembers what it drew, so that all arrays hear the same."""
+    """Active intervals of sources; draws are remembered, so that all arrays hear the same."""
 
     def __init__(self, silent: Mapping[int, Ints], means: tuple[float, float] | None, start_ns: int, seed: int) -> None:
         """`silent` has (k, 2) times from and to [ns] of scripted silence; `means` as `SoundConfig.silence`."""
@@ -203,7 +203,7 @@ def _simulated_array(array: MicrophoneArray, number: int, seed: int) -> Simulate
 
 
 def _vertical(array: MicrophoneArray) -> bool:
-    """Whether its own z axis is the world's, or opposite: then noise about it is the same in the world."""
+    """Return whether its own z axis is the world's, or opposite: then noise about it is the same in the world."""
     return abs(abs(float(array.rotation[2, 2])) - 1.0) < 1e-12
 
 

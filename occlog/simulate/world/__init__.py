@@ -1,1 +1,1 @@
-"""How targets and occluders move: random waypoints, scripted paths, a room of people."""
+"""Motion of targets and occluders: random waypoints, scripted paths, a room of people."""

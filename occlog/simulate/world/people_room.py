@@ -145,7 +145,7 @@ class Avoidance(NamedTuple):
 
 
 class AvoidingState(NamedTuple):
-    """Where n objects are, their destinations, and the forces on them."""
+    """Positions of n objects, their destinations, and the forces on them."""
 
     xy: Floats  # (n, 2)
     destination: Floats  # (n, 2)

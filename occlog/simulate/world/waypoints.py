@@ -26,7 +26,7 @@ from occlog.core.plane import distance_to_boundary, point_inside, segment_blocke
 
 
 class Ground(NamedTuple):
-    """Where objects may be."""
+    """Free ground of objects."""
 
     room: Floats  # (K, 2)
     walls: Floats  # (S, 2) packed polygons: static occluders and pockets of the room
@@ -35,7 +35,7 @@ class Ground(NamedTuple):
 
 
 class WaypointMotion(NamedTuple):
-    """How objects move, per step."""
+    """Motion parameters of objects, per step."""
 
     step: float  # speed: length of a step without noise
     sigma: float  # standard deviation of the noise of a step, per axis

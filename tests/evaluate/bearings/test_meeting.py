@@ -1,4 +1,4 @@
-"""Tracks against the meeting points of sight lines."""
+"""Tracks against the meeting points of lines of sight."""
 
 from __future__ import annotations
 

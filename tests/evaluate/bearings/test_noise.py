@@ -1,4 +1,4 @@
-"""Noise of bearings, learned from how far sight lines miss one another."""
+"""Noise of bearings, learned from how far lines of sight miss one another."""
 
 from __future__ import annotations
 

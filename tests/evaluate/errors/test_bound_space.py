@@ -99,7 +99,7 @@ def test_bound_is_that_of_an_independent_slow_recursion(motion: str) -> None:
 
 
 def test_one_array_overhead_by_hand() -> None:
-    # 2 m to the side and 2 m below: sight lines 45 degrees down.  Across: r sin(phi) sigma = 2 * 0.03; upwards:
+    # 2 m to the side and 2 m below: lines of sight 45 degrees down.  Across: r sin(phi) sigma = 2 * 0.03; upwards:
     # r sigma_up = sqrt(8) * 0.02, half of it seen along x and half along z.
     xyz = np.array([12.0, 10.0, 1.0])
     rows = heard(CEILING, [0.0], xyz)

@@ -323,7 +323,7 @@ def test_tables_are_shown_and_compared(folder: Path, capsys: pytest.CaptureFixtu
         ([*EVALUATE, "--mot", "truth.parquet"], 4, "name a folder"),
         ([*EVALUATE, "--failures", "truth.parquet"], 7, "truth.parquet: exists"),
         (EVALUATE[:2], 2, "need --truth"),
-        (["evaluate", "view_tracks.parquet", "--truth", "view_tracks.parquet"], 4, "want truth_boxes"),
+        (["evaluate", "view_tracks.parquet", "--truth", "view_tracks.parquet"], 4, "expected truth_boxes"),
         (["evaluate", "broken.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "broken.txt: line 2"),
         (["evaluate", "short.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "3 columns"),
         (["evaluate", "header.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "begins with a header"),

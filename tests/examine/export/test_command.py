@@ -222,7 +222,7 @@ def test_trc_has_a_marker_a_target_and_empty_cells(tmp_path: Path) -> None:
         (["-o", "t.geojson", "--origin", "north"], ExitCode.USAGE, "'north' is not LAT,LON or LAT,LON,DEG"),
         (["-o", "t.geojson", "--origin", "85.1,0"], ExitCode.USAGE, "latitude must be within 85 degrees"),
         (["-o", "t.tum", "--target", "9"], ExitCode.BAD_INPUT, "no target 9; there are: 1"),
-        (["-o", "t.csv", "--table", "views"], ExitCode.BAD_INPUT, "holds truth; want views"),
+        (["-o", "t.csv", "--table", "views"], ExitCode.BAD_INPUT, "holds truth; expected views"),
     ],
 )
 def test_what_cannot_be_is_refused(

@@ -43,10 +43,20 @@ def boxes(frames: tuple[int, ...], boxed: tuple[int, ...], names: tuple[int, ...
 @pytest.mark.parametrize(
     ("table", "to", "unit", "told"),
     [
-        (truth(), "tum", "ft", ["that lengths are in ft", UNKNOWN, "1 row of other objects than targets", "identities"]),
+        (
+            truth(),
+            "tum",
+            "ft",
+            ["that lengths are in ft", UNKNOWN, "1 row of other objects than targets", "identities"],
+        ),
         (truth(), "trc", "ft", [START, UNKNOWN, "1 row of other objects than targets"]),
         (truth(), "geojson", "m", ["1 row of other objects than targets", "heights"]),
-        (truth(), "mot3d", "unit", ["that lengths are in unit", UNKNOWN, "1 row of other objects than targets", "times"]),
+        (
+            truth(),
+            "mot3d",
+            "unit",
+            ["that lengths are in unit", UNKNOWN, "1 row of other objects than targets", "times"],
+        ),
         (tracks(), "tum", "m", ["identities", "velocities", "covariances"]),
         (tracks(), "csv", "ft", []),
         (boxes((0, 1, 2), (0, 1, 2)), "kitti", "m", ["times"]),

@@ -31,7 +31,7 @@ CMC_CENTRES = {
 
 
 def floor_points(camera: Camera, pixels: Floats) -> Floats:
-    """(N, 2) points of the ground in the sight lines of pixels."""
+    """(N, 2) points of the ground in the lines of sight of pixels."""
     rays = camera.rays(pixels)
     return camera.position[:2] + rays[:, :2] * (-camera.position[2] / rays[:, 2])[:, None]
 
@@ -451,7 +451,7 @@ def stored(tmp_path: Path, matrix: str, extra: str = "") -> Path:
     [
         ("800., 0., 0., 0., 800., 0., 640., 360., 1.", "it is transposed, as MATLAB has it"),
         ("800., 9., 640., 0., 800., 360., 0., 0., 1.", "a skew of 4 px"),
-        ("800., 0., 640., 0., 800., 360., 0., 0., 2.", "want .*fx, 0, cx"),
+        ("800., 0., 640., 0., 800., 360., 0., 0., 2.", "expected .*fx, 0, cx"),
     ],
 )
 def test_a_matrix_that_is_none_of_a_camera_is_refused(tmp_path: Path, matrix: str, said: str) -> None:

@@ -167,7 +167,7 @@ def test_wrong_tables_are_named(tmp_path: Path) -> None:
     pq.write_table(pa.table({"a": [1]}), path)
     with pytest.raises(InputError, match="not an occlog table"):
         describe(path)
-    with pytest.raises(InputError, match="want bearings/2"):
+    with pytest.raises(InputError, match="expected bearings/2"):
         read_table(path, Bearings)
 
 
@@ -199,7 +199,7 @@ def rewrite(path: Path, change) -> None:
     ("change", "message"),
     [
         (lambda t: t.drop_columns(["sigma"]), "column sigma is missing"),
-        (lambda t: t.set_column(0, "t_ns", t["t_ns"].cast(pa.float64(), safe=False)), "t_ns is double, want int64"),
+        (lambda t: t.set_column(0, "t_ns", t["t_ns"].cast(pa.float64(), safe=False)), "t_ns is double, expected int64"),
         (lambda t: t.set_column(4, "bearing", pa.array([None] * len(t), pa.float64())), "missing values"),
         (lambda t: t.set_column(4, "bearing", pa.array([7.0] * len(t))), "must be in"),
         (lambda t: t.take(list(range(len(t)))[::-1]), "t_ns goes back"),

@@ -257,8 +257,8 @@ def test_frames_are_numbered_on_from_part_to_part(tmp_path: Path, monkeypatch: p
         (Truth, ("t,id,x,y", "0,1.5,1,1"), "line 2: id is '1.5'; a whole number was expected"),
         (Truth, ("t,id,x,y", "1e12,1,1,1"), "too large for seconds; name the column t_ms, t_us or t_ns"),
         (Truth, ("t,id,x,y,role", "0,1,1,1,ghost"), "among rows 0 to 0: .*role 'ghost' must be target or occluder"),
-        (Tracks, ("t,id,lat,lon", "0,1,1,1"), "tracks wants x; y; the file has t, id, lat, lon"),
-        (Occluders, ("t,id,x,y", "0,1,1,1"), "occluders wants cov_xx; cov_xy; cov_yy; the file has t, id, x, y"),
+        (Tracks, ("t,id,lat,lon", "0,1,1,1"), "tracks requires x; y; the file has t, id, lat, lon"),
+        (Occluders, ("t,id,x,y", "0,1,1,1"), "occluders requires cov_xx; cov_xy; cov_yy; the file has t, id, x, y"),
     ],
 )
 def test_what_does_not_fit_is_refused_with_its_place(

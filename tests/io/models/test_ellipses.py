@@ -149,7 +149,7 @@ def test_tracks_in_images_go_on(tmp_path):
 def test_files_without_an_ellipse(tmp_path):
     bearings = tmp_path / "b.parquet"
     write_table(bearings, Bearings.empty(), MADE)
-    with pytest.raises(InputError, match="holds bearings; want view_tracks, truth_boxes or boxes"):
+    with pytest.raises(InputError, match="holds bearings; expected view_tracks, truth_boxes or boxes"):
         read_ellipses(bearings, SIZES, CAMERAS)
     with pytest.raises(InputError, match="holds no tracks in images and no true boxes and no boxes of a detector"):
         read_ellipses(record_balls(tmp_path / "plain.mcap", boxes=False), SIZES, CAMERAS)

@@ -41,7 +41,7 @@ def test_height_unit_and_noise(tmp_path: Path) -> None:
     [
         (("name,x,y", "a,1,2", "a,3,4"), "line 3: station a is there twice"),
         (("name,x,y,sigma_deg", "a,1,2,0"), "line 2: sigma_deg of station a is 0; it must be above 0"),
-        (("name,x_m,y_cm", "a,1,2"), "places are in cm and m; state all in one unit"),
+        (("name,x_m,y_cm", "a,1,2"), "positions are in cm and m; state all in one unit"),
         (("name,x,x_m,y", "a,1,1,2"), "columns x and x_m both state x; keep one"),
         (("name,x,y", "a,1,far"), "line 2: y is 'far'; a number was expected"),
         (("name,x,y,colour", "a,1,2,red"), "unknown column 'colour'"),

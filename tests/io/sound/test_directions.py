@@ -75,13 +75,13 @@ def test_a_unit_that_is_not_stated_is_asked_for(tmp_path: Path) -> None:
         ("time,sensor,azimuth_deg\n0,a1,nan\n", "line 2: azimuth_deg is 'nan'"),
         ("time,sensor,azimuth_deg\n0,b7,1\n", "array 'b7' is none of a1, a2"),
         ("time,sensor,azimuth_deg\n1,a1,1\n0,a1,1\n", "line 3: time of a1 goes back"),
-        ("time,sensor,azimuth_deg,elevation_deg\n0,a1,1,91\n", "line 2: elevation_deg is 91; it must lie within 90"),
+        ("time,sensor,azimuth_deg,elevation_deg\n0,a1,1,91\n", "line 2: elevation_deg is 91; it must be within 90"),
         ("time,sensor,azimuth_deg,sigma_deg\n0,a1,1,0\n", "line 2: sigma_azimuth|must be above 0"),
         ("time,sensor,azimuth_deg,confidence\n0,a1,1,3\n", "line 2: confidence is 3; it must be 0 to 1"),
         ("sensor,azimuth_deg\na1,1\n", "has no column of times"),
         ("time,azimuth_deg\n0,1\n", "has no column sensor"),
         ("time,sensor,azimut_deg\n0,a1,1\n", "has no column of azimuths"),
-        ("time,sensor,azimuth_deg,azimuth_rad\n0,a1,1,1\n", "two columns say azimuth"),
+        ("time,sensor,azimuth_deg,azimuth_rad\n0,a1,1,1\n", "two columns are called azimuth"),
     ],
 )
 def test_faults_are_named(tmp_path: Path, text: str, message: str) -> None:

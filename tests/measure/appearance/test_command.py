@@ -236,7 +236,7 @@ def test_views_bring_their_colours_and_need_no_images(folder, capsys):
 
 
 def test_a_file_that_is_no_gallery_is_refused(folder, capsys):
-    assert label(folder, gallery="tracks.parquet") == refused(capsys, ExitCode.BAD_INPUT, "want gallery")
+    assert label(folder, gallery="tracks.parquet") == refused(capsys, ExitCode.BAD_INPUT, "expected gallery")
     write_table(folder / "gallery.parquet", Gallery.empty(), Provenance("appearance learn"))
     assert label(folder) == refused(capsys, ExitCode.BAD_INPUT, "gallery: has no rows")
     assert not (folder / "matches.parquet").exists()

@@ -1,4 +1,4 @@
-"""The target of a recording without truth: its own detections, and where their sight lines say that it was."""
+"""The target of a recording without truth: its own detections, and where their lines of sight say that it was."""
 
 from __future__ import annotations
 

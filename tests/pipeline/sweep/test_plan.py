@@ -40,7 +40,7 @@ def test_everything_that_varies_is_combined(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("vary: {particles: [3]}\n", "want cameras or skip, or a part"),
+        ("vary: {particles: [3]}\n", "expected cameras or skip, or a part"),
         ("vary: {filter.particles: [3]}\n", "parts: simulate, observe"),
         ("vary: {track.particles: []}\n", "has no values"),
         ("cameras: 2\n", "how many of some names in `order`, which is not there"),

@@ -212,7 +212,7 @@ def test_settings_change_what_counts(tmp_path: Path, capsys: Any) -> None:
     [
         (["a", "none"], ExitCode.BAD_INPUT, "none: no such file"),
         (["a", "empty"], ExitCode.BAD_INPUT, "holds no tracks.parquet"),
-        (["a", "truth.parquet"], ExitCode.BAD_INPUT, "truth.parquet: holds truth; want tracks"),
+        (["a", "truth.parquet"], ExitCode.BAD_INPUT, "truth.parquet: holds truth; expected tracks"),
         (["a", "a/recording.mcap"], ExitCode.USAGE, "is a recording, not tracks"),
         (["a", "later"], ExitCode.BAD_INPUT, "no time in common"),
         (["a", "elsewhere"], ExitCode.BAD_INPUT, "are of different scenes"),

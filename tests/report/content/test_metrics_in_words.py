@@ -90,7 +90,9 @@ def test_there_is_a_word_for_everything_that_evaluate_says() -> None:
     found = evaluate(data.tracks, data.truth, data.bearings, data.scene, config)
     titles = [g.title for g in groups(found.metrics, "m")]
     assert "Other figures" not in titles
-    assert {"Accuracy", "Bound", "Consistency", "Detection", "Lines of sight", "Accuracy, after the start"} <= set(titles)
+    assert {"Accuracy", "Bound", "Consistency", "Detection", "Lines of sight", "Accuracy, after the start"} <= set(
+        titles
+    )
     assert sum(len(g.figures) for g in groups(found.metrics, "m")) > 60
 
 

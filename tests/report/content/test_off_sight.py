@@ -1,4 +1,4 @@
-"""Tracks against sight lines: residuals and distances are the same in chunks of any length."""
+"""Tracks against lines of sight: residuals and distances are the same in chunks of any length."""
 
 from __future__ import annotations
 

@@ -105,7 +105,7 @@ def test_balls_that_hide_one_another_keep_their_boxes(tmp_path: Path) -> None:
         (["--scene", "balls", "--paths", "p.yaml"], "--paths is an option of SCENE --paths FILE, not of --scene balls"),
         (["room.yaml", "--radius", "3"], "--radius is an option of --scene balls, not of SCENE"),
         (["room.yaml", "--views", "3"], "--views is an option of --scene balls, people, not of SCENE"),
-        (["--scene", "balls", "--size", "10by4"], "'10by4': want WIDTHxHEIGHT"),
+        (["--scene", "balls", "--size", "10by4"], "'10by4': expected WIDTHxHEIGHT"),
         (["--scene", "balls", "--views", "7"], "7 is not in the range"),
     ],
 )

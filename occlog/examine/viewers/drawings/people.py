@@ -59,7 +59,7 @@ class PersonEstimate:
 
     @property
     def unsure(self) -> bool:
-        """Whether it is drawn dashed: no camera sees it, or a check contradicts it."""
+        """True if it is drawn dashed: no camera sees it, or a check contradicts it."""
         return bool(self.doubt) or (self.seen_by is not None and not self.seen_by)
 
     @cached_property

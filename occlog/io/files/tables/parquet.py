@@ -125,7 +125,7 @@ def _is_text(kind: pa.DataType) -> bool:
 
 
 def is_ours(path: Path) -> bool:
-    """Whether occlog wrote a Parquet file; InputError for a damaged one."""
+    """Return whether occlog wrote a Parquet file; InputError for a damaged one."""
     with opened_table(path) as file:
         return SCHEMA_KEY.encode() in (file.schema_arrow.metadata or {})
 

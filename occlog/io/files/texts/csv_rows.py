@@ -195,7 +195,7 @@ class CsvRows:
         return cells
 
     def has(self, name: str) -> bool:
-        """Whether the file has this column."""
+        """Return whether the file has this column."""
         return name in self.cells
 
 
@@ -276,7 +276,7 @@ def first_line(path: Path, what: str) -> list[str]:
 
 
 def is_header(cells: Sequence[str]) -> bool:
-    """Whether a line names columns: it has a cell that is not a number."""
+    """Return whether a line names columns: it has a cell that is not a number."""
     return any(not _NUMBER.match(cell) for cell in cells)
 
 
@@ -409,7 +409,7 @@ def _chunks(
 
 
 def _is_row(path: Path, place: str, line: int, cells: list[str], columns: int) -> bool:
-    """Whether a line has a cell for each column, none of them too long; if not, it is refused."""
+    """Return whether a line has a cell for each column, none of them too long; if not, it is refused."""
     fault = ""
     if len(cells) != columns:
         fault = f"{len(cells)} cells, but the first line has {columns}"

@@ -57,7 +57,7 @@ DONT_CARE = "DontCare"
 
 
 def is_kitti(head: Sequence[str]) -> bool:
-    """Whether a first line is of this form: numbers, but for the type."""
+    """Return whether a first line is of this form: numbers, but for the type."""
     if len(head) not in (COLUMNS, COLUMNS + 1) or not head[TYPE].isalpha():
         return False
     try:
@@ -103,7 +103,7 @@ _LINE = re.compile(r'^\s*((?:-?\d+(?:\.\d+)?\s+){6})([01])\s+([01])\s+([01])\s+"
 
 
 def is_vatic(head: Sequence[str]) -> bool:
-    """Whether the first line of a text is of this form."""
+    """Return whether the first line of a text is of this form."""
     return _LINE.match(" ".join(head)) is not None
 
 
@@ -168,7 +168,7 @@ def frame_files(folder: Path) -> dict[int, Path]:
 
 
 def is_annotations(probe: Probe) -> bool:
-    """Whether a folder holds annotations."""
+    """Return whether a folder holds annotations."""
     return is_folder(probe) and bool(frame_files(probe.path))
 
 

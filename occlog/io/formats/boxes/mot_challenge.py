@@ -250,7 +250,7 @@ class Marks(NamedTuple):
 
 
 def has_classes(path: Path) -> bool:
-    """Whether a truth has a column of classes; InputError for a file without a line of data."""
+    """Return whether a truth has a column of classes; InputError for a file without a line of data."""
     return len(next(read_plain(path, WHAT)).cells) in WITH_CLASSES
 
 

@@ -377,7 +377,7 @@ def box_rows(rows: CsvRows, cameras: list[str], first_number: int = 0) -> FileBo
 
 
 def is_json(probe: Probe) -> bool:
-    """Whether a file begins as a JSON list or object."""
+    """Return whether a file begins as a JSON list or object."""
     return not is_folder(probe) and reader_of(probe.path) is None and probe.start[:1] in (b"{", b"[")
 
 

@@ -282,9 +282,7 @@ def wanted_rows(rows: CsvRows, classes: Sequence[str]) -> Bools:
     """(n,) rows of one of the classes; InputError if the file has no classes."""
     labels = class_labels(rows)
     if not labels and len(rows):
-        raise InputError(
-            f"{rows.path}: has no classes; choose no class, or add a column class"
-        )
+        raise InputError(f"{rows.path}: has no classes; choose no class, or add a column class")
     wanted = {_plain(name) for name in classes}
     return np.array([bool(wanted & set(label)) for label in labels], dtype=np.bool_)
 

@@ -176,7 +176,7 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 def is_arrays(probe: Probe) -> bool:
-    """Whether a file is named as one of arrays."""
+    """Return whether a file is named as one of arrays."""
     return probe.path.suffix.lower() in SUFFIXES
 
 

@@ -56,7 +56,7 @@ def folder_files(path: Path) -> list[Path] | None:
 
 
 def detect(text: str) -> bool:
-    """Whether a text is one of the two files."""
+    """Return whether a text is one of the two files."""
     return any(f" {model} " in text for model in MODELS) or "QW, QX, QY, QZ" in text
 
 

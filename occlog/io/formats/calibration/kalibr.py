@@ -33,16 +33,14 @@ _CAMERA = re.compile(r"^cam\d+$")
 
 
 def detect(text: str) -> bool:
-    """Whether a text is a camera chain of Kalibr."""
+    """Return whether a text is a camera chain of Kalibr."""
     return "camera_model:" in text and re.search(r"^cam\d+:", text, re.MULTILINE) is not None
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
     """The cameras of one chain, named cam0, cam1, ..."""
     if len(paths) > 1:
-        raise InputError(
-            f"{paths[1]}: a second camera chain; the relative poses of the two are unknown"
-        )
+        raise InputError(f"{paths[1]}: a second camera chain; the relative poses of the two are unknown")
     values = yaml_values(read_text(paths[0]), paths[0])
     cameras = {key: table for key, table in values.items() if _CAMERA.match(key) and isinstance(table, dict)}
     places = _places(paths[0], cameras, options)

@@ -46,7 +46,7 @@ DIGITS = 9
 
 
 def detect(text: str) -> bool:
-    """Whether a text is an OpenCV FileStorage with a camera matrix."""
+    """Return whether a text is an OpenCV FileStorage with a camera matrix."""
     head = "opencv_storage" in text[:400] or text.startswith("%YAML") or text.lstrip().startswith("{")
     return head and "opencv-" in text
 

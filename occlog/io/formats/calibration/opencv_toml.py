@@ -22,7 +22,7 @@ from .common import WHAT, CalibrationOptions, Pose, build_camera, read_text, sca
 
 
 def detect(text: str) -> bool:
-    """Whether a text is a TOML calibration."""
+    """Return whether a text is a TOML calibration."""
     try:
         return any(True for _ in _tables(toml_values(text, "calibration", WHAT)))
     except InputError:

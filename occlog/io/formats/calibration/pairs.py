@@ -47,7 +47,7 @@ def folder_files(path: Path) -> list[Path] | None:
 
 
 def detect(text: str) -> bool:
-    """Whether a text is OpenCV's, with a lens or a position alone."""
+    """Return whether a text is OpenCV's, with a lens or a position alone."""
     if not ("opencv_storage" in text[:400] or text.startswith("%YAML")):
         return False
     lower = text.lower()

@@ -23,7 +23,7 @@ _SUFFIX = re.compile(r"[_-]?(P|proj|projection|matrix|calib|calibration)$", re.I
 
 
 def detect(text: str) -> bool:
-    """Whether a text is a projection matrix."""
+    """Return whether a text is a projection matrix."""
     try:
         return _matrix(text).shape == (3, 4)
     except ValueError:

@@ -23,7 +23,7 @@ AXES = np.diag([1.0, -1.0, -1.0])
 
 
 def detect(text: str) -> bool:
-    """Whether a text is a Qualisys calibration."""
+    """Return whether a text is a Qualisys calibration."""
     head = text[:4000]
     return "<calibration" in head and "<camera" in text and "<transform" in text and "focalLengthU" in text
 

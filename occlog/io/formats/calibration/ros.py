@@ -49,7 +49,7 @@ class Transform(NamedTuple):
 
 
 def detect(text: str) -> bool:
-    """Whether a text is a `camera_info` or a transform of ROS."""
+    """Return whether a text is a `camera_info` or a transform of ROS."""
     head = text.lstrip()[:1] in ("<", "{") or text.startswith("%YAML") or "opencv-matrix" in text
     return not head and (_INFO.search(text) is not None or _TRANSFORM.search(text) is not None)
 

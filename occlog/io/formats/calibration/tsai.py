@@ -21,7 +21,7 @@ from .common import CalibrationOptions, Pose, build_camera, read_text, scale_of
 
 
 def detect(text: str) -> bool:
-    """Whether a text is a Tsai calibration."""
+    """Return whether a text is a Tsai calibration."""
     return "<Camera" in text and "<Geometry" in text and "kappa1" in text
 
 

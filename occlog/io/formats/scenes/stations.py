@@ -27,7 +27,7 @@ COLUMNS: dict[str, Sequence[str]] = {
 
 
 def holds_stations(path: Path) -> bool:
-    """Whether a text file names stations and their positions in its header line."""
+    """Return whether a text file names stations and their positions in its header line."""
     try:
         header = {cell.lower() for cell in first_line(path, WHAT)}
     except InputError:

@@ -53,7 +53,7 @@ _LAST_NUMBER = re.compile(r"(\d{1,9})$")
 
 
 def looks_like_locata(head: Sequence[str]) -> bool:
-    """Whether a header line is that of a table of poses."""
+    """Return whether a header line is that of a table of poses."""
     return {*TIMES, *PLACE} <= {cell.strip().lower() for cell in head}
 
 
@@ -222,7 +222,7 @@ def read_frida(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
 
 
 def looks_like_telemetr(head: list[str]) -> bool:
-    """Whether the first line is date, time, animal, code and pairs of tower and bearing."""
+    """Return whether the first line is date, time, animal, code and pairs of tower and bearing."""
     return len(head) >= 6 and len(head) % 2 == 0 and bool(_DATE.match(head[0])) and head[1].count(":") == 2
 
 
@@ -316,7 +316,7 @@ class _OdasObject(NamedTuple):
 
 
 def looks_like_odas(head: list[str]) -> bool:
-    """Whether the first line of a file begins a JSON object."""
+    """Return whether the first line of a file begins a JSON object."""
     return bool(head) and head[0].lstrip("\ufeff").lstrip().startswith("{")
 
 

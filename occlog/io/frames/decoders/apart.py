@@ -108,7 +108,7 @@ class SubprocessVideo:
 
     @property
     def death(self) -> str:
-        """How the process ended early, "" if it did not."""
+        """Reason of an early end of the process, or ""."""
         return "" if self._decoder is None else self._decoder.death
 
     def close(self) -> None:

@@ -49,7 +49,7 @@ _FOOTER = struct.Struct("<QQI")
 
 
 def is_end_mark(code: int, length: int) -> bool:
-    """Whether a record of this kind and length is an end mark."""
+    """Return whether a record of this kind and length is an end mark."""
     return END_BYTES.get(code) == length
 
 
@@ -129,7 +129,7 @@ def _index_before(file: IO[bytes], begin: int, at: int) -> tuple[int, bytes] | N
 
 
 def are_records(data: bytes) -> bool:
-    """Whether these are whole records of an index, one behind another."""
+    """Return whether these are whole records of an index, one behind another."""
     at = 0
     while at + HEAD.size <= len(data):
         code, length = HEAD.unpack_from(data, at)
@@ -182,7 +182,7 @@ class SalvagedRecording:
         """CRC-32 of the last time's messages by topic, of topics with messages that all have the number 0."""
 
     def contradicts(self, found: records.Schema | records.Channel) -> bool:
-        """Whether a number is defined a second time, and otherwise: it is of another recording."""
+        """Return whether a number is defined a second time, and otherwise: it is of another recording."""
         known = self.schemas if isinstance(found, records.Schema) else self.channels
         return found.id in known and bool(known[found.id] != found)
 
@@ -194,7 +194,7 @@ class SalvagedRecording:
             self.channels[found.id] = found
 
     def is_copy(self, topic: str, number: int, t_ns: int, data: bytes) -> bool:
-        """Whether a message stood there before: another one of its topic had its number, and one its time or a later.
+        """Return whether a message is a repetition: its topic had its number before, and its time or a later one.
 
         Numbers rise in a topic, so that this is so where a part of the file was written twice; it is counted.  Where
         all are 0, which is what MCAP has for none, messages of one time are copies if their bytes are the same.

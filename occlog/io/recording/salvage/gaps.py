@@ -150,7 +150,7 @@ class Written:
             self._all.setdefault(topic, array("Q")).append(key)
 
     def holds(self, topic: str, t_ns: int, record: bytes) -> bool:
-        """Whether a message of this topic, time and content was written."""
+        """Return whether a message of this topic, time and content was written."""
         if topic not in self._asked:
             self._asked[topic] = set(self._all.pop(topic, ()))
         return _key(t_ns, record) in self._asked[topic]

@@ -300,7 +300,7 @@ def _own_length(file: IO[bytes], at: int, code: int, size: int) -> int | None:
 
 
 def _begins_at(file: IO[bytes], at: int, size: int) -> bool:
-    """Whether a record or a recording begins at a byte, by its head."""
+    """Return whether a record or a recording begins at a byte, by its head."""
     file.seek(at)
     head = file.read(HEAD.size)
     if head.startswith(RECORDING_MAGIC) or len(head) < HEAD.size:
@@ -310,7 +310,7 @@ def _begins_at(file: IO[bytes], at: int, size: int) -> bool:
 
 
 def _is_chunk(data: bytes) -> bool:
-    """Whether these are a chunk with a check sum that is right."""
+    """Return whether these are a chunk with a check sum that is right."""
     try:
         head = chunk_head(data)
         records = _unpacked(data, head) if head.crc and head.compression in KNOWN_COMPRESSION else b""
@@ -358,7 +358,7 @@ def _one(
 
 
 def has_right_sum(attachment: bytes) -> bool:
-    """Whether the check sum of an attachment is right, or missing."""
+    """Return whether the check sum of an attachment is right, or missing."""
     (crc,) = struct.unpack("<I", attachment[-4:])
     return not crc or zlib.crc32(attachment[:-4]) == crc
 

@@ -181,7 +181,7 @@ class _Salvage:
             self._losses[Loss(self._source.name, place, what, part.left_out)] = None
 
     def _belongs(self, part: SalvagedRecording) -> bool:
-        """Whether messages of a recording mean what those of the first one do."""
+        """Return whether messages of a recording mean what those of the first one do."""
         return part is self._first or (part.scene is not None and part.scene == self._first.scene)
 
     def finish(self, videos: Mapping[str, Path]) -> Recovered:

@@ -307,7 +307,7 @@ def known_sizes(camera: Camera, scene: Scene, size: tuple[int, int], config: Det
 
 
 def upright(scene: Scene) -> bool:
-    """Whether the scene's world seems to be upright, so that poses of cameras determine the size of people."""
+    """Return whether the scene's world seems to be upright, so that poses of cameras determine the size of people."""
     return is_upright(np.array([c.rotation for c in scene.cameras if c.placed]).reshape(-1, 3, 3))
 
 

@@ -177,4 +177,4 @@ COEFFICIENT = Experiment(
     trial=coefficient_trial,
     note="Steps are values of a histogram. The histograms of Figs. 5-11 to 5-14 are lost; objects are redrawn.",
 )
-"""What the coefficient depends on."""
+"""Factors that the coefficient depends on."""

@@ -37,7 +37,7 @@ FRONT, POOLED = "front face only", "all sides together"
 GALLERIES = (1, 2, 4, 7)
 """Numbers N of angles; 1 is the front."""
 KNOWN = (1, 2, 4)
-"""How many of the seven angles, from the front on, a gallery has where decisions are suspended."""
+"""Number of the seven angles, from the front on, in a gallery with suspended decisions."""
 ANYWAY, SUSPENDED, LEFT = "decided anyway", "suspended", "share that is suspended"
 
 

@@ -32,7 +32,7 @@ PRINTED = {
         5: ("left", "bigger"),
     },
 }
-"""What the text states is seen: movement and change of size; empty: it does not state."""
+"""Movement and change of size in the image by the text; empty: not stated."""
 STEP, AROUND = 0.5, 0.5
 """Way between two frames, and how far from the middle people start [m]."""
 STILL = 0.25
@@ -102,7 +102,7 @@ def motion_trial(spec: Spec) -> dict[str, float]:
 
 
 def _holds(change: Floats, sign: int, full: float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Whether a change has a sign and is seen; for 0, whether it is small against a full one."""
+    """Return whether a change has a sign and is seen; for 0, whether it is small against a full one."""
     seen = np.abs(change) > STILL * full
     return np.asarray((np.sign(change) == sign) & seen if sign else np.abs(change) < 0.5 * full)
 

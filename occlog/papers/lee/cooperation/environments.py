@@ -124,7 +124,7 @@ cameras:
 - {name: cam3, position: [-20, 70, 3], yaw_deg: 315, focal_px: 320, image_size_px: [640, 480], noise: {read_px: 2}}
 """
 OPEN_STARTS = ((50.0, 30.0), (35.0, 50.0), (45.0, 45.0))
-"""Where the objects of Fig. 3-4 begin [m]."""
+"""Initial positions of the objects of Fig. 3-4 [m]."""
 OPEN_SPEEDS, OPEN_SIDE = (0.2, 0.3), math.radians(45.0)
 """Least and greatest speed [m/s], and how far a first course may be from that to the origin."""
 STRETCHES = ((50, 100), (100, 150), (150, 200))

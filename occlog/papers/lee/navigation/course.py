@@ -1,4 +1,4 @@
-"""What a robot meets: static occluders and walls of a scene, round obstacles, and tracked people who move."""
+"""Obstacles of a robot: static occluders and walls of a scene, round obstacles, and tracked people who move."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ class Course:
 
 
 def people_of(config: NavigateConfig) -> PeopleAsObstacles:
-    """How the settings take people as obstacles."""
+    """Return people as obstacles, by the settings."""
     return PeopleAsObstacles(
         radius=config.obstacle_radius,
         sigmas=config.sigmas,

@@ -216,7 +216,7 @@ WAYS = {
     "tolerances, step 3.1": INSIDE,
     "tolerances, step 3.2": OUTSIDE,
 }
-"""What robots do that start nearly in line."""
+"""Behaviour of robots that start nearly in line."""
 
 
 def near_trial(spec: Mapping[str, Any]) -> dict[str, float]:

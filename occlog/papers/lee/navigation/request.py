@@ -1,4 +1,4 @@
-"""What `occlog navigate` takes."""
+"""Request of `occlog navigate`."""
 
 from __future__ import annotations
 

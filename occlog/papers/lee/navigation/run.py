@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class RobotVerdict:
-    """What became of one robot of a drive."""
+    """Outcome of one robot of a drive."""
 
     def __init__(self, robots: Drive, number: int, goal: Floats, names: Sequence[str], config: NavigateConfig) -> None:
         """Judge a robot when the drive is over.
@@ -60,16 +60,16 @@ class RobotVerdict:
 
     @property
     def reached(self) -> bool:
-        """Whether the robot came to its goal without a collision."""
+        """True if the robot came to its goal without a collision."""
         return self.end == End.REACHED
 
     @property
     def trap(self) -> bool:
-        """Whether forces, or the guard, hold the robot at one position, without the prevention taking part."""
+        """True if forces, or the guard, hold the robot at one position, without the prevention taking part."""
         return self._stays and not self._prevented
 
     def words(self) -> str:
-        """How the path ended."""
+        """Describe how the path ended."""
         if self.end == End.REACHED:
             return "goal reached"
         if self.end == End.COLLIDED:
@@ -89,7 +89,7 @@ class RobotVerdict:
         return f"the robot did not reach its goal: {self.words()}; {self._remedy()}"
 
     def _remedy(self) -> str:
-        """What to change."""
+        """Return the remedy."""
         if self.end == End.COLLIDED:
             return "take " + ("" if self._config.guard else "the guard, ") + "shorter steps or a larger repulsion"
         if self.trap:

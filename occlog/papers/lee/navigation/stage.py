@@ -37,7 +37,7 @@ STUCK = 4.0
 
 
 class End(IntEnum):
-    """How a path ends."""
+    """End of a path."""
 
     GOING = 0
     REACHED = 1
@@ -59,7 +59,7 @@ class RobotStep(NamedTuple):
 
 @dataclass(eq=False)
 class Drive:
-    """How N robots fared; filled while `drive` goes on.
+    """Results of N robots; filled by `drive`.
 
     Attributes:
         xy: (N, 2) last positions.
@@ -229,7 +229,7 @@ class _Watch:
     """
 
     def __init__(self, xy: Floats) -> None:
-        """Nothing was seen yet."""
+        """Create an empty state."""
         self._step, self._next = 0, 1
         self._xy, self._total = np.full_like(xy, np.nan), np.full_like(xy, np.nan)
         self._box = np.stack([xy, xy])  # least and largest x and y of each robot in this window of steps
@@ -282,7 +282,7 @@ class PathRows:
     """Turns steps of a drive with one robot into tables."""
 
     def __init__(self, names: Sequence[str], start_ns: int, step_s: float) -> None:
-        """Nothing is read yet.
+        """Create a stage that has not read any input.
 
         Args:
             names: of the obstacles.

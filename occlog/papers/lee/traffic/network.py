@@ -129,7 +129,7 @@ class RouterNetwork:
 
 
 Then = Callable[[float], None]
-"""What happens at a time [s]."""
+"""Action at a time [s]."""
 SLOT = 1e-12
 """Times closer than this [s] are one."""
 

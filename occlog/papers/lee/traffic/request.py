@@ -1,4 +1,4 @@
-"""What `occlog traffic` takes."""
+"""Request of `occlog traffic`."""
 
 from __future__ import annotations
 

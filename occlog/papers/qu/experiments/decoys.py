@@ -30,9 +30,9 @@ BALLS = 4
 AT = 0.1
 """Share of the video after which the tracker is led astray."""
 NEARER = 0.65
-"""How far from the target towards its neighbour it is put [distances of the two]; 0.5: in the middle."""
+"""Offset of the decoy from the target towards its neighbour [distances of the two]; 0.5: in the middle."""
 ASIDE = 1.3
-"""How far aside of both it is put, so that it is on neither [distances of the two]."""
+"""Lateral offset of the decoy, so that it is on neither [distances of the two]."""
 MAY = 10.0
 """Trackers [%] on a wrong target at the end that show that they may attach to one."""
 

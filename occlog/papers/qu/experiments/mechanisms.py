@@ -44,7 +44,7 @@ CASES = (
 )
 """Scenes in the order of the table."""
 DIRECTION, LINE, ROW = (CASES[0],), CASES[3:5], CASES[6:]
-"""What the first mechanism needs, the second, and the second where the other view cannot help."""
+"""Scenes of the first mechanism, of the second, and of the second without help of the other view."""
 
 
 def mechanisms(size: Size, execute: Execute) -> Table:

@@ -1,4 +1,4 @@
-"""How the methods of [Qu] bear other motions than straight ways: a random walk, and targets that manoeuvre.
+"""Robustness of the methods of [Qu] to motions other than straight paths: a random walk, and targets that manoeuvre.
 
 [Qu] Sec. 4.1 states that the balls "move independently" and not how.  The videos of a run start equally and differ in
 the motion alone.  `REMEDY` is BMCT with settings for targets that manoeuvre; they were chosen on the seeds 1001 to

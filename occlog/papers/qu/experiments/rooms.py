@@ -26,7 +26,7 @@ GREY = {**COLOURS, "model": "pca", "pca_power": 0.3}
 
 
 class PaperVideo(NamedTuple):
-    """What [Qu] reports a video, and which methods are run on one of this project."""
+    """Figures of a video in [Qu], and the methods that are run on one of this project."""
 
     item: str
     title: str

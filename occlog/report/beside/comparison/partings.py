@@ -214,7 +214,7 @@ class ErrorsOverTime:
 
     @property
     def on_nobody(self) -> tuple[bool, bool]:
-        """Whether a run, A or B, has tracks, but never one that is on a target."""
+        """True if a run, A or B, has tracks, but never one that is on a target."""
         return self._nobody(self.missed_a, self.false_a), self._nobody(self.missed_b, self.false_b)
 
     def _nobody(self, missed: Ints, false: Ints) -> bool:

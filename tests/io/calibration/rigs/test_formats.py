@@ -386,7 +386,7 @@ FAULTS: list[tuple[Callable[[Path], Path], str]] = [
     (file("c.mat", b"MATLAB 7.3 MAT-file" + b" " * 493 + b"\x89HDF\r\n\x1a\n"), "version 7.3 .*'-v7'"),
     (file("c.mat", b"nonsense" * 40), "cannot be read as arrays"),
     (arrays(P=np.zeros((3, 4))), "at infinity"),
-    (arrays(Q=np.zeros((5, 5))), r"has Q \(5, 5\); want P"),
+    (arrays(Q=np.zeros((5, 5))), r"has Q \(5, 5\); expected P"),
     (arrays(K=ONE.matrix, t=ONE.translation), "has K, but no R"),
     (arrays(K=ONE.matrix, R=MIRROR @ ONE.rotation, t=ONE.translation), "mirrored"),
     (arrays(P=np.full((3, 4), np.nan)), "not finite"),

@@ -57,7 +57,7 @@ def test_a_stream_of_odas_is_told_where_it_goes(
 
 def test_tracks_in_place_of_the_truth_may_be_swapped(tmp_path: Path) -> None:
     write_table(tmp_path / "tracks.parquet", Tracks.empty(), Provenance("test"))
-    with pytest.raises(InputError, match="holds tracks; want truth; are the files of tracks and truth swapped"):
+    with pytest.raises(InputError, match="holds tracks; expected truth; are the files of tracks and truth swapped"):
         open_input(tmp_path / "tracks.parquet", Truth)
 
 

@@ -199,7 +199,7 @@ def test_eq_7_keeps_its_digits_in_the_tails() -> None:
 
 @pytest.mark.jit
 def test_thin_priors_lose_nothing() -> None:
-    """A ratio of axes up to 1e6: the shares of a wide fan of sight lines still agree with the line's."""
+    """A ratio of axes up to 1e6: the shares of a wide fan of lines of sight still agree with the line's."""
     angle = np.linspace(-1.2, 1.2, 41)
     xy = 10 * np.column_stack([np.cos(angle), np.sin(angle)])
     thin = gaussian_priors(np.array([[5.0, 1.0]]), turned(2.0, 0.9e12, 0.3)[None], 3.33)
