@@ -289,7 +289,7 @@ def test_a_camera_without_pose_or_calibration_is_refused_with_the_reason(
     assert scene is not None
     assert np.allclose(scene.camera("front").focal_px, 50)
     unknown = ros.write_mcap(tmp_path / "b.mcap", rig(info=ros.camera_info(START, "cam_optical", k=np.zeros(9))))
-    assert "/cam/camera_info says that it is not calibrated" in refused(capsys, unknown, code=ExitCode.BAD_INPUT)
+    assert "/cam/camera_info states that it is not calibrated" in refused(capsys, unknown, code=ExitCode.BAD_INPUT)
 
 
 def test_rectified_images_take_the_projection_and_the_rectifying_rotation(tmp_path: Path) -> None:

@@ -458,7 +458,7 @@ def _check_copies(source: ColumnSource, made: ColumnTable, row: NDArray[np.gener
     if copies.any():
         k = first_row(copies)
         raise InputError(
-            f"{source.path}: row {row[k]} (from 0) is a duplicate ({key_of(made, k)}); leave out the copies"
+            f"{source.path}: row {row[k]} (from 0) is a duplicate ({key_of(made, k)}); remove the copies"
         )
 
 

@@ -95,7 +95,7 @@ def test_the_numbers_after_a_yolo_box_are_confidence_and_identity(
         ({"1.txt": "0 512 300 40 90\n"}, r"1.txt: line 1: x is 512; .*shares of the image.*pixels"),
         ({"1.txt": "0 .5 .5 .1 1.0011\n"}, "height is 1.0011"),
         ({"a_7.txt": "0 .5 .5 .1 .1\n", "b_7.txt": "0 .5 .5 .1 .1\n"}, "b_7.txt: is frame 7, as a_7.txt is"),
-        ({"1.txt": "0 .5 .5 .1 .1 .9\n0 .5 .5 .1 .1 .9\n"}, "line 2: this box stands here twice; .*earlier run"),
+        ({"1.txt": "0 .5 .5 .1 .1 .9\n0 .5 .5 .1 .1 .9\n"}, "line 2: duplicate box; .*earlier run"),
         ({"1.txt": "0 .5 .5 .1\n"}, "line 1: 4 numbers; expected class"),
         ({"1.txt": "0 .5 .5 .1 .1 .2 .3 .4 .5\n"}, "9 numbers.*outlines"),
         ({"1.txt": "0 .5 .5 .1 x\n"}, "'x'; a number was expected"),
@@ -113,7 +113,7 @@ def test_half_right_yolo_folders_are_refused(tmp_path: Path, files: dict[str, st
 
 def test_yolo_text_needs_the_size_of_the_images(tmp_path: Path) -> None:
     folder = yolo(tmp_path / "l", {"1.txt": "0 .5 .5 .1 .1\n"})
-    with pytest.raises(UsageError, match="how large those of camera z are"):
+    with pytest.raises(UsageError, match="the image size of camera z is unknown"):
         read(BoxFile(folder, "z"))
 
 
@@ -180,7 +180,7 @@ def test_ultralytics_tables_have_one_column_of_edges(tmp_path: Path) -> None:
         f"{f},person,0,0.9,\"{{'x1': 1.5, 'y1': 2, 'x2': 5, 'y2': 9}}\",{i}\n" for f, i in ((0, 3), (2, 4))
     )
     assert repr(read(BoxFile(saved(tmp_path / "u.csv", text), "a"))[0]) == repr(boxes)
-    with pytest.raises(InputError, match=r"line 2: box is 'x'; want"):
+    with pytest.raises(InputError, match=r"line 2: box is 'x'; expected"):
         read(BoxFile(saved(tmp_path / "v.csv", "frame,box\n0,x\n"), "a"))
 
 

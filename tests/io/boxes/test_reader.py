@@ -172,7 +172,7 @@ def test_without_a_camera_or_a_time_it_is_said_which_option_helps(tmp_path: Path
         survey_boxes([BoxFile(path, None)], (), BoxOptions())
     files = [BoxFile(path, "cam")]
     survey = survey_boxes(files, (), BoxOptions())
-    with pytest.raises(UsageError, match="camera cam: nothing says when its frames were taken"):
+    with pytest.raises(UsageError, match="camera cam: nothing states when its frames were taken"):
         list(read_boxes(files, survey, {}, (), BoxOptions(), Boxes))
 
 
@@ -181,7 +181,7 @@ def test_a_box_that_stands_there_twice_is_refused_wherever_it_stands(tmp_path: P
     path = write(tmp_path, head + "0,a,1,1,9,9,0.5\n1,a,1,1,9,9,0.5\n1,b,1,1,9,9,0.5\n1,a,1,1,9,9,0.6\n")
     assert len(read(BoxFile(path, None))[0]) == 5  # and a look of b at nobody
     path = write(tmp_path, head + "0,a,1,1,9,9,0.5\n1,a,1,1,9,9,0.5\n0,a,1,1,9,9,0.5\n")
-    with pytest.raises(InputError, match=r"camera a, frame 0 \(from 0\): the box at \(1, 1\) px stands there twice"):
+    with pytest.raises(InputError, match=r"camera a, frame 0 \(from 0\): the box at \(1, 1\) px is a duplicate"):
         read(BoxFile(path, None))
 
 

@@ -162,7 +162,7 @@ def test_flipped_bits_and_cuts_never_pass_as_numbers(tmp_path: Path) -> None:
 def test_wrong_tables_are_named(tmp_path: Path) -> None:
     path = tmp_path / "t.parquet"
     write_table(path, random_table(Tracks, 3), PROVENANCE)
-    with pytest.raises(InputError, match=r"holds tracks/3, want bearings/2"):
+    with pytest.raises(InputError, match=r"holds tracks/3, expected bearings/2"):
         read_table(path, Bearings)
     pq.write_table(pa.table({"a": [1]}), path)
     with pytest.raises(InputError, match="not an occlog table"):

@@ -25,7 +25,7 @@ def text(path: Path, *lines: str) -> Path:
 
 @pytest.mark.parametrize("names", ["angle_deg,sigma_deg", "heading_deg,std_deg", "baering_deg,sigma_deg"])
 def test_angles_of_unknown_names_are_no_reads_of_tags(tmp_path: Path, names: str) -> None:
-    with pytest.raises(InputError, match="bearings wants bearing"):
+    with pytest.raises(InputError, match="bearings requires bearing"):
         open_input(text(tmp_path / "t.csv", f"time,station,id,{names}", "0,a,1,10,1"))
 
 
@@ -225,7 +225,7 @@ def test_places_in_short_floats_that_are_near_are_read(tmp_path: Path) -> None:
 def test_rows_that_stand_there_twice_are_refused(tmp_path: Path, table: Any, head: str, row: str) -> None:
     """A table that was exported twice counted each direction twice."""
     path = text(tmp_path / "t.csv", head, f"0,{row}", f"1,{row}", f"0,{row}")
-    with pytest.raises(InputError, match=r"row 2 \(from 0\) stands there twice, alike in everything"):
+    with pytest.raises(InputError, match=r"row 2 \(from 0\) is a duplicate"):
         open_input(path).read(table)
     assert len(open_input(text(tmp_path / "t.csv", head, f"0,{row}", f"1,{row}")).read(table)) == 2
 

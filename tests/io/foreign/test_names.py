@@ -55,7 +55,7 @@ def test_a_missing_column_is_named_with_the_nearest() -> None:
     layout = lay_out(names, Bearings)
     assert layout.missing == ("bearing",)
     assert describe_missing(layout, names) == (
-        "bearings wants bearing (or bearing_deg, bearing_rad), is it 'brng_deg'?; the file has "
+        "bearings requires bearing (or bearing_deg, bearing_rad), is it 'brng_deg'?; the file has "
         "time, station, brng_deg, sigma_deg"
     )
 

@@ -324,7 +324,7 @@ def test_other_files_are_left_to_their_readers(tmp_path: Path) -> None:
     assert open_if_ours(text(tmp_path / "m.csv", "1,1,10,10,5,5,1,-1,-1,-1")) is None
     assert open_if_ours(text(tmp_path / "scene.yaml", "occlog_scene: 1")) is None
     assert open_if_ours(text(tmp_path / "stations.csv", "name,x,y", "a,1,2")) is None
-    with pytest.raises(InputError, match="bearings wants t_ns"):
+    with pytest.raises(InputError, match="bearings requires t_ns"):
         open_input(text(tmp_path / "x.csv", "station,bearing_deg,sigma_deg", "a,1,2"), Bearings)
 
 

@@ -49,7 +49,7 @@ def test_all_rows_are_there_beside_their_recording(tmp_path: Path, monkeypatch: 
 
 def test_no_command_takes_it_for_the_table_of_one_recording(tmp_path: Path) -> None:
     join_tables(tmp_path / "all.parquet", parts(tmp_path), "tracks", MADE)
-    with pytest.raises(InputError, match=r"holds batch.tracks/1, want tracks/"):
+    with pytest.raises(InputError, match=r"holds batch.tracks/1, expected tracks/"):
         read_table(tmp_path / "all.parquet", Tracks)
 
 
@@ -68,7 +68,7 @@ def test_what_does_not_go_together_is_refused_and_nothing_is_left(tmp_path: Path
     made = parts(tmp_path, c="cm")
     with pytest.raises(InputError, match="lengths are in m in a and in cm in c"):
         join_tables(tmp_path / "all.parquet", made, "tracks", MADE)
-    with pytest.raises(InputError, match="holds tracks, want errors"):
+    with pytest.raises(InputError, match="holds tracks, expected errors"):
         join_tables(tmp_path / "all.parquet", made, "errors", MADE)
     assert not (tmp_path / "all.parquet").exists()
 

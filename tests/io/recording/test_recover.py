@@ -189,7 +189,7 @@ def test_what_is_none_of_ours_or_nothing_is_refused(tmp_path: Path) -> None:
         channel = writer.register_channel("/x", "json", writer.register_schema("s", "jsonschema", b"{}"))
         writer.add_message(channel, 1, b"{}", 1)
         writer.finish()
-    with pytest.raises(InputError, match=r"not a recording of occlog.*`occlog ingest` takes what is whole"):
+    with pytest.raises(InputError, match=r"no occlog recording.*`occlog ingest` takes the intact messages"):
         recover_recording(bag, tmp_path / "x.mcap")
     (tmp_path / "table.csv").write_text("a,b\n")
     with pytest.raises(InputError, match="does not begin with the MCAP mark"):

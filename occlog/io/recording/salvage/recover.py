@@ -151,7 +151,7 @@ class _Salvage:
             part.metadata.pop(name, None)
             self._lose(name, "metadata with a wrong digest are skipped")
         for topic, copies in sorted(part.copies.items()):
-            told = "message kept" if copies == 1 else "messages kept"
+            told = "message that is stored" if copies == 1 else "messages that are stored"
             self._losses[Loss(_source_of(topic), "copies", f"{copies} {told} in the file twice, and count once")] = None
         if part is not self._first:
             self._tell_of_other(part)

@@ -201,7 +201,7 @@ def test_a_recording_that_stands_there_twice_counts_once(tmp_path: Path) -> None
     found, said = recovered(tmp_path, data + data)
     assert found == messages(tmp_path / "a.mcap")
     assert [loss.what for loss in said.losses if loss.place == "copies"] == [
-        "20 messages kept in the file twice, and count once"
+        "20 messages that are stored in the file twice, and count once"
     ] * 2
     assert not any("skipped" in loss.what for loss in said.losses)
 
@@ -212,7 +212,7 @@ def test_a_copy_that_follows_leaves_nothing_out(cut: int | None, tmp_path: Path)
     data = recording(tmp_path / "a.mcap")
     found, said = recovered(tmp_path, data[:cut] + data)
     assert found == messages(tmp_path / "a.mcap")
-    assert any("stand in the file twice, and count once" in loss.what for loss in said.losses)
+    assert any("stored in the file twice, and count once" in loss.what for loss in said.losses)
     assert not any("skipped" in loss.what for loss in said.losses)
     assert not any(counted(said).values())
 
@@ -231,7 +231,7 @@ def test_chunks_that_stand_there_twice_count_once_and_exchanged_ones_are_taken(t
     first, second, third = (places(data, 6)[n] for n in range(3))
     found, said = recovered(tmp_path, data[:second] + data[first:])
     assert found == messages(tmp_path / "a.mcap")
-    assert any("messages kept in the file twice, and count once" in loss.what for loss in said.losses)
+    assert any("messages that are stored in the file twice, and count once" in loss.what for loss in said.losses)
     found, said = recovered(tmp_path, data[:first] + data[second:third] + data[first:second] + data[third:])
     assert sorted(found) == sorted(messages(tmp_path / "a.mcap"))
     assert not any("twice" in loss.what for loss in said.losses)
