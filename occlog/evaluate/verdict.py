@@ -113,10 +113,7 @@ def checks_with_truth(
     """
     said = found.checks(one_target=made.one_target, smoothed=made.smoothed)
     if unknown:
-        words = (
-            "estimates have no covariance, so that it is unchecked whether errors, and residuals of bearings at these "
-            "estimates, are as large as they state"
-        )
+        words = "estimates have no covariance, so that the consistency of errors and of bearing residuals is unchecked"
         return (*said, finding(COVARIANCES, "note", "no-covariance", words), *_of_figures(metrics))
     errors = against.checks()
     large = any(each.id == "nees-large" for each in errors)
@@ -137,10 +134,8 @@ def _truth_of_another_target(found: ConsistencyEvidence, metrics: Mapping[str, o
             "warning",
             "something-else",
             f"the bearings agree with the tracks (NIS {nis.value:.2g}) and not with the truth (NIS {there:.2g}, "
-            f"allowed up to {MAX_BEARING_NIS:.0f}): they are of something else than the truth, such as a person "
-            "who carries what "
-            "the truth is of, or the truth has other clocks or another frame; compare with the truth of the "
-            "detected",
+            f"allowed up to {MAX_BEARING_NIS:.0f}); the truth is of another object, clock or frame; compare with the "
+            "truth of the detected target",
             nis=there,
             allowed=MAX_BEARING_NIS,
         )
@@ -235,9 +230,8 @@ def _of_nees(found: _Nees, rows: int, where: str) -> Iterator[Check]:
             COVARIANCES,
             "warning",
             "singular",
-            f"{singular} of {rows} estimates have a singular covariance (allowed: {MAX_SINGULAR_SHARE:.0%}): the "
-            "filter has "
-            "run out of particles, or the noise that is stated is zero; use more particles, or state the noise",
+            f"{singular} of {rows} estimates have a singular covariance (allowed: {MAX_SINGULAR_SHARE:.0%}): "
+            "particles are depleted, or the stated noise is zero; use more particles, or state the noise",
             share=singular / rows,
             allowed=MAX_SINGULAR_SHARE,
         )
@@ -255,8 +249,8 @@ def _of_nees(found: _Nees, rows: int, where: str) -> Iterator[Check]:
             COVARIANCES,
             "warning",
             "nees-large",
-            f"the covariances are too small ({words}): errors are larger than they state; see other warnings, use "
-            "more particles, state larger noises, and check that the truth is of the same target",
+            f"the covariances are too small for the errors ({words}); see other warnings, use more particles or larger "
+            "noises, and check that the truth is of the same target",
             nees=mean.value * dimensions,
             allowed=NEES_HIGH * dimensions,
         )
@@ -310,9 +304,9 @@ def _not_detected(metrics: Mapping[str, object]) -> Iterator[Check]:
             DETECTIONS,
             "warning",
             "not-detected",
-            f"only {rate:.0%} of the visible targets were seen where they are (expected at least "
-            f"{MIN_DETECTION_RATE:.0%}): the "
-            "bearings may be of something else than the truth, or the clocks or the calibration do not fit",
+            f"only {rate:.0%} of the visible targets were detected at their position (expected at least "
+            f"{MIN_DETECTION_RATE:.0%}); check that bearings and truth are of the same targets, the clocks and the "
+            "calibration",
             share=rate,
             allowed=MIN_DETECTION_RATE,
         )

@@ -187,8 +187,8 @@ def _pose(camera: str, frame: str, placed: FramePose, plan: IngestPlan) -> Frame
         return FramePose(placed.rotation @ BODY, placed.translation)
     if plan.camera_axes is None and "optical" not in frame.lower() and placed.rotation[2, 2] > STEEP:
         raise UsageError(
-            f"camera {camera}: the z axis of its frame {frame!r} points up, so that it would point at the sky; state "
-            "whether the frames of cameras have the axes of a body (x forward, z up) or are optical (z forward)"
+            f"camera {camera}: the z axis of its frame {frame!r} points up; state whether camera frames are of a body "
+            "(x forward, z up) or optical (z forward)"
         )
     return placed
 

@@ -120,8 +120,8 @@ def _open_bag(plan: IngestPlan, scene: Scene, stack: ExitStack, note: Callable[[
     for path in plan.bags:
         if path.is_file() and is_of_occlog(path):
             raise InputError(
-                f"{path}: was written by occlog: its times are right already, and its tables, numbers of frames and "
-                "losses would be skipped; use it as it is, or ingest what it was made of"
+                f"{path}: is an occlog recording; ingest would drop its tables and losses; use it directly, or ingest "
+                "its sources"
             )
     bag = stack.enter_context(open_bag(plan.bags))
     found = look_into(bag, plan, note)

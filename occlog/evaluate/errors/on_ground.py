@@ -115,9 +115,8 @@ def errors_of_pairs(tracks_ns: tuple[int, int], truth_ns: tuple[int, int], confi
     tracks, truth = (f"{first} to {last} ns" for first, last in (tracks_ns, truth_ns))
     if config.match == "id" and tracks_ns[0] <= truth_ns[1] and truth_ns[0] <= tracks_ns[1]:
         return InputError(
-            f"tracks: no track has an estimate while the truth has its target, the one of its number: tracks {tracks}, "
-            f"truth {truth}, gaps of at most {config.bridge_s:g} s are bridged; pair them by their positions (match "
-            "optimal) if numbers are not those of the truth, or check the clocks or raise max_gap"
+            f"tracks: no track overlaps in time with the target of its number (tracks {tracks}, truth {truth}, "
+            f"max_gap {config.bridge_s:g} s); match by position (match optimal), check the clocks, or raise max_gap"
         )
     return InputError(
         f"tracks: the truth covers the time of no estimate: tracks {tracks}, truth {truth}, "

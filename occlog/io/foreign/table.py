@@ -143,8 +143,8 @@ class ForeignTable:
         size, held = self.source.path.stat().st_size, sum(c.nbytes for part in parts for c in part.values())
         if held > max(FREE_BYTES, HELD_PER_BYTE * size):
             raise InputError(
-                f"{self.source.path}: rows that are not in the order of time, or all of one time, take {held} bytes of "
-                f"memory or more, in a file of {size}, each as much as the longest text; sort them, or shorten it"
+                f"{self.source.path}: unsorted rows or rows of one time need {held} bytes in a file of {size}; "
+                "sort them by time, or shorten the longest text"
             )
 
     def _is_in_order(self, layout: TableLayout) -> bool:
@@ -457,9 +457,7 @@ def _check_copies(source: ColumnSource, made: ColumnTable, row: NDArray[np.gener
     copies, _ = repeated_rows(made, "box" if isinstance(made, Boxes) else "")
     if copies.any():
         k = first_row(copies)
-        raise InputError(
-            f"{source.path}: row {row[k]} (from 0) is a duplicate ({key_of(made, k)}); remove the copies"
-        )
+        raise InputError(f"{source.path}: row {row[k]} (from 0) is a duplicate ({key_of(made, k)}); remove the copies")
 
 
 def _join(parts: Sequence[Values]) -> Values:

@@ -86,9 +86,8 @@ class Checked:
                 DETECTS,
                 "note",
                 "no-detections",
-                f"camera {name} has no detection in any of its {frames[name]} frames, and {often} a person in "
-                f"{shares[often]:.0%} of its own: check its images, how large people are expected to be in them, and "
-                "whether it sees the same area",
+                f"camera {name} has no detection in {frames[name]} frames, while {often} has one in "
+                f"{shares[often]:.0%}; check its images, the expected size of people, and the area it sees",
                 sensors=[name],
                 frames=frames[name],
             )
@@ -102,8 +101,7 @@ class Checked:
                     "warning",
                     "boxes-outside",
                     f"camera {name}: {self._outside[name]} of {count} boxes are outside the image (allowed: "
-                    f"{OUTSIDE:.0%}); is the calibration for another size of the image, or are the boxes another "
-                    "camera's?",
+                    f"{OUTSIDE:.0%}); check the image size of the calibration, and the camera of the boxes",
                     sensors=[name],
                     share=self._outside[name] / count,
                     allowed=OUTSIDE,
@@ -123,9 +121,9 @@ class Checked:
                     STAYS,
                     "note",
                     "detection-stays",
-                    f"camera {name} has a detection at one position of its image, about ({0.5 * (left + right):.0f}, "
-                    f"{0.5 * (top + bottom):.0f}) px, in {share:.0%} of its frames (a note from {STAYING:.0%} on): "
-                    "a person who does not move, or a thing that is taken for a person; leave it out if it is one",
+                    f"camera {name}: detection at about ({0.5 * (left + right):.0f}, {0.5 * (top + bottom):.0f}) px in "
+                    f"{share:.0%} of its frames (noted from {STAYING:.0%}): a motionless person or persistent "
+                    "clutter; exclude it if it is clutter",
                     sensors=[name],
                     share=share,
                     allowed=STAYING,

@@ -63,8 +63,8 @@ def run_detect(request: DetectRequest, job: Job) -> tuple[dict[str, object], lis
     detections, used = _detections(request, opened, scene, left, job)
     if not upright(scene):
         job.note(
-            "warning: the world of the scene seems not to be upright: sizes of people come from the images, and "
-            "bearings mean little; turn it upright with `occlog ingest --up auto`"
+            "warning: the world of the scene seems not to be upright, so that bearings are unreliable; turn it "
+            "upright with `occlog ingest --up auto`"
         )
     fused: FuseTally | None = None
     if request.fuse:

@@ -73,10 +73,10 @@ def _check_pixels(pair: ViewPair, a: Camera | None, b: Camera | None) -> None:
         return
     if pair.undistorted:
         raise InputError(
-            f"the fundamental matrix of {pair.a} and {pair.b} is for pixels without lens distortion, and no scene "
-            "has the distortion of these cameras; give the scene that it was made with"
+            f"the fundamental matrix of {pair.a} and {pair.b} needs undistorted pixels, but no scene has the "
+            "lens distortion of these cameras; give the scene that it was made with"
         )
     raise InputError(
-        f"the fundamental matrix of {pair.a} and {pair.b} is for pixels as recorded, but the scene has the lens "
-        "distortion of these cameras; make the matrix again with `occlog epipolar` and the scene"
+        f"the fundamental matrix of {pair.a} and {pair.b} is for distorted pixels, but the scene has lens "
+        "distortion; make the matrix again with `occlog epipolar` and the scene"
     )

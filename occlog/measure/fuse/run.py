@@ -109,9 +109,8 @@ class FuseTally:
                     AGREE,
                     "warning",
                     "removed-many",
-                    f"camera {worst}: {removed[worst]} of {whole[worst]} detections of targets are not where the other "
-                    f"cameras have them, and are removed (allowed: {limit:.0%}); check its pose, its clock and "
-                    f"its labels, or leave {worst} out",
+                    f"camera {worst}: {removed[worst]} of {whole[worst]} detections contradict the other cameras and "
+                    f"are removed (allowed: {limit:.0%}); check its pose, clock and labels, or exclude {worst}",
                     sensors=[worst],
                     share=share,
                     allowed=limit,

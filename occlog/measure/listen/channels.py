@@ -85,8 +85,7 @@ def _silent(channels: Mapping[str, Channels]) -> Iterator[Check]:
                 "warning",
                 "microphone-silent",
                 f"array {name}: microphone {_listed(dead)} has less than {SILENT:.0%} of the level of the others, so "
-                "that directions are wrong: check the cable and the order of the channels, or leave it out of the "
-                "array and of the channels",
+                "that directions are wrong; check cable and channel order, or remove it from array and channels",
                 sensors=[name],
                 allowed=SILENT,
             )

@@ -188,8 +188,8 @@ def _format(path: Path, form: bytes) -> tuple[int, int, int, bool]:
     good = {PCM: (8, 16, 24, 32), FLOAT: (32, 64)}.get(tag, ())
     if bits not in good:
         raise InputError(
-            f"{path}: samples of format {tag} with {bits} bits; whole numbers of 8, 16, 24 or 32 bits or floats of "
-            "32 or 64 were expected; convert it, e.g. with `ffmpeg -i IN -c:a pcm_s16le out.wav`"
+            f"{path}: samples of format {tag} with {bits} bits; expected 8 to 32 bit integers or 32 or 64 bit floats; "
+            "convert it, e.g. with `ffmpeg -i IN -c:a pcm_s16le out.wav`"
         )
     if block != channels * bits // 8:
         raise InputError(

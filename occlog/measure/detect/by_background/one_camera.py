@@ -281,9 +281,8 @@ def set_up(state: CameraState, image: Image) -> CameraSetup:
     sizes = state.sizes if state.sizes is not None else known_sizes(camera, state.scene, size, c)
     if sizes is None:
         raise InputError(
-            f"camera {camera.name}: nothing states how large people are in its images: it has no pose in metres, feet "
-            "or inches in an upright world, and no people were seen beforehand; give the height of a person in pixels "
-            "(person_height_px)"
+            f"camera {camera.name}: the size of people in its images is unknown (no pose in an upright world with a "
+            "known unit, no earlier detections); give their height in pixels (person_height_px)"
         )
     sizes = downscale_sizes(sizes, factor)
     prior = make_prior(sizes, STRENGTH, PENALTY, MIN_CLUSTER_RATIO)
@@ -336,8 +335,8 @@ def check_size(camera: Camera, size: tuple[int, int]) -> None:
     if (cut < 0).any() or (cut >= BLOCK).any():
         raise InputError(
             f"camera {camera.name}: frames are {size[0]} x {size[1]} px but the scene states "
-            f"{camera.image_size[0]} x {camera.image_size[1]}: the calibration is for other images; correct "
-            "image_size_px, focal_px and principal_point_px of the camera"
+            f"{camera.image_size[0]} x {camera.image_size[1]}; correct image_size_px, focal_px and "
+            "principal_point_px of the camera"
         )
 
 

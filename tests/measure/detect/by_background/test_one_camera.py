@@ -70,7 +70,7 @@ def test_images_may_be_cut_by_less_than_a_block_and_never_larger_than_the_scene_
     check_size(CAMERA, (WIDTH, HEIGHT))
     check_size(CAMERA, (WIDTH - BLOCK + 1, HEIGHT - BLOCK + 1))
     for size in ((WIDTH - BLOCK, HEIGHT), (WIDTH, HEIGHT - BLOCK), (WIDTH + 1, HEIGHT)):
-        with pytest.raises(InputError, match="the calibration is for other images"):
+        with pytest.raises(InputError, match="but the scene states"):
             check_size(CAMERA, size)
     check_size(replace(CAMERA, image_size=None), (WIDTH + 1, HEIGHT))
 
