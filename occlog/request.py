@@ -405,7 +405,7 @@ class Verb:
         return self.kinds[name] if name in self.kinds else self.more().get(name)
 
     def form(self, name: str) -> Form:
-        """The form of a kind; UsageError, with the nearest name, if missing of that name."""
+        """The form of a kind; UsageError, with the nearest name, if no kind has that name."""
         kind = self.kind(name)
         if kind is None:
             raise UsageError(f"no {self.what} {name!r}; {did_you_mean(name, [*self.kinds, *self.more()])}")

@@ -68,7 +68,7 @@ class Result:
         return next((table.provenance for table in self.tables.values()), {})
 
     def __getitem__(self, name: str) -> Table:
-        """A table of the result; InputError if missing of that name."""
+        """A table of the result; InputError if no table has that name."""
         if name not in self.tables:
             raise InputError(f"the result has no table {name!r}; it has {', '.join(self.tables) or 'none'}")
         return self.tables[name]
@@ -158,7 +158,7 @@ class EvaluateResult(Result):
     metrics: Mapping[str, float] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Any:
-        """A figure or a table; InputError if missing of that name."""
+        """A figure or a table; InputError if no table has that name."""
         return self.metrics[name] if name in self.metrics else super().__getitem__(name)
 
     def _figures(self) -> Mapping[str, object]:

@@ -63,7 +63,7 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class Threshold:
-    """The evaluation fails if `metric operator limit` is true, or cannot be reported."""
+    """The evaluation fails if `metric operator limit` is true, or cannot be decided."""
 
     metric: str
     operator: str

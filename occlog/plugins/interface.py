@@ -132,7 +132,7 @@ class Filter(Protocol):
         """Create a filter without knowledge of the target."""
 
     def step(self, moment: TargetScan) -> EstimatedPosition | None:
-        """Take a time step in; where the target is then, or None where that cannot be reported yet."""
+        """Take a time step in; where the target is then, or None where that is not known yet."""
 
 
 class MetricInput(NamedTuple):

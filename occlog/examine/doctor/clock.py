@@ -1,4 +1,4 @@
-"""The clocks of sensors: times that go back or repeat, gaps, jumps, epochs, and sensors that are except for the others.
+"""The clocks of sensors: times that go back or repeat, gaps, jumps, epochs, and sensors with disjoint times.
 
 Only a regular sensor has gaps: one of which nearly all intervals are about the usual one, their median.
 
@@ -41,7 +41,7 @@ UNITS = (
 SHORTEST_NS = 100_000
 """A sensor that measures 10,000 times a second has such intervals."""
 APART_NS = 60 * NS
-"""Sensors with times that do not overlap are except for so much on, and from the length of the recording on."""
+"""Gap above which times of sensors count as disjoint, if also above the length of the recording."""
 SAME_RATE = 0.01
 
 

@@ -47,7 +47,7 @@ class Diagnosis:
 
 
 def check_files(paths: Sequence[Path], each: Callable[[Path], None] = lambda _: None) -> Diagnosis:
-    """Check files, and at the files of folders.
+    """Check files, and the files of folders.
 
     Args:
         paths: files and folders.

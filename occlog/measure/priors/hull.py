@@ -324,7 +324,7 @@ def _lately(known: TrackedPolygon, t_ns: int, rules: HullRules) -> bool:
 def _needed(current: list[TrackedPolygon], t_ns: int, rules: HullRules) -> list[TrackedPolygon]:
     """Select polygons with evidence, and those that explain otherwise unexplained runs.
 
-    Which of two polygons that may both be phantoms is one cannot be reported from their runs; what
+    Which of two polygons that may both be phantoms is one cannot be decided from their runs; what
     explains more is taken first, both of what explains as much.
     """
     chosen = [k for k in current if _lately(k, t_ns, rules)]

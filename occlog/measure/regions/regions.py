@@ -1,6 +1,6 @@
-"""Measurements of each person-sized region of a frame: time steps, box, appearance.
+"""Measurements of each person-sized region of a frame: moments, box, appearance.
 
-Foreground pixels collected in small square cells, with exact time steps: what clustering works on.
+Foreground pixels collected in small square cells, with exact moments: what clustering works on.
 
 A row of a cell table is (n, x, y, xx, xy, yy): number of foreground pixels, their mean
 [px], and the sums of squares and products about that mean [px^2].  Sums over cells are

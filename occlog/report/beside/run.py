@@ -114,7 +114,7 @@ def check_scenes(a: ReportRun, b: ReportRun) -> None:
 
 
 def truth_of(files: Sequence[PageRequest], unit: str) -> tuple[Path, Truth] | None:
-    """The truth of both runs; None: missing with targets.  InputError where each has another one, or unit."""
+    """The truth of both runs; None: no truth with targets.  InputError where each has another one, or unit."""
     first: tuple[Path, Truth] | None = None
     for path in dict.fromkeys(each.truth for each in files if each.truth is not None):
         opened = open_input(path)

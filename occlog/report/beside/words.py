@@ -421,7 +421,7 @@ def parting_rows(found: RunComparisonPage) -> list[DivergenceRow]:
     for stretch in found.partings.stretches:
         length = f"{format_time(found, stretch.start_ns)} to {format_time(found, stretch.end_ns)}"
         at_start = stretch.worst._replace(t_ns=stretch.start_ns)
-        out.append(_row(found, f"except for {length}", at_start, ""))
+        out.append(_row(found, f"divergence from {length}", at_start, ""))
     return out
 
 

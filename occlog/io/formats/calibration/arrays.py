@@ -252,7 +252,7 @@ def _cameras(path: Path, options: CalibrationOptions) -> list[Camera]:
 
 
 def _stack(value: Floats, shape: tuple[int, int], path: Path) -> Floats:
-    """(n, ...) matrices of one shape, the cameras first; InputError where it is none or cannot be reported."""
+    """(n, ...) matrices of one shape, the cameras first; InputError if there is none or the axis is ambiguous."""
     if value.ndim == 2 and value.shape == shape:
         return value[None]
     if value.ndim == 3 and value.shape[1:] == shape and not (value.shape[:2] == shape and value.shape[0] == 3):

@@ -94,7 +94,7 @@ def index_of(file: IO[bytes], begin: int, size: int) -> tuple[int, bytes] | None
         size: length of the file.
 
     Returns:
-        Where the index begins in the file, and its records; None: missing that is whole.
+        Where the index begins in the file, and its records; None: no complete one.
     """
     places = [size - FOOTER_BYTES - len(RECORDING_MAGIC)] if begin == 0 else []
     at: int | None = begin + len(RECORDING_MAGIC)
