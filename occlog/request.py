@@ -36,7 +36,7 @@ class File:
         metavar: how the option's value is called.
         argument: it is an argument without a name.
         together: of a field of several files this many are given at a time.
-        number: a number from this on may be in the position of the file; None: no number may.
+        number: a number from this on may be in place of the file; None: no number may.
         scene: a scene is read from it.
         there: click checks that it exists, and `-` is standard input.
         kinds: kinds of input that it is for, where the request is of several (`Request.KIND`); empty: all.

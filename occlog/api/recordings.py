@@ -1,6 +1,6 @@
 """Opens recordings and tables in Python, without a command.
 
-Values that a function takes in the position of files: tables in memory become files for the length of a call.
+Values that a function takes in place of files: tables in memory become files for the length of a call.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Sensor(NamedTuple):
 class Recording:
     """A recording: its scene, its sensors, its tables, and the losses when it was made.
 
-    Every function of occlog takes a recording in the position of a file. A table is read when it is asked for:
+    Every function of occlog takes a recording in place of a file. A table is read when it is asked for:
     `recording["truth"]`.
     """
 
@@ -245,7 +245,7 @@ SceneSource: TypeAlias = "Source | Scene"
 class CallInputs:
     """The inputs of one call; tables in memory are files until it ends.
 
-    Errors inside the block name the argument in the position of such a file, and arguments in the position of options.
+    Errors inside the block name the argument in place of such a file, and arguments in place of options.
     """
 
     def __init__(self, arguments: Mapping[str, str] | None = None) -> None:
@@ -324,7 +324,7 @@ class CallInputs:
         return self.called(path, "scene")
 
     def named(self, text: str) -> str:
-        """A sentence with arguments in the position of files."""
+        """A sentence with arguments in place of files."""
         for path, name in self._names.items():
             text = text.replace(path, name)
         return text

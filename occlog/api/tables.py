@@ -34,7 +34,7 @@ class Table:
 
     A table is a Parquet file on disk, which is removed with the last reference to it unless it was there before; rows
     are read when they are asked for. Columns, units and meanings are in docs/reference/tables.md. Every function of
-    occlog takes a table in the position of a file.
+    occlog takes a table in place of a file.
 
     DataFrames are copies. Changes in them do not change the table; give the DataFrame to the next function instead.
     Such a DataFrame is a table of another program: it has lost provenance, losses and the unit of lengths.

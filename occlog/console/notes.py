@@ -34,7 +34,7 @@ def write_line(text: str, stream: TextIO | None) -> None:
 
 
 def named(text: str) -> str:
-    """A text for the user, with the aliases of temporary files in the position of their paths."""
+    """A text for the user, with the aliases of temporary files in place of their paths."""
     for path, name in ALIASES.items():
         text = text.replace(path, name)
     return text

@@ -178,7 +178,7 @@ def _strings(value: object) -> tuple[str, ...]:
 
 @contextmanager
 def _named(files: Mapping[str, Path]) -> Iterator[None]:
-    """Put the file in the position of the word with which a message begins."""
+    """Put the file in place of the word with which a message begins."""
     try:
         yield
     except InputError as error:

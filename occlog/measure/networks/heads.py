@@ -58,7 +58,7 @@ WITH_MORE = ("segment", "pose")
 MAX_LABEL = 2**31
 """Numbers of classes above this are none."""
 MAX_END2END = 1000
-"""Boxes of networks that leave nothing out afterwards, by which they are reported from others."""
+"""Boxes of networks that leave nothing out afterwards, by which they are distinguished from others."""
 PLAIN_DETR = 92
 """Classes of the first DETR on COCO: its scores require a softmax, which no head here takes."""
 

@@ -52,7 +52,7 @@ class ImageNetwork:
     def run(self, images: Floats32) -> dict[str, Floats32]:
         """Outputs for (B, 3, H, W) images, as 32-bit numbers.
 
-        The size that RT-DETR is reported is that of the network's images: its boxes are then in their pixels.
+        The size that RT-DETR is given is that of the network's images: its boxes are then in their pixels.
         """
         feeds: dict[str, np.ndarray[tuple[int, ...], np.dtype[np.generic]]] = {
             self.image.name: images.astype(np.float16) if self.image.kind == "float16" else images

@@ -99,7 +99,7 @@ class RunStage:
         return exit_code(request, done, strict=self.values.get(STRICT) is True)
 
     def _request(self, kept: Path | None = None) -> Request:
-        """The request, with a file in the position of standard input."""
+        """The request, with a file in place of standard input."""
         given = {entry.name: self._read(entry, kept) for entry in self.form.entries() if self._has(entry)}
         free, settings = self.form.set_group(), self._settings()
         with self._keys_in_errors():

@@ -98,7 +98,7 @@ def _elements(data: bytes, order: str) -> Iterator[_Element]:
     at = 0
     while at + 8 <= len(data):
         kind, length = struct.unpack_from(f"{order}II", data, at)
-        if kind >> 16:  # up to four bytes in the position of the length
+        if kind >> 16:  # up to four bytes in place of the length
             kind, length = kind & 0xFFFF, kind >> 16
             if length > 4:
                 raise ValueError(f"{length} bytes in an element of at most 4")
