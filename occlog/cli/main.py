@@ -38,7 +38,7 @@ COMMANDS = {
         "occlog.papers.lee.traffic.request:TrafficRequest", "Simulate the data traffic of sensors that help each other."
     ),
     "listen": Command(
-        "occlog.measure.listen.request:DoaRequest", "Find directions of arrival in the sound of microphone arrays."
+        "occlog.measure.doa.request:DoaRequest", "Find directions of arrival in the sound of microphone arrays."
     ),
     "epipolar": Command(
         "occlog.measure.epipolar.request:EpipolarRequest", "Find how pairs of views see the same point, or check it."
@@ -63,7 +63,9 @@ COMMANDS = {
         "occlog.track.methods.images.ground.request:GroundRequest",
         "Bring tracks in the images of calibrated cameras together in the world.",
     ),
-    "label": Command("occlog.measure.label.request:VERB", "Give candidates the identity of the track they agree with."),
+    "label": Command(
+        "occlog.measure.associate.request:VERB", "Give candidates the identity of the track they agree with."
+    ),
     "navigate": Command(
         "occlog.papers.lee.navigation.request:NavigateRequest",
         "Drive a robot through a scene, around obstacles and tracked people.",

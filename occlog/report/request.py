@@ -11,7 +11,7 @@ from typing import ClassVar
 from occlog.request import Form, Request, Verb, VerbKind, group, load, scene_file, sink, source
 from occlog.settings import setting
 
-from .beside.config import RunComparisonConfig
+from .comparison.config import RunComparisonConfig
 
 PAGE, OVERLAY, BESIDE = "page", "overlay", "beside"
 OUTPUT_HELP = "The page: one HTML file that needs nothing else."
@@ -177,7 +177,7 @@ class OverlayRequest(ReportRequestBase):
 class RunComparisonRequest(ReportRequestBase):
     """Two runs to show side by side."""
 
-    RUN: ClassVar[str] = "occlog.report.beside.run:run_beside"
+    RUN: ClassVar[str] = "occlog.report.comparison.run:run_beside"
     JUDGED: ClassVar[bool] = True
 
     other: Path = source("The other run.", argument=True)
@@ -190,7 +190,7 @@ class RunComparisonRequest(ReportRequestBase):
     @cached_property
     def runs(self) -> tuple[PageRequest, PageRequest]:
         """The files of both runs, as a page of each shows them."""
-        files_of = load("occlog.report.beside.run:files_of")
+        files_of = load("occlog.report.comparison.run:files_of")
         shared = PageRequest(scene=self.scene, truth=self.truth)
         return files_of(self.tracks, shared), files_of(self.other, shared)
 

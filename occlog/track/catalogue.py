@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from occlog.errors import UsageError, did_you_mean
@@ -262,11 +263,25 @@ def tracker(name: str) -> AnyMethod:
         raise UsageError(f"no tracking method {name!r}; there are: {', '.join(in_world)}")
     plugin = METHODS[name].plugin
     if plugin is not None:
-        from .plugged import method_of
+        from .plugin_filter import method_of
 
         return method_of(plugin)
     method: AnyMethod = load(METHODS[name].method)
     return method
+
+
+def method_for(path: Path | str) -> str:
+    """The method that fits what a file holds: bearings and measurements `apf`, boxes `jipda`, reads of tags `virtual`.
+
+    A file that cannot be opened has the default, and the method then says what is wrong with it.
+    """
+    from occlog.io.open import held
+    from occlog.records.tables import Bearings, Boxes, Measurements, Reads, Views
+
+    tables = held(Path(path), Bearings, Measurements, Boxes, Views, Reads)
+    if not tables or Bearings in tables or Measurements in tables:
+        return VERB.default
+    return "virtual" if tables == (Reads,) else "jipda"
 
 
 def smooths(command: str, parameters: Mapping[str, object]) -> bool:
@@ -294,7 +309,7 @@ REQUESTS: Mapping[str, type[Request]] = {
 def form_of(method: str) -> Form:
     """The form of a request for a method; UsageError where there is no such method."""
     found = entry(method)
-    around = (load("occlog.track.methods.images.births.config:ViewsConfig"),) if found.images else ()
+    around = (load("occlog.track.methods.images.initiation.config:ViewsConfig"),) if found.images else ()
     shared = (each.name for each in Form(TrackRequestBase).entries())
     settings = {"settings": settings_of(method)}
     return Form(REQUESTS[found.takes_in], {*shared, *found.takes, "settings"}, settings, around)
@@ -312,6 +327,7 @@ VERB = Verb(
     TrackRequestBase,
     {name: VerbKind(each.summary, partial(form_of, name)) for name, each in OURS.items()},
     default="apf",
+    fits="occlog.track.catalogue:method_for",
     by={"method": str},
     what="method",
     chosen_by="--method {}",

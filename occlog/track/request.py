@@ -63,7 +63,14 @@ class TrackRequestBase(Request):
     bearings: Path = source("Bearings, boxes, reads of tags, or a recording with video.", argument=True)
     output: Path = output_file("Tracks (Parquet).", "tracks")
     scene: Path | None = scene_file()
-    method: str = setting("apf", "Tracking method.", option="--method", metavar="NAME")
+    method: str = setting(
+        "apf",
+        "Tracking method. [default: by the input, jipda for boxes, virtual for reads of tags, else apf; in a "
+        "configuration apf]",
+        option="--method",
+        metavar="NAME",
+        shown="",
+    )
     cameras: tuple[str, ...] = setting((), "Use only these sensors.", option="--cameras", metavar="A,B,...", shown="")
     without: tuple[str, ...] = setting((), "Leave these sensors out.", option="--without", metavar="A,B,...", shown="")
     window: float | None = setting(

@@ -1,0 +1,109 @@
+"""Request of `occlog label`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from occlog.measure.appearance.config import MatchConfig
+from occlog.request import Form, Request, Verb, VerbKind, group, output_file, scene_file, sink, source
+from occlog.settings import setting
+
+from .config import LabelConfig, NamingConfig
+
+BY_TRACKS, BY_GALLERY = "tracks", "gallery"
+GALLERY = "Match boxes with how people look (Parquet, of `occlog appearance learn`), instead of bearings with tracks."
+
+
+@dataclass(frozen=True, kw_only=True)
+class LabelRequestBase(Request):
+    """Give candidates of BEARINGS (Parquet, or a recording that holds bearings) the identity of a track.
+
+    In every frame of a sensor the candidates (target_id -1) are assigned one to one to the tracks,
+    by the difference of bearings. A track without a candidate gets a row that states "not seen".
+    Rows that have a label stay.
+
+    With --gallery BEARINGS holds boxes or views, and each is compared with the people of the gallery as they
+    from the viewing direction of the camera ([Lee] Sec. 5.2.1). What the gallery does not have is suspended.
+
+    \b
+      occlog track boxes.parquet --scene hall.mcap --start 2.9,0.5,0.3 -o tracks.parquet
+      occlog label boxes.parquet --scene hall.mcap --tracks tracks.parquet -o labelled.parquet
+      occlog label hall.mcap --gallery gallery.parquet --tracks tracks.parquet -o matches.parquet
+    """
+
+    OWNER: ClassVar[str] = "label"
+
+    bearings: Path = source("Candidates, or a recording that holds them.", argument=True)
+    output: Path = output_file("Labelled bearings; with --gallery a table of matches (Parquet).", "bearings")
+    scene: Path | None = scene_file()
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ByKind(LabelRequestBase):
+    """Shared fields of all kinds, with the fields that choose the kind."""
+
+    gallery: Path | None = source(GALLERY)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LabelRequest(LabelRequestBase):
+    """Candidates to label by the positions of tracks."""
+
+    RUN: ClassVar[str] = "occlog.measure.associate.run:run_label"
+
+    tracks: Path = source("Tracks that say who is where (Parquet).", required=True)
+    doa: Path | None = source("Directions of arrival to label too: a table, or a recording that holds them.")
+    doa_labels: bool = setting(
+        False, "Identities in the log of directions are those of targets.", option="--doa-labels", shown=""
+    )
+    settings: Mapping[str, object] = group(lambda: LabelConfig)
+    cameras: tuple[str, ...] = setting((), "Use only these sensors.", option="--cameras", metavar="A,B,...", shown="")
+    without: tuple[str, ...] = setting((), "Leave these sensors out.", option="--without", metavar="A,B,...", shown="")
+
+    @property
+    def inputs(self) -> list[Path]:
+        """Every file that is read."""
+        return [p for p in (self.bearings, self.tracks, self.scene, self.doa) if p is not None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatchRequest(LabelRequestBase):
+    """Boxes to label by appearance."""
+
+    RUN: ClassVar[str] = "occlog.measure.associate.run:run_match"
+
+    gallery: Path = source(GALLERY, required=True)
+    output: Path = output_file("Labelled bearings; with --gallery a table of matches (Parquet).", "appearance_matches")
+    images: Path | None = source("The recording with the images. [default: BEARINGS; views need none]")
+    tracks: Path | None = source(
+        "Tracks or truth: where people are and head. [default: the truth of the recording, or the floor below "
+        "boxes that have an identity]"
+    )
+    labelled: bool = setting(False, "The identities of boxes are those of the tracks.", option="--labelled", shown="")
+    named: Path | None = sink("The tracks, under the identities of the gallery (Parquet).", "tracks")
+    settings: Mapping[str, object] = group(lambda: MatchConfig)
+    naming: Mapping[str, object] = group(lambda: NamingConfig)
+
+    @property
+    def inputs(self) -> list[Path]:
+        """Every file that is read, each once."""
+        given = (self.images, self.bearings, self.tracks, self.scene)
+        return [*dict.fromkeys(p for p in given if p is not None), self.gallery]
+
+
+VERB = Verb(
+    _ByKind,
+    {
+        BY_TRACKS: VerbKind(
+            "candidates get the identity of the track at their bearing", lambda: Form(LabelRequest), "--tracks FILE"
+        ),
+        BY_GALLERY: VerbKind(
+            "boxes get the identity of the person whom they look like", lambda: Form(MatchRequest), "--gallery FILE"
+        ),
+    },
+    default=BY_TRACKS,
+    by={"gallery": lambda _: BY_GALLERY},
+)
