@@ -322,7 +322,7 @@ def _stage(
 def _hint(stage: RunStage, verb: type[Request] | Verb | Verbs, key: str, known: Collection[str]) -> str:
     """What to do about a key that a stage does not have: where it belongs, or the nearest key."""
     if stage.without_key(key):
-        return f"it is a setting, which stands under set: `set: {{{key}: ...}}`"
+        return f"it is a setting; give it under set: `set: {{{key}: ...}}`"
     kinds = verb.kinds.items() if isinstance(verb, Verb) else ()
     owners = [name for name, kind in kinds if any(entry.key == key for entry in kind.form().entries())]
     if isinstance(verb, Verb) and owners:

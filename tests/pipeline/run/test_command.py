@@ -172,7 +172,7 @@ def test_missed_threshold_is_told_after_all_was_made(config: Path, capsys: pytes
         ("particles: 200", "particles: 0", "run.yaml: line 5: track.particles: 0: must be at least 1"),
         ("particles: 200", "set: {sigma_v: -1}", "run.yaml: line 5: track.set.sigma_v: -1: must be at least 0"),
         ("particles: 200", "set: {sigmav: 1}", "line 5: track.set.sigmav: apf has no setting 'sigmav'; did you mean"),
-        ("particles: 200", "sigma_v: 1", "line 5: track.sigma_v: unknown key; it is a setting, which stands under set"),
+        ("particles: 200", "sigma_v: 1", "line 5: track.sigma_v: unknown key; it is a setting, give it under set"),
         (
             "particles: 200",
             "gallery: g.parquet",

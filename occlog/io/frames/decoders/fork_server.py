@@ -1,6 +1,6 @@
 """Decoding processes as copies of one that has loaded what they need: a fifth of the time of starting each again.
 
-The fork server is `python -m occlog.io.frames.decoders.fork_server`, started once and when it is first needed.  It loads
+The fork server is `python -m occlog.io.frames.decoders.fork_server`, started once on first use.  It loads
 OpenCV, decodes nothing itself, and forks a process for each request.  It ends with the process that started it, and
 takes those that it forked with it.
 
