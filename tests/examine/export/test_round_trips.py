@@ -250,7 +250,7 @@ def geojson(**changes: object) -> str:
         ("0 1 2 3 0 0 0 1\n1 1 2 x 0 0 0 1\n", "line 2: z is 'x'"),
         (TRC.format(unit="in", marker="target_1", cells="1\t2\t3"), "line 3: Units are 'in'; m or mm was expected"),
         (TRC.format(unit="m", marker="hip", cells="1\t2\t3"), "line 4: marker 'hip' is not a target"),
-        (TRC.format(unit="m", marker="target_1", cells="1\t\t3"), "line 7: target_1 has a place with an empty cell"),
+        (TRC.format(unit="m", marker="target_1", cells="1\t\t3"), "line 7: target_1 has a position with an empty cell"),
         (TRC.format(unit="m", marker="target_1", cells="1\t2\t3\t4"), "line 7: 6 cells; 1 markers have 5"),
         ("PathFileType\t4\n", "1 lines; TRC has a header of 5"),
         (geojson(origin=None), 'does not say where the scene lies; add the member "origin"'),

@@ -143,7 +143,7 @@ def refused(capsys, code, message):
         (["--angle-step", "50"], ExitCode.USAGE, "a divisor of 180 degrees"),
         (["--levels", "16"], ExitCode.USAGE, "--levels"),
         (["--levels", "1"], ExitCode.USAGE, "--levels"),
-        (["--least-samples", "1000"], ExitCode.BAD_INPUT, "no side of anybody was seen in 1000 boxes"),
+        (["--least-samples", "1000"], ExitCode.BAD_INPUT, "no side of any person was seen in 1000 boxes"),
         (["--tracks", "nothing.parquet"], ExitCode.BAD_INPUT, "nothing.parquet"),
     ],
 )

@@ -258,7 +258,7 @@ FLOOR = room_points(np.random.default_rng(5), 60) * [1, 1, 0]
         (
             ["--check", "--matches", "lens.csv", "--fundamental", "poses.json", "--scene", "lens.yaml"],
             ExitCode.BAD_INPUT,
-            "is for pixels as recorded",
+            "is for distorted pixels",
         ),
         (
             ["--check", "--matches", "other.csv", "--fundamental", "poses.json"],

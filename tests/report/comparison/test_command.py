@@ -149,7 +149,7 @@ def test_another_span_of_time_is_told(tmp_path: Path, capsys: Any) -> None:
     said = json.loads(capsys.readouterr().out)
     assert (said["frames"], said["true_frames"]) == (40, 60)  # the second as `compare` has it
     text = words(page)
-    assert "A begins 1 s earlier and A goes on for 1 s longer: the runs are laid beside each other" in text
+    assert "A begins 1 s earlier and A goes on for 1 s longer: the runs are aligned" in text
     assert "in which a run that is not there misses its people" in text
     assert "In 40 common frames" in text
     assert "B is worse in" not in text

@@ -248,7 +248,7 @@ def test_boxes_outside_the_image_are_left_out_and_told(walk, tmp_path, capsys):
     assert track(tmp_path, shifted, SCENE) == ExitCode.DONE
     summary, noted = said(capsys)
     assert "camera c: " in noted
-    assert "boxes lie outside the image, and are left out" in noted
+    assert "boxes are outside the image, and are left out" in noted
     assert summary["boxes"]["c"]["boxes"] == 0
     assert summary["people"] == PEOPLE
 
@@ -266,7 +266,7 @@ def test_boxes_that_the_recording_has_lost_to_a_wrong_image_size_speak_against_t
         summary, noted = said(capsys)
         assert [warning["code"] for warning in summary["warnings"]] == found
         assert summary["plausible"] is not bool(found)
-        assert (f"camera c: {lost} of {lost + kept} boxes lie outside the image" in noted) is bool(found)
+        assert (f"camera c: {lost} of {lost + kept} boxes are outside the image" in noted) is bool(found)
 
 
 def test_a_scene_in_centimetres_gives_the_same_tracks_in_centimetres(walk, tmp_path, capsys):

@@ -86,7 +86,7 @@ def test_points_with_nothing_to_gain_are_left_out() -> None:
     verdict = everywhere("k", "", [nothing, good])
     assert verdict is not None
     assert (verdict.verdict, verdict.measured) == (v.REPRODUCED, 2.5)
-    assert "1 points left out" in verdict.rule
+    assert "1 points skipped" in verdict.rule
     assert "holds at 1 of 1 points" in verdict.rule
 
 
