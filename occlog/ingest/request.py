@@ -42,7 +42,7 @@ class IngestRequest(Request):
     RUN: ClassVar[str] = "occlog.ingest.run:run_ingest"
 
     bags: tuple[Path, ...] = source(
-        "Bags of ROS 2, MCAP files of other programs, or WILDTRACK's folder.",
+        "ROS 2 bags, external MCAP files, or the WILDTRACK folder.",
         argument=True,
         required=False,
         there=False,
@@ -55,7 +55,7 @@ class IngestRequest(Request):
         "--topic",
         "NAME=TOPIC",
     )
-    topics: tuple[Path, ...] = source("The same in a YAML file, `NAME: TOPIC`.", there=False, metavar="FILE")
+    topics: tuple[Path, ...] = source("Topics in a YAML file, `NAME: TOPIC`.", there=False, metavar="FILE")
     video: tuple[str, ...] = _several("Video of a camera.", "--video", "CAM=FILE")
     images: tuple[str, ...] = _several("Images of a camera, in natural order.", "--images", "CAM=FOLDER")
     boxes: tuple[str, ...] = _several(
@@ -63,16 +63,19 @@ class IngestRequest(Request):
         "--boxes",
         "[CAM=]PATH",
     )
-    mot: tuple[str, ...] = _several("MOTChallenge detections; the same as --boxes.", "--mot", "CAM=FILE")
+    mot: tuple[str, ...] = _several("MOTChallenge detections; same as --boxes.", "--mot", "CAM=FILE")
     doa: tuple[str, ...] = _several("Log of directions of arrival.", "--doa", "[ARRAY=]FILE")
-    reads: tuple[Path, ...] = source("Log of tags that readers read.", there=False, metavar="FILE")
+    reads: tuple[Path, ...] = source("Log of tag reads of fixed readers.", there=False, metavar="FILE")
     truth: tuple[str, ...] = _several("Ground truth: positions or boxes.", "--truth", "[CAM=]FILE")
     timestamps: tuple[str, ...] = _several(
-        "Times of the frames: one a line, or columns time, frame, camera; before any other source.",
+        "Times of the frames: one per line, or columns time, frame, camera. They take precedence over any other "
+        "source.",
         "--timestamps",
         "[CAM=]FILE",
     )
-    calibration: tuple[Path, ...] = source("Calibration of the cameras.", there=False, metavar="FILE")
+    calibration: tuple[Path, ...] = source(
+        "Calibration of the cameras: intrinsics and extrinsics.", there=False, metavar="FILE"
+    )
     image_size: tuple[int, int] | None = setting(
         None,
         "Size of the images, for calibrations that do not state it.",
@@ -85,16 +88,16 @@ class IngestRequest(Request):
         "Scene with room, occluders, arrays, and cameras that the calibration lacks.", there=False, scene=True
     )
     arrays: tuple[str, ...] = _several(
-        "Places of direction finders, or microphones of one array.", "--arrays", "[NAME=]FILE"
+        "Positions of direction finders, or of the microphones of one array.", "--arrays", "[NAME=]FILE"
     )
-    readers: Path | None = source("Places and ranges of the readers of tags.", there=False, metavar="FILE")
+    readers: Path | None = source("Positions and ranges of the tag readers.", there=False, metavar="FILE")
     start_time: tuple[str, ...] = _several(
         "Date and time (ISO 8601, UTC) or seconds since 1970 of the origin of the times. [default: 0]",
         "--start-time",
         "[CAM=]TIME",
     )
     offset: tuple[str, ...] = _several(
-        "Added to the times of a sensor whose clock is off: cam2=-0.4s where it is 0.4 s ahead.",
+        "Clock offset, added to the times of a sensor: cam2=-0.4s for a clock that is 0.4 s ahead.",
         "--offset",
         "SENSOR=SECONDS",
     )

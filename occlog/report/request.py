@@ -41,7 +41,7 @@ class ReportRequestBase(Request):
     scene: Path | None = scene_file()
     truth: Path | None = source("True positions: a recording or a table.")
     png: Path | None = sink(
-        "Also write the main figures as a picture; with --frame that frame, drawn over.",
+        "Also write the main figures as a picture; with --frame that frame with overlay.",
         result="report",
         suffix=".png",
         asked="png",
@@ -56,19 +56,19 @@ class PageRequest(ReportRequestBase):
     JUDGED: ClassVar[bool] = True
 
     output: Path | None = sink(OUTPUT_HELP, option="-o/--output", result="report", suffix=".html")
-    bearings: Path | None = source("What each sensor saw: a table or a recording.")
-    errors: Path | None = source("Errors written by evaluate.")
-    bound: Path | None = source("Bound written by evaluate.")
-    diagnostics: Path | None = source("Diagnostics written by track.")
-    events: Path | None = source("Births, deaths and doubtful identities of everybody, written by track or fuse.")
-    occluders: Path | None = source("Moving occluders as the tracker was told: hulls or occluders, written by priors.")
-    metrics: Path | None = source("Figures written by evaluate (JSON).")
-    images: Path | None = source(
-        "A recording whose images are shown small beside the plan, with the tracks drawn over them."
+    bearings: Path | None = source("Bearings (a table or a recording), for observation coverage and lines of sight.")
+    errors: Path | None = source("Errors of `occlog evaluate`.")
+    bound: Path | None = source("Bound of `occlog evaluate`.")
+    diagnostics: Path | None = source("Filter diagnostics of `occlog track`.")
+    events: Path | None = source(
+        "Events of `occlog track` or `occlog fuse`: initiations, terminations, possible identity switches."
     )
+    occluders: Path | None = source("Occluder priors used by the tracker (hulls or occluders).")
+    metrics: Path | None = source("Metrics of `occlog evaluate` (JSON).")
+    images: Path | None = source("Recording with images, shown small next to the plan with the tracks drawn over them.")
     images_limit: float = setting(
         5.0,
-        "How much of the page the images may take; more of them are left out.",
+        "Maximum size of the images in the page; further images are left out.",
         at_least=0.01,
         at_most=500,
         option="--images-limit",
@@ -99,15 +99,15 @@ class OverlayRequest(ReportRequestBase):
     RUN: ClassVar[str] = "occlog.report.overlay.run:run_overlay"
 
     png: Path | None = sink(
-        "Also write the main figures as a picture; with --frame that frame, drawn over.",
+        "Also write the main figures as a picture; with --frame that frame with overlay.",
         result="frame",
         suffix=".png",
         asked="frame",
     )
-    recording: Path = source("Draw over the video of this recording, instead of making a page.", required=True)
+    recording: Path = source("Draw over the video of this recording instead of making a page.", required=True)
     video: Path | None = sink(
-        "The video to make: .webm (VP8) for browsers; .mp4 (MPEG-4), which they may not play; .avi "
-        "(Motion JPEG, larger, no smears).",
+        "Video to write: .webm (VP8) for browsers; .mp4 (MPEG-4), which they may not play; .avi (Motion JPEG, "
+        "larger, no smears).",
         asked="video",
     )
     frame: int | None = setting(
@@ -124,30 +124,33 @@ class OverlayRequest(ReportRequestBase):
     )
     cameras: tuple[str, ...] = setting(
         (),
-        "Only this camera; repeatable. The first one counts the frames.",
+        "Only this camera; may be repeated. The first one counts the frames.",
         option="--camera",
         metavar="NAME",
         repeat=True,
         shown="all",
     )
-    failures: Path | None = source("Failures written by evaluate, drawn in red.")
+    failures: Path | None = source("Failures of `occlog evaluate`, drawn in red.")
     world: Path | None = source(
-        "Tracks of the world, for the plan beside the images. [default: TRACKS, if of the world or a folder]"
+        "Ground tracks for the plan next to the images. [default: TRACKS, if on the ground or a folder]"
     )
     diagnostics: Path | None = source(
-        "Which cameras see a target, where its tracks do not say: written by track. [default: of the folder]"
+        "Filter diagnostics of `occlog track`, for the cameras that detect a target where tracks do not state "
+        "them. [default: of the folder]"
     )
-    plan: bool = setting(True, "Tracks of the world get the plan, or not.", option="--plan/--no-plan", shown="plan")
+    plan: bool = setting(
+        True, "Draw the floor plan next to the images, for ground tracks.", option="--plan/--no-plan", shown="plan"
+    )
     trail: float = setting(
         2.0,
-        "How long a way is drawn behind each target.",
+        "Length of the trail behind each target.",
         unit="s",
         at_least=0,
         at_most=3600,
         option="--trail",
         metavar="SECONDS",
     )
-    fundamental: Path | None = source("Geometry of the views as the tracker had it, if not that of the recording.")
+    fundamental: Path | None = source("Epipolar geometry used by the tracker, if not that of the recording.")
     scale: float | None = setting(
         None,
         "Enlarge images.",
@@ -158,7 +161,7 @@ class OverlayRequest(ReportRequestBase):
     )
     fps: float | None = setting(
         None,
-        "Frames a second of the video.",
+        "Frame rate of the video.",
         unit="Hz",
         at_least=0.1,
         at_most=1000,
@@ -183,7 +186,7 @@ class RunComparisonRequest(ReportRequestBase):
     other: Path = source("The other run.", argument=True)
     output: Path | None = sink(OUTPUT_HELP, option="-o/--output")
     settings: Mapping[str, object] = group(lambda: RunComparisonConfig)
-    seed: int = setting(0, "Of the draws.", at_least=0, option="--seed")
+    seed: int = setting(0, "Seed of the bootstrap.", at_least=0, option="--seed")
     markdown: Path | None = sink(MARKDOWN_HELP)
     title: str = setting("Two runs side by side", "Heading of the page.", option="--title")
 

@@ -61,7 +61,7 @@ class SimulateRequestBase(Request):
     output: Path = output_file("The recording (MCAP).")
     fps: float | None = setting(
         None,
-        "Frames a second of every camera. [default: the scene's rates; 25 of balls and people]",
+        "Frame rate of every camera. [default: the scene's rates; 25 for balls and people]",
         option="--fps",
         **RATES,
     )
@@ -77,12 +77,13 @@ class SceneRequest(SimulateRequestBase):
 
     scene: Path | None = source("Room and sensors.", argument=True, required=False, scene=True)
     paths: Path | None = source(
-        "Scripted targets (YAML) instead of random walkers; it may say how long and how often too.", metavar="FILE"
+        "Scripted target paths (YAML) instead of random motion; the file may also state duration and rate.",
+        metavar="FILE",
     )
     world: Mapping[str, object] = group(lambda: WorldConfig)
     avoid: Path | None = source(
-        "People whom the objects avoid, with --motion field: tracks, or a recording with the truth. They walk as "
-        "they did, from their first row on, and are not in the recording.",
+        "People whom the objects avoid (--motion field): tracks, or a recording with truth, from their first row "
+        "on. They are not recorded.",
         metavar="FILE",
     )
     avoidance: Mapping[str, object] = group(lambda: FieldConfig)
@@ -96,14 +97,14 @@ class SceneRequest(SimulateRequestBase):
     )
     rate_hz: float | None = setting(
         None,
-        f"Steps a second. [default: {1 / WorldConfig.in_unit('m').step_s:g}, or {1 / WorldConfig().step_s:g} in a "
-        "unit of its own]",
+        f"Steps per second. [default: {1 / WorldConfig.in_unit('m').step_s:g}, or {1 / WorldConfig().step_s:g} in a "
+        f"unit of its own]",
         option="--rate",
         **RATES,
     )
     bearings: bool | None = setting(
         None,
-        "Simulate what cameras measure. [default: unless --render]",
+        "Simulate the bearings of the cameras. [default: unless --render]",
         option="--bearings/--no-bearings",
         shown="",
     )
@@ -127,7 +128,7 @@ class _WithoutFile(SimulateRequestBase):
 
     kind: str | None = setting(
         None,
-        "A video to track in, instead of SCENE: balls that hide one another, or people who look alike.",
+        "Built-in video instead of SCENE: `balls` that occlude one another, or `people` of equal appearance.",
         choices=KINDS,
         option="--scene",
         shown="",

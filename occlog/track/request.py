@@ -60,16 +60,25 @@ class TrackRequestBase(Request):
 
     OWNER: ClassVar[str] = "track"
 
-    bearings: Path = source("Bearings, boxes, reads of tags, or a recording with video.", argument=True)
+    bearings: Path = source(
+        "Bearings, boxes, tag reads (tables), or a recording that holds them or video.", argument=True
+    )
     output: Path = output_file("Tracks (Parquet).", "tracks")
     scene: Path | None = scene_file()
     method: str = setting("apf", "Tracking method.", option="--method", metavar="NAME")
-    cameras: tuple[str, ...] = setting((), "Use only these sensors.", option="--cameras", metavar="A,B,...", shown="")
-    without: tuple[str, ...] = setting((), "Leave these sensors out.", option="--without", metavar="A,B,...", shown="")
+    cameras: tuple[str, ...] = setting((), "Use these sensors only.", option="--cameras", metavar="A,B,...", shown="")
+    without: tuple[str, ...] = setting(
+        (),
+        "Exclude these sensors, for example to predict them with `evaluate --held-out`.",
+        option="--without",
+        metavar="A,B,...",
+        shown="",
+    )
     window: float | None = setting(
         None,
-        "Measurements this close together in time make one scan. [default: equal times; frames: below half the "
-        "shortest frame period; reads: 1]",
+        "Measurements closer together in time make one scan (time step). Too wide merges frames of one camera; too "
+        "narrow splits synchronised frames. [default: equal times; frames: below half the shortest frame period; "
+        "reads: 1 s]",
         unit="s",
         at_least=0,
         at_most=LONGEST_S,
@@ -93,11 +102,11 @@ class _InWorld(TrackRequestBase):
     JUDGED: ClassVar[bool] = True
 
     path_loss: Path | None = source(
-        "How strongly readers read tags (JSON, see `occlog fit-readers`). [default: settings]"
+        "Path loss model of the tag readers (JSON, from `occlog fit-readers`). [default: settings]"
     )
     targets: tuple[int, ...] = setting(
         (),
-        "Track only this target; may be repeated. The first also numbers a track without labels.",
+        "Track this target ID only; may be repeated. With unlabelled input the first ID names the track.",
         at_least=0,
         option="--target",
         metavar="ID",
@@ -112,42 +121,46 @@ class TrackRequest(_InWorld):
 
     RUN: ClassVar[str] = "occlog.track.run:run_track"
 
-    diagnostics: Path | None = sink("How the filter fared at each time (Parquet).", "diagnostics")
+    diagnostics: Path | None = sink(
+        "Write filter diagnostics per time step: effective sample size, likelihood, restarts (Parquet). Look here "
+        "first when a track is lost.",
+        "diagnostics",
+    )
     residuals: Path | None = sink(
-        "How each bearing agrees with the estimate, and whether it is believed (Parquet).", "residuals"
+        "Write the normalised residual and inlier probability of each bearing (Parquet).", "residuals"
     )
     cloud: Path | None = sink(
-        "Where the particles of the filter are at each time, 200 at most, as before any smoothing (Parquet).",
+        "Write up to 200 weighted particles per time step, before smoothing (Parquet).",
         "particles",
         asked="also",
     )
     calibration: Path | None = sink(
-        "Errors of the cameras' poses as estimated, with --set calibrate=joint or initial (Parquet).",
+        "Write the estimated pose errors of the cameras (extrinsics, Parquet); needs --set calibrate=joint or initial.",
         "calibration",
         asked="also",
     )
-    doa: Path | None = source("Directions of arrival to use too: a table, or a recording that holds them.")
+    doa: Path | None = source("Additional directions of arrival: a table, or a recording that holds them.")
     doa_labels: bool = setting(
         False,
-        "Identities in the log of directions are those of targets. [default: directions may be of anything]",
+        "Source IDs in the log of directions are target IDs. [default: directions are unlabelled candidates]",
         option="--doa-labels",
         shown="",
     )
     measurements: Path | None = source(
-        "Ranges, signal strengths and time differences to use too: a table, or a recording with reads of tags.",
+        "Additional ranges, signal strengths and time differences: a table, or a recording with tag reads.",
         there=False,
     )
     measured: Mapping[str, object] = group(lambda: DistanceMeasurementConfig)
     occluders: Path | None = source(
-        "Where moving occluders may be: `occluders` or `hulls` (Parquet, see `occlog priors`), or truth (known "
-        "exactly)."
+        "Moving occluders: priors from `occlog priors` (`occluders` or `hulls`, Parquet), or truth (known "
+        "exactly). Without them a missed detection may mean an occlusion that the filter cannot predict."
     )
     select: Mapping[str, object] = group(lambda: load("occlog.track.methods.apf.config:SelectConfig"))
     starts: tuple[str, ...] = setting(
         (),
-        "Where the target is at first; SIGMA is 0.5 m, or 1 in units of its own, if left out. For --method imm "
-        "also X,Y,SIGMA,VX,VY,SIGMA_V; may be repeated, once a target. [default: anywhere in the room, or where "
-        "sensors see]",
+        "Initial position with standard deviation SIGMA (0.5 m if left out, 1 in a scene-specific unit); for "
+        "--method imm also X,Y,SIGMA,VX,VY,SIGMA_V. May be repeated, once per target. [default: uniform over the "
+        "room, or over what sensors see]",
         option="--start",
         metavar="X,Y[,SIGMA]",
         repeat=True,
@@ -155,26 +168,24 @@ class TrackRequest(_InWorld):
         shown="",
     )
     cooperation: Path | None = sink(
-        "What cameras were asked, and what they said (Parquet).", "cooperation", asked="also"
+        "Write the requests to cameras and their answers (Parquet).", "cooperation", asked="also"
     )
     answer_delay: float | Path | None = source(
-        "Cameras' answers take so long, or as long as the slowest router in the delays of `occlog traffic`, "
-        "of one case (Parquet). [default: no time]",
+        "Latency of the cameras' answers in seconds, or that of the slowest router in a table of delays from "
+        "`occlog traffic` (one case, Parquet). [default: 0]",
         number=0.0,
         metavar="SECONDS|FILE",
     )
-    labelled_only: bool = setting(
-        False, "Do not use candidates that are not assigned to a target.", option="--labelled-only", shown=""
-    )
+    labelled_only: bool = setting(False, "Ignore unlabelled candidates.", option="--labelled-only", shown="")
     use_recovered: bool = setting(
         False,
-        "Use what the fusion of detections recovered as if it had been measured. [default: not seen]",
+        "Treat detections recovered by `occlog fuse` as measurements. [default: as missed]",
         option="--use-recovered",
         shown="",
     )
     in_turn: float | None = setting(
         None,
-        "Use one sensor at a time, each for so long, in the order of the scene. [default: all at once]",
+        "Round robin: use one sensor at a time for this long each, in the order of the scene. [default: all sensors]",
         unit="s",
         above=0,
         at_most=LONGEST_S,
@@ -182,7 +193,7 @@ class TrackRequest(_InWorld):
         metavar="SECONDS",
         shown="",
     )
-    motion: Path | None = source("How targets move, from `occlog fit-motion`.")
+    motion: Path | None = source("Motion model from `occlog fit-motion` (JSON).")
 
     @property
     def inputs(self) -> list[Path]:
@@ -200,14 +211,17 @@ class TrackPeopleRequest(TrackRequestBase):
     JUDGED: ClassVar[bool] = True
 
     doa: Path | None = source("Directions of arrival to use too: a table, or a recording that holds them.")
-    support: Path | None = sink("Which box of which camera speaks for which row (Parquet).", "support")
-    events: Path | None = sink("Births, deaths, and identities that may have been exchanged (Parquet).", "events")
+    support: Path | None = sink("Write the association probabilities of detections and tracks (Parquet).", "support")
+    events: Path | None = sink(
+        "Write track initiations and terminations, re-identifications and possible identity switches (Parquet).",
+        "events",
+    )
     gallery: Path | None = source(
-        "How people look (Parquet, of `occlog appearance learn`): tracks get its identities, and parts of "
-        "somebody who was lost and found are one track."
+        "Appearance gallery (Parquet, from `occlog appearance learn`): re-identifies tracks and joins the "
+        "fragments of a track that was lost."
     )
     view_tracks: Path | None = sink(
-        "Everybody in every image, hidden people too (Parquet).", "view_tracks", asked="also"
+        "Write all tracks projected into every image, occluded ones too (Parquet).", "view_tracks", asked="also"
     )
 
 
@@ -217,7 +231,9 @@ class SingleViewRequest(TrackRequestBase):
 
     RUN: ClassVar[str] = "occlog.track.single_view.run:run_track_single_view"
 
-    output: Path = output_file("Tracks (Parquet).", "boxes", result="tracks")
+    output: Path = output_file(
+        "Tracks in the images of each camera (boxes with identities, Parquet).", "boxes", result="tracks"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,7 +246,7 @@ class ReadsRequest(_InWorld):
         "Bearings of the cameras of --refine: a table, or a recording. [default: those of the recording]"
     )
     virtual_sensors: Path | None = sink(
-        "The regions that sets of readers cover, with area, centroid and covariance (Parquet).",
+        "Write the regions covered by sets of readers, with area, centroid and covariance (Parquet).",
         "virtual_sensors",
         asked="also",
     )
@@ -244,19 +260,19 @@ class ViewsRequest(TrackRequestBase):
 
     output: Path = output_file("Tracks (Parquet).", "view_tracks")
     initial: Path | None = source(
-        "Where targets are in each view at first: CSV of ellipses, or boxes with identities (Parquet, or "
-        "a recording that holds true boxes). [default: from detections]"
+        "Initial ellipses in each view: CSV, or boxes with identities (Parquet, or a recording that holds true "
+        "boxes). [default: initiate from detections]"
     )
     detections: Path | None = source(
-        "Boxes of a detector, or views of `occlog detect`, that trackers begin from. [default without "
-        "--initial: boxes in the recording, or else what moves in it]"
+        "Detections that initiate trackers: boxes of a detector, or views of `occlog detect`. [default without "
+        "--initial: boxes in the recording, else its moving regions]"
     )
     fundamental: Path | None = source(
-        "Fundamental matrices (JSON, see `occlog epipolar`). [default: poses of --scene, "
-        "those in the recording, poses of its scene]"
+        "Fundamental matrices (JSON, from `occlog epipolar`). [default: camera poses of --scene, matrices in the "
+        "recording, poses of its scene]"
     )
     world: Path | None = sink(
-        "Where the targets are on the ground, from all views that track them (Parquet).", "tracks", asked="also"
+        "Write ground tracks, triangulated from all views that track a target (Parquet).", "tracks", asked="also"
     )
 
     @property

@@ -29,15 +29,15 @@ class LearnRequest(Request):
     OWNER: ClassVar[str] = "appearance learn"
     RUN: ClassVar[str] = "occlog.measure.appearance.run:run_learn"
 
-    recording: Path = source("A recording with images.", argument=True)
+    recording: Path = source("Recording with images.", argument=True)
     output: Path = output_file("The gallery (Parquet).", "gallery")
     boxes: Path | None = source("Boxes (Parquet). [default: those of RECORDING]")
     views: Path | None = source("Views of `occlog detect` (Parquet), whose colours count.")
     tracks: Path | None = source(
-        "Tracks or truth: who is where. [default: the truth of RECORDING, or the floor below boxes that have an "
-        "identity]"
+        "Tracks or truth: positions and identities of people. [default: truth of RECORDING, or the floor below "
+        "boxes with an identity]"
     )
-    labelled: bool = setting(False, "The identities of boxes are those of the tracks.", option="--labelled", shown="")
+    labelled: bool = setting(False, "Identities of boxes are those of the tracks.", option="--labelled", shown="")
     scene: Path | None = scene_file()
     settings: Mapping[str, object] = group(lambda: LearnConfig)
 

@@ -56,12 +56,14 @@ class Detection(Request):
 
     OWNER: ClassVar[str] = "detect"
 
-    recording: Path = source("With video, with boxes of a detector, or with simulated bearings.", argument=True)
+    recording: Path = source(
+        "Recording with video, with boxes of a detector, or with simulated bearings.", argument=True
+    )
     output: Path = output_file(
         "Bearings of the targets (Parquet); with --onnx or a plug-in the boxes, a table of views.", "bearings"
     )
     scene: Path | None = scene_file()
-    cameras: tuple[str, ...] = setting((), "Only these cameras.", option="--cameras", metavar="A,B,...", shown="")
+    cameras: tuple[str, ...] = setting((), "Use these cameras only.", option="--cameras", metavar="A,B,...", shown="")
     workers: int | None = number_of_threads()
 
     @property
@@ -82,14 +84,14 @@ class DetectRequest(Detection):
         f"{METHOD.help} Or a detector of a plug-in, by name.",
         metavar="|".join((*METHODS, "NAME")),
     )
-    views: Path | None = sink("Every people-sized region of every frame (Parquet).", "views")
+    views: Path | None = sink("Write every person-sized region of every frame (Parquet).", "views")
     target: Path | None = source(
-        "Appearances of the targets, as `occlog simulate --render` attaches them. [default: the attached]",
+        "Appearance models of the targets, as attached by `occlog simulate --render`. [default: the attached]",
         metavar="JSON",
     )
     target_boxes: tuple[str, ...] = setting(
         (),
-        "A box [px] around a target in one frame, from which its appearance is learnt; may be repeated.",
+        "Box [px] around a target in one frame, from which its appearance is learnt; may be repeated.",
         option="--target-box",
         metavar="[ID:]CAM:FRAME:X,Y,W,H",
         repeat=True,
@@ -97,17 +99,20 @@ class DetectRequest(Detection):
         shown="",
     )
     near: Path | None = source(
-        "Look for each target only around where its track says that it is, by the time before the frame.",
+        "Track feedback: search each target only near the position that its track predicts, from before the frame.",
         metavar="TRACKS",
     )
     learn: bool = setting(
         True,
-        "Look through the recording first, for what it shows when nobody is there.",
+        "First pass over the recording to learn the empty scene.",
         option="--learn/--no-learn",
     )
     settings: Mapping[str, object] = group(lambda: DetectConfig, without=("method",))
     fuse: bool = setting(
-        False, "Fuse the detections of the cameras: remove false, recover missed.", option="--fuse", shown=""
+        False,
+        "Fuse detections across cameras: remove false alarms, recover missed detections.",
+        option="--fuse",
+        shown="",
     )
     fusion: Mapping[str, object] = group(
         lambda: FuseConfig,
@@ -138,16 +143,16 @@ class NetworkRequest(_BoxRequest):
     onnx: Path = source("Detect with this network (ONNX).", required=True, metavar="MODEL", there=False)
     classes: tuple[str, ...] = setting(
         (),
-        "Class to look for, by name or number; may be repeated. [default: person, or the only one]",
+        "Class to detect, by name or number; may be repeated. [default: person, or the only one]",
         option="--class",
         metavar="NAME",
         repeat=True,
         whole=True,
         shown="",
     )
-    names: Path | None = source("Names of its classes, one a line.", metavar="TEXT", there=False)
+    names: Path | None = source("Names of its classes, one per line.", metavar="TEXT", there=False)
     embed: Path | None = source(
-        "Describe who is in each box with this network (ONNX) for re-identification.", metavar="REID", there=False
+        "Describe the person in each box with this network (ONNX), for re-identification.", metavar="REID", there=False
     )
     network: Mapping[str, object] = group(lambda: NetworkConfig)
 

@@ -37,23 +37,23 @@ class EpipolarRequest(Request):
     VERDICT: ClassVar[str] = "agree"
     STRICT: ClassVar[str] = ""
 
-    recording: Path | None = source("A recording that is to hold the matrices.", argument=True, required=False)
+    recording: Path | None = source("Recording to which the matrices are added.", argument=True, required=False)
     output: Path | None = sink(
         "Fundamental matrices (JSON), or a copy of the recording that holds them (MCAP).", option="-o/--output"
     )
     scene: Path | None = scene_file()
     matches: Path | None = source(
-        "Points that two views both show: CSV, sensor_a,sensor_b,xa_px,ya_px,xb_px,yb_px.", metavar="FILE"
+        "Points that two views share: CSV, sensor_a,sensor_b,xa_px,ya_px,xb_px,yb_px.", metavar="FILE"
     )
     tracks: Path | None = source(
-        "Take the centres of targets in two views for matches: view tracks (Parquet), or a recording or "
-        "table with true boxes.",
+        "Take the centres of targets in two views as matches: view tracks (Parquet), or a recording or table with "
+        "true boxes.",
         option="--from-tracks",
         metavar="FILE",
     )
     fundamental: Path | None = source("Use these matrices (JSON, or a recording that holds some).", metavar="FILE")
     check: bool = setting(
-        False, "Say how well the matches agree with the matrices or the poses.", option="--check", shown=""
+        False, "Report how well the matches agree with the matrices or the poses.", option="--check", shown=""
     )
     settings: Mapping[str, object] = group(lambda: EpipolarConfig)
     cameras: tuple[str, ...] = setting(

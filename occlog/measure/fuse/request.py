@@ -45,7 +45,7 @@ class FuseRequest(FuseRequestBase):
 
     RUN: ClassVar[str] = "occlog.measure.fuse.run:run_fuse"
 
-    views: Path | None = source("The views that the bearings are of (Parquet).")
+    views: Path | None = source("Views that the bearings were made from (Parquet).")
     fused_views: Path | None = sink(
         "Write the views after the fusion (Parquet).", "views", result="views", asked="views"
     )
@@ -66,7 +66,9 @@ class TrackFusionRequest(FuseRequestBase):
         option="--with",
         metavar="TRACKS",
     )
-    events: Path | None = sink("Write births, deaths and doubtful identities (Parquet).", "events")
+    events: Path | None = sink(
+        "Write track initiations, terminations and possible identity switches (Parquet).", "events"
+    )
     settings: Mapping[str, object] = group(lambda: TrackFusionConfig, example="reach=3")
 
 

@@ -54,14 +54,14 @@ class LabelRequest(LabelRequestBase):
 
     RUN: ClassVar[str] = "occlog.measure.label.run:run_label"
 
-    tracks: Path = source("Tracks that say who is where (Parquet).", required=True)
+    tracks: Path = source("Tracks that give the identities (Parquet).", required=True)
     doa: Path | None = source("Directions of arrival to label too: a table, or a recording that holds them.")
     doa_labels: bool = setting(
-        False, "Identities in the log of directions are those of targets.", option="--doa-labels", shown=""
+        False, "Source IDs in the log of directions are target IDs.", option="--doa-labels", shown=""
     )
     settings: Mapping[str, object] = group(lambda: LabelConfig)
-    cameras: tuple[str, ...] = setting((), "Use only these sensors.", option="--cameras", metavar="A,B,...", shown="")
-    without: tuple[str, ...] = setting((), "Leave these sensors out.", option="--without", metavar="A,B,...", shown="")
+    cameras: tuple[str, ...] = setting((), "Use these sensors only.", option="--cameras", metavar="A,B,...", shown="")
+    without: tuple[str, ...] = setting((), "Exclude these sensors.", option="--without", metavar="A,B,...", shown="")
 
     @property
     def inputs(self) -> list[Path]:
@@ -77,12 +77,12 @@ class MatchRequest(LabelRequestBase):
 
     gallery: Path = source(GALLERY, required=True)
     output: Path = output_file("Labelled bearings; with --gallery a table of matches (Parquet).", "appearance_matches")
-    images: Path | None = source("The recording with the images. [default: BEARINGS; views need none]")
+    images: Path | None = source("Recording with the images. [default: BEARINGS; views need none]")
     tracks: Path | None = source(
-        "Tracks or truth: where people are and head. [default: the truth of the recording, or the floor below "
-        "boxes that have an identity]"
+        "Tracks or truth: positions and headings of people. [default: truth of the recording, or the floor below "
+        "boxes with an identity]"
     )
-    labelled: bool = setting(False, "The identities of boxes are those of the tracks.", option="--labelled", shown="")
+    labelled: bool = setting(False, "Identities of boxes are those of the tracks.", option="--labelled", shown="")
     named: Path | None = sink("The tracks, under the identities of the gallery (Parquet).", "tracks")
     settings: Mapping[str, object] = group(lambda: MatchConfig)
     naming: Mapping[str, object] = group(lambda: NamingConfig)

@@ -32,12 +32,14 @@ class DoaRequest(Request):
     OWNER: ClassVar[str] = "listen"
     RUN: ClassVar[str] = "occlog.measure.listen.run:run_listen"
 
-    sounds: tuple[Path, ...] = source("Sound of an array.", argument=True, there=False, metavar="[ARRAY=]FILE.wav...")
+    sounds: tuple[Path, ...] = source(
+        "Sound files of an array.", argument=True, there=False, metavar="[ARRAY=]FILE.wav..."
+    )
     output: Path = output_file("Directions of arrival (Parquet).", "doa")
     scene: Path | None = scene_file()
     arrays: tuple[str, ...] = setting(
         (),
-        "Microphones of an array: a table x, y, z [m].",
+        "Positions of the microphones of an array: a table x, y, z [m].",
         option="--arrays",
         metavar="[NAME=]FILE",
         repeat=True,
@@ -62,14 +64,14 @@ class DoaRequest(Request):
     )
     most: str | None = setting(
         None,
-        "Directions a frame at most; auto: as many as there are peaks (srp). [default: 1]",
+        "Maximum number of directions per frame; auto: all peaks (srp). [default: 1]",
         option="--sources",
         metavar="N|auto",
         shown="",
     )
     band: tuple[float, ...] | None = setting(
         None,
-        "Frequencies to use [Hz]. [default: 300 4000]",
+        "Frequency band to use [Hz]. [default: 300 4000]",
         unit="Hz",
         counts=(2,),
         apart=True,

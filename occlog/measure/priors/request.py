@@ -60,10 +60,10 @@ class HullRequest(Request):
     hulls: Path | None = sink("The polygons themselves (Parquet).", "hulls")
     scene: Path | None = scene_file()
     bearings: Path | None = source(
-        "Bearings made along with VIEWS, which tell frames without anybody from missing ones."
+        "Bearings made along with VIEWS, which distinguish frames without people from missing frames."
     )
-    cameras: tuple[str, ...] = setting((), "Use only these cameras.", option="--cameras", metavar="A,B,...", shown="")
-    without: tuple[str, ...] = setting((), "Leave these cameras out.", option="--without", metavar="A,B,...", shown="")
+    cameras: tuple[str, ...] = setting((), "Use these cameras only.", option="--cameras", metavar="A,B,...", shown="")
+    without: tuple[str, ...] = setting((), "Exclude these cameras.", option="--without", metavar="A,B,...", shown="")
     settings: Mapping[str, object] = group(lambda: HullConfig, example="speed=2")
 
 

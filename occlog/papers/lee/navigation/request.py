@@ -36,17 +36,17 @@ class NavigateRequest(Request):
 
     scene: Path = source("A scene, or a recording that holds one.", argument=True)
     start: tuple[float, ...] = setting(
-        MISSING, "Where the robot starts.", unit="length", counts=(2,), option="--from", metavar="X,Y", shown=""
+        MISSING, "Start position of the robot.", unit="length", counts=(2,), option="--from", metavar="X,Y", shown=""
     )
     goal: tuple[float, ...] = setting(
-        MISSING, "Where it is to go.", unit="length", counts=(2,), option="--to", metavar="X,Y", shown=""
+        MISSING, "Goal position of the robot.", unit="length", counts=(2,), option="--to", metavar="X,Y", shown=""
     )
     output: Path = output_file("The path (Parquet).", "robot_path")
     picture: Path | None = sink("Also draw the path in the scene (PNG).")
-    obstacles: Path | None = source("People to avoid, who move: tracks, or a recording with the truth.")
+    obstacles: Path | None = source("Moving people to avoid: tracks, or a recording with truth.")
     discs: tuple[str, ...] = setting(
         (),
-        "A round obstacle beside those of the scene; may be repeated.",
+        "Round obstacle in addition to those of the scene; may be repeated.",
         option="--obstacle",
         metavar="X,Y[,RADIUS]",
         repeat=True,
@@ -55,7 +55,7 @@ class NavigateRequest(Request):
     )
     after: float = setting(
         0.0,
-        "Start so long after the first row of --obstacles.",
+        "Start this long after the first row of --obstacles.",
         unit="s",
         at_least=0,
         option="--after",

@@ -33,5 +33,5 @@ class GroundRequest(Request):
     view_tracks: Path = source("Tracks in images.", argument=True)
     output: Path = output_file("Tracks (Parquet).", "tracks")
     scene: Path | None = scene_file()
-    cameras: tuple[str, ...] = setting((), "Use only these cameras.", option="--cameras", metavar="A,B,...", shown="")
+    cameras: tuple[str, ...] = setting((), "Use these cameras only.", option="--cameras", metavar="A,B,...", shown="")
     settings: Mapping[str, object] = group(lambda: GroundConfig, example="height=0.8")

@@ -33,7 +33,7 @@ class FitMotionRequest(Request):
     settings: Mapping[str, object] = group(lambda: FitConfig)
     targets: tuple[int, ...] = setting(
         (),
-        "Use this object only; may be repeated. [default: all, of truth those of role target]",
+        "Use this object only; may be repeated. [default: all; of truth those with the role target]",
         option="--target",
         metavar="ID",
         repeat=True,
