@@ -15,6 +15,7 @@ call, and none takes a name of the command's own.  Installed plug-ins are looked
 from __future__ import annotations
 
 import difflib
+import inspect
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass
 from typing import Any, TypeVar
@@ -243,12 +244,14 @@ class CommandVariant:
         params: makes its options; called when the variant is chosen.
         settings: makes the classes whose settings without an option are listed in --help.
         called: how it is chosen, if not as the command's other variants are.
+        about: paragraphs of its help, with an example; None: the help is that of the command.
     """
 
     summary: str
     params: Callable[[], Sequence[click.Parameter]]
     settings: Callable[[], Sequence[type[Settings]]] = tuple
     called: str | None = None
+    about: str | None = None
 
 
 class SettingsCommand(click.Command):
@@ -422,6 +425,17 @@ class VariantCommand(SettingsCommand):
                 f"{self.what.capitalize()}s ({self.chosen_by.format('NAME')} --help tells what each takes)"
             ):
                 formatter.write_dl([(v.called or n, v.summary) for n, v in {**self.variants, **self.more()}.items()])
+
+    def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The help of the chosen variant, if it has its own, or that of the command."""
+        name = ctx.meta.get(CHOSEN)
+        chosen = None if name is None else self.existing(name)
+        if chosen is None or chosen.about is None:
+            super().format_help_text(ctx, formatter)
+            return
+        formatter.write_paragraph()
+        with formatter.indentation():
+            formatter.write_text(f"{name}: {chosen.summary}.\n\n{inspect.cleandoc(chosen.about)}")
 
     def _format_own(self, ctx: click.Context, formatter: click.HelpFormatter, name: str) -> None:
         """What one variant takes."""

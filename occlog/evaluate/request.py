@@ -18,17 +18,16 @@ from .mot.config import MANY, MultiTargetConfig
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluateRequest(Request):
-    """Compare TRACKS with the truth, with the bound, and with the bearings that they were made from.
+    """Evaluate TRACKS against ground truth, the Cramer-Rao bound, and the bearings that they were made from.
 
-    Whatever the given files allow is computed: errors (tracks and truth), detections and the
-    posterior Cramer-Rao bound (bearings and truth), distance of the tracks from where sight
-    lines meet and prediction of held-out sensors (no truth needed), recall of views (true boxes).
-    TRACKS of many targets, in images (view_tracks, boxes with identities, MOTChallenge text) or on
-    the ground, get CLEAR-MOT, IDF1, HOTA, GOSPA, and the failure rates of [Qu] Eq. 9.
+    Every metric that the given files allow is computed: errors (tracks and truth), detection rates and the posterior
+    Cramer-Rao bound (bearings and truth), triangulation residuals and prediction of held-out sensors (no truth
+    needed), recall of views (true boxes). Tracks of many targets, in images (view_tracks, boxes with identities,
+    MOTChallenge text) or on the ground, get CLEAR-MOT, IDF1, HOTA, GOSPA, and the failure rates of [Qu] Eq. 9.
 
     \b
-      occlog evaluate tracks.parquet --truth recording.mcap --bearings bearings.parquet \\
-          -o metrics.json --errors errors.parquet --bound bound.parquet --fail-if 'rmse>0.5'
+      occlog evaluate tracks.parquet --truth recording.mcap --bearings bearings.parquet -o metrics.json
+      occlog evaluate tracks.parquet --truth recording.mcap --errors errors.parquet --fail-if 'rmse>0.5'
       occlog evaluate without_cam4.parquet --bearings all.parquet --scene scene.yaml --held-out cam4
       occlog evaluate --views views.parquet --truth recording.mcap --json | jq .views_recall
       occlog evaluate --doa doa.parquet --truth-azimuths azimuths.csv

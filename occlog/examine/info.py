@@ -108,7 +108,7 @@ TABLES_OR_RECORDINGS = (".mcap", ".parquet", ".csv", ".tsv", ".gz", ".arrow", ".
 """Endings of names of files whose reader says what is wrong with the content."""
 
 
-@click.command(name="info", short_help="Print what a scene, a recording or a table holds.")
+@click.command(name="info", short_help="Describe a scene, recording, table or run folder.")
 @click.argument("path", type=options.INPUT)
 @click.option("--rows", type=click.IntRange(min=0), default=5, show_default=True, help="Rows of a table to print.")
 @options.json_opt

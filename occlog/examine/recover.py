@@ -12,7 +12,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import check_outputs
 
 
-@click.command(name="recover", short_help="Salvage what is whole in a recording that was cut off or damaged.")
+@click.command(name="recover", short_help="Recover the intact parts of a damaged recording or table.")
 @click.argument("file", type=options.INPUT)
 @options.output_opt("The recording (MCAP) that is whole again.")
 @click.option(

@@ -132,7 +132,7 @@ def every_schema() -> dict[str, Callable[[], dict[str, object]]]:
     return {**SCHEMAS, **settings_schemas(), "doctor": finding_schema}
 
 
-@click.command(name="schema", short_help="Print the schema of a table, a message, a file format or settings.")
+@click.command(name="schema", short_help="Print the JSON Schema of a table, a file format or settings.")
 @click.argument("name", required=False)
 @click.option("-o", "--output", type=options.PATH, default=None, help="Write every schema into this folder.")
 @options.overwrite_opt

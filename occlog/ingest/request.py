@@ -20,16 +20,14 @@ def _several(help_text: str, option: str, metavar: str) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class IngestRequest(Request):
-    """Gather what cameras, microphone arrays and readers of tags have recorded into one recording.
+    """Collect video, detections, directions of arrival and tag reads with the calibration into one recording.
 
-    BAG is a bag of ROS 2 (a folder, .mcap or .db3) or an MCAP file of another program; several
-    are taken for parts of one. `occlog info BAG` says what would be taken of it.  It may also be the folder of
-    WILDTRACK as the data set ships it.
+    BAG is a ROS 2 bag (a folder, .mcap or .db3) or an external MCAP file; several are parts of one recording. `occlog
+    info BAG` lists what would be read from it. It may also be the folder of WILDTRACK as the data set ships it.
 
-    The time of a frame comes from --timestamps, else from the time stamps of the video
-    file, else from its frame rate; which one it was is told and recorded.  Frames that a
-    damaged video has lost are listed, and the exit code is 3.  What a calibration was
-    understood to say is printed: look at it.
+    The time of a frame comes from --timestamps, else from the time stamps of the video file, else from its frame
+    rate; the source is printed and recorded. Frames missing from a damaged video are listed, and the exit code is 3.
+    The intrinsics and extrinsics that were read from a calibration are printed: check them.
 
     \b
       occlog ingest -o walk.mcap --calibration Calib.qca.txt --video cam01=cam01.mp4 --video cam02=cam02.mp4

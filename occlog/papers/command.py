@@ -10,7 +10,7 @@ from occlog.cli import options
 from occlog.errors import ExitCode
 
 
-@click.command(name="reproduce", short_help="Run a paper's experiments and judge each of its statements.")
+@click.command(name="reproduce", short_help="Reproduce the experiments of a paper and judge its statements.")
 @click.argument("paper", required=False)
 @click.argument("items", nargs=-1)
 @click.option("--all", "everything", is_flag=True, help="All experiments of the paper; without a paper, of all papers.")

@@ -15,11 +15,12 @@ from .config import PlanConfig
 
 @dataclass(frozen=True, kw_only=True)
 class PlanRequest(Request):
-    """Tell what errors are to be expected of the cameras and arrays of SCENE (YAML, or a recording that holds one).
+    """Predict the tracking errors of the cameras and arrays of SCENE (YAML, or a recording that holds one).
 
-    For each place of the floor: the root mean square error of a filter that has followed a target there, and how
-    probable it is that no, one, or several sensors see the target, among --people who walk about and hide it.  The
-    error is that of a filter that knows how often the walkers turn, along ways to each place; no recording is made.
+    For each position on the floor: the root mean square error of a filter that has tracked a target there, and the
+    probability that no, one, or several sensors see the target, among --people who walk about and occlude it. The
+    error is that of a filter that knows the turning rate of the people, along random walks to each position; no
+    recording is made.
 
     \b
       occlog plan examples/room.yaml --people 6 --within 0.3 -o plan.parquet --picture plan.png

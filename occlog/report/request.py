@@ -14,25 +14,24 @@ from occlog.settings import setting
 from .beside.config import RunComparisonConfig
 
 PAGE, OVERLAY, BESIDE = "page", "overlay", "beside"
-OUTPUT_HELP = "The page: one HTML file that needs nothing else."
-MARKDOWN_HELP = "Also write words and figures as Markdown."
+OUTPUT_HELP = "Page to write: one self-contained HTML file."
+MARKDOWN_HELP = "Also write text and metrics as Markdown."
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReportRequestBase(Request):
-    """Show TRACKS and what else is given as one page: floor plan, errors and bound, what each sensor saw.
+    """Show TRACKS or a run folder as one HTML page: floor plan, errors and bound, observation coverage.
 
-    TRACKS may be a run folder: then everything in it is shown that is not named otherwise.
-    Without TRACKS the scene alone is drawn.  Two of them are shown side by side, with their differences.
+    Of a run folder everything is shown that is not named otherwise. Without TRACKS only the scene is drawn. Two runs
+    are shown side by side, with their differences. With --recording no page is made: TRACKS, in images or on the
+    ground, and true boxes are drawn over the frames of the video.
 
     \b
       occlog report run/ -o report.html --png report.png
-      occlog report run/old run/new -o beside.html --markdown beside.md
+      occlog report run/old run/new -o comparison.html --markdown comparison.md
       occlog report tracks.parquet --scene scene.yaml --bearings bearings.parquet -o report.html
       occlog report --scene scene.yaml -o scene.html
       occlog report view_tracks.parquet --recording balls.mcap --truth balls.mcap --video balls.webm
-
-    With --recording no page is made: TRACKS, in images or of the world, and true boxes are drawn over the frames.
     """
 
     OWNER: ClassVar[str] = "report"
@@ -50,7 +49,7 @@ class ReportRequestBase(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class PageRequest(ReportRequestBase):
-    """A run to show as one page."""
+    """A run that is shown as one page."""
 
     RUN: ClassVar[str] = "occlog.report.run:run_report"
     JUDGED: ClassVar[bool] = True
@@ -94,7 +93,7 @@ class PageRequest(ReportRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class OverlayRequest(ReportRequestBase):
-    """Tracks and true boxes to draw over the video of a recording."""
+    """Tracks and true boxes that are drawn over the video of a recording."""
 
     RUN: ClassVar[str] = "occlog.report.overlay.run:run_overlay"
 
@@ -178,7 +177,7 @@ class OverlayRequest(ReportRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class RunComparisonRequest(ReportRequestBase):
-    """Two runs to show side by side."""
+    """Two runs that are shown side by side."""
 
     RUN: ClassVar[str] = "occlog.report.beside.run:run_beside"
     JUDGED: ClassVar[bool] = True
@@ -186,7 +185,7 @@ class RunComparisonRequest(ReportRequestBase):
     other: Path = source("The other run.", argument=True)
     output: Path | None = sink(OUTPUT_HELP, option="-o/--output")
     settings: Mapping[str, object] = group(lambda: RunComparisonConfig)
-    seed: int = setting(0, "Seed of the bootstrap.", at_least=0, option="--seed")
+    seed: int = setting(0, "Seed of the random draws.", at_least=0, option="--seed")
     markdown: Path | None = sink(MARKDOWN_HELP)
     title: str = setting("Two runs side by side", "Heading of the page.", option="--title")
 
@@ -213,7 +212,7 @@ VERB = Verb(
             "--recording (tracks drawn over its video)",
         ),
         BESIDE: VerbKind(
-            "Two runs side by side: differences, where they part, who became another one.",
+            "Two runs side by side: differences, divergences, identity switches.",
             lambda: Form(RunComparisonRequest),
             "TRACKS OTHER (two runs side by side)",
         ),

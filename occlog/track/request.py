@@ -18,44 +18,37 @@ NS_PER_S = 1e9
 
 @dataclass(frozen=True, kw_only=True)
 class TrackRequestBase(Request):
-    """Estimate target tracks from BEARINGS (Parquet, or a recording that holds bearings).
+    """Track targets from BEARINGS: a recording, or a table of bearings, boxes or tag reads.
 
-    Each labelled target has its own filter. Candidates without a label (target_id -1, for example
-    a detector's boxes or directions of arrival) are offered to every filter; where nothing is
-    labelled they make one track, of the target at --start if that is given. A recording's
-    directions of arrival are used along with its bearings.
-    The same inputs, options and seed give the same output.
+    `occlog track --method NAME --help` describes one method. The same inputs, options and seed give the same output.
 
-    --method imm has one state for all targets that microphone arrays hear, labelled or not: it says
-    how many there are, and asks cameras where they are when --cooperate says so.
+    --method jipda tracks all people on the ground plane from the boxes of all calibrated cameras; BEARINGS is a
+    recording with boxes, or a table of boxes or views. No labels, initial positions or target count are needed.
 
-    --method map finds the most probable trajectory of each labelled target from everything that was
-    recorded, before and after; it needs no cameras that overlap, but labels (`occlog label`).
+    --method apf, ekf, ukf, iekf, map, fix, direct3d, pps and joint track targets from bearings and directions of
+    arrival. Each labelled target has its own filter (joint: one for all). Unlabelled candidates (target_id -1) are
+    offered to every filter; without any labels they make one track, of the target at --start if that is given. The
+    directions of arrival in a recording are used along with its bearings. apf, ekf, ukf, map and fix also take
+    ranges, signal strengths and time differences, in --measurements or instead of BEARINGS.
 
-    --method mipf, idmot, cmct, bmct and mcmc follow many targets as ellipses in the images of a recording
-    instead, which then stands in the place of BEARINGS; they write `view_tracks`.
+    --method imm tracks an unknown number of targets from microphone arrays, labelled or not; with --cooperate it
+    requests camera frames. --method map estimates the most probable trajectory of each labelled target from all
+    measurements, past and future; cameras need not overlap.
 
-    --method jipda follows everybody on the floor by the boxes of all calibrated cameras: BEARINGS is then a
-    recording with boxes, or a table of views or boxes. Nobody need be labelled, and nothing be known of the start.
-
-    --method virtual and rssi locate radio tags: BEARINGS is then a recording (or a table) with the reads of fixed
-    readers. A tag's track has the tag's identity, which `occlog label` gives to bearings.
-
-    --method apf, ekf, fix, map and ukf also take ranges, signal strengths and time differences of stations: in
-    --measurements beside bearings, or in the place of BEARINGS.
+    --method mipf, idmot, cmct, bmct and mcmc track targets as ellipses in the images of a recording; they write
+    `view_tracks`. --method virtual and rssi locate radio tags from the reads of fixed readers; a track has the
+    identity of its tag, which `occlog label` gives to bearings.
 
     \b
+      occlog track views.parquet --scene hall.mcap --method jipda -o tracks.parquet
       occlog track bearings.parquet --scene scene.yaml -o tracks.parquet --diagnostics diagnostics.parquet
       occlog track bearings.parquet --scene hall.mcap --without cam4 --start 4,1.5,0.5 -o without4.parquet
-      occlog track bearings.parquet --scene scene.yaml --occluders occluders.parquet --select greedy --count 3 \
-        -o selected.parquet --diagnostics selected_diagnostics.parquet
-      occlog track directions.mcap --method imm --cooperate spread --set spread=0.5 -o heard.parquet \
-        --cooperation asked.parquet
-      occlog track balls.mcap --method bmct --initial balls.mcap -o view_tracks.parquet
-      occlog track views.parquet --scene hall.mcap --method jipda -o tracks.parquet --view-tracks in_images.parquet
+      occlog track bearings.parquet --scene scene.yaml --select greedy --count 3 -o selected.parquet
+      occlog track directions.mcap --method imm --cooperate spread -o tracks.parquet
       occlog track labelled.parquet --scene scene.yaml --method map --set loss=huber -o map.parquet
-      occlog track tags.mcap --method rssi --path-loss readers.json -o tags.parquet
       occlog track ranges.csv --scene stations.csv --method fix -o tracks.parquet
+      occlog track balls.mcap --method bmct --initial balls.mcap -o view_tracks.parquet
+      occlog track tags.mcap --method rssi --path-loss readers.json -o tags.parquet
     """
 
     OWNER: ClassVar[str] = "track"
@@ -97,7 +90,7 @@ class TrackRequestBase(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class _InWorld(TrackRequestBase):
-    """What methods take that track in the world by bearings, or by reads of tags."""
+    """Options of methods that track on the ground from bearings, or from tag reads."""
 
     JUDGED: ClassVar[bool] = True
 
@@ -117,7 +110,7 @@ class _InWorld(TrackRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class TrackRequest(_InWorld):
-    """Bearings to track targets by."""
+    """Bearings and directions of arrival, from which targets are tracked."""
 
     RUN: ClassVar[str] = "occlog.track.run:run_track"
 
@@ -205,7 +198,7 @@ class TrackRequest(_InWorld):
 
 @dataclass(frozen=True, kw_only=True)
 class TrackPeopleRequest(TrackRequestBase):
-    """Boxes of all cameras to follow people by."""
+    """Boxes of all cameras, from which people are tracked on the ground plane."""
 
     RUN: ClassVar[str] = "occlog.track.people.run:run_track_people"
     JUDGED: ClassVar[bool] = True
@@ -227,7 +220,7 @@ class TrackPeopleRequest(TrackRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class SingleViewRequest(TrackRequestBase):
-    """Boxes to follow in each camera on its own."""
+    """Boxes, which are tracked in each camera separately."""
 
     RUN: ClassVar[str] = "occlog.track.single_view.run:run_track_single_view"
 
@@ -238,7 +231,7 @@ class SingleViewRequest(TrackRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class ReadsRequest(_InWorld):
-    """Reads of tags to locate these by."""
+    """Reads of radio tags, from which the tags are located."""
 
     RUN: ClassVar[str] = "occlog.track.methods.readers.run:run_track_reads"
 
@@ -254,7 +247,7 @@ class ReadsRequest(_InWorld):
 
 @dataclass(frozen=True, kw_only=True)
 class ViewsRequest(TrackRequestBase):
-    """A recording to track in the images of."""
+    """A recording with images, in which targets are tracked."""
 
     RUN: ClassVar[str] = "occlog.track.methods.images.run.run:run_track_views"
 

@@ -14,9 +14,9 @@ from occlog.settings import setting
 class CompareRequest(Request):
     """Compare METHODS, each a table of tracks, a run folder or a folder of run folders, with the first of them.
 
-    Tracks are on the ground, of one target or of many, and are compared with the truth and with each other in the same
-    frames.  Verdicts and confidence intervals are of an exact test, which exchanges recordings of the runs where there
-    are eight or more, and else stretches of time.
+    Tracks are on the ground, of one target or of many. They are compared with the truth and with each other in the
+    same frames. Verdicts and confidence intervals come from an exact sign-flip test over recordings of the runs if
+    there are eight or more, else over time intervals.
 
     \b
       occlog compare run/old run/new --truth hall.mcap
@@ -63,7 +63,7 @@ class CompareRequest(Request):
         shown="1 m",
     )
     markdown: Path | None = sink("Also write the table as Markdown.")
-    seed: int = setting(0, "Seed of the bootstrap.", at_least=0, option="--seed")
+    seed: int = setting(0, "Seed of the random draws.", at_least=0, option="--seed")
 
     @property
     def inputs(self) -> list[Path]:

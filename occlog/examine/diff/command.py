@@ -17,7 +17,7 @@ from .result import RTOL, Limit, Tolerances, as_dict, report_lines
 DURATIONS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
 
 
-@click.command(name="diff", short_help="Say whether two outputs are the same, and where they first differ.")
+@click.command(name="diff", short_help="Compare two outputs and list the differences.")
 @click.argument("a", type=options.INPUT)
 @click.argument("b", type=options.INPUT)
 @click.option(

@@ -12,7 +12,7 @@ from occlog.cli.input_paths import Input
 from occlog.console.notes import log_detail
 
 
-@click.command(name="doctor", short_help="List everything that is wrong in recordings, tables and other files.")
+@click.command(name="doctor", short_help="Check recordings, tables and other files for errors.")
 @click.argument("files", nargs=-1, required=True, type=Input(some=True))
 @options.json_opt
 @options.quiet_opt

@@ -25,7 +25,7 @@ LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" 
     flag="--to",
     kind=EXPORTER,
     ours=tuple(FORMATS),
-    short_help="Write a table in a format of other programs.",
+    short_help="Export a table to the format of another program.",
     help=f"""Write the table in FILE (a table or a recording) in a format that other programs read; or all of it,
     or of a run folder, for a viewer.
 

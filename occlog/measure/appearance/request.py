@@ -15,10 +15,11 @@ from .config import LearnConfig
 
 @dataclass(frozen=True, kw_only=True)
 class LearnRequest(Request):
-    """Learn a gallery from RECORDING: the colours of each target, apart by the side from which it is seen.
+    """Learn an appearance gallery from RECORDING: the colours of each target by viewing angle.
 
-    The side is the angle between where a person heads, by the tracks, and the camera; left and right are taken
-    for the same. Boxes are of the tracks in whose places they are, unless they bring the tracks' identities.
+    The viewing angle is the angle between the heading of a person, from the tracks, and the direction to the camera;
+    left and right are not distinguished. A box is of the track at its position, unless boxes bring the tracks'
+    identities.
 
     \b
       occlog appearance learn hall.mcap -o gallery.parquet
@@ -43,7 +44,7 @@ class LearnRequest(Request):
 
 
 VERBS = Verbs(
-    """Learn how people look from several sides, for `occlog label --gallery` ([Lee] Sec. 5.2.1).
+    """Learn an appearance gallery for `occlog label --gallery` ([Lee] Sec. 5.2.1).
 
     \b
       occlog appearance learn hall.mcap --tracks tracks.parquet -o gallery.parquet

@@ -37,14 +37,14 @@ OF_BOXES = ("bits", "sigma_px", "sigma_scale", "min_confidence")
 
 @dataclass(frozen=True, kw_only=True)
 class Detection(Request):
-    """Reduce the frames of RECORDING to bearings of its targets.
+    """Detect people in RECORDING and convert the detections to bearings of its targets.
 
-    Each camera's foreground is split into people-sized regions, and the target told from the others by
-    its appearance; without one, it is the largest region. A frame without the target gives a row
-    "looked, not seen". A recording with detector boxes instead of video gives one candidate bearing a box
-    (target_id -1); one with simulated bearings gives these.
+    The foreground of each camera is split into person-sized regions, and the target is identified by its appearance;
+    without an appearance it is the largest region. A frame without the target gives a row of a missed detection (not
+    detected). A recording with detector boxes instead of video gives one candidate bearing per box (target_id -1);
+    one with simulated bearings gives these.
 
-    With --onnx a network of yours finds the boxes: YOLO, RT-DETR, RF-DETR or RTMDet. With --method NAME a
+    With --onnx a network of yours detects the boxes: YOLO, RT-DETR, RF-DETR or RTMDet. With --method NAME the
     detector of a plug-in does, see docs/how-to/plugins.md.
 
     \b
@@ -74,7 +74,7 @@ class Detection(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class DetectRequest(Detection):
-    """Targets to detect before the background, or boxes and simulated bearings to pass on."""
+    """Options of detection by background subtraction, or of boxes and simulated bearings that are passed on."""
 
     RUN: ClassVar[str] = "occlog.measure.detect.run:run_detect"
 
@@ -125,7 +125,7 @@ class DetectRequest(Detection):
 
 @dataclass(frozen=True, kw_only=True)
 class _BoxRequest(Detection):
-    """What detectors take that find boxes."""
+    """Options of detectors that give boxes."""
 
     output: Path = output_file(
         "Bearings of the targets (Parquet); with --onnx or a plug-in the boxes, a table of views.", "views"
@@ -136,7 +136,7 @@ class _BoxRequest(Detection):
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkRequest(_BoxRequest):
-    """Boxes to find with a network."""
+    """Options of detection with a network."""
 
     RUN: ClassVar[str] = "occlog.measure.detect.run:run_network"
 
@@ -159,7 +159,7 @@ class NetworkRequest(_BoxRequest):
 
 @dataclass(frozen=True, kw_only=True)
 class PluginRequest(_BoxRequest):
-    """Boxes to find with the detector of a plug-in."""
+    """Options of detection with the detector of a plug-in."""
 
     RUN: ClassVar[str] = "occlog.measure.detect.run:run_plugin"
 
@@ -185,9 +185,9 @@ def _plugged() -> dict[str, VerbKind]:
 VERB = Verb(
     Detection,
     {
-        "em": VerbKind("before the background: mixture of person-shaped Gaussians", lambda: Form(DetectRequest)),
-        "outlines": VerbKind("the same, with outlines of people where several touch", lambda: Form(DetectRequest)),
-        "components": VerbKind("before the background: connected blobs", lambda: Form(DetectRequest)),
+        "em": VerbKind("background subtraction: mixture of person-shaped Gaussians", lambda: Form(DetectRequest)),
+        "outlines": VerbKind("as em, with outlines of people where several touch", lambda: Form(DetectRequest)),
+        "components": VerbKind("background subtraction: connected blobs", lambda: Form(DetectRequest)),
         NETWORK: VerbKind("boxes of a network", lambda: Form(NetworkRequest), "--onnx MODEL"),
     },
     default="em",

@@ -15,14 +15,14 @@ from .config import EpipolarConfig
 
 @dataclass(frozen=True, kw_only=True)
 class EpipolarRequest(Request):
-    """Find the fundamental matrix of each pair of views: where a point of one view can be in the other.
+    """Estimate the fundamental matrix of each pair of views, which maps a point to its epipolar line, or check it.
 
-    It comes from --matches (or --from-tracks) where they are given, else from the poses of the scene.
-    Matches of one plane (people's feet), of a line, from one place, or too few are refused.
-    Where a scene tells lens distortion, it is taken off the points first.
+    It comes from --matches (or --from-tracks) if given, else from the camera poses (extrinsics) of the scene. Matches
+    from one plane (people's feet), from a line, from one position, or too few are refused. Lens distortion that a
+    scene states is removed from the points first.
 
-    With RECORDING and an output that ends in .mcap, a copy of the recording holds the matrices, and
-    `occlog track` finds them there.
+    With RECORDING and an output that ends in .mcap, a copy of the recording holds the matrices, and `occlog track`
+    finds them there.
 
     \b
       occlog epipolar --scene scene.yaml -o epipolar.json

@@ -14,19 +14,18 @@ from occlog.settings import setting
 from .config import LabelConfig, NamingConfig
 
 BY_TRACKS, BY_GALLERY = "tracks", "gallery"
-GALLERY = "Match boxes with how people look (Parquet, of `occlog appearance learn`), instead of bearings with tracks."
+GALLERY = "Match boxes with this appearance gallery (`occlog appearance learn`), instead of bearings with tracks."
 
 
 @dataclass(frozen=True, kw_only=True)
 class LabelRequestBase(Request):
-    """Give candidates of BEARINGS (Parquet, or a recording that holds bearings) the identity of a track.
+    """Associate the candidates of BEARINGS (Parquet, or a recording that holds bearings) with tracks, and label them.
 
-    In every frame of a sensor the candidates (target_id -1) are assigned one to one to the tracks,
-    by the difference of bearings. A track without a candidate gets a row that says "not seen".
-    Rows that have a label stay.
+    In every frame of a sensor the candidates (target_id -1) are assigned one to one to the tracks, by the difference
+    of bearings. A track without a candidate gets a row of a missed detection. Rows that have a label keep it.
 
-    With --gallery BEARINGS holds boxes or views, and each is compared with the people of the gallery as they
-    look from the side that the camera sees ([Lee] Sec. 5.2.1). What the gallery does not have is suspended.
+    With --gallery BEARINGS holds boxes or views, and each is compared with the appearance of people in the gallery at
+    the viewing angle of the camera ([Lee] Sec. 5.2.1). People missing from the gallery are suspended.
 
     \b
       occlog track boxes.parquet --scene hall.mcap --start 2.9,0.5,0.3 -o tracks.parquet
@@ -43,14 +42,14 @@ class LabelRequestBase(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class _ByKind(LabelRequestBase):
-    """What all kinds have, with what chooses the kind."""
+    """Shared options, with the one that chooses the kind."""
 
     gallery: Path | None = source(GALLERY)
 
 
 @dataclass(frozen=True, kw_only=True)
 class LabelRequest(LabelRequestBase):
-    """Candidates to label by the places of tracks."""
+    """Candidates that are labelled by the positions of tracks."""
 
     RUN: ClassVar[str] = "occlog.measure.label.run:run_label"
 
@@ -71,7 +70,7 @@ class LabelRequest(LabelRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class MatchRequest(LabelRequestBase):
-    """Boxes to label by how people look."""
+    """Boxes that are labelled by the appearance of people."""
 
     RUN: ClassVar[str] = "occlog.measure.label.run:run_match"
 
@@ -98,10 +97,10 @@ VERB = Verb(
     _ByKind,
     {
         BY_TRACKS: VerbKind(
-            "candidates get the identity of the track at their bearing", lambda: Form(LabelRequest), "--tracks FILE"
+            "candidates are labelled by the track at their bearing", lambda: Form(LabelRequest), "--tracks FILE"
         ),
         BY_GALLERY: VerbKind(
-            "boxes get the identity of the person whom they look like", lambda: Form(MatchRequest), "--gallery FILE"
+            "boxes are labelled by the most similar person of the gallery", lambda: Form(MatchRequest), "--gallery FILE"
         ),
     },
     default=BY_TRACKS,

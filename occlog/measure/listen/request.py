@@ -16,13 +16,12 @@ from .config import DoaConfig
 
 @dataclass(frozen=True, kw_only=True)
 class DoaRequest(Request):
-    """Find directions of arrival in the sound that microphone arrays recorded (WAV, a channel a microphone).
+    """Estimate directions of arrival in the sound of microphone arrays (WAV, one channel per microphone).
 
-    The places of the microphones are those of the scene's array (`microphones`), or of --arrays.
-    Each frame of sound gives the directions from which it came, in the world's frame, with their
-    standard deviations and how well the phases agree with them; silence gives none. A flat array
-    cannot tell above from below: it gives the direction above. Wants the package pyroomacoustics:
-    pip install 'occlog[sound]'.
+    The positions of the microphones are those of the array in the scene (`microphones`), or of --arrays. Each frame
+    of sound gives the directions of its sources in the world frame, with standard deviations and the agreement of the
+    phases; silence gives none. A flat array does not distinguish above from below: it gives the direction above.
+    Needs the package pyroomacoustics: pip install 'occlog[sound]'.
 
     \b
       occlog listen --scene hall.yaml mic1=mic1.wav mic2=mic2.wav -o doa.parquet --start-time 2024-05-01T12:00:00Z

@@ -12,7 +12,7 @@ from typing import ClassVar
 
 from occlog.settings import METRES, Settings, setting
 
-CHANGE = "Process noise of the velocity per axis, accumulated over 1 s. Larger values follow manoeuvres and widen the priors."
+CHANGE = "Process noise of the velocity per axis, accumulated over 1 s. Larger values widen the priors."
 
 
 @dataclass(frozen=True)

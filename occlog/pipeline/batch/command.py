@@ -11,7 +11,7 @@ from occlog.cli import options
 from occlog.pipeline.executors.options import job_settings, scheduler_options
 
 
-@click.command(name="batch", short_help="Do the stages of a run for each of many recordings.")
+@click.command(name="batch", short_help="Run the stages of a configuration on many recordings.")
 @click.argument("config", type=options.PATH)
 @click.argument("recordings", nargs=-1, required=True)
 @click.option(

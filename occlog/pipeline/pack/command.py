@@ -11,7 +11,7 @@ from occlog.cli import options
 from occlog.io.files.atomic import check_outputs
 
 
-@click.command(name="pack", short_help="Put a run folder with its inputs and versions into one file.")
+@click.command(name="pack", short_help="Archive a run folder with its inputs and versions in one file.")
 @click.argument("folder", type=options.PATH)
 @click.option("--config", type=options.INPUT, required=True, help="Configuration that the run folder was made by.")
 @options.output_opt("The archive (ZIP).")

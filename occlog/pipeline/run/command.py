@@ -9,7 +9,7 @@ import click
 from occlog.cli import options
 
 
-@click.command(name="run", short_help="Do all stages of a configuration into a run folder.")
+@click.command(name="run", short_help="Run all stages of a configuration into a run folder.")
 @click.argument("config", type=options.PATH)
 @click.option("-o", "--output", type=options.PATH, required=True, help="Run folder; made if missing.")
 @click.option(

@@ -11,7 +11,7 @@ from occlog.cli import options
 from occlog.pipeline.executors.options import job_settings, scheduler_options
 
 
-@click.command(name="sweep", short_help="Monte Carlo runs over seeds and parameters, in parallel.")
+@click.command(name="sweep", short_help="Run a Monte Carlo study over seeds and parameters, in parallel.")
 @click.argument("sweep", type=options.PATH)
 @click.option("-o", "--output", type=options.PATH, required=True, help="Folder of the results; made if missing.")
 @click.option("--workers", type=click.IntRange(min=1), default=None, help="Processes. [default: one a processor]")

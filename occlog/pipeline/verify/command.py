@@ -10,7 +10,7 @@ from occlog import console
 from occlog.cli import options
 
 
-@click.command(name="verify", short_help="Make a packed run again, and say whether it is the same.")
+@click.command(name="verify", short_help="Repeat an archived run and compare the results.")
 @click.argument("archive", type=options.INPUT)
 @click.option(
     "--inputs", type=options.PATH, help="Folder of the inputs that the archive only names, under their names in it."

@@ -78,7 +78,7 @@ def _exchanges(
     chain: MarkovChainState,
     number: Ints,
 ) -> tuple[Ints, Ints, Floats]:
-    """Nodes i and j with a possible switch of probability `MIN_SWITCH_PROBABILITY` or more, the other tails linked too."""
+    """Nodes i and j with a switch probability of `MIN_SWITCH_PROBABILITY` or more, the other tails linked too."""
     before, after, probability = [0], [0], [0.0]
     for i in range(places.moment.shape[0]):
         a = chain.after[i]
