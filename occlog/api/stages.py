@@ -24,10 +24,10 @@ from occlog.evaluate.request import EvaluateRequest
 from occlog.ingest.plan import is_name
 from occlog.ingest.request import IngestRequest
 from occlog.io.open import open_input, scene_in
+from occlog.measure.associate.request import LabelRequest
 from occlog.measure.detect.request import NETWORK
 from occlog.measure.detect.request import VERB as DETECT_VERB
 from occlog.measure.fuse.request import FuseRequest, TrackFusionRequest
-from occlog.measure.label.request import LabelRequest
 from occlog.records.scene import Scene
 from occlog.report.request import OverlayRequest, PageRequest, ReportRequestBase
 from occlog.request import Form, Request

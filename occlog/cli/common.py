@@ -104,7 +104,7 @@ def _input_units() -> click.Option:
 def _state(ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) -> None:  # noqa: ARG001
     """Let the units hold until the command ends."""
     if texts and not ctx.resilient_parsing:
-        from occlog.io.files.stated_units import stated_units
+        from occlog.io.files.input_units import stated_units
 
         ctx.find_root().meta[STATED] = ctx.find_root().with_resource(stated_units(texts))
 

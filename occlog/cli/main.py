@@ -95,7 +95,7 @@ COMMANDS = {
     ),
     "verify": Command("occlog.pipeline.verify.command", "Repeat an archived run and compare the results.", STUDIES),
     "listen": Command(
-        "occlog.measure.listen.request:DoaRequest",
+        "occlog.measure.doa.request:DoaRequest",
         "Estimate directions of arrival from recordings of microphone arrays.",
         SPECIAL,
     ),
@@ -114,7 +114,7 @@ COMMANDS = {
         SPECIAL,
     ),
     "label": Command(
-        "occlog.measure.label.request:VERB",
+        "occlog.measure.associate.request:VERB",
         "Associate unlabelled bearings with tracks, or boxes with a gallery.",
         SPECIAL,
     ),

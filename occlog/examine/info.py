@@ -24,8 +24,8 @@ from occlog.io.files.utc import utc
 from occlog.records.losses import Loss
 
 if TYPE_CHECKING:
-    from occlog.io.foreign.names import Spelling
-    from occlog.io.foreign.table import ForeignTable
+    from occlog.io.external.names import Spelling
+    from occlog.io.external.table import ForeignTable
     from occlog.io.recording.reader import McapRecording
     from occlog.records.scene import Camera, MicrophoneArray, Scene, TagReader
 
@@ -293,7 +293,7 @@ def _camera(c: Camera) -> dict[str, object]:
 
 def _angles(c: Camera) -> tuple[float, float, float]:
     """Yaw, pitch and roll [deg]."""
-    from occlog.core.sight.camera import angles_from_rotation
+    from occlog.core.geometry.camera import angles_from_rotation
 
     yaw, pitch, roll = (math.degrees(a) for a in angles_from_rotation(c.rotation))
     return yaw, pitch, roll

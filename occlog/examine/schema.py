@@ -37,7 +37,7 @@ CLASSES: dict[str, tuple[str, ...]] = {
         "occlog.simulate.balls.config:BallsConfig",
     ),
     "traffic": ("occlog.papers.lee.traffic.config:TrafficConfig",),
-    "listen": ("occlog.measure.listen.config:DoaConfig",),
+    "listen": ("occlog.measure.doa.config:DoaConfig",),
     "epipolar": ("occlog.measure.epipolar.config:EpipolarConfig",),
     "detect": (
         "occlog.measure.detect.config:DetectConfig",
@@ -53,9 +53,9 @@ CLASSES: dict[str, tuple[str, ...]] = {
         "occlog.measure.priors.config:AcousticConfig",
     ),
     "label": (
-        "occlog.measure.label.config:LabelConfig",
+        "occlog.measure.associate.config:LabelConfig",
         "occlog.measure.appearance.config:MatchConfig",
-        "occlog.measure.label.config:NamingConfig",
+        "occlog.measure.associate.config:NamingConfig",
     ),
     "appearance": ("occlog.measure.appearance.config:LearnConfig",),
     "fit-motion": ("occlog.track.methods.map.fit_motion.config:FitConfig",),
@@ -65,13 +65,13 @@ CLASSES: dict[str, tuple[str, ...]] = {
         "occlog.evaluate.mot.config:MultiTargetConfig",
     ),
     "ground": ("occlog.track.methods.images.ground.config:GroundConfig",),
-    "report": ("occlog.report.beside.config:RunComparisonConfig",),
+    "report": ("occlog.report.comparison.config:RunComparisonConfig",),
     "navigate": ("occlog.papers.lee.navigation.config:NavigateConfig",),
     "plan": ("occlog.plan.config:PlanConfig",),
 }
 """Classes of settings of each verb but `track`."""
 AROUND_METHODS = (
-    "occlog.track.methods.images.births.config:ViewsConfig",
+    "occlog.track.methods.images.initiation.config:ViewsConfig",
     "occlog.track.methods.apf.config:SelectConfig",
     "occlog.scans.config:DistanceMeasurementConfig",
 )

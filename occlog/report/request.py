@@ -11,7 +11,7 @@ from typing import ClassVar
 from occlog.request import Form, Request, Verb, VerbKind, group, load, scene_file, sink, source
 from occlog.settings import setting
 
-from .beside.config import RunComparisonConfig
+from .comparison.config import RunComparisonConfig
 
 PAGE, OVERLAY, BESIDE = "page", "overlay", "beside"
 OUTPUT_HELP = "Page to write: one self-contained HTML file."
@@ -179,7 +179,7 @@ class OverlayRequest(ReportRequestBase):
 class RunComparisonRequest(ReportRequestBase):
     """Two runs that are shown side by side."""
 
-    RUN: ClassVar[str] = "occlog.report.beside.run:run_beside"
+    RUN: ClassVar[str] = "occlog.report.comparison.run:run_beside"
     JUDGED: ClassVar[bool] = True
 
     other: Path = source("The other run.", argument=True)
@@ -192,7 +192,7 @@ class RunComparisonRequest(ReportRequestBase):
     @cached_property
     def runs(self) -> tuple[PageRequest, PageRequest]:
         """The files of both runs, as a page of each shows them."""
-        files_of = load("occlog.report.beside.run:files_of")
+        files_of = load("occlog.report.comparison.run:files_of")
         shared = PageRequest(scene=self.scene, truth=self.truth)
         return files_of(self.tracks, shared), files_of(self.other, shared)
 

@@ -262,7 +262,7 @@ def tracker(name: str) -> AnyMethod:
         raise UsageError(f"no tracking method {name!r}; there are: {', '.join(in_world)}")
     plugin = METHODS[name].plugin
     if plugin is not None:
-        from .plugged import method_of
+        from .plugin_filter import method_of
 
         return method_of(plugin)
     method: AnyMethod = load(METHODS[name].method)
@@ -294,7 +294,7 @@ REQUESTS: Mapping[str, type[Request]] = {
 def form_of(method: str) -> Form:
     """The form of a request for a method; UsageError where there is no such method."""
     found = entry(method)
-    around = (load("occlog.track.methods.images.births.config:ViewsConfig"),) if found.images else ()
+    around = (load("occlog.track.methods.images.initiation.config:ViewsConfig"),) if found.images else ()
     shared = (each.name for each in Form(TrackRequestBase).entries())
     settings = {"settings": settings_of(method)}
     return Form(REQUESTS[found.takes_in], {*shared, *found.takes, "settings"}, settings, around)

@@ -327,7 +327,7 @@ LIBRARIES = {
     "import mmap": {f"io/video/{name}.py" for name in ("avi", "container", "mkv", "mkv_uids", "mp4", "reader")}
     | {"io/models/onnx_file.py"}
     | {"io/frames/decoders/memory.py"},  # of images that were decoded
-    "import pickle": {"track/people/named.py", "conformance/faults.py"},  # of the process itself
+    "import pickle": {"track/people/reidentification.py", "conformance/faults.py"},  # of the process itself
     "import sqlite3": {"io/messages/sqlite_file.py"},
     "import tomllib": {"io/files/texts/documents.py"},
     "import wave": set(),

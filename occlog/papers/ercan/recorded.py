@@ -32,8 +32,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.sight.triangulate import TRIANGULATED
-from occlog.core.sight.visibility import behind_objects
+from occlog.core.geometry.triangulate import TRIANGULATED
+from occlog.core.geometry.visibility import behind_objects
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.bearings.residuals import triangulated_points
 from occlog.evaluate.matching.config import EvaluateConfig
@@ -44,9 +44,9 @@ from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, surv
 from occlog.io.formats.calibration.common import CalibrationOptions
 from occlog.io.formats.calibration.reader import read_calibration
 from occlog.io.open import scene_in
+from occlog.measure.associate.config import LabelConfig
+from occlog.measure.associate.stage import label
 from occlog.measure.detect.from_boxes import detect_boxes
-from occlog.measure.label.config import LabelConfig
-from occlog.measure.label.stage import label
 from occlog.measure.priors.from_positions import virtual_priors
 from occlog.papers import verdicts as v
 from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table

@@ -12,7 +12,7 @@ import pytest
 from people_boxes import CORNERS, PEOPLE, STEP_NS, box, boxes, camera, hall, table, truth, written
 
 from occlog.cli.main import run
-from occlog.core.sight.camera import rotation_from_angles
+from occlog.core.geometry.camera import rotation_from_angles
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_provenance, read_table

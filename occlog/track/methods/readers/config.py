@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.core.sight.usual_radio import EXPONENT, NOISE_DB, POWER_DBM, SHADOW_DB, SHADOW_S
+from occlog.core.geometry.radio_defaults import EXPONENT, NOISE_DB, POWER_DBM, SHADOW_DB, SHADOW_S
 from occlog.settings import Settings, setting
 
 

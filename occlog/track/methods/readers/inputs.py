@@ -26,7 +26,7 @@ from occlog.track.request import ReadsRequest
 from .config import RefineConfig, RssiConfig, VirtualConfig
 from .refine import RefineBearings
 from .rssi import PathLoss, TagFilterModel
-from .virtual import ReaderRegions, virtual_sensors
+from .virtual_sensors import ReaderRegions, virtual_sensors
 
 
 @dataclass(frozen=True, eq=False)
