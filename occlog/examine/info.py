@@ -20,7 +20,7 @@ from occlog.cli import options
 from occlog.console.summary import plausible_in_words
 from occlog.console.text import counted
 from occlog.errors import InputError
-from occlog.io.files.utc import utc
+from occlog.io.files.utc import time_words, utc
 from occlog.records.losses import Loss
 
 if TYPE_CHECKING:
@@ -261,7 +261,7 @@ def _describe_scene(scene: Scene) -> Description:
         for a in scene.arrays
     ]
     lines += [f"reader    {_reader_words(r)}" for r in scene.readers]
-    lines += [f"clock     {c.name}: offset {c.offset_ns} ns, drift {c.drift_ppm:g} ppm" for c in scene.clocks]
+    lines += [f"clock     {c.name}: offset {c.offset_ns / 1e9:.9g} s, drift {c.drift_ppm:g} ppm" for c in scene.clocks]
     values = {
         "kind": "scene",
         "length_unit": unit,
@@ -443,7 +443,9 @@ def _first_rows(path: Path, rows: int) -> list[str]:
     from occlog.io.files.tables.parquet import first_rows
 
     columns = [
-        [name, *(f"{v:.6g}" if isinstance(v, float) and v == v else "NaN" if v != v else str(v) for v in values)]
+        ["time (t_ns)", *(time_words(v) if isinstance(v, int) else str(v) for v in values)]
+        if name == "t_ns"
+        else [name, *(f"{v:.6g}" if isinstance(v, float) and v == v else "NaN" if v != v else str(v) for v in values)]
         for name, values in first_rows(path, rows).items()
     ]
     widths = [max(map(len, column)) for column in columns]
