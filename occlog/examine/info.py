@@ -113,12 +113,12 @@ TABLES_OR_RECORDINGS = (".mcap", ".parquet", ".csv", ".tsv", ".gz", ".arrow", ".
 @click.option("--rows", type=click.IntRange(min=0), default=5, show_default=True, help="Rows of a table to print.")
 @options.json_opt
 def command(path: Path, rows: int, as_json: bool) -> None:
-    """Print what PATH holds: a scene (YAML), a recording (MCAP), a bag of ROS 2 or a table (Parquet, Arrow, CSV).
+    """Describe PATH: a scene (YAML), a recording (MCAP), a ROS 2 bag or a table (Parquet, Arrow, CSV).
 
-    Of a folder that is no bag it prints a line for each file that occlog reads.
+    For a folder that is no bag one line per readable file is printed.
 
-    Of a table that another program made it prints what each column is read as, of a bag (a folder,
-    .mcap, .db3) its topics and what `occlog ingest` would take of it.
+    For an external table the meaning of each column is printed, for a bag (a folder, .mcap, .db3) its topics and
+    what `occlog ingest` would read from it.
 
     \b
       occlog info run/recording.mcap
