@@ -120,7 +120,7 @@ def _type_of(settings: type[Settings], f: Field[object]) -> click.ParamType[Any]
 
 
 def default_words(f: Field[object]) -> str:
-    """How a default is told: `1.7 m, or 3.33 in a unit of its own`."""
+    """How a default is told: `1.7 m, or 3.33 in a scene-specific unit`."""
     said = declaration(f)
     if said.shown is not None:
         return said.shown
@@ -131,7 +131,7 @@ def default_words(f: Field[object]) -> str:
     told = value_words(f, people)
     if unit:
         told += f" {unit}"
-    return told if people == own else f"{told}, or {value_words(f, own)} in a unit of its own"
+    return told if people == own else f"{told}, or {value_words(f, own)} in a scene-specific unit"
 
 
 def value_words(f: Field[object], value: object) -> str:

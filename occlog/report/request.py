@@ -67,7 +67,7 @@ class PageRequest(ReportRequestBase):
     images: Path | None = source("Recording with images, shown small next to the plan with the tracks drawn over them.")
     images_limit: float = setting(
         5.0,
-        "Maximum size of the images in the page; further images are left out.",
+        "Maximum size of the images in the page; further images are omitted.",
         at_least=0.01,
         at_most=500,
         option="--images-limit",

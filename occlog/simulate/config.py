@@ -20,7 +20,7 @@ class WorldConfig(Settings):
     """How many objects move, and how; lengths in the scene's unit.
 
     Speed, noise and change of destination are per second, so that they keep their
-    meaning when the step changes.  The defaults in a unit of its own are the reference scene
+    meaning when the step changes.  The defaults in a scene-specific unit are the reference scene
     of [Ercan] Sec. 6: speed 1 and noise 0.33 per step of one second.  Those in metres, feet and inches are
     people 0.5 m wide who walk at 1.2 m/s and change their destination every 10 s on average.
     """
@@ -84,7 +84,7 @@ class WorldConfig(Settings):
         option="--z",
         metavar="LENGTH",
         nothing="unknown",
-        shown="0.9 m; not known in a unit of its own, or of scripted targets",
+        shown="0.9 m; unknown in a scene-specific unit, or for scripted targets",
     )
     start_ns: int = setting(START_NS, "Time of the first step.", unit="ns")
     motion: str = setting(
@@ -365,7 +365,7 @@ class RenderConfig(Settings):
         False,
         "Shirts have another colour at the back: that of each target is the front colour of the next one.",
         option="--two-sided",
-        shown="the same all around",
+        shown="one colour",
     )
     alike: bool = setting(False, "All targets have the clothes and the stature of the first one.")
     min_visible: float = setting(0.1, "Minimum visibility of a body to have a true box; 0: occluded ones too.", **SHARE)

@@ -115,7 +115,7 @@ class TrackRequest(_InWorld):
     RUN: ClassVar[str] = "occlog.track.run:run_track"
 
     diagnostics: Path | None = sink(
-        "Write filter diagnostics per time step: effective sample size, likelihood, restarts (Parquet). Look here "
+        "Write filter diagnostics per time step: effective sample size, likelihood, restarts (Parquet). Check them "
         "first when a track is lost.",
         "diagnostics",
     )
@@ -151,9 +151,9 @@ class TrackRequest(_InWorld):
     select: Mapping[str, object] = group(lambda: load("occlog.track.methods.apf.config:SelectConfig"))
     starts: tuple[str, ...] = setting(
         (),
-        "Initial position with standard deviation SIGMA (0.5 m if left out, 1 in a scene-specific unit); for "
+        "Initial position with standard deviation SIGMA (0.5 m if omitted, 1 in a scene-specific unit); for "
         "--method imm also X,Y,SIGMA,VX,VY,SIGMA_V. May be repeated, once per target. [default: uniform over the "
-        "room, or over what sensors see]",
+        "room, or over the visible region]",
         option="--start",
         metavar="X,Y[,SIGMA]",
         repeat=True,

@@ -112,7 +112,7 @@ class EvaluateConfig(Settings):
         own=0.33,
         option="--sigma-v",
         metavar="LENGTH",
-        shown="that of `simulate` if it made the truth, else 0.05 m, or 0.33 in units of its own",
+        shown="that of `simulate` if it made the truth, else 0.05 m, or 0.33 in a scene-specific unit",
         kinds=WORLD,
     )
     acceleration_density: float = setting(

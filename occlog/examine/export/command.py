@@ -26,8 +26,9 @@ LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" 
     kind=EXPORTER,
     ours=tuple(FORMATS),
     short_help="Export a table to the format of another program.",
-    help=f"""Export the table in FILE (a table or a recording) to an external format; or all of it, or a run folder, for a
-    viewer.
+    help=f"""Export a table from FILE (a table or a recording) to an external format, or all of it for a viewer.
+
+    A run folder can be exported for a viewer too.
 
     The ending of the output determines the format, or --to:
 

@@ -33,7 +33,7 @@ class LearnRequest(Request):
     recording: Path = source("Recording with images.", argument=True)
     output: Path = output_file("The gallery (Parquet).", "gallery")
     boxes: Path | None = source("Boxes (Parquet). [default: those of RECORDING]")
-    views: Path | None = source("Views of `occlog detect` (Parquet), whose colours count.")
+    views: Path | None = source("Views of `occlog detect` (Parquet), with their colours.")
     tracks: Path | None = source(
         "Tracks or truth: positions and identities of people. [default: truth of RECORDING, or the floor below "
         "boxes with an identity]"

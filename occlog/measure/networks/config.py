@@ -66,14 +66,14 @@ class NetworkConfig(Settings):
         "How images are scaled to the input size of the network.",
         choices=(LETTERBOX, CORNER, STRETCH),
         option="--fit",
-        nothing="as the head's makers do",
+        nothing="as in the original implementation of the head",
     )
     pixels: str | None = setting(
         None,
         "Scaling of colours: 0 to 1 (unit), ImageNet means and deviations in RGB or BGR, or 0 to 255 (raw).",
         choices=(UNIT, IMAGENET, IMAGENET_BGR, RAW),
         option="--pixels",
-        nothing="as the head's makers do",
+        nothing="as in the original implementation of the head",
     )
     size: str | None = setting(
         None,

@@ -34,7 +34,7 @@ class PositionPriorConfig(Settings):
     q: float = setting(1.2, CHANGE, unit="length/s", above=0, people=0.6, option="--q")
     silence_s: float = setting(
         2.0,
-        "Leave out objects that are not measured for this long.",
+        "Omit objects that are not measured for this long.",
         unit="s",
         above=0,
         option="--silence",
@@ -114,7 +114,7 @@ class HullConfig(Settings):
     )
     exclude_targets: bool = setting(
         True,
-        "Leave out clusters that are known to be of a target.",
+        "Omit clusters that are known to be of a target.",
         option="--exclude-targets/--include-targets",
     )
 
@@ -142,7 +142,7 @@ class AcousticConfig(Settings):
     )
     persist_s: float = setting(
         0.3,
-        "Minimum time that a source has been heard.",
+        "Minimum time for which a source has been detected.",
         unit="s",
         at_most=1e9,
         at_least=0,
@@ -151,7 +151,7 @@ class AcousticConfig(Settings):
     )
     silence_s: float = setting(
         2.0,
-        "Leave out sources that are not heard for this long.",
+        "Omit sources that are not detected for this long.",
         unit="s",
         at_least=0,
         option="--silence",

@@ -38,7 +38,7 @@ class BallsConfig(Settings):
     spin: float = setting(0.05, "Rotation of a ball per frame.", unit="rad", at_least=0, option="--spin", metavar="RAD")
     views: int = setting(
         2,
-        "Number of cameras: the two of the paper, at a right angle and level, then some that look down from between.",
+        "Number of cameras: the two of the paper, at a right angle and level, then some between them, tilted down.",
         at_least=1,
         at_most=6,
         option="--views",

@@ -13,7 +13,7 @@ from occlog.settings import setting
 class NavigateConfig(FieldSettings):
     """A robot, its steps, and what counts as an obstacle; lengths in the scene's unit.
 
-    The defaults in a unit of its own are those of the example printed in [Lee] Sec. 5.2.2.
+    The defaults in a scene-specific unit are those of the example printed in [Lee] Sec. 5.2.2.
     """
 
     OWNER: ClassVar[str] = "navigate"
@@ -26,7 +26,7 @@ class NavigateConfig(FieldSettings):
         above=0,
         option="--speed",
         metavar="LENGTH",
-        shown="1 m/s, or the square root of 2 in a unit of its own",
+        shown="1 m/s, or the square root of 2 in a scene-specific unit",
     )
     step_s: float = setting(
         1.0,
@@ -85,7 +85,7 @@ class NavigateConfig(FieldSettings):
     shape: str = setting(
         "circle",
         "Static occluders repel as a `circle` about them, or by their nearest point, as a `polygon`, at whose "
-        "sides robots are caught; collisions are with the polygon in either case.",
+        "sides robots are trapped; collisions are with the polygon in either case.",
         choices=("circle", "polygon"),
         option="--shape",
     )

@@ -38,7 +38,7 @@ class TrafficConfig(Settings):
         "Shared resource of the links between routers: one channel, a radio at each node, or nothing.",
         choices=CHANNELS,
         option="--channel",
-        nothing="as the network says",
+        nothing="as stated in the network",
     )
 
     @property

@@ -86,7 +86,9 @@ class MipfConfig(Settings):
 
     # With the regions of a detector
     region_reach: float = setting(
-        0.6, "A region of its own is nearer to a tracker than this multiple of the sum of radii.", **ABOVE_0
+        0.6,
+        "A region is assigned to a tracker if nearer to it than this multiple of the sum of radii, and to no other.",
+        **ABOVE_0,
     )
     region_share: float = setting(0.3, "Share of the particles of a tracker drawn at its own region.", **SHARE)
     region_spread: float = setting(
