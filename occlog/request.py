@@ -376,6 +376,8 @@ class Verb:
         by: keys of the values that choose, the first that is given before the others, and which kind a text of the
             value chooses; empty: none.
         counted: kinds that so many arguments choose where no value does; more choose that of the largest number.
+        fits: module and name of a function from the name of the first input to the kind that fits what it holds, where
+            no value chooses one; empty: the default.
         what: how a kind is called, for example `method`.
         chosen_by: how a kind is chosen on the command line, with {} for its name.
         more: makes kinds of plug-ins.
@@ -388,6 +390,7 @@ class Verb:
     default: str
     by: Mapping[str, Callable[[str], str]]
     counted: Mapping[int, str] = field(default_factory=dict)
+    fits: str = ""
     what: str = "kind"
     chosen_by: str = "{}"
     more: Callable[[], Mapping[str, VerbKind]] = dict

@@ -205,6 +205,23 @@ def open_if_ours(path: Path, what: str = EXPECTED) -> Opened | None:
         return None
 
 
+def held(path: Path, *tables: type[ColumnTable]) -> tuple[type[ColumnTable], ...]:
+    """Those of some tables that an input holds, as far as its header says; none where it cannot be opened.
+
+    A table of another program is the one of them that its columns fit best.
+    """
+    from occlog.io.external.table import best_fit
+
+    try:
+        opened = open_if_ours(path)
+        source = _source(path) if opened is None else None
+        if opened is not None:
+            return tuple(table for table in tables if opened.has(table))
+        return () if source is None else (best_fit(source, tables).table,)
+    except (InputError, OSError):
+        return ()
+
+
 def _refuse_stations(path: Path) -> None:
     """InputError for a text table of stations, which is a scene."""
     from occlog.io.formats.scenes.stations import holds_stations

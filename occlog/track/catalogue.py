@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from occlog.errors import UsageError, did_you_mean
@@ -269,6 +270,20 @@ def tracker(name: str) -> AnyMethod:
     return method
 
 
+def method_for(path: Path | str) -> str:
+    """The method that fits what a file holds: bearings and measurements `apf`, boxes `jipda`, reads of tags `virtual`.
+
+    A file that cannot be opened has the default, and the method then says what is wrong with it.
+    """
+    from occlog.io.open import held
+    from occlog.records.tables import Bearings, Boxes, Measurements, Reads, Views
+
+    tables = held(Path(path), Bearings, Measurements, Boxes, Views, Reads)
+    if not tables or Bearings in tables or Measurements in tables:
+        return VERB.default
+    return "virtual" if tables == (Reads,) else "jipda"
+
+
 def smooths(command: str, parameters: Mapping[str, object]) -> bool:
     """Whether tracks that a command made with these parameters know what came after them.
 
@@ -373,6 +388,7 @@ VERB = Verb(
     TrackRequestBase,
     {name: VerbKind(each.summary, partial(form_of, name), about=about(name)) for name, each in OURS.items()},
     default="apf",
+    fits="occlog.track.catalogue:method_for",
     by={"method": str},
     what="method",
     chosen_by="--method {}",

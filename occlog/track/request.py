@@ -20,7 +20,8 @@ NS_PER_S = 1e9
 class TrackRequestBase(Request):
     """Track targets from BEARINGS: a recording, or a table of bearings, boxes or tag reads.
 
-    `occlog track --method NAME --help` describes one method. The same inputs, options and seed give the same output.
+    Without --method it follows from the input: boxes jipda, tag reads virtual, else apf. `occlog track --method NAME
+    --help` describes one method. The same inputs, options and seed give the same output.
 
     --method jipda tracks all people on the ground plane from the boxes of all calibrated cameras; BEARINGS is a
     recording with boxes, or a table of boxes or views. No labels, initial positions or target count are needed.
@@ -58,7 +59,13 @@ class TrackRequestBase(Request):
     )
     output: Path = output_file("Tracks (Parquet).", "tracks")
     scene: Path | None = scene_file()
-    method: str = setting("apf", "Tracking method.", option="--method", metavar="NAME")
+    method: str = setting(
+        "apf",
+        "Tracking method. [default: by the input: boxes jipda, tag reads virtual, else apf; in a configuration apf]",
+        option="--method",
+        metavar="NAME",
+        shown="",
+    )
     cameras: tuple[str, ...] = setting((), "Use these sensors only.", option="--cameras", metavar="A,B,...", shown="")
     without: tuple[str, ...] = setting(
         (),
