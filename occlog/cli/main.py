@@ -37,7 +37,7 @@ class Command(NamedTuple):
 
 
 PIPELINE = "Pipeline"
-FILES = "Look at files"
+FILES = "Inspect files"
 STUDIES = "Studies"
 SPECIAL = "Special sensors and papers"
 OTHERS = "Others"

@@ -422,7 +422,7 @@ class VariantCommand(SettingsCommand):
             self._format_own(ctx, formatter, name)
         if name is None or (self.shows_default and name == self.default):
             with formatter.section(
-                f"{self.what.capitalize()}s ({self.chosen_by.format('NAME')} --help tells what each takes)"
+                f"{self.what.capitalize()}s ({self.chosen_by.format('NAME')} --help lists the options of each)"
             ):
                 formatter.write_dl([(v.called or n, v.summary) for n, v in {**self.variants, **self.more()}.items()])
 
@@ -528,7 +528,7 @@ class PluggedCommand(SettingsCommand):
                     formatter.write_dl(rows)
         others = [] if chosen else installed(self.kind)
         if others:
-            title = f"{self.kind.capitalize()}s of plug-ins ({self.flag} NAME --help tells what each takes)"
+            title = f"{self.kind.capitalize()}s of plug-ins ({self.flag} NAME --help lists the options of each)"
             with formatter.section(title):
                 formatter.write_dl([(plugin.name, plugin.summary) for plugin in others])
 
