@@ -56,8 +56,8 @@ def _after_a_look(callback: Callable[..., Any]) -> Callable[..., Any]:
 
 WITHOUT_DRY_RUN = ("reproduce", "schema")
 """Commands that write where nothing stops them."""
-DRY_RUN_HELP = "Check inputs, settings and outputs, report what would be written, and stop without running."
-VERBOSE_HELP = "Report on standard error the detected input formats, written files and run times."
+DRY_RUN_HELP = "Check inputs, settings and outputs, list what would be written, and stop."
+VERBOSE_HELP = "Log input formats, outputs and times to standard error."
 
 
 def _flag(name: str, callback: Callable[..., None], help: str, *more: str) -> click.Option:
@@ -96,7 +96,7 @@ def _input_units() -> click.Option:
         expose_value=False,
         callback=_state,
         metavar="COLUMN=UNIT,...",
-        help="Units of external columns without a unit in their names: bearing=deg,x=cm, or deg,cm for all angles and "
+        help="Units of external columns without a unit in their name: bearing=deg,x=cm, or deg,cm for all angles and "
         "lengths.",
     )
 
@@ -118,8 +118,7 @@ def _reader() -> click.Option:
         ["--reader"],
         expose_value=False,
         metavar="NAME",
-        help="Reader of a plug-in, for inputs with its file name endings; its settings become options (--reader NAME "
-        "--help).",
+        help="Plug-in reader, for inputs of its file types (--reader NAME --help lists its options).",
     )
 
 

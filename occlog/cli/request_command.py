@@ -122,7 +122,7 @@ def _variant(verb: Verb, kind: VerbKind) -> CommandVariant:
         free = form.set_group()
         return [] if free is None else [_settings_of(form, free[0]), *form.around]
 
-    return CommandVariant(kind.summary, params, settings, kind.called)
+    return CommandVariant(kind.summary, params, settings, kind.called, kind.about)
 
 
 def _settings_of(form: Form, group: str) -> type[Settings]:
@@ -212,7 +212,7 @@ def _param(entry: RequestEntry, verb: Verb | None = None) -> click.Parameter:
 
 
 def _strict(request: type[Request]) -> list[click.Option]:
-    help_text = f"Exit code 6 {request.STRICT}"
+    help_text = f"Exit with code 6 {request.STRICT}"
     return [click.Option(["--strict"], is_flag=True, help=help_text)] if request.JUDGED and request.STRICT else []
 
 

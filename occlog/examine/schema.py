@@ -132,7 +132,7 @@ def every_schema() -> dict[str, Callable[[], dict[str, object]]]:
     return {**SCHEMAS, **settings_schemas(), "doctor": finding_schema}
 
 
-@click.command(name="schema", short_help="Print the schema of a table, a message, a file format or settings.")
+@click.command(name="schema", short_help="Print the JSON Schema of a table, a file format or settings.")
 @click.argument("name", required=False)
 @click.option("-o", "--output", type=options.PATH, default=None, help="Write every schema into this folder.")
 @options.overwrite_opt
@@ -140,9 +140,9 @@ def every_schema() -> dict[str, Callable[[], dict[str, object]]]:
 def command(name: str | None, output: Path | None, overwrite: bool, as_json: bool) -> None:
     """Print the schema NAME as JSON, or list the names.
 
-    Tables are column definitions (type, unit, meaning); messages, file formats and settings are JSON Schemas.
-    The settings of a verb have its name; those of each tracking method are a definition in `track`. The settings
-    of a plug-in are printed for its name.
+    Tables are column definitions (type, unit, meaning); messages, file formats and settings are JSON Schemas. The
+    settings of a command have its name; those of each tracking method are a definition in `track`. The settings of
+    a plug-in are printed for its name.
 
     \b
       occlog schema bearings | jq -r '.columns[] | [.name, .unit, .description] | @tsv'

@@ -42,12 +42,10 @@ FORMATS: dict[str, ExportFormat] = {
     "kitti": ExportFormat((), IMAGE_TABLES, "KITTI's text of tracked boxes in the images of one camera"),
     "geojson": ExportFormat((".geojson",), PLACE_TABLES, "a line for each target, in longitude and latitude"),
     "coco": ExportFormat((".json",), IMAGE_TABLES, "COCO's images, annotations and categories"),
-    "trc": ExportFormat((".trc",), PLACE_TABLES, "OpenSim's table of markers, one a target"),
-    VIEWERS: ExportFormat(
-        (".mcap",), (), "a run or a recording to view in Foxglove, Lichtblick and Rerun", viewer=True
-    ),
-    FOXGLOVE: ExportFormat((), (), "the same without what Foxglove and Lichtblick do not need", viewer=True),
-    RERUN: ExportFormat((), (), "the same without what Rerun does not draw", viewer=True),
+    "trc": ExportFormat((".trc",), PLACE_TABLES, "OpenSim's table of markers, one per target"),
+    VIEWERS: ExportFormat((".mcap",), (), "a run or a recording for Foxglove, Lichtblick and Rerun", viewer=True),
+    FOXGLOVE: ExportFormat((), (), "as viewers, without data that Foxglove and Lichtblick do not need", viewer=True),
+    RERUN: ExportFormat((), (), "as viewers, without data that Rerun does not draw", viewer=True),
 }
 """Every format by the name that `--to` takes."""
 

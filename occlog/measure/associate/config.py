@@ -15,11 +15,15 @@ class LabelConfig(Settings):
     OWNER: ClassVar[str] = "label"
 
     gate: float = setting(
-        3.0, "Standard deviations within which a candidate agrees with a track.", above=0, option="--gate"
+        3.0,
+        "Gate in standard deviations for a candidate to agree with a track. Larger values label more candidates "
+        "and mislabel more.",
+        above=0,
+        option="--gate",
     )
     max_gap_s: float = setting(
         1.0,
-        "Longest time between two rows of a track that is bridged.",
+        "Maximum gap between two rows of a track to interpolate.",
         unit="s",
         at_least=0,
         at_most=1e9,
@@ -27,7 +31,7 @@ class LabelConfig(Settings):
         metavar="SECONDS",
     )
     keep_rest: bool = setting(
-        False, "Keep candidates of nobody, without a label.", option="--keep-rest", shown="leave them out"
+        False, "Keep unassigned candidates, without a label.", option="--keep-rest", shown="leave them out"
     )
 
 
@@ -39,7 +43,7 @@ class NamingConfig(Settings):
 
     least_boxes: int = setting(
         10,
-        "Fewest boxes of a track that were compared with a target, for the track to be of it.",
+        "Minimum number of boxes of a track compared with a target, for the track to be identified as it.",
         at_least=1,
         option="--least-boxes",
         metavar="N",

@@ -14,19 +14,18 @@ from occlog.settings import setting
 from .config import LabelConfig, NamingConfig
 
 BY_TRACKS, BY_GALLERY = "tracks", "gallery"
-GALLERY = "Match boxes with how people look (Parquet, of `occlog appearance learn`), instead of bearings with tracks."
+GALLERY = "Match boxes with this appearance gallery (`occlog appearance learn`), instead of bearings with tracks."
 
 
 @dataclass(frozen=True, kw_only=True)
 class LabelRequestBase(Request):
-    """Give candidates of BEARINGS (Parquet, or a recording that holds bearings) the identity of a track.
+    """Associate the candidates of BEARINGS (Parquet, or a recording that holds bearings) with tracks, and label them.
 
-    In every frame of a sensor the candidates (target_id -1) are assigned one to one to the tracks,
-    by the difference of bearings. A track without a candidate gets a row that states "not seen".
-    Rows that have a label stay.
+    In every frame of a sensor the candidates (target_id -1) are assigned one to one to the tracks, by the difference
+    of bearings. A track without a candidate gets a row of a missed detection. Rows that have a label keep it.
 
-    With --gallery BEARINGS holds boxes or views, and each is compared with the people of the gallery as they
-    from the viewing direction of the camera ([Lee] Sec. 5.2.1). What the gallery does not have is suspended.
+    With --gallery BEARINGS holds boxes or views, and each is compared with the appearance of people in the gallery at
+    the viewing angle of the camera ([Lee] Sec. 5.2.1). People missing from the gallery are suspended.
 
     \b
       occlog track boxes.parquet --scene hall.mcap --start 2.9,0.5,0.3 -o tracks.parquet
@@ -43,25 +42,25 @@ class LabelRequestBase(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class _ByKind(LabelRequestBase):
-    """Shared fields of all kinds, with the fields that choose the kind."""
+    """Shared options, with the one that chooses the kind."""
 
     gallery: Path | None = source(GALLERY)
 
 
 @dataclass(frozen=True, kw_only=True)
 class LabelRequest(LabelRequestBase):
-    """Candidates to label by the positions of tracks."""
+    """Candidates that are labelled by the positions of tracks."""
 
     RUN: ClassVar[str] = "occlog.measure.associate.run:run_label"
 
-    tracks: Path = source("Tracks that say who is where (Parquet).", required=True)
+    tracks: Path = source("Tracks that give the identities (Parquet).", required=True)
     doa: Path | None = source("Directions of arrival to label too: a table, or a recording that holds them.")
     doa_labels: bool = setting(
-        False, "Identities in the log of directions are those of targets.", option="--doa-labels", shown=""
+        False, "Source IDs in the log of directions are target IDs.", option="--doa-labels", shown=""
     )
     settings: Mapping[str, object] = group(lambda: LabelConfig)
-    cameras: tuple[str, ...] = setting((), "Use only these sensors.", option="--cameras", metavar="A,B,...", shown="")
-    without: tuple[str, ...] = setting((), "Leave these sensors out.", option="--without", metavar="A,B,...", shown="")
+    cameras: tuple[str, ...] = setting((), "Use these sensors only.", option="--cameras", metavar="A,B,...", shown="")
+    without: tuple[str, ...] = setting((), "Exclude these sensors.", option="--without", metavar="A,B,...", shown="")
 
     @property
     def inputs(self) -> list[Path]:
@@ -71,18 +70,18 @@ class LabelRequest(LabelRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class MatchRequest(LabelRequestBase):
-    """Boxes to label by appearance."""
+    """Boxes that are labelled by the appearance of people."""
 
     RUN: ClassVar[str] = "occlog.measure.associate.run:run_match"
 
     gallery: Path = source(GALLERY, required=True)
     output: Path = output_file("Labelled bearings; with --gallery a table of matches (Parquet).", "appearance_matches")
-    images: Path | None = source("The recording with the images. [default: BEARINGS; views need none]")
+    images: Path | None = source("Recording with the images. [default: BEARINGS; views need none]")
     tracks: Path | None = source(
-        "Tracks or truth: where people are and head. [default: the truth of the recording, or the floor below "
-        "boxes that have an identity]"
+        "Tracks or truth: positions and headings of people. [default: truth of the recording, or the floor below "
+        "boxes with an identity]"
     )
-    labelled: bool = setting(False, "The identities of boxes are those of the tracks.", option="--labelled", shown="")
+    labelled: bool = setting(False, "Identities of boxes are those of the tracks.", option="--labelled", shown="")
     named: Path | None = sink("The tracks, under the identities of the gallery (Parquet).", "tracks")
     settings: Mapping[str, object] = group(lambda: MatchConfig)
     naming: Mapping[str, object] = group(lambda: NamingConfig)
@@ -98,10 +97,10 @@ VERB = Verb(
     _ByKind,
     {
         BY_TRACKS: VerbKind(
-            "candidates get the identity of the track at their bearing", lambda: Form(LabelRequest), "--tracks FILE"
+            "candidates are labelled by the track at their bearing", lambda: Form(LabelRequest), "--tracks FILE"
         ),
         BY_GALLERY: VerbKind(
-            "boxes get the identity of the person whom they look like", lambda: Form(MatchRequest), "--gallery FILE"
+            "boxes are labelled by the most similar person of the gallery", lambda: Form(MatchRequest), "--gallery FILE"
         ),
     },
     default=BY_TRACKS,

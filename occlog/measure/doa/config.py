@@ -30,13 +30,13 @@ class DoaConfig(Settings):
     OWNER: ClassVar[str] = "listen"
 
     algorithm: str = setting(
-        "srp", "Of pyroomacoustics; srp is SRP-PHAT.", choices=tuple(ALGORITHMS), option="--algorithm"
+        "srp", "Algorithm of pyroomacoustics; srp is SRP-PHAT.", choices=tuple(ALGORITHMS), option="--algorithm"
     )
-    low_hz: float = setting(300.0, "Lower end of the band of frequencies to use.", unit="Hz", above=0, below=1e9)
-    high_hz: float = setting(4000.0, "Upper end of the band.", unit="Hz", above=0, below=1e9)
+    low_hz: float = setting(300.0, "Lower end of the frequency band.", unit="Hz", above=0, below=1e9)
+    high_hz: float = setting(4000.0, "Upper end of the frequency band.", unit="Hz", above=0, below=1e9)
     frame_s: float = setting(
         0.5,
-        "Sound that one set of directions is of.",
+        "Length of sound for one set of directions. Longer frames are more accurate and smear moving sources.",
         unit="s",
         above=0,
         at_most=60,
@@ -45,7 +45,7 @@ class DoaConfig(Settings):
     )
     hop_s: float | None = setting(
         None,
-        "From one frame to the next.",
+        "Time from one frame to the next.",
         unit="s",
         at_least=1e-3,
         below=1e9,
@@ -55,17 +55,17 @@ class DoaConfig(Settings):
     )
     window_s: float = setting(
         0.04,
-        "Of one spectrum, at least: the next power of two samples is taken.",
+        "Minimum length of a spectrum; the next power of two samples is taken.",
         unit="s",
         above=0,
         at_most=MAX_WINDOW_S,
         option="--window",
         metavar="SECONDS",
     )
-    sources: int = setting(1, "Directions a frame at most; 0: as many as there are peaks.", at_least=0, at_most=100)
+    sources: int = setting(1, "Maximum number of directions per frame; 0: all peaks.", at_least=0, at_most=100)
     grid_deg: float | None = setting(
         None,
-        "Step of the directions that are tried first.",
+        "Step of the grid of directions that is searched first.",
         unit="deg",
         at_least=0.2,
         at_most=30,
@@ -75,7 +75,7 @@ class DoaConfig(Settings):
     )
     apart_deg: float = setting(
         20.0,
-        "Directions of one frame are at least this far apart.",
+        "Minimum angle between directions of one frame.",
         unit="deg",
         at_least=0,
         at_most=180,
@@ -84,14 +84,16 @@ class DoaConfig(Settings):
     )
     peak: float = setting(
         0.6,
-        "Leave out peaks lower than this share of the way from the map's median to its highest.",
+        "Ignore peaks lower than this share of the way from the median of the map to its maximum. Lower values "
+        "report more directions and more false alarms.",
         at_least=0,
         at_most=1,
         option="--peak",
     )
     confidence: float = setting(
         0.15,
-        "Leave out directions with which phases agree less: 1 is one plane wave, 0 noise.",
+        "Ignore directions with which phases agree less: 1 is one plane wave, 0 noise. Lower values report more "
+        "directions and more false alarms.",
         at_least=0,
         at_most=1,
         option="--confidence",
@@ -107,17 +109,17 @@ class DoaConfig(Settings):
     )
     above_db: float | None = setting(
         None,
-        "So is what is not this much above the quietest of the last half minute: for speech in noise.",
+        "Sound must also exceed the quietest of the last half minute by this; for speech in noise.",
         unit="dB",
         above=0,
         below=1e9,
         option="--above",
         metavar="DB",
-        nothing="not asked",
+        nothing="no such limit",
     )
     speed_of_sound: float | None = setting(
         None,
-        "In lengths of the scene a second.",
+        "Speed of sound, in lengths of the scene per second.",
         unit="length/s",
         above=0,
         below=1e9,

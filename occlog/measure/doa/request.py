@@ -16,13 +16,12 @@ from .config import DoaConfig
 
 @dataclass(frozen=True, kw_only=True)
 class DoaRequest(Request):
-    """Find directions of arrival in the sound that microphone arrays recorded (WAV, a channel a microphone).
+    """Estimate directions of arrival in the sound of microphone arrays (WAV, one channel per microphone).
 
-    The positions of the microphones are those of the scene's array (`microphones`), or of --arrays.
-    Each frame of sound gives the directions from which it came, in the world's frame, with their
-    standard deviations and how well the phases agree with them; silence gives none. A flat array
-    cannot determine above from below: it gives the direction above. Requires the package pyroomacoustics:
-    pip install 'occlog[sound]'.
+    The positions of the microphones are those of the array in the scene (`microphones`), or of --arrays. Each frame
+    of sound gives the directions of its sources in the world frame, with standard deviations and the agreement of the
+    phases; silence gives none. A flat array does not distinguish above from below: it gives the direction above.
+    Needs the package pyroomacoustics: pip install 'occlog[sound]'.
 
     \b
       occlog listen --scene hall.yaml mic1=mic1.wav mic2=mic2.wav -o doa.parquet --start-time 2024-05-01T12:00:00Z
@@ -32,12 +31,14 @@ class DoaRequest(Request):
     OWNER: ClassVar[str] = "listen"
     RUN: ClassVar[str] = "occlog.measure.doa.run:run_listen"
 
-    sounds: tuple[Path, ...] = source("Sound of an array.", argument=True, there=False, metavar="[ARRAY=]FILE.wav...")
+    sounds: tuple[Path, ...] = source(
+        "Sound files of an array.", argument=True, there=False, metavar="[ARRAY=]FILE.wav..."
+    )
     output: Path = output_file("Directions of arrival (Parquet).", "doa")
     scene: Path | None = scene_file()
     arrays: tuple[str, ...] = setting(
         (),
-        "Microphones of an array: a table x, y, z [m].",
+        "Positions of the microphones of an array: a table x, y, z [m].",
         option="--arrays",
         metavar="[NAME=]FILE",
         repeat=True,
@@ -62,14 +63,14 @@ class DoaRequest(Request):
     )
     most: str | None = setting(
         None,
-        "Directions a frame at most; auto: as many as there are peaks (srp). [default: 1]",
+        "Maximum number of directions per frame; auto: all peaks (srp). [default: 1]",
         option="--sources",
         metavar="N|auto",
         shown="",
     )
     band: tuple[float, ...] | None = setting(
         None,
-        "Frequencies to use [Hz]. [default: 300 4000]",
+        "Frequency band to use [Hz]. [default: 300 4000]",
         unit="Hz",
         counts=(2,),
         apart=True,

@@ -16,7 +16,7 @@ class RunComparisonConfig(Settings):
 
     match_distance: float | None = setting(
         None,
-        "A track meets a target, or a track of the other run, this near.",
+        "Match threshold: a track matches a target, or a track of the other run, within this distance.",
         unit="length",
         above=0,
         people=1.0,
@@ -26,7 +26,7 @@ class RunComparisonConfig(Settings):
     )
     tolerance: float | None = setting(
         None,
-        "Runs have parted where their places of one person are farther from each other, or one alone has somebody.",
+        "Runs diverge where the positions of a person differ by more than this, or only one run has a track.",
         unit="length",
         above=0,
         people=0.5,
@@ -36,7 +36,7 @@ class RunComparisonConfig(Settings):
     )
     lasting_s: float = setting(
         1.0,
-        "A person's track that changes for less than this is counted, but not told.",
+        "Track changes of a person that last less than this are counted, but not listed.",
         unit="s",
         at_most=1e9,
         at_least=0,

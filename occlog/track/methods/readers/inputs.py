@@ -316,5 +316,5 @@ def path_loss_of(spec: PathLossSpec, readers: tuple[TagReader, ...]) -> PathLoss
 
 
 def metre_of(length_unit: str) -> float:
-    """A metre in units of length; 1 in a unit of its own."""
+    """A metre in units of length; 1 in a scene-specific unit."""
     return 1.0 / METRES.get(length_unit, 1.0)
