@@ -1,1 +1,1 @@
-"""Whether an estimate can be believed: doubts of its rows, residuals of its bearings, the verdict in words."""
+"""Whether an estimate can be accepted: doubts of its rows, residuals of its bearings, the verdict in words."""

@@ -1,18 +1,18 @@
-"""How bearings agree with the estimates: shares that are not believed, and normalised squared residuals (NIS).
+"""How bearings agree with the estimates: shares that are rejected, and normalised squared residuals (NIS).
 
 NIS is the sum of squared residuals of bearings, by their probability of being true, over what it is expected to be:
 1 if standard deviations are right.
 
-Bearings that no other sensor can confirm: whether sensors see a target one at a time, and what is not believed then.
+Bearings that no other sensor can confirm: whether sensors see a target one at a time, and what is rejected then.
 
 Where several sensors see a target at once, a false bearing disagrees with the others.  Where one sees it at a time,
 the motion alone speaks against it: some false bearings agree with a motion that is about as probable as the true one,
-and no residual shows it.  Bearings that are found to be false there say that others, which are believed, may be false.
+and no residual shows it.  Bearings that are found to be false there say that others, which are accepted, may be false.
 
 Whether bearings look like those of a compass: clockwise from north, and not from +x towards +y.
 
-Sight lines of one moment meet near one place if their angles mean what they are taken for.  Taken for the others,
-pi / 2 - b, lines of stations in general places do not meet, or behind the stations.  Both are tried, and a user is told
+lines of sight of one time step meet near one position if their angles mean what they are taken for.  Taken for the others,
+pi / 2 - b, lines of stations in general positions do not meet, or behind the stations.  Both are tried, and a user is told
 where the others fit much better; nothing is changed.
 
 Bearings whose stated noise is smaller than any sensor's: many filters can make no use of them.
@@ -72,12 +72,12 @@ def confirmed_by_another(sensor: Ints | Strings, seconds: Floats) -> Bools:
 
 @dataclass
 class UnconfirmedBearings:
-    """Counts bearings, those near one of another sensor, and those not believed.
+    """Counts bearings, those near one of another sensor, and those rejected.
 
     Attributes:
         bearings: how many there were.
         confirmed: near to how many of them another sensor has one.
-        doubted: how many are not believed.
+        doubted: how many are rejected.
     """
 
     bearings: int = 0
@@ -99,12 +99,12 @@ class UnconfirmedBearings:
 
     @property
     def share(self) -> float:
-        """Share of the bearings that are not believed; NaN without any."""
+        """Share of the bearings that are rejected; NaN without any."""
         return ratio_or_nan(self.doubted, self.bearings)
 
 
 MIN_STEPS, MAX_STEPS = 10, 500
-"""Fewest moments that tell, and how many are looked at."""
+"""Fewest time steps that tell, and how many are looked at."""
 MAX_MISFIT_RATIO, MIN_MISFIT_RAD2 = 0.1, 0.05
 """A median square misfit [rad^2] below this share of the other one's, where that is above `MIN_MISFIT_RAD2`, is much
 better."""
@@ -132,7 +132,7 @@ class AngleConventionCheck:
     def checks(self) -> tuple[Check, ...]:
         """Whether they fit one another as angles of this program."""
         if len(self._misfits) < MIN_STEPS:
-            return outcome(CONVENTION, (), unless=f"fewer than {MIN_STEPS} moments have bearings of several stations")
+            return outcome(CONVENTION, (), unless=f"fewer than {MIN_STEPS} time steps have bearings of several stations")
         plain, other = np.median(self._misfits, axis=0).tolist()
         if plain <= MIN_MISFIT_RAD2 or other > MAX_MISFIT_RATIO * plain:
             return outcome(CONVENTION, (), misfit_rad=float(np.sqrt(plain)))
@@ -142,8 +142,8 @@ class AngleConventionCheck:
                 "warning",
                 "compass",
                 "the bearings fit one another much better as those of a compass, clockwise from north (+y): then the "
-                f"lines of a moment miss one place by {np.degrees(np.sqrt(other)):.2g} degrees (median of "
-                f"{len(self._misfits)} moments), and by {np.degrees(np.sqrt(plain)):.2g} as they are, from +x towards "
+                f"lines of a time step miss one position by {np.degrees(np.sqrt(other)):.2g} degrees (median of "
+                f"{len(self._misfits)} time steps), and by {np.degrees(np.sqrt(plain)):.2g} as they are, from +x towards "
                 "+y; name the column compass_deg, or ingest with the convention compass",
             ),
         )
@@ -179,7 +179,7 @@ def misfit(places: Floats, bearings: Floats) -> float:
 STATED = "stated noise of the bearings"
 """Name of the check."""
 MIN_SIGMA_RAD = 1e-7
-"""Smallest standard deviation that is believed: 0.02 seconds of arc."""
+"""Smallest standard deviation that is accepted: 0.02 seconds of arc."""
 
 
 class SmallNoiseCheck:
@@ -211,7 +211,7 @@ class SmallNoiseCheck:
                 "noise-tiny",
                 f"{sum(self._found.values())} bearings of {', '.join(sorted(self._found)[:3])} state a standard "
                 f"deviation down to {self._least:.2g} rad (allowed: {MIN_SIGMA_RAD:g}): no sensor is so exact, and "
-                "filters by particles find no place that fits them: estimates may be as wide as if nothing was seen; "
+                "filters by particles find no position that fits them: estimates may be as wide as if nothing was seen; "
                 "state the noise that they have",
                 sensors=sorted(self._found),
                 least_rad=self._least,
@@ -221,7 +221,7 @@ class SmallNoiseCheck:
 
 
 GATE_SIGMAS = 4.0
-"""A bearing further from the estimate than so many standard deviations of both together is not believed."""
+"""A bearing further from the estimate than so many standard deviations of both together is rejected."""
 MIN_RESIDUAL_VARIANCE = 0.1
 """Bearings whose residuals should have a smaller variance say nothing of their noise: estimates go through them."""
 
@@ -281,7 +281,7 @@ class BearingConsistency:
         """Nothing was seen yet.
 
         Args:
-            scene: its sensors; arrays that are not upright are left out, as their azimuths have errors of elevations.
+            scene: its sensors; arrays that are not upright are omitted, as their azimuths have errors of elevations.
             window_ns: an estimate holds for bearings so long before it, at most.
         """
         self._sensors: dict[str, Camera | MicrophoneArray] = {c.name: c for c in scene.cameras if c.placed}
@@ -298,7 +298,7 @@ class BearingConsistency:
 
         Args:
             tracks: estimates in the order of time.
-            bearings: in the order of time; those without an estimate at their time are left out, and those at an
+            bearings: in the order of time; those without an estimate at their time are omitted, and those at an
                 estimate whose covariance is not known: nothing says how large their residuals should be.
             diagnostics: of the same estimates, say which sensors were used; None: all.
         """
@@ -461,7 +461,7 @@ class SensorConsistency:
 
     @property
     def doubted(self) -> float:
-        """Share of bearings that are not believed; NaN without any."""
+        """Share of bearings that are rejected; NaN without any."""
         return 1.0 - ratio_or_nan(self.believed, self.bearings)
 
     @property
@@ -512,7 +512,7 @@ class ResidualStatistics:
 
     @property
     def doubted(self) -> float:
-        """Share of bearings that are not believed; NaN without any."""
+        """Share of bearings that are rejected; NaN without any."""
         return 1.0 - ratio_or_nan(sum(a.believed for a in self.sensors.values()), self.bearings)
 
     @property

@@ -43,7 +43,7 @@ MAX_FLAGGED_SHARE = 0.05
 MAX_POSSIBLE_OUTLIER_SHARE = 0.1
 """Share of rows that are contested that matters."""
 MAX_REJECTED_SHARE = 0.25
-"""Share of bearings not believed that matters."""
+"""Share of bearings rejected that matters."""
 MAX_UNCONFIRMED_REJECTED_SHARE = 0.02
 """The same where one sensor at a time sees the target, and nothing but its motion speaks against a false bearing."""
 NIS_LOW, NIS_HIGH = 0.5, 2.25
@@ -67,26 +67,26 @@ MOTION, ROOM, WALLS = "motion noise", "positions outside the room", "lines of si
 UNASSOCIATED_CANDIDATES = "candidates that no track explains"
 """Names of checks."""
 ROWS = {
-    "contradiction": "no place holds all constraints, and what was seen there was left out; check poses and labels",
+    "contradiction": "no position holds all constraints, and what was seen there was omitted; check poses and labels",
     "wall": "no way around a wall was found; more states may help (fill_s)",
     "unfinished": "the search did not converge; allow more iterations",
 }
 """Values of `fallback` of which a verdict speaks if any row has them, and what they say."""
 FLAGS_OF_FALSE_BEARINGS = {
-    "doubted": "fewer than half of the bearings are believed; check poses, clocks and labels",
-    "unchecked": "two measurements alone tell the place, and none of the others agrees: one of the two may be false, "
+    "doubted": "fewer than half of the bearings are accepted; check poses, clocks and labels",
+    "unchecked": "two measurements alone tell the position, and none of the others agrees: one of the two may be false, "
     "which the covariance does not say; add stations, or follow the target over time (apf, map)",
 }
 """Values of `fallback` that single false bearings make, and of which a verdict speaks from a share of the rows on."""
 FLAGS_OF_POSSIBLE_OUTLIERS = {
-    "contested": "a measurement that is believed may be false: another place is possible where fewer agree, or they "
+    "contested": "a measurement that is accepted may be false: another position is possible where fewer agree, or they "
     "scatter more than stated, which the covariance does not say; leave these rows out, add stations, or follow the "
     "target over time (apf, map)",
 }
 """Values of `fallback` that some rows of honest data have, too."""
 FLAGS_WITH_RIGHT_COVARIANCE = {
     "unobservable": "what was seen does not tell the position, and the covariance says so; add sensors",
-    "ambiguous": "measurements fit several places, of which the row has the most probable, and the covariance holds "
+    "ambiguous": "measurements fit several positions, of which the row has the most probable, and the covariance holds "
     "all: there are two ranges alone, stations are in line, one of a few values is false, or noise is as large as the "
     "distances; add stations off the line, or follow the target over time (apf, map)",
 }
@@ -110,7 +110,7 @@ class ConsistencyEvidence:
         agreements: residuals of the bearings.
         alone: bearings that no other sensor can confirm.
         crowd: candidates that are left.
-        places: where the bearings of a moment meet.
+        places: where the bearings of a time step meet.
         distances: residuals are also of measurements that are no directions, so that nothing is said of `places`.
         diagnosed: there are diagnostics.
     """
@@ -274,8 +274,8 @@ class ConsistencyEvidence:
                 TIME_GAPS,
                 "warning",
                 "gaps",
-                f"{gaps} of {self.rows} rows come after a gap, and the filter begins anew there: the rows of a target "
-                f"are {apart:.3g} s apart on average, so that nothing is filtered; take each moment alone (fix), or "
+                f"{gaps} of {self.rows} rows come after a gap, and the filter restarts there: the rows of a target "
+                f"are {apart:.3g} s apart on average, so that nothing is filtered; take each time step alone (fix), or "
                 "allow longer gaps (max_gap_s) with a motion that holds for so long; if times are in "
                 "another unit, state it by --input-units ms",
                 share=gaps / self.rows,
@@ -327,12 +327,12 @@ class ConsistencyEvidence:
                     sentence = f"{found[code]} of {self.rows} rows{share}: {code}: {text}"
                     yield finding(FLAGGED, severity, code, sentence, share=found[code] / self.rows, allowed=least)
                 elif found[code] and words is WORDS:
-                    said = f"{found[code]} of {self.rows} rows are not to be believed (the diagnostics say which)"
+                    said = f"{found[code]} of {self.rows} rows are not to be accepted (the diagnostics say which)"
                     rare = found[code] / self.rows
                     yield finding(FLAGGED, "note", code, f"{said}: {code}: {text}", share=rare, allowed=least)
 
     def _not_believed(self) -> Iterator[Check]:
-        """Sensors whose bearings are not believed."""
+        """Sensors whose bearings are rejected."""
         for name, own in sorted(self.agreements.sensors.items()):
             if own.bearings >= MIN_SAMPLES and exceeds_share(
                 own.bearings - own.believed, own.bearings, MAX_REJECTED_SHARE
@@ -341,7 +341,7 @@ class ConsistencyEvidence:
                     REJECTED_MEASUREMENTS,
                     "warning",
                     "not-believed",
-                    f"{name}: {own.doubted:.0%} of {own.bearings} {self.what} are not believed (allowed: "
+                    f"{name}: {own.doubted:.0%} of {own.bearings} {self.what} are rejected (allowed: "
                     f"{MAX_REJECTED_SHARE:.0%}); its pose, its clock or its labels may be wrong, or the target "
                     "was lost",
                     sensors=[name],
@@ -361,7 +361,7 @@ class ConsistencyEvidence:
                 CONFIRMED,
                 "warning",
                 "unconfirmed",
-                f"{alone.share:.0%} of {alone.bearings} {self.what} are not believed (allowed: "
+                f"{alone.share:.0%} of {alone.bearings} {self.what} are rejected (allowed: "
                 f"{MAX_UNCONFIRMED_REJECTED_SHARE:.0%} where "
                 f"one sensor at a time sees the target): nothing but the motion tells false {self.what} from true "
                 "ones; "
@@ -449,8 +449,8 @@ class ConsistencyEvidence:
             f"the candidates cannot be one target: {self.crowd.unexplained:.1f} of {self.crowd.candidates:.1f} in a "
             f"frame are near no track, and in {', '.join(persistent)} they stay from frame to frame (in "
             f"{max(persistent.values()):.0%} of the frames; allowed: {MAX_PERSISTENT_CANDIDATE_SHARE:.0%}); "
-            "follow everybody "
-            "(method jipda, from the boxes), label the candidates, or say where the target is at first",
+            "follow all people "
+            "(method jipda, from the boxes), label the candidates, or say where the target is initially",
             sensors=persistent,
             share=max(persistent.values()),
             allowed=MAX_PERSISTENT_CANDIDATE_SHARE,

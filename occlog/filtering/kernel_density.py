@@ -6,7 +6,7 @@ Mean and covariance stay what they were; only finer shape is blurred, by h stand
 
 Backward simulation of trajectories through kernel densities of particles.
 
-The particles of a filter at a time stand for a density with the width h of a kernel,
+The particles of a filter at a time represent a density with the width h of a kernel,
 
     sum_l w_l N(x; c_l, h^2 V),   c_l = a x_l + (1 - a) m,   a^2 + h^2 = 1,
 
@@ -137,7 +137,7 @@ def states_before(
 
 @array_kernel
 def _chosen(centres: Floats, at: Floats, before: Ints, after: Ints, chances: Floats, u: Floats) -> Ints:
-    """(M,) one of K centres (n, K) for each of (n, M) places, by unit Gaussians times chances; the nearest if all 0."""
+    """(M,) one of K centres (n, K) for each of (n, M) positions, by unit Gaussians times chances; the nearest if all 0."""
     n, K = centres.shape
     M = at.shape[1]
     half, out = np.empty(K), np.empty(M, dtype=np.int64)

@@ -40,7 +40,7 @@ MAX_LENGTH = 1e15
 MAX_PX = 1e15
 """Largest distance in an image: the tangent of a direction that is across to the last digit of an angle."""
 LENGTHS = {"m": 1, "m^2": 2, "m/s": 1, "m^2/s": 2, "m^2/s^2": 2}
-"""Units in which m stands for the scene's unit of length, and the power of it."""
+"""Units in which m represents the scene's unit of length, and the power of it."""
 
 
 def largest(unit: str) -> float:
@@ -69,7 +69,7 @@ class Column:
 
     @property
     def dtype(self) -> np.dtype[np.generic]:
-        """NumPy dtype of the column; "U" stands for strings of any length."""
+        """NumPy dtype of the column; "U" represents strings of any length."""
         return np.dtype(self.kind)
 
     @property
@@ -95,12 +95,12 @@ class ColumnTable:
     ONCE: ClassVar[bool] = False
     """Whether nobody can be twice at one time: rows of one key contradict each other."""
     MEASURED: ClassVar[str] = ""
-    """Column that is finite where a row is a measurement that no other can equal, even if it is of nobody's."""
+    """Column that is finite where a row is a measurement that no other can equal, even if it is of no person's."""
 
     def __post_init__(self) -> None:
         for c in self.columns():
             if c.optional and getattr(self, c.name) is None:
-                object.__setattr__(self, c.name, _absent(c, len(self)))  # frozen for everybody else
+                object.__setattr__(self, c.name, _absent(c, len(self)))  # frozen for all other people
         check_columns(self)
         self.check()
 
@@ -123,7 +123,7 @@ class ColumnTable:
 
     @classmethod
     def of(cls, **values: object) -> Self:
-        """Build a table from array-likes, cast to the declared dtypes; optional columns may be left out."""
+        """Build a table from array-likes, cast to the declared dtypes; optional columns may be omitted."""
         told = [c for c in cls.columns() if not c.optional or c.name in values]
         return cls(**{c.name: as_column(c, values.pop(c.name)) for c in told}, **values)
 
@@ -307,12 +307,12 @@ def is_in_key_order(table: ColumnTable) -> bool:
 
 
 def check_copies(table: ColumnTable) -> None:
-    """InputError where a row of a table stands there twice, or somebody is in two places."""
+    """InputError where a row of a table stands there twice, or a person is in two positions."""
     table = table if is_in_key_order(table) else table.sorted()
     copies, twice = repeated_rows(table)
     if copies.any():
         where = key_of(table, first_row(copies))
-        raise InputError(f"{type(table).__name__}: a row stands there twice ({where}); leave out the copies")
+        raise InputError(f"{type(table).__name__}: a row stands there twice ({where}); omit the copies")
     if table.ONCE and twice.any():
         where = key_of(table, first_row(twice))
         raise InputError(f"{type(table).__name__}: {where}: is there twice, with other values; keep one of them")

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 
 OUTSIDE_IMAGE = "wholly outside the image"
-"""Begins what is said of boxes of a camera that were left out because they lie outside its image."""
+"""Begins what is said of boxes of a camera that were omitted because they lie outside its image."""
 
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """One stretch of input that could not be used.
+    """One segment of input that could not be used.
 
     Attributes:
         source: file or sensor.

@@ -1,4 +1,4 @@
-"""The place and its sensors: room, static occluders, cameras, microphone arrays, readers of tags, clocks.
+"""The position and its sensors: room, static occluders, cameras, microphone arrays, readers of tags, clocks.
 
 A scene is validated once, when it is built; everything downstream trusts it.
 
@@ -71,7 +71,7 @@ class ScriptedTarget:
     role: Literal["target", "occluder"] = "target"
     from_s: float = 0.0
     until_s: float = math.inf
-    noise_density: float = 0.0  # variance of the velocity gathered in a second, for each axis [length^2/s^3]
+    noise_density: float = 0.0  # variance of the velocity accumulated over 1 s, for each axis [length^2/s^3]
     segments: tuple[Segment, ...] = ()  # in order of time, not overlapping
     silent: tuple[tuple[float, float], ...] = ()  # makes no sound from the first time up to the second
 
@@ -150,7 +150,7 @@ class Camera:
         return bool(self.position[2] > HEIGHT_SLACK)
 
     def rays(self, pixels: Floats) -> Floats:
-        """(N, 3) world directions of the sight lines through (N, 2) recorded pixels."""
+        """(N, 3) world directions of the lines of sight through (N, 2) recorded pixels."""
         return cam.pixels_to_rays(
             pixels, self.focal_px, self.principal_px, self.distortion, self.distortion_model, self.rotation
         )
@@ -168,7 +168,7 @@ class Camera:
         )
 
     def bearings(self, pixels: Floats) -> Floats:
-        """(N,) azimuths [rad] of the sight lines through (N, 2) recorded pixels."""
+        """(N,) azimuths [rad] of the lines of sight through (N, 2) recorded pixels."""
         return cam.rays_to_azimuth(self.rays(pixels))
 
     def u_px(self, bearings: Floats) -> Floats:
@@ -315,7 +315,7 @@ def camera_fov(
     """Full horizontal field of view [rad]: twice the largest azimuth, off the optical axis, of a border pixel.
 
     A pitched camera sees a wider range of azimuths at the near edge of the floor;
-    sight lines steeper than 75 degrees are left out, where azimuth loses its meaning.
+    lines of sight steeper than 75 degrees are omitted, where azimuth loses its meaning.
     """
     w, h = size
     across, down = np.linspace(-0.5, w - 0.5, 33), np.linspace(-0.5, h - 0.5, 33)
@@ -340,12 +340,12 @@ def map_origin(cameras: Sequence[Camera]) -> Floats:
 
 
 def camera_from(camera: Camera, origin: Floats) -> Camera:
-    """A camera, with its place as seen from a (2,) origin."""
+    """A camera, with its position as seen from a (2,) origin."""
     return replace(camera, position=camera.position - np.append(origin, 0.0))
 
 
 def scene_from(scene: Scene, origin: Floats) -> Scene:
-    """A scene, with all places as seen from a (2,) origin."""
+    """A scene, with all positions as seen from a (2,) origin."""
     by = np.append(origin, 0.0)
     return replace(
         scene,
@@ -411,7 +411,7 @@ def sight_limit(camera: Camera, least: float, metre: float | None) -> float:
         camera: with a pose.
         least: twice the extent of the sensors; a person's size does not limit the sight to less.
         metre: a metre in the scene's unit; None: a unit of its own, in which half the camera's height, where it is
-            known, stands for the size of a target.
+            known, represents the size of a target.
     """
     if np.isfinite(camera.range):
         return camera.range
@@ -425,7 +425,7 @@ def sight_limit(camera: Camera, least: float, metre: float | None) -> float:
 
 
 def highest_elevation(camera: Camera) -> float | None:
-    """Highest elevation [rad] of a sight line through the image's border; None: the image's size is not known."""
+    """Highest elevation [rad] of a line of sight through the image's border; None: the image's size is not known."""
     if camera.image_size is None:
         return None
     w, h = camera.image_size

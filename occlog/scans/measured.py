@@ -89,7 +89,7 @@ def _where(table: Measurements, n: int) -> str:
 def check_plausible(
     table: Measurements, row: Ints, packed: RangeMeasurements, differences: RangeDifferenceCheck | None = None
 ) -> None:
-    """InputError, with the station and the time, for measurements from which only a wrong place could come.
+    """InputError, with the station and the time, for measurements from which only a wrong position could come.
 
     Args:
         table: the measurements, or a part of them that has all of each time.
@@ -236,7 +236,7 @@ def make_stations(scene: Scene, config: DistanceMeasurementConfig, radio: Radio 
 
 
 def measurements_of_reads(chunks: Iterable[Reads]) -> Iterator[Measurements]:
-    """Reads of tags as signal strengths; reads without a strength are left out."""
+    """Reads of tags as signal strengths; reads without a strength are omitted."""
     for chunk in chunks:
         told = chunk.take(np.isfinite(chunk.rssi))
         nan = np.full(len(told), np.nan)
@@ -294,7 +294,7 @@ class DistanceMeasurementFeed:
             window_ns: a scan and measurements at most this far apart are one scan, of the time of the later.
 
         Raises:
-            InputError: a station that is not in the scene or has no place there, a value whose standard deviation, or
+            InputError: a station that is not in the scene or has no position there, a value whose standard deviation, or
                 what else it wants, is not known, or times that go back.
         """
         own = self._scans(sensors, targets, window_ns)
@@ -472,7 +472,7 @@ def _filled(sigma: Floats, usual: float | None) -> Floats:
 
 
 def _numbers(names: np.ndarray, at: StationModel, column: str) -> Ints:
-    """(n,) numbers of stations; InputError for one that the scene does not have, or whose place it does not know."""
+    """(n,) numbers of stations; InputError for one that the scene does not have, or whose position it does not know."""
     found, inverse = np.unique(names, return_inverse=True)
     for name in found.tolist():
         if name not in at.names:

@@ -35,7 +35,7 @@ class TrackRequestBase(Request):
     --method mipf, idmot, cmct, bmct and mcmc follow many targets as ellipses in the images of a recording
     instead, which then stands in the place of BEARINGS; they write `view_tracks`.
 
-    --method jipda follows everybody on the floor by the boxes of all calibrated cameras: BEARINGS is then a
+    --method jipda follows all people on the floor by the boxes of all calibrated cameras: BEARINGS is then a
     recording with boxes, or a table of views or boxes. Nobody need be labelled, and nothing be known of the start.
 
     --method virtual and rssi locate radio tags: BEARINGS is then a recording (or a table) with the reads of fixed

@@ -214,7 +214,7 @@ class Sum:
 def quantiles(blocks: Callable[[], Iterable[Floats]], count: int, shares: Sequence[float]) -> list[float]:
     """Quantiles as `np.quantile` has them, linearly interpolated, of numbers that come in blocks.
 
-    The numbers of the places that are asked for are found bit by bit, `DIGIT` bits in each of four passes.
+    The numbers of the positions that are asked for are found bit by bit, `DIGIT` bits in each of four passes.
 
     Args:
         blocks: gives the same finite numbers each time, in blocks of any size.

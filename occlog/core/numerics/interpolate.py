@@ -3,7 +3,7 @@
 Times are int64 nanoseconds.  Differences are taken as integers, so that they stay
 exact at times since 1970 (a float64 resolves only about 200 ns there).
 
-Places of several objects on a grid of times, and at the times at which sensors look.
+Positions of several objects on a grid of times, and at the times at which sensors look.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class SensorFrames(NamedTuple):
 
 
 def to_grid(t_ns: Ints, ids: NDArray[np.integer], target: Bools, xyz: Floats) -> TimeGrid:
-    """R rows of times, object numbers, whether a target, and (R, 3) places as a grid.
+    """R rows of times, object numbers, whether a target, and (R, 3) positions as a grid.
 
     Of two rows for the same time and object the last counts.
     """
@@ -119,7 +119,7 @@ def frames_at(
 
     A sensor without a rate looks at every time of the chunk.
 
-    Places between two times are interpolated linearly, also across the border of two chunks.
+    Positions between two times are interpolated linearly, also across the border of two chunks.
 
     Args:
         chunks: grids one after another in time.

@@ -1,8 +1,8 @@
-"""Motion with a velocity that is forgotten: the first two moments of a walk by waypoints.
+"""Motion with a velocity that is forgotten: the first two time steps of a walk by waypoints.
 
 A target of [Ercan] Sec. 4.1 keeps its velocity until it chooses another destination.  Where choices come at random,
 1 / tau in a unit of time, and destinations lie in all directions, its velocity v has mean 0, variance
-V = speed^2 / 2 per axis, and the correlation exp(-t / tau).  The Gaussian process of these moments is
+V = speed^2 / 2 per axis, and the correlation exp(-t / tau).  The Gaussian process of these time steps is
 
     dx = v dt + sigma_v dw,    dv = -v / tau dt + sqrt(2 V / tau) dw'
 
@@ -19,7 +19,7 @@ import numpy as np
 from occlog.array_types import Floats
 
 SMALL = 1e-2
-"""Below this time over tau the variance of the place is summed as a series: its closed form loses its digits."""
+"""Below this time over tau the variance of the position is summed as a series: its closed form loses its digits."""
 
 
 class OrnsteinUhlenbeck(NamedTuple):
@@ -27,7 +27,7 @@ class OrnsteinUhlenbeck(NamedTuple):
 
     speed: float  # usual speed [length/s], > 0
     turn_s: float  # tau, mean time between changes of direction [s], > 0
-    sigma_v: float  # white noise of the position per axis, gathered in a second [length]
+    sigma_v: float  # white noise of the position per axis, accumulated over 1 s [length]
 
     @property
     def velocity_variance(self) -> float:

@@ -1,4 +1,4 @@
-"""The tables of trackers of everybody at once: people on the floor, what speaks for them, what happened to them.
+"""The tables of trackers of all people at once: people on the floor, what speaks for them, what happened to them.
 
 Conventions: see `tables`.
 
@@ -25,7 +25,7 @@ from .views import ViewTracks
 KINDS = ("birth", "death", "doubt", "named")
 """`kind` of an event."""
 BOX, GROUND = "box", "floor"
-"""`mode` of a row of everybody in the images: the camera has a box of the person, or the place on the floor alone."""
+"""`mode` of a row of all people in the images: the camera has a box of the person, or the position on the floor alone."""
 COASTING, SINGLE_VIEW, POSSIBLE_SWITCH, INCONSISTENT_VIEWS = "unseen", "one-view", "exchange", "contradiction"
 """Words of the column `doubt`, in the order in which they stand there."""
 
@@ -60,8 +60,8 @@ class PeopleTracks(Tracks):
     doubt: Strings = column(
         "U",
         "1",
-        "why the row is not to be believed, separated by commas; empty: no reason was found. `unseen` (no camera has a "
-        "box of the person at this time: the place is predicted), `one-view` (one camera alone has), `exchange` (the "
+        "why the row is not to be accepted, separated by commas; empty: no reason was found. `unseen` (no camera has a "
+        "box of the person at this time: the position is predicted), `one-view` (one camera alone has), `exchange` (the "
         "person may have taken another one's identity at this time; `events` says whose)",
         optional=True,
     )
@@ -71,7 +71,7 @@ class PeopleTracks(Tracks):
 class JoinedTracks(PeopleTracks):
     """Tracks of several groups of cameras brought together; every command reads them as `Tracks`.
 
-    `doubt` has `contradiction` besides, where two groups have the person in places that do not agree at this time.
+    `doubt` has `contradiction` also, where two groups have the person in places that do not agree at this time.
     """
 
     made_of: Strings = column(
@@ -84,7 +84,7 @@ class PeopleViews(ViewTracks):
     """Everybody in every image, hidden people too; every command reads them as `ViewTracks`.
 
     `mode` is `box` where the camera has a box of the person: the ellipse is inscribed in the mean of it and of the box
-    that the place on the floor lets expect, weighted by the visibility.  It is `floor` where there is the latter alone.
+    that the position on the floor lets expect, weighted by the visibility.  It is `floor` where there is the latter alone.
     """
 
     visibility: Floats = column(
@@ -100,7 +100,7 @@ class PeopleViews(ViewTracks):
 class Support(ColumnTable):
     """Which box of which camera speaks for which row of `tracks`, and how probably.
 
-    A box may be of one of several people; its probabilities sum to at most 1, and what is left is that of nobody.
+    A box may be of one of several people; its probabilities sum to at most 1, and what is left is that of no person.
     """
 
     NAME: ClassVar[str] = "support"
@@ -123,7 +123,7 @@ class Support(ColumnTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Events(ColumnTable):
-    """What happened to the identities of a tracker of everybody."""
+    """What happened to the identities of a tracker of all people."""
 
     NAME: ClassVar[str] = "events"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")

@@ -50,7 +50,7 @@ def check_edges(edges: Sequence[Floats], name: str) -> None:
 
 
 def check_ids(ids: Ints32, column: str, name: str) -> None:
-    """InputError for an identity below -1, which stands for none."""
+    """InputError for an identity below -1, which represents none."""
     if (wrong := ids < -1).any():
         row = first_row(wrong)
         raise InputError(f"{name}: row {row}: {column} {ids[row]} must be at least -1")
@@ -75,7 +75,7 @@ class Bearings(ColumnTable):
     sensor: Strings = column("U", "1", "name of the camera or array in the scene")
     target_id: Ints32 = column("i4", "1", "target the measurement belongs to; -1 = not assigned")
     seen: Bools = column("?", "1", "true: a measurement; false: the sensor looked and did not see the target")
-    bearing: Floats = column("f8", "rad", "azimuth of the sight line from +x towards +y, in [-pi, pi)", nan="not seen")
+    bearing: Floats = column("f8", "rad", "azimuth of the line of sight from +x towards +y, in [-pi, pi)", nan="not seen")
     sigma: Floats = column("f8", "rad", "standard deviation of the bearing, > 0", nan="not seen")
     u_px: Floats = column(
         "f8",
@@ -88,7 +88,7 @@ class Bearings(ColumnTable):
     elevation: Floats = column(
         "f8",
         "rad",
-        "of the sight line above the horizontal plane, in [-pi/2, pi/2]",
+        "of the line of sight above the horizontal plane, in [-pi/2, pi/2]",
         nan="not seen, or the sensor tells none",
         optional=True,
     )
@@ -162,7 +162,7 @@ class Views(ColumnTable):
     height_px: Floats = column("f8", "px", "height of the bounding box, > 0")
     area_px: Floats = column("f8", "px^2", "foreground pixels, or the box's area for a detector's box")
     bearing: Floats = column(
-        "f8", "rad", "azimuth of the sight line through the centre, in [-pi, pi)", nan="camera without pose"
+        "f8", "rad", "azimuth of the line of sight through the centre, in [-pi, pi)", nan="camera without pose"
     )
     sigma: Floats = column("f8", "rad", "standard deviation of the bearing, > 0", nan="camera without pose")
     u_px: Floats = column("f8", "px", "as in bearings", nan="camera without pose")
@@ -399,7 +399,7 @@ class Measurements(ColumnTable):
         if bad.any():
             row = first_row(bad)
             raise InputError(
-                f"Measurements: row {row}: a difference wants two stations; sensor is {str(self.sensor[row])!r} and "
+                f"Measurements: row {row}: a difference requires two stations; sensor is {str(self.sensor[row])!r} and "
                 f"reference {str(self.reference[row])!r}"
             )
 

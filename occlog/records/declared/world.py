@@ -35,7 +35,7 @@ class Occluders(ColumnTable):
     ONCE: ClassVar[bool] = True
 
     t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
-    occluder_id: Ints32 = column("i4", "1", "number of the occluder; -1 = there is none at that time")
+    occluder_id: Ints32 = column("i4", "1", "number of the occluder; -1 = missing at that time")
     x: Floats = column("f8", "m", "mean position", nan="there is none")
     y: Floats = column("f8", "m", "mean position", nan="there is none")
     cov_xx: Floats = column("f8", "m^2", "position covariance", nan="there is none")
@@ -65,7 +65,7 @@ class Hulls(ColumnTable):
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "occluder_id", "corner")
 
     t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
-    occluder_id: Ints32 = column("i4", "1", "number of the occluder; -1 = there is none at that time")
+    occluder_id: Ints32 = column("i4", "1", "number of the occluder; -1 = missing at that time")
     corner: Ints32 = column("i4", "1", "number of the corner, from 0, counter-clockwise")
     x: Floats = column("f8", "m", "position of the corner", nan="there is none")
     y: Floats = column("f8", "m", "position of the corner", nan="there is none")
@@ -89,7 +89,7 @@ class Hulls(ColumnTable):
 
 
 def _check_there(table: ColumnTable, identity: Ints32, there: Bools) -> None:
-    """InputError where an occluder has no place or a row that says "none" has one."""
+    """InputError where an occluder has no position or a row that says "none" has one."""
     if (wrong := (identity >= 0) != there).any():
         row = first_row(wrong)
         raise InputError(
@@ -124,7 +124,7 @@ class Truth(ColumnTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanMap(ColumnTable):
-    """What is expected of a filter at places spread over the floor."""
+    """What is expected of a filter at positions spread over the floor."""
 
     NAME: ClassVar[str] = "plan"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "y", "x")
@@ -133,7 +133,7 @@ class PlanMap(ColumnTable):
     x: Floats = column("f8", "m", "middle of a square of the floor")
     y: Floats = column("f8", "m", "middle of a square of the floor")
     weight: Floats = column("f8", "1", "share of the floor, or of the time that people of --paths spent there")
-    rmse: Floats = column("f8", "m", "expected root mean square error of the place of a target that walks through")
+    rmse: Floats = column("f8", "m", "expected root mean square error of the position of a target that walks through")
     rmse_error: Floats = column("f8", "m", "standard error of `rmse` by the draws of walks and crowds")
     seen_by_0: Floats = column("f8", "1", "probability that no sensor sees or hears the target")
     seen_by_1: Floats = column("f8", "1", "probability that exactly one sensor does")
@@ -141,7 +141,7 @@ class PlanMap(ColumnTable):
     no_fix: Floats = column(
         "f8",
         "1",
-        "share of the draws in which the place is known, along its worst direction, no better than half as well as "
+        "share of the draws in which the position is known, along its worst direction, no better than half as well as "
         "by the room alone",
     )
 
@@ -158,7 +158,7 @@ class PlanMap(ColumnTable):
 
 ENDED = "the path ends here"
 PATH_STATES = (*STATES, "end")
-"""Values of `state`: what decides on the direction of the next step; of the last row there is none."""
+"""Values of `state`: what decides on the direction of the next step; of the last row missing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -193,7 +193,7 @@ class RobotPath(ColumnTable):
         "least distance from obstacles since the row before, border to border; negative where they overlapped",
         nan="there are no obstacles",
     )
-    obstacle: Strings = column("U", "1", "which obstacle that was; empty if there are none")
+    obstacle: Strings = column("U", "1", "which obstacle that was; empty if missing")
 
     def check(self) -> None:
         """Times in order, known states."""

@@ -1,1 +1,1 @@
-"""Boxes of calibrated cameras to methods that follow everybody, and from these to tables."""
+"""Boxes of calibrated cameras to methods that follow all people, and from these to tables."""

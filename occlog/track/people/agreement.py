@@ -43,7 +43,7 @@ MAX_UNASSOCIATED_SHARE = 0.5
 
 
 class CameraAgreement:
-    """Counts, while moments stream by, whom each camera sees of those whom another one sees."""
+    """Counts, while time steps stream by, whom each camera sees of those whom another one sees."""
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
         """Nothing was seen yet."""
@@ -58,7 +58,7 @@ class CameraAgreement:
         self.used = np.zeros(n)
 
     def add(self, moment: TrackSnapshot, looks: Sequence[FrameDetectionsWithIds]) -> None:
-        """Count one more moment."""
+        """Count one more time step."""
         # A box of two people who touch stands in the rows of both: each takes half of it
         support = moment.support
         np.add.at(self.used, support.camera, support.probability - 0.5 * support.joint)
@@ -122,7 +122,7 @@ class CameraAgreement:
                     "warning",
                     "boxes-twice",
                     f"camera {name} reports people more than once: {tally.twice[c]} of its {whole[c]} boxes repeat "
-                    "another one of the same frame, and are left out",
+                    "another one of the same frame, and are omitted",
                     sensors=[name],
                     share=tally.twice[c] / whole[c],
                     allowed=MAX_DUPLICATE_SHARE,
@@ -132,7 +132,7 @@ class CameraAgreement:
                     BOXES,
                     "warning",
                     "boxes-outside",
-                    f"camera {name}: {tally.outside[c]} of {whole[c]} boxes lie outside the image, and are left out; "
+                    f"camera {name}: {tally.outside[c]} of {whole[c]} boxes lie outside the image, and are omitted; "
                     "is the calibration for another size of the image, or are the boxes another camera's?",
                     sensors=[name],
                     share=tally.outside[c] / whole[c],
@@ -140,7 +140,7 @@ class CameraAgreement:
                 )
 
     def _unexplained(self, tally: BoxStatistics) -> Iterator[Check]:
-        """Most boxes are of nobody who was found: the cameras stand otherwise, or the boxes are of something else."""
+        """Most boxes are of no person who was found: the cameras stand otherwise, or the boxes are of something else."""
         boxes = int(tally.boxes.sum())
         nobodys = boxes - round(float(self.used.sum()))
         if boxes < FEWEST_BOXES or not exceeds_share(nobodys, boxes, MAX_UNASSOCIATED_SHARE):
@@ -160,7 +160,7 @@ class CameraAgreement:
         )
 
     def _odd(self, tally: BoxStatistics) -> Iterator[Check]:
-        """Cameras that do not see whom the others see, unless that is because their boxes are left out."""
+        """Cameras that do not see whom the others see, unless that is because their boxes are omitted."""
         shares = self.shares
         for c, name in enumerate(self.names):
             if tally.outside[c] > tally.boxes[c]:

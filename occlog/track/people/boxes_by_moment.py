@@ -1,4 +1,4 @@
-"""Boxes of all cameras as looks, and looks of about the same time as moments."""
+"""Boxes of all cameras as looks, and looks of about the same time as time steps."""
 
 from __future__ import annotations
 
@@ -130,20 +130,20 @@ class FrameNumbers:
 def frames_without_boxes(
     chunks: Iterable[RegionFrameTimes], cameras: Mapping[str, int], numbers: dict[str, FrameNumbers] | None = None
 ) -> Iterator[FrameDetectionsWithIds]:
-    """Looks at frames that a table without rows for them leaves out: the camera looked, and nobody was detected.
+    """Looks at frames that a table without rows for them omits: the camera looked, and nobody was detected.
 
-    Their numbers are those left out between two frames of a camera, their times lie evenly between these two.  Where
+    Their numbers are those omitted between two frames of a camera, their times lie evenly between these two.  Where
     all frames of a camera are numbered in steps, numbers between two steps are of no frame.  Nothing is said of frames
     before a camera's first row and after its last.  Memory grows with the number of such gaps, not with that of the
     rows.
 
     Args:
         chunks: in the order of time.
-        cameras: place of each camera in use.
+        cameras: position of each camera in use.
         numbers: takes how the frames of each camera are numbered.
 
     Raises:
-        InputError: so many numbers are left out that they cannot be those of frames.
+        InputError: so many numbers are omitted that they cannot be those of frames.
     """
     last: dict[str, tuple[int, int]] = {}
     gaps: list[_Gap] = []
@@ -218,13 +218,13 @@ def _until(
 
 @dataclass
 class BoxStatistics:
-    """What was found while boxes stream by, by place of the camera in use.
+    """What was found while boxes stream by, by position of the camera in use.
 
     Attributes:
         frames: looks.
         boxes: of them all.
-        outside: left out: the box lies outside the image.
-        twice: left out: another box of the frame is the same.
+        outside: omitted: the box lies outside the image.
+        twice: omitted: another box of the frame is the same.
         first_ns, last_ns: times of the first and the last look; -1: none.
     """
 
@@ -255,7 +255,7 @@ def frame_detections(
 ) -> Iterator[FrameDetectionsWithIds]:
     """Looks in the order of time, and of cameras.
 
-    Boxes that lie outside the image, and boxes that another one of the same frame repeats, are left out and counted.
+    Boxes that lie outside the image, and boxes that another one of the same frame repeats, are omitted and counted.
 
     Args:
         chunks: in the order of time.
@@ -358,7 +358,7 @@ def duplicate_boxes(edges: Floats, score: Floats) -> Bools:
 
 
 def group_time_steps(looks: Iterable[FrameDetectionsWithIds], window_ns: int) -> Iterator[list[FrameDetectionsWithIds]]:
-    """Looks at most the window after the first one, unless a camera looks again, are of one moment."""
+    """Looks at most the window after the first one, unless a camera looks again, are of one time step."""
     held: list[FrameDetectionsWithIds] = []
     cameras: set[int] = set()
     for each in looks:

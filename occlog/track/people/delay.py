@@ -23,7 +23,7 @@ MIN_FRAMES = 20
 MATCH_DISTANCE_HEIGHTS = 0.15
 """A box is where a person was if its middle is this near to that of the expected box, in its heights."""
 BODY = [X, Y, HEIGHT, WIDTH]
-"""Places in a state that say where the box of somebody is expected."""
+"""Places in a state that say where the box of a person is expected."""
 MIN_ASSOCIATED_SHARE, MIN_SHARE_GAIN = 0.5, 0.2
 """An offset is told if it explains so many of the boxes, and so many more than none does and offsets usually do."""
 
@@ -59,7 +59,7 @@ class ClockOffsetSearch:
         self._looks = [_Spread() for _ in cameras]
 
     def add(self, moment: TrackSnapshot, looks: Sequence[FrameDetectionsWithIds], by: Bools) -> None:
-        """Keep one more moment; `by` (m, C) says which cameras have a box of each person."""
+        """Keep one more time step; `by` (m, C) says which cameras have a box of each person."""
         if len(self._t_ns) >= MAX_STEPS:
             return
         self._t_ns.append(moment.t_ns)
@@ -73,7 +73,7 @@ class ClockOffsetSearch:
         """Find by how many seconds what a camera shows is old; below 0: it is ahead; NaN: no other offset is better.
 
         Args:
-            camera: its place.
+            camera: its position.
             fewest: other cameras that must see a person who counts.
         """
         looks = self._looks[camera].kept

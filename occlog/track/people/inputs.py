@@ -1,4 +1,4 @@
-"""Inputs of methods that follow everybody: boxes of a recording or a table, cameras of the scene, how to go on.
+"""Inputs of methods that follow all people: boxes of a recording or a table, cameras of the scene, how to go on.
 
 How tall people are by their boxes and the cameras' poses: the unit of a scene, and calibrations that cannot be.
 """
@@ -120,17 +120,17 @@ RAISE = (
 
 
 class PeopleInput:
-    """The boxes as a stream of moments, and what must be known beforehand.
+    """The boxes as a stream of time steps, and what must be known beforehand.
 
     Attributes:
         scene: where.
         cameras: those with a pose that are used.
         notes: lines for the user.
-        tally: counts of boxes, brought up to date while moments stream by.
+        tally: counts of boxes, brought up to date while time steps stream by.
         heights: (C,) how tall people are by the first boxes of each camera; NaN: they do not tell.
         metre: how many units of length are a metre.
         config: settings of the method.
-        window_ns: looks that are this close together are of one moment.
+        window_ns: looks that are this close together are of one time step.
         regions_smoothed: the future of regions of video, which split and merge for many frames at a time, is wanted.
     """
 
@@ -194,7 +194,7 @@ class PeopleInput:
             seen = recording is not None and recording.cameras
             images = ", or follow people in the images (method bmct)" if seen else ""
             raise InputError(
-                f"{self.request.bearings}: {which}, so no place on the floor can be found; {remedy}{images}"
+                f"{self.request.bearings}: {which}, so no position on the floor can be found; {remedy}{images}"
             )
         if left:
             self.notes.append(
@@ -203,7 +203,7 @@ class PeopleInput:
             )
         if low:
             self.notes.append(
-                f"warning: on the floor (z = 0), from where no place on it can be seen, and not used: "
+                f"warning: on the floor (z = 0), from where no position on it can be seen, and not used: "
                 f"{', '.join(low)}; {RAISE}"
             )
         return tuple(used)
@@ -231,7 +231,7 @@ class PeopleInput:
                 yield each
 
     def _directions(self) -> Opened | None:
-        """The input with directions of arrival; None: there are none."""
+        """The input with directions of arrival; None: missing."""
         if self.request.doa is not None:
             opened = open_input(self.request.doa, Doa)
             if opened.made_in_a_scene:

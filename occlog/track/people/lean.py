@@ -21,11 +21,11 @@ MIN_BOXES = 50
 MIN_ASSOCIATION_PROBABILITY = 0.9
 """A box that is so probably of one person alone counts."""
 MAX_BIAS_HEIGHTS = 0.5
-"""Boxes farther off, in heights of people, count as so far in the mean: they are somebody else's."""
+"""Boxes farther off, in heights of people, count as so far in the mean: they are another person's."""
 
 
 class LateralBias:
-    """Keeps, while moments stream by, how far boxes are to the right of where their people are expected."""
+    """Keeps, while time steps stream by, how far boxes are to the right of where their people are expected."""
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
         """Nothing was seen yet."""
@@ -34,7 +34,7 @@ class LateralBias:
         self._every, self._count = [1] * len(cameras), [0] * len(cameras)
 
     def add(self, moment: TrackSnapshot, looks: Sequence[FrameDetectionsWithIds], counts: Bools) -> None:
-        """Keep one more moment; `counts` (m, C) says whose boxes in which cameras do."""
+        """Keep one more time step; `counts` (m, C) says whose boxes in which cameras do."""
         views = None
         for look in (each.look for each in looks):
             c = look.camera

@@ -1,11 +1,11 @@
-"""Tracks of everybody under the identities of a gallery of how people look.
+"""Tracks of all people under the identities of a gallery of how people look.
 
-Everybody under the identities of a gallery: tables are held back until it is known who is who.
+All people under the identities of a gallery: tables are held back until it is known who is who.
 
 Pieces of tracks, which whoever is in a gallery has one or several of, and the names that they get.
 
 A track follows one person, but where it may have been exchanged with another (a `doubt`).  There it is cut, and
-each piece gets a name of its own, so that looks put right what places could not tell.
+each piece gets a name of its own, so that looks put right what positions could not tell.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class TrackSplit(NamedTuple):
 
     track: int
     t_ns: int  # of the first look after it
-    other: int  # whose they may have taken the place of
+    other: int  # whose they may have taken the position of
 
 
 class TrackFragments(NamedTuple):
@@ -108,8 +108,8 @@ def reidentify_fragments(
     """Names of all pieces.
 
     A piece whose boxes tell is the person of the gallery whom it is most like; no two pieces at one time are one
-    person.  The others have the name of their track before or after, or, if somebody else has that at the time, that
-    which the track they may have been exchanged with had before.  What is left are tracks of nobody in the gallery,
+    person.  The others have the name of their track before or after, or, if another person has that at the time, that
+    which the track they may have been exchanged with had before.  What is left are tracks of no person in the gallery,
     with numbers above all of the gallery's.
 
     Args:
@@ -164,7 +164,7 @@ def name_probability(
     """Probability that a track of the gallery is this person.
 
     A logistic function of the margin by which its boxes are more like this person than the next, or than the least
-    likeness of a box that may be somebody's.  Its numbers were fitted (docs/explanation/appearance.md).
+    similarity of a box that may be a person's.  Its numbers were fitted (docs/explanation/appearance.md).
 
     Args:
         evidence: of tracks.
@@ -247,14 +247,14 @@ class _TrackRows(NamedTuple):
 
 
 class GalleryReidentification:
-    """Names for the tracks of everybody, by a gallery.
+    """Names for the tracks of all people, by a gallery.
 
     Attributes:
         parameters: for the provenance.
     """
 
     def __init__(self, gallery: Path, inputs: PeopleInput) -> None:
-        """Open the gallery and the images; InputError where there are none, and the boxes bring no colours."""
+        """Open the gallery and the images; InputError where missing, and the boxes bring no colours."""
         self._opened = open_input(gallery, Gallery)
         self._sides = sides_of(self._opened.read(Gallery))
         self._inputs = inputs
@@ -277,12 +277,12 @@ class GalleryReidentification:
             seen = self._decisions
             why = ", ".join(f"{name} {count}" for name, count in sorted(seen.reasons.items())) or "none"
             yield (
-                f"warning: gallery: no track is anybody's of the gallery, by {seen.decided} comparisons of "
+                f"warning: gallery: no track is any person's of the gallery, by {seen.decided} comparisons of "
                 f"{seen.boxes} boxes (suspended: {why}); `occlog label --gallery` says of each box why"
             )
 
     def figures(self) -> dict[str, object]:
-        """For the summary, once everybody has a name."""
+        """For the summary, once all people has a name."""
         return {"gallery": {**self._figures, **self._decisions.summary()}}
 
     def named(self, parts: Iterable[tuple[list[SnapshotWithDetections], SnapshotTables]]) -> Iterator[SnapshotTables]:

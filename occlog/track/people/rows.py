@@ -1,4 +1,4 @@
-"""Moments of everybody as rows of tables: tracks, support, events, and everybody in every image."""
+"""Moments of all people as rows of tables: tracks, support, events, and all people in every image."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ COVARIANCES = {
 
 
 class SnapshotWithDetections(NamedTuple):
-    """Everybody after a moment, and the looks that it was made of."""
+    """Everybody after a time step, and the looks that it was made of."""
 
     moment: TrackSnapshot
     looks: Sequence[FrameDetectionsWithIds]
 
 
 class SnapshotTables(NamedTuple):
-    """The rows of several moments; None: those of the images are not wanted."""
+    """The rows of several time steps; None: those of the images are not wanted."""
 
     tracks: PeopleTracks
     support: Support
@@ -59,7 +59,7 @@ def detection_probability_by_camera(moment: TrackSnapshot, cameras: int) -> Floa
 
 
 def tracks_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]) -> PeopleTracks:
-    """A row for each person at each moment."""
+    """A row for each person at each time step."""
     moments = [each.moment for each in seen if len(each.moment.ids)]
     if not moments:
         return PeopleTracks.empty()
@@ -107,7 +107,7 @@ def associations_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]
 
 
 def _numbers(each: SnapshotWithDetections) -> tuple[Ints, Ints]:
-    """Frame and number of the box of each row of a moment's support."""
+    """Frame and number of the box of each row of a time step's support."""
     row = np.concatenate([e.look.row for e in each.looks])
     frame = np.repeat([e.frame for e in each.looks], [len(e.box) for e in each.looks])
     order = np.argsort(row)
@@ -142,7 +142,7 @@ class TracksInViews:
         self._views = pack_views(cameras)
 
     def table(self, seen: Sequence[SnapshotWithDetections]) -> PeopleViews:
-        """A row for each person and frame of the moments, where the person's place is in the image."""
+        """A row for each person and frame of the time steps, where the person's position is in the image."""
         parts = [self._in_look(each.moment, look) for each in seen if len(each.moment.ids) for look in each.looks]
         if not parts:
             return PeopleViews.empty()

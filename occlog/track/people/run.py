@@ -1,4 +1,4 @@
-"""Run of `occlog track` with a method that follows everybody: read boxes, follow, write, and sum up."""
+"""Run of `occlog track` with a method that follows all people: read boxes, follow, write, and sum up."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .named import GalleryReidentification
 from .rows import SnapshotTables
 from .stage import PeopleTracker, Tabulator, track_people
 
-OUTSIDE, SIZES, IDENTITIES = "boxes left out at ingest", "sizes of people", "expected identity switches"
+OUTSIDE, SIZES, IDENTITIES = "boxes omitted at ingest", "sizes of people", "expected identity switches"
 FRAMES, SMOOTHED, FOUND = "numbers of the frames", "errors of regions", "number of people"
 """Names of checks."""
 UNSIZED = "too few boxes are whole to compare cameras"
@@ -33,7 +33,7 @@ SWITCHES_PER_TARGET_NOTE, SWITCHES_PER_TARGET_WARNING = 0.2, 0.5
 MIN_SUCCESSIVE_SHARE, MIN_PAIRS = 0.02, 50
 """Share of frames with boxes that follow the one numbered before them that is suspicious, of so many frames."""
 MAX_SKIPPED_SHARE = 0.2
-"""Share of a camera's boxes that were left out before, as they lie outside its image, that matters."""
+"""Share of a camera's boxes that were omitted before, as they lie outside its image, that matters."""
 
 
 class PeopleSummary:
@@ -49,7 +49,7 @@ class PeopleSummary:
         self.events: Counter[str] = Counter()
 
     def add(self, part: SnapshotTables) -> None:
-        """Count some more moments."""
+        """Count some more time steps."""
         self.people.update(part.tracks.target_id.tolist())
         self.rows += len(part.tracks)
         self.times += len(np.unique(part.tracks.t_ns))
@@ -136,7 +136,7 @@ class PeopleSummary:
             yield finding(FOUND, "note", "nobody", "nobody was found: the tracks are empty")
 
     def _lost(self) -> Iterator[Check]:
-        """Cameras of which many boxes were left out when the recording was made."""
+        """Cameras of which many boxes were omitted when the recording was made."""
         tally = self.inputs.tally
         kept = tally.boxes + tally.outside + tally.twice
         for c, name in enumerate(self.inputs.names):
@@ -148,7 +148,7 @@ class PeopleSummary:
                     OUTSIDE,
                     "warning",
                     "boxes-outside",
-                    f"camera {name}: {lost} of {whole} boxes lie outside the image, and were left out when the "
+                    f"camera {name}: {lost} of {whole} boxes lie outside the image, and were omitted when the "
                     f"recording was made (allowed: {MAX_SKIPPED_SHARE:.0%}); is the calibration for another size "
                     "of the image, or "
                     "are the boxes another camera's?",
@@ -184,7 +184,7 @@ class PeopleSummary:
                 "warning" if each >= SWITCHES_PER_TARGET_WARNING else "note",
                 "identities-doubtful",
                 f"where people met identities may have been exchanged, some {self.exchanges:.1f} times ({each:.2f} for "
-                f"each person who is there at a time; a warning from {SWITCHES_PER_TARGET_WARNING:g} on): places "
+                f"each person who is there at a time; a warning from {SWITCHES_PER_TARGET_WARNING:g} on): positions "
                 "hold, who is who may "
                 "not; --events says who, when and how probably",
                 switches=round(self.exchanges, 1),
@@ -208,7 +208,7 @@ class PeopleSummary:
 
 
 def run_track_people(request: TrackPeopleRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Follow everybody and write; return the summary, and what had been lost before."""
+    """Follow all people and write; return the summary, and what had been lost before."""
     inputs = PeopleInput(request)
     for line in inputs.notes:
         job.note(line)

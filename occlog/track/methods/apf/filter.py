@@ -11,7 +11,7 @@ Departures from the paper, each with its reason:
 * what goes wrong is mended and reported: `sir` when no expected position agrees with the
   scan (stage 1 is skipped), `restart` when no particle does, or when most sensors
   contradict even the best particle in several scans, `gap` after too long a time without
-  scans.  In both of these particles are drawn anew over the whole floor.
+  scans.  In both of these particles are resampled over the whole floor.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class ApfState(NamedTuple):
     particles: WaypointParticles
     weights: Floats  # (L,)
     t_ns: int | None
-    astray: int  # reports against the likeliest place more than for it, see `_track_loss`
+    astray: int  # reports against the likeliest position more than for it, see `_track_loss`
     calibration: PoseCalibration | None = None  # None: errors of poses are white noise
     trace: Trace = ()  # what the last step leaves for the way back; none where nothing looks back
 
@@ -117,7 +117,7 @@ def step(state: ApfState, scan: Scan, rng: Generator) -> tuple[ApfState, Estimat
 
 
 def _with_occluder_priors(model: ApfModel, priors: Priors, state: ApfState) -> ApfModel:
-    """The model with what is known about moving occluders; priors of the target itself are left out."""
+    """The model with what is known about moving occluders; priors of the target itself are omitted."""
     config = model.config
     if config.own_gate > 0.0 and state.t_ns is not None:
         priors = without_own(priors, *mean_and_covariance(state.weights, state.particles.xy), config.own_gate)
@@ -167,7 +167,7 @@ def _last(model: ApfModel, draw: ProposedParticles, dt: float) -> Trace:
 
 
 def _begin(model: ApfModel, looks: PackedScan, reason: str, rng: Generator) -> tuple[ProposedParticles, Trace]:
-    """Particles drawn anew: all over the floor, or, without a room, where the scan says."""
+    """Particles resampled: all over the floor, or, without a room, where the scan says."""
     draw = reinitialise(model, looks, rng)._replace(fallback=reason)
     return draw, _last(model, draw, 0.0)
 

@@ -109,7 +109,7 @@ def choose(
 
     Args:
         cloud: where the target is thought to be.
-        priors: of the moving occluders; None: they are left out of account.
+        priors: of the moving occluders; None: they are excluded from account.
         net: the cameras.
         config: how to select.
         rng: for `random`.
@@ -182,7 +182,7 @@ PRIOR_VISIBILITY = 0.8
 MAX_DETECTION_PROBABILITY = 0.9
 """Probabilities of detection above this count as this when a camera looks in vain."""
 RESTART_FALLBACKS = ("restart", "gap")
-"""Values of `fallback` of estimates of a filter that has begun anew."""
+"""Values of `fallback` of estimates of a filter that has restarted."""
 MIN_CAMERAS_TO_LOCALISE = 2
 """Cameras that see a target tell where it is."""
 FOREVER_NS = 2.0**63
@@ -249,10 +249,10 @@ class Selector(Generic[State, Config]):
         self._memory_s = selection.every * prediction.step_s(config)
 
     def update(self, own: TargetFilter[State], t_ns: int, priors: Priors | None) -> TargetFilter[State]:
-        """The filter with the cameras to use at a time, selected anew where that is due.
+        """The filter with the cameras to use at a time, reselected where that is due.
 
         Until two cameras have seen the target at once nobody knows where it is, and all of them are asked: cameras that
-        are selected for a cloud all over the place would leave it there.  With priors of the moving occluders, or
+        are selected for a cloud all over the position would leave it there.  With priors of the moving occluders, or
         without patience, [Ercan] Alg. 3 selects from the first scan on.
         """
         patience = self._patience
@@ -274,7 +274,7 @@ class Selector(Generic[State, Config]):
     def learned(self, own: TargetFilter[State], scan: Scan, estimate: Estimate) -> TargetFilter[State]:
         """The filter with what its cameras saw in a scan.
 
-        A camera that looked in vain less probably has the target in plain view, by Bayes' rule: somebody or something
+        A camera that looked in vain less probably has the target in plain view, by Bayes' rule: a person or something
         hides it there.  The probability goes back to `PRIOR_VISIBILITY` within the time between selections.  With
         priors of the moving occluders these say who hides the target, and nothing is learned.
         """

@@ -1,4 +1,4 @@
-"""Where lines of sight meet: a position from the bearings of one moment alone ([Lenth] 1981).
+"""Where lines of sight meet: a position from the bearings of one time step alone ([Lenth] 1981).
 
 Lenth, R. V. (1981), On finding the source of a signal, Technometrics 23(2):149-154.  Bearings
 have von Mises errors of one concentration kappa, which is found from their residuals; where the
@@ -19,7 +19,7 @@ A position from bearings of which some may be false: the modes of a mixture like
 Each bearing is true, with a Gaussian error of its stated standard deviation, or false, and then from anywhere; at
 `bend` standard deviations both are as likely.  The likelihood of a position has a mode wherever enough bearings agree.
 All of them are looked for, from where each two lines cross, by Gauss and Newton with reweighting.  The estimate is the
-highest mode.  Its covariance is the second moment of all modes about it, by their heights, so that it is wide where it
+highest mode.  Its covariance is the second time step of all modes about it, by their heights, so that it is wide where it
 cannot be told which bearing is false.  (Volumes do not count: lines that are next to parallel would meet at infinity.)
 
 Few residuals tell little of the errors' scale: they are pooled with what is stated, which counts as much as
@@ -359,7 +359,7 @@ def _with_distances(xy: Floats, covariance: Floats, believed: Floats, places: Fl
     """(M, 2, 2) covariances that know how uncertain the distance of each sensor is.
 
     An error of the bearing puts the target aside by that times the distance, whose mean square is the estimate's plus
-    its variance along the sight line.  Where that is large, as for sight lines that are nearly parallel, a mode
+    its variance along the line of sight.  Where that is large, as for lines of sight that are nearly parallel, a mode
     next to a sensor would else seem sharp, since little is between them.
     """
     away = xy[:, None, :] - places[None]
@@ -371,7 +371,7 @@ def _with_distances(xy: Floats, covariance: Floats, believed: Floats, places: Fl
 
 
 def spread_of(found: Modes, *, pooled: bool) -> Floats:
-    """(2, 2) second moment of all modes about the first, with scales that are pooled or as stated."""
+    """(2, 2) second time step of all modes about the first, with scales that are pooled or as stated."""
     factor = np.ones(len(found.xy))
     if pooled:
         squares = np.einsum("mn,mn->m", found.believed, np.minimum(found.residual**2, 1e6))

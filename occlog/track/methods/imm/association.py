@@ -22,7 +22,7 @@ from occlog.core.numerics.jit import kernel
 from occlog.core.sight.camera import wrap_angle
 
 MAX_JOINT_EVENTS = 50_000
-"""Of targets that share bearings at most so many events are summed; then the least likely bearings are left out."""
+"""Of targets that share bearings at most so many events are summed; then the least likely bearings are omitted."""
 MIN_DENSITY_TO_CLUTTER_RATIO = 1e-9
 """A bearing whose density for a target is below this share of the clutter's cannot be the target's: without this
 gate all targets would share all bearings."""
@@ -187,7 +187,7 @@ def _clusters(possible: Bools) -> list[Ints]:
 def _groups(possible: Bools, ratio: Floats) -> list[tuple[Ints, Bools]]:
     """Targets to be gone through together, and what is possible of them: no more than MOST_EVENTS events each.
 
-    Where there are more, the least likely bearing of a target that has others is left out, which
+    Where there are more, the least likely bearing of a target that has others is omitted, which
     parts targets sooner or later; a target's last bearing goes only if none has another.
     """
     left, found = _clusters(possible), []

@@ -70,7 +70,7 @@ def measured_errors(errors: Floats, places: Floats, sensor: Floats, angles: Floa
     Args:
         errors: (12, 12) before.
         places: (3, 2) of the target on each plane's axes.
-        sensor: (3,) its place.
+        sensor: (3,) its position.
         angles: (3, 3) covariance of its projected angles.
         used: (3,) the planes that took it in.
     """
@@ -264,7 +264,7 @@ def _filled(found: list[tuple[int, int]], before: Pair) -> Pair:
 
 
 def nearest_rows(heard: ScanDirections, angles: ProjectedAngles, near: Floats) -> Ints:
-    """(N,) row of each sensor that points nearest to a place; -1 for a sensor that saw nothing."""
+    """(N,) row of each sensor that points nearest to a position; -1 for a sensor that saw nothing."""
     first = heard.sights.first
     to = near - heard.sights.position
     away = -np.einsum("ri,ri->r", angles.toward, to) / np.maximum(np.linalg.norm(to, axis=1), 1e-300)
@@ -311,7 +311,7 @@ def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances:
     """(L,) log likelihoods of a scan for (2, L) places in a plane, up to a constant.
 
     Args:
-        ab: places.
+        ab: positions.
         own: what the scan tells in the plane.
         heard: the scan.
         chances: see `occlog.track.methods.in_space.kernels.likelihood.scan_log_likelihood`.

@@ -1,4 +1,4 @@
-"""What speaks for an identity beside the place: scores, hints of single-camera trackers, appearance.
+"""What speaks for an identity beside the position: scores, hints of single-camera trackers, appearance.
 
 A cue counts as far as it has told boxes apart so far: its values are kept for boxes that were surely right and for
 those that were surely not, as two normal distributions, and the log of their ratio is what it adds.  A cue that is
@@ -25,12 +25,12 @@ FEATURE_HALF_WEIGHT_BOXES = 30.0
 MAX_LOG_FEATURE_RATIO = 3.0
 """Greatest log of a likelihood ratio of a cue."""
 MIN_FEATURE_SIGMA = 0.02
-"""Of a score or a likeness."""
+"""Of a score or a similarity."""
 LOG_RATIO_SAME_TRACKLET, LOG_RATIO_OTHER_TRACKLET = math.log(20.0), math.log(0.3)
 """Log-likelihood ratios of a box with the hint that the person had last in this camera, and of one with the hint that
-somebody else had: trackers of one camera keep an identity mostly, and lose some."""
+another person had: trackers of one camera keep an identity mostly, and lose some."""
 MIN_ASSOCIATION_TO_LEARN, MIN_CLUTTER_TO_LEARN = 0.9, 0.9
-"""A box is surely somebody's, or nobody's, from this probability on."""
+"""A box is surely a person's, or nobody's, from this probability on."""
 APPEARANCE_LEARNING_RATE = 0.1
 """Weight of a new box in a person's appearance."""
 
@@ -39,8 +39,8 @@ APPEARANCE_LEARNING_RATE = 0.1
 class AssociationFeatures:
     """Sums over boxes seen so far, and the appearance of people."""
 
-    score: Floats  # (2, 3) count, sum, sum of squares: boxes of people, boxes of nobody
-    likeness: Floats  # (2, 3) the same of likenesses: to the same person, to others
+    score: Floats  # (2, 3) count, sum, sum of squares: boxes of people, clutter boxes
+    likeness: Floats  # (2, 3) the same of similarities: to the same person, to others
     key: Ints  # (N,) people whom the rest is of
     hint: Ints  # (N, C) last hint in each camera; NOBODY: none
     appearance: Floats  # (N, K) running mean; NaN: none
@@ -110,7 +110,7 @@ SUM_SLACK = 0.01
 
 
 def unit_vectors(appearance: Floats, histograms: bool) -> Floats:
-    """Vectors (.., K) of length 1 whose products are likenesses: roots of histograms, or the vectors; NaN: none."""
+    """Vectors (.., K) of length 1 whose products are similarities: roots of histograms, or the vectors; NaN: none."""
     out = np.sqrt(appearance) if histograms else appearance
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(out / np.linalg.norm(out, axis=-1, keepdims=True))
@@ -129,7 +129,7 @@ def are_histograms(*appearance: Floats) -> bool:
 
 
 def similarity(gallery: Floats, boxes: Floats) -> Floats:
-    """(N, M) likeness of (N, K) appearances of people to (M, K) of boxes; NaN: one of them has none.
+    """(N, M) similarity of (N, K) appearances of people to (M, K) of boxes; NaN: one of them has none.
 
     Bhattacharyya's coefficient of histograms, the cosine of other vectors.
     """
@@ -142,12 +142,12 @@ def similarity(gallery: Floats, boxes: Floats) -> Floats:
 def log_feature_ratios(
     cues: AssociationFeatures, people: TargetSet, looks: list[FrameDetections], dimension: int
 ) -> tuple[Floats, Floats]:
-    """(N, M) logs of likelihood ratios of boxes for people, and (M,) of boxes being of anybody, by the cues.
+    """(N, M) logs of likelihood ratios of boxes for people, and (M,) of boxes being of any person, by the cues.
 
     Args:
         cues: what is known of the people in `Cues.key`.
         people: N people, the same or more.
-        looks: of the moment.
+        looks: of the time step.
         dimension: K of the boxes' appearance; 0: they have none.
     """
     M = sum(len(look.boxes) for look in looks)
@@ -178,12 +178,12 @@ def update_features(
     free: Floats,
     sure: Bools,
 ) -> AssociationFeatures:
-    """The cues after one more moment.
+    """The cues after one more time step.
 
     Args:
         cues: before.
         people: N people after the update.
-        looks: of the moment.
+        looks: of the time step.
         dimension: K of the boxes' appearance.
         share: (N, M) probabilities that boxes are of people.
         free: (M,) that they are of none.
@@ -204,7 +204,7 @@ def update_features(
             seen = appearance_of(look, dimension)
             like = similarity(gallery, seen)
             _add(alike[SAME_TARGET], like[mine])
-            # Others: the boxes that are surely of somebody else
+            # Others: the boxes that are surely of another person
             _add(alike[OTHER_TARGET], like[(~mine) & mine.any(axis=0) & sure[:, None]])
             new = seen[box]
             old = gallery[person]

@@ -1,17 +1,17 @@
-"""What is learned of detectors and people on the way: of detection, boxes of nobody, leaving, turning and bending.
+"""What is learned of detectors and people on the way: of detection, clutter boxes, leaving, turning and bending.
 
 Everything begins with a prior that is worth a few boxes, so that one set of defaults serves detectors of all kinds.
 
 What is learned of the errors of boxes: noise, each camera's biases, errors that last, and the sway of bodies.
 
-All of it comes from how far the cameras of one moment disagree (`kernels.disagreement`), never from residuals against
+All of it comes from how far the cameras of one time step disagree (`kernels.disagreement`), never from residuals against
 the filter's prediction, which hold its own lag:
 
 * noise of middles and sizes, y = a + b size^2, by weighted least squares of the squared disagreements;
 * biases of each camera, by a scalar Kalman filter each;
 * the part that lasts, s^2 exp(-t / LASTS_S), from the products of a person's disagreements at successive looks of a
   camera;
-* sway, an error of the place that all cameras share and that is new at every moment: with z the places that moments
+* sway, an error of the position that all cameras share and that is new at every time step: with z the positions that time steps
   alone say, at equal intervals, and d_k = z_k - 2 z_{k-1} + z_{k-2}, white acceleration leaves d_k and d_{k-2}
   uncorrelated, so that E d_k d_{k-2} is the variance of the error of z_{k-2}.
 """
@@ -49,7 +49,7 @@ PRIOR_CHANGES = 200.0
 MAX_NOISE_CORRELATION = 0.9
 MAX_CORRELATED_NOISE = 0.06
 GAIT_SIGMA_RANGE = (0.03, 0.12)
-"""Nobody's place is a point: feet and head sway about it [m]."""
+"""Nobody's position is a point: feet and head sway about it [m]."""
 MAX_CHANGE_PRODUCT_M2 = 0.2
 """Products of changes count at most so much [m^2]: an exchange of people is not their sway."""
 MIN_KEPT_SHARE = 0.3
@@ -73,7 +73,7 @@ class EdgeErrorStatistics:
     lasting: Floats  # (2,) sums of products and of their weights
     sway: Floats  # (2,) the same
     before: dict[tuple[int, int], tuple[int, Floats]]  # by person and camera: time, last disagreement of middles
-    path: dict[int, tuple[tuple[int, Floats, float], ...]]  # by person: time, place, variance of the last five moments
+    path: dict[int, tuple[tuple[int, Floats, float], ...]]  # by person: time, position, variance of the last five time steps
     changes: Floats  # (2,) squared changes of disagreements over two looks, and over one
     last: dict[
         tuple[int, int], tuple[tuple[int, Floats], ...]
@@ -122,7 +122,7 @@ def correlated_noise(edges: EdgeErrorStatistics) -> float:
 
 
 def gait_variance(edges: EdgeErrorStatistics) -> float:
-    """Variance of the place that a body shows at a moment about the one where it walks."""
+    """Variance of the position that a body shows at a time step about the one where it walks."""
     return float(np.clip(edges.sway[0] / edges.sway[1], *(np.array(GAIT_SIGMA_RANGE) * edges.metre) ** 2))
 
 
@@ -145,11 +145,11 @@ def update_edge_errors(
     owner: Ints,
     lasts: Floats,
 ) -> EdgeErrorStatistics:
-    """The sums with one more moment.
+    """The sums with one more time step.
 
     Args:
         edges: before.
-        t_ns: time of the moment.
+        t_ns: time of the time step.
         boxes: of it.
         found: how far its cameras disagree.
         key: (N,) of people.
@@ -262,14 +262,14 @@ def _gait_variance(edges: EdgeErrorStatistics, t_ns: int, found: BoxDisagreement
             late, early = z[4] - 2.0 * z[3] + z[2], z[2] - 2.0 * z[1] + z[0]
             product = float(np.mean(np.clip(late * early, -most, most)))
             sums += (product - now[2][2], 1.0)
-    # People who were not seen well at this moment begin anew
+    # People who were not seen well at this time step restart
     return replace(edges, sway=sums, path=path)
 
 
 def reliable_boxes(
     boxes: PackedDetections, owner: Ints, share: Floats, visible: Floats, sure: Bools, least: float
 ) -> Bools:
-    """(M,) boxes that teach: whole, surely of somebody who surely exists and is in plain view.
+    """(M,) boxes that teach: whole, surely of a person who surely exists and is in plain view.
 
     Args:
         boxes: M boxes of L looks.
@@ -290,15 +290,15 @@ def reliable_boxes(
 
 
 MIN_ASSOCIATION_TO_LEARN = 0.7
-"""A box teaches if it is somebody's with this probability."""
+"""A box teaches if it is a person's with this probability."""
 
 
 DETECTION_BY_VISIBILITY = np.array([0.02, 0.1, 0.4, 0.8, 0.95, 1.0])
 """At first: probability of detection at the visible shares 0, 0.2, .. 1, against that in plain view."""
 PRIOR_FRAMES = 10.0
-"""The first rates of detection and of boxes of nobody are worth so many looks."""
+"""The first rates of detection and of clutter boxes are worth so many looks."""
 PRIOR_CURVE = 20.0
-"""The first curve is worth so many people at each of its places."""
+"""The first curve is worth so many people at each of its positions."""
 PRIOR_TRUNCATED = (2.0, 4.0)
 """At first every other box ends where the cover of the feet begins."""
 PRIOR_MERGES = (0.5, 10.0)
@@ -308,38 +308,38 @@ PRIOR_OUTLIER_EDGES = (1.0, 50.0)
 PRIOR_MANOEUVRES = 5.0
 """The first rate of manoeuvres is worth so many of them."""
 PRIOR_POSTURE_CHANGES = 2.0
-"""The first rate of bending is worth so many times that somebody bent."""
+"""The first rate of bending is worth so many times that a person bent."""
 PRIOR_TERMINATIONS = 2.0
 """The first rate of leaving is worth so many who left."""
 PRIOR_PERSISTENT_CLUTTER = (1.0, 4.0)
-"""At first so many of so many boxes of nobody are there again at the camera's next look."""
+"""At first so many of so many clutter boxes are there again at the camera's next look."""
 MAX_PERSISTENT_CLUTTER = 0.95
-"""Boxes of nobody are there again at most so probably."""
+"""Boxes of no person are there again at most so probably."""
 MAX_LOG_CLUTTER_RATIO = 50.0
 """Greatest log of a density against that of a box anywhere."""
 MIN_CLUTTER_PROBABILITY = 0.05
-"""Boxes that are of nobody with a lower probability are not looked for again."""
+"""Boxes that are of no person with a lower probability are not looked for again."""
 MIN_EXISTENCE_TO_LEARN, MIN_VISIBILITY_TO_LEARN = 0.9, 0.85
 """Those teach who exist this surely; in plain view they are visible to this share."""
 DETECTION_RANGE = (0.05, 0.98)
 MAX_MERGE_PROBABILITY = 0.9
-"""Of the pairs who touch in an image not more than this share is believed to be one box there."""
+"""Of the pairs who touch in an image not more than this share is accepted to be one box there."""
 
 
 @dataclass(frozen=True)
 class DetectorStatistics:
-    """Sums over boxes and people seen so far, priors included; C cameras, K places of the curve."""
+    """Sums over boxes and people seen so far, priors included; C cameras, K positions of the curve."""
 
     detected: Floats  # (C, 2) people in plain view: detected, all
-    clutter: Floats  # (C, 2) boxes of nobody, looks
+    clutter: Floats  # (C, 2) clutter boxes, looks
     curve: Floats  # (K, 2) detected, expected in plain view
     cuts: Floats  # (2,) boxes that end where the cover of the feet begins, boxes of people whose feet are covered
     merges: Floats  # (C, 2) pairs who touch in the image: in one box, of whom there is a box
     wrong: Floats  # (2,) boxes with a wrong edge, all boxes
-    again: Floats  # (C, 2) boxes of nobody that are there again at the next look, boxes of nobody
+    again: Floats  # (C, 2) clutter boxes that are there again at the next look, clutter boxes
     left: Floats  # (2,) people who left, person-seconds
     turned: Floats  # (2,) manoeuvres begun, seconds of calm motion
-    bent: Floats  # (2,) times that somebody bent, person-seconds upright
+    bent: Floats  # (2,) times that a person bent, person-seconds upright
 
 
 def prior_statistics(cameras: int, config: JipdaConfig) -> DetectorStatistics:
@@ -393,12 +393,12 @@ def termination_rate(counts: DetectorStatistics) -> float:
 
 
 def manoeuvre_rate(counts: DetectorStatistics) -> float:
-    """How often in a second somebody who walks on begins to manoeuvre."""
+    """How often in a second a person who walks on begins to manoeuvre."""
     return float(counts.turned[0] / counts.turned[1])
 
 
 def posture_change_rate(counts: DetectorStatistics) -> float:
-    """How often in a second somebody bends, falls, lies down or gets up."""
+    """How often in a second a person bends, falls, lies down or gets up."""
     return float(counts.bent[0] / counts.bent[1])
 
 
@@ -408,36 +408,36 @@ def clutter_rate(counts: DetectorStatistics) -> Floats:
 
 
 class Clutter(NamedTuple):
-    """Boxes of a camera's last look that may be of nobody."""
+    """Boxes of a camera's last look that may be of no person."""
 
     box: Floats  # (n, 4)
-    free: Floats  # (n,) probability that they are of nobody
+    free: Floats  # (n,) probability that they are of no person
 
 
 def no_clutter() -> Clutter:
-    """No box of nobody."""
+    """No clutter box."""
     return Clutter(np.zeros((0, 4)), np.zeros(0))
 
 
 def persistent_clutter_rate(counts: DetectorStatistics) -> Floats:
-    """(C,) probability that a box of nobody is there again at the camera's next look."""
+    """(C,) probability that a clutter box is there again at the camera's next look."""
     return np.asarray(np.minimum(counts.again[:, 0] / counts.again[:, 1], MAX_PERSISTENT_CLUTTER))
 
 
 def persistent_clutter_density(
     boxes: PackedDetections, before: Sequence[Clutter], again: Floats, noise: Floats, size: Floats
 ) -> Floats:
-    """Expect boxes of nobody where the camera's last look had some: a shadow or a post is there again.
+    """Expect clutter boxes where the camera's last look had some: a shadow or a post is there again.
 
     Args:
-        boxes: of the moment, M of L looks.
+        boxes: of the time step, M of L looks.
         before: of each camera.
-        again: (C,) probability that a box of nobody is there again.
+        again: (C,) probability that a clutter box is there again.
         noise: (4, 2) variances as in `Rates.noise`.
         size: (C, 2) width and height of the images [px].
 
     Returns:
-        (M,) expected number of such boxes, as `exp(Boxes.clutter)` is that of boxes of nobody anywhere.
+        (M,) expected number of such boxes, as `exp(Boxes.clutter)` is that of clutter boxes anywhere.
     """
     out = np.zeros(len(boxes.box))
     for look, c in enumerate(boxes.camera.tolist()):
@@ -464,7 +464,7 @@ def _centres_and_sizes(box: Floats) -> Floats:
 
 
 def blind_frames(boxes: PackedDetections, existence: Floats, detection: Floats) -> Bools:
-    """(L,) looks without any box that are more probably blind than that they missed everybody.
+    """(L,) looks without any box that are more probably blind than that they missed all people.
 
     Args:
         boxes: of L looks.
@@ -485,7 +485,7 @@ def update_statistics(
     rates: DetectorModel,
     result: JipdaResult,
 ) -> DetectorStatistics:
-    """The sums with the boxes of one more moment; boxes of nobody are counted elsewhere, when births are known."""
+    """The sums with the boxes of one more time step; clutter boxes are counted elsewhere, when births are known."""
     detected, curve, merges = counts.detected.copy(), counts.curve.copy(), counts.merges.copy()
     sure = people.existence > MIN_EXISTENCE_TO_LEARN
     last = len(curve) - 1
@@ -499,7 +499,7 @@ def update_statistics(
         plain = sure & (visible > MIN_VISIBILITY_TO_LEARN)
         detected[c] += (hit[plain].sum(), apart[plain].sum())
         merges[c] += result.merges[look]
-        # The curve, with each person's weight between two of its places
+        # The curve, with each person's weight between two of its positions
         seen = np.flatnonzero(sure & (visible > 0.0))
         at = visible[seen] * last
         k = np.minimum(at.astype(np.int64), last - 1)

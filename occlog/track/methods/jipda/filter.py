@@ -1,4 +1,4 @@
-"""The filter of everybody at once: predict, associate in all images jointly, update, begin and end people.
+"""The filter of all people at once: predict, associate in all images jointly, update, begin and end people.
 
 Joint integrated probabilistic data association (Musicki and Evans 2004) with the marginals of belief propagation
 (Williams and Lau 2014), in the images of all cameras; what hides whom is expected from the people themselves.
@@ -86,11 +86,11 @@ MAX_PREDICTION_S = 86_400.0
 MIN_BOXES_TO_CONFIRM = 1.5
 """Nobody is confirmed by fewer boxes."""
 MIN_ASSOCIATION_PROBABILITY = 0.05
-"""Boxes that are somebody's with a lower probability are not named."""
+"""Boxes that are a person's with a lower probability are not named."""
 EXCLUSION_INTERVAL_NS = 50_000_000
 """People are kept apart once in so long [ns] at most: cameras that look one after another tell nothing anew of it."""
 UNTRACKED_TO_CLUTTER_RATIO = 0.1
-"""Boxes of people who are not tracked, against those of nobody, before births are looked at."""
+"""Boxes of people who are not tracked, against those of no person, before births are looked at."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class JipdaState:
     views: PackedCameras
     config: JipdaConfig
     metre: float  # in the scene's unit
-    t_ns: int | None  # of the last moment; None: nothing was seen yet
+    t_ns: int | None  # of the last time step; None: nothing was seen yet
     people: TargetSet
     counts: DetectorStatistics
     edges: EdgeErrorStatistics
@@ -117,7 +117,7 @@ def initial_state(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) 
 
     Args:
         scene: what does not move.
-        cameras: those that will look, with poses in space; a look names one by its place here.
+        cameras: those that will look, with poses in space; a look names one by its position here.
         config: settings in the scene's unit.
     """
     # In a unit of its own the settings say how long a metre is: people are 1.7 m tall
@@ -147,11 +147,11 @@ def initial_state(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) 
 
 
 def step(state: JipdaState, looks: Sequence[FrameDetections]) -> tuple[JipdaState, TrackSnapshot]:
-    """Everybody after the looks of one moment.
+    """Everybody after the looks of one time step.
 
     Args:
-        state: after the moment before; it stays as it is.
-        looks: at least one; their times may differ by little, and the latest is the moment's.
+        state: after the time step before; it stays as it is.
+        looks: at least one; their times may differ by little, and the latest is the time step's.
     """
     config = state.config
     t_ns = max(look.t_ns for look in looks)
@@ -301,7 +301,7 @@ def step(state: JipdaState, looks: Sequence[FrameDetections]) -> tuple[JipdaStat
 
 
 def pack_detections(state: JipdaState, looks: Sequence[FrameDetections], t_ns: int) -> PackedDetections:
-    """The looks of a moment for the kernels."""
+    """The looks of a time step for the kernels."""
     box = np.concatenate([look.boxes for look in looks]).reshape(-1, 4).astype(np.float64)
     camera = np.array([look.camera for look in looks], dtype=np.int64)
     count = [len(look.boxes) for look in looks]
@@ -325,10 +325,10 @@ def _update_clutter(
 
     Args:
         counts: before.
-        boxes: of the moment.
-        free: (M,) probability that a box is of nobody.
+        boxes: of the time step.
+        free: (M,) probability that a box is of no person.
         before: (M,) probability that it was there at the camera's last look, too.
-        last: boxes of nobody of each camera's last look.
+        last: clutter boxes of each camera's last look.
     """
     clutter, again = counts.clutter.copy(), counts.again.copy()
     for look, c in enumerate(boxes.camera.tolist()):

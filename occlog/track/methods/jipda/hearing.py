@@ -1,7 +1,7 @@
 """Directions of arrival in the same state: who speaks is heard where no camera shows them, and keeps their identity.
 
-A direction is of one person or of nobody, and a person is heard in at most one direction of an array at a time: the
-marginals are those of boxes (Williams and Lau 2014).  Nobody is born of a sound, and who is silent is still there.
+A direction is of one person or of no person, and a person is heard in at most one direction of an array at a time: the
+marginals are those of boxes (Williams and Lau 2014).  Nobody is initiated of a sound, and who is silent is still there.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from .people import MIN_EXISTENCE_COMPLEMENT, update
 SPEECH_PROBABILITY = 0.1
 """Probability that a person speaks and is heard, at a time at which the array hears something."""
 DOA_CLUTTER_RATE = 0.3
-"""Expected number of directions of nobody at such a time, from anywhere around."""
+"""Expected number of directions of no person at such a time, from anywhere around."""
 GATE_SIGMAS = 4.0
 """Standard deviations beyond which a direction is not a person's."""
 MIN_ARRAY_DISTANCE_HEIGHTS = 0.3
-"""Nearer to the array than so many heights of people a direction says nothing of the place."""
+"""Nearer to the array than so many heights of people a direction says nothing of the position."""
 MIN_PROBABILITY_HEARD = 0.5
-"""A person who is so probably heard is known to be somewhere, whether a camera shows the place or not."""
+"""A person who is so probably heard is known to be somewhere, whether a camera shows the position or not."""
 
 
 def update_by_directions(state: JipdaState, heard: DirectionsOfArrival, array: MicrophoneArray) -> JipdaState:
-    """Everybody after the directions that an array heard between two moments.
+    """Everybody after the directions that an array heard between two time steps.
 
     Args:
-        state: after the moment before; it stays as it is, and keeps its time: the people are compared with the
+        state: after the time step before; it stays as it is, and keeps its time: the people are compared with the
             directions where they walk on to.
         heard: at or after the time of the state.
         array: that heard them.

@@ -1,7 +1,7 @@
-"""What goes into the filter of many people and what comes out: looks of cameras in, moments of everybody out.
+"""What goes into the filter of many people and what comes out: looks of cameras in, time steps of all people out.
 
-The filter (`filter.begin`, `filter.step`) takes the looks of one moment at a time, in the order of their times.  Batch
-association (`--smooth`, `--lag`) takes all looks and the filter's moments, and gives moments anew.  Neither knows
+The filter (`filter.begin`, `filter.step`) takes the looks of one time step at a time, in the order of their times.  Batch
+association (`--smooth`, `--lag`) takes all looks and the filter's time steps, and gives time steps anew.  Neither knows
 tables: a box is known by the row that it has in its table.
 
 Lengths are in the scene's unit, times in nanoseconds or seconds as said, pixels are those of the image as recorded
@@ -37,7 +37,7 @@ class FrameDetections(NamedTuple):
     score: Floats  # (n,) confidence of the detector, 0 to 1; NaN: none
     hint: Ints  # (n,) identity >= 0 that a single-camera tracker gave; NOBODY: none
     appearance: Floats  # (n, K) histogram or embedding; NaN: none of this box; (n, 0): none at all
-    row: Ints  # (n,) place of the box in its table
+    row: Ints  # (n,) position of the box in its table
 
 
 class DirectionsOfArrival(NamedTuple):
@@ -70,7 +70,7 @@ class Event(NamedTuple):
 
 
 class TrackSnapshot(NamedTuple):
-    """Everybody after the looks of one moment; m people, C cameras."""
+    """Everybody after the looks of one time step; m people, C cameras."""
 
     t_ns: int
     ids: Ints  # (m,) identities of people who are confirmed, rising; never used again after a death
@@ -78,13 +78,13 @@ class TrackSnapshot(NamedTuple):
     covariance: Floats  # (m, 6, 6)
     existence: Floats  # (m,) probability that the person is there
     visibility: (
-        Floats  # (m, C) probability of being visible in each camera; NaN: it did not look, or shows not the place
+        Floats  # (m, C) probability of being visible in each camera; NaN: it did not look, or shows not the position
     )
     support: BoxAssociations
     events: tuple[Event, ...]
 
 
 def no_associations() -> BoxAssociations:
-    """No box speaks for anybody."""
+    """No box speaks for any person."""
     none = np.zeros(0, dtype=np.int64)
     return BoxAssociations(none, none, none, np.zeros(0), np.zeros(0))

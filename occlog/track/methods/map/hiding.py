@@ -1,11 +1,11 @@
 """What priors of moving occluders say of a trajectory: which bearings to doubt, and where the target may be.
 
-Let P_i(x) be the probability that no moving occluder hides place x from camera i ([Ercan] Sec. 4.2,
+Let P_i(x) be the probability that no moving occluder hides position x from camera i ([Ercan] Sec. 4.2,
 `occlog.core.occlusion.hidden`), 0 where the camera cannot see x anyway, and D its probability of detection.
 
 * A bearing is the less probably the target's, the smaller P_i is where the target is thought to be: log P_i, averaged
   over where it may be, is added to the log odds of true and false bearings.
-* A bearing that is believed says that the target is in plain view, with the likelihood P_i(x); a camera that looked
+* A bearing that is accepted says that the target is in plain view, with the likelihood P_i(x); a camera that looked
   and did not see the target says that it is hidden or out of view, with 1 - D P_i(x).
 
 The latter are neither smooth (at borders of views and behind walls) nor convex.  They are replaced by a quadratic
@@ -38,13 +38,13 @@ OCCLUDER_SUPPORT_SIGMAS = 5.5
 NODES = 7
 """Points of the quadrature for each axis."""
 MAX_RELATIVE_SIGMA = 0.04
-"""A state known worse than this, as a share of the place's extent, is told nothing: it is no Gaussian."""
+"""A state known worse than this, as a share of the position's extent, is told nothing: it is no Gaussian."""
 MIN_CAVITY_SHARE = 1e-6
 """Nothing is told either where all else says less than this share of what is known of the state."""
 
 
 class OccluderHints(NamedTuple):
-    """What occluders say of N sight lines and T states."""
+    """What occluders say of N lines of sight and T states."""
 
     lean: Floats  # (N,) added to the log odds that each is true, at most 0
     hints: QuadraticPriors
@@ -60,7 +60,7 @@ def occlusion_terms(
         record: its record, of T states.
         X: (T, 4) the trajectory.
         spread: (T, 4, 4) its covariances, with what occluders said before.
-        believed: (N,) which sight lines count as the target's.
+        believed: (N,) which lines of sight count as the target's.
         before: what they said before, along a trajectory nearby; the terms go half of the way from there.
     """
     rows, config = record.rows, pending.config
@@ -102,7 +102,7 @@ def occlusion_terms(
                 )
         if not config.unseen or float(np.ptp(total)) == 0.0:
             continue
-        # The Gaussian factor that leads to the same moments
+        # The Gaussian factor that leads to the same time steps
         site = matched(points, weights * np.exp(temper * (total - total.max())), mean, covariance)
         made.append((t, *(site if said is None else _between(said, site))))
     return OccluderHints(lean, _hints(made))
@@ -132,7 +132,7 @@ def cavity_distribution(
     Args:
         place: (2,) mean with the term.
         covariance: (2, 2) with it.
-        term: centre (2,), slope (2,) and curvature (2, 2); None: there is none.
+        term: centre (2,), slope (2,) and curvature (2, 2); None: missing.
     """
     if term is None:
         return place, covariance
@@ -146,7 +146,7 @@ def cavity_distribution(
 
 
 def matched(points: Floats, weights: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, Floats, Floats]:
-    """The quadratic term that gives a Gaussian the moments of weighted points, but for curvature below 0.
+    """The quadratic term that gives a Gaussian the time steps of weighted points, but for curvature below 0.
 
     Args:
         points: (Q, 2)
@@ -161,7 +161,7 @@ def matched(points: Floats, weights: Floats, mean: Floats, covariance: Floats) -
     centre = weights @ points
     away = points - centre
     then, precision = (weights[:, None] * away).T @ away, np.linalg.inv(covariance)
-    # In the Gaussian's own coordinates curvature is 1 / variance - 1 along the axes of the moments
+    # In the Gaussian's own coordinates curvature is 1 / variance - 1 along the axes of the time steps
     root = np.linalg.cholesky(covariance)
     inverse = np.linalg.inv(root)
     values, axes = np.linalg.eigh(inverse @ then @ inverse.T)

@@ -23,7 +23,7 @@ MAX_FLAGGED_SHARE = 0.05
 """Share of rows with a doubt that a user must know."""
 REMEDIES = {
     NO_MATCHING_REGION: "ranges are not as stated, or reads are missed; state detection and stray, or fit them",
-    "restart": "no place explained the reads; check the path losses and the places of the readers",
+    "restart": "no position explained the reads; check the path losses and the positions of the readers",
     "depleted": "so few particles count that the covariance says little; use more",
 }
 

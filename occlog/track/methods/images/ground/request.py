@@ -17,9 +17,9 @@ from .config import GroundConfig
 class GroundRequest(Request):
     """Find where the targets of VIEW_TRACKS (Parquet) are in the world, with covariance.
 
-    At each time the centres of a target's ellipses in all views give its place. A view that is on
-    something else is left out where two others or more agree; two views that contradict each other give
-    no place. A target that one view alone shows is placed at a height, that of the middle of a person;
+    At each time the centres of a target's ellipses in all views give its position. A view that is on
+    something else is omitted where two others or more agree; two views that contradict each other give
+    no position. A target that one view alone shows is placed at a height, that of the middle of a person;
     set another, or 0 to leave such times out.
 
     \b

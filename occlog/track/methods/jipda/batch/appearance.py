@@ -1,15 +1,15 @@
 """What the appearance of boxes says of tracks: how alike the boxes of a track are.
 
-The appearance of a box is a vector of length 1, so that the likeness of two boxes, Bhattacharyya's coefficient or the
-cosine, is their product.  With S the sum over the n boxes of a track, the mean likeness of its pairs is
+The appearance of a box is a vector of length 1, so that the similarity of two boxes, Bhattacharyya's coefficient or the
+cosine, is their product.  With S the sum over the n boxes of a track, the mean similarity of its pairs is
 
     (|S|^2 - n) / (n (n - 1)).
 
-The filter (`cues`) knows the likenesses s of boxes to the mean of their own person, and o to that of others.  Means are
-less noisy than boxes: pairs of one person's boxes have the likeness s^2, pairs of two people's s o.  Where the mean of
+The filter (`cues`) knows the similarities s of boxes to the mean of their own person, and o to that of others.  Means are
+less noisy than boxes: pairs of one person's boxes have the similarity s^2, pairs of two people's s o.  Where the mean of
 the pairs lies between tells the share of pairs that are one person's; a track of two people in equal parts, whose boxes
 are all rather alike its mean, has half of them.  All boxes but one count, in that share, the log of the ratio of the
-likelihoods at s and, in the rest, at o.  Since that depends on n and S alone, sums up to each place and from it on make
+likelihoods at s and, in the rest, at o.  Since that depends on n and S alone, sums up to each position and from it on make
 a proposal of the chain cost one product, whatever the length of the tracks.
 """
 
@@ -25,23 +25,23 @@ from occlog.core.numerics.jit import kernel
 from ..cues import OTHER_TARGET, SAME_TARGET, FeatureLikelihood, log_ratio_at
 
 MIN_SIMILARITY_DIFFERENCE = 0.01
-"""Of the mean likenesses to the same person and to others, for looks to count."""
+"""Of the mean similarities to the same person and to others, for looks to count."""
 
 
 class AppearanceVectors(NamedTuple):
-    """Appearance at n places, vectors of K numbers; K is 0 where boxes have none."""
+    """Appearance at n positions, vectors of K numbers; K is 0 where boxes have none."""
 
-    total: Floats  # (n, K) sum over the boxes of the place
+    total: Floats  # (n, K) sum over the boxes of the position
     boxes: Floats  # (n,) boxes with an appearance
-    law: FeatureLikelihood  # what likenesses say
+    law: FeatureLikelihood  # what similarities say
 
 
 class AppearanceSums(NamedTuple):
     """Sums over the boxes of tracks; changed in place."""
 
-    earlier: Floats  # (n, K) up to and with the place
+    earlier: Floats  # (n, K) up to and with the position
     earlier_count: Floats  # (n,)
-    later: Floats  # (n, K) from the place on
+    later: Floats  # (n, K) from the position on
     later_count: Floats  # (n,)
 
 
@@ -67,7 +67,7 @@ def log_ratio_of_sum(law: FeatureLikelihood, count: float, square: float) -> flo
 
 @kernel
 def log_ratio_joined(alike: AppearanceVectors, sums: AppearanceSums, i: int, k: int, j: int) -> float:
-    """Log likelihood ratio of the boxes up to place i, those of k, and those from j on being one person's; -1: none."""
+    """Log likelihood ratio of the boxes up to position i, those of k, and those from j on being one person's; -1: none."""
     if alike.total.shape[1] == 0:
         return 0.0
     count, square = 0.0, 0.0
@@ -91,7 +91,7 @@ def log_ratio_joined(alike: AppearanceVectors, sums: AppearanceSums, i: int, k: 
 
 @kernel
 def sum_up(alike: AppearanceVectors, sums: AppearanceSums, before: Ints, after: Ints, k: int) -> None:
-    """Sum up the track of place k in both directions; -1: there is none."""
+    """Sum up the track of position k in both directions; -1: missing."""
     if k < 0 or alike.total.shape[1] == 0:
         return
     while before[k] >= 0:

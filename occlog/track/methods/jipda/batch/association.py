@@ -1,4 +1,4 @@
-"""Boxes of one moment: which are of the people who are expected there, and whom the others show."""
+"""Boxes of one time step: which are of the people who are expected there, and whom the others show."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from .places import factors, frame_visibilities, missed_detection_log_probabilit
 MIN_ASSOCIATION_PROBABILITY = 0.5
 """A box is given to a person if it is theirs with a greater probability."""
 MIN_LOG_FIT = -30.0
-"""Boxes whose log likelihood ratio to boxes of nobody is lower, wherever the person is, are not one person's: who was
+"""Boxes whose log likelihood ratio to clutter boxes is lower, wherever the person is, are not one person's: who was
 expected far off, as after a pause, was linearised there."""
 NEW_TARGET_DENSITY_RATIO = 0.05
-"""Somebody new at a moment, against how crowded a place is where nobody has looked yet."""
+"""Somebody new at a time step, against how crowded a position is where nobody has looked yet."""
 
 
 class AssociatedPeople(NamedTuple):
-    """People of one moment with boxes; N people, L looks, C cameras."""
+    """People of one time step with boxes; N people, L looks, C cameras."""
 
     track: Ints  # (N,) track that expected them; NONE: nobody did
     mean: Floats  # (N, 6)
@@ -50,7 +50,7 @@ class AssociatedPeople(NamedTuple):
 
 
 class PredictedPeople(NamedTuple):
-    """N people who are expected at a moment."""
+    """N people who are expected at a time step."""
 
     track: Ints  # (N,)
     mean: Floats  # (N, 6)
@@ -77,7 +77,7 @@ class AssociatedBoxes(NamedTuple):
 def associate(
     state: JipdaState, boxes: PackedDetections, rates: DetectorModel, people: PredictedPeople, bonus: Floats
 ) -> AssociatedBoxes:
-    """Update the people by the boxes of the moment, all cameras jointly, as the filter does."""
+    """Update the people by the boxes of the time step, all cameras jointly, as the filter does."""
     after = update_targets(
         people.mean, people.covariance, people.existence, state.views, boxes, rates, bonus,
         UNTRACKED_TO_CLUTTER_RATIO, GATE_CHI2
@@ -99,11 +99,11 @@ def assign_boxes(
 
     Args:
         state: of the filter.
-        boxes: of the moment.
+        boxes: of the time step.
         rates: of the detectors.
         hint: (M, 2) identities of boxes, by trackers in the images and by the filter.
         appearance: (M, K) vectors of length 1; NaN: none.
-        seen: who are believed to be there, after the boxes.
+        seen: who are accepted to be there, after the boxes.
     """
     people, share, joint = seen.people, seen.share, seen.joint
     c = state.config
@@ -141,7 +141,7 @@ def assign_boxes(
     far = rows[(rows < len(people.track)) & (best_fit(J, h, constant) < MIN_LOG_FIT)]
     if len(far):
         return assign_boxes(state, boxes, rates, hint, appearance, seen.without(far))
-    # Who hides a person hides them for a while: beside this moment they are missed as probably as at it, at least
+    # Who hides a person hides them for a while: beside this time step they are missed as probably as at it, at least
     miss = missed_detection_log_probabilities(state.views, rates, mean)
     for look, camera in enumerate(boxes.camera.tolist()):
         miss[:, camera] = np.maximum(miss[:, camera], np.log1p(-detection[look, rows]))
@@ -168,10 +168,10 @@ def assign_shared_boxes(followed: Ints, rows: Ints, joint: Floats, given: Ints, 
 
     Args:
         followed: (n, C) identities that the filter gives the boxes of people in each camera; NONE.
-        rows: (n,) places of these people among all, of whom those who are expected come first.
+        rows: (n,) positions of these people among all, of whom those who are expected come first.
         joint: (N, M) probability that a box is of a person who is expected and a neighbour.
         given: (L, n) box of each person alone in each look; NONE.
-        boxes: of the moment.
+        boxes: of the time step.
     """
     for k in np.flatnonzero((rows < len(joint)) & (followed != NO_NODE).any(axis=1)).tolist():
         names, often = np.unique(followed[k][followed[k] != NO_NODE], return_counts=True)

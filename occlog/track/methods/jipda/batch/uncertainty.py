@@ -1,16 +1,16 @@
-"""How sure the smoothed tracks are: of who is who, of places, and of when somebody was there.
+"""How sure the smoothed tracks are: of who is who, of positions, and of when a person was there.
 
 Where two identities may have been exchanged: an exchange of the tails of two tracks that is hardly less likely.
 
-How much larger errors of boxes are in the long run than the smoother's places hold.
+How much larger errors of boxes are in the long run than the smoother's positions hold.
 
 The smoother weighs a box by the noise of one look, which counts more often where errors go on from look to look.  What
 it averages over many looks is the long-run variance g_0 + 2 (g_1 + g_2 + ..), g_k the covariance of the errors of a
 camera's boxes of one person k looks apart.  A region of video is cut the same way for a second: its errors are a sum of
 some that are soon over and some that stay, which one correlation from look to look does not describe.  Here the g_k are
-measured, from how far the cameras of one moment disagree (`kernels.disagreement`), which no walk can follow.
+measured, from how far the cameras of one time step disagree (`kernels.disagreement`), which no walk can follow.
 
-How probably somebody was there already before their first place, and still is after the last one.
+How probably a person was there already before their first position, and still is after the last one.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ SWITCH_WINDOW_S = 4.0
 
 
 def possible_switches(tracks: ChainTracks, span: WindowSpan, number: Ints, identity: Ints) -> dict[int, list[Event]]:
-    """Exchanges that are doubtful, by the moment from which on the identities may be wrong.
+    """Exchanges that are doubtful, by the time step from which on the identities may be wrong.
 
     Args:
-        tracks: of the places.
-        span: the moments.
-        number: (n,) track of each place; NONE: none.
+        tracks: of the positions.
+        span: the time steps.
+        number: (n,) track of each position; NONE: none.
         identity: of each track; NOBODY: it is not reported.
     """
     walk = tracks.walk._replace(reach=min(tracks.walk.reach, 4))
@@ -119,7 +119,7 @@ MAX_ERROR_SIGMAS = 5.0
 MIN_DISAGREEMENTS = 100
 """With fewer disagreements nothing is said."""
 NOISE_SHARE = 0.75
-"""Share of the variance of a smoothed walk that is the noise of places; the rest is what the smoother lags behind.
+"""Share of the variance of a smoothed walk that is the noise of positions; the rest is what the smoother lags behind.
 
 With white acceleration the smoother passes the share 1 / (1 + x^4) of a frequency x, and the integral of its square is
 3/4 of its own."""
@@ -138,10 +138,10 @@ def widening(
     Args:
         views: cameras.
         rates: of the detectors, for all looks.
-        packed: boxes of each moment.
-        found: people of each moment with their boxes.
-        walk: states of tracks whose places are these people, in the order of moments.
-        span: the moments.
+        packed: boxes of each time step.
+        found: people of each time step with their boxes.
+        walk: states of tracks whose positions are these people, in the order of time steps.
+        span: the time steps.
     """
     key, look, error, held = _errors(views, rates, packed, found, walk, span)
     worst = 1.0
@@ -188,7 +188,7 @@ def _errors(
         key: (n,) series, of a person in a camera.
         look: (n,) number of the camera's look.
         error: (n, 2) across and down, in standard deviations of one look; NaN: not known.
-        held: (n, 2) long-run variance of these that places hold.
+        held: (n, 2) long-run variance of these that positions hold.
     """
     first = np.cumsum([0, *(len(f.track) for f in found)])
     row = np.full(first[-1], NO_NODE)
@@ -223,9 +223,9 @@ def _errors(
 
 
 def existence_at(tracks: ChainTracks, span: WindowSpan, walk: States) -> Floats:
-    """(K,) probability that the person of each row is there at its moment; 1 from the first to the last place.
+    """(K,) probability that the person of each row is there at its time step; 1 from the first to the last position.
 
-    Whoever was not seen after their last place has left at once, or was missed, and missed again, and left, or is
+    Whoever was not seen after their last position has left at once, or was missed, and missed again, and left, or is
     still there when the recording ends: each with the probability of leaving then times that of all misses before.
     """
     out = np.ones(len(walk.track))
@@ -238,12 +238,12 @@ def existence_at(tracks: ChainTracks, span: WindowSpan, walk: States) -> Floats:
 
 
 def _still(tracks: ChainTracks, span: WindowSpan, place: int, step: int) -> Floats:
-    """Probabilities of being there 0, 1, .. moments after a last place (step 1), or before a first one (step -1)."""
+    """Probabilities of being there 0, 1, .. time steps after a last position (step 1), or before a first one (step -1)."""
     here = tracks.places.moment[place]
     at = np.arange(here, len(span.time)) if step > 0 else np.arange(here, -1, -1)
     looked = span.looked[at + 1] - span.looked[here + 1] if step > 0 else span.looked[here] - span.looked[at]
     away = np.abs(span.time[at] - span.time[here])
     missed = np.exp(looked @ tracks.places.miss[place] - away / span.stay)
-    # Leaving between a moment and the next; after the last one nobody leaves
+    # Leaving between a time step and the next; after the last one nobody leaves
     weight = missed * np.append(-np.expm1(-np.diff(away) / span.stay), 1.0)
     return np.asarray(np.cumsum(weight[::-1])[::-1] / weight.sum())

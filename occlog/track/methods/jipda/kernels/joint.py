@@ -296,7 +296,7 @@ def marginal_probabilities(
 def add_hypothesis(
     precision: Floats, H: Floats, W: Floats, off: Floats, probability: float, first: Floats, second: Floats
 ) -> None:
-    """Add the posterior of one hypothesis to the moments of a mixture, relative to the prior's mean.
+    """Add the posterior of one hypothesis to the time steps of a mixture, relative to the prior's mean.
 
     Args:
         precision: (6, 6) inverse of the prior's covariance.

@@ -22,7 +22,7 @@ def box_messages(weight: Floats) -> Floats:
     """(N, M) messages nu from boxes to people: how free each box is for each person, 0 to 1.
 
     Args:
-        weight: (N, M) odds that person i made box j against that i made none and j is of nobody; 0: outside the gate.
+        weight: (N, M) odds that person i made box j against that i made none and j is of no person; 0: outside the gate.
     """
     N, M = weight.shape
     nu = np.ones((N, M))

@@ -183,7 +183,7 @@ def pair_messages(weight: Floats, pair: Ints, joint: Floats) -> PairMessages:
     Args:
         weight: (N, M) odds that person i alone made box j, as in `marginals.box_messages`.
         pair: (K, 2) people.
-        joint: (K, M) odds that a pair made box j together, against that neither made any and j is of nobody.
+        joint: (K, M) odds that a pair made box j together, against that neither made any and j is of no person.
     """
     N, M = weight.shape
     K = pair.shape[0]

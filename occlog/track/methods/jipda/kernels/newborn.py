@@ -1,9 +1,9 @@
 """People whom nobody tracks yet: bodies that explain boxes of one or several cameras that are of none of the people.
 
-Each free box proposes a body: the most probable place, height and width of one who made it, with the curvature there
+Each free box proposes a body: the most probable position, height and width of one who made it, with the curvature there
 (Laplace's approximation).  The boxes of the other cameras are then asked one after the other: a body that is seen must
-be detected with its probability of detection among the people who hide it.  The result is the odds that somebody new
-stands there against all of these boxes being of nobody.
+be detected with its probability of detection among the people who hide it.  The result is the odds that a new target
+stands there against all of these boxes being of no person.
 """
 
 from __future__ import annotations
@@ -37,30 +37,30 @@ MIN_UNASSIGNED_PROBABILITY = 0.2
 
 
 class TrackedPeople(NamedTuple):
-    """People who are tracked, as the looks of a moment are expected to see them; N people, L looks."""
+    """People who are tracked, as the looks of a time step are expected to see them; N people, L looks."""
 
     existence: Floats  # (N,)
-    box: Floats  # (L, N + 1, 4) expected boxes; the last place is for somebody new
+    box: Floats  # (L, N + 1, 4) expected boxes; the last position is for a new target
     depth: Floats  # (L, N + 1) along the optical axis; negative: not in front of the camera
     across: Floats  # (L, N + 1) standard deviation of the box's middle, across the image [px]
     deep: Floats  # (N + 1,) standard deviation of the depth
 
 
 class BirthIntensity(NamedTuple):
-    """Expected numbers of people who are new since the last moment."""
+    """Expected numbers of people who are new since the last time step."""
 
     everywhere: float  # a unit of area
     in_image: float  # in an image: what is far away and small in it counts less
-    centre: Floats  # (G, 2) places
-    at: Floats  # (G,) besides, a unit of area there, falling with the distance from it
+    centre: Floats  # (G, 2) positions
+    at: Floats  # (G,) also, a unit of area there, falling with the distance from it
     smooth: float  # as a Gaussian of this deviation
 
 
 @kernel
 def ground_point(views: PackedCameras, c: int, u: float, v: float, z: float, place: Floats) -> bool:
-    """Write the place (2,) at height z that pixel (u, v) of camera c shows; False where there is none ahead.
+    """Write the position (2,) at height z that pixel (u, v) of camera c shows; False where missing ahead.
 
-    The lens's distortion is left out: the place is where an iteration begins.
+    The lens's distortion is omitted: the position is where an iteration begins.
     """
     x = (u - views.principal[c, 0]) / views.focal[c, 0]
     y = (v - views.principal[c, 1]) / views.focal[c, 1]
@@ -152,7 +152,7 @@ def state_from_box(
 def predicted_targets(
     views: PackedCameras, boxes: PackedDetections, people: Floats, spread: Floats, existence: Floats
 ) -> TrackedPeople:
-    """The people (N, 6), whose places have the standard deviations (N,) `spread`, as each look expects to see them."""
+    """The people (N, 6), whose positions have the standard deviations (N,) `spread`, as each look expects to see them."""
     L, N = boxes.camera.shape[0], people.shape[0]
     box, depth, across = np.empty((L, N + 1, 4)), np.empty((L, N + 1)), np.empty((L, N + 1))
     deep, there, slope = np.empty(N + 1), np.ones(N + 1), np.zeros((4, 6))
@@ -182,11 +182,11 @@ def propose_track(
     covariance: Floats,
     used: Floats,
 ) -> float:
-    """Log odds that somebody new made a box; the state, its covariance and the boxes that speak for them are written.
+    """Log odds that a new target made a box; the state, its covariance and the boxes that speak for them are written.
 
     Args:
         views: cameras.
-        boxes: of the moment.
+        boxes: of the time step.
         rates: of the detectors.
         body: (5,) height and its deviation, width and its deviation, deviation of a velocity.
         arrival: expected numbers of new people.
@@ -279,12 +279,12 @@ def initiate_targets(
 
     Args:
         views: cameras.
-        boxes: of the moment.
+        boxes: of the time step.
         rates: of the detectors.
         body: (5,) height and its deviation, width and its deviation, deviation of a velocity.
         arrival: expected numbers of new people.
         people: (N, 6) those who are tracked.
-        spread: (N,) standard deviation of their places.
+        spread: (N,) standard deviation of their positions.
         existence: (N,).
         free: (M,) probability that a box is of none of them.
         gate: greatest squared Mahalanobis distance.
@@ -312,7 +312,7 @@ def initiate_targets(
         if j < 0 or odds[j] < least:
             break
         if stale[j]:
-            # One of its boxes went to somebody else since: propose anew
+            # One of its boxes went to another person since: propose anew
             stale[j] = False
             odds[j] = -np.inf
             if open_share[j] > MIN_UNASSIGNED_PROBABILITY:

@@ -18,7 +18,7 @@ class FitMotionRequest(Request):
     """Identify A and Sigma of linear Gaussian motion from POSITIONS: truth or tracks, tables or recordings.
 
     The model says how a target moves: x' = A x + noise of covariance Sigma, x position and velocity of both axes.
-    Positions may be noisy, at unequal times and with gaps; the noise is told apart from the motion.
+    Positions may be noisy, at unequal times and with gaps; the noise is distinguished from the motion.
 
     \b
       occlog fit-motion room.mcap -o motion.json --step 0.25
