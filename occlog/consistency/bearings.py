@@ -11,9 +11,9 @@ and no residual shows it.  Bearings that are found to be false there say that ot
 
 Whether bearings look like those of a compass: clockwise from north, and not from +x towards +y.
 
-lines of sight of one time step meet near one position if their angles mean what they are taken for.  Taken for the others,
-pi / 2 - b, lines of stations in general positions do not meet, or behind the stations.  Both are tried, and a user is told
-where the others fit much better; nothing is changed.
+lines of sight of one time step meet near one position if their angles mean what they are taken for.  Taken for the
+others, pi / 2 - b, lines of stations in general positions do not meet, or behind the stations.  Both are tried, and a
+user is told where the others fit much better; nothing is changed.
 
 Bearings whose stated noise is smaller than any sensor's: many filters can make no use of them.
 
@@ -48,7 +48,7 @@ from occlog.records.verdicts import Check, finding, outcome
 from .estimates import covariances
 
 CONFIRMATION_WINDOW_S = 1.0
-"""Sensors see a target at about the same time if they do within so many seconds."""
+"""Time within which bearings of several sensors are simultaneous [s]."""
 MIN_OVERLAP_SHARE = 0.5
 """Sensors see a target one at a time if fewer of its bearings are near one of another sensor."""
 
@@ -132,7 +132,9 @@ class AngleConventionCheck:
     def checks(self) -> tuple[Check, ...]:
         """Whether they fit one another as angles of this program."""
         if len(self._misfits) < MIN_STEPS:
-            return outcome(CONVENTION, (), unless=f"fewer than {MIN_STEPS} time steps have bearings of several stations")
+            return outcome(
+                CONVENTION, (), unless=f"fewer than {MIN_STEPS} time steps have bearings of several stations"
+            )
         plain, other = np.median(self._misfits, axis=0).tolist()
         if plain <= MIN_MISFIT_RAD2 or other > MAX_MISFIT_RATIO * plain:
             return outcome(CONVENTION, (), misfit_rad=float(np.sqrt(plain)))
@@ -143,7 +145,7 @@ class AngleConventionCheck:
                 "compass",
                 "the bearings fit one another much better as those of a compass, clockwise from north (+y): then the "
                 f"lines of a time step miss one position by {np.degrees(np.sqrt(other)):.2g} degrees (median of "
-                f"{len(self._misfits)} time steps), and by {np.degrees(np.sqrt(plain)):.2g} as they are, from +x towards "
+                f"{len(self._misfits)} time steps), and by {np.degrees(np.sqrt(plain)):.2g} as given, from +x towards "
                 "+y; name the column compass_deg, or ingest with the convention compass",
             ),
         )
@@ -211,7 +213,7 @@ class SmallNoiseCheck:
                 "noise-tiny",
                 f"{sum(self._found.values())} bearings of {', '.join(sorted(self._found)[:3])} state a standard "
                 f"deviation down to {self._least:.2g} rad (allowed: {MIN_SIGMA_RAD:g}): no sensor is so exact, and "
-                "filters by particles find no position that fits them: estimates may be as wide as if nothing was seen; "
+                "filters by particles find no position that fits them: estimates may be as wide as without detections; "
                 "state the noise that they have",
                 sensors=sorted(self._found),
                 least_rad=self._least,
@@ -221,7 +223,7 @@ class SmallNoiseCheck:
 
 
 GATE_SIGMAS = 4.0
-"""A bearing further from the estimate than so many standard deviations of both together is rejected."""
+"""Gate of a bearing, in standard deviations of the innovation."""
 MIN_RESIDUAL_VARIANCE = 0.1
 """Bearings whose residuals should have a smaller variance say nothing of their noise: estimates go through them."""
 
@@ -474,7 +476,7 @@ class SensorConsistency:
 
 @dataclass
 class ResidualStatistics:
-    """Gathers residuals while they stream by.
+    """Accumulates residuals over a stream.
 
     Attributes:
         sensors: agreement of the bearings of each sensor, by its name.
@@ -502,7 +504,7 @@ class ResidualStatistics:
             found.pose += (poses or {}).get(name, 0.0) * float(expected.sum())
 
     def moves(self, target: int, factor: float) -> None:
-        """The variance of a target's motion is so many times what was stated."""
+        """Find a target with a variance of motion above the stated one."""
         self.noise[target] = max(self.noise.get(target, 0.0), factor)
 
     @property
@@ -568,7 +570,7 @@ class CandidateCounts:
 
 @dataclass
 class UnassociatedCandidates:
-    """Gathers what candidates are left unexplained by all tracks, by sensor."""
+    """Accumulates candidates unexplained by all tracks, by sensor."""
 
     sensors: dict[str, CandidateCounts] = field(default_factory=dict)
 

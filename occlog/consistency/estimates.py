@@ -1,4 +1,4 @@
-"""Reasons not to believe an estimate, found from its row, the scene, and what was seen before.
+"""Quality flags of estimates, from the row, the scene and earlier detections.
 
 The checks stand alone: arrays in, booleans out.  `QualityFlags` applies them to the rows of a run.
 
@@ -34,7 +34,7 @@ from occlog.records.tables import Diagnostics, Residuals, Tracks
 from occlog.scans.grouping import sensor_names
 
 REGION_EDGE, SINGLE_SENSOR, OUT_OF_VIEW, INCONSISTENT_SENSOR = "edge", "one-sensor", "out-of-view", "sensor-disagrees"
-"""Values of the column `doubt`, in the order in which they stand there."""
+"""Values of the column `doubt`, in the order of the column."""
 WORDS = {
     REGION_EDGE: "the target may be at the edge of where targets can be, which was guessed from what the sensors see; "
     "add `room` to the scene",
@@ -49,11 +49,11 @@ WORDS = {
 }
 """What each means and what to do."""
 EDGE_SIGMAS = 2.0
-"""An estimate is at the edge if so many standard deviations reach it."""
+"""Distance from the edge below which an estimate is at the edge, in standard deviations."""
 VIEW_SIGMAS = 3.0
-"""An estimate is out of view if so many standard deviations do not reach the view."""
+"""Distance from the view beyond which an estimate is out of view, in standard deviations."""
 SINGLE_SENSOR_S = 5.0
-"""So long after two sensors have seen a target at once, one of them alone tells its distance no more [s]."""
+"""Time after the last simultaneous detection by two sensors for which a single sensor suffices [s]."""
 TOGETHER_S = 1.0
 """Two sensors see a target at once if they do within this time; so long a filter waits for a second one [s]."""
 RESTART_FALLBACKS = ("restart", "gap")
@@ -101,8 +101,8 @@ def outside_view(xy: Floats, covariance: Floats, origin: Floats, yaw: float, fov
 def without_distance(xy: Floats, covariance: Floats, origin: Floats, far: float) -> Floats:
     """(2, 2) covariance of an estimate whose distance from a sensor is not known.
 
-    Along the line of sight it is the second time step of the prior, which is even from the sensor to its far limit, about
-    the estimate: one sensor's bearings hardly say more, and a filter that believes them too much is sure of a
+    Along the line of sight it is the second moment of the prior, which is even from the sensor to its far limit,
+    about the estimate: one sensor's bearings hardly say more, and a filter that believes them too much is sure of a
     distance that its settings of motion and noise have made up.
 
     Args:
@@ -132,7 +132,7 @@ class DetectionHistory(NamedTuple):
 
 
 class QualityFlags:
-    """Finds the doubts of a run's rows, chunk by chunk; what was seen of each target is remembered."""
+    """Finds quality flags of a run's rows, chunk by chunk, with the last detections of each target."""
 
     def __init__(self, scene: Scene, *, online: bool, started: bool, distances: bool = False) -> None:
         """Nothing was seen yet.
@@ -237,11 +237,11 @@ WINDOW_NS = NS
 MIN_REJECTED_SHARE = 2.0 / 3.0
 """Share of a sensor's bearings of a target in this time that are rejected, from which it contradicts."""
 MIN_REJECTED_BEARINGS = 5
-"""So many bearings at least are rejected: single false ones contradict nothing."""
+"""Minimum number of rejected bearings of a sensor: single false ones are no contradiction."""
 
 
 class SensorDisagreement:
-    """Adds these doubts to a run's rows, chunk by chunk; the last residuals are remembered."""
+    """Adds these flags to a run's rows, chunk by chunk, with the last residuals."""
 
     def __init__(self) -> None:
         """Nothing was compared yet."""
@@ -280,9 +280,9 @@ def _against(t_ns: Ints, residuals: Residuals) -> Bools:
 
 
 MIN_EFFECTIVE_SAMPLE_SIZE = 10.0
-"""An estimate of fewer effective particles does not say how uncertain it is."""
+"""Minimum effective sample size for a meaningful covariance."""
 BINS = 100
-"""A decade of effective numbers has so many bins: quantiles are right to 2 %."""
+"""Bins per decade of effective sample size: quantiles are right to 2 %."""
 DECADES = 8
 
 
@@ -325,7 +325,7 @@ ELLIPSE_POINTS = 12
 STEPS = 3
 """Gauss-Newton steps from the estimate to the meeting position."""
 MIN_INFORMATION_RATIO = 1e-3
-"""Sight lines do not meet if their information has axes with a ratio below this, squared."""
+"""Lines of sight do not meet if their information has axes with a ratio below this, squared."""
 MAX_SIGMA_RAD = 0.2
 """Bearings with a larger standard deviation [rad] do not count: lines of sight of such errors are no straight lines."""
 MAX_ELLIPSE_TO_RANGE = 0.5

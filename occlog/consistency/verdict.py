@@ -29,7 +29,7 @@ from .estimates import CLEAR_SIGMAS, MIN_EFFECTIVE_SAMPLE_SIZE, WORDS, Effective
 SIGNIFICANCE = 1e-3
 """Probability that chance alone makes a limit seem broken."""
 MIN_SAMPLES = 20
-"""Of fewer bearings, expected squares or frames nothing is said."""
+"""Minimum number of bearings, expected squares or frames for a check."""
 MAX_DEPLETED_SHARE = 0.25
 """Share of rows with too few effective particles that matters."""
 MAX_DEPLETED_SHARE_SMOOTHED = 0.02
@@ -74,7 +74,7 @@ ROWS = {
 """Values of `fallback` of which a verdict speaks if any row has them, and what they say."""
 FLAGS_OF_FALSE_BEARINGS = {
     "doubted": "fewer than half of the bearings are accepted; check poses, clocks and labels",
-    "unchecked": "two measurements alone tell the position, and none of the others agrees: one of the two may be false, "
+    "unchecked": "two measurements alone fix the position, and none of the others agrees: one of the two may be false, "
     "which the covariance does not say; add stations, or follow the target over time (apf, map)",
 }
 """Values of `fallback` that single false bearings make, and of which a verdict speaks from a share of the rows on."""
@@ -95,13 +95,13 @@ FLAGS_WITH_RIGHT_COVARIANCE = {
 
 @dataclass
 class ConsistencyEvidence:
-    """What speaks for and against a run's estimates, gathered while tables stream by.
+    """Evidence on a run's estimates, accumulated over a stream of tables.
 
     Attributes:
         rows: estimates.
         fallbacks: rows by the value of `fallback`.
         doubts: rows by the value of `doubt`.
-        targets: whose rows they are.
+        targets: ids of the targets of the rows.
         seen: of these, whom a sensor saw.
         span_ns: first and last time.
         selected: rows for which at least two cameras were selected.
@@ -183,7 +183,7 @@ class ConsistencyEvidence:
         undiagnosed = "" if self.diagnosed else "there are no diagnostics"
         few, seen = f"fewer than {MIN_SAMPLES} {self.what} were judged", self.agreements.bearings
         unseen = few if seen < MIN_SAMPLES else ""
-        crowded = "" if one_target else "the method itself tells targets apart"
+        crowded = "" if one_target else "the method itself distinguishes targets"
         return (
             *outcome(
                 PARTICLES,
@@ -258,7 +258,7 @@ class ConsistencyEvidence:
                 RESTARTED,
                 "warning",
                 "restarts",
-                f"the target was lost and sought anew in {restarts} of {self.rows} rows (allowed: "
+                f"the target was lost and searched again in {restarts} of {self.rows} rows (allowed: "
                 f"{MAX_RESTART_SHARE:.0%}); "
                 "the motion or the noise that is stated is wrong, or the bearings are not of one target",
                 share=restarts / self.rows,

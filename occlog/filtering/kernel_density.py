@@ -137,7 +137,7 @@ def states_before(
 
 @array_kernel
 def _chosen(centres: Floats, at: Floats, before: Ints, after: Ints, chances: Floats, u: Floats) -> Ints:
-    """(M,) one of K centres (n, K) for each of (n, M) positions, by unit Gaussians times chances; the nearest if all 0."""
+    """(M,) draws of K centres (n, K) for (n, M) positions, by unit Gaussians times chances; the nearest if all 0."""
     n, K = centres.shape
     M = at.shape[1]
     half, out = np.empty(K), np.empty(M, dtype=np.int64)

@@ -1,4 +1,4 @@
-"""Weighted particles: normalised weights, effective sample size, time steps, resampling."""
+"""Weighted particles: normalised weights, effective sample size, moments, resampling."""
 
 from __future__ import annotations
 

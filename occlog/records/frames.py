@@ -1,8 +1,8 @@
 """One video frame on its way from a recording to the detector.
 
-Numbers of frames at which nobody looked, as the provenance of a table of regions has them.
+Numbers of skipped frames, from the provenance of a table of regions.
 
-Such a table has no rows of frames in which nobody was found, so that a frame that was lost would pass for one of these.
+Such a table has no rows of frames without detections, so that a frame that was lost would pass for one of these.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The position and its sensors: room, static occluders, cameras, microphone arrays, readers of tags, clocks.
+"""The scene and its sensors: room, static occluders, cameras, microphone arrays, readers of tags, clocks.
 
 A scene is validated once, when it is built; everything downstream trusts it.
 
@@ -51,7 +51,7 @@ def to_ns(seconds: float) -> int:
 
 @dataclass(frozen=True)
 class Segment:
-    """How a target moves for a while; constant velocity where nothing else is said."""
+    """How a target moves for a while; constant velocity by default."""
 
     from_s: float
     until_s: float = math.inf
@@ -97,7 +97,7 @@ HEIGHT_SLACK = 1e-6
 MAX_COORDINATE = 1e12
 """Largest coordinate and length of a scene: what is computed of it has room up to the limit of tables."""
 MIN_SIGMA_DEG, MAX_SIGMA_DEG = 1e-13, 360.0
-"""Standard deviations of directions: an angle is not told to less, and beyond nothing is."""
+"""Minimum and maximum standard deviation of directions."""
 MIN_FOCAL_PX, MAX_FOCAL_PX = 1e-3, 1e9
 """No lens is beyond, and squares and quotients of sizes of images and of these are numbers."""
 
@@ -192,7 +192,7 @@ class MicrophoneArray:
     roll: float = 0.0
     sigma_elevation: float | None = None  # of an elevation above its own xy plane [rad]; None: as `sigma`
     resolution: float = 0.0  # sources nearer to each other than this are heard as one [rad]
-    planar: bool = False  # tells no elevation
+    planar: bool = False  # measures no elevation
 
     @cached_property
     def rotation(self) -> Floats:
@@ -207,7 +207,7 @@ class MicrophoneArray:
 
 @dataclass(frozen=True, eq=False)
 class TagReader:
-    """A reader of radio tags (RFID, Bluetooth), which detects the tags around it; it tells no direction."""
+    """A reader of radio tags (RFID, Bluetooth), which detects nearby tags without a direction."""
 
     name: str
     position: Floats  # (3,)
@@ -219,7 +219,7 @@ class TagReader:
 
 @dataclass(frozen=True, eq=False)
 class Occluder:
-    """A static occluder: what stands behind it, seen from a sensor, is hidden."""
+    """A static occluder: it hides targets behind it, as seen from a sensor."""
 
     name: str
     polygon: Floats  # (K, 2), counter-clockwise
@@ -263,14 +263,14 @@ class Scene:
 
     @cached_property
     def views(self) -> ViewPrior | None:
-        """Where a target can be, by what each sensor can see; None: the room says it.
+        """Region of possible target positions, by the fields of view; None: the room defines it.
 
         InputError for a scene with neither a room nor a sensor.
         """
         if self.room is not None:
             return None
         if not self.cameras and not self.arrays:
-            raise InputError("scene: neither a room nor a sensor says where targets can be; add `room`")
+            raise InputError("scene: neither a room nor a sensor defines where targets can be; add `room`")
         return view_prior(self)
 
     @cached_property
@@ -285,7 +285,7 @@ class Scene:
         if self.room is not None:
             return self.room
         if not self.cameras and not self.arrays and not self.readers:
-            raise InputError("scene: neither a room nor a sensor says where targets can be; add `room`")
+            raise InputError("scene: neither a room nor a sensor defines where targets can be; add `room`")
         (x0, y0), (x1, y1) = box_around(self)
         return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
 
@@ -410,7 +410,7 @@ def sight_limit(camera: Camera, least: float, metre: float | None) -> float:
     Args:
         camera: with a pose.
         least: twice the extent of the sensors; a person's size does not limit the sight to less.
-        metre: a metre in the scene's unit; None: a unit of its own, in which half the camera's height, where it is
+        metre: a metre in the scene's unit; None: a scene-specific unit, in which half the camera's height, where it is
             known, represents the size of a target.
     """
     if np.isfinite(camera.range):

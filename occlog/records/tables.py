@@ -9,7 +9,7 @@ Conventions (all tables)
     * World frame: x, y on the ground, z up, in the scene's length unit (metres unless
       the scene says otherwise).  Angles are radians from +x towards +y in [-pi, pi).
     * Pixels carry `_px`; x to the right, y down, the centre of the first pixel is (0, 0).
-    * NaN is allowed only in columns declared with `nan=...`, which says what it means.
+    * NaN is allowed only in columns declared with `nan=...`, which gives the meaning.
 
 Tables in pieces that a command works through one after another, so that memory does not grow with their length.
 """
@@ -258,13 +258,13 @@ class Limits(NamedTuple):
         return side.between(self.begin, self.end)
 
     def about(self, side: TableBuffer[T], before_ns: int, after_ns: int | None = None) -> T:
-        """The same and what is so near before and after it; `after_ns` None: as `before_ns`."""
+        """Return the rows of the segment and of the margins around it; `after_ns` None: as `before_ns`."""
         after = before_ns if after_ns is None else after_ns
         return side.between(self.begin - before_ns, LAST if self.end == LAST else self.end + after)
 
 
 def in_step(sides: Sequence[TableBuffer[Any]], margins_ns: Sequence[int]) -> Iterator[Limits]:
-    """Go through tables side by side, in segments of time that hold every row once.
+    """Iterate over tables in parallel, in segments of time that hold every row once.
 
     While the caller looks at a segment the sides have all rows of it and those that are at most their margins away.
 

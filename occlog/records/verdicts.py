@@ -89,7 +89,7 @@ def finding(
         name: what was checked.
         severity: `warning` if the results are not to be accepted as they are.
         id: of what was found.
-        text: what was found, the limit, the remedy.
+        text: the finding, the limit, the remedy.
         sensors: names of those that are affected.
         targets: ids of those that are affected.
         **figures: what was measured, and its limit as `allowed`; those that are not finite are omitted.

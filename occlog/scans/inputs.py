@@ -131,7 +131,7 @@ def _remedy(measured: Opened) -> str:
         return "make bearings with `occlog detect`, or track in its images with method bmct"
     if measured.recording is not None and measured.has(Boxes):
         if measured.scene is not None and any(c.placed for c in measured.scene.cameras):
-            return "follow all people by its boxes with method jipda, or make bearings with `occlog detect`"
+            return "track all people by its boxes with method jipda, or make bearings with `occlog detect`"
         return "its boxes are of cameras without a pose: ingest them with a calibration, and use method jipda"
     return "make them with `occlog detect` or `occlog listen`"
 

@@ -294,7 +294,8 @@ class DistanceMeasurementFeed:
             window_ns: a scan and measurements at most this far apart are one scan, of the time of the later.
 
         Raises:
-            InputError: a station that is not in the scene or has no position there, a value whose standard deviation, or
+            InputError: a station that is not in the scene or has no position there, a value whose standard deviation,
+            or
                 what else it wants, is not known, or times that go back.
         """
         own = self._scans(sensors, targets, window_ns)

@@ -221,7 +221,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
                 why = "no time step of the chosen targets and sensors gives a position; a fix wants directions of two "
                 why += f"sensors at one time ({option('window')})"
                 if measured is not None:
-                    why = "no time step of the chosen targets and stations gives a position; a fix wants three ranges, or "
+                    why = "no time step of the chosen targets and stations gives a position; a fix needs 3 ranges, or "
                     why += f"as many other measurements, at one time ({option('window')})"
             raise InputError(f"{request.bearings}: {why}")
         made = provenance.with_checks(summary.checks())

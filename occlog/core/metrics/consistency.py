@@ -2,8 +2,8 @@
 
 A normalised square has a chi-square distribution if standard deviations are right: of residuals of bearings (NIS),
 of errors of estimates (NEES).  The sum of squares over the sum of their expected values is then 1.  Squares of one
-time step and the next are alike, so that N of them tell less than N independent ones.  `BatchMeans` finds how much less,
-while rows stream by, and `ratio_interval` turns that into limits.
+time step and the next are alike, so that N of them tell less than N independent ones.  `BatchMeans` finds how much
+less, while rows stream by, and `ratio_interval` turns that into limits.
 """
 
 from __future__ import annotations

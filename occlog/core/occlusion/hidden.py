@@ -43,7 +43,7 @@ ROUND = 1e-9
 
 
 class CameraRays(NamedTuple):
-    """Sight lines from a camera to n positions, and where they all are."""
+    """Lines of sight from a camera to n positions, and where they all are."""
 
     ux: Floats  # (n,) unit vectors
     uy: Floats
@@ -58,7 +58,7 @@ class CameraRays(NamedTuple):
 
 @array_kernel
 def rays_to(xy: Floats, rows: Ints, x0: float, y0: float) -> CameraRays:
-    """Sight lines from (x0, y0) to the positions `xy[rows]`."""
+    """Lines of sight from (x0, y0) to the positions `xy[rows]`."""
     n = rows.shape[0]
     ux, uy, r = np.empty(n), np.empty(n), np.empty(n)
     gx, gy = 0.0, 0.0
@@ -83,7 +83,7 @@ def rays_to(xy: Floats, rows: Ints, x0: float, y0: float) -> CameraRays:
 def blocking_into(
     q: Floats, rays: CameraRays, x0: float, y0: float, j: int, priors: Priors, form: int, far: float
 ) -> bool:
-    """Probabilities (n,) that occluder j hides the positions at the ends of the rays; False, and `q` as it was, for none.
+    """Write probabilities (n,) that occluder j hides the ends of the rays; False, and `q` unchanged, for none.
 
     Args:
         q: (n,) filled.
@@ -136,7 +136,7 @@ def blocking_into(
 def visibility_probability(
     xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form: int, far: float
 ) -> Floats:
-    """(n,) probabilities P = prod_j (1 - q_j) that no occluder hides the positions `xy[rows]` from a camera at (x0, y0).
+    """(n,) probabilities P = prod_j (1 - q_j) of an unoccluded view of `xy[rows]` from a camera at (x0, y0).
 
     See `blocking_into` for the arguments; occluders are independent of each other.
     """

@@ -10,9 +10,9 @@ The prior is a mixture: for each sensor a wedge in which all directions and all 
 equally likely (its density falls with 1 / distance), and a box around the sensors.  Equal distances, not equal areas:
 one bearing then leaves the distance evenly spread, and a far limit that is too large does little harm.
 
-A prior that reaches as far as cameras see is diffuse, and bearings are sharp.  First positions are therefore drawn where
-lines of sight lead (`initial_positions`), each with the weight that the prior over the density of the draws gives it
-(importance sampling).
+A prior that reaches as far as cameras see is diffuse, and bearings are sharp.  First positions are therefore drawn
+where lines of sight lead (`initial_positions`), each with the weight that the prior over the density of the draws
+gives it (importance sampling).
 """
 
 from __future__ import annotations
@@ -225,7 +225,7 @@ CROSSING = 0.6
 CROSSING_INFLATION = 1.5
 """Draws at a crossing are spread wider than the crossing's own errors by this factor."""
 MIN_CROSSING_SINE = 0.02
-"""Sight lines that cross at a smaller angle (about 1 degree) have no crossing."""
+"""Lines of sight that cross at a smaller angle (about 1 degree) have no crossing."""
 MAX_CROSSINGS = 200
 """Of more crossings so many are taken at random."""
 MIN_RELATIVE_DISTANCE = 1e-6
@@ -328,7 +328,7 @@ def initial_positions(n: int, lines: ScanDirectionsInPlane, prior: ViewPrior, rn
 
 
 def crossings(lines: ScanDirectionsInPlane, rng: Generator) -> tuple[Floats, Floats]:
-    """(K, 2) positions where lines of different sensors cross ahead of both, and (K, 2, 2) covariances of draws there."""
+    """(K, 2) crossings of lines of different sensors ahead of both, and (K, 2, 2) covariances of draws there."""
     pairs = [(i, j) for i, j in combinations(range(len(lines.azimuth)), 2) if lines.sensor[i] != lines.sensor[j]]
     if not pairs:
         return np.empty((0, 2)), np.empty((0, 2, 2))

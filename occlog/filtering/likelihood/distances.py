@@ -233,7 +233,7 @@ def log_likelihood(rows: RangeMeasurements, xy: Floats) -> Floats:
 
 
 def residuals_at_own_position(rows: RangeMeasurements, xy: Floats) -> tuple[Floats, Floats]:
-    """Residuals (m,) of measurements, each at its own position (m, 2), and gradients (m, 2), as `linearise` has them."""
+    """Residuals (m,) of measurements, each at its own position (m, 2), and gradients (m, 2); see `linearise`."""
     return _residual(rows, xy)
 
 
@@ -244,7 +244,7 @@ def information(rows: RangeMeasurements, xy: Floats) -> Floats:
 
 
 def _residual(rows: RangeMeasurements, xy: Floats) -> tuple[Floats, Floats]:
-    """Residuals (..., m) of measurements at positions (..., m or 1, 2), and gradients (..., m, 2), over the deviations."""
+    """Normalised residuals (..., m) of measurements at positions (..., m or 1, 2), and gradients (..., m, 2)."""
     kinds = np.unique(rows.kind).tolist()
     if len(kinds) == 1:
         mean, gradient = MODELS[kinds[0]].predict(xy, rows.geometry)

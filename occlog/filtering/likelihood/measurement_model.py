@@ -101,7 +101,7 @@ def linearised(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tup
 
 
 def visible(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Bools:
-    """(L, R) whether each sensor can see (L, 2) positions: on the floor, in view, not behind a wall or static occluder."""
+    """(L, R) visibility of (L, 2) positions from sensors: on the floor, in view, not behind walls or occluders."""
     xy = np.ascontiguousarray(xy)
     free = on_floor(xy, world.floor.room, world.floor.walls, world.floor.starts)
     columns = [free & seen_from(xy, int(i), world.sensors) for i in rows.sensor]

@@ -1,8 +1,8 @@
-"""Motion with a velocity that is forgotten: the first two time steps of a walk by waypoints.
+"""Motion with a velocity that is forgotten: the first two moments of a walk by waypoints.
 
 A target of [Ercan] Sec. 4.1 keeps its velocity until it chooses another destination.  Where choices come at random,
 1 / tau in a unit of time, and destinations lie in all directions, its velocity v has mean 0, variance
-V = speed^2 / 2 per axis, and the correlation exp(-t / tau).  The Gaussian process of these time steps is
+V = speed^2 / 2 per axis, and the correlation exp(-t / tau).  The Gaussian process of these moments is
 
     dx = v dt + sigma_v dw,    dv = -v / tau dt + sqrt(2 V / tau) dw'
 

@@ -152,7 +152,7 @@ def choose_regimes(particles: WaypointParticles, arrived: Bools, dt: float, moti
 
 @kernel
 def gather(dt: float, motion: WaypointModel) -> tuple[float, float, float]:
-    """What noise does in a step that moves: variance of the position per axis, gain of the velocity, variance left of it.
+    """Process noise of a step: variance of the position per axis, gain and remaining variance of the velocity.
 
     Noise of the velocity is that of white acceleration: given the position x', the velocity is at
     c + gain (x' - x - c dt), c being that before, with the variance that is left, per axis.  Without it the gain is

@@ -76,12 +76,12 @@ class Tracks(ColumnTable):
 
 
 def doubt_column(reasons: str) -> Any:
-    """Declare the column of reasons why a row is not to be accepted.
+    """Declare the column of reasons why a row is not reliable.
 
     Args:
         reasons: each that there is, with its meaning.
     """
-    meaning = "why the position is not to be accepted, separated by commas; empty: no reason was found."
+    meaning = "why the position is not reliable, separated by commas; empty: no reason was found."
     return column("U", "1", f"{meaning} {reasons}", optional=True)
 
 
@@ -160,7 +160,7 @@ class Diagnostics(ColumnTable):
         "1",
         "empty, `sir` (auxiliary stage skipped), `restart` (particles resampled), `gap` (the same after a long gap), "
         "`depleted` (fewer than ten effective particles: the covariance says little); "
-        "of a batch method `unobservable` (the position is hardly known), `contradiction` (constraints that no position "
+        "of a batch method `unobservable` (the position is hardly known), `contradiction` (constraints no position "
         "holds were omitted, with what was seen then), `wall` (no way around a wall was found), `unfinished` (the "
         "search did not converge) or `doubted` (fewer than half of the bearings are accepted); of `fix` `pair` (two "
         "lines, whose spread is as stated), `stated` (the spread was not found), `ambiguous` (measurements fit several "
@@ -176,23 +176,23 @@ class Diagnostics(ColumnTable):
         "f8",
         "m^2",
         "mean square error expected of the cameras selected since the last row",
-        nan="none was reselected",
+        nan="no selection",
     )
     seen_by: Strings = column(
         "U",
         "1",
-        "sensors that saw the target, separated by commas; empty: none, or the method does not say which",
+        "sensors that saw the target, separated by commas; empty: none, or the method does not report them",
         optional=True,
     )
     doubt: Strings = column(
         "U",
         "1",
-        "why the estimate is not to be accepted, separated by commas; empty: no reason was found. `edge` (the target "
+        "why the estimate is not reliable, separated by commas; empty: no reason was found. `edge` (the target "
         "may be at the edge of the region that was guessed for a scene without a room), `one-sensor` (one sensor "
-        "alone saw the target for long, which says nothing of its distance), `out-of-view` (half or more of the "
-        "sensors that are said to see the target have it outside of their field of view or range), `sensor-disagrees` "
+        "alone saw the target for long, which leaves its distance unknown), `out-of-view` (half or more of the "
+        "sensors that report the target have it outside of their field of view or range), `sensor-disagrees` "
         "(two thirds or more of what one sensor measured of the target in the last second, five bearings at least, are "
-        "not believed)",
+        "rejected)",
         optional=True,
     )
 
@@ -203,7 +203,7 @@ class Diagnostics(ColumnTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Particles(ColumnTable):
-    """Where a particle filter thinks that each target is: weighted positions at each time."""
+    """Particles of each target: weighted positions at each time."""
 
     NAME: ClassVar[str] = "particles"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id", "particle")
@@ -249,7 +249,7 @@ class Residuals(ColumnTable):
         check_order(self)
         bad = ~((self.believed >= 0.0) & (self.believed <= 1.0) & (self.expected >= 0.0))
         if bad.any():
-            raise InputError(f"Residuals: row {first_row(bad)}: want 0 <= accepted <= 1 and expected >= 0")
+            raise InputError(f"Residuals: row {first_row(bad)}: want 0 <= believed <= 1 and expected >= 0")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -377,7 +377,7 @@ class Cooperation(ColumnTable):
         "U",
         "1",
         "what made it ask: `periodic`, `count`, `bearing`, `ellipse`, `spread`, several separated by commas; "
-        "`shared`: nobody asked, but frames that were looked at show it",
+        "`shared`: not requested, but observed frames show it",
     )
     cameras: Strings = column("U", "1", "cameras that were asked, separated by commas")
     frames: Ints32 = column("i4", "1", "frames that were asked for, answered or not; 0: counted in another row")

@@ -73,7 +73,7 @@ def track(
             if own is None:
                 own = compared.residuals
             elif not (isinstance(method, Online) and method.judges):
-                # The method judged its measurements beside directions alone
+                # The method checked its measurements other than directions
                 own = Residuals.merge([compared.residuals, own])
             part = part._replace(residuals=own, frames=compared.frames)
         yield part

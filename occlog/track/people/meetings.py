@@ -1,7 +1,7 @@
 """Where two people met, and may have been taken for each other when they parted.
 
-A tracker that follows two people through a position where no camera distinguishes them can leave it with their identities
-exchanged, and nothing in its states says so.  Two things that the tracks do say tell how likely that is:
+A tracker of two people through a position where no camera distinguishes them can leave it with their identities
+exchanged, which its states do not show.  Two properties of the tracks determine how likely that is:
 
 * how near they came, in standard deviations of their positions: the smallest distance over its spread;
 * how much likelier the tracks are than the exchanged ones, from the last time step at which a camera had a box of each
@@ -28,7 +28,7 @@ from occlog.track.methods.jipda.interface import STATE_SIZE, VX, VY, BoxAssociat
 ENCOUNTER_DISTANCE_WIDTHS, PARTING_DISTANCE_WIDTHS = 1.5, 2.2
 """Two people met who come nearer than the first, and have parted beyond the second; in mean widths of a person."""
 RESOLUTION_WIDTHS = 0.55
-"""Nearer than this many widths one person's boxes are not told from the other's."""
+"""Minimum distance, in widths, at which the boxes of two people are distinguished."""
 MIN_SEPARATE_DETECTIONS = 1.0
 """Cameras, in sum of probabilities, that must have a box of each of the two alone."""
 MIN_SWITCH_PROBABILITY = 0.2
@@ -68,15 +68,15 @@ class _Encounter:
 
 
 class CloseEncounters:
-    """Who is near whom, while time steps stream by; memory is that of those who are near each other now."""
+    """Close encounters over a stream of time steps; memory is bounded by the current ones."""
 
     def __init__(self, config: JipdaConfig) -> None:
-        """Nobody has met; `config` says how wide people are, and how they turn."""
+        """Create an empty set of encounters; `config` has the widths and motion model of people."""
         self._width, self._manoeuvre = config.width, config.manoeuvre
         self._going_on: dict[tuple[int, int], _Encounter] = {}
 
     def add(self, moment: TrackSnapshot) -> tuple[Event, ...]:
-        """Take in one more time step; two events for each two people who part and may have been exchanged."""
+        """Add a time step; return two events for each pair that separates and may have been exchanged."""
         n = len(moment.ids)
         near = _pairs(moment.mean[:, [X, Y]], PARTING_DISTANCE_WIDTHS * self._width)
         now = {(int(moment.ids[i]), int(moment.ids[j])): (i, j) for i, j in near}
@@ -117,7 +117,7 @@ class CloseEncounters:
 
 
 def _pairs(places: Floats, apart: float) -> list[tuple[int, int]]:
-    """Those of (m, 2) positions that are at most so far apart, i < j, in the order of i and j."""
+    """Find pairs of (m, 2) positions within a distance, i < j, in the order of i and j."""
     if len(places) < 2:
         return []
     found = cKDTree(places).query_pairs(apart, output_type="ndarray")
@@ -125,7 +125,7 @@ def _pairs(places: Floats, apart: float) -> list[tuple[int, int]]:
 
 
 def _doubts(pair: tuple[int, int], probability: float) -> list[Event]:
-    """The doubt of either of two people, if it is worth naming."""
+    """Return the possible identity switch of either person, if it is likely enough to report."""
     if probability < MIN_SWITCH_PROBABILITY:
         return []
     return [Event("doubt", a, b, probability) for a, b in (pair, pair[::-1])]

@@ -1,4 +1,4 @@
-"""Moments of all people as rows of tables: tracks, support, events, and all people in every image."""
+"""Rows of tables from time steps: tracks, support, events, and all tracks in every image."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .boxes_by_moment import FrameDetectionsWithIds
 MIN_MAP_PROBABILITY = 0.5
 """A box is a person's if it is more probably of this person than not."""
 QUALITY_FLAGS = (COASTING, SINGLE_VIEW, POSSIBLE_SWITCH)
-"""Values of the column `doubt`, in the order in which they stand there."""
+"""Values of the column `doubt`, in the order of the column."""
 COVARIANCES = {
     "cov_xx": (X, X),
     "cov_xy": (X, Y),
@@ -32,18 +32,18 @@ COVARIANCES = {
     "cov_vx_vy": (VX, VY),
     "cov_vy_vy": (VY, VY),
 }
-"""Columns of the covariance by the places in the state."""
+"""Columns of the covariance by the indices of the state."""
 
 
 class SnapshotWithDetections(NamedTuple):
-    """Everybody after a time step, and the looks that it was made of."""
+    """Tracks after a time step, and the frames of that step."""
 
     moment: TrackSnapshot
     looks: Sequence[FrameDetectionsWithIds]
 
 
 class SnapshotTables(NamedTuple):
-    """The rows of several time steps; None: those of the images are not wanted."""
+    """The rows of several time steps; None: image rows are not requested."""
 
     tracks: PeopleTracks
     support: Support
@@ -88,7 +88,7 @@ def tracks_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]) -> P
 
 
 def associations_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]) -> Support:
-    """A row for each box that speaks for a person."""
+    """Return a row for each associated box."""
     parts = [each for each in seen if len(each.moment.support.row)]
     if not parts:
         return Support.empty()
@@ -134,7 +134,7 @@ class ViewRows(NamedTuple):
 
 
 class TracksInViews:
-    """Everybody in the images: between the box that a camera has of a person and that which the floor lets expect."""
+    """Tracks in the images: weighted means of the detected box and the projection from the ground plane."""
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
         """Pack the cameras."""
@@ -175,10 +175,10 @@ class TracksInViews:
         return table.sorted()
 
     def _in_look(self, moment: TrackSnapshot, each: FrameDetectionsWithIds) -> ViewRows:
-        """Everybody in one frame."""
+        """Project all tracks into one frame."""
         look, c = each.look, each.look.camera
         there = np.flatnonzero(np.isfinite(moment.visibility[:, c]))
-        # Project the people on the floor to the time of the look
+        # Project the people on the floor to the time of the frame
         found = np.zeros((len(there), 8))
         delay = (look.t_ns - moment.t_ns) / NS
         project(self._views, c, moment.mean[there], moment.covariance[there], delay, found)
@@ -201,7 +201,7 @@ class TracksInViews:
 
 
 def _map_boxes(moment: TrackSnapshot, row: Ints, camera: int) -> Ints:
-    """(m,) place in a look of the box that is more probably than not each person's alone; -1: none is."""
+    """(m,) index in a frame of the box that is more probably than not each person's alone; -1: no box."""
     out = np.full(len(moment.ids), -1, dtype=np.int64)
     s = moment.support
     mine = np.flatnonzero((s.camera == camera) & (s.probability - s.joint >= MIN_MAP_PROBABILITY))

@@ -1,4 +1,4 @@
-"""From time steps of looks to tables of all people, a part at a time."""
+"""Time steps of frames to tables of all people, chunk by chunk."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ ROWS_PER_PART = 8192
 
 
 class FixedLagSmoother(NamedTuple, Generic[State, Window]):
-    """How a method looks back: time steps wait for what comes after them, and are then reported anew, in their order.
+    """Fixed-lag smoother: time steps wait for later data, and are then reported in order.
 
     `initial_state` takes the lag [ns] (None: everything) and a generator, `add` what the filter said of one more
     time step; `finish` gives the time steps that still wait when nothing comes any more.
@@ -41,12 +41,12 @@ class FixedLagSmoother(NamedTuple, Generic[State, Window]):
 
 
 class PeopleTracker(NamedTuple, Generic[State, Window]):
-    """A method that follows all people: `initial_state` makes its state, `step` takes the looks of one time step in."""
+    """Multi-person method: `initial_state` makes its state, `step` adds the frames of one time step."""
 
     begin: Callable[[Scene, Sequence[Camera], JipdaConfig], State]
     step: Callable[[State, Sequence[FrameDetections]], tuple[State, TrackSnapshot]]
     hear: Callable[[State, DirectionsOfArrival, MicrophoneArray], State] | None = None  # None: it is deaf
-    future: FixedLagSmoother[State, Window] | None = None  # None: it cannot look back
+    future: FixedLagSmoother[State, Window] | None = None  # None: no smoother
 
 
 JIPDA: PeopleTracker[joint_filter.JipdaState, window.SmoothingWindow] = PeopleTracker(
@@ -67,7 +67,7 @@ def track_people(
     seed: int = 0,
     heard: Iterable[DirectionsOfArrival] = (),
 ) -> Iterator[list[SnapshotWithDetections]]:
-    """Follow all people; some time steps at a time, as many as have few rows together, so that memory does not grow.
+    """Track all people, in chunks of time steps with few rows, so that memory does not grow.
 
     Args:
         moments: in the order of time; none is empty.
@@ -106,7 +106,7 @@ def _steps(
     follower: PeopleTracker[State, Window],
     heard: Iterable[DirectionsOfArrival],
 ) -> Iterator[tuple[State, SnapshotWithDetections]]:
-    """What the filter says of each time step; what was heard since the time step before is taken in first."""
+    """Filter each time step, after the directions heard since the previous one."""
     sounds = iter(heard)
     sound = next(sounds, None)
     for looks in moments:
@@ -124,7 +124,7 @@ def _reported(
     config: JipdaConfig,
     seed: int,
 ) -> Iterator[SnapshotWithDetections]:
-    """What is said of each time step, at once or when its future is known."""
+    """Output of each time step, at once or after smoothing."""
     if not config.smoothed or follower.future is None:
         yield from (seen for _, seen in steps)
         return
@@ -141,10 +141,10 @@ def _reported(
 
 
 class Tabulator:
-    """Makes tables of time steps, and counts whom the cameras see."""
+    """Makes tables of time steps, and counts the people that each camera sees."""
 
     def __init__(self, cameras: Sequence[Camera], *, in_images: bool) -> None:
-        """Nothing was seen yet; `in_images` says whether all people in every image is wanted."""
+        """Create empty counts; `in_images`: project all tracks into every image."""
         self._names = [c.name for c in cameras]
         self._views = TracksInViews(cameras) if in_images else None
         self.agreement = CameraAgreement(cameras)

@@ -45,7 +45,7 @@ from .model import MIN_SIGMA, pack_sensors
 MAX_CLOUD_ANGLE = 0.1
 """Particles this near together, relative to their distance, see a camera under one angle as far as Eq. 2 goes."""
 REPACK_SHIFT_SIGMAS = 0.05
-"""Corrected cameras are packed anew when an estimate has moved by this share of its prior deviation."""
+"""Corrected cameras are packed again when an estimate has moved by this share of its prior deviation."""
 MIN_LOG_ODDS = 3.0
 """Log-odds from which on errors are taken to stay: 20 to 1."""
 GATE_SIGMAS = 4.0
@@ -231,7 +231,7 @@ def _packed(calibration: PoseCalibration) -> PoseCalibration:
 
 
 def corrected_sensors(scene: Scene, errors: Floats) -> Sensors:
-    """Packed sensors of a scene whose cameras are moved and turned by (S, 3) errors.
+    """Packed sensors of a scene, with cameras moved and turned by (S, 3) errors.
 
     What hides things from a camera is what hides them at its stated position, but for a wall
     or a pillar that it would be moved into.

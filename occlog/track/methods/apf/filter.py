@@ -60,7 +60,7 @@ class ApfState(NamedTuple):
     t_ns: int | None
     astray: int  # reports against the likeliest position more than for it, see `_track_loss`
     calibration: PoseCalibration | None = None  # None: errors of poses are white noise
-    trace: Trace = ()  # what the last step leaves for the way back; none where nothing looks back
+    trace: Trace = ()  # smoother state of the last step; empty without a smoother
 
 
 def init(scene: Scene, config: ApfConfig, rng: Generator) -> ApfState:
@@ -160,7 +160,7 @@ def _updated(state: ApfState, looks: PackedScan, dt: float, rng: Generator) -> t
 
 
 def _last(model: ApfModel, draw: ProposedParticles, dt: float) -> Trace:
-    """The link of a scan; none where nothing looks back."""
+    """The smoother state of a scan; None without a smoother."""
     if not model.config.smoothed:
         return ()
     return (record_particles(draw.particles, draw.weights, draw.parents, dt, model, draw.sharpness),)
@@ -222,7 +222,7 @@ def _as_estimate(
     looks: PackedScan,
     seen: Bools,
 ) -> Estimate:
-    """The estimate, and by which looks it was made."""
+    """The estimate, with the sensors that contributed."""
     return Estimate(
         xy=mean,
         velocity=draw.weights @ waypoint.velocities(draw.particles),

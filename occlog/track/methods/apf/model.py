@@ -89,7 +89,7 @@ def read_noise(scene: Scene) -> Floats:
 
 
 def pack_scan(scan: Scan, read_px: Floats, use_score: bool) -> PackedScan:
-    """The looks of a scan, as the likelihood kernels read them.
+    """Pack the sensor reports of a scan for the likelihood kernels.
 
     Cameras count by pixels, with Eq. 2's variance; a bearing without pixels by its own sigma,
     which is taken to hold everything.
@@ -283,7 +283,7 @@ def likelihood(
 
 
 def evidence(model: ApfModel, looks: PackedScan) -> tuple[Ints, Floats]:
-    """Looks and measurements of a scan as the importance density takes them; see `kernels.importance.adapt`."""
+    """Sensor reports and measurements of a scan for the importance density; see `kernels.importance.adapt`."""
     rows = importance.measurements(looks, model.sensors, model.noise, model.detection)
     if model.measured is None:
         return looks.first, rows

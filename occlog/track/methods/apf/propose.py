@@ -127,7 +127,7 @@ def _adapted_step(
     # Stage 1, weigh the hypotheses, and resample: systematic
     first, fallback = _stage_1(log_first.reshape(-1), prior, config.defensive)
     if not len(rows):
-        # Nobody saw the target: keep particles of every hypothesis for the next scan
+        # No sensor detected the target: keep particles of every hypothesis for the next scan
         first = (1.0 - EVEN_HYPOTHESIS_SHARE) * first + EVEN_HYPOTHESIS_SHARE * _even_weights(weights, chance)
     chosen = systematic_ancestors(first, n, rng.random())
     parents, regime = chosen % L, chosen // L
@@ -160,7 +160,7 @@ def _adapted_step(
 
 
 def _stage_1(log_weights: Floats, prior: Floats, defensive: float) -> tuple[Floats, str]:
-    """Weights of stage 1, a share of which does not look at the scan; `sir` where no expected state agrees with it."""
+    """Weights of stage 1, a share of which is from the motion alone; `sir` where no expected state agrees with it."""
     first, log_sum = normalise_log_weights(log_weights)
     fallback = "" if math.isfinite(log_sum) else "sir"
     if fallback:  # stage 1 is skipped: plain sampling importance resampling

@@ -5,7 +5,7 @@ Which cameras to ask for measurements: [Ercan] Sec. 5 and the heuristics of Sec.
 greedy        adds, one after the other, the camera that lowers the expected error most (Alg. 2)
 brute-force   the best of all subsets
 fixed         the first ones of a given order
-random        any, anew at each selection
+random        any, redrawn at each selection
 closest       those nearest to where the target is thought to be
 all           all of them
 """
@@ -180,11 +180,11 @@ def _thin(cloud: ParticleSet) -> ParticleSet:
 PRIOR_VISIBILITY = 0.8
 """Probability that a camera whose view holds the target has it in plain view, of which nothing is known yet."""
 MAX_DETECTION_PROBABILITY = 0.9
-"""Probabilities of detection above this count as this when a camera looks in vain."""
+"""Limit of the detection probability of a missed detection."""
 RESTART_FALLBACKS = ("restart", "gap")
 """Values of `fallback` of estimates of a filter that has restarted."""
 MIN_CAMERAS_TO_LOCALISE = 2
-"""Cameras that see a target tell where it is."""
+"""Cameras that see a target determine its position."""
 FOREVER_NS = 2.0**63
 """No two times are further apart."""
 
@@ -251,7 +251,7 @@ class Selector(Generic[State, Config]):
     def update(self, own: TargetFilter[State], t_ns: int, priors: Priors | None) -> TargetFilter[State]:
         """The filter with the cameras to use at a time, reselected where that is due.
 
-        Until two cameras have seen the target at once nobody knows where it is, and all of them are asked: cameras that
+        Until two cameras have seen the target at once its position is unknown, and all of them are asked: cameras that
         are selected for a cloud all over the position would leave it there.  With priors of the moving occluders, or
         without patience, [Ercan] Alg. 3 selects from the first scan on.
         """

@@ -1,4 +1,4 @@
-"""Method `apf` looks back: trajectories drawn backwards through the particles of all scans."""
+"""Backward simulation smoother of method `apf`."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def _parents(now: ParticleRecord, later: ParticleRecord, chosen: Ints, motion: W
 
 @kernel
 def kernel_variance(states: Floats, weights: Floats) -> tuple[float, float]:
-    """Squared widths per axis of the kernel of position and velocity: best for a Gaussian of four dimensions (Silverman).
+    """Squared kernel bandwidths per axis of position and velocity: optimal for a 4-d Gaussian (Silverman).
 
     Args:
         states: (L, 5) from `waypoint.headings`.

@@ -19,8 +19,9 @@ A position from bearings of which some may be false: the modes of a mixture like
 Each bearing is true, with a Gaussian error of its stated standard deviation, or false, and then from anywhere; at
 `bend` standard deviations both are as likely.  The likelihood of a position has a mode wherever enough bearings agree.
 All of them are looked for, from where each two lines cross, by Gauss and Newton with reweighting.  The estimate is the
-highest mode.  Its covariance is the second time step of all modes about it, by their heights, so that it is wide where it
-cannot be told which bearing is false.  (Volumes do not count: lines that are next to parallel would meet at infinity.)
+highest mode.  Its covariance is the second moment of all modes about it, by their heights, so that it is wide where
+it cannot be told which bearing is false.  (Volumes do not count: lines that are next to parallel would meet at
+infinity.)
 
 Few residuals tell little of the errors' scale: they are pooled with what is stated, which counts as much as
 `PRIOR_RESIDUALS` of them, and the covariance is that of Student's distribution with so many degrees of freedom.
@@ -127,7 +128,7 @@ def fix(
     bend: float = BENDS["huber"],
     estimated: bool = True,
 ) -> Fix | None:
-    """The position that a set of bearings points at; None where they do not tell one.
+    """The position that a set of bearings points at; None if undetermined.
 
     Args:
         places: (n, 2) where the bearings were taken, n >= 2.
@@ -283,7 +284,7 @@ def _ahead(places: Floats, bearings: Floats, found: Fix) -> bool:
 
 
 PRIOR_RESIDUALS = 10.0
-"""What is stated counts as much as so many residuals."""
+"""Weight of the stated variances, in residuals."""
 MAX_EM_ITERATIONS, HALVINGS = 50, 8
 EM_TOLERANCE = 1e-9
 """Largest move of a mode in its last iteration, as a share of the distances."""
@@ -318,7 +319,7 @@ def pooled_factor(squares: float, freedom: float) -> float:
 
 
 def modes(places: Floats, bearings: Floats, sigma: Floats, bend: float) -> Modes | None:
-    """The modes of the likelihood of a position; None where the bearings do not tell one.
+    """The modes of the likelihood of a position; None if undetermined.
 
     Args:
         places: (n, 2) where the bearings were taken, n >= 2.
@@ -371,7 +372,7 @@ def _with_distances(xy: Floats, covariance: Floats, believed: Floats, places: Fl
 
 
 def spread_of(found: Modes, *, pooled: bool) -> Floats:
-    """(2, 2) second time step of all modes about the first, with scales that are pooled or as stated."""
+    """(2, 2) second moment of all modes about the first, with scales that are pooled or as stated."""
     factor = np.ones(len(found.xy))
     if pooled:
         squares = np.einsum("mn,mn->m", found.believed, np.minimum(found.residual**2, 1e6))

@@ -46,7 +46,7 @@ def init(scene: Scene, config: FixConfig, rng: Generator) -> FixState:  # noqa: 
 
 
 def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimate | None]:  # noqa: ARG001
-    """The scan's position, None where it does not tell one."""
+    """The scan's position, None if undetermined."""
     config = state.config
     # Associate: rows of the target, and the candidates that agree best
     rows = _rows(state, scan)
@@ -92,7 +92,7 @@ def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimat
 
 
 def _mixed(state: FixState, scan: Scan, rows: Ints, distances: RangeMeasurements) -> Estimate | None:
-    """The position by bearings and measurements of distances; None where they do not tell one.
+    """The position by bearings and measurements of distances; None if undetermined.
 
     UsageError for an estimator of bearings alone.
     """

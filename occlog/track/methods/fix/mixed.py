@@ -1,13 +1,13 @@
 """A position from one time step's bearings, ranges, signal strengths and differences, of which some may be false.
 
-The same as `occlog.track.methods.fix.estimators`, with measurements of distances beside the lines of sight.  Starts
+The same as `occlog.track.methods.fix.estimators`, with measurements of distances in addition to lines of sight.  Starts
 are where each two lines cross, where a line leaves a circle of a range, where circles meet, where on a grid about the
-sensors a difference meets another measurement, and the best positions of that grid; from there Gauss and Newton climb with
-reweighting.  Several modes are usual: circles of two ranges meet twice, and sensors on a line do not tell one side from
-the other.  A room speaks against modes outside of it, as one measurement more.
+sensors a difference meets another measurement, and the best positions of that grid; from there Gauss and Newton climb
+with reweighting.  Several modes are usual: circles of two ranges meet twice, and sensors on a line do not tell one
+side from the other.  A room speaks against modes outside of it, as one measurement more.
 
 Blunt measurements (a signal strength has an error of half the distance) leave likelihoods that are no Gaussians.  The
-spread about a mode is therefore the second time step of the likelihood itself over a grid of `MODE_GRID_SIZE` x
+spread about a mode is therefore the second moment of the likelihood itself over a grid of `MODE_GRID_SIZE` x
 `MODE_GRID_SIZE` positions that are even in the Gaussian's own coordinates.
 """
 
@@ -45,7 +45,8 @@ from .estimators import (
 )
 
 GRID, GRID_REACH_EXTENTS, MAX_STARTS = 24, 1.0, 12
-"""Starts on a grid of so many positions a side, which reaches so many extents beyond the sensors; the best are climbed."""
+"""Starts on a grid: positions per side, and margin in extents beyond the sensors; the best are
+climbed."""
 COARSE = (0.5, 0.125, 0.03)
 """Shares of the grid's step that standard deviations hold also, while positions of the grid are climbed."""
 PAIRS, START_GATE_SIGMAS = 45, 2.0
@@ -72,14 +73,14 @@ class BearingLines(NamedTuple):
 
 
 class LineAndDistanceResiduals(NamedTuple):
-    """Residuals (M, n + m) of lines and distances at M positions, and gradients (M, n + m, 2), in standard deviations."""
+    """Normalised residuals (M, n + m) of lines and distances at M positions, and gradients (M, n + m, 2)."""
 
     residual: Floats
     gradient: Floats
 
 
 def modes_of(lines: BearingLines, distances: RangeMeasurements, room: Floats | None = None) -> Modes | None:
-    """The modes of the likelihood of a position; None where the measurements do not tell one.
+    """The modes of the likelihood of a position; None if undetermined.
 
     Args:
         lines: n lines of sight, none or more.
@@ -128,8 +129,8 @@ def modes_of(lines: BearingLines, distances: RangeMeasurements, room: Floats | N
 def has_rival_mode(found: Modes) -> bool:
     """Whether a false measurement may be among those that are accepted at the first mode.
 
-    Two tests: whether other positions, at which fewer agree, are possible; and the sum of squares of the residuals, which
-    is chi-squared with a degree of freedom for each measurement that is accepted but the two that fix a position.
+    Two tests: whether other positions, at which fewer agree, are possible; and the sum of squares of the residuals,
+    which is chi-squared with a degree of freedom for each measurement that is accepted but the two that fix a position.
     """
     believed = found.believed[0] >= 0.5
     spare = int(np.count_nonzero(believed)) - 2
@@ -154,7 +155,7 @@ def measured_at(lines: BearingLines, distances: RangeMeasurements, xy: Floats) -
 def _moment(
     lines: BearingLines, distances: RangeMeasurements, errors: DistanceErrors, xy: Floats, narrow: Floats
 ) -> Floats:
-    """(2, 2) second time step about a mode of the likelihood of what is not false there, by a grid.
+    """(2, 2) second moment about a mode of the likelihood of what is not false there, by a grid.
 
     The grid is even in the coordinates of the Gaussian of the mode, whose covariance is `narrow`.  Where circles touch,
     that Gaussian is much longer than the likelihood, of which the grid would see one row: then it is made shorter.

@@ -45,7 +45,7 @@ class ImmConfig(SmoothingConfig):
     )
     speed: float = setting(1.0, "Standard deviation of a new target's velocity, per axis.", unit="length/s", at_least=0)
 
-    # Which bearing is whose
+    # Data association
     association: str = setting(
         "joint",
         "Which bearing is whose; any: every target's filter takes any bearing, [Lee] Eq. 3.6.",

@@ -67,7 +67,7 @@ class Weights(NamedTuple):
 
 
 class ModelEstimates(NamedTuple):
-    """Weighted time steps of one step; for a model of no weight its mean and covariance are NaN."""
+    """Weighted moments of one step; for a model of no weight its mean and covariance are NaN."""
 
     mean: Floats  # (4,)
     covariance: Floats  # (4, 4)

@@ -60,7 +60,7 @@ class Direct3dState(NamedTuple):
     near: Floats  # (2,) about where the target is
     t_ns: int | None
     astray: Ints  # (S,) see `is_contradicted`
-    begun: bool = True  # anew with the last scan
+    begun: bool = True  # restarted with the last scan
 
 
 class ScanUpdate(NamedTuple):
@@ -165,7 +165,7 @@ def begin(space: SpaceModel[C], heard: ScanDirections, reason: str, rng: Generat
 
 
 def is_contradicted(astray: Ints, good: Bools, heard: ScanDirections, config: SpaceConfig) -> tuple[Ints, bool]:
-    """How many more reports of each sensor contradict the likeliest position than agree with it, and whether that is lost.
+    """Return the track-loss counter of each sensor, and whether the track is lost.
 
     It is lost when one sensor has contradicted it `lost_after` times more.  Every sensor counts by
     itself, since one direction alone agrees with many wrong positions.  A sensor that has made

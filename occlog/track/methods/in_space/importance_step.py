@@ -1,4 +1,4 @@
-"""A step of a particle filter whose importance density looks at the scan, in space or in one plane.
+"""A step of a particle filter with an adapted importance density, in space or in one plane.
 
 The particles after a scan represent the kernel density of `occlog.filtering.kernel_density`,
 
@@ -9,8 +9,8 @@ that of the kernel as it moves plus the noise of the motion.  So a target withou
 has one to draw from as well, and one form serves both.  A step is that of the auxiliary particle filter (Pitt and
 Shephard 1999) with the optimal importance density (Doucet, Godsill and Andrieu 2000), approximated
 (`occlog.track.methods.in_space.kernels.importance`): parents are drawn by their weights times the predictive
-likelihood of the scan, positions from the posterior of each, velocities given the position from the motion; the weights put
-right what is only approximate.
+likelihood of the scan, positions from the posterior of each, velocities given the position from the motion; the
+weights put right what is only approximate.
 
 Smoothing of tracks in space: what was seen afterwards tells of a state as well.
 
@@ -52,7 +52,7 @@ from .kernels.likelihood import ReportProbabilities
 from .sensing import ScanDirections, motion_of
 
 DEFENSIVE_FRACTION = 0.05
-"""Share of parents and of positions that are drawn without a look at the scan, so that no density is far too small."""
+"""Share of parents and of positions that are drawn from the motion alone, so that no density is far too small."""
 MIN_RELATIVE_EXTENT = 1e-9
 """A cloud without extent gets this much of the distance from the origin, so that densities stay finite."""
 
@@ -66,7 +66,7 @@ class TimeStepPath(NamedTuple):
 
 
 class ProposedStates(NamedTuple):
-    """Particles that were drawn with a look at the scan."""
+    """Particles drawn from the adapted proposal."""
 
     cloud: Floats  # (2d, n)
     log_prior: Floats  # (n,) log weights before the likelihood
@@ -86,7 +86,7 @@ def update_by_scan(
 ) -> tuple[Floats, Floats, float]:
     """Particles at the time of a scan, their weights, and the log of the sum of these before they were normalised.
 
-    Particles move without a look at the scan as long as that leaves `config.resample_below` of them effective,
+    Particles move from the motion alone as long as that leaves `config.resample_below` of them effective,
     and else are resampled by `propose`.  Where nearly none agrees with the scan even then, its likelihood
     is flattened (`occlog.filtering.kernel_density.update_weights`).
 
@@ -204,7 +204,7 @@ def propose(
 
 
 def _conditional(C: Floats, d: int, least: float) -> tuple[Floats, Floats, Floats]:
-    """The lower root (3, 3) of the position, the regression (d, d) of the velocity on y, and the root of what is left."""
+    """Lower root (3, 3) of the position, regression (d, d) of the velocity on y, and root of the remainder."""
     place = C[:d, :d] + least**2 * np.eye(d)
     root = np.eye(3)
     root[:d, :d] = np.linalg.cholesky(place)
@@ -245,7 +245,7 @@ class CloudTrace(NamedTuple):
 
     t_ns: int
     knot: KernelDensity
-    begun: bool  # anew: they do not come from the particles before
+    begun: bool  # restarted: they do not come from the particles before
 
 
 class GaussianTrace(NamedTuple):

@@ -195,7 +195,7 @@ def _shares(flat: tuple[PlanePosterior, PlanePosterior], rows: list[list[int]], 
 
 
 Pair = tuple[tuple[int, int], tuple[int, int]]
-"""Two (sensor of the scan, plane); sensor -1: no sensor tells anything in that plane."""
+"""Two (sensor of the scan, plane); sensor -1: no sensor measures in that plane."""
 NOTHING: Pair = ((-1, XY), (-1, YZ))
 
 
@@ -284,7 +284,7 @@ class PlaneSights(NamedTuple):
 
 
 def sights_in_plane(plane: int, heard: ScanDirections, angles: ProjectedAngles, only: int | None = None) -> PlaneSights:
-    """What a scan tells in a plane.
+    """Measurement of a scan in a plane.
 
     A sensor counts if none of its candidates is blind in this plane: otherwise one that cannot be seen
     here might be the target's.
@@ -312,7 +312,7 @@ def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances:
 
     Args:
         ab: positions.
-        own: what the scan tells in the plane.
+        own: measurement of the scan in the plane.
         heard: the scan.
         chances: see `occlog.track.methods.in_space.kernels.likelihood.scan_log_likelihood`.
     """
@@ -325,7 +325,7 @@ def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances:
 
 
 def lines_in_plane(own: PlaneSights, heard: ScanDirections, chances: ReportProbabilities) -> ScanRows:
-    """What a scan tells in a plane as azimuths in a space whose third axis nothing depends on."""
+    """Measurement of a scan in a plane as azimuths in a space whose third axis nothing depends on."""
     none, c, s = np.zeros(len(own.angle)), np.cos(own.angle), np.sin(own.angle)
     share = heard.sights.share[own.rows]
     scale, rival = factors(heard, own.first, share, np.full(len(share), UNIFORM_AZIMUTH), chances)

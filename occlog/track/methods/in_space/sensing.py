@@ -150,7 +150,7 @@ def agrees(places: Floats, heard: ScanDirections, gate: float) -> Bools:
 
 
 DEFENSIVE_FRACTION = 0.1
-"""Share of the first particles that does not look at the scan."""
+"""Share of the initial particles from the bootstrap proposal."""
 
 
 C = TypeVar("C", bound=SpaceConfig)

@@ -1,7 +1,8 @@
 """Directions of arrival in the same state: who speaks is heard where no camera shows them, and keeps their identity.
 
 A direction is of one person or of no person, and a person is heard in at most one direction of an array at a time: the
-marginals are those of boxes (Williams and Lau 2014).  Nobody is initiated of a sound, and who is silent is still there.
+marginals are those of boxes (Williams and Lau 2014).  A sound initiates no track, and silence is no evidence against a
+person.
 """
 
 from __future__ import annotations
@@ -23,17 +24,17 @@ from .people import MIN_EXISTENCE_COMPLEMENT, update
 SPEECH_PROBABILITY = 0.1
 """Probability that a person speaks and is heard, at a time at which the array hears something."""
 DOA_CLUTTER_RATE = 0.3
-"""Expected number of directions of no person at such a time, from anywhere around."""
+"""Expected number of false directions per array and time, uniform over azimuth."""
 GATE_SIGMAS = 4.0
 """Standard deviations beyond which a direction is not a person's."""
 MIN_ARRAY_DISTANCE_HEIGHTS = 0.3
-"""Nearer to the array than so many heights of people a direction says nothing of the position."""
+"""Minimum distance from the array for a position update, in heights of people."""
 MIN_PROBABILITY_HEARD = 0.5
-"""A person who is so probably heard is known to be somewhere, whether a camera shows the position or not."""
+"""Minimum probability of being heard that confirms a person's presence outside camera views."""
 
 
 def update_by_directions(state: JipdaState, heard: DirectionsOfArrival, array: MicrophoneArray) -> JipdaState:
-    """Everybody after the directions that an array heard between two time steps.
+    """Update all tracks with the directions that an array heard between two time steps.
 
     Args:
         state: after the time step before; it stays as it is, and keeps its time: the people are compared with the
@@ -54,7 +55,7 @@ def update_by_directions(state: JipdaState, heard: DirectionsOfArrival, array: M
     spread = np.einsum("ni,nij,nj->n", slope, people.covariance, slope)
     apart = wrap_angle(heard.bearing[None] - np.arctan2(away[:, 1], away[:, 0])[:, None])
     variance = spread[:, None] + heard.sigma[None] ** 2
-    # Gate, and associate: odds that the direction is the person's against that it is nobody's
+    # Gate, and associate: odds that the direction is the person's against clutter
     density = np.exp(-0.5 * apart**2 / variance) / np.sqrt(2.0 * np.pi * variance)
     there = np.hypot(away[:, 0], away[:, 1]) < array.range
     odds = SPEECH_PROBABILITY / (1.0 - SPEECH_PROBABILITY) * density / (DOA_CLUTTER_RATE / (2.0 * np.pi))

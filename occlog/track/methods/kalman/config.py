@@ -19,7 +19,7 @@ IGNORE, DESCENT, STARTS = "ignore", "descent", "starts"
 class WalkConfig(Settings):
     """How targets walk, and when a filter gives up; lengths in the scene's unit, times in seconds."""
 
-    # The first two time steps of a walk by waypoints ([Ercan] Sec. 4.1)
+    # The first two moments of a walk by waypoints ([Ercan] Sec. 4.1)
     speed: float = setting(
         1.0,
         "Usual speed: each axis of the velocity has this over the root of two as its standard deviation.",

@@ -219,7 +219,7 @@ def initial_position(
 def _gated_rows(
     place: Floats, anywhere: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float
 ) -> tuple[Ints, float]:
-    """Rows that agree with a position, one a sensor, and the cost of the position; a sensor that disagrees costs the gate."""
+    """Inliers of a position, one per sensor, and its cost; a sensor that disagrees costs the gate."""
     expected, ahead = measured(place[None], rows, world)
     _, variance = linearised(place, rows, world)
     off = np.where(ahead[0], residuals(expected[0], rows) ** 2 / variance, np.inf)

@@ -21,7 +21,7 @@ from occlog.filtering.likelihood.measurement_model import residuals as off_direc
 from .updates import WEIGHTS, by_sigma_points, sigma_points
 
 GRID = 32
-"""A first position is sought from the best of so many squared positions of a grid over the floor."""
+"""Number of grid positions per side, over the floor, for the search of the initial position."""
 MAX_ITERATIONS, HALVINGS, STEP_CHI2_TOLERANCE = 30, 12, 1e-9
 """Of the Gauss-Newton search: most steps, most halvings of a step, squared length of the last one in variances."""
 
@@ -59,8 +59,8 @@ def first_position(
 ) -> tuple[Gaussian, Ints]:
     """Most probable state by the measurements of one scan alone, and the sensors of the readings and bearings used.
 
-    The best position of a grid says which measurements agree; the search by Gauss and Newton for the maximum a posteriori
-    goes on from there with these.
+    The best position of a grid says which measurements agree; the search by Gauss and Newton for the maximum a
+    posteriori goes on from there with these.
     """
 
     def deviations(at: Floats) -> tuple[Floats, Floats]:

@@ -5,8 +5,8 @@ measured; what is learned of it moves the velocity by their covariance.
 
 Update by the rows of one sensor, in polar coordinates about it.
 
-lines of sight of one sensor say nothing of the distance.  In Cartesian coordinates they seem to: what was learned of one
-line is kept as a strip of constant width, two such strips of different directions cross at the sensor, and
+lines of sight of one sensor say nothing of the distance.  In Cartesian coordinates they seem to: what was learned of
+one line is kept as a strip of constant width, two such strips of different directions cross at the sensor, and
 linearised each at a position of its own they draw the estimate to it, with a covariance that is too small (Aidala
 1979).  Where the state is azimuth and log distance instead, rows measure the azimuth alone, the strip is a wedge,
 and the maximum a posteriori needs no search.
@@ -39,8 +39,8 @@ from .config import IGNORE, STARTS, VISIBLE, IekfConfig, UkfConfig
 def polar_update(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Gaussian | None:
     """Return the state after rows of one sensor; None where the prediction is around the sensor.
 
-    The position is Gaussian in azimuth and log distance with the time steps of `state` to first order; the velocity stays
-    Cartesian.  The noise of a row is that on its own ray, at the distance of the prediction.
+    The position is Gaussian in azimuth and log distance with the moments of `state` to first order; the velocity
+    stays Cartesian.  The noise of a row is that on its own ray, at the distance of the prediction.
     """
     sensor = world.sensors.xy[rows.sensor[0]]
     away = state.mean[:2] - sensor
@@ -75,7 +75,7 @@ def _outwards(azimuth: float, distance: float) -> Floats:
 
 
 SIGMA_POINT_SPREAD = math.sqrt(3.0)
-"""Sigma points lie so many standard deviations off: n + kappa = 3, which suits a Gaussian's fourth time step."""
+"""Distance of sigma points in standard deviations: n + kappa = 3, which suits a Gaussian's fourth moment."""
 WEIGHTS = np.array([1.0 / 3.0, *[1.0 / 6.0] * 4])
 """Of the mean and of the four points about it."""
 HALVINGS = 12
@@ -132,9 +132,9 @@ def linear(state: Gaussian, at: Floats, rows: LinearisedRows, world: Measurement
 def _near_sensor_inflation(at: Floats, rows: LinearisedRows, world: MeasurementWorld, covariance: Floats) -> Floats:
     """(R,) by how much larger variances are beside a sensor, where the position's distance is not known.
 
-    A line of sight's error across is its angle times the distance r, whose second time step is r^2 + v; linearised at the
-    position it is taken for r alone, and next to a sensor the line would have no width.  Elsewhere the form is the usual
-    one.
+    A line of sight's error across is its angle times the distance r, whose second moment is r^2 + v; linearised at
+    the position it is taken for r alone, and next to a sensor the line would have no width.  Elsewhere the form is the
+    usual one.
     """
     away = at - world.sensors.xy[rows.sensor]
     r2 = np.maximum((away**2).sum(axis=1), MIN_SQUARE)
@@ -146,8 +146,8 @@ def ukf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config: 
     """Update row by row by sigma points (unscented Kalman filter, Julier and Uhlmann 1997, kappa = 3 - n).
 
     Points of the position alone are drawn: the rest of the 2 n + 1 points of the whole state lie at its mean, and give
-    the same time steps.  A point that does not count for a row adds nothing to its second time steps, so that the covariance
-    stays positive; without any point the row is omitted.
+    the same moments.  A point that does not count for a row adds nothing to its second moments, so that the
+    covariance stays positive; without any point the row is omitted.
     """
     score, left = 0.0, 0
     for k in range(len(rows.sensor)):
@@ -173,7 +173,7 @@ def sigma_points(state: Gaussian) -> Floats:
 
 
 def by_sigma_points(state: Gaussian, points: Floats, w: Floats, innovation: Floats, R: float) -> tuple[Gaussian, float]:
-    """The state after one measurement, and its log-likelihood, by time steps over sigma points.
+    """The state after one measurement, and its log-likelihood, by moments over sigma points.
 
     Args:
         state: the prediction.

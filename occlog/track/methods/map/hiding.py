@@ -102,7 +102,7 @@ def occlusion_terms(
                 )
         if not config.unseen or float(np.ptp(total)) == 0.0:
             continue
-        # The Gaussian factor that leads to the same time steps
+        # The Gaussian factor that leads to the same moments
         site = matched(points, weights * np.exp(temper * (total - total.max())), mean, covariance)
         made.append((t, *(site if said is None else _between(said, site))))
     return OccluderHints(lean, _hints(made))
@@ -146,7 +146,7 @@ def cavity_distribution(
 
 
 def matched(points: Floats, weights: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, Floats, Floats]:
-    """The quadratic term that gives a Gaussian the time steps of weighted points, but for curvature below 0.
+    """The quadratic term that gives a Gaussian the moments of weighted points, but for curvature below 0.
 
     Args:
         points: (Q, 2)
@@ -161,7 +161,7 @@ def matched(points: Floats, weights: Floats, mean: Floats, covariance: Floats) -
     centre = weights @ points
     away = points - centre
     then, precision = (weights[:, None] * away).T @ away, np.linalg.inv(covariance)
-    # In the Gaussian's own coordinates curvature is 1 / variance - 1 along the axes of the time steps
+    # In the Gaussian's own coordinates curvature is 1 / variance - 1 along the axes of the moments
     root = np.linalg.cholesky(covariance)
     inverse = np.linalg.inv(root)
     values, axes = np.linalg.eigh(inverse @ then @ inverse.T)

@@ -1,6 +1,7 @@
 """Ranges, signal strengths and differences in a trajectory's cost, beside lines of sight or without any.
 
-1. *Start.* Extended Kalman filters run along the record, one from each position that the first measurements fit best; they
+1. *Start.* Extended Kalman filters run along the record, one from each position that the first measurements fit best;
+they
    pass over what is false.  The most probable one is smoothed (Rauch, Tung and Striebel 1965).
 2. *Search.* Each measurement of a distance is replaced by the quadratic term of Gauss and Newton about the trajectory
    found so far, with the slope and the weight that it has there

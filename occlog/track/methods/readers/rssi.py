@@ -1,8 +1,8 @@
 """Method `rssi`: a Rao-Blackwellised particle filter on the strength of signals.
 
-Particles are positions and velocities; the shadowing of each reader, given a particle's positions, is linear and Gaussian,
-and is integrated out by a Kalman filter.  Without it errors that last for seconds would be counted as new evidence in
-every window, and the covariance would be too small.
+Particles are positions and velocities; the shadowing of each reader, given a particle's positions, is linear and
+Gaussian, and is integrated out by a Kalman filter.  Without it errors that last for seconds would be counted as new
+evidence in every window, and the covariance would be too small.
 
 Strength of a tag's signal at a reader: path loss with distance, shadowing, noise.
 """

@@ -29,7 +29,7 @@ REMEDIES = {
 
 
 class ReadsSummary:
-    """Figures of the summary, counted while tables stream by."""
+    """Figures of the summary, counted over a stream of tables."""
 
     def __init__(self) -> None:
         """Begin with all counts at 0."""
@@ -62,7 +62,7 @@ class ReadsSummary:
         }
 
     def checks(self) -> tuple[Check, ...]:
-        """What was checked of the tracks, and what was found."""
+        """Checks of the tracks with their findings."""
         shares = {name: n / self.rows for name, n in sorted(self.doubts.items())}
         return outcome(
             "doubts of the rows",

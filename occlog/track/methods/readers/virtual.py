@@ -87,7 +87,7 @@ def region_moments(region: BaseGeometry) -> RegionMoments:
     Args:
         region: of positive area.
     """
-    # About the middle of its bounds, since time steps of a region far from the origin would cancel
+    # About the middle of its bounds, since moments of a region far from the origin would cancel
     x0, y0, x1, y1 = region.bounds
     middle = np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1)])
     total = np.zeros(6)

@@ -17,10 +17,10 @@ c being the velocity, s its amount, p0, gain and V of `gather`, those with 1 and
 line of W is the paper's, the others are of targets that stand (`wait_s`); c is the velocity with which they
 creep then, and the speed that they remember is integrated out.
 
-No density of a position is narrower than the kernel of the cloud's positions, nor is that of the velocity of one that stands
-narrower than the kernel of the velocities.  Where bearings are blunt the cloud is wide beside the noise of a step, so
-that next to no other particle could have led to a given one; trajectories then would share a few ancestors, and
-their spread would be too small.
+No density of a position is narrower than the kernel of the cloud's positions, nor is that of the velocity of one that
+stands narrower than the kernel of the velocities.  Where bearings are blunt the cloud is wide beside the noise of a
+step, so that next to no other particle could have led to a given one; trajectories then would share a few ancestors,
+and their spread would be too small.
 
 To compare with every particle would cost L for each trajectory.  Instead a trajectory chooses among K
 particles that are drawn from the filter's weights, and its own parent: one step of iterated sampling importance

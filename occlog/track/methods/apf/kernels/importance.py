@@ -1,4 +1,4 @@
-"""Importance density that looks at the scan: a Laplace approximation of each particle's posterior.
+"""Adapted importance density: a Laplace approximation of each particle's posterior.
 
 A particle that moves in a given way is, before the scan, at N(x; m0, p0 I).  The density to draw it from is
 
@@ -42,7 +42,7 @@ MAX_MOTION_SHARE, MAX_STEP_CHI2 = 1e-2, 1e-2
 variances."""
 MIN_INLIER_PROBABILITY, NEGLIGIBLE_PROBABILITY = 0.5, 1e-6
 MIN_CLUTTER_DENSITY = 1e-30
-"""A sensor without false reports is accepted as far as numbers go."""
+"""False alarm probability of a sensor without false reports."""
 
 
 KIND, VALUE, READING_NOISE, SCALE, X0, Y0, COS, SIN, FOCAL, POSITION2, YAW2, CLUTTER = range(12)
@@ -121,7 +121,7 @@ def linearise(x: float, y: float, z: Floats) -> tuple[float, float, float, float
 
 
 def with_distances(first: Ints, rows: Floats, measured: RangeMeasurements) -> tuple[Ints, Floats]:
-    """The looks and measurements with those of distances, each of which is a look of its own.
+    """Append the measurements of distances, each as a separate sensor report.
 
     Args:
         first: (K + 1,) as in `adapt`.
@@ -148,7 +148,7 @@ class Laplace(NamedTuple):
     mode: Floats  # (n, 2) m
     root: Floats  # (n, 3) the upper triangle of a root of P: x = m_x + r0 n1 + r1 n2, y = m_y + r2 n2
     log_volume: Floats  # (n,) log of 2 pi sqrt(det P) N(m; m0, p0 I), the motion's part in the predictive likelihood
-    log_factors: Floats  # (n,) log of the factors of the looks with measurements at m; both sum to the whole
+    log_factors: Floats  # (n,) log of the factors of sensors with measurements at m; both sum to the whole
 
 
 @kernel

@@ -35,7 +35,7 @@ RELATIVE_TOLERANCE = 1e-6
 CONVERGENCE_SIGMAS = 1e-3
 """Change of the errors, in prior deviations, at which the fit stops."""
 MIN_DISTANCE_RATIO = 0.02
-"""Bearings whose target is nearer than this, relative to the farthest, are too far from linear."""
+"""Minimum relative distance of the target for linearised bearings."""
 MIN_BEARINGS = 3
 
 
@@ -225,7 +225,7 @@ def solve(
     """The belief after many scans at once: trajectory and errors by Gauss-Newton, the trajectory eliminated.
 
     Every position of the trajectory is free (flat prior); errors have `belief` as their prior.
-    Scans are linearised anew in every round, and those whose bearings cannot be the target's are omitted.
+    Scans are linearised again in every round, and those whose bearings cannot be the target's are omitted.
 
     Args:
         belief: prior, of mean 0 and independent errors (`prior_belief`).

@@ -11,7 +11,7 @@ Covariances of positions whose views may contradict each other.
 Each view is on the target or on another person, at even odds unless set otherwise.  A hypothesis
 is the set of views that are on the target.  Its weight is the marginal likelihood of all
 centres: the views of the set meet at one position (Laplace's approximation of the integral over the
-positions), and the others may be anywhere in their images.  The covariance is the second time step of
+positions), and the others may be anywhere in their images.  The covariance is the second moment of
 the mixture of the hypotheses' positions about the position that is reported.
 """
 
@@ -155,7 +155,7 @@ def _crossing(rays: Floats, sights: CentresInViews) -> Floats:
 
 
 def _start(rays: Floats, problem: LeastSquares) -> Floats:
-    """(N, 3) positions with the least squared distances from the lines of sight; on a single line, that at the height."""
+    """(N, 3) least-squares positions of lines of sight; on a single line, that at the height."""
     sights, known = problem.sights, problem.known
     across = (np.eye(3) - rays[:, :, :, None] * rays[:, :, None, :]) * sights.there[:, :, None, None]
     A, b = across.sum(axis=1), np.einsum("nvij,vj->ni", across, problem.rig.centre)
@@ -390,7 +390,7 @@ def _mixture(
     odds: ViewOdds,
     sine: float,
 ) -> tuple[Floats, Floats]:
-    """(N, 3, 3) second time steps about the positions (N, 3) in the views `pattern`, and (N,) weight of all views."""
+    """(N, 3, 3) second moments about the positions (N, 3) in the views `pattern`, and (N,) weight of all views."""
     density = np.log(2.0 * np.pi) + 0.5 * np.linalg.slogdet(sights.covariance)[1] + np.log(odds.agreement)
     logs, moments = [], []
     for views in _sets(pattern):

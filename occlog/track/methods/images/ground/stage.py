@@ -95,7 +95,7 @@ class SwitchProbabilities:
 
 
 def spread_over_others(xyz: Floats, covariance: Floats, exchanged: Floats) -> Floats:
-    """(K, 3, 3) second time steps about the positions of one time, of targets that may be where the others are.
+    """(K, 3, 3) second moments about the positions of one time, of targets that may be where the others are.
 
     Args:
         xyz: (K, 3) positions.
@@ -111,7 +111,7 @@ WHY = {TOO_FEW: "one_view", NEAR_PARALLEL: "parallel", BEHIND: "behind", DISAGRE
 """Names in `GroundPart.counts` of the reasons why a target has no position at a time."""
 
 SINGLE_VIEW, INCONSISTENT_VIEWS, POSSIBLE_SWITCH = "one-view", "contradiction", "exchange"
-"""Values of the column `doubt`, in the order in which they stand there."""
+"""Values of the column `doubt`, in the order of the column."""
 MIN_SWITCH_PROBABILITY = 0.25
 """A target is said to be exchanged from this probability on."""
 
@@ -369,7 +369,7 @@ def _counts(met: GroundPosition, sights: CentresInViews) -> Counter[str]:
 MIN_SINGLE_VIEW_SHARE = 0.9
 """One view alone supports a target if it alone made this share of its rows."""
 MIN_FLAGGED_SHARE = 0.1
-"""A line warns of doubts that so large a share of the rows has."""
+"""Minimum share of flagged rows for a warning."""
 MAX_NIS_RATIO = 1.5
 """A line warns where squared standardised residuals are so many times as large as stated."""
 WORDS = {
@@ -377,11 +377,11 @@ WORDS = {
     INCONSISTENT_VIEWS: "a view is on something else; covariances are widened by where the others would have it",
     POSSIBLE_SWITCH: "the target may have taken another one's identity; its covariance reaches to the other targets",
 }
-"""What each doubt means."""
+"""Meaning of each quality flag."""
 
 
 class GroundConsistency:
-    """Counts doubts while parts stream by."""
+    """Counts quality flags over a stream of chunks."""
 
     def __init__(self) -> None:
         """Nothing was seen yet."""
@@ -418,7 +418,7 @@ class GroundConsistency:
         ]
         if alone := self._one_view():
             names = ", ".join(str(target) for target in alone)
-            lines.append(f"targets that one view alone supports, which may be nobody: {names}")
+            lines.append(f"targets that one view alone supports, which may be false: {names}")
         if self._freedom and self._nis > MAX_NIS_RATIO * self._freedom:
             lines.append(
                 f"views are {(self._nis / self._freedom) ** 0.5:.1f} times as far from agreeing as their covariances "

@@ -30,7 +30,7 @@ STAMPS = 64
 READ_AHEAD_BYTES = 64 * 1024 * 1024
 """Images decoded ahead take at most about this."""
 MAX_AHEAD = 8
-"""Moments decoded at a time, at most."""
+"""Maximum number of time steps decoded at a time."""
 
 
 class CameraSurvey(NamedTuple):

@@ -197,7 +197,7 @@ def open_video(request: ViewsRequest) -> tuple[Opened, McapRecording]:
     if not recording.cameras:
         other = "track its bearings with another method, for example apf"
         if recording.has(Boxes) and not recording.has(Bearings):
-            other = "follow all people by its boxes with method jipda, which wants cameras with a calibration"
+            other = "track all people by its boxes with method jipda, which wants cameras with a calibration"
         raise InputError(
             f"{path}: holds no images; method {method} tracks in images: give a recording with video, or {other}"
         )

@@ -72,7 +72,7 @@ class ViewsSummary:
         self.rows_of: Counter[str] = Counter()
 
     def add(self, part: ViewsPart) -> None:
-        """Count some more time steps."""
+        """Count some time steps."""
         self.rows += len(part.tracks)
         self.rows_of.update(part.tracks.sensor.tolist())
         self.particles.add(part.tracks.ess)
@@ -122,7 +122,7 @@ class ViewsSummary:
         }
 
     def checks(self) -> tuple[Check, ...]:
-        """What was checked of the tracks, and what was found."""
+        """Checks of the tracks with their findings."""
         pairs = sum(int(each.sum()) >= MIN_LOOP_CHECKS for each in self.distances.values())
         uncounted = "" if self._uses_regions else "trackers do not begin from what moves in the images"
         depleted = "" if self.particles.rows else "the method has no particles"

@@ -238,7 +238,7 @@ class _RunState:
     candidates: BirthCandidates
     last_ns: Ints  # (V,) time of each view's latest frame; -1: none yet
     start_counts: StartCounts
-    waiting: tuple[Start, ...]  # starts whose frame has not come yet
+    waiting: tuple[Start, ...]  # starts with a frame still to come
     trackers: Mapping[TrackerKey, Floats]  # latest ellipse of each tracker
 
 

@@ -1,4 +1,4 @@
-"""Importance density that looks at the scan: a Laplace approximation of each particle's posterior, in space.
+"""Adapted importance density: a Laplace approximation of each particle's posterior, in space.
 
 A particle that moves in a given way is, before the scan, at N(p; m0, C), C = R R^T being the same for all.  The
 density to draw it from is, with y = R^-1 (p - m0),
@@ -35,7 +35,7 @@ MAX_MOTION_SHARE, MAX_STEP_CHI2 = 1e-2, 1e-2
 variances."""
 MIN_INLIER_PROBABILITY, NEGLIGIBLE_PROBABILITY = 0.5, 1e-6
 MIN_CLUTTER_DENSITY = 1e-30
-"""A sensor without false reports is accepted as far as numbers go."""
+"""False alarm probability of a sensor without false reports."""
 MIN_DEPTH_RATIO = 0.05
 """A position that is not ahead of a sensor by so much of its distance is not found by this sight."""
 

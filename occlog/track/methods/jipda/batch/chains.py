@@ -1,14 +1,15 @@
-"""Which positions are one person's: Markov chain Monte Carlo over all tracks at once (Oh, Russell and Sastry 2009).
+"""Markov chain Monte Carlo data association of positions to tracks (Oh, Russell and Sastry 2009).
 
-A state of the chain says for each position which position follows it in its track, if it is in one.  Its probability is the
-product over tracks of a birth, the marginal likelihood of the positions under one person's walk, the misses between
-them, how alike their boxes look (`appearance`), and a death; positions outside all tracks are of no person and count 1,
-because the constant of a position is the log ratio of its likelihood to that of clutter boxes.  Three kinds of moves,
-each its own reverse, reach every state:
+A state of the chain holds the next position of the track for each position that is in a track.  Its probability is the
+product over tracks of track initiation, the marginal likelihood of the positions under one person's walk, the misses
+between them, the similarity of their boxes (`appearance`), and termination; positions outside all tracks are of no
+person and count 1, because the constant of a position is the log ratio of its likelihood to that of clutter.  Three
+kinds of moves, each its own reverse, reach every state:
 
 * exchange of tails: the links i -> a and b -> j become i -> j and b -> a.  Where there is no a, no b, or neither, it
   is an extension, a cut, a merge;
-* in or out: a position that is of no person enters a track, before its first position, between two or after its last, or
+* in or out: a position that is of no person enters a track, before its first position, between two or after its last,
+or
   begins one; or it leaves;
 * exchange of positions: two positions of one time step change roles.
 
@@ -32,39 +33,39 @@ from .appearance import AppearanceSums, AppearanceVectors, log_ratio_joined, sum
 from .messages import initial_density, log_integral, multiply_factor, predict, predict_backwards
 
 NO_NODE = -1
-"""Instead of a position: nothing before, or nothing after."""
+"""Index instead of a position: no predecessor or no successor."""
 IMPOSSIBLE = -1e300
 MESSAGE_TOLERANCE_SIGMAS = 1e-7
 """Messages that change by less than this share of a standard deviation are the same."""
 MOVE_THRESHOLDS = (0.6, 0.85)
 """Bounds of the shares of the three kinds of moves."""
 LOG_RATIO_SAME_TRACKLET, LOG_RATIO_OTHER_TRACKLET = 2.0, -2.0
-"""Log likelihood ratios of one identity, and of two, that a single-camera tracker gives two positions of one person, or a
-position of the track and a box that may be the next."""
+"""Log likelihood ratios of one identity, and of two, that a single-camera tracker gives two positions of one person,
+or a position of the track and a box that may be the next."""
 LOG_RATIO_SAME_FILTER_ID, LOG_RATIO_OTHER_FILTER_ID = 6.0, -6.0
-"""The same of identities that the filter gives the boxes of a camera at two positions; it saw time steps between them that
+"""Log likelihood ratios of filter identities of a camera's boxes at two positions; it saw time steps between that
 the chain does not see."""
 
 
 class TrackletNodes(NamedTuple):
     """n positions, in the order of their time steps; C cameras."""
 
-    moment: Ints  # (n,) place in the list of time steps
+    moment: Ints  # (n,) index of the time step
     time: Floats  # (n,) [s]
     at: Floats  # (n, 2) on the floor
     J: Floats  # (n, 6, 6) information about the state
     h: Floats  # (n, 6)
-    c: Floats  # (n,) log of the ratio of likelihoods to clutter boxes, with the rates of detection
+    c: Floats  # (n,) log likelihood ratio to clutter, with the rates of detection
     miss: Floats  # (n, C) log of the probability that the camera does not detect a person there
     birth: Floats  # (n,) log of the density of a new target, whose first position it is, a unit of area
     death: Floats  # (n,) log of the probability that it is a person's last position
     hint: Ints  # (n, 2 C) identities by a tracker in the camera's images, then by the filter; NONE: none
     life: Floats  # (I, 2) first and last time of each identity of the filter [s]
-    alike: AppearanceVectors  # how they look
+    alike: AppearanceVectors
 
 
 class WalkModel(NamedTuple):
-    """How people walk and what is known of a new target."""
+    """Motion model of people and prior of a new target."""
 
     drift: Floats  # (3, 3) of each model of motion (`people.MODELS`), as in `messages.noise_of_walk`
     often: Floats  # (3,) how often in a second each but the first begins; 0: never
@@ -77,7 +78,7 @@ class WalkModel(NamedTuple):
 
 
 class LinkCandidates(NamedTuple):
-    """Which positions may follow which, and which of one time step may change roles: lists one after the other."""
+    """Candidate successors of each position, and positions of one time step that may be exchanged, as flat lists."""
 
     first_next: Ints  # (n + 1,)
     next: Ints
@@ -88,12 +89,12 @@ class LinkCandidates(NamedTuple):
 
 
 class LinkCache(NamedTuple):
-    """Links whose probability was asked before; changed in place.
+    """Cache of link probabilities; changed in place.
 
     A link's log probability is kept without the constants of the two messages, with the stamps that the messages had.
     """
 
-    link: Floats  # by place in `Candidates.next`
+    link: Floats  # by index in `Candidates.next`
     earlier: Ints  # stamp of the forward message
     later: Ints  # stamp of the backward message
     begun: Floats  # (n,) of beginnings
@@ -115,12 +116,12 @@ class MarkovChainState(NamedTuple):
     future: Floats  # (n,) their constants
     earlier: Ints  # (n,) how often the forward message was rebuilt
     later: Ints  # (n,) the same of the backward one
-    sums: AppearanceSums  # of how the boxes of tracks look
+    sums: AppearanceSums  # of the appearance of tracks
 
 
 @kernel
 def can_link(places: TrackletNodes, walk: WalkModel, i: int, j: int) -> bool:
-    """Whether position j can be the next of position i's track."""
+    """Return whether position j can be the next of position i's track."""
     gap = places.moment[j] - places.moment[i]
     if gap < 1 or gap > walk.reach:
         return False
@@ -131,7 +132,7 @@ def can_link(places: TrackletNodes, walk: WalkModel, i: int, j: int) -> bool:
 
 @kernel
 def candidates(places: TrackletNodes, walk: WalkModel, beside: float) -> LinkCandidates:
-    """List who may follow whom, and positions of one time step that are nearer to each other than `beside`."""
+    """List candidate links, and positions of one time step that are nearer to each other than `beside`."""
     n = places.moment.shape[0]
     first_next, first_last, first_beside = (
         np.zeros(n + 1, np.int64),
@@ -186,7 +187,7 @@ def empty_link_cache(listed: LinkCandidates) -> LinkCache:
 
 @kernel
 def log_dwell_probability(places: TrackletNodes, walk: WalkModel, looked: Floats, i: int, j: int) -> float:
-    """Log of the probability of staying from position i to position j and being missed at all looks between, with hints."""
+    """Log probability of survival from position i to j with missed detections between, with tracklet ids."""
     total: float = -(places.time[j] - places.time[i]) / walk.stay
     a, b = places.moment[i] + 1, places.moment[j]
     if b > a:
@@ -212,7 +213,7 @@ def joined(
     places: TrackletNodes, walk: WalkModel, looked: Floats, i: int, mean: Floats, covariance: Floats, past: float,
     j: int, J: Floats, h: Floats, future: float,
 ) -> tuple[float, int]:  # fmt: skip
-    """Log probability of a track whose position i has a forward message and next position j a backward one, and the motion.
+    """Log probability of a track from the forward message of i and the backward one of j, and the motion model.
 
     Between the two the person walks on, manoeuvres or bends, whichever is most probable.
     """
@@ -333,7 +334,7 @@ def log_insertion_probability(
 
 @kernel
 def choose_motion(places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState, i: int) -> None:
-    """Say how the person of position i, if it has a next one, moves before it."""
+    """Choose the motion model between position i and its successor, if it has one."""
     if i == NO_NODE:
         return
     j = chain.after[i]
@@ -350,7 +351,7 @@ def choose_motion(places: TrackletNodes, walk: WalkModel, looked: Floats, chain:
 def update_messages(
     places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState, forward_at: int, backward_at: int
 ) -> None:
-    """Renew forward messages from a position on, and backward ones from another position back, until nothing changes."""
+    """Update forward messages from a position on, and backward ones from another one, until nothing changes."""
     m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
     k = forward_at
     while k != NO_NODE:
@@ -434,7 +435,7 @@ def insert_node(places: TrackletNodes, walk: WalkModel, looked: Floats, chain: M
 
 @kernel
 def update_all_messages(places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState) -> None:
-    """Renew all messages of all tracks, and say anew where people manoeuvre, by the messages as they were."""
+    """Renew all messages of all tracks, and reselect the motion models, by the messages as they were."""
     for k in range(places.moment.shape[0]):
         if chain.used[k] and not math.isnan(chain.mean[k, 0]) and not math.isnan(chain.J[k, 0, 0]):
             choose_motion(places, walk, looked, chain, k)
@@ -498,7 +499,7 @@ def propose_successor(
     u: float,
     log_u: float,
 ) -> int:
-    """Propose that another position than now, or none, follows position i."""
+    """Propose another successor of position i, or none."""
     if not chain.used[i]:
         return 0
     count = listed.first_next[i + 1] - listed.first_next[i]

@@ -1,15 +1,15 @@
-"""What the boxes of one time step say of one person: a factor of their state, against the boxes being of no person.
+"""Measurement factor of a person: the boxes of one time step as a function of the state, relative to clutter.
 
 A box that is given to a person is linear in the state near where the person is accepted to be: z = H s + v,
 v ~ N(0, R).  The boxes of a time step are then the factor exp(c + h' s - s' J s / 2) with J = sum H' R^-1 H and
 h = sum H' R^-1 z; the constant c holds the densities, the rates of detection where a camera detected the person and
-where it did not, and is divided by the density of clutter boxes.
+where it did not, and is divided by the density of clutter.
 
-How far the position that boxes show is from where a smooth walk leads: Student's t, its scale learned.
+Gait noise of the observed position about a smooth walk: Student's t with estimated scale.
 
-People sway, bend, start and stop; cameras are calibrated not quite alike.  The position is therefore that of the walk
-plus e, which has a Student's t distribution with `NU` degrees of freedom: given a weight w it is normal with the
-variance s^2 / w in each axis.  The weights and s^2 are found by expectation maximisation (Lange, Little and Taylor
+People sway, bend, start and stop; cameras are calibrated with small differences.  The position is therefore that of
+the walk plus e, which has a Student's t distribution with `NU` degrees of freedom: given a weight w it is normal with
+the variance s^2 / w on each axis.  The weights and s^2 are found by expectation maximisation (Lange, Little and Taylor
 1989, Eqs. 4 and 5) with the walk as it follows from all other positions.
 """
 
@@ -47,14 +47,14 @@ LOG_2PI = math.log(2.0 * math.pi)
 MAX_DETECTION_PROBABILITY = 0.995
 """No person is detected with a greater probability."""
 MEAN_VISIBILITY = 0.85
-"""Share of the probability of detection that is left on average where nobody knows who hides whom."""
+"""Mean factor of the detection probability where occlusions are unknown."""
 
 
 @kernel
 def frame_visibilities(
     views: PackedCameras, boxes: PackedDetections, rates: DetectorModel, mean: Floats, covariance: Floats, there: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Visible shares (L, N) of N people in L looks, the same of their feet, and the probabilities of detection.
+    """Compute visible shares (L, N) of N people in L frames, those of their feet, and detection probabilities.
 
     Args:
         views: cameras.
@@ -69,7 +69,7 @@ def frame_visibilities(
     box, slope = np.empty((N, 4)), np.zeros((4, 6))
     depth, across, deep = np.empty(N), np.zeros(N), np.ones(N)
     cells = np.empty((ROWS, COLUMNS))
-    for l in range(L):  # noqa: E741 - a look
+    for l in range(L):  # noqa: E741 - a frame
         c = boxes.camera[l]
         for i in range(N):
             depth[i] = box_and_slope(views.lens[c], mean[i], boxes.delay[l], box[i], slope)
@@ -131,7 +131,7 @@ def factors(
         boxes: of the time step.
         rates: of the detectors.
         mean: (N, 6) where the boxes are made linear.
-        given: (L, N) box of the person in each look; -1: none.
+        given: (L, N) box of the person in each frame; -1: no box.
         detection: (L, N) probabilities.
         feet: (L, N) visible shares of the feet.
     """
@@ -141,7 +141,7 @@ def factors(
     noise, lasting, W = np.empty((4, 4)), np.empty((4, 4)), np.empty((4, 4))
     use = np.empty(4, dtype=np.bool_)
     for i in range(N):
-        for l in range(L):  # noqa: E741 - a look
+        for l in range(L):  # noqa: E741 - a frame
             camera, j = boxes.camera[l], given[l, i]
             if j < 0:
                 c[i] += math.log(1.0 - detection[l, i])
@@ -229,20 +229,20 @@ def widen_by_gait(J: Floats, h: Floats, c: Floats, sway: Floats, out_J: Floats, 
 
 NU = 3.0
 INITIAL_SCALE_M = 0.03
-"""s initially [m]."""
+"""Initial value of s [m]."""
 MAX_SCALE_M = 0.2
 """s at most [m]."""
 MIN_SCALE_M = 1e-3
 """s at least [m]."""
 MIN_NODES = 50
-"""With fewer positions the scale stays as it is."""
+"""Minimum number of positions for an estimate of the scale."""
 EM_STEPS = 5
 
 
 def gait_variances(
     J: Floats, h: Floats, mean: Floats, covariance: Floats, scale: float, metre: float
 ) -> tuple[Floats, float]:
-    """Variances (n,) of the positions about the walk, per axis, and their scale s^2 anew.
+    """Variances (n,) of the positions about the walk, per axis, and the new scale s^2.
 
     Args:
         J: (n, 6, 6) information of each position.

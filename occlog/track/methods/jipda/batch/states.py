@@ -1,8 +1,8 @@
 """States of people at every time step, from all positions of their tracks but that of the time step itself.
 
-How long people are there before their first position, and after the last one, by the looks that would have shown them.
+Expected presence of people before their first and after their last position, by the frames without a detection.
 
-Time steps need not be equally far apart: in a pause of the recording many come and go, and nobody looks.
+Time steps need not be equally far apart: in a pause of the recording many come and go unobserved.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class States(NamedTuple):
 
     @property
     def inside(self) -> Bools:
-        """(K,) whether the time step is neither before the first nor after the last position of the track."""
+        """(K,) mask: the time step is neither before the first nor after the last position of the track."""
         return np.asarray((self.place != NO_NODE) | ((self.last != NO_NODE) & (self.next != NO_NODE)))
 
 
@@ -103,7 +103,7 @@ def _states(
             if j != NO_NODE and places.moment[j] == t:
                 here = j
                 j = chain.after[j]
-            # Forward: the filter's prediction; before the first position what is known of a new target
+            # Forward: the filter's prediction; before the first position the prior of a new target
             information[:] = 0.0
             vector[:] = 0.0
             if i != NO_NODE:
@@ -115,7 +115,7 @@ def _states(
                 for a in range(2, STATE_SIZE):
                     information[a, a] = walk.prior[a]
                     vector[a] = walk.prior[a] * walk.mean[a]
-                # Anywhere, as far as the greatest speed lets them go in a thousand seconds
+                # Anywhere within reach of the maximum speed in a thousand seconds
                 for a in range(2):
                     information[a, a] = 1e-6 / (walk.speed * walk.speed)
                     vector[a] = information[a, a] * places.at[head, a]
@@ -146,11 +146,11 @@ MIN_TERMINATION_RATE = 1e-9
 def dwell_times(
     time: Floats, looked: Floats, moment: Ints, miss: Floats, rate: Floats, step: int
 ) -> tuple[Floats, Floats]:
-    """Expected time [s] that people are there, and missed by all looks, before or after the time step of a position.
+    """Expected time [s] that people are there, and missed in all frames, before or after the time step of a position.
 
     Args:
         time: (T,) time steps [s].
-        looked: (T + 1, C) looks of each camera before each time step.
+        looked: (T + 1, C) number of frames of each camera before each time step.
         moment: (n,) of each position.
         miss: (n, C) log of the probability that a camera misses a person there.
         rate: (n,) at which people leave, or, back in time, have come [1/s].

@@ -1,4 +1,4 @@
-"""Tracks of positions: from the people of all time steps to the Markov chain's state, and back to people at all time steps."""
+"""Conversion of the tracks of all time steps to the Markov chain's state and back."""
 
 from __future__ import annotations
 
@@ -40,25 +40,25 @@ from .places import widen_by_gait
 from .states import dwell_times
 
 MAX_SPEED_SIGMAS = 3.0
-"""Nobody walks faster than so many standard deviations of a new person's velocity."""
+"""Maximum speed in standard deviations of a new person's velocity."""
 LINK_SLACK_M = 0.6
-"""Distance by which two positions of one person may be farther apart than that allows [m]."""
+"""Tolerance of the distance between two positions of one person [m]."""
 SWAP_DISTANCE_M = 1.5
-"""Places of one time step that are this near may change roles [m]."""
+"""Maximum distance of positions of one time step that may be exchanged [m]."""
 LINK_DETECTIONS = 4.0
-"""One position follows another within a time in which a person is detected so often on average, ..."""
+"""Maximum link length in expected detections of a person, ..."""
 MAX_LINK_STEPS = 64
-"""... and within so many time steps."""
+"""... and in time steps."""
 MAX_BRIDGE_S = 8.0
 """Gaps between tracks are bridged up to this long."""
 USUAL_LINK_SHARE = 0.9
 PAUSE_S, PAUSE = 8.0, 10.0
-"""The recording pauses from a time step to the next if that takes longer than this, and so many times as long as the share
+"""A pause of the recording is a step longer than this, and longer than a multiple of the quantile
 `USUAL_LINK_SHARE` of the others."""
 TEMPERATURES = 12
 FINAL_TEMPERATURE = 0.2
 PROPOSALS = 60
-"""For each place in each run of the chain."""
+"""Number of proposals per position in each run of the chain."""
 MIN_PROCESS_NOISE_DENSITY = 1e-6
 """A walk without any noise has no inverse [m^2/s^3]."""
 
@@ -67,7 +67,7 @@ class WindowSpan(NamedTuple):
     """The time steps: T of them, C cameras."""
 
     time: Floats  # (T,) [s]
-    looked: Floats  # (T + 1, C) looks of each camera before each time step
+    looked: Floats  # (T + 1, C) number of frames of each camera before each time step
     area: float  # of the floor on which people are
     people: float  # at a time
     stay: float  # how long people stay on average [s]
@@ -92,7 +92,7 @@ class WindowSpan(NamedTuple):
 
 
 class ChainTracks(NamedTuple):
-    """Places in a chain, and what they are without the scatter about the walk."""
+    """Positions in a chain, and their factors without the scatter about the walk."""
 
     places: TrackletNodes
     walk: WalkModel
@@ -150,7 +150,7 @@ def tracks_from(
         known: where people leave.
         scatter: variance of a position about the walk, or that of each position (n,).
         free: the links are to be changed: those that the chain could not make are cut.
-        law: what similarities of boxes say.
+        law: likelihood of similarities of boxes.
     """
     counts = [len(f.track) for f in found]
     moment = np.repeat(np.arange(len(found)), counts)
@@ -159,7 +159,7 @@ def tracks_from(
     c = np.concatenate([f.c for f in found])
     J, h, constant = np.empty_like(raw_J), np.empty_like(raw_h), np.empty_like(c)
     widen_by_gait(raw_J, raw_h, c, np.broadcast_to(scatter, c.shape).astype(np.float64), J, h, constant)
-    # Those who came before the first position, or were there when the recording began; who left, or is there at its end
+    # Arrivals before the first position or at the beginning of the recording; departures, or presence at its end
     T = len(span.time)
     unseen = np.exp(miss @ (span.looked[-1] / T))
     leaving = _leaving(known, mean[:, :2], span)
@@ -193,7 +193,7 @@ def tracks_from(
 
 
 def _lives(hint: Ints, time: Floats) -> tuple[Ints, Floats]:
-    """The identities (n, 2 C) of positions, those of the filter counted from 0, and when each of these was seen (I, 2)."""
+    """Identities (n, 2 C) of positions, those of the filter counted from 0, and their time ranges (I, 2)."""
     C = hint.shape[1] // 2
     hint = hint.copy()
     own = hint[:, C:]
@@ -254,14 +254,14 @@ def anneal(tracks: ChainTracks, span: WindowSpan, generator: np.random.Generator
 
 
 def listed_of(tracks: ChainTracks, span: WindowSpan) -> LinkCandidates:
-    """Which positions may follow which."""
+    """List the candidate successors of each position."""
     return candidates(tracks.places, tracks.walk, SWAP_DISTANCE_M * span.metre)
 
 
 def bridge(tracks: ChainTracks, span: WindowSpan) -> None:
     """Join ends of tracks with beginnings of later ones, where that is likelier, all at once; in place.
 
-    Who could have walked there in that time, and not been seen on the way, is the same person.
+    Two tracks are the same person if a walk without detections between them is likely.
     """
     places, walk, chain = tracks.places, tracks.walk, tracks.chain
     ends = np.flatnonzero(chain.used & (chain.after == NO_NODE))

@@ -1,8 +1,8 @@
-"""How far the cameras of one time step disagree on a person, beyond what any position and body of that person explains.
+"""Disagreement of cameras at one time step: residuals of boxes after a fit of position and body.
 
 Residuals against a filter's prediction hold the filter's own lag; noise that is learned from them makes it lag more.
-Here the position and the body of each person are fitted to the boxes of the time step alone, and what is left over is the
-detectors' (their share 1 - h of it, h the leverage of an observation in weighted least squares).
+Here the position and the body of each person are fitted to the boxes of the time step alone, and what is left over is
+the detectors' (their share 1 - h of it, h the leverage of an observation in weighted least squares).
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def camera_disagreement(
     slopes, noise, rows = np.zeros((M, 4, 4)), np.ones((M, 4)), np.empty(M, dtype=np.int64)
     box, slope, drawn, inverse = np.empty(4), np.zeros((4, 6)), np.empty(4), np.empty((4, 4))
     look = np.zeros(M, dtype=np.int64)
-    for l in range(boxes.camera.shape[0]):  # noqa: E741 - a look
+    for l in range(boxes.camera.shape[0]):  # noqa: E741 - a frame
         look[boxes.first[l] : boxes.first[l + 1]] = l
     for i in range(N):
         n = 0

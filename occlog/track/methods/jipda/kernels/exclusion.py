@@ -6,8 +6,8 @@ The density of two people's positions is multiplied by
 
 d their distance: a Markov random field as the prior of motion (Khan, Balch and Dellaert 2005, IEEE T-PAMI 27(11),
 Sec. 4), here with its time steps in closed form.  psi times a Gaussian is the difference of two Gaussians, and the rest
-of a state follows its position by linear regression.  Two people who walk up to each other and turn round are so told from
-two who pass: the latter would have to go through one another.
+of a state follows its position by linear regression.  Two people who walk up to each other and turn round are so
+distinguished from two who pass: the latter would have to go through one another.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
 EXCLUSION_GATE_CHI2 = 16.0
-"""Pairs are passed over whose squared distance is more than so many times the variances that it has together."""
+"""Maximum squared distance of pairs, in variances of their difference."""
 
 
 @kernel
 def apply_exclusion(
     mean: Floats, covariance: Floats, weight: Floats, place: Floats, spread: Floats, existence: Floats, s: float
 ) -> None:
-    """Multiply the densities of states by the probability that nobody else is there; in place.
+    """Multiply the densities of states by the probability that no other person is there; in place.
 
     Args:
         mean: (N, A, 6) states of N people by A models, position (x, y) first.

@@ -1,4 +1,4 @@
-"""People whom nobody tracks yet: bodies that explain boxes of one or several cameras that are of none of the people.
+"""Track initiation: bodies that explain unassigned boxes of one or several cameras.
 
 Each free box proposes a body: the most probable position, height and width of one who made it, with the curvature there
 (Laplace's approximation).  The boxes of the other cameras are then asked one after the other: a body that is seen must
@@ -33,11 +33,11 @@ from .visible_share import COLUMNS, ROWS, centre_deviation, in_view, visibility
 
 NEWTON_STEPS = 4
 MIN_UNASSIGNED_PROBABILITY = 0.2
-"""Boxes that are free with a lower probability propose nobody."""
+"""Minimum unassigned probability of a box that proposes a new person."""
 
 
 class TrackedPeople(NamedTuple):
-    """People who are tracked, as the looks of a time step are expected to see them; N people, L looks."""
+    """Predicted tracks in the frames of a time step; N people, L frames."""
 
     existence: Floats  # (N,)
     box: Floats  # (L, N + 1, 4) expected boxes; the last position is for a new target
@@ -90,7 +90,7 @@ def state_from_box(
 ) -> float:
     """Write the state (6,) and covariance (6, 6) of one who made box j, and give the log of the integrated density.
 
-    The density is that of the box and the number of new people; NaN: nobody can make it.
+    The density is that of the box and the number of new people; NaN: no person can make it.
     """
     box, believed = boxes.box[j], boxes.believed[j]
     place = np.empty(2)
@@ -152,13 +152,13 @@ def state_from_box(
 def predicted_targets(
     views: PackedCameras, boxes: PackedDetections, people: Floats, spread: Floats, existence: Floats
 ) -> TrackedPeople:
-    """The people (N, 6), whose positions have the standard deviations (N,) `spread`, as each look expects to see them."""
+    """The people (N, 6), whose positions have the standard deviations (N,) `spread`, as predicted in each frame."""
     L, N = boxes.camera.shape[0], people.shape[0]
     box, depth, across = np.empty((L, N + 1, 4)), np.empty((L, N + 1)), np.empty((L, N + 1))
     deep, there, slope = np.empty(N + 1), np.ones(N + 1), np.zeros((4, 6))
     for i in range(N):
         deep[i], there[i] = spread[i] + 0.1 * people[i, 5], existence[i]
-        for l in range(L):  # noqa: E741 - a look
+        for l in range(L):  # noqa: E741 - a frame
             c = boxes.camera[l]
             depth[l, i] = box_and_slope(views.lens[c], people[i], 0.0, box[l, i], slope)
             if depth[l, i] > 0.0:
@@ -182,7 +182,7 @@ def propose_track(
     covariance: Floats,
     used: Floats,
 ) -> float:
-    """Log odds that a new target made a box; the state, its covariance and the boxes that speak for them are written.
+    """Log odds that a new target made a box; the state, its covariance and its associated boxes are written.
 
     Args:
         views: cameras.
@@ -215,7 +215,7 @@ def propose_track(
     deep = tracked.deep
     slope, noise, drawn, inverse = np.zeros((4, 6)), np.empty((4, 4)), np.empty(4), np.empty((4, 4))
     cells, W = np.empty((ROWS, COLUMNS)), np.empty((4, 4))
-    for l in range(boxes.camera.shape[0]):  # noqa: E741 - a look
+    for l in range(boxes.camera.shape[0]):  # noqa: E741 - a frame
         c = boxes.camera[l]
         box, depth, across = tracked.box[l], tracked.depth[l], tracked.across[l]
         depth[N] = box_and_slope(views.lens[c], mean, 0.0, box[N], slope)
@@ -288,12 +288,12 @@ def initiate_targets(
         existence: (N,).
         free: (M,) probability that a box is of none of them.
         gate: greatest squared Mahalanobis distance.
-        least: log odds below which nobody is made.
+        least: log odds below which no track is initiated.
     """
     M, L = boxes.box.shape[0], boxes.camera.shape[0]
     open_share = free.copy()
     look_of = np.empty(M, dtype=np.int64)
-    for l in range(L):  # noqa: E741 - a look
+    for l in range(L):  # noqa: E741 - a frame
         look_of[boxes.first[l] : boxes.first[l + 1]] = l
     mean, covariance = np.zeros((M, 6)), np.zeros((M, 6, 6))
     odds, used = np.full(M, -np.inf), np.zeros((M, M))
@@ -312,7 +312,7 @@ def initiate_targets(
         if j < 0 or odds[j] < least:
             break
         if stale[j]:
-            # One of its boxes went to another person since: propose anew
+            # One of its boxes went to another person since: propose again
             stale[j] = False
             odds[j] = -np.inf
             if open_share[j] > MIN_UNASSIGNED_PROBABILITY:

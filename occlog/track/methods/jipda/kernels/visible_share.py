@@ -1,9 +1,10 @@
 """How much of each person a camera sees among the others: a grid of lines of sight over the body.
 
-For a line of sight to one position, [Ercan] Eq. 7 gives P = prod_j (1 - q_j), q_j the probability that occluder j's centre
-lies in the rectangle around the line of sight.  Here the same product is formed in the image for a grid of positions of a
-body, so that it says which part is covered: q_j is the probability that person j exists, is nearer to the camera, and
-that j's box holds the position, with the spread of both people's positions across the line of sight and along it.
+For a line of sight to one position, [Ercan] Eq. 7 gives P = prod_j (1 - q_j), q_j the probability that occluder j's
+centre lies in the rectangle around the line of sight.  Here the same product is formed in the image for a grid of
+positions of a body, so that it says which part is covered: q_j is the probability that person j exists, is nearer to
+the camera, and that j's box holds the position, with the spread of both people's positions across the line of sight
+and along it.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from .body_box import PackedCameras
 COLUMNS, ROWS = 5, 6
 ROOT_HALF = math.sqrt(0.5)
 NORMAL_TAIL_SIGMAS = 6.0
-"""Beyond so many standard deviations a normal distribution is over."""
+"""Truncation of normal distributions, in standard deviations."""
 
 
 @kernel

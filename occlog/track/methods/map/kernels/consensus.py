@@ -1,7 +1,7 @@
 """Which lines of sight are of one target: the most probable choice along a trajectory, by multiple hypotheses.
 
-A hypothesis is a Kalman filter with the motion of the trajectory ([Rahimi] Eq. 1) and a choice of true lines of sight so
-far.  Each line of sight splits it into one that believes and one that does not; the most probable ones go on, and of
+A hypothesis is a Kalman filter with the motion of the trajectory ([Rahimi] Eq. 1) and a choice of true lines of sight
+so far.  Each line of sight splits it into one that believes and one that does not; the most probable ones go on, and of
 those that are nearly the same the better one (Reid 1979, An algorithm for tracking multiple targets, IEEE TAC 24(6),
 of one target).  Costs are -2 log of likelihoods, relative to that of a line of sight that is met exactly:
 
@@ -36,13 +36,13 @@ MIN_CROSSINGS = 8
 NEIGHBOUR_TIME_S = 3.0
 """Seconds within which they are."""
 MIN_CROSSING_SINE = 1e-3
-"""Sight lines at a smaller angle do not cross."""
+"""Lines of sight at a smaller angle do not cross."""
 MERGE_DISTANCE_SIGMAS = 0.3
 """Hypotheses all of whose coordinates differ by less than so many standard deviations are the same."""
 JUMP_COST_OUTLIERS = 2.0
 """A target that is lost and found elsewhere costs as much as so many false lines of sight, and the new position."""
 BITS = 62
-"""Sight lines of a state beyond so many are rejected."""
+"""Lines of sight of a state beyond so many are rejected."""
 
 
 class BearingHalfLines(NamedTuple):
@@ -69,7 +69,7 @@ class HypothesisBeam(NamedTuple):
 
 @kernel
 def off_line2(rays: BearingHalfLines, n: int, x: float, y: float, extra: float) -> tuple[float, float]:
-    """Squared distance of a position from a line of sight in standard deviations, and how much more a vague position costs.
+    """Squared Mahalanobis distance of a position from a line of sight, and the extra cost of a vague position.
 
     The distance is inf behind the sensor and out of reach.
 
@@ -122,7 +122,7 @@ def crossing(rays: BearingHalfLines, i: int, j: int, moved2: float) -> tuple[flo
 
 @kernel
 def _around(first: Ints, seconds: Floats, t: int, longest: float) -> tuple[int, int]:
-    """Sight lines first .. last - 1 of a state, and of those around it where it has few."""
+    """Lines of sight first .. last - 1 of a state, and of those around it where it has few."""
     T = seconds.shape[0]
     a, b = t, t
     while first[b + 1] - first[a] < MIN_CROSSINGS:
@@ -382,7 +382,7 @@ def agreed_path(
             best = int(np.argmin(beam.cost))
             lost = beam.cost[best] + JUMP_COST_OUTLIERS * k2
             _births(beam, rays, first, seconds, t, min(skipped, lost), best if lost < skipped else -1, ground, k2)
-            # Believe each line of sight or not
+            # Accept or reject each line of sight
             for n in range(first[t], min(first[t + 1], first[t] + BITS)):
                 _split(beam, rays, n, n - first[t], k2, spare)
             _merge(beam)

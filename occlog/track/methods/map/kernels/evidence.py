@@ -23,7 +23,7 @@ from .problem import BearingLinesByStep, ChainSteps, TrajectoryProblem
 from .terms import chain_cost, leverages, log_odds_offset, loss_slopes, residuals
 
 PRIOR_RESIDUALS = 20.0
-"""What is stated counts as much as so many residuals."""
+"""Weight of the stated variances, in residuals."""
 
 STEP = 0.01
 """Of the finite difference of covariances."""
@@ -96,8 +96,8 @@ def sandwich(problem: TrajectoryProblem, X: Floats, spread: Floats) -> Floats:
     """(T, 4, 4) covariances of the states if lines of sight and motion are as noisy as their residuals tell.
 
     With C the inverse of M + G, M the information of lines of sight and G that of the motion, the covariance is
-    C (s^2 M + m^2 G) C; C M C is the derivative of C by the variance of the lines of sight.  The motion counts as stated
-    at least: a target that stood still may move off.
+    C (s^2 M + m^2 G) C; C M C is the derivative of C by the variance of the lines of sight.  The motion counts as
+    stated at least: a target that stood still may move off.
 
     Args:
         problem: with the variances that it was solved with.

@@ -72,6 +72,6 @@ def invariant(problem: TrajectoryProblem, start: Solution, options: Options, ext
 
 
 def second_moment(X: Floats, centre: Floats, spread: Floats) -> Floats:
-    """(T, 4, 4) second time steps of states about a point X that is not the centre of their distributions."""
+    """(T, 4, 4) second moments of states about a point X that is not the centre of their distributions."""
     away = X - centre
     return np.asarray(spread + away[:, :, None] * away[:, None, :])

@@ -29,7 +29,8 @@ from .gauss_markov import GaussMarkov, transitions
 
 SQUARE, HUBER, CAUCHY, MIXTURE = 0, 1, 2, 3
 """Loss of a residual r: r^2/2; Huber's, linear beyond k; Cauchy's, k^2/2 log(1 + (r/k)^2); or that of a mixture of
-true and false lines of sight, - log((exp(-r^2/2) + c) / (1 + c)) with c = exp(-k^2/2), so that at k both are as likely."""
+true and false lines of sight, - log((exp(-r^2/2) + c) / (1 + c)) with c = exp(-k^2/2), so that at k both are as
+likely."""
 
 
 class ChainSteps(NamedTuple):

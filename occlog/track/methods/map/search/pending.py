@@ -38,7 +38,8 @@ START = 1e-3
 
 
 FORGET_EXTENTS = 1000.0
-"""Where the motion alone spreads positions by so many times the extent of the position, what was before says nothing."""
+"""Where the motion alone spreads positions by so many times the extent of the position, what was before says
+nothing."""
 LONGEST_S = 1e9
 """No longer pause is looked at."""
 

@@ -3,8 +3,8 @@
 A false bearing does harm in two ways: it pulls, and it says that the target is in front of its camera.  The first is
 what robust losses are for.  These have several minima, so that the search begins with the most probable choice of
 true bearings (`occlog.track.methods.map.kernels.consensus`) and a loss that is next to convex, and then takes the loss
-itself with all bearings (graduated non-convexity in two steps).  Against the second, only lines of sight that are accepted
-constrain the trajectory; which these are is found in turn with the trajectory.
+itself with all bearings (graduated non-convexity in two steps).  Against the second, only lines of sight that are
+accepted constrain the trajectory; which these are is found in turn with the trajectory.
 
 Search for the most probable trajectory from a start: inside the constraints, in windows, around obstacles.
 """
@@ -145,7 +145,7 @@ OUTLIER_SIGMAS = BEND["mixture"]
 """Standard deviations at which a bearing is as likely false as true, with losses other than the mixture's."""
 
 MIN_OUTLIER_SIGMAS = 2.0
-"""Sight lines nearer than so many standard deviations are never false."""
+"""Lines of sight nearer than so many standard deviations are never false."""
 INITIAL_HUBER_K = 2.5
 """Parameter of Huber's loss initially."""
 VARIANCE_STEP_FACTOR = 4.0
@@ -157,7 +157,7 @@ MIN_DEVIANCE_GAIN = 10.0
 MIN_RESIDUAL_FACTOR, MIN_OUTLIER_SHARE = 1.3, 0.01
 """Other variances are tried where residuals show more than this factor, or more than this share is rejected."""
 MIN_CAVITY_SHARE = 0.01
-"""Sight lines of which the others tell more than this share are judged by their residuals alone."""
+"""Lines of sight of which the others tell more than this share are judged by their residuals alone."""
 LOG_FACTOR_TOLERANCE = 0.1
 """Change of a factor's logarithm at which it has settled."""
 MAX_OCCLUDER_ROUNDS, POSITION_TOLERANCE_SIGMAS = 6, 0.1
