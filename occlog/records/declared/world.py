@@ -193,7 +193,7 @@ class RobotPath(ColumnTable):
         "least distance from obstacles since the row before, border to border; negative where they overlapped",
         nan="there are no obstacles",
     )
-    obstacle: Strings = column("U", "1", "which obstacle that was; empty if missing")
+    obstacle: Strings = column("U", "1", "name of that obstacle; empty: no obstacle")
 
     def check(self) -> None:
         """Times in order, known states."""

@@ -60,7 +60,7 @@ def check_start(started: bool, target: int, others: Collection[int]) -> None:
     """UsageError where the settings have a start, which is that of one target, and there is one more than one."""
     if started and others:
         raise UsageError(
-            f"start says where one target is, but there is target {target} also "
+            f"start says where one target is, but there is target {target} in addition to "
             f"{', '.join(str(k) for k in sorted(others))}; choose one target, e.g. {target}"
         )
 

@@ -24,7 +24,7 @@ from .named import GalleryReidentification
 from .rows import SnapshotTables
 from .stage import PeopleTracker, Tabulator, track_people
 
-OUTSIDE, SIZES, IDENTITIES = "boxes omitted at ingest", "sizes of people", "expected identity switches"
+OUTSIDE, SIZES, IDENTITIES = "boxes left out at ingest", "sizes of people", "expected identity switches"
 FRAMES, SMOOTHED, FOUND = "numbers of the frames", "errors of regions", "number of people"
 """Names of checks."""
 UNSIZED = "too few boxes are whole to compare cameras"

@@ -50,7 +50,7 @@ class GroundConfig(Settings):
     )
     min_crossing_deg: float = setting(
         5.0,
-        "Lines of sight that cross at smaller angles give no place.",
+        "Sight lines that cross at smaller angles give no place.",
         unit="deg",
         above=0,
         below=90,
