@@ -6,14 +6,14 @@ NIS is the sum of squared residuals of bearings, by their probability of being t
 Bearings that no other sensor can confirm: whether sensors see a target one at a time, and what is rejected then.
 
 Where several sensors see a target at once, a false bearing disagrees with the others.  Where one sees it at a time,
-the motion alone speaks against it: some false bearings agree with a motion that is about as probable as the true one,
+the motion alone contradicts it: some false bearings agree with a motion that is about as probable as the true one,
 and no residual shows it.  Bearings that are found to be false there say that others, which are accepted, may be false.
 
-Whether bearings look like those of a compass: clockwise from north, and not from +x towards +y.
+Whether bearings resemble those of a compass: clockwise from north, and not from +x towards +y.
 
 lines of sight of one time step meet near one position if their angles mean what they are taken for.  Taken for the
 others, pi / 2 - b, lines of stations in general positions do not meet, or behind the stations.  Both are tried, and a
-user is told where the others fit much better; nothing is changed.
+warning is given where the others fit much better; nothing is changed.
 
 Bearings whose stated noise is smaller than any sensor's: many filters can make no use of them.
 
@@ -22,7 +22,7 @@ Bearings at the estimates: residuals with the variance they should have, and can
 The residual of a bearing that an estimate has used is smaller than the bearing's own error, since the estimate follows
 it.  With the standard deviation sigma of the bearing, the gradient g of its angle by the position and the covariance P
 of the estimate, a residual in units of sigma has the variance 1 - g'Pg / sigma^2, if both are right.  That holds for
-filters, smoothers and least squares alike, as far as they are linear.
+filters, smoothers and least squares, to the extent that they are linear.
 
 Candidates that cannot be one target: several people offered to a filter that follows one.
 """
@@ -104,7 +104,7 @@ class UnconfirmedBearings:
 
 
 MIN_STEPS, MAX_STEPS = 10, 500
-"""Fewest time steps that tell, and how many are looked at."""
+"""Minimum and maximum number of time steps of the check."""
 MAX_MISFIT_RATIO, MIN_MISFIT_RAD2 = 0.1, 0.05
 """A median square misfit [rad^2] below this share of the other one's, where that is above `MIN_MISFIT_RAD2`, is much
 better."""
@@ -115,7 +115,7 @@ MAX_LINE_MISFIT_RAD2 = 1.0
 
 
 class AngleConventionCheck:
-    """Tries both meanings of the bearings of stations that stream by; cameras' bearings are never of a compass."""
+    """Tries both meanings of the bearings of stations in a stream; cameras' bearings are never of a compass."""
 
     def __init__(self, scene: Scene) -> None:
         """Nothing was seen yet."""
@@ -225,7 +225,7 @@ class SmallNoiseCheck:
 GATE_SIGMAS = 4.0
 """Gate of a bearing, in standard deviations of the innovation."""
 MIN_RESIDUAL_VARIANCE = 0.1
-"""Bearings whose residuals should have a smaller variance say nothing of their noise: estimates go through them."""
+"""Minimum expected variance of residuals for an estimate of noise: below it estimates go through the bearings."""
 
 
 class ResidualAngles(NamedTuple):
@@ -542,7 +542,7 @@ class ResidualStatistics:
 def pose_shares(tracks: Tracks, scene: Scene) -> dict[str, float]:
     """Of each camera the share of a bearing's variance that errors of its pose make, at the median distance of tracks.
 
-    [Ercan] Eq. 2 on the optical axis: f^2 sigma_yaw^2 + f^2 sigma_position^2 / d^2 of it, beside the reading's.
+    [Ercan] Eq. 2 on the optical axis: f^2 sigma_yaw^2 + f^2 sigma_position^2 / d^2 of it, in addition to the reading's.
     """
     out: dict[str, float] = {}
     for c in scene.cameras:

@@ -2,7 +2,7 @@
 
 The checks stand alone: arrays in, booleans out.  `QualityFlags` applies them to the rows of a run.
 
-Doubts of rows while one sensor contradicts the estimate: most of what it measured lately is rejected.
+Quality flags of rows while one sensor contradicts the estimate: most of what it measured lately is rejected.
 
 Its clock, pose or labels are wrong, or the track follows the others, which may be the wrong ones.
 
@@ -41,7 +41,7 @@ WORDS = {
     SINGLE_SENSOR: "one sensor alone saw the target for long, which says nothing of its distance; add another "
     "sensor, or "
     "track in images and find the target on the ground (occlog ground)",
-    OUT_OF_VIEW: "the target is where sensors that are said to see it cannot see; check the calibration, the region "
+    OUT_OF_VIEW: "the target is where sensors that report it cannot see; check the calibration, the region "
     "and the choice of the target",
     INCONSISTENT_SENSOR: "most of what one sensor measured of the target in the last second is rejected; "
     "check the clock, "
@@ -139,10 +139,10 @@ class QualityFlags:
 
         Args:
             scene: the sensors.
-            online: estimates do not know what comes after them: one sensor alone leaves a doubt, and so does a guessed
+            online: estimates do not know what comes after them: one sensor alone raises a flag, and so does a guessed
                 region.
             started: the settings say where the target was initially.
-            distances: stations measure distances, too, so that one sensor alone may tell a position.
+            distances: stations measure distances, too, so that one sensor alone may determine a position.
         """
         self._distances = distances
         self._scene, self._online, self._started = scene, online, started
@@ -153,7 +153,7 @@ class QualityFlags:
         self._seen: dict[int, DetectionHistory] = {}
 
     def judged(self, tracks: Tracks, diagnostics: Diagnostics) -> tuple[Tracks, Diagnostics]:
-        """The rows with their doubts, and with covariances that hold where the distance is not known."""
+        """Return the rows with their flags, and with covariances that hold where the distance is not known."""
         if not len(tracks):
             return tracks, diagnostics
         by = [tuple(name for name in text.split(",") if name) for text in diagnostics.seen_by.tolist()]
@@ -178,7 +178,7 @@ class QualityFlags:
     def _outside(self, xy: Floats, covariance: Floats, by: list[tuple[str, ...]]) -> Bools:
         """(N,) whether at least half of the sensors that saw the target cannot have done so; arrays by their range.
 
-        With fewer, their bearings are false, which is said of bearings and not of the estimate.
+        With fewer, their bearings are false, which is reported of bearings and not of the estimate.
         """
         saw, cannot = np.zeros(len(xy), dtype=np.int64), np.zeros(len(xy), dtype=np.int64)
         for c in self._sensors:
@@ -218,7 +218,7 @@ class QualityFlags:
             if seen is None or fallback in RESTART_FALLBACKS:
                 seen = DetectionHistory(t_ns, {}, t_ns if self._started and seen is None else None)
             last = seen.last_ns | dict.fromkeys(names, t_ns)
-            # Two sensors at one position tell no more of the distance than one of them
+            # Two sensors at one position determine the distance no better than one of them
             here = {self._place[s] for s, at in last.items() if t_ns - at <= TOGETHER_S * NS}
             seen = seen._replace(last_ns={}, together_ns=t_ns) if len(here) > 1 else seen._replace(last_ns=last)
             self._seen[target] = seen
@@ -319,7 +319,7 @@ class EffectiveSampleSizes:
 
 
 CLEAR_SIGMAS = 2.0
-"""A meeting position is clearly somewhere if all of the ellipse of so many standard deviations is there."""
+"""Size of the ellipse that must be inside a region for a sure meeting position, in standard deviations."""
 ELLIPSE_POINTS = 12
 """Points of that ellipse that are tested."""
 STEPS = 3
@@ -331,7 +331,7 @@ MAX_SIGMA_RAD = 0.2
 MAX_ELLIPSE_TO_RANGE = 0.5
 """A meeting position counts if its ellipse is smaller than this share of the distance of each of its sensors."""
 CONVERGENCE_SIGMAS = 0.1
-"""A search has found the meeting position if its last step is below so many standard deviations."""
+"""Convergence threshold of the last step of the search, in standard deviations."""
 MIN_SHARE = 1e-9
 """A residual whose variance is all the bearing's does not say what that is; see `_bearings`."""
 

@@ -1,7 +1,7 @@
 """The verdict: whether a run's estimates are plausible, as sentences with the number, the limit and the remedy.
 
-Limits have two parts.  A figure is said only if it is far enough off to matter (the constants of this file), and if
-chance cannot make it so: its confidence interval, with the effective number of what it was made from, is beyond that
+Limits have two parts.  A finding is reported only if it is far enough off to matter (the constants of this file), and
+if chance cannot make it so: its confidence interval, with the effective number of what it was made from, is beyond that
 limit with a probability of `SIGNIFICANCE` for the contrary.  docs/explanation/believe.md has each finding with causes
 and remedies.
 """
@@ -35,17 +35,17 @@ MAX_DEPLETED_SHARE = 0.25
 MAX_DEPLETED_SHARE_SMOOTHED = 0.02
 """The same where estimates are smoothed: all before a depleted row come from its few particles, too."""
 MAX_GAP_SHARE, MIN_GAPS = 0.8, 3
-"""Share of rows after a gap from which nothing is filtered, and the fewest such rows of which something is said."""
+"""Share of rows after a gap from which nothing is filtered, and the minimum number of such rows for the check."""
 MAX_RESTART_SHARE = 0.01
 """Share of rows with a restart that matters: one in a hundred."""
 MAX_FLAGGED_SHARE = 0.05
-"""Share of rows with a doubt, or of doubted rows, that matters."""
+"""Maximum share of flagged rows."""
 MAX_POSSIBLE_OUTLIER_SHARE = 0.1
 """Share of rows that are contested that matters."""
 MAX_REJECTED_SHARE = 0.25
 """Share of bearings rejected that matters."""
 MAX_UNCONFIRMED_REJECTED_SHARE = 0.02
-"""The same where one sensor at a time sees the target, and nothing but its motion speaks against a false bearing."""
+"""Maximum share rejected where one sensor at a time sees the target, and its motion alone reveals false bearings."""
 NIS_LOW, NIS_HIGH = 0.5, 2.25
 """Normalised squared residuals that matter: stated standard deviations 1.4 times too large, 1.5 times too small."""
 MAX_MOTION_VARIANCE_FACTOR = 4.0
@@ -85,7 +85,7 @@ FLAGS_OF_POSSIBLE_OUTLIERS = {
 }
 """Values of `fallback` that some rows of honest data have, too."""
 FLAGS_WITH_RIGHT_COVARIANCE = {
-    "unobservable": "what was seen does not tell the position, and the covariance says so; add sensors",
+    "unobservable": "the measurements do not determine the position, and the covariance says so; add sensors",
     "ambiguous": "measurements fit several positions, of which the row has the most probable, and the covariance holds "
     "all: there are two ranges alone, stations are in line, one of a few values is false, or noise is as large as the "
     "distances; add stations off the line, or follow the target over time (apf, map)",
@@ -306,7 +306,7 @@ class ConsistencyEvidence:
                 f"in {self.blind} of {self.selected} rows (allowed: {MAX_BLIND_SHARE:.0%}) fewer than two sensors "
                 "see the "
                 "target, although more cameras were selected: the selection is for longer than the target stays in "
-                "view, or the policy does not look at views; select by greedy, more cameras, or more often",
+                "view, or the policy ignores views; select by greedy, more cameras, or more often",
                 share=self.blind / self.selected,
                 allowed=MAX_BLIND_SHARE,
             )
@@ -363,7 +363,7 @@ class ConsistencyEvidence:
                 "unconfirmed",
                 f"{alone.share:.0%} of {alone.bearings} {self.what} are rejected (allowed: "
                 f"{MAX_UNCONFIRMED_REJECTED_SHARE:.0%} where "
-                f"one sensor at a time sees the target): nothing but the motion tells false {self.what} from true "
+                f"one sensor at a time sees the target): the motion alone distinguishes false {self.what} from true "
                 "ones; "
                 "others may be false, too, and covariances too small; add sensors that see the target at the same "
                 "time, or check identities and the detector's false alarms",
@@ -463,10 +463,10 @@ def exceeds_share(count: int, of: int, share: float) -> bool:
 
 
 def nis_check(what: str, nis: Ratio, expected: float, sensors: tuple[str, ...] = ()) -> Check | None:
-    """By how much residuals are not as stated; None if they are, or if there are too few to tell.
+    """Variance factor of residuals; None if they are as stated, or too few.
 
     Args:
-        what: whose residuals.
+        what: name of the measurements.
         nis: their normalised square.
         expected: sum of squares that is expected.
         sensors: names of their sensors; empty: all.

@@ -91,7 +91,7 @@ def _bins_into(bins: Bytes, image: Bytes, left: int, top: int, right: int, botto
 
 
 def bins_of(levels: int) -> int:
-    """Number m of bins of so many levels."""
+    """Number m of bins for a number of levels."""
     return levels * (levels + 1)
 
 

@@ -348,7 +348,7 @@ def route(corners: Floats, a: Floats, b: Floats, away: float, *, ccw: bool) -> F
 
 
 def nearest_edge(corners: Floats, xy: Floats, away: float) -> tuple[int, Floats]:
-    """The edge of a polygon nearest to a position, and the position beside it at a distance outside."""
+    """The edge of a polygon nearest to a position, and the position at a distance outside of it."""
     ends = np.roll(corners, -1, axis=0)
     edge = ends - corners
     share = np.clip(np.einsum("ki,ki->k", xy - corners, edge) / np.einsum("ki,ki->k", edge, edge), 0.0, 1.0)
@@ -378,7 +378,7 @@ def offset(corners: Floats, away: float) -> Floats:
 
 
 def spread_along(a: Floats, places: Floats, b: Floats, steps: int) -> Floats | None:
-    """(steps - 1, 2) positions on the way from a by all of `places` to b, so that each of them is one; None: too few.
+    """(steps - 1, 2) positions from a by all of `places` to b, including each of these; None: too few.
 
     Args:
         a: (2,)

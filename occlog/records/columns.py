@@ -32,11 +32,11 @@ def bounded_ns(t_ns: int) -> int:
 ROUNDING, TINY = 5e-10, 1e-150
 """By how much, in parts and absolutely, the covariance of x and y may exceed the product of their deviations."""
 ANY_WIDTH = -1
-"""Width of a column whose rows are vectors of one length, whatever it is; 0 if not given."""
+"""Width of a column with vectors of any equal length; 0 if not given."""
 
 
 MAX_LENGTH = 1e15
-"""Largest coordinate, length and speed, in whatever unit: beyond it 64 bits do not tell one unit from the next."""
+"""Largest coordinate, length and speed, in whatever unit: beyond it 64 bits do not resolve one unit."""
 MAX_PX = 1e15
 """Largest distance in an image: the tangent of a direction that is across to the last digit of an angle."""
 LENGTHS = {"m": 1, "m^2": 2, "m/s": 1, "m^2/s": 2, "m^2/s^2": 2}

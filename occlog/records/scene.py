@@ -107,7 +107,7 @@ class Camera:
     """A camera; see `occlog.core.sight.camera` for frames and angles.
 
     Lengths in the scene's unit, angles in radians.  `placed` is false for a camera
-    whose pose is not known: it can be detected in, but gives no bearing.
+    without a known pose: it can be detected in, but gives no bearing.
     """
 
     name: str
@@ -358,7 +358,7 @@ def scene_from(scene: Scene, origin: Floats) -> Scene:
 
 
 SENSOR_MARGIN_M = 1.0
-"""Width of the strip around the sensors that counts as near them, beside a tenth of their extent."""
+"""Width of the strip around the sensors that counts as near them, in addition to a tenth of their extent."""
 PERSON_HEIGHT_M = 1.7
 """Height of a person [m]."""
 MIN_SHARE = 0.02

@@ -83,7 +83,7 @@ WIDER: tuple[type[ColumnTable], ...] = (FusedTracks, TagTracks, PeopleTracks, Jo
 
 
 def has_all_columns(table: type[ColumnTable]) -> bool:
-    """Whether a class asks for all columns of its table: rows of one that asks for some may be alike."""
+    """Whether a class asks for all columns of its table: rows of one that asks for some may be equal."""
     return table.NAME in TABLES and issubclass(table, TABLES[table.NAME])
 
 
@@ -266,7 +266,7 @@ class Limits(NamedTuple):
 def in_step(sides: Sequence[TableBuffer[Any]], margins_ns: Sequence[int]) -> Iterator[Limits]:
     """Iterate over tables in parallel, in segments of time that hold every row once.
 
-    While the caller looks at a segment the sides have all rows of it and those that are at most their margins away.
+    While the caller reads a segment the sides have all rows of it and those that are at most their margins away.
 
     Args:
         sides: tables of which nothing is read yet.

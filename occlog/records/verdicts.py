@@ -157,7 +157,7 @@ def distinct(verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
 
 
 def found_by_stage(verdicts: Sequence[Verdict]) -> tuple[tuple[str, Check], ...]:
-    """Findings with their stages; what a later stage found again of the same sensors and targets is said once."""
+    """Findings with their stages; what a later stage found again of the same sensors and targets is reported once."""
     kept: list[tuple[str, Check]] = []
     for verdict in verdicts:
         found = findings(verdict.checks)

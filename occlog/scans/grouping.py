@@ -22,7 +22,7 @@ from occlog.records.tables import UNLABELLED, Bearings
 
 
 class ScanMeasurements(NamedTuple):
-    """What stations measured beside directions at one time; see `occlog.scans.measured`."""
+    """Measurements of stations other than directions at one time; see `occlog.scans.measured`."""
 
     target_id: Ints32  # (m,) >= 0
     distances: RangeMeasurements  # m measurements
@@ -50,7 +50,7 @@ class Scan(NamedTuple):
     u_px: Floats  # (R,) NaN where the sensor gives no pixels
     sigma_px: Floats  # (R,) NaN: the camera's read noise
     score: Floats  # (R,) NaN: unknown
-    elevation: Floats  # (R,) [rad]; NaN: the sensor tells none
+    elevation: Floats  # (R,) [rad]; NaN: the sensor measures no elevation
     sigma_elevation: Floats  # (R,) [rad]
     occluders: Priors | None = None  # at this time; None: nothing is known about moving occluders
     measured: ScanMeasurements | None = None  # ranges and their like, of the same time; None: missing
@@ -66,7 +66,7 @@ class Scan(NamedTuple):
 
     @property
     def labelled(self) -> Bools:
-        """(R,) rows whose target is known."""
+        """(R,) rows with a known target."""
         return np.asarray(self.target_id != UNLABELLED)
 
     def take(self, rows: Bools | Ints | slice) -> Scan:
@@ -108,7 +108,7 @@ COLUMNS = tuple(name for name in Scan._fields if name not in ("t_ns", "occluders
 def concat(scans: Sequence[Scan]) -> Scan:
     """The rows of scans, at least one, one after the other; the time and the occluders are those of the last.
 
-    Measurements beside directions are omitted.
+    Measurements other than directions are omitted.
     """
     columns = (np.concatenate(parts) for parts in zip(*(scan[1:-2] for scan in scans), strict=True))
     return Scan._make((scans[-1].t_ns, *columns, scans[-1].occluders, None))

@@ -59,7 +59,7 @@ class MeasurementInputs:
         if doa_labels and not directions:
             raise UsageError("doa_labels wants directions of arrival; give some (doa)")
         alone = distances and not measured.has(Bearings) and not measured.has(Doa)
-        # Of tables of others any with times, sensors and identities might be reads without strengths
+        # Any external table with times, sensors and identities might be reads without strengths
         alone = alone and (measured.has(Measurements) or (reads and measured.foreign is None and measured.has(Reads)))
         if not distances and measured.has(Measurements):
             raise InputError(

@@ -50,7 +50,8 @@ MIN_NEGATIVE_SIGMAS = 5.0
 STRONGEST_DBM = 20.0
 """Nothing that is received is stronger."""
 MIN_DIFFERENCES, MAX_IMPOSSIBLE_SHARE = 5, 0.5
-"""Fewest differences that tell, and the share of them that may be beyond their stations: single ones are false."""
+"""Minimum number of differences for the check, and the share of them that may be beyond their stations: single ones
+are false."""
 
 
 class RangeDifferenceCheck:
@@ -121,7 +122,7 @@ def check_plausible(
 
 def _refuse_copies(table: Measurements, row: Ints, packed: RangeMeasurements) -> None:
     """InputError for a range or difference that is there twice: it would count as two that agree."""
-    exact = np.flatnonzero(packed.kind != LOGARITHM)  # of whole dBm two may well be alike
+    exact = np.flatnonzero(packed.kind != LOGARITHM)  # two of whole dBm may well be equal
     own = row[exact]
     keys = (table.t_ns[own], packed.station[exact], table.target_id[own], packed.kind[exact], packed.value[exact])
     keys = (*keys, *packed.other[exact].T)
@@ -210,7 +211,7 @@ class Radio(NamedTuple):
 
 
 class StationModel(NamedTuple):
-    """The S sensors of a scene, those that tell directions first, as measurements of distances want them."""
+    """The S sensors of a scene, those that measure directions first, as required for distances."""
 
     names: tuple[str, ...]
     place: Floats  # (S, 3); NaN where it is not known
@@ -219,7 +220,7 @@ class StationModel(NamedTuple):
 
 
 def station_names(scene: Scene) -> tuple[str, ...]:
-    """Names of all sensors of a scene: those that tell directions in their order, then readers."""
+    """Names of all sensors of a scene: those that measure directions in their order, then readers."""
     return (*sensor_names(scene), *(r.name for r in scene.readers))
 
 

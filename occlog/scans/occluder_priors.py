@@ -174,7 +174,7 @@ def moving_people(opened: Opened, length_unit: str, start_s: float, people: Peop
         _between(opened, Tracks, after_ns, people) if opened.has(Tracks) else _between(opened, Truth, after_ns, people)
     )
     if not len(rows):
-        raise InputError(f"{opened.path}: has no rows from {start_s:g} s after its first one on; nobody to avoid")
+        raise InputError(f"{opened.path}: has no rows from {start_s:g} s after its first one on; no obstacle to avoid")
     return obstacles_of(rows, start_ns, people)
 
 

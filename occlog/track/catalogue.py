@@ -67,7 +67,7 @@ class MethodEntry:
         method: module and name of the method, a value of `occlog.track.interface`, or of `Follower` for one that
             follows all people; of one that takes images or reads the function that tracks.
         settings: module and name of the class of its settings.
-        takes: names of the options that it takes beside the shared ones and its settings.
+        takes: names of the options that it takes in addition to the shared ones and its settings.
         takes_in: `BEARINGS`; `IMAGES`: it tracks in the images of a recording; `BOXES`: it follows all people by them;
             `READS`: reads of tags; `VIEW`: it follows each camera's boxes on their own.
         plugin: that the method is from; None: it is one of ours.
@@ -181,7 +181,7 @@ OURS: dict[str, MethodEntry] = {
         (*IN_WORLD, *MEASURED, "residuals"),
     ),
     "jipda": MethodEntry(
-        "everybody on the floor, from the boxes of all cameras jointly (Musicki, Evans 2004; Williams, Lau 2014)",
+        "all people on the ground plane, from boxes of all cameras jointly (Musicki, Evans 2004; Williams, Lau 2014)",
         "occlog.track.people.stage:JIPDA",
         "occlog.track.methods.jipda.config:JipdaConfig",
         OF_EVERYBODY,

@@ -183,11 +183,11 @@ def intersection_over_union(a: Floats, b: Floats) -> Floats:
 
 
 DIGIT = 16
-"""Bits of a number that one pass of `quantiles` looks at."""
+"""Bits of a number that one pass of `quantiles` reads."""
 
 
 class Sum:
-    """A sum of parts with the rounding of each addition kept beside it (Neumaier 1974), so that parts may be any."""
+    """A sum of parts with the rounding of each addition kept separately (Neumaier 1974), so that parts may be any."""
 
     def __init__(self) -> None:
         """Nothing yet."""

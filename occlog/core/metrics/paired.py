@@ -138,7 +138,7 @@ class PairedDifference(NamedTuple):
 
     @property
     def least(self) -> float:
-        """The smallest p that so many parts can give on one side; 0 where there is nothing that could differ."""
+        """Smallest one-sided p of a number of parts; 0 if no part can differ."""
         return 1.0 / (len(self.drawn) + 1) if len(self.drawn) else 0.0
 
     def below(self, margin: float) -> float:
@@ -222,7 +222,7 @@ def _whole(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
 
 
 def _stretches(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
-    """Recording, first frame and end of each segment: long beside what is alike, of about one length."""
+    """Recording, first frame and end of each segment: long relative to the correlation time, of about one length."""
     frames = sum(len(u) for u in added)
     length = max(int(np.ceil(STRETCHES_APART * autocorrelation_time(added))), -(-frames // MAX_STRETCHES))
     out = []

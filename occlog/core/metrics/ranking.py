@@ -1,4 +1,4 @@
-"""How well similarities tell people apart: rank-1 and the area under the ROC curve."""
+"""Discrimination of people by similarities: rank-1 and the area under the ROC curve."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def rank_one(like: Floats, owner: Ints) -> float:
     """Share of candidates that are most like their owner; of k equal ones each counts 1 / k; NaN without candidates.
 
     Args:
-        like: (n, P) similarities of candidates to people; NaN: not compared, which is never the most alike.
+        like: (n, P) similarities of candidates to people; NaN: not compared, which is never the most similar.
         owner: (n,) position of the person whom each candidate shows.
     """
     if not len(like):

@@ -118,7 +118,7 @@ class MovingObstacles(NamedTuple):
 
 
 class MovingObstacleTracks:
-    """Obstacles whose positions are known at times of their own, linear in between."""
+    """Obstacles with positions known at their own times, linear in between."""
 
     def __init__(self, t_ns: Ints, ids: Ints32, places: Floats, clock: StepClock, limit_ns: int) -> None:
         """Gather the rows of each obstacle.

@@ -82,7 +82,7 @@ def turned(force: Floats, angle: Floats) -> Floats:
 
 
 class SteeringState(IntEnum):
-    """What decides on the direction of a step; where several do, the highest number is told."""
+    """What decides on the direction of a step; where several do, the highest number is reported."""
 
     FREE = 0  # the forces alone
     OSCILLATING = 1  # oscillation was recognised, but the robot does not escape

@@ -17,7 +17,7 @@ from numba.core.types.misc import unliteral  # isort: skip
 
 F = TypeVar("F", bound=Callable[..., Any])
 PATIENCE_S = 2.0
-"""Compilation that takes longer in all [s] is told of."""
+"""Minimum total compilation time [s] that is reported."""
 
 
 def kernel(function: F) -> F:

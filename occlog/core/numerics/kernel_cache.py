@@ -178,7 +178,7 @@ class KernelLocator:
         return stamp(self._module, self._base)
 
     def get_disambiguator(self) -> str:
-        """Tells functions of one name apart."""
+        """Distinguishes functions of one name."""
         return str(self._line)
 
 

@@ -18,7 +18,7 @@ Probability that no moving occluder hides a position, interpolated over a cloud 
 Where every prior is Gaussian and wide against the cloud, P (`occlog.core.occlusion.hidden`) is
 smooth over the cloud's bounding box.  It is then computed at Chebyshev points of the box
 only and interpolated by Chebyshev polynomials.  Their degrees follow from the box and the
-narrowest prior; the last coefficients tell the error, and where it is too large, P is
+narrowest prior; the last coefficients determine the error, and where it is too large, P is
 computed position by position.
 """
 
@@ -169,7 +169,7 @@ def blocking_probabilities(
 
 @array_kernel
 def extent(j: int, priors: Priors, far: float) -> float:
-    """How far from its mean prior j reaches: so many standard deviations, or to its farthest corner."""
+    """Reach of prior j from its mean: a number of standard deviations, or to its farthest corner."""
     if priors.first[j] == priors.first[j + 1]:
         gaussian: float = far * priors.sigma[j]
         return gaussian
@@ -337,7 +337,7 @@ def make_grid(xy: Floats, free: Bools, priors: Priors, far: float) -> HiddenGrid
 
 @array_kernel
 def terms(half: float, tolerance: float) -> int:
-    """Number of polynomials for an interval of so many standard deviations of the narrowest prior to either side.
+    """Number of polynomials for an interval in standard deviations of the narrowest prior to either side.
 
     The coefficients of a Gaussian fall as (half / 2)^n / sqrt(n!); products of some of them a little later.
     """

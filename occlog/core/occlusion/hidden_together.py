@@ -128,7 +128,7 @@ def over_subsets(clear: Floats, a: Floats, b: Floats, floor: float) -> float:
 MIN_BRANCH_SHARE = 1e-10
 """Branches below this share of the sum so far, or of its floor, are cut."""
 LANES = 4
-"""Products of so many occluders are formed side by side."""
+"""Block size of products over occluders."""
 
 
 @array_kernel

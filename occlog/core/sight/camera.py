@@ -222,7 +222,8 @@ def noise_variance(
 
 
 MIN_AXIS_SPREAD = 0.03
-"""x axes tell the vertical if the second smallest eigenvalue of their mean square is above this (10 degrees apart)."""
+"""x axes determine the vertical if the second smallest eigenvalue of their mean square is above this (10 degrees
+apart)."""
 ROLLED = np.radians(30.0)
 """Cameras of an upright world are rolled less than this, in the median."""
 LOOKS_UP = np.radians(45.0)

@@ -18,7 +18,7 @@ import numpy as np
 from occlog.array_types import Floats
 
 MIN_MATCHES = 8
-"""Matches below which nothing is said about whether a fundamental matrix fits."""
+"""Minimum number of matches for a test of a fundamental matrix."""
 
 
 class FitCheck(NamedTuple):
@@ -113,7 +113,7 @@ def check_fundamental(matrix: Floats, a: Floats, b: Floats, tolerance_px: float,
         matrix: (3, 3).
         a: (N, 2) points of view a [px].
         b: (N, 2) their matches in view b.
-        tolerance_px: a match within this distance of both lines speaks for the matrix.
+        tolerance_px: a match within this distance of both lines supports the matrix.
         min_share: 0 to 1.
 
     Raises:
@@ -122,7 +122,7 @@ def check_fundamental(matrix: Floats, a: Floats, b: Floats, tolerance_px: float,
     # Share of matches within the tolerance of both lines
     n = len(a)
     if n < MIN_MATCHES:
-        raise ValueError(f"{n} matches do not tell whether a fundamental matrix fits; give at least {MIN_MATCHES}")
+        raise ValueError(f"{n} matches are too few to test a fundamental matrix; give at least {MIN_MATCHES}")
     good = (epipolar_distances(matrix, a, b) <= tolerance_px).all(axis=1)
     # The same share of all n (n - 1) wrong pairings: what chance gives
     to_b, to_a = epipolar_lines(matrix, a), epipolar_lines(np.asarray(matrix).T, b)

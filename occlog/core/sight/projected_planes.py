@@ -97,7 +97,7 @@ def projected_covariance(
             what a filter should do with measured angles.  False is the plain first order.
 
     Returns:
-        (..., 3, 3) [rad^2] of rank 2: two angles tell all that the sensor measured.
+        (..., 3, 3) [rad^2] of rank 2: two angles hold all that the sensor measured.
     """
     spread = np.sin(phi) ** 2 + (np.cos(phi) * sigma_phi) ** 2 * pole_term
     sigmas = np.stack([sigma_theta * np.sqrt(spread), np.full(np.shape(phi), sigma_phi)], axis=-1)
@@ -135,8 +135,8 @@ def _in_world(theta: Floats, phi: Floats, rotation: Floats) -> Floats:
 def select_by_variance(variance: Floats, blind: Bools) -> Ints:
     """The two least variances on different planes, among all sensors ([Lee] Sec. 2.2.3).
 
-    The rule does not look at what the two have in common: where the line of sight has no
-    component along their shared axis, two planes of one sensor tell the same (`projected_covariance`).
+    The rule ignores what the two have in common: where the line of sight has no
+    component along their shared axis, two planes of one sensor are redundant (`projected_covariance`).
 
     Args:
         variance: (..., S, 3) of the projected angles of S sensors [rad^2]; NaN: no measurement.

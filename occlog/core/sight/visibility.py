@@ -10,7 +10,7 @@ The prior is a mixture: for each sensor a wedge in which all directions and all 
 equally likely (its density falls with 1 / distance), and a box around the sensors.  Equal distances, not equal areas:
 one bearing then leaves the distance evenly spread, and a far limit that is too large does little harm.
 
-A prior that reaches as far as cameras see is diffuse, and bearings are sharp.  First positions are therefore drawn
+A prior over the full range of the cameras is diffuse, and bearings are sharp.  First positions are therefore drawn
 where lines of sight lead (`initial_positions`), each with the weight that the prior over the density of the draws
 gives it (importance sampling).
 """
@@ -145,7 +145,7 @@ def seen_from(xy: Floats, i: int, sensors: Sensors) -> Bools:
 def _hide_behind(seen: Bools, xy: Floats, x0: float, y0: float, wall: Floats, cone: Floats) -> None:
     """Set `seen` to false, in place, for positions that the wall hides from (x0, y0).
 
-    Most positions are clearly nearer than the wall, clearly beside it or clearly behind it;
+    Most positions are clearly nearer than the wall, clearly to its side or clearly behind it;
     the exact test is only for the others.
     """
     rx, ry, lx, ly, near2 = cone[0], cone[1], cone[2], cone[3], cone[4] * (1.0 - SLACK)
@@ -157,7 +157,7 @@ def _hide_behind(seen: Bools, xy: Floats, x0: float, y0: float, wall: Floats, co
         r2 = dx * dx + dy * dy
         if r2 < near2:
             continue
-        # Beside the wall: outside the rays around it
+        # To the side of the wall: outside the rays around it
         slack = SLACK * (abs(dx) + abs(dy))
         from_right, from_left = rx * dy - ry * dx, ly * dx - lx * dy
         if from_right < -slack or from_left < -slack:
@@ -169,7 +169,7 @@ def _hide_behind(seen: Bools, xy: Floats, x0: float, y0: float, wall: Floats, co
 
 
 def in_view(h: Floats, d: Floats, fov: float, reach: float) -> Bools:
-    """Tell which points are in front of a camera (d > 0), in its field of view and in range, limits included.
+    """Return which points are in front of a camera (d > 0), in its field of view and in range, limits included.
 
     Args:
         h: offset to the left of the optical axis, any shape.
@@ -191,7 +191,7 @@ def behind_walls(origin: Floats, xy: Floats, walls: Sequence[Floats]) -> Bools:
 
 
 def behind_objects(origin: Floats, xy: Floats, others: Floats, diameter: float) -> Bools:
-    """Tell which points a moving object hides: its centre is inside the rectangle A(x) of [Ercan] Fig. 3.
+    """Return which points a moving object hides: its centre is inside the rectangle A(x) of [Ercan] Fig. 3.
 
     The rectangle reaches from the sensor to the point and half a diameter to either side
     of the line of sight.
@@ -219,7 +219,7 @@ def behind_objects(origin: Floats, xy: Floats, others: Floats, diameter: float) 
 AROUND_SENSORS = 0.1
 """Share of the prior that is even in the box around the sensors."""
 DEFENSIVE_FRACTION = 0.1
-"""Share of the first positions that does not look at the scan."""
+"""Share of initial positions drawn independently of the scan."""
 CROSSING = 0.6
 """Share of the other first positions that is drawn where lines of sight cross, if some do."""
 CROSSING_INFLATION = 1.5
@@ -227,7 +227,7 @@ CROSSING_INFLATION = 1.5
 MIN_CROSSING_SINE = 0.02
 """Lines of sight that cross at a smaller angle (about 1 degree) have no crossing."""
 MAX_CROSSINGS = 200
-"""Of more crossings so many are taken at random."""
+"""Maximum number of crossings; of more a random subset is used."""
 MIN_RELATIVE_DISTANCE = 1e-6
 """Least distance, as a share of the far limit, in densities."""
 

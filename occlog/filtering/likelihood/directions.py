@@ -1,11 +1,11 @@
 """Likelihood of a scan for a target at given positions: [Ercan] Sec. 4.2-4.3 without moving occluders.
 
-A scan has a *look* for every sensor that delivered a frame.  A look of a labelled target
-has one measurement or none ("not seen"); an unlabelled look has any number of candidates,
+A scan has a *report* of every sensor that delivered a frame.  A report of a labelled target
+has one measurement or none ("not seen"); an unlabelled report has any number of candidates,
 of which at most one is the target's.
 
 A sensor is assigned (A) to a position that no static occluder, field of view or range keeps it from seeing
-(`occlog.core.sight.visibility.seen_from`, [Ercan] Sec. 4.3).  The factor of a look is
+(`occlog.core.sight.visibility.seen_from`, [Ercan] Sec. 4.3).  The factor of a report is
 
     labelled, z:       hit N(z) + miss floor      A
                        soften hit N(z) + floor    not A (the first term only in front of a camera)
@@ -66,16 +66,16 @@ class MeasurementNoise(NamedTuple):
 
 
 class PackedScan(NamedTuple):
-    """A scan as the kernels read it: n looks with m measurements in all.
+    """A scan as the kernels read it: n reports with m measurements in all.
 
-    Numba requires a tuple of arrays of one kind each, and a look's measurements side by side: rows that
+    Numba requires a tuple of arrays of one kind each, and a report's measurements in adjacent rows: rows that
     saw nothing are gone, pixels and bearings share a column, and every measurement has a variance.
     `occlog.track.methods.apf.model.pack_scan` makes it of an `occlog.scans.grouping.Scan`.
     """
 
     sensor: Ints  # (n,) rows of the sensors
     labelled: Bools  # (n,)
-    first: Ints  # (n + 1,) measurements of look k are first[k] to first[k + 1] - 1
+    first: Ints  # (n + 1,) measurements of report k are first[k] to first[k + 1] - 1
     pixel: Bools  # (m,) true: z [px] of Eq. 1, false: a bearing [rad]
     value: Floats  # (m,) z = -u_px, or the bearing
     variance: Floats  # (m,) of reading [px^2], or of the bearing in all [rad^2]
@@ -133,7 +133,7 @@ def add_bearing(out: Floats, xy: Floats, x0: float, y0: float, bearing: float, v
 
 @kernel
 def densities(xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise) -> Floats:
-    """(L,) sum over the measurements of look k of share times density, for targets at (L, 2) positions."""
+    """(L,) sum over the measurements of report k of share times density, for targets at (L, 2) positions."""
     out = np.zeros(xy.shape[0])
     i = scan.sensor[k]
     for m in range(scan.first[k], scan.first[k + 1]):
@@ -148,11 +148,11 @@ def densities(xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: Mea
 def factors(
     xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel, seen: Bools
 ) -> tuple[Floats, float]:
-    """Factors of look k, as in the table of the module, for targets at (L, 2) positions.
+    """Factors of report k, as in the table of the module, for targets at (L, 2) positions.
 
     Args:
         xy: (L, 2) positions.
-        k: number of the look.
+        k: number of the report.
         scan: the measurements.
         sensors: where sensors stand and what hides things from them.
         noise: their noise.
@@ -187,7 +187,7 @@ def factors(
 
 @kernel
 def image_width(k: int, scan: PackedScan, noise: MeasurementNoise) -> float:
-    """W: range of the values of the measurements of look k, which must have one [px or rad]."""
+    """W: range of the values of the measurements of report k, which must have one [px or rad]."""
     widths = noise.width_px if scan.pixel[scan.first[k]] else noise.width
     width: float = widths[scan.sensor[k]]
     return width
@@ -212,7 +212,7 @@ def log_likelihood(
     L = xy.shape[0]
     total, product = np.zeros(L), np.ones(L)
     for k in range(scan.sensor.shape[0]):
-        # Assign ([Ercan] Sec. 4.3), then multiply: looks are independent given the position (Eq. 6)
+        # Assign ([Ercan] Sec. 4.3), then multiply: reports are independent given the position (Eq. 6)
         seen = seen_from(xy, scan.sensor[k], sensors)
         factor, _ = factors(xy, k, scan, sensors, noise, model, seen)
         multiply_into(product, total, factor)
@@ -238,11 +238,11 @@ def multiply_into(product: Floats, total: Floats, factor: Floats) -> None:
 def likely_inliers(
     xy: Floats, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel
 ) -> Bools:
-    """(n,) bool: looks with a measurement that is more likely the target's than false or another target's.
+    """(n,) bool: reports with a measurement that is more likely the target's than false or another target's.
 
     Args:
         xy: (1, 2) where the target is thought to be.
-        scan: n looks.
+        scan: n reports.
         sensors: where sensors stand and what hides things from them.
         noise: their noise.
         model: probabilities; one without false reports gets a limit all the same, near 5 sigma.
@@ -271,7 +271,7 @@ class Occlusion(NamedTuple):
         floor: least probability that counts, 0 to 1.
         far: standard deviations at which a normal prior counts as over.
         temper: exponent of P_i and of 1 - P_i, INDEPENDENT only.  The errors of a prior last for many scans, in which
-            the same evidence would be counted anew; with an exponent below 1 it counts as often as it is new.
+            the same evidence would be counted again; with an exponent below 1 it counts as often as it is new.
     """
 
     probability: int
@@ -370,8 +370,8 @@ def _split_by_occlusion(
 
     Returns:
         (L,) log-likelihoods of arrays, and of cameras that are not assigned to a position.
-        (n, L) a and (n,) b of all looks.
-        (n, L) whether a look's camera is assigned to a position, so that its factor is not in the first.
+        (n, L) a and (n,) b of all reports.
+        (n, L) mask: a report's camera is assigned to a position, so that its factor is not in the first.
     """
     n, L = scan.sensor.shape[0], xy.shape[0]
     total, product = np.zeros(L), np.ones(L)

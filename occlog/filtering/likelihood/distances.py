@@ -298,4 +298,4 @@ DELAYED = np.array([model.delayed for model in MODELS])
 COMPILED = np.array([model.compiled for model in MODELS])
 """Fields of them, by kind."""
 PLAIN = {model.column: kind for kind, model in enumerate(MODELS) if model.column is not None}
-"""Kinds of columns whose values are taken as they stand."""
+"""Kinds of columns with values used unchanged."""

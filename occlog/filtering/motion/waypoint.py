@@ -22,7 +22,7 @@ occluder or out of the room decides as if it had reached its destination; the pa
 own objects do that (Sec. 6).  Noise is added that the paper has not, all of it 0 in its model:
 
 * of the velocity (`sigma_velocity`): white acceleration, by which speed and direction change.  People turn and hurry
-  more than they jump aside, so that their positions need little noise beside it;
+  more than they jump aside, so that their positions need little additional noise;
 * of the position while waiting (`sigma_waiting`): who stands is never quite still, and particles that never
   move become copies of one position.
 

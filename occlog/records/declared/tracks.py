@@ -164,7 +164,7 @@ class Diagnostics(ColumnTable):
         "holds were omitted, with what was seen then), `wall` (no way around a wall was found), `unfinished` (the "
         "search did not converge) or `doubted` (fewer than half of the bearings are accepted); of `fix` `pair` (two "
         "lines, whose spread is as stated), `stated` (the spread was not found), `ambiguous` (measurements fit several "
-        "places), `unchecked` (two measurements tell the position, and none of the others agrees) or `contested` (one "
+        "positions), `unchecked` (two measurements fix it, and none of the others agrees) or `contested` (one "
         "that is accepted may be false: another position is possible, or they scatter too much); of `ekf`, `ukf` and "
         "`iekf` `widened` (most bearings disagreed with the prediction, which was made wider), `discarded` (no sigma "
         "point was left) or `stuck` (the search ended where cameras cannot see)",

@@ -20,7 +20,7 @@ from .tracking import TrackingTask, check_start, feed_of
 FOREVER_NS = 2**62
 """No two times are further apart."""
 MAX_PAUSE_LAGS = 4
-"""A pause of a target lets the others wait for so many times the lag also, at most."""
+"""Maximum additional wait of the other targets during a pause of one, in lags."""
 
 
 class _TargetScans(NamedTuple, Generic[State]):

@@ -60,9 +60,7 @@ def test_copies_of_rows_are_refused_where_they_have_an_identity_or_a_measurement
     for target in (3, -1):
         one = replace(random_table(Bearings, 1), target_id=np.array([target], np.int32))
         write_table(path, Bearings.concat([one, one]), PROVENANCE, overwrite=True)
-        with pytest.raises(
-            InputError, match=rf"t\.parquet: Bearings: a row is repeated \(t_ns .*target_id {target}"
-        ):
+        with pytest.raises(InputError, match=rf"t\.parquet: Bearings: a row is repeated \(t_ns .*target_id {target}"):
             read_table(path, Bearings)
     blind = replace(
         one,

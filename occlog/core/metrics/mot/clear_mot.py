@@ -25,7 +25,7 @@ class ClearRule(NamedTuple):
     """How targets and tracks are paired in a frame.
 
     A target first keeps the track that it had last, if that one still is similar enough (of two
-    targets that had the same one, that of the lower label); the rest is assigned anew.
+    targets that had the same one, that of the lower label); the rest is assigned again.
 
     Attributes:
         threshold: least similarity of a pair.
@@ -182,7 +182,7 @@ class ClearCounts:
         self._goes_on[who[last]] = there[last]
 
     def merge(self, other: ClearCounts) -> None:
-        """Take in another recording, whose targets get the numbers behind these; no frame is added after it."""
+        """Add another recording with its targets numbered after these; no frame is added after it."""
         self._objects, self._estimates = self._objects + other._objects, self._estimates + other._estimates
         self._tp, self._switches = self._tp + other._tp, self._switches + other._switches
         self._distance.merge(other._distance)

@@ -104,7 +104,7 @@ class MatchedFrames(NamedTuple):
 
 
 def _without_rounding(distance: Floats, a: Floats, b: Floats) -> Floats:
-    """Distances to the last decimal that the positions tell.
+    """Distances to the precision of the positions.
 
     Those of 0.3 and 0.8 and of 1000.3 and 1000.8 differ in the last bits, but must be on the same side of a limit.
     """

@@ -290,7 +290,7 @@ class IdentityCounts:
             self._met.add(frames.truth[left][i], frames.track[right][j], np.ones((1, len(i))))
 
     def merge(self, other: IdentityCounts) -> None:
-        """Take in another recording, whose targets and tracks get the numbers behind these."""
+        """Add another recording, with its targets and tracks numbered after these."""
         self._met.merge(other._met)
         self._targets += other._targets
         self._objects, self._estimates = self._objects + other._objects, self._estimates + other._estimates

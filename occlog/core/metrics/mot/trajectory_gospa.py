@@ -2,7 +2,7 @@
 
 Cuts trajectory GOSPA into programs that can be solved apart, in time as well as among targets.
 
-While a target and a track meet nobody but each other for long enough, they have each other in every solution in whole
+While a target and a track meet no other for long enough, they have each other in every solution in whole
 numbers: a solution without that for a segment would save at most three changes of price gamma^p by it, and lose what
 the segment gains.  Where both the part before and the part behind a time step gain as much, the pair is sure of that
 time step, and what comes behind it needs to know nothing of what was before.
@@ -107,7 +107,7 @@ class TrajectoryPieces(NamedTuple):
 
 
 class FixedPairs(NamedTuple):
-    """Stretches of time in which a pair is sure, in any order.
+    """Segments of time in which a pair is sure, in any order.
 
     Attributes:
         truth: (n,) target.
@@ -139,13 +139,13 @@ class FixedPairs(NamedTuple):
 
 
 class FixedStretches(NamedTuple):
-    """Stretches of rows of a pair in which it is sure."""
+    """Segments of rows of a pair in which it is sure."""
 
     first: Ints  # (k,) first row of `TrajectoryPairs`
     last: Ints  # (k,) last row
     rows: Bools  # (n,) whether each row is in one
-    alone: Bools  # (n,) whether the two meet nobody else in the frame
-    begins: Bools  # (n,) whether a run begins, in which the two meet nobody but each other
+    alone: Bools  # (n,) mask: the two meet no other in the frame
+    begins: Bools  # (n,) mask: a run begins, in which the two meet no other
     gained: Floats  # (n,) what the run of rows of the pair has gained, this row included
 
     def pins(self, pairs: TrajectoryPairs) -> FixedPairs:
@@ -315,8 +315,8 @@ def solve(pairs: TrajectoryPairs, pieces: TrajectoryPieces, most: float, switch:
     meets = program.meets >= 0
     gain = np.zeros(n)
     gain[meets] = pairs.cost[program.meets[meets]] - most
-    # Changes: weight after minus weight before = rise - fall, both >= 0 and paid alike; at the ends of a piece one of
-    # the two weights is known
+    # Changes: weight after minus weight before = rise - fall, both >= 0 and at equal cost; at the ends of a piece one
+    # of the two weights is known
     new = np.append(True, program.piece[1:] != program.piece[:-1])
     after = np.flatnonzero(~new)
     begins, ends = np.flatnonzero(new), np.flatnonzero(np.append(new[1:], True))
@@ -474,7 +474,7 @@ class TrajectoryCosts:
         known = np.append(self._sure, np.full(len(order) - len(self._sure), -1))[order]
         rows, told = rows.take(order), known >= 0
         sure = sure_stretches(rows, self._most, self._switch, known)
-        # A segment that begins with a row that was told before goes on with the pin of the pair that is the last one
+        # A segment that begins with a row that was output before goes on with the pin of the pair that is the last one
         goes_on = told[sure.first]
         found = sure.pins(rows)
         pins = self._pins
@@ -488,7 +488,7 @@ class TrajectoryCosts:
         certain = sure.rows & ~told
         self._cost.add(float(rows.cost[certain].sum()))
         self._weight.add(float(np.count_nonzero(certain)))
-        # A run goes on where its last row is the last one of both, who meet nobody else in it and have rows to come
+        # A run goes on where its last row is the last one of both, which meet no other in it and have rows to come
         latest = sure.alone & ~self._over[0][rows.truth] & ~self._over[1][rows.track]
         for key in (rows.truth, rows.track):
             last = np.full(int(key.max(initial=-1)) + 1, -1, dtype=np.int64)
@@ -499,7 +499,7 @@ class TrajectoryCosts:
         later = may & ~sure.rows & ~told & (sure.gained >= enough_gain(self._switch))
         self._later = rows.take(later)
         self._loose = self._loose.joined(rows.take(~sure.rows & ~told & ~later))
-        # Of each run that may go on the last row that is told, which represents all before it
+        # Of each run that may go on the last row that is output, which represents all before it
         keep = may & ~later
         keep[:-1] &= ~(keep[1:] & (run[1:] == run[:-1])) if len(keep) else True
         kept = rows.take(keep)

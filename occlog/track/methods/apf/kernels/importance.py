@@ -159,7 +159,7 @@ def adapt(mean: Floats, variance: Floats, wanted: Bools, first: Ints, rows: Floa
         mean: (n, 2) m0.
         variance: (n,) p0 per axis, > 0.
         wanted: (n,) those to approximate; the others keep their prior.
-        first: (K + 1,) measurements of look k are rows first[k] to first[k + 1] - 1.
+        first: (K + 1,) measurements of report k are rows first[k] to first[k + 1] - 1.
         rows: (M, 12) from `measurements`.
     """
     n, looks, count = mean.shape[0], first.shape[0] - 1, rows.shape[0]

@@ -1,4 +1,4 @@
-"""Filters whose samples hold all targets of a view: a Markov chain, and weights of whole samples.
+"""Filters with joint samples of all targets of a view: a Markov chain, and weights of whole samples.
 
 The joint posterior of n targets is that of Khan, Balch, Dellaert, "An MCMC-based particle filter
 for tracking multiple interacting targets" (ECCV 2004), the baseline of [Qu] Table 2:

@@ -253,7 +253,7 @@ def propose_on_lines(state: VisualState, c: CmctConfig, particles: Floats, gap: 
 def adapt_colours(state: VisualState, c: CmctConfig, here: Bools) -> ImageTrackers:
     """Move the colours of trackers towards those in their estimates: new = (1 - adapt) old + adapt found.
 
-    Estimates count where they are alike enough (`adapt_above`).
+    Estimates count where they are similar enough (`adapt_above`).
 
     Args:
         state: after the frame.

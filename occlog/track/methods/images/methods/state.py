@@ -170,7 +170,7 @@ def own_regions(frames: FrameSet, view: Ints, expected: Floats, reach: float) ->
 
 
 def drawn_at_regions(particles: Floats, own: OwnRegions, normals: Floats, share: float, spread: float) -> Floats:
-    """Draw a share of each tracker's particles anew at its own region.
+    """Redraw a share of each tracker's particles at its own region.
 
     Args:
         particles: (n, N, 5).
