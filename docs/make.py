@@ -118,7 +118,7 @@ def settings_table(of: type[Settings]) -> str:
         unit = said.unit.replace("length", "m")
         cells = (f"`{f.name}`", people, "" if own == people else own, said.limit(), unit, option, said.help)
         rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    head = "| setting | default | in a unit of its own | range | unit | option | meaning |\n|" + 7 * "---|"
+    head = "| setting | default | in a scene-specific unit | range | unit | option | meaning |\n|" + 7 * "---|"
     return "\n".join([head, *rows]) + "\n"
 
 

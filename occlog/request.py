@@ -17,7 +17,7 @@ from occlog.errors import UsageError, did_you_mean, option
 from occlog.settings import Declaration, Settings, declaration, declared, kind_of, read_value, setting
 
 S = TypeVar("S", bound=Settings)
-SCENE_HELP = "Scene file (YAML), a recording that holds one, or a text table of stations."
+SCENE_HELP = "Scene file (YAML), a recording that contains one, or a text table of stations."
 
 
 @dataclass(frozen=True)
@@ -134,12 +134,12 @@ def scene_file() -> Any:
 
 def seed_of_all() -> Any:
     """Declare the seed of all random numbers, `--seed`."""
-    return setting(0, "Seed of all random numbers.", at_least=0, option="--seed")
+    return setting(0, "Seed of all random numbers; equal seeds give equal results.", at_least=0, option="--seed")
 
 
 def number_of_threads() -> Any:
     """Declare how many threads work, `--workers`."""
-    words = "Threads; default: one a processor. The result is the same."
+    words = "Number of threads; results do not depend on it. [default: one per processor]"
     return setting(None, words, at_least=1, option="--workers", shown="")
 
 
@@ -162,7 +162,7 @@ class Request(Settings):
     RUN: ClassVar[str]
     JUDGED: ClassVar[bool] = False
     VERDICT: ClassVar[str] = "plausible"
-    STRICT: ClassVar[str] = "if warnings say that the estimates are not plausible. Outputs are written all the same."
+    STRICT: ClassVar[str] = "if a consistency check fails. Outputs are written anyway."
     KIND: ClassVar[str] = ""
     KINDS: ClassVar[Mapping[str, str]] = {}
 
@@ -356,11 +356,13 @@ class VerbKind:
         summary: one line.
         form: makes the form of its request.
         called: how it is chosen, if not as the others are.
+        about: paragraphs of its help, with an example; None: the help is that of the verb.
     """
 
     summary: str
     form: Callable[[], Form]
     called: str | None = None
+    about: str | None = None
 
 
 @dataclass(frozen=True)
@@ -374,6 +376,8 @@ class Verb:
         by: keys of the values that choose, the first that is given before the others, and which kind a text of the
             value chooses; empty: none.
         counted: kinds that so many arguments choose where no value does; more choose that of the largest number.
+        fits: module and name of a function from the name of the first input to the kind that fits what it holds, where
+            no value chooses one; empty: the default.
         what: how a kind is called, for example `method`.
         chosen_by: how a kind is chosen on the command line, with {} for its name.
         more: makes kinds of plug-ins.
@@ -386,6 +390,7 @@ class Verb:
     default: str
     by: Mapping[str, Callable[[str], str]]
     counted: Mapping[int, str] = field(default_factory=dict)
+    fits: str = ""
     what: str = "kind"
     chosen_by: str = "{}"
     more: Callable[[], Mapping[str, VerbKind]] = dict

@@ -13,10 +13,10 @@ import numpy as np
 from benchmarks.references import reference
 from benchmarks.track.track import PARTICLES, ROOT, SEED, per_call
 from occlog.array_types import Floats
+from occlog.core.geometry.visibility import seen_from
 from occlog.core.numerics.special_functions import fast_erf
-from occlog.core.occlusion.hidden import MIN_POINTS_PER_POSITION, extent, make_grid, rays_to
+from occlog.core.occlusion.occlusion_probability import MIN_POINTS_PER_POSITION, extent, make_grid, rays_to
 from occlog.core.plane import on_floor
-from occlog.core.sight.visibility import seen_from
 from occlog.filtering.likelihood.directions import log_likelihood_among
 from occlog.io.formats.scenes.scene import read_scene
 from occlog.measure.priors.from_positions import virtual_priors

@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
+from occlog.core.geometry.visibility import Sensors, seen_from
 from occlog.core.occlusion.priors import Priors, gaussian_priors
 from occlog.core.plane import make_floor, sample_floor
-from occlog.core.sight.visibility import Sensors, seen_from
 from occlog.io.formats.scenes.scene import read_scene
 from occlog.papers.ercan.formulas.blocking import (
     IMPROVED,

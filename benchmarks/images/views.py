@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.references import reference
-from occlog.core.sight.fundamental import fundamental_from_poses
+from occlog.core.geometry.fundamental import fundamental_from_poses
 from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.papers.qu.timing import likelihood_seconds
 from occlog.records.scene import Camera

@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from occlog.core.sight.camera import rotation_from_angles
+from occlog.core.geometry.camera import rotation_from_angles
 from occlog.measure.clusters.stage import find_clusters
 from occlog.measure.detect.by_background.one_camera import CameraState, Target, set_up
 from occlog.measure.detect.by_background.stage import Learned, detect

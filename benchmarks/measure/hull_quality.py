@@ -15,7 +15,7 @@ import shapely
 from numpy.random import Generator
 
 from occlog.array_types import Floats
-from occlog.core.sight.camera import wrap_angle
+from occlog.core.geometry.camera import wrap_angle
 from occlog.measure.priors.config import HullConfig
 from occlog.measure.priors.from_views import hull_priors
 from occlog.records.scene import Camera, Scene, camera_rotation

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from benchmarks.references import scene as scenes
-from occlog.core.sight.camera import rotation_from_angles
+from occlog.core.geometry.camera import rotation_from_angles
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter

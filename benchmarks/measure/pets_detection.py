@@ -29,8 +29,8 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.cli.main import run as occlog
+from occlog.core.geometry.camera import wrap_angle
 from occlog.core.metrics.errors import intersection_areas, intersection_over_union, pair_within
-from occlog.core.sight.camera import wrap_angle
 from occlog.evaluate.bearings.detections import CLASSES, SHARED, box_classes
 from occlog.io.recording.reader import McapRecording, open_recording
 from occlog.measure.detect.by_background.learning import learn

@@ -12,7 +12,7 @@ from benchmarks.track.track import ROOT
 from occlog.errors import InputError
 from occlog.io.formats.scenes.scene import read_scene
 from occlog.papers.lee.navigation.config import NavigateConfig
-from occlog.papers.lee.navigation.course import Course, course_of, people_of
+from occlog.papers.lee.navigation.obstacle_course import Course, course_of, people_of
 from occlog.papers.lee.navigation.stage import Drive, End, drive
 from occlog.papers.verdicts import deviation
 from occlog.records.tables import Truth

@@ -18,11 +18,11 @@ import cv2
 import numpy as np
 
 from occlog.errors import InputError
+from occlog.io.external.source import find_source
 from occlog.io.files.limits import Content, content_of
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import describe, read_table
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.foreign.source import find_source
 from occlog.io.formats.scenes.scene import read_scene, scene_to_yaml
 from occlog.io.recording.mcap_errors import open_mcap
 from occlog.io.recording.reader import open_recording

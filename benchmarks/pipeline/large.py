@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from occlog.core.sight.camera import planar_offsets, u_to_azimuth
+from occlog.core.geometry.camera import planar_offsets, u_to_azimuth
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import iter_table
 from occlog.io.files.tables.table_writer import TableWriter

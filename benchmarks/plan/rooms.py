@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats
-from occlog.core.sight.camera import rotation_from_angles
+from occlog.core.geometry.camera import rotation_from_angles
 from occlog.plan.config import PlanConfig
 from occlog.plan.filtering import Reports, errors_along, square_error_in_room
 from occlog.plan.stage import PreparedPlan, expected_error, filter_noise_of, plan_map, prepare

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from docs.browser import browser
-from occlog.core.sight.camera import rotation_from_angles
+from occlog.core.geometry.camera import rotation_from_angles
 from occlog.records.declared.people import PeopleTracks
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Bearings, Bound, Diagnostics, Errors, Truth

@@ -10,7 +10,7 @@ from occlog.scans.grouping import BearingRows, scans_of, sensor_names
 from occlog.track.methods.map.config import MapConfig
 from occlog.track.methods.map.kernels.problem import TrajectoryProblem
 from occlog.track.methods.map.record import record_of
-from occlog.track.methods.map.search.pending import begin, problem_of, start_of
+from occlog.track.methods.map.search.problem_of_record import begin, problem_of, start_of
 
 
 def sparse_config() -> MapConfig:

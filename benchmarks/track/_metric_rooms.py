@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.sight.camera import planar_offsets, u_to_azimuth
+from occlog.core.geometry.camera import planar_offsets, u_to_azimuth
 from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Bearings

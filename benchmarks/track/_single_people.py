@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.sight.camera import wrap_angle
+from occlog.core.geometry.camera import wrap_angle
 from occlog.io.formats.calibration.common import CalibrationOptions
 from occlog.io.formats.calibration.reader import read_calibration
 from occlog.measure.detect.bearing import shape_covariance, sights

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.core.geometry.path_loss import received_power
 from occlog.core.metrics.errors import normalised_squared_errors
-from occlog.core.sight.path_loss import received_power
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import evaluate
 from occlog.filtering.likelihood.distances import information, residuals_at_own_position
@@ -21,7 +21,7 @@ from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Diagnostics, Tracks, Truth
 from occlog.scans.config import DistanceMeasurementConfig
-from occlog.scans.measured import DistanceMeasurementFeed, make_stations, pack
+from occlog.scans.distance_measurements import DistanceMeasurementFeed, make_stations, pack
 from occlog.settings import configure
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track

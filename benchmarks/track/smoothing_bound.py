@@ -34,6 +34,7 @@ from benchmarks.track._single_people import annotations
 from benchmarks.track.crowd import cell, scored
 from occlog.array_types import NS, Floats, Ints
 from occlog.core.numerics.seeds import RandomStream, generator
+from occlog.track.methods.jipda.association_features import feature_likelihood
 from occlog.track.methods.jipda.batch import smooth as smoother
 from occlog.track.methods.jipda.batch.association import (
     AssociatedBoxes,
@@ -41,9 +42,8 @@ from occlog.track.methods.jipda.batch.association import (
     PredictedPeople,
     assign_boxes,
 )
-from occlog.track.methods.jipda.batch.chains import NO_NODE
+from occlog.track.methods.jipda.batch.mcmc_association import NO_NODE
 from occlog.track.methods.jipda.batch.tracks import tracks_from
-from occlog.track.methods.jipda.cues import feature_likelihood
 from occlog.track.methods.jipda.filter import JipdaState, initial_state, step
 from occlog.track.methods.jipda.interface import HEIGHT, WIDTH, FrameDetections, TrackSnapshot
 from occlog.track.methods.jipda.kernels.detections import DetectorModel, PackedDetections

@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.track import _space_problem as problem
 from benchmarks.track._space_problem import Plain, Recording, numba_step, numpy_step, scan_of
 from occlog.array_types import Floats
-from occlog.core.sight.projected_planes import XY
+from occlog.core.geometry.projected_planes import XY
 from occlog.filtering.kernel_density import moments, resample_with_kernel, silverman_bandwidth
 from occlog.filtering.motion.white_acceleration import moved
 from occlog.filtering.particles import effective_sample_size, normalise_log_weights

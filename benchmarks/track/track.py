@@ -27,7 +27,7 @@ from occlog.track.methods.apf import filter as apf
 from occlog.track.methods.apf.config import ApfConfig
 from occlog.track.methods.apf.kernels import importance
 from occlog.track.methods.apf.model import pack_scan
-from occlog.track.methods.apf.propose import destinations, move
+from occlog.track.methods.apf.proposal import destinations, move
 
 NAME = "track"
 SUMMARY = "APF step with a look at the scan, 1000 particles, 8 cameras, a static occluder: time to that of plain NumPy"

@@ -24,20 +24,22 @@ from occlog.evaluate.request import EvaluateRequest
 from occlog.ingest.plan import is_name
 from occlog.ingest.request import IngestRequest
 from occlog.io.open import open_input, scene_in
+from occlog.measure.associate.request import LabelRequest
 from occlog.measure.detect.request import NETWORK
 from occlog.measure.detect.request import VERB as DETECT_VERB
 from occlog.measure.fuse.request import FuseRequest, TrackFusionRequest
-from occlog.measure.label.request import LabelRequest
 from occlog.records.scene import Scene
 from occlog.report.request import OverlayRequest, PageRequest, ReportRequestBase
 from occlog.request import Form, Request
 from occlog.simulate.request import VERB as SIMULATE_VERB
-from occlog.track.catalogue import form_of
+from occlog.track.catalogue import VERB as TRACK_VERB
+from occlog.track.catalogue import form_of, method_for
 from occlog.track.request import TrackRequestBase
 
 from .call import Setting, call, check_taken, names_of, record
 from .recordings import Recording, SceneSource, Source
 from .results import DetectResult, EvaluateResult, OverlayResult, ReportResult, TrackResult
+from .tables import Table
 
 
 def detect(
@@ -459,7 +461,7 @@ def track(
     bearings: Source,
     scene: SceneSource | None = None,
     *,
-    method: str = "apf",
+    method: str | None = None,
     seed: int = 0,
     cameras: str | Sequence[str] = (),
     without: str | Sequence[str] = (),
@@ -491,7 +493,8 @@ def track(
     Args:
         bearings: bearings, or what else the method takes: boxes, reads of tags, a recording with video.
         scene: where the sensors are; None: the recording holds it.
-        method: name of the tracking method.
+        method: name of the tracking method; None: by the input, `jipda` for boxes, `virtual` for reads of tags, else
+            `apf`.
         seed: of all random numbers; the same inputs, settings and seed give the same tracks.
         cameras: use only these sensors; empty: all.
         without: leave these sensors out.
@@ -533,10 +536,18 @@ def track(
         OcclogWarning: the estimates are not plausible, or input was lost.
     """
     arguments = dict(locals())
+    if method is None:
+        method = arguments["method"] = _method_for(bearings)
     form = form_of(method)
     own = {name: value for name, value in arguments.items() if name not in ("settings", "also", "progress")}
     check_taken(form, own, also, f"method {method}")
     return call(form, arguments, TrackResult, scene=_scene_of)
+
+
+def _method_for(source: Source) -> str:
+    """The method that fits what is in a file, a table or a recording; the default for other values."""
+    path = source.source if isinstance(source, Table | Recording) else source
+    return method_for(path) if isinstance(path, str | Path) else TRACK_VERB.default
 
 
 def _scene_of(request: Request) -> Scene | None:

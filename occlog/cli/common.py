@@ -56,10 +56,8 @@ def _after_a_look(callback: Callable[..., Any]) -> Callable[..., Any]:
 
 WITHOUT_DRY_RUN = ("reproduce", "schema")
 """Commands that write where nothing stops them."""
-DRY_RUN_HELP = (
-    "Check inputs, settings and outputs as far as the work does before it begins, say what would be written, and stop."
-)
-VERBOSE_HELP = "Say on standard error what inputs are taken for, what is written, and how long it takes."
+DRY_RUN_HELP = "Check inputs, settings and outputs, list what would be written, and stop."
+VERBOSE_HELP = "Log input formats, outputs and times to standard error."
 
 
 def _flag(name: str, callback: Callable[..., None], help: str, *more: str) -> click.Option:
@@ -98,7 +96,7 @@ def _input_units() -> click.Option:
         expose_value=False,
         callback=_state,
         metavar="COLUMN=UNIT,...",
-        help="Units of columns of other programs whose names say none: bearing=deg,x=cm, or deg,cm for all angles and "
+        help="Units of external columns without a unit in their name: bearing=deg,x=cm, or deg,cm for all angles and "
         "lengths.",
     )
 
@@ -106,7 +104,7 @@ def _input_units() -> click.Option:
 def _state(ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) -> None:  # noqa: ARG001
     """Let the units hold until the command ends."""
     if texts and not ctx.resilient_parsing:
-        from occlog.io.files.stated_units import stated_units
+        from occlog.io.files.input_units import stated_units
 
         ctx.find_root().meta[STATED] = ctx.find_root().with_resource(stated_units(texts))
 
@@ -120,8 +118,7 @@ def _reader() -> click.Option:
         ["--reader"],
         expose_value=False,
         metavar="NAME",
-        help="Reader of a plug-in, for inputs whose names end as it says; its settings are options then (--reader NAME "
-        "--help).",
+        help="Plug-in reader, for inputs of its file types (--reader NAME --help lists its options).",
     )
 
 

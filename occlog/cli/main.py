@@ -23,82 +23,133 @@ from .startup import allow_open_files, open_files_limit
 
 
 class Command(NamedTuple):
-    """Where a command is (module and name of its request, or a module with `command`), and what it does in one line."""
+    """Module and name of a command's request (or a module with `command`), its summary and its group.
+
+    Attributes:
+        where: module and name, `module:NAME`, or a module with `command`.
+        summary: one line.
+        group: heading under which `occlog --help` lists it.
+    """
 
     where: str
     summary: str
+    group: str
 
 
+PIPELINE = "Pipeline"
+FILES = "Inspect files"
+STUDIES = "Studies"
+SPECIAL = "Special sensors and papers"
+OTHERS = "Others"
 COMMANDS = {
-    "simulate": Command("occlog.simulate.request:VERB", "Make a recording with ground truth from a scene."),
+    "simulate": Command(
+        "occlog.simulate.request:VERB", "Simulate a recording with ground truth from a scene.", PIPELINE
+    ),
     "ingest": Command(
-        "occlog.ingest.request:IngestRequest", "Gather video, detections, DOA logs and calibration into one recording."
+        "occlog.ingest.request:IngestRequest",
+        "Collect video, detections, DOA logs and calibration into one recording.",
+        PIPELINE,
     ),
-    "traffic": Command(
-        "occlog.papers.lee.traffic.request:TrafficRequest", "Simulate the data traffic of sensors that help each other."
+    "detect": Command(
+        "occlog.measure.detect.request:VERB", "Detect people in a recording: boxes, regions and bearings.", PIPELINE
     ),
-    "listen": Command(
-        "occlog.measure.listen.request:DoaRequest", "Find directions of arrival in the sound of microphone arrays."
+    "track": Command(
+        "occlog.track.catalogue:VERB", "Track targets from boxes, bearings, tag reads or video.", PIPELINE
     ),
-    "epipolar": Command(
-        "occlog.measure.epipolar.request:EpipolarRequest", "Find how pairs of views see the same point, or check it."
-    ),
-    "detect": Command("occlog.measure.detect.request:VERB", "Reduce the frames of a recording to bearings."),
-    "fuse": Command(
-        "occlog.measure.fuse.request:VERB",
-        "Fuse detections of several cameras, or tracks of several groups of cameras.",
-    ),
-    "appearance": Command("occlog.measure.appearance.request:VERBS", "Learn how people look from several sides."),
-    "priors": Command("occlog.measure.priors.request:VERBS", "Find where moving occluders are."),
-    "fit-motion": Command(
-        "occlog.track.methods.map.fit_motion.request:FitMotionRequest", "Identify a motion model from trajectories."
-    ),
-    "fit-readers": Command(
-        "occlog.track.methods.readers.fit.request:FitReadersRequest", "Learn how strongly readers read tags."
-    ),
-    "track": Command("occlog.track.catalogue:VERB", "Estimate target tracks from bearings."),
-    "ground": Command(
-        "occlog.track.methods.images.ground.request:GroundRequest",
-        "Bring tracks in the images of calibrated cameras together in the world.",
-    ),
-    "label": Command("occlog.measure.label.request:VERB", "Give candidates the identity of the track they agree with."),
-    "navigate": Command(
-        "occlog.papers.lee.navigation.request:NavigateRequest",
-        "Drive a robot through a scene, around obstacles and tracked people.",
-    ),
-    "plan": Command("occlog.plan.request:PlanRequest", "Expected errors of sensors, and what one more would help."),
     "evaluate": Command(
-        "occlog.evaluate.request:EvaluateRequest", "Compare tracks with the truth and with the Cramer-Rao bound."
+        "occlog.evaluate.request:EvaluateRequest",
+        "Evaluate tracks against ground truth and the Cramer-Rao bound.",
+        PIPELINE,
+    ),
+    "report": Command(
+        "occlog.report.request:VERB", "Write a self-contained HTML report, a picture or an overlay video.", PIPELINE
+    ),
+    "run": Command("occlog.pipeline.run.command", "Run all stages of a configuration into a run folder.", PIPELINE),
+    "batch": Command(
+        "occlog.pipeline.batch.command", "Run the stages of a configuration on many recordings.", PIPELINE
+    ),
+    "info": Command("occlog.examine.info", "Describe a scene, recording, table or run folder.", FILES),
+    "doctor": Command("occlog.examine.doctor.command", "Check recordings, tables and other files for errors.", FILES),
+    "diff": Command("occlog.examine.diff.command", "Compare two outputs and list the differences.", FILES),
+    "view": Command(
+        "occlog.examine.viewers.command", "Show a run or a recording in Rerun, Foxglove or Lichtblick.", FILES
+    ),
+    "export": Command("occlog.examine.export.command", "Export a table to the format of another program.", FILES),
+    "recover": Command("occlog.examine.recover", "Recover the intact parts of a damaged recording or table.", FILES),
+    "plan": Command(
+        "occlog.plan.request:PlanRequest",
+        "Predict tracking errors of a sensor layout and rank positions for sensors.",
+        STUDIES,
+    ),
+    "sweep": Command(
+        "occlog.pipeline.sweep.command", "Run a Monte Carlo study over seeds and parameters, in parallel.", STUDIES
     ),
     "compare": Command(
-        "occlog.evaluate.compare.request:CompareRequest", "Say whether runs on the same recordings differ."
+        "occlog.evaluate.compare.request:CompareRequest", "Test whether runs on the same recordings differ.", STUDIES
     ),
-    "report": Command("occlog.report.request:VERB", "Show a run as one offline page and a picture."),
-    "run": Command("occlog.pipeline.run.command", "Do all stages of a configuration into a run folder."),
-    "batch": Command("occlog.pipeline.batch.command", "Do the stages of a run for each of many recordings."),
-    "pack": Command("occlog.pipeline.pack.command", "Put a run folder with its inputs and versions into one file."),
-    "verify": Command("occlog.pipeline.verify.command", "Make a packed run again, and say whether it is the same."),
-    "sweep": Command("occlog.pipeline.sweep.command", "Monte Carlo runs over seeds and parameters, in parallel."),
-    "reproduce": Command("occlog.papers.command", "Run a paper's experiments and judge each of its statements."),
-    "diff": Command(
-        "occlog.examine.diff.command", "Say whether two outputs are the same, and where they first differ."
+    "reproduce": Command(
+        "occlog.papers.command", "Reproduce the experiments of a paper and judge its statements.", STUDIES
     ),
-    "info": Command("occlog.examine.info", "Print what a scene, a recording or a table holds."),
-    "doctor": Command(
-        "occlog.examine.doctor.command", "List everything that is wrong in recordings, tables and other files."
+    "pack": Command(
+        "occlog.pipeline.pack.command", "Archive a run folder with its inputs and versions in one file.", STUDIES
     ),
-    "recover": Command("occlog.examine.recover", "Salvage what is whole in a file that was cut off or damaged."),
-    "export": Command("occlog.examine.export.command", "Write a table in a format of other programs."),
-    "view": Command("occlog.examine.viewers.command", "Show a run or a recording in Rerun, Foxglove or Lichtblick."),
-    "plugin": Command("occlog.conformance.command", "List plug-ins of others, and check them."),
-    "schema": Command("occlog.examine.schema", "Print the schema of a table, a message, a file format or settings."),
+    "verify": Command("occlog.pipeline.verify.command", "Repeat an archived run and compare the results.", STUDIES),
+    "listen": Command(
+        "occlog.measure.doa.request:DoaRequest",
+        "Estimate directions of arrival from recordings of microphone arrays.",
+        SPECIAL,
+    ),
+    "appearance": Command(
+        "occlog.measure.appearance.request:VERBS", "Learn an appearance gallery for re-identification.", SPECIAL
+    ),
+    "priors": Command("occlog.measure.priors.request:VERBS", "Estimate the positions of moving occluders.", SPECIAL),
+    "epipolar": Command(
+        "occlog.measure.epipolar.request:EpipolarRequest",
+        "Estimate or check fundamental matrices between views.",
+        SPECIAL,
+    ),
+    "fuse": Command(
+        "occlog.measure.fuse.request:VERB",
+        "Fuse detections of several cameras, or tracks of several camera groups.",
+        SPECIAL,
+    ),
+    "label": Command(
+        "occlog.measure.associate.request:VERB",
+        "Associate unlabelled bearings with tracks, or boxes with a gallery.",
+        SPECIAL,
+    ),
+    "ground": Command(
+        "occlog.track.methods.images.ground.request:GroundRequest",
+        "Triangulate image tracks to the ground plane.",
+        SPECIAL,
+    ),
+    "fit-motion": Command(
+        "occlog.track.methods.map.fit_motion.request:FitMotionRequest", "Fit a motion model to trajectories.", SPECIAL
+    ),
+    "fit-readers": Command(
+        "occlog.track.methods.readers.fit.request:FitReadersRequest",
+        "Fit path loss and coverage of tag readers.",
+        SPECIAL,
+    ),
+    "navigate": Command(
+        "occlog.papers.lee.navigation.request:NavigateRequest",
+        "Navigate a robot by potential fields among obstacles and tracked people.",
+        SPECIAL,
+    ),
+    "traffic": Command(
+        "occlog.papers.lee.traffic.request:TrafficRequest",
+        "Simulate the network traffic of cooperating sensors.",
+        SPECIAL,
+    ),
+    "plugin": Command("occlog.conformance.command", "List and check third-party plug-ins.", OTHERS),
+    "schema": Command("occlog.examine.schema", "Print the JSON Schema of a table, a file format or settings.", OTHERS),
 }
-"""Every command, in the order of a pipeline; a table of text, so that --help loads none of the modules."""
+"""Every command, by group and in the order of a pipeline; a table of text, so that --help loads none of the modules."""
 
 
 def load_command(name: str) -> click.Command:
     """The command of that name in `COMMANDS`; its module is imported here."""
-    where, summary = COMMANDS[name]
+    where, summary, _ = COMMANDS[name]
     if ":" not in where:
         command: click.Command = importlib.import_module(where).command
         return command
@@ -117,11 +168,11 @@ EPILOG = """\b
 Exit codes: 0 done; 1 a bug; 2 usage; 3 finished, but input was lost (it is listed);
 4 bad or unreadable input, or an output that cannot be written; 5 diff found a difference;
 6 not plausible (--strict), or a threshold not met (--fail-if); 7 the output exists; 130 interrupted;
-141 the reader of standard output has gone; 143 terminated (SIGTERM).
+141 the reader of standard output has closed it; 143 terminated (SIGTERM).
 
 \b
-  occlog run sample_data/room/run.yaml -o run/   every stage, from video to report
-  occlog info run/tracks.parquet                 what is in a file
+  occlog run sample_data/room/run.yaml -o run/   all stages, from video to report
+  occlog info run/tracks.parquet                 describe a file
 """
 
 
@@ -129,7 +180,7 @@ class LazyGroup(click.Group):
     """Group whose commands are imported when they are called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
-        """All commands, in the order of a pipeline."""
+        """All commands, by their groups and in the order of a pipeline."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
@@ -183,9 +234,12 @@ class LazyGroup(click.Group):
             ctx.fail(f"{option} before the command is unknown; options go after it: occlog COMMAND {option}")
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """List the commands without importing them."""
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, command.summary) for name, command in COMMANDS.items()])
+        """List the commands by their groups, without importing them."""
+        width = max(map(len, COMMANDS))
+        for group in dict.fromkeys(command.group for command in COMMANDS.values()):
+            with formatter.section(group):
+                rows = [(f"{name:{width}}", each.summary) for name, each in COMMANDS.items() if each.group == group]
+                formatter.write_dl(rows)
 
 
 @click.group(cls=LazyGroup, epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"]})

@@ -36,20 +36,24 @@ INPUT = Input()
 overwrite_opt = click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 json_opt = click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")
 seed_opt = click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of all random numbers."
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Seed of all random numbers; equal seeds give equal results.",
 )
-SCENE_HELP = "Scene file (YAML), a recording that holds one, or a text table of stations."
+SCENE_HELP = "Scene file (YAML), a recording that contains one, or a text table of stations."
 scene_opt = click.option("--scene", type=INPUT, default=None, help=SCENE_HELP)
-STRICT_HELP = "Exit code 6 if warnings say that the estimates are not plausible. Outputs are written all the same."
+STRICT_HELP = "Exit with code 6 if a consistency check fails. Outputs are written anyway."
 strict_opt = click.option("--strict", is_flag=True, help=STRICT_HELP)
 quiet_opt = click.option(
-    "-q", "--quiet", is_flag=True, callback=remember_quiet, help="No progress and no notes on standard error."
+    "-q", "--quiet", is_flag=True, callback=remember_quiet, help="No progress bars and notes on standard error."
 )
 workers_opt = click.option(
     "--workers",
     type=click.IntRange(min=1),
     default=None,
-    help="Threads; default: one a processor. The result is the same.",
+    help="Number of threads; results do not depend on it. [default: one per processor]",
 )
 
 

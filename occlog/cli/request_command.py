@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import click
 
 from occlog import console
-from occlog.request import Form, Request, RequestEntry, Verb, VerbKind, Verbs
+from occlog.request import Form, Request, RequestEntry, Verb, VerbKind, Verbs, load
 from occlog.settings import Settings, declaration, kind_of, plain_kind
 
 from . import options
@@ -58,10 +59,12 @@ def _several(verb: Verb, name: str, short_help: str) -> VariantCommand:
     def choose(args: Sequence[str]) -> str | None:
         given = ((of, value_after(args, flag)) for flag, of in flags.items())
         chosen = next((kind for of, value in given if value is not None and (kind := of(value))), None)
-        if chosen is not None or not verb.counted:
+        if chosen is not None or not (verb.counted or verb.fits):
             return chosen
-        count = _arguments(args, [*command.params, *(p for each in command.variants.values() for p in each.params())])
-        return next((kind for least, kind in sorted(verb.counted.items(), reverse=True) if count >= least), None)
+        words = _arguments(args, [*command.params, *(p for each in command.variants.values() for p in each.params())])
+        if verb.fits and words and Path(words[0]).is_file():
+            return str(load(verb.fits)(words[0]))
+        return next((kind for least, kind in sorted(verb.counted.items(), reverse=True) if len(words) >= least), None)
 
     command = VariantCommand(
         name=name,
@@ -80,20 +83,21 @@ def _several(verb: Verb, name: str, short_help: str) -> VariantCommand:
     return command
 
 
-def _arguments(args: Sequence[str], known: Iterable[click.Parameter]) -> int:
-    """How many words of a command line are no options and no values of options.
+def _arguments(args: Sequence[str], known: Iterable[click.Parameter]) -> list[str]:
+    """The words of a command line that are no options and no values of options.
 
     Args:
         args: the words.
         known: parameters of all kinds.
     """
     takes = {name for p in known if isinstance(p, click.Option) and not p.is_flag for name in p.opts}
-    found = skip = 0
+    found: list[str] = []
+    skip = False
     for place, arg in enumerate(args):
         if skip:
-            skip = 0
+            skip = False
         elif arg == "--":
-            return found + len(args) - place - 1
+            return [*found, *args[place + 1 :]]
         elif arg.startswith("--"):
             skip = arg in takes
         elif arg.startswith("-") and arg != "-":
@@ -101,7 +105,7 @@ def _arguments(args: Sequence[str], known: Iterable[click.Parameter]) -> int:
             valued = next((k for k, letter in enumerate(arg[1:], 1) if f"-{letter}" in takes), 0)
             skip = valued == len(arg) - 1
         else:
-            found += 1
+            found.append(arg)
     return found
 
 
@@ -118,7 +122,7 @@ def _variant(verb: Verb, kind: VerbKind) -> CommandVariant:
         free = form.set_group()
         return [] if free is None else [_settings_of(form, free[0]), *form.around]
 
-    return CommandVariant(kind.summary, params, settings, kind.called)
+    return CommandVariant(kind.summary, params, settings, kind.called, kind.about)
 
 
 def _settings_of(form: Form, group: str) -> type[Settings]:
@@ -127,8 +131,13 @@ def _settings_of(form: Form, group: str) -> type[Settings]:
 
 def _do_chosen(verb: Verb, /, **values: Any) -> int:
     """Do the kind of request that the arguments chose."""
-    kind = verb.kind(click.get_current_context().meta[CHOSEN])
+    name = click.get_current_context().meta[CHOSEN]
+    kind = verb.kind(name)
     assert kind is not None  # the command has looked when it parsed
+    if verb.fits and all(values.get(key) is None for key in verb.by):
+        values[next(iter(verb.by))] = name
+        if name != verb.default:
+            console.note(f"{verb.what} {name}, by the input: {kind.summary}; --help lists others", values["quiet"])
     return _do(kind.form(), **values)
 
 
@@ -203,7 +212,7 @@ def _param(entry: RequestEntry, verb: Verb | None = None) -> click.Parameter:
 
 
 def _strict(request: type[Request]) -> list[click.Option]:
-    help_text = f"Exit code 6 {request.STRICT}"
+    help_text = f"Exit with code 6 {request.STRICT}"
     return [click.Option(["--strict"], is_flag=True, help=help_text)] if request.JUDGED and request.STRICT else []
 
 

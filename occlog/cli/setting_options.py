@@ -15,6 +15,7 @@ call, and none takes a name of the command's own.  Installed plug-ins are looked
 from __future__ import annotations
 
 import difflib
+import inspect
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass
 from typing import Any, TypeVar
@@ -119,7 +120,7 @@ def _type_of(settings: type[Settings], f: Field[object]) -> click.ParamType[Any]
 
 
 def default_words(f: Field[object]) -> str:
-    """How a default is told: `1.7 m, or 3.33 in a unit of its own`."""
+    """How a default is told: `1.7 m, or 3.33 in a scene-specific unit`."""
     said = declaration(f)
     if said.shown is not None:
         return said.shown
@@ -130,7 +131,7 @@ def default_words(f: Field[object]) -> str:
     told = value_words(f, people)
     if unit:
         told += f" {unit}"
-    return told if people == own else f"{told}, or {value_words(f, own)} in a unit of its own"
+    return told if people == own else f"{told}, or {value_words(f, own)} in a scene-specific unit"
 
 
 def value_words(f: Field[object], value: object) -> str:
@@ -243,12 +244,14 @@ class CommandVariant:
         params: makes its options; called when the variant is chosen.
         settings: makes the classes whose settings without an option are listed in --help.
         called: how it is chosen, if not as the command's other variants are.
+        about: paragraphs of its help, with an example; None: the help is that of the command.
     """
 
     summary: str
     params: Callable[[], Sequence[click.Parameter]]
     settings: Callable[[], Sequence[type[Settings]]] = tuple
     called: str | None = None
+    about: str | None = None
 
 
 class SettingsCommand(click.Command):
@@ -419,9 +422,20 @@ class VariantCommand(SettingsCommand):
             self._format_own(ctx, formatter, name)
         if name is None or (self.shows_default and name == self.default):
             with formatter.section(
-                f"{self.what.capitalize()}s ({self.chosen_by.format('NAME')} --help tells what each takes)"
+                f"{self.what.capitalize()}s ({self.chosen_by.format('NAME')} --help lists the options of each)"
             ):
                 formatter.write_dl([(v.called or n, v.summary) for n, v in {**self.variants, **self.more()}.items()])
+
+    def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The help of the chosen variant, if it has its own, or that of the command."""
+        name = ctx.meta.get(CHOSEN)
+        chosen = None if name is None else self.existing(name)
+        if chosen is None or chosen.about is None:
+            super().format_help_text(ctx, formatter)
+            return
+        formatter.write_paragraph()
+        with formatter.indentation():
+            formatter.write_text(f"{name}: {chosen.summary}.\n\n{inspect.cleandoc(chosen.about)}")
 
     def _format_own(self, ctx: click.Context, formatter: click.HelpFormatter, name: str) -> None:
         """What one variant takes."""
@@ -514,7 +528,7 @@ class PluggedCommand(SettingsCommand):
                     formatter.write_dl(rows)
         others = [] if chosen else installed(self.kind)
         if others:
-            title = f"{self.kind.capitalize()}s of plug-ins ({self.flag} NAME --help tells what each takes)"
+            title = f"{self.kind.capitalize()}s of plug-ins ({self.flag} NAME --help lists the options of each)"
             with formatter.section(title):
                 formatter.write_dl([(plugin.name, plugin.summary) for plugin in others])
 

@@ -11,9 +11,9 @@ from occlog.cli import options
 from occlog.errors import ExitCode
 
 
-@click.group(name="plugin", short_help="List installed plug-ins, and check that they keep their promises.")
+@click.group(name="plugin", short_help="List and check third-party plug-ins.")
 def command() -> None:
-    """List installed plug-ins, and check that they keep what the interface promises.
+    """List installed plug-ins, and check that they fulfil the interface.
 
     \b
       occlog plugin list

@@ -9,7 +9,7 @@ import numpy as np
 
 from occlog.errors import OcclogError
 from occlog.plugins.interface import EstimatedPosition, Filter, TargetScan
-from occlog.track.plugged import fault_of
+from occlog.track.plugin_filter import fault_of
 
 from .faults import FIRST, BrokenError, Check, bytes_left, manners, words
 from .samples import FEW, PLAIN, SIGMA_RAD, WALK_STEPS, SampleWalk, blind, later, nobody

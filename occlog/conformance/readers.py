@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from occlog.errors import InputError
+from occlog.io.external.source import ColumnSource
+from occlog.io.external.table import ForeignTable, best_fit
 from occlog.io.files.texts.by_reader import as_text, fault_of
 from occlog.io.files.texts.csv_rows import first_line
-from occlog.io.foreign.source import ColumnSource
-from occlog.io.foreign.table import ForeignTable, best_fit
 from occlog.plugins.interface import Columns
 from occlog.records.tables import TABLES
 

@@ -38,9 +38,9 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints, Strings
-from occlog.core.metrics.consistency import BatchMeans, Ratio
+from occlog.core.geometry.camera import noise_variance, planar_offsets, wrap_angle
 from occlog.core.metrics.errors import ratio_or_nan
-from occlog.core.sight.camera import noise_variance, planar_offsets, wrap_angle
+from occlog.core.metrics.normalised_squares import BatchMeans, Ratio
 from occlog.records.scene import Camera, MicrophoneArray, Scene
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Residuals, Tracks
 from occlog.records.verdicts import Check, finding, outcome

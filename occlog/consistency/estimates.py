@@ -26,9 +26,9 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.core.geometry.camera import wrap_angle
+from occlog.core.geometry.visibility import ViewPrior, behind_walls
 from occlog.core.plane import inside_polygon
-from occlog.core.sight.camera import wrap_angle
-from occlog.core.sight.visibility import ViewPrior, behind_walls
 from occlog.records.scene import Camera, MicrophoneArray, Scene
 from occlog.records.tables import Diagnostics, Residuals, Tracks
 from occlog.scans.grouping import sensor_names

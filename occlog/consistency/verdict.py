@@ -18,7 +18,7 @@ from scipy.special import bdtrc
 
 from occlog.array_types import NS
 from occlog.console.text import counted
-from occlog.core.metrics.consistency import Ratio
+from occlog.core.metrics.normalised_squares import Ratio
 from occlog.records.scene import Scene
 from occlog.records.tables import Diagnostics, Tracks
 from occlog.records.verdicts import Check, Severity, finding, outcome

@@ -17,7 +17,7 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Cooperation, Diagnostics, Reads, Tracks, Truth, TruthBoxes, Views
 from occlog.scans.config import DistanceMeasurementConfig
-from occlog.scans.measured import Radio, SignalErrors, measurements_of_reads
+from occlog.scans.distance_measurements import Radio, SignalErrors, measurements_of_reads
 
 from .request import EvaluateRequest
 from .sources import EvaluationSources, MeasuredSource, opened_rows, streamed_bearings

@@ -18,17 +18,16 @@ from .mot.config import MANY, MultiTargetConfig
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluateRequest(Request):
-    """Compare TRACKS with the truth, with the bound, and with the bearings that they were made from.
+    """Evaluate TRACKS against ground truth, the Cramer-Rao bound, and the bearings that they were made from.
 
-    Whatever the given files allow is computed: errors (tracks and truth), detections and the
-    posterior Cramer-Rao bound (bearings and truth), distance of the tracks from where sight
-    lines meet and prediction of held-out sensors (no truth needed), recall of views (true boxes).
-    TRACKS of many targets, in images (view_tracks, boxes with identities, MOTChallenge text) or on
-    the ground, get CLEAR-MOT, IDF1, HOTA, GOSPA, and the failure rates of [Qu] Eq. 9.
+    Every metric that the given files allow is computed: errors (tracks and truth), detection rates and the posterior
+    Cramer-Rao bound (bearings and truth), triangulation residuals and prediction of held-out sensors (no truth
+    needed), recall of views (true boxes). Tracks of many targets, in images (view_tracks, boxes with identities,
+    MOTChallenge text) or on the ground, get CLEAR-MOT, IDF1, HOTA, GOSPA, and the failure rates of [Qu] Eq. 9.
 
     \b
-      occlog evaluate tracks.parquet --truth recording.mcap --bearings bearings.parquet \\
-          -o metrics.json --errors errors.parquet --bound bound.parquet --fail-if 'rmse>0.5'
+      occlog evaluate tracks.parquet --truth recording.mcap --bearings bearings.parquet -o metrics.json
+      occlog evaluate tracks.parquet --truth recording.mcap --errors errors.parquet --fail-if 'rmse>0.5'
       occlog evaluate without_cam4.parquet --bearings all.parquet --scene scene.yaml --held-out cam4
       occlog evaluate --views views.parquet --truth recording.mcap --json | jq .views_recall
       occlog evaluate --doa doa.parquet --truth-azimuths azimuths.csv
@@ -43,34 +42,34 @@ class EvaluateRequest(Request):
     KIND: ClassVar[str] = "occlog.evaluate.run:kind_of_input"
     KINDS: ClassVar[Mapping[str, str]] = KINDS
 
-    tracks: Path | None = source("Tracks.", argument=True, required=False)
+    tracks: Path | None = source("Tracks to evaluate.", argument=True, required=False)
     truth: Path | None = source(
         "True positions or boxes: a recording or a table; for tracks in images also MOTChallenge text, XML "
         "(PETS), VATIC's or KITTI's text.",
         kinds=(IMAGES, GROUND, OTHERS),
     )
-    bearings: Path | None = source("Bearings: for detections, bound, sight lines.", kinds=WORLD)
+    bearings: Path | None = source("Bearings, for detection rates, bound and triangulation residuals.", kinds=WORLD)
     measurements: Path | None = source(
-        "Ranges, signal strengths, time differences: for the bound, with the settings that TRACKS were made with.",
+        "Ranges, signal strengths and time differences, for the bound; give the settings that TRACKS were made with.",
         kinds=WORLD,
     )
     doa: Path | None = source(
-        "Directions of arrival to use along with the bearings. [default: those of the same recording]",
+        "Additional directions of arrival. [default: those of the same recording]",
         kinds=(AZIMUTHS, *WORLD),
     )
     doa_labels: bool = setting(
         False,
-        "Identities in the log of directions are those of targets.",
+        "Source IDs in the log of directions are target IDs.",
         option="--doa-labels",
         shown="",
         kinds=WORLD,
     )
     truth_azimuths: Path | None = source(
-        "True directions to compare those of --doa with: a log (time, azimuth_deg) or a table.", kinds=(AZIMUTHS,)
+        "True directions to compare --doa with: a log (time, azimuth_deg) or a table.", kinds=(AZIMUTHS,)
     )
     doa_gate_deg: float | None = setting(
         None,
-        "A direction further from the truth is a false one, and the true one missed.",
+        "Gate: a direction farther than this from every true one is a false alarm, and the true one is missed.",
         unit="deg",
         at_least=0,
         at_most=180,
@@ -80,26 +79,24 @@ class EvaluateRequest(Request):
         kinds=(AZIMUTHS,),
     )
     views: Path | None = source(
-        "Views to compare with the true boxes of --truth; or, with --held-out, views or boxes of all people.",
+        "Views to compare with the true boxes of --truth; with --held-out, views or boxes of all people.",
         kinds=WORLD,
     )
-    cooperation: Path | None = source("What cameras were asked; gives its cost too.", kinds=WORLD)
-    diagnostics: Path | None = source(
-        "How the filter fared at each time, to judge whether TRACKS are plausible.", kinds=WORLD
-    )
+    cooperation: Path | None = source("Camera requests of `occlog track --cooperation`, for their cost.", kinds=WORLD)
+    diagnostics: Path | None = source("Filter diagnostics of `occlog track`, for the consistency checks.", kinds=WORLD)
     scene: Path | None = source(SCENE, scene=True, kinds=(AZIMUTHS, *WORLD))
-    output: Path | None = sink("All figures as one JSON object.", option="-o/--output", asked="never")
-    errors: Path | None = sink("Write the error of every estimate (Parquet).", "errors", kinds=WORLD)
+    output: Path | None = sink("All metrics as one JSON object.", option="-o/--output", asked="never")
+    errors: Path | None = sink("Write the error of each estimate (Parquet).", "errors", kinds=WORLD)
     bound: Path | None = sink("Write the posterior Cramer-Rao bound (Parquet).", "bound", kinds=WORLD)
     write_scene: Path | None = sink(
-        "Write the scene with each camera's noise as measured where the target's place is known; wants --bearings "
-        "and --truth.",
+        "Write the scene with the measurement noise of each camera as estimated from truth; needs --bearings and "
+        "--truth.",
         asked="never",
         kinds=WORLD,
     )
     fail_if: tuple[str, ...] = setting(
         (),
-        "Exit code 6 if this holds or cannot be told, e.g. 'rmse>0.5'; may be repeated.",
+        "Exit with code 6 if this condition holds or is undefined, e.g. 'rmse>0.5'; may be repeated.",
         option="--fail-if",
         metavar="CONDITION",
         repeat=True,
@@ -107,14 +104,13 @@ class EvaluateRequest(Request):
         shown="",
     )
     metrics: tuple[Chosen, ...] = plugged(
-        "metric", "The figures of this plug-in too; may be repeated.", "--metric", (GROUND,)
+        "metric", "Also report the metrics of this plug-in; may be repeated.", "--metric", (GROUND,)
     )
     settings: Mapping[str, object] = group(lambda: EvaluateConfig)
     many: Mapping[str, object] = group(lambda: MultiTargetConfig)
     frames: tuple[int, int] | None = setting(
         None,
-        "Only frames A <= number < B; on the ground the times of the truth (without one, of the bearings) are "
-        "numbered from 0.",
+        "Only frames A <= number < B; on the ground the times of the truth (else of the bearings) are numbered from 0.",
         counts=(2,),
         frames=True,
         option="--frames",
@@ -123,8 +119,8 @@ class EvaluateRequest(Request):
         kinds=(IMAGES, *WORLD),
     )
     more: tuple[tuple[Path, Path], ...] = source(
-        "Tracks and truth of one more recording: a row for each in one table, and one of all together; may be "
-        "repeated.",
+        "Tracks and truth of one more recording: a row for each recording in one table, and a combined total; may "
+        "be repeated.",
         option="--also",
         together=2,
         metavar="TRACKS TRUTH",
@@ -137,13 +133,14 @@ class EvaluateRequest(Request):
         kinds=MANY,
     )
     counts: Path | None = sink(
-        "Write how many targets and tracks there are at each time of the truth (Parquet).",
+        "Write the numbers of targets and tracks at each time of the truth (Parquet).",
         "counts",
         asked="also",
         kinds=(GROUND,),
     )
     mot: Path | None = sink(
-        "Write truth and tracks as MOTChallenge files, as TrackEval wants them; DIR may hold tracks of others already.",
+        "Write truth and tracks as MOTChallenge files in the folder layout of TrackEval; DIR may already hold "
+        "results of other trackers.",
         metavar="DIR",
         asked="never",
         kinds=(IMAGES,),

@@ -17,7 +17,7 @@ from occlog.records.declared.views import Counts, Failures
 from occlog.records.tables import Bound, Errors
 from occlog.records.verdicts import Check, Verdict, summary_of
 
-from .figures import UNITS
+from .metric_names import UNITS
 from .mot import figures as headline
 
 OPERATORS: dict[str, Callable[[float, float], bool]] = {

@@ -41,9 +41,9 @@ from occlog.track.methods.images.run.inputs import independent_id_note, initiate
 
 from .bearings.detections import doa_metrics
 from .bearings.noise import MeasuredNoise, noise_comment, scene_with
-from .figures import unknown_metric_hint
 from .inputs import open_sources, previous_losses
 from .matching.config import AZIMUTHS, GROUND, IMAGES, OTHERS, EvaluateConfig
+from .metric_names import unknown_metric_hint
 from .mot import figures as headline
 from .mot.config import MultiTargetConfig, many_config, own_targets_by
 from .mot.run import compared_boxes, evaluate_in_images, in_images

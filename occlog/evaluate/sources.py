@@ -31,7 +31,7 @@ from occlog.records.tables import (
     whole_times,
 )
 from occlog.scans.config import DistanceMeasurementConfig
-from occlog.scans.measured import Radio
+from occlog.scans.distance_measurements import Radio
 from occlog.scans.sources import bearings_of_doa, within_times
 
 from .verdict import TrackProvenance

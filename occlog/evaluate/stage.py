@@ -44,7 +44,7 @@ from occlog.records.tables import (
     windows,
 )
 from occlog.scans.config import DistanceMeasurementConfig
-from occlog.scans.measured import Radio
+from occlog.scans.distance_measurements import Radio
 from occlog.settings import METRES
 
 from .bearings.detections import RegionFigures
@@ -54,7 +54,7 @@ from .bearings.residuals import AgainstBearings
 from .errors.on_ground import PairSums, TrackErrors, no_targets, pairs_by_number
 from .errors.survey import EvaluationChunk, EvaluationSurvey, StretchTables, chunks_in_time, survey
 from .matching.config import EvaluateConfig
-from .matching.outline import TruthOutlines
+from .matching.path_outline import TruthOutlines
 from .mot import figures as headline
 from .mot.config import MultiTargetConfig
 from .mot.on_ground import EvaluatedPart, GroundFigures, places_of

@@ -25,8 +25,8 @@ from occlog.consistency.verdict import (
     ConsistencyEvidence,
     exceeds_share,
 )
-from occlog.core.metrics.consistency import BatchMeans, Ratio
 from occlog.core.metrics.errors import CHI2_95_2D, CHI2_95_3D
+from occlog.core.metrics.normalised_squares import BatchMeans, Ratio
 from occlog.errors import InputError
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.spill import NUMBERS_IN_MEMORY, Spool

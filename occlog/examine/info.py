@@ -20,12 +20,12 @@ from occlog.cli import options
 from occlog.console.summary import plausible_in_words
 from occlog.console.text import counted
 from occlog.errors import InputError
-from occlog.io.files.utc import utc
+from occlog.io.files.utc import time_words, utc
 from occlog.records.losses import Loss
 
 if TYPE_CHECKING:
-    from occlog.io.foreign.names import Spelling
-    from occlog.io.foreign.table import ForeignTable
+    from occlog.io.external.names import Spelling
+    from occlog.io.external.table import ForeignTable
     from occlog.io.recording.reader import McapRecording
     from occlog.records.scene import Camera, MicrophoneArray, Scene, TagReader
 
@@ -108,17 +108,17 @@ TABLES_OR_RECORDINGS = (".mcap", ".parquet", ".csv", ".tsv", ".gz", ".arrow", ".
 """Endings of names of files whose reader says what is wrong with the content."""
 
 
-@click.command(name="info", short_help="Print what a scene, a recording or a table holds.")
+@click.command(name="info", short_help="Describe a scene, recording, table or run folder.")
 @click.argument("path", type=options.INPUT)
 @click.option("--rows", type=click.IntRange(min=0), default=5, show_default=True, help="Rows of a table to print.")
 @options.json_opt
 def command(path: Path, rows: int, as_json: bool) -> None:
-    """Print what PATH holds: a scene (YAML), a recording (MCAP), a bag of ROS 2 or a table (Parquet, Arrow, CSV).
+    """Describe PATH: a scene (YAML), a recording (MCAP), a ROS 2 bag or a table (Parquet, Arrow, CSV).
 
-    Of a folder that is no bag it prints a line for each file that occlog reads.
+    For a folder that is no bag one line per readable file is printed.
 
-    Of a table that another program made it prints what each column is read as, of a bag (a folder,
-    .mcap, .db3) its topics and what `occlog ingest` would take of it.
+    For an external table the meaning of each column is printed, for a bag (a folder, .mcap, .db3) its topics and
+    what `occlog ingest` would read from it.
 
     \b
       occlog info run/recording.mcap
@@ -261,7 +261,7 @@ def _describe_scene(scene: Scene) -> Description:
         for a in scene.arrays
     ]
     lines += [f"reader    {_reader_words(r)}" for r in scene.readers]
-    lines += [f"clock     {c.name}: offset {c.offset_ns} ns, drift {c.drift_ppm:g} ppm" for c in scene.clocks]
+    lines += [f"clock     {c.name}: offset {c.offset_ns / 1e9:.9g} s, drift {c.drift_ppm:g} ppm" for c in scene.clocks]
     values = {
         "kind": "scene",
         "length_unit": unit,
@@ -293,7 +293,7 @@ def _camera(c: Camera) -> dict[str, object]:
 
 def _angles(c: Camera) -> tuple[float, float, float]:
     """Yaw, pitch and roll [deg]."""
-    from occlog.core.sight.camera import angles_from_rotation
+    from occlog.core.geometry.camera import angles_from_rotation
 
     yaw, pitch, roll = (math.degrees(a) for a in angles_from_rotation(c.rotation))
     return yaw, pitch, roll
@@ -443,7 +443,9 @@ def _first_rows(path: Path, rows: int) -> list[str]:
     from occlog.io.files.tables.parquet import first_rows
 
     columns = [
-        [name, *(f"{v:.6g}" if isinstance(v, float) and v == v else "NaN" if v != v else str(v) for v in values)]
+        ["time (t_ns)", *(time_words(v) if isinstance(v, int) else str(v) for v in values)]
+        if name == "t_ns"
+        else [name, *(f"{v:.6g}" if isinstance(v, float) and v == v else "NaN" if v != v else str(v) for v in values)]
         for name, values in first_rows(path, rows).items()
     ]
     widths = [max(map(len, column)) for column in columns]

@@ -12,24 +12,24 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import check_outputs
 
 
-@click.command(name="recover", short_help="Salvage what is whole in a recording that was cut off or damaged.")
+@click.command(name="recover", short_help="Recover the intact parts of a damaged recording or table.")
 @click.argument("file", type=options.INPUT)
-@options.output_opt("The recording (MCAP) that is whole again.")
+@options.output_opt("Recovered recording (MCAP).")
 @click.option(
     "--video",
     "videos",
     multiple=True,
     metavar="CAMERA=FILE",
-    help="File of the video of a camera, where the link to it is lost; may be repeated.",
+    help="Video file of a camera whose link is lost; may be repeated.",
 )
 @options.overwrite_opt
 @options.json_opt
 def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, as_json: bool) -> int:
-    """Write what is whole in FILE, a recording that was cut off or damaged, so that every command reads it.
+    """Recover the intact parts of FILE, a truncated or damaged recording, so that every command reads it.
 
-    All messages with a correct check sum are kept, and all before a cut.  What is lost is listed, with times and
-    numbers of frames where they are known; the list goes into the new file, and from there into everything that is
-    made of it.  The exit code is 3 if anything is lost.  A damaged table is made again by the command that made it.
+    All messages with a correct check sum are kept, and all before a cut. Losses are listed, with times and frame
+    numbers where they are known; the list goes into the new file, and from there into every output made from it.
+    The exit code is 3 if anything is lost. Repeat the command that made a damaged table.
 
     \b
       occlog recover hall.mcap -o whole.mcap

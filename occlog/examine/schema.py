@@ -37,7 +37,7 @@ CLASSES: dict[str, tuple[str, ...]] = {
         "occlog.simulate.balls.config:BallsConfig",
     ),
     "traffic": ("occlog.papers.lee.traffic.config:TrafficConfig",),
-    "listen": ("occlog.measure.listen.config:DoaConfig",),
+    "listen": ("occlog.measure.doa.config:DoaConfig",),
     "epipolar": ("occlog.measure.epipolar.config:EpipolarConfig",),
     "detect": (
         "occlog.measure.detect.config:DetectConfig",
@@ -53,9 +53,9 @@ CLASSES: dict[str, tuple[str, ...]] = {
         "occlog.measure.priors.config:AcousticConfig",
     ),
     "label": (
-        "occlog.measure.label.config:LabelConfig",
+        "occlog.measure.associate.config:LabelConfig",
         "occlog.measure.appearance.config:MatchConfig",
-        "occlog.measure.label.config:NamingConfig",
+        "occlog.measure.associate.config:NamingConfig",
     ),
     "appearance": ("occlog.measure.appearance.config:LearnConfig",),
     "fit-motion": ("occlog.track.methods.map.fit_motion.config:FitConfig",),
@@ -65,13 +65,13 @@ CLASSES: dict[str, tuple[str, ...]] = {
         "occlog.evaluate.mot.config:MultiTargetConfig",
     ),
     "ground": ("occlog.track.methods.images.ground.config:GroundConfig",),
-    "report": ("occlog.report.beside.config:RunComparisonConfig",),
+    "report": ("occlog.report.comparison.config:RunComparisonConfig",),
     "navigate": ("occlog.papers.lee.navigation.config:NavigateConfig",),
     "plan": ("occlog.plan.config:PlanConfig",),
 }
 """Classes of settings of each verb but `track`."""
 AROUND_METHODS = (
-    "occlog.track.methods.images.births.config:ViewsConfig",
+    "occlog.track.methods.images.initiation.config:ViewsConfig",
     "occlog.track.methods.apf.config:SelectConfig",
     "occlog.scans.config:DistanceMeasurementConfig",
 )
@@ -132,7 +132,7 @@ def every_schema() -> dict[str, Callable[[], dict[str, object]]]:
     return {**SCHEMAS, **settings_schemas(), "doctor": finding_schema}
 
 
-@click.command(name="schema", short_help="Print the schema of a table, a message, a file format or settings.")
+@click.command(name="schema", short_help="Print the JSON Schema of a table, a file format or settings.")
 @click.argument("name", required=False)
 @click.option("-o", "--output", type=options.PATH, default=None, help="Write every schema into this folder.")
 @options.overwrite_opt
@@ -140,9 +140,9 @@ def every_schema() -> dict[str, Callable[[], dict[str, object]]]:
 def command(name: str | None, output: Path | None, overwrite: bool, as_json: bool) -> None:
     """Print the schema NAME as JSON, or list the names.
 
-    Tables are column definitions (type, unit, meaning); messages, file formats and settings are JSON Schemas.
-    The settings of a verb have its name; those of each tracking method are a definition in `track`. The settings
-    of a plug-in are printed for its name.
+    Tables are column definitions (type, unit, meaning); messages, file formats and settings are JSON Schemas. The
+    settings of a command have its name; those of each tracking method are a definition in `track`. The settings of
+    a plug-in are printed for its name.
 
     \b
       occlog schema bearings | jq -r '.columns[] | [.name, .unit, .description] | @tsv'

@@ -13,7 +13,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError, OcclogError, UsageError
-from occlog.io.files.times import FrameTimes, to_world_time
+from occlog.io.files.frame_times import FrameTimes, to_world_time
 from occlog.io.files.utc import utc
 from occlog.io.formats.calibration.common import Pose, build_camera
 from occlog.io.messages.bag import CLOCKS_APART_S, Bag, BagDecoder, BagSurvey, survey, topic_lines

@@ -185,20 +185,20 @@ class IngestPlan(Settings):
 
     stamp: str = setting(
         "header",
-        "Times of a bag's messages: of their headers, which the sensors set, or of recording.",
+        "Times of the messages of a bag: `header`, set by the sensors, or `log`, the time of recording.",
         choices=("header", "log"),
         option="--stamp",
     )
     world_frame: str | None = setting(
         None,
-        "Frame of reference of a bag that is the world: z up, the ground at 0.",
+        "Frame of a bag that is the world: z up, the ground at 0.",
         option="--world-frame",
         metavar="FRAME",
-        nothing="the highest one in which the cameras stand still",
+        nothing="the highest one in which the cameras are static",
     )
     camera_axes: str | None = setting(
         None,
-        "Axes of the frames of a bag's cameras: optical (x right, y down, z forward) or of a body (x forward, z up).",
+        "Axes of the camera frames of a bag: optical (x right, y down, z forward) or of a body (x forward, z up).",
         choices=("optical", "body"),
         option="--camera-axes",
         nothing="optical, unless z then points up",
@@ -215,15 +215,16 @@ class IngestPlan(Settings):
     )
     up: str | None = setting(
         None,
-        "What is up in the calibration's world, which is turned with the true positions so that z is: `auto` (by the "
-        "cameras' horizons), an axis with its sign (`-y`), or X,Y,Z.",
+        "Vertical of the calibration's world, which is rotated with the true positions so that it is z: `auto` (by "
+        "the horizons of the cameras), a signed axis (`-y`), or X,Y,Z.",
         option="--up",
         metavar="DIRECTION",
-        nothing="z; a warning if it seems not",
+        nothing="z; a warning if it seems wrong",
     )
     ground: float | None = setting(
         None,
-        "Height of the ground along `up`, in the calibration's world; it becomes z = 0.",
+        "Height of the ground along `up`, in the calibration's world; it becomes z = 0. A wrong value shifts all "
+        "positions of feet.",
         unit="m",
         option="--ground",
         metavar="HEIGHT",
@@ -231,7 +232,7 @@ class IngestPlan(Settings):
     )
     allow_uncalibrated: bool = setting(
         False,
-        "Take cameras without calibration too; they give no bearings.",
+        "Accept cameras without calibration too; they give no bearings.",
         option="--allow-uncalibrated",
         shown="refused",
     )
@@ -244,29 +245,31 @@ class IngestPlan(Settings):
     )
     store: str | None = setting(
         None,
-        "How frames are kept; link: only their times, beside the video.",
+        "Storage of frames; link: only their times, with a link to the video.",
         choices=("jpeg", "png", "link"),
         option="--store",
         nothing="PNG and JPEG files as they are, all else as jpeg",
     )
-    jpeg_quality: int = setting(95, "Of frames kept as JPEG.", at_least=1, at_most=100, option="--jpeg-quality")
+    jpeg_quality: int = setting(
+        95, "Quality of frames stored as JPEG.", at_least=1, at_most=100, option="--jpeg-quality"
+    )
     confidence_scale: float = setting(
         1.0, "Divide the detector's confidences by this.", above=0, option="--confidence-scale"
     )
     scores: str = setting(
         "probability",
-        "What a detector's confidences are: a probability, divided by the scale; any number, whose logistic function "
-        "is taken for one; or of no use.",
+        "Confidences of a detector: a probability, after division by the scale; any number, converted by the "
+        "logistic function; or unknown.",
         choices=("probability", "logistic", "unknown"),
         option="--scores",
     )
     classes: tuple[str, ...] = setting(
         (),
-        "Class of the boxes that are taken, by number or name; may be repeated.",
+        "Class of boxes to read, by number or name; may be repeated.",
         repeat=True,
         option="--class",
         metavar="NAME",
-        shown="the only one that there is",
+        shown="the only one",
     )
     ignore_extra_columns: bool = setting(
         False, "Skip unknown columns of tables.", option="--ignore-extra-columns", shown="refused"
@@ -275,7 +278,7 @@ class IngestPlan(Settings):
     doa_format: str = setting("auto", "Format of the DOA logs.", choices=DOAS, option="--doa-format")
     doa_unit: str | None = setting(
         None,
-        "Unit of angles in columns whose name does not state it.",
+        "Unit of angles in columns without a unit in their name.",
         choices=("deg", "rad"),
         option="--doa-unit",
         nothing="the format's own",
@@ -297,9 +300,9 @@ class IngestPlan(Settings):
     )
     doa_algorithm: str | None = setting(
         None,
-        "Whose estimates to take, where a log holds several.",
+        "Algorithm to read, if a log has the estimates of several.",
         option="--doa-algorithm",
-        nothing="a log must hold one",
+        nothing="a log must have one",
     )
 
     @classmethod

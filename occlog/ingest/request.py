@@ -20,16 +20,14 @@ def _several(help_text: str, option: str, metavar: str) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class IngestRequest(Request):
-    """Gather what cameras, microphone arrays and readers of tags have recorded into one recording.
+    """Collect video, detections, directions of arrival and tag reads with the calibration into one recording.
 
-    BAG is a bag of ROS 2 (a folder, .mcap or .db3) or an MCAP file of another program; several
-    are taken for parts of one. `occlog info BAG` says what would be taken of it.  It may also be the folder of
-    WILDTRACK as the data set ships it.
+    BAG is a ROS 2 bag (a folder, .mcap or .db3) or an external MCAP file; several are parts of one recording. `occlog
+    info BAG` lists what would be read from it. It may also be the folder of WILDTRACK as the data set ships it.
 
-    The time of a frame comes from --timestamps, else from the time stamps of the video
-    file, else from its frame rate; which one it was is told and recorded.  Frames that a
-    damaged video has lost are listed, and the exit code is 3.  What a calibration was
-    understood to say is printed: look at it.
+    The time of a frame comes from --timestamps, else from the time stamps of the video file, else from its frame
+    rate; the source is printed and recorded. Frames missing from a damaged video are listed, and the exit code is 3.
+    The intrinsics and extrinsics that were read from a calibration are printed: check them.
 
     \b
       occlog ingest -o walk.mcap --calibration Calib.qca.txt --video cam01=cam01.mp4 --video cam02=cam02.mp4
@@ -42,7 +40,7 @@ class IngestRequest(Request):
     RUN: ClassVar[str] = "occlog.ingest.run:run_ingest"
 
     bags: tuple[Path, ...] = source(
-        "Bags of ROS 2, MCAP files of other programs, or WILDTRACK's folder.",
+        "ROS 2 bags, external MCAP files, or the WILDTRACK folder.",
         argument=True,
         required=False,
         there=False,
@@ -55,7 +53,7 @@ class IngestRequest(Request):
         "--topic",
         "NAME=TOPIC",
     )
-    topics: tuple[Path, ...] = source("The same in a YAML file, `NAME: TOPIC`.", there=False, metavar="FILE")
+    topics: tuple[Path, ...] = source("Topics in a YAML file, `NAME: TOPIC`.", there=False, metavar="FILE")
     video: tuple[str, ...] = _several("Video of a camera.", "--video", "CAM=FILE")
     images: tuple[str, ...] = _several("Images of a camera, in natural order.", "--images", "CAM=FOLDER")
     boxes: tuple[str, ...] = _several(
@@ -63,16 +61,19 @@ class IngestRequest(Request):
         "--boxes",
         "[CAM=]PATH",
     )
-    mot: tuple[str, ...] = _several("MOTChallenge detections; the same as --boxes.", "--mot", "CAM=FILE")
+    mot: tuple[str, ...] = _several("MOTChallenge detections; same as --boxes.", "--mot", "CAM=FILE")
     doa: tuple[str, ...] = _several("Log of directions of arrival.", "--doa", "[ARRAY=]FILE")
-    reads: tuple[Path, ...] = source("Log of tags that readers read.", there=False, metavar="FILE")
+    reads: tuple[Path, ...] = source("Log of tag reads of fixed readers.", there=False, metavar="FILE")
     truth: tuple[str, ...] = _several("Ground truth: positions or boxes.", "--truth", "[CAM=]FILE")
     timestamps: tuple[str, ...] = _several(
-        "Times of the frames: one a line, or columns time, frame, camera; before any other source.",
+        "Times of the frames: one per line, or columns time, frame, camera. They take precedence over any other "
+        "source.",
         "--timestamps",
         "[CAM=]FILE",
     )
-    calibration: tuple[Path, ...] = source("Calibration of the cameras.", there=False, metavar="FILE")
+    calibration: tuple[Path, ...] = source(
+        "Calibration of the cameras: intrinsics and extrinsics.", there=False, metavar="FILE"
+    )
     image_size: tuple[int, int] | None = setting(
         None,
         "Size of the images, for calibrations that do not state it.",
@@ -85,16 +86,16 @@ class IngestRequest(Request):
         "Scene with room, occluders, arrays, and cameras that the calibration lacks.", there=False, scene=True
     )
     arrays: tuple[str, ...] = _several(
-        "Places of direction finders, or microphones of one array.", "--arrays", "[NAME=]FILE"
+        "Positions of direction finders, or of the microphones of one array.", "--arrays", "[NAME=]FILE"
     )
-    readers: Path | None = source("Places and ranges of the readers of tags.", there=False, metavar="FILE")
+    readers: Path | None = source("Positions and ranges of the tag readers.", there=False, metavar="FILE")
     start_time: tuple[str, ...] = _several(
         "Date and time (ISO 8601, UTC) or seconds since 1970 of the origin of the times. [default: 0]",
         "--start-time",
         "[CAM=]TIME",
     )
     offset: tuple[str, ...] = _several(
-        "Added to the times of a sensor whose clock is off: cam2=-0.4s where it is 0.4 s ahead.",
+        "Clock offset, added to the times of a sensor: cam2=-0.4s for a clock that is 0.4 s ahead.",
         "--offset",
         "SENSOR=SECONDS",
     )

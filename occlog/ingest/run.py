@@ -15,10 +15,10 @@ import numpy as np
 
 from occlog.console.text import counted
 from occlog.errors import InputError
+from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.limits import check_input
 from occlog.io.files.provenance import InputDigests, Provenance, hash_file
-from occlog.io.files.times import FrameTimes
 from occlog.io.formats.boxes.reader import BoxSurvey, read_boxes
 from occlog.io.formats.sound.csv_log import DoaOptions
 from occlog.io.formats.sound.directions import read_doa

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.sight.camera import is_upright, turn_upright, vertical
+from occlog.core.geometry.camera import is_upright, turn_upright, vertical
 from occlog.errors import InputError, UsageError
 from occlog.io.files.names import check_meaning, match_sensor, safe_name
 from occlog.io.files.texts.csv_rows import first_line

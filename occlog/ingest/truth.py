@@ -13,7 +13,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats
 from occlog.errors import InputError
-from occlog.io.files.times import FrameTimes
+from occlog.io.files.frame_times import FrameTimes
 from occlog.io.formats.boxes.reader import BoxSurvey
 from occlog.records.scene import Scene
 from occlog.records.tables import Truth, TruthBoxes

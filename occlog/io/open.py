@@ -1,7 +1,7 @@
 """Opens an input: a recording, one of our tables or one that others made, told apart by content.
 
 Every command opens its inputs here.  The first bytes of a file say what it is; its name
-does not matter.  A table of others is known by its columns (`occlog.io.foreign`).  An
+does not matter.  A table of others is known by its columns (`occlog.io.external`).  An
 opened input streams its rows, and carries the scene, the unit of lengths and the losses
 that its rows come with.  What reads a kind of file is imported when such a file is opened: `occlog info` of a table
 loads no decoder of video.
@@ -16,17 +16,17 @@ from typing import TYPE_CHECKING, TypeVar, cast
 
 from occlog.console.notes import log_detail
 from occlog.errors import InputError, NoSceneError, OcclogError, UsageError
+from occlog.io.files.input_units import STATED
 from occlog.io.files.limits import EXPECTED, FOREIGN_BAG, SQLITE_MAGIC, Content, content_of, describe_unsupported
 from occlog.io.files.provenance import Provenance
-from occlog.io.files.stated_units import STATED
 from occlog.io.files.tables.parquet import describe, is_ours, iter_table, read_header
 from occlog.records.columns import LENGTHS, ColumnTable
 from occlog.records.losses import Loss
 from occlog.records.tables import table_with
 
 if TYPE_CHECKING:
-    from occlog.io.foreign.source import ColumnSource
-    from occlog.io.foreign.table import ForeignTable
+    from occlog.io.external.source import ColumnSource
+    from occlog.io.external.table import ForeignTable
     from occlog.io.recording.reader import McapRecording
     from occlog.records.scene import Scene
 
@@ -128,7 +128,7 @@ class Opened:
             return
         if self.foreign is not None:
             if not any(self.foreign.fits(table) for table in tables):
-                from occlog.io.foreign.table import best_fit
+                from occlog.io.external.table import best_fit
 
                 try:
                     best_fit(self.foreign.source, tables)
@@ -205,6 +205,23 @@ def open_if_ours(path: Path, what: str = EXPECTED) -> Opened | None:
         return None
 
 
+def held(path: Path, *tables: type[ColumnTable]) -> tuple[type[ColumnTable], ...]:
+    """Those of some tables that an input holds, as far as its header says; none where it cannot be opened.
+
+    A table of another program is the one of them that its columns fit best.
+    """
+    from occlog.io.external.table import best_fit
+
+    try:
+        opened = open_if_ours(path)
+        source = _source(path) if opened is None else None
+        if opened is not None:
+            return tuple(table for table in tables if opened.has(table))
+        return () if source is None else (best_fit(source, tables).table,)
+    except (InputError, OSError):
+        return ()
+
+
 def _refuse_stations(path: Path) -> None:
     """InputError for a text table of stations, which is a scene."""
     from occlog.io.formats.scenes.stations import holds_stations
@@ -214,15 +231,15 @@ def _refuse_stations(path: Path) -> None:
 
 
 def _source(path: Path) -> ColumnSource | None:
-    from occlog.io.foreign.source import find_source
+    from occlog.io.external.source import find_source
 
     return find_source(path)
 
 
 def _external_table(source: ColumnSource, wants: Sequence[type[ColumnTable]] = ()) -> Opened:
     """A table that another program made, as that wanted table which it fits best; InputError if it fits none."""
-    from occlog.io.foreign.names import kind_of, unit_in_name
-    from occlog.io.foreign.table import ForeignTable, best_fit
+    from occlog.io.external.names import kind_of, unit_in_name
+    from occlog.io.external.table import ForeignTable, best_fit
 
     table = ForeignTable(source, best_fit(source, wants))
     for column, name, *_ in table.layout.columns:

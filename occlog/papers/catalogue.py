@@ -50,7 +50,8 @@ from occlog.papers.qu.experiments import (
     loop as sweeps,
 )
 from occlog.papers.rahimi import equations as rahimi_equations
-from occlog.papers.rahimi import results, search, trust, walk
+from occlog.papers.rahimi import results, search, walk
+from occlog.papers.rahimi import robustness as trust
 from occlog.papers.rahimi import statements as rahimi_statements
 from occlog.papers.verdicts import Execute, Experiment, Size, Sources, StatementVerdict, Table, attributed
 

@@ -10,14 +10,12 @@ from occlog.cli import options
 from occlog.errors import ExitCode
 
 
-@click.command(name="reproduce", short_help="Run a paper's experiments and judge each of its statements.")
+@click.command(name="reproduce", short_help="Reproduce the experiments of a paper and judge its statements.")
 @click.argument("paper", required=False)
 @click.argument("items", nargs=-1)
 @click.option("--all", "everything", is_flag=True, help="All experiments of the paper; without a paper, of all papers.")
 @click.option("--list", "listing", is_flag=True, help="Name the experiments of the paper, or of all papers, and stop.")
-@click.option(
-    "--quick", is_flag=True, help="A small version: a few runs of a few steps; most verdicts are not decided."
-)
+@click.option("--quick", is_flag=True, help="Small version: few runs of few steps; most verdicts are not decided.")
 @click.option(
     "-o",
     "--output",
@@ -34,7 +32,10 @@ from occlog.errors import ExitCode
     help="Folder of cmc_detections as shipped, for the experiments on recorded detections.",
 )
 @click.option(
-    "--bearings", type=options.INPUT, default=None, help="Bearings of another recording for them, with --scene."
+    "--bearings",
+    type=options.INPUT,
+    default=None,
+    help="Bearings of another recording for these experiments, with --scene.",
 )
 @options.scene_opt
 @click.option(
@@ -42,11 +43,11 @@ from occlog.errors import ExitCode
     type=click.IntRange(min=1),
     default=1,
     show_default=True,
-    help="Processes on this machine; the result is the same.",
+    help="Number of processes on this machine; results do not depend on it.",
 )
 @click.option("--scheduler", default=None, metavar="ADDRESS", help="Use the workers of this Dask scheduler instead.")
-@click.option("--runs", type=click.IntRange(min=2), default=None, help="Runs a point. [default: those of the paper]")
-@click.option("--steps", type=click.IntRange(min=10), default=None, help="Steps a run. [default: those of the paper]")
+@click.option("--runs", type=click.IntRange(min=2), default=None, help="Runs per point. [default: those of the paper]")
+@click.option("--steps", type=click.IntRange(min=10), default=None, help="Steps per run. [default: those of the paper]")
 @click.option(
     "--size",
     "sizes",
@@ -59,13 +60,12 @@ from occlog.errors import ExitCode
 @options.quiet_opt
 @options.json_opt
 def command(paper: str | None, listing: bool, as_json: bool, **given: Any) -> int:
-    """Run the experiments ITEMS of PAPER anew, and say which of its statements come out.
+    """Reproduce the experiments ITEMS of PAPER, and judge its statements.
 
-    Each statement gets a verdict: reproduced, in part, not reproduced, or not decided where
-    the error bar is too large to say; with the place and the words of the paper, what was
-    measured, its standard error and the number of runs.  With -o, trials that have finished
-    are kept in DIR/trials.jsonl, and a run that was stopped goes on from there.  Without a
-    paper, --all runs all papers, each in a folder of its own in DIR, and counts the verdicts.
+    Each statement gets a verdict: reproduced, in part, not reproduced, or not decided if the error bar is too
+    large; with its location and words in the paper, the measured value, its standard error and the number of runs.
+    With -o, finished trials are kept in DIR/trials.jsonl, and a stopped run resumes from there. Without a paper,
+    --all runs all papers, each in its own folder in DIR, and counts the verdicts.
 
     \b
       occlog reproduce --list

@@ -21,7 +21,7 @@ class PlanConfig(Settings):
 
     people: int | None = setting(
         None,
-        "People beside the target, who hide it.",
+        "Number of people other than the target, who occlude it.",
         at_least=0,
         at_most=MAX_PEOPLE,
         option="--people",
@@ -29,15 +29,15 @@ class PlanConfig(Settings):
     )
     density: float = setting(
         0.0,
-        "People beside the target to a square unit of the floor, where their number is not given.",
+        "People other than the target per square unit of the floor, where their number is not given.",
         at_least=0,
         option="--density",
         metavar="NUMBER",
     )
-    diameter: float = like(WorldConfig, "diameter", "Of a person.")
+    diameter: float = like(WorldConfig, "diameter", "Diameter of a person.")
     height: float | None = setting(
         None,
-        "Of people who hide the target from cameras whose height is known.",
+        "Height of people who occlude the target from cameras of known height.",
         unit="length",
         above=0,
         option="--height",
@@ -47,24 +47,28 @@ class PlanConfig(Settings):
     z: float = setting(
         0.0, "Height of the target.", unit="length", at_least=0, people=0.9, option="--z", metavar="LENGTH"
     )
-    speed: float = like(WorldConfig, "speed", "Of target and people.")
-    sigma: float = like(WorldConfig, "sigma", "Noise of the motion per axis, gathered in a second.")
+    speed: float = like(WorldConfig, "speed", "Speed of target and people.")
+    sigma: float = like(
+        WorldConfig, "sigma", "Process noise of the true motion: position per axis, accumulated over 1 s."
+    )
     redirect: float = like(
         WorldConfig,
         "redirect",
-        "Probability of a new destination within a second, beside those on arrival.",
+        "Probability per second of a new destination before arrival.",
         at_most=None,
         below=1,
     )
     sigma_v: float = like(
-        ApfConfig, "sigma_v", "Motion noise per axis, gathered in a second, that the filter expects; at least `sigma`."
+        ApfConfig,
+        "sigma_v",
+        "Process noise of the position per axis that the filter assumes, accumulated over 1 s; at least `sigma`.",
     )
     sigma_a: float = like(
-        ApfConfig, "sigma_a", "Noise of the velocity per axis, gathered in a second, that the filter expects."
+        ApfConfig, "sigma_a", "Process noise of the velocity per axis that the filter assumes, accumulated over 1 s."
     )
     rate_hz: float = setting(
         1.0,
-        "Frames a second of sensors whose rate the scene does not say.",
+        "Frame rate of sensors for which the scene states none.",
         unit="Hz",
         people=10.0,
         above=0,
@@ -74,24 +78,34 @@ class PlanConfig(Settings):
     )
     window_s: float = setting(
         60.0,
-        "How long the filter has followed a target when it comes to the place.",
+        "Time for which the filter has tracked a target when it comes to a position.",
         unit="s",
         people=8.0,
         above=0,
         at_most=3600,
     )
-    cells: int = setting(400, "Places of the map, about.", at_least=4, at_most=100_000, option="--cells")
+    cells: int = setting(
+        400,
+        "Number of positions of the map, approximately. More show finer detail and take longer.",
+        at_least=4,
+        at_most=100_000,
+        option="--cells",
+    )
     draws: int = setting(
-        16, "Walks through each place, each with a crowd.", at_least=4, at_most=10_000, option="--draws"
+        16,
+        "Random walks through each position, each with a crowd. More reduce the Monte Carlo error and take longer.",
+        at_least=4,
+        at_most=10_000,
+        option="--draws",
     )
     within: float | None = setting(
         None,
-        "Tell the share of the floor whose expected error is below this.",
+        "Report the share of the floor with an expected error below this.",
         unit="length",
         above=0,
         option="--within",
         metavar="LENGTH",
-        nothing="not told",
+        nothing="not reported",
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:

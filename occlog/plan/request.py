@@ -15,11 +15,12 @@ from .config import PlanConfig
 
 @dataclass(frozen=True, kw_only=True)
 class PlanRequest(Request):
-    """Tell what errors are to be expected of the cameras and arrays of SCENE (YAML, or a recording that holds one).
+    """Predict the tracking errors of the cameras and arrays of SCENE (YAML, or a recording that holds one).
 
-    For each place of the floor: the root mean square error of a filter that has followed a target there, and how
-    probable it is that no, one, or several sensors see the target, among --people who walk about and hide it.  The
-    error is that of a filter that knows how often the walkers turn, along ways to each place; no recording is made.
+    For each position on the floor: the root mean square error of a filter that has tracked a target there, and the
+    probability that no, one, or several sensors see the target, among --people who walk about and occlude it. The
+    error is that of a filter that knows the turning rate of the people, along random walks to each position; no
+    recording is made.
 
     \b
       occlog plan examples/room.yaml --people 6 --within 0.3 -o plan.parquet --picture plan.png
@@ -33,21 +34,21 @@ class PlanRequest(Request):
     scene: Path = source("A scene, or a recording that holds one.", argument=True)
     output: Path | None = sink("The map (Parquet).", "plan", option="-o/--output")
     picture: Path | None = sink("Draw the map (PNG or SVG, by the name).")
-    report: Path | None = sink("Write a page with map, figures and rankings (HTML).")
+    report: Path | None = sink("Write a page with map, metrics and rankings (HTML).")
     candidates: Path | None = source(
-        "A scene file whose cameras and arrays are places for one more; they are ranked.", metavar="FILE"
+        "Scene file with cameras and arrays at possible positions for one more sensor; they are ranked.", metavar="FILE"
     )
     along_walls: str | None = setting(
         None,
-        "Rank places along the walls for a camera like this one of the scene (lens, height, noise) that looks at the "
-        "middle of the room.",
+        "Rank positions along the walls for a camera like this one of the scene (lens, height, noise), directed at "
+        "the centre of the room.",
         option="--along-walls",
         metavar="CAMERA",
         shown="",
     )
     spacing: float | None = setting(
         None,
-        "Of places along a wall, at most. [default: a sixteenth of all walls]",
+        "Maximum spacing of positions along a wall. [default: a sixteenth of all walls]",
         unit="length",
         above=0,
         option="--spacing",
@@ -56,17 +57,17 @@ class PlanRequest(Request):
     )
     add: int | None = setting(
         None,
-        "Add N of the candidates one after the other, each time the one that helps most.",
+        "Add N of the candidates one after the other, each time the one that reduces the error most.",
         at_least=1,
         option="--add",
         metavar="N",
         shown="",
     )
     remove: bool = setting(
-        False, "Rank the scene's own sensors by how little they are needed.", option="--remove", shown=""
+        False, "Rank the scene's own sensors by how little the error grows without them.", option="--remove", shown=""
     )
     paths: Path | None = source(
-        "Tracks, or a recording with the truth: the floor counts by where these people were.", metavar="FILE"
+        "Tracks, or a recording with truth: weights the floor by the positions of these people.", metavar="FILE"
     )
     settings: Mapping[str, object] = group(lambda: PlanConfig, example="window_s=12")
     seed: int = seed_of_all()

@@ -14,10 +14,10 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.bounds.in_plane import bearing_information, camera_information
 from occlog.core.bounds.in_space import direction_information, ground_information
+from occlog.core.geometry.camera import planar_offsets
+from occlog.core.geometry.visibility import behind_walls, in_view
 from occlog.core.numerics.jit import kernel
 from occlog.core.numerics.seeds import RandomStream, generator
-from occlog.core.sight.camera import planar_offsets
-from occlog.core.sight.visibility import behind_walls, in_view
 from occlog.records.scene import Camera, MicrophoneArray, Scene
 
 from .config import PlanConfig

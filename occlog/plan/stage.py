@@ -16,8 +16,8 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.bounds.in_plane import polygon_covariance
+from occlog.core.geometry.camera import angles_from_rotation, rotation_from_angles
 from occlog.core.numerics.seeds import RandomStream, generator
-from occlog.core.sight.camera import angles_from_rotation, rotation_from_angles
 from occlog.errors import InputError, option
 from occlog.records.declared.world import PlanMap
 from occlog.records.scene import Camera, Scene

@@ -31,10 +31,10 @@ import numpy as np
 import shapely
 
 from occlog.array_types import Floats
+from occlog.core.geometry import camera as cam
+from occlog.core.geometry.camera import pixels_to_rays
+from occlog.core.geometry.visibility import ViewPrior
 from occlog.core.plane import inside_polygon, pockets
-from occlog.core.sight import camera as cam
-from occlog.core.sight.camera import pixels_to_rays
-from occlog.core.sight.visibility import ViewPrior
 from occlog.errors import InputError
 from occlog.settings import METRES
 
@@ -104,7 +104,7 @@ MIN_FOCAL_PX, MAX_FOCAL_PX = 1e-3, 1e9
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A camera; see `occlog.core.sight.camera` for frames and angles.
+    """A camera; see `occlog.core.geometry.camera` for frames and angles.
 
     Lengths in the scene's unit, angles in radians.  `placed` is false for a camera
     without a known pose: it can be detected in, but gives no bearing.
@@ -196,7 +196,7 @@ class MicrophoneArray:
 
     @cached_property
     def rotation(self) -> Floats:
-        """(3, 3) world-from-array rotation; see `occlog.core.sight.camera.array_rotation`."""
+        """(3, 3) world-from-array rotation; see `occlog.core.geometry.camera.array_rotation`."""
         return cam.array_rotation(self.yaw, self.pitch, self.roll)
 
     @property
@@ -305,7 +305,7 @@ class Scene:
 
 
 def camera_rotation(yaw: float, pitch: float, roll: float) -> Floats:
-    """(3, 3) world-from-camera rotation; see `occlog.core.sight.camera`."""
+    """(3, 3) world-from-camera rotation; see `occlog.core.geometry.camera`."""
     return cam.rotation_from_angles(yaw, pitch, roll)
 
 

@@ -22,7 +22,7 @@ class PointMatches(NamedTuple):
 
 
 class ViewPair(NamedTuple):
-    """The fundamental matrix of two views, see `occlog.core.sight.fundamental`.
+    """The fundamental matrix of two views, see `occlog.core.geometry.fundamental`.
 
     Attributes:
         a: name of the first camera.

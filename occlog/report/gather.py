@@ -22,7 +22,7 @@ from occlog.array_types import NS, Floats, Ints
 from occlog.consistency.verdict import ConsistencyEvidence
 from occlog.core.metrics.errors import group_medians
 from occlog.evaluate.errors.sums import median_of
-from occlog.evaluate.matching.outline import NEAR_NS
+from occlog.evaluate.matching.path_outline import NEAR_NS
 from occlog.evaluate.mot.figures import independent_ids
 from occlog.evaluate.sources import Chunks, opened_rows, streamed_bearings
 from occlog.evaluate.verdict import CovarianceConsistency, SightEvidence, TrackProvenance, checks_with_truth, in_rows_of
@@ -53,7 +53,7 @@ from occlog.records.tables import (
 )
 from occlog.records.verdicts import Check
 
-from .content import thinned as rule
+from .content import downsampled as rule
 from .content.accuracy import (
     ErrorsAgainstBound,
     FilterDiagnostics,
@@ -62,7 +62,7 @@ from .content.accuracy import (
     matching_tracks,
     relabelled,
 )
-from .content.looks import (
+from .content.coverage import (
     MAX_SENSORS,
     MAX_TARGETS,
     ObservationCoverage,
@@ -70,6 +70,17 @@ from .content.looks import (
     Selections,
     SelectionStreams,
     scene_order,
+)
+from .content.downsampled import (
+    MAX_MOVING,
+    DownsampledTable,
+    ErrorsSoFar,
+    TableTotals,
+    downsample,
+    downsample_with,
+    every_nth,
+    kept_steps,
+    rows_before,
 )
 from .content.people import PeopleStatistics, PeopleStreams, people_statistics
 from .content.sight import (
@@ -80,17 +91,6 @@ from .content.sight import (
     period_of,
     places,
     sight_lines,
-)
-from .content.thinned import (
-    MAX_MOVING,
-    DownsampledTable,
-    ErrorsSoFar,
-    TableTotals,
-    downsample,
-    downsample_with,
-    every_nth,
-    kept_steps,
-    rows_before,
 )
 
 STEP = np.dtype([("group", "i8"), ("step", "f8")])

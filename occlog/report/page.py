@@ -19,7 +19,7 @@ from occlog.evaluate.mot.figures import independent_ids
 from occlog.records.tables import UNLABELLED
 from occlog.records.verdicts import Check, Verdict, all_plausible, counts_of, made_checks
 
-from .content.looks import MAX_SENSORS, MAX_TARGETS
+from .content.coverage import MAX_SENSORS, MAX_TARGETS
 from .content.metrics_in_words import Figure, groups, number
 from .content.model import ReportInput, TimeAxis
 from .content.people import PeopleStatistics

@@ -11,28 +11,27 @@ from typing import ClassVar
 from occlog.request import Form, Request, Verb, VerbKind, group, load, scene_file, sink, source
 from occlog.settings import setting
 
-from .beside.config import RunComparisonConfig
+from .comparison.config import RunComparisonConfig
 
 PAGE, OVERLAY, BESIDE = "page", "overlay", "beside"
-OUTPUT_HELP = "The page: one HTML file that needs nothing else."
-MARKDOWN_HELP = "Also write words and figures as Markdown."
+OUTPUT_HELP = "Page to write: one self-contained HTML file."
+MARKDOWN_HELP = "Also write text and metrics as Markdown."
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReportRequestBase(Request):
-    """Show TRACKS and what else is given as one page: floor plan, errors and bound, what each sensor saw.
+    """Show TRACKS or a run folder as one HTML page: floor plan, errors and bound, observation coverage.
 
-    TRACKS may be a run folder: then everything in it is shown that is not named otherwise.
-    Without TRACKS the scene alone is drawn.  Two of them are shown side by side, with their differences.
+    Of a run folder everything is shown that is not named otherwise. Without TRACKS only the scene is drawn. Two runs
+    are shown side by side, with their differences. With --recording no page is made: TRACKS, in images or on the
+    ground, and true boxes are drawn over the frames of the video.
 
     \b
       occlog report run/ -o report.html --png report.png
-      occlog report run/old run/new -o beside.html --markdown beside.md
+      occlog report run/old run/new -o comparison.html --markdown comparison.md
       occlog report tracks.parquet --scene scene.yaml --bearings bearings.parquet -o report.html
       occlog report --scene scene.yaml -o scene.html
       occlog report view_tracks.parquet --recording balls.mcap --truth balls.mcap --video balls.webm
-
-    With --recording no page is made: TRACKS, in images or of the world, and true boxes are drawn over the frames.
     """
 
     OWNER: ClassVar[str] = "report"
@@ -41,7 +40,7 @@ class ReportRequestBase(Request):
     scene: Path | None = scene_file()
     truth: Path | None = source("True positions: a recording or a table.")
     png: Path | None = sink(
-        "Also write the main figures as a picture; with --frame that frame, drawn over.",
+        "Also write the main figures as a picture; with --frame that frame with overlay.",
         result="report",
         suffix=".png",
         asked="png",
@@ -50,25 +49,25 @@ class ReportRequestBase(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class PageRequest(ReportRequestBase):
-    """A run to show as one page."""
+    """A run that is shown as one page."""
 
     RUN: ClassVar[str] = "occlog.report.run:run_report"
     JUDGED: ClassVar[bool] = True
 
     output: Path | None = sink(OUTPUT_HELP, option="-o/--output", result="report", suffix=".html")
-    bearings: Path | None = source("What each sensor saw: a table or a recording.")
-    errors: Path | None = source("Errors written by evaluate.")
-    bound: Path | None = source("Bound written by evaluate.")
-    diagnostics: Path | None = source("Diagnostics written by track.")
-    events: Path | None = source("Births, deaths and doubtful identities of everybody, written by track or fuse.")
-    occluders: Path | None = source("Moving occluders as the tracker was told: hulls or occluders, written by priors.")
-    metrics: Path | None = source("Figures written by evaluate (JSON).")
-    images: Path | None = source(
-        "A recording whose images are shown small beside the plan, with the tracks drawn over them."
+    bearings: Path | None = source("Bearings (a table or a recording), for observation coverage and lines of sight.")
+    errors: Path | None = source("Errors of `occlog evaluate`.")
+    bound: Path | None = source("Bound of `occlog evaluate`.")
+    diagnostics: Path | None = source("Filter diagnostics of `occlog track`.")
+    events: Path | None = source(
+        "Events of `occlog track` or `occlog fuse`: initiations, terminations, possible identity switches."
     )
+    occluders: Path | None = source("Occluder priors used by the tracker (hulls or occluders).")
+    metrics: Path | None = source("Metrics of `occlog evaluate` (JSON).")
+    images: Path | None = source("Recording with images, shown small next to the plan with the tracks drawn over them.")
     images_limit: float = setting(
         5.0,
-        "How much of the page the images may take; more of them are left out.",
+        "Maximum size of the images in the page; further images are omitted.",
         at_least=0.01,
         at_most=500,
         option="--images-limit",
@@ -94,20 +93,20 @@ class PageRequest(ReportRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class OverlayRequest(ReportRequestBase):
-    """Tracks and true boxes to draw over the video of a recording."""
+    """Tracks and true boxes that are drawn over the video of a recording."""
 
     RUN: ClassVar[str] = "occlog.report.overlay.run:run_overlay"
 
     png: Path | None = sink(
-        "Also write the main figures as a picture; with --frame that frame, drawn over.",
+        "Also write the main figures as a picture; with --frame that frame with overlay.",
         result="frame",
         suffix=".png",
         asked="frame",
     )
-    recording: Path = source("Draw over the video of this recording, instead of making a page.", required=True)
+    recording: Path = source("Draw over the video of this recording instead of making a page.", required=True)
     video: Path | None = sink(
-        "The video to make: .webm (VP8) for browsers; .mp4 (MPEG-4), which they may not play; .avi "
-        "(Motion JPEG, larger, no smears).",
+        "Video to write: .webm (VP8) for browsers; .mp4 (MPEG-4), which they may not play; .avi (Motion JPEG, "
+        "larger, no smears).",
         asked="video",
     )
     frame: int | None = setting(
@@ -124,30 +123,33 @@ class OverlayRequest(ReportRequestBase):
     )
     cameras: tuple[str, ...] = setting(
         (),
-        "Only this camera; repeatable. The first one counts the frames.",
+        "Only this camera; may be repeated. The first one counts the frames.",
         option="--camera",
         metavar="NAME",
         repeat=True,
         shown="all",
     )
-    failures: Path | None = source("Failures written by evaluate, drawn in red.")
+    failures: Path | None = source("Failures of `occlog evaluate`, drawn in red.")
     world: Path | None = source(
-        "Tracks of the world, for the plan beside the images. [default: TRACKS, if of the world or a folder]"
+        "Ground tracks for the plan next to the images. [default: TRACKS, if on the ground or a folder]"
     )
     diagnostics: Path | None = source(
-        "Which cameras see a target, where its tracks do not say: written by track. [default: of the folder]"
+        "Filter diagnostics of `occlog track`, for the cameras that detect a target where tracks do not state "
+        "them. [default: of the folder]"
     )
-    plan: bool = setting(True, "Tracks of the world get the plan, or not.", option="--plan/--no-plan", shown="plan")
+    plan: bool = setting(
+        True, "Draw the floor plan next to the images, for ground tracks.", option="--plan/--no-plan", shown="plan"
+    )
     trail: float = setting(
         2.0,
-        "How long a way is drawn behind each target.",
+        "Length of the trail behind each target.",
         unit="s",
         at_least=0,
         at_most=3600,
         option="--trail",
         metavar="SECONDS",
     )
-    fundamental: Path | None = source("Geometry of the views as the tracker had it, if not that of the recording.")
+    fundamental: Path | None = source("Epipolar geometry used by the tracker, if not that of the recording.")
     scale: float | None = setting(
         None,
         "Enlarge images.",
@@ -158,7 +160,7 @@ class OverlayRequest(ReportRequestBase):
     )
     fps: float | None = setting(
         None,
-        "Frames a second of the video.",
+        "Frame rate of the video.",
         unit="Hz",
         at_least=0.1,
         at_most=1000,
@@ -175,22 +177,22 @@ class OverlayRequest(ReportRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class RunComparisonRequest(ReportRequestBase):
-    """Two runs to show side by side."""
+    """Two runs that are shown side by side."""
 
-    RUN: ClassVar[str] = "occlog.report.beside.run:run_beside"
+    RUN: ClassVar[str] = "occlog.report.comparison.run:run_beside"
     JUDGED: ClassVar[bool] = True
 
     other: Path = source("The other run.", argument=True)
     output: Path | None = sink(OUTPUT_HELP, option="-o/--output")
     settings: Mapping[str, object] = group(lambda: RunComparisonConfig)
-    seed: int = setting(0, "Of the draws.", at_least=0, option="--seed")
+    seed: int = setting(0, "Seed of the random draws.", at_least=0, option="--seed")
     markdown: Path | None = sink(MARKDOWN_HELP)
     title: str = setting("Two runs side by side", "Heading of the page.", option="--title")
 
     @cached_property
     def runs(self) -> tuple[PageRequest, PageRequest]:
         """The files of both runs, as a page of each shows them."""
-        files_of = load("occlog.report.beside.run:files_of")
+        files_of = load("occlog.report.comparison.run:files_of")
         shared = PageRequest(scene=self.scene, truth=self.truth)
         return files_of(self.tracks, shared), files_of(self.other, shared)
 
@@ -210,7 +212,7 @@ VERB = Verb(
             "--recording (tracks drawn over its video)",
         ),
         BESIDE: VerbKind(
-            "Two runs side by side: differences, where they part, who became another one.",
+            "Two runs side by side: differences, divergences, identity switches.",
             lambda: Form(RunComparisonRequest),
             "TRACKS OTHER (two runs side by side)",
         ),

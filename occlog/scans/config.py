@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.core.sight.usual_radio import EXPONENT, NLOS_BIAS_SIGMAS, NOISE_DB, POWER_DBM, SHADOW_DB, SHADOW_S
+from occlog.core.geometry.radio_defaults import EXPONENT, NLOS_BIAS_SIGMAS, NOISE_DB, POWER_DBM, SHADOW_DB, SHADOW_S
 from occlog.settings import Settings, setting
 
 SPEEDS = {"sound": 343.0, "light": 299_792_458.0}
@@ -21,7 +21,7 @@ class DistanceMeasurementConfig(Settings):
 
     propagation: str | None = setting(
         None,
-        "Speed by which time differences are lengths: sound (343 m/s), light, or metres a second.",
+        "Speed of propagation, by which time differences are lengths: sound (343 m/s), light, or metres per second.",
         option="--propagation",
         metavar="sound|light|SPEED",
         nothing="time differences are refused",
@@ -35,50 +35,52 @@ class DistanceMeasurementConfig(Settings):
     )
     sigma_range: float | None = setting(
         None,
-        "Standard deviation of ranges that do not say their own.",
+        "Measurement noise of ranges that do not state their own (standard deviation).",
         unit="length",
         above=0,
         option="--sigma-range",
-        nothing="each range must say its own",
+        nothing="each range must state its own",
     )
     sigma_difference: float | None = setting(
         None,
-        "Standard deviation of time differences that do not say their own, as a length.",
+        "Measurement noise of time differences that do not state their own (standard deviation as a length).",
         unit="length",
         above=0,
         option="--sigma-difference",
-        nothing="each must say its own",
+        nothing="each must state its own",
     )
     sigma_rssi: float | None = setting(
         None,
-        "Standard deviation of signal strengths that do not say their own, shadowing included [dB].",
+        "Measurement noise of signal strengths that do not state their own, shadowing included (standard deviation "
+        "[dB]).",
         above=0,
         option="--sigma-rssi",
         nothing=f"noise and shadowing of --path-loss, or of {NOISE_DB:g} and {SHADOW_DB:g} dB, the latter for "
         f"{SHADOW_S:g} s: the larger, the sooner a station reads again",
     )
     rssi_power: float = setting(
-        POWER_DBM, "Strength at 1 m [dBm] of stations of which the scene does not say it.", option="--rssi-power"
+        POWER_DBM, "Received power at 1 m [dBm] of stations for which the scene states none.", option="--rssi-power"
     )
     rssi_exponent: float = setting(
-        EXPONENT, "Exponent of the path loss: 2 in free space.", above=0, option="--rssi-exponent"
+        EXPONENT, "Path loss exponent: 2 in free space, 2.5 to 4 indoors.", above=0, option="--rssi-exponent"
     )
     measured_bend: float = setting(
         3.7,
-        "Standard deviations at which a range, strength or difference is as likely false as true.",
+        "Normalised residual at which a range, strength or difference is as likely false as true. Smaller values "
+        "reject more.",
         above=0,
         option="--measured-bend",
     )
     measured_late: float = setting(
         0.05,
-        "Share of signals that come by a detour, so that a range is too long; 0: none. Strengths have no detours.",
+        "Share of non-line-of-sight (NLOS) signals with too long a range; 0: none. Does not concern strengths.",
         at_least=0,
         below=1,
         option="--measured-late",
     )
     detour: float | None = setting(
         None,
-        "Mean length of such detours.",
+        "Mean NLOS bias, the excess of such ranges.",
         unit="length",
         above=0,
         option="--detour",

@@ -22,7 +22,7 @@ from occlog.records.tables import UNLABELLED, Bearings
 
 
 class ScanMeasurements(NamedTuple):
-    """Measurements of stations other than directions at one time; see `occlog.scans.measured`."""
+    """Measurements of stations other than directions at one time; see `occlog.scans.distance_measurements`."""
 
     target_id: Ints32  # (m,) >= 0
     distances: RangeMeasurements  # m measurements

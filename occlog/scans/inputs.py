@@ -13,7 +13,7 @@ from occlog.records.columns import ColumnTable
 from occlog.records.declared.sensors import Measurements
 from occlog.records.tables import Bearings, Boxes, Doa, Hulls, Occluders, Reads, Truth
 
-from .measured import measurements_of_reads
+from .distance_measurements import measurements_of_reads
 from .occluder_priors import known_positions
 from .sources import bearings_of_doa, within_times
 

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
+from occlog.core.geometry.radio_defaults import EXPONENT, NOISE_DB, POWER_DBM, SHADOW_DB, SHADOW_S
 from occlog.core.navigation.config import FieldSettings
-from occlog.core.sight.usual_radio import EXPONENT, NOISE_DB, POWER_DBM, SHADOW_DB, SHADOW_S
 from occlog.settings import Settings, setting
 
 START_NS = 1_577_836_800_000_000_000
@@ -20,7 +20,7 @@ class WorldConfig(Settings):
     """How many objects move, and how; lengths in the scene's unit.
 
     Speed, noise and change of destination are per second, so that they keep their
-    meaning when the step changes.  The defaults in a unit of its own are the reference scene
+    meaning when the step changes.  The defaults in a scene-specific unit are the reference scene
     of [Ercan] Sec. 6: speed 1 and noise 0.33 per step of one second.  Those in metres, feet and inches are
     people 0.5 m wide who walk at 1.2 m/s and change their destination every 10 s on average.
     """
@@ -28,14 +28,14 @@ class WorldConfig(Settings):
     OWNER: ClassVar[str] = "world"
 
     steps: int = setting(
-        4000, "Time steps, the start included.", people=600, at_least=1, at_most=10_000_000, option="--steps"
+        4000, "Number of time steps, including the start.", people=600, at_least=1, at_most=10_000_000, option="--steps"
     )
     step_s: float = setting(1.0, "Time between two steps.", unit="s", at_most=1e9, people=0.1, at_least=1e-6)
-    targets: int = setting(1, "Targets.", at_least=0, option="--targets")
-    occluders: int = setting(0, "Other moving objects.", at_least=0, option="--occluders")
+    targets: int = setting(1, "Number of targets.", at_least=0, option="--targets")
+    occluders: int = setting(0, "Number of other moving objects.", at_least=0, option="--occluders")
     diameter: float = setting(
         3.33,
-        "Of every object; their centres keep this distance.",
+        "Diameter of every object; centres keep this distance.",
         unit="length",
         people=0.5,
         above=0,
@@ -44,7 +44,7 @@ class WorldConfig(Settings):
     )
     speed: float = setting(
         1.0,
-        "Way of an object in a second, without noise.",
+        "Speed of an object, without noise.",
         unit="length/s",
         people=1.2,
         above=0,
@@ -53,7 +53,7 @@ class WorldConfig(Settings):
     )
     sigma: float = setting(
         0.33,
-        "Noise of the motion per axis, gathered in a second; a step has sigma sqrt(step_s).",
+        "Process noise of the position per axis, accumulated over 1 s; a step has sigma sqrt(step_s).",
         unit="length",
         people=0.05,
         at_least=0,
@@ -62,13 +62,13 @@ class WorldConfig(Settings):
     )
     redirect: float = setting(
         0.095,
-        "Probability of a new destination within a second; 0: only on arrival.",
+        "Probability per second of a new destination before arrival; 0: on arrival only.",
         option="--redirect",
         **SHARE,
     )
     clearance: float = setting(
         0.0,
-        "Centres keep this distance from walls and static occluders; in video at least half a diameter.",
+        "Minimum distance of centres to walls and static occluders; in video at least half a diameter.",
         unit="length",
         people=0.25,
         at_least=0,
@@ -77,20 +77,20 @@ class WorldConfig(Settings):
     )
     z: float | None = setting(
         None,
-        "Height of the objects' reference point.",
+        "Height of the reference point of the objects.",
         unit="length",
         people=0.9,
         at_least=0,
         option="--z",
         metavar="LENGTH",
-        nothing="not known",
-        shown="0.9 m; not known in a unit of its own, or of scripted targets",
+        nothing="unknown",
+        shown="0.9 m; unknown in a scene-specific unit, or for scripted targets",
     )
     start_ns: int = setting(START_NS, "Time of the first step.", unit="ns")
     motion: str = setting(
         "waypoints",
-        "How objects come to their places: `waypoints`, straight on and around each other at the last moment, or "
-        "`field`, by potential fields, out of each other's way ([Lee] Sec. 5.2.2).",
+        "Motion: `waypoints`, straight on and evading at close range, or `field`, by potential fields ([Lee] Sec. "
+        "5.2.2).",
         choices=("waypoints", "field"),
         option="--motion",
     )
@@ -102,10 +102,10 @@ class FieldConfig(FieldSettings):
 
     OWNER: ClassVar[str] = "field"
 
-    attraction_power: int = setting(1, "Exponent m of the potential of an object's destination.", at_least=1)
+    attraction_power: int = setting(1, "Exponent m of the potential of the destination of an object.", at_least=1)
     patience_s: float = setting(
         20.0,
-        "An object that does not get nearer to its destination for so long takes another one.",
+        "Time without progress towards its destination after which an object takes another one.",
         unit="s",
         people=5.0,
         above=0,
@@ -123,29 +123,28 @@ class ObserveConfig(Settings):
 
     diameter: float = setting(
         3.33,
-        "Of moving objects, as they hide targets; 0: they hide nothing.",
+        "Diameter of moving objects as occluders; 0: no occlusion.",
         unit="length",
         people=0.5,
         at_least=0,
     )
     noise: str = setting(
         "white",
-        "Errors of a camera's pose: `white`, drawn anew for every frame ([Ercan] Eq. 2), or `calibration`, drawn "
-        "once for each camera and fixed in time; only the read noise is white then.",
+        "Pose errors (extrinsics) of cameras: `white`, new in every frame ([Ercan] Eq. 2), or `calibration`, "
+        "constant per camera; then only the read noise is white.",
         choices=("white", "calibration"),
         option="--noise",
     )
     miss: float = setting(
         0.0,
-        "Probability that a camera or array misses a target that it could measure; a camera's own `detection` in "
-        "the scene comes first, as its `false_alarm` does.",
+        "Miss probability of a visible or audible target (1 - P_D); `detection` and `false_alarm` of a camera in "
+        "the scene take precedence.",
         option="--miss",
         **SHARE,
     )
     false_alarm: float = setting(
         0.0,
-        "Probability that a frame in which a target was not detected reports it all the same, at a place drawn "
-        "uniformly from the image.",
+        "False alarm probability of a frame in which a target is not detected, at a position uniform in the image.",
         option="--false-alarm",
         **SHARE,
     )
@@ -159,8 +158,7 @@ class SoundConfig(Settings):
 
     silence: tuple[float, float] | None = setting(
         None,
-        "Targets fall silent at random: mean seconds of sound and of silence, both exponential, in turn; the start "
-        "of the recording is a moment like any other.",
+        "Random silences of targets: mean seconds of sound and of silence, both exponential, in turn.",
         unit="s",
         counts=(2,),
         option="--silence",
@@ -169,19 +167,19 @@ class SoundConfig(Settings):
     )
     false_rate: float = setting(
         0.0,
-        "Directions without a source, a second and array.",
+        "False alarm rate: directions without a source per second and array.",
         at_least=0,
         option="--false-doa",
         metavar="RATE",
     )
     label: bool = setting(
         False,
-        "Write which target each direction is of, to test with.",
+        "Write the target ID of each direction, for tests.",
         option="--label-doa",
         shown="unlabelled",
     )
     step_s: float = setting(
-        1.0, "Time between the looks of an array without a rate of its own.", unit="s", at_most=1e9, above=0
+        1.0, "Time between the frames of an array without its own rate.", unit="s", at_most=1e9, above=0
     )
     heights: bool = setting(True, "Targets have known heights; without, false directions have no elevation either.")
 
@@ -202,7 +200,7 @@ class ReadConfig(Settings):
 
     power: float = setting(
         POWER_DBM,
-        "Strength at 1 m of readers of which the scene does not say it.",
+        "Received power at 1 m of readers for which the scene states none.",
         unit="dBm",
         option="--read-power",
         metavar="DBM",
@@ -210,7 +208,7 @@ class ReadConfig(Settings):
     exponent: float = setting(EXPONENT, "Exponent of the path loss.", above=0, option="--path-loss-exponent")
     noise_db: float = setting(
         NOISE_DB,
-        "Standard deviation of a read's white noise.",
+        "Measurement noise of a read: standard deviation of its white part.",
         unit="dB",
         at_least=0,
         option="--read-noise",
@@ -221,23 +219,28 @@ class ReadConfig(Settings):
     )
     shadow_s: float = setting(
         SHADOW_S,
-        "Time in which the shadowing is forgotten.",
+        "Correlation time of the shadowing.",
         unit="s",
         above=0,
         option="--shadowing-time",
         metavar="SECONDS",
     )
     weakest: float | None = setting(
-        None, "Weaker signals are not read.", unit="dBm", option="--weakest-read", metavar="DBM", nothing="all are"
+        None,
+        "Sensitivity: weaker signals are not read.",
+        unit="dBm",
+        option="--weakest-read",
+        metavar="DBM",
+        nothing="all are",
     )
     detection: float = setting(
         0.95,
-        "Probability that a reader that looks reads a tag in its range, or any tag where the scene says no range.",
+        "Probability that a polling reader reads a tag in its range, or any tag where the scene states no range.",
         option="--read-detection",
         **SHARE,
     )
     stray: float = setting(
-        0.01, "Probability that a reader that looks reads a tag out of its range.", option="--stray-reads", **SHARE
+        0.01, "Probability that a polling reader reads a tag out of its range.", option="--stray-reads", **SHARE
     )
 
 
@@ -256,18 +259,24 @@ class MeasureConfig(Settings):
 
     measure: str | None = setting(
         None,
-        "What cameras and arrays measure beside directions: range, difference (of ranges, to the first of them), "
-        "strength, or several, separated by commas.",
+        "Additional measurements of cameras and arrays: range, difference (of ranges, to the first of them), "
+        "strength; separated by commas.",
         option="--measure",
         metavar="KINDS",
         nothing="directions alone",
     )
     measure_rate_hz: float | None = setting(
-        None, "How often they do.", unit="Hz", above=0, option="--measure-rate", metavar="HZ", nothing="at every step"
+        None,
+        "Rate of these measurements.",
+        unit="Hz",
+        above=0,
+        option="--measure-rate",
+        metavar="HZ",
+        nothing="at every step",
     )
     range_noise: float = setting(
         0.1,
-        "Standard deviation of ranges.",
+        "Measurement noise of ranges (standard deviation).",
         unit="length",
         people=0.1,
         above=0,
@@ -276,29 +285,29 @@ class MeasureConfig(Settings):
     )
     difference_noise: float = setting(
         0.1,
-        "Standard deviation of differences of ranges.",
+        "Measurement noise of differences of ranges (standard deviation).",
         unit="length",
         people=0.1,
         above=0,
         option="--difference-noise",
         metavar="LENGTH",
     )
-    measure_miss: float = setting(0.0, "Probability that a value is not measured.", option="--measure-miss", **SHARE)
+    measure_miss: float = setting(0.0, "Probability of a missed measurement.", option="--measure-miss", **SHARE)
     measure_false: float = setting(
         0.0,
-        "Probability that a value is false: drawn uniformly from those that are possible in the scene.",
+        "Probability of an outlier, uniform over the values that are possible in the scene.",
         option="--measure-false",
         **SHARE,
     )
     measure_late: float = setting(
         0.0,
-        "Probability that a signal comes by a detour (no line of sight), so that its range is too long.",
+        "Probability of a non-line-of-sight (NLOS) signal, which makes its range too long.",
         option="--measure-late",
         **SHARE,
     )
     detour: float = setting(
         1.0,
-        "Mean length of a detour, which is exponential.",
+        "Mean NLOS bias, the excess of such ranges (exponential).",
         unit="length",
         people=1.0,
         above=0,
@@ -325,43 +334,44 @@ class RenderConfig(Settings):
 
     noise: float = setting(
         1.5,
-        "Noise of every pixel, common to its colours: standard deviation in grey levels of 255.",
+        "Image noise common to the colour channels: standard deviation in grey levels of 255.",
         at_least=0,
         option="--image-noise",
         metavar="LEVELS",
     )
     colour_noise: float = setting(
-        1.0, "Noise of every colour alone.", at_least=0, option="--colour-noise", metavar="LEVELS"
+        1.0, "Image noise per colour channel.", at_least=0, option="--colour-noise", metavar="LEVELS"
     )
     light_drift: float = setting(
-        0.03, "Share by which the light rises and falls.", at_least=0, below=1, option="--light-drift"
+        0.03, "Relative amplitude of the light variation.", at_least=0, below=1, option="--light-drift"
     )
     light_period_s: float = setting(
-        60.0, "Time in which it does so.", unit="s", above=0, option="--light-period", metavar="SECONDS"
+        60.0, "Period of the light variation.", unit="s", above=0, option="--light-period", metavar="SECONDS"
     )
     shadows: bool = setting(True, "Shadows of people on the floor.", option="--shadows/--no-shadows")
     texture: float = setting(
         1.0,
-        "Contrast of tiles, bricks and grain; 0, plain paint, makes small files.",
+        "Contrast of tiles, bricks and grain; 0: plain paint, which makes small files.",
         at_least=0,
         option="--texture",
     )
     lookalike: bool = setting(
-        False, "The others wear the same clothes as the targets.", option="--lookalike", shown="clothes of their own"
+        False,
+        "Dress all people like the targets, so that appearance does not separate them.",
+        option="--lookalike",
+        shown="different clothes",
     )
     two_sided: bool = setting(
         False,
-        "Shirts have another colour behind than in front: the back of each target is as the front of the next one.",
+        "Shirts have another colour at the back: that of each target is the front colour of the next one.",
         option="--two-sided",
-        shown="the same all around",
+        shown="one colour",
     )
     alike: bool = setting(False, "All targets have the clothes and the stature of the first one.")
-    min_visible: float = setting(
-        0.1, "Bodies of which less than this share is visible have no box; 0: hidden ones have it too.", **SHARE
-    )
+    min_visible: float = setting(0.1, "Minimum visibility of a body to have a true box; 0: occluded ones too.", **SHARE)
     diameter: float = setting(
         3.33,
-        "Of an object in a scene whose unit is no known length: it is taken as 0.5 m.",
+        "Diameter of an object in a scene with a unit of unknown length: it is taken as 0.5 m.",
         unit="length",
         people=0.5,
         above=0,
@@ -377,7 +387,7 @@ class StoreConfig(Settings):
 
     store: str = setting(
         "png",
-        "Video as PNG images in the recording, or lossless FFV1 files beside it, which are smaller.",
+        "Video as PNG images in the recording, or as lossless FFV1 files next to it, which are smaller.",
         choices=("png", "ffv1"),
         option="--store",
     )
@@ -390,9 +400,11 @@ class PeopleConfig(Settings):
 
     OWNER: ClassVar[str] = "people"
 
-    people: int = setting(4, "How many, all targets in the same clothes.", at_least=1, option="--people")
-    frames: int = setting(400, "Of each camera.", at_least=1, at_most=10_000_000, option="--frames")
-    views: int = setting(3, "Cameras.", at_least=1, at_most=6, option="--views")
-    width: int = setting(640, "Of the images.", unit="px", at_least=64, at_most=8192)
-    height: int = setting(480, "Of the images.", unit="px", at_least=64, at_most=8192)
-    start_apart: bool = setting(True, "No target hides another in the first frame.", option="--apart/--overlap")
+    people: int = setting(4, "Number of people, all targets in the same clothes.", at_least=1, option="--people")
+    frames: int = setting(400, "Number of frames of each camera.", at_least=1, at_most=10_000_000, option="--frames")
+    views: int = setting(3, "Number of cameras.", at_least=1, at_most=6, option="--views")
+    width: int = setting(640, "Width of the images.", unit="px", at_least=64, at_most=8192)
+    height: int = setting(480, "Height of the images.", unit="px", at_least=64, at_most=8192)
+    start_apart: bool = setting(
+        True, "Start without occlusions of targets in the first frame.", option="--apart/--overlap"
+    )

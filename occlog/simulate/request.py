@@ -34,18 +34,16 @@ RATES: dict[str, Any] = {"unit": "Hz", "at_least": 1e-3, "at_most": 1e6, "metava
 
 @dataclass(frozen=True, kw_only=True)
 class SimulateRequestBase(Request):
-    """Make a recording with ground truth from SCENE (YAML, or a recording that holds a scene).
+    """Simulate a recording with ground truth from SCENE (YAML, or a recording that holds a scene).
 
-    Objects walk to random places of the room and go around each other and the static
-    occluders (Ercan et al. 2013, Sec. 6).  The recording holds their true paths and what
-    cameras measure of the targets (Eqs. 1-4), microphone arrays hear and readers of tags
-    read of them, with --measure also ranges, differences of ranges and strengths of signals;
-    with --render it holds video instead, for `occlog detect`.  With --paths
-    objects do what the file says.
+    Objects walk to random positions of the room, around each other and around static occluders (Ercan et al. 2013,
+    Sec. 6). The recording holds their true paths and the measurements of the targets by cameras (Eqs. 1-4),
+    microphone arrays and tag readers; with --measure also ranges, differences of ranges and signal strengths; with
+    --render video instead, for `occlog detect`. With --paths objects follow scripted paths.
 
-    With --scene a video comes from no file: `balls` is that of Qu et al. 2007, Sec. 4.1, six
-    balls of one look seen by two cameras at a right angle; `people` is a room with people
-    in the same clothes.  The true boxes are of all targets in all frames.
+    With --scene no file is needed: `balls` is the video of Qu et al. 2007, Sec. 4.1, six balls of equal appearance
+    seen by two cameras at a right angle; `people` is a room with people in the same clothes. The true boxes are of
+    all targets in all frames.
 
     \b
       occlog simulate examples/room100.yaml -o room.mcap --steps 1000 --occluders 40 --seed 7
@@ -61,7 +59,7 @@ class SimulateRequestBase(Request):
     output: Path = output_file("The recording (MCAP).")
     fps: float | None = setting(
         None,
-        "Frames a second of every camera. [default: the scene's rates; 25 of balls and people]",
+        "Frame rate of every camera. [default: the scene's rates; 25 for balls and people]",
         option="--fps",
         **RATES,
     )
@@ -71,18 +69,19 @@ class SimulateRequestBase(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class SceneRequest(SimulateRequestBase):
-    """A scene of a file, in which objects walk at random or do what a script says."""
+    """A scene from a file, in which objects walk at random or on scripted paths."""
 
     RUN: ClassVar[str] = "occlog.simulate.run:run_scene"
 
     scene: Path | None = source("Room and sensors.", argument=True, required=False, scene=True)
     paths: Path | None = source(
-        "Scripted targets (YAML) instead of random walkers; it may say how long and how often too.", metavar="FILE"
+        "Scripted target paths (YAML) instead of random motion; the file may also state duration and rate.",
+        metavar="FILE",
     )
     world: Mapping[str, object] = group(lambda: WorldConfig)
     avoid: Path | None = source(
-        "People whom the objects avoid, with --motion field: tracks, or a recording with the truth. They walk as "
-        "they did, from their first row on, and are not in the recording.",
+        "People whom the objects avoid (--motion field): tracks, or a recording with truth, from their first row "
+        "on. They are not recorded.",
         metavar="FILE",
     )
     avoidance: Mapping[str, object] = group(lambda: FieldConfig)
@@ -96,14 +95,14 @@ class SceneRequest(SimulateRequestBase):
     )
     rate_hz: float | None = setting(
         None,
-        f"Steps a second. [default: {1 / WorldConfig.in_unit('m').step_s:g}, or {1 / WorldConfig().step_s:g} in a "
-        "unit of its own]",
+        f"Steps per second. [default: {1 / WorldConfig.in_unit('m').step_s:g}, or {1 / WorldConfig().step_s:g} in a "
+        f"unit of its own]",
         option="--rate",
         **RATES,
     )
     bearings: bool | None = setting(
         None,
-        "Simulate what cameras measure. [default: unless --render]",
+        "Simulate the bearings of the cameras. [default: unless --render]",
         option="--bearings/--no-bearings",
         shown="",
     )
@@ -123,11 +122,11 @@ class SceneRequest(SimulateRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class _WithoutFile(SimulateRequestBase):
-    """A video of a scene that needs no file."""
+    """A video of a built-in scene."""
 
     kind: str | None = setting(
         None,
-        "A video to track in, instead of SCENE: balls that hide one another, or people who look alike.",
+        "Built-in video instead of SCENE: `balls` that occlude one another, or `people` of equal appearance.",
         choices=KINDS,
         option="--scene",
         shown="",
@@ -152,7 +151,7 @@ class BallsRequest(_WithoutFile):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatePeopleRequest(_WithoutFile):
-    """The video of people who look alike."""
+    """The video of people of equal appearance."""
 
     RUN: ClassVar[str] = "occlog.simulate.run:run_people"
 
@@ -171,17 +170,17 @@ VERB = Verb(
     _WithoutFile,
     {
         "walkers": VerbKind(
-            "objects walk to random places in the room of a file",
+            "objects walk to random positions in the room of a file",
             lambda: Form(SceneRequest, (*_OF_SCENES, "world", "avoid", "avoidance")),
             "SCENE",
         ),
         "paths": VerbKind(
-            "objects do what a script says",
+            "objects follow scripted paths",
             lambda: Form(SceneRequest, (*_OF_SCENES, "paths", "steps", "diameter", "z")),
             "SCENE --paths FILE",
         ),
         BALLS: VerbKind(
-            "video of balls of one look that hide one another (Qu, Schonfeld, Mohamed 2007)",
+            "video of balls of equal appearance that occlude one another (Qu, Schonfeld, Mohamed 2007)",
             lambda: Form(BallsRequest),
         ),
         PEOPLE: VerbKind("video of a room with people in the same clothes", lambda: Form(SimulatePeopleRequest)),

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from occlog.errors import UsageError, did_you_mean
@@ -121,116 +122,116 @@ def entry_of(plugin: Plugin) -> MethodEntry:
 
 OURS: dict[str, MethodEntry] = {
     "apf": MethodEntry(
-        "auxiliary particle filter with random waypoints (Ercan, El Gamal, Guibas 2013)",
+        "auxiliary particle filter with occlusion model and random-waypoint motion (Ercan, El Gamal, Guibas 2013)",
         "occlog.track.methods.apf.filter:METHOD",
         "occlog.track.methods.apf.config:ApfConfig",
         (*IN_WORLD, *MEASURED, "starts", "occluders", "calibration", "cloud", *SELECTION),
     ),
     "map": MethodEntry(
-        "most probable trajectory from all bearings at once (Rahimi, Dunagan, Darrell 2004)",
+        "MAP trajectory from all bearings, with visibility constraints (Rahimi, Dunagan, Darrell 2004)",
         "occlog.track.methods.map.method:METHOD",
         "occlog.track.methods.map.config:MapConfig",
         (*IN_WORLD, *MEASURED, "starts", "occluders", "motion"),
     ),
     "ekf": MethodEntry(
-        "baseline of apf: extended Kalman filter of readings and bearings",
+        "extended Kalman filter, a baseline of apf",
         "occlog.track.methods.kalman.filter:EKF",
         "occlog.track.methods.kalman.config:EkfConfig",
         (*IN_WORLD, *MEASURED, "starts"),
     ),
     "ukf": MethodEntry(
-        "baseline of apf: unscented Kalman filter (Julier, Uhlmann 1997)",
+        "unscented Kalman filter, a baseline of apf (Julier, Uhlmann 1997)",
         "occlog.track.methods.kalman.filter:UKF",
         "occlog.track.methods.kalman.config:UkfConfig",
         (*IN_WORLD, *MEASURED, "starts"),
     ),
     "iekf": MethodEntry(
-        "baseline of apf: MAP estimate of each scan in a Kalman filter, the iterated EKF (Bell, Cathey 1993)",
+        "iterated extended Kalman filter with a MAP update per scan, a baseline of apf (Bell, Cathey 1993)",
         "occlog.track.methods.kalman.filter:IEKF",
         "occlog.track.methods.kalman.config:IekfConfig",
         (*IN_WORLD, "starts"),
     ),
     "joint": MethodEntry(
-        "one particle filter for all labelled objects, which hide one another ([Ercan] Sec. 4.4; Doucet et al. 2002)",
+        "joint particle filter of labelled objects that occlude one another ([Ercan] Sec. 4.4; Doucet et al. 2002)",
         "occlog.track.methods.joint.filter:METHOD",
         "occlog.track.methods.joint.config:JointConfig",
         IN_WORLD,
     ),
     "direct3d": MethodEntry(
-        "particle filter in space from azimuths and elevations (Lee 2009)",
+        "particle filter in 3-D from azimuths and elevations (Lee 2009)",
         "occlog.track.methods.in_space.direct3d:METHOD",
         "occlog.track.methods.in_space.config:Direct3dConfig",
         (*IN_WORLD, "starts", "cloud", *SELECTION),
     ),
     "pps": MethodEntry(
-        "projected planes selection: particle filters in the planes xy, yz and zx (Lee 2009)",
+        "projected plane selection: particle filters in the planes xy, yz and zx (Lee 2009)",
         "occlog.track.methods.in_space.projected_planes:METHOD",
         "occlog.track.methods.in_space.config:PpsConfig",
         (*IN_WORLD, "starts", *SELECTION),
     ),
     "imm": MethodEntry(
-        "several motion models for several targets that microphone arrays hear, unlabelled (Lee 2009)",
+        "multi-target IMM particle filter with JPDA for microphone arrays (Lee 2009)",
         "occlog.track.methods.imm.filter:METHOD",
         "occlog.track.methods.imm.config:ImmConfig",
         (*IN_WORLD, "starts", "cooperation", "answer_delay"),
     ),
     "fix": MethodEntry(
-        "each time step's position from its bearings alone (Lenth 1981)",
+        "position of each scan by robust triangulation, without a motion model (Lenth 1981)",
         "occlog.track.methods.fix.method:METHOD",
         "occlog.track.methods.fix.config:FixConfig",
         (*IN_WORLD, *MEASURED, "residuals"),
     ),
     "jipda": MethodEntry(
-        "all people on the ground plane, from boxes of all cameras jointly (Musicki, Evans 2004; Williams, Lau 2014)",
+        "multi-camera JIPDA of people on the ground, from boxes (Musicki, Evans 2004; Williams, Lau 2014)",
         "occlog.track.people.stage:JIPDA",
         "occlog.track.methods.jipda.config:JipdaConfig",
         OF_EVERYBODY,
         takes_in=BOXES,
     ),
     "virtual": MethodEntry(
-        "tags in the regions that sets of readers cover, the virtual sensors (Lee 2009)",
+        "tags in intersections of reader coverages, the virtual sensors (Lee 2009)",
         "occlog.track.methods.readers.stage:track_virtual",
         "occlog.track.methods.readers.config:VirtualConfig",
         (*OF_TAGS, "virtual_sensors"),
         takes_in=READS,
     ),
     "rssi": MethodEntry(
-        "tags by the strength of their signals: particles with path loss and shadowing",
+        "tags by signal strength (RSSI): particle filter with path loss and shadowing",
         "occlog.track.methods.readers.stage:track_rssi",
         "occlog.track.methods.readers.config:RssiConfig",
         OF_TAGS,
         takes_in=READS,
     ),
     "mipf": MethodEntry(
-        "in images: a particle filter for each target and view, on its own (Qu, Schonfeld, Mohamed 2007)",
+        "in images: independent particle filter per target and view (Qu, Schonfeld, Mohamed 2007)",
         "occlog.track.methods.images.run.run:run_track_views",
         "occlog.track.methods.images.methods.config:MipfConfig",
         IN_IMAGES,
         takes_in=IMAGES,
     ),
     "idmot": MethodEntry(
-        "in images: trackers that touch repel each other and keep their ways (Qu, Schonfeld, Mohamed 2007)",
+        "in images: interacting trackers with repulsion and inertia (Qu, Schonfeld, Mohamed 2007)",
         "occlog.track.methods.images.run.run:run_track_views",
         "occlog.track.methods.images.methods.config:IdmotConfig",
         IN_IMAGES,
         takes_in=IMAGES,
     ),
     "cmct": MethodEntry(
-        "in images: particles on the epipolar lines of the other views, colours that adapt; no interaction",
+        "in images: particles on epipolar lines of the other views, adaptive colours; no interaction",
         "occlog.track.methods.images.run.run:run_track_views",
         "occlog.track.methods.images.methods.config:CmctConfig",
         IN_IMAGES,
         takes_in=IMAGES,
     ),
     "bmct": MethodEntry(
-        "in images: as idmot, helped by the other views through epipolar lines (Qu, Schonfeld, Mohamed 2007)",
+        "in images: idmot with collaboration of views by epipolar lines (Qu, Schonfeld, Mohamed 2007)",
         "occlog.track.methods.images.run.run:run_track_views",
         "occlog.track.methods.images.methods.config:BmctConfig",
         IN_IMAGES,
         takes_in=IMAGES,
     ),
     "mcmc": MethodEntry(
-        "in images: a filter for each view, whose samples hold all of its targets",
+        "in images: joint particle filter of all targets of a view, by MCMC",
         "occlog.track.methods.images.run.run:run_track_views",
         "occlog.track.methods.images.methods.config:McmcConfig",
         IN_IMAGES,
@@ -262,11 +263,25 @@ def tracker(name: str) -> AnyMethod:
         raise UsageError(f"no tracking method {name!r}; there are: {', '.join(in_world)}")
     plugin = METHODS[name].plugin
     if plugin is not None:
-        from .plugged import method_of
+        from .plugin_filter import method_of
 
         return method_of(plugin)
     method: AnyMethod = load(METHODS[name].method)
     return method
+
+
+def method_for(path: Path | str) -> str:
+    """The method that fits what a file holds: bearings and measurements `apf`, boxes `jipda`, reads of tags `virtual`.
+
+    A file that cannot be opened has the default, and the method then says what is wrong with it.
+    """
+    from occlog.io.open import held
+    from occlog.records.tables import Bearings, Boxes, Measurements, Reads, Views
+
+    tables = held(Path(path), Bearings, Measurements, Boxes, Views, Reads)
+    if not tables or Bearings in tables or Measurements in tables:
+        return VERB.default
+    return "virtual" if tables == (Reads,) else "jipda"
 
 
 def smooths(command: str, parameters: Mapping[str, object]) -> bool:
@@ -294,7 +309,7 @@ REQUESTS: Mapping[str, type[Request]] = {
 def form_of(method: str) -> Form:
     """The form of a request for a method; UsageError where there is no such method."""
     found = entry(method)
-    around = (load("occlog.track.methods.images.births.config:ViewsConfig"),) if found.images else ()
+    around = (load("occlog.track.methods.images.initiation.config:ViewsConfig"),) if found.images else ()
     shared = (each.name for each in Form(TrackRequestBase).entries())
     settings = {"settings": settings_of(method)}
     return Form(REQUESTS[found.takes_in], {*shared, *found.takes, "settings"}, settings, around)
@@ -308,10 +323,72 @@ def _plugged_kinds() -> dict[str, VerbKind]:
     return {each.name: VerbKind(each.summary, partial(form_of, each.name)) for each in plugins if each.name not in OURS}
 
 
+_FILTERS = """
+    Each labelled target is tracked separately. Unlabelled candidates (target_id -1) are offered to every track; without
+    any labels they make one track, of the target at --start if that is given. The directions of arrival in a recording
+    are used along with its bearings.
+"""
+_DISTANCES = """
+    Ranges, signal strengths and time differences are used too, from --measurements or instead of BEARINGS.
+"""
+_VIEWS = """
+    BEARINGS is a recording with images; the targets are ellipses, and tracks are `view_tracks`. `occlog ground`
+    triangulates them.
+"""
+_TAGS = """
+    BEARINGS is a recording, or a table, with reads of tags by fixed readers. A track has the identity of its tag, which
+    `occlog label` gives to bearings.
+"""
+_ABOUT = {
+    "jipda": """
+    BEARINGS is a recording with boxes, or a table of boxes or views, of calibrated cameras. No labels, initial
+    positions or target count are needed: tracks are initiated, confirmed and terminated by their existence probability.
+    --smooth and --lag use later measurements.
+
+    \b
+      occlog track views.parquet --scene hall.mcap --method jipda -o tracks.parquet --view-tracks in_images.parquet
+    """,
+    "imm": """
+    Targets are tracked from the bearings of microphone arrays, labelled or not; their number is estimated. With
+    --cooperate camera frames are requested.
+
+    \b
+      occlog track directions.mcap --method imm --cooperate spread --set spread=0.5 -o tracks.parquet
+    """,
+    "map": f"""
+    The most probable trajectory of each labelled target (`occlog label`) from all measurements, past and future;
+    cameras need not overlap.
+    {_DISTANCES}
+    \b
+      occlog track labelled.parquet --scene scene.yaml --method map --set loss=huber -o map.parquet
+    """,
+    "joint": """
+    One filter for all labelled objects of a recording, in which they occlude one another.
+
+    \b
+      occlog track labelled.parquet --scene scene.yaml --method joint -o tracks.parquet
+    """,
+}
+"""Paragraphs of the help of a method, with an example."""
+
+
+def about(name: str) -> str:
+    """The paragraphs of the help of a method of ours, with an example."""
+    if name in _ABOUT:
+        return _ABOUT[name]
+    each = OURS[name]
+    file = {IMAGES: "video.mcap", READS: "tags.mcap"}.get(each.takes_in, "bearings.parquet --scene scene.yaml")
+    out = "view_tracks" if each.images else "tracks"
+    text = {IMAGES: _VIEWS, READS: _TAGS}.get(each.takes_in, _FILTERS)
+    more = _DISTANCES if "measurements" in each.takes else ""
+    return f"{text}{more}\n    \b\n      occlog track {file} --method {name} -o {out}.parquet\n"
+
+
 VERB = Verb(
     TrackRequestBase,
-    {name: VerbKind(each.summary, partial(form_of, name)) for name, each in OURS.items()},
+    {name: VerbKind(each.summary, partial(form_of, name), about=about(name)) for name, each in OURS.items()},
     default="apf",
+    fits="occlog.track.catalogue:method_for",
     by={"method": str},
     what="method",
     chosen_by="--method {}",

@@ -18,58 +18,67 @@ NS_PER_S = 1e9
 
 @dataclass(frozen=True, kw_only=True)
 class TrackRequestBase(Request):
-    """Estimate target tracks from BEARINGS (Parquet, or a recording that holds bearings).
+    """Track targets from BEARINGS: a recording, or a table of bearings, boxes or tag reads.
 
-    Each labelled target has its own filter. Candidates without a label (target_id -1, for example
-    a detector's boxes or directions of arrival) are offered to every filter; where nothing is
-    labelled they make one track, of the target at --start if that is given. A recording's
-    directions of arrival are used along with its bearings.
-    The same inputs, options and seed give the same output.
+    Without --method it follows from the input: boxes jipda, tag reads virtual, else apf. `occlog track --method NAME
+    --help` describes one method. The same inputs, options and seed give the same output.
 
-    --method imm has one state for all targets that microphone arrays hear, labelled or not: it says
-    how many there are, and asks cameras where they are when --cooperate says so.
+    --method jipda tracks all people on the ground plane from the boxes of all calibrated cameras; BEARINGS is a
+    recording with boxes, or a table of boxes or views. No labels, initial positions or target count are needed.
 
-    --method map finds the most probable trajectory of each labelled target from everything that was
-    recorded, before and after; it needs no cameras that overlap, but labels (`occlog label`).
+    --method apf, ekf, ukf, iekf, map, fix, direct3d, pps and joint track targets from bearings and directions of
+    arrival. Each labelled target has its own filter (joint: one for all). Unlabelled candidates (target_id -1) are
+    offered to every filter; without any labels they make one track, of the target at --start if that is given. The
+    directions of arrival in a recording are used along with its bearings. apf, ekf, ukf, map and fix also take
+    ranges, signal strengths and time differences, in --measurements or instead of BEARINGS.
 
-    --method mipf, idmot, cmct, bmct and mcmc follow many targets as ellipses in the images of a recording
-    instead, which then stands in the place of BEARINGS; they write `view_tracks`.
+    --method imm tracks an unknown number of targets from microphone arrays, labelled or not; with --cooperate it
+    requests camera frames. --method map estimates the most probable trajectory of each labelled target from all
+    measurements, past and future; cameras need not overlap.
 
-    --method jipda follows all people on the floor by the boxes of all calibrated cameras: BEARINGS is then a
-    recording with boxes, or a table of views or boxes. Nobody need be labelled, and nothing be known of the start.
-
-    --method virtual and rssi locate radio tags: BEARINGS is then a recording (or a table) with the reads of fixed
-    readers. A tag's track has the tag's identity, which `occlog label` gives to bearings.
-
-    --method apf, ekf, fix, map and ukf also take ranges, signal strengths and time differences of stations: in
-    --measurements beside bearings, or in the place of BEARINGS.
+    --method mipf, idmot, cmct, bmct and mcmc track targets as ellipses in the images of a recording; they write
+    `view_tracks`. --method virtual and rssi locate radio tags from the reads of fixed readers; a track has the
+    identity of its tag, which `occlog label` gives to bearings.
 
     \b
+      occlog track views.parquet --scene hall.mcap --method jipda -o tracks.parquet
       occlog track bearings.parquet --scene scene.yaml -o tracks.parquet --diagnostics diagnostics.parquet
       occlog track bearings.parquet --scene hall.mcap --without cam4 --start 4,1.5,0.5 -o without4.parquet
-      occlog track bearings.parquet --scene scene.yaml --occluders occluders.parquet --select greedy --count 3 \
-        -o selected.parquet --diagnostics selected_diagnostics.parquet
-      occlog track directions.mcap --method imm --cooperate spread --set spread=0.5 -o heard.parquet \
-        --cooperation asked.parquet
-      occlog track balls.mcap --method bmct --initial balls.mcap -o view_tracks.parquet
-      occlog track views.parquet --scene hall.mcap --method jipda -o tracks.parquet --view-tracks in_images.parquet
+      occlog track bearings.parquet --scene scene.yaml --select greedy --count 3 -o selected.parquet
+      occlog track directions.mcap --method imm --cooperate spread -o tracks.parquet
       occlog track labelled.parquet --scene scene.yaml --method map --set loss=huber -o map.parquet
-      occlog track tags.mcap --method rssi --path-loss readers.json -o tags.parquet
       occlog track ranges.csv --scene stations.csv --method fix -o tracks.parquet
+      occlog track balls.mcap --method bmct --initial balls.mcap -o view_tracks.parquet
+      occlog track tags.mcap --method rssi --path-loss readers.json -o tags.parquet
     """
 
     OWNER: ClassVar[str] = "track"
 
-    bearings: Path = source("Bearings, boxes, reads of tags, or a recording with video.", argument=True)
+    bearings: Path = source(
+        "Bearings, boxes, tag reads (tables), or a recording that holds them or video.", argument=True
+    )
     output: Path = output_file("Tracks (Parquet).", "tracks")
     scene: Path | None = scene_file()
-    method: str = setting("apf", "Tracking method.", option="--method", metavar="NAME")
-    cameras: tuple[str, ...] = setting((), "Use only these sensors.", option="--cameras", metavar="A,B,...", shown="")
-    without: tuple[str, ...] = setting((), "Leave these sensors out.", option="--without", metavar="A,B,...", shown="")
+    method: str = setting(
+        "apf",
+        "Tracking method. [default: by the input: boxes jipda, tag reads virtual, else apf; in a configuration apf]",
+        option="--method",
+        metavar="NAME",
+        shown="",
+    )
+    cameras: tuple[str, ...] = setting((), "Use these sensors only.", option="--cameras", metavar="A,B,...", shown="")
+    without: tuple[str, ...] = setting(
+        (),
+        "Exclude these sensors, for example to predict them with `evaluate --held-out`.",
+        option="--without",
+        metavar="A,B,...",
+        shown="",
+    )
     window: float | None = setting(
         None,
-        "Measurements this close together in time make one scan. [default: equal times; frames: below half the "
-        "shortest frame period; reads: 1]",
+        "Measurements closer together in time make one scan (time step). Too wide merges frames of one camera; too "
+        "narrow splits synchronised frames. [default: equal times; frames: below half the shortest frame period; "
+        "reads: 1 s]",
         unit="s",
         at_least=0,
         at_most=LONGEST_S,
@@ -88,16 +97,16 @@ class TrackRequestBase(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class _InWorld(TrackRequestBase):
-    """What methods take that track in the world by bearings, or by reads of tags."""
+    """Options of methods that track on the ground from bearings, or from tag reads."""
 
     JUDGED: ClassVar[bool] = True
 
     path_loss: Path | None = source(
-        "How strongly readers read tags (JSON, see `occlog fit-readers`). [default: settings]"
+        "Path loss model of the tag readers (JSON, from `occlog fit-readers`). [default: settings]"
     )
     targets: tuple[int, ...] = setting(
         (),
-        "Track only this target; may be repeated. The first also numbers a track without labels.",
+        "Track this target ID only; may be repeated. With unlabelled input the first ID names the track.",
         at_least=0,
         option="--target",
         metavar="ID",
@@ -108,46 +117,50 @@ class _InWorld(TrackRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class TrackRequest(_InWorld):
-    """Bearings to track targets by."""
+    """Bearings and directions of arrival, from which targets are tracked."""
 
     RUN: ClassVar[str] = "occlog.track.run:run_track"
 
-    diagnostics: Path | None = sink("How the filter fared at each time (Parquet).", "diagnostics")
+    diagnostics: Path | None = sink(
+        "Write filter diagnostics per time step: effective sample size, likelihood, restarts (Parquet). Check them "
+        "first when a track is lost.",
+        "diagnostics",
+    )
     residuals: Path | None = sink(
-        "How each bearing agrees with the estimate, and whether it is believed (Parquet).", "residuals"
+        "Write the normalised residual and inlier probability of each bearing (Parquet).", "residuals"
     )
     cloud: Path | None = sink(
-        "Where the particles of the filter are at each time, 200 at most, as before any smoothing (Parquet).",
+        "Write up to 200 weighted particles per time step, before smoothing (Parquet).",
         "particles",
         asked="also",
     )
     calibration: Path | None = sink(
-        "Errors of the cameras' poses as estimated, with --set calibrate=joint or initial (Parquet).",
+        "Write the estimated pose errors of the cameras (extrinsics, Parquet); needs --set calibrate=joint or initial.",
         "calibration",
         asked="also",
     )
-    doa: Path | None = source("Directions of arrival to use too: a table, or a recording that holds them.")
+    doa: Path | None = source("Additional directions of arrival: a table, or a recording that holds them.")
     doa_labels: bool = setting(
         False,
-        "Identities in the log of directions are those of targets. [default: directions may be of anything]",
+        "Source IDs in the log of directions are target IDs. [default: directions are unlabelled candidates]",
         option="--doa-labels",
         shown="",
     )
     measurements: Path | None = source(
-        "Ranges, signal strengths and time differences to use too: a table, or a recording with reads of tags.",
+        "Additional ranges, signal strengths and time differences: a table, or a recording with tag reads.",
         there=False,
     )
     measured: Mapping[str, object] = group(lambda: DistanceMeasurementConfig)
     occluders: Path | None = source(
-        "Where moving occluders may be: `occluders` or `hulls` (Parquet, see `occlog priors`), or truth (known "
-        "exactly)."
+        "Moving occluders: priors from `occlog priors` (`occluders` or `hulls`, Parquet), or truth (known "
+        "exactly). Without them a missed detection may mean an occlusion that the filter cannot predict."
     )
     select: Mapping[str, object] = group(lambda: load("occlog.track.methods.apf.config:SelectConfig"))
     starts: tuple[str, ...] = setting(
         (),
-        "Where the target is at first; SIGMA is 0.5 m, or 1 in units of its own, if left out. For --method imm "
-        "also X,Y,SIGMA,VX,VY,SIGMA_V; may be repeated, once a target. [default: anywhere in the room, or where "
-        "sensors see]",
+        "Initial position with standard deviation SIGMA (0.5 m if omitted, 1 in a scene-specific unit); for "
+        "--method imm also X,Y,SIGMA,VX,VY,SIGMA_V. May be repeated, once per target. [default: uniform over the "
+        "room, or over the visible region]",
         option="--start",
         metavar="X,Y[,SIGMA]",
         repeat=True,
@@ -155,26 +168,24 @@ class TrackRequest(_InWorld):
         shown="",
     )
     cooperation: Path | None = sink(
-        "What cameras were asked, and what they said (Parquet).", "cooperation", asked="also"
+        "Write the requests to cameras and their answers (Parquet).", "cooperation", asked="also"
     )
     answer_delay: float | Path | None = source(
-        "Cameras' answers take so long, or as long as the slowest router in the delays of `occlog traffic`, "
-        "of one case (Parquet). [default: no time]",
+        "Latency of the cameras' answers in seconds, or that of the slowest router in a table of delays from "
+        "`occlog traffic` (one case, Parquet). [default: 0]",
         number=0.0,
         metavar="SECONDS|FILE",
     )
-    labelled_only: bool = setting(
-        False, "Do not use candidates that are not assigned to a target.", option="--labelled-only", shown=""
-    )
+    labelled_only: bool = setting(False, "Ignore unlabelled candidates.", option="--labelled-only", shown="")
     use_recovered: bool = setting(
         False,
-        "Use what the fusion of detections recovered as if it had been measured. [default: not seen]",
+        "Treat detections recovered by `occlog fuse` as measurements. [default: as missed]",
         option="--use-recovered",
         shown="",
     )
     in_turn: float | None = setting(
         None,
-        "Use one sensor at a time, each for so long, in the order of the scene. [default: all at once]",
+        "Round robin: use one sensor at a time for this long each, in the order of the scene. [default: all sensors]",
         unit="s",
         above=0,
         at_most=LONGEST_S,
@@ -182,7 +193,7 @@ class TrackRequest(_InWorld):
         metavar="SECONDS",
         shown="",
     )
-    motion: Path | None = source("How targets move, from `occlog fit-motion`.")
+    motion: Path | None = source("Motion model from `occlog fit-motion` (JSON).")
 
     @property
     def inputs(self) -> list[Path]:
@@ -194,35 +205,40 @@ class TrackRequest(_InWorld):
 
 @dataclass(frozen=True, kw_only=True)
 class TrackPeopleRequest(TrackRequestBase):
-    """Boxes of all cameras to follow people by."""
+    """Boxes of all cameras, from which people are tracked on the ground plane."""
 
     RUN: ClassVar[str] = "occlog.track.people.run:run_track_people"
     JUDGED: ClassVar[bool] = True
 
     doa: Path | None = source("Directions of arrival to use too: a table, or a recording that holds them.")
-    support: Path | None = sink("Which box of which camera speaks for which row (Parquet).", "support")
-    events: Path | None = sink("Births, deaths, and identities that may have been exchanged (Parquet).", "events")
+    support: Path | None = sink("Write the association probabilities of detections and tracks (Parquet).", "support")
+    events: Path | None = sink(
+        "Write track initiations and terminations, re-identifications and possible identity switches (Parquet).",
+        "events",
+    )
     gallery: Path | None = source(
-        "How people look (Parquet, of `occlog appearance learn`): tracks get its identities, and parts of "
-        "somebody who was lost and found are one track."
+        "Appearance gallery (Parquet, from `occlog appearance learn`): re-identifies tracks and joins the "
+        "fragments of a track that was lost."
     )
     view_tracks: Path | None = sink(
-        "Everybody in every image, hidden people too (Parquet).", "view_tracks", asked="also"
+        "Write all tracks projected into every image, occluded ones too (Parquet).", "view_tracks", asked="also"
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class SingleViewRequest(TrackRequestBase):
-    """Boxes to follow in each camera on its own."""
+    """Boxes, which are tracked in each camera separately."""
 
     RUN: ClassVar[str] = "occlog.track.single_view.run:run_track_single_view"
 
-    output: Path = output_file("Tracks (Parquet).", "boxes", result="tracks")
+    output: Path = output_file(
+        "Tracks in the images of each camera (boxes with identities, Parquet).", "boxes", result="tracks"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReadsRequest(_InWorld):
-    """Reads of tags to locate these by."""
+    """Reads of radio tags, from which the tags are located."""
 
     RUN: ClassVar[str] = "occlog.track.methods.readers.run:run_track_reads"
 
@@ -230,7 +246,7 @@ class ReadsRequest(_InWorld):
         "Bearings of the cameras of --refine: a table, or a recording. [default: those of the recording]"
     )
     virtual_sensors: Path | None = sink(
-        "The regions that sets of readers cover, with area, centroid and covariance (Parquet).",
+        "Write the regions covered by sets of readers, with area, centroid and covariance (Parquet).",
         "virtual_sensors",
         asked="also",
     )
@@ -238,25 +254,25 @@ class ReadsRequest(_InWorld):
 
 @dataclass(frozen=True, kw_only=True)
 class ViewsRequest(TrackRequestBase):
-    """A recording to track in the images of."""
+    """A recording with images, in which targets are tracked."""
 
     RUN: ClassVar[str] = "occlog.track.methods.images.run.run:run_track_views"
 
     output: Path = output_file("Tracks (Parquet).", "view_tracks")
     initial: Path | None = source(
-        "Where targets are in each view at first: CSV of ellipses, or boxes with identities (Parquet, or "
-        "a recording that holds true boxes). [default: from detections]"
+        "Initial ellipses in each view: CSV, or boxes with identities (Parquet, or a recording that holds true "
+        "boxes). [default: initiate from detections]"
     )
     detections: Path | None = source(
-        "Boxes of a detector, or views of `occlog detect`, that trackers begin from. [default without "
-        "--initial: boxes in the recording, or else what moves in it]"
+        "Detections that initiate trackers: boxes of a detector, or views of `occlog detect`. [default without "
+        "--initial: boxes in the recording, else its moving regions]"
     )
     fundamental: Path | None = source(
-        "Fundamental matrices (JSON, see `occlog epipolar`). [default: poses of --scene, "
-        "those in the recording, poses of its scene]"
+        "Fundamental matrices (JSON, from `occlog epipolar`). [default: camera poses of --scene, matrices in the "
+        "recording, poses of its scene]"
     )
     world: Path | None = sink(
-        "Where the targets are on the ground, from all views that track them (Parquet).", "tracks", asked="also"
+        "Write ground tracks, triangulated from all views that track a target (Parquet).", "tracks", asked="also"
     )
 
     @property

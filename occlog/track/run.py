@@ -20,9 +20,9 @@ from occlog.records.tables import Bearings, Delays
 from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
 from occlog.runner import Job
 from occlog.scans.config import DistanceMeasurementConfig
+from occlog.scans.distance_measurements import DistanceMeasurementFeed, Radio, SignalErrors
 from occlog.scans.grouping import checked, choose_sensors, sensor_names
 from occlog.scans.inputs import MeasurementInputs
-from occlog.scans.measured import DistanceMeasurementFeed, Radio, SignalErrors
 from occlog.scans.sources import only_measured, round_robin
 from occlog.settings import METRES, Settings, configure
 from occlog.track.drivers.rows import NetworkTraffic

@@ -20,13 +20,14 @@ class LagConfig(Settings):
 
     smooth: bool = setting(
         False,
-        f"Estimate each state from what was recorded before and after it, {MAX_SMOOTHING_STEPS} scans of a target "
-        "at a time.",
+        f"Smooth: estimate each state from earlier and later measurements, {MAX_SMOOTHING_STEPS} scans of a target "
+        f"at a time. More accurate, but available only later.",
         option="--smooth",
     )
     lag_s: float | None = setting(
         None,
-        "Smooth with at least so much of what comes after, in bounded memory.",
+        "Fixed-lag smoothing: use at least this much later data, in bounded memory. Longer lags resolve longer "
+        "occlusions and delay the output. Typical 2 to 10 s.",
         unit="s",
         at_least=1e-9,
         at_most=1e9,
@@ -52,4 +53,8 @@ class LagConfig(Settings):
 class SmoothingConfig(LagConfig):
     """The same for filters whose particles are smoothed by trajectories drawn backwards."""
 
-    trajectories: int = setting(200, "Trajectories that the smoother draws.", at_least=2)
+    trajectories: int = setting(
+        200,
+        "Trajectories drawn by the backward simulation. More give smoother covariances and take longer.",
+        at_least=2,
+    )

@@ -9,8 +9,8 @@ import pytest
 
 import occlog
 from occlog.errors import SPELLING, option
+from occlog.measure.associate.request import LabelRequest
 from occlog.measure.fuse.request import FuseRequest
-from occlog.measure.label.request import LabelRequest
 from occlog.request import Form, Request
 
 FUNCTIONS: list[tuple[Callable[..., object], type[Request]]] = [

@@ -121,7 +121,7 @@ def test_an_option_of_another_variant_is_refused_with_those_that_have_it(args: l
 def test_help_without_a_choice_shows_the_default_variant_only_where_asked_to() -> None:
     shared, shown = call(switch(False), "--help").output, call(switch(True), "--help").output
     for text in (shared, shown):
-        assert "Kinds (--kind NAME --help tells what each takes)" in text
+        assert "Kinds (--kind NAME --help lists the options of each)" in text
         assert "no kind" in text
     assert "Options of --kind lamp" not in shared
     assert "Options of --kind lamp" in shown

@@ -16,7 +16,7 @@ from occlog.consistency.bearings import (
     ComparedBearings,
     bearing_residuals,
 )
-from occlog.core.sight.camera import azimuth_to_u
+from occlog.core.geometry.camera import azimuth_to_u
 from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_rotation
 from occlog.records.tables import Bearings, Diagnostics, Residuals, Tracks
 

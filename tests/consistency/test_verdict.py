@@ -25,7 +25,7 @@ from occlog.consistency.verdict import (
     exceeds_share,
     nis_check,
 )
-from occlog.core.metrics.consistency import Ratio
+from occlog.core.metrics.normalised_squares import Ratio
 from occlog.records.scene import Scene
 from occlog.records.tables import Diagnostics, Residuals, Tracks
 from occlog.records.verdicts import Verdict, finding, findings, plausible, summary_of

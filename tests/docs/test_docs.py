@@ -74,6 +74,15 @@ def test_links_lead_somewhere() -> None:
                 assert (path.parent / target).exists(), f"{path.name}: {target}"
 
 
+def test_glossary_names_modules_that_exist() -> None:
+    page = (ROOT / "docs/development/glossary.md").read_text(encoding="utf-8")
+    folders = {path.name for path in (ROOT / "occlog").iterdir() if path.is_dir()}
+    named = [name for name in re.findall(r"`([a-z_]+(?:\.[a-z0-9_]+)+)`", page) if name.split(".")[0] in folders]
+    assert len(named) > 80
+    paths = [ROOT / "occlog" / name.replace(".", "/") for name in named]
+    assert [str(path) for path in paths if not (path.is_dir() or path.with_suffix(".py").exists())] == []
+
+
 def test_every_picture_is_made_by_a_command_and_shown() -> None:
     there = {path.name for path in (ROOT / "docs/pictures").iterdir() if path.suffix not in (".py", "")}
     shown = "".join(path.read_text(encoding="utf-8") for path in TEXTS)

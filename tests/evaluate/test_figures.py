@@ -7,7 +7,7 @@ import json
 import pytest
 from places import ROOT
 
-from occlog.evaluate.figures import unknown_metric_hint
+from occlog.evaluate.metric_names import unknown_metric_hint
 from occlog.report.content.metrics_in_words import WORDS
 
 GIVEN = json.loads((ROOT / "tests" / "golden" / "expected" / "simulated" / "metrics.json").read_text())

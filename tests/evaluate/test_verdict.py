@@ -7,8 +7,8 @@ import pytest
 
 from occlog.consistency.bearings import ResidualStatistics
 from occlog.consistency.verdict import MIN_SAMPLES, ConsistencyEvidence
-from occlog.core.metrics.consistency import Ratio
 from occlog.core.metrics.errors import CHI2_95_2D
+from occlog.core.metrics.normalised_squares import Ratio
 from occlog.evaluate.verdict import (
     MAX_BOUND_RATIO,
     MAX_OUTSIDE_95_SHARE,

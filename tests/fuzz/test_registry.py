@@ -14,11 +14,12 @@ from .watch import watching
 
 FILES = re.compile(r"Path|bytes|mmap")
 ELSEWHERE = {
-    "frames/folder.py read_folders": "lists the images of folders, of which there are one reader each",
-    "frames/folder.py load": "gives these their places",
+    "frames/streams.py read_folders": "lists the images of folders, of which there are one reader each",
+    "frames/streams.py load": "gives these their places",
     "open.py open_in_unit": "opens by `open_input`, and converts units",
     "open.py load_scene": "chooses between readers of scenes and of recordings",
     "recording/reader.py open_linked": "opens videos, which FFmpeg takes apart",
+    "recording/salvage/records.py recover_block_tail": "completes a cut block of LZ4 for the salvage",
 }
 """Functions that no reader calls, and why."""
 

@@ -18,7 +18,7 @@ import zstandard
 from ros_bags import START, STEP, Row
 
 from occlog.cli.main import run
-from occlog.core.sight.camera import rotation_from_angles
+from occlog.core.geometry.camera import rotation_from_angles
 from occlog.errors import ExitCode
 from occlog.io.recording.reader import McapRecording, open_recording
 from occlog.records.tables import Boxes, Doa, Truth

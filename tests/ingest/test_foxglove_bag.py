@@ -18,7 +18,7 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from mcap.writer import Writer
 
 from occlog.cli.main import run
-from occlog.core.sight.camera import rotation_from_angles
+from occlog.core.geometry.camera import rotation_from_angles
 from occlog.errors import ExitCode
 from occlog.io.recording.reader import open_recording
 from occlog.records.tables import Truth

@@ -15,7 +15,7 @@ import pytest
 from msgspec.structs import replace as replace_struct
 
 from occlog.cli.main import run
-from occlog.core.sight.camera import rotation_from_angles
+from occlog.core.geometry.camera import rotation_from_angles
 from occlog.errors import ExitCode
 from occlog.io.files.inputs import verdicts_of_file
 from occlog.io.files.tables.parquet import read_provenance, read_table

@@ -11,9 +11,9 @@ import pytest
 
 from benchmarks.plan import rooms
 from occlog.array_types import Floats
-from occlog.core.occlusion.blocking_shares import shares
+from occlog.core.geometry.camera import rotation_from_angles
+from occlog.core.occlusion.blocking_probability import shares
 from occlog.core.occlusion.priors import polygon_priors
-from occlog.core.sight.camera import rotation_from_angles
 from occlog.errors import InputError
 from occlog.plan.config import PlanConfig
 from occlog.plan.filtering import FilterNoise, Motion, Reports, errors_along, square_error_in_room

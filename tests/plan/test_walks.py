@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from occlog.array_types import Bools, Floats
-from occlog.core.sight.camera import rotation_from_angles
-from occlog.core.sight.visibility import behind_objects
+from occlog.core.geometry.camera import rotation_from_angles
+from occlog.core.geometry.visibility import behind_objects
 from occlog.errors import InputError
 from occlog.plan.config import PlanConfig
 from occlog.plan.filtering import FilterNoise, Motion, Reports, errors_along

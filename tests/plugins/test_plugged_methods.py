@@ -19,7 +19,7 @@ from occlog.cli.main import cli, run
 
 BAD = """
 import numpy as np
-from occlog.plugins.interface import Place, Settings
+from occlog.plugins.interface import EstimatedPosition, Settings
 
 class Fails:
     summary, settings = "it fails", Settings
@@ -27,7 +27,7 @@ class Fails:
     def step(self, moment): return 1 / 0
 
 class Lies(Fails):
-    def step(self, moment): return Place(np.zeros(2), -np.eye(2))
+    def step(self, moment): return EstimatedPosition(np.zeros(2), -np.eye(2))
 
 class Empty: pass
 """

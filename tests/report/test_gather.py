@@ -29,14 +29,14 @@ from occlog.records.columns import ColumnTable
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Errors, Events, Occluders, PeopleTracks, Tracks, Truth
 from occlog.report import drawing as plot
-from occlog.report.content import thinned as rule
+from occlog.report.content import downsampled as rule
+from occlog.report.content.downsampled import ErrorsSoFar, TableTotals, downsample, downsample_with, every_nth
 from occlog.report.content.model import ReportInput
-from occlog.report.content.thinned import ErrorsSoFar, TableTotals, downsample, downsample_with, every_nth
 from occlog.report.gather import gather, in_files
 from occlog.report.page import build_markdown
 from occlog.report.plots.floorplan import plan_limits
 from occlog.report.replay.build import replay
-from occlog.report.replay.moments import ReplaySteps
+from occlog.report.replay.steps import ReplaySteps
 
 STEPS = 400
 RANDOM = np.random.default_rng(5)

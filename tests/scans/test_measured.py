@@ -13,8 +13,7 @@ from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import Camera, MicrophoneArray, Scene, TagReader, camera_rotation
 from occlog.records.tables import Reads
 from occlog.scans.config import DistanceMeasurementConfig
-from occlog.scans.grouping import Scan
-from occlog.scans.measured import (
+from occlog.scans.distance_measurements import (
     DistanceMeasurementFeed,
     Radio,
     SignalErrors,
@@ -22,6 +21,7 @@ from occlog.scans.measured import (
     measurements_of_reads,
     pack,
 )
+from occlog.scans.grouping import Scan
 
 
 def scene(unit: str = "m", z: float = 0.0) -> Scene:

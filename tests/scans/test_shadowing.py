@@ -7,7 +7,7 @@ import pytest
 
 from occlog.array_types import NS
 from occlog.records.declared.sensors import Measurements
-from occlog.scans.measured import SignalErrors, sigmas, with_sigmas
+from occlog.scans.distance_measurements import SignalErrors, sigmas, with_sigmas
 
 
 def reads(t_s: np.ndarray, sensor: list[str], target: list[int], sigma: np.ndarray) -> Measurements:

@@ -12,7 +12,7 @@ import pytest
 
 from occlog.array_types import Floats
 from occlog.cli.main import run
-from occlog.core.sight.camera import planar_offsets, u_to_azimuth
+from occlog.core.geometry.camera import planar_offsets, u_to_azimuth
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table

@@ -17,6 +17,7 @@ from thrift_compact import Field, Struct, Structs, written
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
+from occlog.io.external.source import ArrowMessageHeader, messages
 from occlog.io.files.limits import FREE_BYTES, FREE_ROWS, check_declared_size
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables import arrow as arrow_columns
@@ -25,7 +26,6 @@ from occlog.io.files.tables import parquet as vectors
 from occlog.io.files.tables.parquet import batches, opened_table, read_table
 from occlog.io.files.tables.sizes import BINARY, I32, I64, LIST, STRUCT
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.foreign.source import ArrowMessageHeader, messages
 from occlog.records.tables import Bearings, Views
 
 BIG = 1 << 30

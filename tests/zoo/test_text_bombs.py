@@ -11,12 +11,12 @@ import pytest
 from apart import check_apart
 
 from occlog.errors import ExitCode, InputError
+from occlog.io.external.source import MAX_COLUMNS
 from occlog.io.files.texts import csv_rows
 from occlog.io.files.texts import documents as json_file
 from occlog.io.files.texts.csv_rows import FREE_LINES, text_lines
 from occlog.io.files.texts.documents import MAX_TOML_BYTES, toml_values
 from occlog.io.files.texts.yaml import LONGEST_NUMBER
-from occlog.io.foreign.source import MAX_COLUMNS
 
 CASES: dict[str, tuple[str, Callable[[], str], str]] = {
     "a number to the base of 60": (

@@ -23,8 +23,8 @@ import math
 import numpy as np
 
 from occlog.array_types import Floats
+from occlog.core.geometry.camera import noise_variance, planar_offsets
 from occlog.core.numerics.jit import kernel
-from occlog.core.sight.camera import noise_variance, planar_offsets
 
 MAX_INFORMATION_RATIO = 1e10
 """A sum of 1 and more than this has too few digits of the 1 left."""

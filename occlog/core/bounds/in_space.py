@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from occlog.array_types import Bools, Floats
-from occlog.core.sight.projected_planes import (
+from occlog.core.geometry.projected_planes import (
     AXES,
     blind_planes,
     direction_angles,

@@ -18,7 +18,7 @@ CUBIC_METRE = {unit: 0.1 / metres**3 for unit, metres in METRES.items()}
 class FieldSettings(Settings):
     """Constants of the potentials, and rules against collisions and oscillation ([Lee] Sec. 5.2.2).
 
-    The defaults in a unit of its own are those of the printed example; those in metres, feet and inches let people
+    The defaults in a scene-specific unit are those of the printed example; those in metres, feet and inches let people
     and robots pass each other, and doors.
     """
 
@@ -26,7 +26,10 @@ class FieldSettings(Settings):
         0.5, "Strength c_att of the goal's potential; only its ratio to the repulsion counts.", above=0
     )
     attraction_power: int = setting(
-        2, "Exponent m of the goal's potential; with 1 the goal pulls equally at all distances.", people=1, at_least=1
+        2,
+        "Exponent m of the goal's potential; with 1 the goal attracts equally at all distances.",
+        people=1,
+        at_least=1,
     )
     repulsion: float = setting(5.0, "Strength c_rep of an obstacle's potential.", people=CUBIC_METRE, at_least=0)
     repulsion_power: int = setting(2, "Exponent n of an obstacle's potential.", at_least=1)
@@ -69,15 +72,15 @@ class FieldSettings(Settings):
     )
     aligned: float = setting(
         0.1,
-        "Robot, obstacle and goal are in line where the unit vectors of Eq. 5.18 differ by at most this; 0 is the "
-        "printed equality, which rounding alone breaks.",
+        "Robot, obstacle and goal are in line if the unit vectors of Eq. 5.18 differ by at most this; 0 is the "
+        "printed equality, which rounding breaks.",
         at_least=0,
         at_most=2,
         option="--aligned",
     )
     opposite: float = setting(
         0.05,
-        "Two forces are opposite where the cosine of the angle between them is at most -1 plus this (Eq. 5.26).",
+        "Two forces are opposite if the cosine of the angle between them is at most -1 plus this (Eq. 5.26).",
         at_least=0,
         below=1,
         option="--opposite",

@@ -24,7 +24,7 @@ from occlog.core.metrics.errors import Sum, intersection_areas, intersection_ove
 from occlog.errors import InputError
 from occlog.evaluate.errors.sums import quantiles_of
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.looks import SensorObservationSet, observe
+from occlog.evaluate.matching.observations import SensorObservationSet, observe
 from occlog.evaluate.matching.paths import paths_of, sensors_of
 from occlog.io.files.spill import NUMBERS_IN_MEMORY, Spool
 from occlog.records.scene import Scene

@@ -25,9 +25,9 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.geometry.camera import wrap_angle
 from occlog.core.metrics.errors import Sum, pair_within, quantile, ratio_or_nan
 from occlog.core.numerics.interpolate import interpolate_positions
-from occlog.core.sight.camera import wrap_angle
 from occlog.errors import InputError
 from occlog.evaluate.errors.sums import quantiles_of
 from occlog.evaluate.matching.config import EvaluateConfig

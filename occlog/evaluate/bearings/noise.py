@@ -30,12 +30,12 @@ import numpy as np
 from scipy.special import chdtri, gammaln
 
 from occlog.array_types import NS, Floats, Ints
+from occlog.core.geometry import triangulate
 from occlog.core.metrics.errors import Sum, group_medians, ratio_or_nan
-from occlog.core.sight import triangulate
 from occlog.errors import InputError
 from occlog.evaluate.errors.sums import median_of
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.looks import SensorObservationSet
+from occlog.evaluate.matching.observations import SensorObservationSet
 from occlog.evaluate.matching.paths import SensorGeometry
 from occlog.io.files.spill import NUMBERS_IN_MEMORY, Spool
 from occlog.records.scene import Scene

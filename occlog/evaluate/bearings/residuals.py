@@ -13,15 +13,15 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.consistency.verdict import ConsistencyEvidence
+from occlog.core.geometry import triangulate
 from occlog.core.metrics.errors import Sum, ratio_or_nan
-from occlog.core.sight import triangulate
 from occlog.evaluate.errors.bound import BoundDimensions, Bounds
 from occlog.evaluate.errors.information import DistancesOfTargets
 from occlog.evaluate.errors.sums import quantiles_of
 from occlog.evaluate.errors.survey import EvaluationChunk, EvaluationSurvey, StretchTables
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.looks import SensorObservationSet, observe
-from occlog.evaluate.matching.outline import NEAR_NS, OCCLUDER, TARGET, TruthOutlines
+from occlog.evaluate.matching.observations import SensorObservationSet, observe
+from occlog.evaluate.matching.path_outline import NEAR_NS, OCCLUDER, TARGET, TruthOutlines
 from occlog.evaluate.matching.paths import ObjectPath, SensorGeometry, paths_of, sensors_of
 from occlog.evaluate.sources import EvaluationSources, rows_of
 from occlog.evaluate.verdict import SightEvidence, in_rows_of

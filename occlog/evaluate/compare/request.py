@@ -14,9 +14,9 @@ from occlog.settings import setting
 class CompareRequest(Request):
     """Compare METHODS, each a table of tracks, a run folder or a folder of run folders, with the first of them.
 
-    Tracks are on the ground, of one target or of many, and are compared with the truth and with each other in the same
-    frames.  Verdicts and confidence intervals are of an exact test, which exchanges recordings of the runs where there
-    are eight or more, and else stretches of time.
+    Tracks are on the ground, of one target or of many. They are compared with the truth and with each other in the
+    same frames. Verdicts and confidence intervals come from an exact sign-flip test over recordings of the runs if
+    there are eight or more, else over time intervals.
 
     \b
       occlog compare run/old run/new --truth hall.mcap
@@ -30,13 +30,13 @@ class CompareRequest(Request):
         "Tables of tracks, run folders, or folders of run folders.", argument=True, there=False
     )
     truth: Path | None = source(
-        "True positions: a recording or a table; a folder of such, by the names of run folders. "
-        "[default: recording.mcap of each run folder]",
+        "True positions: a recording or a table; or a folder of these, by the names of run folders. [default: "
+        "recording.mcap of each run folder]",
         there=False,
     )
     figures: tuple[str, ...] = setting(
         (),
-        "Only this figure, such as idf1; may be repeated; a wrong name lists all.",
+        "Only this metric, such as idf1; may be repeated; a wrong name lists all.",
         option="--figure",
         metavar="NAME",
         repeat=True,
@@ -54,7 +54,7 @@ class CompareRequest(Request):
     )
     match_distance: float | None = setting(
         None,
-        "A track meets a target this near.",
+        "Match threshold: a track matches a target within this distance.",
         unit="length",
         above=0,
         at_most=1e9,
@@ -63,7 +63,7 @@ class CompareRequest(Request):
         shown="1 m",
     )
     markdown: Path | None = sink("Also write the table as Markdown.")
-    seed: int = setting(0, "Of what is drawn at random.", at_least=0, option="--seed")
+    seed: int = setting(0, "Seed of the random draws.", at_least=0, option="--seed")
 
     @property
     def inputs(self) -> list[Path]:

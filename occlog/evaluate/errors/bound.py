@@ -22,7 +22,7 @@ from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.bounds import in_plane as crlb
 from occlog.core.metrics.errors import Sum, ratio_or_nan
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.looks import SensorObservationSet
+from occlog.evaluate.matching.observations import SensorObservationSet
 from occlog.evaluate.matching.paths import ObjectPath, SensorGeometry
 from occlog.io.files.spill import RECORDS_PER_BLOCK, Blocks, Records
 from occlog.records.columns import ColumnTable

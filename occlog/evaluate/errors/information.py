@@ -19,7 +19,7 @@ from occlog.core.bounds import in_plane as crlb
 from occlog.core.bounds import in_space as bounds3d
 from occlog.errors import InputError
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.matching.looks import SensorObservations
+from occlog.evaluate.matching.observations import SensorObservations
 from occlog.evaluate.matching.paths import ObjectPath, SensorGeometry
 from occlog.filtering.likelihood.distances import RangeMeasurements
 from occlog.filtering.likelihood.distances import information as distance_information
@@ -27,7 +27,14 @@ from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import Scene
 from occlog.records.tables import Bound
 from occlog.scans.config import DistanceMeasurementConfig
-from occlog.scans.measured import LastReads, Radio, RangeDifferenceCheck, make_stations, pack, with_strengths
+from occlog.scans.distance_measurements import (
+    LastReads,
+    Radio,
+    RangeDifferenceCheck,
+    make_stations,
+    pack,
+    with_strengths,
+)
 
 Metrics = dict[str, float]
 

@@ -35,26 +35,27 @@ class EvaluateConfig(Settings):
 
     max_gap_s: float | None = setting(
         None,
-        "Interpolate between samples at most this far apart; nothing is extrapolated.",
+        "Maximum gap of truth or tracks to interpolate; nothing is extrapolated.",
         unit="s",
         at_least=0,
         at_most=1e9,
         option="--max-gap",
         metavar="SECONDS",
-        nothing="1.5 times the usual time between a target's true rows, 0.2 s at least and 1 s at most; for tracks 1 s",
+        nothing="1.5 times the usual period of the truth of a target, at least 0.2 s and at most 1 s; for tracks 1 s",
         kinds=(AZIMUTHS, *WORLD),
     )
     match: str = setting(
         "id",
-        "Tracks to true targets: by equal numbers, or so that the overall RMSE is least.",
+        "Match tracks to targets over the whole run: by equal identities (`id`), or one-to-one with the least "
+        "overall RMSE (`optimal`).",
         choices=("id", "optimal"),
         option="--match",
-        shown="id; optimal for tracks whose numbers are the tracker's own",
+        shown="id; optimal for tracks with the tracker's own numbers",
         kinds=(GROUND,),
     )
     skip_s: float = setting(
         0.0,
-        "Give `settled_` figures too, without this much after each target's first estimate.",
+        "Settling time: also report `settled_` metrics without this time after the first estimate of each target.",
         unit="s",
         at_least=0,
         at_most=1e9,
@@ -64,7 +65,7 @@ class EvaluateConfig(Settings):
     )
     from_ns: int | None = setting(
         None,
-        "Give `settled_` figures too, from this time on [ns since 1970].",
+        "Also report `settled_` metrics from this time on [ns since 1970].",
         option="--from",
         metavar="T_NS",
         nothing="the first estimate",
@@ -72,14 +73,14 @@ class EvaluateConfig(Settings):
     )
     gate_sigma: float = setting(
         4.0,
-        "A bearing this many standard deviations from the truth is still of the target.",
+        "Gate: a bearing within this many standard deviations of the truth is a detection of the target.",
         above=0,
         option="--gate-sigma",
         kinds=WORLD,
     )
     gate_px: float | None = setting(
         None,
-        "The same in pixels, for cameras, instead of --gate-sigma.",
+        "Gate in pixels for cameras, instead of --gate-sigma.",
         above=0,
         option="--gate-px",
         metavar="PX",
@@ -87,35 +88,36 @@ class EvaluateConfig(Settings):
     )
     occluder_diameter: float | None = setting(
         None,
-        "Moving objects of the truth hide what is behind them.",
+        "Diameter of moving objects of the truth, which occlude those behind them.",
         above=0,
         option="--occluder-diameter",
         metavar="LENGTH",
-        nothing="that of `simulate` if it made the truth, else they hide nothing",
+        nothing="that of `simulate` if it made the truth, else no occlusion",
         kinds=WORLD,
     )
     motion: str = setting(
         "waypoint",
-        "Motion of the bound: a walk whose drift is known, or constant velocity with noise.",
+        "Motion model of the Cramer-Rao bound: `waypoint`, a walk with known drift, or `cv`, constant velocity "
+        "with noise.",
         choices=("waypoint", "cv"),
         option="--motion",
         kinds=WORLD,
     )
     sigma_v: float | None = setting(
         None,
-        "Noise of the walk, per axis, after 1 s.",
+        "Process noise of the bound: position noise per axis, accumulated over 1 s (--motion waypoint).",
         unit="length",
         at_least=0,
         people={unit: 0.05 / metres for unit, metres in METRES.items()},
         own=0.33,
         option="--sigma-v",
         metavar="LENGTH",
-        shown="that of `simulate` if it made the truth, else 0.05 m, or 0.33 in units of its own",
+        shown="that of `simulate` if it made the truth, else 0.05 m, or 0.33 in a scene-specific unit",
         kinds=WORLD,
     )
     acceleration_density: float = setting(
         1.0,
-        "Of --motion cv.",
+        "Process noise of the bound: spectral density of white acceleration (--motion cv).",
         unit="length^2/s^3",
         at_least=0,
         option="--acceleration-density",
@@ -123,7 +125,7 @@ class EvaluateConfig(Settings):
     )
     sigma_speed: float = setting(
         1.5,
-        "Prior of each velocity component, --motion cv.",
+        "Prior standard deviation of each velocity component (--motion cv).",
         unit="length/s",
         above=0,
         option="--sigma-speed",
@@ -131,35 +133,34 @@ class EvaluateConfig(Settings):
     )
     prior_cov: tuple[float, float, float] | None = setting(
         None,
-        "Covariance of the position at the first look.",
+        "Prior covariance of the position at the first observation, for the bound.",
         counts=(3,),
         apart=True,
         option="--prior",
         metavar="XX XY YY",
-        nothing="anywhere in the room",
+        nothing="uniform over the room",
         kinds=WORLD,
     )
     prior_z: float | None = setting(
         None,
-        "Variance of the height at the first look, for a bound in space.",
+        "Prior variance of the height at the first observation, for a bound in space.",
         above=0,
         option="--prior-z",
         metavar="ZZ",
-        nothing="anywhere below the room's ceiling",
+        nothing="uniform up to the ceiling of the room",
         kinds=WORLD,
     )
     bound_in: str = setting(
         "auto",
-        "Bound of (x, y) from azimuths, or of (x, y, z) from elevations too; auto: in space for "
-        "targets whose track and truth have heights.",
+        "Dimensions of the bound: `ground` (x, y from azimuths) or `space` (x, y, z, from elevations too); auto: "
+        "space for targets with heights in track and truth.",
         choices=("auto", "ground", "space"),
         option="--bound-in",
         kinds=WORLD,
     )
     held_out: tuple[str, ...] = setting(
         (),
-        "Predict this sensor (its bearings, or everybody's boxes of --views) from tracks made without it; may be "
-        "repeated.",
+        "Predict this sensor (its bearings, or all boxes of --views) from tracks made without it; may be repeated.",
         repeat=True,
         option="--held-out",
         metavar="SENSOR",
@@ -168,7 +169,7 @@ class EvaluateConfig(Settings):
     )
     held_out_gate: float = setting(
         0.05,
-        "A bearing this near to the prediction counts as predicted.",
+        "Gate: a bearing within this angle of its prediction counts as predicted.",
         above=0,
         scale=1e-3,
         option="--held-out-gate-mrad",
@@ -176,7 +177,7 @@ class EvaluateConfig(Settings):
     )
     held_out_gate_px: float = setting(
         100.0,
-        "A box this near to where a track is expected counts as predicted, everybody's.",
+        "Gate: a box within this distance of a predicted track counts as predicted.",
         unit="px",
         above=0,
         option="--held-out-gate-px",
@@ -185,14 +186,14 @@ class EvaluateConfig(Settings):
     )
     lines_min_sensors: int = setting(
         2,
-        "Sight lines that must meet for a scan to be compared with the track.",
+        "Minimum lines of sight that are triangulated for the comparison of a scan with the track.",
         at_least=2,
         option="--lines-min-sensors",
         kinds=WORLD,
     )
     lines_window_s: float = setting(
         0.0,
-        "Looks this close together in time make one scan.",
+        "Observations closer together in time make one scan.",
         unit="s",
         at_least=0,
         at_most=1e9,
@@ -203,14 +204,14 @@ class EvaluateConfig(Settings):
     )
     lines_loss: str = setting(
         "huber",
-        "How lines that miss the others count.",
+        "Robust loss of the triangulation.",
         choices=("gauss", "huber", "cauchy"),
         option="--lines-loss",
         kinds=WORLD,
     )
     lines_limit: float | None = setting(
         None,
-        "Give the share of scans in which the track is this near to the meeting point.",
+        "Also report the share of scans in which the track is within this distance of the triangulated point.",
         above=0,
         option="--lines-limit",
         metavar="LENGTH",
@@ -218,7 +219,7 @@ class EvaluateConfig(Settings):
     )
     lines_min_crossing: float = setting(
         math.radians(5.0),
-        "Refuse scans whose lines cross at smaller angles.",
+        "Minimum triangulation angle: scans with lines of sight at smaller angles are refused as ill-conditioned.",
         at_least=0,
         scale=math.radians(1.0),
         option="--lines-crossing-deg",
@@ -227,7 +228,7 @@ class EvaluateConfig(Settings):
     )
     box_overlap: float = setting(
         0.5,
-        "Intersection over union from which a view or a track is of a true box.",
+        "IoU (intersection over union) threshold for matching a view or a track to a true box.",
         above=0,
         at_most=1,
         option="--box-overlap",

@@ -11,9 +11,9 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.bounds.in_space import sight_angles
+from occlog.core.geometry.camera import planar_offsets, wrap_angle
+from occlog.core.geometry.visibility import behind_walls, in_view
 from occlog.core.numerics.interpolate import hold_positions, interpolate_positions
-from occlog.core.sight.camera import planar_offsets, wrap_angle
-from occlog.core.sight.visibility import behind_walls, in_view
 from occlog.errors import InputError
 from occlog.records.columns import rows_by_label
 from occlog.records.scene import Camera, Scene

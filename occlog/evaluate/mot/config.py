@@ -28,8 +28,8 @@ class MultiTargetConfig(Settings):
 
     tau: float = setting(
         1.0,
-        "A tracker is on a target this many radii from it, sqrt(half width x half height) of the true "
-        "box; further away it is not.",
+        "Distance gate in the image: a tracker is on a target within this many radii, sqrt(half width x half "
+        "height) of the true box ([Qu] tau).",
         above=0,
         option="--tau",
         metavar="FACTOR",
@@ -37,7 +37,7 @@ class MultiTargetConfig(Settings):
     )
     tau_px: float | None = setting(
         None,
-        "The same in pixels, instead of --tau.",
+        "Distance gate in pixels, instead of --tau.",
         above=0,
         option="--tau-px",
         metavar="PX",
@@ -45,7 +45,8 @@ class MultiTargetConfig(Settings):
     )
     own: str = setting(
         "label",
-        "A track's own target: that of its number, the first one it is on, or by the best assignment.",
+        "Assigned target of a track: by its identity (`label`), the first one it is on (`start`), or by the best "
+        "assignment (`best`).",
         choices=("label", "start", "best"),
         option="--own",
         shown="label; start for MOTChallenge text, boxes, tracks born from detections; else best with --match optimal",
@@ -53,14 +54,14 @@ class MultiTargetConfig(Settings):
     )
     clear_rule: str = setting(
         "classic",
-        "CLEAR-MOT pairs as py-motmetrics (classic) or as TrackEval.",
+        "CLEAR-MOT matching as in py-motmetrics (`classic`) or in TrackEval (`challenge`).",
         choices=("classic", "challenge"),
         option="--clear-rule",
         kinds=MANY,
     )
     benchmark: str = setting(
         "auto",
-        "Rules for the classes of a MOTChallenge truth (mot17: of MOT16 too); mot15: it has none.",
+        "Rules for the classes of a MOTChallenge truth: mot17 (of MOT16 too), mot20, or mot15, which has no classes.",
         choices=("auto", "mot15", "mot17", "mot20"),
         option="--benchmark",
         shown="mot17 where the truth is text with a column of classes, which 8 or 9 columns mean; else mot15",
@@ -68,14 +69,14 @@ class MultiTargetConfig(Settings):
     )
     overlap: float = setting(
         0.5,
-        "Intersection over union from which a track meets a true box; --box-overlap.",
+        "IoU (intersection over union) at which a track matches a true box; --box-overlap.",
         above=0,
         at_most=1,
         kinds=(IMAGES,),
     )
     match_distance: float | None = setting(
         None,
-        "On the ground: a track meets a target this near.",
+        "On the ground: match threshold, the largest distance at which a track matches a target.",
         unit="length",
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
@@ -87,7 +88,7 @@ class MultiTargetConfig(Settings):
     )
     track_gap_s: float | None = setting(
         None,
-        "On the ground: interpolate tracks of many targets over at most this.",
+        "On the ground: maximum gap to interpolate in tracks of many targets.",
         at_least=0,
         at_most=1e9,
         option="--track-gap",
@@ -97,24 +98,26 @@ class MultiTargetConfig(Settings):
     )
     gospa_cutoff: float | None = setting(
         None,
-        "GOSPA's cutoff, of 1 - IoU or of the distance on the ground.",
+        "Cutoff of GOSPA, of 1 - IoU or of the distance on the ground.",
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
         option="--gospa-cutoff",
-        nothing="where a pair meets",
+        nothing="threshold of a match",
         kinds=MANY,
     )
-    gospa_p: float = setting(2.0, "GOSPA's exponent.", at_least=1, at_most=MAX_POWER, option="--gospa-p", kinds=MANY)
-    gospa_alpha: float = setting(2.0, "GOSPA's alpha.", above=0, at_most=2, option="--gospa-alpha", kinds=MANY)
+    gospa_p: float = setting(2.0, "Exponent p of GOSPA.", at_least=1, at_most=MAX_POWER, option="--gospa-p", kinds=MANY)
+    gospa_alpha: float = setting(
+        2.0, "Parameter alpha of GOSPA.", above=0, at_most=2, option="--gospa-alpha", kinds=MANY
+    )
     gospa_switch: float | None = setting(
         None,
-        "Trajectory GOSPA's price of a change from one track to another, on the ground.",
+        "On the ground: switch penalty of trajectory GOSPA.",
         unit="length",
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
         option="--gospa-switch",
         metavar="LENGTH",
-        nothing="GOSPA's cutoff",
+        nothing="cutoff of GOSPA",
         kinds=(GROUND,),
     )
     ospa_cutoff: float | None = setting(
@@ -133,7 +136,7 @@ class MultiTargetConfig(Settings):
     )
     ospa_window: int | None = setting(
         None,
-        "Give the mean of OSPA(2) over windows of so many frames too, on the ground.",
+        "On the ground: also report OSPA(2) averaged over windows of this many frames.",
         at_least=1,
         option="--ospa-window",
         metavar="FRAMES",
@@ -141,7 +144,7 @@ class MultiTargetConfig(Settings):
     )
     moda_distance: float | None = setting(
         None,
-        "Of MODA and MODP, on the ground: a track meets a target this near.",
+        "On the ground: match threshold of MODA and MODP.",
         unit="length",
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
@@ -153,7 +156,7 @@ class MultiTargetConfig(Settings):
     )
     gospa_px: float | None = setting(
         None,
-        "Give GOSPA of the centres in the image too, with this cutoff.",
+        "Also report GOSPA of box centres in the image, with this cutoff.",
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
         option="--gospa-px",
@@ -162,7 +165,7 @@ class MultiTargetConfig(Settings):
     )
     cameras: tuple[str, ...] = setting(
         (),
-        "Of tracks in images: compare this camera only; may be repeated.",
+        "For tracks in images: compare this camera only; may be repeated.",
         repeat=True,
         option="--camera",
         metavar="NAME",

@@ -17,7 +17,7 @@ from .result import RTOL, Limit, Tolerances, as_dict, report_lines
 DURATIONS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
 
 
-@click.command(name="diff", short_help="Say whether two outputs are the same, and where they first differ.")
+@click.command(name="diff", short_help="Compare two outputs and list the differences.")
 @click.argument("a", type=options.INPUT)
 @click.argument("b", type=options.INPUT)
 @click.option(
@@ -51,11 +51,11 @@ DURATIONS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
     default="0ns",
     show_default=True,
     metavar="DURATION",
-    help="Rows this close in time are the same row, e.g. 1ms.",
+    help="Rows within this time are the same row, e.g. 1ms.",
 )
-@click.option("--exclude", multiple=True, metavar="GLOB", help="Leave files of a folder out; may be repeated.")
+@click.option("--exclude", multiple=True, metavar="GLOB", help="Exclude files of a folder; may be repeated.")
 @click.option("--pixels", is_flag=True, help="Compare frames by their pixels, not by how they are compressed.")
-@click.option("--provenance", is_flag=True, help="How the outputs were made counts too.")
+@click.option("--provenance", is_flag=True, help="Compare the provenance too.")
 @options.json_opt
 def command(
     a: Path,
@@ -70,11 +70,11 @@ def command(
     provenance: bool,
     as_json: bool,
 ) -> int:
-    """Say whether A and B are the same: tables, recordings, JSON files, or folders of them.
+    """Compare A and B: tables, recordings, JSON files, or folders of them.
 
-    Rows are joined by their key, not by their place.  Two numbers are the same if
-    |a - b| <= ATOL + RTOL max(|a|, |b|); angles may be a whole turn apart, and NaN equals
-    NaN.  Integers and labels must be equal.  Exit code 0: the same; 5: different.
+    Rows are joined by their key, not by their index. Two numbers are equal if |a - b| <= ATOL + RTOL max(|a|, |b|);
+    angles are compared modulo a full turn, and NaN equals NaN. Integers and labels must be equal. Exit code 0:
+    equal; 5: different.
 
     \b
       occlog diff tests/golden run/ --exclude 'report.*'

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from occlog.io.files.utc import time_words
+
 Scalar = str | bool | int | float | None
 """A value as JSON has it."""
 
@@ -266,7 +268,11 @@ def _most(found: RowDifference) -> str:
 
 
 def _key(key: Mapping[str, object]) -> str:
-    """`t_ns 1700000000000000000, sensor cam1` and the like."""
+    """`time 2023-11-14T22:13:20.000Z, sensor cam1` and the like."""
     if "path" in key:
         return str(key["path"])
-    return ", ".join(f"{name} {value}" for name, value in key.items()) or "the row"
+    return ", ".join(_key_part(name, value) for name, value in key.items()) or "the row"
+
+
+def _key_part(name: str, value: object) -> str:
+    return f"time {time_words(value)}" if name == "t_ns" and isinstance(value, int) else f"{name} {value}"

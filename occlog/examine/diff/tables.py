@@ -22,7 +22,7 @@ from .result import DiffResult, DiffSettings, RowDifference, Scalar
 from .stage import diff_schemas, diff_tables
 
 if TYPE_CHECKING:
-    from occlog.io.foreign.table import ForeignTable
+    from occlog.io.external.table import ForeignTable
 
 
 def compare_tables(

@@ -16,9 +16,9 @@ import numpy as np
 from occlog.array_types import NS, Ints
 from occlog.console.text import counted
 from occlog.errors import InputError
+from occlog.io.external.cells import TableCells
+from occlog.io.external.table import ForeignTable
 from occlog.io.files.utc import utc
-from occlog.io.foreign.cells import TableCells
-from occlog.io.foreign.table import ForeignTable
 
 from .findings import GAP_INTERVALS, Findings
 

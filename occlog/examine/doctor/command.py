@@ -12,19 +12,19 @@ from occlog.cli.input_paths import Input
 from occlog.console.notes import log_detail
 
 
-@click.command(name="doctor", short_help="List everything that is wrong in recordings, tables and other files.")
+@click.command(name="doctor", short_help="Check recordings, tables and other files for errors.")
 @click.argument("files", nargs=-1, required=True, type=Input(some=True))
 @options.json_opt
 @options.quiet_opt
 def command(files: tuple[Path, ...], as_json: bool, quiet: bool) -> int:
-    """List everything that is wrong in FILES: recordings, tables, scenes, calibrations, videos, and their clocks.
+    """Check FILES for errors: recordings, tables, scenes, calibrations, videos, and their clocks.
 
-    Of a folder all files are looked at, those of its own folders too.  Each finding is one line: how bad it is, the
-    file, the place in it, what is there, what may be there, and what to do.  Nothing is changed, and nothing stops
-    at the first finding; one of several that is missing is a finding, too.
+    Folders are searched recursively. Each finding is one line: severity, file, location, what is there, the
+    permitted values, and the remedy. Nothing is changed, and the check continues after the first finding; a missing
+    file of several is a finding too.
 
     The exit code is that of the worst finding: 4 for an error, at which a command that reads the file stops; 3 for
-    a warning, with which it goes on; 0 for notes, and where nothing is found.
+    a warning, with which it continues; 0 for notes or no findings.
 
     \b
       occlog doctor hall.mcap

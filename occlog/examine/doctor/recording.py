@@ -22,8 +22,8 @@ from occlog.array_types import NS
 from occlog.errors import InputError, UsageError
 from occlog.io.files.limits import check_input
 from occlog.io.formats.models.fundamental_matrices import attached_epipolar
-from occlog.io.frames.decoders.apart import decode_apart
 from occlog.io.frames.decoders.process import DecodingJob, start_decoder
+from occlog.io.frames.decoders.subprocess_video import decode_apart
 from occlog.io.messages.bag import CLOCKS_APART_S, Bag, BagDecoder, open_bag
 from occlog.io.messages.kinds import TopicKind, kind_of
 from occlog.io.messages.mcap_file import McapFile

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from occlog.cli.input_paths import is_missing, no_such_file
 from occlog.errors import InputError, OcclogError, UsageError
+from occlog.io.external.source import FILE_MAGIC, STREAM_MAGIC, find_source
 from occlog.io.files.limits import RECORDING_MAGIC, SQLITE_MAGIC, Content, content_of, is_zstd
 from occlog.io.files.tables.parquet import is_ours
-from occlog.io.foreign.source import FILE_MAGIC, STREAM_MAGIC, find_source
 from occlog.io.formats.sound.wav import open_sound
 from occlog.io.frames.codec import image_kind
 from occlog.io.messages.bag import METADATA

@@ -16,14 +16,14 @@ import pyarrow as pa
 
 from occlog.array_types import Ints
 from occlog.errors import InputError
+from occlog.io.dataset import GATHERED
+from occlog.io.external.cells import TableCells
+from occlog.io.external.source import ColumnSource
+from occlog.io.external.table import ForeignTable, best_fit
 from occlog.io.files.tables.arrow import from_arrow
 from occlog.io.files.tables.parquet import arrow_batches, groups_of, read_header
 from occlog.io.files.texts.csv_rows import bad_lines_told_to
 from occlog.io.files.utc import utc
-from occlog.io.foreign.cells import TableCells
-from occlog.io.foreign.source import ColumnSource
-from occlog.io.foreign.table import ForeignTable, best_fit
-from occlog.io.gathered import GATHERED
 from occlog.records.columns import ColumnTable, repeated_rows
 from occlog.records.losses import Loss
 from occlog.records.tables import TABLES, Bearings, Boxes, Truth, TruthBoxes

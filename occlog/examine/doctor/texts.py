@@ -13,14 +13,14 @@ import numpy as np
 
 from occlog.array_types import Ints, Uints
 from occlog.errors import InputError, UsageError
+from occlog.io.external.source import find_source
+from occlog.io.external.table import ForeignTable, best_fit
 from occlog.io.files.limits import read_configuration
 from occlog.io.files.texts.csv_rows import CsvRows, bad_lines_told_to
 from occlog.io.files.texts.documents import MAX_JSON_BYTES, parse_json, parse_xml, toml_values
 from occlog.io.files.texts.formats import Probe
 from occlog.io.files.texts.yaml import yaml_documents
 from occlog.io.files.times import iter_times, looks_like_times, parse_times
-from occlog.io.foreign.source import find_source
-from occlog.io.foreign.table import ForeignTable, best_fit
 from occlog.io.formats.boxes.columns import BoxSource
 from occlog.io.formats.boxes.reader import box_rows, box_source, is_json, note_times
 from occlog.io.formats.boxes.rows import FileBoxRows, fingerprints

@@ -25,11 +25,12 @@ LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" 
     flag="--to",
     kind=EXPORTER,
     ours=tuple(FORMATS),
-    short_help="Write a table in a format of other programs.",
-    help=f"""Write the table in FILE (a table or a recording) in a format that other programs read; or all of it,
-    or of a run folder, for a viewer.
+    short_help="Export a table to the format of another program.",
+    help=f"""Export a table from FILE (a table or a recording) to an external format, or all of it for a viewer.
 
-    The ending of the output says the format, or --to:
+    A run folder can be exported for a viewer too.
+
+    The ending of the output determines the format, or --to:
 
     \b
 {LIST}
@@ -43,38 +44,38 @@ LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" 
     """,
 )
 @click.argument("file", type=options.INPUT)
-@click.option("-o", "--output", type=options.PATH, required=True, help="The file to write; - is standard output.")
+@click.option("-o", "--output", type=options.PATH, required=True, help="Output file; - is standard output.")
 @click.option(
     "--to",
     default=None,
     metavar="NAME",
     shell_complete=lambda ctx, param, begun: [name for name in FORMATS if name.startswith(begun)],  # noqa: ARG005
-    help="Format, one of these or an exporter's of a plug-in; default: as the output's name says.",
+    help="Format: one of these, or the exporter of a plug-in. [default: by the ending of the output]",
 )
-@click.option("--table", default=None, metavar="NAME", help="Which table of a recording; default: the first that fits.")
+@click.option("--table", default=None, metavar="NAME", help="Table of a recording. [default: the first that fits]")
 @click.option("--target", "targets", type=int, multiple=True, help="Only this target; may be repeated.")
-@click.option("--camera", default=None, metavar="NAME", help="Whose boxes, for text that holds one camera.")
+@click.option("--camera", default=None, metavar="NAME", help="Camera, for text formats of a single camera.")
 @click.option(
     "--origin",
     default=None,
     metavar="LAT,LON[,DEG]",
-    help="Where on earth the scene's origin is (WGS 84), and the angle of +x from the east towards the north.",
+    help="Position of the scene's origin on the earth (WGS 84), and the angle of +x from east towards north.",
 )
-@click.option("--scene", type=options.INPUT, default=None, help="Scene file, for sizes of images (coco) and viewers.")
+@click.option("--scene", type=options.INPUT, default=None, help="Scene file, for image sizes (coco) and viewers.")
 @click.option("--recording", type=options.INPUT, default=None, help="Viewers: images and scene, if not in the folder.")
 @click.option("--layout", type=options.PATH, default=None, help="Viewers, not rerun: also write the layout to import.")
 @click.option(
     "--quality",
     type=click.IntRange(1, 100),
     default=None,
-    help="Viewers: of JPEG images that are made of videos, or made smaller.  [default: 90]",
+    help="Viewers: JPEG quality of images from videos, or downscaled ones. [default: 90]",
 )
 @click.option(
     "--height",
     type=click.IntRange(16, 8192),
     default=None,
     metavar="PX",
-    help="Viewers: images higher than this are made smaller.  [default: 720]",
+    help="Viewers: images higher than this are downscaled. [default: 720]",
 )
 @every_opt
 @options.quiet_opt

@@ -37,17 +37,15 @@ FORMATS: dict[str, ExportFormat] = {
     "csv": ExportFormat((".csv", ".csv.gz"), (), "text with a header; names of columns end in the unit"),
     "parquet": ExportFormat((".parquet", ".pq"), (), "Parquet with plain columns and nulls, as pandas has it"),
     "mot": ExportFormat((), IMAGE_TABLES, "MOTChallenge text of boxes in the images of one camera"),
-    "mot3d": ExportFormat((), PLACE_TABLES, "MOTChallenge text of places on the ground"),
+    "mot3d": ExportFormat((), PLACE_TABLES, "MOTChallenge text of positions on the ground"),
     "tum": ExportFormat((".tum",), PLACE_TABLES, "t x y z qx qy qz qw of one target, as evo reads it"),
     "kitti": ExportFormat((), IMAGE_TABLES, "KITTI's text of tracked boxes in the images of one camera"),
     "geojson": ExportFormat((".geojson",), PLACE_TABLES, "a line for each target, in longitude and latitude"),
     "coco": ExportFormat((".json",), IMAGE_TABLES, "COCO's images, annotations and categories"),
-    "trc": ExportFormat((".trc",), PLACE_TABLES, "OpenSim's table of markers, one a target"),
-    VIEWERS: ExportFormat(
-        (".mcap",), (), "a run or a recording to look at in Foxglove, Lichtblick and Rerun", viewer=True
-    ),
-    FOXGLOVE: ExportFormat((), (), "the same without what Foxglove and Lichtblick do not need", viewer=True),
-    RERUN: ExportFormat((), (), "the same without what Rerun does not draw", viewer=True),
+    "trc": ExportFormat((".trc",), PLACE_TABLES, "OpenSim's table of markers, one per target"),
+    VIEWERS: ExportFormat((".mcap",), (), "a run or a recording for Foxglove, Lichtblick and Rerun", viewer=True),
+    FOXGLOVE: ExportFormat((), (), "as viewers, without data that Foxglove and Lichtblick do not need", viewer=True),
+    RERUN: ExportFormat((), (), "as viewers, without data that Rerun does not draw", viewer=True),
 }
 """Every format by the name that `--to` takes."""
 

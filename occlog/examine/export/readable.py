@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from occlog.array_types import Ints
 from occlog.console.text import counted
 from occlog.errors import InputError
+from occlog.io.external.names import MAY_BE_EMPTY
 from occlog.io.files.utc import utc
-from occlog.io.foreign.names import MAY_BE_EMPTY
 from occlog.records.columns import ColumnTable
 from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import Boxes, Tracks, Truth

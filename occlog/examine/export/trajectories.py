@@ -3,7 +3,7 @@
 Whole tables as text with a header, and as Parquet with plain columns.
 
 A name of a column ends in its unit: `bearing_rad`, `x_m`, `cov_xx_m2`; those of times and pixels say it already.
-What is read again (`occlog.io.foreign`) is the same table.
+What is read again (`occlog.io.external`) is the same table.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ import pyarrow.parquet as pq
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.metrics.errors import quantiles
 from occlog.errors import InputError, UsageError
+from occlog.io.external.names import POWERS, ending
 from occlog.io.files.spill import Spool
 from occlog.io.files.texts.csv_rows import no_formula
-from occlog.io.foreign.names import POWERS, ending
 from occlog.io.formats.trajectories import COLLECTION, KEYS, ORIGIN, Origin, degrees_of
 from occlog.records.columns import Column, ColumnTable
 from occlog.records.declared.people import PeopleTracks

@@ -16,7 +16,7 @@ every_opt = click.option(
     type=Finite(1e-3, 1e6),
     default=None,
     metavar="SECONDS",
-    help="Viewers: images, drawings and numbers at most once in so long a time, for long recordings.  [default: all]",
+    help="Viewers: minimum time between images, drawings and numbers, for long recordings. [default: all]",
 )
 
 
@@ -27,7 +27,7 @@ every_opt = click.option(
     "--output",
     type=options.PATH,
     default=None,
-    help="The file that the viewer opens (MCAP).  [default: a temporary one, which goes when the viewer ends]",
+    help="File that the viewer opens (MCAP). [default: a temporary file, removed when the viewer ends]",
 )
 @click.option("--recording", type=options.INPUT, default=None, help="Images and scene, if not in the folder.")
 @options.scene_opt
@@ -56,7 +56,7 @@ def command(
 ) -> int:
     """Show FILE, a run folder, a recording or a table, in a viewer: images, the plan, people, numbers, events.
 
-    The viewer is a program of others on this machine; nothing is sent anywhere and no server is started.
+    The viewer is an external program on this machine; nothing is sent over a network and no server is started.
 
     \b
       occlog view run/

@@ -10,7 +10,7 @@ from occlog.examine.viewers.drawings.world import world_of
 from occlog.records.scene import Scene
 from occlog.settings import METRES
 
-from .moments import PARTICLES
+from .time_stream import PARTICLES
 
 MAX_CAMERAS, MAX_LINES = 6, 8
 """Images in the layout; lines of a plot. The rest is added by hand."""

@@ -46,8 +46,18 @@ from occlog.records.verdicts import texts_of
 
 from .inputs import ViewerInputs, find_inputs, note_unexpected
 from .layout import foxglove_layout
-from .moments import LAYERS, PARTICLES, ImageOverlay, LogLine, Moment, Numbers, SceneDrawing, Thinner, ViewerStream
 from .series import DEFINITION, MAIN, SCHEMA, main_columns, main_numbers
+from .time_stream import (
+    LAYERS,
+    PARTICLES,
+    ImageOverlay,
+    LogLine,
+    Moment,
+    Numbers,
+    SceneDrawing,
+    Thinner,
+    ViewerStream,
+)
 
 _LEVELS = {False: Log.Level.INFO, True: Log.Level.WARNING}
 QUALITY = 90

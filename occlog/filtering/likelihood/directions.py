@@ -5,7 +5,7 @@ has one measurement or none ("not seen"); an unlabelled report has any number of
 of which at most one is the target's.
 
 A sensor is assigned (A) to a position that no static occluder, field of view or range keeps it from seeing
-(`occlog.core.sight.visibility.seen_from`, [Ercan] Sec. 4.3).  The factor of a report is
+(`occlog.core.geometry.visibility.seen_from`, [Ercan] Sec. 4.3).  The factor of a report is
 
     labelled, z:       hit N(z) + miss floor      A
                        soften hit N(z) + floor    not A (the first term only in front of a camera)
@@ -16,8 +16,8 @@ A sensor is assigned (A) to a position that no static occluder, field of view or
 
 Likelihood of a scan for a target at given positions among moving occluders with priors: [Ercan] Sec. 4.2-4.3.
 
-A camera sees a place in its view with probability P (`occlog.core.occlusion.hidden`).  Let a be
-its factor for a position that it sees (A in `occlog.filtering.likelihood.directions`) and b that for a position
+A camera sees a position in its view with probability P (`occlog.core.occlusion.occlusion_probability`).  Let a be
+its factor for a position that it sees (A in `occlog.filtering.likelihood.directions`) and b that for a place
 hidden by an occluder: the floor of a reading, and 1 where it reports nothing or
 candidates.  Cameras then count, by `Occlusion.probability`, with
 
@@ -38,11 +38,11 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.geometry.visibility import Sensors, seen_from
 from occlog.core.numerics.jit import kernel
-from occlog.core.occlusion.hidden import make_grid, unhidden_over
-from occlog.core.occlusion.hidden_together import add_joint
+from occlog.core.occlusion.joint_occlusion import add_joint
+from occlog.core.occlusion.occlusion_probability import make_grid, unhidden_over
 from occlog.core.occlusion.priors import Priors
-from occlog.core.sight.visibility import Sensors, seen_from
 
 ROOT_2PI = math.sqrt(2.0 * math.pi)
 MIN_DEPTH_RATIO = 1e-9

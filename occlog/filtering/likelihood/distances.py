@@ -10,7 +10,7 @@ not depend on x:
 
 Distances are in space, |x - p|^2 = (x - p_x)^2 + (y - p_y)^2 + h^2, with h the height of the station over the target.
 A signal strength P - 10 n log10(d) [dBm] has the mean (ln 10 / 10 n) (P - rssi) of log d, and a standard deviation
-scaled alike (`occlog.core.sight.path_loss.log_distance`), so that its likelihood is exact.
+scaled alike (`occlog.core.geometry.path_loss.log_distance`), so that its likelihood is exact.
 
 Residuals r = (z - m(x)) / sigma have the density of `occlog.filtering.likelihood.distances`: Gaussian, late, or
 false.
@@ -40,8 +40,8 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.sight.camera import wrap_angle
-from occlog.core.sight.usual_radio import NLOS_BIAS_SIGMAS
+from occlog.core.geometry.camera import wrap_angle
+from occlog.core.geometry.radio_defaults import NLOS_BIAS_SIGMAS
 
 from . import azimuth
 from .measurement_model import MeasurementModel, StationPositions

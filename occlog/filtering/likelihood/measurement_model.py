@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.geometry.camera import wrap_angle
+from occlog.core.geometry.visibility import Sensors, seen_from
 from occlog.core.plane import Floor, on_floor
-from occlog.core.sight.camera import wrap_angle
-from occlog.core.sight.visibility import Sensors, seen_from
 
 from .directions import MIN_DEPTH, MIN_DEPTH_RATIO, MeasurementNoise, PackedScan
 

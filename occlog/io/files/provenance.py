@@ -22,7 +22,7 @@ from occlog.errors import InputError, spelled
 from occlog.records.losses import Loss
 from occlog.records.verdicts import Check, Verdict, distinct
 
-from .stated_units import STATED
+from .input_units import STATED
 
 DISTRIBUTIONS = (
     *("click", "foxglove-schemas-protobuf", "jinja2", "lz4", "matplotlib", "mcap", "mcap-protobuf-support", "msgspec"),

@@ -1,159 +1,22 @@
-"""Times: of frames, in texts, for people.
-
-When the frames of a camera were taken: a table of times, or a frame rate.
-
-Time stamps as people write them, and sidecar files that give the time of every frame.
-"""
+"""Time stamps as people write them, and sidecar files that give the time of every frame."""
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
-from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from occlog.array_types import NS, Ints, Strings
+from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
 from occlog.records.columns import MAX_NS
 
 from .names import check_meaning, match_sensor
 from .texts.csv_rows import CsvRows, first_line, is_header, last_place, read_plain, read_rows
-
-if TYPE_CHECKING:
-    from occlog.records.scene import Clock
-
-
-MAX_SECONDS = 9e9
-"""64 bits of nanoseconds end after 292 years."""
-MAX_RATE_DENOMINATOR = 1001
-"""29.97 fps is 30000/1001; no frame rate that a file rounds has a larger denominator."""
-MAX_RATE_NUMERATOR = 10**9
-"""With it the product of a frame number within `MAX_SECONDS` and the denominator is one of 64 bits."""
-
-
-@dataclass(frozen=True, eq=False)
-class FrameTimes:
-    """Times of the frames of one camera.
-
-    Attributes:
-        source: what the times come from, for provenance and messages.
-        start_ns: time of the origin of `table_ns`, or of frame 0.
-        table_ns: (n,) times of frames 0..n-1 after the origin, strictly rising; None: the rate is used.
-        rate: frames per second.
-        clock: clock of the camera, whose error is taken out of the times; None: they are world times.
-    """
-
-    source: str
-    start_ns: int = 0
-    table_ns: Ints | None = None
-    rate: Fraction | None = None
-    clock: Clock | None = None
-
-    @property
-    def count(self) -> int | None:
-        """Number of frames that have a time; None: any number."""
-        return None if self.table_ns is None else len(self.table_ns)
-
-    def at(self, frames: Ints) -> Ints:
-        """(n,) times [ns] of frame numbers; InputError for a frame that has none."""
-        frames = np.asarray(frames, dtype=np.int64)
-        if self.table_ns is not None:
-            bad = (frames < 0) | (frames >= len(self.table_ns))
-            if bad.any():
-                raise InputError(
-                    f"frame {int(frames[bad][0])} has no time: {self.source} gives times for frames "
-                    f"0 to {len(self.table_ns) - 1}"
-                )
-            return self.world(self.start_ns + self.table_ns[frames])
-        if self.rate is None:
-            raise InputError(f"no times of frames are known ({self.source}); give the frame rate")
-        return self.world(self.start_ns + frames_to_ns(frames, self.rate))
-
-    def world(self, t_ns: Ints) -> Ints:
-        """World times [ns] of times of the camera's clock."""
-        first = 0 if self.table_ns is None or not len(self.table_ns) else int(self.table_ns[0])
-        return t_ns if self.clock is None else to_world_time(t_ns, self.clock, self.start_ns + first)
-
-    def by(self, clock: Clock | None) -> FrameTimes:
-        """These times, read from a clock of the scene."""
-        if clock is None:
-            return self
-        told = f"{self.source}; clock {clock.name} taken out ({clock.offset_ns} ns, {clock.drift_ppm:g} ppm)"
-        return replace(self, source=told, clock=clock)
-
-    def same_as(self, other: FrameTimes) -> bool:
-        """Whether every frame has the same time in the world."""
-        if self.count != other.count or (self.table_ns is None and self.rate != other.rate):
-            return False
-        if self.table_ns is not None:
-            frames = np.arange(len(self.table_ns))
-        elif self.rate is not None:
-            # The drift of a clock is told by two frames that are far apart
-            frames = np.array([0, min(10**6, int(MAX_SECONDS * float(self.rate)))])
-        else:
-            return self.start_ns == other.start_ns
-        return np.array_equal(self.at(frames), other.at(frames))
-
-    def interval_ns(self) -> float:
-        """Typical time between two frames [ns]; infinity where that cannot be known."""
-        if self.table_ns is not None:
-            return float(np.median(np.diff(self.table_ns))) if len(self.table_ns) > 1 else math.inf
-        return NS / float(self.rate) if self.rate else math.inf
-
-
-def to_world_time(t_ns: Ints, clock: Clock, start_ns: int) -> Ints:
-    """World time = sensor time - offset - drift (sensor time - start); `start_ns` is the sensor's first time."""
-    drift = np.round((t_ns - start_ns) * (clock.drift_ppm * 1e-6)).astype(np.int64)
-    return np.asarray(t_ns - clock.offset_ns - drift, dtype=np.int64)
-
-
-def frames_to_ns(frames: Ints, rate: Fraction) -> Ints:
-    """(n,) times [ns] after frame 0, rounded, without the error of a float frame rate.
-
-    InputError for a frame that would lie more than 285 years away.
-    """
-    frames = np.asarray(frames, dtype=np.int64)
-    if len(frames) and float(np.abs(frames).max()) > MAX_SECONDS * float(rate):
-        raise InputError(
-            f"frame {int(frames[np.abs(frames).argmax()])}: its time at {float(rate):g} fps is out of range"
-        )
-    # Whole seconds and the rest apart: the product of frame number and 1e9 may leave 64 bits.
-    whole, rest = np.divmod(frames * rate.denominator, rate.numerator)
-    return np.asarray(whole * NS + (rest * NS + rate.numerator // 2) // rate.numerator, dtype=np.int64)
-
-
-def as_rate(fps: float | str) -> Fraction:
-    """A frame rate as an exact fraction: 29.97 is taken for 30000/1001, 1/300 for itself; others are kept to 9 digits.
-
-    InputError unless 1e-6 < fps <= 1e6.
-    """
-    try:
-        # A number as it is written: 0.1 is a tenth
-        exact = Fraction(fps if isinstance(fps, str) else repr(float(fps)))
-        value = float(exact)
-    except (ValueError, ZeroDivisionError, OverflowError):
-        exact, value = Fraction(0), math.nan
-    if not 1e-6 < value <= 1e6:
-        raise InputError(f"frame rate {fps!r}: must be above 0.000001 and at most 1000000 (frames per second)")
-    near = Fraction(round(value * 1001), 1001)
-    # Rates of television: N * 1000/1001, usually written with two or three decimals.
-    if near.denominator == 1001 and near.numerator % 1000 == 0 and _is_written(float(near), value):
-        return near
-    return exact.limit_denominator(max(MAX_RATE_NUMERATOR // math.ceil(value), 1))
-
-
-def _is_written(rate: float, value: float) -> bool:
-    """Whether a value is a rate with two decimals, three or many."""
-    return value in (round(rate, 2), round(rate, 3)) or abs(value - rate) <= 1e-6 * rate
-
 
 WHAT = "a table of time stamps"
 UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}

@@ -32,6 +32,7 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
+from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.limits import check_input, guarded, naming
 from occlog.io.files.texts.csv_rows import CsvRows, first_line, is_header, read_plain
 from occlog.io.files.texts.documents import number, required
@@ -50,7 +51,7 @@ from occlog.io.files.texts.formats import (
     read_format,
     recognise,
 )
-from occlog.io.files.times import FrameTimes, time_column
+from occlog.io.files.times import time_column
 from occlog.records.tables import Truth, TruthBoxes
 
 from .boxes.columns import COLUMNS as BOX_COLUMNS

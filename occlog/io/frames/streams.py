@@ -23,8 +23,8 @@ import numpy as np
 
 from occlog.array_types import Ints
 from occlog.errors import InputError, UsageError
+from occlog.io.files.frame_times import FrameTimes, as_rate, frames_to_ns
 from occlog.io.files.names import last_number, natural_sorted
-from occlog.io.files.times import FrameTimes, as_rate, frames_to_ns
 from occlog.io.video.container import Container
 from occlog.io.video.reader import read_container
 from occlog.records.losses import Loss

@@ -27,7 +27,7 @@ from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.io.formats.calibration.common import fit_rational
 from occlog.io.frames.codec import encode_image, image_damage, image_kind, shown_size
-from occlog.io.frames.decoders.apart import decode_apart
+from occlog.io.frames.decoders.subprocess_video import decode_apart
 from occlog.io.frames.limits import MAX_PIXELS
 from occlog.records.frames import Image
 from occlog.records.scene import MicrophoneArray

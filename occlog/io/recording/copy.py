@@ -12,10 +12,10 @@ from occlog.io.files.atomic import open_output
 from occlog.io.files.names import RECORDING, check_output_name
 from occlog.io.files.provenance import Provenance
 
-from .made_index import McapMessages
 from .mcap_errors import open_mcap
 from .metadata import add_metadata, read_metadata
 from .reader import McapRecording
+from .rebuilt_index import McapMessages
 from .writer import FORMAT, METADATA, VIDEO_METADATA, begin_mcap
 
 

@@ -28,7 +28,7 @@ from occlog.io.files.limits import RECORDING_MAGIC, check_input, describe_unsupp
 from occlog.io.recording.salvage.ends import FOOTER_BYTES, are_records
 
 from .chunks import MAX_CHUNK_BYTES, SALVAGE, ChunkSize, check_chunk, check_growth, damaged_mcap
-from .made_index import (
+from .rebuilt_index import (
     McapMessages,
     RebuiltIndex,
     RebuiltIndexReader,

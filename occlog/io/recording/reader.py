@@ -20,16 +20,16 @@ from occlog.errors import InputError
 from occlog.io.files.limits import Content, content_of
 from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, provenance_from_json
 from occlog.io.formats.scenes.scene import scene_from_yaml
-from occlog.io.frames.decoders.apart import SubprocessVideo, decode_apart
+from occlog.io.frames.decoders.subprocess_video import SubprocessVideo, decode_apart
 from occlog.records.columns import ColumnTable, bounded_ns
 from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 
 from .chunks import damaged_mcap
-from .made_index import RebuiltIndexReader
 from .mcap_errors import open_mcap, read_attachment
 from .metadata import leaves_folder, linked_path, read_metadata
+from .rebuilt_index import RebuiltIndexReader
 from .rows import RowCollector, schema_of
 from .writer import METADATA, SCENE_ATTACHMENT, VIDEO_FRAME, VIDEO_METADATA
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Bools, Ints
-from occlog.io.files.times import MAX_RATE_DENOMINATOR
+from occlog.io.files.frame_times import MAX_RATE_DENOMINATOR
 
 from .container import MAX_FRAMES, BrokenContainerError, Container, Faults, cut_short, let_go, unknown_frames
 

@@ -19,7 +19,7 @@ class SightingConfig(Settings):
 
     max_gap_s: float = setting(
         1.0,
-        "Longest time between two rows of a track that is bridged.",
+        "Maximum gap between two rows of a track to interpolate.",
         unit="s",
         at_least=0,
         at_most=1e9,
@@ -28,7 +28,7 @@ class SightingConfig(Settings):
     )
     heading_s: float = setting(
         1.0,
-        "Where positions have no velocity: the time about each row over which it is taken.",
+        "Time about each row over which the velocity is estimated where positions have none.",
         unit="s",
         above=0,
         at_most=1e9,
@@ -37,7 +37,7 @@ class SightingConfig(Settings):
     )
     least_speed: float = setting(
         0.3,
-        "Speed from which people face the way they go; of slower ones it is not known where they face.",
+        "Minimum speed at which people face the direction of their motion; below it the viewing angle is unknown.",
         unit="length/s",
         at_least=0,
         option="--least-speed",
@@ -45,7 +45,7 @@ class SightingConfig(Settings):
     )
     person_height: float = setting(
         11.3,
-        "Of a person, to find the track that a box is of.",
+        "Height of a person, to find the track of a box.",
         unit="length",
         people=1.7,
         above=0,
@@ -54,7 +54,8 @@ class SightingConfig(Settings):
     )
     least_overlap: float = setting(
         0.3,
-        "Intersection over union of a box and of what is expected of a track, from which the box is of the track.",
+        "IoU threshold (intersection over union) of a box with the predicted box of a track, for the box to be of "
+        "the track.",
         above=0,
         at_most=1,
         option="--least-overlap",
@@ -62,14 +63,14 @@ class SightingConfig(Settings):
     )
     most_covered: float = setting(
         0.2,
-        "Share of a box that boxes of nearer people may cover.",
+        "Maximum occlusion: share of a box that boxes of nearer people may cover.",
         at_least=0,
         at_most=1,
         option="--most-covered",
         metavar="SHARE",
     )
     least_pixels: int = setting(
-        100, "Fewest pixels of a box that counts.", at_least=1, option="--least-pixels", metavar="N"
+        100, "Minimum number of pixels of a box to be used.", at_least=1, option="--least-pixels", metavar="N"
     )
 
 
@@ -79,7 +80,7 @@ class LearnConfig(SightingConfig):
 
     angle_step: float = setting(
         30.0,
-        "Between two viewing angles, from the front to the back; it must divide 180 degrees. 180: front and back; "
+        "Step between viewing angles, from the front to the back; it must divide 180 degrees. 180: front and back; "
         "360: all sides together.",
         unit="deg",
         above=0,
@@ -89,7 +90,7 @@ class LearnConfig(SightingConfig):
     )
     levels: int = setting(
         8,
-        "Of hue, of saturation and of brightness: L (L + 1) colours are told apart.",
+        "Levels of hue, saturation and brightness: L (L + 1) colours are distinguished.",
         at_least=2,
         at_most=MAX_LEVELS,
         option="--levels",
@@ -97,7 +98,7 @@ class LearnConfig(SightingConfig):
     )
     least_samples: int = setting(
         5,
-        "Fewest boxes from which a side of a target is learnt.",
+        "Minimum number of boxes to learn a side of a target from.",
         at_least=1,
         option="--least-samples",
         metavar="N",
@@ -123,7 +124,8 @@ class MatchConfig(SightingConfig):
 
     least_likeness: float = setting(
         0.8,
-        "Least likeness (Bhattacharyya coefficient without its bias) of a box to a target that it may be.",
+        "Minimum similarity (Bhattacharyya coefficient without its bias) of a box to a target. Lower values match "
+        "more boxes and mistake more.",
         at_least=0,
         at_most=1,
         option="--least-likeness",

@@ -15,10 +15,11 @@ from .config import LearnConfig
 
 @dataclass(frozen=True, kw_only=True)
 class LearnRequest(Request):
-    """Learn a gallery from RECORDING: the colours of each target, apart by the side from which it is seen.
+    """Learn an appearance gallery from RECORDING: the colours of each target by viewing angle.
 
-    The side is the angle between where a person heads, by the tracks, and the camera; left and right are taken
-    for the same. Boxes are of the tracks in whose places they are, unless they bring the tracks' identities.
+    The viewing angle is the angle between the heading of a person, from the tracks, and the direction to the camera;
+    left and right are not distinguished. A box is of the track at its position, unless boxes bring the tracks'
+    identities.
 
     \b
       occlog appearance learn hall.mcap -o gallery.parquet
@@ -29,21 +30,21 @@ class LearnRequest(Request):
     OWNER: ClassVar[str] = "appearance learn"
     RUN: ClassVar[str] = "occlog.measure.appearance.run:run_learn"
 
-    recording: Path = source("A recording with images.", argument=True)
+    recording: Path = source("Recording with images.", argument=True)
     output: Path = output_file("The gallery (Parquet).", "gallery")
     boxes: Path | None = source("Boxes (Parquet). [default: those of RECORDING]")
-    views: Path | None = source("Views of `occlog detect` (Parquet), whose colours count.")
+    views: Path | None = source("Views of `occlog detect` (Parquet), with their colours.")
     tracks: Path | None = source(
-        "Tracks or truth: who is where. [default: the truth of RECORDING, or the floor below boxes that have an "
-        "identity]"
+        "Tracks or truth: positions and identities of people. [default: truth of RECORDING, or the floor below "
+        "boxes with an identity]"
     )
-    labelled: bool = setting(False, "The identities of boxes are those of the tracks.", option="--labelled", shown="")
+    labelled: bool = setting(False, "Identities of boxes are those of the tracks.", option="--labelled", shown="")
     scene: Path | None = scene_file()
     settings: Mapping[str, object] = group(lambda: LearnConfig)
 
 
 VERBS = Verbs(
-    """Learn how people look from several sides, for `occlog label --gallery` ([Lee] Sec. 5.2.1).
+    """Learn an appearance gallery for `occlog label --gallery` ([Lee] Sec. 5.2.1).
 
     \b
       occlog appearance learn hall.mcap --tracks tracks.parquet -o gallery.parquet

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats
-from occlog.core.sight.camera import wrap_angle
+from occlog.core.geometry.camera import wrap_angle
 from occlog.records.scene import Camera
 
 POSTURE_SHARE = 0.35

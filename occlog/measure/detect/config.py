@@ -39,30 +39,34 @@ class DetectConfig(Settings):
 
     method: str = setting(
         "em",
-        "Foreground to regions: mixture of person-shaped Gaussians, the same with outlines of people where several "
-        "touch, or connected blobs.",
+        "Foreground to regions: mixture of person-shaped Gaussians (`em`), the same with outlines of people where "
+        "several touch (`outlines`), or connected blobs (`components`).",
         choices=("em", "outlines", "components"),
         option="--method",
     )
-    background: str = setting("mog2", "Background model.", choices=("mog2", "knn"), option="--background")
+    background: str = setting("mog2", "Background model of OpenCV.", choices=("mog2", "knn"), option="--background")
     history: int = setting(
         500,
-        "Frames that the background model remembers; a person who stands still for a tenth of them becomes background.",
+        "Memory of the background model in frames. A person who stands still for a tenth of it fades into the "
+        "background.",
         at_least=1,
         option="--history",
         metavar="FRAMES",
     )
     threshold: float | None = setting(
         None,
-        "Difference from the background, in the measure of its model, above which a pixel is foreground.",
+        "Foreground threshold, in the measure of the background model. Lower values detect people of low contrast "
+        "and more noise.",
         above=0,
         option="--threshold",
         nothing="the model's own",
     )
-    shadows: bool = setting(True, "Tell shadows from foreground.", option="--shadows/--no-shadows")
+    shadows: bool = setting(
+        True, "Detect shadows and leave them out of the foreground.", option="--shadows/--no-shadows"
+    )
     warmup: int = setting(
         50,
-        "With --no-learn: frames that only teach the background.",
+        "With --no-learn: number of frames that only train the background model.",
         at_least=0,
         option="--warmup",
         metavar="FRAMES",
@@ -77,19 +81,26 @@ class DetectConfig(Settings):
     )
     shrink: int | None = setting(
         None,
-        "Shrink images first.",
+        "Downscale images by this factor before detection.",
         at_least=1,
         at_most=16,
         option="--shrink",
         metavar="FACTOR",
-        nothing="as far as people stay 100 px wide",
+        nothing="so that people stay 100 px wide",
     )
     person_height: float | None = setting(
-        None, "Of a person.", unit="length", above=0, option="--person-height", metavar="LENGTH", nothing="1.7 m"
+        None,
+        "Height of a person, for the expected size of regions.",
+        unit="length",
+        above=0,
+        option="--person-height",
+        metavar="LENGTH",
+        nothing="1.7 m",
     )
     person_height_px: float | None = setting(
         None,
-        "The same everywhere in every image, instead of what the cameras' poses say.",
+        "Height of a person in pixels, equal everywhere, instead of the one expected from the camera poses. Needed "
+        "without a calibration.",
         unit="px",
         above=0,
         option="--person-height-px",
@@ -98,14 +109,14 @@ class DetectConfig(Settings):
     )
     likeness: float = setting(
         0.65,
-        "Least likeness (Bhattacharyya coefficient) to the target.",
+        "Minimum colour similarity (Bhattacharyya coefficient) to the target. Lower values accept more regions.",
         at_least=0,
         at_most=1,
         option="--likeness",
     )
     sigma_px: float | None = setting(
         None,
-        "Standard deviation of the centre of a region or box, across, of a person in full view.",
+        "Measurement noise: standard deviation of the horizontal centre of an unoccluded person.",
         unit="px",
         above=0,
         option="--sigma-px",
@@ -114,25 +125,31 @@ class DetectConfig(Settings):
     )
     sigma_scale: float = setting(
         1.0,
-        "Factor on all standard deviations; `evaluate` reports (`noise_scale`) the one that residuals between cameras "
-        "want.",
+        "Factor on all measurement noise. `occlog evaluate` estimates it from residuals between cameras "
+        "(`noise_scale`).",
         above=0,
         option="--sigma-scale",
     )
-    min_confidence: float = setting(0.3, "Of a detector's box.", at_least=0, at_most=1, option="--min-confidence")
+    min_confidence: float = setting(
+        0.3,
+        "Minimum confidence of the box of a detector. Lower values detect more people and raise the clutter rate.",
+        at_least=0,
+        at_most=1,
+        option="--min-confidence",
+    )
     near_gate: float = setting(
         3.0,
-        "Standard deviations from the predicted direction within which a target is looked for; with --near.",
+        "Gate in standard deviations about the predicted direction of a target; with --near.",
         above=0,
         option="--near-gate",
     )
     labels: str | None = setting(
         None,
-        f"Identities of boxes are targets: {GLOBAL}, the same one in all cameras; {CAMERA}, each camera's own, "
-        "numbered anew.",
+        f"Scope of box identities, which become target IDs: {GLOBAL} (equal in all cameras) or {CAMERA} (renumbered "
+        f"per camera).",
         choices=(GLOBAL, CAMERA),
         option="--labels",
-        nothing="boxes are candidates that may be of anybody",
+        nothing="boxes are unlabelled candidates",
     )
 
 

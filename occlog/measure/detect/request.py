@@ -37,14 +37,14 @@ OF_BOXES = ("bits", "sigma_px", "sigma_scale", "min_confidence")
 
 @dataclass(frozen=True, kw_only=True)
 class Detection(Request):
-    """Reduce the frames of RECORDING to bearings of its targets.
+    """Detect people in RECORDING and convert the detections to bearings of its targets.
 
-    Each camera's foreground is split into people-sized regions, and the target told from the others by
-    its appearance; without one, it is the largest region. A frame without the target gives a row
-    "looked, not seen". A recording with detector boxes instead of video gives one candidate bearing a box
-    (target_id -1); one with simulated bearings gives these.
+    The foreground of each camera is split into person-sized regions, and the target is identified by its appearance;
+    without an appearance it is the largest region. A frame without the target gives a row of a missed detection (not
+    detected). A recording with detector boxes instead of video gives one candidate bearing per box (target_id -1);
+    one with simulated bearings gives these.
 
-    With --onnx a network of yours finds the boxes: YOLO, RT-DETR, RF-DETR or RTMDet. With --method NAME a
+    With --onnx a network of yours detects the boxes: YOLO, RT-DETR, RF-DETR or RTMDet. With --method NAME the
     detector of a plug-in does, see docs/how-to/plugins.md.
 
     \b
@@ -56,12 +56,14 @@ class Detection(Request):
 
     OWNER: ClassVar[str] = "detect"
 
-    recording: Path = source("With video, with boxes of a detector, or with simulated bearings.", argument=True)
+    recording: Path = source(
+        "Recording with video, with boxes of a detector, or with simulated bearings.", argument=True
+    )
     output: Path = output_file(
         "Bearings of the targets (Parquet); with --onnx or a plug-in the boxes, a table of views.", "bearings"
     )
     scene: Path | None = scene_file()
-    cameras: tuple[str, ...] = setting((), "Only these cameras.", option="--cameras", metavar="A,B,...", shown="")
+    cameras: tuple[str, ...] = setting((), "Use these cameras only.", option="--cameras", metavar="A,B,...", shown="")
     workers: int | None = number_of_threads()
 
     @property
@@ -72,7 +74,7 @@ class Detection(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class DetectRequest(Detection):
-    """Targets to detect before the background, or boxes and simulated bearings to pass on."""
+    """Options of detection by background subtraction, or of boxes and simulated bearings that are passed on."""
 
     RUN: ClassVar[str] = "occlog.measure.detect.run:run_detect"
 
@@ -82,14 +84,14 @@ class DetectRequest(Detection):
         f"{METHOD.help} Or a detector of a plug-in, by name.",
         metavar="|".join((*METHODS, "NAME")),
     )
-    views: Path | None = sink("Every people-sized region of every frame (Parquet).", "views")
+    views: Path | None = sink("Write every person-sized region of every frame (Parquet).", "views")
     target: Path | None = source(
-        "Appearances of the targets, as `occlog simulate --render` attaches them. [default: the attached]",
+        "Appearance models of the targets, as attached by `occlog simulate --render`. [default: the attached]",
         metavar="JSON",
     )
     target_boxes: tuple[str, ...] = setting(
         (),
-        "A box [px] around a target in one frame, from which its appearance is learnt; may be repeated.",
+        "Box [px] around a target in one frame, from which its appearance is learnt; may be repeated.",
         option="--target-box",
         metavar="[ID:]CAM:FRAME:X,Y,W,H",
         repeat=True,
@@ -97,17 +99,20 @@ class DetectRequest(Detection):
         shown="",
     )
     near: Path | None = source(
-        "Look for each target only around where its track says that it is, by the time before the frame.",
+        "Track feedback: search each target only near the position that its track predicts, from before the frame.",
         metavar="TRACKS",
     )
     learn: bool = setting(
         True,
-        "Look through the recording first, for what it shows when nobody is there.",
+        "First pass over the recording to learn the empty scene.",
         option="--learn/--no-learn",
     )
     settings: Mapping[str, object] = group(lambda: DetectConfig, without=("method",))
     fuse: bool = setting(
-        False, "Fuse the detections of the cameras: remove false, recover missed.", option="--fuse", shown=""
+        False,
+        "Fuse detections across cameras: remove false alarms, recover missed detections.",
+        option="--fuse",
+        shown="",
     )
     fusion: Mapping[str, object] = group(
         lambda: FuseConfig,
@@ -120,7 +125,7 @@ class DetectRequest(Detection):
 
 @dataclass(frozen=True, kw_only=True)
 class _BoxRequest(Detection):
-    """What detectors take that find boxes."""
+    """Options of detectors that give boxes."""
 
     output: Path = output_file(
         "Bearings of the targets (Parquet); with --onnx or a plug-in the boxes, a table of views.", "views"
@@ -131,30 +136,30 @@ class _BoxRequest(Detection):
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkRequest(_BoxRequest):
-    """Boxes to find with a network."""
+    """Options of detection with a network."""
 
     RUN: ClassVar[str] = "occlog.measure.detect.run:run_network"
 
     onnx: Path = source("Detect with this network (ONNX).", required=True, metavar="MODEL", there=False)
     classes: tuple[str, ...] = setting(
         (),
-        "Class to look for, by name or number; may be repeated. [default: person, or the only one]",
+        "Class to detect, by name or number; may be repeated. [default: person, or the only one]",
         option="--class",
         metavar="NAME",
         repeat=True,
         whole=True,
         shown="",
     )
-    names: Path | None = source("Names of its classes, one a line.", metavar="TEXT", there=False)
+    names: Path | None = source("Names of its classes, one per line.", metavar="TEXT", there=False)
     embed: Path | None = source(
-        "Describe who is in each box with this network (ONNX) for re-identification.", metavar="REID", there=False
+        "Describe the person in each box with this network (ONNX), for re-identification.", metavar="REID", there=False
     )
     network: Mapping[str, object] = group(lambda: NetworkConfig)
 
 
 @dataclass(frozen=True, kw_only=True)
 class PluginRequest(_BoxRequest):
-    """Boxes to find with the detector of a plug-in."""
+    """Options of detection with the detector of a plug-in."""
 
     RUN: ClassVar[str] = "occlog.measure.detect.run:run_plugin"
 
@@ -180,9 +185,9 @@ def _plugged() -> dict[str, VerbKind]:
 VERB = Verb(
     Detection,
     {
-        "em": VerbKind("before the background: mixture of person-shaped Gaussians", lambda: Form(DetectRequest)),
-        "outlines": VerbKind("the same, with outlines of people where several touch", lambda: Form(DetectRequest)),
-        "components": VerbKind("before the background: connected blobs", lambda: Form(DetectRequest)),
+        "em": VerbKind("background subtraction: mixture of person-shaped Gaussians", lambda: Form(DetectRequest)),
+        "outlines": VerbKind("as em, with outlines of people where several touch", lambda: Form(DetectRequest)),
+        "components": VerbKind("background subtraction: connected blobs", lambda: Form(DetectRequest)),
         NETWORK: VerbKind("boxes of a network", lambda: Form(NetworkRequest), "--onnx MODEL"),
     },
     default="em",

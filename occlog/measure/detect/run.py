@@ -45,9 +45,9 @@ from .by_plugin import detect_by_plugin
 from .checks import Checked
 from .config import DetectConfig, parameters
 from .from_boxes import detect_boxes, scan_labels
-from .left_out import SkippedFrames
-from .near import TrackFeedback, limited, track_feedback
 from .request import Detection, DetectRequest, NetworkRequest, PluginRequest
+from .skipped_frames import SkippedFrames
+from .track_feedback import TrackFeedback, limited, track_feedback
 
 T = TypeVar("T", Boxes, Bearings)
 

@@ -16,19 +16,19 @@ class EpipolarConfig(Settings):
 
     points: str = setting(
         "centres",
-        "What to take of each target; of people take ends, their tops and bottoms.",
+        "Points of each target to match: `centres`, or `ends` (top and bottom) for people.",
         choices=("centres", "ends"),
         option="--points",
     )
     model: str = setting(
         "auto",
-        "Of matches; affine is for cameras far away with long lenses.",
+        "Model of matches; affine is for distant cameras with long lenses.",
         choices=("auto", "perspective", "affine"),
         option="--model",
     )
     threshold_px: float = setting(
         3.0,
-        "Distance from its line beyond which a match does not agree.",
+        "Inlier threshold: distance of a match from its epipolar line. Smaller values reject more matches.",
         unit="px",
         above=0,
         option="--threshold",
@@ -36,7 +36,7 @@ class EpipolarConfig(Settings):
     )
     max_error_px: float = setting(
         5.0,
-        "Matches that leave a larger expected error of the lines are refused.",
+        "Maximum expected error of the epipolar lines; matches that leave a larger one are refused.",
         unit="px",
         above=0,
         option="--max-error",

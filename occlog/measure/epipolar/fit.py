@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.sight.fundamental import epipolar_lines, homogeneous, scaled
+from occlog.core.geometry.fundamental import epipolar_lines, homogeneous, scaled
 
 BEST_NOISE_PX = 0.1
 """No match is trusted to be better than this."""

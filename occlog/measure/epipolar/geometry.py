@@ -12,7 +12,7 @@ from occlog.errors import InputError
 from occlog.records.scene import Camera, Scene
 from occlog.records.view_pairs import ViewPair, ViewPairs
 
-from .of_scene import fundamental_of_cameras, ideal_pixels_anywhere
+from .from_scene import fundamental_of_cameras, ideal_pixels_anywhere
 from .views import TrackedView, ViewGeometry
 
 

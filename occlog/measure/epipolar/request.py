@@ -15,14 +15,14 @@ from .config import EpipolarConfig
 
 @dataclass(frozen=True, kw_only=True)
 class EpipolarRequest(Request):
-    """Find the fundamental matrix of each pair of views: where a point of one view can be in the other.
+    """Estimate the fundamental matrix of each pair of views, which maps a point to its epipolar line, or check it.
 
-    It comes from --matches (or --from-tracks) where they are given, else from the poses of the scene.
-    Matches of one plane (people's feet), of a line, from one place, or too few are refused.
-    Where a scene tells lens distortion, it is taken off the points first.
+    It comes from --matches (or --from-tracks) if given, else from the camera poses (extrinsics) of the scene. Matches
+    from one plane (people's feet), from a line, from one position, or too few are refused. Lens distortion that a
+    scene states is removed from the points first.
 
-    With RECORDING and an output that ends in .mcap, a copy of the recording holds the matrices, and
-    `occlog track` finds them there.
+    With RECORDING and an output that ends in .mcap, a copy of the recording holds the matrices, and `occlog track`
+    finds them there.
 
     \b
       occlog epipolar --scene scene.yaml -o epipolar.json
@@ -37,23 +37,23 @@ class EpipolarRequest(Request):
     VERDICT: ClassVar[str] = "agree"
     STRICT: ClassVar[str] = ""
 
-    recording: Path | None = source("A recording that is to hold the matrices.", argument=True, required=False)
+    recording: Path | None = source("Recording to which the matrices are added.", argument=True, required=False)
     output: Path | None = sink(
         "Fundamental matrices (JSON), or a copy of the recording that holds them (MCAP).", option="-o/--output"
     )
     scene: Path | None = scene_file()
     matches: Path | None = source(
-        "Points that two views both show: CSV, sensor_a,sensor_b,xa_px,ya_px,xb_px,yb_px.", metavar="FILE"
+        "Points that two views share: CSV, sensor_a,sensor_b,xa_px,ya_px,xb_px,yb_px.", metavar="FILE"
     )
     tracks: Path | None = source(
-        "Take the centres of targets in two views for matches: view tracks (Parquet), or a recording or "
-        "table with true boxes.",
+        "Take the centres of targets in two views as matches: view tracks (Parquet), or a recording or table with "
+        "true boxes.",
         option="--from-tracks",
         metavar="FILE",
     )
     fundamental: Path | None = source("Use these matrices (JSON, or a recording that holds some).", metavar="FILE")
     check: bool = setting(
-        False, "Say how well the matches agree with the matrices or the poses.", option="--check", shown=""
+        False, "Report how well the matches agree with the matrices or the poses.", option="--check", shown=""
     )
     settings: Mapping[str, object] = group(lambda: EpipolarConfig)
     cameras: tuple[str, ...] = setting(

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.sight.fundamental import check_fundamental, symmetric_errors
+from occlog.core.geometry.fundamental import check_fundamental, symmetric_errors
 from occlog.errors import InputError
 from occlog.records.declared.views import ViewTracks
 from occlog.records.scene import Camera, Scene
@@ -21,8 +21,8 @@ from occlog.records.tables import TruthBoxes
 from occlog.records.view_pairs import PointMatches, ViewPair, ViewPairs
 
 from .config import EpipolarConfig
+from .from_scene import estimate_fundamental, fundamental_of_cameras, ideal_pixels
 from .geometry import bends
-from .of_scene import estimate_fundamental, fundamental_of_cameras, ideal_pixels
 
 
 class PairCheck(NamedTuple):

@@ -21,7 +21,7 @@ class ViewGeometry(NamedTuple):
 
     Attributes:
         fundamental: (V, V, 3, 3); [a, b] maps a point of view a to its line in view b (b' F a = 0, see
-            `occlog.core.sight.fundamental`), for pixels without distortion; NaN where it is not known.
+            `occlog.core.geometry.fundamental`), for pixels without distortion; NaN where it is not known.
         ideal: for each view what takes recorded pixels (N, 2) to pixels without distortion; None: they are the same.
     """
 

@@ -20,7 +20,7 @@ class FuseConfig(Settings):
 
     sigma: float = setting(
         3.33,
-        "Spread of a position about its prediction, [Lee] Eq. 4.20; about a person's width.",
+        "Standard deviation of a position about its prediction ([Lee] Eq. 4.20), about the width of a person.",
         unit="length",
         above=0,
         people={"m": 0.5, "ft": 1.6, "in": 20.0},
@@ -29,40 +29,40 @@ class FuseConfig(Settings):
     )
     p_miss: float = setting(
         0.2,
-        "That a camera misses what it could see, unless the scene says ([Lee] P_M).",
+        "Probability of a missed detection, unless the scene states it ([Lee] P_M).",
         above=0,
         below=1,
         option="--p-miss",
     )
     p_false: float = setting(
         0.2,
-        "That a camera reports what is not there, unless the scene says ([Lee] P_F).",
+        "Probability of a false alarm, unless the scene states it ([Lee] P_F).",
         above=0,
         below=1,
         option="--p-false",
     )
     reach: float = setting(
         4.0,
-        "A detection this many spreads from the prediction counts as missed.",
+        "Gate in standard deviations: a detection farther from the prediction counts as missed.",
         above=0,
         option="--reach",
     )
     gate: float = setting(
         3.0,
-        "One this many standard deviations from the global position is removed.",
+        "Gate in standard deviations: a detection farther from the fused position is removed.",
         above=0,
         option="--gate",
     )
     hold: int = setting(
         5,
-        "Times in a row without a declaration after which a prediction is dropped.",
+        "Maximum coasting: consecutive steps without a declaration after which a prediction is dropped.",
         at_least=1,
         option="--hold",
         metavar="TIMES",
     )
     window_s: float = setting(
         0.0,
-        "Frames this close together in time are fused.",
+        "Frames closer together in time are fused as one time step.",
         unit="s",
         at_least=0,
         option="--window",
@@ -70,25 +70,29 @@ class FuseConfig(Settings):
         shown="equal times",
     )
     min_crossing_deg: float = setting(
-        5.0, "Sight lines that cross at smaller angles give no place.", unit="deg", above=0, below=90
+        5.0,
+        "Minimum triangulation angle: lines of sight at smaller angles give no position.",
+        unit="deg",
+        above=0,
+        below=90,
     )
     acceleration: float = setting(
         1.0,
-        "Density of the random acceleration with which objects are predicted.",
+        "Process noise: spectral density of white acceleration with which objects are predicted.",
         unit="length^2/s^3",
         above=0,
         people={"m": 1.0, "ft": 10.0, "in": 1500.0},
     )
     speed: float = setting(
         1.5,
-        "Standard deviation of the speed of an object just found, per axis.",
+        "Standard deviation of the velocity of a new object, per axis.",
         unit="length/s",
         above=0,
         people={"m": 1.5, "ft": 5.0, "in": 60.0},
     )
     person_height: float | None = setting(
         None,
-        "Of a person, to find feet in boxes.",
+        "Height of a person, to find the feet in boxes.",
         unit="length",
         above=0,
         people=PERSON_HEIGHT,

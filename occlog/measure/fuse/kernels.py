@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.sight.camera import wrap_angle
-from occlog.core.sight.triangulate import TRIANGULATED, triangulate
+from occlog.core.geometry.camera import wrap_angle
+from occlog.core.geometry.triangulate import TRIANGULATED, triangulate
 
 Codes = NDArray[np.int8]
 

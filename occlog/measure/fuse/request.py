@@ -19,13 +19,12 @@ DETECTIONS, TRACKS = "detections", "tracks"
 class FuseRequestBase(Request):
     """Fuse the detections of several cameras in BEARINGS (Parquet, or a recording that holds bearings).
 
-    Detections of one target are brought together on the ground. Where enough cameras agree, a camera
-    that missed the target gets its detection back (cause `recovered`); a detection that the others
-    contradict becomes "looked, not seen" (cause `removed`). Candidates (target_id -1) are grouped first.
-    `occlog detect --fuse` does the same while it detects.
+    Detections of one target are combined on the ground. Where enough cameras agree, a camera that missed the target
+    gets its detection back (cause `recovered`); a detection that the others contradict becomes a missed one (cause
+    `removed`). Candidates (target_id -1) are grouped first. `occlog detect --fuse` does the same during detection.
 
-    With --with, BEARINGS and the files named there are tracks of several groups of cameras in one world:
-    those of one person become one track, with one identity, by covariance intersection.
+    With --with, BEARINGS and the other files are tracks of several groups of cameras in one world: the tracks of one
+    person become one track, with one identity, by covariance intersection.
 
     \b
       occlog fuse bearings.parquet --views views.parquet --scene walk.mcap -o fused.parquet --fused-views both.parquet
@@ -45,7 +44,7 @@ class FuseRequest(FuseRequestBase):
 
     RUN: ClassVar[str] = "occlog.measure.fuse.run:run_fuse"
 
-    views: Path | None = source("The views that the bearings are of (Parquet).")
+    views: Path | None = source("Views that the bearings were made from (Parquet).")
     fused_views: Path | None = sink(
         "Write the views after the fusion (Parquet).", "views", result="views", asked="views"
     )
@@ -66,7 +65,9 @@ class TrackFusionRequest(FuseRequestBase):
         option="--with",
         metavar="TRACKS",
     )
-    events: Path | None = sink("Write births, deaths and doubtful identities (Parquet).", "events")
+    events: Path | None = sink(
+        "Write track initiations, terminations and possible identity switches (Parquet).", "events"
+    )
     settings: Mapping[str, object] = group(lambda: TrackFusionConfig, example="reach=3")
 
 

@@ -23,7 +23,7 @@ from occlog.records.tables import UNLABELLED, Bearings, Views
 from occlog.scans.grouping import nearest
 
 from .config import FuseConfig
-from .decide import Decision, ObjectMemory, decide, fuse_candidates
+from .object_decision import Decision, ObjectMemory, decide, fuse_candidates
 from .rows import CAUSES, FusionPart, FusionRows, distances, whole_moments
 from .views import PlacedCameras, feet, placed_cameras
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.geometry.camera import azimuth_to_u, noise_variance, planar_offsets, wrap_angle
+from occlog.core.geometry.visibility import Sensors, make_sensors, seen_from
 from occlog.core.plane import inside_polygon
-from occlog.core.sight.camera import azimuth_to_u, noise_variance, planar_offsets, wrap_angle
-from occlog.core.sight.visibility import Sensors, make_sensors, seen_from
 from occlog.errors import InputError
 from occlog.measure.clusters.person_size import FILL, person_in_image
 from occlog.records.scene import Camera, Scene

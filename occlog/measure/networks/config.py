@@ -42,42 +42,42 @@ class NetworkConfig(Settings):
 
     runtime: str = setting(
         OPENCV,
-        "What runs the networks; the others are extras to install.",
+        "Runtime of the networks; the others are extras to install.",
         choices=(OPENCV, ONNXRUNTIME, OPENVINO),
         option="--runtime",
     )
     head: str | None = setting(
         None,
-        "What the network's numbers mean.",
+        "Output format of the network.",
         choices=(YOLOV5, YOLO, END2END, RFDETR, DETR, ULTRALYTICS_DETR, RTDETR, RTMDET),
         option="--head",
         nothing="from the names and shapes of its outputs",
     )
     overlap: float = setting(
         0.7,
-        "Of two boxes of a class whose intersection over union is above this, that of less confidence is left out; "
-        "only where the network itself leaves such boxes in.",
+        "IoU threshold of non-maximum suppression: of two boxes of a class that overlap more, the less confident "
+        "is removed. Only for networks without their own suppression. Lower values lose close people.",
         at_least=0,
         at_most=1,
         option="--overlap",
     )
     fit: str | None = setting(
         None,
-        "How images are brought to the network's size.",
+        "How images are scaled to the input size of the network.",
         choices=(LETTERBOX, CORNER, STRETCH),
         option="--fit",
-        nothing="as the head's makers do",
+        nothing="as in the original implementation of the head",
     )
     pixels: str | None = setting(
         None,
-        "Colours as numbers: 0 to 1, by ImageNet's means and deviations in RGB or BGR, or 0 to 255.",
+        "Scaling of colours: 0 to 1 (unit), ImageNet means and deviations in RGB or BGR, or 0 to 255 (raw).",
         choices=(UNIT, IMAGENET, IMAGENET_BGR, RAW),
         option="--pixels",
-        nothing="as the head's makers do",
+        nothing="as in the original implementation of the head",
     )
     size: str | None = setting(
         None,
-        "Size of the network's images, where the network leaves it open.",
+        "Input size, where the network leaves it open. Larger images show smaller people and take longer.",
         unit="px",
         option="--size",
         metavar="[WIDTHx]HEIGHT",
@@ -85,20 +85,20 @@ class NetworkConfig(Settings):
     )
     batch: int = setting(
         1,
-        "Images given to the network at a time, where the network leaves that open.",
+        "Images per call of the network, where the network leaves it open.",
         at_least=1,
         at_most=256,
         option="--batch",
     )
     embed_pixels: str = setting(
         IMAGENET,
-        "The same as --pixels for the network of --embed.",
+        "As --pixels, for the network of --embed.",
         choices=(UNIT, IMAGENET, IMAGENET_BGR, RAW),
         option="--embed-pixels",
     )
     embed_size: str | None = setting(
         None,
-        "Size of its images, where it leaves that open.",
+        "Input size of the network of --embed, where it leaves that open.",
         unit="px",
         option="--embed-size",
         metavar="[WIDTHx]HEIGHT",

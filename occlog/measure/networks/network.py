@@ -22,9 +22,9 @@ from occlog.io.formats.models.onnx_file import OnnxFile, Port, read_onnx
 from occlog.records.frames import Image
 
 from .config import CORNER, IMAGENET, IMAGENET_BGR, LARGEST_SIDE, LETTERBOX, PAD, RAW, UNIT
-from .running.apart import SubprocessRuntime
 from .running.messages import Feeds
 from .running.runtimes import Runtime
+from .running.subprocess_runtime import SubprocessRuntime
 
 
 @dataclass(frozen=True)

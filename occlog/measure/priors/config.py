@@ -12,7 +12,7 @@ from typing import ClassVar
 
 from occlog.settings import METRES, Settings, setting
 
-CHANGE = "Change of the velocity in a second, per axis."
+CHANGE = "Process noise of the velocity per axis, accumulated over 1 s. Larger values widen the priors."
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class PositionPriorConfig(Settings):
 
     sigma: float = setting(
         8.0,
-        "Standard deviation of a measurement, per axis; 0: places are known.",
+        "Measurement noise: standard deviation per axis; 0: positions are known.",
         unit="length",
         at_least=0,
         people=0.3,
@@ -34,7 +34,7 @@ class PositionPriorConfig(Settings):
     q: float = setting(1.2, CHANGE, unit="length/s", above=0, people=0.6, option="--q")
     silence_s: float = setting(
         2.0,
-        "Leave out objects that are not measured for so long.",
+        "Omit objects that are not measured for this long.",
         unit="s",
         above=0,
         option="--silence",
@@ -48,11 +48,16 @@ class HullConfig(Settings):
 
     OWNER: ClassVar[str] = "hull"
 
-    misses: int = setting(1, "Cameras that may overlook an object.", at_least=0, option="--misses")
-    least: int = setting(2, "Cameras that must see an object.", at_least=1, option="--least")
+    misses: int = setting(
+        1,
+        "Number of cameras that may miss an object. Larger values keep hulls that fewer silhouettes support.",
+        at_least=0,
+        option="--misses",
+    )
+    least: int = setting(2, "Minimum number of cameras that detect an object.", at_least=1, option="--least")
     dilate: float = setting(
         0.01,
-        "Added to both sides of every run, besides twice the camera's sigma_yaw.",
+        "Margin added to both sides of every run, in addition to twice the camera's sigma_yaw.",
         unit="rad",
         at_least=0,
         option="--dilate",
@@ -60,7 +65,7 @@ class HullConfig(Settings):
     )
     smallest: float = setting(
         1.0,
-        "Area of the smallest polygon.",
+        "Minimum area of a polygon.",
         unit="length^2",
         at_least=0,
         people=0.02,
@@ -69,7 +74,7 @@ class HullConfig(Settings):
     )
     persist_s: float = setting(
         0.2,
-        "A polygon must have been there so long.",
+        "Minimum time that a polygon has been present.",
         unit="s",
         at_most=1e9,
         at_least=0,
@@ -78,30 +83,30 @@ class HullConfig(Settings):
     )
     memory_s: float = setting(
         2.0,
-        "How long it counts that a polygon was the only one to explain a run.",
+        "Time for which it counts that a polygon was the only one to explain a run.",
         unit="s",
         at_most=1e9,
         at_least=0,
         option="--memory",
         metavar="SECONDS",
     )
-    lost_s: float = setting(0.5, "How long an identity is kept without a polygon.", unit="s", at_most=1e9, at_least=0)
+    lost_s: float = setting(
+        0.5, "Time for which an identity is kept without a polygon.", unit="s", at_most=1e9, at_least=0
+    )
     hold_s: float = setting(
         0.3,
-        "How long a certain polygon is kept when it is not there.",
+        "Time for which a certain polygon is kept while it is missing.",
         unit="s",
         at_most=1e9,
         at_least=0,
         option="--hold",
         metavar="SECONDS",
     )
-    speed: float = setting(3.0, "Speed of the fastest object.", unit="length/s", at_least=0, people=2.5)
-    reach: float = setting(
-        3.33, "Length by which the middle of a polygon may jump.", unit="length", at_least=0, people=0.5
-    )
+    speed: float = setting(3.0, "Maximum speed of objects.", unit="length/s", at_least=0, people=2.5)
+    reach: float = setting(3.33, "Maximum jump of the centre of a polygon.", unit="length", at_least=0, people=0.5)
     window_s: float = setting(
         0.0,
-        "Frames so close together are of one moment.",
+        "Frames closer together in time are one time step.",
         unit="s",
         at_least=0,
         option="--window",
@@ -109,7 +114,7 @@ class HullConfig(Settings):
     )
     exclude_targets: bool = setting(
         True,
-        "Leave out clusters that are known to be of a target.",
+        "Omit clusters that are known to be of a target.",
         option="--exclude-targets/--include-targets",
     )
 
@@ -125,7 +130,7 @@ class AcousticConfig(Settings):
     OWNER: ClassVar[str] = "acoustic"
 
     gate: float = setting(
-        3.0, "Standard deviations within which a direction or a place is of a source.", above=0, option="--gate"
+        3.0, "Gate in standard deviations for a direction or a position to be of a source.", above=0, option="--gate"
     )
     q: float = setting(
         1.2,
@@ -137,7 +142,7 @@ class AcousticConfig(Settings):
     )
     persist_s: float = setting(
         0.3,
-        "A source must have been heard so long.",
+        "Minimum time for which a source has been detected.",
         unit="s",
         at_most=1e9,
         at_least=0,
@@ -146,7 +151,7 @@ class AcousticConfig(Settings):
     )
     silence_s: float = setting(
         2.0,
-        "Leave out sources that are not heard for so long.",
+        "Omit sources that are not detected for this long.",
         unit="s",
         at_least=0,
         option="--silence",
@@ -154,12 +159,12 @@ class AcousticConfig(Settings):
     )
     window_s: float = setting(
         0.0,
-        "Directions so close together are of one moment.",
+        "Directions closer together in time are one time step.",
         unit="s",
         at_least=0,
         option="--window",
         metavar="SECONDS",
     )
     min_crossing: float = setting(
-        0.1, "Directions that cross at a smaller angle give no place.", unit="rad", at_least=0
+        0.1, "Minimum triangulation angle: directions at smaller angles give no position.", unit="rad", at_least=0
     )

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
+from occlog.core.geometry.triangulate import SourceDirections, distance2, localise
 from occlog.core.numerics.assignment import assign
-from occlog.core.sight.triangulate import SourceDirections, distance2, localise
 from occlog.errors import InputError, UsageError
 from occlog.filtering.motion.white_acceleration import Walkers, concat, initiate, predict, select, update
 from occlog.records.scene import Scene

@@ -22,8 +22,8 @@ import numpy as np
 import shapely
 
 from occlog.array_types import Floats
+from occlog.core.geometry.camera import wrap_angle
 from occlog.core.numerics.assignment import assign
-from occlog.core.sight.camera import wrap_angle
 from occlog.records.scene import Camera, Scene
 
 Run = tuple[int, int]

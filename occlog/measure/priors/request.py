@@ -15,10 +15,10 @@ from .config import AcousticConfig, HullConfig, PositionPriorConfig
 
 @dataclass(frozen=True, kw_only=True)
 class KalmanRequest(Request):
-    """Priors from POSITIONS (a recording with truth, or a table of truth or tracks) by a Kalman filter each.
+    """Estimate occluder priors from POSITIONS (truth or tracks: a table or a recording) by Kalman filters.
 
-    Of truth the objects of the role `occluder` are used. Without --measured, noise is added to their true
-    places first, as in experiments with virtual occluders.
+    Of truth the objects of the role `occluder` are used. Without --measured, noise is added to their true positions
+    first, as in experiments with virtual occluders.
 
     \b
       occlog priors kalman room.mcap -o occluders.parquet --sigma 8 --q 1.2 --seed 1
@@ -43,10 +43,10 @@ class KalmanRequest(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class HullRequest(Request):
-    """Priors from VIEWS (of `occlog detect --views`): where the cones of what cameras see meet.
+    """Estimate occluder priors from VIEWS (of `occlog detect --views`): visual hulls of all silhouettes.
 
-    Polygons that no camera needs (phantoms) are left out. Where clusters are not told apart, the tracked
-    target's own polygon is there, too: `occlog track --set own_gate=3` leaves it out.
+    Polygons that no camera needs (phantoms) are left out. Where clusters are not distinguished, the polygon of the
+    tracked target is among them: `occlog track --set own_gate=3` leaves it out.
 
     \b
       occlog priors hull views.parquet --scene hall.mcap -o occluders.parquet --hulls hulls.parquet
@@ -60,16 +60,16 @@ class HullRequest(Request):
     hulls: Path | None = sink("The polygons themselves (Parquet).", "hulls")
     scene: Path | None = scene_file()
     bearings: Path | None = source(
-        "Bearings made along with VIEWS, which tell frames without anybody from missing ones."
+        "Bearings made along with VIEWS, which distinguish frames without people from missing frames."
     )
-    cameras: tuple[str, ...] = setting((), "Use only these cameras.", option="--cameras", metavar="A,B,...", shown="")
-    without: tuple[str, ...] = setting((), "Leave these cameras out.", option="--without", metavar="A,B,...", shown="")
+    cameras: tuple[str, ...] = setting((), "Use these cameras only.", option="--cameras", metavar="A,B,...", shown="")
+    without: tuple[str, ...] = setting((), "Exclude these cameras.", option="--without", metavar="A,B,...", shown="")
     settings: Mapping[str, object] = group(lambda: HullConfig, example="speed=2")
 
 
 @dataclass(frozen=True, kw_only=True)
 class AcousticRequest(Request):
-    """Priors from DOA (a table of directions of arrival, or a recording with them) of two arrays or more.
+    """Estimate occluder priors from DOA, directions of arrival at two arrays or more (a table or a recording).
 
     \b
       occlog priors acoustic talk.mcap -o occluders.parquet --window 0.05
@@ -85,7 +85,7 @@ class AcousticRequest(Request):
 
 
 VERBS = Verbs(
-    """Find where moving occluders are, for `occlog track --occluders`.
+    """Estimate the positions of moving occluders, for `occlog track --occluders`.
 
     \b
       occlog priors kalman room.mcap -o occluders.parquet

@@ -28,7 +28,7 @@ import numpy as np
 from occlog.array_types import Bytes, Floats, Ints, Ints32
 from occlog.core.image import N_BINS, as_colour, pixel_bin
 from occlog.core.numerics.jit import kernel
-from occlog.measure.clusters.crowds import SeparateSightings, split_silhouettes
+from occlog.measure.clusters.merged_silhouettes import SeparateSightings, split_silhouettes
 from occlog.measure.clusters.person_size import Prior, SizeMap, place
 from occlog.measure.clusters.stage import Clusters, find_clusters
 
@@ -179,7 +179,7 @@ def cluster_regions(
         side: of the cells [px].
         prior: of the camera.
         apart: of the camera: people of a silhouette of several are found by their outlines
-            (`occlog.measure.clusters.crowds`); None: by EM alone.
+            (`occlog.measure.clusters.merged_silhouettes`); None: by EM alone.
     """
     cells, corners = gather(mask, side)
     clusters = find_clusters(cells, corners, side, prior)

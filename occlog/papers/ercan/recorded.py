@@ -32,21 +32,21 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.sight.triangulate import TRIANGULATED
-from occlog.core.sight.visibility import behind_objects
+from occlog.core.geometry.triangulate import TRIANGULATED
+from occlog.core.geometry.visibility import behind_objects
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.bearings.residuals import triangulated_points
 from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.io.files.frame_times import FrameTimes, as_rate
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.tables.parquet import read_table
-from occlog.io.files.times import FrameTimes, as_rate
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.formats.calibration.common import CalibrationOptions
 from occlog.io.formats.calibration.reader import read_calibration
 from occlog.io.open import scene_in
+from occlog.measure.associate.config import LabelConfig
+from occlog.measure.associate.stage import label
 from occlog.measure.detect.from_boxes import detect_boxes
-from occlog.measure.label.config import LabelConfig
-from occlog.measure.label.stage import label
 from occlog.measure.priors.from_positions import virtual_priors
 from occlog.papers import verdicts as v
 from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table

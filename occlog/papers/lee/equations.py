@@ -14,7 +14,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.bounds.in_space import direction_information, plane_variance, sight_angles
-from occlog.core.sight.projected_planes import AXES, XY, YZ, ZX, projected_angles
+from occlog.core.geometry.projected_planes import AXES, XY, YZ, ZX, projected_angles
 from occlog.filtering.motion.coordinated_turn import turn_matrix
 from occlog.papers import verdicts as v
 from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, exact

@@ -13,7 +13,7 @@ from occlog.array_types import Floats
 from occlog.papers import verdicts as v
 from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, quotient_of
 from occlog.track.methods.readers.refine import PARALLEL, PRINTED, RAYS, TagSightings, refine
-from occlog.track.methods.readers.virtual import locate, most_virtual_sensors, virtual_sensors
+from occlog.track.methods.readers.virtual_sensors import locate, most_virtual_sensors, virtual_sensors
 
 SIDE = 10.0
 """Side of the room [m]."""

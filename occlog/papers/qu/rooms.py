@@ -27,7 +27,7 @@ from occlog.simulate.run import parameters, people_setup, write_recording
 from occlog.track.methods.images.interface import MODES
 from occlog.track.request import ViewsRequest
 
-from .follow import TrackerOutput
+from .tracker_runs import TrackerOutput
 from .trial import scores, timeline
 
 KIND = "qu-rooms"

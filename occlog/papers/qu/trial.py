@@ -28,8 +28,8 @@ from occlog.simulate.balls.config import BallsConfig
 from occlog.track.methods.images.interface import BAD, GOOD, LEFT, MODES, TERMINATED
 from occlog.track.methods.images.methods.config import CONFIGS, MipfConfig
 
-from .follow import DivertedTracker, Runner, TrackerOutput, follow
 from .staged import Staging, staging_of
+from .tracker_runs import DivertedTracker, Runner, TrackerOutput, follow
 from .world import births_of, boxes_of, first_frame, geometry_of, of_views
 
 

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from occlog.array_types import Floats
+from occlog.core.geometry.fundamental import scaled
 from occlog.core.image import support_radius
 from occlog.core.metrics.mot.frame_pairs import Objects
-from occlog.core.sight.fundamental import scaled
 from occlog.errors import InputError
-from occlog.measure.epipolar.of_scene import fundamental_of_cameras
+from occlog.measure.epipolar.from_scene import fundamental_of_cameras
 from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import ball_cameras

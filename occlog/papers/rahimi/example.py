@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from occlog.array_types import Floats, Ints
-from occlog.core.sight.camera import u_to_azimuth
+from occlog.core.geometry.camera import u_to_azimuth
 from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth

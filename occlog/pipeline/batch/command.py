@@ -11,23 +11,28 @@ from occlog.cli import options
 from occlog.pipeline.executors.options import job_settings, scheduler_options
 
 
-@click.command(name="batch", short_help="Do the stages of a run for each of many recordings.")
+@click.command(name="batch", short_help="Run the stages of a configuration on many recordings.")
 @click.argument("config", type=options.PATH)
 @click.argument("recordings", nargs=-1, required=True)
 @click.option(
-    "-o", "--output", required=True, metavar="PATH", help="Folder of the results, or its URL; made if missing."
+    "-o", "--output", required=True, metavar="PATH", help="Folder of the results, or its URL; created if missing."
 )
-@click.option("--workers", type=click.IntRange(min=1), default=None, help="Processes. [default: one a processor]")
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    default=None,
+    help="Number of processes; results do not depend on it. [default: one per processor]",
+)
 @scheduler_options
 @click.option(
     "--tables",
     default="tracks",
     show_default=True,
     metavar="A,B,...",
-    help="Tables of the run folders that are joined over all recordings.",
+    help="Tables of the run folders to concatenate over all recordings.",
 )
 @click.option(
-    "--cache", type=options.PATH, default=None, help="Folder for what is fetched from URLs. [default: the user's]"
+    "--cache", type=options.PATH, default=None, help="Cache folder for files from URLs. [default: the user's]"
 )
 @click.option(
     "--cache-limit",
@@ -35,11 +40,9 @@ from occlog.pipeline.executors.options import job_settings, scheduler_options
     default=20.0,
     show_default=True,
     metavar="GB",
-    help="Size of the cache.",
+    help="Maximum size of the cache.",
 )
-@click.option(
-    "--force", "--overwrite", "force", is_flag=True, help="Do every stage again, also those that are up to date."
-)
+@click.option("--force", "--overwrite", "force", is_flag=True, help="Run every stage, also those that are up to date.")
 @options.strict_opt
 @options.quiet_opt
 @options.json_opt
@@ -58,14 +61,13 @@ def command(
     quiet: bool,
     as_json: bool,
 ) -> int:
-    """Do the stages of CONFIG (YAML, as of `occlog run`, without a recording) for each of RECORDINGS.
+    """Run the stages of CONFIG (YAML, as of `occlog run`, without a recording) for each of RECORDINGS.
 
-    RECORDINGS are files, patterns, which are best quoted, and URLs (s3, gs, https).  The folder gets runs/NAME, a run
-    folder for each recording, and tables over all: runs.parquet (a row a recording: state, exit
-    code, message, losses), metrics.parquet (a row a figure), tracks.parquet (with a column
-    `recording`), and timings.csv.  A recording that fails is listed, and the others go on; the
-    exit code is 3 then.  After an interruption, or with more recordings, the same command does
-    what is not up to date.  Results do not depend on the number of workers.
+    RECORDINGS are files, quoted patterns, and URLs (s3, gs, https). The folder gets runs/NAME, a run folder for
+    each recording, and common tables: runs.parquet (a row per recording: state, exit code, message, losses),
+    metrics.parquet (a row per metric), tracks.parquet (with a column `recording`), and timings.csv. A failed
+    recording is listed, and the others continue; the exit code is then 3. After an interruption, or with more
+    recordings, the same command processes what is not up to date. Results do not depend on the number of workers.
 
     \b
       occlog batch study.yaml 'recordings/*.mcap' -o results/

@@ -17,11 +17,11 @@ from occlog.console.notes import begin_work, note_files
 from occlog.console.summary import plausible_in_words
 from occlog.console.text import counted, shortened
 from occlog.errors import ExitCode, InputError, UsageError, did_you_mean, option
+from occlog.io.dataset import join_tables, write_metrics, write_runs
 from occlog.io.files.atomic import write_bytes
 from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.texts.documents import read_json
-from occlog.io.gathered import join_tables, write_metrics, write_runs
 from occlog.io.remote import Cache, is_url, kind_of, public_url
 from occlog.pipeline.csv_text import to_csv
 from occlog.pipeline.executors.chosen import executor_of

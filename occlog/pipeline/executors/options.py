@@ -26,14 +26,14 @@ def scheduler_options(command: F) -> F:
             "jobs",
             multiple=True,
             metavar="NAME=VALUE",
-            help="A setting of jobs: jobs (how many), timeout_min, mem_gb, slurm_partition, ...; may be repeated.",
+            help="Setting of jobs: jobs (their number), timeout_min, mem_gb, slurm_partition, ...; may be repeated.",
         ),
         click.option(
             "--scheduler",
             default=None,
             metavar="WHERE",
-            help="Who works instead: tcp://HOST:PORT (Dask), slurm, slurm-here (its jobs on this machine), ray or "
-            "ray://HOST:PORT.",
+            help="Cluster to use instead: tcp://HOST:PORT (Dask), slurm, slurm-here (its jobs on this machine), ray "
+            "or ray://HOST:PORT.",
         ),
     ):
         command = option(command)

@@ -11,21 +11,19 @@ from occlog.cli import options
 from occlog.io.files.atomic import check_outputs
 
 
-@click.command(name="pack", short_help="Put a run folder with its inputs and versions into one file.")
+@click.command(name="pack", short_help="Archive a run folder with its inputs and versions in one file.")
 @click.argument("folder", type=options.PATH)
-@click.option("--config", type=options.INPUT, required=True, help="Configuration that the run folder was made by.")
+@click.option("--config", type=options.INPUT, required=True, help="Configuration of the run folder.")
 @options.output_opt("The archive (ZIP).")
-@click.option(
-    "--reference", is_flag=True, help="Leave the inputs out, and say only which they are: name, size and SHA-256."
-)
+@click.option("--reference", is_flag=True, help="Omit the inputs and store only their names, sizes and SHA-256.")
 @options.overwrite_opt
 @options.json_opt
 def command(folder: Path, config: Path, output: Path, reference: bool, overwrite: bool, as_json: bool) -> int:
-    """Put the run folder FOLDER into one file, from which `occlog verify` makes it again.
+    """Archive the run folder FOLDER in one file, from which `occlog verify` repeats it.
 
-    The archive holds the outputs of all stages, the configuration and all that it names (videos that recordings link
-    to as well), the versions of Python and of packages, and the SHA-256 of everything.  Every stage has to be up to
-    date.  The same run gives the same bytes.
+    The archive contains the outputs of all stages, the configuration and its input files (linked videos too), the
+    versions of Python and packages, and all SHA-256 hashes. Every stage must be up to date. The same run gives the
+    same bytes.
 
     \b
       occlog run sample_data/room/run.yaml -o room/

@@ -9,22 +9,19 @@ import click
 from occlog.cli import options
 
 
-@click.command(name="run", short_help="Do all stages of a configuration into a run folder.")
+@click.command(name="run", short_help="Run all stages of a configuration into a run folder.")
 @click.argument("config", type=options.PATH)
-@click.option("-o", "--output", type=options.PATH, required=True, help="Run folder; made if missing.")
-@click.option(
-    "--force", "--overwrite", "force", is_flag=True, help="Do every stage again, also those that are up to date."
-)
-@click.option("--dry-run", is_flag=True, help="Only say which stages would run.")
+@click.option("-o", "--output", type=options.PATH, required=True, help="Run folder; created if missing.")
+@click.option("--force", "--overwrite", "force", is_flag=True, help="Run every stage, also those that are up to date.")
+@click.option("--dry-run", is_flag=True, help="List the stages that would run, and stop.")
 @options.strict_opt
 @options.quiet_opt
 @options.json_opt
 def command(config: Path, output: Path, force: bool, dry_run: bool, strict: bool, quiet: bool, as_json: bool) -> int:
-    """Do all stages of CONFIG (YAML) into a run folder.
+    """Run all stages of CONFIG (YAML) into a run folder.
 
-    A stage is skipped when its options, the program and the content of its inputs are
-    what they were, and its outputs are untouched.  The outputs of a stage that runs
-    again are replaced; all else in the folder is left alone.
+    A stage is skipped if its options, the program and the content of its inputs are unchanged, and its outputs
+    untouched. The outputs of a stage that runs again are replaced; other files in the folder stay.
 
     \b
       occlog run sample_data/room/run.yaml -o run/ && open run/report.html

@@ -6,7 +6,7 @@ The keys of a stage are those of the request of its verb, as its long options wi
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -301,7 +301,8 @@ def _stage(
     verb, _, source = (verb or name).partition(" ")
     values = {**(inputs or {}), **config.stage(name), **outputs}
     with refused_in(config, name):
-        form = form_of(load(COMMANDS[verb].where), source, values)
+        declared = load(COMMANDS[verb].where)
+        form = form_of(declared, source, values)
         names = tuple(str(path) for path in outputs.values())
         keys = [entry.key for entry in form.entries() if entry.file is not None and entry.file.argument]
         given = dict(zip(keys, arguments, strict=False))
@@ -310,10 +311,19 @@ def _stage(
         known = stage.keys()
     for key in stage.values:
         if key not in known:
-            setting = f"it is a setting, which stands under set: `set: {{{key}: ...}}`"
-            hint = setting if stage.without_key(key) else _nearest(key, sorted(known))
-            raise InputError(f"{config.at(name, key)}: unknown key; {hint}")
+            raise InputError(f"{config.at(name, key)}: unknown key; {_hint(stage, declared, key, known)}")
     return stage
+
+
+def _hint(stage: RunStage, verb: type[Request] | Verb | Verbs, key: str, known: Collection[str]) -> str:
+    """What to do about a key that a stage does not have: where it belongs, or the nearest key."""
+    if stage.without_key(key):
+        return f"it is a setting, which stands under set: `set: {{{key}: ...}}`"
+    kinds = verb.kinds.items() if isinstance(verb, Verb) else ()
+    owners = [name for name, kind in kinds if any(entry.key == key for entry in kind.form().entries())]
+    if isinstance(verb, Verb) and owners:
+        return f"it is a key of {verb.what} {', '.join(owners)}; remove it, or choose one of them"
+    return _nearest(key, sorted(known))
 
 
 def form_of(verb: type[Request] | Verb | Verbs, name: str, values: Mapping[str, object]) -> Form:

@@ -11,17 +11,22 @@ from occlog.cli import options
 from occlog.pipeline.executors.options import job_settings, scheduler_options
 
 
-@click.command(name="sweep", short_help="Monte Carlo runs over seeds and parameters, in parallel.")
+@click.command(name="sweep", short_help="Run a Monte Carlo study over seeds and parameters, in parallel.")
 @click.argument("sweep", type=options.PATH)
-@click.option("-o", "--output", type=options.PATH, required=True, help="Folder of the results; made if missing.")
-@click.option("--workers", type=click.IntRange(min=1), default=None, help="Processes. [default: one a processor]")
+@click.option("-o", "--output", type=options.PATH, required=True, help="Folder of the results; created if missing.")
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    default=None,
+    help="Number of processes; results do not depend on it. [default: one per processor]",
+)
 @scheduler_options
 @click.option(
     "--figures",
     default="rmse,rmse_occ,restart,bytes",
     show_default=True,
     metavar="A,B,...",
-    help="What the printed table shows; the files have everything.",
+    help="Metrics of the printed table; the files have all.",
 )
 @options.overwrite_opt
 @options.quiet_opt
@@ -37,13 +42,12 @@ def command(
     quiet: bool,
     as_json: bool,
 ) -> int:
-    """Run all trials of SWEEP (YAML): each simulates a scene, tracks, and compares with the truth.
+    """Run all trials of SWEEP (YAML): each simulates a scene, tracks, and evaluates against the truth.
 
-    Trials of equal seed and run see the same world and the same noise.  Finished trials are
-    kept in the folder; after an interruption the same command goes on where it stopped.
-    Results do not depend on the number of workers.  The folder gets trials.csv (a row a
-    trial), summary.csv (mean, standard deviation, standard error and 95 % confidence interval
-    of every figure and setting), timings.csv and sweep.json (how it was made).
+    Trials of equal seed and run have the same world and the same noise. Finished trials are kept in the folder;
+    after an interruption the same command resumes. Results do not depend on the number of workers. The folder gets
+    trials.csv (a row per trial), summary.csv (mean, standard deviation, standard error and 95 % confidence interval
+    of every metric and setting), timings.csv and sweep.json (provenance).
 
     \b
       occlog sweep examples/sweep.yaml -o sweep/

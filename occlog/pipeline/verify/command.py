@@ -10,18 +10,18 @@ from occlog import console
 from occlog.cli import options
 
 
-@click.command(name="verify", short_help="Make a packed run again, and say whether it is the same.")
+@click.command(name="verify", short_help="Repeat an archived run and compare the results.")
 @click.argument("archive", type=options.INPUT)
 @click.option(
-    "--inputs", type=options.PATH, help="Folder of the inputs that the archive only names, under their names in it."
+    "--inputs", type=options.PATH, help="Folder of the inputs that the archive only references, under the same names."
 )
 @options.quiet_opt
 @options.json_opt
 def command(archive: Path, inputs: Path | None, quiet: bool, as_json: bool) -> int:
-    """Make the run that `occlog pack` put into ARCHIVE again, from its inputs, and compare every output.
+    """Repeat the run in ARCHIVE (of `occlog pack`) from its inputs, and compare every output.
 
-    Exit code 0: the same bytes, or the same values with other versions of packages; 5: an output differs, which is
-    named with its first difference, and whether other versions may explain it.  Nothing is written but temporary files.
+    Exit code 0: the same bytes, or the same values with other package versions; 5: an output differs; it is named
+    with its first difference, and whether other versions may explain it. Only temporary files are written.
 
     \b
       occlog verify room.zip

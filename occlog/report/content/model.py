@@ -30,10 +30,10 @@ from occlog.records.verdicts import Check, Verdict, all_plausible, found_by_stag
 from occlog.report.gather import TABLES, ReportFigures, gather, in_memory
 
 from .accuracy import FilterDiagnostics, matching_tracks, relabelled
-from .looks import ObservationCoverage, Selections
+from .coverage import ObservationCoverage, Selections
+from .downsampled import TableTotals
 from .people import PeopleStatistics
 from .sight import Residual, TriangulationDistances
-from .thinned import TableTotals
 
 TIME_LABEL = "time since start"
 CALENDAR_FROM_NS = 365 * 86_400 * NS

@@ -12,7 +12,7 @@ from occlog.core.metrics.errors import Sum, ratio_or_nan
 from occlog.records.declared.people import has_word
 from occlog.records.tables import PeopleTracks, Truth
 
-from .looks import CELLS, SensorSightings
+from .coverage import CELLS, SensorSightings
 
 MAX_PEOPLE = 60
 """People who have a row of their own, those who are there longest."""

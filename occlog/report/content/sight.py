@@ -11,15 +11,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.geometry.camera import wrap_angle
+from occlog.core.geometry.triangulate import TRIANGULATED, triangulate
 from occlog.core.metrics.errors import Sum
-from occlog.core.sight.camera import wrap_angle
-from occlog.core.sight.triangulate import TRIANGULATED, triangulate
 from occlog.evaluate.errors.sums import quantiles_of
 from occlog.io.files.spill import NUMBERS_IN_MEMORY, Spool
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Tracks
 
-from .thinned import largest
+from .downsampled import largest
 
 RAYS = 121
 

@@ -36,7 +36,7 @@ from occlog.records.declared.people import PeopleTracks
 from occlog.records.declared.views import ViewTracks
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Diagnostics, Tracks, Truth, whole_times
-from occlog.track.methods.images.births.births import anchors
+from occlog.track.methods.images.initiation.births import anchors
 
 from .draw import WHITE, Box, LineDrawing, bar, colour_of, draw_way, label
 

@@ -8,15 +8,15 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.sight.camera import distort
-from occlog.core.sight.fundamental import epipolar_lines
-from occlog.measure.epipolar.of_scene import ideal_pixels
+from occlog.core.geometry.camera import distort
+from occlog.core.geometry.fundamental import epipolar_lines
+from occlog.measure.epipolar.from_scene import ideal_pixels
 from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.records.declared.people import GROUND
 from occlog.records.declared.views import Failures, ViewTracks
 from occlog.records.scene import Camera
 from occlog.records.tables import TruthBoxes
-from occlog.track.methods.images.births.births import anchors
+from occlog.track.methods.images.initiation.births import anchors
 
 from .draw import FrameDrawing, Outline, TruePosition
 

@@ -27,7 +27,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarForm
 from occlog.array_types import Bools, Floats, Ints
 from occlog.records.tables import Bound, Diagnostics, Errors, Events, PeopleTracks, Tracks
 from occlog.report.content.accuracy import deviation
-from occlog.report.content.looks import (
+from occlog.report.content.coverage import (
     MAX_SENSORS,
     MAX_TARGETS,
     ObservationCoverage,

@@ -16,7 +16,7 @@ from occlog.report.content.model import ReportInput
 from occlog.report.plots.floorplan import near_scene, plan_limits, view_area
 from occlog.settings import METRES
 
-from .moments import MISSING, ReplaySteps, Words, packed
+from .steps import MISSING, ReplaySteps, Words, packed
 from .thumbnails import Thumbnails
 
 LARGEST = 2.5

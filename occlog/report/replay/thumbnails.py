@@ -24,7 +24,7 @@ from occlog.report.overlay.pictures import NO_IMAGE, LostFrames
 from occlog.report.overlay.plan import GroundTrackPositions, OverlayTables
 from occlog.settings import METRES
 
-from .moments import packed
+from .steps import packed
 
 WIDTH = 240
 """Of an image [px]."""

@@ -22,60 +22,68 @@ class BallsConfig(Settings):
 
     OWNER: ClassVar[str] = "balls"
 
-    frames: int = setting(400, "Of each camera.", at_least=1, option="--frames")
-    width: int = setting(320, "Of the images.", unit="px", at_least=16, at_most=8192)
-    height: int = setting(240, "Of the images.", unit="px", at_least=16, at_most=8192)
-    balls: int = setting(6, "How many.", at_least=1, option="--balls")
-    radius: float = setting(22.0, "Of the balls.", unit="px", at_least=0.5, option="--radius", metavar="PX")
+    frames: int = setting(400, "Number of frames of each camera.", at_least=1, option="--frames")
+    width: int = setting(320, "Width of the images.", unit="px", at_least=16, at_most=8192)
+    height: int = setting(240, "Height of the images.", unit="px", at_least=16, at_most=8192)
+    balls: int = setting(6, "Number of balls.", at_least=1, option="--balls")
+    radius: float = setting(22.0, "Radius of the balls.", unit="px", at_least=0.5, option="--radius", metavar="PX")
     speed: float = setting(
         3.0,
-        "Mean way of a ball in a frame, in space; theirs are 0.5 to 1.5 times this.",
+        "Mean displacement of a ball per frame, in space; balls have 0.5 to 1.5 times this.",
         unit="px",
         at_least=0,
         option="--ball-speed",
         metavar="PX",
     )
-    spin: float = setting(0.05, "Turn of a ball in a frame.", unit="rad", at_least=0, option="--spin", metavar="RAD")
+    spin: float = setting(0.05, "Rotation of a ball per frame.", unit="rad", at_least=0, option="--spin", metavar="RAD")
     views: int = setting(
         2,
-        "Cameras: the two of the paper, at a right angle and level, then some that look down from between.",
+        "Number of cameras: the two of the paper, at a right angle and level, then some between them, tilted down.",
         at_least=1,
         at_most=6,
         option="--views",
     )
     distance: float = setting(
         ORTHOGRAPHIC_DISTANCE_PX,
-        "From the cameras to the middle of the box; near ones see sizes change.",
+        "Distance of the cameras from the centre of the box. Near cameras see sizes change.",
         unit="px",
         at_least=1,
         option="--distance",
         metavar="PX",
     )
-    start_apart: bool = setting(True, "No ball hides another in the first frame.", option="--apart/--overlap")
+    start_apart: bool = setting(
+        True, "Start without occlusions of balls in the first frame.", option="--apart/--overlap"
+    )
     collide: bool = setting(
         False, "Balls bounce off each other.", option="--collide", shown="one flies through the other"
     )
     noise: float = setting(
         1.5,
-        "Noise of every pixel, common to its colours: standard deviation in grey levels of 255.",
+        "Image noise common to the colour channels: standard deviation in grey levels of 255.",
         at_least=0,
         option="--image-noise",
         metavar="LEVELS",
     )
     colour_noise: float = setting(
-        1.0, "Noise of every colour alone.", at_least=0, option="--colour-noise", metavar="LEVELS"
+        1.0,
+        "Image noise per colour channel: standard deviation in grey levels of 255.",
+        at_least=0,
+        option="--colour-noise",
+        metavar="LEVELS",
     )
-    clutter: int = setting(6, "Patches in the balls' colours on each background.", at_least=0, option="--clutter")
+    clutter: int = setting(
+        6, "Background patches in the colours of the balls, per view.", at_least=0, option="--clutter"
+    )
     motion: str = setting(
         "straight",
-        f"Straight on; a random walk whose steps have the standard deviation `speed` along each axis; or manoeuvres: "
-        f"random accelerations, with at most {FASTEST:g} times `speed`.",
+        f"Straight on; a random walk with steps of standard deviation `speed` along each axis; or manoeuvres: "
+        f"random accelerations, with a speed of at most {FASTEST:g} times `speed`.",
         choices=MOTIONS,
         option="--ball-motion",
     )
     acceleration: float = setting(
         1.0,
-        "Of balls that manoeuvre: standard deviation of the change of the velocity in a frame, along each axis.",
+        "Manoeuvring balls: standard deviation of the velocity change per frame, along each axis.",
         unit="px",
         at_least=0,
         option="--ball-acceleration",

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
+from occlog.core.geometry.camera import rotation_from_angles
 from occlog.core.numerics.seeds import RandomStream, generator
-from occlog.core.sight.camera import rotation_from_angles
 from occlog.errors import InputError
 from occlog.records.scene import Camera
 

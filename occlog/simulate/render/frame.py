@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occlog.array_types import Bytes, Floats, Floats32, Ints
-from occlog.core.sight.camera import distort
+from occlog.core.geometry.camera import distort
 from occlog.records.scene import Camera, Scene
 
 from .body import STATURE, Clothes, poses, solids

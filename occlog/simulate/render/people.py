@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occlog.array_types import Bytes, Floats
+from occlog.core.geometry.camera import rotation_from_angles
 from occlog.core.image import N_BINS
 from occlog.core.numerics.interpolate import SensorFrames, TimeGrid, frames_at
 from occlog.core.numerics.seeds import RandomStream, generator
-from occlog.core.sight.camera import rotation_from_angles
 from occlog.errors import InputError
 from occlog.measure.regions.regions import add_pixels_into, normalised
 from occlog.records.scene import Camera, Scene

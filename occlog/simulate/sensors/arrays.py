@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.geometry.camera import wrap_angle
 from occlog.core.numerics.interpolate import SensorFrames, TimeGrid, frames_at
 from occlog.core.numerics.seeds import RandomStream, generator
-from occlog.core.sight.camera import wrap_angle
 from occlog.errors import InputError
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import UNLABELLED, Doa, Truth

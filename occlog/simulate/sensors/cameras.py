@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.geometry.camera import noise_variance, planar_offsets, u_to_azimuth
+from occlog.core.geometry.visibility import behind_objects, behind_walls, in_view
 from occlog.core.numerics.interpolate import SensorFrames, TimeGrid, frames_at
 from occlog.core.numerics.seeds import RandomStream, generator
-from occlog.core.sight.camera import noise_variance, planar_offsets, u_to_azimuth
-from occlog.core.sight.visibility import behind_objects, behind_walls, in_view
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Bearings, Truth
 from occlog.simulate.config import ObserveConfig

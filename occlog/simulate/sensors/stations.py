@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.core.geometry.path_loss import received_power
 from occlog.core.numerics.interpolate import SensorFrames, TimeGrid, frames_at
 from occlog.core.numerics.seeds import RandomStream, generator
-from occlog.core.sight.path_loss import received_power
 from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import Scene, TagReader
 from occlog.records.tables import Reads, Truth

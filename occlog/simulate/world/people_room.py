@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.geometry.camera import rotation_from_angles
 from occlog.core.navigation.forces import Field, distance
 from occlog.core.navigation.obstacles import (
     MovingObstacles,
@@ -32,7 +33,6 @@ from occlog.core.navigation.obstacles import (
 )
 from occlog.core.navigation.steering import NearbyObstacles, StepRules, steer
 from occlog.core.numerics.seeds import RandomStream, generator
-from occlog.core.sight.camera import rotation_from_angles
 from occlog.errors import InputError
 from occlog.records.scene import Camera, Scene, camera_fov
 

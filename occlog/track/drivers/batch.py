@@ -10,8 +10,8 @@ import numpy as np
 from occlog.errors import InputError
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Calibration, Diagnostics, Hulls, Occluders, Residuals, Tracks
+from occlog.scans.distance_measurements import DistanceMeasurementFeed
 from occlog.scans.grouping import Scan, sensor_names
-from occlog.scans.measured import DistanceMeasurementFeed
 from occlog.track.interface import Batch, Config, SmoothedTrajectory, State
 
 from .rows import Solve, TrackChunk, residual_rows

@@ -15,8 +15,8 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Cooperation, Hulls, Occluders
 from occlog.scans.grouping import scans_of, sensor_names
 from occlog.track.interface import Config, Joint, JointMethod, State
-from occlog.track.methods.imm import ask_cameras as when_to_ask
-from occlog.track.methods.imm.ask_cameras import CameraRequest, CameraRequests
+from occlog.track.methods.imm import camera_requests as when_to_ask
+from occlog.track.methods.imm.camera_requests import CameraRequest, CameraRequests
 from occlog.track.methods.imm.config import ImmConfig
 from occlog.track.methods.imm.filter import ArrayScans, ImmState, ImmStepResult
 

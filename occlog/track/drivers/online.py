@@ -17,8 +17,8 @@ from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.errors import UsageError
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders
+from occlog.scans.distance_measurements import DistanceMeasurementFeed
 from occlog.scans.grouping import Scan, sensor_names
-from occlog.scans.measured import DistanceMeasurementFeed
 from occlog.track.interface import Config, Online, Smoothing, State
 from occlog.track.methods.apf.selector import Selector, TargetFilter
 from occlog.track.smoothing_and_lag import MAX_SMOOTHING_STEPS

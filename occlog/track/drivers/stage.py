@@ -10,7 +10,7 @@ from occlog.consistency.estimates import QualityFlags, SensorDisagreement
 from occlog.errors import UsageError
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders, Residuals
-from occlog.scans.measured import DistanceMeasurementFeed
+from occlog.scans.distance_measurements import DistanceMeasurementFeed
 from occlog.track.catalogue import tracker
 from occlog.track.interface import AnyMethod, Batch, Config, Joint, JointMethod, Online
 from occlog.track.methods.imm.config import ImmConfig

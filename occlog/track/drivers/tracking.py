@@ -10,8 +10,8 @@ from occlog.array_types import NS
 from occlog.errors import UsageError
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders
+from occlog.scans.distance_measurements import DistanceMeasurementFeed
 from occlog.scans.grouping import BearingRows, Scan, scans_of, sensor_names
-from occlog.scans.measured import DistanceMeasurementFeed
 from occlog.scans.occluder_priors import OccluderFeed
 from occlog.track.interface import Batch, Config, Online, State
 from occlog.track.methods.apf.config import SelectConfig

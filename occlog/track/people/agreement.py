@@ -13,9 +13,9 @@ from occlog.records.scene import Camera
 from occlog.records.verdicts import Check, finding, outcome
 from occlog.track.methods.jipda.interface import TrackSnapshot
 
-from .boxes_by_moment import BoxStatistics, FrameDetectionsWithIds
-from .delay import ClockOffsetSearch
-from .lean import LateralBias
+from .clock_offset import ClockOffsetSearch
+from .frame_detections import BoxStatistics, FrameDetectionsWithIds
+from .lateral_bias import LateralBias
 from .rows import MIN_MAP_PROBABILITY, detection_probability_by_camera
 
 EXPLAINED, AGREES, LEANS = "boxes explained by tracks", "detection rates of the cameras", "offsets between the cameras"

@@ -26,7 +26,7 @@ from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.jipda.interface import DirectionsOfArrival
 from occlog.track.request import TrackPeopleRequest
 
-from .boxes_by_moment import (
+from .frame_detections import (
     BoxStatistics,
     FrameDetectionsWithIds,
     FrameNumbers,

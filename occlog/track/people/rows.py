@@ -14,7 +14,7 @@ from occlog.records.tables import Events, PeopleTracks, PeopleViews, Support
 from occlog.track.methods.jipda.interface import HEIGHT, VX, VY, WIDTH, TrackSnapshot, X, Y
 from occlog.track.methods.jipda.kernels.body_box import pack_views, project
 
-from .boxes_by_moment import FrameDetectionsWithIds
+from .frame_detections import FrameDetectionsWithIds
 
 MIN_MAP_PROBABILITY = 0.5
 """A box is a person's if it is more probably of this person than not."""

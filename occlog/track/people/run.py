@@ -20,7 +20,7 @@ from occlog.track.request import TrackPeopleRequest
 
 from .agreement import CameraAgreement
 from .inputs import PeopleInput, inconsistent_cameras
-from .named import GalleryReidentification
+from .reidentification import GalleryReidentification
 from .rows import SnapshotTables
 from .stage import PeopleTracker, Tabulator, track_people
 

@@ -14,12 +14,12 @@ from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_from, ma
 from occlog.track.methods.jipda import filter as joint_filter
 from occlog.track.methods.jipda.batch import smooth as window
 from occlog.track.methods.jipda.config import JipdaConfig
-from occlog.track.methods.jipda.hearing import update_by_directions
+from occlog.track.methods.jipda.doa_update import update_by_directions
 from occlog.track.methods.jipda.interface import DirectionsOfArrival, FrameDetections, TrackSnapshot
 
 from .agreement import CameraAgreement
-from .boxes_by_moment import FrameDetectionsWithIds
-from .meetings import CloseEncounters
+from .close_encounters import CloseEncounters
+from .frame_detections import FrameDetectionsWithIds
 from .rows import SnapshotTables, SnapshotWithDetections, TracksInViews, associations_of, events_of, tracks_of
 
 State = TypeVar("State")

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from occlog.array_types import Floats
 from occlog.core.bounds import in_plane as crlb
-from occlog.core.sight.camera import noise_variance, planar_offsets, wrap_angle
+from occlog.core.geometry.camera import noise_variance, planar_offsets, wrap_angle
 
 POSITION, YAW, FOCAL = np.array([2.0, -1.0]), 0.7, 70.0
 NOISE = (1.0, 0.03, 2.0)  # sigma_position, sigma_yaw, sigma_read_px

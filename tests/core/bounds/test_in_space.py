@@ -9,9 +9,9 @@ from space_reference import pair_information
 from occlog.array_types import Floats
 from occlog.core.bounds import in_space as bounds3d
 from occlog.core.bounds.in_plane import bearing_information
-from occlog.core.sight import projected_planes
-from occlog.core.sight.camera import rotation_from_angles, wrap_angle
-from occlog.core.sight.projected_planes import XY, YZ, ZX
+from occlog.core.geometry import projected_planes
+from occlog.core.geometry.camera import rotation_from_angles, wrap_angle
+from occlog.core.geometry.projected_planes import XY, YZ, ZX
 
 POSES = [np.eye(3), rotation_from_angles(0.4, 0.7, -0.3), rotation_from_angles(-2.5, -1.2, 1.9)]
 POSITION, SIGMAS = np.array([1.0, -2.0, 0.5]), (0.03, 0.02)

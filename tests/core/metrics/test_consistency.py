@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from occlog.array_types import Floats
-from occlog.core.metrics.consistency import (
+from occlog.core.metrics.normalised_squares import (
     MAX_BATCHES,
     MIN_BATCHES,
     MIN_DEGREES,

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from occlog.core.occlusion.hidden import blocking_probabilities, visibility_probability
-from occlog.core.occlusion.hidden_together import clear_exact, over_subsets, sum_disjoint
+from occlog.core.occlusion.joint_occlusion import clear_exact, over_subsets, sum_disjoint
+from occlog.core.occlusion.occlusion_probability import blocking_probabilities, visibility_probability
 from occlog.core.occlusion.priors import Priors, gaussian_priors, polygon_priors
 from occlog.papers.ercan.formulas.blocking import (
     IMPROVED,

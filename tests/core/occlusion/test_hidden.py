@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from occlog.core.occlusion.hidden import IMPROVED, PRINTED, blocking_probabilities, visibility_probability
+from occlog.core.occlusion.occlusion_probability import (
+    IMPROVED,
+    PRINTED,
+    blocking_probabilities,
+    visibility_probability,
+)
 from occlog.core.occlusion.priors import gaussian_priors
 
 SIGMA, DIAMETER = 2.0, 3.0

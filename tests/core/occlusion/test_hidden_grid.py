@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.core.occlusion.hidden import (
+from occlog.core.occlusion.occlusion_probability import (
     IMPROVED,
     PRINTED,
     fit,

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from occlog.core.occlusion.hidden_together import (
+from occlog.core.occlusion.joint_occlusion import (
     by_weight,
     joint_visibility,
     over_subsets,

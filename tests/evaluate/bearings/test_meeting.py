@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from evaluate_scenes import array, both, camera, directions, pixels, scene, seconds, tracks
 
-from occlog.core.sight import triangulate
+from occlog.core.geometry import triangulate
 from occlog.evaluate.bearings.noise import scan_starts
 from occlog.evaluate.bearings.residuals import triangulated_points
 from occlog.evaluate.matching.config import EvaluateConfig

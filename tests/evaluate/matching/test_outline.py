@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occlog.array_types import NS
-from occlog.evaluate.matching.outline import NEAR_NS, OCCLUDER, TARGET, TruthOutlines
+from occlog.evaluate.matching.path_outline import NEAR_NS, OCCLUDER, TARGET, TruthOutlines
 from occlog.evaluate.matching.paths import paths_of
 from occlog.records.tables import Truth
 

@@ -112,7 +112,7 @@ def test_exit_code_5_names_the_first_difference(folder: tuple[Path, Path], capsy
     assert err == ""
     lines = out.splitlines()
     assert lines[0] == "different  tracks.parquet: 50 and 50 rows, 50 in both"
-    assert lines[1].startswith("    first   t_ns 7000, target_id 0: y is 1.142857142857142")
+    assert lines[1].startswith("    first   time 0.000007 s, target_id 0: y is 1.142857142857142")
     assert lines[1].endswith("in A, 9.0 in B (7.85714 m apart, limit 9e-09)")
     assert [line.split()[0] for line in lines[2:]] == ["x", "y"]
     assert "1 row differs, most by" in lines[2]
@@ -149,7 +149,7 @@ def test_time_tolerance(folder: tuple[Path, Path], capsys: Any) -> None:
     code, out, _ = diff(capsys, a, b)
     assert code == ExitCode.DIFFERENT
     assert "1 only in A, 1 only in B" in out
-    assert "only in A: t_ns 7000, target_id 0" in out
+    assert "only in A: time 0.000007 s, target_id 0" in out
     assert diff(capsys, a, b, "--time-tol", "0.04us")[0] == ExitCode.DONE
 
 
@@ -256,7 +256,7 @@ def test_frames_by_their_pixels(tmp_path: Path, capsys: Any) -> None:
     recording(tmp_path / "c.mcap", level=9, pixel=10)
     code, out, _ = diff(capsys, a, tmp_path / "c.mcap", "--pixels")
     assert code == ExitCode.DIFFERENT
-    assert "t_ns 1000, topic east: content" in out
+    assert "time 0.000001 s, topic east: content" in out
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
 from occlog.array_types import Floats
-from occlog.core.sight.camera import rotation_from_angles
+from occlog.core.geometry.camera import rotation_from_angles
 from occlog.examine.viewers.drawings.foxglove import point_cloud
 from occlog.examine.viewers.drawings.people import Palette, PeopleDrawing, PersonEstimate
 from occlog.examine.viewers.drawings.shapes import DrawingGroup, Polyline, dashes, dense, triangles

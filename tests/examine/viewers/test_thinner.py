@@ -11,8 +11,8 @@ from viewer_runs import fill
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.examine.viewers.drawings.shapes import DrawingGroup
-from occlog.examine.viewers.moments import LogLine, Numbers, SceneDrawing, Thinner
 from occlog.examine.viewers.series import Series
+from occlog.examine.viewers.time_stream import LogLine, Numbers, SceneDrawing, Thinner
 
 NS = 10**9
 

@@ -10,9 +10,9 @@ import occlusion_reference as ref
 import pytest
 from tracker_scenes import PILLAR, ROOM, room100, scan, true_u, with_array
 
-from occlog.core.occlusion.hidden import IMPROVED, PRINTED, QUADRATURE, make_grid, unhidden_over
+from occlog.core.geometry.visibility import seen_from
+from occlog.core.occlusion.occlusion_probability import IMPROVED, PRINTED, QUADRATURE, make_grid, unhidden_over
 from occlog.core.occlusion.priors import gaussian_priors, no_priors
-from occlog.core.sight.visibility import seen_from
 from occlog.filtering.likelihood.directions import (
     EXACT,
     INDEPENDENT,

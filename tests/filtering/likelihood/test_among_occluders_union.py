@@ -15,7 +15,7 @@ import pytest
 import union_reference as union
 from tracker_scenes import PILLAR, ROOM, camera, scan, true_u
 
-from occlog.core.occlusion.hidden import IMPROVED, PRINTED, QUADRATURE
+from occlog.core.occlusion.occlusion_probability import IMPROVED, PRINTED, QUADRATURE
 from occlog.core.occlusion.priors import Priors, gaussian_priors, polygon_priors
 from occlog.filtering.likelihood.directions import (
     EXACT,

@@ -18,7 +18,7 @@ from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import Scene, TagReader
 from occlog.records.tables import Bearings, Tracks
 from occlog.scans.config import DistanceMeasurementConfig
-from occlog.scans.measured import DistanceMeasurementFeed
+from occlog.scans.distance_measurements import DistanceMeasurementFeed
 from occlog.settings import configure
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track

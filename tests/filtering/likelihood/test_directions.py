@@ -10,7 +10,7 @@ import shapely
 from scipy import stats
 from tracker_scenes import room100, scan, true_u, with_array, wrap
 
-from occlog.core.sight.visibility import seen_from
+from occlog.core.geometry.visibility import seen_from
 from occlog.filtering.likelihood.directions import DetectionModel, factors, likely_inliers, log_likelihood
 from occlog.track.methods.apf.model import pack_noise, pack_scan, pack_sensors, read_noise
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from occlog.core.sight.path_loss import log_distance, received_power
+from occlog.core.geometry.path_loss import log_distance, received_power
 from occlog.filtering.likelihood.distances import (
     DIFFERENCE,
     LOGARITHM,

@@ -22,7 +22,7 @@ from occlog.io.files.tables.parquet import describe, iter_table, read_provenance
 from occlog.io.files.tables.table_writer import TableWriter, write_table
 from occlog.records.losses import Loss
 from occlog.records.tables import APPEARANCE_BINS, TABLES, Bearings, Tracks, Truth, Views
-from occlog.track.people.boxes_by_moment import RegionFrameTimes
+from occlog.track.people.frame_detections import RegionFrameTimes
 
 PROVENANCE = Provenance("detect", {"method": "em"}, 7, (("a.mcap", "00"),), (Loss("cam1", "frame 3", "lost", 1),))
 

@@ -15,7 +15,7 @@ from occlog.io.files.spill import Spool
 
 @pytest.mark.parametrize("in_memory", [0, 10, 1000])
 def test_numbers_come_back_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_memory: int) -> None:
-    monkeypatch.setattr(spool, "BLOCK", 7)
+    monkeypatch.setattr(spool, "NUMBERS_PER_BLOCK", 7)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     values, held = np.arange(100.0), Spool(in_memory)
     for part in np.split(values[:60], 6):

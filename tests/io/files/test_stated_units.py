@@ -11,8 +11,8 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, UsageError
+from occlog.io.files.input_units import stated_units
 from occlog.io.files.provenance import Provenance, provenance_from_json
-from occlog.io.files.stated_units import stated_units
 from occlog.io.open import open_input, scene_in
 from occlog.records.tables import Bearings, Truth
 

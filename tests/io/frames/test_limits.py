@@ -69,7 +69,7 @@ def test_what_is_written_has_a_limit(tmp_path: Path) -> None:
 
 def test_processor_time_ends_the_process_unless_frames_come() -> None:
     spin = "import time\ndef spin(s):\n    end = time.process_time() + s\n    while time.process_time() < end: pass\n"
-    begun = f"limits.SECONDS = {{}}\n{spin}c = limits.Clock()\n"
+    begun = f"limits.SECONDS = {{}}\n{spin}c = limits.CpuTimeLimit()\n"
     assert ended(f"{begun.format(0)}spin(3)").returncode == -signal.SIGXCPU
     assert ended(f"{begun.format(1)}for _ in range(4):\n    spin(.6)\n    c.go_on()").returncode == 0
 

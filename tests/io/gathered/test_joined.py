@@ -12,11 +12,11 @@ import pytest
 from random_tables import random_table
 
 from occlog.errors import InputError
-from occlog.io import gathered as joined
+from occlog.io import dataset as joined
+from occlog.io.dataset import join_tables
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import describe, read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.gathered import join_tables
 from occlog.records.losses import Loss
 from occlog.records.tables import PeopleTracks, Tracks
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from occlog.cli.main import run
-from occlog.core.sight.camera import array_rotation
+from occlog.core.geometry.camera import array_rotation
 from occlog.errors import ExitCode, InputError
 from occlog.io.formats.sound.formats import STILL_M, read_array, read_source
 from occlog.io.recording.reader import open_recording

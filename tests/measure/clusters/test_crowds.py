@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.measure.clusters.crowds import APART_FRAMES, Crowds, SeparateSightings, split_silhouettes
+from occlog.measure.clusters.merged_silhouettes import APART_FRAMES, Crowds, SeparateSightings, split_silhouettes
 from occlog.measure.clusters.person_size import constant_sizes, make_prior
 from occlog.measure.clusters.stage import find_clusters
 from occlog.measure.regions.regions import gather

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.measure.clusters.crowds import (
+from occlog.measure.clusters.merged_silhouettes import (
     AREA,
     CLUTTER_PROBABILITY,
     COLUMNS,

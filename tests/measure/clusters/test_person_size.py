@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from occlog.core.sight.camera import rotation_from_angles
+from occlog.core.geometry.camera import rotation_from_angles
 from occlog.measure.clusters.person_size import (
     SizeMap,
     cell_centres,

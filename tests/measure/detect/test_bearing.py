@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from detect_scenes import background, camera, frames, scene, walk
 
-from occlog.core.sight.camera import rotation_from_angles, wrap_angle
+from occlog.core.geometry.camera import rotation_from_angles, wrap_angle
 from occlog.measure.detect.bearing import (
     OUTLIER_RATIO,
     POSTURE_SHARE,

@@ -10,7 +10,7 @@ import pytest
 from detect_scenes import BLUE, RED, STEP_NS, picture, scene, walk
 
 from occlog.cli.main import run
-from occlog.core.sight.camera import wrap_angle
+from occlog.core.geometry.camera import wrap_angle
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import describe, read_provenance, read_table

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from occlog.measure.detect import left_out
-from occlog.measure.detect.left_out import SkippedFrames
+from occlog.measure.detect import skipped_frames as left_out
+from occlog.measure.detect.skipped_frames import SkippedFrames
 from occlog.records.frames import Frame, gaps_of, inside
 from occlog.records.losses import Loss
 

@@ -16,7 +16,7 @@ from occlog.io.files.tables.table_writer import write_table
 from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.io.open import open_input
 from occlog.measure.detect.by_background.one_camera import TargetMemory, choose
-from occlog.measure.detect.near import MAX_AGE_S, directions, inside_gate, limited, track_feedback
+from occlog.measure.detect.track_feedback import MAX_AGE_S, directions, inside_gate, limited, track_feedback
 from occlog.measure.regions.regions import ForegroundRegions
 from occlog.records.losses import Loss
 from occlog.records.tables import Bearings, Tracks, Truth

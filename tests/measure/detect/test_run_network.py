@@ -15,14 +15,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 from small_networks import constant_network, mean_network, people_network
 
 from occlog.cli.main import run
-from occlog.core.sight.camera import wrap_angle
+from occlog.core.geometry.camera import wrap_angle
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance, hash_file
 from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Tracks, Views
-from occlog.track.people.boxes_by_moment import rows_of_views
+from occlog.track.people.frame_detections import rows_of_views
 
 STEPS = 12
 ROOM = scene(camera("a", 0.0, 0.0, 45.0), camera("b", 8.0, 0.0, 135.0))

@@ -11,7 +11,7 @@ from epipolar_rigs import looking, matches, room_points
 from view_scenes import view_tracks, walks
 
 from occlog.cli.main import run
-from occlog.core.sight.fundamental import epipolar_distances
+from occlog.core.geometry.fundamental import epipolar_distances
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
@@ -20,7 +20,7 @@ from occlog.io.formats.models.fundamental_matrices import read_epipolar
 from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
-from occlog.measure.epipolar.of_scene import ideal_pixels
+from occlog.measure.epipolar.from_scene import ideal_pixels
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import TruthBoxes

@@ -5,7 +5,7 @@ import pytest
 from epipolar_rigs import flat_points, matches, rig, room_points
 from scipy.optimize import least_squares
 
-from occlog.core.sight.fundamental import epipolar_lines, homogeneous, line_distances, scaled
+from occlog.core.geometry.fundamental import epipolar_lines, homogeneous, line_distances, scaled
 from occlog.measure.epipolar.fit import (
     eight_points,
     fit_affine,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from epipolar_rigs import looking, room_points
 
-from occlog.core.sight.fundamental import epipolar_distances
+from occlog.core.geometry.fundamental import epipolar_distances
 from occlog.errors import InputError
 from occlog.measure.epipolar.geometry import view_geometry
 from occlog.measure.epipolar.views import TrackedView

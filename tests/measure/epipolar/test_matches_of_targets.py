@@ -5,7 +5,7 @@ import pytest
 from epipolar_rigs import looking
 from view_scenes import TICK, view_tracks, walks
 
-from occlog.core.sight.fundamental import epipolar_distances
+from occlog.core.geometry.fundamental import epipolar_distances
 from occlog.measure.epipolar.stage import MAX_MATCHES, estimated_pairs, matches_of_tracks
 from occlog.records.declared.views import ViewTracks
 from occlog.records.scene import Scene

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from epipolar_rigs import flat_points, matches, rig, room_points
 
-from occlog.core.sight.camera import rotation_from_angles
-from occlog.core.sight.fundamental import check_fundamental, epipolar_distances
+from occlog.core.geometry.camera import rotation_from_angles
+from occlog.core.geometry.fundamental import check_fundamental, epipolar_distances
 from occlog.measure.epipolar.config import EpipolarConfig
-from occlog.measure.epipolar.of_scene import (
+from occlog.measure.epipolar.from_scene import (
     estimate_fundamental,
     fundamental_of_cameras,
     ideal_pixels,

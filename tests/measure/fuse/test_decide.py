@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from occlog.measure.fuse.config import FuseConfig
-from occlog.measure.fuse.decide import CONFIRMATION_STEPS, Decision, ObjectMemory, agreeing, decide
 from occlog.measure.fuse.kernels import LocalDirections, MotionEstimate
+from occlog.measure.fuse.object_decision import CONFIRMATION_STEPS, Decision, ObjectMemory, agreeing, decide
 from occlog.measure.fuse.views import PlacedCameras, placed_cameras
 from occlog.records.scene import Camera, Scene, camera_rotation
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from occlog.core.sight.camera import wrap_angle
+from occlog.core.geometry.camera import wrap_angle
 from occlog.errors import InputError
 from occlog.measure.detections import Detections
 from occlog.measure.fuse.config import FuseConfig

@@ -20,9 +20,9 @@ from occlog.errors import ExitCode, InputError
 from occlog.io.files.provenance import Provenance
 from occlog.io.formats.models.onnx_file import read_onnx
 from occlog.io.recording.writer import RecordingWriter
-from occlog.measure.networks.running.apart import SubprocessRuntime
 from occlog.measure.networks.running.messages import receive, send
 from occlog.measure.networks.running.runtimes import load
+from occlog.measure.networks.running.subprocess_runtime import SubprocessRuntime
 
 RNG = np.random.default_rng(5)
 

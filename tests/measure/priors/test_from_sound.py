@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from occlog.core.sight.camera import wrap_angle
-from occlog.core.sight.triangulate import SourceDirections
+from occlog.core.geometry.camera import wrap_angle
+from occlog.core.geometry.triangulate import SourceDirections
 from occlog.errors import InputError, UsageError
 from occlog.measure.priors.config import AcousticConfig
 from occlog.measure.priors.from_sound import acoustic_priors

@@ -139,7 +139,7 @@ def test_runs_that_overlap_are_one() -> None:
 
 def test_visible_part_against_sampling() -> None:
     """The visible polygon agrees with the kernels of the filter's visibility at random places."""
-    from occlog.core.sight.visibility import make_sensors, seen_from
+    from occlog.core.geometry.visibility import make_sensors, seen_from
 
     walls = (Occluder("pillar", np.array([[4.0, 4.0], [6.0, 4.0], [6.0, 6.0], [4.0, 6.0]])),)
     rng = np.random.default_rng(3)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from occlog.core.image import pixel_bin
-from occlog.measure.clusters.crowds import APART_FRAMES, SeparateSightings
+from occlog.measure.clusters.merged_silhouettes import APART_FRAMES, SeparateSightings
 from occlog.measure.clusters.person_size import constant_sizes, make_prior
 from occlog.measure.regions.regions import ForegroundRegions, cluster_regions, component_regions, histogram
 

@@ -9,8 +9,8 @@ import pytest
 
 from occlog.core.metrics.mot.frame_pairs import Objects
 from occlog.errors import InputError
-from occlog.papers.qu.follow import TrackerOutput
 from occlog.papers.qu.staged import SCENES, Staging, staged_paths, staging_of, video_of
+from occlog.papers.qu.tracker_runs import TrackerOutput
 from occlog.papers.qu.trial import run_views_trial, views_spec, watched_figures, whereabouts
 from occlog.papers.qu.world import births_of, truth_of
 from occlog.simulate.balls.config import BallsConfig

@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
+from occlog.core.geometry.fundamental import epipolar_distances, line_distances
 from occlog.core.metrics.mot.frame_pairs import Objects
-from occlog.core.sight.fundamental import epipolar_distances, line_distances
 from occlog.errors import InputError, UsageError
-from occlog.papers.qu import follow
+from occlog.papers.qu import tracker_runs as follow
 from occlog.papers.qu import world as views_world
-from occlog.papers.qu.follow import TrackerOutput
+from occlog.papers.qu.tracker_runs import TrackerOutput
 from occlog.papers.qu.trial import alarms, on_own, run_views_trial, runner_of, scores, timeline, views_spec
 from occlog.papers.qu.world import births_of, boxes_of, geometry_of, truth_of
 from occlog.simulate.balls.config import BallsConfig

@@ -8,12 +8,13 @@ import math
 import numpy as np
 import pytest
 
-from occlog.core.sight.camera import planar_offsets
-from occlog.core.sight.visibility import in_view
+from occlog.core.geometry.camera import planar_offsets
+from occlog.core.geometry.visibility import in_view
 from occlog.papers import catalogue
 from occlog.papers import verdicts as v
 from occlog.papers.rahimi import example as sparse
-from occlog.papers.rahimi import results, search, trust
+from occlog.papers.rahimi import results, search
+from occlog.papers.rahimi import robustness as trust
 from occlog.papers.rahimi import trial as sparse_trial
 from occlog.papers.rahimi.example import HALF, STEP_S, example, identified, reflected_path, sparse_scene
 from occlog.papers.rahimi.trial import Solved, consistency, errors, sightings, solve_problem, sparse_spec

@@ -173,6 +173,11 @@ def test_missed_threshold_is_told_after_all_was_made(config: Path, capsys: pytes
         ("particles: 200", "set: {sigma_v: -1}", "run.yaml: line 5: track.set.sigma_v: -1: must be at least 0"),
         ("particles: 200", "set: {sigmav: 1}", "line 5: track.set.sigmav: apf has no setting 'sigmav'; did you mean"),
         ("particles: 200", "sigma_v: 1", "line 5: track.sigma_v: unknown key; it is a setting, which stands under set"),
+        (
+            "particles: 200",
+            "gallery: g.parquet",
+            "line 5: track.gallery: unknown key; it is a key of method jipda; remove",
+        ),
         ("track:", "trakc:", "unknown key 'trakc'; did you mean 'track'?"),
         ("occlog_run: 1", "occlog_run: 2", "want `occlog_run: 1`"),
         ("simulate:", "recording: a.mcap\nsimulate:", "give exactly one of recording, simulate, ingest"),

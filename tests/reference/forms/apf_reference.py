@@ -2,7 +2,7 @@
 
 It shares no code with occlog.  `step` follows [Ercan] Sec. 4 line by line, with the
 departures that `occlog.track.methods.apf.filter` states; `scan_step` looks at the scan first, as
-`occlog.track.methods.apf.propose` describes, with normal equations in place of rotations.  Tests
+`occlog.track.methods.apf.proposal` describes, with normal equations in place of rotations.  Tests
 compare the fast filter with it; the benchmark `track` takes it as the baseline.  Random numbers are handed in, so that
 both can be given the same.
 """

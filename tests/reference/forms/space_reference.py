@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.sight.projected_planes import direction_angles, projected_angle_gradients, projected_covariance
+from occlog.core.geometry.projected_planes import direction_angles, projected_angle_gradients, projected_covariance
 
 
 def pair_covariance(covariance: Floats, pair: tuple[int, int]) -> Floats:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 import cv2
 import numpy as np
 
-from occlog.core.sight.camera import rotation_from_angles
+from occlog.core.geometry.camera import rotation_from_angles
 from occlog.errors import InputError
 from occlog.records.frames import Frame
 from occlog.records.scene import Camera, Scene

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from occlog.core.sight.camera import rotation_from_angles
+from occlog.core.geometry.camera import rotation_from_angles
 from occlog.records.scene import Camera
 
 

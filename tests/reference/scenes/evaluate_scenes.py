@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from occlog.core.sight.camera import u_to_azimuth, wrap_angle
+from occlog.core.geometry.camera import u_to_azimuth, wrap_angle
 from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene, camera_rotation
 from occlog.records.tables import Bearings, Tracks, Truth
 

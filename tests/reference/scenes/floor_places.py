@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from occlog.track.methods.jipda.association_features import feature_likelihood
 from occlog.track.methods.jipda.batch.appearance import AppearanceVectors, no_sums
-from occlog.track.methods.jipda.batch.chains import NO_NODE, MarkovChainState, TrackletNodes, WalkModel
-from occlog.track.methods.jipda.cues import feature_likelihood
+from occlog.track.methods.jipda.batch.mcmc_association import NO_NODE, MarkovChainState, TrackletNodes, WalkModel
 
 WALK = WalkModel(
     drift=np.array([[0.06, 1e-3, 1e-3], [1.0, 1e-3, 1e-3], [1.0, 0.5, 0.2]]),

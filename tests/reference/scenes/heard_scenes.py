@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from occlog.core.sight.camera import wrap_angle
+from occlog.core.geometry.camera import wrap_angle
 from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.records.tables import Bearings
 

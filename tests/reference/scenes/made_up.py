@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from occlog.core.sight.camera import rotation_from_angles, wrap_angle
+from occlog.core.geometry.camera import rotation_from_angles, wrap_angle
 from occlog.records.scene import Camera, Occluder, Scene
 from occlog.records.tables import Bearings, Bound, Diagnostics, Errors, Tracks, Truth
 from occlog.report.content.model import ReportInput

@@ -3,7 +3,7 @@
 import numpy as np
 from epipolar_rigs import looking
 
-from occlog.track.methods.images.ground.place import CameraRig, CentresInViews
+from occlog.track.methods.images.ground.triangulation import CameraRig, CentresInViews
 
 
 def room_rig(rng, views):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.sight.camera import noise_variance, planar_offsets, rotation_from_angles
+from occlog.core.geometry.camera import noise_variance, planar_offsets, rotation_from_angles
 from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene
 from occlog.records.tables import Bearings
 from occlog.scans.grouping import Scan

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from occlog.core.sight.camera import rotation_from_angles
+from occlog.core.geometry.camera import rotation_from_angles
 from occlog.io.files.provenance import Provenance
 from occlog.io.frames.codec import encode_image
 from occlog.io.recording.writer import RecordingWriter

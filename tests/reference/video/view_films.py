@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from occlog.core.sight.fundamental import fundamental_from_poses
+from occlog.core.geometry.fundamental import fundamental_from_poses
 from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import ball_cameras

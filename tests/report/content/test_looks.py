@@ -8,7 +8,7 @@ from made_up import run
 
 from occlog.io.files.spill import Blocks
 from occlog.records.tables import Bearings, whole_times
-from occlog.report.content.looks import CELLS, LOOK, ObservationStreams
+from occlog.report.content.coverage import CELLS, LOOK, ObservationStreams
 
 
 def mixed() -> Bearings:

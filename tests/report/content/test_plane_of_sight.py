@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_up import ring_scene, run
 
-from occlog.core.sight.camera import wrap_angle
+from occlog.core.geometry.camera import wrap_angle
 from occlog.records.tables import Bearings
 from occlog.report.content.model import ReportInput
 from occlog.report.content.sight import edges_of, positions_at, visible_area

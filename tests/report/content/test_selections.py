@@ -9,7 +9,7 @@ import pytest
 from made_up import run
 
 from occlog.records.tables import Diagnostics, Errors, TableBuffer, Tracks, in_step
-from occlog.report.content.looks import SelectionStreams
+from occlog.report.content.coverage import SelectionStreams
 from occlog.report.content.model import ReportInput
 
 

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from occlog.core.sight.camera import rotation_from_angles
-from occlog.core.sight.fundamental import epipolar_lines, line_distances
+from occlog.core.geometry.camera import rotation_from_angles
+from occlog.core.geometry.fundamental import epipolar_lines, line_distances
 from occlog.measure.epipolar.geometry import view_geometry
 from occlog.measure.epipolar.views import TrackedView
 from occlog.records.declared.views import Failures, ViewTracks

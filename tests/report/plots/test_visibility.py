@@ -7,7 +7,7 @@ import pytest
 from made_up import run
 
 from occlog.records.tables import Bearings
-from occlog.report.content.looks import CELLS, ObservationStreams, SensorSightings
+from occlog.report.content.coverage import CELLS, ObservationStreams, SensorSightings
 from occlog.report.plots.over_time import coarser, sensors, watched
 
 

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from made_up import STEP_NS, ring_scene, run
 
-from occlog.core.sight.camera import rotation_from_angles
+from occlog.core.geometry.camera import rotation_from_angles
 from occlog.records.declared.people import PeopleTracks
 from occlog.records.tables import Diagnostics, Hulls, Occluders, Tracks, Truth
-from occlog.report.content import thinned
+from occlog.report.content import downsampled as thinned
 from occlog.report.content.model import ReportInput
-from occlog.report.replay import moments as rule
+from occlog.report.replay import steps as rule
 from occlog.report.replay.build import replay
-from occlog.report.replay.moments import MISSING, Words, packed, placed
+from occlog.report.replay.steps import MISSING, Words, packed, placed
 
 
 def unpacked(packed: list[Any]) -> np.ndarray:

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from occlog.core.sight.camera import rotation_from_angles
+from occlog.core.geometry.camera import rotation_from_angles
 from occlog.records.scene import Camera, Occluder, Scene
 from occlog.simulate.render.body import Poses, clothes_of, dress, solids
 from occlog.simulate.render.frame import around_ellipsoids, canvas, draw, ideal_limits, pixel_boxes

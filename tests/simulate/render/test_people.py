@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from occlog.core.sight.camera import rotation_from_angles
+from occlog.core.geometry.camera import rotation_from_angles
 from occlog.errors import InputError
 from occlog.measure.regions.regions import histogram, similarity
 from occlog.records.scene import Camera, Occluder, Scene

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from occlog.core.sight.camera import wrap_angle
+from occlog.core.geometry.camera import wrap_angle
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Doa, Truth
 from occlog.simulate.config import ObserveConfig

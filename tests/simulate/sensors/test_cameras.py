@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from shapely.geometry import LineString, Point, Polygon
 
-from occlog.core.sight.camera import noise_variance, planar_offsets, rotation_from_angles, wrap_angle
+from occlog.core.geometry.camera import noise_variance, planar_offsets, rotation_from_angles, wrap_angle
 from occlog.errors import InputError
 from occlog.records.scene import Camera, Occluder, Scene
 from occlog.records.tables import Bearings, Truth

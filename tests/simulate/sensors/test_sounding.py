@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from occlog.core.geometry.camera import array_rotation, wrap_angle
 from occlog.core.numerics.interpolate import TimeGrid
-from occlog.core.sight.camera import array_rotation, wrap_angle
 from occlog.errors import InputError
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Doa

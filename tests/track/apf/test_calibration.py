@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from tracker_scenes import room100, scan, true_u, with_array
 
+from occlog.core.geometry.visibility import seen_from
 from occlog.core.numerics.seeds import RandomStream, generator
-from occlog.core.sight.visibility import seen_from
 from occlog.errors import InputError
 from occlog.records.scene import Occluder, Scene
 from occlog.records.tables import Bearings, Truth

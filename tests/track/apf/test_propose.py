@@ -13,7 +13,7 @@ from occlog.filtering.motion import waypoint
 from occlog.filtering.particles import effective_sample_size, mean_and_covariance
 from occlog.track.methods.apf.config import ApfConfig
 from occlog.track.methods.apf.model import pack_scan
-from occlog.track.methods.apf.propose import auxiliary_step
+from occlog.track.methods.apf.proposal import auxiliary_step
 
 PEOPLE = {"sigma_a": 0.5, "sigma_w": 0.1, "phi": 0.0}
 STAND = {**PEOPLE, "wait_s": 4.0, "sigma_c": 0.3}

@@ -12,7 +12,7 @@ from tracker_scenes import room100, scan
 from occlog.core.occlusion.priors import gaussian_priors
 from occlog.filtering.motion.waypoint import CHANGE
 from occlog.track.methods.apf import filter as apf
-from occlog.track.methods.apf import propose
+from occlog.track.methods.apf import proposal as propose
 from occlog.track.methods.apf.config import ApfConfig
 from occlog.track.methods.apf.model import OCCLUDER_SUPPORT_SIGMAS
 

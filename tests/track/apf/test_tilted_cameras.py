@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tracker_scenes import room100
 
-from occlog.core.sight.camera import rotation_from_angles, wrap_angle
+from occlog.core.geometry.camera import rotation_from_angles, wrap_angle
 from occlog.measure.detect.bearing import sights
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth

@@ -21,7 +21,7 @@ from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.interface import Batch, OccluderTerms, SmoothedTrajectory
 from occlog.track.methods.map.config import MapConfig
 from occlog.track.methods.map.method import lag_ns
-from occlog.track.methods.map.search.pending import begin
+from occlog.track.methods.map.search.problem_of_record import begin
 
 pytestmark = pytest.mark.jit
 

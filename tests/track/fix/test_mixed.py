@@ -15,7 +15,7 @@ from occlog.filtering.likelihood.distances import (
     residuals,
 )
 from occlog.track.methods.fix.estimators import Modes, modes, spread_of
-from occlog.track.methods.fix.mixed import BearingLines, has_rival_mode, modes_of
+from occlog.track.methods.fix.lines_and_distances import BearingLines, has_rival_mode, modes_of
 
 BEND = 3.7
 PLACES = np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 8.0], [10.0, 8.0]])

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from occlog.core.sight.triangulate import triangulate
-from occlog.track.methods.imm.ask_cameras import PLACE, expected_variance, moved_to, root, updated
+from occlog.core.geometry.triangulate import triangulate
+from occlog.track.methods.imm.camera_requests import PLACE, expected_variance, moved_to, root, updated
 
 PLACE_FOUND = np.array([4.0, -2.0])
 R = np.array([[0.5, 0.2], [0.2, 0.3]])

@@ -8,7 +8,7 @@ import pytest
 from heard_scenes import ROOM, line, room, rows, table
 
 from occlog.scans.grouping import BearingRows, scans_of
-from occlog.track.methods.imm.ask_cameras import CameraQuestion, CameraRequests
+from occlog.track.methods.imm.camera_requests import CameraQuestion, CameraRequests
 from occlog.track.methods.imm.config import ImmConfig
 
 CONFIG = ImmConfig.in_unit("m")

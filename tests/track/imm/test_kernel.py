@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from occlog.array_types import Floats
-from occlog.core.sight.camera import wrap_angle
+from occlog.core.geometry.camera import wrap_angle
 from occlog.filtering.motion.coordinated_turn import acceleration_root, move, three_models
 from occlog.track.methods.imm import kernel as imm
 from occlog.track.methods.imm.kernel import ImmParticles, MotionModels

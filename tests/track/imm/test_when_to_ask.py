@@ -10,7 +10,7 @@ from heard_scenes import NS, room
 from occlog.errors import InputError
 from occlog.scans.grouping import Scan, concat, empty_scan
 from occlog.track.methods.imm import kernel as imm
-from occlog.track.methods.imm.ask_cameras import (
+from occlog.track.methods.imm.camera_requests import (
     CameraAnswer,
     RequestMemory,
     apply_answer,

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from occlog.core.sight.camera import array_rotation
+from occlog.core.geometry.camera import array_rotation
 from occlog.papers.lee.space.scenarios import root_mean
 from occlog.papers.lee.space.worlds import (
     AXIS_NAMES,

@@ -9,7 +9,7 @@ import pytest
 from space_scenes import PLACES, SOURCE, place, room, scan
 
 from occlog.core.bounds.in_space import plane_axes
-from occlog.core.sight.projected_planes import XY, YZ, ZX, select_as_printed
+from occlog.core.geometry.projected_planes import XY, YZ, ZX, select_as_printed
 from occlog.errors import InputError
 from occlog.records.scene import Camera, Scene
 from occlog.scans.grouping import Scan

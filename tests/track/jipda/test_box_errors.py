@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occlog.track.methods.jipda.config import JipdaConfig
-from occlog.track.methods.jipda.detectors import (
+from occlog.track.methods.jipda.detector_model import (
     EdgeErrorStatistics,
     correlated_noise,
     correlated_noise_factor,
@@ -15,8 +15,8 @@ from occlog.track.methods.jipda.detectors import (
     prior_edge_errors,
     update_edge_errors,
 )
+from occlog.track.methods.jipda.kernels.camera_disagreement import BoxDisagreement
 from occlog.track.methods.jipda.kernels.detections import PackedDetections
-from occlog.track.methods.jipda.kernels.disagreement import BoxDisagreement
 
 N = 8
 

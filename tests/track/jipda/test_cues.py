@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.track.methods.jipda.cues import (
+from occlog.track.methods.jipda.association_features import (
     FEATURE_HALF_WEIGHT_BOXES,
     LOG_RATIO_OTHER_TRACKLET,
     LOG_RATIO_SAME_TRACKLET,
@@ -17,7 +17,7 @@ from occlog.track.methods.jipda.cues import (
     update_features,
 )
 from occlog.track.methods.jipda.interface import NO_ID, FrameDetections
-from occlog.track.methods.jipda.people import tentative_targets
+from occlog.track.methods.jipda.target_set import tentative_targets
 
 
 def two():

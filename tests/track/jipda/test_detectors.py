@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occlog.track.methods.jipda.config import JipdaConfig
-from occlog.track.methods.jipda.detectors import (
+from occlog.track.methods.jipda.detector_model import (
     MAX_PERSISTENT_CLUTTER,
     Clutter,
     DetectorStatistics,
@@ -26,8 +26,8 @@ from occlog.track.methods.jipda.detectors import (
     update_statistics,
 )
 from occlog.track.methods.jipda.kernels.detections import DetectorModel, PackedDetections
-from occlog.track.methods.jipda.kernels.joint import BLIND_FRAME_PROBABILITY, JipdaResult
-from occlog.track.methods.jipda.people import TargetSet, tentative_targets
+from occlog.track.methods.jipda.kernels.joint_association import BLIND_FRAME_PROBABILITY, JipdaResult
+from occlog.track.methods.jipda.target_set import TargetSet, tentative_targets
 
 N = 6
 

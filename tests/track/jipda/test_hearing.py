@@ -10,8 +10,8 @@ from people_boxes import box, camera
 
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.track.methods.jipda.config import JipdaConfig
+from occlog.track.methods.jipda.doa_update import update_by_directions
 from occlog.track.methods.jipda.filter import initial_state, step
-from occlog.track.methods.jipda.hearing import update_by_directions
 from occlog.track.methods.jipda.interface import DirectionsOfArrival, FrameDetections, TrackSnapshot
 
 pytestmark = pytest.mark.jit

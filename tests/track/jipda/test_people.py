@@ -9,7 +9,7 @@ import pytest
 
 from occlog.array_types import NS, Floats
 from occlog.track.methods.jipda.config import JipdaConfig
-from occlog.track.methods.jipda.people import (
+from occlog.track.methods.jipda.target_set import (
     CONSTANT_VELOCITY,
     DUPLICATE_DISTANCE_WIDTHS,
     DUPLICATE_EXISTENCE_RATIO,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.track.methods.jipda.people import (
+from occlog.track.methods.jipda.target_set import (
     MIN_BIRTH_RATIO,
     birth_intensity,
     birth_velocity,

@@ -10,8 +10,8 @@ import pytest
 from tracker_scenes import observe, room100, scan, true_u, walk
 
 from occlog.cli.main import run
+from occlog.core.geometry.visibility import behind_objects
 from occlog.core.numerics.seeds import RandomStream, generator
-from occlog.core.sight.visibility import behind_objects
 from occlog.errors import ExitCode, UsageError
 from occlog.filtering.likelihood.measurement_model import rows_of
 from occlog.io.files.provenance import Provenance

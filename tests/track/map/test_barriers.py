@@ -11,11 +11,11 @@ from map_scenes import FOCAL, place, record, scans_of
 from numpy.testing import assert_allclose
 from shapely.geometry import Point, Polygon
 
-from occlog.core.sight.visibility import in_view
+from occlog.core.geometry.visibility import in_view
 from occlog.records.scene import Occluder
 from occlog.track.methods.map.barriers import BORDER, obstacles, view_polygon
 from occlog.track.methods.map.config import MapConfig
-from occlog.track.methods.map.kernels.detours import Obstacle
+from occlog.track.methods.map.kernels.paths_around_obstacles import Obstacle
 from occlog.track.methods.map.measurements import stations
 from occlog.track.methods.map.method import advance, begin
 

@@ -9,15 +9,15 @@ import pytest
 from map_scenes import place, record, scans_of
 from numpy.testing import assert_allclose
 
-from occlog.core.occlusion.hidden import IMPROVED, visibility_probability
+from occlog.core.occlusion.occlusion_probability import IMPROVED, visibility_probability
 from occlog.core.occlusion.priors import Priors, gaussian_priors
 from occlog.track.interface import SmoothedTrajectory
 from occlog.track.methods.map.config import MapConfig
-from occlog.track.methods.map.hiding import OCCLUDER_SUPPORT_SIGMAS, cavity_distribution, matched, quadrature
 from occlog.track.methods.map.kernels.interior_point import cost, derivatives
 from occlog.track.methods.map.kernels.problem import MIXTURE, NO_PLANES, QuadraticPriors, TrajectoryProblem
 from occlog.track.methods.map.kernels.terms import inlier_probability, log_odds_offset, loss_value
 from occlog.track.methods.map.method import advance, begin
+from occlog.track.methods.map.occlusion import OCCLUDER_SUPPORT_SIGMAS, cavity_distribution, matched, quadrature
 
 CORNERS = ((-5, -4, 45), (5, -4, 135), (5, 4, 225), (-5, 4, -45))
 ROOM = {"half": 6.0, "fov": np.radians(100.0), "sigma_read_px": 3.0}

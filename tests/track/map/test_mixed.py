@@ -8,13 +8,13 @@ import pytest
 from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, RANGE, RangeMeasurements, log_likelihood
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.scans.grouping import Scan, ScanMeasurements
-from occlog.track.methods.map import mixed
+from occlog.track.methods.map import lines_and_distances as mixed
 from occlog.track.methods.map.config import MapConfig
 from occlog.track.methods.map.kernels.interior_point import covariance
 from occlog.track.methods.map.kernels.problem import TrajectoryProblem
-from occlog.track.methods.map.mixed import local, mixed_search, terms
+from occlog.track.methods.map.lines_and_distances import local, mixed_search, terms
 from occlog.track.methods.map.record import after, fill, join, record_of
-from occlog.track.methods.map.search.pending import begin, problem_of
+from occlog.track.methods.map.search.problem_of_record import begin, problem_of
 from occlog.track.methods.map.search.start import filtered_start
 
 NS = 1_000_000_000

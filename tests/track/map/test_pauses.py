@@ -16,7 +16,7 @@ from occlog.io.formats.scenes.scene import read_scene
 from occlog.records.tables import Tracks
 from occlog.track.methods.map.config import MapConfig
 from occlog.track.methods.map.kernels.gauss_markov import transitions
-from occlog.track.methods.map.search.pending import FORGET_EXTENTS, memory_ns, motion_of
+from occlog.track.methods.map.search.problem_of_record import FORGET_EXTENTS, memory_ns, motion_of
 
 SCENE = """occlog_scene: 1
 room: [[0, 0], [20, 0], [20, 20], [0, 20]]

@@ -11,7 +11,7 @@ from people_boxes import camera
 from occlog.records.verdicts import findings
 from occlog.track.methods.jipda.interface import BoxAssociations, FrameDetections, TrackSnapshot
 from occlog.track.people.agreement import MIN_EXPECTED_DETECTIONS, CameraAgreement
-from occlog.track.people.boxes_by_moment import BoxStatistics, FrameDetectionsWithIds
+from occlog.track.people.frame_detections import BoxStatistics, FrameDetectionsWithIds
 
 
 def moment(by: list[list[bool]], visible: float = 1.0) -> TrackSnapshot:

@@ -10,7 +10,7 @@ from people_boxes import SIZE, STEP_NS, boxes, camera, hall, table
 
 from occlog.errors import InputError
 from occlog.records.tables import Boxes
-from occlog.track.people.boxes_by_moment import (
+from occlog.track.people.frame_detections import (
     BoxStatistics,
     FrameDetectionsWithIds,
     RegionFrameTimes,

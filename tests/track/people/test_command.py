@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from people_boxes import CORNERS, PEOPLE, STEP_NS, box, boxes, camera, hall, table, truth, written
 
+import occlog
 from occlog.cli.main import run
-from occlog.core.sight.camera import rotation_from_angles
-from occlog.errors import ExitCode
+from occlog.core.geometry.camera import rotation_from_angles
+from occlog.errors import ExitCode, UsageError
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
@@ -465,3 +466,29 @@ def test_boxes_of_another_program_give_the_same_tracks(walk, tmp_path):
     theirs = tracks(tmp_path)
     assert (theirs.t_ns.tolist(), theirs.target_id.tolist()) == (ours.t_ns.tolist(), ours.target_id.tolist())
     np.testing.assert_allclose(theirs.x, ours.x, atol=1e-6)
+
+
+def test_boxes_without_a_method_are_tracked_by_jipda(walk, tmp_path, capsys):
+    boxes_path, scene = written(tmp_path, walk, SCENE)
+    with RecordingWriter(tmp_path / "r.mcap", SCENE, Provenance("test"), overwrite=True) as out:
+        out.table(walk)
+    for source, more in ((boxes_path, ["--scene", scene]), (str(tmp_path / "r.mcap"), [])):
+        path = tmp_path / "by_input.parquet"
+        # An option of the method is taken, and the method is stored as if it had been named
+        args = ["-o", str(path), "--overwrite", "--set", "die=0.02", *more]
+        assert run(["track", source, *args]) == ExitCode.DONE
+        assert "method jipda" in capsys.readouterr().err
+        assert read_provenance(path).parameters["method"] == "jipda"
+        named = tmp_path / "named.parquet"
+        args[1] = str(named)
+        assert run(["track", source, *args, "--method", "jipda"]) == ExitCode.DONE
+        assert "method jipda" not in capsys.readouterr().err
+        assert named.read_bytes() == path.read_bytes()
+
+
+def test_the_function_takes_the_method_that_fits(walk, tmp_path):
+    boxes_path, scene = written(tmp_path, walk, SCENE)
+    for source in (boxes_path, occlog.read(boxes_path)):
+        assert occlog.track(source, scene).provenance["parameters"]["method"] == "jipda"
+    with pytest.raises(UsageError, match="apf"):
+        occlog.track(source, scene, method="kalman")

@@ -6,8 +6,8 @@ import numpy as np
 from people_boxes import hall
 
 from occlog.track.methods.jipda.interface import NO_ID, FrameDetections, TrackSnapshot, no_associations
-from occlog.track.people.boxes_by_moment import FrameDetectionsWithIds
-from occlog.track.people.delay import MAX_FRAMES, MAX_STEPS, ClockOffsetSearch
+from occlog.track.people.clock_offset import MAX_FRAMES, MAX_STEPS, ClockOffsetSearch
+from occlog.track.people.frame_detections import FrameDetectionsWithIds
 
 
 def test_what_is_kept_of_a_crowd_is_bounded_and_small():

@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 from occlog.array_types import NS, Floats
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.jipda.interface import NO_ID, BoxAssociations, Event, TrackSnapshot, no_associations
-from occlog.track.people.meetings import MIN_SWITCH_PROBABILITY, CloseEncounters, log_ratio, switch_probability
+from occlog.track.people.close_encounters import MIN_SWITCH_PROBABILITY, CloseEncounters, log_ratio, switch_probability
 
 STEP_S = 0.1
 CLEAR = 0.4

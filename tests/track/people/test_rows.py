@@ -10,7 +10,7 @@ from occlog.core.numerics.assignment import assign
 from occlog.records.tables import PeopleTracks
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.jipda.interface import NO_ID, BoxAssociations, Event, FrameDetections, TrackSnapshot
-from occlog.track.people.boxes_by_moment import (
+from occlog.track.people.frame_detections import (
     BoxStatistics,
     FrameDetectionsWithIds,
     frame_detections,

@@ -8,7 +8,7 @@ from people_boxes import HEIGHT, boxes, camera, hall
 
 from occlog.settings import LENGTH_POWER, declaration, declared
 from occlog.track.methods.jipda.config import JipdaConfig
-from occlog.track.people.boxes_by_moment import BoxStatistics, FrameDetectionsWithIds, frame_detections, rows_of_boxes
+from occlog.track.people.frame_detections import BoxStatistics, FrameDetectionsWithIds, frame_detections, rows_of_boxes
 from occlog.track.people.inputs import in_units_of, inconsistent_cameras, median_height, person_heights
 
 

@@ -11,7 +11,7 @@ from occlog.array_types import Floats
 from occlog.records.scene import scene_from
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.jipda.interface import FrameDetections, TrackSnapshot, no_associations
-from occlog.track.people.boxes_by_moment import FrameDetectionsWithIds
+from occlog.track.people.frame_detections import FrameDetectionsWithIds
 from occlog.track.people.stage import JIPDA, ROWS_PER_PART, PeopleTracker, track_people
 
 SCENE = hall("ab")

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from occlog.track.people.boxes_by_moment import FrameNumbers
+from occlog.track.people.frame_detections import FrameNumbers
 from occlog.track.people.run import MIN_PAIRS, PeopleSummary
 
 

@@ -269,3 +269,9 @@ def test_a_fit_without_truth_of_the_tag_says_so(folder: Path, capsys: pytest.Cap
     assert run(["ingest", *options, "-o", str(recording), "-q"]) == ExitCode.DONE
     assert run(["fit-readers", str(recording), "-o", str(folder / "never.json")]) == ExitCode.BAD_INPUT
     assert "the truth has no target 3" in capsys.readouterr().err
+
+
+def test_reads_without_a_method_are_tracked_by_virtual_sensors(folder, tmp_path):
+    path = tmp_path / "t.parquet"
+    assert run(["track", str(folder / "a.mcap"), "--set", "range=5", "-o", str(path), "-q"]) == ExitCode.DONE
+    assert read_provenance(path).parameters["method"] == "virtual"

@@ -9,7 +9,7 @@ import pytest
 import shapely
 from numpy.testing import assert_allclose
 
-from occlog.track.methods.readers.virtual import most_virtual_sensors, region_moments, virtual_sensors
+from occlog.track.methods.readers.virtual_sensors import most_virtual_sensors, region_moments, virtual_sensors
 
 
 def lens(radius: float, apart: float) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.testing import assert_allclose
 
-from occlog.track.methods.readers.virtual import locate, virtual_sensors
+from occlog.track.methods.readers.virtual_sensors import locate, virtual_sensors
 
 LENS = virtual_sensors(np.array([[0.0, 0.0], [2.0, 0.0], [9.0, 0.0]]), np.array([1.5, 1.5, 1.0]))
 

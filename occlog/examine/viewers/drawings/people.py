@@ -11,7 +11,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats
 from occlog.colours import target_rgb
-from occlog.core.sight.camera import wrap_angle
+from occlog.core.geometry.camera import wrap_angle
 from occlog.examine.viewers.drawings.shapes import (
     GREY,
     WHITE,

@@ -20,11 +20,12 @@ import numpy as np
 
 from occlog.array_types import NS, Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
+from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.names import check_meaning, match_sensor, means_none
 from occlog.io.files.texts.by_reader import reader_of
 from occlog.io.files.texts.csv_rows import CsvRows, check_one_sensor, is_header
 from occlog.io.files.texts.formats import FileFormat, Probe, by_cells, is_folder, recognise
-from occlog.io.files.times import FrameTimes, parse_times, time_column
+from occlog.io.files.times import parse_times, time_column
 from occlog.records.columns import MAX_NS
 from occlog.records.declared.sensors import MAX_FRAMES
 from occlog.records.tables import Boxes

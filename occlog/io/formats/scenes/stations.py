@@ -11,8 +11,8 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
+from occlog.io.files.input_units import STATED
 from occlog.io.files.names import safe_name
-from occlog.io.files.stated_units import STATED
 from occlog.io.files.texts.csv_rows import CsvRows, first_line, is_header, read_rows
 from occlog.records.scene import MAX_COORDINATE, MAX_SIGMA_DEG, MIN_SIGMA_DEG, MicrophoneArray, Scene
 from occlog.settings import METRES

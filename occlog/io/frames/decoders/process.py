@@ -21,8 +21,8 @@ from occlog.records.frames import Image
 from occlog.records.losses import Loss
 
 from ..limits import MAX_PIXELS, SECONDS
+from .fork_server import FORKS, NURSERY, ForkedProcess
 from .memory import SHARED, SharedImages, slot_size
-from .nursery import FORKS, NURSERY, ForkedProcess
 
 
 class DecodingJob(TypedDict, total=False):

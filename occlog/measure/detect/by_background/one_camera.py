@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.sight.camera import is_upright
+from occlog.core.geometry.camera import is_upright
 from occlog.errors import InputError, UsageError
-from occlog.measure.clusters.crowds import SeparateSightings
+from occlog.measure.clusters.merged_silhouettes import SeparateSightings
 from occlog.measure.clusters.person_size import Prior, SizeMap, constant_sizes, make_prior, sizes_from_camera
 from occlog.measure.clusters.stage import cell_side
 from occlog.measure.detections import PERSON_HEIGHT
@@ -51,7 +51,7 @@ from ..config import (
     STRENGTH,
     DetectConfig,
 )
-from ..near import TrackFeedback
+from ..track_feedback import TrackFeedback
 
 MAX_JUMP_WIDTHS = 2.0
 """Distance from its last place at which a target's closeness is exp(-1/2), in spreads of a person's width."""

@@ -13,7 +13,7 @@ from occlog.records.tables import Bearings, Views
 
 from ..bearing import BearingNoise, RegionBearings, shape_covariance, sights
 from ..config import LONE_TARGET_ID
-from ..near import inside_gate
+from ..track_feedback import inside_gate
 from .one_camera import CameraState, FrameRegions, choose, similarities
 
 BORDER_PX = 1.0  # a box that comes this near to the side of the image is cut by it

@@ -26,7 +26,7 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Views
 
 from ..config import BATCH, DetectConfig
-from ..near import TrackFeedback
+from ..track_feedback import TrackFeedback
 from .one_camera import CameraState, Target, check_targets, process
 from .rows import to_tables
 

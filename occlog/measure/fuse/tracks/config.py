@@ -16,13 +16,15 @@ class TrackFusionConfig(Settings):
 
     gate: float = setting(
         4.0,
-        "Two tracks are of one person if they are this many standard deviations apart or less.",
+        "Gate in standard deviations: two tracks this close together or closer are of one person. Larger values "
+        "join more tracks.",
         above=0,
         option="--gate",
     )
     error: float = setting(
         0.7,
-        "Standard deviation, per axis, of how far apart two groups of cameras put one person because of their poses.",
+        "Registration error: standard deviation, per axis, between the positions that two groups of cameras give "
+        "one person because of their poses.",
         unit="length",
         at_least=0,
         people=0.1,
@@ -30,14 +32,14 @@ class TrackFusionConfig(Settings):
         metavar="LENGTH",
     )
     compare_s: float = setting(
-        2.0, "Two tracks are compared over so long, half of it before and half after.", unit="s", above=0
+        2.0, "Time over which two tracks are compared, half of it before and half after.", unit="s", above=0
     )
     gap_s: float = setting(
-        1.0, "Longest gap in a track that is bridged by a straight line.", unit="s", at_most=1e9, at_least=0
+        1.0, "Maximum gap in a track to interpolate by a straight line.", unit="s", at_most=1e9, at_least=0
     )
     window_s: float | None = setting(
         None,
-        "Times this close together are one moment.",
+        "Times closer together are one time step.",
         unit="s",
         at_least=0,
         option="--window",

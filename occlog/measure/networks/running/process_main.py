@@ -19,9 +19,9 @@ from occlog.errors import InputError, UsageError
 from occlog.io.formats.models.onnx_file import read_onnx
 from occlog.io.frames.limits import CpuTimeLimit, lower_limits
 
-from .apart import SECONDS
 from .messages import Feeds, receive, send
 from .runtimes import Runtime, load, opencv_threads
+from .subprocess_runtime import SECONDS
 
 
 def main() -> None:

@@ -49,8 +49,8 @@ from scipy.special import erf, erfc
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import array_kernel, kernel
-from occlog.core.occlusion.blocking_shares import shares
-from occlog.core.occlusion.hidden_together import clear_exact
+from occlog.core.occlusion.blocking_probability import shares
+from occlog.core.occlusion.joint_occlusion import clear_exact
 from occlog.core.occlusion.priors import Priors
 
 PRINTED, IMPROVED, QUADRATURE = 0, 1, 2

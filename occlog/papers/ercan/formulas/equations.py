@@ -12,9 +12,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from occlog.array_types import Floats
+from occlog.core.geometry.camera import noise_variance, planar_offsets
+from occlog.core.geometry.visibility import in_view
 from occlog.core.occlusion.priors import Priors, gaussian_priors
-from occlog.core.sight.camera import noise_variance, planar_offsets
-from occlog.core.sight.visibility import in_view
 from occlog.papers import verdicts as v
 from occlog.papers.verdicts import (
     Execute,

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Bytes, Floats, Ints
+from occlog.core.geometry.camera import rotation_from_angles
 from occlog.core.image import bins_of, colour_counts, corrected, density
 from occlog.core.metrics.ranking import area_under_curve, rank_one
-from occlog.core.sight.camera import rotation_from_angles
 from occlog.papers import verdicts as v
 from occlog.papers.plots import FigureImage, Shots
 from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, sample

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.sight.camera import rotation_from_angles
+from occlog.core.geometry.camera import rotation_from_angles
 from occlog.measure.appearance.sightings import expected_boxes
 from occlog.papers import verdicts as v
 from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, sample

@@ -35,7 +35,7 @@ from occlog.records.scene import MicrophoneArray, Scene
 from occlog.scans.grouping import Scan
 from occlog.settings import configure
 from occlog.track.methods.imm import kernel as imm
-from occlog.track.methods.imm.ask_cameras import RequestMemory, requests_after_scan
+from occlog.track.methods.imm.camera_requests import RequestMemory, requests_after_scan
 from occlog.track.methods.imm.config import ImmConfig
 from occlog.track.methods.imm.filter import init, step
 from occlog.track.methods.imm.tracks import Track, confirmed_track

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats
-from occlog.core.sight.triangulate import TRIANGULATED, triangulate
+from occlog.core.geometry.triangulate import TRIANGULATED, triangulate
 from occlog.records.scene import Camera, Scene
-from occlog.track.methods.imm.ask_cameras import CameraRequest
+from occlog.track.methods.imm.camera_requests import CameraRequest
 from occlog.track.methods.readers.refine import PARALLEL, PRINTED, TagSightings, refine
 
 LINES = "sight lines"

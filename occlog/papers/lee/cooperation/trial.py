@@ -18,7 +18,7 @@ from occlog.papers.verdicts import Size
 from occlog.pipeline.sweep.trial import Spec
 from occlog.scans.grouping import BearingRows, scans_of
 from occlog.settings import configure
-from occlog.track.methods.imm.ask_cameras import (
+from occlog.track.methods.imm.camera_requests import (
     CAUSES,
     CameraRequest,
     CameraRequests,

@@ -13,7 +13,7 @@ from occlog.settings import setting
 class NavigateConfig(FieldSettings):
     """A robot, its steps, and what counts as an obstacle; lengths in the scene's unit.
 
-    The defaults in a unit of its own are those of the example printed in [Lee] Sec. 5.2.2.
+    The defaults in a scene-specific unit are those of the example printed in [Lee] Sec. 5.2.2.
     """
 
     OWNER: ClassVar[str] = "navigate"
@@ -26,7 +26,7 @@ class NavigateConfig(FieldSettings):
         above=0,
         option="--speed",
         metavar="LENGTH",
-        shown="1 m/s, or the square root of 2 in a unit of its own",
+        shown="1 m/s, or the square root of 2 in a scene-specific unit",
     )
     step_s: float = setting(
         1.0,
@@ -39,11 +39,11 @@ class NavigateConfig(FieldSettings):
         metavar="SECONDS",
     )
     radius: float = setting(
-        0.0, "Of the robot, r_r.", unit="length", people=0.25, at_least=0, option="--radius", metavar="LENGTH"
+        0.0, "Radius r_r of the robot.", unit="length", people=0.25, at_least=0, option="--radius", metavar="LENGTH"
     )
     obstacle_radius: float = setting(
         0.0,
-        "Of tracked people, r_o.",
+        "Radius r_o of tracked people.",
         unit="length",
         people=0.25,
         at_least=0,
@@ -52,11 +52,11 @@ class NavigateConfig(FieldSettings):
     )
     sigmas: float = setting(
         0.0,
-        "Standard deviations of a track, along its widest axis, by which its obstacle is larger.",
+        "Standard deviations of a track, along its widest axis, by which its obstacle is enlarged.",
         at_least=0,
     )
     max_gap_s: float = setting(
-        1.0, "Longest time between two rows of a track that is bridged.", unit="s", at_least=0, at_most=1e9
+        1.0, "Maximum gap between two rows of a track to interpolate.", unit="s", at_least=0, at_most=1e9
     )
     origin: str = setting(
         "centre",
@@ -68,7 +68,7 @@ class NavigateConfig(FieldSettings):
     )
     ahead_s: float = setting(
         0.0,
-        "People repel from where they will be nearest within this time, if they go on as in the last step.",
+        "People repel from their nearest predicted position within this time, at the velocity of the last step.",
         unit="s",
         people=1.0,
         at_least=0,
@@ -78,18 +78,18 @@ class NavigateConfig(FieldSettings):
     )
     guard: bool = setting(
         False,
-        "Turn or leave out a step that would collide, if people go on as they did; the thesis has no such guard.",
+        "Turn or leave out a step that would collide if people keep their velocity; the thesis has no such guard.",
         people=True,
         option="--guard/--no-guard",
     )
     shape: str = setting(
         "circle",
-        "Static occluders repel as `circle` about them, or by their nearest point, as a `polygon`, before whose sides "
-        "robots are caught; collisions are with the polygon in either case.",
+        "Static occluders repel as a `circle` about them, or by their nearest point, as a `polygon`, at whose "
+        "sides robots are trapped; collisions are with the polygon in either case.",
         choices=("circle", "polygon"),
         option="--shape",
     )
-    walls: bool = setting(True, "The room's walls repel, too.", option="--walls/--no-walls")
+    walls: bool = setting(True, "The walls of the room repel too.", option="--walls/--no-walls")
     arrive: float | None = setting(
         None,
         "Distance from the goal at which it is reached.",
@@ -99,7 +99,7 @@ class NavigateConfig(FieldSettings):
         metavar="LENGTH",
         nothing="the length of a step",
     )
-    steps: int = setting(2000, "Most steps.", at_least=1, at_most=10_000_000, option="--steps")
+    steps: int = setting(2000, "Maximum number of steps.", at_least=1, at_most=10_000_000, option="--steps")
 
     @property
     def way(self) -> float:

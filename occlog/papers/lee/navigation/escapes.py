@@ -13,7 +13,7 @@ from occlog.core.navigation.forces import distance
 from occlog.core.navigation.steering import SteeringState, angle_at, angle_inside, angle_outside, distance_outside
 from occlog.papers import verdicts as v
 from occlog.papers.lee.navigation.config import NavigateConfig
-from occlog.papers.lee.navigation.course import Disc
+from occlog.papers.lee.navigation.obstacle_course import Disc
 from occlog.papers.lee.navigation.stage import Drive, End
 from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table
 

@@ -28,7 +28,7 @@ from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, Statemen
 from occlog.records.scene import Scene
 
 from .config import NavigateConfig
-from .course import Disc, course_of
+from .obstacle_course import Disc, course_of
 from .stage import Drive, End, RobotStep, drive
 
 PLANE = Scene(length_unit="unit")

@@ -17,7 +17,7 @@ from occlog.report.drawing import COLOURS, Style, house_style, label, new_figure
 from occlog.report.plots.floorplan import draw_scale_bar, draw_scene, frame_plan
 
 from .config import NavigateConfig
-from .course import Course
+from .obstacle_course import Course
 
 
 class PathPicture(NamedTuple):

@@ -15,13 +15,13 @@ from .config import NavigateConfig
 
 @dataclass(frozen=True, kw_only=True)
 class NavigateRequest(Request):
-    """Drive a robot through SCENE (YAML, or a recording that holds one) by potential fields.
+    """Navigate a robot through SCENE (YAML, or a recording that holds one) by potential fields.
 
-    The goal pulls, obstacles push, and every --step seconds the robot takes the direction of the sum, at constant
-    speed (Lee 2009, Sec. 5.2.2).  Where an obstacle stands in line with the goal a step could end in it: --force
-    prevent turns away before.  The robot then goes to and fro, which is recognised; --escape leaves the line.
+    The goal attracts, obstacles repel, and every --step seconds the robot takes the direction of the total force, at
+    constant speed (Lee 2009, Sec. 5.2.2). At an obstacle in line with the goal a step could end in the obstacle:
+    --force prevent turns away before it. The robot then oscillates, which is detected; --escape leaves the line.
 
-    The path ends at the goal, with a collision, where everything repeats itself for ever, or after --steps.
+    The path ends at the goal, at a collision, where the motion repeats itself for ever, or after --steps.
 
     \b
       occlog navigate examples/room.yaml --from 1,2.6 --to 7,2.6 -o path.parquet --picture path.png
@@ -32,21 +32,21 @@ class NavigateRequest(Request):
     RUN: ClassVar[str] = "occlog.papers.lee.navigation.run:run_navigate"
     JUDGED: ClassVar[bool] = True
     VERDICT: ClassVar[str] = "reached"
-    STRICT: ClassVar[str] = "if the robot collides or does not reach its goal. The path is written all the same."
+    STRICT: ClassVar[str] = "if the robot collides or does not reach its goal. The path is written anyway."
 
     scene: Path = source("A scene, or a recording that holds one.", argument=True)
     start: tuple[float, ...] = setting(
-        MISSING, "Where the robot starts.", unit="length", counts=(2,), option="--from", metavar="X,Y", shown=""
+        MISSING, "Start position of the robot.", unit="length", counts=(2,), option="--from", metavar="X,Y", shown=""
     )
     goal: tuple[float, ...] = setting(
-        MISSING, "Where it is to go.", unit="length", counts=(2,), option="--to", metavar="X,Y", shown=""
+        MISSING, "Goal position of the robot.", unit="length", counts=(2,), option="--to", metavar="X,Y", shown=""
     )
     output: Path = output_file("The path (Parquet).", "robot_path")
     picture: Path | None = sink("Also draw the path in the scene (PNG).")
-    obstacles: Path | None = source("People to avoid, who move: tracks, or a recording with the truth.")
+    obstacles: Path | None = source("Moving people to avoid: tracks, or a recording with truth.")
     discs: tuple[str, ...] = setting(
         (),
-        "A round obstacle beside those of the scene; may be repeated.",
+        "Round obstacle in addition to those of the scene; may be repeated.",
         option="--obstacle",
         metavar="X,Y[,RADIUS]",
         repeat=True,
@@ -55,7 +55,7 @@ class NavigateRequest(Request):
     )
     after: float = setting(
         0.0,
-        "Start so long after the first row of --obstacles.",
+        "Start this long after the first row of --obstacles.",
         unit="s",
         at_least=0,
         option="--after",

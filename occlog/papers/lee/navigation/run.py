@@ -24,7 +24,7 @@ from occlog.settings import configure
 from occlog.simulate.config import START_NS
 
 from .config import NavigateConfig
-from .course import Course, Disc, course_of, people_of
+from .obstacle_course import Course, Disc, course_of, people_of
 from .request import NavigateRequest
 from .stage import Drive, End, PathRows, drive
 

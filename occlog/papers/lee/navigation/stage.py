@@ -24,7 +24,7 @@ from occlog.records.declared.world import PATH_STATES
 from occlog.records.tables import RobotPath
 
 from .config import NavigateConfig
-from .course import Course
+from .obstacle_course import Course
 
 WINDOW = 50
 """Steps over which a robot's whereabouts are gathered, to tell whether it still gets on."""

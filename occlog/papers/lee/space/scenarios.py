@@ -10,7 +10,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.bounds.in_space import sight_angles
-from occlog.core.sight.projected_planes import YZ, select_as_printed
+from occlog.core.geometry.projected_planes import YZ, select_as_printed
 from occlog.papers import verdicts as v
 from occlog.papers.verdicts import (
     Execute,

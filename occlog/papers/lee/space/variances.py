@@ -10,8 +10,8 @@ import math
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.sight.camera import wrap_angle
-from occlog.core.sight.projected_planes import (
+from occlog.core.geometry.camera import wrap_angle
+from occlog.core.geometry.projected_planes import (
     PLANES,
     YZ,
     ZX,

@@ -15,8 +15,8 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.bounds.in_space import sight_angles
-from occlog.core.sight.camera import wrap_angle
-from occlog.core.sight.projected_planes import YZ, direction, projected_angles, projected_covariance
+from occlog.core.geometry.camera import wrap_angle
+from occlog.core.geometry.projected_planes import YZ, direction, projected_angles, projected_covariance
 from occlog.papers import verdicts as v
 from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table
 from occlog.pipeline.sweep.trial import Spec

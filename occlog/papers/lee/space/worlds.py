@@ -22,7 +22,7 @@ from occlog.core.bounds.in_space import (
     plane_variance,
     sight_angles,
 )
-from occlog.core.sight.projected_planes import AXES, XY, YZ
+from occlog.core.geometry.projected_planes import AXES, XY, YZ
 from occlog.filtering.motion.coordinated_turn import turn_matrix
 from occlog.filtering.motion.white_acceleration import AccelerationModel
 from occlog.papers.verdicts import Size

@@ -20,7 +20,8 @@ class TrafficConfig(Settings):
 
     protocol: str = setting(
         "rbvc,sbvc",
-        "Where visual data correct the estimates: in the routers (rbvc) or in the server (sbvc); several with commas.",
+        "Where visual data correct the estimates: in the routers (rbvc) or in the server (sbvc); several separated "
+        "by commas.",
         choices=PROTOCOLS,
         several=True,
         option="--protocol",
@@ -34,10 +35,10 @@ class TrafficConfig(Settings):
     )
     channel: str | None = setting(
         None,
-        "What the links between routers share: one channel, a radio at each node, or nothing.",
+        "Shared resource of the links between routers: one channel, a radio at each node, or nothing.",
         choices=CHANNELS,
         option="--channel",
-        nothing="as the network says",
+        nothing="as stated in the network",
     )
 
     @property

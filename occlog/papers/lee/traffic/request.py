@@ -17,8 +17,8 @@ class TrafficRequest(Request):
     """Simulate one cycle of tracking in NETWORK (YAML): routers in a mesh, a server, sensors, cameras.
 
     With protocol rbvc images go to all routers, which correct their estimates; with sbvc estimates and images go to
-    the server, which corrects them and sends them back ([Lee] Sec. 5.2.3). A delay is from the detection to the
-    last final estimate. `occlog track --method imm` takes it as the age of what cameras answer (--answer-delay).
+    the server, which corrects them and sends them back ([Lee] Sec. 5.2.3). A delay is the time from the detection to
+    the last final estimate. `occlog track --method imm` takes it as the latency of camera answers (--answer-delay).
 
     \b
       occlog traffic examples/traffic.yaml --image-kb 10,40,100 --objects-share .1,.5,1 -o delays.parquet

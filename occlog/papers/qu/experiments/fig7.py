@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.sight.fundamental import epipolar_lines
+from occlog.core.geometry.fundamental import epipolar_lines
 from occlog.measure.epipolar.views import ViewGeometry
 from occlog.papers import verdicts as v
 from occlog.papers.plots import EpipolarLine, FigureImage, Mark, Shots
 from occlog.papers.qu.common import PARTS, ordered, spec_of
-from occlog.papers.qu.follow import FollowedFrame, follow
+from occlog.papers.qu.tracker_runs import FollowedFrame, follow
 from occlog.papers.qu.trial import run_views_trial, runner_of
 from occlog.papers.qu.world import geometry_of
 from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, mean_of, share_of

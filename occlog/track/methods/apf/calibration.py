@@ -21,9 +21,9 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Floats
+from occlog.core.geometry.camera import angles_from_rotation, rotation_from_angles
+from occlog.core.geometry.visibility import Sensors
 from occlog.core.plane import inside_polygon
-from occlog.core.sight.camera import angles_from_rotation, rotation_from_angles
-from occlog.core.sight.visibility import Sensors
 from occlog.filtering.likelihood.directions import MeasurementNoise, PackedScan
 from occlog.filtering.particles import mean_and_covariance
 from occlog.records.scene import Camera, Scene

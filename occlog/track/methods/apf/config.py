@@ -25,133 +25,208 @@ class ApfConfig(SmoothingConfig):
 
     OWNER: ClassVar[str] = "apf"
 
-    particles: int = setting(1000, "Particles a target.", at_least=1, option="--particles")
-    start: tuple[float, ...] | None = setting(
-        None, "X, Y and SIGMA of the first position.", unit="length", counts=(3,), nothing="anywhere a target can be"
+    particles: int = setting(
+        1000,
+        "Particles per target. More reduce the Monte Carlo error and take time in proportion; raise it when "
+        "`depleted` is flagged. Typical 500 to 5000.",
+        at_least=1,
+        option="--particles",
     )
-    start_factor: int = setting(10, "A filter starts with this many times its particles.", at_least=1)
+    start: tuple[float, ...] | None = setting(
+        None,
+        "Initial position X, Y and standard deviation SIGMA.",
+        unit="length",
+        counts=(3,),
+        nothing="uniform over the room or the visible region",
+    )
+    start_factor: int = setting(
+        10, "Particles at track initiation, as a multiple of `particles`. Raise it in large rooms.", at_least=1
+    )
 
     # Motion, [Ercan] Sec. 4.1; probabilities are those of one reference step.
-    reference_s: float = setting(1.0, "Length of the reference step.", unit="s", at_least=1e-3)
+    reference_s: float = setting(
+        1.0,
+        "Reference step of the waypoint model: beta and lambda are probabilities per this time.",
+        unit="s",
+        at_least=1e-3,
+    )
     # People stop, turn and hurry: their velocity changes at random, while the reference scene's objects jump aside.
     speed: float = setting(1.0, "Speed of new particles.", unit="length/s", at_least=0, people=1.0)
     speed_spread: float = setting(
         0.2, "Standard deviation of the speed of new particles.", unit="length/s", at_least=0, people=0.5
     )
     sigma_v: float = setting(
-        0.33, "Motion noise per axis, gathered in a second.", unit="length", at_least=0, people=0.1
+        0.33,
+        "Process noise of the position per axis, accumulated over 1 s ([Ercan] sigma_v). Larger values recover "
+        "from model errors and widen covariances; raise it when tracks are lost in turns.",
+        unit="length",
+        at_least=0,
+        people=0.1,
     )
     sigma_a: float = setting(
         0.0,
-        "Noise of the velocity per axis, gathered in a second; 0 is the paper's.",
+        "Process noise of the velocity per axis, accumulated over 1 s. 0: as in the paper.",
         unit="length/s",
         at_least=0,
         people=0.5,
     )
     sigma_w: float = setting(
         0.0,
-        "Motion noise per axis of a target that waits, gathered in a second; 0 is the paper's.",
+        "Process noise of the position of a waiting target per axis, accumulated over 1 s; keeps its particles "
+        "distinct. 0: as in the paper.",
         unit="length",
         at_least=0,
         people=0.01,
     )
     wait_s: float = setting(
         0.0,
-        "How long a target stands on average before it goes elsewhere; 0 is the paper's, which decides once a "
-        "reference step.",
+        "Mean waiting time at a stop. 0: as in the paper, one decision per reference step.",
         unit="s",
         at_least=0,
         people=10.0,
     )
     sigma_c: float = setting(
         0.0,
-        "Noise of the velocity per axis with which a target that stands creeps, gathered in a second; with `wait_s`.",
+        "Process noise of the slow drift of a waiting target (velocity per axis, accumulated over 1 s); used with "
+        "`wait_s`.",
         unit="length/s",
         at_least=0,
         people=0.05,
     )
-    phi: float = setting(0.03, "Share of the last step in the speed of a particle.", at_least=0, at_most=1, people=0.0)
+    phi: float = setting(
+        0.03,
+        "Weight of the last displacement in the speed of a particle ([Ercan] phi); 0: constant speed.",
+        at_least=0,
+        at_most=1,
+        people=0.0,
+    )
     beta1: float = setting(
-        0.88, "beta_1: probability that a target on its way goes on.", at_least=0, at_most=1, people=0.7
+        0.88,
+        "Probability per reference step that a moving target keeps its destination ([Ercan] beta_1). Lower values "
+        "model erratic motion.",
+        at_least=0,
+        at_most=1,
+        people=0.7,
     )
     lambda1: float = setting(
         0.1,
-        "lambda_1: probability that it changes its destination; else it waits.",
+        "Probability per reference step that it takes a new destination ([Ercan] lambda_1); else, with 1 - beta1 - "
+        "lambda1, it waits.",
         at_least=0,
         at_most=1,
         people=0.28,
     )
-    beta2: float = setting(0.05, "beta_2: the same as beta_1 once the destination is reached.", at_least=0, at_most=1)
+    beta2: float = setting(0.05, "As beta1, once the destination is reached ([Ercan] beta_2).", at_least=0, at_most=1)
     lambda2: float = setting(
-        0.9, "lambda_2: the same as lambda_1 once the destination is reached.", at_least=0, at_most=1
+        0.9, "As lambda1, once the destination is reached ([Ercan] lambda_2).", at_least=0, at_most=1
     )
 
     # Sampling, [Ercan] Alg. 1
     proposal: str = setting(
         "scan",
-        "Importance density: one that looks at the scan, or the paper's, by the motion alone.",
+        "Importance density: `scan` draws particles with the measurements of the scan, `motion` by the motion "
+        "model alone, as in the paper (bootstrap filter).",
         choices=("scan", "motion"),
     )
-    defensive: float = setting(0.05, "Share of stage 1 that does not look at the measurements.", at_least=0, at_most=1)
+    defensive: float = setting(
+        0.05,
+        "Share of particles selected without the measurements (defensive mixture); protects against overconfident "
+        "proposals.",
+        at_least=0,
+        at_most=1,
+    )
     resample_below: float = setting(
-        1.0, "Resample when the effective sample size is below this share; only with proposal=motion.", at_least=0
+        1.0,
+        "Resampling threshold: resample when the effective sample size, relative to the number of particles, is "
+        "below this; only with proposal=motion. 1: every scan.",
+        at_least=0,
     )
 
     # Measurements, [Ercan] Secs. 4.2 and 4.3
     detection: float | None = setting(
         None,
-        "P_D: probability that a camera detects a target in plain view.",
+        "Detection probability P_D of an unoccluded target; needed to use missed detections as information.",
         above=0,
         at_most=1,
-        nothing='1 with priors of the moving occluders; without, "not seen" says nothing',
+        nothing="1 with occluder priors; without them missed detections are no information",
     )
     false: float = setting(
         1e-4,
-        "P_F: probability that a sensor that did not detect the target reports it all the same.",
+        "False alarm probability P_F of a sensor that did not detect the target. Raise it when false bearings pull "
+        "the track away.",
         at_least=0,
         at_most=1,
     )
-    soften: float = setting(1e-2, "Factor for a camera that sees what it cannot see.", at_least=0, at_most=1)
+    soften: float = setting(
+        1e-2,
+        "Likelihood factor for a detection of a target that the camera cannot see (out of view, behind a wall). "
+        "Guards against pose errors.",
+        at_least=0,
+        at_most=1,
+    )
     candidate: float = setting(
         0.9, "P_D among unlabelled candidates, where `detection` is not given.", above=0, at_most=1
     )
-    clutter: float = setting(1.0, "Candidates of other objects expected in a frame.", above=0)
-    use_score: bool = setting(True, "Weigh candidates by their score.")
+    clutter: float = setting(
+        1.0,
+        "Clutter rate: candidates of other objects expected in a frame. Larger values trust single candidates "
+        "less. Typical 1 per visible person.",
+        above=0,
+    )
+    use_score: bool = setting(True, "Weight candidates by their detector score.")
 
     # Moving occluders, [Ercan] Sec. 4.2; only with priors of their positions
     likelihood: str = setting(
-        "independent", "Form of p(eta|u); `recursion` is [Ercan] Eqs. 8-9.", choices=PROBABILITIES
+        "independent",
+        "Occlusion likelihood p(eta|u): `independent` cameras, `recursion` ([Ercan] Eqs. 8-9), or `exact`.",
+        choices=PROBABILITIES,
     )
-    q: str = setting("improved", "Probability that one occluder hides the target; `printed` is Eq. 7.", choices=FORMS)
+    q: str = setting(
+        "improved",
+        "Probability that one occluder hides the target: `improved`, `quadrature`, or `printed` ([Ercan] Eq. 7).",
+        choices=FORMS,
+    )
     p_floor: float = setting(
-        1e-4, "p(eta|u) is not below this (`independent`: each camera's factor of it).", at_least=0, at_most=1
+        1e-4,
+        "Lower limit of p(eta|u) (`independent`: of the factor of each camera); keeps one contradicting camera "
+        "from killing all particles.",
+        at_least=0,
+        at_most=1,
     )
     temper: float = setting(
         0.3,
-        "Exponent of the probabilities of being hidden or not, where priors are uncertain: their errors last, so that "
-        "each scan tells less than if they were new; 1 is the paper's. Of likelihood=independent.",
+        "Exponent of occlusion probabilities from uncertain priors, whose errors are correlated in time. 1: as if "
+        "independent (the paper). Only with likelihood=independent.",
         at_least=0,
         at_most=1,
     )
     occluder_diameter: float = setting(3.33, "Diameter of a moving occluder.", unit="length", above=0, people=0.5)
-    prior_max_age_s: float = setting(5.0, "Older priors are not used.", unit="s", at_most=1e9, above=0)
+    prior_max_age_s: float = setting(5.0, "Ignore occluder priors older than this.", unit="s", at_most=1e9, above=0)
     own_gate: float = setting(
-        0.0, "Priors this many standard deviations near the target are its own; 0: none is.", at_least=0
+        0.0,
+        "Ignore occluder priors within this many standard deviations of the target: they are the target itself. 0: "
+        "use all.",
+        at_least=0,
     )
 
     # Errors of the cameras' poses that stay the same; see `occlog.track.methods.apf.calibration`
     calibrate: str = setting(
         "none",
-        "Errors of the cameras' poses: white noise (`none`), estimated along with the track (`joint`), "
-        "or at first only (`initial`).",
+        "Pose errors of the cameras: white noise (`none`), estimated with the track (`joint`), or estimated at the "
+        "start only (`initial`).",
         choices=CALIBRATE,
     )
-    calibrate_s: float = setting(100.0, "How long `initial` gathers.", unit="s", at_most=1e9, above=0)
+    calibrate_s: float = setting(100.0, "Duration of the `initial` calibration.", unit="s", at_most=1e9, above=0)
 
     # When to give up
-    max_gap_s: float = setting(60.0, "After a longer time without a scan particles are drawn anew.", unit="s", above=0)
+    max_gap_s: float = setting(
+        60.0, "Reinitialise after a longer time without a scan. Smaller values give up sooner.", unit="s", above=0
+    )
     lost_after: int = setting(
-        6, "Reports more against than for the best particle after which all are drawn anew; 0: never.", at_least=0
+        6,
+        "Reinitialise when the reports that contradict the best particle outnumber those that agree by this count "
+        "(at most 2 per scan). Lower values recover faster and restart more often; 0: never.",
+        at_least=0,
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
@@ -174,32 +249,38 @@ class SelectConfig(Settings):
 
     policy: str = setting(
         "greedy",
-        "Use only some cameras, selected anew every few steps.",
+        "Sensor selection: use only --count cameras, reselected every --every steps by this policy. `greedy` and "
+        "`brute-force` minimise the expected error.",
         choices=POLICIES,
         option="--select",
         shown="use all",
     )
-    count: int = setting(4, "Cameras selected.", at_least=1, option="--count")
+    count: int = setting(4, "Number of selected cameras.", at_least=1, option="--count")
     every: float = setting(
-        5.0, "Reference steps (--set reference_s, 1 s) between selections.", above=0, option="--every", metavar="STEPS"
+        5.0,
+        "Interval between selections, in reference steps (--set reference_s, 1 s). Longer intervals save messages "
+        "and lose targets that leave the views.",
+        above=0,
+        option="--every",
+        metavar="STEPS",
     )
     model: str = setting(
         "perspective",
-        "Camera model of the expected error: [Ercan] Secs. 5.1 and 5.2.",
+        "Camera model of the expected error: `perspective` or `weak` perspective ([Ercan] Secs. 5.1, 5.2).",
         choices=("perspective", "weak"),
         option="--select-model",
     )
     order: tuple[str, ...] = setting(
         (),
-        "Order of the cameras for --select fixed.",
+        "Camera order for --select fixed.",
         option="--select-order",
         metavar="A,B,...",
         shown="that of the scene",
     )
     patience: int = setting(
         1,
-        "Scans in a row in which fewer than two of the selected cameras see the target, after which they are selected "
-        "anew; 0: only after the whole interval. Only greedy and brute-force, without priors of the moving occluders.",
+        "Reselect after this many consecutive scans in which fewer than two selected cameras detect the target; 0: "
+        "only at the interval. For greedy and brute-force without occluder priors.",
         at_least=0,
         option="--patience",
         metavar="SCANS",

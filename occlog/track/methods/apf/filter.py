@@ -39,7 +39,7 @@ from occlog.track.interface import Estimate, OccluderTerms, Online, ParticleSet,
 from .calibration import PoseCalibration, begin, corrected, corrected_scan, updated_calibration
 from .config import FORMS, ApfConfig
 from .model import ApfModel, make_model, motion_of, occlusion_of, pack_scan, with_distances
-from .propose import (
+from .proposal import (
     ProposedParticles,
     auxiliary_step,
     drift,

@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
+from occlog.core.geometry.visibility import ScanDirectionsInPlane, Sensors, ViewPrior, make_sensors
 from occlog.core.occlusion.priors import Priors
 from occlog.core.plane import Floor, make_floor, on_floor
-from occlog.core.sight.visibility import ScanDirectionsInPlane, Sensors, ViewPrior, make_sensors
 from occlog.filtering.likelihood import distances
 from occlog.filtering.likelihood.directions import (
     EXACT,

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Floats
-from occlog.core.occlusion.hidden import IMPROVED
+from occlog.core.geometry.visibility import Sensors
+from occlog.core.occlusion.occlusion_probability import IMPROVED
 from occlog.core.occlusion.priors import Priors, no_priors
-from occlog.core.sight.visibility import Sensors
 from occlog.errors import UsageError
 from occlog.filtering.likelihood.directions import MeasurementNoise
 from occlog.filtering.particles import mean_and_covariance
@@ -76,7 +76,8 @@ def network(
         config: how to select.
         usable: names of the cameras that may be used.
         detection: probability that a camera detects a target in plain view, where the scene does not say.
-        hiding: form of the probability that a moving occluder hides the target, of `occlog.core.occlusion.hidden`.
+        hiding: form of the probability that a moving occluder hides the target, of
+            `occlog.core.occlusion.occlusion_probability`.
     """
     names = [c.name for c in scene.cameras]
     cameras = tuple(i for i, c in enumerate(scene.cameras) if c.name in usable and c.placed)

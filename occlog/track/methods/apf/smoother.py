@@ -16,7 +16,7 @@ from occlog.filtering.particles import systematic_ancestors
 from occlog.track.interface import SmoothedState
 
 from .config import ApfConfig
-from .kernels.backward import parents_of
+from .kernels.backward_simulation import parents_of
 from .model import ApfModel
 
 CANDIDATES = 500
@@ -58,7 +58,7 @@ def record_particles(
 
 
 def smooth(traces: Sequence[Trace], config: ApfConfig, motion: WaypointModel, rng: Generator) -> list[SmoothedState]:
-    """Smooth by trajectories drawn backwards, a state for each scan; see `occlog.track.methods.apf.kernels.backward`.
+    """Smooth by backward simulation (`.kernels.backward_simulation`): a state for each scan.
 
     Args:
         traces: of scans in the order of time, at least one.

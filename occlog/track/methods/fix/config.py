@@ -23,27 +23,29 @@ class FixConfig(Settings):
 
     estimator: str = setting(
         MIXTURE,
-        "Mixture of true and false bearings, maximum likelihood, M-estimate, or repeated median; see fix.md.",
+        "Estimator of each position: mixture of true and false bearings, maximum likelihood, M-estimate, or "
+        "repeated median (see fix.md).",
         choices=(MIXTURE, *ESTIMATORS),
     )
     bend: float | None = setting(
         None,
-        "Where estimators bend, in standard deviations; with mixture where a bearing is as likely false as true.",
+        "Threshold of the robust loss, in standard deviations; with mixture where a bearing is as likely false as "
+        "true. Smaller values reject more bearings.",
         above=0,
         nothing="1.5 (huber, andrews), 3.7 (mixture)",
     )
     spread: str = setting(
         "pooled",
-        "Covariance from the stated standard deviations pooled with the residuals, from the residuals alone as "
-        "published, or as stated.",
+        "Covariance of the position: stated noise `pooled` with the residuals, `residuals` alone (as published), "
+        "or `stated` noise alone.",
         choices=("pooled", "residuals", "stated"),
     )
     candidates: str = setting(
         "consensus",
-        "Unlabelled candidates: those on which most sensors agree, or none.",
+        "Unlabelled candidates: use those on which most sensors agree (`consensus`), or `ignore` them.",
         choices=("consensus", "ignore"),
     )
-    gate: float = setting(3.0, "Standard deviations within which a candidate agrees.", above=0)
+    gate: float = setting(3.0, "Gate in standard deviations for a candidate to agree.", above=0)
 
     @property
     def bent(self) -> float:

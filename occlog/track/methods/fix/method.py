@@ -1,7 +1,7 @@
 """Method `fix`: each scan's position from that scan's bearings and measurements of distances alone.
 
 By a mixture of true and false bearings (`occlog.track.methods.fix.estimators`), with ranges and their like as well
-(`occlog.track.methods.fix.mixed`), or by [Lenth] 1981 (`occlog.track.methods.fix.estimators`).
+(`occlog.track.methods.fix.lines_and_distances`), or by [Lenth] 1981 (`occlog.track.methods.fix.estimators`).
 
 Nothing is carried from one scan to the next.  A scan that tells no position (one bearing,
 parallel lines, lines that meet behind the sensors) gives no row.
@@ -24,7 +24,7 @@ from occlog.track.interface import BearingResiduals, Estimate, Online
 
 from .config import BENDS, MIXTURE, FixConfig
 from .estimators import Fix, Modes, crossings, fix, modes, pooled_factor, spread_of
-from .mixed import MIN_SECOND_MODE_PROBABILITY, BearingLines, has_rival_mode, measured_at, modes_of
+from .lines_and_distances import MIN_SECOND_MODE_PROBABILITY, BearingLines, has_rival_mode, measured_at, modes_of
 
 MAX_PAIRS = 40_000
 """Pairs of candidates that are tried; beyond, the least certain candidates are omitted."""

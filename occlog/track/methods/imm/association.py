@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.geometry.camera import wrap_angle
 from occlog.core.numerics.jit import kernel
-from occlog.core.sight.camera import wrap_angle
 
 MAX_JOINT_EVENTS = 50_000
 """Of targets that share bearings at most so many events are summed; then the least likely bearings are omitted."""

@@ -24,96 +24,133 @@ class ImmConfig(SmoothingConfig):
 
     particles: int = setting(
         2000,
-        "Particles of each target; every one is moved under each of the three models.",
+        "Particles per target; each is moved under all three motion models. More reduce the Monte Carlo error and "
+        "take time in proportion.",
         at_least=1,
         option="--particles",
     )
     start: tuple[float, ...] | None = setting(
-        None, "X, Y, SIGMA, VX, VY, SIGMA_V of each target known at first.", unit="length", nothing="none is known"
+        None, "Known initial states: X, Y, SIGMA, VX, VY, SIGMA_V per target.", unit="length", nothing="none"
     )
 
     # Motion, [Lee] Sec. 3.3.1
-    alpha: float = setting(1.0, "Lateral acceleration of the two turns.", unit="length/s^2", at_least=0)
-    sigma_v: float = setting(1.3, "Noise of the velocity per axis, gathered in a second.", unit="length/s", at_least=0)
+    alpha: float = setting(
+        1.0, "Lateral acceleration of the two turn models ([Lee] alpha).", unit="length/s^2", at_least=0
+    )
+    sigma_v: float = setting(
+        1.3,
+        "Process noise of the velocity per axis, accumulated over 1 s. Larger values follow manoeuvres and widen "
+        "the gate.",
+        unit="length/s",
+        at_least=0,
+    )
     hold_s: float | None = setting(
         None,
-        "How long a motion model holds on average.",
+        "Mean sojourn time of a motion model. Shorter values switch faster between straight motion and turns.",
         unit="s",
         at_most=1e9,
         above=0,
-        nothing="every model is as likely at every step",
+        nothing="models independent at every step",
     )
-    speed: float = setting(1.0, "Standard deviation of a new target's velocity, per axis.", unit="length/s", at_least=0)
+    speed: float = setting(
+        1.0, "Standard deviation of the velocity of a new track, per axis.", unit="length/s", at_least=0
+    )
 
     # Data association
     association: str = setting(
         "joint",
-        "Which bearing is whose; any: every target's filter takes any bearing, [Lee] Eq. 3.6.",
+        "Data association: `joint` over all targets (JPDA), or `any`: the filter of every target takes any bearing "
+        "([Lee] Eq. 3.6).",
         choices=("joint", "any"),
     )
     detection: float = setting(
-        0.95, "Probability that an array hears a sounding target in its range.", above=0, at_most=1
+        0.95, "Detection probability of a sounding target in range of an array.", above=0, at_most=1
     )
-    clutter: float = setting(0.1, "Bearings of nobody expected of an array at a time, anywhere around it.", above=0)
+    clutter: float = setting(
+        0.1,
+        "Clutter rate: false bearings expected per array and scan, uniform in azimuth. Raise it in reverberant rooms.",
+        above=0,
+    )
     height: float | None = setting(
-        None, "Height of sources.", unit="length", nothing="an array's range is taken on the ground"
+        None,
+        "Height of sources above the ground, for the range of arrays.",
+        unit="length",
+        nothing="an array's range is taken on the ground",
     )
-    sound_s: float = setting(30.0, "A target sounds this long on average before it falls silent.", unit="s", above=0)
-    silent_s: float = setting(3.0, "A target is silent for so long on average.", unit="s", above=0)
+    sound_s: float = setting(30.0, "Mean time that a target sounds before a silence.", unit="s", above=0)
+    silent_s: float = setting(
+        3.0, "Mean duration of a silence. Longer values keep silent tracks for longer.", unit="s", above=0
+    )
 
     # Births and deaths
     birth: float = setting(
         0.02,
-        "Probability that a bearing of nobody is of a new target. With 0, and with association=any, targets are "
-        "only those of `start`, those that cameras find, and those that have labels.",
+        "Probability that an unassigned bearing initiates a track. Higher values find new targets sooner and make "
+        "more false tracks. With 0, or association=any, targets are only those given, labelled or found by "
+        "cameras.",
         at_least=0,
         below=1,
     )
-    birth_factor: int = setting(3, "A new target has this many times the particles until it is confirmed.", at_least=1)
-    confirm: float = setting(0.95, "A target is reported from this probability on that it exists.", at_least=0, below=1)
-    confirm_hits: int = setting(3, "And when it was heard so often.", at_least=1)
-    die: float = setting(0.02, "Below this probability a target is given up.", at_least=0, below=1)
-    forget_s: float = setting(
-        15.0, "So is one that was neither heard nor seen for so long.", unit="s", at_most=1e9, above=0
+    birth_factor: int = setting(
+        3, "Particles of a tentative track, as a multiple of `particles`, until it is confirmed.", at_least=1
     )
-    walls: bool = setting(True, "No target leaves the room, if the scene has one.")
+    confirm: float = setting(
+        0.95,
+        "Existence probability above which a track is confirmed and reported. Higher values suppress false tracks "
+        "and delay true ones.",
+        at_least=0,
+        below=1,
+    )
+    confirm_hits: int = setting(3, "Minimum number of detections before confirmation.", at_least=1)
+    die: float = setting(0.02, "Existence probability below which a track is terminated.", at_least=0, below=1)
+    forget_s: float = setting(
+        15.0,
+        "Maximum coasting time: a track that was not detected for longer is terminated.",
+        unit="s",
+        at_most=1e9,
+        above=0,
+    )
+    walls: bool = setting(True, "Keep targets inside the room of the scene, if it has one.")
 
     # Cooperation with cameras, [Lee] Sec. 3.3
     cooperate: str = setting(
         "none",
-        f"When to ask cameras where the targets are: {', '.join(POLICIES)}; several with commas.",
+        f"Policies that request camera frames of targets: {', '.join(POLICIES)}; several separated by commas.",
         choices=POLICIES,
         several=True,
         option="--cooperate",
         metavar="POLICY",
     )
-    period_s: float = setting(10.0, "Period of `periodic`.", unit="s", at_most=1e9, above=0)
+    period_s: float = setting(10.0, "Period of `periodic` requests.", unit="s", at_most=1e9, above=0)
     triggers: str = setting(
-        "count,bearing,ellipse", "Triggers of `printed`, with commas.", choices=TRIGGERS, several=True
+        "count,bearing,ellipse", "Triggers of `printed`, separated by commas.", choices=TRIGGERS, several=True
     )
     spread: float = setting(
-        1.0, "`spread` asks when the root of the position's variance is above this.", unit="length", at_least=0
+        1.0,
+        "Position standard deviation (root of the trace of the covariance) above which `spread` requests frames. "
+        "Smaller values ask more often.",
+        unit="length",
+        at_least=0,
     )
     fix: str = setting(
         "update",
-        "A position that cameras found is a measurement, or replaces the cloud (the thesis).",
+        "Use of a camera position: `update` as a measurement, or `replace` the particles (the thesis).",
         choices=("update", "replace"),
     )
-    share: bool = setting(True, "Other targets that the frames show are taken in as well.")
+    share: bool = setting(True, "Also update other targets seen in the requested frames.")
     frame_age_s: float = setting(
-        0.5, "Frames older than this are not used, the time of an answer not counted.", unit="s", at_most=1e9, above=0
+        0.5, "Maximum age of a frame to be used, apart from the latency of the answer.", unit="s", at_most=1e9, above=0
     )
     answer_s: float = setting(
         0.0,
-        "Cameras' answers take so long: of each camera the last frame that is at least so old is used (see "
-        "`occlog traffic`).",
+        "Latency of camera answers: of each camera the last frame at least this old is used (see `occlog traffic`).",
         unit="s",
         at_least=0,
         at_most=1e6,
     )
-    retry_s: float = setting(0.5, "A request in vain is not made anew before.", unit="s", at_least=0)
+    retry_s: float = setting(0.5, "Minimum time before an unanswered request is repeated.", unit="s", at_least=0)
     gate: float = setting(
-        4.0, "Standard deviations within which what unlabelled candidates show is of a target.", above=0
+        4.0, "Gate in standard deviations for assigning unlabelled camera candidates to a target.", above=0
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:

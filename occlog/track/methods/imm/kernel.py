@@ -22,8 +22,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
+from occlog.core.geometry.camera import wrap_angle
 from occlog.core.numerics.jit import array_kernel, kernel
-from occlog.core.sight.camera import wrap_angle
 from occlog.filtering.motion.coordinated_turn import move_under_all
 from occlog.filtering.particles import systematic_ancestors
 

@@ -22,71 +22,95 @@ class SpaceConfig(SmoothingConfig):
 
     OWNER: ClassVar[str] = "space"
 
-    particles: int = setting(2000, "Particles a target, or of each plane.", at_least=1, option="--particles")
+    particles: int = setting(
+        2000,
+        "Particles per target, or per plane. More reduce the Monte Carlo error and take time in proportion.",
+        at_least=1,
+        option="--particles",
+    )
     start: tuple[float, ...] | None = setting(
         None,
-        "x,y,sigma; x,y,z,sigma; x,y,z,vx,vy,vz,sigma,sigma_v; or x,y,z,vx,vy,vz and a sigma of each. What is not "
-        "given is spread: z over the room's height, velocities by `speed` and `speed_z`.",
+        "x,y,sigma; x,y,z,sigma; x,y,z,vx,vy,vz,sigma,sigma_v; or x,y,z,vx,vy,vz and a sigma of each. Without them "
+        "z is uncertain over the height of the room, and velocities by `speed` and `speed_z`.",
         unit="length",
-        nothing="where the first scan says",
+        nothing="from the first scan",
     )
-    start_factor: int = setting(10, "A filter starts with this many times its particles.", at_least=1)
+    start_factor: int = setting(10, "Particles at track initiation, as a multiple of `particles`.", at_least=1)
 
     # Motion
     acceleration: tuple[float, ...] = setting(
-        (0.0, 0.0, 0.0), "Known acceleration along x, y and z.", unit="length/s^2"
+        (0.0, 0.0, 0.0), "Known constant acceleration along x, y, z.", unit="length/s^2"
     )
     turn: float = setting(
-        0.0, "Lateral acceleration of a known turn, from the plane's first axis to its second.", unit="length/s^2"
+        0.0,
+        "Lateral acceleration of a known coordinated turn, from the first axis of the plane to its second.",
+        unit="length/s^2",
     )
     turn_plane: str = setting("xy", "Plane of the known turn.", choices=PLANES)
     q: float = setting(
         0.1,
-        "Density of the white acceleration: variance of the velocity gathered in a second.",
+        "Process noise: spectral density of white acceleration. Larger values follow manoeuvres and widen covariances.",
         unit="length^2/s^3",
         at_least=0,
         people=1.0,
     )
-    q_z: float | None = setting(None, "The same of z.", unit="length^2/s^3", at_least=0, people=0.02, nothing="as q")
-    speed: float = setting(1.0, "Standard deviation of an unknown velocity along x and y.", unit="length/s", at_least=0)
-    speed_z: float = setting(0.3, "The same along z.", unit="length/s", at_least=0, people=0.1)
+    q_z: float | None = setting(
+        None,
+        "Process noise along z: spectral density of white acceleration.",
+        unit="length^2/s^3",
+        at_least=0,
+        people=0.02,
+        nothing="as q",
+    )
+    speed: float = setting(
+        1.0, "Initial standard deviation of the velocity along x and y.", unit="length/s", at_least=0
+    )
+    speed_z: float = setting(
+        0.3, "Initial standard deviation of the velocity along z.", unit="length/s", at_least=0, people=0.1
+    )
 
     # Measurements
-    false: float = setting(1e-4, "Probability that a labelled report is of nothing.", at_least=0, below=1)
+    false: float = setting(1e-4, "False alarm probability of a labelled report.", at_least=0, below=1)
     soften: float = setting(
-        1e-2, "Factor for a target out of the range of a sensor that reports it.", above=0, at_most=1
+        1e-2, "Likelihood factor for a report of a target out of the range of the sensor.", above=0, at_most=1
     )
     outside: float = setting(
-        1e-2, "Factor for a target that leaves the room, if the scene has one, each time.", above=0, at_most=1
+        1e-2, "Likelihood factor per scan for a target outside the room, if the scene has one.", above=0, at_most=1
     )
     candidate: float = setting(
         0.9, "Probability that the target is among the candidates of a sensor that has any.", above=0, at_most=1
     )
-    clutter: float = setting(1.0, "Candidates of other objects expected in a scan.", above=0)
+    clutter: float = setting(1.0, "Clutter rate: candidates of other objects expected in a scan.", above=0)
     use_score: bool = setting(True, "Weigh candidates by their score.")
 
     # Sampling
     proposal: str = setting(
         "scan",
-        "Particles are drawn with a look at the scan where few would be effective, or by the motion alone.",
+        "Importance density: `scan` uses the measurements where few particles would be effective, `motion` the "
+        "motion model alone.",
         choices=("scan", "motion"),
     )
     resample_below: float = setting(
-        0.5, "Resample when the effective sample size is below this share of the particles.", at_least=0
+        0.5,
+        "Resampling threshold: resample when the effective sample size, relative to the number of particles, is "
+        "below this.",
+        at_least=0,
     )
     kernel: float = setting(
         1.0,
-        "Width of the kernel of resampled particles, of the width that is best for a Gaussian.",
+        "Bandwidth of the regularisation kernel after resampling, relative to the optimum of a Gaussian; 0 "
+        "duplicates particles.",
         at_least=0,
         at_most=1,
     )
 
     # When to give up
-    max_gap_s: float = setting(60.0, "After a longer time without a scan particles are drawn anew.", unit="s", above=0)
-    gate: float = setting(5.0, "Standard deviations within which a report agrees with a place.", above=0)
+    max_gap_s: float = setting(60.0, "Reinitialise after a longer time without a scan.", unit="s", above=0)
+    gate: float = setting(5.0, "Gate in standard deviations for a report to agree with a position.", above=0)
     lost_after: int = setting(
         6,
-        "Reports of a sensor more against than for the best particle after which all start anew; 0: never.",
+        "Reinitialise when the reports of a sensor that contradict the best particle outnumber those that agree by "
+        "this count; 0: never.",
         at_least=0,
     )
 
@@ -107,7 +131,7 @@ class Direct3dConfig(SpaceConfig):
 
     likelihood: str = setting(
         "product",
-        "Likelihood of azimuth and elevation, or of the angle from the sight line.",
+        "Measurement likelihood: `product` of azimuth and elevation, or `cone` of the angle from the line of sight.",
         choices=("product", "cone"),
     )
 
@@ -120,18 +144,20 @@ class PpsConfig(SpaceConfig):
 
     selection: str = setting(
         "variance",
-        "How the two planes are selected: by their variance, or as printed in the thesis.",
+        "Selection of the two planes: by predicted `variance`, or as `printed` in the thesis.",
         choices=("variance", "printed"),
     )
     combining: str = setting(
-        "inverse", "How the axis that both planes have is combined.", choices=("inverse", "planes-weighted", "equal")
+        "inverse",
+        "Weights of the axis that both planes share: `inverse` variance, `planes-weighted`, or `equal`.",
+        choices=("inverse", "planes-weighted", "equal"),
     )
     running: str = setting(
-        "all", "Planes that measure: all the time, or only while they are selected.", choices=("all", "selected")
+        "all", "Planes that are updated: `all`, or only the `selected` ones.", choices=("all", "selected")
     )
     per_plane: str = setting(
         "all",
-        "Sensors that a plane takes in: all, or only the best one, as the thesis has it.",
+        "Sensors used by a plane: `all`, or only the `best` one, as in the thesis.",
         choices=("all", "best"),
     )
 

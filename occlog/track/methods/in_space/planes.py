@@ -8,7 +8,7 @@ Errors of the three planes' estimates, and how they go together.
 
 Each plane's filter knows its own covariance, but not what its errors share with the others': all three began
 from one prior, move by one target's acceleration, and hear one noise, whose projected angles are
-correlated (`occlog.core.sight.projected_planes.projected_covariance`).  An estimate that is combined of two planes
+correlated (`occlog.core.geometry.projected_planes.projected_covariance`).  An estimate that is combined of two planes
 has the covariance of the combination, for which their cross-covariance is needed.  It obeys the recursion
 of Bar-Shalom (1981) for two tracks,
 
@@ -28,7 +28,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.bounds.in_space import plane_axes
-from occlog.core.sight.projected_planes import (
+from occlog.core.geometry.projected_planes import (
     AXES,
     XY,
     YZ,

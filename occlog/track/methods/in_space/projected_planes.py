@@ -4,7 +4,7 @@ Each plane has a SIR filter of its own on (a, b, va, vb), fed with the projected
 sensors; the two planes whose angles have the least variances make the estimate.  Departures from
 the thesis, each with its reason:
 
-* angles and variances are those of world planes for a sensor of any pose (`occlog.core.sight.projected_planes`),
+* angles and variances are those of world planes for a sensor of any pose (`occlog.core.geometry.projected_planes`),
   not the printed (2.1), (2.22) and selection rule, which are wrong on parts of the sphere;
 * all three filters run, so that a switch finds a warm one, and take in all sensors;
   `running=selected` and `per_plane=best` are the thesis' way.  A plane that had to wait is started
@@ -25,7 +25,7 @@ from numpy.random import Generator
 
 from occlog.array_types import NS, Floats, Ints
 from occlog.core.bounds.in_space import plane_axes
-from occlog.core.sight.projected_planes import AXES, PLANES, XY
+from occlog.core.geometry.projected_planes import AXES, PLANES, XY
 from occlog.filtering.kernel_density import moments, resample_with_kernel, root_of, silverman_bandwidth
 from occlog.filtering.lifecycle import advance, elapsed
 from occlog.filtering.motion.white_acceleration import AccelerationModel, moved, turn_jump

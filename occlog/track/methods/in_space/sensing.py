@@ -12,9 +12,9 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.geometry.projected_planes import AXES, direction, direction_angles, polar_from_elevation
+from occlog.core.geometry.visibility import MIN_RELATIVE_DISTANCE
 from occlog.core.plane import Floor, make_floor, on_floor
-from occlog.core.sight.projected_planes import AXES, direction, direction_angles, polar_from_elevation
-from occlog.core.sight.visibility import MIN_RELATIVE_DISTANCE
 from occlog.filtering.motion.white_acceleration import AccelerationModel
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan

@@ -17,17 +17,38 @@ class JipdaConfig(LagConfig):
     OWNER: ClassVar[str] = "jipda"
 
     # Bodies
-    height: float = setting(1.7, "Height of people, on average.", unit="length", above=0)
-    sigma_height: float = setting(0.12, "Its standard deviation.", unit="length", above=0)
-    width: float = setting(
-        0.55, "Diameter of the cylinder that stands for a person, on average.", unit="length", above=0
+    height: float = setting(
+        1.7,
+        "Mean height of people; sets the expected box height. A wrong value shifts positions along the line of "
+        "sight. Typical 1.7 m for adults, 1.2 m for children.",
+        unit="length",
+        above=0,
     )
-    sigma_width: float = setting(0.12, "Its standard deviation.", unit="length", above=0)
+    sigma_height: float = setting(
+        0.12,
+        "Standard deviation of the height among people. Larger values rely less on box heights for the distance; "
+        "raise it where adults and children mix.",
+        unit="length",
+        above=0,
+    )
+    width: float = setting(
+        0.55,
+        "Mean diameter of the vertical cylinder that models a person; sets the expected box width.",
+        unit="length",
+        above=0,
+    )
+    sigma_width: float = setting(
+        0.12,
+        "Standard deviation of the diameter among people and poses. Larger values accept wider boxes (bags, spread "
+        "arms).",
+        unit="length",
+        above=0,
+    )
 
     apart: float = setting(
         0.22,
-        "People do not walk through one another: two stand at a distance d with a probability that is multiplied by "
-        "1 - exp(-d^2 / (2 apart^2)); 0: they may.",
+        "Exclusion radius s: the density of two people at distance d is multiplied by 1 - exp(-d^2 / (2 s^2)). "
+        "Larger values keep close tracks distinct and push them apart; 0: no exclusion.",
         unit="length",
         at_least=0,
     )
@@ -35,39 +56,101 @@ class JipdaConfig(LagConfig):
     # Motion
     acceleration: float = setting(
         0.06,
-        "Spectral density of people's acceleration, per axis, while they walk on.",
+        "Process noise while walking straight: spectral density of white acceleration per axis. Larger values "
+        "follow turns faster; smaller values coast straighter through occlusions.",
         unit="length^2/s^3",
         at_least=0,
     )
-    manoeuvre: float = setting(1.0, "The same while they turn, stop or start.", unit="length^2/s^3", at_least=0)
-    calm_s: float = setting(20.0, "They do so after so long on average, at first; it is learned.", unit="s", above=0)
-    turn_s: float = setting(1.0, "It takes so long on average.", unit="s", above=0)
-    bend_s: float = setting(
-        6000.0,
-        "They bend, fall, lie down or get up after so long on average, at first; it is learned.",
+    manoeuvre: float = setting(
+        1.0,
+        "Process noise during a manoeuvre (turning, stopping, starting): spectral density per axis. Larger values "
+        "follow abrupt motion and widen the gate.",
+        unit="length^2/s^3",
+        at_least=0,
+    )
+    calm_s: float = setting(
+        20.0,
+        "Initial mean time between manoeuvres of a person; adapted online. Smaller values switch to the manoeuvre "
+        "model more readily.",
         unit="s",
         above=0,
     )
-    bent_s: float = setting(2.0, "That takes so long on average.", unit="s", above=0)
-    speed: float = setting(0.9, "Standard deviation of a new person's velocity, per axis.", unit="length/s", above=0)
+    turn_s: float = setting(
+        1.0, "Mean duration of a manoeuvre. Longer values keep the large process noise for longer.", unit="s", above=0
+    )
+    bend_s: float = setting(
+        6000.0,
+        "Initial mean time between posture changes (bending, falling, lying down, getting up); adapted online. "
+        "Lower it where people sit down or exercise.",
+        unit="s",
+        above=0,
+    )
+    bent_s: float = setting(2.0, "Mean duration of a posture change.", unit="s", above=0)
+    speed: float = setting(
+        0.9,
+        "Standard deviation of the velocity of a new track, per axis. Too small a value loses fast arrivals in the "
+        "second frame. Typical 0.9 m/s walking, 3 m/s running.",
+        unit="length/s",
+        above=0,
+    )
 
     # Boxes
-    edge_px: float = setting(3.0, "Standard deviation of a box's edge.", unit="px", above=0)
+    edge_px: float = setting(
+        3.0,
+        "Measurement noise: standard deviation of a box edge (initial value, adapted online). Larger values trust "
+        "boxes less and smooth more. Typical 2 to 5 px.",
+        unit="px",
+        above=0,
+    )
     looseness: float = setting(
-        0.04, "Standard deviation of a box's size and place, as a share of its size.", at_least=0
+        0.04,
+        "Measurement noise in proportion to the box: standard deviation of its position and size as a share of its "
+        "size. Raise it for detectors with loose boxes.",
+        at_least=0,
     )
 
     # Detection
     detection: float = setting(
-        0.8, "Probability at first that a camera detects a person in plain view; it is learned.", above=0, below=1
+        0.8,
+        "Initial detection probability of an unoccluded person per camera and frame; adapted online. Too high a "
+        "value terminates tracks after few missed detections.",
+        above=0,
+        below=1,
     )
-    clutter: float = setting(0.5, "Boxes of nobody expected at first of a camera at a time; it is learned.", above=0)
-    visible: bool = setting(True, "People are detected as far as others do not hide them; no: all alike.")
+    clutter: float = setting(
+        0.5,
+        "Initial clutter rate: false detections (false alarms) expected per camera and frame; adapted online. "
+        "Larger values make track initiation more cautious.",
+        above=0,
+    )
+    visible: bool = setting(
+        True,
+        "Use the expected visibility as a factor of the detection probability. Off: occlusions count as missed "
+        "detections and end the tracks of occluded people.",
+    )
 
     # Existence
-    stay_s: float = setting(60.0, "How long a person stays in sight of the cameras on average.", unit="s", above=0)
-    confirm: float = setting(0.8, "A person is reported from this probability on that they exist.", above=0, below=1)
-    die: float = setting(0.01, "Below this probability a person is given up.", above=0, below=1)
+    stay_s: float = setting(
+        60.0,
+        "Initial mean time that a person stays in view of the cameras; adapted online. Larger values keep unseen "
+        "tracks longer and risk identity switches.",
+        unit="s",
+        above=0,
+    )
+    confirm: float = setting(
+        0.8,
+        "Existence probability above which a track is confirmed and reported. Higher values suppress false tracks "
+        "and delay true ones.",
+        above=0,
+        below=1,
+    )
+    die: float = setting(
+        0.01,
+        "Existence probability below which a track is terminated. Lower values keep tracks through longer "
+        "occlusions and risk identity switches.",
+        above=0,
+        below=1,
+    )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """Who is given up was reported before."""

@@ -17,9 +17,9 @@ from occlog.core.plane import pockets
 from occlog.records.scene import Camera, Scene, box_around, sight_limit
 from occlog.settings import METRES
 
+from .association_features import AssociationFeatures, empty_features, log_feature_ratios, update_features
 from .config import JipdaConfig
-from .cues import AssociationFeatures, empty_features, log_feature_ratios, update_features
-from .detectors import (
+from .detector_model import (
     MIN_CLUTTER_PROBABILITY,
     MIN_EXISTENCE_TO_LEARN,
     MIN_VISIBILITY_TO_LEARN,
@@ -43,11 +43,11 @@ from .detectors import (
 )
 from .interface import NO_ID, BoxAssociations, Event, FrameDetections, TrackSnapshot, X, Y
 from .kernels.body_box import PackedCameras, pack_views
+from .kernels.camera_disagreement import camera_disagreement
 from .kernels.detections import PackedDetections
-from .kernels.disagreement import camera_disagreement
-from .kernels.joint import update_targets
-from .kernels.newborn import BirthIntensity, initiate_targets
-from .people import (
+from .kernels.joint_association import update_targets
+from .kernels.track_initiation import BirthIntensity, initiate_targets
+from .target_set import (
     SMOOTHING_SIGMA_M,
     BirthIntensityMap,
     TargetSet,

@@ -15,14 +15,19 @@ class JointConfig(WalkConfig):
 
     OWNER: ClassVar[str] = "joint"
 
-    particles: int = setting(1000, "Particles, each with a place for every object.", at_least=2, option="--particles")
-    detection: float = setting(
-        0.99, "P_D: probability that a camera detects an object in plain view.", above=0, below=1
+    particles: int = setting(
+        1000,
+        "Particles, each with the states of all objects. The number needed grows fast with the number of objects.",
+        at_least=2,
+        option="--particles",
     )
+    detection: float = setting(0.99, "Detection probability P_D of an unoccluded object.", above=0, below=1)
     false: float = setting(
         1e-4,
-        "P_F: probability that a sensor that did not detect an object reports it all the same.",
+        "False alarm probability P_F of a sensor that did not detect an object.",
         above=0,
         below=1,
     )
-    occluder_diameter: float = setting(3.33, "Diameter of an object.", unit="length", above=0, people=0.5)
+    occluder_diameter: float = setting(
+        3.33, "Diameter of the objects, which occlude one another.", unit="length", above=0, people=0.5
+    )

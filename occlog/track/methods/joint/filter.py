@@ -19,7 +19,7 @@ from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats
 from occlog.consistency.estimates import MIN_EFFECTIVE_SAMPLE_SIZE
-from occlog.core.sight.visibility import seen_from
+from occlog.core.geometry.visibility import seen_from
 from occlog.filtering.gaussian import Gaussian, predicted
 from occlog.filtering.lifecycle import elapsed, is_lost, track_loss_count
 from occlog.filtering.likelihood.directions import PackedScan

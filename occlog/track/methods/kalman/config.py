@@ -22,27 +22,36 @@ class WalkConfig(Settings):
     # The first two moments of a walk by waypoints ([Ercan] Sec. 4.1)
     speed: float = setting(
         1.0,
-        "Usual speed: each axis of the velocity has this over the root of two as its standard deviation.",
+        "Usual speed (RMS) of targets: each velocity axis has this over the root of two as its standard deviation.",
         unit="length/s",
         above=0,
         people=1.2,
     )
     turn_s: float = setting(
         10.0,
-        "Mean time in which a target changes its direction and its velocity is forgotten.",
+        "Time constant of the velocity: mean time until a target changes its direction. Shorter values follow "
+        "turns and predict less far.",
         unit="s",
         above=0,
         people=1.0,
     )
     sigma_v: float = setting(
-        0.33, "Motion noise per axis, gathered in a second.", unit="length", at_least=0, people=0.1
+        0.33,
+        "Process noise of the position per axis, accumulated over 1 s. Larger values follow manoeuvres and widen "
+        "covariances.",
+        unit="length",
+        at_least=0,
+        people=0.1,
     )
     gate: float = setting(
-        5.0, "Standard deviations within which a bearing agrees with the prediction; others are not used.", above=0
+        5.0,
+        "Gate: bearings with an innovation of more standard deviations are rejected. Smaller values reject more "
+        "outliers and lose manoeuvring targets.",
+        above=0,
     )
-    max_gap_s: float = setting(60.0, "After a longer time without a scan the filter begins anew.", unit="s", above=0)
+    max_gap_s: float = setting(60.0, "Reinitialise after a longer time without a scan.", unit="s", above=0)
     lost_after: int = setting(
-        6, "Bearings more outside the gate than inside after which the filter begins anew; 0: never.", at_least=0
+        6, "Reinitialise when bearings outside the gate outnumber those inside by this count; 0: never.", at_least=0
     )
 
 
@@ -52,10 +61,10 @@ class KalmanConfig(LagConfig, WalkConfig):
 
     start: tuple[float, ...] | None = setting(
         None,
-        "X, Y and SIGMA of the first position.",
+        "Initial position X, Y and standard deviation SIGMA.",
         unit="length",
         counts=(3,),
-        nothing="where the first bearings meet",
+        nothing="triangulated from the first bearings",
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
@@ -78,8 +87,8 @@ class UkfConfig(KalmanConfig):
 
     points: str = setting(
         ALL,
-        "Sigma points that count: all in front of the camera, or those alone that it can see past walls, static "
-        "occluders and the ends of its field of view.",
+        "Sigma points used in the update: `all` in front of the camera, or only those `visible` to it (past walls "
+        "and static occluders, in the field of view).",
         choices=(ALL, VISIBLE),
     )
 
@@ -92,8 +101,8 @@ class IekfConfig(KalmanConfig):
 
     feasible: str = setting(
         STARTS,
-        "Whether the target may be where the cameras that report it cannot see: it may (ignore), or not, and the most "
-        "probable place is searched from the prediction alone (descent) or also from where bearings cross (starts).",
+        "Constraint that a detected target is visible to the cameras that detect it: `ignore` it, search the mode "
+        "from the prediction alone (`descent`), or also from intersections of bearings (`starts`).",
         choices=(IGNORE, DESCENT, STARTS),
     )
-    iterations: int = setting(20, "Most steps of Gauss-Newton from each start.", at_least=1)
+    iterations: int = setting(20, "Maximum Gauss-Newton iterations per start.", at_least=1)

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.geometry.visibility import draw
 from occlog.core.plane import make_floor, sample_floor
-from occlog.core.sight.visibility import draw
 from occlog.errors import InputError
 from occlog.filtering.gaussian import Gaussian, PosteriorRecord, predicted, rts_smooth
 from occlog.filtering.lifecycle import advance, elapsed, is_lost, track_loss_count

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats
-from occlog.core.sight.camera import wrap_angle
+from occlog.core.geometry.camera import wrap_angle
 from occlog.filtering.gaussian import Gaussian, log_normal, symmetric, updated
 from occlog.filtering.likelihood.directions import MIN_DEPTH
 from occlog.filtering.likelihood.measurement_model import (

@@ -8,7 +8,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats
 from occlog.core.plane import convex_pieces, counter_clockwise, offset
-from occlog.track.methods.map.kernels.detours import Obstacle
+from occlog.track.methods.map.kernels.paths_around_obstacles import Obstacle
 
 from .config import MapConfig
 from .measurements import SensorStations
@@ -42,7 +42,7 @@ def _unseen(record: TargetRecord, at: SensorStations, config: MapConfig, T: int)
         if at.focal_px[s] > 0.0 and not math.isnan(_detection(s, at, config)):
             when = np.zeros(T, dtype=np.bool_)
             when[record.state[unseen & (record.rows.sensor == s)]] = True
-            # Among moving occluders `occlog.track.methods.map.hiding` says what "not seen" tells
+            # Among moving occluders `occlog.track.methods.map.occlusion` says what "not seen" tells
             when[[t for t, priors in enumerate(record.occluders) if priors is not None]] = False
             found.append((s, when))
     return found

@@ -25,46 +25,65 @@ class MapConfig(Settings):
 
     # Motion, [Rahimi] Eq. 1; with a fitted model the first two are not used
     acceleration: float = setting(
-        1.0, "Standard deviation of the velocity gathered in a second, per axis.", unit="length/s", own=0.33, **POSITIVE
+        1.0,
+        "Process noise of the velocity per axis, accumulated over 1 s. Smaller values smooth more; too small a "
+        "value cuts corners.",
+        unit="length/s",
+        own=0.33,
+        **POSITIVE,
     )
-    jitter: float = setting(0.0, "The same of the position besides.", unit="length", own=0.33, **AT_LEAST_0)
-    speed: float = setting(1.0, "Standard deviation of the first velocity, per axis.", unit="length/s", **POSITIVE)
+    jitter: float = setting(
+        0.0, "Process noise of the position per axis, accumulated over 1 s.", unit="length", own=0.33, **AT_LEAST_0
+    )
+    speed: float = setting(1.0, "Standard deviation of the initial velocity, per axis.", unit="length/s", **POSITIVE)
     start: tuple[float, ...] | None = setting(
-        None, "X, Y and SIGMA of the first position.", unit="length", nothing="anywhere a target can be"
+        None,
+        "Initial position X, Y and standard deviation SIGMA.",
+        unit="length",
+        nothing="uniform over the room or the visible region",
     )
     A: tuple[float, ...] | None = setting(
-        None, "16 numbers of a fitted model, by rows, for the state x, vx, y, vy.", counts=(16,), nothing="no model"
+        None,
+        "Fitted transition matrix: 16 numbers by rows, for the state x, vx, y, vy (from `occlog fit-motion`).",
+        counts=(16,),
+        nothing="no model",
     )
     Sigma: tuple[float, ...] | None = setting(
-        None, "16 numbers: covariance of the model's noise.", counts=(16,), nothing="no model"
+        None, "Fitted process noise covariance: 16 numbers by rows.", counts=(16,), nothing="no model"
     )
-    step_s: float = setting(1.0, "Length of the model's step.", unit="s", **POSITIVE)
+    step_s: float = setting(1.0, "Time step of the fitted model.", unit="s", **POSITIVE)
 
     # Measurements, [Rahimi] Sec. 4
     loss: str = setting(
         "mixture",
-        "How residuals count: as of true and false bearings, as the paper's squares, or by a robust loss.",
+        "Loss of residuals: `mixture` of true and false bearings, `square` (the paper), `huber`, `cauchy`.",
         choices=LOSSES,
     )
     bend: float | None = setting(
         None,
-        "Standard deviations beyond which a residual's loss is bent.",
+        "Threshold of the robust loss, in standard deviations. Smaller values reject more bearings.",
         nothing="3.7 (mixture), 1.345 (huber), 2.385 (cauchy)",
         **POSITIVE,
     )
     adapt: bool = setting(
-        True, "With consensus: motion and bearings are noisier than stated where the residuals say so."
+        True, "Scale process and measurement noise up where the residuals demand it (with initial=consensus)."
     )
-    detection: float | None = setting(None, "P_D of a camera.", above=0, at_most=1, nothing='"not seen" says nothing')
+    detection: float | None = setting(
+        None,
+        "Detection probability P_D of a camera; needed to use missed detections as information.",
+        above=0,
+        at_most=1,
+        nothing="missed detections are no information",
+    )
 
     # Moving occluders, [Ercan] Sec. 4.2; only with priors of their positions
     unseen: bool = setting(
-        True, 'With priors of moving occluders: "not seen" says that the target is hidden or out of view.'
+        True, "Use missed detections: with occluder priors a target that is not detected is occluded or out of view."
     )
     temper: float = setting(
         0.3,
-        "Exponent of the probabilities of being hidden or not, where priors are uncertain: their errors last, so that "
-        "each scan tells less than if they were new.",
+        "Exponent of occlusion probabilities from uncertain priors, whose errors are correlated in time; 1: as if "
+        "independent.",
         at_least=0,
         at_most=1,
     )
@@ -72,45 +91,62 @@ class MapConfig(Settings):
     prior_max_age_s: float = setting(5.0, "Older priors are not used.", unit="s", above=0)
 
     # Constraints
-    front: bool = setting(True, "A target that is seen is in front of the camera.")
-    near: float = setting(0.01, "It is so by at least this much.", unit="length", **POSITIVE)
-    walls: bool = setting(True, "A target is in the room, in no static occluder, and not behind one when it is seen.")
-    clearance: float = setting(0.0, "Least distance to walls and static occluders.", unit="length", **AT_LEAST_0)
+    front: bool = setting(True, "Constrain a detected target to lie in front of the camera.")
+    near: float = setting(0.01, "Minimum depth of a detected target in front of the camera.", unit="length", **POSITIVE)
+    walls: bool = setting(
+        True,
+        "Constrain the target to the room, outside static occluders, and to an unobstructed line of sight where it "
+        "is detected. Off where the scene's walls are unreliable.",
+    )
+    clearance: float = setting(
+        0.0, "Minimum distance to walls and static occluders, for example a body radius.", unit="length", **AT_LEAST_0
+    )
 
     # What is given out
     estimate: str = setting(
         "mode",
-        "The paper's mode of the density, or the estimate that does not depend on the coordinates.",
+        "Point estimate: `mode` of the density (the paper), or `invariant`, which does not depend on the coordinates.",
         choices=("mode", "invariant"),
     )
     covariance: str = setting(
-        "moment", "Mean square error about the estimate, or the inverse Hessian at it.", choices=("moment", "hessian")
+        "moment",
+        "Covariance: `moment`, the mean square error about the estimate, or the inverse `hessian` at it.",
+        choices=("moment", "hessian"),
     )
 
     # Search, [Rahimi] Sec. 6
     initial: str | None = setting(
         None,
-        "Start where most bearings agree, from the cameras' axes as in the paper, or from a linear problem.",
+        "Initial trajectory: `consensus` of most bearings, camera `axes` (the paper), or a `linear` problem.",
         choices=("consensus", "axes", "linear"),
         nothing="consensus; axes with loss square",
     )
     depth: float | None = setting(
-        None, "Distance of the start along the axes.", unit="length", nothing="a tenth of the room's extent", **POSITIVE
+        None,
+        "Initial depth along the camera axes, with initial=axes.",
+        unit="length",
+        nothing="a tenth of the room's extent",
+        **POSITIVE,
     )
     solver: str = setting(
         "newton",
-        "Newton's method, or the paper's quadratic programs: much slower, to compare.",
+        "Solver: `newton` (interior point), or a quadratic program of the paper (clarabel, osqp): much slower, for "
+        "comparison.",
         choices=("newton", *PACKAGES),
     )
-    iterations: int = setting(200, "Iterations in a window at most.", at_least=1)
+    iterations: int = setting(200, "Maximum iterations per window.", at_least=1)
     tolerance: float = setting(
-        1e-7, "Largest change of a position in the last iteration, as a share of the room's extent.", **POSITIVE
+        1e-7,
+        "Convergence tolerance: largest change of a position in the last iteration, relative to the extent of the "
+        "room.",
+        **POSITIVE,
     )
 
     # Time
     lag_s: float | None = setting(
         None,
-        "Estimate with so much of what comes after, in bounded memory.",
+        "Fixed-lag estimation: use this much later data, in bounded memory. Longer lags are more accurate and "
+        "delay the output.",
         unit="s",
         at_least=1e-9,
         at_most=1e9,
@@ -118,13 +154,18 @@ class MapConfig(Settings):
         metavar="SECONDS",
         nothing="all of it",
     )
-    window: int = setting(512, "States solved at once at first; they then start the whole.", at_least=16)
+    window: int = setting(512, "States solved together before the full problem is started from them.", at_least=16)
     fill_s: float | None = setting(
-        None, "States are added where there is none for a longer time.", unit="s", nothing="nowhere", **POSITIVE
+        None,
+        "Insert states where measurements are further apart in time than this; needed for paths around walls in "
+        "long gaps.",
+        unit="s",
+        nothing="nowhere",
+        **POSITIVE,
     )
     vague: float = setting(
         0.1,
-        "Rows with a greater standard deviation, as a share of the room's extent, are `unobservable`.",
+        "Flag rows `unobservable` above this standard deviation, relative to the extent of the room.",
         **POSITIVE,
     )
 

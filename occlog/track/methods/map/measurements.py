@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.geometry.camera import wrap_angle
 from occlog.core.plane import convex_pieces, counter_clockwise, pockets
-from occlog.core.sight.camera import wrap_angle
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
 from occlog.track.methods.apf.model import MIN_SIGMA

@@ -27,24 +27,24 @@ from itertools import pairwise
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.core.sight.camera import wrap_angle
+from occlog.core.geometry.camera import wrap_angle
 from occlog.errors import InputError
 from occlog.scans.grouping import Scan
 from occlog.track.interface import Batch, BearingResiduals, NoiseScales, OccluderTerms, SmoothedTrajectory
 
 from .barriers import obstacles
 from .config import MapConfig
-from .kernels.detours import Obstacle, PathsAroundObstacles, find_paths_around
-from .kernels.evidence import evidence, sandwich
 from .kernels.interior_point import Options, Solution, covariance
 from .kernels.invariant import invariant, second_moment
+from .kernels.noise_scales import evidence, sandwich
+from .kernels.paths_around_obstacles import Obstacle, PathsAroundObstacles, find_paths_around
 from .kernels.problem import BearingLinesByStep, TrajectoryProblem
 from .kernels.terms import depths, inlier_probabilities, leverages, losses, residuals
 from .kernels.windows import summary
+from .lines_and_distances import mixed_search, with_distances
 from .measurements import sight_lines
-from .mixed import mixed_search, with_distances
 from .record import EMPTY, TargetRecord, after, fill, join, record_of
-from .search.pending import Pending, begin, memory_ns
+from .search.problem_of_record import Pending, begin, memory_ns
 from .search.robust import RobustSearchResult, Watch, inlier_weights, plain_search, robust_search
 from .search.start import rays_of
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.core.sight.usual_radio import EXPONENT, NOISE_DB, POWER_DBM, SHADOW_DB, SHADOW_S
+from occlog.core.geometry.radio_defaults import EXPONENT, NOISE_DB, POWER_DBM, SHADOW_DB, SHADOW_S
 from occlog.settings import Settings, setting
 
 
@@ -16,22 +16,22 @@ class RefineConfig(Settings):
 
     refine: tuple[str, ...] | None = setting(
         None,
-        "Cameras that refine the positions.",
+        "Cameras that refine tag positions.",
         option="--refine",
         metavar="CAM,CAM",
         nothing="none",
     )
     form: str = setting(
         "rays",
-        "How they do: the sight lines cross, with the position as prior (rays); or as published, by planes through the "
-        "position (printed-1, [Lee] Eq. 5.39) and with its depth corrected (parallel, Eq. 5.40).",
+        "Refinement: triangulation with the tag position as prior (rays); as published by planes through the "
+        "position (printed-1, [Lee] Eq. 5.39), or with its depth corrected (parallel, Eq. 5.40).",
         choices=("rays", "parallel", "printed-1"),
         option="--with",
     )
-    frame_age_s: float = setting(0.5, "Frames farther away in time are not used.", unit="s", at_least=0, at_most=1e6)
-    gate: float = setting(3.0, "Standard deviations within which a candidate without a label is of a tag.", above=0)
+    frame_age_s: float = setting(0.5, "Maximum time between frame and read.", unit="s", at_least=0, at_most=1e6)
+    gate: float = setting(3.0, "Gate in standard deviations for assigning an unlabelled candidate to a tag.", above=0)
     pace: float = setting(
-        1.0, "Speed of tags, by which a sight line of another time may be off.", unit="length/s", people=1.0, at_least=0
+        1.0, "Speed of tags; widens the lines of sight of other times.", unit="length/s", people=1.0, at_least=0
     )
 
 
@@ -43,13 +43,15 @@ class VirtualConfig(RefineConfig):
 
     range: float | None = setting(
         None,
-        "How far readers read whose range the scene does not say.",
+        "Range of readers for which the scene states none.",
         unit="length",
         above=0,
-        nothing="the scene must say it",
+        nothing="the scene must state it",
     )
     threshold: float | None = setting(
-        None, "Weaker reads do not count [dBm].", nothing="every read counts, or as the file of path losses says"
+        None,
+        "Ignore reads weaker than this [dBm].",
+        nothing="every read counts, or as stated in the file of path losses",
     )
     detection: float = setting(
         1.0, "Probability that a reader reads a tag in its range in a window.", above=0, at_most=1
@@ -73,21 +75,33 @@ class RssiConfig(RefineConfig):
 
     OWNER: ClassVar[str] = "rssi"
 
-    particles: int = setting(1000, "Number of particles.", at_least=10, at_most=1_000_000)
-    power: float = setting(POWER_DBM, "Strength at 1 m [dBm] of readers of which the scene does not say it.")
-    exponent: float = setting(EXPONENT, "Exponent of the path loss: 2 in free space.", above=0)
-    noise_db: float = setting(NOISE_DB, "Standard deviation of the white noise of a read [dB].", above=0)
+    particles: int = setting(
+        1000,
+        "Particles per tag. More reduce the Monte Carlo error and take time in proportion.",
+        at_least=10,
+        at_most=1_000_000,
+    )
+    power: float = setting(
+        POWER_DBM,
+        "Received power at 1 m [dBm] of readers for which the scene states none. Check it with `occlog fit-readers`.",
+    )
+    exponent: float = setting(EXPONENT, "Path loss exponent: 2 in free space, 2.5 to 4 indoors.", above=0)
+    noise_db: float = setting(
+        NOISE_DB, "Measurement noise of a read: standard deviation of its white part [dB].", above=0
+    )
     shadow_db: float = setting(SHADOW_DB, "Standard deviation of the shadowing [dB].", at_least=0)
-    shadow_s: float = setting(SHADOW_S, "Time in which the shadowing is forgotten.", unit="s", above=0)
-    height: float = setting(0.0, "Of tags above the floor.", unit="length", people=1.2)
+    shadow_s: float = setting(SHADOW_S, "Correlation time of the shadowing.", unit="s", above=0)
+    height: float = setting(0.0, "Height of tags above the floor.", unit="length", people=1.2)
     speed: float = setting(
         1.0,
-        "Standard deviation of each axis' velocity: the usual speed over the root of two.",
+        "Standard deviation of the velocity per axis: the usual speed over the root of two.",
         unit="length/s",
         people=0.85,
         above=0,
     )
-    turn_s: float = setting(4.0, "Time in which a velocity is forgotten.", unit="s", above=0)
+    turn_s: float = setting(
+        4.0, "Time constant of the velocity. Shorter values follow turns and predict less far.", unit="s", above=0
+    )
     detection: float = setting(
         0.95, "Probability that a reader of known range reads a tag in it in a window.", above=0, below=1
     )

@@ -26,7 +26,7 @@ from occlog.track.request import ReadsRequest
 from .config import RefineConfig, RssiConfig, VirtualConfig
 from .refine import RefineBearings
 from .rssi import PathLoss, TagFilterModel
-from .virtual import ReaderRegions, virtual_sensors
+from .virtual_sensors import ReaderRegions, virtual_sensors
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,5 +316,5 @@ def path_loss_of(spec: PathLossSpec, readers: tuple[TagReader, ...]) -> PathLoss
 
 
 def metre_of(length_unit: str) -> float:
-    """A metre in units of length; 1 in a unit of its own."""
+    """A metre in units of length; 1 in a scene-specific unit."""
     return 1.0 / METRES.get(length_unit, 1.0)

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.geometry.path_loss import received_power
 from occlog.core.plane import inside_polygon
-from occlog.core.sight.path_loss import received_power
 from occlog.filtering.lifecycle import advance, elapsed
 from occlog.filtering.particles import (
     effective_sample_size,

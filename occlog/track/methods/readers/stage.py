@@ -12,8 +12,8 @@ from occlog.records.tables import TagTracks, VirtualSensors
 
 from .inputs import Windows
 from .rssi import TagFilterModel, TagParticles, begin, step
-from .virtual import ReaderRegions as Regions
-from .virtual import locate
+from .virtual_sensors import ReaderRegions as Regions
+from .virtual_sensors import locate
 
 MIN_EFFECTIVE_SAMPLE_SIZE = 10.0
 """Fewer effective particles are too few for a covariance."""

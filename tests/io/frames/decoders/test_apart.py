@@ -15,7 +15,7 @@ from video_samples import number_shown, numbered, write_video
 from occlog.errors import InputError
 from occlog.io.frames import limits
 from occlog.io.frames.codec import decode_image
-from occlog.io.frames.decoders import apart
+from occlog.io.frames.decoders import subprocess_video as apart
 
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="limits as Linux has them")
 

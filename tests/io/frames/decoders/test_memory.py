@@ -14,9 +14,9 @@ from video_samples import numbered
 from occlog.errors import InputError
 from occlog.io.frames.codec import decode_image
 from occlog.io.frames.decoders import memory
-from occlog.io.frames.decoders.apart import SubprocessVideo, decode_apart, end_idle
 from occlog.io.frames.decoders.memory import LARGEST, MAX_SLOTS, MIN_SLOTS, SMALLEST, SharedImages, Slots, slot_size
 from occlog.io.frames.decoders.process import DecodingJob, start_decoder
+from occlog.io.frames.decoders.subprocess_video import SubprocessVideo, decode_apart, end_idle
 
 pytestmark = pytest.mark.skipif(not memory.SHARED, reason="memory without a name is shared on Linux only")
 SIZE = (640, 480)

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from video_samples import number_shown, write_video
 
-from occlog.io.frames.decoders import nursery
-from occlog.io.frames.decoders.nursery import FORKS, ForkedProcess, ForkServer
+from occlog.io.frames.decoders import fork_server as nursery
+from occlog.io.frames.decoders.fork_server import FORKS, ForkedProcess, ForkServer
 from occlog.io.frames.decoders.process import DecodingJob, start_decoder
 
 pytestmark = pytest.mark.skipif(not FORKS, reason="processes are forked on Linux only")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from detect_scenes import BLUE, RED, SIZE, STEP_NS, background, broken, camera, frames, picture, replaced, scene, walk
 
-from occlog.core.sight.camera import wrap_angle
+from occlog.core.geometry.camera import wrap_angle
 from occlog.errors import InputError, UsageError
 from occlog.measure.detect.by_background.one_camera import Target, check_targets
 from occlog.measure.detect.by_background.stage import Learned, batches, detect

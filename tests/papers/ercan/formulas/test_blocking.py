@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from scipy.special import ndtr
 from shapely.geometry import LineString, Polygon
 
-from occlog.core.occlusion.blocking_shares import shares
+from occlog.core.occlusion.blocking_probability import shares
 from occlog.core.occlusion.priors import Priors, gaussian_priors, polygon_priors
 from occlog.papers.ercan.formulas.blocking import IMPROVED, PRINTED, QUADRATURE, blocking, blocking_all
 

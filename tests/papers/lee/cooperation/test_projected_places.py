@@ -7,7 +7,7 @@ from occlog.papers.lee.cooperation.environments import environment
 from occlog.papers.lee.cooperation.parallel_projection import judge_errors
 from occlog.papers.lee.cooperation.projected_places import PROJECTIONS, crossed, projected, relocated, sights_of
 from occlog.papers.verdicts import PaperRow
-from occlog.track.methods.imm.ask_cameras import CameraAnswer, CameraQuestion, CameraRequest
+from occlog.track.methods.imm.camera_requests import CameraAnswer, CameraQuestion, CameraRequest
 
 
 def seen(cameras, xy):

@@ -10,7 +10,7 @@ import pytest
 from occlog.core.navigation.steering import SteeringState
 from occlog.errors import InputError
 from occlog.papers.lee.navigation.config import NavigateConfig
-from occlog.papers.lee.navigation.course import Disc, course_of, people_of
+from occlog.papers.lee.navigation.obstacle_course import Disc, course_of, people_of
 from occlog.papers.lee.navigation.run import RobotVerdict
 from occlog.papers.lee.navigation.stage import Drive, End, drive
 from occlog.records.scene import Occluder, Scene

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from occlog.array_types import Floats
-from occlog.core.sight.camera import wrap_angle
-from occlog.core.sight.projected_planes import XY, YZ, ZX, direction_angles, projected_angles
+from occlog.core.geometry.camera import wrap_angle
+from occlog.core.geometry.projected_planes import XY, YZ, ZX, direction_angles, projected_angles
 from occlog.papers.lee.space.variances import printed_projection
 
 

@@ -8,7 +8,7 @@ from scipy.stats import chisquare, multivariate_normal, norm
 
 from occlog.filtering.motion import waypoint
 from occlog.filtering.motion.waypoint import CHANGE, TOWARDS, WAIT, WaypointModel
-from occlog.track.methods.apf.kernels.backward import parents_of
+from occlog.track.methods.apf.kernels.backward_simulation import parents_of
 from occlog.track.methods.apf.smoother import kernel_variance
 
 PAPER = WaypointModel(1.0, 0.33, 0.7, 0.9, 0.05, 0.05, 0.9, sigma_waiting=0.1)

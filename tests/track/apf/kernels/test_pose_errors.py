@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from occlog.core.sight.camera import noise_variance, planar_offsets
+from occlog.core.geometry.camera import noise_variance, planar_offsets
 from occlog.track.methods.apf.kernels.pose_errors import (
     MIN_DISTANCE_RATIO,
     PRIOR_COUNT,

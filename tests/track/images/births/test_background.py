@@ -8,14 +8,14 @@ import pytest
 from occlog.measure.epipolar.views import TrackedView
 from occlog.measure.regions.background import make_subtractor
 from occlog.records.frames import Frame
-from occlog.track.methods.images.births.regions import (
+from occlog.track.methods.images.initiation.regions import (
     MAX_FOREGROUND_SHARE,
     BackgroundModel,
     background_models,
     foreground_mask,
     with_cameras,
 )
-from occlog.track.methods.images.run.frames_in_step import in_step
+from occlog.track.methods.images.run.frame_synchronisation import in_step
 
 VIEWS = (TrackedView("a", 80, 60),)
 RNG = np.random.default_rng(3)

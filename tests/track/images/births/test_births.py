@@ -7,9 +7,14 @@ import pytest
 
 from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.records.tables import Boxes
-from occlog.track.methods.images.births.births import anchors, empty_candidates, initiate_and_terminate, loop_distances
-from occlog.track.methods.images.births.config import ViewsConfig
-from occlog.track.methods.images.births.regions import DetectorRegions, RegionStream, regions_of_boxes
+from occlog.track.methods.images.initiation.births import (
+    anchors,
+    empty_candidates,
+    initiate_and_terminate,
+    loop_distances,
+)
+from occlog.track.methods.images.initiation.config import ViewsConfig
+from occlog.track.methods.images.initiation.regions import DetectorRegions, RegionStream, regions_of_boxes
 
 VIEWS = (TrackedView("a", 320, 240), TrackedView("b", 320, 240))
 LEVEL = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])

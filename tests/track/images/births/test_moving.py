@@ -9,7 +9,7 @@ from view_videos import SMALL, STEP_NS, small_balls
 from occlog.errors import InputError
 from occlog.measure.epipolar.views import TrackedView
 from occlog.records.frames import Frame
-from occlog.track.methods.images.births.regions import blob_sizes, moving_regions
+from occlog.track.methods.images.initiation.regions import blob_sizes, moving_regions
 
 pytestmark = pytest.mark.jit  # balls are rendered
 VIEWS = (TrackedView("view1", SMALL.width, SMALL.height), TrackedView("view2", SMALL.width, SMALL.height))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from place_scenes import covariances, rig_of, room, room_rig, seen
 
-from occlog.track.methods.images.ground.place import (
+from occlog.track.methods.images.ground.triangulation import (
     MET,
     TargetHeightPrior,
     ViewOdds,

@@ -6,7 +6,7 @@ from epipolar_rigs import looking
 from place_scenes import covariances, rig_of, room, room_rig, seen
 from scipy.optimize import minimize
 
-from occlog.track.methods.images.ground.place import (
+from occlog.track.methods.images.ground.triangulation import (
     BEHIND,
     DISAGREEING,
     MET,

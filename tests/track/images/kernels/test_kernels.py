@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from ellipse_reference import pixels_inside
 
+from occlog.core.geometry import fundamental
 from occlog.core.image import N_BINS, support_radius
-from occlog.core.sight import fundamental
 from occlog.track.methods.images.kernels.appearance import WIDTH, colour_similarity, colours_in
 from occlog.track.methods.images.kernels.collaboration import Interaction, neighbours, repel_into
 from occlog.track.methods.images.kernels.epipolar_lines import (

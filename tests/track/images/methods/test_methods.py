@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from view_films import PERIOD_NS, SMALL, begun, births_of, film, frame_set, geometry_of, off, tracked, views_of
 
-from occlog.core.sight.fundamental import scaled
+from occlog.core.geometry.fundamental import scaled
 from occlog.errors import InputError
 from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.settings import configure

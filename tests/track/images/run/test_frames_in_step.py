@@ -8,7 +8,7 @@ import pytest
 from occlog.errors import InputError
 from occlog.measure.epipolar.views import TrackedView
 from occlog.records.frames import Frame
-from occlog.track.methods.images.run.frames_in_step import in_step, step_window, survey
+from occlog.track.methods.images.run.frame_synchronisation import in_step, step_window, survey
 
 VIEWS = (TrackedView("a", 8, 6), TrackedView("b", 8, 6))
 IMAGE = np.zeros((6, 8, 3), np.uint8)

@@ -10,11 +10,11 @@ import pytest
 from occlog.errors import InputError
 from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.records.declared.views import ViewTracks
-from occlog.track.methods.images.births.config import ViewsConfig
-from occlog.track.methods.images.births.regions import DetectorRegions, RegionStream
+from occlog.track.methods.images.initiation.config import ViewsConfig
+from occlog.track.methods.images.initiation.regions import DetectorRegions, RegionStream
 from occlog.track.methods.images.interface import FrameSet
 from occlog.track.methods.images.methods.config import BmctConfig, MipfConfig
-from occlog.track.methods.images.run.frames_in_step import FrameSetImages
+from occlog.track.methods.images.run.frame_synchronisation import FrameSetImages
 from occlog.track.methods.images.run.stage import MOMENTS, Start, TrackingSetup, track_views
 
 VIEWS = (TrackedView("b", 80, 60), TrackedView("a", 80, 60))

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from occlog.core.bounds import in_space as bounds3d
+from occlog.core.geometry import projected_planes
+from occlog.core.geometry.camera import array_rotation, wrap_angle
 from occlog.core.numerics.special_functions import fast_atan2
-from occlog.core.sight import projected_planes
-from occlog.core.sight.camera import array_rotation, wrap_angle
 from occlog.filtering.kernel_density import moments, resample_with_kernel, silverman_bandwidth, update_weights
 from occlog.filtering.motion.coordinated_turn import acceleration_root, turn_matrix
 from occlog.filtering.motion.white_acceleration import AccelerationModel, known_jump, moved, turn_jump

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from floor_places import WALK, chain_with, places_at
 
+from occlog.track.methods.jipda.association_features import feature_likelihood, log_ratio
 from occlog.track.methods.jipda.batch.appearance import log_ratio_of_sum, sum_up
-from occlog.track.methods.jipda.batch.chains import (
+from occlog.track.methods.jipda.batch.mcmc_association import (
     NO_NODE,
     candidates,
     empty_link_cache,
@@ -15,7 +16,6 @@ from occlog.track.methods.jipda.batch.chains import (
     sweep,
     update_all_messages,
 )
-from occlog.track.methods.jipda.cues import feature_likelihood, log_ratio
 
 SUMS = np.array([[200.0, 180.0, 162.5], [300.0, 180.0, 111.0]])
 """Likenesses of 0.9 +- 0.05 to the same person, of 0.6 +- 0.1 to others."""

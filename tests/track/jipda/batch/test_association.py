@@ -3,7 +3,7 @@
 import numpy as np
 
 from occlog.track.methods.jipda.batch.association import MIN_ASSOCIATION_PROBABILITY, assign_shared_boxes
-from occlog.track.methods.jipda.batch.chains import NO_NODE
+from occlog.track.methods.jipda.batch.mcmc_association import NO_NODE
 from occlog.track.methods.jipda.kernels.detections import PackedDetections
 
 ABOVE = np.nextafter(MIN_ASSOCIATION_PROBABILITY, 1.0)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from floor_places import WALK, chain_with, places_at
 
-from occlog.track.methods.jipda.batch.chains import (
+from occlog.track.methods.jipda.batch.mcmc_association import (
     LOG_RATIO_OTHER_FILTER_ID,
     LOG_RATIO_SAME_FILTER_ID,
     NO_NODE,
@@ -19,7 +19,7 @@ from occlog.track.methods.jipda.batch.chains import (
     sweep,
     update_all_messages,
 )
-from occlog.track.methods.jipda.people import CONSTANT_VELOCITY, MANOEUVRE, POSTURE_CHANGE
+from occlog.track.methods.jipda.target_set import CONSTANT_VELOCITY, MANOEUVRE, POSTURE_CHANGE
 
 
 def all_states(places, looked):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from occlog.track.methods.jipda.batch.messages import (
+from occlog.track.methods.jipda.batch.gaussian_messages import (
     initial_density,
     log_integral,
     multiply_factor,

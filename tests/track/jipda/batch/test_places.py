@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from occlog.track.methods.jipda.batch.messages import log_integral
-from occlog.track.methods.jipda.batch.places import widen_by_gait
+from occlog.track.methods.jipda.batch.gaussian_messages import log_integral
+from occlog.track.methods.jipda.batch.tracklet_nodes import widen_by_gait
 
 
 def test_the_mean_over_the_spread_is_that_of_a_wider_density():

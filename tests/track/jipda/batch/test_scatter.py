@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from occlog.track.methods.jipda.batch.places import NU, gait_variances
+from occlog.track.methods.jipda.batch.tracklet_nodes import NU, gait_variances
 
 
 def drawn(n, scale, seed):

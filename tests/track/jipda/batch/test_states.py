@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from floor_places import WALK, chain_with, places_at
 
-from occlog.track.methods.jipda.batch.chains import NO_NODE, update_all_messages
-from occlog.track.methods.jipda.batch.messages import noise_of_walk
+from occlog.track.methods.jipda.batch.gaussian_messages import noise_of_walk
+from occlog.track.methods.jipda.batch.mcmc_association import NO_NODE, update_all_messages
 from occlog.track.methods.jipda.batch.states import states
 
 MOMENTS = [1, 2, 5, 6]

@@ -18,7 +18,7 @@ from occlog.track.methods.jipda.kernels.detections import (
     log_clutter,
     log_density,
 )
-from occlog.track.methods.jipda.kernels.joint import JipdaResult, update_targets
+from occlog.track.methods.jipda.kernels.joint_association import JipdaResult, update_targets
 
 TURNED = camera_rotation(np.pi / 2, -0.35, 0.0)
 VIEW = Camera("a", np.array([0.0, -6.0, 3.0]), TURNED, np.full(2, 900.0), np.array([640.0, 360.0]), (1280, 720))

@@ -9,7 +9,12 @@ import pytest
 
 from occlog.array_types import Floats, Ints
 from occlog.track.methods.jipda.kernels.marginals import box_messages
-from occlog.track.methods.jipda.kernels.merged import add_edges_of_one, merged_box, overlapping_pairs, pair_messages
+from occlog.track.methods.jipda.kernels.merged_detections import (
+    add_edges_of_one,
+    merged_box,
+    overlapping_pairs,
+    pair_messages,
+)
 
 BOX = np.array([[100.0, 50.0, 140.0, 170.0], [135.0, 60.0, 175.0, 160.0], [300.0, 50.0, 340.0, 170.0]])
 

@@ -14,7 +14,12 @@ from scipy.stats import multivariate_normal, norm
 from occlog.array_types import Floats
 from occlog.track.methods.jipda.kernels.body_box import expected_box, pack_views
 from occlog.track.methods.jipda.kernels.detections import DetectorModel, PackedDetections
-from occlog.track.methods.jipda.kernels.newborn import BirthIntensity, ground_point, initiate_targets, state_from_box
+from occlog.track.methods.jipda.kernels.track_initiation import (
+    BirthIntensity,
+    ground_point,
+    initiate_targets,
+    state_from_box,
+)
 
 VIEWS = pack_views(cameras_around(4, 10.0, 8.0))._replace(range=np.full(4, 40.0))
 BODY = np.array([1.7, 0.12, 0.55, 0.12, 0.9])

@@ -10,9 +10,9 @@ import pytest
 from random_frames import Scene, plain, random_scene
 
 from occlog.array_types import Floats, Ints
-from occlog.track.methods.jipda.kernels import joint
+from occlog.track.methods.jipda.kernels import joint_association as joint
 from occlog.track.methods.jipda.kernels.likelihood import association_likelihood_ratios
-from occlog.track.methods.jipda.kernels.merged import overlapping_pairs, pair_likelihoods
+from occlog.track.methods.jipda.kernels.merged_detections import overlapping_pairs, pair_likelihoods
 
 NEW, GATE = 0.1, 30.0
 SEEDS = range(5)

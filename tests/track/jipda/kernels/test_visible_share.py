@@ -8,7 +8,7 @@ import pytest
 from occlog.core.plane import inside_polygon
 from occlog.records.scene import Camera, camera_rotation
 from occlog.track.methods.jipda.kernels.body_box import pack_views
-from occlog.track.methods.jipda.kernels.visible_share import (
+from occlog.track.methods.jipda.kernels.visibility import (
     COLUMNS,
     ROWS,
     cells_unoccluded_by,

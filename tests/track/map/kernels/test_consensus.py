@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from occlog.track.methods.map.kernels.consensus import (
+from occlog.track.methods.map.kernels.gauss_markov import constant_velocity
+from occlog.track.methods.map.kernels.problem import chain
+from occlog.track.methods.map.kernels.ransac_path import (
     MAX_CROSSINGS,
     BearingHalfLines,
     agreed_path,
@@ -17,8 +19,6 @@ from occlog.track.methods.map.kernels.consensus import (
     crossing,
     inlier_cost,
 )
-from occlog.track.methods.map.kernels.gauss_markov import constant_velocity
-from occlog.track.methods.map.kernels.problem import chain
 
 K = 3.7
 GROUND = np.array([1.0, 2.0, 20.0])

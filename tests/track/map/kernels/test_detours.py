@@ -14,9 +14,14 @@ from shapely.geometry import LineString, Point, Polygon
 from trajectory_reference import dense_chain, make_steps
 
 from occlog.core.plane import convex_pieces
-from occlog.track.methods.map.kernels.detours import Obstacle, PathsAroundObstacles, find_paths_around, settle
 from occlog.track.methods.map.kernels.gauss_markov import constant_velocity
 from occlog.track.methods.map.kernels.interior_point import Options, derivatives, minimise
+from occlog.track.methods.map.kernels.paths_around_obstacles import (
+    Obstacle,
+    PathsAroundObstacles,
+    find_paths_around,
+    settle,
+)
 from occlog.track.methods.map.kernels.problem import NO_PLANES, BearingLinesByStep, HalfPlanes, TrajectoryProblem, slack
 
 EXTENT = 12.0

@@ -7,7 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 from trajectory_reference import dense_hessian, random_lines, random_steps
 
-from occlog.track.methods.map.kernels.evidence import (
+from occlog.track.methods.map.kernels.gauss_markov import constant_velocity
+from occlog.track.methods.map.kernels.interior_point import Options, covariance, derivatives, minimise
+from occlog.track.methods.map.kernels.noise_scales import (
     PRIOR_RESIDUALS,
     ResidualEvidence,
     between,
@@ -15,8 +17,6 @@ from occlog.track.methods.map.kernels.evidence import (
     rescaled,
     sandwich,
 )
-from occlog.track.methods.map.kernels.gauss_markov import constant_velocity
-from occlog.track.methods.map.kernels.interior_point import Options, covariance, derivatives, minimise
 from occlog.track.methods.map.kernels.problem import NO_PLANES, BearingLinesByStep, TrajectoryProblem, chain
 from occlog.track.methods.map.kernels.terms import residuals
 

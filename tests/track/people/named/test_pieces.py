@@ -7,7 +7,7 @@ import pytest
 
 from occlog.measure.appearance.stage import IdentityEvidence
 from occlog.records.tables import Events, PeopleTracks
-from occlog.track.people.named import (
+from occlog.track.people.reidentification import (
     FragmentNames,
     TrackSplit,
     name_probability,

@@ -21,8 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.geometry.visibility import Sensors
 from occlog.core.numerics.jit import kernel
-from occlog.core.sight.visibility import Sensors
 from occlog.filtering.likelihood.directions import (
     MIN_DEPTH,
     MIN_DEPTH_RATIO,

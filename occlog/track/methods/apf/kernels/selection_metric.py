@@ -17,10 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats
+from occlog.core.geometry.visibility import Sensors, seen_from
 from occlog.core.numerics.jit import array_kernel
-from occlog.core.occlusion.hidden import IMPROVED, blocking_probabilities
+from occlog.core.occlusion.occlusion_probability import IMPROVED, blocking_probabilities
 from occlog.core.occlusion.priors import Priors
-from occlog.core.sight.visibility import Sensors, seen_from
 from occlog.filtering.likelihood.directions import MeasurementNoise
 
 MIN_DETECTION_PROBABILITY = 1e-12
@@ -65,7 +65,8 @@ def joint_visibility(
         inside: (N, L) from `views`.
         priors: of the moving occluders; empty: none hides the target.
         hit: (N,) probabilities that a camera detects a target in plain view.
-        hiding: form of the probability that one occluder hides the target, of `occlog.core.occlusion.hidden`.
+        hiding: form of the probability that one occluder hides the target, of
+            `occlog.core.occlusion.occlusion_probability`.
     """
     rows = np.arange(len(xy))
     q = np.zeros((len(cameras), len(priors.sigma), len(xy)))

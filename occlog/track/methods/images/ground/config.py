@@ -25,68 +25,69 @@ class GroundConfig(Settings):
 
     height: float | None = setting(
         None,
-        "Height of a target's middle, for one that a single view shows; 0: such times have no row.",
+        "Height of the centre of a target, to locate one that a single view shows; 0: no row at such times.",
         unit="length",
         at_least=0,
         shown="0.9 m, or 0",
     )
     height_sigma: float | None = setting(
         None,
-        "Its standard deviation.",
+        "Standard deviation of that height. Larger values widen the covariance of positions from a single view.",
         unit="length",
         above=0,
         shown="0.1 m",
     )
     model_share: float = setting(
         0.25,
-        "Standard deviation by which an ellipse's centre is off the target's, of its half axes.",
+        "Standard deviation of the centre of an ellipse about that of the target, as a share of its half axes.",
         at_least=0,
     )
     gate: float = setting(
         1e-3,
-        "Chance at which a time whose views are all right is said to have one that is wrong.",
+        "Probability of rejecting a view at a time when all views are right (level of the outlier test). Larger "
+        "values reject more views.",
         above=0,
         below=1,
     )
     min_crossing_deg: float = setting(
         5.0,
-        "Sight lines that cross at smaller angles give no place.",
+        "Minimum triangulation angle: lines of sight at smaller angles give no position.",
         unit="deg",
         above=0,
         below=90,
     )
     right: float = setting(
         0.5,
-        "Chance that a view is on the target, before its centre is known; 1: covariances as if all used views were.",
+        "Prior probability that a view is on its target; 1: covariances as if all used views were right.",
         above=0,
         at_most=1,
     )
     agree_share: float = setting(
         0.1,
-        "As model_share, to tell whether views agree: trackers that slide on a target do so alike in all views.",
+        "As model_share, for the test whether views agree; trackers that slide on a target do so equally in all views.",
         above=0,
     )
     exchange_rate: float = setting(
         0.5,
-        "Rate at which targets take each other's identities where views contradict each other; 0: never.",
+        "Rate of identity switches where views contradict each other; 0: never.",
         unit="1/s",
         at_least=0,
     )
     exchange_alone: float = setting(
         0.3,
-        "Share of that rate where one view alone shows a target that several have shown before.",
+        "Share of that rate where a single view shows a target that several views have shown before.",
         at_least=0,
     )
     exchange_start: float = setting(
         0.0,
-        "Chance that the trackers of a target begin on different ones.",
+        "Probability that the trackers of a target start on different targets.",
         at_least=0,
         below=1,
         shown="0; 0.2 where trackers began from detections",
     )
     window_s: float = setting(
         0.0,
-        "Frames at most this far apart are of one time.",
+        "Frames closer together in time are one time step.",
         unit="s",
         at_least=0,
         option="--window",

@@ -15,12 +15,12 @@ from .config import GroundConfig
 
 @dataclass(frozen=True, kw_only=True)
 class GroundRequest(Request):
-    """Find where the targets of VIEW_TRACKS (Parquet) are in the world, with covariance.
+    """Triangulate the targets of VIEW_TRACKS (Parquet) to the ground plane, with covariance.
 
-    At each time the centres of a target's ellipses in all views give its position. A view that is on
-    something else is omitted where two others or more agree; two views that contradict each other give
-    no position. A target that one view alone shows is placed at a height, that of the middle of a person;
-    set another, or 0 to leave such times out.
+    At each time step the centres of the ellipses of a target in all views give its position. A view that is on
+    something else is left out if two or more others agree; two views that contradict each other give no position. A
+    target in a single view is located at a height, that of the centre of a person; set another, or 0 to leave such
+    times out.
 
     \b
       occlog ground view_tracks.parquet --scene scene.yaml -o tracks.parquet
@@ -33,5 +33,5 @@ class GroundRequest(Request):
     view_tracks: Path = source("Tracks in images.", argument=True)
     output: Path = output_file("Tracks (Parquet).", "tracks")
     scene: Path | None = scene_file()
-    cameras: tuple[str, ...] = setting((), "Use only these cameras.", option="--cameras", metavar="A,B,...", shown="")
+    cameras: tuple[str, ...] = setting((), "Use these cameras only.", option="--cameras", metavar="A,B,...", shown="")
     settings: Mapping[str, object] = group(lambda: GroundConfig, example="height=0.8")

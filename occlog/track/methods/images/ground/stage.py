@@ -22,13 +22,13 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints, Strings
 from occlog.errors import InputError
-from occlog.measure.epipolar.of_scene import ideal_pixels_anywhere
+from occlog.measure.epipolar.from_scene import ideal_pixels_anywhere
 from occlog.records.declared.views import ViewTracks
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import FusedTracks
 
 from .config import GroundConfig, in_scene
-from .place import (
+from .triangulation import (
     BEHIND,
     DISAGREEING,
     MET,

@@ -37,42 +37,83 @@ class MipfConfig(Settings):
 
     OWNER: ClassVar[str] = "mipf"
 
-    particles: int = setting(60, "Particles of each target in each view.", at_least=1, option="--particles")
+    particles: int = setting(
+        60,
+        "Particles per target and view. More reduce the Monte Carlo error and take time in proportion.",
+        at_least=1,
+        option="--particles",
+    )
 
     # Motion of an ellipse; `moved` of `occlog.track.methods.images.kernels.motion`
-    sigma_px: float = setting(3.0, "Noise of the centre, each axis.", unit="px", **ABOVE_0)
+    sigma_px: float = setting(
+        3.0,
+        "Process noise of the ellipse centre per axis and frame. Raise it for fast targets or low frame rates.",
+        unit="px",
+        **ABOVE_0,
+    )
     keep_velocity: float = setting(
-        0.85, "Share of the velocity that stays; the rest comes from the last displacement.", **SHARE
+        0.85, "Velocity smoothing: weight of the previous velocity; the rest comes from the last displacement.", **SHARE
     )
-    keep_axes: float = setting(0.9, "Share of a change of the half axes that stays.", **SHARE)
-    sigma_axes_px: float = setting(0.3, "Noise of the half axes.", unit="px", **AT_LEAST_0)
+    keep_axes: float = setting(
+        0.9, "Share of a size change (half axes) that persists; the rest reverts to the initial size.", **SHARE
+    )
+    sigma_axes_px: float = setting(0.3, "Process noise of the half axes per frame.", unit="px", **AT_LEAST_0)
     axes_limit: float = setting(
-        0.15, "Largest change of a half axis, as a share of the one at the start.", at_least=0, below=1
+        0.15, "Largest change of a half axis relative to its initial value.", at_least=0, below=1
     )
-    sigma_rho: float = setting(0.05, "Noise of the angle.", unit="rad", **AT_LEAST_0)
-    keep_rho: float = setting(0.9, "Share of a turn from the angle at the start that stays.", **SHARE)
+    sigma_rho: float = setting(0.05, "Process noise of the orientation per frame.", unit="rad", **AT_LEAST_0)
+    keep_rho: float = setting(0.9, "Share of a turn from the initial orientation that persists.", **SHARE)
 
     # Local likelihood
-    sigma_colour: float = setting(0.1, "Sigma of exp(-(1 - BC) / (2 sigma^2)).", **ABOVE_0)
-    halves: float = setting(
-        1.5, "Targets this many times higher than wide have colours for each half; 0: none.", at_least=0
+    sigma_colour: float = setting(
+        0.1,
+        "Width of the colour likelihood exp(-(1 - BC) / (2 sigma^2)). Smaller values discriminate more and lose "
+        "targets when the light changes.",
+        **ABOVE_0,
     )
-    pixel_step: int = setting(2, "Only each n-th pixel of each n-th row counts.", at_least=1)
-    model: str = setting("colour", "Colours, or an appearance model on top of them.", choices=("colour", "pca"))
-    pca_power: float = setting(1.0, "Power of the likelihood of `pca`.", **AT_LEAST_0)
+    halves: float = setting(
+        1.5,
+        "Targets taller than this ratio of height to width have a colour histogram for each half; 0: never.",
+        at_least=0,
+    )
+    pixel_step: int = setting(2, "Subsampling: use each n-th pixel and row.", at_least=1)
+    model: str = setting(
+        "colour",
+        "Appearance model: `colour` histograms, or `pca` of grey patches in addition.",
+        choices=("colour", "pca"),
+    )
+    pca_power: float = setting(1.0, "Exponent of the `pca` likelihood.", **AT_LEAST_0)
 
     # With the regions of a detector
     region_reach: float = setting(
-        0.6, "A tracker has a region to itself nearer than this, in sums of radii.", **ABOVE_0
+        0.6,
+        "A region is assigned to a tracker if nearer to it than this multiple of the sum of radii, and to no other.",
+        **ABOVE_0,
     )
-    region_share: float = setting(0.3, "Share of a tracker's particles that start anew there.", **SHARE)
-    region_spread: float = setting(0.1, "Their spread over the radius.", **ABOVE_0)
-    region_pull: float = setting(0.25, "Spread of the distance from the region over the radius.", **ABOVE_0)
-    region_axes: float = setting(0.2, "How fast the half axes of the start follow those of the region.", **SHARE)
+    region_share: float = setting(0.3, "Share of the particles of a tracker drawn at its own region.", **SHARE)
+    region_spread: float = setting(
+        0.1, "Standard deviation of the particles drawn at the region, relative to the radius.", **ABOVE_0
+    )
+    region_pull: float = setting(
+        0.25,
+        "Standard deviation of the distance from the region, relative to the radius. Smaller values pull trackers "
+        "to their regions.",
+        **ABOVE_0,
+    )
+    region_axes: float = setting(
+        0.2, "Learning rate of the reference size (half axes at the start) from regions.", **SHARE
+    )
 
     # When a tracker ends
-    lost_likeness: float = setting(0.6, "Below this the best particle's colours are not the target's.", **SHARE)
-    lost_after: int = setting(25, "Frames in a row of that after which a tracker ends; 0: never.", at_least=0)
+    lost_likeness: float = setting(
+        0.6,
+        "Colour similarity below which the best particle is not on its target. Higher values terminate trackers "
+        "sooner.",
+        **SHARE,
+    )
+    lost_after: int = setting(
+        25, "Terminate a tracker after this many consecutive frames below lost_likeness; 0: never.", at_least=0
+    )
 
 
 @dataclass(frozen=True)
@@ -81,15 +122,22 @@ class IdmotConfig(MipfConfig):
 
     OWNER: ClassVar[str] = "idmot"
 
-    touch: float = setting(1.0, "Trackers touch when nearer than this many times the sum of their radii.", **ABOVE_0)
-    alpha: float = setting(1.2, "alpha of [Qu] Eq. 8.", at_least=1)
-    repulsion: float = setting(0.6, "Sigma of [Qu] Eq. 8 over the mean radius of the two.", **ABOVE_0)
-    iterations: int = setting(4, "K: how often trackers that touch are weighed anew.", at_least=0, at_most=1000)
-    inertia: float = setting(5.0, "Weight that a particle gains by moving as its target did; 0: none.", at_least=0)
-    inertia_angle: float = setting(0.6, "How near to the target's direction.", unit="rad", **ABOVE_0)
-    inertia_speed: float = setting(2.0, "And to its speed a frame.", unit="px", **ABOVE_0)
-    memory: int = setting(8, "Displacements that make up how a target moved.", **TURNS)
-    frozen: float = setting(0.1, "Share of a displacement that counts while trackers touch.", **SHARE)
+    touch: float = setting(
+        1.0, "Trackers interact when nearer than this multiple of the sum of their radii.", **ABOVE_0
+    )
+    alpha: float = setting(1.2, "Normalisation alpha of the repulsion ([Qu] Eq. 8).", at_least=1)
+    repulsion: float = setting(
+        0.6,
+        "Range of the repulsion relative to the mean radius ([Qu] Eq. 8). Larger values keep interacting trackers "
+        "further apart.",
+        **ABOVE_0,
+    )
+    iterations: int = setting(4, "Iterations K of the interaction.", at_least=0, at_most=1000)
+    inertia: float = setting(5.0, "Weight of the motion similarity while trackers interact; 0: off.", at_least=0)
+    inertia_angle: float = setting(0.6, "Angular tolerance of the motion similarity.", unit="rad", **ABOVE_0)
+    inertia_speed: float = setting(2.0, "Speed tolerance of the motion similarity per frame.", unit="px", **ABOVE_0)
+    memory: int = setting(8, "Number of displacements averaged for the reference motion.", **TURNS)
+    frozen: float = setting(0.1, "Learning rate of the reference motion while trackers interact.", **SHARE)
 
 
 @dataclass(frozen=True)
@@ -100,10 +148,12 @@ class LoopCheckConfig(MipfConfig):
     """What the method does where no other view can help."""
 
     anchor: str = setting(
-        "centre", "Point of the ellipse whose epipolar line counts; bottom is for people.", choices=ANCHORS
+        "centre", "Point of the ellipse used for epipolar lines: `centre`, or `bottom` for people.", choices=ANCHORS
     )
-    bad_after: int = setting(15, "Loop checks in a row that fail make a counterpart bad.", at_least=1)
-    good_after: int = setting(5, "Loop checks in a row that hold make it good again.", at_least=1)
+    bad_after: int = setting(
+        15, "Consecutive failed loop checks after which a counterpart in another view is dropped.", at_least=1
+    )
+    good_after: int = setting(5, "Consecutive passed loop checks after which it is restored.", at_least=1)
 
     @property
     def bottom(self) -> bool:
@@ -118,16 +168,22 @@ class BmctConfig(LoopCheckConfig, IdmotConfig):
     OWNER: ClassVar[str] = "bmct"
     ALONE: ClassVar[str] = "does what idmot does"
 
-    close: float = setting(1.5, "Trackers are close when nearer than this many times the sum of their radii.")
-    band: float = setting(0.3, "Sigma of [Qu] Eq. 5 over the radius.", **ABOVE_0)
+    close: float = setting(
+        1.5, "Other views assist trackers nearer to each other than this multiple of the sum of their radii."
+    )
+    band: float = setting(0.3, "Width of the epipolar band relative to the radius ([Qu] Eq. 5).", **ABOVE_0)
     clear: float = setting(
-        1.5, "Less clear counterparts (see `close`) help only trackers that are less clear still; 0: all.", at_least=0
+        1.5,
+        "A counterpart nearer to other trackers than this multiple of the sum of radii (see `close`) assists only "
+        "trackers that are nearer still; 0: every counterpart assists.",
+        at_least=0,
     )
-    sweeps: int = setting(2, "Sweeps over the views of targets that are close to others in all of them.", **TURNS)
+    sweeps: int = setting(2, "Sweeps over views for targets that are close to others in all views.", **TURNS)
     restart: bool = setting(
-        True, "A tracker with bad counterparts that is on another one or on nothing starts again on a line."
+        True,
+        "Restart a tracker with failed loop checks on an epipolar line, if it is on another tracker or on nothing.",
     )
-    restart_likeness: float = setting(0.85, "It starts where colours are at least this alike.", **SHARE)
+    restart_likeness: float = setting(0.85, "Minimum colour similarity for a restart.", **SHARE)
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """What touches is close."""
@@ -143,13 +199,19 @@ class CmctConfig(LoopCheckConfig):
 
     particles: int = setting(100, "Particles of each target in each view.", at_least=1, option="--particles")
     on_line: float = setting(0.3, "Share of the particles drawn on the epipolar line.", **SHARE)
-    along_px: float = setting(8.0, "Their spread along it, about the tracker.", unit="px", **ABOVE_0)
-    across: float = setting(0.5, "Their spread across it over the radius.", **ABOVE_0)
-    adapt: float = setting(0.1, "How fast the target's colours follow those in the estimate.", **SHARE)
-    adapt_above: float = setting(0.9, "Only an estimate at least as alike counts.", **SHARE)
-    search_below: float = setting(
-        0.7, "After an estimate that is less alike all particles are drawn on the line.", **SHARE
+    along_px: float = setting(
+        8.0, "Standard deviation of those particles along the line, about the tracker.", unit="px", **ABOVE_0
     )
+    across: float = setting(
+        0.5, "Standard deviation of those particles across the line, relative to the radius.", **ABOVE_0
+    )
+    adapt: float = setting(
+        0.1,
+        "Learning rate of the target's colours. Larger values follow changes of light and drift to the background.",
+        **SHARE,
+    )
+    adapt_above: float = setting(0.9, "Minimum similarity of an estimate for the colour update.", **SHARE)
+    search_below: float = setting(0.7, "Draw all particles on the line after an estimate of less similarity.", **SHARE)
 
 
 @dataclass(frozen=True)
@@ -158,17 +220,17 @@ class McmcConfig(MipfConfig):
 
     OWNER: ClassVar[str] = "mcmc"
 
-    particles: int = setting(500, "Samples of a view, not of a tracker.", at_least=1, option="--particles")
+    particles: int = setting(500, "Samples of the joint state of a view.", at_least=1, option="--particles")
     sampler: str = setting(
-        "mcmc", "A Markov chain that moves one target at a time, or weights of whole samples.", choices=("mcmc", "sir")
+        "mcmc", "Sampler: `mcmc` moves one target at a time, `sir` weights joint samples.", choices=("mcmc", "sir")
     )
     burn: float = setting(
-        0.25, "Moves of the chain before its first sample, as a share of `particles`.", at_least=0, at_most=1000
+        0.25, "Burn-in: moves of the chain before its first sample, relative to `particles`.", at_least=0, at_most=1000
     )
-    thin: int = setting(1, "Moves of the chain per sample that is kept.", **TURNS)
+    thin: int = setting(1, "Moves per kept sample.", **TURNS)
     overlap: float = setting(
         2.0,
-        "Strength of the prior: two targets at one place are exp(-overlap) times as likely.",
+        "Penalty of overlapping targets: the density of two coinciding targets is multiplied by exp(-overlap).",
         at_least=0,
         at_most=1000,
     )

@@ -23,8 +23,10 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Bearings, Boxes, TruthBoxes, Views
 from occlog.scans.grouping import nearest
-from occlog.track.methods.images.births.config import ViewsConfig
-from occlog.track.methods.images.births.regions import (
+from occlog.track.methods.images.ground.config import STARTS, GroundConfig
+from occlog.track.methods.images.ground.stage import GroundTracksPart, ground_tracks
+from occlog.track.methods.images.initiation.config import ViewsConfig
+from occlog.track.methods.images.initiation.regions import (
     BackgroundModel,
     DetectorRegions,
     RegionStream,
@@ -34,11 +36,9 @@ from occlog.track.methods.images.births.regions import (
     regions_of_views,
     with_cameras,
 )
-from occlog.track.methods.images.ground.config import STARTS, GroundConfig
-from occlog.track.methods.images.ground.stage import GroundTracksPart, ground_tracks
 from occlog.track.request import ViewsRequest
 
-from .frames_in_step import step_window, survey
+from .frame_synchronisation import step_window, survey
 from .stage import Start
 
 LARGE_ID = 2**30

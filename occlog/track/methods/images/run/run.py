@@ -24,13 +24,13 @@ from occlog.records.tables import Boxes, FusedTracks
 from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
 from occlog.runner import Job, Tables
 from occlog.settings import configure
-from occlog.track.methods.images.births.config import ViewsConfig
-from occlog.track.methods.images.births.regions import RegionStream
 from occlog.track.methods.images.ground.stage import GroundConsistency
+from occlog.track.methods.images.initiation.config import ViewsConfig
+from occlog.track.methods.images.initiation.regions import RegionStream
 from occlog.track.methods.images.methods.config import CONFIGS, LoopCheckConfig, MipfConfig
 from occlog.track.request import ViewsRequest
 
-from .frames_in_step import in_step
+from .frame_synchronisation import in_step
 from .inputs import ViewsInput
 from .stage import Checks, TrackingSetup, ViewsPart, track_views
 

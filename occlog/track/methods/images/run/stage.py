@@ -24,15 +24,15 @@ from occlog.core.image import touching
 from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.records.declared.views import COUNTERPARTS, EVENTS, ViewTracks
-from occlog.track.methods.images.births.births import (
+from occlog.track.methods.images.initiation.births import (
     BirthCandidates,
     empty_candidates,
     initiate_and_terminate,
     loop_distances,
     radius,
 )
-from occlog.track.methods.images.births.config import ViewsConfig
-from occlog.track.methods.images.births.regions import RegionStream
+from occlog.track.methods.images.initiation.config import ViewsConfig
+from occlog.track.methods.images.initiation.regions import RegionStream
 from occlog.track.methods.images.interface import (
     LEFT,
     MODES,
@@ -47,7 +47,7 @@ from occlog.track.methods.images.methods.config import LoopCheckConfig, MipfConf
 from occlog.track.methods.images.methods.state import VisualState, end_trackers, initial_state, with_geometry
 from occlog.track.methods.images.methods.step import advance, initiate_trackers
 
-from .frames_in_step import FrameSetImages, there
+from .frame_synchronisation import FrameSetImages, there
 
 NO_TRACKERS: Mapping[TrackerKey, Floats] = MappingProxyType({})
 FEWEST = 3

@@ -22,7 +22,7 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import kernel
 
-from ..cues import OTHER_TARGET, SAME_TARGET, FeatureLikelihood, log_ratio_at
+from ..association_features import OTHER_TARGET, SAME_TARGET, FeatureLikelihood, log_ratio_at
 
 MIN_SIMILARITY_DIFFERENCE = 0.01
 """Mean similarities to the same person and to others, below which appearance does not count."""

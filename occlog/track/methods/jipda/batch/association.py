@@ -19,11 +19,11 @@ from ..filter import (
 )
 from ..interface import WIDTH
 from ..kernels.detections import DetectorModel, PackedDetections
-from ..kernels.joint import update_targets
-from ..kernels.newborn import BirthIntensity, initiate_targets
-from ..people import DUPLICATE_DISTANCE_WIDTHS
-from .chains import NO_NODE
-from .places import factors, frame_visibilities, missed_detection_log_probabilities
+from ..kernels.joint_association import update_targets
+from ..kernels.track_initiation import BirthIntensity, initiate_targets
+from ..target_set import DUPLICATE_DISTANCE_WIDTHS
+from .mcmc_association import NO_NODE
+from .tracklet_nodes import factors, frame_visibilities, missed_detection_log_probabilities
 
 MIN_ASSOCIATION_PROBABILITY = 0.5
 """A box is given to a person if it is theirs with a greater probability."""

@@ -27,16 +27,16 @@ from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import NS, Floats, Ints
 
-from ..cues import appearance_of, are_histograms, feature_likelihood, log_ratio, unit_vectors
-from ..detectors import blind_frames, detector_model, manoeuvre_rate, posture_change_rate, termination_rate
+from ..association_features import appearance_of, are_histograms, feature_likelihood, log_ratio, unit_vectors
+from ..detector_model import blind_frames, detector_model, manoeuvre_rate, posture_change_rate, termination_rate
 from ..filter import JipdaState, associations_of, pack_detections
 from ..interface import HEIGHT, NO_ID, BoxAssociations, Event, FrameDetections, TrackSnapshot
 from ..kernels.detections import DetectorModel, PackedDetections
 from .appearance import log_ratio_joined
 from .association import MIN_ASSOCIATION_PROBABILITY, AssociatedBoxes, PredictedPeople, assign_boxes, associate
-from .chains import LOG_RATIO_OTHER_TRACKLET, LOG_RATIO_SAME_TRACKLET, NO_NODE
-from .places import INITIAL_SCALE_M, gait_variances
+from .mcmc_association import LOG_RATIO_OTHER_TRACKLET, LOG_RATIO_SAME_TRACKLET, NO_NODE
 from .states import States, states
+from .tracklet_nodes import INITIAL_SCALE_M, gait_variances
 from .tracks import ChainTracks, WindowSpan, anneal, bridge, tracks_from
 from .uncertainty import existence_at, possible_switches, widening
 

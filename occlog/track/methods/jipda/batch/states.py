@@ -17,9 +17,9 @@ from occlog.core.numerics.jit import kernel
 
 from ..interface import STATE_SIZE
 from ..kernels.linear import invert
-from ..people import CONSTANT_VELOCITY
-from .chains import NO_NODE, MarkovChainState, TrackletNodes, WalkModel
-from .messages import predict, predict_backwards
+from ..target_set import CONSTANT_VELOCITY
+from .gaussian_messages import predict, predict_backwards
+from .mcmc_association import NO_NODE, MarkovChainState, TrackletNodes, WalkModel
 
 
 class States(NamedTuple):

@@ -10,9 +10,9 @@ from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import Floats, Ints
 
+from ..association_features import FeatureLikelihood
 from ..config import JipdaConfig
-from ..cues import FeatureLikelihood
-from ..people import (
+from ..target_set import (
     CELL_SIZE_M,
     CONSTANT_VELOCITY,
     POSTURE_HEIGHT_NOISE,
@@ -23,7 +23,7 @@ from ..people import (
 )
 from .appearance import AppearanceVectors, log_ratio_joined, no_sums
 from .association import AssociatedPeople
-from .chains import (
+from .mcmc_association import (
     NO_NODE,
     LinkCandidates,
     MarkovChainState,
@@ -36,8 +36,8 @@ from .chains import (
     sweep,
     update_all_messages,
 )
-from .places import widen_by_gait
 from .states import dwell_times
+from .tracklet_nodes import widen_by_gait
 
 MAX_SPEED_SIGMAS = 3.0
 """Maximum speed in standard deviations of a new person's velocity."""

@@ -21,15 +21,23 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import kernel
-from occlog.track.methods.jipda.detectors import MIDDLES, MIN_KEPT_SHARE
+from occlog.track.methods.jipda.detector_model import MIDDLES, MIN_KEPT_SHARE
 from occlog.track.methods.jipda.interface import NO_ID, Event
 from occlog.track.methods.jipda.kernels.body_box import PackedCameras
+from occlog.track.methods.jipda.kernels.camera_disagreement import camera_disagreement
 from occlog.track.methods.jipda.kernels.detections import DetectorModel, PackedDetections
-from occlog.track.methods.jipda.kernels.disagreement import camera_disagreement
 
 from .appearance import log_ratio_joined
 from .association import AssociatedPeople
-from .chains import NO_NODE, LinkCandidates, MarkovChainState, TrackletNodes, WalkModel, can_link, log_link_probability
+from .mcmc_association import (
+    NO_NODE,
+    LinkCandidates,
+    MarkovChainState,
+    TrackletNodes,
+    WalkModel,
+    can_link,
+    log_link_probability,
+)
 from .states import States
 from .tracks import ChainTracks, WindowSpan, listed_of
 
@@ -78,7 +86,7 @@ def _exchanges(
     chain: MarkovChainState,
     number: Ints,
 ) -> tuple[Ints, Ints, Floats]:
-    """Nodes i, j with a switch probability of `MIN_SWITCH_PROBABILITY` or more, the other tails linked, too."""
+    """Nodes i and j with a switch, the other tails linked too, of probability `MIN_SWITCH_PROBABILITY` or more."""
     before, after, probability = [0], [0], [0.0]
     for i in range(places.moment.shape[0]):
         a = chain.after[i]

@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
+from occlog.core.geometry.camera import undistort
 from occlog.core.numerics.jit import kernel
-from occlog.core.sight.camera import undistort
 from occlog.records.scene import Camera
 
 LEFT, TOP, RIGHT, BOTTOM = range(4)

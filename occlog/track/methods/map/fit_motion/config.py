@@ -20,34 +20,35 @@ class FitConfig(Settings):
 
     form: str = setting(
         "cv",
-        "A: constant velocity, velocity that dies out, or free.",
+        "Form of the transition matrix A: constant velocity, velocity that dies out, or free.",
         choices=("cv", "damped", "full"),
         option="--form",
     )
     disturbance: str = setting(
         "white",
-        "Sigma: white acceleration and jitter of the position, a diagonal, or free.",
+        "Form of the process noise covariance Sigma: white acceleration and jitter of the position, a diagonal, or "
+        "free.",
         choices=("white", "diagonal", "full"),
         option="--sigma",
     )
     axes: str = setting(
-        "same", "One disturbance for x and y, or one for each.", choices=("same", "each"), option="--axes"
+        "same", "Process noise: the same for x and y, or one for each.", choices=("same", "each"), option="--axes"
     )
     method: str = setting(
         "em",
-        "Most likely model of noisy positions, or regression on differences of exact ones.",
+        "Estimator: maximum likelihood with noisy positions (em), or regression on differences of exact ones.",
         choices=("em", "differences"),
         option="--method",
     )
     noise: str = setting(
         ESTIMATED,
-        "Standard deviation of positions' errors, per axis; `covariance`: that of tracks.",
+        "Measurement noise: standard deviation of the positions, per axis; `covariance`: that of tracks.",
         option="--noise",
         metavar="LENGTH|estimated|covariance",
     )
     step_s: float | None = setting(
         None,
-        "Step of the model.",
+        "Time step of the model.",
         unit="s",
         above=0,
         option="--step",
@@ -56,7 +57,7 @@ class FitConfig(Settings):
     )
     gap_s: float | None = setting(
         None,
-        "Cut trajectories where positions are farther apart in time.",
+        "Split trajectories at longer gaps between positions.",
         unit="s",
         above=0,
         option="--gap",

@@ -15,10 +15,10 @@ from .config import FitConfig
 
 @dataclass(frozen=True, kw_only=True)
 class FitMotionRequest(Request):
-    """Identify A and Sigma of linear Gaussian motion from POSITIONS: truth or tracks, tables or recordings.
+    """Fit a linear Gaussian motion model to POSITIONS: truth or tracks, tables or recordings.
 
-    The model says how a target moves: x' = A x + noise of covariance Sigma, x position and velocity of both axes.
-    Positions may be noisy, at unequal times and with gaps; the noise is distinguished from the motion.
+    The model is x' = A x + process noise of covariance Sigma, with x the position and velocity of both axes.
+    Positions may be noisy, at unequal times and with gaps; measurement noise is separated from process noise.
 
     \b
       occlog fit-motion room.mcap -o motion.json --step 0.25
@@ -33,7 +33,7 @@ class FitMotionRequest(Request):
     settings: Mapping[str, object] = group(lambda: FitConfig)
     targets: tuple[int, ...] = setting(
         (),
-        "Use this object only; may be repeated. [default: all, of truth those of role target]",
+        "Use this object only; may be repeated. [default: all; of truth those with the role target]",
         option="--target",
         metavar="ID",
         repeat=True,

@@ -2,8 +2,8 @@
 
 A false bearing does harm in two ways: it pulls, and it says that the target is in front of its camera.  The first is
 what robust losses are for.  These have several minima, so that the search begins with the most probable choice of
-true bearings (`occlog.track.methods.map.kernels.consensus`) and a loss that is next to convex, and then takes the loss
-itself with all bearings (graduated non-convexity in two steps).  Against the second, only lines of sight that are
+true bearings (`occlog.track.methods.map.kernels.ransac_path`) and a loss that is next to convex, and then takes the
+loss itself with all bearings (graduated non-convexity in two steps).  Against the second, only lines of sight that are
 accepted constrain the trajectory; which these are is found in turn with the trajectory.
 
 Search for the most probable trajectory from a start: inside the constraints, in windows, around obstacles.
@@ -20,9 +20,6 @@ import numpy as np
 from occlog.array_types import NS, Bools, Floats
 from occlog.consistency.bearings import MIN_OVERLAP_SHARE, confirmed_by_another
 from occlog.track.methods.map.config import MapConfig
-from occlog.track.methods.map.hiding import OccluderHints, occlusion_terms
-from occlog.track.methods.map.kernels.detours import Hold, Obstacle, PathsAroundObstacles, find_paths_around, settle
-from occlog.track.methods.map.kernels.evidence import evidence, rescaled
 from occlog.track.methods.map.kernels.interior_point import (
     MU_FIRST,
     Iterate,
@@ -31,6 +28,14 @@ from occlog.track.methods.map.kernels.interior_point import (
     covariance,
     minimise,
     move_inside,
+)
+from occlog.track.methods.map.kernels.noise_scales import evidence, rescaled
+from occlog.track.methods.map.kernels.paths_around_obstacles import (
+    Hold,
+    Obstacle,
+    PathsAroundObstacles,
+    find_paths_around,
+    settle,
 )
 from occlog.track.methods.map.kernels.problem import (
     CAUCHY,
@@ -45,10 +50,11 @@ from occlog.track.methods.map.kernels.problem import (
 from occlog.track.methods.map.kernels.quadratic_program import sequential_programs
 from occlog.track.methods.map.kernels.terms import depths, inlier_probabilities, leverages, residuals
 from occlog.track.methods.map.kernels.windows import minimise_windows
+from occlog.track.methods.map.occlusion import OccluderHints, occlusion_terms
 from occlog.track.methods.map.qp_solvers import program_solver
 from occlog.track.methods.map.record import TargetRecord
 
-from .pending import BEND, START, Pending, bend_of, problem_of, start_of
+from .problem_of_record import BEND, START, Pending, bend_of, problem_of, start_of
 from .start import ConsensusPath, ransac_path
 
 ROUGH = 1e-3
@@ -398,7 +404,7 @@ def _overfits(lines: BearingLinesByStep, X: Floats, spread: Floats, trust: float
 
     Next to a camera a trajectory meets whatever the camera says.  With h the leverage of a line of sight, the others
     predict it with 1/(1 - h) times its variance, so that believing it costs r^2/(1 - h) - log(1 - h), as in
-    `occlog.track.methods.map.kernels.consensus`.
+    `occlog.track.methods.map.kernels.ransac_path`.
     """
     rest = np.maximum(1.0 - leverages(lines, X, SQUARE, 1.0, spread), 1e-100)
     surprise = np.minimum(residuals(lines, X) ** 2, MAX_VARIANCE_FACTOR) / rest - np.log(rest)

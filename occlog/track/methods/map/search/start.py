@@ -1,4 +1,4 @@
-"""Where a search begins: on a path on which most lines of sight agree (`occlog.track.methods.map.kernels.consensus`).
+"""Where a search begins: on a path on which most lines of sight agree (`occlog.track.methods.map.kernels.ransac_path`).
 
 Where a search with measurements of distances begins: Kalman filters from many positions, the best one smoothed.
 
@@ -23,12 +23,12 @@ from occlog.filtering.likelihood.distances import (
     without_detours,
 )
 from occlog.track.methods.map.config import MapConfig
-from occlog.track.methods.map.kernels.consensus import BearingHalfLines, agreed_path
 from occlog.track.methods.map.kernels.problem import BearingLinesByStep, TrajectoryProblem
+from occlog.track.methods.map.kernels.ransac_path import BearingHalfLines, agreed_path
 from occlog.track.methods.map.measurements import SensorStations
 from occlog.track.methods.map.record import TargetRecord
 
-from .pending import BEND, Pending
+from .problem_of_record import BEND, Pending
 
 
 class ConsensusPath(NamedTuple):

@@ -17,7 +17,7 @@ class FitReadersConfig(Settings):
 
     window_s: float = setting(
         1.0,
-        "Reads of so long are taken together.",
+        "Reads within this time are taken together.",
         unit="s",
         above=0,
         at_most=1e9,
@@ -25,11 +25,11 @@ class FitReadersConfig(Settings):
         metavar="SECONDS",
     )
     height: float = setting(
-        0.0, "Of tags above the floor.", unit="length", people=1.2, option="--height", metavar="LENGTH"
+        0.0, "Height of tags above the floor.", unit="length", people=1.2, option="--height", metavar="LENGTH"
     )
     max_gap_s: float = setting(
         2.0,
-        "Longest time between two true positions that is bridged.",
+        "Maximum gap between two true positions to interpolate.",
         unit="s",
         at_least=0,
         at_most=1e9,

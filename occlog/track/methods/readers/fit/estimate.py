@@ -9,9 +9,9 @@ import numpy as np
 from scipy.optimize import minimize
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.sight.path_loss import NEAREST_M
+from occlog.core.geometry.path_loss import NEAREST_M
 from occlog.track.methods.readers.rssi import PathLoss, no_shadowing, predict_shadowing, update_shadowing
-from occlog.track.methods.readers.virtual import locate, virtual_sensors
+from occlog.track.methods.readers.virtual_sensors import locate, virtual_sensors
 
 SEARCH = 120
 """Steps of the search for the shadowing."""

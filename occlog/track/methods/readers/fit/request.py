@@ -14,10 +14,10 @@ from .config import FitReadersConfig
 
 @dataclass(frozen=True, kw_only=True)
 class FitReadersRequest(Request):
-    """Learn path losses, shadowing and coverage from RECORDINGS with reads of tags and their true positions.
+    """Fit path loss, shadowing and coverage of tag readers to RECORDINGS with reads and true positions of tags.
 
-    Each reader has its own strength at 1 m; exponent, noise and shadowing are common. The range of the virtual
-    sensors is the one with the least error. Track other recordings of the same readers with what was learned.
+    Each reader has its own power at 1 m; exponent, noise and shadowing are common. The range of the virtual sensors
+    is the one with the least error. Use the result to track other recordings of the same readers.
 
     \b
       occlog fit-readers monday.mcap tuesday.mcap -o readers.json

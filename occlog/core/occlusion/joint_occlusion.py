@@ -1,0 +1,227 @@
+"""Joint likelihood of what several cameras report: sums over subsets of cameras, [Ercan] Eqs. 8-9 and exact.
+
+Eq. 8 takes the rectangles in which an occluder hides a position from different cameras as disjoint.  The
+sum over subsets Q of m cameras is then the recursion of Eq. 9, walked as a tree with a camera a level: the
+sums of q over Q are shared by all subsets below a branch, and branches too light to matter are
+cut.  A camera that reports a position near the particle almost certainly sees it, so few of the 2^m
+subsets remain.
+
+The exact form takes nothing as disjoint: it computes, for every occluder, the probability that it
+blocks each set of cameras at once (`blocking_shares`).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.jit import array_kernel
+
+from .blocking_probability import shares
+from .occlusion_probability import blocking_probabilities
+from .priors import Priors
+
+MAX_CAMERAS = 16
+"""Cameras in view of one position; there are 2^16 subsets of them."""
+
+
+@array_kernel
+def add_joint(
+    total: Floats,
+    xy: Floats,
+    sensor: Ints,
+    a: Floats,
+    b: Floats,
+    assigned: Bools,
+    places: Floats,
+    priors: Priors,
+    exact: bool,
+    form: int,
+    floor: float,
+    far: float,
+) -> None:
+    """Add the log of the sum over subsets of cameras to `total` (L,), in place.
+
+    See `occlog.filtering.likelihood.directions`.
+
+    Args:
+        total: (L,) log-likelihoods.
+        xy: (L, 2) positions.
+        sensor: (n,) sensors of the looks.
+        a: (n, L) factors where no occluder hides the position.
+        b: (n,) factors where one does.
+        assigned: (n, L) looks that count for a position; at most `MAX_CAMERAS` of them.
+        places: (S, 2) positions of the sensors.
+        priors: of the occluders.
+        exact: without the assumption of Eq. 8.
+        form: of q, if not exact.
+        floor: least value, relative.
+        far: standard deviations at which a prior counts as over, if not exact.
+    """
+    n, L, M = a.shape[0], xy.shape[0], priors.sigma.shape[0]
+    q = np.zeros((n, 1 if exact else M, L))
+    rows = np.arange(L)
+    for k in range(n):
+        if not exact:
+            q[k] = blocking_probabilities(xy, rows, places[sensor[k], 0], places[sensor[k], 1], priors, form, far)
+    for p in range(L):
+        use = np.flatnonzero(assigned[:, p])
+        if use.shape[0] == 0 or total[p] == -np.inf:
+            continue
+        if use.shape[0] > MAX_CAMERAS:
+            raise ValueError("too many cameras see a position for sums over their subsets; use likelihood=independent")
+        if exact:
+            # p_Q without the assumption of Eq. 8, then the sum over all Q
+            seen = clear_exact(xy[p, 0], xy[p, 1], places[sensor[use]], priors)
+            total[p] += math.log(over_subsets(seen, a[:, p][use], b[use], floor))
+        else:
+            # p_Q by Eq. 8, the sum by the recursion of Eq. 9
+            total[p] += math.log(sum_disjoint(relevant_priors(q, p, use), a[:, p][use], b[use], floor))
+
+
+@array_kernel
+def clear_exact(x: float, y: float, cameras: Floats, priors: Priors) -> Floats:
+    """(2^m,) probability that no camera of Q (as bits) is blocked, for every subset Q of the (m, 2) cameras."""
+    m = cameras.shape[0]
+    out = np.ones(1 << m)
+    for j in range(priors.sigma.shape[0]):
+        pattern = shares(x, y, cameras, priors, j)
+        # P(no camera of Q is blocked by j) = sum over the sets in the complement of Q: subset sums, bit by bit
+        for bit in range(m):
+            for s in range(1 << m):
+                if (s >> bit) & 1:
+                    pattern[s] += pattern[s ^ (1 << bit)]
+        # Occluders are independent of each other (step (c) of Eq. 8)
+        for Q in range(1 << m):
+            out[Q] *= min(1.0, max(0.0, pattern[((1 << m) - 1) ^ Q]))
+    return out
+
+
+@array_kernel
+def over_subsets(clear: Floats, a: Floats, b: Floats, floor: float) -> float:
+    """Sum over subsets Q of p_Q prod_Q (a - b) prod_not-Q b, not below floor times prod max(a, b).
+
+    Args:
+        clear: (2^m,) p_Q.
+        a: (m,) factors of cameras that are not blocked.
+        b: (m,) factors of cameras that are.
+        floor: least value, relative.
+    """
+    m = a.shape[0]
+    scale: Floats = np.maximum(a, b)
+    largest = 1.0
+    for i in range(m):
+        largest *= scale[i]
+    if largest == 0.0:
+        return 0.0
+    total = 0.0
+    for Q in range(1 << m):
+        term = clear[Q]
+        for i in range(m):
+            term *= (a[i] - b[i] if (Q >> i) & 1 else b[i]) / scale[i]
+        total += term
+    return max(total, floor) * largest
+
+
+MIN_BRANCH_SHARE = 1e-10
+"""Branches below this share of the sum so far, or of its floor, are cut."""
+LANES = 4
+"""Block size of products over occluders."""
+
+
+@array_kernel
+def sum_disjoint(q: Floats, a: Floats, b: Floats, floor: float) -> float:
+    """Sum over subsets Q of p_Q prod_Q (a - b) prod_not-Q b, not below floor times prod max(a, b).
+
+    p_Q = prod_j max(0, 1 - sum_Q q_ij) is the probability that no camera of Q is blocked (Eq. 8).
+
+    Args:
+        q: (m, M) probabilities that occluder j blocks camera i.
+        a: (m,) factors of cameras that are not blocked.
+        b: (m,) factors of cameras that are.
+        floor: least value, relative, > 0 or 0.
+    """
+    m = a.shape[0]
+    scale: Floats = np.maximum(a, b)
+    largest = 1.0
+    for i in range(m):
+        largest *= scale[i]
+    if largest == 0.0:
+        return 0.0
+    # Cameras with one light branch come first, so that most of the tree is cut near its root
+    order = by_weight((a - b) / scale, b / scale)
+    sums: Floats = np.empty((m + 1, q.shape[1]))
+    weight, branch = np.ones(m + 1), np.zeros(m, dtype=np.int64)
+    sums[0] = 0.0
+    level, total = 0, 0.0
+    while level >= 0:
+        # Leaf: add weight times p_Q (Eq. 8)
+        if level == m:
+            total += float(weight[m]) * joint_visibility(sums[m])
+            level -= 1
+            continue
+        i, turn = order[level], branch[level]
+        # Both branches done: back to the level above
+        if turn == 2:
+            branch[level] = 0
+            level -= 1
+            continue
+        # Branch 0: camera i is in Q and sees the position; branch 1: it is not in Q
+        branch[level] += 1
+        w = weight[level] * ((a[i] - b[i]) if turn == 0 else b[i]) / scale[i]
+        if abs(w) <= MIN_BRANCH_SHARE * max(abs(total), floor):
+            continue
+        weight[level + 1] = w
+        if turn == 0:
+            for j in range(q.shape[1]):
+                sums[level + 1, j] = sums[level, j] + q[i, j]
+        else:
+            sums[level + 1] = sums[level]
+        level += 1
+    return max(total, floor) * largest
+
+
+@array_kernel
+def by_weight(seeing: Floats, hidden: Floats) -> Ints:
+    """(m,) cameras in the order in which they rule out most: those with one light branch first."""
+    m = seeing.shape[0]
+    order, key = np.empty(m, dtype=np.int64), np.empty(m)
+    for i in range(m):
+        light, place = min(abs(seeing[i]), abs(hidden[i])), i
+        while place > 0 and key[place - 1] > light:
+            order[place], key[place] = order[place - 1], key[place - 1]
+            place -= 1
+        order[place], key[place] = i, light
+    return order
+
+
+@array_kernel
+def joint_visibility(sums: Floats) -> float:
+    """prod_j max(0, 1 - sums_j)."""
+    p0, p1, p2, p3 = 1.0, 1.0, 1.0, 1.0
+    whole = sums.shape[0] - sums.shape[0] % LANES
+    for j in range(0, whole, LANES):
+        p0 *= max(0.0, 1.0 - sums[j])
+        p1 *= max(0.0, 1.0 - sums[j + 1])
+        p2 *= max(0.0, 1.0 - sums[j + 2])
+        p3 *= max(0.0, 1.0 - sums[j + 3])
+    for j in range(whole, sums.shape[0]):
+        p0 *= max(0.0, 1.0 - sums[j])
+    return (p0 * p1) * (p2 * p3)
+
+
+@array_kernel
+def relevant_priors(q: Floats, p: int, use: Ints) -> Floats:
+    """(m, K) of (n, M, L) q at position p for cameras `use`, without occluders that block none of them."""
+    out = np.empty((use.shape[0], q.shape[1]))
+    K = 0
+    for j in range(q.shape[1]):
+        most = 0.0
+        for k in range(use.shape[0]):
+            out[k, K] = q[use[k], j, p]
+            most = max(most, out[k, K])
+        if most > 0.0:
+            K += 1
+    return out[:, :K]

@@ -1,0 +1,320 @@
+"""Bearings against the truth, look by look: what a sensor said of a target and what it should have said.
+
+A look is one frame of one sensor together with one true target of which the frame says
+something: a labelled row (`target_id` >= 0, seen or not), or unlabelled candidates, which are
+paired one to one with the true objects of their frame.
+
+Reported bearings minus what a sensor should have reported, and whether they are within the gate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.geometry.camera import wrap_angle
+from occlog.core.geometry.projected_planes import direction, direction_angles, polar_from_elevation
+from occlog.core.geometry.visibility import behind_objects
+from occlog.core.metrics.errors import pair_within
+from occlog.records.tables import Bearings
+
+from .config import EvaluateConfig
+from .paths import ExpectedMeasurement, ObjectPath, SensorGeometry
+
+
+class BearingErrors(NamedTuple):
+    """Reported minus expected, in pixels, radians and standard deviations; NaN where nothing was reported.
+
+    Of an array that reports an elevation `rad` and `normalised` are of the azimuth about its
+    own z axis, which is what its noise is of, where the height of the object is known.
+    """
+
+    px: Floats
+    rad: Floats
+    normalised: Floats
+    elevation: Floats  # [rad] about the sensor's own z axis; NaN without elevation or height
+    elevation_normalised: Floats
+
+    @property
+    def distance(self) -> Floats:
+        """How many standard deviations off, by all that was reported."""
+        flat = np.abs(self.normalised)
+        return np.where(np.isnan(self.elevation), flat, np.hypot(flat, self.elevation_normalised))
+
+
+def residuals(rows: Bearings, expected: ExpectedMeasurement, sensor: SensorGeometry) -> BearingErrors:
+    """Residuals of N rows against (N,) expectations, or against (N, M): each row against M objects.
+
+    A target that is not in front of a camera is infinitely far off.
+    """
+    shape = (len(rows), *(1 for _ in expected.bearing.shape[1:]))
+    columns = (rows.bearing, rows.u_px, rows.sigma_px, rows.sigma, rows.sigma_elevation)
+    bearing, u_px, sigma_px, sigma, sigma_up = (c.reshape(shape) for c in columns)
+    rad = wrap_angle(bearing - expected.bearing)
+    up = np.full(expected.bearing.shape, np.nan)
+    if np.isfinite(rows.elevation).any():
+        across, up = _in_own_frame(rows, expected, sensor, shape)
+        rad = np.where(np.isnan(up), rad, across)
+    pixels = np.isfinite(u_px) & np.isfinite(sigma_px)
+    behind = pixels & np.isnan(expected.u_px)
+    px = np.where(behind, np.inf, u_px - expected.u_px)
+    normalised = np.where(pixels, px / np.sqrt(expected.variance_px + sigma_px**2), rad / sigma)
+    return BearingErrors(
+        px=px,
+        rad=rad,
+        normalised=np.where(behind, np.inf, normalised),
+        elevation=up,
+        elevation_normalised=up / sigma_up,
+    )
+
+
+def _in_own_frame(
+    rows: Bearings, expected: ExpectedMeasurement, sensor: SensorGeometry, shape: tuple[int, ...]
+) -> tuple[Floats, Floats]:
+    """Residuals [rad] of azimuth and elevation about the sensor's own axes.
+
+    A sight line near the z axis may be reported from beyond it, with an azimuth half a
+    turn off: it is read the way that is nearer.
+    """
+    line = direction(rows.bearing, polar_from_elevation(rows.elevation)) @ sensor.rotation
+    theta, phi = (angle.reshape(shape) for angle in direction_angles(line))
+    sigma, sigma_up = rows.sigma.reshape(shape), rows.sigma_elevation.reshape(shape)
+    across, up = wrap_angle(theta - expected.theta), expected.phi - phi
+    beyond, over = wrap_angle(theta + np.pi - expected.theta), wrap_angle(expected.phi + phi)
+    nearer = np.hypot(beyond / sigma, over / sigma_up) < np.hypot(across / sigma, up / sigma_up)
+    return np.where(nearer, beyond, across), np.where(nearer, over, up)
+
+
+def inside_gate(residual: BearingErrors, config: EvaluateConfig) -> Floats:
+    """Residual as a share of the gate: up to 1 is within; NaN where nothing was reported.
+
+    An azimuth with an elevation is within the ellipse of `gate_sigma` standard deviations.
+    """
+    by_sigma = residual.distance / config.gate_sigma
+    if config.gate_px is None:
+        return by_sigma
+    return np.asarray(np.where(np.isnan(residual.px), by_sigma, np.abs(residual.px) / config.gate_px))
+
+
+def occluded_by_moving(
+    sensor: SensorGeometry,
+    t_ns: Ints,
+    xy: Floats,
+    target: int,
+    everyone: Mapping[int, ObjectPath],
+    config: EvaluateConfig,
+) -> Bools:
+    """(N,) bool: which looks at a target a moving object blocks ([Ercan] Fig. 3).
+
+    Cameras only, and only if the configuration gives the objects a diameter.
+    """
+    rest = [path for k, path in everyone.items() if k != target]
+    if config.occluder_diameter is None or sensor.camera is None or not rest:
+        return np.zeros(len(t_ns), dtype=np.bool_)
+    places = np.stack([path.at(t_ns, config.limit_ns)[0] for path in rest], axis=1)
+    return behind_objects(sensor.ground, xy, places, config.occluder_diameter)
+
+
+class Paired(NamedTuple):
+    """One row for each frame with candidates and each target asked for."""
+
+    rows: Bearings  # the candidate paired with the target, or a `not seen` row
+    target: Ints  # identity of the target of each row
+    stray: int  # candidates that are near no true object
+
+
+class _SensorFrames(NamedTuple):
+    """Frames of a sensor (N) against true objects (M)."""
+
+    starts: list[int]  # first row of each frame, then the number of rows
+    present: Bools  # (N, M) the object's position is known
+    visible: Bools  # (N, M) and it should have been seen
+    cost: Floats  # (R, M) residual of each row as a share of the gate; infinite where it cannot be
+
+
+def match_candidates(
+    sensor: SensorGeometry,
+    rows: Bearings,
+    told: Collection[tuple[int, int]],
+    targets: Mapping[int, ObjectPath],
+    everyone: Mapping[int, ObjectPath],
+    config: EvaluateConfig,
+) -> Paired:
+    """Pair the candidates of every frame: with objects that should be visible first, then with hidden ones.
+
+    A candidate may be of an occluder: it is stray only if it is near no true object at all.
+
+    Args:
+        sensor: whose rows these are.
+        rows: unlabelled rows of that sensor.
+        told: (time, target) of which a labelled row says something already; they get no row here.
+        targets: true paths of the targets.
+        everyone: true paths of targets and occluders.
+        config: gates, limits.
+    """
+    frames = _compare(sensor, rows, everyone, config)
+    names = list(everyone)
+    is_target = np.array([k in targets for k in names], dtype=np.bool_)
+    picked: list[tuple[int, int, bool]] = []  # row, target, whether that row is of the target
+    stray = 0
+    for n, (start, end) in enumerate(pairwise(frames.starts)):
+        present = frames.present[n]
+        if not (present & is_target).any():
+            continue
+        found = _pair(frames.cost[start:end], frames.visible[n])
+        stray += int(np.count_nonzero(rows.seen[start:end])) - len(found)
+        for j in np.flatnonzero(present & is_target).tolist():
+            if (int(rows.t_ns[start]), names[j]) not in told:
+                picked.append((start + found.get(j, 0), names[j], j in found))
+    row, target, seen = (np.array(c) for c in zip(*picked, strict=True)) if picked else [np.zeros(0)] * 3
+    chosen = _chosen(rows, row.astype(np.int64), seen.astype(np.bool_))
+    return Paired(chosen, target.astype(np.int64), stray)
+
+
+def _compare(
+    sensor: SensorGeometry, rows: Bearings, everyone: Mapping[int, ObjectPath], config: EvaluateConfig
+) -> _SensorFrames:
+    times, first, frame = np.unique(rows.t_ns, return_index=True, return_inverse=True)
+    shape = (len(times), len(everyone))
+    places, heights = np.full((*shape, 2), np.nan), np.full(shape, np.nan)
+    hidden = np.zeros(shape, dtype=np.bool_)
+    for j, (k, path) in enumerate(everyone.items()):
+        places[:, j], _ = path.at(times, config.limit_ns)
+        heights[:, j] = path.height_at(times, config.limit_ns)
+        hidden[:, j] = occluded_by_moving(sensor, times, places[:, j], k, everyone, config)
+    present = np.isfinite(places[:, :, 0])
+    expected = sensor.expect(places.reshape(-1, 2), heights.ravel()).reshape(shape)
+    cost = inside_gate(residuals(rows, expected.take(frame), sensor), config)
+    possible = present[frame] & rows.seen[:, None] & (cost <= 1.0)
+    starts = [*first.tolist(), len(rows)]
+    return _SensorFrames(starts, present, present & expected.clear & ~hidden, np.where(possible, cost, np.inf))
+
+
+def _pair(cost: Floats, visible: Bools) -> dict[int, int]:
+    """Object to candidate of one frame."""
+    if not np.isfinite(cost).any():
+        return {}
+    found = {j: i for i, j in pair_within(np.where(visible, cost, np.inf), 1.0)}
+    rest = cost.copy()
+    rest[:, list(found)] = np.inf
+    rest[list(found.values())] = np.inf
+    return found | {j: i for i, j in pair_within(rest, 1.0)}
+
+
+def _chosen(rows: Bearings, row: Ints, seen: Bools) -> Bearings:
+    """These rows, without their measurement where they are not of the target."""
+    taken = rows.take(row)
+    names = ("bearing", "sigma", "u_px", "sigma_px", "score", "elevation", "sigma_elevation")
+    measured = {name: np.where(seen, getattr(taken, name), np.nan) for name in names}
+    return Bearings(t_ns=taken.t_ns, sensor=taken.sensor, target_id=taken.target_id, seen=seen, **measured)
+
+
+@dataclass(frozen=True, eq=False)
+class SensorObservations:
+    """Looks of one sensor; residuals and noise are NaN where no bearing was reported."""
+
+    t_ns: Ints
+    target: Ints  # identity in the truth
+    truth: Bools  # whether the target's true position at that time is known
+    xy: Floats  # (N, 2) true position, held where not known
+    z: Floats  # true height, held likewise; NaN if the truth has none
+    reported: Bools  # a bearing was reported (for candidates: one was paired with the target)
+    hit: Bools  # it is within the gate of the true direction
+    visible: Bools  # the target should have been seen
+    in_view: Bools  # the target was in the field of view, hidden or not
+    residual_px: Floats  # reported minus true u_px
+    residual: Floats  # reported minus true azimuth [rad]
+    normalised: Floats  # residual over its standard deviation (Eq. 2 for cameras)
+    sigma_px: Floats
+    sigma: Floats
+    elevation: Floats  # as reported [rad]; NaN where none was
+    sigma_elevation: Floats
+    residual_elevation: Floats  # reported minus true, about the sensor's own axes [rad]
+    normalised_elevation: Floats
+
+    def take(self, rows: Bools) -> SensorObservations:
+        """The looks selected by a mask."""
+        return SensorObservations(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
+
+
+class SensorObservationSet(NamedTuple):
+    """All looks of one sensor, and the candidates that are of nothing in the truth."""
+
+    looks: SensorObservations
+    frames: int  # with a known truth
+    stray: int  # candidates in these frames that are near no true object
+
+
+def observe(
+    sensor: SensorGeometry,
+    rows: Bearings,
+    labels: Mapping[int, int],
+    targets: Mapping[int, ObjectPath],
+    others: Mapping[int, ObjectPath],
+    config: EvaluateConfig,
+) -> SensorObservationSet:
+    """Compare one sensor's rows with the truth.
+
+    Args:
+        sensor: whose rows these are.
+        rows: bearings of that sensor only.
+        labels: identity in the bearings to identity in the truth; rows of other identities are left out.
+        targets: true paths of the targets.
+        others: true paths of the moving occluders.
+        config: gates, limit in time, diameter of moving objects.
+    """
+    everyone = {**targets, **others}
+    known = rows.take(np.isin(rows.target_id, list(labels)))
+    target = np.array([labels[k] for k in known.target_id.tolist()], dtype=np.int64)
+    told = set(zip(known.t_ns.tolist(), target.tolist(), strict=True))
+    paired = match_candidates(sensor, rows.take(rows.target_id < 0), told, targets, everyone, config)
+    looks = _concat(
+        _looks(sensor, known, target, everyone, config),
+        _looks(sensor, paired.rows, paired.target, everyone, config),
+    )
+    return SensorObservationSet(looks, len(np.unique(looks.t_ns[looks.truth])), paired.stray)
+
+
+def _concat(a: SensorObservations, b: SensorObservations) -> SensorObservations:
+    return SensorObservations(**{n: np.concatenate([getattr(a, n), getattr(b, n)]) for n in a.__dataclass_fields__})
+
+
+def _looks(
+    sensor: SensorGeometry, rows: Bearings, target: Ints, everyone: Mapping[int, ObjectPath], config: EvaluateConfig
+) -> SensorObservations:
+    xy, truth = np.full((len(rows), 2), np.nan), np.zeros(len(rows), dtype=np.bool_)
+    z = np.full(len(rows), np.nan)
+    hidden = np.zeros(len(rows), dtype=np.bool_)
+    for k in np.unique(target).tolist():
+        mine = target == k
+        xy[mine] = everyone[k].roughly_at(rows.t_ns[mine])
+        z[mine] = everyone[k].rough_height_at(rows.t_ns[mine])
+        truth[mine] = everyone[k].at(rows.t_ns[mine], config.limit_ns)[1]
+        hidden[mine] = occluded_by_moving(sensor, rows.t_ns[mine], xy[mine], k, everyone, config)
+    expected = sensor.expect(xy, z)
+    residual = residuals(rows, expected, sensor)
+    return SensorObservations(
+        t_ns=rows.t_ns,
+        target=target,
+        truth=truth,
+        xy=xy,
+        z=z,
+        reported=rows.seen,
+        hit=rows.seen & (inside_gate(residual, config) <= 1.0),
+        visible=expected.clear & ~hidden,
+        in_view=expected.in_view,
+        residual_px=residual.px,
+        residual=residual.rad,
+        normalised=residual.normalised,
+        sigma_px=rows.sigma_px,
+        sigma=rows.sigma,
+        elevation=rows.elevation,
+        sigma_elevation=rows.sigma_elevation,
+        residual_elevation=residual.elevation,
+        normalised_elevation=residual.elevation_normalised,
+    )

@@ -1,0 +1,50 @@
+"""Settings of `occlog label`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from occlog.settings import Settings, setting
+
+
+@dataclass(frozen=True)
+class LabelConfig(Settings):
+    """When a candidate agrees with a track."""
+
+    OWNER: ClassVar[str] = "label"
+
+    gate: float = setting(
+        3.0,
+        "Gate in standard deviations for a candidate to agree with a track. Larger values label more candidates "
+        "and mislabel more.",
+        above=0,
+        option="--gate",
+    )
+    max_gap_s: float = setting(
+        1.0,
+        "Maximum gap between two rows of a track to interpolate.",
+        unit="s",
+        at_least=0,
+        at_most=1e9,
+        option="--max-gap",
+        metavar="SECONDS",
+    )
+    keep_rest: bool = setting(
+        False, "Keep unassigned candidates, without a label.", option="--keep-rest", shown="leave them out"
+    )
+
+
+@dataclass(frozen=True)
+class NamingConfig(Settings):
+    """When a track is of a target of a gallery."""
+
+    OWNER: ClassVar[str] = "naming"
+
+    least_boxes: int = setting(
+        10,
+        "Minimum number of boxes of a track compared with a target, for the track to be identified as it.",
+        at_least=1,
+        option="--least-boxes",
+        metavar="N",
+    )

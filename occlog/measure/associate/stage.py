@@ -1,0 +1,229 @@
+"""Label candidates: assign each to the track whose bearing it agrees with."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Bools, Floats, Ints, Ints32
+from occlog.core.geometry.camera import wrap_angle
+from occlog.core.numerics.assignment import assign
+from occlog.core.numerics.interpolate import interpolate_positions
+from occlog.errors import InputError
+from occlog.records.scene import Scene
+from occlog.records.tables import UNLABELLED, Bearings, Tracks
+from occlog.scans.grouping import checked, sensor_names
+
+from .config import LabelConfig
+
+ROWS_PER_PART = 4096
+ANY_DIRECTION = np.pi**2 / 3.0
+"""Variance of a direction of which nothing is known [rad^2]: no track is less certain, however near the sensor."""
+
+
+class Labelled(NamedTuple):
+    """Rows of some whole times, by time, sensor and target, and counts of the candidates."""
+
+    bearings: Bearings
+    given: Ints32  # target of each candidate that got a label
+    missed: Ints32  # target of each "not seen" row that was added
+    left: int  # candidates of nobody
+    frames: int  # at whose time there is a track
+
+
+class _States(NamedTuple):
+    """K tracks at N times."""
+
+    target: Ints32  # (K,) rising
+    values: Floats  # (N, K, 5) x, y, cov_xx, cov_xy, cov_yy; NaN where the track is not
+    there: Bools  # (N, K)
+
+
+def label(
+    bearings: Iterable[Bearings],
+    tracks: Iterable[Tracks],
+    scene: Scene,
+    config: LabelConfig,
+    sensors: Collection[str] | None = None,
+) -> Iterator[Labelled]:
+    """Bearings in which candidates carry the identity of the track they agree with, in the order of time.
+
+    In every frame of a sensor candidates are assigned one to one to the tracks that there are
+    at its time: as many as the gate lets, and of these those with the least sum of squared
+    differences of bearings, each in standard deviations of candidate and track together.
+    A track without a candidate gets a row that says "not seen", since the sensor delivered a
+    frame.  Rows that have a label stay, and for their tracks nothing is assigned or added.
+    Where chunks are cut does not matter; memory does not grow with their number.
+
+    Args:
+        bearings: chunks in the order of time.
+        tracks: chunks in the order of time; linear between their rows, nowhere else.
+        scene: must have the sensors.
+        config: gate, gaps, what is kept.
+        sensors: names of those to use, rows of others are left out; None: all.
+
+    Raises:
+        InputError: a sensor that the scene does not have or that has no pose, a track with a
+            negative identity, or times that go back.
+    """
+    names = frozenset(sensor_names(scene) if sensors is None else sensors)
+    paths = _Paths(tracks, round(config.max_gap_s * NS))
+    ground = {c.name: c.ground for c in scene.cameras} | {a.name: a.position[:2] for a in scene.arrays}
+    for part in _whole_times(checked(bearings, scene, names)):
+        used = part.take(np.isin(part.sensor, list(names))).sorted()
+        if len(used):
+            yield _label(used, paths, ground, config)
+
+
+def _whole_times(chunks: Iterable[Bearings]) -> Iterator[Bearings]:
+    """Parts of about `ROWS_PER_PART` rows that never end amid the rows of one time."""
+    rest = Bearings.empty()
+    for chunk in chunks:
+        table = Bearings.concat([rest, chunk])
+        starts = np.append(0, np.flatnonzero(np.diff(table.t_ns)) + 1)
+        first = 0
+        while first < starts[-1]:
+            place = int(np.searchsorted(starts, first + ROWS_PER_PART, side="right")) - 1
+            cut = int(starts[place]) if starts[place] > first else int(starts[place + 1])
+            yield table.take(slice(first, cut))
+            first = cut
+        rest = table.take(slice(first, None))  # the last time may go on in the next chunk
+    if len(rest):
+        yield rest
+
+
+class _Paths:
+    """Tracks as a stream; holds the rows about the times that are asked for."""
+
+    def __init__(self, chunks: Iterable[Tracks], limit_ns: int) -> None:
+        """Nothing is read yet."""
+        self._chunks = iter(chunks)
+        self._limit_ns = limit_ns
+        self._held = Tracks.empty()
+
+    def at(self, t_ns: Ints) -> _States:
+        """All tracks at times, not falling, from one call to the next either."""
+        near = self._near(int(t_ns[0]) - self._limit_ns, int(t_ns[-1]) + self._limit_ns).with_covariance()
+        target = np.unique(near.target_id)
+        values, there = np.empty((len(t_ns), len(target), 5)), np.zeros((len(t_ns), len(target)), dtype=np.bool_)
+        columns = np.column_stack([near.x, near.y, near.cov_xx, near.cov_xy, near.cov_yy])
+        for k, name in enumerate(target.tolist()):
+            own = near.target_id == name
+            values[:, k], there[:, k] = interpolate_positions(t_ns, near.t_ns[own], columns[own], self._limit_ns)
+        return _States(target, values, there)
+
+    def _near(self, first_ns: int, last_ns: int) -> Tracks:
+        """Rows from one time to another; what lies before them is dropped."""
+        parts = [self._held]
+        while not len(parts[-1]) or parts[-1].t_ns[-1] <= last_ns:
+            chunk = next(self._chunks, None)
+            if chunk is None:
+                break
+            if (chunk.target_id < 0).any():
+                row = int(np.flatnonzero(chunk.target_id < 0)[0])
+                raise InputError(
+                    f"tracks: target_id is {chunk.target_id[row]} at {chunk.t_ns[row]} ns; an identity is 0 or more"
+                )
+            parts.append(chunk)
+        held = Tracks.concat(parts)
+        self._held = held.take(slice(int(np.searchsorted(held.t_ns, first_ns)), None))
+        return self._held.take(slice(None, int(np.searchsorted(self._held.t_ns, last_ns, side="right"))))
+
+
+def _label(table: Bearings, paths: _Paths, ground: dict[str, Floats], config: LabelConfig) -> Labelled:
+    """The rows of whole times, ordered by the key, with labels."""
+    # Frames: the rows of one sensor at one time
+    fresh = np.ones(len(table), dtype=np.bool_)
+    fresh[1:] = (np.diff(table.t_ns) != 0) | (table.sensor[1:] != table.sensor[:-1])
+    first, frame = np.flatnonzero(fresh), np.cumsum(fresh) - 1
+    # Interpolate the tracks at the frames' times
+    states = paths.at(table.t_ns[first])
+    places = np.array([ground[name] for name in table.sensor[first].tolist()])
+    # Gate and assign: squared normalised differences of bearings, one to one in each frame
+    rows = np.flatnonzero(table.seen & (table.target_id == UNLABELLED))
+    cost = _apart2(table, rows, frame[rows], states, places)
+    wanted = states.there & ~_labels_of(table, frame, len(first), states.target)
+    picked, track = _assigned(cost, np.searchsorted(frame[rows], np.arange(len(first) + 1)), wanted, config.gate**2)
+    target = table.target_id.copy()
+    target[rows[picked]] = states.target[track]
+    wanted[frame[rows[picked]], track] = False
+    # Tracks without a candidate in a frame get a row that is not seen
+    empty, missing = np.nonzero(wanted)
+    keep = np.full(len(table), config.keep_rest) | (target != UNLABELLED)
+    unseen = missed_detections(table.take(first[empty]), states.target[missing])
+    return Labelled(
+        bearings=Bearings.merge([replace(table, target_id=target).take(keep), unseen]),
+        given=states.target[track],
+        missed=unseen.target_id,
+        left=len(rows) - len(picked),
+        frames=int(np.count_nonzero(states.there.any(axis=1))),
+    )
+
+
+def _assigned(cost: Floats, bounds: Ints, wanted: Bools, gate: float) -> tuple[Ints, Ints]:
+    """Candidates and their tracks, of all frames.
+
+    Args:
+        cost: (n, K) of candidates, frame after frame, and tracks.
+        bounds: (frames + 1,) first candidate of each frame, then n.
+        wanted: (frames, K) tracks that have no row in a frame yet.
+        gate: pairs that cost more are not made.
+    """
+    rows, columns = [np.empty(0, dtype=np.int64)], [np.empty(0, dtype=np.int64)]
+    for n in np.flatnonzero(wanted.any(axis=1) & (np.diff(bounds) > 0)).tolist():
+        tracks = np.flatnonzero(wanted[n])
+        row, column = assign(cost[bounds[n] : bounds[n + 1], tracks], gate)
+        rows.append(bounds[n] + row)
+        columns.append(tracks[column])
+    return np.concatenate(rows), np.concatenate(columns)
+
+
+def _labels_of(table: Bearings, frame: Ints, frames: int, target: Ints32) -> Bools:
+    """(frames, K) whether a frame has a row of a track already."""
+    told = np.zeros((frames, len(target)), dtype=np.bool_)
+    rows = np.flatnonzero(np.isin(table.target_id, target))
+    told[frame[rows], np.searchsorted(target, table.target_id[rows])] = True
+    return told
+
+
+def _apart2(table: Bearings, rows: Ints, frame: Ints, states: _States, places: Floats) -> Floats:
+    """(n, K) squared difference of bearings from those of the tracks, over the variance of both together.
+
+    The track's variance is that of its position across the sight line, over the squared
+    distance; infinite where a track is not.
+
+    Args:
+        table: bearings.
+        rows: (n,) those to compare.
+        frame: (n,) the frame of each.
+        states: tracks at the times of the frames.
+        places: (frames, 2) sensors of the frames.
+    """
+    x, y, cov_xx, cov_xy, cov_yy = np.moveaxis(states.values, 2, 0)
+    dx, dy = x - places[:, :1], y - places[:, 1:]
+    r2 = dx**2 + dy**2
+    across = dy**2 * cov_xx - 2 * dx * dy * cov_xy + dx**2 * cov_yy
+    with np.errstate(divide="ignore", invalid="ignore"):
+        variance = np.where(r2 > 0, np.minimum(across / r2**2, ANY_DIRECTION), ANY_DIRECTION)
+    expected = np.arctan2(dy, dx)
+    apart = wrap_angle(table.bearing[rows, None] - expected[frame])
+    return np.where(states.there[frame], apart**2 / (variance[frame] + table.sigma[rows, None] ** 2), np.inf)
+
+
+def missed_detections(rows: Bearings, target: Ints32) -> Bearings:
+    """Rows of the same times and sensors which say that these targets, (n,), were looked for and not seen."""
+    nothing = np.full(len(rows), np.nan)
+    return Bearings(
+        t_ns=rows.t_ns,
+        sensor=rows.sensor,
+        target_id=target,
+        seen=np.zeros(len(rows), dtype=np.bool_),
+        bearing=nothing,
+        sigma=nothing,
+        u_px=nothing,
+        sigma_px=nothing,
+        score=nothing,
+    )

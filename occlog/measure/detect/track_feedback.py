@@ -1,0 +1,113 @@
+"""Estimated places fed back to the detector: where a target is looked for ([Ercan] Sec. 3).
+
+"The estimated location of the object from the previous time step can be fed back to the cameras to limit the region
+where feature detection is performed": a region or bearing counts for a target only within a gate around the direction
+in which its track, at the last time before the frame, says that it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.core.geometry.camera import wrap_angle
+from occlog.records.tables import Bearings, Tracks
+
+MAX_AGE_S = 1.0
+"""An older place says nothing: the target is looked for everywhere."""
+
+
+class TargetPath(NamedTuple):
+    """A target's track in the order of time."""
+
+    t_ns: Ints  # (T,)
+    xy: Floats  # (T, 2)
+    velocity: Floats  # (T, 2), 0 where it is not known
+    covariance: Floats  # (T, 2, 2)
+
+
+class TrackFeedback(NamedTuple):
+    """Where targets are thought to be, and how far off they may be."""
+
+    paths: dict[int, TargetPath]
+    gate: float  # standard deviations
+
+
+class ExpectedDirections(NamedTuple):
+    """Where a target is, seen from a sensor, at N times; NaN: nothing is known."""
+
+    azimuth: Floats  # (N,) [rad]
+    sigma: Floats  # (N,) standard deviation [rad]
+
+
+def track_feedback(tracks: Tracks, gate: float) -> TrackFeedback:
+    """The tracks by target; `gate` in standard deviations."""
+    paths = {}
+    for target in np.unique(tracks.target_id).tolist():
+        own = tracks.take(tracks.target_id == target)
+        velocity = np.nan_to_num(np.column_stack([own.vx, own.vy]))
+        covariance = np.stack([own.cov_xx, own.cov_xy, own.cov_xy, own.cov_yy], axis=1).reshape(-1, 2, 2)
+        paths[int(target)] = TargetPath(own.t_ns, np.column_stack([own.x, own.y]), velocity, covariance)
+    return TrackFeedback(paths, gate)
+
+
+def directions(path: TargetPath, origin: Floats, t_ns: Ints) -> ExpectedDirections:
+    """Predicted directions from a sensor (2,) at times (N,), by the last place before each, moved on by its velocity.
+
+    The place is uncertain by its covariance and by the way that was predicted; after `MAX_AGE_S` nothing is known.
+    """
+    last = np.searchsorted(path.t_ns, t_ns, side="left") - 1
+    k = np.maximum(last, 0)
+    dt = (t_ns - path.t_ns[k]) / NS
+    away = path.xy[k] + path.velocity[k] * dt[:, None] - origin
+    r = np.maximum(np.hypot(away[:, 0], away[:, 1]), 1e-9)
+    across = np.column_stack([-away[:, 1], away[:, 0]]) / r[:, None]
+    variance = np.einsum("ni,nij,nj->n", across, path.covariance[k], across)
+    variance += (np.hypot(*path.velocity[k].T) * dt) ** 2
+    known = (last >= 0) & (dt <= MAX_AGE_S)
+    azimuth = np.where(known, np.arctan2(away[:, 1], away[:, 0]), np.nan)
+    return ExpectedDirections(azimuth, np.where(known, np.sqrt(np.maximum(variance, 0.0)) / r, np.nan))
+
+
+def inside_gate(near: TrackFeedback, target: int, origin: Floats, t_ns: Ints, bearing: Floats, sigma: Floats) -> Bools:
+    """(N,) whether bearings may be of a target: within the gate, or where nothing is known of its place.
+
+    Args:
+        near: the tracks.
+        target: identity.
+        origin: (2,) the sensor.
+        t_ns: (N,) times.
+        bearing: (N,) azimuths [rad].
+        sigma: (N,) their standard deviations [rad].
+    """
+    if target not in near.paths:
+        return np.ones(len(t_ns), dtype=np.bool_)
+    there = directions(near.paths[target], origin, t_ns)
+    off = np.abs(wrap_angle(bearing - there.azimuth))
+    return np.asarray(np.isnan(there.azimuth) | (off <= near.gate * np.hypot(sigma, there.sigma)))
+
+
+def limited(bearings: Bearings, near: TrackFeedback, places: dict[str, Floats]) -> Bearings:
+    """Bearings in which labelled ones outside of their target's gate say "not seen".
+
+    Args:
+        bearings: of sensors in `places`; candidates without a label stay.
+        near: the tracks.
+        places: (2,) of each sensor with a pose.
+    """
+    keep = np.ones(len(bearings), dtype=np.bool_)
+    for sensor in np.unique(bearings.sensor).tolist():
+        for target in near.paths:
+            own = (bearings.sensor == sensor) & (bearings.target_id == target) & bearings.seen
+            if sensor in places and own.any():
+                t_ns, bearing, sigma = bearings.t_ns[own], bearings.bearing[own], bearings.sigma[own]
+                keep[own] = inside_gate(near, target, places[sensor], t_ns, bearing, sigma)
+    gone = {name: np.where(keep, getattr(bearings, name), np.nan) for name in MEASURED}
+    return replace(bearings, seen=bearings.seen & keep, **gone)
+
+
+MEASURED = ("bearing", "sigma", "u_px", "sigma_px", "score")
+"""Columns that say nothing where nothing was seen."""

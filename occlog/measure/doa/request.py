@@ -1,0 +1,88 @@
+"""What `occlog listen` takes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from occlog.ingest.plan import pairs
+from occlog.request import Request, group, output_file, scene_file, source
+from occlog.settings import setting
+
+from .config import DoaConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class DoaRequest(Request):
+    """Estimate directions of arrival in the sound of microphone arrays (WAV, one channel per microphone).
+
+    The positions of the microphones are those of the array in the scene (`microphones`), or of --arrays. Each frame
+    of sound gives the directions of its sources in the world frame, with standard deviations and the agreement of the
+    phases; silence gives none. A flat array does not distinguish above from below: it gives the direction above.
+    Needs the package pyroomacoustics: pip install 'occlog[sound]'.
+
+    \b
+      occlog listen --scene hall.yaml mic1=mic1.wav mic2=mic2.wav -o doa.parquet --start-time 2024-05-01T12:00:00Z
+      occlog listen --arrays table=microphones.csv table=talk.wav -o doa.parquet --sources auto --above 10
+    """
+
+    OWNER: ClassVar[str] = "listen"
+    RUN: ClassVar[str] = "occlog.measure.doa.run:run_listen"
+
+    sounds: tuple[Path, ...] = source(
+        "Sound files of an array.", argument=True, there=False, metavar="[ARRAY=]FILE.wav..."
+    )
+    output: Path = output_file("Directions of arrival (Parquet).", "doa")
+    scene: Path | None = scene_file()
+    arrays: tuple[str, ...] = setting(
+        (),
+        "Positions of the microphones of an array: a table x, y, z [m].",
+        option="--arrays",
+        metavar="[NAME=]FILE",
+        repeat=True,
+        whole=True,
+        shown="",
+    )
+    channels: tuple[str, ...] = setting(
+        (),
+        "Channels of the files, from 1, in the order of the microphones. [default: all]",
+        option="--channels",
+        metavar="A,B,...",
+        shown="",
+    )
+    start_time: tuple[str, ...] = setting(
+        (),
+        "Date and time (ISO 8601, UTC) or seconds since 1970 of the first sample. [default: 0]",
+        option="--start-time",
+        metavar="[ARRAY=]TIME",
+        repeat=True,
+        whole=True,
+        shown="",
+    )
+    most: str | None = setting(
+        None,
+        "Maximum number of directions per frame; auto: all peaks (srp). [default: 1]",
+        option="--sources",
+        metavar="N|auto",
+        shown="",
+    )
+    band: tuple[float, ...] | None = setting(
+        None,
+        "Frequency band to use [Hz]. [default: 300 4000]",
+        unit="Hz",
+        counts=(2,),
+        apart=True,
+        option="--band",
+        metavar="LOW HIGH",
+        shown="",
+    )
+    settings: Mapping[str, object] = group(lambda: DoaConfig)
+
+    @property
+    def inputs(self) -> list[Path]:
+        """Every file that is read."""
+        scene = [] if self.scene is None else [self.scene]
+        sounds, arrays = pairs(map(str, self.sounds), Path), pairs(self.arrays, Path)
+        return [*(path for _, path in sounds), *scene, *(path for _, path in arrays)]

@@ -1,0 +1,193 @@
+"""What `occlog listen` does: open sound and scene, find directions, write them in the order of time."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.errors import InputError, UsageError, option
+from occlog.ingest.plan import for_sensor, pairs
+from occlog.io.files.frame_times import to_world_time
+from occlog.io.files.names import match_sensor
+from occlog.io.files.times import parse_time
+from occlog.io.formats.sound.formats import read_arrays
+from occlog.io.formats.sound.wav import Sound, open_sound
+from occlog.io.open import load_scene
+from occlog.records.losses import Loss
+from occlog.records.names import first_double
+from occlog.records.scene import MicrophoneArray, Scene
+from occlog.records.tables import Doa
+from occlog.runner import Job
+from occlog.settings import configure
+
+from .channels import Channels, checks
+from .config import DoaConfig
+from .locate import library
+from .request import DoaRequest
+from .stage import DoaTally, estimate_directions, frame_size, frames_of
+
+T = TypeVar("T")
+Pairs = tuple[tuple[str | None, T], ...]
+
+
+class _Plan(NamedTuple):
+    """What to listen to and how."""
+
+    scene: Path | None
+    sounds: Pairs[Path]  # (array or None, path)
+    arrays: Pairs[Path]  # (name or None, path)
+    channels: tuple[int, ...]  # from 0; empty: all
+    start_time: Pairs[str]  # (array or None, text)
+    config: DoaConfig
+
+
+def _plan(request: DoaRequest) -> _Plan:
+    """The plan of a request; UsageError or SettingError for what cannot be."""
+    settings = dict(request.settings)
+    if request.most is not None:
+        settings["sources"] = parse_most(request.most)
+    if request.band is not None:
+        settings |= {"low_hz": request.band[0], "high_hz": request.band[1]}
+    return _Plan(
+        scene=request.scene,
+        sounds=pairs(map(str, request.sounds), Path),
+        arrays=pairs(request.arrays, Path),
+        channels=parse_channels(request.channels),
+        start_time=pairs(request.start_time, str),
+        config=configure(DoaConfig(), settings),
+    )
+
+
+def parse_most(text: str) -> int:
+    """Number of directions a frame, 1 to 100; 0 for `auto`."""
+    if text == "auto":
+        return 0
+    if not (text.isdecimal() and 1 <= int(text) <= 100):
+        raise UsageError(f"{option('sources')} {text}: must be 1 to 100, or auto")
+    return int(text)
+
+
+def parse_channels(parts: tuple[str, ...]) -> tuple[int, ...]:
+    """Channels from 0 of a list from 1."""
+    text = ",".join(parts)
+    if not all(part.isdecimal() and 1 <= int(part) <= 4096 for part in parts):
+        raise UsageError(f"{option('channels')} {text}: want numbers from 1, with commas")
+    found = tuple(int(part) - 1 for part in parts)
+    if len(set(found)) != len(found):
+        raise UsageError(f"{option('channels')} {text}: names a channel twice")
+    return found
+
+
+def run_listen(request: DoaRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
+    """Listen and write; the summary, and what was lost."""
+    plan = _plan(request)
+    library()  # before anything is read
+    scene = _scene(plan)
+    chosen = _arrays(plan, scene)
+    sounds = {name: open_sound(path) for name, path in chosen.items()}
+    tallies = {name: DoaTally() for name in chosen}
+    channels = {name: Channels() for name in chosen}
+    streams = [_directions(scene, name, sounds[name], plan, tallies[name], channels[name], job) for name in chosen]
+    parameters = {
+        **asdict(plan.config),
+        "sounds": {n: p.name for n, p in chosen.items()},
+        "channels": [c + 1 for c in plan.channels],
+        "start_time": [list(p) for p in plan.start_time],
+    }
+    provenance = job.provenance(parameters)
+    rows = dict.fromkeys(chosen, 0)
+    with job.tables(provenance, scene.length_unit) as tables:
+        for table in heapq.merge(*streams, key=lambda t: (int(t.t_ns[0]), str(t.sensor[0]))):
+            tables.write(output=table)
+            rows[str(table.sensor[0])] += len(table)
+        losses = [loss for sound in sounds.values() for loss in sound.losses]
+        made = replace(provenance, losses=tuple(losses))
+        tables.annotate(job.judged(made, checks(channels, tallies, rows)))
+    seconds = {name: sound.frames / sound.rate for name, sound in sounds.items()}
+    return {
+        "doa": str(request.output),
+        "rows": rows,
+        "seconds": {name: round(s, 3) for name, s in seconds.items()},
+        "frames": {name: t.frames for name, t in tallies.items()},
+        "silent_frames": {name: t.silent for name, t in tallies.items()},
+        "unsure_frames": {name: t.unsure for name, t in tallies.items()},
+    }, losses
+
+
+def _scene(plan: _Plan) -> Scene:
+    scene = load_scene(plan.scene, None, plan.scene) if plan.scene is not None else Scene()
+    more = [a for name, path in plan.arrays for a in read_arrays(path, name)]
+    if more and scene.length_unit != "m":
+        raise UsageError(
+            f"{option('arrays')}: tables are in m, but {plan.scene} in {scene.length_unit}; use one of them"
+        )
+    arrays = (*scene.arrays, *more)
+    if (double := first_double([a.name for a in arrays])) is not None:
+        raise UsageError(f"array {double}: is given twice; keep one")
+    if not arrays:
+        raise UsageError(
+            f"no array whose microphones are known; give {option('scene')} with "
+            f"microphone_arrays, or {option('arrays')}"
+        )
+    return replace(scene, arrays=arrays)
+
+
+def _arrays(plan: _Plan, scene: Scene) -> dict[str, Path]:
+    """The file of each array that has one."""
+    names = [a.name for a in scene.arrays]
+    out: dict[str, Path] = {}
+    for label, path in plan.sounds:
+        if label is None and len(names) > 1:
+            raise UsageError(f"{path}: does not name its array; give ARRAY={path.name} (arrays: {', '.join(names)})")
+        name = names[0] if label is None else match_sensor(label, names, str(path), what="array")
+        if name in out:
+            raise UsageError(f"array {name}: has two files; give each array one")
+        out[name] = path
+    return out
+
+
+def _directions(
+    scene: Scene, name: str, sound: Sound, plan: _Plan, tally: DoaTally, channels: Channels, job: Job
+) -> Iterator[Doa]:
+    """Directions of one array, by world time."""
+    array = next(a for a in scene.arrays if a.name == name)
+    _check_channels(sound, array, plan.channels)
+    text = for_sensor(plan.start_time, name)
+    start = 0 if text is None else parse_time(text)
+    clock = next((c for c in scene.clocks if c.name == array.clock), None)
+    total = frames_of(sound.frames, sound.rate, plan.config)
+    if total == 0:
+        least = frame_size(sound.rate, plan.config)
+        raise InputError(
+            f"{sound.path}: {sound.frames} samples ({sound.frames / sound.rate:.3g} s) are shorter than a frame of "
+            f"{least} ({least / sound.rate:.3g} s), so that no direction can be found; "
+            f"take a shorter {option('frame')} and "
+            f"{option('window')}, or leave the file out"
+        )
+    blocks = channels.watch(_blocks(sound, plan.channels))
+    found = estimate_directions(blocks, sound.rate, array, scene.length_unit, plan.config, start, tally)
+    for table in job.progress(found, f"listen {name}", total):
+        yield table if clock is None else replace(table, t_ns=to_world_time(table.t_ns, clock, start))
+
+
+def _check_channels(sound: Sound, array: MicrophoneArray, channels: tuple[int, ...]) -> None:
+    over = [c + 1 for c in channels if c >= sound.channels]
+    if over:
+        raise UsageError(f"{sound.path}: has {sound.channels} channels, no channel {over[0]} ({option('channels')})")
+    have = len(channels) or sound.channels
+    if have != len(array.microphones):
+        raise InputError(
+            f"{sound.path}: {have} channels, but array {array.name} has {len(array.microphones)} microphones; "
+            f"choose the channels of the microphones with {option('channels')}, or correct `microphones`"
+        )
+
+
+def _blocks(sound: Sound, channels: tuple[int, ...]) -> Iterator[Floats]:
+    for block in sound.blocks():
+        yield np.ascontiguousarray(block[:, list(channels)]) if channels else block

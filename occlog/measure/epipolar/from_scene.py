@@ -1,0 +1,290 @@
+"""Fundamental matrices from the poses of cameras, and from matches of which some are wrong.
+
+Sets of matches that do not tell the matrix are refused: too few, all on a line, on one
+plane, or from one place.  Floors are such planes: a matrix from people's feet is wrong by
+tens of pixels for their heads.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from scipy.special import fdtrc
+
+from occlog.array_types import Bools, Floats
+from occlog.core.geometry.camera import undistort
+from occlog.core.geometry.fundamental import fundamental_from_poses
+from occlog.records.scene import Camera
+
+from .config import EpipolarConfig
+from .fit import (
+    BEST_NOISE_PX,
+    FundamentalMatrixFit,
+    fit_affine,
+    fit_homography,
+    fit_perspective,
+    homography_distances,
+    homography_parallax,
+    sampson,
+)
+
+MIN_MATCHES = 20
+PARALLAX = 3.0
+"""Matches must differ from those of a plane by so many times their noise."""
+OFF_PLANE_NOISE = 4.0
+"""A match this many times the noise away from a plane's is off it."""
+OFF_PLANE = 8
+"""Matches off the plane that most lie on, at least, that have to agree."""
+OFF_PLANE_SHARE = 1 / 3
+"""The same as a share of all matches off that plane."""
+AGREEING = 0.75
+"""So large a share of the least number of matches has to agree."""
+AFFINE_DRAWS = 500
+"""Sets of four matches that the robust affine fit tries."""
+
+
+class FundamentalFit(NamedTuple):
+    """A fundamental matrix estimated from matches; see `occlog.core.geometry.fundamental` for what it maps."""
+
+    matrix: Floats  # (3, 3)
+    inliers: Bools  # (N,) the matches it rests on
+    noise_px: float  # standard deviation of a coordinate of these
+    error_px: float  # expected error of its lines, see `occlog.measure.epipolar.fit.fit_perspective`
+    parallax_px: float  # how far they are from those of a plane
+    affine: bool  # whether parallel rays were enough
+
+
+def ideal_pixels(camera: Camera, pixels: Floats) -> Floats:
+    """(N, 2) where a camera without distortion, otherwise the same, would show recorded pixels (N, 2)."""
+    normalised = (np.asarray(pixels, dtype=np.float64) - camera.principal_px) / camera.focal_px
+    return undistort(normalised, camera.distortion, camera.distortion_model) * camera.focal_px + camera.principal_px
+
+
+def ideal_pixels_anywhere(camera: Camera, pixels: Floats) -> Floats:
+    """(N, 2) the same, where `pixels` may be far outside the image: what the lens does at its border goes on there.
+
+    A lens model says nothing outside the image, and may not even have a solution.
+    """
+    p = np.asarray(pixels, dtype=np.float64)
+    if camera.image_size is None or not np.any(camera.distortion):
+        return ideal_pixels(camera, p)
+    inside = np.clip(p, -0.5, np.array(camera.image_size) - 0.5)
+    return ideal_pixels(camera, inside) + (p - inside)
+
+
+def fundamental_of_cameras(a: Camera, b: Camera) -> Floats:
+    """(3, 3) fundamental matrix, for `ideal_pixels`, of two cameras of a scene.
+
+    Raises:
+        ValueError: a camera's pose is not known, or both are at the same place.
+    """
+    for camera in (a, b):
+        if not camera.placed:
+            raise ValueError(f"camera {camera.name} has no pose; estimate the matrix from matches")
+    try:
+        return fundamental_from_poses(
+            inner_a=_inner(a),
+            rotation_a=a.rotation,
+            centre_a=a.position,
+            inner_b=_inner(b),
+            rotation_b=b.rotation,
+            centre_b=b.position,
+        )
+    except ValueError as error:
+        raise ValueError(f"cameras {a.name} and {b.name}: {error}") from error
+
+
+def _inner(camera: Camera) -> Floats:
+    (fx, fy), (cx, cy) = camera.focal_px, camera.principal_px
+    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+
+def estimate_fundamental(
+    a: Floats,
+    b: Floats,
+    config: EpipolarConfig | None = None,
+    *,
+    min_matches: int = MIN_MATCHES,
+) -> FundamentalFit:
+    """The fundamental matrix of matches, by random sampling (MAGSAC) and least squares over what agrees.
+
+    Args:
+        a: (N, 2) points of view a without distortion [px].
+        b: (N, 2) their matches in view b.
+        config: of it `model`, where `auto` means affine unless perspective fits better than by
+            chance (F test at 1 %); `threshold_px`, the Sampson distance at which a match does not
+            agree at first, which three standard deviations of the noise found replace; and
+            `max_error_px`, the expected error of the lines beyond which a matrix is refused.
+        min_matches: fewer matches that agree are refused.
+
+    Raises:
+        ValueError: the matches are not finite, too few, on a line or a plane, from one place,
+            or do not tell the matrix well enough.
+    """
+    a, b = np.ascontiguousarray(a, dtype=np.float64), np.ascontiguousarray(b, dtype=np.float64)
+    config = config or EpipolarConfig()
+    threshold_px = config.threshold_px
+    if a.shape != b.shape or a.ndim != 2 or a.shape[1] != 2 or not (np.isfinite(a).all() and np.isfinite(b).all()):
+        raise ValueError("matches must be two finite tables of as many points x, y")
+    if len(a) < min_matches:
+        raise ValueError(f"{len(a)} matches, must be at least {min_matches} for a fundamental matrix")
+    # Fit robustly: MAGSAC, then least squares over the inliers; affine by random sampling
+    _not_on_a_line(a, b, threshold_px)
+    fit, inliers, affine = _robust(a, b, config.model, threshold_px)
+    agree = int(inliers.sum())
+    if agree < AGREEING * min_matches:
+        raise ValueError(
+            f"{agree} of {len(a)} matches agree with a fundamental matrix, must be at least {AGREEING * min_matches:g}"
+        )
+    # Refuse degenerate sets: a line, a plane, one place
+    _not_on_a_line(a[inliers], b[inliers], threshold_px)
+    parallax = _not_on_a_plane(a, b, inliers, max(fit.noise_px, BEST_NOISE_PX))
+    if not fit.error_px <= config.max_error_px:
+        raise ValueError(
+            f"the matches leave an expected error of {fit.error_px:.3g} px, must be at most {config.max_error_px:g}; "
+            "add matches, spread in depth and over the images"
+        )
+    return FundamentalFit(
+        matrix=fit.matrix,
+        inliers=inliers,
+        noise_px=fit.noise_px,
+        error_px=fit.error_px,
+        parallax_px=parallax,
+        affine=affine,
+    )
+
+
+def _not_on_a_line(a: Floats, b: Floats, threshold_px: float) -> None:
+    for points, view in ((a, "first"), (b, "second")):
+        across = float(np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1]) / np.sqrt(len(points))
+        if across < threshold_px:
+            raise ValueError(
+                f"the matches lie on a line in the {view} view (spread across it {across:.2g} px, "
+                f"must be at least {threshold_px:g}); add matches beside it"
+            )
+
+
+def _not_on_a_plane(a: Floats, b: Floats, inliers: Bools, noise: float) -> float:
+    """The parallax [px] of the matches that agree; ValueError where it does not stand out.
+
+    All the same plane leaves the matrix two degrees of freedom, which a few wrong matches
+    fix by chance.  So enough matches off the plane have to agree, and enough of those there
+    are.
+    """
+    parallax = homography_parallax(a[inliers], b[inliers])
+    if parallax < PARALLAX * noise:
+        raise ValueError(
+            f"the matches are those of one plane or of cameras at one place: they differ from these by "
+            f"{parallax:.2g} px, with noise of {noise:.2g} px, must be at least {PARALLAX:g} times it; "
+            "add matches off the plane"
+        )
+    off = _off_the_plane(a, b, noise)
+    agree, all_off = int((inliers & off).sum()), int(off.sum())
+    if agree < OFF_PLANE or agree < OFF_PLANE_SHARE * all_off:
+        raise ValueError(
+            f"the matches are those of one plane or of cameras at one place: only {agree} of {all_off} off the plane "
+            f"agree, must be at least {max(OFF_PLANE, math.ceil(OFF_PLANE_SHARE * all_off))}; add matches off the plane"
+        )
+    return parallax
+
+
+def _off_the_plane(a: Floats, b: Floats, noise: float) -> Bools:
+    """(N,) the matches that are not of the plane with most matches (or of the turn of a camera that has most)."""
+    front, behind = (_off_one_plane(a, b, side, noise) for side in (1.0, -1.0))
+    return front if front.sum() <= behind.sum() else behind
+
+
+def _off_one_plane(a: Floats, b: Floats, side: float, noise: float) -> Bools:
+    """The same of planes of which both views see one side (1), or each another (-1): OpenCV finds the first kind."""
+    mirror = np.array([side, 1.0])
+    mapping, _ = cv2.findHomography(a, b * mirror, cv2.USAC_MAGSAC, PARALLAX * noise, maxIters=5_000, confidence=0.9999)
+    off = np.ones(len(a), dtype=np.bool_)
+    if mapping is None:
+        return off
+    again = homography_distances(np.diag([side, 1.0, 1.0]) @ mapping, a, b) > OFF_PLANE_NOISE * noise
+    while again.sum() < off.sum():
+        off = again
+        if len(a) - off.sum() >= OFF_PLANE:
+            again = homography_distances(fit_homography(a[~off], b[~off]), a, b) > OFF_PLANE_NOISE * noise
+    return off
+
+
+def _robust(a: Floats, b: Floats, model: str, threshold_px: float) -> tuple[FundamentalMatrixFit, Bools, bool]:
+    """Best fit over the matches that agree with it, these, and whether it is affine."""
+    candidates: list[tuple[FundamentalMatrixFit, Bools, bool]] = []
+    if model != "affine":
+        found = _magsac(a, b, threshold_px)
+        if found is not None:
+            candidates.append((*_settle(a, b, found, threshold_px, affine=False), False))
+    if model != "perspective":
+        candidates.append((*_settle(a, b, _sampled_affine(a, b, threshold_px), threshold_px, affine=True), True))
+    if not candidates:
+        raise ValueError("no fundamental matrix agrees with the matches; they are wrong, too few or on one plane")
+    if len(candidates) == 1:
+        return candidates[0]
+    return candidates[1] if _affine_will_do(a, b, candidates[0], candidates[1]) else candidates[0]
+
+
+def _affine_will_do(
+    a: Floats,
+    b: Floats,
+    full: tuple[FundamentalMatrixFit, Bools, bool],
+    affine: tuple[FundamentalMatrixFit, Bools, bool],
+) -> bool:
+    """Whether perspective leaves, over the matches that agree with it, no less than chance lets it: 3 more unknowns."""
+    inliers, fit = full[1], full[0]
+    n = int(inliers.sum())
+    if n < MIN_MATCHES or affine[1].sum() < 0.9 * n:
+        return int(affine[1].sum()) > n
+    left = float((fit.residuals**2).sum())
+    more = float((fit_affine(a[inliers], b[inliers]).residuals ** 2).sum()) - left
+    floor = max(left / (n - 7), 1e-6 * BEST_NOISE_PX**2)
+    return bool(fdtrc(3, n - 7, max(more, 0.0) / 3.0 / floor) > 0.01)
+
+
+def _magsac(a: Floats, b: Floats, threshold_px: float) -> Floats | None:
+    """(3, 3) of OpenCV's MAGSAC++, which draws the same sets every time; None where it finds none."""
+    try:
+        matrix, _ = cv2.findFundamentalMat(a, b, cv2.USAC_MAGSAC, threshold_px, 0.9999, 10_000)
+    except cv2.error:
+        return None
+    if matrix is None or matrix.shape != (3, 3) or not np.isfinite(matrix).all() or not matrix.any():
+        return None
+    return np.asarray(matrix, dtype=np.float64)
+
+
+def _sampled_affine(a: Floats, b: Floats, threshold_px: float) -> Floats:
+    """(3, 3) affine matrix of the four matches with which most others agree, the nearer the better."""
+    both = np.hstack([b, a])
+    rng = np.random.default_rng(0)  # the same sets every time
+    sets = both[np.argsort(rng.random((AFFINE_DRAWS, len(both))), axis=1)[:, :4]]
+    normals = np.linalg.svd(sets[:, 1:] - sets[:, :1])[2][:, 3]
+    offsets = -(normals * sets[:, 0]).sum(axis=1)
+    squares = np.minimum((normals @ both.T + offsets[:, None]) ** 2, threshold_px**2)
+    best = int(squares.sum(axis=1).argmin())
+    (p, q, r, s), t = normals[best], offsets[best]
+    return np.array([[0.0, 0.0, p], [0.0, 0.0, q], [r, s, t]])
+
+
+def _settle(
+    a: Floats, b: Floats, matrix: Floats, threshold_px: float, *, affine: bool
+) -> tuple[FundamentalMatrixFit, Bools]:
+    """Least squares over the matches that agree, and these again by the noise found, until they stay the same."""
+    fewest = 5 if affine else 8
+    inliers = np.abs(sampson(matrix, a, b)) <= threshold_px
+    fit = FundamentalMatrixFit(matrix, np.zeros(int(inliers.sum())), np.inf, np.inf)
+    for _ in range(10):
+        if inliers.sum() < fewest:
+            break
+        fit = fit_affine(a[inliers], b[inliers]) if affine else fit_perspective(a[inliers], b[inliers], fit.matrix)
+        residuals = np.abs(sampson(fit.matrix, a, b))
+        count = int(inliers.sum())
+        spread = 1.4826 * float(np.median(residuals[inliers])) * math.sqrt(count / (count - fewest + 1))
+        again = residuals <= min(max(3.0 * spread, 3.0 * BEST_NOISE_PX), 3.0 * threshold_px)
+        if np.array_equal(again, inliers):
+            break
+        inliers = again
+    return fit, inliers

@@ -1,0 +1,348 @@
+"""The global decision about one object at one moment, from the local detections of several cameras ([Lee] Ch. 4).
+
+A camera's detection is a sight line, with a distance where its foot on the floor is known.  The global position
+is the place where the lines that agree meet, or else the mean of the feet, or else the prediction corrected by a
+line.  The decision is Eq. 4.13 with the qualities W (Eq. 4.20) and the prior P_1 (Eqs. 4.23-4.24), which fall with
+the distance to the prediction.  Two things differ from the thesis: distances are measured in the spread sigma
+together with the errors of detection and prediction, and the position is weighted by errors and not by W, because
+cameras measure a direction much better than a distance.
+
+Candidates without a label: bring them together on the ground, and follow their objects from moment to moment.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.geometry.triangulate import NO_SOURCE, TRIANGULATED, SourceDirections, localise, triangulate
+from occlog.core.numerics.assignment import assign
+
+from .config import FuseConfig
+from .kernels import (
+    LocalDirections,
+    MotionEstimate,
+    PositionWithCovariance,
+    ahead,
+    begin,
+    corrected_by_line,
+    corrected_by_place,
+    decision_value,
+    meet,
+    misfit,
+    points,
+)
+from .views import PlacedCameras
+
+CONFIRMATION_STEPS = 2
+"""Moments in which cameras must meet in an object before its prediction counts: any two lines cross somewhere."""
+SAMPLES = 16
+"""Places along a lone sight line at which each camera is asked whether it sees them."""
+
+
+class ObjectMemory(NamedTuple):
+    """State of an object after the moments before."""
+
+    motion: MotionEstimate | None = None
+    absent: int = 0  # moments in a row without a declaration
+    met: int = 0  # moments in which cameras met in it
+
+
+class Decision(NamedTuple):
+    """The decision about one object at one moment."""
+
+    declared: bool
+    value: float  # of Eq. 4.13, natural log
+    place: PositionWithCovariance | None  # global position of a declared object; None: a lone line says no place
+    kept: Bools  # (R,) local detections that stand
+    missed: Ints  # places in `cameras` of the cameras that look, see the place, and have no detection that stands
+    memory: ObjectMemory
+
+    @property
+    def at(self) -> PositionWithCovariance:
+        """The global position of a decision that has one, as every decision with missed cameras has."""
+        if self.place is None:
+            raise ValueError("the decision says no place")
+        return self.place
+
+
+def decide(
+    memory: ObjectMemory, t_ns: int, sight: LocalDirections, looked: Ints, cameras: PlacedCameras, config: FuseConfig
+) -> Decision:
+    """Decide whether an object is there, which detections of it stand, and which cameras missed it.
+
+    Args:
+        memory: of the object.
+        t_ns: the moment, after the memory's.
+        sight: local detections of it, at most one a camera; `sensor` is a place in `cameras`.
+        looked: places in `cameras` of the cameras that delivered a frame, rising.
+        cameras: those with a pose.
+        config: settings in the scene's unit.
+    """
+    # Predict ([Lee] Eq. 4.19); a prediction counts once cameras met in the object often enough.
+    held = None if memory.motion is None else ahead(memory.motion, t_ns, config.acceleration)
+    motion = held if memory.met >= CONFIRMATION_STEPS else None
+    if not len(sight.azimuth):
+        return _nothing(motion, memory, np.zeros(0, dtype=np.bool_), -math.inf, config)
+    sigma2 = config.sigma**2
+    # Gate: detections far from the prediction count as missed.
+    near = np.ones(len(sight.azimuth), dtype=np.bool_)
+    if motion is not None:
+        off = misfit(sight, motion.place, sigma2)
+        near = off <= config.reach**2
+    # Locate: the global position from the detections that agree.
+    group = agreeing(sight, np.flatnonzero(near), motion, cameras, config)
+    if not len(group) and motion is None:
+        return _single_line_updates(sight, looked, cameras, config)
+    place, after = _locate(motion, t_ns, sight.take(group), config)
+    # Weigh: qualities W ([Lee] Eq. 4.20) and prior P_1 (Eqs. 4.23-4.24); 1/2 without a prediction.
+    sees = np.array([bool(cameras.sees(place.xy[None], i)[0]) for i in looked.tolist()])
+    used = near if motion is not None else np.isin(np.arange(len(near)), group)
+    hit = np.isin(looked, sight.sensor[used])
+    quality = np.full(len(looked), 0.5)
+    prior = 0.5
+    if motion is not None:
+        quality[np.searchsorted(looked, sight.sensor)] = np.exp(-0.5 * off)
+        prior = _prior(place, motion.place, sigma2)
+    # Decide ([Lee] Eq. 4.13) over the cameras that detected the object or can see the place.
+    p_miss, p_false = cameras.p_miss[looked], cameras.p_false[looked]
+    value = float(decision_value(hit[None], quality[None], prior, p_miss, p_false, (hit | sees)[None])[0])
+    if not (value > 0.0 and len(group)):
+        return _nothing(motion, memory, np.zeros(len(near), dtype=np.bool_), value, config)
+    # Remove detections off the global position; cameras that see it and have none left missed the object.
+    kept = used & (_across(sight, place) <= config.gate)
+    missed = looked[sees & ~np.isin(looked, sight.sensor[kept])]
+    # Update the motion; an object that was not confirmed before is the same if it is within reach.
+    met = memory.met + (len(group) > 1)
+    if motion is None and held is not None:
+        after, met = _predicted_object(held, after, place, memory, config)
+    return Decision(True, value, place, kept, missed, ObjectMemory(after, 0, met))
+
+
+def agreeing(
+    sight: LocalDirections, rows: Ints, motion: MotionEstimate | None, cameras: PlacedCameras, config: FuseConfig
+) -> Ints:
+    """Which of some detections make the global position; empty if no place follows from them.
+
+    Those whose lines meet in one place; without two that meet, the one nearest to the prediction; without a
+    prediction, one whose distance is known and those that agree with it.
+    """
+    if len(rows) > 1:
+        mine = sight.take(rows)
+        place = _meeting(mine, motion, cameras, config)
+        if place is not None:
+            return rows[_across(mine, place) <= config.gate]
+    if motion is not None and len(rows):
+        return rows[[int(np.argmin(misfit(sight.take(rows), motion.place)))]]
+    known = rows[np.isfinite(sight.distance[rows])]
+    best = known[:0]
+    for xy, cov in zip(*points(sight.take(known)), strict=True):
+        same = known[misfit(sight.take(known), PositionWithCovariance(xy, cov)) <= config.gate**2]
+        best = same if len(same) > len(best) else best
+    return best
+
+
+def _meeting(
+    sight: LocalDirections, motion: MotionEstimate | None, cameras: PlacedCameras, config: FuseConfig
+) -> PositionWithCovariance | None:
+    """Where the most lines meet, of equals the nearest to the prediction; None if no two meet."""
+    crossing = math.radians(config.min_crossing_deg)
+    everything = triangulate(
+        sight.origin, sight.azimuth, sight.sigma, np.array([0, len(sight.azimuth)]), "gauss", crossing
+    )
+    if everything.status[0] == TRIANGULATED:
+        place = PositionWithCovariance(everything.xy[0], everything.covariance[0])
+        if np.sum((everything.residual / sight.sigma) ** 2) <= config.gate**2 + len(sight.azimuth) - 2:
+            return place
+    known = NO_SOURCE if motion is None else motion.mean[None, :2]
+    spread = np.empty((0, 2, 2)) if motion is None else motion.cov[None, :2, :2]
+    lines = SourceDirections(sight.sensor, sight.origin, sight.azimuth, sight.sigma)
+    found = localise(lines, known, spread, cameras.region, config.gate, crossing)
+    if not len(found.xy):
+        return None
+    far = np.zeros(len(found.xy)) if motion is None else np.hypot(*(found.xy - motion.mean[:2]).T)
+    best = int(np.lexsort((far, -found.arrays))[0])
+    return PositionWithCovariance(found.xy[best], found.covariance[best])
+
+
+def _locate(
+    motion: MotionEstimate | None, t_ns: int, sight: LocalDirections, config: FuseConfig
+) -> tuple[PositionWithCovariance, MotionEstimate]:
+    """Global position from the detections that make it, and the motion after it."""
+    place = meet(sight, math.radians(config.min_crossing_deg))
+    if motion is None:
+        if place is None:  # `agreeing` gives lines that meet, or distances
+            raise AssertionError("detections without a place")
+        return place, begin(t_ns, place, config.speed)
+    if place is None:
+        after = corrected_by_line(motion, sight)
+        return after.place, after
+    after = corrected_by_place(motion, place)
+    return (place if len(sight.azimuth) > 1 else after.place), after
+
+
+def _predicted_object(
+    held: MotionEstimate, new: MotionEstimate, place: PositionWithCovariance, memory: ObjectMemory, config: FuseConfig
+) -> tuple[MotionEstimate, int]:
+    """Motion of an object met again that was not confirmed yet, or that of a new one, and how often it was met."""
+    away = place.xy - held.mean[:2]
+    spread = held.place.cov + place.cov + config.sigma**2 * np.eye(2)
+    if away @ np.linalg.solve(spread, away) > config.reach**2:
+        return new, 1
+    return corrected_by_place(held, place), memory.met + 1
+
+
+def _across(sight: LocalDirections, place: PositionWithCovariance) -> Floats:
+    """(R,) standard deviations by which lines miss a place; what is known of distances is not asked."""
+    nothing = np.full(len(sight.azimuth), np.nan)
+    return np.sqrt(misfit(sight._replace(distance=nothing, sigma_distance=nothing), place))
+
+
+def _prior(place: PositionWithCovariance, predicted: PositionWithCovariance, sigma2: float) -> float:
+    """P_1 of [Lee] Eqs. 4.23-4.24, with the prediction's own covariance in the spread."""
+    away = place.xy - predicted.xy
+    spread = predicted.cov + sigma2 * np.eye(2)
+    return float(np.exp(-0.5 * away @ np.linalg.solve(spread, away)))
+
+
+def _nothing(
+    motion: MotionEstimate | None, memory: ObjectMemory, kept: Bools, value: float, config: FuseConfig
+) -> Decision:
+    """No object is declared; a prediction that was not met for long is dropped, a new one at once."""
+    absent = memory.absent + 1
+    after = ObjectMemory() if motion is None or absent >= config.hold else ObjectMemory(motion, absent, memory.met)
+    return Decision(False, value, None, kept, np.zeros(0, dtype=np.int64), after)
+
+
+def _single_line_updates(sight: LocalDirections, looked: Ints, cameras: PlacedCameras, config: FuseConfig) -> Decision:
+    """The decision where no place is known: each line by the cameras that see at least half of it.
+
+    Another camera's detection supports a line where the two come together.
+    """
+    kept = np.zeros(len(sight.azimuth), dtype=np.bool_)
+    values = np.empty(len(kept))
+    for row in range(len(kept)):
+        spots = cameras.along(sight.take(np.array([row])), SAMPLES)
+        off = np.array([misfit(sight, PositionWithCovariance(xy, np.zeros((2, 2)))) for xy in spots])
+        hit = np.isin(looked, sight.sensor[(off <= config.gate**2).any(axis=0) | (np.arange(len(kept)) == row)])
+        sees = np.array([cameras.sees(spots, i).mean() >= 0.5 for i in looked.tolist()])
+        half = np.full((1, len(looked)), 0.5)
+        p_miss, p_false = cameras.p_miss[looked], cameras.p_false[looked]
+        values[row] = decision_value(hit[None], half, 0.5, p_miss, p_false, (hit | sees)[None])[0]
+        kept[row] = values[row] > 0.0
+    return Decision(bool(kept.any()), float(values.max()), None, kept, np.zeros(0, dtype=np.int64), ObjectMemory())
+
+
+class CandidateDecisions(NamedTuple):
+    """Decisions about the candidates of one moment."""
+
+    objects: list[ObjectMemory]  # those that are followed further
+    decisions: list[tuple[Decision, Ints]]  # with the rows of the candidates that each is about
+    nobody: Ints  # rows of candidates of no declared object
+
+
+def fuse_candidates(
+    objects: Sequence[ObjectMemory],
+    t_ns: int,
+    sight: LocalDirections,
+    rows: Ints,
+    looked: Ints,
+    cameras: PlacedCameras,
+    config: FuseConfig,
+) -> CandidateDecisions:
+    """Decisions about the objects known, then about what the other candidates may be of.
+
+    A candidate is of one object at most.
+
+    Args:
+        objects: with a motion each, at earlier moments.
+        t_ns: the moment.
+        sight: of all rows.
+        rows: those of the moment's candidates.
+        looked: cameras that delivered a frame, rising.
+        cameras: those with a pose.
+        config: settings in the scene's unit.
+    """
+    # Decide about known objects with the candidates assigned to each.
+    free = rows
+    followed: list[ObjectMemory] = []
+    decisions: list[tuple[Decision, Ints]] = []
+    for memory, mine in zip(objects, _shared_out(objects, t_ns, sight, rows, config), strict=True):
+        decision = decide(memory, t_ns, sight.take(mine), looked, cameras, config)
+        decisions.append((decision, mine))
+        free = free[~np.isin(free, mine[decision.kept])]
+        if decision.memory.motion is not None:
+            followed.append(decision.memory)
+    # Group the rest, and decide about what each group may be of.
+    for mine in _groups(sight, free, cameras, config):
+        decision = decide(ObjectMemory(), t_ns, sight.take(mine), looked, cameras, config)
+        decisions.append((decision, mine))
+        free = free[~np.isin(free, mine[decision.kept])]
+        if decision.memory.motion is not None:
+            followed.append(decision.memory)
+    return CandidateDecisions(followed, decisions, free)
+
+
+def _shared_out(
+    objects: Sequence[ObjectMemory], t_ns: int, sight: LocalDirections, rows: Ints, config: FuseConfig
+) -> list[Ints]:
+    """Rows of each object: of every camera at most one, within reach of the prediction."""
+    out: list[list[int]] = [[] for _ in objects]
+    if objects and len(rows):
+        mine = sight.take(rows)
+        cost = np.column_stack([_off(memory, t_ns, mine, config) for memory in objects])
+        for camera in np.unique(mine.sensor).tolist():
+            own = np.flatnonzero(mine.sensor == camera)
+            for row, column in zip(*assign(cost[own], config.reach**2), strict=True):
+                out[int(column)].append(int(rows[own[row]]))
+    return [np.array(sorted(r), dtype=np.int64) for r in out]
+
+
+def _off(memory: ObjectMemory, t_ns: int, sight: LocalDirections, config: FuseConfig) -> Floats:
+    if memory.motion is None:  # objects that are followed have one
+        return np.full(len(sight.azimuth), np.inf)
+    place = ahead(memory.motion, t_ns, config.acceleration).place
+    return misfit(sight, place, config.sigma**2)
+
+
+def _groups(sight: LocalDirections, rows: Ints, cameras: PlacedCameras, config: FuseConfig) -> Iterator[Ints]:
+    """Candidates that may be of one object: those that meet, the most first; those with feet in one place; the rest."""
+    left = rows
+    for place in [*_meetings(sight.take(rows), cameras, config), *_standing(sight.take(rows))]:
+        mine = _nearest(sight, left, place, config.gate)
+        if len(mine):
+            left = left[~np.isin(left, mine)]
+            yield mine
+    yield from left[:, None]
+
+
+def _meetings(sight: LocalDirections, cameras: PlacedCameras, config: FuseConfig) -> list[PositionWithCovariance]:
+    if len(np.unique(sight.sensor)) < 2:
+        return []
+    lines = SourceDirections(sight.sensor, sight.origin, sight.azimuth, sight.sigma)
+    crossing = math.radians(config.min_crossing_deg)
+    found = localise(lines, NO_SOURCE, np.empty((0, 2, 2)), cameras.region, config.gate, crossing)
+    order = np.argsort(-found.arrays, kind="stable").tolist()
+    return [PositionWithCovariance(found.xy[i], found.covariance[i]) for i in order]
+
+
+def _standing(sight: LocalDirections) -> list[PositionWithCovariance]:
+    return [
+        PositionWithCovariance(xy, cov)
+        for xy, cov in zip(*points(sight.take(np.isfinite(sight.distance))), strict=True)
+    ]
+
+
+def _nearest(sight: LocalDirections, rows: Ints, place: PositionWithCovariance, gate: float) -> Ints:
+    """Rows near a place, of every camera the nearest."""
+    off = misfit(sight.take(rows), place)
+    out = []
+    for camera in np.unique(sight.sensor[rows]).tolist():
+        own = np.flatnonzero((sight.sensor[rows] == camera) & (off <= gate**2))
+        if len(own):
+            out.append(int(rows[own[np.argmin(off[own])]]))
+    return np.array(sorted(out), dtype=np.int64)

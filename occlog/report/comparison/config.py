@@ -1,0 +1,45 @@
+"""Settings of two runs side by side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from occlog.settings import Settings, setting
+
+
+@dataclass(frozen=True)
+class RunComparisonConfig(Settings):
+    """When two tracks are of one person, and when two runs have parted; lengths in the scene's unit."""
+
+    OWNER: ClassVar[str] = "two runs side by side"
+
+    match_distance: float | None = setting(
+        None,
+        "Match threshold: a track matches a target, or a track of the other run, within this distance.",
+        unit="length",
+        above=0,
+        people=1.0,
+        option="--match-distance",
+        metavar="LENGTH",
+        shown="1 m",
+    )
+    tolerance: float | None = setting(
+        None,
+        "Runs diverge where the positions of a person differ by more than this, or only one run has a track.",
+        unit="length",
+        above=0,
+        people=0.5,
+        option="--tolerance",
+        metavar="LENGTH",
+        shown="0.5 m",
+    )
+    lasting_s: float = setting(
+        1.0,
+        "Track changes of a person that last less than this are counted, but not listed.",
+        unit="s",
+        at_most=1e9,
+        at_least=0,
+        option="--lasting",
+        metavar="SECONDS",
+    )

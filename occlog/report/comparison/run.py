@@ -1,0 +1,231 @@
+"""What `occlog report A B` does: open two runs, lay them beside each other, write the page.
+
+Two runs as they are opened: their names, files, estimates, and the truth of both.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import NamedTuple
+
+from occlog.array_types import NS
+from occlog.console.notes import begin_work
+from occlog.console.text import as_bytes
+from occlog.errors import InputError, UsageError, option
+from occlog.evaluate.compare.run import compare_runs
+from occlog.io.files.limits import Content, content_of
+from occlog.io.files.tables.parquet import describe
+from occlog.io.open import check_unit, open_input
+from occlog.records.tables import Tracks, Truth
+from occlog.report.content.model import ReportInput
+from occlog.report.request import PageRequest, RunComparisonRequest
+from occlog.report.run import read_input, write
+from occlog.runner import Job, JobResult
+from occlog.settings import configure
+
+from .config import RunComparisonConfig
+from .matching.divergences import divergences_of
+from .matching.pairs import align_estimates, common_times, mutual_matches, pairs_of
+from .page import build_markdown, build_page, summary_of
+from .stage import (
+    matched_by_truth,
+    notes_on_recordings,
+    notes_on_scenes,
+    notes_on_time,
+    notes_on_truth,
+    recordings_of,
+    same_room,
+    same_rows,
+)
+from .words import RunComparisonPage, RunSide, TruthComparison, lengths_of
+
+MAX_ROWS = 1_000_000
+"""Estimates of one run that are laid beside another: they are in memory as a whole."""
+
+
+WHOLE = ("tracks", "diagnostics", "occluders")
+"""Tables of which everything is laid beside another run's, or shown at its moments."""
+
+
+class ReportRun(NamedTuple):
+    """One of two runs: its name, the table of its tracks, all of it, and what a report shows of it."""
+
+    name: str
+    file: Path
+    tracks: Tracks
+    data: ReportInput
+
+
+def names_of(a: Path, b: Path) -> tuple[str, str]:
+    """Names of two runs: the ends of their paths, as many parts of them as tell them apart."""
+    ways = []
+    for path in (a, b):
+        whole = Path(os.path.abspath(path))  # noqa: PTH100  # links keep their names
+        ways.append((whole if path.is_dir() else whole.with_suffix("")).parts)
+    for count in range(1, max(map(len, ways)) + 1):
+        names = ["/".join(way[-count:]) for way in ways]
+        if names[0] != names[1]:
+            return names[0], names[1]
+    return ways[0][-1], f"{ways[1][-1]}, again"
+
+
+def files_of(run: Path, shared: PageRequest) -> PageRequest:
+    """The files of a run; UsageError where a recording is named.
+
+    Args:
+        run: a run folder or a table of tracks.
+        shared: what is named besides, of both runs.
+    """
+    found = replace(shared, tracks=run).found
+    if found.tracks is not None and content_of(found.tracks) is Content.RECORDING:
+        raise UsageError(f"{run}: is a recording, not tracks; name run folders or tables of tracks")
+    return found
+
+
+def open_run(name: str, paths: PageRequest) -> ReportRun:
+    """Everything of a run; InputError where it has no estimates, or too many."""
+    file = paths.tracks
+    assert file is not None
+    opened = open_input(file)
+    rows = describe(file)["rows"] if opened.recording is None and opened.foreign is None else 0
+    data = read_input(replace(paths, title=name), whole=WHOLE) if rows <= MAX_ROWS else None
+    tracks = None if data is None else data.tracks
+    if data is None or tracks is None or len(tracks) > MAX_ROWS:
+        raise InputError(
+            f"{file}: holds {rows if tracks is None else len(tracks):,} estimates, of a run {MAX_ROWS:,} at most are "
+            "laid beside another; name runs of a part of the recording, or compare figures alone (occlog compare)"
+        )
+    if not len(tracks):
+        raise InputError(f"{file}: holds no estimates, so that there is nothing to lay beside another run")
+    return ReportRun(name, file, tracks, data)
+
+
+def check_scenes(a: ReportRun, b: ReportRun) -> None:
+    """InputError where two runs are not of one scene."""
+    if a.data.unit != b.data.unit:
+        raise InputError(
+            f"{b.file}: lengths are in {b.data.unit}, those of {a.file} in {a.data.unit}; name two runs of one scene"
+        )
+    if not same_room(a.data.scene, b.data.scene):
+        raise InputError(f"{a.file} and {b.file} are of different scenes; name two runs of one scene")
+
+
+def truth_of(files: Sequence[PageRequest], unit: str) -> tuple[Path, Truth] | None:
+    """The truth of both runs; None: there is none with targets.  InputError where each has another one, or unit."""
+    first: tuple[Path, Truth] | None = None
+    for path in dict.fromkeys(each.truth for each in files if each.truth is not None):
+        opened = open_input(path)
+        if opened.recording is None:
+            check_unit(opened, unit, "the runs", InputError)
+        elif not opened.has(Truth):
+            continue
+        truth = opened.read(Truth)
+        if first is not None and not same_rows(truth, first[1]):
+            raise InputError(
+                f"{path}: is another truth than that of {first[0]}: the runs are of different recordings; name two "
+                "runs of one recording, or give the truth of both"
+            )
+        first = first or (path, truth)
+    return None if first is None or not (first[1].role == "target").any() else first
+
+
+def run_beside(request: RunComparisonRequest, job: Job) -> JobResult:
+    """Read both runs, lay them beside each other, write the page and its words.
+
+    Raises:
+        UsageError: lengths have a unit without defaults, or something is asked for that is of one run.
+        InputError: a run is missing, damaged, too long, or of another scene, truth or time than the other.
+    """
+    if request.output is None:
+        raise UsageError("no output: give -o (the page)")
+    if request.png is not None:
+        raise UsageError(f"{option('png')}: of two runs there is a page alone; leave it out")
+    assert request.tracks is not None
+    files, names = request.runs, names_of(request.tracks, request.other)
+    config = configure(RunComparisonConfig(), request.settings)
+    runs = [open_run(name, each) for name, each in zip(names, files, strict=True)]
+    check_scenes(*runs)
+    near, tolerance = lengths_of(config, runs[0].data.unit)
+    truth = truth_of(files, runs[0].data.unit)
+    begin_work()
+    config = replace(config, match_distance=near, tolerance=tolerance)
+    found = align_runs(runs[0], runs[1], truth, config, request.seed)
+    found = replace(found, title=request.title, provenance=_provenance(request, job, found, config))
+    made = {request.output: as_bytes(build_page(found))}
+    if request.markdown is not None:
+        made[request.markdown] = as_bytes(build_markdown(found))
+    write(made, overwrite=job.overwrite)
+    for whose, loss in found.losses:
+        job.note(f"lost earlier in {whose}: {loss}")
+    for letter, side in found.sides:
+        for stage, check in side.data.findings:
+            job.note(f"{letter}: {check.severity}: {stage}: {check.text}")
+    return JobResult(summary_of(found, request))
+
+
+def align_runs(
+    a: ReportRun, b: ReportRun, truth: tuple[Path, Truth] | None, config: RunComparisonConfig, seed: int
+) -> RunComparisonPage:
+    """Lay two runs beside each other.
+
+    Args:
+        a: run A.
+        b: run B.
+        truth: of both, and its file; None: it is not known.
+        config: with lengths.
+        seed: of the draws of the comparison.
+    """
+    near, tolerance, lasting = config.match_distance, config.tolerance, round(config.lasting_s * NS)
+    assert near is not None
+    assert tolerance is not None
+    times = common_times(a.tracks, b.tracks)
+    sides = [RunSide(run.name, run.data, run.tracks, align_estimates(run.tracks, times)) for run in (a, b)]
+    places = sides[0].laid, sides[1].laid
+    pairs = pairs_of(*places, near)
+    against = None
+    if truth is not None:
+        path, table = truth
+        comparison = compare_runs((a.file, b.file), path, (), (), near, seed)
+        of_a, of_b, switches, errors = matched_by_truth(a.tracks, b.tracks, table, near, a.data.unit, lasting)
+        against = TruthComparison(comparison, of_a, of_b, switches, errors)
+        sides = [replace(side, data=replace(side.data, truth=table)) for side in sides]
+    in_b, in_a = mutual_matches(*places, pairs, times, lasting)
+    return RunComparisonPage(
+        title="",
+        a=sides[0],
+        b=sides[1],
+        near=near,
+        tolerance=tolerance,
+        lasting_s=config.lasting_s,
+        times=times,
+        pairs=pairs,
+        partings=divergences_of(*places, pairs, times, tolerance, (in_b, in_a)),
+        in_b=in_b,
+        in_a=in_a,
+        against_truth=against,
+        same=same_rows(a.tracks, b.tracks),
+        notes=(
+            *notes_on_time(a.tracks, b.tracks, truth=truth is not None),
+            *notes_on_recordings(*(recordings_of(_made(run)) for run in (a, b))),
+            *notes_on_scenes(a.data.scene, b.data.scene),
+            *(() if against is None else notes_on_truth(against.over_time, near, a.data.unit)),
+        ),
+    )
+
+
+def _made(run: ReportRun) -> dict[str, object]:
+    """How each table of a run was made."""
+    made = run.data.provenance.get("made", {})
+    return made if isinstance(made, dict) else {}
+
+
+def _provenance(
+    request: RunComparisonRequest, job: Job, found: RunComparisonPage, config: RunComparisonConfig
+) -> dict[str, object]:
+    """How this page and everything in both runs was made."""
+    own = job.provenance({"title": request.title, **asdict(config)}, seed=request.seed)
+    made = {f"{letter}: {side.name}": side.data.provenance.get("made", {}) for letter, side in found.sides}
+    return {name: value for name, value in own.as_dict().items() if name != "losses"} | {"made": made}

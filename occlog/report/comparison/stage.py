@@ -1,0 +1,139 @@
+"""Two runs laid beside each other: tables in, what the page says out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from occlog.array_types import Ints
+from occlog.core.metrics.mot.clear_mot import match
+from occlog.core.metrics.mot.frame_pairs import of_points
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.mot.config import MultiTargetConfig
+from occlog.evaluate.mot.figures import RULES
+from occlog.evaluate.mot.on_ground import points_in_true_frames, times_of
+from occlog.records.columns import ColumnTable
+from occlog.records.scene import Scene
+from occlog.records.tables import Tracks, Truth
+from occlog.report.content.model import TimeAxis
+
+from .matching.divergences import ErrorsOverTime, Paired, over_time
+from .matching.pairs import EACH_FRAME, MatchedRuns, tracks_by_target
+
+MOVED = 1e-6
+"""Sensors that are farther than this share of a unit of length from where they were stand elsewhere."""
+
+
+def same_rows(a: ColumnTable, b: ColumnTable) -> bool:
+    """Whether two tables have the same values."""
+    if len(a) != len(b):
+        return False
+    columns = ((getattr(a, c.name), getattr(b, c.name)) for c in type(a).columns())
+    return all(np.array_equal(x, y, equal_nan=x.dtype.kind == "f") for x, y in columns)
+
+
+def matched_by_truth(
+    a: Tracks, b: Tracks, truth: Truth, near: float, unit: str, lasting_ns: int
+) -> tuple[MatchedRuns, MatchedRuns, tuple[int, int], ErrorsOverTime]:
+    """What the truth says of both runs, in all true frames.
+
+    Args:
+        a: run A.
+        b: run B.
+        truth: with targets.
+        near: a track meets a target this near.
+        unit: of lengths.
+        lasting_ns: shorter pieces are left out.
+
+    Returns:
+        The tracks of each run that follow each true target, identity switches of each run as CLEAR-MOT counts them,
+        and errors over time.
+    """
+    config, limit = MultiTargetConfig(match_distance=near), EvaluateConfig().limit_ns
+    times: Ints = times_of(a, truth)
+    pairs: list[Paired] = []
+    switches = []
+    for tracks in (a, b):
+        places = points_in_true_frames(tracks, truth, times, config, limit, unit)
+        frames = of_points(places.truth, places.tracks, near)
+        pairs.append((frames, match(frames, EACH_FRAME)))
+        switches.append(int(match(frames, RULES[config.clear_rule]).switch.sum()))
+    of_a, of_b = (tracks_by_target(*each, times, lasting_ns) for each in pairs)
+    return of_a, of_b, (switches[0], switches[1]), over_time(pairs[0], pairs[1], times)
+
+
+def notes_on_time(a: Tracks, b: Tracks, *, truth: bool) -> Iterator[str]:
+    """What one run has before or after the other has anything."""
+    spans = [(int(t.t_ns[0]), int(t.t_ns[-1])) for t in (a, b)]
+    step = max(int(np.median(np.diff(np.unique(t.t_ns)))) if len(t) > 1 else 0 for t in (a, b))
+    start, end = max(s for s, _ in spans), min(e for _, e in spans)
+    parts = []
+    for letter, (own_start, own_end) in zip(("A", "B"), spans, strict=True):
+        if start - own_start > step:
+            parts.append(f"{letter} begins {TimeAxis(own_start, start).told} earlier")
+        if own_end - end > step:
+            parts.append(f"{letter} goes on for {TimeAxis(end, own_end).told} longer")
+    if parts:
+        said = f"{' and '.join(parts)}: the runs are laid beside each other in their common time"
+        more = "; figures are of all true frames, in which a run that is not there misses its people" if truth else ""
+        yield said + more
+
+
+def notes_on_truth(found: ErrorsOverTime, near: float, unit: str) -> Iterator[str]:
+    """Runs that have tracks, none of which is ever on a true target."""
+    for letter, nobody in zip(("A", "B"), found.on_nobody, strict=True):
+        if nobody:
+            yield (
+                f"no track of {letter} is ever within {near:g} {unit} of a true target: is {letter} of the recording "
+                "that the truth is of?"
+            )
+
+
+def recordings_of(made: Mapping[str, object]) -> dict[str, str]:
+    """Names, by SHA-256, of the recordings that tables of a run were made of; empty: they do not say.
+
+    Args:
+        made: provenance of each table, as JSON-ready values.
+    """
+    each = [inputs for one in made.values() if isinstance(one, Mapping) for inputs in one.get("inputs", ())]
+    return {one["sha256"]: one["name"] for one in each if one["name"].endswith(".mcap")}
+
+
+def notes_on_recordings(a: Mapping[str, str], b: Mapping[str, str]) -> Iterator[str]:
+    """Runs of different recordings, of which nothing between them says what the methods do.
+
+    Args:
+        a: names of the recordings of A by SHA-256.
+        b: those of B.
+    """
+    if a and b and not set(a) & set(b):
+        told = (", ".join(f"{name} ({sha[:8]})" for sha, name in sorted(each.items())) for each in (a, b))
+        yield "A was made of {}, B of another recording, {}: differences may be those of the recordings".format(*told)
+
+
+def notes_on_scenes(a: Scene | None, b: Scene | None) -> Iterator[str]:
+    """Sensors that one scene alone has, and those that stand elsewhere."""
+    if a is None or b is None:
+        return
+    own, other = ({s.name: s for s in scene.sensors} for scene in (a, b))
+    for letter, one, two in (("A", own, other), ("B", other, own)):
+        if names := [name for name in one if name not in two]:
+            yield f"{letter} alone has the sensors {', '.join(names)}"
+    moved = [
+        name
+        for name in own
+        if name in other and not np.allclose(own[name].position, other[name].position, atol=MOVED, equal_nan=True)
+    ]
+    if moved:
+        yield f"sensors stand elsewhere in B: {', '.join(moved)}"
+
+
+def same_room(a: Scene | None, b: Scene | None) -> bool:
+    """Whether nothing says that two scenes are of different places: their rooms, or names of sensors without rooms."""
+    if a is None or b is None:
+        return True
+    if a.room is not None and b.room is not None:
+        return a.room.shape == b.room.shape and bool(np.allclose(a.room, b.room, atol=MOVED))
+    names = [{s.name for s in scene.sensors} for scene in (a, b)]
+    return not all(names) or bool(names[0] & names[1])

@@ -1,0 +1,503 @@
+"""Two runs in words: the heading, the sentences below it, and the cells of tables.
+
+What a page of two runs says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Ints
+from occlog.console.text import counted
+from occlog.errors import UsageError
+from occlog.evaluate.compare import text
+from occlog.evaluate.compare.text import ComparisonRow, MetricComparison
+from occlog.records.losses import Loss
+from occlog.records.tables import Tracks
+from occlog.report.content.metrics_in_words import groups, number
+from occlog.report.content.model import ReportInput, TimeAxis
+from occlog.report.page import verdict_heading
+from occlog.settings import METRES
+
+from .config import RunComparisonConfig
+from .matching.divergences import (
+    ONLY_B,
+    ONLY_IN_A,
+    OTHER,
+    TOO_FAR_APART,
+    Divergences,
+    ErrorsOverTime,
+    RunComparisonStep,
+)
+from .matching.pairs import AlignedEstimates, MatchedRuns, Piece, RunPairs, TrackChange, unmatched_changes
+
+
+@dataclass(frozen=True, eq=False)
+class RunSide:
+    """One of two runs.
+
+    Attributes:
+        name: other than that of the other run.
+        data: everything that a report shows of it.
+        tracks: all its estimates.
+        laid: those in the common frames.
+    """
+
+    name: str
+    data: ReportInput
+    tracks: Tracks
+    laid: AlignedEstimates
+
+
+@dataclass(frozen=True, eq=False)
+class TruthComparison:
+    """What the truth says of both.
+
+    Attributes:
+        comparison: figures with their differences, of `occlog compare`.
+        a, b: tracks that follow each true target.
+        switches: identity switches of A and of B, as CLEAR-MOT counts them.
+        over_time: errors.
+    """
+
+    comparison: MetricComparison
+    a: MatchedRuns
+    b: MatchedRuns
+    switches: tuple[int, int]
+    over_time: ErrorsOverTime
+
+
+@dataclass(frozen=True, eq=False)
+class RunComparisonPage:
+    """Two runs side by side.
+
+    Attributes:
+        title: heading of the page.
+        a, b: the runs.
+        near: a track meets a target, or a track of the other run, this near.
+        tolerance: partners that are farther from each other have parted.
+        lasting_s: changes of track that last less are not told.
+        times: (T,) common frames [ns].
+        pairs: of the runs.
+        partings: where they part.
+        in_b, in_a: tracks of B that follow each one of A, and the other way round.
+        against_truth: what the truth says; None: there is none.
+        same: every estimate is the same, to the last digit.
+        notes: what does not fit: spans of time, sensors that stand elsewhere.
+        provenance: how everything was made, as JSON-ready values.
+    """
+
+    title: str
+    a: RunSide
+    b: RunSide
+    near: float
+    tolerance: float
+    lasting_s: float
+    times: Ints
+    pairs: RunPairs
+    partings: Divergences
+    in_b: MatchedRuns
+    in_a: MatchedRuns
+    against_truth: TruthComparison | None
+    same: bool
+    notes: tuple[str, ...] = ()
+    provenance: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def unit(self) -> str:
+        """Unit of lengths."""
+        return self.a.data.unit
+
+    @property
+    def sides(self) -> tuple[tuple[str, RunSide], tuple[str, RunSide]]:
+        """Both, with their letters."""
+        return ("A", self.a), ("B", self.b)
+
+    @property
+    def time(self) -> TimeAxis:
+        """Time since the start of the common frames, or of the truth if that is earlier, to the end of either."""
+        found = [self.times] if self.against_truth is None else [self.times, self.against_truth.over_time.t_ns]
+        found = [times for times in found if len(times)]
+        return TimeAxis(int(min(t[0] for t in found)), int(max(t[-1] for t in found)))
+
+    @property
+    def losses(self) -> tuple[tuple[str, Loss], ...]:
+        """Input that was lost, with the letter of the run; what both lost in the same place stands once."""
+        known: dict[Loss, str] = {}
+        for letter, side in self.sides:
+            for loss in side.data.losses:
+                known[loss] = "both" if known.get(loss, letter) != letter else letter
+        return tuple((whose, loss) for loss, whose in known.items())
+
+
+def lengths_of(config: RunComparisonConfig, unit: str) -> tuple[float, float]:
+    """How near tracks meet, and the tolerance, in a scene's unit; UsageError where neither they nor defaults are known.
+
+    Args:
+        config: as given, in the scene's unit; None for a default.
+        unit: of lengths.
+    """
+    if unit in METRES:
+        usual = RunComparisonConfig.in_unit(unit)
+        near, tolerance = usual.match_distance, usual.tolerance
+    else:
+        near, tolerance = None, None
+    near = near if config.match_distance is None else config.match_distance
+    tolerance = tolerance if config.tolerance is None else config.tolerance
+    if near is None or tolerance is None:
+        raise UsageError(
+            f"lengths are in {unit!r}: give match_distance, how near a track is that meets another, and tolerance"
+        )
+    return near, tolerance
+
+
+NAMES = {"idf1": "IDF1", "hota": "HOTA", "mota": "MOTA", "pairs_rmse": "RMSE of pairs"}
+"""Figures whose names are not words; see `occlog.core.metrics.mot.frame_sums`."""
+MEANINGS = {
+    "idf1": "how long each person is followed by one track",
+    "hota": "finding and following, over many limits of distance",
+    "mota": "1 less misses, false tracks and exchanges, of all true people",
+    "recall": "true people that are found",
+    "precision": "tracks that are on somebody",
+    "pairs_rmse": "distance from the truth of those that are found",
+}
+KINDS = {
+    TOO_FAR_APART: "partners too far apart",
+    ONLY_IN_A: "A alone has somebody",
+    ONLY_B: "B alone has somebody",
+    OTHER: "another partner",
+}
+MAX_ROWS = 50
+"""People and changes that are told; how many more there are is said."""
+MAX_PIECES = 8
+"""Pieces of one person in a cell."""
+
+
+class FigureRow(NamedTuple):
+    """A figure of both runs, as text."""
+
+    name: str
+    meaning: str
+    a: str
+    b: str
+    difference: str
+    interval: str
+    p: str
+    verdict: str
+
+
+class DivergenceRow(NamedTuple):
+    """One way in which the runs part."""
+
+    what: str
+    seconds: float | None
+    who: str
+    distance: str
+    often: str
+
+
+class Cell(NamedTuple):
+    """A track and when it follows somebody; `seconds` is where it begins, None for what is left out."""
+
+    text: str
+    seconds: float | None
+
+
+class IdentityRow(NamedTuple):
+    """A person, and the tracks of both runs that follow them."""
+
+    who: str
+    a: list[Cell]
+    b: list[Cell]
+
+
+class ChangeRow(NamedTuple):
+    """A change of track."""
+
+    seconds: float
+    run: str
+    who: str
+    before: str
+    after: str
+    other: str
+
+
+def seconds(found: RunComparisonPage, t_ns: int) -> float:
+    """Time since the page's start."""
+    return round((t_ns - found.time.start_ns) / NS, 6)
+
+
+def format_time(found: RunComparisonPage, t_ns: int) -> str:
+    """The same as it is told."""
+    return f"{seconds(found, t_ns):.2f} s"
+
+
+# ---- the heading and what is below it
+
+
+def comparison_heading(found: RunComparisonPage) -> str:
+    """Whether the runs differ, in a line."""
+    if found.same:
+        return "The two runs are the same"
+    if found.against_truth is not None:
+        return _of_verdicts(found.against_truth.comparison.rows)
+    first = found.partings.first
+    return "They do not part" if first is None else f"They part at {format_time(found, first[1].t_ns)}"
+
+
+def _of_verdicts(rows: Sequence[ComparisonRow]) -> str:
+    """What figures show, in a line."""
+    decided = [f"{v} in {names}" for v in ("better", "worse") if (names := _names(r for r in rows if r.verdict == v))]
+    if decided:
+        return f"B is {' and '.join(decided)}"
+    open_ones = sum(row.verdict == "not decided" for row in rows)
+    if open_ones == len(rows):
+        return "Whether they differ in accuracy is not decided"
+    return f"No difference {'is shown in what can be decided' if open_ones else 'in accuracy is shown'}"
+
+
+def _names(rows: Iterable[ComparisonRow]) -> str:
+    return listed([NAMES.get(row.figure, row.figure) for row in rows])
+
+
+def listed(names: Sequence[str]) -> str:
+    """`a`, `a and b`, `a, b and c`."""
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+def sentences(found: RunComparisonPage) -> list[str]:
+    """What is below the heading, each one sentence or two."""
+    out = []
+    if found.same:
+        out.append("Every estimate of one is an estimate of the other, to the last digit.")
+    if found.against_truth is None:
+        out.append("Which one is better only the truth can say: give it, as a recording or a table of true positions.")
+    else:
+        out += _of_figures(found)
+    out.append(first_divergence(found))
+    out.append(of_identities(found))
+    return [*out, *(_sentence(note) for note in found.notes)]
+
+
+def _sentence(note: str) -> str:
+    return f"{note[:1].upper()}{note[1:]}{'' if note.endswith('?') else '.'}"
+
+
+def _of_figures(found: RunComparisonPage) -> list[str]:
+    assert found.against_truth is not None
+    comparison, out = found.against_truth.comparison, []
+    for row, cells in zip(comparison.rows, text.rows_of(comparison, 1), strict=True):
+        if row.verdict in ("better", "worse"):
+            out.append(
+                f"{NAMES.get(row.figure, row.figure)}: B has {cells[2]}, A {cells[1]}: {row.verdict} by "
+                f"{cells[3].lstrip('+-')} (95 % interval of the difference {cells[4]}, p {cells[5]})."
+            )
+    rest = [
+        (verdict, names)
+        for verdict in ("no difference shown", "not decided")
+        if (names := _names(row for row in comparison.rows if row.verdict == verdict))
+    ]
+    out += [f"{verdict.capitalize()}: {names}." for verdict, names in rest]
+    return out
+
+
+def first_divergence(found: RunComparisonPage) -> str:
+    """Where the runs first part, or that they do not."""
+    first, measure = found.partings.first, f"{number(found.tolerance)} {found.unit}"
+    if first is None:
+        return (
+            f"In {counted(found.partings.frames, 'common frame')} both have the same number of people at the same "
+            f"places: no partners are farther than {measure} from each other."
+        )
+    kind, moment = first
+    share = f"{found.partings.parted} of {counted(found.partings.frames, 'frame')}"
+    return (
+        f"They first part at {format_time(found, moment.t_ns)}: {_told(found, kind, moment)}. They are apart in "
+        f"{share}: one "
+        f"has somebody whom the other has not, or partners are farther than {measure} from each other."
+    )
+
+
+def _told(found: RunComparisonPage, kind: str, moment: RunComparisonStep) -> str:
+    away = f"{number(float(f'{moment.distance:.3g}'))} {found.unit}"
+    if kind == TOO_FAR_APART:
+        return f"track {moment.a} of A is {away} from track {moment.b} of B"
+    if kind == OTHER:
+        return f"from here on track {moment.b} of B goes with track {moment.a} of A, which had another partner before"
+    letter, other, track = ("A", "B", moment.a) if kind == ONLY_IN_A else ("B", "A", moment.b)
+    nobody = not np.isfinite(moment.distance)
+    where = f"{other} has nobody" if nobody else f"the nearest of {other} is {away} away"
+    return f"track {track} of {letter} has no partner within {number(found.near)} {found.unit}; {where}"
+
+
+def of_identities(found: RunComparisonPage) -> str:
+    """How many became another one."""
+    truth = found.against_truth
+    if truth is not None:
+        a, b = len(truth.a.changes), len(truth.b.changes)
+        own = [len(unmatched_changes(x, y, lasting_ns(found))) for x, y in ((truth.a, truth.b), (truth.b, truth.a))]
+        said = (
+            f"Another track goes on with a person {counted(a, 'time')} in A and {counted(b, 'time')} in B; {own[0]} of "
+            f"A and {own[1]} of B the other run does not have"
+            if a or b
+            else "In neither run another track goes on with a person"
+        )
+        switches = counted(truth.switches[0], "identity switch", "identity switches")
+        return f"{said}. CLEAR-MOT counts {switches} in A and {truth.switches[1]} in B."
+    changed = _changed(found.in_b) + _changed(found.in_a)
+    if not changed:
+        return "Nobody has another partner later on."
+    return (
+        f"{counted(_changed(found.in_b), 'track')} of A and {counted(_changed(found.in_a), 'track')} of B "
+        "have another partner later on: there one of the runs has taken somebody for somebody else, or lost and found."
+    )
+
+
+def followed(found: RunComparisonPage) -> tuple[MatchedRuns, MatchedRuns]:
+    """Tracks of A and of B that follow true targets, or without a truth those of the other run."""
+    truth = found.against_truth
+    return (found.in_a, found.in_b) if truth is None else (truth.a, truth.b)
+
+
+def _changed(followed: MatchedRuns) -> int:
+    return len({change.who for change in followed.changes})
+
+
+def lasting_ns(found: RunComparisonPage) -> int:
+    """What lasts less is not told."""
+    return round(found.lasting_s * NS)
+
+
+def verdict_words(side: RunSide) -> tuple[str, bool]:
+    """Whether something speaks against a run, in a line; whether it may be believed."""
+    return verdict_heading(side.data.verdicts), side.data.plausible is not False
+
+
+# ---- tables
+
+
+def figure_rows(found: RunComparisonPage) -> list[FigureRow]:
+    """Figures with their differences."""
+    if found.against_truth is None:
+        return []
+    comparison, out = found.against_truth.comparison, []
+    for row, (_, a, b, difference, interval, p, verdict) in zip(
+        comparison.rows, text.rows_of(comparison, 1), strict=True
+    ):
+        unit = f" [{found.unit}]" if row.figure == "pairs_rmse" else ""
+        said = f"B {verdict}" if verdict in ("better", "worse") else verdict
+        name, meaning = NAMES.get(row.figure, row.figure) + unit, MEANINGS.get(row.figure, "")
+        out.append(FigureRow(name, meaning, a, b, difference, interval, p, said))
+    return out
+
+
+def basis_sentence(found: RunComparisonPage) -> str:
+    """What figures rest on."""
+    if found.against_truth is None:
+        return ""
+    return text.basis(found.against_truth.comparison)
+
+
+def stored_metrics(found: RunComparisonPage) -> list[tuple[str, str, str, str]]:
+    """Figures that `evaluate` left in the folders of both runs: name, A, B, unit."""
+    values = [_values(side, found.unit) for _, side in found.sides]
+    if not all(values):
+        return []
+    keys = dict.fromkeys([*values[0], *values[1]])
+    return [(f"{key[0]}: {key[1]}", values[0].get(key, "–"), values[1].get(key, "–"), key[2]) for key in keys]
+
+
+def _values(side: RunSide, unit: str) -> dict[tuple[str, str, str], str]:
+    """Figures of a run that have words, by their group, name and unit."""
+    known = [group for group in groups(side.data.metrics, unit) if group.title != "Other figures"]
+    return {(group.title, f.name, f.unit): f.value for group in known for f in group.figures}
+
+
+def parting_rows(found: RunComparisonPage) -> list[DivergenceRow]:
+    """Each way of parting, what is farthest apart, and the longest stretches."""
+    out = []
+    for kind in found.partings.kinds:
+        often = f"{kind.frames} of {counted(found.partings.frames, 'frame')}" if kind.frames else "never"
+        often = counted(kind.rows, "change") if kind.rows and kind.name == OTHER else often
+        out.append(_row(found, f"first: {KINDS[kind.name]}", kind.first, often))
+    if found.partings.farthest is not None:
+        out.append(_row(found, "farthest partners", found.partings.farthest, ""))
+    for stretch in found.partings.stretches:
+        length = f"{format_time(found, stretch.start_ns)} to {format_time(found, stretch.end_ns)}"
+        at_start = stretch.worst._replace(t_ns=stretch.start_ns)
+        out.append(_row(found, f"apart from {length}", at_start, ""))
+    return out
+
+
+def _row(found: RunComparisonPage, what: str, moment: RunComparisonStep | None, often: str) -> DivergenceRow:
+    if moment is None:
+        return DivergenceRow(what, None, "", "", often)
+    who = " · ".join(f"{letter} {k}" for letter, k in (("A", moment.a), ("B", moment.b)) if k is not None)
+    away = "nobody else" if np.isnan(moment.distance) else f"{number(float(f'{moment.distance:.3g}'))} {found.unit}"
+    return DivergenceRow(what, seconds(found, moment.t_ns), who, away, often)
+
+
+def identity_rows(found: RunComparisonPage) -> tuple[list[IdentityRow], int]:
+    """Who follows whom, those first of whom tracks differ; how many more there are."""
+    rows = []
+    truth = found.against_truth
+    if truth is not None:
+        for who in sorted({piece.who for piece in (*truth.a.pieces, *truth.b.pieces)}):
+            rows.append((f"person {who}", truth.a.of(who), truth.b.of(who)))
+    else:
+        rows += [(f"A {who}", (), found.in_b.of(who)) for who in _own(found.in_b)]
+        rows += [(f"B {who}", found.in_a.of(who), ()) for who in _own(found.in_a) if _several(found.in_a.of(who))]
+    rows.sort(key=lambda row: -max(_several(row[1]), _several(row[2])))
+    cells = [IdentityRow(who, _cells(found, a), _cells(found, b)) for who, a, b in rows[:MAX_ROWS]]
+    return cells, max(len(rows) - MAX_ROWS, 0)
+
+
+def _own(followed: MatchedRuns) -> list[int]:
+    return sorted({piece.who for piece in followed.pieces})
+
+
+def _several(pieces: Sequence[Piece]) -> int:
+    """How many tracks follow somebody beside the first."""
+    return max(len({piece.track for piece in pieces}) - 1, 0)
+
+
+def _cells(found: RunComparisonPage, pieces: Sequence[Piece]) -> list[Cell]:
+    out = [
+        Cell(
+            f"{p.track} ({seconds(found, p.start_ns):.2f} to {seconds(found, p.end_ns):.2f} s)",
+            seconds(found, p.start_ns),
+        )
+        for p in pieces[:MAX_PIECES]
+    ]
+    return [*out, Cell(f"and {len(pieces) - MAX_PIECES} more", None)] if len(pieces) > MAX_PIECES else out
+
+
+def change_rows(found: RunComparisonPage) -> tuple[list[ChangeRow], int]:
+    """Every change of track in the order of time, as many as are told; how many more there are."""
+    truth, rows = found.against_truth, list[tuple[int, ChangeRow]]()
+    if truth is not None:
+        for letter, own, other in (("A", truth.a, truth.b), ("B", truth.b, truth.a)):
+            alone = set(unmatched_changes(own, other, lasting_ns(found)))
+            rows += [(c.t_ns, _change(found, letter, f"person {c.who}", c, c in alone)) for c in own.changes]
+    else:
+        rows += [(c.t_ns, _change(found, "B", f"A {c.who}", c, None)) for c in found.in_b.changes]
+        rows += [(c.t_ns, _change(found, "A", f"B {c.who}", c, None)) for c in found.in_a.changes]
+    rows.sort(key=lambda row: row[0])
+    return [row for _, row in rows[:MAX_ROWS]], max(len(rows) - MAX_ROWS, 0)
+
+
+def _change(found: RunComparisonPage, run: str, who: str, change: TrackChange, alone: bool | None) -> ChangeRow:
+    other = {None: "", True: "does not", False: "does, too"}[alone]
+    return ChangeRow(seconds(found, change.t_ns), run, who, f"{run} {change.before}", f"{run} {change.after}", other)
+
+
+def consequence_of_change(found: RunComparisonPage) -> list[int]:
+    """Times [ns] of common frames that the page leads to: a moment of the replay is there for each."""
+    moments = [kind.first.t_ns for kind in found.partings.kinds if kind.first is not None]
+    moments += [found.partings.farthest.t_ns] if found.partings.farthest is not None else []
+    moments += [stretch.start_ns for stretch in found.partings.stretches]
+    return moments + [c.t_ns for each in followed(found) for c in each.changes[:MAX_ROWS]]

@@ -1,0 +1,350 @@
+"""Which moments of a run can be shown, and what was at each of them.
+
+The rule: of the times of the tracks (of the truth, where there are none) every k-th is kept, with the smallest k by
+which not more than `MOST_SHOWN` estimates and as many true places are left; where a part of a table is drawn, that
+part is chosen with these times (`chosen`).  Sight lines are those of the latest look
+of each sensor since the time before; where more than `MAX_OBSERVATIONS` would be left, those of every j-th kept
+moment, with the smallest such j.
+
+Columns of numbers as text that is short and that a script turns back into arrays.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.core.metrics.errors import CHI2_95_2D
+from occlog.records.tables import Bearings, Errors, Hulls, Occluders, PeopleTracks, Tracks, Truth
+from occlog.report.content.downsampled import MAX_MOVING, TableTotals, rows_before
+from occlog.report.content.model import ReportInput
+
+KINDS = {"f8": "<f8", "u4": "<u4", "u2": "<u2", "i2": "<i2", "u1": "u1", "i1": "i1"}
+"""Kinds of numbers by their names in the script."""
+MAX_INT16, MAX_UINT16 = 32767, 65535
+MISSING = MAX_UINT16
+"""Stands for what is not known, or not named."""
+SMALL = {"u4": "u2", "u2": "u1", "i2": "i1"}
+"""Kinds of half the size."""
+Packed = list[Any]
+"""Kind and the values as little-endian bytes in base64; or `=`, how many they are and the value of all of them."""
+
+
+def packed(kind: str, values: ArrayLike) -> Packed:
+    """Numbers as the smallest kind like `kind` that holds them, which `kind` must do."""
+    array = np.asarray(values)
+    fitted = array.astype(KINDS[kind])
+    if kind != "f8" and not np.array_equal(fitted, array):
+        raise ValueError(f"values do not fit {kind}")
+    if len(array) > 1 and (fitted == fitted[0]).all():
+        return ["=", len(fitted), fitted[0].item()]
+    while kind in SMALL and np.array_equal(array.astype(KINDS[SMALL[kind]]), array):
+        kind = SMALL[kind]
+    return [kind, base64.b64encode(array.astype(KINDS[kind]).tobytes()).decode("ascii")]
+
+
+def placed(values: Floats, middle: float, step: float) -> Ints:
+    """(N,) places as whole steps from the middle of the plan, cut off where 16 bits end."""
+    steps = np.round((values - middle) / step)
+    return np.asarray(np.clip(steps, -MAX_INT16, MAX_INT16).astype(np.int64))
+
+
+def starts(moment: Ints, moments: int) -> Packed:
+    """First row of each moment and the end, of rows in the order of their moments."""
+    return packed("u4", np.searchsorted(moment, np.arange(moments + 1)))
+
+
+class Words:
+    """Texts that repeat, each once."""
+
+    def __init__(self) -> None:
+        """None yet."""
+        self._numbers: dict[str | None, int] = {}
+
+    def numbers(self, texts: Iterable[Any], known: Bools | None = None) -> Ints:
+        """(N,) number of each text; of those that are not known that of None."""
+        out = [
+            self._numbers.setdefault(None if known is not None and not known[k] else str(text), len(self._numbers))
+            for k, text in enumerate(texts)
+        ]
+        return np.array(out, dtype=np.int64)
+
+    @property
+    def all(self) -> list[str | None]:
+        """The texts, by their numbers; one at least."""
+        return list(self._numbers) or [""]
+
+
+Texts = np.ndarray[Any, Any]
+MAX_OBSERVATIONS = 30_000
+MAX_PRIORS = 20_000
+CORNERS = 12
+"""Of a Gaussian prior that is drawn."""
+TRUE_FROM = 40_000
+"""Numbers of true targets that are not tracked by their own identity begin here."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReplaySteps:
+    """What is shown of a run.
+
+    Attributes:
+        data: the run.
+        limits: (2, 2) lower and upper corner of the plan.
+    """
+
+    data: ReportInput
+    limits: Floats
+
+    @property
+    def _leading(self) -> TableTotals | None:
+        """What is known of the table that says the moments: the tracks, or the truth without them."""
+        return self.data.whole.get("truth" if self.data.tracks is None else "tracks")
+
+    @property
+    def count(self) -> int:
+        """How many times there are, those that are not drawn, too."""
+        return 0 if self._leading is None else self._leading.times
+
+    @property
+    def every(self) -> int:
+        """Each so manieth time is kept."""
+        return self.data.figures.every
+
+    @cached_property
+    def kept(self) -> Ints:
+        """(M,) the times that are kept."""
+        return self.data.figures.moments
+
+    @property
+    def period_ns(self) -> float:
+        """The usual time between two times."""
+        return float(NS) if self._leading is None else self._leading.step_ns
+
+    @cached_property
+    def step(self) -> float:
+        """Length of a step of places: 16 bits reach from the middle of the plan to twice its size."""
+        return float((self.limits[1] - self.limits[0]).max()) * 2.0 / MAX_UINT16
+
+    @cached_property
+    def same(self) -> bool:
+        """Whether the identities of tracks are those of the truth."""
+        return self.data.same_names
+
+    @property
+    def pairs(self) -> dict[int, int]:
+        """By the identity of a true target that of its track, as the errors say; empty: they do not, or not for all."""
+        found = {target: track for target, track in self.data.followers.items() if track is not None}
+        return found if not self.same and len(set(found.values())) == len(self.data.followers) else {}
+
+    @cached_property
+    def seconds(self) -> Floats:
+        """(M,) seconds since the report's start."""
+        return np.asarray((self.kept - self.data.time.start_ns) / NS)
+
+    def at(self, t_ns: Ints) -> tuple[Ints, Ints]:
+        """Rows at times that are kept, and the moment of each."""
+        moment = np.searchsorted(self.kept, t_ns)
+        inside = np.minimum(moment, len(self.kept) - 1)
+        rows = np.flatnonzero((moment < len(self.kept)) & (self.kept[inside] == t_ns))
+        return rows, moment[rows]
+
+    def place(self, table: Tracks | Truth | Hulls, rows: Ints) -> dict[str, Packed]:
+        """Places of rows."""
+        middle = self.limits.mean(axis=0)
+        xs, ys = (np.where(np.isfinite(v[rows]), v[rows], np.inf) for v in (table.x, table.y))
+        return {
+            "x": packed("i2", placed(xs, float(middle[0]), self.step)),
+            "y": packed("i2", placed(ys, float(middle[1]), self.step)),
+        }
+
+    @cached_property
+    def _truth(self) -> Truth | None:
+        """True places of targets, and of others where there are few; those that errors tell where nothing else does."""
+        truth = _of_errors(self.data.errors) if self.data.truth is None else self.data.truth
+        if truth is None or not len(truth):
+            return None
+        others = truth.role != "target"
+        few = len(np.unique(truth.target_id[others])) <= MAX_MOVING
+        return truth if few else truth.take(~others)
+
+    def tracks(self, seen: Words, doubts: Words, size: float, sigma: float) -> dict[str, Packed]:
+        """Estimates of each moment.
+
+        Args:
+            seen: takes who saw each.
+            doubts: takes why each is not to be believed.
+            size: step of widths and heights.
+            sigma: step of standard deviations.
+        """
+        tracks = self.data.tracks
+        if tracks is None:
+            return {}
+        rows, moment = self.at(tracks.t_ns)
+        people = tracks if isinstance(tracks, PeopleTracks) else None
+        names, known, doubt = self._said(tracks, rows)
+        sx, sy = np.sqrt(np.maximum(tracks.cov_xx[rows], 0)), np.sqrt(np.maximum(tracks.cov_yy[rows], 0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rho = np.nan_to_num(tracks.cov_xy[rows] / (sx * sy))
+        nothing = np.full(len(rows), np.nan)
+        existence = nothing if people is None else people.existence[rows]
+        return {
+            "first": starts(moment, len(self.kept)),
+            "target": packed("u2", np.searchsorted(self.data.targets, tracks.target_id[rows])),
+            **self.place(tracks, rows),
+            "sx": packed("u2", _steps(sx, sigma, MISSING)),
+            "sy": packed("u2", _steps(sy, sigma, MISSING)),
+            "rho": packed("i1", np.round(127 * np.clip(rho, -1, 1))),
+            "existence": packed("u1", np.where(np.isnan(existence), 255, np.round(254 * np.nan_to_num(existence)))),
+            "seen": packed("u2", np.minimum(seen.numbers(names, known), MISSING)),
+            "doubt": packed("u2", np.minimum(doubts.numbers(doubt), MISSING)),
+            "width": packed("u1", _steps(nothing if people is None else people.width[rows], size, 0, 255)),
+            "height": packed("u1", _steps(nothing if people is None else people.height[rows], size, 0, 255)),
+        }
+
+    def _said(self, tracks: Tracks, rows: Ints) -> tuple[Texts, Bools, Texts]:
+        """Who saw each row's target, whether that is known, and what is doubtful, as the tracks or the filter say."""
+        if self.data.everybody is not None:
+            people = self.data.everybody
+            return people.seen_by[rows], np.isfinite(people.existence[rows]), people.doubt[rows]
+        count, diagnostics = len(rows), self.data.diagnostics
+        names, known, doubt = np.full(count, "", object), np.zeros(count, np.bool_), np.full(count, "", object)
+        if isinstance(tracks, PeopleTracks):
+            doubt = tracks.doubt[rows].astype(object)
+        if diagnostics is not None and len(diagnostics):
+            diagnostics = diagnostics.take(np.isin(diagnostics.t_ns, tracks.t_ns[rows]))
+            mine = list(zip(tracks.t_ns[rows].tolist(), tracks.target_id[rows].tolist(), strict=True))
+            its = {
+                key: k
+                for k, key in enumerate(zip(diagnostics.t_ns.tolist(), diagnostics.target_id.tolist(), strict=True))
+            }
+            at = np.array([its.get(key, -1) for key in mine], dtype=np.int64)
+            there = at >= 0
+            names[there] = diagnostics.seen_by[at[there]]
+            # Some methods do not say which sensors saw the target
+            known[there] = (diagnostics.seen_by[at[there]] != "") | (diagnostics.n_seen[at[there]] == 0)
+            said = np.where(diagnostics.doubt != "", diagnostics.doubt, diagnostics.fallback)[at[there]]
+            doubt[there] = np.where(doubt[there] == "", said, doubt[there])
+        return names, known, doubt
+
+    def truth(self) -> dict[str, Packed]:
+        """True places of each moment."""
+        truth = self._truth
+        if truth is None:
+            return {}
+        who = truth.target_id.astype(np.int64) * 2 + (truth.role == "target")
+        rows, moment = self._latest(truth.t_ns, np.unique(who, return_inverse=True)[1])
+        true = truth.role[rows] == "target"
+        names, number = np.unique(truth.target_id[rows], return_inverse=True)
+        number = number + TRUE_FROM
+        if self.same:
+            tracked = np.isin(names, self.data.targets)[number - TRUE_FROM]
+            number = np.where(tracked, np.searchsorted(self.data.targets, truth.target_id[rows]), number)
+        elif pairs := self.pairs:
+            its = np.array([pairs.get(name, -1) for name in names.tolist()], dtype=np.int64)[number - TRUE_FROM]
+            number = np.where(true & (its >= 0), np.searchsorted(self.data.targets, its), number)
+        target = np.where(true, np.minimum(number, MISSING - 1), MISSING)
+        return {"first": starts(moment, len(self.kept)), "target": packed("u2", target), **self.place(truth, rows)}
+
+    def sight(self, sensors: list[str]) -> tuple[dict[str, Packed], int]:
+        """Directions in which sensors saw something at each moment, and every how manieth moment has them."""
+        bearings = self.data.bearings
+        if bearings is None or not len(bearings) or not len(self.kept):
+            return {}, 1
+        rows, moment, number = self._looks(bearings, sensors)
+        every = max(-(-len(rows) // MAX_OBSERVATIONS), 1) * self.data.figures.sight_every
+        some = moment % every == 0
+        rows, moment, number = rows[some], moment[some], number[some]
+        targets = np.array(self.data.targets, dtype=np.int64)
+        own = np.searchsorted(targets, bearings.target_id[rows])
+        known = np.isin(bearings.target_id[rows], targets) & self.same
+        turns = np.round(bearings.bearing[rows] / (2 * np.pi) * (MAX_UINT16 + 1)).astype(np.int64) % (MAX_UINT16 + 1)
+        table = {
+            "first": starts(moment, len(self.kept)),
+            "sensor": packed("u2", number),
+            "target": packed("u2", np.where(known, own, MISSING)),
+            "angle": packed("u2", turns),
+        }
+        return table, every
+
+    def _looks(self, bearings: Bearings, sensors: list[str]) -> tuple[Ints, Ints, Ints]:
+        """Rows that saw something, of each sensor's latest look before each moment; their moments and sensors."""
+        names, which = np.unique(bearings.sensor, return_inverse=True)
+        place = {name: k for k, name in enumerate(sensors)}
+        number = np.array([place.get(str(name), -1) for name in names], dtype=np.int64)[which]
+        own = np.flatnonzero(number >= 0)
+        rows, moment = self._latest(bearings.t_ns[own], number[own])
+        rows = own[rows]
+        seen = bearings.seen[rows]
+        return rows[seen], moment[seen], number[rows[seen]]
+
+    def _latest(self, t_ns: Ints, who: Ints) -> tuple[Ints, Ints]:
+        """Rows of each one's latest time since the time before a moment that is kept, and their moments, ascending.
+
+        Args:
+            t_ns: (N,) times.
+            who: (N,) numbers >= 0.
+        """
+        rows, moment = rows_before(self.kept, self.period_ns, t_ns)
+        groups, group = np.unique(moment * (int(who.max(initial=0)) + 1) + who[rows], return_inverse=True)
+        latest = np.full(len(groups), np.iinfo(np.int64).min)
+        np.maximum.at(latest, group, t_ns[rows])
+        last = t_ns[rows] == latest[group]
+        rows, moment = rows[last], moment[last]
+        order = np.argsort(moment, kind="stable")
+        return rows[order], moment[order]
+
+    def priors(self) -> tuple[dict[str, Packed], int]:
+        """Where moving occluders were thought to be at each moment, as polygons; every how manieth moment has them."""
+        hulls = _as_hulls(self.data.occluders)
+        if hulls is None or not len(self.kept):
+            return {}, 1
+        rows, moment = self.at(hulls.t_ns)
+        every = max(-(-len(rows) // MAX_PRIORS), 1) * self.data.figures.priors_every
+        rows, moment = rows[moment % every == 0], moment[moment % every == 0]
+        corner = np.minimum(hulls.corner[rows], 255)
+        table = {"first": starts(moment, len(self.kept)), "corner": packed("u1", corner), **self.place(hulls, rows)}
+        return table, every
+
+
+def _steps(values: Floats, step: float, unknown: int, most: int = MISSING - 1) -> Ints:
+    """(N,) values >= 0 in whole steps."""
+    found = np.isfinite(values)
+    steps = np.clip(np.round(np.where(found, values, 0.0) / step), 0, most)
+    return np.asarray(np.where(found, steps, unknown).astype(np.int64))
+
+
+def _of_errors(errors: Errors | None) -> Truth | None:
+    """The true places to which estimates were compared."""
+    if errors is None:
+        return None
+    own = errors.take(np.isfinite(errors.truth_x) & np.isfinite(errors.truth_y))
+    role, z = np.full(len(own), "target"), np.full(len(own), np.nan)
+    return Truth.of(t_ns=own.t_ns, target_id=own.target_id, role=role, x=own.truth_x, y=own.truth_y, z=z)
+
+
+def _as_hulls(priors: Occluders | Hulls | None) -> Hulls | None:
+    """Polygons; those of Gaussians hold the occluder with 95 % probability."""
+    if priors is None or isinstance(priors, Hulls):
+        return None if priors is None else priors.take(priors.occluder_id >= 0)
+    own = priors.take(priors.occluder_id >= 0)
+    turn = np.linspace(0, 2 * np.pi, CORNERS, endpoint=False)
+    a = np.sqrt(np.maximum(own.cov_xx, 0))
+    b = np.divide(own.cov_xy, a, out=np.zeros_like(a), where=a > 0)
+    c = np.sqrt(np.maximum(own.cov_yy - b**2, 0))
+    x = own.x[:, None] + np.sqrt(CHI2_95_2D) * a[:, None] * np.cos(turn)
+    y = own.y[:, None] + np.sqrt(CHI2_95_2D) * (b[:, None] * np.cos(turn) + c[:, None] * np.sin(turn))
+    return Hulls(
+        t_ns=np.repeat(own.t_ns, CORNERS),
+        occluder_id=np.repeat(own.occluder_id, CORNERS),
+        corner=np.tile(np.arange(CORNERS, dtype=np.int32), len(own)),
+        x=x.ravel(),
+        y=y.ravel(),
+    )

@@ -1,0 +1,498 @@
+"""Ranges, signal strengths and time differences as the methods take them: packed, and put to the scans of directions.
+
+A time difference becomes a difference of ranges by the speed of propagation, which must be stated.  A signal strength
+becomes the logarithm of a distance by the log-distance path loss.  Heights of stations count where that of the
+targets is stated; where it is not, stations that are not all in one plane are refused.
+
+Measurements of distances that cannot be: negative ranges, too strong signals, too long differences, copies.
+
+Standard deviations of signal strengths that do not state their own, where shadowing lasts from one read to the next.
+
+A strength has white noise and shadowing, whose correlation falls as exp(-dt / shadow_s).  Filters take all errors for
+white.  The mean of many reads that follow each other by dt has the variance (1 + r) / (1 - r) = coth(dt / 2 shadow_s)
+times that of as many independent ones, r = exp(-dt / shadow_s): so much larger is the variance of shadowing that a
+read counts with, after dt since the same station last read the same target.  Reads long after another count in full.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Iterator, Mapping, MutableMapping
+from dataclasses import replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.core.geometry.path_loss import log_distance
+from occlog.core.geometry.radio_defaults import NOISE_DB, SHADOW_DB, SHADOW_S
+from occlog.errors import InputError
+from occlog.filtering.likelihood.distances import (
+    DIFFERENCE,
+    LOGARITHM,
+    PLAIN,
+    RANGE,
+    RangeMeasurements,
+    concat,
+    no_measurements,
+)
+from occlog.records.declared.sensors import DIFFERENCES, VALUES, Measurements
+from occlog.records.scene import Scene
+from occlog.records.tables import Reads
+from occlog.settings import METRES
+
+from .config import DistanceMeasurementConfig
+from .grouping import Scan, ScanMeasurements, nearest, sensor_names
+
+MIN_NEGATIVE_SIGMAS = 5.0
+"""Standard deviations by which noise may bring a range below 0, or a difference beyond the distance of its stations."""
+STRONGEST_DBM = 20.0
+"""Nothing that is received is stronger."""
+MIN_DIFFERENCES, MAX_IMPOSSIBLE_SHARE = 5, 0.5
+"""Minimum number of differences for the check, and the share of them that may be beyond their stations: single ones
+are false."""
+
+
+class RangeDifferenceCheck:
+    """Counts differences that are longer than their stations are apart, while measurements come by."""
+
+    def __init__(self) -> None:
+        """None yet."""
+        self._all = self._beyond = 0
+        self._first = ""
+
+    def add(self, table: Measurements, row: Ints, packed: RangeMeasurements) -> None:
+        """Some more measurements; see `check_plausible`."""
+        differs = packed.kind == DIFFERENCE
+        rise = np.sqrt(packed.rise2) + np.sqrt(packed.other_rise2)
+        apart = np.hypot(*(packed.place - packed.other).T) + rise
+        beyond = np.flatnonzero(differs & (np.abs(packed.value) > apart + MIN_NEGATIVE_SIGMAS * packed.sigma))
+        if len(beyond) and not self._beyond:
+            n = int(beyond[0])
+            where = _where(table, int(row[n]))
+            self._first = f"that {where} is {packed.value[n]:.4g}, and these are {apart[n]:.4g} apart"
+        self._all, self._beyond = self._all + int(np.count_nonzero(differs)), self._beyond + len(beyond)
+
+    def refuse(self) -> None:
+        """InputError where these are too many."""
+        if self._all >= MIN_DIFFERENCES and self._beyond > MAX_IMPOSSIBLE_SHARE * self._all:
+            raise InputError(
+                f"measurements: {self._beyond} of {self._all} differences are longer than their stations are apart: "
+                f"{self._first}; check the unit of times, propagation, and the unit of the stations"
+            )
+
+
+def _where(table: Measurements, n: int) -> str:
+    return f"of {str(table.sensor[n])!r} at {table.t_ns[n]} ns"
+
+
+def check_plausible(
+    table: Measurements, row: Ints, packed: RangeMeasurements, differences: RangeDifferenceCheck | None = None
+) -> None:
+    """InputError, with the station and the time, for measurements from which only a wrong position could come.
+
+    Args:
+        table: the measurements, or a part of them that has all of each time.
+        row: (m,) rows of the table that the packed measurements are of.
+        packed: m measurements.
+        differences: counts those of a part, for whoever has all parts to refuse them; None: this is the whole.
+    """
+    with np.errstate(invalid="ignore"):
+        strong = np.flatnonzero(table.rssi > STRONGEST_DBM)
+    if len(strong):
+        raise InputError(
+            f"measurements: the signal strength {_where(table, int(strong[0]))} is {table.rssi[strong[0]]:g} dBm, and "
+            f"received signals are below {STRONGEST_DBM:g}; are signs missing?"
+        )
+    low = np.flatnonzero((packed.kind == RANGE) & (packed.value < -MIN_NEGATIVE_SIGMAS * packed.sigma))
+    if len(low):
+        n = int(low[0])
+        raise InputError(
+            f"measurements: the range {_where(table, int(row[n]))} is {packed.value[n]:g}, "
+            f"{-packed.value[n] / packed.sigma[n]:.0f} standard deviations below 0; a range is a "
+            "distance (range_difference is a difference)"
+        )
+    found = RangeDifferenceCheck() if differences is None else differences
+    found.add(table, row, packed)
+    if differences is None:
+        found.refuse()
+    _refuse_copies(table, row, packed)
+
+
+def _refuse_copies(table: Measurements, row: Ints, packed: RangeMeasurements) -> None:
+    """InputError for a range or difference that is there twice: it would count as two that agree."""
+    exact = np.flatnonzero(packed.kind != LOGARITHM)  # two of whole dBm may well be equal
+    own = row[exact]
+    keys = (table.t_ns[own], packed.station[exact], table.target_id[own], packed.kind[exact], packed.value[exact])
+    keys = (*keys, *packed.other[exact].T)
+    order = np.lexsort(keys)
+    same = np.ones(max(len(order) - 1, 0), dtype=np.bool_)
+    for key in keys:
+        same &= key[order][1:] == key[order][:-1]
+    if same.any():
+        n = int(own[order][1:][same][0])
+        raise InputError(
+            f"measurements: a value of {str(table.sensor[n])!r} at {table.t_ns[n]} ns is there twice, and would count "
+            "as two that agree; remove one of the rows"
+        )
+
+
+MIN_INTERVAL_SHARE = 1e-3
+"""Shares of the time of shadowing below which no time between two reads counts."""
+
+
+class SignalErrors(NamedTuple):
+    """Errors of signal strengths."""
+
+    noise_db: float = NOISE_DB  # standard deviation of the white noise
+    shadow_db: float = SHADOW_DB  # of the shadowing
+    shadow_s: float = SHADOW_S  # time in which it is forgotten, > 0
+
+
+LastReads = MutableMapping[tuple[str, int], int]
+"""Times [ns] of the last strength by station and target."""
+
+
+def sigmas(shadowing: SignalErrors, since_s: Floats) -> Floats:
+    """(n,) standard deviations [dB] that reads count with as if errors were white.
+
+    Args:
+        shadowing: how errors are.
+        since_s: (n,) times since the last read of the same station and target [s]; inf: there was none.
+    """
+    share = np.maximum(since_s / (2.0 * shadowing.shadow_s), MIN_INTERVAL_SHARE / 2.0)
+    return np.asarray(np.sqrt(shadowing.noise_db**2 + shadowing.shadow_db**2 / np.tanh(share)))
+
+
+def with_sigmas(table: Measurements, shadowing: SignalErrors, last: LastReads | None) -> Measurements:
+    """The table with a standard deviation for each strength that has none.
+
+    Args:
+        table: in the order of time.
+        shadowing: how errors are.
+        last: last reads of earlier parts of the table; those of this part are put in.  None: every read counts in full.
+    """
+    own = np.flatnonzero(np.isfinite(table.rssi))
+    if not len(own):
+        return table
+    since = np.full(len(own), np.inf) if last is None else _since(table, own, last)
+    sigma = table.sigma_rssi.copy()
+    sigma[own] = np.where(np.isfinite(sigma[own]), sigma[own], sigmas(shadowing, since))
+    return replace(table, sigma_rssi=sigma)
+
+
+def _since(table: Measurements, own: Ints, last: LastReads) -> Floats:
+    """(n,) times since the last strength of the same station and target [s]; inf: there was none."""
+    since = np.full(len(own), np.inf)
+    names, station = np.unique(table.sensor[own], return_inverse=True)
+    order = np.lexsort((table.t_ns[own], table.target_id[own], station))
+    t_ns, key = table.t_ns[own][order], np.column_stack([station, table.target_id[own]])[order]
+    fresh = np.append(True, (key[1:] != key[:-1]).any(axis=1))
+    since[order[1:]] = np.where(fresh[1:], np.inf, np.diff(t_ns) / NS)
+    for k in np.flatnonzero(fresh).tolist():
+        earlier = last.get((str(names[key[k, 0]]), int(key[k, 1])))
+        since[order[k]] = np.inf if earlier is None else (int(t_ns[k]) - earlier) / NS
+    for k in np.flatnonzero(np.append(fresh[1:], True)).tolist():
+        last[str(names[key[k, 0]]), int(key[k, 1])] = int(t_ns[k])
+    return since
+
+
+WORDS = {"range": "range", "rssi": "signal strength", "tdoa": "time difference", "range_difference": "difference"}
+
+
+class Radio(NamedTuple):
+    """A fitted path loss."""
+
+    power: Mapping[str, float]  # of each station, strength at 1 m [dBm]
+    exponent: float
+    shadowing: SignalErrors
+    height: float  # of the tags
+
+
+class StationModel(NamedTuple):
+    """The S sensors of a scene, those that measure directions first, as required for distances."""
+
+    names: tuple[str, ...]
+    place: Floats  # (S, 3); NaN where it is not known
+    power: Floats  # (S,) strength at 1 m [dBm]
+    metre: float  # in units of length
+
+
+def station_names(scene: Scene) -> tuple[str, ...]:
+    """Names of all sensors of a scene: those that measure directions in their order, then readers."""
+    return (*sensor_names(scene), *(r.name for r in scene.readers))
+
+
+def make_stations(scene: Scene, config: DistanceMeasurementConfig, radio: Radio | None = None) -> StationModel:
+    """The sensors of a scene; a fitted path loss comes before what the scene says of powers."""
+    unknown = np.full(3, math.nan)
+    place = [c.position if c.placed else unknown for c in scene.cameras] + [a.position for a in scene.arrays]
+    place += [r.position for r in scene.readers]
+    names = station_names(scene)
+    own = {r.name: r.power for r in scene.readers if r.power is not None} | ({} if radio is None else dict(radio.power))
+    power = np.array([own.get(name, config.rssi_power) for name in names])
+    metre = 1.0 / METRES.get(scene.length_unit, 1.0)
+    return StationModel(names, np.array(place, dtype=np.float64).reshape(-1, 3), power, metre)
+
+
+def measurements_of_reads(chunks: Iterable[Reads]) -> Iterator[Measurements]:
+    """Reads of tags as signal strengths; reads without a strength are omitted."""
+    for chunk in chunks:
+        told = chunk.take(np.isfinite(chunk.rssi))
+        nan = np.full(len(told), np.nan)
+        yield Measurements.of(
+            t_ns=told.t_ns,
+            sensor=told.sensor,
+            target_id=told.target_id,
+            range=nan,
+            sigma_range=nan,
+            rssi=told.rssi,
+            sigma_rssi=nan,
+        )
+
+
+class DistanceMeasurementFeed:
+    """Packs measurements, and joins them with the scans of directions, in the order of time."""
+
+    def __init__(
+        self,
+        chunks: Iterable[Measurements],
+        scene: Scene,
+        config: DistanceMeasurementConfig,
+        radio: Radio | None = None,
+        *,
+        moments: bool = False,
+    ) -> None:
+        """Nothing is read yet.
+
+        Args:
+            chunks: measurements in the order of time; where they are cut does not matter.
+            scene: must have the stations.
+            config: what the table does not say.
+            radio: a fitted path loss; None: as the scene and the settings say.
+            moments: each scan stands alone, so that it does not matter how long shadowing lasts.
+        """
+        self._moments = moments
+        self._chunks, self._config, self._radio = chunks, config, radio
+        self._stations = make_stations(scene, config, radio)
+        self.names = self._stations.names
+        """Names of the stations, as `Distances.station` counts them."""
+
+    def joined(
+        self,
+        scans: Iterator[Scan],
+        sensors: Collection[str] | None = None,
+        targets: Collection[int] | None = None,
+        window_ns: int = 0,
+    ) -> Iterator[Scan]:
+        """All scans in the order of time: of directions, of measurements, and of both where times are near.
+
+        Args:
+            scans: of directions.
+            sensors: names of the stations to use; None: all.  A difference wants both of its stations.
+            targets: to use; None: all.
+            window_ns: a scan and measurements at most this far apart are one scan, of the time of the later.
+
+        Raises:
+            InputError: a station that is not in the scene or has no position there, a value whose standard deviation,
+            or
+                what else it wants, is not known, or times that go back.
+        """
+        own = self._scans(sensors, targets, window_ns)
+        one, other = next(scans, None), next(own, None)
+        while one is not None or other is not None:
+            if one is not None and other is not None and abs(one.t_ns - other.t_ns) <= window_ns:
+                yield one._replace(t_ns=max(one.t_ns, other.t_ns), measured=other.measured)
+                one, other = next(scans, None), next(own, None)
+            elif other is None or (one is not None and one.t_ns < other.t_ns):
+                assert one is not None
+                yield one
+                one = next(scans, None)
+            else:
+                yield other
+                other = next(own, None)
+
+    def _scans(
+        self, sensors: Collection[str] | None, targets: Collection[int] | None, window_ns: int
+    ) -> Iterator[Scan]:
+        """Scans of measurements alone."""
+        rest: Measurements | None = None
+        last: LastReads | None = None if self._moments else {}
+        for chunk in self._chunks:
+            if rest is not None and len(rest) and len(chunk) and chunk.t_ns[0] < rest.t_ns[-1]:
+                raise InputError(f"measurements: time {chunk.t_ns[0]} ns comes after {rest.t_ns[-1]} ns; sort by t_ns")
+            keep = np.ones(len(chunk), dtype=np.bool_)
+            if sensors is not None:
+                # Names that the scene does not have are refused later; a difference is of two stations
+                left_out = [name for name in self.names if name not in sensors]
+                keep &= ~np.isin(chunk.sensor, left_out) & ~np.isin(chunk.reference, left_out)
+            if targets is not None:
+                keep &= np.isin(chunk.target_id, list(targets))
+            some = with_strengths(chunk.take(keep), self._config, self._radio, last)
+            table = some if rest is None else Measurements.concat([rest, some])
+            if not len(table):
+                continue
+            starts = _starts(table.t_ns, window_ns)
+            yield from self._packed(table, starts)
+            # The last scan may go on in the next chunk.
+            rest = table.take(slice(starts[-1], None))
+        if rest is not None and len(rest):
+            yield from self._packed(rest, [0, len(rest)])
+
+    def _packed(self, table: Measurements, starts: list[int]) -> Iterator[Scan]:
+        """A scan for each pair of starts."""
+        if starts[-1] == 0:
+            return
+        row, distances = pack(table.take(slice(0, starts[-1])), self._stations, self._config, self._radio)
+        for first, last in pairwise(starts):
+            own = (row >= first) & (row < last)
+            measured = ScanMeasurements(table.target_id[row[own]], distances.take(own))
+            yield Scan.of(int(table.t_ns[last - 1]), [])._replace(measured=measured)
+
+
+def with_strengths(
+    table: Measurements, config: DistanceMeasurementConfig, radio: Radio | None, last: LastReads | None
+) -> Measurements:
+    """The table, in which all signal strengths have a standard deviation; `last` as `with_sigmas` has it."""
+    if config.sigma_rssi is not None:
+        own = np.where(np.isfinite(table.rssi), _filled(table.sigma_rssi, config.sigma_rssi), table.sigma_rssi)
+        return replace(table, sigma_rssi=own)
+    return with_sigmas(table, SignalErrors() if radio is None else radio.shadowing, last)
+
+
+def _starts(t_ns: Ints, window_ns: int) -> list[int]:
+    """First rows of the scans; the last scan may go on in the next chunk."""
+    if window_ns == 0:
+        return [0, *(np.flatnonzero(np.diff(t_ns)) + 1).tolist()]
+    starts = [0]
+    for row, t in enumerate(t_ns.tolist()):
+        if t - t_ns[starts[-1]] > window_ns:
+            starts.append(row)
+    return starts
+
+
+def pack(
+    table: Measurements,
+    at: StationModel,
+    config: DistanceMeasurementConfig,
+    radio: Radio | None = None,
+    differences: RangeDifferenceCheck | None = None,
+) -> tuple[Ints, RangeMeasurements]:
+    """All measurements of a table, by rising row; a row may have several.
+
+    Args:
+        table: in the order of time.
+        at: the stations.
+        config: what the table does not say.
+        radio: a fitted path loss; None: as the scene and the settings say.
+        differences: see `check_plausible`.
+
+    Returns:
+        (m,) rows of the table, and the m measurements.
+
+    Raises:
+        InputError: as `MeasuredFeed.joined`.
+    """
+    table = with_strengths(table, config, radio, {})
+    station = _numbers(table.sensor, at, "sensor")
+    differs = np.isfinite(table.tdoa) | np.isfinite(table.range_difference)
+    reference = station.copy()
+    reference[differs] = _numbers(table.reference[differs], at, "reference")
+    height = config.tag_height if config.tag_height is not None or radio is None else radio.height
+    rise2 = _rise2(at, station, reference, height)
+    how = (config.measured_bend, config.measured_late, math.nan if config.detour is None else config.detour)
+    parts, rows = [no_measurements(*how)], [np.empty(0, dtype=np.int64)]
+    for name in (*VALUES, *PLAIN):
+        own = np.flatnonzero(np.isfinite(getattr(table, name)))
+        if not len(own):
+            continue
+        kind, value, sigma = _as_length(name, table.take(own), at, station[own], config, radio)
+        if (silent := ~np.isfinite(sigma)).any():
+            option = "sigma_range" if name == "range" else "sigma_difference"
+            remedy = "" if name in PLAIN else f", or set {option}"
+            raise InputError(
+                f"measurements: the {WORDS.get(name, name)} of {str(table.sensor[own][silent][0])!r} at "
+                f"{table.t_ns[own][silent][0]} ns has no standard deviation; give a column sigma_{name}{remedy}"
+            )
+        other = reference[own] if name in DIFFERENCES else station[own]
+        parts.append(
+            RangeMeasurements(
+                kind=np.full(len(own), kind, dtype=np.int64),
+                value=value,
+                sigma=sigma,
+                place=at.place[station[own], :2],
+                rise2=rise2[station[own]],
+                other=at.place[other, :2],
+                other_rise2=rise2[other],
+                station=station[own],
+                bend=how[0],
+                late=how[1],
+                detour=how[2],
+            )
+        )
+        rows.append(own)
+    row = np.concatenate(rows)
+    order = np.argsort(row, kind="stable")
+    packed = concat(parts).take(order)
+    check_plausible(table, row[order], packed, differences)
+    return row[order], packed
+
+
+def _as_length(
+    name: str,
+    table: Measurements,
+    at: StationModel,
+    station: Ints,
+    config: DistanceMeasurementConfig,
+    radio: Radio | None,
+) -> tuple[int, Floats, Floats]:
+    """Kind, values and standard deviations of one column for `RangeMeasurements`; NaN: no standard deviation."""
+    value: Floats = getattr(table, name)
+    sigma: Floats = getattr(table, f"sigma_{name}")
+    if name in PLAIN:
+        return PLAIN[name], value, sigma
+    if name == "range":
+        return RANGE, value, _filled(sigma, config.sigma_range)
+    if name == "range_difference":
+        return DIFFERENCE, value, _filled(sigma, config.sigma_difference)
+    if name == "tdoa":
+        if config.speed is None:
+            raise InputError(
+                "measurements: time differences in seconds want the speed of propagation (sound, light, or metres a "
+                "second): set propagation"
+            )
+        speed = config.speed * at.metre
+        return DIFFERENCE, value * speed, _filled(sigma * speed, config.sigma_difference)
+    exponent = config.rssi_exponent if radio is None else radio.exponent
+    value, sigma = log_distance(value, sigma, at.power[station], exponent)
+    return LOGARITHM, value + math.log(at.metre), sigma
+
+
+def _filled(sigma: Floats, usual: float | None) -> Floats:
+    return sigma if usual is None else np.where(np.isfinite(sigma), sigma, usual)
+
+
+def _numbers(names: np.ndarray, at: StationModel, column: str) -> Ints:
+    """(n,) numbers of stations; InputError for one that the scene does not have, or whose position it does not know."""
+    found, inverse = np.unique(names, return_inverse=True)
+    for name in found.tolist():
+        if name not in at.names:
+            raise InputError(f"measurements: no station {name!r} in the scene ({column}); {nearest(name, at.names)}")
+        if not np.isfinite(at.place[at.names.index(name), :2]).all():
+            raise InputError(f"measurements: {name!r} has no place in the scene; add its position")
+    return np.array([at.names.index(name) for name in found.tolist()], dtype=np.int64)[inverse]
+
+
+def _rise2(at: StationModel, station: Ints, reference: Ints, height: float | None) -> Floats:
+    """(S,) squares of the heights of stations over the targets; InputError where these matter and are not known."""
+    used: Bools = np.isin(np.arange(len(at.names)), np.concatenate([station, reference]))
+    z = np.where(used, at.place[:, 2], 0.0)
+    if height is None:
+        if (used.any() and np.ptp(z[used]) > 0.0) or (z[used] != 0.0).any():
+            raise InputError(
+                "measurements: stations have heights (z), so that distances are in space; say how high the targets "
+                "are: set tag_height"
+            )
+        return np.zeros(len(z))
+    return np.asarray((z - height) ** 2)

@@ -1,0 +1,292 @@
+"""Particles from one scan to the next: auxiliary sampling importance resampling ([Ercan] Alg. 1).
+
+Two importance densities:
+
+* `motion`, [Ercan]'s: a particle moves as the model says, whatever the scan says.  Stage 1 chooses parents by the
+  likelihood at their expected positions.  Where bearings are sharper than the motion is certain nearly all particles
+  miss what the scan says, and the few that do not are taken for certainty;
+* `scan`: for every particle there are three hypotheses, that it goes on, changes its destination, or waits.  The
+  Laplace approximation of each one's posterior (`occlog.track.methods.apf.kernels.importance`) gives the predictive
+  likelihood by which stage 1 chooses among the hypotheses of all particles, and the density from which the position is
+  drawn.  What the approximation omits (walls, moving occluders, sensors that saw nothing) comes into stage 1
+  from the likelihood at the mode of each particle's best hypothesis.
+
+With either one the weights are those of importance sampling, so that the density decides how well the
+particles are used and not what they estimate.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.geometry.visibility import draw as draw_places
+from occlog.core.geometry.visibility import initial_positions
+from occlog.core.plane import sample_floor, sample_near, signed_area
+from occlog.filtering.likelihood.directions import PackedScan
+from occlog.filtering.motion import waypoint
+from occlog.filtering.motion.waypoint import WaypointParticles
+from occlog.filtering.particles import effective_sample_size, log_of, normalise_log_weights, systematic_ancestors
+
+from .kernels import importance
+from .model import OCCLUDER_SUPPORT_SIGMAS_STAGE1, ApfModel, evidence, likelihood, sight_lines
+
+START_KERNEL_RATIO = 1.0 / 3.0
+"""Share of the standard deviation of a given start that the kernel of each particle has."""
+
+EVEN_HYPOTHESIS_SHARE = 0.2
+"""Share of stage 1 that goes to the three hypotheses of the motion alike where a scan has no measurement.
+
+The next scan needs particles of rare hypotheses to choose among: a target that stops unseen, for example.  The
+effective number falls by a tenth in such a step.
+"""
+
+
+class ProposedParticles(NamedTuple):
+    """Particles at the time of a scan, and how they came to be."""
+
+    particles: WaypointParticles
+    weights: Floats  # (L,) sum 1
+    log_likelihood: float  # of the scan given those before; -inf if no particle agrees with it
+    fallback: str
+    parents: Ints | None = None  # (L,) among those before; None: they were resampled
+    sharpness: float = 0.0  # mean variance per axis of the importance densities they came from
+    effective: float = math.inf  # effective number of the many that these were drawn from, where they begin
+
+
+def auxiliary_step(
+    model: ApfModel, particles: WaypointParticles, weights: Floats, looks: PackedScan, dt: float, rng: Generator
+) -> ProposedParticles:
+    """One step of the filter over a time of at most one reference step.
+
+    Args:
+        model: scene and settings.
+        particles: L of them, a time dt before the scan.
+        weights: (L,) sum 1.
+        looks: the scan.
+        dt: [s], > 0.
+        rng: draws.
+
+    Returns:
+        Particles at the time of the scan; their log-likelihood is -inf if none agrees with it.
+    """
+    if model.config.proposal == "scan" and dt > 0.0:
+        return _adapted_step(model, particles, weights, looks, dt, rng)
+    return _bootstrap_step(model, particles, weights, looks, dt, rng)
+
+
+def _bootstrap_step(
+    model: ApfModel, particles: WaypointParticles, weights: Floats, looks: PackedScan, dt: float, rng: Generator
+) -> ProposedParticles:
+    """[Ercan] Alg. 1 as it is printed, but for the parent's weight in stage 2."""
+    config = model.config
+    # Stage 1, weigh the expected states kappa: w_l f(Z|kappa_l)
+    arrived = waypoint.reached(particles, model.motion, model.floor)
+    kappa = waypoint.expected_xy(particles, arrived, dt, model.motion)
+    first, fallback = _stage_1(
+        log_of(weights) + likelihood(model, kappa, looks, OCCLUDER_SUPPORT_SIGMAS_STAGE1), weights, config.defensive
+    )
+    # Resample: systematic; pi_l is the parent of particle l
+    parents, ratio = np.arange(len(weights)), weights
+    if effective_sample_size(first) < config.resample_below * len(weights) or config.resample_below >= 1.0:
+        parents = systematic_ancestors(first, config.particles, rng.random())
+        particles, arrived = waypoint.select(particles, parents), arrived[parents]
+        ratio = weights[parents] / first[parents] / config.particles
+    # Propose: draw from the importance density f(u(t)|u_pi(t-1)) ([Ercan] Sec. 4.1)
+    particles = move(model, particles, arrived, dt, rng)
+    # Stage 2, weigh: f(Z|u_l) over the stage-1 weight of the parent
+    weights, log_sum = normalise_log_weights(log_of(ratio) + likelihood(model, particles.xy, looks))
+    return ProposedParticles(particles, weights, log_sum, fallback, parents)
+
+
+def _adapted_step(
+    model: ApfModel, particles: WaypointParticles, weights: Floats, looks: PackedScan, dt: float, rng: Generator
+) -> ProposedParticles:
+    """[Ercan] Alg. 1 with hypotheses of the motion and the Laplace approximation of each."""
+    config, L, n = model.config, len(weights), model.config.particles
+    # Hypotheses: go on (MTD), change the destination (CD), wait (W)
+    arrived = waypoint.reached(particles, model.motion, model.floor)
+    places = destinations(model, particles.xy, rng)
+    chance, mean, variance = waypoint.hypotheses(particles, arrived, places, dt, model.motion)
+    prior = (chance * weights).reshape(-1)  # (3 L,)
+    mean, variance = mean.reshape(-1, 2), variance.reshape(-1)
+    # Approximate each one's posterior, and the predictive likelihood of the scan
+    first_row, rows = evidence(model, looks)
+    near = importance.adapt(mean, variance, prior > 0.0, first_row, rows)
+    log_first = (log_of(prior) + near.log_volume + near.log_factors).reshape(3, L)
+    # What the approximation omits, at the mode of each particle's best hypothesis
+    best = np.argmax(log_first, axis=0) * L + np.arange(L)
+    log_first += (
+        likelihood(model, near.mode[best], looks, OCCLUDER_SUPPORT_SIGMAS_STAGE1, anywhere=True)
+        - near.log_factors[best]
+    )
+    # Stage 1, weigh the hypotheses, and resample: systematic
+    first, fallback = _stage_1(log_first.reshape(-1), prior, config.defensive)
+    if not len(rows):
+        # No sensor detected the target: keep particles of every hypothesis for the next scan
+        first = (1.0 - EVEN_HYPOTHESIS_SHARE) * first + EVEN_HYPOTHESIS_SHARE * _even_weights(weights, chance)
+    chosen = systematic_ancestors(first, n, rng.random())
+    parents, regime = chosen % L, chosen // L
+    # Propose: positions from the importance density, the velocity given the position
+    expected, spread = mean[chosen], variance[chosen]
+    xy, log_ratio = importance.draw(
+        expected,
+        spread,
+        near.mode[chosen],
+        near.root[chosen],
+        config.defensive,
+        rng.random(n),
+        rng.standard_normal((n, 2)),
+    )
+    moved = waypoint.arrive(
+        waypoint.select(particles, parents),
+        regime,
+        places[parents],
+        expected,
+        xy,
+        rng.standard_normal((n, 2)),
+        dt,
+        model.motion,
+    )
+    # Stage 2, weigh: prior and likelihood over stage 1 and the importance density
+    log_ratio += log_of(prior[chosen]) - np.log(first[chosen]) - math.log(n)
+    weights, log_sum = normalise_log_weights(log_ratio + likelihood(model, xy, looks))
+    sharpness = float(0.5 * np.mean(np.sum(near.root[chosen] ** 2, axis=1)))
+    return ProposedParticles(moved, weights, log_sum, fallback, parents, sharpness)
+
+
+def _stage_1(log_weights: Floats, prior: Floats, defensive: float) -> tuple[Floats, str]:
+    """Weights of stage 1, a share of which is from the motion alone; `sir` where no expected state agrees with it."""
+    first, log_sum = normalise_log_weights(log_weights)
+    fallback = "" if math.isfinite(log_sum) else "sir"
+    if fallback:  # stage 1 is skipped: plain sampling importance resampling
+        first = prior
+    return (1.0 - defensive) * first + defensive * prior, fallback
+
+
+def _even_weights(weights: Floats, chance: Floats) -> Floats:
+    """(3 L,) weights (L,) of particles, shared evenly among those hypotheses of each whose chance (3, L) is above 0."""
+    possible = chance > 0.0
+    return np.where(possible, weights / possible.sum(axis=0), 0.0).reshape(-1)
+
+
+def drift(model: ApfModel, particles: WaypointParticles, dt: float, rng: Generator) -> WaypointParticles:
+    """Particles a time dt > 0 later, by steps no longer than the reference step."""
+    parts = parts_of(dt, model)
+    for _ in range(parts):
+        arrived = waypoint.reached(particles, model.motion, model.floor)
+        particles = move(model, particles, arrived, dt / parts, rng)
+    return particles
+
+
+def parts_of(dt: float, model: ApfModel) -> int:
+    """Into how many steps a time is split, none longer than the reference step."""
+    return max(1, math.ceil(dt / model.motion.reference_s - 1e-9))
+
+
+def move(model: ApfModel, particles: WaypointParticles, arrived: Bools, dt: float, rng: Generator) -> WaypointParticles:
+    """Draw from the importance density of [Ercan] Sec. 4.1; `arrived` is from `waypoint.reached`."""
+    L = len(particles.speed)
+    regime = waypoint.choose_regimes(particles, arrived, dt, model.motion, rng.random(L))
+    places = destinations(model, particles.xy[regime == waypoint.CHANGE], rng)
+    return waypoint.move(particles, regime, places, rng.standard_normal((L, 4)), dt, model.motion)
+
+
+def destinations(model: ApfModel, xy: Floats, rng: Generator) -> Floats:
+    """(n, 2) new destinations of targets at (n, 2) positions: anywhere in the room, or without one not far away."""
+    if model.views is None:
+        return sample_floor(len(xy), model.floor, rng)
+    return sample_near(xy, model.wander, model.floor, rng)
+
+
+def initial_particles(model: ApfModel, start: tuple[float, ...] | None, rng: Generator) -> WaypointParticles:
+    """Many particles, anywhere on the floor or around a start."""
+    config = model.config
+    n = config.particles * config.start_factor
+    if start is not None:
+        shrink = math.sqrt(1.0 - START_KERNEL_RATIO**2) if config.proposal == "scan" else 1.0
+        xy = np.array(start[:2]) + shrink * start[2] * rng.standard_normal((n, 2))
+    elif model.views is not None:
+        xy = draw_places(n, model.views, rng)
+    else:
+        xy = sample_floor(n, model.floor, rng)
+    return _particles_at(model, xy, rng)
+
+
+def _particles_at(model: ApfModel, xy: Floats, rng: Generator) -> WaypointParticles:
+    """Particles at (L, 2) positions, on their way to anywhere at the usual speeds."""
+    particles = waypoint.start_particles(xy, model.floor, model.config.speed, model.config.speed_spread, rng)
+    return particles if model.views is None else particles._replace(destination=destinations(model, xy, rng))
+
+
+def reinitialise(model: ApfModel, looks: PackedScan, rng: Generator) -> ProposedParticles:
+    """Particles resampled: all over the floor, or, without a room, where the scan says."""
+    if model.views is None or model.measured is not None:
+        return select_initial_particles(model, initial_particles(model, None, rng), None, looks, rng)
+    n = model.config.particles * model.config.start_factor
+    lines = sight_lines(looks, model.sensors, model.noise, model.views)
+    xy, log_ratio = initial_positions(n, lines, model.views, rng)
+    return _chosen(model, _particles_at(model, xy, rng), log_ratio - math.log(n), 0.0, looks, rng)
+
+
+def select_initial_particles(
+    model: ApfModel, particles: WaypointParticles, sigma: float | None, looks: PackedScan, rng: Generator
+) -> ProposedParticles:
+    """As many of fresh particles as the filter has, drawn by how well they agree with the scan.
+
+    With the density `scan` each of them represents a kernel about its position, which looks at the scan as in a step.
+
+    Args:
+        model: scene and settings.
+        particles: from `initial_particles`.
+        sigma: standard deviation of the start; None: they are all over the floor.
+        looks: the scan.
+        rng: draws.
+    """
+    config, many = model.config, len(particles.speed)
+    log_prior, sharpness = np.full(many, -math.log(many)), 0.0
+    if config.proposal == "scan" and sigma != 0.0:
+        # The kernels' width: what lies between the positions of the floor, or a share of the start's
+        width2 = abs(signed_area(model.floor.room)) / many if sigma is None else (START_KERNEL_RATIO * sigma) ** 2
+        variance = np.full(many, width2)
+        first_row, rows = evidence(model, looks)
+        near = importance.adapt(particles.xy, variance, np.ones(many, dtype=np.bool_), first_row, rows)
+        xy, log_ratio = importance.draw(
+            particles.xy,
+            variance,
+            near.mode,
+            near.root,
+            config.defensive,
+            rng.random(many),
+            rng.standard_normal((many, 2)),
+        )
+        particles, log_prior = particles._replace(xy=xy), log_prior + log_ratio
+        sharpness = float(0.5 * np.mean(np.sum(near.root**2, axis=1)))
+    return _chosen(model, particles, log_prior, sharpness, looks, rng)
+
+
+def _chosen(
+    model: ApfModel,
+    particles: WaypointParticles,
+    log_prior: Floats,
+    sharpness: float,
+    looks: PackedScan,
+    rng: Generator,
+) -> ProposedParticles:
+    """As many of the particles as the filter has, drawn by their weights (L,) and the likelihood of a scan."""
+    weights, log_sum = normalise_log_weights(log_prior + likelihood(model, particles.xy, looks))
+    n = model.config.particles
+    drawn = systematic_ancestors(weights, n, rng.random())
+    even = np.full(n, 1.0 / n)
+    return ProposedParticles(
+        waypoint.select(particles, drawn),
+        even,
+        log_sum,
+        "",
+        sharpness=sharpness,
+        effective=effective_sample_size(weights),
+    )

@@ -1,0 +1,246 @@
+"""Frames of several cameras in step: the images of all views at one time, decoded on a thread for each camera.
+
+Frames make one time step when they are at most a window apart, one frame of each camera.  With
+a window below half the shortest frame period a frame is always together with the nearest one
+of another camera.  A camera has time steps without a frame when its rate is lower, when it starts
+later or ends early, and when a frame cannot be decoded.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import islice
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Ints
+from occlog.errors import InputError
+from occlog.measure.detect.by_background.one_camera import check_size, plain_image
+from occlog.measure.epipolar.views import TrackedView
+from occlog.records.frames import Frame, Image
+from occlog.records.scene import Camera
+from occlog.track.methods.images.initiation.regions import BackgroundModel, foreground_mask
+from occlog.track.methods.images.interface import FrameSet
+
+STAMPS = 64
+"""First frames of a camera from which its frame period is taken."""
+READ_AHEAD_BYTES = 64 * 1024 * 1024
+"""Images decoded ahead take at most about this."""
+MAX_AHEAD = 8
+"""Maximum number of time steps decoded at a time."""
+
+
+class CameraSurvey(NamedTuple):
+    """A camera's image size, frame period and first frames, before its frames are tracked in."""
+
+    view: TrackedView
+    period_ns: int  # median of the first frames; 0: there is one frame only
+    first: int  # number of the first frame
+    last: int  # the last number that was read
+    missing: tuple[int, ...]  # wanted numbers that were not found
+
+
+class MaskedImage(NamedTuple):
+    """A frame's image, and a mask of where it shows no background; None: not known."""
+
+    image: Image
+    mask: Image | None
+
+
+class FrameSetImages(NamedTuple):
+    """The frames of one time."""
+
+    frames: FrameSet
+    t_ns: Ints  # (V,) each frame's own time; -1: no frame
+    lost: tuple[tuple[int, int, str], ...]  # (view, frame, why) of those that cannot be used
+
+
+def survey(
+    name: str,
+    frames: Iterable[Frame],
+    camera: Camera | None = None,
+    wanted: Iterable[int] = (),
+    bits: int | None = None,
+) -> CameraSurvey:
+    """Read the first frames of a camera for its image size, frame period and first number.
+
+    Args:
+        name: of the camera.
+        frames: its frames; no more are read than are needed.
+        camera: of the scene, whose image size must fit; None: it is not in the scene.
+        wanted: numbers of frames that must be there.
+        bits: significant bits of 16-bit images.
+
+    Raises:
+        InputError: the camera has no frame that can be decoded, or its images do not fit the scene's.
+    """
+    view, missing = None, set(wanted)
+    numbers: list[int] = []
+    stamps: list[int] = []
+    first, last, why = -1, -1, "it has no frame"
+    for frame in frames:
+        first, last = (frame.index if first < 0 else first), frame.index
+        missing.discard(frame.index)
+        if len(stamps) < STAMPS:
+            stamps.append(frame.t_ns)
+            numbers.append(frame.index)
+        if view is None:
+            try:
+                image = plain_image(frame.decode(), bits)
+                view = TrackedView(name, image.shape[1], image.shape[0])
+            except InputError as error:
+                why = str(error).rsplit(": ", 1)[-1]
+        if view is not None and len(stamps) == STAMPS and not missing:
+            break
+    if view is None:
+        raise InputError(f"camera {name}: not one frame can be decoded ({why}); leave this camera out")
+    if camera is not None:
+        check_size(camera, (view.width, view.height))
+    # Frame numbers leave gaps where frames were lost: divide by them
+    steps = np.diff(stamps) / np.maximum(np.diff(numbers), 1)
+    period = int(np.median(steps)) if len(stamps) > 1 else 0
+    return CameraSurvey(view, period, first, last, tuple(sorted(missing)))
+
+
+def step_window(periods: Iterable[int]) -> int:
+    """The widest window [ns] below half the shortest period; 0 where no camera has one."""
+    shortest = min((p for p in periods if p > 0), default=0)
+    return max((shortest - 1) // 2, 0)
+
+
+def in_step(
+    frames: Iterable[Frame],
+    views: Sequence[TrackedView],
+    window_ns: int,
+    workers: int = 1,
+    bits: int | None = None,
+    background: Sequence[BackgroundModel | None] = (),
+) -> Iterator[FrameSetImages]:
+    """Yield time steps in the order of time, decoded a little ahead; the result does not depend on `workers`.
+
+    Args:
+        frames: of all cameras, in the order of time; those of cameras that are not among the views are omitted.
+        views: V views; images of another size are lost frames.
+        window_ns: frames at most this far apart make one time step.
+        workers: threads that decode, each for one camera at a time.
+        bits: significant bits of 16-bit images.
+        background: models of the views, for masks; empty: no masks.
+
+    Raises:
+        InputError: the time of a frame is before that of the one before.
+    """
+    place = {view.name: v for v, view in enumerate(views)}
+    size = sum(3 * view.width * view.height for view in views)
+    ahead = int(np.clip(READ_AHEAD_BYTES // max(size, 1), 1, MAX_AHEAD))
+    last: dict[str, Future[list[MaskedImage | str]]] = {}
+    waiting: deque[tuple[tuple[dict[str, Frame], ...], dict[str, Future[list[MaskedImage | str]]]]] = deque()
+    with ThreadPoolExecutor(max(1, min(workers, len(views)))) as pool:
+        try:
+            groups = _groups(frames, place, window_ns)
+            while batch := tuple(islice(groups, ahead)):
+                jobs = {}
+                for name, v in place.items():
+                    mine = [group[name] for group in batch if name in group]
+                    model = background[v] if background else None
+                    if mine:
+                        jobs[name] = last[name] = pool.submit(_decode, mine, views[v], bits, last.get(name), model)
+                waiting.append((batch, jobs))
+                if len(waiting) > 1:
+                    yield from _moments(*waiting.popleft(), place)
+            while waiting:
+                yield from _moments(*waiting.popleft(), place)
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _groups(frames: Iterable[Frame], place: dict[str, int], window_ns: int) -> Iterator[dict[str, Frame]]:
+    """Group frames into time steps, by camera."""
+    group: dict[str, Frame] = {}
+    first = last = None
+    for frame in frames:
+        if last is not None and frame.t_ns < last:
+            raise InputError(
+                f"camera {frame.sensor}: frame {frame.index}: time {frame.t_ns} ns is before {last} ns of the frame "
+                "read before it; frames must come in the order of time"
+            )
+        last = frame.t_ns
+        if frame.sensor not in place:
+            continue
+        if group and (frame.sensor in group or frame.t_ns - (first or 0) > window_ns):
+            yield group
+            group = {}
+        if not group:
+            first = frame.t_ns
+        group[frame.sensor] = frame
+    if group:
+        yield group
+
+
+def _decode(
+    frames: list[Frame],
+    view: TrackedView,
+    bits: int | None,
+    before: Future[list[MaskedImage | str]] | None,
+    model: BackgroundModel | None,
+) -> list[MaskedImage | str]:
+    """Decode a camera's frames, after those `before`; a text instead of an image says why it cannot be used."""
+    if before is not None:
+        before.exception()  # waits; the error itself is raised where the result is taken
+    images = ((frame.index, _image(frame.decode, view, bits)) for frame in frames)
+    return [
+        image if isinstance(image, str) else MaskedImage(image, foreground_mask(model, image, number))
+        for number, image in images
+    ]
+
+
+def _image(decode: Callable[[], Image], view: TrackedView, bits: int | None) -> Image | str:
+    """Decode a frame; a text says why it cannot be used."""
+    try:
+        decoded = decode()
+    except InputError as error:
+        # The message begins with file, camera and frame; without them equal reasons are equal.
+        return str(error).rsplit(": ", 1)[-1]
+    try:
+        image = plain_image(decoded, bits)
+    except InputError as error:
+        return str(error)
+    height, width = image.shape[:2]
+    if (width, height) != (view.width, view.height):
+        return f"image is {width} x {height} px, the camera's first was {view.width} x {view.height} px"
+    return image
+
+
+def _moments(
+    groups: Sequence[dict[str, Frame]], jobs: dict[str, Future[list[MaskedImage | str]]], place: dict[str, int]
+) -> Iterator[FrameSetImages]:
+    """Yield the time steps of a batch when its frames are decoded."""
+    decoded = {name: iter(job.result()) for name, job in jobs.items()}
+    for group in groups:
+        yield _moment(group, {name: next(decoded[name]) for name in place if name in group}, place)
+
+
+def _moment(group: dict[str, Frame], decoded: dict[str, MaskedImage | str], place: dict[str, int]) -> FrameSetImages:
+    """Put the frames of one time step in the order of the views; `place` is the number of each camera's view."""
+    number, t_ns = np.full(len(place), -1), np.full(len(place), -1, dtype=np.int64)
+    images: list[Image | None] = [None] * len(place)
+    masks: list[Image | None] = [None] * len(place)
+    lost = []
+    for name, v in place.items():
+        seen = decoded.get(name)
+        if isinstance(seen, str):
+            lost.append((v, group[name].index, seen))
+        elif seen is not None:
+            images[v], masks[v], number[v], t_ns[v] = seen.image, seen.mask, group[name].index, group[name].t_ns
+    time = max(frame.t_ns for frame in group.values())
+    frames = FrameSet(time, number.astype(np.int64), tuple(images))
+    if any(m is not None for m in masks):
+        frames = frames._replace(masks=tuple(masks))
+    return FrameSetImages(frames, t_ns, tuple(lost))
+
+
+def there(moment: FrameSetImages) -> Bools:
+    """(V,) views that have a frame."""
+    return np.array([image is not None for image in moment.frames.images])

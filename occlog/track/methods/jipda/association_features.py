@@ -1,0 +1,240 @@
+"""Association features in addition to position: detection scores, tracklet ids, appearance.
+
+A feature counts as much as it has discriminated so far: its values are kept for boxes that were surely right and for
+those that were surely not, as two normal distributions, and the log of their ratio is what it adds.  A cue that is
+the same everywhere adds nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.jit import kernel
+
+from .interface import NO_ID, FrameDetections
+from .target_set import TargetSet
+
+SAME_TARGET, OTHER_TARGET = 0, 1
+FEATURE_HALF_WEIGHT_BOXES = 30.0
+"""A cue counts half when this many boxes of either kind have shown it."""
+MAX_LOG_FEATURE_RATIO = 3.0
+"""Greatest log of a likelihood ratio of a cue."""
+MIN_FEATURE_SIGMA = 0.02
+"""Number of bins or moments of a score or a similarity."""
+LOG_RATIO_SAME_TRACKLET, LOG_RATIO_OTHER_TRACKLET = math.log(20.0), math.log(0.3)
+"""Log-likelihood ratios of a box with the hint that the person had last in this camera, and of one with the hint that
+another person had: trackers of one camera keep an identity mostly, and lose some."""
+MIN_ASSOCIATION_TO_LEARN, MIN_CLUTTER_TO_LEARN = 0.9, 0.9
+"""Minimum probability of a box of a person, or of clutter, for learning."""
+APPEARANCE_LEARNING_RATE = 0.1
+"""Weight of a new box in a person's appearance."""
+
+
+@dataclass(frozen=True)
+class AssociationFeatures:
+    """Sums over boxes seen so far, and the appearance of people."""
+
+    score: Floats  # (2, 3) count, sum, sum of squares: boxes of people, clutter boxes
+    likeness: Floats  # (2, 3) sums of similarities: to the same person, to others
+    key: Ints  # (N,) people whom the rest is of
+    hint: Ints  # (N, C) last tracklet id in each camera; NOBODY: no id
+    appearance: Floats  # (N, K) running mean; NaN: none
+
+
+def empty_features(cameras: int) -> AssociationFeatures:
+    """Nothing is known."""
+    none = np.zeros(0, dtype=np.int64)
+    return AssociationFeatures(
+        np.zeros((2, 3)), np.zeros((2, 3)), none, np.zeros((0, cameras), dtype=np.int64), np.zeros((0, 0))
+    )
+
+
+def log_ratio(sums: Floats, value: Floats) -> Floats:
+    """Logs of likelihood ratios of values under the two kinds of boxes, 0 for NaN and while little is known.
+
+    Args:
+        sums: (2, 3) counts, sums and sums of squares.
+        value: of any shape.
+    """
+    flat = np.ascontiguousarray(value, dtype=np.float64).reshape(-1)
+    return _log_ratios(feature_likelihood(sums), flat).reshape(value.shape)
+
+
+class FeatureLikelihood(NamedTuple):
+    """Two normal distributions of a feature: of correct boxes, and of other boxes."""
+
+    mean: Floats  # (2,)
+    deviation: Floats  # (2,)
+    log: Floats  # (2,) of the deviation
+    least: float  # values of either kind that are known, at least
+
+
+def feature_likelihood(sums: Floats) -> FeatureLikelihood:
+    """The distributions of values whose counts, sums and sums of squares are (2, 3)."""
+    count = np.maximum(sums[:, 0], 1.0)
+    mean = sums[:, 1] / count
+    deviation = np.sqrt(np.maximum(sums[:, 2] / count - mean**2, MIN_FEATURE_SIGMA**2))
+    return FeatureLikelihood(mean, deviation, np.log(deviation), float(sums[:, 0].min()))
+
+
+@kernel
+def log_ratio_at(law: FeatureLikelihood, value: float) -> float:
+    """Return the log likelihood ratio of a value, shrunk by the number of samples; 0 for NaN."""
+    same, other = (
+        (value - law.mean[SAME_TARGET]) / law.deviation[SAME_TARGET],
+        (value - law.mean[OTHER_TARGET]) / law.deviation[OTHER_TARGET],
+    )
+    out = (-0.5 * same * same - law.log[SAME_TARGET]) - (-0.5 * other * other - law.log[OTHER_TARGET])
+    out = out * law.least / (law.least + FEATURE_HALF_WEIGHT_BOXES)
+    if math.isnan(out):
+        return 0.0
+    return float(min(max(out, -MAX_LOG_FEATURE_RATIO), MAX_LOG_FEATURE_RATIO))
+
+
+@kernel
+def _log_ratios(law: FeatureLikelihood, value: Floats) -> Floats:
+    """The same of (n,) values."""
+    out = np.empty(value.shape[0])
+    for k in range(value.shape[0]):
+        out[k] = log_ratio_at(law, value[k])
+    return out
+
+
+SUM_SLACK = 0.01
+"""Sums of histograms are 1 to this."""
+
+
+def unit_vectors(appearance: Floats, histograms: bool) -> Floats:
+    """Unit vectors (.., K) with products that are similarities: roots of histograms, or embeddings; NaN: none."""
+    out = np.sqrt(appearance) if histograms else appearance
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(out / np.linalg.norm(out, axis=-1, keepdims=True))
+
+
+def are_histograms(*appearance: Floats) -> bool:
+    """Whether no number is negative and the numbers of each (.., K) vector sum to 1; NaN: none, which may be either.
+
+    Embeddings of networks have length 1 instead, and may have no negative number, either.
+    """
+    for each in appearance:
+        sums = each.sum(axis=-1)
+        if np.nanmin(each, initial=0.0) < 0.0 or np.nanmax(np.abs(sums - 1.0), initial=0.0) > SUM_SLACK:
+            return False
+    return True
+
+
+def similarity(gallery: Floats, boxes: Floats) -> Floats:
+    """(N, M) similarity of (N, K) appearances of people to (M, K) of boxes; NaN: one of them has no appearance.
+
+    Bhattacharyya's coefficient of histograms, the cosine of other vectors.
+    """
+    if gallery.shape[1] == 0:
+        return np.full((len(gallery), len(boxes)), np.nan)
+    histograms = are_histograms(gallery, boxes)
+    return np.asarray(unit_vectors(gallery, histograms) @ unit_vectors(boxes, histograms).T)
+
+
+def log_feature_ratios(
+    cues: AssociationFeatures, people: TargetSet, looks: list[FrameDetections], dimension: int
+) -> tuple[Floats, Floats]:
+    """(N, M) log likelihood ratios of boxes for people, and (M,) of boxes against clutter, by the features.
+
+    Args:
+        cues: features of the people in `Cues.key`.
+        people: N people, the same or more.
+        looks: of the time step.
+        dimension: K of the boxes' appearance; 0: boxes have no appearance.
+    """
+    M = sum(len(look.boxes) for look in looks)
+    hint, gallery = _features_of(cues, people, dimension)
+    score = np.concatenate([look.score for look in looks]) if looks else np.zeros(0)
+    out = np.zeros((len(people.key), M))
+    start = 0
+    for look in looks:
+        stop = start + len(look.boxes)
+        mine = hint[:, look.camera, None] == look.hint
+        taken = mine.any(axis=0)
+        out[:, start:stop] += np.where(
+            look.hint < 0, 0.0, np.where(mine, LOG_RATIO_SAME_TRACKLET, np.where(taken, LOG_RATIO_OTHER_TRACKLET, 0.0))
+        )
+        if dimension:
+            out[:, start:stop] += log_ratio(cues.likeness, similarity(gallery, appearance_of(look, dimension)))
+        start = stop
+    return out, log_ratio(cues.score, score)
+
+
+def update_features(
+    cues: AssociationFeatures,
+    people: TargetSet,
+    looks: list[FrameDetections],
+    dimension: int,
+    *,
+    share: Floats,
+    free: Floats,
+    sure: Bools,
+) -> AssociationFeatures:
+    """Update the association features with one time step.
+
+    Args:
+        cues: before.
+        people: N people after the update.
+        looks: of the time step.
+        dimension: K of the boxes' appearance.
+        share: (N, M) probabilities that boxes are of people.
+        free: (M,) that they are of none.
+        sure: (N,) people who surely exist.
+    """
+    hint, gallery = _features_of(cues, people, dimension)
+    score, alike = cues.score.copy(), cues.likeness.copy()
+    start = 0
+    for look in looks:
+        stop = start + len(look.boxes)
+        mine = (share[:, start:stop] > MIN_ASSOCIATION_TO_LEARN) & sure[:, None]
+        _add(score[SAME_TARGET], look.score[mine.any(axis=0)])
+        _add(score[OTHER_TARGET], look.score[free[start:stop] > MIN_CLUTTER_TO_LEARN])
+        person, box = np.nonzero(mine)
+        named = look.hint[box] >= 0
+        hint[person[named], look.camera] = look.hint[box[named]]
+        if dimension:
+            seen = appearance_of(look, dimension)
+            like = similarity(gallery, seen)
+            _add(alike[SAME_TARGET], like[mine])
+            # Others: the boxes that are surely of another person
+            _add(alike[OTHER_TARGET], like[(~mine) & mine.any(axis=0) & sure[:, None]])
+            new = seen[box]
+            old = gallery[person]
+            mixed = np.where(
+                np.isnan(old), new, (1.0 - APPEARANCE_LEARNING_RATE) * old + APPEARANCE_LEARNING_RATE * new
+            )
+            gallery[person] = np.where(np.isnan(new), old, mixed)
+        start = stop
+    return replace(cues, score=score, likeness=alike, key=people.key, hint=hint, appearance=gallery)
+
+
+def _features_of(cues: AssociationFeatures, people: TargetSet, dimension: int) -> tuple[Ints, Floats]:
+    """Return tracklet ids (N, C) and appearance (N, K) of these people; NOBODY and NaN for new people."""
+    hint = np.full((len(people.key), cues.hint.shape[1]), NO_ID, dtype=np.int64)
+    appearance = np.full((len(people.key), dimension), np.nan)
+    _, mine, theirs = np.intersect1d(people.key, cues.key, assume_unique=True, return_indices=True)
+    hint[mine] = cues.hint[theirs]
+    if cues.appearance.shape[1] == dimension:
+        appearance[mine] = cues.appearance[theirs]
+    return hint, appearance
+
+
+def appearance_of(look: FrameDetections, dimension: int) -> Floats:
+    """(n, K) appearance of a frame's boxes; NaN where the frame has none."""
+    if look.appearance.shape[1] == dimension:
+        return look.appearance
+    return np.full((len(look.boxes), dimension), np.nan)
+
+
+def _add(sums: Floats, values: Floats) -> None:
+    """Count values that are not NaN, in place."""
+    values = values[np.isfinite(values)]
+    sums += (len(values), values.sum(), (values**2).sum())

@@ -1,0 +1,650 @@
+"""Markov chain Monte Carlo data association of positions to tracks (Oh, Russell and Sastry 2009).
+
+A state of the chain holds the next position of the track for each position that is in a track.  Its probability is the
+product over tracks of track initiation, the marginal likelihood of the positions under one person's walk, the misses
+between them, the similarity of their boxes (`appearance`), and termination; positions outside all tracks are of no
+person and count 1, because the constant of a position is the log ratio of its likelihood to that of clutter.  Three
+kinds of moves, each its own reverse, reach every state:
+
+* exchange of tails: the links i -> a and b -> j become i -> j and b -> a.  Where there is no a, no b, or neither, it
+  is an extension, a cut, a merge;
+* in or out: a position that is of no person enters a track, before its first position, between two or after its last,
+or
+  begins one; or it leaves;
+* exchange of positions: two positions of one time step change roles.
+
+Metropolis and Hastings accept each with the ratio of probabilities to the power 1 / temperature.  With the messages
+of `messages` a proposal costs two links; an accepted one renews the messages of the two tracks.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.jit import kernel, kernel_part
+
+from ..interface import STATE_SIZE
+from ..target_set import CONSTANT_VELOCITY
+from .appearance import AppearanceSums, AppearanceVectors, log_ratio_joined, sum_up
+from .gaussian_messages import initial_density, log_integral, multiply_factor, predict, predict_backwards
+
+NO_NODE = -1
+"""Index instead of a position: no predecessor or no successor."""
+IMPOSSIBLE = -1e300
+MESSAGE_TOLERANCE_SIGMAS = 1e-7
+"""Messages that change by less than this share of a standard deviation are the same."""
+MOVE_THRESHOLDS = (0.6, 0.85)
+"""Bounds of the shares of the three kinds of moves."""
+LOG_RATIO_SAME_TRACKLET, LOG_RATIO_OTHER_TRACKLET = 2.0, -2.0
+"""Log likelihood ratios of one identity, and of two, that a single-camera tracker gives two positions of one person,
+or a position of the track and a box that may be the next."""
+LOG_RATIO_SAME_FILTER_ID, LOG_RATIO_OTHER_FILTER_ID = 6.0, -6.0
+"""Log likelihood ratios of filter identities of a camera's boxes at two positions; it saw time steps between that
+the chain does not see."""
+
+
+class TrackletNodes(NamedTuple):
+    """n positions, in the order of their time steps; C cameras."""
+
+    moment: Ints  # (n,) index of the time step
+    time: Floats  # (n,) [s]
+    at: Floats  # (n, 2) on the floor
+    J: Floats  # (n, 6, 6) information about the state
+    h: Floats  # (n, 6)
+    c: Floats  # (n,) log likelihood ratio to clutter, with the rates of detection
+    miss: Floats  # (n, C) log of the probability that the camera does not detect a person there
+    birth: Floats  # (n,) log of the density of a new target, whose first position it is, a unit of area
+    death: Floats  # (n,) log of the probability that it is a person's last position
+    hint: Ints  # (n, 2 C) identities by a tracker in the camera's images, then by the filter; NONE: none
+    life: Floats  # (I, 2) first and last time of each identity of the filter [s]
+    alike: AppearanceVectors
+
+
+class WalkModel(NamedTuple):
+    """Motion model of people and prior of a new target."""
+
+    drift: Floats  # (3, 3) of each model of motion (`people.MODELS`), as in `messages.noise_of_walk`
+    often: Floats  # (3,) how often in a second each but the first begins; 0: never
+    prior: Floats  # (6,) precisions of a new target
+    mean: Floats  # (6,) means of the same
+    speed: float  # greatest speed
+    slack: float  # distance beyond what the greatest speed allows
+    reach: int  # time steps from one position to the next, at most
+    stay: float  # how long people stay on average [s]
+
+
+class LinkCandidates(NamedTuple):
+    """Candidate successors of each position, and positions of one time step that may be exchanged, as flat lists."""
+
+    first_next: Ints  # (n + 1,)
+    next: Ints
+    first_last: Ints  # (n + 1,)
+    last: Ints
+    first_beside: Ints  # (n + 1,)
+    beside: Ints
+
+
+class LinkCache(NamedTuple):
+    """Cache of link probabilities; changed in place.
+
+    A link's log probability is kept without the constants of the two messages, with the stamps that the messages had.
+    """
+
+    link: Floats  # by index in `Candidates.next`
+    earlier: Ints  # stamp of the forward message
+    later: Ints  # stamp of the backward message
+    begun: Floats  # (n,) of beginnings
+    first: Ints  # (n,) stamp of the backward message
+
+
+class MarkovChainState(NamedTuple):
+    """The state of the Markov chain with its messages; changed in place."""
+
+    after: Ints  # (n,) the next position of the track; NONE
+    before: Ints  # (n,)
+    used: Bools  # (n,) whether it is in a track
+    model: Ints  # (n,) of the motion before the next position
+    mean: Floats  # (n, 6) forward messages
+    covariance: Floats  # (n, 6, 6)
+    past: Floats  # (n,) log likelihood of the track up to and with the position
+    J: Floats  # (n, 6, 6) backward messages
+    h: Floats  # (n, 6)
+    future: Floats  # (n,) their constants
+    earlier: Ints  # (n,) how often the forward message was rebuilt
+    later: Ints  # (n,) the same of the backward one
+    sums: AppearanceSums  # of the appearance of tracks
+
+
+@kernel
+def can_link(places: TrackletNodes, walk: WalkModel, i: int, j: int) -> bool:
+    """Return whether position j can be the next of position i's track."""
+    gap = places.moment[j] - places.moment[i]
+    if gap < 1 or gap > walk.reach:
+        return False
+    far = walk.speed * (places.time[j] - places.time[i]) + walk.slack
+    dx, dy = places.at[j, 0] - places.at[i, 0], places.at[j, 1] - places.at[i, 1]
+    return bool(dx * dx + dy * dy <= far * far)
+
+
+@kernel
+def candidates(places: TrackletNodes, walk: WalkModel, beside: float) -> LinkCandidates:
+    """List candidate links, and positions of one time step that are nearer to each other than `beside`."""
+    n = places.moment.shape[0]
+    first_next, first_last, first_beside = (
+        np.zeros(n + 1, np.int64),
+        np.zeros(n + 1, np.int64),
+        np.zeros(n + 1, np.int64),
+    )
+    for fill in range(2):
+        if fill == 0:
+            following, preceding, neighbour = np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.int64)
+        else:
+            for k in range(n):
+                first_next[k + 1] += first_next[k]
+                first_last[k + 1] += first_last[k]
+                first_beside[k + 1] += first_beside[k]
+            following, preceding = np.empty(first_next[n], np.int64), np.empty(first_last[n], np.int64)
+            neighbour = np.empty(first_beside[n], np.int64)
+        count_last = np.zeros(n, np.int64)
+        for i in range(n):
+            count, count_beside = 0, 0
+            j = i + 1
+            while j < n and places.moment[j] - places.moment[i] <= walk.reach:
+                if can_link(places, walk, i, j):
+                    if fill == 1:
+                        following[first_next[i] + count] = j
+                        preceding[first_last[j] + count_last[j]] = i
+                    count += 1
+                    count_last[j] += 1
+                j += 1
+            for step in (-1, 1):
+                j = i + step
+                while 0 <= j < n and places.moment[j] == places.moment[i]:
+                    dx, dy = places.at[j, 0] - places.at[i, 0], places.at[j, 1] - places.at[i, 1]
+                    if dx * dx + dy * dy < beside * beside:
+                        if fill == 1:
+                            neighbour[first_beside[i] + count_beside] = j
+                        count_beside += 1
+                    j += step
+            if fill == 0:
+                first_next[i + 1], first_beside[i + 1] = count, count_beside
+        if fill == 0:
+            for i in range(n):
+                first_last[i + 1] = count_last[i]
+    return LinkCandidates(first_next, following, first_last, preceding, first_beside, neighbour)
+
+
+def empty_link_cache(listed: LinkCandidates) -> LinkCache:
+    """No link was asked."""
+    pairs, n = len(listed.next), len(listed.first_next) - 1
+    stamp = np.full(pairs, NO_NODE)
+    return LinkCache(np.zeros(pairs), stamp, stamp.copy(), np.zeros(n), np.full(n, NO_NODE))
+
+
+@kernel
+def log_dwell_probability(places: TrackletNodes, walk: WalkModel, looked: Floats, i: int, j: int) -> float:
+    """Log probability of survival from position i to j with missed detections between, with tracklet ids."""
+    total: float = -(places.time[j] - places.time[i]) / walk.stay
+    a, b = places.moment[i] + 1, places.moment[j]
+    if b > a:
+        for c in range(looked.shape[1]):
+            count = looked[b, c] - looked[a, c]
+            if count > 0.0:
+                total += count * 0.5 * (places.miss[i, c] + places.miss[j, c])
+    for c in range(places.hint.shape[1]):
+        if places.hint[i, c] != NO_NODE and places.hint[j, c] != NO_NODE:
+            one, other = places.hint[i, c], places.hint[j, c]
+            if c < looked.shape[1]:
+                total += LOG_RATIO_SAME_TRACKLET if one == other else LOG_RATIO_OTHER_TRACKLET
+            elif one == other:
+                total += LOG_RATIO_SAME_FILTER_ID
+            elif places.life[one, 0] <= places.life[other, 1] and places.life[other, 0] <= places.life[one, 1]:
+                # Who begins after the other has ended may be the same person, whom the filter lost
+                total += LOG_RATIO_OTHER_FILTER_ID
+    return total
+
+
+@kernel
+def joined(
+    places: TrackletNodes, walk: WalkModel, looked: Floats, i: int, mean: Floats, covariance: Floats, past: float,
+    j: int, J: Floats, h: Floats, future: float,
+) -> tuple[float, int]:  # fmt: skip
+    """Log probability of a track from the forward message of i and the backward one of j, and the motion model.
+
+    Between the two the person walks on, manoeuvres or bends, whichever is most probable.
+    """
+    m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
+    dt = places.time[j] - places.time[i]
+    most, best = -np.inf, CONSTANT_VELOCITY
+    for model in range(walk.often.shape[0]):
+        if model != CONSTANT_VELOCITY and walk.often[model] == 0.0:
+            continue
+        predict(mean, covariance, dt, walk.drift[model], m, P)
+        value = log_integral(m, P, J, h, future) + log_of_model(walk, dt, model)
+        if value > most:
+            most, best = value, model
+    return past + log_dwell_probability(places, walk, looked, i, j) + most, best
+
+
+@kernel
+def log_of_model(walk: WalkModel, dt: float, model: int) -> float:
+    """Log of the probability that a manoeuvre, or bending, begins within dt; of the first model: that none does."""
+    if model == CONSTANT_VELOCITY:
+        return -float(np.sum(walk.often)) * dt
+    return math.log(1.0 - math.exp(-walk.often[model] * dt))
+
+
+@kernel
+def log_link_probability(
+    places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState, i: int, j: int
+) -> float:
+    """Log probability of the track in which j follows i; NONE: a beginning or an end; 0 for neither."""
+    if i == NO_NODE and j == NO_NODE:
+        return 0.0
+    if i == NO_NODE:
+        m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
+        begun = initial_density(walk.prior, walk.mean, chain.J[j], chain.h[j], chain.future[j], m, P)
+        return float(places.birth[j] + begun)
+    if j == NO_NODE:
+        return float(chain.past[i] + places.death[i])
+    value, _ = joined(
+        places, walk, looked, i, chain.mean[i], chain.covariance[i], chain.past[i],
+        j, chain.J[j], chain.h[j], chain.future[j],
+    )  # fmt: skip
+    return value
+
+
+@kernel
+def cached_link(
+    places: TrackletNodes,
+    walk: WalkModel,
+    looked: Floats,
+    listed: LinkCandidates,
+    known: LinkCache,
+    chain: MarkovChainState,
+    i: int,
+    j: int,
+) -> float:
+    """Return `log_link_probability`, cached for links of listed nodes until one of their messages changes."""
+    if j == NO_NODE:
+        return log_link_probability(places, walk, looked, chain, i, j)
+    if i == NO_NODE:
+        if known.first[j] != chain.later[j]:
+            known.begun[j] = log_link_probability(places, walk, looked, chain, i, j) - chain.future[j]
+            known.first[j] = chain.later[j]
+        return float(known.begun[j] + chain.future[j])
+    # Bisection: the positions that may follow one rise
+    low, high = listed.first_next[i], listed.first_next[i + 1]
+    while low < high:
+        middle = (low + high) // 2
+        if listed.next[middle] < j:
+            low = middle + 1
+        else:
+            high = middle
+    if known.earlier[low] != chain.earlier[i] or known.later[low] != chain.later[j]:
+        known.link[low] = log_link_probability(places, walk, looked, chain, i, j) - chain.past[i] - chain.future[j]
+        known.earlier[low], known.later[low] = chain.earlier[i], chain.later[j]
+    return float(chain.past[i] + known.link[low] + chain.future[j])
+
+
+@kernel
+def forward_of(
+    places: TrackletNodes,
+    walk: WalkModel,
+    looked: Floats,
+    chain: MarkovChainState,
+    i: int,
+    k: int,
+    model: int,
+    mean: Floats,
+    P: Floats,
+) -> float:
+    """Write the forward message of position k after position i (or NONE), and give its log likelihood."""
+    if i == NO_NODE:
+        begun = initial_density(walk.prior, walk.mean, places.J[k], places.h[k], places.c[k], mean, P)
+        return float(places.birth[k] + begun)
+    dt = places.time[k] - places.time[i]
+    predict(chain.mean[i], chain.covariance[i], dt, walk.drift[model], mean, P)
+    past = chain.past[i] + log_dwell_probability(places, walk, looked, i, k) + log_of_model(walk, dt, model)
+    return float(past + multiply_factor(mean, P, places.J[k], places.h[k], places.c[k]))
+
+
+@kernel
+def log_insertion_probability(
+    places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState, i: int, k: int, j: int
+) -> float:
+    """Log probability of the track in which position k lies between i and j (each may be NONE)."""
+    m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
+    model = CONSTANT_VELOCITY
+    if i != NO_NODE:
+        _, model = joined(
+            places, walk, looked, i, chain.mean[i], chain.covariance[i], chain.past[i],
+            k, places.J[k], places.h[k], places.c[k],
+        )  # fmt: skip
+    past = forward_of(places, walk, looked, chain, i, k, model, m, P)
+    if j == NO_NODE:
+        return float(past + places.death[k])
+    value, _ = joined(places, walk, looked, k, m, P, past, j, chain.J[j], chain.h[j], chain.future[j])
+    return value
+
+
+@kernel
+def choose_motion(places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState, i: int) -> None:
+    """Choose the motion model between position i and its successor, if it has one."""
+    if i == NO_NODE:
+        return
+    j = chain.after[i]
+    if j == NO_NODE:
+        chain.model[i] = CONSTANT_VELOCITY
+    else:
+        _, chain.model[i] = joined(
+            places, walk, looked, i, chain.mean[i], chain.covariance[i], chain.past[i],
+            j, chain.J[j], chain.h[j], chain.future[j],
+        )  # fmt: skip
+
+
+@kernel
+def update_messages(
+    places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState, forward_at: int, backward_at: int
+) -> None:
+    """Update forward messages from a position on, and backward ones from another one, until nothing changes."""
+    m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
+    k = forward_at
+    while k != NO_NODE:
+        i = chain.before[k]
+        past = forward_of(
+            places, walk, looked, chain, i, k, chain.model[i] if i != NO_NODE else CONSTANT_VELOCITY, m, P
+        )
+        same = True
+        for a in range(STATE_SIZE):
+            moved = abs(m[a] - chain.mean[k, a]) / math.sqrt(P[a, a])
+            widened = abs(P[a, a] - chain.covariance[k, a, a]) / P[a, a]
+            if not (moved < MESSAGE_TOLERANCE_SIGMAS and widened < MESSAGE_TOLERANCE_SIGMAS):
+                same = False
+        more = past - chain.past[k]
+        chain.mean[k], chain.covariance[k], chain.past[k] = m, P, past
+        chain.earlier[k] += 1
+        k = chain.after[k]
+        if same:
+            while k != NO_NODE:
+                chain.past[k] += more
+                k = chain.after[k]
+    k = backward_at
+    J, h = np.empty((STATE_SIZE, STATE_SIZE)), np.empty(STATE_SIZE)
+    while k != NO_NODE:
+        j = chain.after[k]
+        if j == NO_NODE:
+            J[:], h[:] = places.J[k], places.h[k]
+            future = places.c[k] + places.death[k]
+        else:
+            dt = places.time[j] - places.time[k]
+            future = predict_backwards(chain.J[j], chain.h[j], chain.future[j], dt, walk.drift[chain.model[k]], J, h)
+            future += (
+                places.c[k] + log_dwell_probability(places, walk, looked, k, j) + log_of_model(walk, dt, chain.model[k])
+            )
+            J += places.J[k]
+            h += places.h[k]
+        same = True
+        for a in range(STATE_SIZE):
+            if not abs(J[a, a] - chain.J[k, a, a]) <= MESSAGE_TOLERANCE_SIGMAS * J[a, a]:
+                same = False
+            if not abs(h[a] - chain.h[k, a]) <= MESSAGE_TOLERANCE_SIGMAS * math.sqrt(max(J[a, a], 0.0)):
+                same = False
+        more = future - chain.future[k]
+        chain.J[k], chain.h[k], chain.future[k] = J, h, future
+        chain.later[k] += 1
+        k = chain.before[k]
+        if same:
+            while k != NO_NODE:
+                chain.future[k] += more
+                k = chain.before[k]
+
+
+@kernel
+def insert_node(places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState, k: int) -> None:
+    """Make and renew the messages of a track that position k has entered."""
+    i, j = chain.before[k], chain.after[k]
+    if i != NO_NODE:
+        # As if it were the last position, then with what follows
+        _, chain.model[i] = joined(
+            places, walk, looked, i, chain.mean[i], chain.covariance[i], chain.past[i],
+            k, places.J[k], places.h[k], places.c[k],
+        )  # fmt: skip
+    chain.past[k] = forward_of(
+        places,
+        walk,
+        looked,
+        chain,
+        i,
+        k,
+        chain.model[i] if i != NO_NODE else CONSTANT_VELOCITY,
+        chain.mean[k],
+        chain.covariance[k],
+    )
+    chain.earlier[k] += 1
+    choose_motion(places, walk, looked, chain, k)
+    if j != NO_NODE:
+        update_messages(places, walk, looked, chain, j, NO_NODE)
+    chain.J[k] = np.nan
+    update_messages(places, walk, looked, chain, NO_NODE, k)
+
+
+@kernel
+def update_all_messages(places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState) -> None:
+    """Renew all messages of all tracks, and reselect the motion models, by the messages as they were."""
+    for k in range(places.moment.shape[0]):
+        if chain.used[k] and not math.isnan(chain.mean[k, 0]) and not math.isnan(chain.J[k, 0, 0]):
+            choose_motion(places, walk, looked, chain, k)
+    chain.mean[:] = np.nan
+    chain.J[:] = np.nan
+    for k in range(places.moment.shape[0]):
+        if chain.used[k] and chain.before[k] == NO_NODE:
+            update_messages(places, walk, looked, chain, k, NO_NODE)
+            sum_up(places.alike, chain.sums, chain.before, chain.after, k)
+        if chain.used[k] and chain.after[k] == NO_NODE:
+            update_messages(places, walk, looked, chain, NO_NODE, k)
+
+
+@kernel
+def log_posterior(places: TrackletNodes, chain: MarkovChainState) -> float:
+    """Log probability of the state, up to a constant."""
+    value = 0.0
+    for k in range(places.moment.shape[0]):
+        if chain.used[k] and chain.after[k] == NO_NODE:
+            value += chain.past[k] + places.death[k] + log_ratio_joined(places.alike, chain.sums, k, NO_NODE, NO_NODE)
+    return value
+
+
+@kernel
+def sweep(
+    places: TrackletNodes,
+    walk: WalkModel,
+    looked: Floats,
+    listed: LinkCandidates,
+    known: LinkCache,
+    chain: MarkovChainState,
+    temperature: float,
+    drawn: Floats,
+) -> int:
+    """Propose moves, one for each row of `drawn` (k, 4), uniform in [0, 1); give how many were accepted."""
+    n = places.moment.shape[0]
+    accepted = 0
+    for row in range(drawn.shape[0]):
+        k = min(int(drawn[row, 1] * n), n - 1)
+        log_u = temperature * math.log(max(drawn[row, 3], 1e-300))
+        if drawn[row, 0] < MOVE_THRESHOLDS[0]:
+            accepted += propose_successor(places, walk, looked, listed, known, chain, k, drawn[row, 2], log_u)
+        elif drawn[row, 0] < MOVE_THRESHOLDS[1]:
+            accepted += propose_insertion(
+                places, walk, looked, listed, known, chain, k, drawn[row, 2], log_u, temperature
+            )
+        else:
+            accepted += propose_swap(places, walk, looked, listed, known, chain, k, drawn[row, 2], log_u)
+    return accepted
+
+
+@kernel_part
+def propose_successor(
+    places: TrackletNodes,
+    walk: WalkModel,
+    looked: Floats,
+    listed: LinkCandidates,
+    known: LinkCache,
+    chain: MarkovChainState,
+    i: int,
+    u: float,
+    log_u: float,
+) -> int:
+    """Propose another successor of position i, or none."""
+    if not chain.used[i]:
+        return 0
+    count = listed.first_next[i + 1] - listed.first_next[i]
+    pick = min(int(u * (count + 1)), count)
+    j = NO_NODE if pick == count else listed.next[listed.first_next[i] + pick]
+    if j != NO_NODE and not chain.used[j]:
+        return 0
+    a = chain.after[i]
+    if j == a:
+        return 0
+    b = chain.before[j] if j != NO_NODE else NO_NODE
+    if b != NO_NODE and a != NO_NODE and not can_link(places, walk, b, a):
+        return 0
+    now = cached_link(places, walk, looked, listed, known, chain, i, a)
+    if j != NO_NODE:
+        now += cached_link(places, walk, looked, listed, known, chain, b, j)
+    then = cached_link(places, walk, looked, listed, known, chain, i, j)
+    if not (b == NO_NODE and a == NO_NODE):
+        then += cached_link(places, walk, looked, listed, known, chain, b, a)
+    then += log_ratio_joined(places.alike, chain.sums, i, NO_NODE, j) + log_ratio_joined(
+        places.alike, chain.sums, b, NO_NODE, a
+    )
+    now += log_ratio_joined(places.alike, chain.sums, i, NO_NODE, a) + log_ratio_joined(
+        places.alike, chain.sums, b, NO_NODE, j
+    )
+    if not then - now > log_u:
+        return 0
+    chain.after[i] = j
+    if j != NO_NODE:
+        chain.before[j] = i
+    if a != NO_NODE:
+        chain.before[a] = b
+    if b != NO_NODE:
+        chain.after[b] = a
+    choose_motion(places, walk, looked, chain, i)
+    choose_motion(places, walk, looked, chain, b)
+    update_messages(places, walk, looked, chain, j, i)
+    update_messages(places, walk, looked, chain, a, b)
+    sum_up(places.alike, chain.sums, chain.before, chain.after, i)
+    sum_up(places.alike, chain.sums, chain.before, chain.after, a if a != NO_NODE else b)
+    return 1
+
+
+@kernel_part
+def propose_insertion(
+    places: TrackletNodes, walk: WalkModel, looked: Floats, listed: LinkCandidates, known: LinkCache,
+    chain: MarkovChainState, k: int, u: float,
+    log_u: float, temperature: float,
+) -> int:  # fmt: skip
+    """Propose that position k enters a track or leaves its track."""
+    before = listed.first_last[k + 1] - listed.first_last[k]
+    after = listed.first_next[k + 1] - listed.first_next[k]
+    log_options = temperature * math.log(before + after + 1.0)
+    if chain.used[k]:
+        i, j = chain.before[k], chain.after[k]
+        if i != NO_NODE and j != NO_NODE and not can_link(places, walk, i, j):
+            return 0
+        now = cached_link(places, walk, looked, listed, known, chain, i, k)
+        then = cached_link(places, walk, looked, listed, known, chain, i, j)
+        now += log_ratio_joined(places.alike, chain.sums, i, k, j)
+        then += log_ratio_joined(places.alike, chain.sums, i, NO_NODE, j)
+        if not then - now - log_options > log_u:
+            return 0
+        chain.used[k], chain.before[k], chain.after[k] = False, NO_NODE, NO_NODE
+    else:
+        pick = min(int(u * (before + after + 1)), before + after)
+        i, j = NO_NODE, NO_NODE
+        if pick < before:
+            i = listed.last[listed.first_last[k] + pick]
+            if not chain.used[i]:
+                return 0
+            j = chain.after[i]
+            if j != NO_NODE and not can_link(places, walk, k, j):
+                return 0
+        elif pick < before + after:
+            j = listed.next[listed.first_next[k] + pick - before]
+            if not chain.used[j] or chain.before[j] != NO_NODE:
+                return 0
+        now = cached_link(places, walk, looked, listed, known, chain, i, j)
+        then = log_insertion_probability(places, walk, looked, chain, i, k, j)
+        now += log_ratio_joined(places.alike, chain.sums, i, NO_NODE, j)
+        then += log_ratio_joined(places.alike, chain.sums, i, k, j)
+        if not then - now + log_options > log_u:
+            return 0
+        chain.used[k], chain.before[k], chain.after[k] = True, i, j
+    if i != NO_NODE:
+        chain.after[i] = k if chain.used[k] else j
+    if j != NO_NODE:
+        chain.before[j] = k if chain.used[k] else i
+    if chain.used[k]:
+        insert_node(places, walk, looked, chain, k)
+    else:
+        choose_motion(places, walk, looked, chain, i)
+        update_messages(places, walk, looked, chain, j, i)
+    sum_up(places.alike, chain.sums, chain.before, chain.after, k if chain.used[k] else (i if i != NO_NODE else j))
+    return 1
+
+
+@kernel_part
+def propose_swap(
+    places: TrackletNodes,
+    walk: WalkModel,
+    looked: Floats,
+    listed: LinkCandidates,
+    known: LinkCache,
+    chain: MarkovChainState,
+    k: int,
+    u: float,
+    log_u: float,
+) -> int:
+    """Propose that position k and one of the same time step change roles."""
+    count = listed.first_beside[k + 1] - listed.first_beside[k]
+    if count == 0:
+        return 0
+    m = listed.beside[listed.first_beside[k] + min(int(u * count), count - 1)]
+    if not (chain.used[k] or chain.used[m]):
+        return 0
+    for one, other in ((k, m), (m, k)):
+        i, j = chain.before[one], chain.after[one]
+        if i != NO_NODE and not can_link(places, walk, i, other):
+            return 0
+        if j != NO_NODE and not can_link(places, walk, other, j):
+            return 0
+    now, then = 0.0, 0.0
+    for one, other in ((k, m), (m, k)):
+        if chain.used[one]:
+            i, j = chain.before[one], chain.after[one]
+            now += cached_link(places, walk, looked, listed, known, chain, i, one)
+            then += log_insertion_probability(places, walk, looked, chain, i, other, j)
+            now += log_ratio_joined(places.alike, chain.sums, i, one, j)
+            then += log_ratio_joined(places.alike, chain.sums, i, other, j)
+    if not then - now > log_u:
+        return 0
+    ik, jk, im, jm = chain.before[k], chain.after[k], chain.before[m], chain.after[m]
+    uk, um = chain.used[k], chain.used[m]
+    chain.before[k], chain.after[k], chain.used[k] = im, jm, um
+    chain.before[m], chain.after[m], chain.used[m] = ik, jk, uk
+    for one in (k, m):
+        i, j = chain.before[one], chain.after[one]
+        if i != NO_NODE:
+            chain.after[i] = one
+        if j != NO_NODE:
+            chain.before[j] = one
+    for one in (k, m):
+        if chain.used[one]:
+            insert_node(places, walk, looked, chain, one)
+            sum_up(places.alike, chain.sums, chain.before, chain.after, one)
+    return 1

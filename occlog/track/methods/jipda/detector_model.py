@@ -1,0 +1,525 @@
+"""Online estimates of detection probability, clutter rate, survival, manoeuvre and posture rates.
+
+Everything begins with a prior that is worth a few boxes, so that one set of defaults serves detectors of all kinds.
+
+Online estimates of box errors: measurement noise, camera biases, time-correlated errors and gait variance.
+
+All of it comes from how far the cameras of one time step disagree (`kernels.disagreement`), never from residuals
+against the filter's prediction, which hold its own lag:
+
+* noise of middles and sizes, y = a + b size^2, by weighted least squares of the squared disagreements;
+* biases of each camera, by a scalar Kalman filter each;
+* the part that lasts, s^2 exp(-t / LASTS_S), from the products of a person's disagreements in successive frames of a
+  camera;
+* sway, an error of the position that all cameras share and that is new at every time step: with z the positions that
+time steps
+  alone say, at equal intervals, and d_k = z_k - 2 z_{k-1} + z_{k-2}, white acceleration leaves d_k and d_{k-2}
+  uncorrelated, so that E d_k d_{k-2} is the variance of the error of z_{k-2}.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Bools, Floats, Ints
+
+from .config import JipdaConfig
+from .kernels.camera_disagreement import BoxDisagreement
+from .kernels.detections import LOG_SIZE_RANGE, DetectorModel, PackedDetections
+from .kernels.joint_association import BLIND_FRAME_PROBABILITY, NOISE_INFLATION, JipdaResult
+from .target_set import CONSTANT_VELOCITY, MANOEUVRE, POSTURE_CHANGE, TargetSet
+
+PRIOR_BOXES = 5.0
+"""Weight of the prior measurement noise of edges, in boxes of each of five sizes."""
+SIZES = np.array([30.0, 60.0, 120.0, 240.0, 480.0])
+PRIOR_BIAS = np.array([0.01, 0.1, 0.02, 0.05])
+"""Standard deviations of the biases of middle and width across, of middle and height down; see `Rates.bias`."""
+NOISE_CORRELATION_S = 0.5
+"""Correlation time of persistent errors [s]."""
+PRIOR_CORRELATED_NOISE, PRIOR_CORRELATED_PAIRS, USUAL_CORRELATED_NOISE = 0.015, 20.0, 0.01
+"""Prior of the time-correlated error, in heights; its weight in pairs of frames with this noise, in heights."""
+PRIOR_GAIT_SIGMA, PRIOR_GAIT_PAIRS = 0.03, 200.0
+"""Prior of the gait noise [m]; its weight in triples of frames."""
+PRIOR_CHANGES = 200.0
+"""Prior: errors are uncorrelated from frame to frame; its weight is half as many frames."""
+MAX_NOISE_CORRELATION = 0.9
+MAX_CORRELATED_NOISE = 0.06
+GAIT_SIGMA_RANGE = (0.03, 0.12)
+"""Minimum gait noise: feet and head sway about the position [m]."""
+MAX_CHANGE_PRODUCT_M2 = 0.2
+"""Products of changes count at most so much [m^2]: an exchange of people is not their sway."""
+MIN_KEPT_SHARE = 0.3
+OUTLIER_CHI2 = 12.0
+"""Clipping of squared residuals, in variances."""
+MIN_EDGE_NOISE = np.array([0.25, 1e-5])
+MIDDLES = np.array([0, 2])
+INTERVAL_TOLERANCE = 0.2
+"""Intervals are equal that differ by less than this share."""
+
+
+@dataclass(frozen=True)
+class EdgeErrorStatistics:
+    """Sums over boxes seen so far, priors included; C cameras."""
+
+    metre: float
+    bias: Floats  # (C, 4)
+    bias_variance: Floats  # (C, 4)
+    normal: Floats  # (4, 2, 2) normal equations of the noise
+    right: Floats  # (4, 2) right-hand sides
+    lasting: Floats  # (2,) sums of products and of their weights
+    sway: Floats  # (2,) the same
+    before: dict[tuple[int, int], tuple[int, Floats]]  # by person and camera: time, last disagreement of middles
+    path: dict[
+        int, tuple[tuple[int, Floats, float], ...]
+    ]  # by person: time, position, variance of the last five time steps
+    changes: Floats  # (2,) squared changes of disagreements over two frames, and over one
+    last: dict[
+        tuple[int, int], tuple[tuple[int, Floats], ...]
+    ]  # by person and camera: time, disagreements in two frames
+
+
+def prior_edge_errors(cameras: int, metre: float, config: JipdaConfig) -> EdgeErrorStatistics:
+    """Create the priors for a number of cameras."""
+    a = np.array([0.5, 2.0, 0.5, 2.0]) * config.edge_px**2
+    b = np.array([1.0, 4.0, 1.0, 4.0]) * config.looseness**2
+    x = np.stack([np.ones_like(SIZES), SIZES**2])
+    y = a[:, None] + b[:, None] * SIZES**2
+    weight = PRIOR_BOXES / y**2
+    return EdgeErrorStatistics(
+        metre=metre,
+        bias=np.zeros((cameras, 4)),
+        bias_variance=np.tile(PRIOR_BIAS**2, (cameras, 1)),
+        normal=np.einsum("an,bn,kn->kab", x, x, weight),
+        right=np.einsum("an,kn,kn->ka", x, y, weight),
+        lasting=PRIOR_CORRELATED_PAIRS / USUAL_CORRELATED_NOISE**4 * np.array([PRIOR_CORRELATED_NOISE**2, 1.0]),
+        sway=PRIOR_GAIT_PAIRS * np.array([(PRIOR_GAIT_SIGMA * metre) ** 2, 1.0]),
+        before={},
+        path={},
+        changes=np.full(2, PRIOR_CHANGES),
+        last={},
+    )
+
+
+def edge_noise_variance(edges: EdgeErrorStatistics) -> Floats:
+    """(4, 2) constant [px^2] and share squared of the variance of middles and sizes: least squares, none negative."""
+    out = np.linalg.solve(edges.normal, edges.right[..., None])[..., 0]
+    for k in range(4):
+        A, r = edges.normal[k], edges.right[k]
+        for one, other in ((0, 1), (1, 0)):
+            if out[k, one] < MIN_EDGE_NOISE[one]:
+                out[k, one] = MIN_EDGE_NOISE[one]
+                out[k, other] = max((r[other] - A[0, 1] * MIN_EDGE_NOISE[one]) / A[other, other], MIN_EDGE_NOISE[other])
+    # The persistent part is counted separately
+    out[MIDDLES, 1] = np.maximum(out[MIDDLES, 1] - correlated_noise(edges), 0.0)
+    return np.asarray(out, dtype=np.float64)
+
+
+def correlated_noise(edges: EdgeErrorStatistics) -> float:
+    """Variance of the errors of middles that last, in heights squared."""
+    return float(np.clip(edges.lasting[0] / edges.lasting[1], 0.0, MAX_CORRELATED_NOISE**2))
+
+
+def gait_variance(edges: EdgeErrorStatistics) -> float:
+    """Return the gait variance: that of the observed position about the walk."""
+    return float(np.clip(edges.sway[0] / edges.sway[1], *(np.array(GAIT_SIGMA_RANGE) * edges.metre) ** 2))
+
+
+def correlated_noise_factor(edges: EdgeErrorStatistics, between: float = 1.0) -> float:
+    """Return (1 + r) / (1 - r), r the correlation of errors between successive frames that count: their weight.
+
+    One of `between` frames of a camera counts; the correlation falls geometrically with their number.
+    """
+    alike = float(np.clip(edges.changes[0] / edges.changes[1] - 1.0, 0.0, MAX_NOISE_CORRELATION) ** between)
+    return (1.0 + alike) / (1.0 - alike)
+
+
+def update_edge_errors(
+    edges: EdgeErrorStatistics,
+    t_ns: int,
+    boxes: PackedDetections,
+    found: BoxDisagreement,
+    *,
+    key: Ints,
+    owner: Ints,
+    lasts: Floats,
+) -> EdgeErrorStatistics:
+    """Update the sums with one time step.
+
+    Args:
+        edges: before.
+        t_ns: time of the time step.
+        boxes: of it.
+        found: how far its cameras disagree.
+        key: (N,) of people.
+        owner: (M,) person of each box.
+        lasts: (C,) how many times as long errors that last count.
+    """
+    camera = np.repeat(boxes.camera, np.diff(boxes.first))
+    used = np.flatnonzero((found.kept > MIN_KEPT_SHARE).any(axis=1))
+    if len(used):
+        edges = _noise_and_bias(edges, used, camera, found, lasts)
+    edges = _changes(edges, t_ns, used, camera, found, key[owner[used]])
+    edges = _correlated_noise(edges, t_ns, used, camera, found, key[owner[used]])
+    return _gait_variance(edges, t_ns, found, key)
+
+
+def _noise_and_bias(
+    edges: EdgeErrorStatistics, used: Ints, camera: Ints, found: BoxDisagreement, lasts: Floats
+) -> EdgeErrorStatistics:
+    noise = edge_noise_variance(edges)
+    noise[MIDDLES, 1] += correlated_noise(edges)
+    r, kept, size = found.residual[used], found.kept[used], found.size[used]
+    S = noise[:, 0] + noise[:, 1] * size**2
+    share = np.where(kept > MIN_KEPT_SHARE, kept, 1.0)
+    # Noise: squared disagreements by the share of the variance that they keep, by weighted least squares
+    y, weight = np.minimum(r**2 / share, OUTLIER_CHI2 * S), np.where(kept > MIN_KEPT_SHARE, (kept / S) ** 2, 0.0)
+    x = np.stack([np.ones_like(size), size**2])
+    # Biases: a scalar Kalman filter for each; errors that last count less
+    bias, variance = edges.bias.copy(), edges.bias_variance.copy()
+    for k, row in enumerate(used):
+        c = camera[row]
+        slow = S[k] / (share[k] * size[k] ** 2) * lasts[c]
+        gain = np.where(kept[k] > MIN_KEPT_SHARE, variance[c] / (variance[c] + slow), 0.0)
+        bias[c] += gain * r[k] / (share[k] * size[k])
+        variance[c] *= 1.0 - gain
+    return replace(
+        edges,
+        normal=edges.normal + np.einsum("ank,bnk,nk->kab", x, x, weight),
+        right=edges.right + np.einsum("ank,nk,nk->ka", x, y, weight),
+        bias=bias,
+        bias_variance=variance,
+    )
+
+
+def _changes(
+    edges: EdgeErrorStatistics, t_ns: int, used: Ints, camera: Ints, found: BoxDisagreement, key: Ints
+) -> EdgeErrorStatistics:
+    """Compare changes over two looks with those over one: 1 - r^2 to 1 - r, whatever stays for longer."""
+    noise, sums = edge_noise_variance(edges), edges.changes.copy()
+    noise[MIDDLES, 1] += correlated_noise(edges)
+    last = {k: v for k, v in edges.last.items() if t_ns - v[-1][0] < 2 * NS}
+    for row, person in zip(used.tolist(), key.tolist(), strict=True):
+        size, kept = found.size[row], found.kept[row]
+        deviation = np.sqrt((noise[:, 0] + noise[:, 1] * size**2) * np.maximum(kept, MIN_KEPT_SHARE))
+        now = np.where(kept > MIN_KEPT_SHARE, found.residual[row] / deviation, np.nan)
+        at = (person, int(camera[row]))
+        looks = (*last.get(at, ()), (t_ns, now))[-3:]
+        last[at] = looks
+        if len(looks) == 3:
+            first, second = looks[1][0] - looks[0][0], looks[2][0] - looks[1][0]
+            if max(first, second) > (1.0 + INTERVAL_TOLERANCE) * min(first, second):
+                continue
+            two = np.minimum((now - looks[0][1]) ** 2, OUTLIER_CHI2)
+            one = 0.5 * np.minimum((now - looks[1][1]) ** 2, OUTLIER_CHI2)
+            one += 0.5 * np.minimum((looks[1][1] - looks[0][1]) ** 2, OUTLIER_CHI2)
+            fine = np.isfinite(two) & np.isfinite(one)
+            sums += (two[fine].sum(), one[fine].sum())
+    return replace(edges, changes=sums, last=last)
+
+
+def _correlated_noise(
+    edges: EdgeErrorStatistics, t_ns: int, used: Ints, camera: Ints, found: BoxDisagreement, key: Ints
+) -> EdgeErrorStatistics:
+    noise, sums = edge_noise_variance(edges), edges.lasting.copy()
+    noise[MIDDLES, 1] += correlated_noise(edges)
+    before = {k: v for k, v in edges.before.items() if t_ns - v[0] < 4.0 * NOISE_CORRELATION_S * NS}
+    for row, person in zip(used.tolist(), key.tolist(), strict=True):
+        size, kept = found.size[row, MIDDLES], found.kept[row, MIDDLES]
+        off = np.where(
+            kept > MIN_KEPT_SHARE, found.residual[row, MIDDLES] / size / np.sqrt(np.maximum(kept, 0.1)), np.nan
+        )
+        variance = noise[MIDDLES, 0] / size**2 + noise[MIDDLES, 1]
+        now = np.concatenate([off, variance])
+        at = (person, int(camera[row]))
+        if at in before:
+            then, old = before[at]
+            # E of the product is s^2 exp(-t / LASTS_S)
+            w = np.exp(-(t_ns - then) / NS / NOISE_CORRELATION_S)
+            weight = 1.0 / (variance * old[2:])
+            product = np.clip(off * old[:2], -OUTLIER_CHI2 * variance, OUTLIER_CHI2 * variance)
+            fine = np.isfinite(product)
+            sums += (np.sum((w * weight * product)[fine]), np.sum((w * w * weight)[fine]))
+        before[at] = (t_ns, now)
+    return replace(edges, lasting=sums, before=before)
+
+
+def _gait_variance(edges: EdgeErrorStatistics, t_ns: int, found: BoxDisagreement, key: Ints) -> EdgeErrorStatistics:
+    sums, path = edges.sway.copy(), {}
+    most = MAX_CHANGE_PRODUCT_M2 * edges.metre**2
+    for i in np.flatnonzero(np.isfinite(found.place[:, 0])).tolist():
+        k = int(key[i])
+        now = (*edges.path.get(k, ()), (t_ns, found.place[i], float(found.variance[i])))[-5:]
+        if len(now) > 1 and now[-1][0] - now[-2][0] > 2 * NS:
+            now = now[-1:]
+        path[k] = now
+        if len(now) == 5:
+            t = np.diff([p[0] for p in now])
+            if t.max() > (1.0 + INTERVAL_TOLERANCE) * t.min():
+                continue
+            z = np.array([p[1] for p in now])
+            late, early = z[4] - 2.0 * z[3] + z[2], z[2] - 2.0 * z[1] + z[0]
+            product = float(np.mean(np.clip(late * early, -most, most)))
+            sums += (product - now[2][2], 1.0)
+    # People who were not seen well at this time step start again
+    return replace(edges, sway=sums, path=path)
+
+
+def reliable_boxes(
+    boxes: PackedDetections, owner: Ints, share: Floats, visible: Floats, sure: Bools, least: float
+) -> Bools:
+    """Select (M,) boxes for learning: whole, surely of a person who surely exists and is in plain view.
+
+    Args:
+        boxes: M boxes of L frames.
+        owner: (M,) likeliest person; negative: clutter.
+        share: (N, M) probability that a box is of a person.
+        visible: (L, N) visible shares; NaN: outside the image.
+        sure: (N,) people who surely exist.
+        least: visible share that is plain view.
+    """
+    box = np.arange(len(boxes.box))
+    look = np.repeat(np.arange(len(boxes.camera)), np.diff(boxes.first))
+    good = (owner >= 0) & boxes.believed.all(axis=1)
+    mine, at = owner[good], box[good]
+    good[good] = (
+        sure[mine] & (share[mine, at] > MIN_ASSOCIATION_TO_LEARN) & (np.nan_to_num(visible[look[good], mine]) > least)
+    )
+    return good
+
+
+MIN_ASSOCIATION_TO_LEARN = 0.7
+"""Minimum association probability of a box for learning."""
+
+
+DETECTION_BY_VISIBILITY = np.array([0.02, 0.1, 0.4, 0.8, 0.95, 1.0])
+"""Prior: probability of detection at the visible shares 0, 0.2, .. 1, against that in plain view."""
+PRIOR_FRAMES = 10.0
+"""Weight of the prior detection probability and clutter rate, in frames."""
+PRIOR_CURVE = 20.0
+"""Weight of the prior visibility curve, in people at each of its nodes."""
+PRIOR_TRUNCATED = (2.0, 4.0)
+"""Prior: every other box ends where the cover of the feet begins."""
+PRIOR_MERGES = (0.5, 10.0)
+"""Prior share of touching pairs with a merged detection; its weight in pairs."""
+PRIOR_OUTLIER_EDGES = (1.0, 50.0)
+"""Prior counts of boxes with an outlier edge, and of boxes."""
+PRIOR_MANOEUVRES = 5.0
+"""Weight of the prior manoeuvre rate, in manoeuvres."""
+PRIOR_POSTURE_CHANGES = 2.0
+"""Weight of the prior posture-change rate, in posture changes."""
+PRIOR_TERMINATIONS = 2.0
+"""Weight of the prior departure rate, in departures."""
+PRIOR_PERSISTENT_CLUTTER = (1.0, 4.0)
+"""Prior counts of persistent clutter in the camera's next frame, and of clutter."""
+MAX_PERSISTENT_CLUTTER = 0.95
+"""Maximum probability of persistent clutter."""
+MAX_LOG_CLUTTER_RATIO = 50.0
+"""Greatest log of a density against that of a box anywhere."""
+MIN_CLUTTER_PROBABILITY = 0.05
+"""Minimum clutter probability of a box that is tested for persistence."""
+MIN_EXISTENCE_TO_LEARN, MIN_VISIBILITY_TO_LEARN = 0.9, 0.85
+"""Those teach who exist this surely; in plain view they are visible to this share."""
+DETECTION_RANGE = (0.05, 0.98)
+MAX_MERGE_PROBABILITY = 0.9
+"""Maximum share of touching pairs with a merged detection."""
+
+
+@dataclass(frozen=True)
+class DetectorStatistics:
+    """Sums over boxes and people seen so far, priors included; C cameras, K nodes of the curve."""
+
+    detected: Floats  # (C, 2) people in plain view: detected, all
+    clutter: Floats  # (C, 2) clutter boxes, frames
+    curve: Floats  # (K, 2) detected, expected in plain view
+    cuts: Floats  # (2,) boxes that end where the cover of the feet begins, boxes of people whose feet are covered
+    merges: Floats  # (C, 2) pairs who touch in the image: in one box, of whom there is a box
+    wrong: Floats  # (2,) boxes with a wrong edge, all boxes
+    again: Floats  # (C, 2) clutter boxes that persist in the next frame, clutter boxes
+    left: Floats  # (2,) people who left, person-seconds
+    turned: Floats  # (2,) manoeuvres begun, seconds of calm motion
+    bent: Floats  # (2,) times that a person bent, person-seconds upright
+
+
+def prior_statistics(cameras: int, config: JipdaConfig) -> DetectorStatistics:
+    """Create the priors for a number of cameras."""
+    return DetectorStatistics(
+        detected=np.tile([PRIOR_FRAMES * config.detection, PRIOR_FRAMES], (cameras, 1)),
+        clutter=np.tile([PRIOR_FRAMES * config.clutter, PRIOR_FRAMES], (cameras, 1)),
+        curve=PRIOR_CURVE * np.column_stack([DETECTION_BY_VISIBILITY, np.ones_like(DETECTION_BY_VISIBILITY)]),
+        cuts=np.array(PRIOR_TRUNCATED),
+        merges=np.tile(PRIOR_MERGES, (cameras, 1)),
+        wrong=np.array(PRIOR_OUTLIER_EDGES),
+        again=np.tile(PRIOR_PERSISTENT_CLUTTER, (cameras, 1)),
+        left=PRIOR_TERMINATIONS * np.array([1.0, config.stay_s]),
+        turned=PRIOR_MANOEUVRES * np.array([1.0, config.calm_s]),
+        bent=PRIOR_POSTURE_CHANGES * np.array([1.0, config.bend_s]),
+    )
+
+
+def detector_model(
+    counts: DetectorStatistics, edges: EdgeErrorStatistics, config: JipdaConfig, interval: Floats, between: float = 1.0
+) -> DetectorModel:
+    """Estimate the detector parameters from the sums.
+
+    Args:
+        counts: sums over people.
+        edges: sums over boxes.
+        config: whether people hide one another.
+        interval: (C,) time since each camera's last frame [s], > 0; may be infinite.
+        between: number of a camera's frames per frame that counts, >= 1.
+    """
+    curve = np.maximum.accumulate(counts.curve[:, 0] / counts.curve[:, 1])
+    curve = curve / curve[-1] if config.visible else np.ones_like(curve)
+    return DetectorModel(
+        detection=np.clip(counts.detected[:, 0] / counts.detected[:, 1], *DETECTION_RANGE),
+        curve=curve,
+        cut=float(counts.cuts[0] / counts.cuts[1]),
+        wrong=float(counts.wrong[0] / counts.wrong[1]),
+        bias=edges.bias,
+        noise=edge_noise_variance(edges),
+        sway=correlated_noise(edges),
+        # White noise that is worth as much as one whose correlation falls as exp(-t / LASTS_S)
+        lasting=1.0 / np.tanh(0.5 * interval / NOISE_CORRELATION_S),
+        merge=np.minimum(counts.merges[:, 0] / counts.merges[:, 1], MAX_MERGE_PROBABILITY),
+        slow=correlated_noise_factor(edges, between),
+    )
+
+
+def termination_rate(counts: DetectorStatistics) -> float:
+    """How many of the people leave in a second."""
+    return float(counts.left[0] / counts.left[1])
+
+
+def manoeuvre_rate(counts: DetectorStatistics) -> float:
+    """Return the manoeuvre rate of a walking person [1/s]."""
+    return float(counts.turned[0] / counts.turned[1])
+
+
+def posture_change_rate(counts: DetectorStatistics) -> float:
+    """Return the rate of posture changes of a person [1/s]."""
+    return float(counts.bent[0] / counts.bent[1])
+
+
+def clutter_rate(counts: DetectorStatistics) -> Floats:
+    """(C,) expected number of clutter boxes in a frame of each camera."""
+    return np.asarray(counts.clutter[:, 0] / counts.clutter[:, 1])
+
+
+class Clutter(NamedTuple):
+    """Possible clutter boxes of a camera's last frame."""
+
+    box: Floats  # (n, 4)
+    free: Floats  # (n,) probability that they are of no person
+
+
+def no_clutter() -> Clutter:
+    """No clutter box."""
+    return Clutter(np.zeros((0, 4)), np.zeros(0))
+
+
+def persistent_clutter_rate(counts: DetectorStatistics) -> Floats:
+    """(C,) probability that a clutter box persists in the camera's next frame."""
+    return np.asarray(np.minimum(counts.again[:, 0] / counts.again[:, 1], MAX_PERSISTENT_CLUTTER))
+
+
+def persistent_clutter_density(
+    boxes: PackedDetections, before: Sequence[Clutter], again: Floats, noise: Floats, size: Floats
+) -> Floats:
+    """Compute persistent clutter from the camera's last frame, as of shadows and posts.
+
+    Args:
+        boxes: of the time step, M of L frames.
+        before: of each camera.
+        again: (C,) probability that a clutter box persists.
+        noise: (4, 2) variances as in `Rates.noise`.
+        size: (C, 2) width and height of the images [px].
+
+    Returns:
+        (M,) expected number of such boxes, as `exp(Boxes.clutter)` is that of clutter boxes anywhere.
+    """
+    out = np.zeros(len(boxes.box))
+    for look, c in enumerate(boxes.camera.tolist()):
+        here = slice(boxes.first[look], boxes.first[look + 1])
+        old, now = before[c].box, boxes.box[here]
+        if not len(old) or not len(now):
+            continue
+        # Density of the new box about the old one, against that of a box anywhere in the image
+        width, height = (old[:, 2:] - old[:, :2]).T
+        extent = np.column_stack([height, width, height, height])
+        variance = 2.0 * NOISE_INFLATION * (noise[:, 0] + noise[:, 1] * extent**2)
+        off = _centres_and_sizes(now)[:, None] - _centres_and_sizes(old)
+        log = -0.5 * (off**2 / variance + np.log(2.0 * np.pi * variance)).sum(axis=2)
+        sizes = (np.log(np.maximum(now[:, 2:] - now[:, :2], 1.0)) + LOG_SIZE_RANGE).sum(axis=1)
+        log += np.log(size[c]).sum() + sizes[:, None]
+        out[here] = again[c] * (np.exp(np.minimum(log, MAX_LOG_CLUTTER_RATIO)) * before[c].free).sum(axis=1)
+    return out
+
+
+def _centres_and_sizes(box: Floats) -> Floats:
+    """(n, 4) middle and width across, middle and height down, of boxes (n, 4)."""
+    low, high = box[:, :2], box[:, 2:]
+    return np.stack([0.5 * (low + high), high - low], axis=2).reshape(-1, 4)
+
+
+def blind_frames(boxes: PackedDetections, existence: Floats, detection: Floats) -> Bools:
+    """Find (L,) frames without any box that are more probably blind than frames that missed all people.
+
+    Args:
+        boxes: of L frames.
+        existence: (N,) of people.
+        detection: (L, N) probabilities of detection.
+    """
+    missed = np.log1p(-existence * np.minimum(detection, DETECTION_RANGE[1])).sum(axis=1)
+    return np.asarray((np.diff(boxes.first) == 0) & (missed < math.log(BLIND_FRAME_PROBABILITY)))
+
+
+def update_statistics(
+    counts: DetectorStatistics,
+    people: TargetSet,
+    *,
+    dt: float,
+    config: JipdaConfig,
+    boxes: PackedDetections,
+    rates: DetectorModel,
+    result: JipdaResult,
+) -> DetectorStatistics:
+    """Update the sums with the boxes of one time step; clutter is counted elsewhere, after track initiation."""
+    detected, curve, merges = counts.detected.copy(), counts.curve.copy(), counts.merges.copy()
+    sure = people.existence > MIN_EXISTENCE_TO_LEARN
+    last = len(curve) - 1
+    blind = blind_frames(boxes, people.existence, result.detection)
+    for look, c in enumerate(boxes.camera.tolist()):
+        if blind[look]:
+            continue
+        visible = result.visible[look]
+        here = slice(boxes.first[look], boxes.first[look + 1])
+        hit, apart = result.share[:, here].sum(axis=1), 1.0 - np.minimum(result.joint[:, here].sum(axis=1), 1.0)
+        plain = sure & (visible > MIN_VISIBILITY_TO_LEARN)
+        detected[c] += (hit[plain].sum(), apart[plain].sum())
+        merges[c] += result.merges[look]
+        # The curve, with each person's weight between two of its nodes
+        seen = np.flatnonzero(sure & (visible > 0.0))
+        at = visible[seen] * last
+        k = np.minimum(at.astype(np.int64), last - 1)
+        for place, weight in ((k, 1.0 - (at - k)), (k + 1, at - k)):
+            np.add.at(curve[:, 0], place, weight * hit[seen])
+            np.add.at(curve[:, 1], place, weight * apart[seen] * rates.detection[c])
+    # As many begin as end: the time spent in manoeuvres over how long one takes
+    model = dt * people.model[sure].sum(axis=0)
+    turned = counts.turned + np.array([model[MANOEUVRE] / config.turn_s, model[CONSTANT_VELOCITY]])
+    bent = counts.bent + np.array([model[POSTURE_CHANGE] / config.bent_s, model[CONSTANT_VELOCITY] + model[MANOEUVRE]])
+    return replace(
+        counts,
+        detected=detected,
+        curve=curve,
+        cuts=counts.cuts + result.cuts,
+        merges=merges,
+        wrong=counts.wrong + result.wrong,
+        turned=turned,
+        bent=bent,
+    )

@@ -1,0 +1,338 @@
+"""Track initiation: bodies that explain unassigned boxes of one or several cameras.
+
+Each free box proposes a body: the most probable position, height and width of one who made it, with the curvature there
+(Laplace's approximation).  The boxes of the other cameras are then asked one after the other: a body that is seen must
+be detected with its probability of detection among the people who hide it.  The result is the odds that a new target
+stands there against all of these boxes being of no person.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.numerics.jit import kernel
+
+from .body_box import PackedCameras, box_and_slope
+from .detections import (
+    LOG_2PI,
+    DetectorModel,
+    PackedDetections,
+    add_precision,
+    biased,
+    edge_noise,
+    interpolate,
+    log_clutter,
+    log_density,
+)
+from .linear import invert
+from .visibility import COLUMNS, ROWS, centre_deviation, in_view, visibility
+
+NEWTON_STEPS = 4
+MIN_UNASSIGNED_PROBABILITY = 0.2
+"""Minimum unassigned probability of a box that proposes a new person."""
+
+
+class TrackedPeople(NamedTuple):
+    """Predicted tracks in the frames of a time step; N people, L frames."""
+
+    existence: Floats  # (N,)
+    box: Floats  # (L, N + 1, 4) expected boxes; the last position is for a new target
+    depth: Floats  # (L, N + 1) along the optical axis; negative: not in front of the camera
+    across: Floats  # (L, N + 1) standard deviation of the box's middle, across the image [px]
+    deep: Floats  # (N + 1,) standard deviation of the depth
+
+
+class BirthIntensity(NamedTuple):
+    """Expected numbers of people who are new since the last time step."""
+
+    everywhere: float  # a unit of area
+    in_image: float  # in an image: what is far away and small in it counts less
+    centre: Floats  # (G, 2) positions
+    at: Floats  # (G,) also, a unit of area there, falling with the distance from it
+    smooth: float  # as a Gaussian of this deviation
+
+
+@kernel
+def ground_point(views: PackedCameras, c: int, u: float, v: float, z: float, place: Floats) -> bool:
+    """Write the position (2,) at height z that pixel (u, v) of camera c shows; False where missing ahead.
+
+    The lens's distortion is omitted: the position is where an iteration begins.
+    """
+    x = (u - views.principal[c, 0]) / views.focal[c, 0]
+    y = (v - views.principal[c, 1]) / views.focal[c, 1]
+    R = views.rotation[c]
+    up = R[2, 0] * x + R[2, 1] * y + R[2, 2]
+    if abs(up) < 1e-9:
+        return False
+    along = (z - views.position[c, 2]) / up
+    if along <= 0.0:
+        return False
+    place[0] = views.position[c, 0] + along * (R[0, 0] * x + R[0, 1] * y + R[0, 2])
+    place[1] = views.position[c, 1] + along * (R[1, 0] * x + R[1, 1] * y + R[1, 2])
+    return True
+
+
+@kernel
+def state_from_box(
+    views: PackedCameras,
+    boxes: PackedDetections,
+    rates: DetectorModel,
+    body: Floats,
+    arrival: BirthIntensity,
+    c: int,
+    j: int,
+    mean: Floats,
+    covariance: Floats,
+) -> float:
+    """Write the state (6,) and covariance (6, 6) of one who made box j, and give the log of the integrated density.
+
+    The density is that of the box and the number of new people; NaN: no person can make it.
+    """
+    box, believed = boxes.box[j], boxes.believed[j]
+    place = np.empty(2)
+    middle = 0.5 * (box[0] + box[2])
+    found = False
+    if believed[3]:
+        found = ground_point(views, c, middle, box[3], 0.0, place)
+    elif believed[1]:
+        found = ground_point(views, c, middle, box[1], body[0], place)
+    if not found or not (believed[0] or believed[2]):
+        return math.nan
+    distance = math.hypot(place[0] - views.position[c, 0], place[1] - views.position[c, 1])
+    if distance > views.range[c]:
+        return math.nan
+    mean[0], mean[1], mean[2], mean[3], mean[4], mean[5] = place[0], place[1], 0.0, 0.0, body[0], body[2]
+    expected, slope, noise, drawn = np.empty(4), np.zeros((4, 6)), np.empty((4, 4)), np.empty(4)
+    prior = np.array([0.0, 0.0, 1.0 / body[4] ** 2, 1.0 / body[4] ** 2, 1.0 / body[1] ** 2, 1.0 / body[3] ** 2])
+    at = np.array([0.0, 0.0, 0.0, 0.0, body[0], body[2]])
+    W = np.empty((4, 4))
+    for _ in range(NEWTON_STEPS):
+        if box_and_slope(views.lens[c], mean, 0.0, expected, slope) < 0.0:
+            return math.nan
+        biased(expected, rates.bias[c], drawn)
+        edge_noise(drawn, rates, 1.0, noise)
+        W[:] = 0.0
+        add_precision(noise, believed, 1.0, W)
+        information = slope.T @ W @ slope
+        vector = slope.T @ W @ (box - drawn + slope @ mean)
+        for k in range(6):
+            information[k, k] += prior[k]
+            vector[k] += prior[k] * at[k]
+        log_determinant = invert(information, covariance)
+        if math.isnan(log_determinant):
+            return math.nan
+        mean[:] = covariance @ vector
+        mean[4], mean[5] = max(mean[4], 0.3 * body[0]), max(mean[5], 0.3 * body[2])
+    if box_and_slope(views.lens[c], mean, 0.0, expected, slope) < 0.0:
+        return math.nan
+    biased(expected, rates.bias[c], drawn)
+    # Density of the box at the best body times that of the body, and Laplace's volume without the velocity
+    inverse = np.empty((4, 4))
+    log_box, _ = log_density(box - drawn, inverse, believed, noise, np.zeros((4, 4)))
+    high, wide = (mean[4] - body[0]) / body[1], (mean[5] - body[2]) / body[3]
+    log_body = -0.5 * (high * high + wide * wide) - math.log(body[1] * body[3]) - LOG_2PI
+    total: float = log_box + log_body + 2.0 * LOG_2PI - 0.5 * (log_determinant + 4.0 * math.log(body[4]))
+    # Where a square unit is small in the image, fewer people are expected on it
+    across, down = 0.5 * (slope[0] + slope[2]), slope[3]
+    area = abs(across[0] * down[1] - across[1] * down[0]) / (views.size[c, 0] * views.size[c, 1])
+    expected_new = arrival.everywhere
+    for g in range(arrival.centre.shape[0]):
+        dx, dy = mean[0] - arrival.centre[g, 0], mean[1] - arrival.centre[g, 1]
+        apart = (dx * dx + dy * dy) / (arrival.smooth * arrival.smooth)
+        if arrival.at[g] > 0.0 and apart < 16.0:
+            expected_new += arrival.at[g] * math.exp(-0.5 * apart)
+    return total + math.log(min(expected_new, arrival.in_image * area) + 1e-300)
+
+
+@kernel
+def predicted_targets(
+    views: PackedCameras, boxes: PackedDetections, people: Floats, spread: Floats, existence: Floats
+) -> TrackedPeople:
+    """The people (N, 6), whose positions have the standard deviations (N,) `spread`, as predicted in each frame."""
+    L, N = boxes.camera.shape[0], people.shape[0]
+    box, depth, across = np.empty((L, N + 1, 4)), np.empty((L, N + 1)), np.empty((L, N + 1))
+    deep, there, slope = np.empty(N + 1), np.ones(N + 1), np.zeros((4, 6))
+    for i in range(N):
+        deep[i], there[i] = spread[i] + 0.1 * people[i, 5], existence[i]
+        for l in range(L):  # noqa: E741 - a frame
+            c = boxes.camera[l]
+            depth[l, i] = box_and_slope(views.lens[c], people[i], 0.0, box[l, i], slope)
+            if depth[l, i] > 0.0:
+                across[l, i] = spread[i] * views.focal[c, 0] / depth[l, i]
+    return TrackedPeople(there, box, depth, across, deep)
+
+
+@kernel
+def propose_track(
+    views: PackedCameras,
+    boxes: PackedDetections,
+    rates: DetectorModel,
+    body: Floats,
+    arrival: BirthIntensity,
+    tracked: TrackedPeople,
+    free: Floats,
+    look: int,
+    seed: int,
+    gate: float,
+    mean: Floats,
+    covariance: Floats,
+    used: Floats,
+) -> float:
+    """Log odds that a new target made a box; the state, its covariance and its associated boxes are written.
+
+    Args:
+        views: cameras.
+        boxes: of the time step.
+        rates: of the detectors.
+        body: (5,) height and its deviation, width and its deviation, deviation of a velocity.
+        arrival: expected numbers of new people.
+        tracked: those who are tracked.
+        free: (M,) probability that a box is of none of them.
+        look: of the box that proposes.
+        seed: that box.
+        gate: greatest squared Mahalanobis distance.
+        mean: (6,) written.
+        covariance: (6, 6) written.
+        used: (M,) written: share with which a box is theirs.
+    """
+    c = boxes.camera[look]
+    used[:] = 0.0
+    log_seed = state_from_box(views, boxes, rates, body, arrival, c, seed, mean, covariance)
+    if math.isnan(log_seed) or mean[4] > body[0] + 4.0 * body[1] or mean[4] < body[0] - 5.0 * body[1]:
+        return -math.inf
+    width, height = views.size[c]
+    false = log_clutter(boxes.box[seed], boxes.believed[seed], width, height) + boxes.clutter[seed]
+    N = tracked.deep.shape[0] - 1
+    total = log_seed + math.log(max(free[seed], 1e-6)) - false
+    used[seed] = 1.0
+    information, vector = np.empty((6, 6)), np.empty(6)
+    invert(covariance, information)
+    vector[:] = information @ mean
+    deep = tracked.deep
+    slope, noise, drawn, inverse = np.zeros((4, 6)), np.empty((4, 4)), np.empty(4), np.empty((4, 4))
+    cells, W = np.empty((ROWS, COLUMNS)), np.empty((4, 4))
+    for l in range(boxes.camera.shape[0]):  # noqa: E741 - a frame
+        c = boxes.camera[l]
+        box, depth, across = tracked.box[l], tracked.depth[l], tracked.across[l]
+        depth[N] = box_and_slope(views.lens[c], mean, 0.0, box[N], slope)
+        if depth[N] < 0.0 or not in_view(views, c, mean[0], mean[1], box[N], cells):
+            continue
+        P = slope @ covariance @ slope.T
+        across[N] = centre_deviation(P)
+        deep[N] = math.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1])) + 0.1 * mean[5]
+        visible = visibility(views, c, mean, N, box, depth, across, deep, tracked.existence, cells)
+        detection = rates.detection[c] * interpolate(rates.curve, visible)
+        if l == look:
+            total += math.log(max(detection, 1e-6))
+            continue
+        biased(box[N], rates.bias[c], drawn)
+        edge_noise(drawn, rates, 1.0, noise)
+        best, best_j, summed = 0.0, -1, 0.0
+        for j in range(boxes.first[l], boxes.first[l + 1]):
+            if free[j] < 0.05:
+                continue
+            off = boxes.box[j] - drawn
+            if abs(off[0] + off[2]) > 4.0 * math.sqrt(gate * (across[N] * across[N] + noise[0, 0])):
+                continue
+            log_ratio, distance = log_density(off, inverse, boxes.believed[j], noise, P)
+            if distance > gate:
+                continue
+            log_ratio -= log_clutter(boxes.box[j], boxes.believed[j], views.size[c, 0], views.size[c, 1])
+            ratio = free[j] * math.exp(log_ratio - boxes.clutter[j])
+            summed += ratio
+            if ratio > best:
+                best, best_j = ratio, j
+        total += math.log(1.0 - detection + detection * summed)
+        if best_j >= 0:
+            p = detection * best / (1.0 - detection + detection * summed)
+            used[best_j] = p
+            if p > 0.5:
+                W[:] = 0.0
+                add_precision(noise, boxes.believed[best_j], p, W)
+                HW = slope.T @ W
+                information += HW @ slope
+                vector += HW @ (boxes.box[best_j] - drawn + slope @ mean)
+                invert(information, covariance)
+                mean[:] = covariance @ vector
+    return float(total)
+
+
+@kernel
+def initiate_targets(
+    views: PackedCameras,
+    boxes: PackedDetections,
+    rates: DetectorModel,
+    body: Floats,
+    arrival: BirthIntensity,
+    people: Floats,
+    spread: Floats,
+    existence: Floats,
+    free: Floats,
+    gate: float,
+    least: float,
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """New people: mean (K, 6), covariance (K, 6, 6), log odds (K,), and their shares of the boxes (K, M).
+
+    Args:
+        views: cameras.
+        boxes: of the time step.
+        rates: of the detectors.
+        body: (5,) height and its deviation, width and its deviation, deviation of a velocity.
+        arrival: expected numbers of new people.
+        people: (N, 6) those who are tracked.
+        spread: (N,) standard deviation of their positions.
+        existence: (N,).
+        free: (M,) probability that a box is of none of them.
+        gate: greatest squared Mahalanobis distance.
+        least: log odds below which no track is initiated.
+    """
+    M, L = boxes.box.shape[0], boxes.camera.shape[0]
+    open_share = free.copy()
+    look_of = np.empty(M, dtype=np.int64)
+    for l in range(L):  # noqa: E741 - a frame
+        look_of[boxes.first[l] : boxes.first[l + 1]] = l
+    mean, covariance = np.zeros((M, 6)), np.zeros((M, 6, 6))
+    odds, used = np.full(M, -np.inf), np.zeros((M, M))
+    stale = np.zeros(M, dtype=np.bool_)
+    tracked = predicted_targets(views, boxes, people, spread, existence)
+    for j in range(M):
+        if open_share[j] > MIN_UNASSIGNED_PROBABILITY:
+            odds[j] = propose_track(
+                views, boxes, rates, body, arrival, tracked, open_share, look_of[j], j, gate,
+                mean[j], covariance[j], used[j],
+            )  # fmt: skip
+    taken, final = np.zeros(M, dtype=np.int64), np.zeros(M)
+    count = 0
+    while True:
+        j = int(np.argmax(odds)) if M > 0 else -1
+        if j < 0 or odds[j] < least:
+            break
+        if stale[j]:
+            # One of its boxes went to another person since: propose again
+            stale[j] = False
+            odds[j] = -np.inf
+            if open_share[j] > MIN_UNASSIGNED_PROBABILITY:
+                odds[j] = propose_track(
+                    views, boxes, rates, body, arrival, tracked, open_share, look_of[j], j, gate,
+                    mean[j], covariance[j], used[j],
+                )  # fmt: skip
+            continue
+        taken[count], final[count] = j, odds[j]
+        count += 1
+        r = 1.0 / (1.0 + math.exp(-odds[j]))
+        odds[j] = -np.inf
+        for k in range(M):
+            if used[j, k] > 0.0:
+                open_share[k] = max(open_share[k] - r * used[j, k], 0.0)
+        for k in range(M):
+            if odds[k] > -np.inf:
+                for b in range(M):
+                    if used[j, b] * used[k, b] > 0.01:
+                        stale[k] = True
+                        break
+    rows = taken[:count]
+    return mean[rows], covariance[rows], final[:count], used[rows]

@@ -1,0 +1,202 @@
+"""Ranges, signal strengths and differences in a trajectory's cost, beside lines of sight or without any.
+
+1. *Start.* Extended Kalman filters run along the record, one from each position that the first measurements fit best;
+they
+   pass over what is false.  The most probable one is smoothed (Rauch, Tung and Striebel 1965).
+2. *Search.* Each measurement of a distance is replaced by the quadratic term of Gauss and Newton about the trajectory
+   found so far, with the slope and the weight that it has there
+   (`occlog.filtering.likelihood.distances.score_and_information`, iteratively reweighted least squares); the search
+   for the minimum is repeated until no position moves by a tenth of its standard deviation.  Where most measurements
+   of a while are rejected the path may be lost there: then the search is repeated with measurements that are
+   blunter initially, and the better one of the two is kept.
+
+Noises are those that are stated: residuals do not change them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.errors import UsageError
+from occlog.filtering.likelihood.distances import (
+    RangeMeasurements,
+    inlier_probability,
+    log_density,
+    residuals_at_own_position,
+    score_and_information,
+)
+from occlog.track.interface import BearingResiduals, SmoothedTrajectory
+
+from .kernels.interior_point import covariance
+from .kernels.paths_around_obstacles import Obstacle, PathsAroundObstacles
+from .kernels.problem import QuadraticPriors
+from .kernels.terms import hints_cost
+from .kernels.terms import inlier_probabilities as line_beliefs
+from .occlusion import OccluderHints
+from .record import TargetRecord
+from .search.problem_of_record import Pending, problem_of
+from .search.robust import RobustSearchResult, Watch, has_converged, inlier_weights, search_from
+from .search.start import ConsensusPath, filtered_start
+
+ROUNDS = 15
+"""How often the search is repeated at most."""
+WIDE = (0.3, 0.1, 0.1, 0.03, 0.03, 0.01)
+"""Shares of the extent by which measurements are blunter while a lost path is sought."""
+IN_A_ROW = 12
+"""A path is lost where of so many measurements in a row most are rejected."""
+
+
+def mixed_search(
+    pending: Pending, record: TargetRecord, around: tuple[Obstacle, ...], watch: Watch
+) -> RobustSearchResult:
+    """Search for the mode with measurements of distances.
+
+    UsageError for a solver that does not take them, or for priors of occluders also.
+    """
+    config = pending.config
+    if record.occluders:
+        raise UsageError(
+            "map: priors of occluders and measurements of distances do not go together; leave one out, or use apf"
+        )
+    if config.solver != "newton":
+        raise UsageError(f"map: solver {config.solver} takes bearings alone; use newton with measurements of distances")
+    assert record.measured is not None
+    problem = problem_of(pending, record)
+    here = local(record.measured, pending.origin)
+    # Start
+    X = filtered_start(problem, record, pending, here)
+    trust = inlier_weights(config, 1.0)
+    lines = problem.lines
+    believed = np.ones(len(lines.step), dtype=np.bool_)
+    if config.loss != "square" and len(lines.step):
+        believed = line_beliefs(lines, X, trust) >= 0.5
+    found = _settled(here, ConsensusPath(X, believed, 0.0), pending, record, around, watch)
+    if config.loss == "square" or not _lost(here, found.mode.solution.X[record.measured_state]):
+        return found
+    # Where a filter went astray nothing pulls it back: again, with measurements that reach as far as it may be
+    blurred = found
+    for share in WIDE:
+        blurred = _once(here, _path(blurred), pending, record, around, watch, share * pending.extent)
+    other = _settled(here, _path(blurred), pending, record, around, watch)
+    return min(found, other, key=lambda sought: _cost(here, record.measured_state, sought))
+
+
+def _settled(
+    rows: RangeMeasurements,
+    path: ConsensusPath,
+    pending: Pending,
+    record: TargetRecord,
+    around: tuple[Obstacle, ...],
+    watch: Watch,
+) -> RobustSearchResult:
+    """Search from a path until nothing moves."""
+    for _ in range(ROUNDS):
+        found = _once(rows, path, pending, record, around, watch)
+        if has_converged(path.X, found.mode):
+            break
+        path = _path(found)
+    return found
+
+
+def _once(
+    rows: RangeMeasurements,
+    path: ConsensusPath,
+    pending: Pending,
+    record: TargetRecord,
+    around: tuple[Obstacle, ...],
+    watch: Watch,
+    wide: float = 0.0,
+) -> RobustSearchResult:
+    """One search with terms about a path, with measurements that are blunter by an error of the position."""
+    square = pending.config.loss == "square"
+    hints = terms(rows, record.measured_state, path.X, square=square, wide=wide)
+    told = OccluderHints(np.zeros(len(path.agree)), hints)
+    return search_from(pending, record, around, watch, path, (1.0, 1.0), among=told)
+
+
+def _path(found: RobustSearchResult) -> ConsensusPath:
+    return ConsensusPath(found.mode.solution.X, found.used if found.believed is None else found.believed, 0.0)
+
+
+def _lost(rows: RangeMeasurements, X: Floats) -> bool:
+    """Whether of so many measurements in a row most are rejected, each at its own (m, 4) state."""
+    doubted = inlier_probability(residuals_at_own_position(rows, X[:, ::2])[0], rows.errors) < 0.5
+    several = min(IN_A_ROW, len(doubted))
+    return bool(several) and bool((np.convolve(doubted, np.ones(several), "valid") > 0.5 * several).any())
+
+
+def _cost(rows: RangeMeasurements, state: Ints, found: RobustSearchResult) -> float:
+    """What a search minimises: its own cost, in which terms are replaced by what they represent."""
+    assert found.told is not None
+    assert found.told.hints is not None
+    X = found.mode.solution.X
+    own = log_density(residuals_at_own_position(rows, X[state][:, ::2])[0], rows.errors)
+    return float(found.mode.solution.cost - hints_cost(found.told.hints, X) - own.sum())
+
+
+def local(rows: RangeMeasurements, origin: Floats) -> RangeMeasurements:
+    """The measurements in coordinates about an origin (2,)."""
+    return rows._replace(place=rows.place - origin, other=rows.other - origin)
+
+
+def terms(rows: RangeMeasurements, state: Ints, X: Floats, *, square: bool, wide: float = 0.0) -> QuadraticPriors:
+    """The quadratic terms of Gauss and Newton about a trajectory.
+
+    Args:
+        rows: m measurements in the coordinates of X.
+        state: (m,) states that they are of, rising.
+        X: (T, 4) states.
+        square: believe all of them.
+        wide: an error of the position that their standard deviations hold also.
+    """
+    r, g = residuals_at_own_position(rows, X[state][:, ::2])
+    variance = 1.0 + wide**2 * (g**2).sum(axis=1)
+    root = np.sqrt(variance)
+    r, g = r / root, g / root[:, None]
+    slope, w = (r, np.ones(len(r))) if square else score_and_information(r, rows.errors.widened(variance))[:2]
+    bend = w[:, None] * np.column_stack([g[:, 0] ** 2, g[:, 0] * g[:, 1], g[:, 1] ** 2])
+    return QuadraticPriors(state, np.ascontiguousarray(X[state][:, ::2]), -slope[:, None] * g, bend)
+
+
+def with_distances(
+    out: SmoothedTrajectory, pending: Pending, record: TargetRecord, found: PathsAroundObstacles
+) -> SmoothedTrajectory:
+    """The states with what they say of measurements of distances, which stand in no row of the record.
+
+    Args:
+        out: the states that are given out.
+        pending: the target.
+        record: its record.
+        found: the estimate.
+    """
+    assert record.measured is not None
+    keep, X = len(out.t_ns), found.solution.X
+    own = record.measured_state < keep
+    rows, state = local(record.measured, pending.origin).take(own), record.measured_state[own]
+    residual, gradient = residuals_at_own_position(rows, X[state][:, ::2])
+    # Residuals, and their variance: 1 less the leverage
+    spread = covariance(found.problem, X)[:keep][:, ::2, ::2][state]
+    believed = inlier_probability(residual, rows.errors)
+    leverage = believed * np.einsum("ni,nij,nj->n", gradient, spread, gradient)
+    fit = BearingResiduals(state, rows.station, residual, np.clip(1.0 - leverage, 0.0, 1.0), believed)
+    if out.fit is not None:
+        joined = BearingResiduals._make(np.concatenate(both) for both in zip(out.fit, fit, strict=True))
+        fit = BearingResiduals._make(column[np.argsort(joined.row, kind="stable")] for column in joined)
+    used, saw = [set(u) for u in out.used], [set(s) for s in out.seen_by]
+    for t, station, told in zip(state.tolist(), rows.station.tolist(), believed.tolist(), strict=True):
+        used[t].add(station)
+        if told >= 0.5:
+            saw[t].add(station)
+    score = np.bincount(state, weights=-0.5 * residual**2 - np.log(np.sqrt(2.0 * np.pi) * rows.sigma), minlength=keep)
+    there = np.bincount(state, minlength=keep) > 0
+    known = np.where(np.isnan(out.log_likelihood), 0.0, out.log_likelihood)
+    return out._replace(
+        log_likelihood=np.where(there, known + score, out.log_likelihood),
+        n_looked=np.array([len(u) for u in used]),
+        n_seen=np.array([len(s) for s in saw]),
+        used=tuple(tuple(sorted(u)) for u in used),
+        seen_by=tuple(tuple(sorted(s)) for s in saw),
+        fit=fit,
+        noise=None,
+    )

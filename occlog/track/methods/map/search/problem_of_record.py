@@ -1,0 +1,176 @@
+"""A target's record as a problem of optimisation ([Rahimi] Secs. 4 and 5), and where the paper's search begins."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Bools, Floats
+from occlog.core.geometry.visibility import Sensors
+from occlog.errors import InputError
+from occlog.records.scene import Scene
+from occlog.track.methods.apf.model import pack_sensors
+from occlog.track.methods.map.config import MapConfig
+from occlog.track.methods.map.kernels.gauss_markov import GaussMarkov, constant_velocity, transitions
+from occlog.track.methods.map.kernels.interior_point import move_inside
+from occlog.track.methods.map.kernels.problem import (
+    CAUCHY,
+    HUBER,
+    MIXTURE,
+    SQUARE,
+    TrajectoryProblem,
+    chain,
+    start_on_axes,
+)
+from occlog.track.methods.map.kernels.windows import StatePrior
+from occlog.track.methods.map.measurements import SensorStations, constraints, sight_lines, stations
+from occlog.track.methods.map.record import EMPTY, TargetRecord
+
+LOSS = {"square": SQUARE, "huber": HUBER, "cauchy": CAUCHY, "mixture": MIXTURE}
+BEND = {"square": 1.0, "huber": 1.345, "cauchy": 2.385, "mixture": 3.7}
+"""Parameters of the losses: those of Huber's and Cauchy's lose 5 % where all errors are Gaussian, that of the mixture
+is where a bearing uniform in an image of some hundred standard deviations is as likely as a true one, at 5 %."""
+
+
+START = 1e-3
+"""Distance to the constraints, as a share of the room's extent, at which a search begins."""
+
+
+FORGET_EXTENTS = 1000.0
+"""Where the motion alone spreads positions by so many times the extent of the position, what was before says
+nothing."""
+LONGEST_S = 1e9
+"""No longer pause is looked at."""
+
+
+class Pending(NamedTuple):
+    """A target's record that is not given out yet, and what is known from before it."""
+
+    config: MapConfig
+    at: SensorStations
+    origin: Floats  # (2,)
+    extent: float
+    before: StatePrior
+    record: TargetRecord
+    X: Floats  # (T, 4) states found so far; fewer than times: the rest is new
+    sensors: Sensors  # in the scene's own coordinates
+    scales: tuple[float, float] = (1.0, 1.0)  # factors of the stated variances of lines of sight and steps, so far
+
+
+def motion_of(config: MapConfig) -> GaussMarkov:
+    """How the target moves: the fitted model if there is one, or constant velocity with noise."""
+    if config.A is None or config.Sigma is None:
+        return constant_velocity(config.acceleration, config.jitter, config.step_s)
+    A, sigma = (np.array(m, dtype=np.float64).reshape(4, 4) for m in (config.A, config.Sigma))
+    return GaussMarkov(A, sigma, config.step_s)
+
+
+def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
+    """Nothing known but where a target can be.
+
+    Args:
+        scene: room and sensors.
+        config: settings.
+        returned: the target is back after a gap, so that `config.start` no longer holds.
+    """
+    low, high = scene.surroundings.min(axis=0), scene.surroundings.max(axis=0)
+    extent = _extent(scene)
+    if not extent > 0:
+        raise InputError("scene: the room has no extent, so that a trajectory has no scale; add `room`")
+    origin = 0.5 * (low + high) if _moves_freely(config) else np.zeros(2)
+    # Without a room a target can be as far as sensors see.
+    farthest = scene.region.max(axis=0) - scene.region.min(axis=0)
+    place, sigma = 0.5 * (low + high), float(np.hypot(*farthest))
+    # After a gap the given start no longer holds: the target may be anywhere in the room.
+    if config.start is not None and not returned:
+        place, sigma = np.array(config.start[:2]), config.start[2]
+    mean = np.zeros(4)
+    mean[::2] = place - origin
+    spread = np.diag([sigma**2, config.speed**2, sigma**2, config.speed**2])
+    at = stations(scene, origin, walls=config.walls)
+    return Pending(
+        config=config,
+        at=at,
+        origin=origin,
+        extent=extent,
+        before=StatePrior(mean, spread),
+        record=EMPTY,
+        X=np.empty((0, 4)),
+        sensors=pack_sensors(scene, None if config.walls else [()] * len(scene.cameras)),
+    )
+
+
+def memory_ns(scene: Scene, config: MapConfig) -> int | None:
+    """The pause [ns] after which a target may be anywhere by its motion, to a factor of 2; None: missing.
+
+    A chain over a longer one would only have variances that 64 bits do not hold beside those of bearings.
+    """
+    model, extent = motion_of(config), _extent(scene)
+    try:
+        seconds = model.step_s
+        while seconds < LONGEST_S:
+            _, (sigma,) = transitions(model, np.array([seconds]))
+            if np.sqrt(np.linalg.eigvalsh(sigma[::2, ::2])[-1]) > FORGET_EXTENTS * extent:
+                return round(seconds * NS)
+            seconds *= 2.0
+    except (ValueError, np.linalg.LinAlgError):  # the model is refused where it is used
+        pass
+    return None
+
+
+def _extent(scene: Scene) -> float:
+    return float(np.hypot(*(scene.surroundings.max(axis=0) - scene.surroundings.min(axis=0))))
+
+
+def _moves_freely(config: MapConfig) -> bool:
+    """Whether the motion is the same everywhere, so that coordinates may be counted from anywhere."""
+    return bool(np.allclose(motion_of(config).A[:, ::2], np.eye(4)[:, ::2], rtol=0.0, atol=1e-12))
+
+
+def problem_of(pending: Pending, record: TargetRecord, believed: Bools | None = None) -> TrajectoryProblem:
+    """What is minimised for a record ([Rahimi] Eq. 8).
+
+    Args:
+        pending: the target.
+        record: its record.
+        believed: (N,) which of the rows that saw it constrain it; None: all.
+
+    Raises:
+        InputError: the motion model does not fit the times of the record.
+    """
+    config, before = pending.config, pending.before
+    try:
+        # Prior: a Gauss-Markov chain (Eqs. 1-3)
+        steps = chain(motion_of(config), np.diff(record.t_ns) / NS, before.mean, before.spread)
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise InputError(f"map: the motion model does not fit: {error}") from error
+    # Likelihood: a residual for each bearing (Eq. 4)
+    lines = sight_lines(record, pending.at)
+    # Constraints: half-planes in front of the cameras (Eq. 9), and in the room
+    planes = constraints(lines, record, pending.at, config, len(record.t_ns), believed)
+    return TrajectoryProblem(steps, lines, planes, LOSS[config.loss], bend_of(config))
+
+
+def bend_of(config: MapConfig) -> float:
+    """The parameter of the loss."""
+    return BEND[config.loss] if config.bend is None else config.bend
+
+
+def start_of(pending: Pending, problem: TrajectoryProblem) -> tuple[Floats, Bools]:
+    """Where the search begins, inside the constraints; and the states whose constraints contradict each other.
+
+    States that a camera saw begin on its optical axis, the others in the centre of the room ([Rahimi] Sec. 6);
+    states that were found before begin there.
+    """
+    config, T = pending.config, problem.T
+    depth = 0.1 * pending.extent if config.depth is None else config.depth
+    X = start_on_axes(problem.lines, T, _centre(pending), depth)
+    known = len(pending.X)
+    X[:known] = pending.X
+    return move_inside(X, problem.planes, START * pending.extent)
+
+
+def _centre(pending: Pending) -> Floats:
+    hull = pending.at.hull
+    return np.asarray(pending.at.place.mean(axis=0) if hull is None else 0.5 * (hull.min(axis=0) + hull.max(axis=0)))

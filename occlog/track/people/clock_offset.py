@@ -1,0 +1,145 @@
+"""By how much a camera is late: at which offset of its clock its boxes are where the other cameras' people were."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from occlog.array_types import NS, Bools, Bytes, Floats
+from occlog.records.scene import Camera
+from occlog.track.methods.jipda.interface import HEIGHT, STATE_SIZE, WIDTH, TrackSnapshot, X, Y
+from occlog.track.methods.jipda.kernels.body_box import pack_views, project
+
+from .frame_detections import FrameDetectionsWithIds
+
+MAX_STEPS = 1200
+"""Maximum number of time steps kept from the beginning; more add no information."""
+MAX_FRAMES = 60
+"""Number of a camera's frames that are compared, evenly spread; at most twice as many are kept."""
+MIN_FRAMES = 20
+"""Minimum number of frames that overlap after an offset."""
+MATCH_DISTANCE_HEIGHTS = 0.15
+"""A box is where a person was if its middle is this near to that of the expected box, in its heights."""
+BODY = [X, Y, HEIGHT, WIDTH]
+"""Indices of the state that determine the predicted box of a person."""
+MIN_ASSOCIATED_SHARE, MIN_SHARE_GAIN = 0.5, 0.2
+"""Minimum share of boxes explained by a reported offset, and minimum gain over no offset and over the median offset."""
+
+
+class _Spread:
+    """Evenly spaced subset of a camera's frames."""
+
+    def __init__(self) -> None:
+        """None yet."""
+        self.kept: list[tuple[int, Floats]] = []  # times [ns], (n, 2) middles of boxes [px]
+        self._every, self._count = 1, 0
+
+    def add(self, t_ns: int, middles: Floats) -> None:
+        """Keep the frame if it is due; when there are too many, keep every other one from then on."""
+        if self._count % self._every == 0:
+            self.kept.append((t_ns, middles))
+            if len(self.kept) > 2 * MAX_FRAMES:
+                self.kept = self.kept[::2]
+                self._every *= 2
+        self._count += 1
+
+
+class ClockOffsetSearch:
+    """Keeps people and boxes from the beginning of a recording."""
+
+    def __init__(self, cameras: Sequence[Camera]) -> None:
+        """Nothing was seen yet."""
+        self._cameras = cameras
+        self._t_ns: list[int] = []
+        # This is most of what a run keeps for minutes, so it is kept small
+        self._people: list[NDArray[np.float32]] = []  # (m, 4) x, y, height, width
+        self._by: list[Bytes] = []  # (m, C / 8) who has a box of them
+        self._looks = [_Spread() for _ in cameras]
+
+    def add(self, moment: TrackSnapshot, looks: Sequence[FrameDetectionsWithIds], by: Bools) -> None:
+        """Keep a time step; `by` (m, C) masks the cameras with a box of each person."""
+        if len(self._t_ns) >= MAX_STEPS:
+            return
+        self._t_ns.append(moment.t_ns)
+        self._people.append(moment.mean[:, BODY].astype(np.float32))
+        self._by.append(np.packbits(by, axis=1))
+        for look in (each.look for each in looks):
+            if len(look.boxes):
+                self._looks[look.camera].add(look.t_ns, 0.5 * (look.boxes[:, :2] + look.boxes[:, 2:]))
+
+    def late(self, camera: int, fewest: int) -> float:
+        """Find by how many seconds what a camera shows is old; below 0: it is ahead; NaN: no other offset is better.
+
+        Args:
+            camera: its position.
+            fewest: other cameras that must see a person who counts.
+        """
+        looks = self._looks[camera].kept
+        if len(looks) < MIN_FRAMES or len(self._t_ns) < MIN_FRAMES:
+            return float("nan")
+        looks = [looks[k] for k in np.unique(np.linspace(0, len(looks) - 1, MAX_FRAMES).astype(np.int64))]
+        times = np.array(self._t_ns, dtype=np.int64)
+        step = max(int(np.median(np.diff(times))), 1)
+        people, heights = self._expected(camera, fewest)
+        boxes, looked = _padded([b for _, b in looks]), np.array([t for t, _ in looks], dtype=np.int64)
+        span = int(times[-1] - times[0]) // step
+        offsets = np.arange(-span, span + 1)
+        shares, fits = np.full((2, len(offsets)), np.nan)
+        # No offset first: where it explains the boxes, none can explain so many more
+        for k in sorted(range(len(offsets)), key=lambda k: k != span):
+            if shares[span] > 1.0 - MIN_SHARE_GAIN:
+                return float("nan")
+            offset = int(offsets[k])
+            asked = looked - offset * step
+            near = np.clip(np.searchsorted(times, asked - step // 2), 0, len(times) - 1)
+            good = np.abs(times[near] - asked) <= step
+            if np.count_nonzero(good) >= MIN_FRAMES:
+                shares[k], fits[k] = _explained(boxes[good], people[near[good]], heights[near[good]])
+        told = np.flatnonzero(np.isfinite(shares))
+        if not len(told):
+            return float("nan")
+        best = told[np.argmax(fits[told])]
+        usual = np.nanmax([np.median(shares[told]), shares[span]])
+        if shares[best] < max(MIN_ASSOCIATED_SHARE, float(usual) + MIN_SHARE_GAIN):
+            return float("nan")
+        return float(offsets[best]) * step / NS
+
+    def _expected(self, camera: int, fewest: int) -> tuple[Floats, Floats]:
+        """(M, P, 2) middles and (M, P) heights [px] of the boxes of people whom other cameras see; NaN: no more."""
+        views = pack_views(self._cameras)
+        middles, heights = [], []
+        for body, bits in zip(self._people, self._by, strict=True):
+            by = np.unpackbits(bits, axis=1, count=len(self._cameras))
+            there = np.flatnonzero(by.sum(axis=1) - by[:, camera] >= fewest)
+            own = np.zeros((len(there), STATE_SIZE))
+            own[:, BODY] = body[there]
+            found = np.zeros((len(own), 8))
+            project(views, camera, own, np.zeros((len(own), STATE_SIZE, STATE_SIZE)), 0.0, found)
+            found = found[found[:, 7] > 0.0]
+            middles.append(0.5 * (found[:, :2] + found[:, 2:4]))
+            heights.append(found[:, 3] - found[:, 1])
+        return _padded(middles), _padded([h[:, None] for h in heights])[..., 0]
+
+
+def _padded(parts: Sequence[Floats]) -> Floats:
+    """(N, most rows, K) parts with NaN after their rows."""
+    out = np.full((len(parts), max((len(p) for p in parts), default=0), parts[0].shape[1]), np.nan)
+    for row, part in enumerate(parts):
+        out[row, : len(part)] = part
+    return out
+
+
+def _explained(boxes: Floats, people: Floats, heights: Floats) -> tuple[float, float]:
+    """Share of the boxes (L, B, 2) that are near an expected one (L, P, 2), of so many pixels' height (L, P).
+
+    The second number counts those nearby by how near they are, from 1 to 0 at `MATCH_DISTANCE_HEIGHTS`.
+    """
+    if not people.shape[1]:
+        return 0.0, 0.0
+    away = np.linalg.norm(boxes[:, :, None] - people[:, None], axis=-1) / heights[:, None]
+    nearest = np.where(np.isfinite(away), away, np.inf).min(axis=2)
+    whole = np.count_nonzero(np.isfinite(boxes[..., 0]))
+    near = np.maximum(1.0 - nearest / MATCH_DISTANCE_HEIGHTS, 0.0)
+    return float(np.count_nonzero(nearest <= MATCH_DISTANCE_HEIGHTS) / whole), float(near.sum() / whole)

@@ -1,0 +1,428 @@
+"""Re-identification of tracks with an appearance gallery.
+
+Renames tracks to identities of a gallery: tables are held back until identities are known.
+
+Pieces of tracks, which whoever is in a gallery has one or several of, and the names that they get.
+
+A track is of one person, except where it may have been exchanged with another (a `doubt`).  There it is cut, and
+each piece gets its own name, so that appearance corrects identity switches.
+"""
+
+from __future__ import annotations
+
+import pickle
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints, Ints32
+from occlog.errors import InputError, option
+from occlog.io.open import Opened, input_losses, open_input
+from occlog.measure.appearance.config import MatchConfig
+from occlog.measure.appearance.sightings import FrameBoxes, SightingTally, boxes_of_frames, observe_boxes, paths_of_rows
+from occlog.measure.appearance.stage import EvidenceTally, IdentityEvidence, identities, match, sides_of
+from occlog.measure.associate.config import NamingConfig
+from occlog.measure.associate.run import DecisionTally
+from occlog.records.declared.people import POSSIBLE_SWITCH, has_word
+from occlog.records.frames import Frame
+from occlog.records.losses import Loss
+from occlog.records.tables import Boxes, Events, Gallery, PeopleTracks, Tracks, Views
+
+from .close_encounters import MIN_SWITCH_PROBABILITY
+from .inputs import PeopleInput
+from .rows import MIN_MAP_PROBABILITY, SnapshotTables, SnapshotWithDetections
+
+REIDENTIFICATION_EVENT, SWITCH_EVENT = "named", "doubt"
+"""Kinds of events that affect names."""
+CONSTANT, BY_MARGIN = -5.9, 142.0
+"""Numbers of the logistic function, fitted."""
+MIN_NAME_PROBABILITY = 0.5
+"""Less probable names are none."""
+
+
+class TrackSplit(NamedTuple):
+    """A track may be another person's from here on."""
+
+    track: int
+    t_ns: int  # of the first frame after it
+    other: int  # whose they may have taken the position of
+
+
+class TrackFragments(NamedTuple):
+    """P pieces, by track and time."""
+
+    track: Ints32  # (P,)
+    first_ns: Ints  # (P,) of its rows
+    last_ns: Ints  # (P,)
+    partners: tuple[tuple[int, ...], ...]  # (P,) tracks that were cut at the beginning of this one, too
+    tracks: Ints32  # (K,) identities, rising
+    cuts: Ints  # (T,) times of all cuts, rising
+    code: Ints  # (P,) rising
+
+    def of(self, track: Ints32, t_ns: Ints) -> Ints:
+        """(n,) piece of each row; -1: of no track."""
+        place = np.minimum(np.searchsorted(self.tracks, track), max(len(self.tracks) - 1, 0))
+        known = self.tracks[place] == track if len(self.tracks) else np.zeros(len(track), dtype=np.bool_)
+        code = place * (len(self.cuts) + 1) + np.searchsorted(self.cuts, t_ns, side="right")
+        return np.where(known, np.searchsorted(self.code, code, side="right") - 1, -1)
+
+
+def split_tracks(track: Ints32, t_ns: Ints, cuts: Sequence[TrackSplit]) -> TrackFragments:
+    """Cut tracks.
+
+    Args:
+        track: (n,) of rows.
+        t_ns: (n,) of rows.
+        cuts: in any order; several at one time are one.
+    """
+    tracks, times = np.unique(track), np.unique(np.array([c.t_ns for c in cuts], dtype=np.int64))
+    n = len(times) + 1
+    partners: dict[int, list[int]] = {}
+    for cut in cuts:
+        place = int(np.searchsorted(tracks, cut.track))
+        if place < len(tracks) and tracks[place] == cut.track:
+            partners.setdefault(place * n + int(np.searchsorted(times, cut.t_ns)) + 1, []).append(cut.other)
+    code = np.unique(np.array([*(np.arange(len(tracks)) * n).tolist(), *partners], dtype=np.int64))
+    out = TrackFragments(tracks[code // n], code, code, (), tracks, times, code)
+    first, last = np.full(len(code), np.iinfo(np.int64).max), np.full(len(code), np.iinfo(np.int64).min)
+    whose = out.of(track, t_ns)
+    np.minimum.at(first, whose, t_ns)
+    np.maximum.at(last, whose, t_ns)
+    return out._replace(first_ns=first, last_ns=last, partners=tuple(tuple(partners.get(c, ())) for c in code.tolist()))
+
+
+class FragmentNames(NamedTuple):
+    """What P pieces are called."""
+
+    name: Ints32  # (P,)
+    probability: Floats  # (P,) that the person of the gallery is it; NaN: not enough boxes
+
+
+def reidentify_fragments(
+    pieces: TrackFragments, evidence: IdentityEvidence, gallery: Sequence[int], least_likeness: float, least_boxes: int
+) -> FragmentNames:
+    """Names of all pieces.
+
+    A piece with enough boxes is the most similar person of the gallery; no two pieces at one time are one
+    person.  The others have the name of their track before or after, or, if another person has that at the time, that
+    which the track they may have been exchanged with had before.  What is left are tracks of no person in the gallery,
+    with numbers above all of the gallery's.
+
+    Args:
+        pieces: of all tracks.
+        evidence: by piece and person of the gallery.
+        gallery: identities.
+        least_likeness: mean over a piece's boxes.
+        least_boxes: fewest of them.
+    """
+    overlap = (pieces.first_ns[:, None] <= pieces.last_ns) & (pieces.first_ns <= pieces.last_ns[:, None])
+    told = identities(evidence, overlap[np.ix_(evidence.track, evidence.track)], least_likeness, least_boxes)
+    probability = np.full(len(pieces.track), np.nan)
+    for row, piece in enumerate(evidence.track.tolist()):
+        if piece in told:
+            probable = name_probability(evidence, row, told[piece], least_likeness, least_boxes)
+            if probable < MIN_NAME_PROBABILITY:
+                del told[piece]
+            else:
+                probability[piece] = probable
+    names = dict(told)
+    # A name is passed on if no other track has it in between
+    for piece in sorted(set(range(len(pieces.track))) - set(told), key=lambda p: (pieces.first_ns[p], p)):
+        for name in _offers(pieces, piece, names):
+            if not any(overlap[piece, p] for p, taken in names.items() if taken == name):
+                names[piece] = name
+                break
+    free = 1 + max(gallery, default=-1)
+    rest = {track: free + k for k, track in enumerate(np.unique(pieces.track[_unnamed(pieces, names)]).tolist())}
+    every = [names.get(p, rest.get(int(t), free)) for p, t in enumerate(pieces.track.tolist())]
+    return FragmentNames(np.array(every, dtype=np.int32), probability)
+
+
+def _unnamed(pieces: TrackFragments, names: Mapping[int, int]) -> Bools:
+    return np.array([p not in names for p in range(len(pieces.track))], dtype=np.bool_)
+
+
+def _offers(pieces: TrackFragments, piece: int, names: Mapping[int, int]) -> list[int]:
+    """Names that a piece may have: of its track before it and after it, and of those it may have changed with."""
+    own = np.flatnonzero(pieces.track == pieces.track[piece])
+    before, after = own[own < piece], own[own > piece]
+    offers = [int(before[-1])] if len(before) else []
+    offers += [int(after[0])] if len(after) else []
+    for track in pieces.partners[piece]:
+        earlier = np.flatnonzero((pieces.track == track) & (pieces.last_ns < pieces.first_ns[piece]))
+        offers += earlier[-1:].tolist()
+    return [names[p] for p in offers if p in names]
+
+
+def name_probability(
+    evidence: IdentityEvidence, row: int, target: int, least_likeness: float, least_boxes: int
+) -> float:
+    """Probability that a track of the gallery is this person.
+
+    A logistic function of the margin by which its boxes are more like this person than the next, or than the least
+    similarity of a box that may be a person's.  Its numbers were fitted (docs/explanation/appearance.md).
+
+    Args:
+        evidence: of tracks.
+        row: which of its tracks.
+        target: the person.
+        least_likeness: of a box.
+        least_boxes: a person compared with fewer of them is no rival.
+    """
+    boxes = evidence.boxes[row]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = evidence.likeness[row] / boxes
+    own = int(np.searchsorted(evidence.target, target))
+    rivals = mean[(boxes >= least_boxes) & (np.arange(len(mean)) != own)]
+    margin = float(mean[own] - max(rivals.max(initial=-np.inf), least_likeness))
+    score = CONSTANT + BY_MARGIN * margin
+    return float(1.0 / (1.0 + np.exp(-score)))
+
+
+def named_events(events: Events, pieces: TrackFragments, names: FragmentNames) -> Events:
+    """Rename the events, with the possible switches that appearance leaves.
+
+    Where the boxes of both people tell who they are before and after they may have been exchanged, the doubt that is
+    left is that of the names after it, and less probable ones are not named.
+    """
+    own, other = pieces.of(events.target_id, events.t_ns), pieces.of(events.other_id, events.t_ns)
+    doubt = events.kind == SWITCH_EVENT
+    left = events.probability.copy()
+    for row in np.flatnonzero(doubt & (own >= 0) & (other >= 0)).tolist():
+        after = [int(own[row]), int(other[row])]
+        before = [p - 1 for p in after]
+        if all(p >= 0 and pieces.track[p] == pieces.track[a] for p, a in zip(before, after, strict=True)):
+            told = names.probability[[*before, *after]]
+            if np.isfinite(told).all():
+                left[row] = 1.0 - np.prod(told)
+    named = replace(
+        events,
+        target_id=np.where(own >= 0, names.name[own], events.target_id).astype(np.int32),
+        other_id=np.where(other >= 0, names.name[other], events.other_id).astype(np.int32),
+        probability=left,
+    )
+    return named.take(~doubt | ~(left < MIN_SWITCH_PROBABILITY)).sorted()
+
+
+def reidentification_events(
+    pieces: TrackFragments, names: FragmentNames, first_ns: int, last_ns: int
+) -> list[tuple[int, str, int, int, float]]:
+    """Rows of `events` for the pieces that begin within these times and whose boxes tell who they are."""
+    now = (pieces.first_ns >= first_ns) & (pieces.first_ns <= last_ns) & np.isfinite(names.probability)
+    return [
+        (int(pieces.first_ns[p]), REIDENTIFICATION_EVENT, int(names.name[p]), -1, float(names.probability[p]))
+        for p in np.flatnonzero(now).tolist()
+    ]
+
+
+def named_tracks(tracks: PeopleTracks, doubts: Events, pieces: TrackFragments, names: FragmentNames) -> PeopleTracks:
+    """Rows under the new names; `exchange` stays where a doubt is left in `doubts`, which have the new names."""
+    name = names.name[pieces.of(tracks.target_id, tracks.t_ns)]
+    left = {(t, k) for t, k, kind in zip(*(c.tolist() for c in (doubts.t_ns, doubts.target_id, doubts.kind)),
+                                         strict=True) if kind == SWITCH_EVENT}  # fmt: skip
+    words = tracks.doubt.tolist()
+    for row in np.flatnonzero(has_word(tracks.doubt, POSSIBLE_SWITCH)).tolist():
+        if (int(tracks.t_ns[row]), int(name[row])) not in left:
+            words[row] = ",".join(w for w in words[row].split(",") if w != POSSIBLE_SWITCH)
+    return replace(tracks, target_id=name, doubt=np.array(words, dtype=np.str_)).sorted()
+
+
+NO_ID = -1
+
+
+class _TrackRows(NamedTuple):
+    """Tracks in memory: about 50 bytes a row, and about 30 for each associated box."""
+
+    t_ns: Ints
+    target_id: Ints32
+    state: np.ndarray[tuple[int, int], np.dtype[np.float32]]  # x, y, vx, vy
+    frame: Ints  # of a box that is more probably of a person than not
+    camera: Ints32
+    box: Ints32
+    whose: Ints32
+
+
+class GalleryReidentification:
+    """Names for the tracks of all people, by a gallery.
+
+    Attributes:
+        parameters: for the provenance.
+    """
+
+    def __init__(self, gallery: Path, inputs: PeopleInput) -> None:
+        """Open the gallery and the images; InputError if there are no images, and the boxes have no appearance."""
+        self._opened = open_input(gallery, Gallery)
+        self._sides = sides_of(self._opened.read(Gallery))
+        self._inputs = inputs
+        self._config = MatchConfig.in_unit(inputs.scene.length_unit)
+        self._naming = NamingConfig()
+        self._images = _images(inputs)
+        self._decisions, self._seen = DecisionTally(), SightingTally()
+        self._figures: dict[str, object] = {}
+        self.parameters = {"gallery": {**asdict(self._config), **asdict(self._naming)}}
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """Losses recorded in the gallery and the images, and losses of images in this run."""
+        own = self._images if self._images is not self._inputs.opened else None
+        return (*input_losses([self._opened, own]), *self._seen.losses())
+
+    def notes(self) -> Iterator[str]:
+        """Warnings for the user."""
+        if self._figures and not self._figures["tracks_named"]:
+            seen = self._decisions
+            why = ", ".join(f"{name} {count}" for name, count in sorted(seen.reasons.items())) or "none"
+            yield (
+                f"warning: gallery: no track is of a person of the gallery, by {seen.decided} comparisons of "
+                f"{seen.boxes} boxes (suspended: {why}); `occlog label --gallery` lists the reason for each box"
+            )
+
+    def figures(self) -> dict[str, object]:
+        """Figures for the summary, once all tracks have names."""
+        return {"gallery": {**self._figures, **self._decisions.summary()}}
+
+    def named(self, parts: Iterable[tuple[list[SnapshotWithDetections], SnapshotTables]]) -> Iterator[SnapshotTables]:
+        """The tables of all parts under new names, when the last part has come; they wait in a temporary file."""
+        kept: list[_TrackRows] = []
+        cuts: list[TrackSplit] = []
+        with tempfile.TemporaryFile() as spool:
+            count = 0
+            place = {name: c for c, name in enumerate(self._inputs.names)}
+            for seen, part in parts:
+                pickle.dump(part, spool, pickle.HIGHEST_PROTOCOL)
+                count += 1
+                kept.append(_rows(part, place))
+                cuts += [
+                    TrackSplit(event.id, min(look.look.t_ns for look in each.looks), event.other)
+                    for each in seen
+                    for event in each.moment.events
+                    if event.kind == SWITCH_EVENT
+                ]
+            if not count:
+                return
+            rows = _TrackRows._make(np.concatenate(columns) for columns in zip(*kept, strict=True))
+            kept.clear()
+            pieces = split_tracks(rows.target_id, rows.t_ns, cuts)
+            names = self._names(rows, pieces)
+            spool.seek(0)
+            last_ns = np.iinfo(np.int64).min
+            for _ in range(count):
+                part = pickle.load(spool)
+                first_ns, last_ns = last_ns + 1, int(part.tracks.t_ns[-1]) if len(part.tracks) else last_ns
+                yield _renamed(part, pieces, names, first_ns, last_ns)
+
+    def _names(self, rows: _TrackRows, pieces: TrackFragments) -> FragmentNames:
+        """Compare the boxes with the gallery, and assign identities."""
+        tally = EvidenceTally()
+        table = Boxes if self._inputs.opened.has(Boxes) else Views
+        frames = boxes_of_frames(self._inputs.opened.rows(table))  # type: ignore[arg-type]
+        images: Iterable[Frame] = ()
+        if self._images is not None and self._images.recording is not None:
+            images = self._images.recording.frames()
+        found = observe_boxes(
+            _owned(frames, rows, self._inputs.names),
+            images,
+            paths_of_rows(_tracks(rows), self._config),
+            self._inputs.scene,
+            self._config,
+            levels=self._sides.levels,
+            own_identity=True,
+            tally=self._seen,
+        )
+        by_piece = (
+            each._replace(track=pieces.of(each.track, np.full(len(each.track), each.boxes.t_ns)).astype(np.int32))
+            for each in found
+        )
+        for part in match(by_piece, self._sides, self._config):
+            self._decisions.add(part)
+            tally.add(part)
+        people = self._sides.target.tolist()
+        names = reidentify_fragments(
+            pieces, tally.evidence(), people, self._config.least_likeness, self._naming.least_boxes
+        )
+        told = np.isfinite(names.probability)
+        self._figures = {
+            "tracks": len(pieces.tracks),
+            "tracks_named": len(np.unique(pieces.track[told])),
+            "pieces": len(pieces.track),
+            "pieces_named": int(told.sum()),
+            "people_named": len(np.unique(names.name[told])),
+            **({"least_probability": float(names.probability[told].min())} if told.any() else {}),
+        }
+        return names
+
+
+def _images(inputs: PeopleInput) -> Opened | None:
+    """Where the images are; None: boxes bring colours."""
+    if not inputs.opened.has(Boxes):
+        return None
+    scene = inputs.request.scene
+    beside = None if scene is None or scene.suffix != ".mcap" else open_input(scene)
+    for opened in (inputs.opened, beside):
+        if opened is not None and opened.recording is not None and opened.recording.cameras:
+            return opened
+    raise InputError(
+        f"{inputs.request.bearings}: a gallery needs appearance, and there are no images, and the boxes have no "
+        f"colours; give the recording with the video for {option('scene')}, or views of `occlog detect`"
+    )
+
+
+def _rows(part: SnapshotTables, place: dict[str, int]) -> _TrackRows:
+    tracks, support = part.tracks, part.support.take(part.support.probability > MIN_MAP_PROBABILITY)
+    return _TrackRows(
+        t_ns=tracks.t_ns,
+        target_id=tracks.target_id,
+        state=np.column_stack([tracks.x, tracks.y, tracks.vx, tracks.vy]).astype(np.float32),
+        frame=support.frame,
+        camera=np.array([place[name] for name in support.sensor.tolist()], dtype=np.int32),
+        box=support.box,
+        whose=support.target_id,
+    )
+
+
+def _tracks(rows: _TrackRows) -> Tracks:
+    """The rows as paths are made of; how sure they are is not asked."""
+    x, y, vx, vy = rows.state.astype(np.float64).T
+    one = np.ones(len(x))
+    return Tracks.of(
+        t_ns=rows.t_ns, target_id=rows.target_id, x=x, y=y, vx=vx, vy=vy, cov_xx=one, cov_xy=0.0 * one, cov_yy=one
+    )
+
+
+def _owned(frames: Iterable[FrameBoxes], rows: _TrackRows, names: tuple[str, ...]) -> Iterator[FrameBoxes]:
+    """Boxes with the track that each speaks for, of the cameras in use."""
+    order = np.lexsort((rows.frame, rows.camera))
+    camera, frame = rows.camera[order], rows.frame[order]
+    starts = np.searchsorted(camera, np.arange(len(names) + 1))
+    place = {name: c for c, name in enumerate(names)}
+    for each in frames:
+        if each.sensor not in place:
+            continue
+        c = place[each.sensor]
+        here = frame[starts[c] : starts[c + 1]]
+        at = starts[c] + np.arange(*np.searchsorted(here, [each.frame, each.frame + 1]))
+        mine = dict(zip(rows.box[order[at]].tolist(), rows.whose[order[at]].tolist(), strict=True))
+        whose = [mine.get(box, NO_ID) for box in each.box.tolist()]
+        yield each._replace(identity=np.array(whose, dtype=np.int32))
+
+
+def _renamed(
+    part: SnapshotTables, pieces: TrackFragments, names: FragmentNames, first_ns: int, last_ns: int
+) -> SnapshotTables:
+    """A part under new names, with the pieces that begin at its times."""
+    events = named_events(part.events, pieces, names)
+    told = Events.of_rows(reidentification_events(pieces, names, first_ns, last_ns))
+    support, views = part.support, part.views
+    own = names.name[pieces.of(support.target_id, support.t_ns)]
+    if views is not None:
+        views = replace(views, target_id=names.name[pieces.of(views.target_id, views.t_ns)]).sorted()
+    return SnapshotTables(
+        tracks=named_tracks(part.tracks, events, pieces, names),
+        support=replace(support, target_id=own).sorted(),
+        events=Events.merge([events, told]),
+        views=views,
+    )

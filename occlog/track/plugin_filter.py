@@ -1,0 +1,109 @@
+"""Tracking methods of others: a filter of a plug-in as a value of the interface of methods."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.errors import PluginError
+from occlog.plugins.interface import EstimatedPosition, Filter, TargetScan
+from occlog.plugins.loading import Plugin, plugin_errors
+from occlog.records.scene import Scene
+from occlog.scans.grouping import Scan, sensor_names
+from occlog.settings import Settings
+
+from .interface import Estimate, Online
+
+
+class PluggedFilter:
+    """A filter of a plug-in, and where the sensors are."""
+
+    def __init__(self, plugin: Plugin, of: type[Filter], scene: Scene, config: Settings, rng: Generator) -> None:
+        """Let the plug-in begin; PluginError where it fails."""
+        self._plugin = plugin
+        self._names = sensor_names(scene)
+        places = [c.ground for c in scene.cameras] + [a.position[:2] for a in scene.arrays]
+        self._places = np.array(places, dtype=np.float64).reshape(-1, 2)
+        with plugin_errors(plugin):
+            self._filter = of(scene, config, rng)
+
+    def step(self, scan: Scan) -> Estimate | None:
+        """Take a scan in; the estimate, or None where the filter tells none.
+
+        Raises:
+            PluginError: the filter fails, or gives back what no position can be.
+        """
+        seen, sensor = scan.seen, scan.sensor
+        moment = TargetScan(
+            t_ns=int(scan.t_ns),
+            sensors=tuple(self._names[k] for k in sensor.tolist()),
+            places=self._places[sensor],
+            bearings=np.where(seen, scan.bearing, np.nan),
+            sigma=np.where(seen, scan.sigma, np.nan),
+        )
+        with plugin_errors(self._plugin):
+            place = self._filter.step(moment)
+        if place is None:
+            return None
+        wrong = fault_of(place)
+        if wrong is not None:
+            raise PluginError(f"{self._plugin.label}: at {scan.t_ns} ns: {wrong}")
+        xy, velocity = np.asarray(place.xy, dtype=np.float64), place.velocity
+        # Score: log-likelihood of the bearings at the estimate
+        away = xy - self._places[sensor[seen]]
+        off = (scan.bearing[seen] - np.arctan2(away[:, 1], away[:, 0]) + np.pi) % (2 * np.pi) - np.pi
+        sigma = scan.sigma[seen]
+        score = -0.5 * (off / sigma) ** 2 - np.log(sigma * math.sqrt(2.0 * math.pi))
+        looked, saw = np.unique(sensor), np.unique(sensor[seen])
+        return Estimate(
+            xy=xy,
+            velocity=np.full(2, np.nan) if velocity is None else np.asarray(velocity, dtype=np.float64),
+            covariance=np.asarray(place.covariance, dtype=np.float64),
+            ess=math.nan,
+            log_likelihood=float(score.sum()),
+            n_looked=len(looked),
+            n_seen=len(saw),
+            fallback="",
+            used=tuple(looked.tolist()),
+            seen_by=tuple(saw.tolist()),
+        )
+
+
+def fault_of(place: object) -> str | None:
+    """What is wrong with what a filter gave back, in words; None: nothing."""
+    if not isinstance(place, EstimatedPosition):
+        return f"step gives a {type(place).__name__}; a Place or None was expected"
+    shapes = {"xy": (place.xy, (2,)), "covariance": (place.covariance, (2, 2))}
+    if place.velocity is not None:
+        shapes["velocity"] = (place.velocity, (2,))
+    for name, (values, shape) in shapes.items():
+        try:
+            array = np.asarray(values, dtype=np.float64)
+        except (TypeError, ValueError):
+            return f"{name} is not made of numbers"
+        if array.shape != shape:
+            return f"{name} has the shape {array.shape}; {shape} was expected"
+        if not np.isfinite(array).all():
+            return f"{name} is not finite"
+    covariance = np.asarray(place.covariance, dtype=np.float64)
+    if not np.allclose(covariance, covariance.T, rtol=1e-6, atol=0.0):
+        return "the covariance is not symmetric"
+    if np.linalg.eigvalsh(covariance)[0] <= 0.0:
+        return "the covariance is not positive definite"
+    return None
+
+
+def method_of(plugin: Plugin) -> Online[PluggedFilter, Any]:
+    """The method of a plug-in; PluginError where it cannot be loaded."""
+    of = plugin.load()
+
+    def init(scene: Scene, config: Any, rng: Generator) -> PluggedFilter:
+        return PluggedFilter(plugin, of, scene, config, rng)
+
+    def step(state: PluggedFilter, scan: Scan, rng: Generator) -> tuple[PluggedFilter, Estimate | None]:  # noqa: ARG001
+        return state, state.step(scan)
+
+    return Online(config=of.settings, init=init, step=step, started=lambda _: False)
