@@ -1,1 +1,1 @@
-"""Whether an estimate can be believed: doubts of its rows, residuals of its bearings, the verdict in words."""
+"""Consistency checks of estimates: quality flags of rows, residuals of bearings, findings in words."""

@@ -1,19 +1,19 @@
-"""How bearings agree with the estimates: shares that are not believed, and normalised squared residuals (NIS).
+"""How bearings agree with the estimates: shares that are rejected, and normalised squared residuals (NIS).
 
 NIS is the sum of squared residuals of bearings, by their probability of being true, over what it is expected to be:
 1 if standard deviations are right.
 
-Bearings that no other sensor can confirm: whether sensors see a target one at a time, and what is not believed then.
+Bearings that no other sensor can confirm: whether sensors see a target one at a time, and what is rejected then.
 
 Where several sensors see a target at once, a false bearing disagrees with the others.  Where one sees it at a time,
-the motion alone speaks against it: some false bearings agree with a motion that is about as probable as the true one,
-and no residual shows it.  Bearings that are found to be false there say that others, which are believed, may be false.
+the motion alone contradicts it: some false bearings agree with a motion that is about as probable as the true one,
+and no residual shows it.  Bearings that are found to be false there say that others, which are accepted, may be false.
 
-Whether bearings look like those of a compass: clockwise from north, and not from +x towards +y.
+Whether bearings resemble those of a compass: clockwise from north, and not from +x towards +y.
 
-Sight lines of one moment meet near one place if their angles mean what they are taken for.  Taken for the others,
-pi / 2 - b, lines of stations in general places do not meet, or behind the stations.  Both are tried, and a user is told
-where the others fit much better; nothing is changed.
+lines of sight of one time step meet near one position if their angles mean what they are taken for.  Taken for the
+others, pi / 2 - b, lines of stations in general positions do not meet, or behind the stations.  Both are tried, and a
+warning is given where the others fit much better; nothing is changed.
 
 Bearings whose stated noise is smaller than any sensor's: many filters can make no use of them.
 
@@ -22,7 +22,7 @@ Bearings at the estimates: residuals with the variance they should have, and can
 The residual of a bearing that an estimate has used is smaller than the bearing's own error, since the estimate follows
 it.  With the standard deviation sigma of the bearing, the gradient g of its angle by the position and the covariance P
 of the estimate, a residual in units of sigma has the variance 1 - g'Pg / sigma^2, if both are right.  That holds for
-filters, smoothers and least squares alike, as far as they are linear.
+filters, smoothers and least squares, to the extent that they are linear.
 
 Candidates that cannot be one target: several people offered to a filter that follows one.
 """
@@ -48,7 +48,7 @@ from occlog.records.verdicts import Check, finding, outcome
 from .estimates import covariances
 
 CONFIRMATION_WINDOW_S = 1.0
-"""Sensors see a target at about the same time if they do within so many seconds."""
+"""Time within which bearings of several sensors are simultaneous [s]."""
 MIN_OVERLAP_SHARE = 0.5
 """Sensors see a target one at a time if fewer of its bearings are near one of another sensor."""
 
@@ -72,12 +72,12 @@ def confirmed_by_another(sensor: Ints | Strings, seconds: Floats) -> Bools:
 
 @dataclass
 class UnconfirmedBearings:
-    """Counts bearings, those near one of another sensor, and those not believed.
+    """Counts bearings, those near one of another sensor, and those rejected.
 
     Attributes:
         bearings: how many there were.
         confirmed: near to how many of them another sensor has one.
-        doubted: how many are not believed.
+        doubted: how many are rejected.
     """
 
     bearings: int = 0
@@ -99,12 +99,12 @@ class UnconfirmedBearings:
 
     @property
     def share(self) -> float:
-        """Share of the bearings that are not believed; NaN without any."""
+        """Share of the bearings that are rejected; NaN without any."""
         return ratio_or_nan(self.doubted, self.bearings)
 
 
 MIN_STEPS, MAX_STEPS = 10, 500
-"""Fewest moments that tell, and how many are looked at."""
+"""Minimum and maximum number of time steps of the check."""
 MAX_MISFIT_RATIO, MIN_MISFIT_RAD2 = 0.1, 0.05
 """A median square misfit [rad^2] below this share of the other one's, where that is above `MIN_MISFIT_RAD2`, is much
 better."""
@@ -115,7 +115,7 @@ MAX_LINE_MISFIT_RAD2 = 1.0
 
 
 class AngleConventionCheck:
-    """Tries both meanings of the bearings of stations that stream by; cameras' bearings are never of a compass."""
+    """Tries both meanings of the bearings of stations in a stream; cameras' bearings are never of a compass."""
 
     def __init__(self, scene: Scene) -> None:
         """Nothing was seen yet."""
@@ -132,7 +132,9 @@ class AngleConventionCheck:
     def checks(self) -> tuple[Check, ...]:
         """Whether they fit one another as angles of this program."""
         if len(self._misfits) < MIN_STEPS:
-            return outcome(CONVENTION, (), unless=f"fewer than {MIN_STEPS} moments have bearings of several stations")
+            return outcome(
+                CONVENTION, (), unless=f"fewer than {MIN_STEPS} time steps have bearings of several stations"
+            )
         plain, other = np.median(self._misfits, axis=0).tolist()
         if plain <= MIN_MISFIT_RAD2 or other > MAX_MISFIT_RATIO * plain:
             return outcome(CONVENTION, (), misfit_rad=float(np.sqrt(plain)))
@@ -142,8 +144,8 @@ class AngleConventionCheck:
                 "warning",
                 "compass",
                 "the bearings fit one another much better as those of a compass, clockwise from north (+y): then the "
-                f"lines of a moment miss one place by {np.degrees(np.sqrt(other)):.2g} degrees (median of "
-                f"{len(self._misfits)} moments), and by {np.degrees(np.sqrt(plain)):.2g} as they are, from +x towards "
+                f"lines of a time step miss one position by {np.degrees(np.sqrt(other)):.2g} degrees (median of "
+                f"{len(self._misfits)} time steps), and by {np.degrees(np.sqrt(plain)):.2g} as given, from +x towards "
                 "+y; name the column compass_deg, or ingest with the convention compass",
             ),
         )
@@ -179,7 +181,7 @@ def misfit(places: Floats, bearings: Floats) -> float:
 STATED = "stated noise of the bearings"
 """Name of the check."""
 MIN_SIGMA_RAD = 1e-7
-"""Smallest standard deviation that is believed: 0.02 seconds of arc."""
+"""Smallest standard deviation that is accepted: 0.02 seconds of arc."""
 
 
 class SmallNoiseCheck:
@@ -211,7 +213,7 @@ class SmallNoiseCheck:
                 "noise-tiny",
                 f"{sum(self._found.values())} bearings of {', '.join(sorted(self._found)[:3])} state a standard "
                 f"deviation down to {self._least:.2g} rad (allowed: {MIN_SIGMA_RAD:g}): no sensor is so exact, and "
-                "filters by particles find no place that fits them: estimates may be as wide as if nothing was seen; "
+                "filters by particles find no position that fits them: estimates may be as wide as without detections; "
                 "state the noise that they have",
                 sensors=sorted(self._found),
                 least_rad=self._least,
@@ -221,9 +223,9 @@ class SmallNoiseCheck:
 
 
 GATE_SIGMAS = 4.0
-"""A bearing further from the estimate than so many standard deviations of both together is not believed."""
+"""Gate of a bearing, in standard deviations of the innovation."""
 MIN_RESIDUAL_VARIANCE = 0.1
-"""Bearings whose residuals should have a smaller variance say nothing of their noise: estimates go through them."""
+"""Minimum expected variance of residuals for an estimate of noise: below it estimates go through the bearings."""
 
 
 class ResidualAngles(NamedTuple):
@@ -281,7 +283,7 @@ class BearingConsistency:
         """Nothing was seen yet.
 
         Args:
-            scene: its sensors; arrays that are not upright are left out, as their azimuths have errors of elevations.
+            scene: its sensors; arrays that are not upright are omitted, as their azimuths have errors of elevations.
             window_ns: an estimate holds for bearings so long before it, at most.
         """
         self._sensors: dict[str, Camera | MicrophoneArray] = {c.name: c for c in scene.cameras if c.placed}
@@ -298,7 +300,7 @@ class BearingConsistency:
 
         Args:
             tracks: estimates in the order of time.
-            bearings: in the order of time; those without an estimate at their time are left out, and those at an
+            bearings: in the order of time; those without an estimate at their time are omitted, and those at an
                 estimate whose covariance is not known: nothing says how large their residuals should be.
             diagnostics: of the same estimates, say which sensors were used; None: all.
         """
@@ -461,7 +463,7 @@ class SensorConsistency:
 
     @property
     def doubted(self) -> float:
-        """Share of bearings that are not believed; NaN without any."""
+        """Share of bearings that are rejected; NaN without any."""
         return 1.0 - ratio_or_nan(self.believed, self.bearings)
 
     @property
@@ -474,7 +476,7 @@ class SensorConsistency:
 
 @dataclass
 class ResidualStatistics:
-    """Gathers residuals while they stream by.
+    """Accumulates residuals over a stream.
 
     Attributes:
         sensors: agreement of the bearings of each sensor, by its name.
@@ -502,7 +504,7 @@ class ResidualStatistics:
             found.pose += (poses or {}).get(name, 0.0) * float(expected.sum())
 
     def moves(self, target: int, factor: float) -> None:
-        """The variance of a target's motion is so many times what was stated."""
+        """Find a target with a variance of motion above the stated one."""
         self.noise[target] = max(self.noise.get(target, 0.0), factor)
 
     @property
@@ -512,7 +514,7 @@ class ResidualStatistics:
 
     @property
     def doubted(self) -> float:
-        """Share of bearings that are not believed; NaN without any."""
+        """Share of bearings that are rejected; NaN without any."""
         return 1.0 - ratio_or_nan(sum(a.believed for a in self.sensors.values()), self.bearings)
 
     @property
@@ -540,7 +542,7 @@ class ResidualStatistics:
 def pose_shares(tracks: Tracks, scene: Scene) -> dict[str, float]:
     """Of each camera the share of a bearing's variance that errors of its pose make, at the median distance of tracks.
 
-    [Ercan] Eq. 2 on the optical axis: f^2 sigma_yaw^2 + f^2 sigma_position^2 / d^2 of it, beside the reading's.
+    [Ercan] Eq. 2 on the optical axis: f^2 sigma_yaw^2 + f^2 sigma_position^2 / d^2 of it, in addition to the reading's.
     """
     out: dict[str, float] = {}
     for c in scene.cameras:
@@ -568,7 +570,7 @@ class CandidateCounts:
 
 @dataclass
 class UnassociatedCandidates:
-    """Gathers what candidates are left unexplained by all tracks, by sensor."""
+    """Accumulates candidates unexplained by all tracks, by sensor."""
 
     sensors: dict[str, CandidateCounts] = field(default_factory=dict)
 

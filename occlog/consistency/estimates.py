@@ -1,8 +1,8 @@
-"""Reasons not to believe an estimate, found from its row, the scene, and what was seen before.
+"""Quality flags of estimates, from the row, the scene and earlier detections.
 
 The checks stand alone: arrays in, booleans out.  `QualityFlags` applies them to the rows of a run.
 
-Doubts of rows while one sensor contradicts the estimate: most of what it measured lately is not believed.
+Quality flags of rows while one sensor contradicts the estimate: most of what it measured lately is rejected.
 
 Its clock, pose or labels are wrong, or the track follows the others, which may be the wrong ones.
 
@@ -11,8 +11,8 @@ Effective numbers of particles over a run, in bounded memory.
 Where bearings alone say that a target is, against what the scene says: walls in between, and the border of the room.
 
 A filter that knows walls draws its estimate to where no wall contradicts what was seen, and one that knows the room
-keeps it inside.  Wrong walls thus leave residuals that are small, and errors that are not.  The place at which the
-believed bearings of a moment meet, without motion, walls and room, does not hide them.
+keeps it inside.  Wrong walls thus leave residuals that are small, and errors that are not.  The position at which the
+accepted bearings of a time step meet, without motion, walls and room, does not hide them.
 """
 
 from __future__ import annotations
@@ -34,30 +34,30 @@ from occlog.records.tables import Diagnostics, Residuals, Tracks
 from occlog.scans.grouping import sensor_names
 
 REGION_EDGE, SINGLE_SENSOR, OUT_OF_VIEW, INCONSISTENT_SENSOR = "edge", "one-sensor", "out-of-view", "sensor-disagrees"
-"""Values of the column `doubt`, in the order in which they stand there."""
+"""Values of the column `doubt`, in the order of the column."""
 WORDS = {
     REGION_EDGE: "the target may be at the edge of where targets can be, which was guessed from what the sensors see; "
     "add `room` to the scene",
     SINGLE_SENSOR: "one sensor alone saw the target for long, which says nothing of its distance; add another "
     "sensor, or "
     "track in images and find the target on the ground (occlog ground)",
-    OUT_OF_VIEW: "the target is where sensors that are said to see it cannot see; check the calibration, the region "
+    OUT_OF_VIEW: "the target is where sensors that report it cannot see; check the calibration, the region "
     "and the choice of the target",
-    INCONSISTENT_SENSOR: "most of what one sensor measured of the target in the last second is not believed; "
+    INCONSISTENT_SENSOR: "most of what one sensor measured of the target in the last second is rejected; "
     "check the clock, "
     "the pose and the labels of that sensor (the residuals say which), or leave it out",
 }
 """What each means and what to do."""
 EDGE_SIGMAS = 2.0
-"""An estimate is at the edge if so many standard deviations reach it."""
+"""Distance from the edge below which an estimate is at the edge, in standard deviations."""
 VIEW_SIGMAS = 3.0
-"""An estimate is out of view if so many standard deviations do not reach the view."""
+"""Distance from the view beyond which an estimate is out of view, in standard deviations."""
 SINGLE_SENSOR_S = 5.0
-"""So long after two sensors have seen a target at once, one of them alone tells its distance no more [s]."""
+"""Time after the last simultaneous detection by two sensors for which a single sensor suffices [s]."""
 TOGETHER_S = 1.0
 """Two sensors see a target at once if they do within this time; so long a filter waits for a second one [s]."""
 RESTART_FALLBACKS = ("restart", "gap")
-"""Values of `fallback` of rows in which a filter has begun anew."""
+"""Values of `fallback` of rows in which a filter has restarted."""
 
 
 def near_edge(xy: Floats, covariance: Floats, region: Floats) -> Bools:
@@ -101,8 +101,8 @@ def outside_view(xy: Floats, covariance: Floats, origin: Floats, yaw: float, fov
 def without_distance(xy: Floats, covariance: Floats, origin: Floats, far: float) -> Floats:
     """(2, 2) covariance of an estimate whose distance from a sensor is not known.
 
-    Along the sight line it is the second moment of the prior, which is even from the sensor to its far limit, about
-    the estimate: one sensor's bearings hardly say more, and a filter that believes them too much is sure of a
+    Along the line of sight it is the second moment of the prior, which is even from the sensor to its far limit,
+    about the estimate: one sensor's bearings hardly say more, and a filter that believes them too much is sure of a
     distance that its settings of motion and noise have made up.
 
     Args:
@@ -119,7 +119,7 @@ def without_distance(xy: Floats, covariance: Floats, origin: Floats, far: float)
 
 
 def covariances(tracks: Tracks) -> Floats:
-    """(N, 2, 2) covariances of the places of a table's rows."""
+    """(N, 2, 2) covariances of the positions of a table's rows."""
     return np.stack([tracks.cov_xx, tracks.cov_xy, tracks.cov_xy, tracks.cov_yy], axis=1).reshape(-1, 2, 2)
 
 
@@ -132,17 +132,17 @@ class DetectionHistory(NamedTuple):
 
 
 class QualityFlags:
-    """Finds the doubts of a run's rows, chunk by chunk; what was seen of each target is remembered."""
+    """Finds quality flags of a run's rows, chunk by chunk, with the last detections of each target."""
 
     def __init__(self, scene: Scene, *, online: bool, started: bool, distances: bool = False) -> None:
         """Nothing was seen yet.
 
         Args:
             scene: the sensors.
-            online: estimates do not know what comes after them: one sensor alone leaves a doubt, and so does a guessed
+            online: estimates do not know what comes after them: one sensor alone raises a flag, and so does a guessed
                 region.
-            started: the settings say where the target was at first.
-            distances: stations measure distances, too, so that one sensor alone may tell a place.
+            started: the settings say where the target was initially.
+            distances: stations measure distances, too, so that one sensor alone may determine a position.
         """
         self._distances = distances
         self._scene, self._online, self._started = scene, online, started
@@ -153,7 +153,7 @@ class QualityFlags:
         self._seen: dict[int, DetectionHistory] = {}
 
     def judged(self, tracks: Tracks, diagnostics: Diagnostics) -> tuple[Tracks, Diagnostics]:
-        """The rows with their doubts, and with covariances that hold where the distance is not known."""
+        """Return the rows with their flags, and with covariances that hold where the distance is not known."""
         if not len(tracks):
             return tracks, diagnostics
         by = [tuple(name for name in text.split(",") if name) for text in diagnostics.seen_by.tolist()]
@@ -178,7 +178,7 @@ class QualityFlags:
     def _outside(self, xy: Floats, covariance: Floats, by: list[tuple[str, ...]]) -> Bools:
         """(N,) whether at least half of the sensors that saw the target cannot have done so; arrays by their range.
 
-        With fewer, their bearings are false, which is said of bearings and not of the estimate.
+        With fewer, their bearings are false, which is reported of bearings and not of the estimate.
         """
         saw, cannot = np.zeros(len(xy), dtype=np.int64), np.zeros(len(xy), dtype=np.int64)
         for c in self._sensors:
@@ -218,7 +218,7 @@ class QualityFlags:
             if seen is None or fallback in RESTART_FALLBACKS:
                 seen = DetectionHistory(t_ns, {}, t_ns if self._started and seen is None else None)
             last = seen.last_ns | dict.fromkeys(names, t_ns)
-            # Two sensors at one place tell no more of the distance than one of them
+            # Two sensors at one position determine the distance no better than one of them
             here = {self._place[s] for s, at in last.items() if t_ns - at <= TOGETHER_S * NS}
             seen = seen._replace(last_ns={}, together_ns=t_ns) if len(here) > 1 else seen._replace(last_ns=last)
             self._seen[target] = seen
@@ -235,13 +235,13 @@ class QualityFlags:
 WINDOW_NS = NS
 """How far back bearings count [ns]."""
 MIN_REJECTED_SHARE = 2.0 / 3.0
-"""Share of a sensor's bearings of a target in this time that are not believed, from which it contradicts."""
+"""Share of a sensor's bearings of a target in this time that are rejected, from which it contradicts."""
 MIN_REJECTED_BEARINGS = 5
-"""So many bearings at least are not believed: single false ones contradict nothing."""
+"""Minimum number of rejected bearings of a sensor: single false ones are no contradiction."""
 
 
 class SensorDisagreement:
-    """Adds these doubts to a run's rows, chunk by chunk; the last residuals are remembered."""
+    """Adds these flags to a run's rows, chunk by chunk, with the last residuals."""
 
     def __init__(self) -> None:
         """Nothing was compared yet."""
@@ -280,9 +280,9 @@ def _against(t_ns: Ints, residuals: Residuals) -> Bools:
 
 
 MIN_EFFECTIVE_SAMPLE_SIZE = 10.0
-"""An estimate of fewer effective particles does not say how uncertain it is."""
+"""Minimum effective sample size for a meaningful covariance."""
 BINS = 100
-"""A decade of effective numbers has so many bins: quantiles are right to 2 %."""
+"""Bins per decade of effective sample size: quantiles are right to 2 %."""
 DECADES = 8
 
 
@@ -319,25 +319,25 @@ class EffectiveSampleSizes:
 
 
 CLEAR_SIGMAS = 2.0
-"""A meeting place is clearly somewhere if all of the ellipse of so many standard deviations is there."""
+"""Size of the ellipse that must be inside a region for a sure meeting position, in standard deviations."""
 ELLIPSE_POINTS = 12
 """Points of that ellipse that are tested."""
 STEPS = 3
-"""Gauss-Newton steps from the estimate to the meeting place."""
+"""Gauss-Newton steps from the estimate to the meeting position."""
 MIN_INFORMATION_RATIO = 1e-3
-"""Sight lines do not meet if their information has axes with a ratio below this, squared."""
+"""Lines of sight do not meet if their information has axes with a ratio below this, squared."""
 MAX_SIGMA_RAD = 0.2
-"""Bearings with a larger standard deviation [rad] do not count: sight lines of such errors are no straight lines."""
+"""Bearings with a larger standard deviation [rad] do not count: lines of sight of such errors are no straight lines."""
 MAX_ELLIPSE_TO_RANGE = 0.5
-"""A meeting place counts if its ellipse is smaller than this share of the distance of each of its sensors."""
+"""A meeting position counts if its ellipse is smaller than this share of the distance of each of its sensors."""
 CONVERGENCE_SIGMAS = 0.1
-"""A search has found the meeting place if its last step is below so many standard deviations."""
+"""Convergence threshold of the last step of the search, in standard deviations."""
 MIN_SHARE = 1e-9
 """A residual whose variance is all the bearing's does not say what that is; see `_bearings`."""
 
 
 class BearingIntersection(NamedTuple):
-    """Where the believed bearings of M rows meet."""
+    """Where the accepted bearings of M rows meet."""
 
     row: Ints  # (M,) rows of the tracks
     xy: Floats  # (M, 2)
@@ -384,13 +384,13 @@ class PositionConsistency:
 
 
 def triangulate_rows(tracks: Tracks, used: Residuals, row: Ints, origin: Floats) -> BearingIntersection:
-    """Least squares of the bearings of each row of tracks that two sight lines or more determine.
+    """Least squares of the bearings of each row of tracks that two lines of sight or more determine.
 
     Args:
         tracks: estimates, from which the search begins.
         used: N residuals at them.
         row: (N,) their rows.
-        origin: (N, 2) places of their sensors.
+        origin: (N, 2) positions of their sensors.
     """
     start = np.column_stack([tracks.x, tracks.y])
     bearing, sigma = _bearings(start[row], covariances(tracks)[row], origin, used)
@@ -412,7 +412,7 @@ def triangulate_rows(tracks: Tracks, used: Residuals, row: Ints, origin: Floats)
         good = np.linalg.det(information) > MIN_INFORMATION_RATIO * np.maximum(trace, 1e-300) ** 2
         step[good] = np.linalg.solve(information[good], pull[good][:, :, None])[:, :, 0]
         xy[good] += step[good]
-    # Where sight lines are nearly parallel, or the sensors near, the place is no linear function of the bearings
+    # Where lines of sight are nearly parallel, or the sensors near, the position is no linear function of the bearings
     good &= np.einsum("ni,nij,nj->n", step, information, step) < CONVERGENCE_SIGMAS**2
     nearest = np.full(count, np.inf)
     np.minimum.at(nearest, row, np.hypot(*(xy[row] - origin).T))
@@ -453,11 +453,11 @@ def _rows(tracks: Tracks, used: Residuals) -> Ints:
 
 
 def _in_sight(origin: Floats, walls: Sequence[Floats], xy: Floats) -> Bools:
-    """(N,) which of the (N, 2) places no wall hides from the (2,) origin."""
+    """(N,) which of the (N, 2) positions no wall hides from the (2,) origin."""
     return np.asarray(~behind_walls(origin, xy, walls))
 
 
 def _anywhere(met: BearingIntersection, test: Callable[[Floats], Bools]) -> Bools:
-    """(M,) whether a test of (N, 2) places holds for the meeting place or for any point of its ellipse."""
+    """(M,) whether a test of (N, 2) positions holds for the meeting position or for any point of its ellipse."""
     points = np.concatenate([met.xy[:, None], met.border], axis=1)
     return np.asarray(test(np.ascontiguousarray(points.reshape(-1, 2))).reshape(points.shape[:2]).any(axis=1))

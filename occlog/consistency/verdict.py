@@ -1,7 +1,7 @@
 """The verdict: whether a run's estimates are plausible, as sentences with the number, the limit and the remedy.
 
-Limits have two parts.  A figure is said only if it is far enough off to matter (the constants of this file), and if
-chance cannot make it so: its confidence interval, with the effective number of what it was made from, is beyond that
+Limits have two parts.  A finding is reported only if it is far enough off to matter (the constants of this file), and
+if chance cannot make it so: its confidence interval, with the effective number of what it was made from, is beyond that
 limit with a probability of `SIGNIFICANCE` for the contrary.  docs/explanation/believe.md has each finding with causes
 and remedies.
 """
@@ -29,23 +29,23 @@ from .estimates import CLEAR_SIGMAS, MIN_EFFECTIVE_SAMPLE_SIZE, WORDS, Effective
 SIGNIFICANCE = 1e-3
 """Probability that chance alone makes a limit seem broken."""
 MIN_SAMPLES = 20
-"""Of fewer bearings, expected squares or frames nothing is said."""
+"""Minimum number of bearings, expected squares or frames for a check."""
 MAX_DEPLETED_SHARE = 0.25
 """Share of rows with too few effective particles that matters."""
 MAX_DEPLETED_SHARE_SMOOTHED = 0.02
 """The same where estimates are smoothed: all before a depleted row come from its few particles, too."""
 MAX_GAP_SHARE, MIN_GAPS = 0.8, 3
-"""Share of rows after a gap from which nothing is filtered, and the fewest such rows of which something is said."""
+"""Share of rows after a gap from which nothing is filtered, and the minimum number of such rows for the check."""
 MAX_RESTART_SHARE = 0.01
 """Share of rows with a restart that matters: one in a hundred."""
 MAX_FLAGGED_SHARE = 0.05
-"""Share of rows with a doubt, or of doubted rows, that matters."""
+"""Maximum share of flagged rows."""
 MAX_POSSIBLE_OUTLIER_SHARE = 0.1
 """Share of rows that are contested that matters."""
 MAX_REJECTED_SHARE = 0.25
-"""Share of bearings not believed that matters."""
+"""Share of bearings rejected that matters."""
 MAX_UNCONFIRMED_REJECTED_SHARE = 0.02
-"""The same where one sensor at a time sees the target, and nothing but its motion speaks against a false bearing."""
+"""Maximum share rejected where one sensor at a time sees the target, and its motion alone reveals false bearings."""
 NIS_LOW, NIS_HIGH = 0.5, 2.25
 """Normalised squared residuals that matter: stated standard deviations 1.4 times too large, 1.5 times too small."""
 MAX_MOTION_VARIANCE_FACTOR = 4.0
@@ -67,26 +67,26 @@ MOTION, ROOM, WALLS = "motion noise", "positions outside the room", "lines of si
 UNASSOCIATED_CANDIDATES = "candidates that no track explains"
 """Names of checks."""
 ROWS = {
-    "contradiction": "no place holds all constraints, and what was seen there was left out; check poses and labels",
+    "contradiction": "no position holds all constraints, and what was seen there was omitted; check poses and labels",
     "wall": "no way around a wall was found; more states may help (fill_s)",
     "unfinished": "the search did not converge; allow more iterations",
 }
 """Values of `fallback` of which a verdict speaks if any row has them, and what they say."""
 FLAGS_OF_FALSE_BEARINGS = {
-    "doubted": "fewer than half of the bearings are believed; check poses, clocks and labels",
-    "unchecked": "two measurements alone tell the place, and none of the others agrees: one of the two may be false, "
+    "doubted": "fewer than half of the bearings are accepted; check poses, clocks and labels",
+    "unchecked": "two measurements alone fix the position, and none of the others agrees: one of the two may be false, "
     "which the covariance does not say; add stations, or follow the target over time (apf, map)",
 }
 """Values of `fallback` that single false bearings make, and of which a verdict speaks from a share of the rows on."""
 FLAGS_OF_POSSIBLE_OUTLIERS = {
-    "contested": "a measurement that is believed may be false: another place is possible where fewer agree, or they "
+    "contested": "a measurement that is accepted may be false: another position is possible where fewer agree, or they "
     "scatter more than stated, which the covariance does not say; leave these rows out, add stations, or follow the "
     "target over time (apf, map)",
 }
 """Values of `fallback` that some rows of honest data have, too."""
 FLAGS_WITH_RIGHT_COVARIANCE = {
-    "unobservable": "what was seen does not tell the position, and the covariance says so; add sensors",
-    "ambiguous": "measurements fit several places, of which the row has the most probable, and the covariance holds "
+    "unobservable": "the measurements do not determine the position, and the covariance says so; add sensors",
+    "ambiguous": "measurements fit several positions, of which the row has the most probable, and the covariance holds "
     "all: there are two ranges alone, stations are in line, one of a few values is false, or noise is as large as the "
     "distances; add stations off the line, or follow the target over time (apf, map)",
 }
@@ -95,13 +95,13 @@ FLAGS_WITH_RIGHT_COVARIANCE = {
 
 @dataclass
 class ConsistencyEvidence:
-    """What speaks for and against a run's estimates, gathered while tables stream by.
+    """Evidence on a run's estimates, accumulated over a stream of tables.
 
     Attributes:
         rows: estimates.
         fallbacks: rows by the value of `fallback`.
         doubts: rows by the value of `doubt`.
-        targets: whose rows they are.
+        targets: ids of the targets of the rows.
         seen: of these, whom a sensor saw.
         span_ns: first and last time.
         selected: rows for which at least two cameras were selected.
@@ -110,7 +110,7 @@ class ConsistencyEvidence:
         agreements: residuals of the bearings.
         alone: bearings that no other sensor can confirm.
         crowd: candidates that are left.
-        places: where the bearings of a moment meet.
+        places: where the bearings of a time step meet.
         distances: residuals are also of measurements that are no directions, so that nothing is said of `places`.
         diagnosed: there are diagnostics.
     """
@@ -183,7 +183,7 @@ class ConsistencyEvidence:
         undiagnosed = "" if self.diagnosed else "there are no diagnostics"
         few, seen = f"fewer than {MIN_SAMPLES} {self.what} were judged", self.agreements.bearings
         unseen = few if seen < MIN_SAMPLES else ""
-        crowded = "" if one_target else "the method itself tells targets apart"
+        crowded = "" if one_target else "the method itself distinguishes targets"
         return (
             *outcome(
                 PARTICLES,
@@ -258,7 +258,7 @@ class ConsistencyEvidence:
                 RESTARTED,
                 "warning",
                 "restarts",
-                f"the target was lost and sought anew in {restarts} of {self.rows} rows (allowed: "
+                f"the target was lost and searched again in {restarts} of {self.rows} rows (allowed: "
                 f"{MAX_RESTART_SHARE:.0%}); "
                 "the motion or the noise that is stated is wrong, or the bearings are not of one target",
                 share=restarts / self.rows,
@@ -274,8 +274,8 @@ class ConsistencyEvidence:
                 TIME_GAPS,
                 "warning",
                 "gaps",
-                f"{gaps} of {self.rows} rows come after a gap, and the filter begins anew there: the rows of a target "
-                f"are {apart:.3g} s apart on average, so that nothing is filtered; take each moment alone (fix), or "
+                f"{gaps} of {self.rows} rows come after a gap, and the filter restarts there: the rows of a target "
+                f"are {apart:.3g} s apart on average, so that nothing is filtered; take each time step alone (fix), or "
                 "allow longer gaps (max_gap_s) with a motion that holds for so long; if times are in "
                 "another unit, state it by --input-units ms",
                 share=gaps / self.rows,
@@ -306,7 +306,7 @@ class ConsistencyEvidence:
                 f"in {self.blind} of {self.selected} rows (allowed: {MAX_BLIND_SHARE:.0%}) fewer than two sensors "
                 "see the "
                 "target, although more cameras were selected: the selection is for longer than the target stays in "
-                "view, or the policy does not look at views; select by greedy, more cameras, or more often",
+                "view, or the policy ignores views; select by greedy, more cameras, or more often",
                 share=self.blind / self.selected,
                 allowed=MAX_BLIND_SHARE,
             )
@@ -327,12 +327,12 @@ class ConsistencyEvidence:
                     sentence = f"{found[code]} of {self.rows} rows{share}: {code}: {text}"
                     yield finding(FLAGGED, severity, code, sentence, share=found[code] / self.rows, allowed=least)
                 elif found[code] and words is WORDS:
-                    said = f"{found[code]} of {self.rows} rows are not to be believed (the diagnostics say which)"
+                    said = f"{found[code]} of {self.rows} rows are not to be accepted (the diagnostics say which)"
                     rare = found[code] / self.rows
                     yield finding(FLAGGED, "note", code, f"{said}: {code}: {text}", share=rare, allowed=least)
 
     def _not_believed(self) -> Iterator[Check]:
-        """Sensors whose bearings are not believed."""
+        """Sensors whose bearings are rejected."""
         for name, own in sorted(self.agreements.sensors.items()):
             if own.bearings >= MIN_SAMPLES and exceeds_share(
                 own.bearings - own.believed, own.bearings, MAX_REJECTED_SHARE
@@ -341,7 +341,7 @@ class ConsistencyEvidence:
                     REJECTED_MEASUREMENTS,
                     "warning",
                     "not-believed",
-                    f"{name}: {own.doubted:.0%} of {own.bearings} {self.what} are not believed (allowed: "
+                    f"{name}: {own.doubted:.0%} of {own.bearings} {self.what} are rejected (allowed: "
                     f"{MAX_REJECTED_SHARE:.0%}); its pose, its clock or its labels may be wrong, or the target "
                     "was lost",
                     sensors=[name],
@@ -361,9 +361,9 @@ class ConsistencyEvidence:
                 CONFIRMED,
                 "warning",
                 "unconfirmed",
-                f"{alone.share:.0%} of {alone.bearings} {self.what} are not believed (allowed: "
+                f"{alone.share:.0%} of {alone.bearings} {self.what} are rejected (allowed: "
                 f"{MAX_UNCONFIRMED_REJECTED_SHARE:.0%} where "
-                f"one sensor at a time sees the target): nothing but the motion tells false {self.what} from true "
+                f"one sensor at a time sees the target): the motion alone distinguishes false {self.what} from true "
                 "ones; "
                 "others may be false, too, and covariances too small; add sensors that see the target at the same "
                 "time, or check identities and the detector's false alarms",
@@ -449,8 +449,8 @@ class ConsistencyEvidence:
             f"the candidates cannot be one target: {self.crowd.unexplained:.1f} of {self.crowd.candidates:.1f} in a "
             f"frame are near no track, and in {', '.join(persistent)} they stay from frame to frame (in "
             f"{max(persistent.values()):.0%} of the frames; allowed: {MAX_PERSISTENT_CANDIDATE_SHARE:.0%}); "
-            "follow everybody "
-            "(method jipda, from the boxes), label the candidates, or say where the target is at first",
+            "follow all people "
+            "(method jipda, from the boxes), label the candidates, or say where the target is initially",
             sensors=persistent,
             share=max(persistent.values()),
             allowed=MAX_PERSISTENT_CANDIDATE_SHARE,
@@ -463,10 +463,10 @@ def exceeds_share(count: int, of: int, share: float) -> bool:
 
 
 def nis_check(what: str, nis: Ratio, expected: float, sensors: tuple[str, ...] = ()) -> Check | None:
-    """By how much residuals are not as stated; None if they are, or if there are too few to tell.
+    """Variance factor of residuals; None if they are as stated, or too few.
 
     Args:
-        what: whose residuals.
+        what: name of the measurements.
         nis: their normalised square.
         expected: sum of squares that is expected.
         sensors: names of their sensors; empty: all.

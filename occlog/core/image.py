@@ -1,6 +1,6 @@
 """Ellipses in images and histograms of their colours.
 
-Densities of colours and their likeness: m-bin histograms and the Bhattacharyya coefficient ([Lee] Sec. 5.2.1).
+Densities of colours and their similarity: m-bin histograms and the Bhattacharyya coefficient ([Lee] Sec. 5.2.1).
 
 With L levels there are m = L (L + 1) bins: L x L of hue and saturation, then L of brightness for pixels without a hue.
 Eight levels are the 72 bins of `histogram_bins`.
@@ -91,7 +91,7 @@ def _bins_into(bins: Bytes, image: Bytes, left: int, top: int, right: int, botto
 
 
 def bins_of(levels: int) -> int:
-    """Number m of bins of so many levels."""
+    """Number m of bins for a number of levels."""
     return levels * (levels + 1)
 
 
@@ -124,7 +124,7 @@ def colour_counts(image: Bytes, mask: Bytes, levels: int) -> Ints:
 
 
 def density(counts: Ints | Floats) -> Floats:
-    """(..., m) counts divided by their sum ([Lee] 5.1, 5.2, 5.4); NaN where there are none."""
+    """(..., m) counts divided by their sum ([Lee] 5.1, 5.2, 5.4); NaN where missing."""
     total = np.sum(counts, axis=-1, keepdims=True, dtype=np.float64)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(np.where(total > 0, counts / total, np.nan))

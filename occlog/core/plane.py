@@ -1,6 +1,6 @@
 """Polygons, the floor of a room and what stands on it.
 
-Polygons on the ground: inside tests, sight lines through them, distances.
+Polygons on the ground: inside tests, lines of sight through them, distances.
 
 A polygon is a (K, 2) array of the vertices of a simple closed polygon, in order, the
 last joined to the first; it need not be convex and its winding does not matter unless
@@ -253,7 +253,7 @@ def pockets(polygon: Floats) -> list[Floats]:
 def _hull_corners(corners: Floats) -> list[int]:
     """Rising indices of the corners of a counter-clockwise simple polygon that are corners of its convex hull.
 
-    Andrew's monotone chain; corners on the sides of the hull are left out.
+    Andrew's monotone chain; corners on the sides of the hull are omitted.
     """
     order = np.lexsort((corners[:, 1], corners[:, 0]))
     lower, upper = _half_hull(corners, order), _half_hull(corners, order[::-1])
@@ -322,7 +322,7 @@ def _separate(start: Floats, end: Floats, polygon: Floats, out: Separation) -> N
 
 
 def route(corners: Floats, a: Floats, b: Floats, away: float, *, ccw: bool) -> Floats:
-    """(m, 2) places that lead from near a around a polygon to near b, at a distance from it.
+    """(m, 2) positions that lead from near a around a polygon to near b, at a distance from it.
 
     Args:
         corners: (K, 2) simple polygon, counter-clockwise.
@@ -348,7 +348,7 @@ def route(corners: Floats, a: Floats, b: Floats, away: float, *, ccw: bool) -> F
 
 
 def nearest_edge(corners: Floats, xy: Floats, away: float) -> tuple[int, Floats]:
-    """The edge of a polygon nearest to a place, and the place beside it at a distance outside."""
+    """The edge of a polygon nearest to a position, and the position at a distance outside of it."""
     ends = np.roll(corners, -1, axis=0)
     edge = ends - corners
     share = np.clip(np.einsum("ki,ki->k", xy - corners, edge) / np.einsum("ki,ki->k", edge, edge), 0.0, 1.0)
@@ -358,7 +358,7 @@ def nearest_edge(corners: Floats, xy: Floats, away: float) -> tuple[int, Floats]
 
 
 def beside(corners: Floats, k: int, foot: Floats, away: float) -> Floats:
-    """A place outside edge k, at a distance from a point on it."""
+    """A position outside edge k, at a distance from a point on it."""
     edge = corners[(k + 1) % len(corners)] - corners[k]
     return np.asarray(foot + away * np.array([edge[1], -edge[0]]) / np.hypot(*edge))
 
@@ -378,7 +378,7 @@ def offset(corners: Floats, away: float) -> Floats:
 
 
 def spread_along(a: Floats, places: Floats, b: Floats, steps: int) -> Floats | None:
-    """(steps - 1, 2) places on the way from a by all of `places` to b, so that each of them is one; None: too few.
+    """(steps - 1, 2) positions from a by all of `places` to b, including each of these; None: too few.
 
     Args:
         a: (2,)
@@ -403,7 +403,7 @@ def spread_along(a: Floats, places: Floats, b: Floats, steps: int) -> Floats | N
 
 
 MAX_SAMPLING_ROUNDS = 200
-"""Rounds of random places tried before the floor is called full."""
+"""Rounds of random positions tried before the floor is called full."""
 
 
 class Floor(NamedTuple):
@@ -432,10 +432,10 @@ def on_floor(xy: Floats, room: Floats, walls: Floats, starts: Ints) -> Bools:
 
 
 def sample_floor(n: int, floor: Floor, rng: np.random.Generator) -> Floats:
-    """(n, 2) random places, uniform over the floor: rejection sampling from the room's bounding box.
+    """(n, 2) random positions, uniform over the floor: rejection sampling from the room's bounding box.
 
     Raises:
-        ValueError: so little of the box is free that `MAX_SAMPLING_ROUNDS` rounds do not find n places.
+        ValueError: so little of the box is free that `MAX_SAMPLING_ROUNDS` rounds do not find n positions.
     """
     low = floor.room.min(axis=0)
     size = floor.room.max(axis=0) - low
@@ -449,14 +449,14 @@ def sample_floor(n: int, floor: Floor, rng: np.random.Generator) -> Floats:
         found.append(places)
         count += len(places)
     if count < n:
-        raise ValueError(f"only {count} of {n} random places were free; static occluders fill the room")
+        raise ValueError(f"only {count} of {n} random positions were free; static occluders fill the room")
     return np.concatenate(found)[:n]
 
 
 def sample_near(xy: Floats, reach: float, floor: Floor, rng: np.random.Generator) -> Floats:
-    """(N, 2) random places on the floor, each uniform within a distance of one of the (N, 2) points.
+    """(N, 2) random positions on the floor, each uniform within a distance of one of the (N, 2) points.
 
-    For a point with hardly any floor around it the place is anywhere on the floor.
+    For a point with hardly any floor around it the position is anywhere on the floor.
 
     Raises:
         ValueError: there is hardly any floor at all; see `sample_floor`.

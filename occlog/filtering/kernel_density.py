@@ -1,4 +1,4 @@
-"""Drawing particles anew from a kernel density, so that a cloud without process noise does not collapse.
+"""Resampling from a kernel density, so that a cloud without process noise does not collapse.
 
 A copy of a particle is pulled towards the mean and then moved by a draw from a Gaussian with
 the cloud's own covariance, a x + (1 - a) mean + h B n with a^2 + h^2 = 1 and B B^T the covariance.
@@ -6,7 +6,7 @@ Mean and covariance stay what they were; only finer shape is blurred, by h stand
 
 Backward simulation of trajectories through kernel densities of particles.
 
-The particles of a filter at a time stand for a density with the width h of a kernel,
+The particles of a filter at a time represent a density with the width h of a kernel,
 
     sum_l w_l N(x; c_l, h^2 V),   c_l = a x_l + (1 - a) m,   a^2 + h^2 = 1,
 
@@ -15,7 +15,7 @@ without noise and B the covariance of the step's noise moved back likewise, the 
 
     l ~ w_l P(l to x') N(b; c_l, h^2 V + B),   x | l ~ N(b + G (c_l - b), B - G B),   G = B (h^2 V + B)^-1.
 
-With particles alone (Godsill, Doucet and West 2004) a step whose noise is small beside the distances of the
+With particles alone (Godsill, Doucet and West 2004) a step whose noise is small compared with the distances of the
 particles leaves no choice but the filter's own ancestry; one without noise none at all.  Here all particles count
 that are within a kernel's width, and a step without noise gives x = b: a motion that is exactly known has one
 trajectory through each of its last states, and smoothing moves these back.  For linear motion and Gaussian densities
@@ -69,7 +69,7 @@ def kernel_density(
     Args:
         cloud: (n, L).
         weights: (L,) of sum 1.
-        kinds: (L,) of which kind each is, from 0; None: all are alike.
+        kinds: (L,) of which kind each is, from 0; None: all are equal.
         kept: most particles.
     """
     mean = cloud @ weights
@@ -137,7 +137,7 @@ def states_before(
 
 @array_kernel
 def _chosen(centres: Floats, at: Floats, before: Ints, after: Ints, chances: Floats, u: Floats) -> Ints:
-    """(M,) one of K centres (n, K) for each of (n, M) places, by unit Gaussians times chances; the nearest if all 0."""
+    """(M,) draws of K centres (n, K) for (n, M) positions, by unit Gaussians times chances; the nearest if all 0."""
     n, K = centres.shape
     M = at.shape[1]
     half, out = np.empty(K), np.empty(M, dtype=np.int64)

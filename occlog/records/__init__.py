@@ -1,1 +1,1 @@
-"""Tables: columns with units, declared once; the scene; what was lost."""
+"""Tables: columns with units, declared once; the scene; losses."""

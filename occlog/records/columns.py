@@ -32,15 +32,15 @@ def bounded_ns(t_ns: int) -> int:
 ROUNDING, TINY = 5e-10, 1e-150
 """By how much, in parts and absolutely, the covariance of x and y may exceed the product of their deviations."""
 ANY_WIDTH = -1
-"""Width of a column whose rows are vectors of one length, whatever it is; 0 where nobody gave any."""
+"""Width of a column with vectors of any equal length; 0 if not given."""
 
 
 MAX_LENGTH = 1e15
-"""Largest coordinate, length and speed, in whatever unit: beyond it 64 bits do not tell one unit from the next."""
+"""Largest coordinate, length and speed, in whatever unit: beyond it 64 bits do not resolve one unit."""
 MAX_PX = 1e15
 """Largest distance in an image: the tangent of a direction that is across to the last digit of an angle."""
 LENGTHS = {"m": 1, "m^2": 2, "m/s": 1, "m^2/s": 2, "m^2/s^2": 2}
-"""Units in which m stands for the scene's unit of length, and the power of it."""
+"""Units in which m represents the scene's unit of length, and the power of it."""
 
 
 def largest(unit: str) -> float:
@@ -69,7 +69,7 @@ class Column:
 
     @property
     def dtype(self) -> np.dtype[np.generic]:
-        """NumPy dtype of the column; "U" stands for strings of any length."""
+        """NumPy dtype of the column; "U" represents strings of any length."""
         return np.dtype(self.kind)
 
     @property
@@ -93,14 +93,14 @@ class ColumnTable:
     VERSION: ClassVar[int] = 1
     KEY: ClassVar[tuple[str, ...]]
     ONCE: ClassVar[bool] = False
-    """Whether nobody can be twice at one time: rows of one key contradict each other."""
+    """Whether keys are unique: two rows of one key contradict each other."""
     MEASURED: ClassVar[str] = ""
-    """Column that is finite where a row is a measurement that no other can equal, even if it is of nobody's."""
+    """Column that is finite where a row is a measurement that no other can equal, even if it is of no person's."""
 
     def __post_init__(self) -> None:
         for c in self.columns():
             if c.optional and getattr(self, c.name) is None:
-                object.__setattr__(self, c.name, _absent(c, len(self)))  # frozen for everybody else
+                object.__setattr__(self, c.name, _absent(c, len(self)))  # frozen for all other code
         check_columns(self)
         self.check()
 
@@ -123,7 +123,7 @@ class ColumnTable:
 
     @classmethod
     def of(cls, **values: object) -> Self:
-        """Build a table from array-likes, cast to the declared dtypes; optional columns may be left out."""
+        """Build a table from array-likes, cast to the declared dtypes; optional columns may be omitted."""
         told = [c for c in cls.columns() if not c.optional or c.name in values]
         return cls(**{c.name: as_column(c, values.pop(c.name)) for c in told}, **values)
 
@@ -176,7 +176,7 @@ def _joined(c: Column, parts: list[NDArray[np.generic]]) -> NDArray[np.generic]:
         return np.concatenate(parts)
     (length, *others) = sorted({part.shape[1] for part in parts} - {0}) or [0]
     if others:
-        raise InputError(f"{c.name}: vectors of {length} and of {others[0]} numbers in one table; all must be alike")
+        raise InputError(f"{c.name}: vectors of {length} and of {others[0]} numbers in one table; all must be equal")
     return np.concatenate([p if p.shape[1] else np.full((len(p), length), np.nan, dtype=c.dtype) for p in parts])
 
 
@@ -307,12 +307,12 @@ def is_in_key_order(table: ColumnTable) -> bool:
 
 
 def check_copies(table: ColumnTable) -> None:
-    """InputError where a row of a table stands there twice, or somebody is in two places."""
+    """InputError if a row is repeated, or a person is in two positions at one time."""
     table = table if is_in_key_order(table) else table.sorted()
     copies, twice = repeated_rows(table)
     if copies.any():
         where = key_of(table, first_row(copies))
-        raise InputError(f"{type(table).__name__}: a row stands there twice ({where}); leave out the copies")
+        raise InputError(f"{type(table).__name__}: a row is repeated ({where}); omit the copies")
     if table.ONCE and twice.any():
         where = key_of(table, first_row(twice))
         raise InputError(f"{type(table).__name__}: {where}: is there twice, with other values; keep one of them")

@@ -1,8 +1,8 @@
 """One video frame on its way from a recording to the detector.
 
-Numbers of frames at which nobody looked, as the provenance of a table of regions has them.
+Numbers of skipped frames, from the provenance of a table of regions.
 
-Such a table has no rows of frames in which nobody was found, so that a frame that was lost would pass for one of these.
+Such a table has no rows of frames without detections, so that a frame that was lost would pass for one of these.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Frame:
 
 
 LEFT_OUT = "frames_left_out"
-"""Parameter of provenance: (first, last) number of each stretch, by the name of the camera."""
+"""Parameter of provenance: (first, last) number of each segment, by the name of the camera."""
 
 
 def skipped_frames_of(parameters: Mapping[str, object]) -> dict[str, object]:
@@ -45,7 +45,7 @@ def skipped_frames_of(parameters: Mapping[str, object]) -> dict[str, object]:
 
 
 def gaps_of(parameters: Mapping[str, object]) -> dict[str, list[tuple[int, int]]]:
-    """The stretches by camera, in order, as provenance has them; none for what is not of this form."""
+    """The segments by camera, in order, as provenance has them; none for what is not of this form."""
     told = parameters.get(LEFT_OUT)
     if not isinstance(told, Mapping):
         return {}
@@ -57,6 +57,6 @@ def gaps_of(parameters: Mapping[str, object]) -> dict[str, list[tuple[int, int]]
 
 
 def inside(stretches: list[tuple[int, int]], number: int) -> bool:
-    """Whether a number is in one of the stretches, which are in order."""
+    """Whether a number is in one of the segments, which are in order."""
     k = bisect_right(stretches, (number, 2**63)) - 1
     return k >= 0 and number <= stretches[k][1]

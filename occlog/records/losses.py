@@ -1,16 +1,16 @@
-"""Input that was lost on the way: listed in every output, and told by exit code 3 of what makes rows of the rest."""
+"""Input losses: listed in every output, and reported by exit code 3 of commands that process the rest."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
 OUTSIDE_IMAGE = "wholly outside the image"
-"""Begins what is said of boxes of a camera that were left out because they lie outside its image."""
+"""Prefix of messages on boxes of a camera outside its image."""
 
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """One stretch of input that could not be used.
+    """One segment of input that could not be used.
 
     Attributes:
         source: file or sensor.

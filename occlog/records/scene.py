@@ -1,4 +1,4 @@
-"""The place and its sensors: room, static occluders, cameras, microphone arrays, readers of tags, clocks.
+"""The scene and its sensors: room, static occluders, cameras, microphone arrays, readers of tags, clocks.
 
 A scene is validated once, when it is built; everything downstream trusts it.
 
@@ -51,7 +51,7 @@ def to_ns(seconds: float) -> int:
 
 @dataclass(frozen=True)
 class Segment:
-    """How a target moves for a while; constant velocity where nothing else is said."""
+    """How a target moves for a while; constant velocity by default."""
 
     from_s: float
     until_s: float = math.inf
@@ -71,7 +71,7 @@ class ScriptedTarget:
     role: Literal["target", "occluder"] = "target"
     from_s: float = 0.0
     until_s: float = math.inf
-    noise_density: float = 0.0  # variance of the velocity gathered in a second, for each axis [length^2/s^3]
+    noise_density: float = 0.0  # variance of the velocity accumulated over 1 s, for each axis [length^2/s^3]
     segments: tuple[Segment, ...] = ()  # in order of time, not overlapping
     silent: tuple[tuple[float, float], ...] = ()  # makes no sound from the first time up to the second
 
@@ -97,7 +97,7 @@ HEIGHT_SLACK = 1e-6
 MAX_COORDINATE = 1e12
 """Largest coordinate and length of a scene: what is computed of it has room up to the limit of tables."""
 MIN_SIGMA_DEG, MAX_SIGMA_DEG = 1e-13, 360.0
-"""Standard deviations of directions: an angle is not told to less, and beyond nothing is."""
+"""Minimum and maximum standard deviation of directions."""
 MIN_FOCAL_PX, MAX_FOCAL_PX = 1e-3, 1e9
 """No lens is beyond, and squares and quotients of sizes of images and of these are numbers."""
 
@@ -107,7 +107,7 @@ class Camera:
     """A camera; see `occlog.core.geometry.camera` for frames and angles.
 
     Lengths in the scene's unit, angles in radians.  `placed` is false for a camera
-    whose pose is not known: it can be detected in, but gives no bearing.
+    without a known pose: it can be detected in, but gives no bearing.
     """
 
     name: str
@@ -150,7 +150,7 @@ class Camera:
         return bool(self.position[2] > HEIGHT_SLACK)
 
     def rays(self, pixels: Floats) -> Floats:
-        """(N, 3) world directions of the sight lines through (N, 2) recorded pixels."""
+        """(N, 3) world directions of the lines of sight through (N, 2) recorded pixels."""
         return cam.pixels_to_rays(
             pixels, self.focal_px, self.principal_px, self.distortion, self.distortion_model, self.rotation
         )
@@ -168,7 +168,7 @@ class Camera:
         )
 
     def bearings(self, pixels: Floats) -> Floats:
-        """(N,) azimuths [rad] of the sight lines through (N, 2) recorded pixels."""
+        """(N,) azimuths [rad] of the lines of sight through (N, 2) recorded pixels."""
         return cam.rays_to_azimuth(self.rays(pixels))
 
     def u_px(self, bearings: Floats) -> Floats:
@@ -192,7 +192,7 @@ class MicrophoneArray:
     roll: float = 0.0
     sigma_elevation: float | None = None  # of an elevation above its own xy plane [rad]; None: as `sigma`
     resolution: float = 0.0  # sources nearer to each other than this are heard as one [rad]
-    planar: bool = False  # tells no elevation
+    planar: bool = False  # measures no elevation
 
     @cached_property
     def rotation(self) -> Floats:
@@ -207,7 +207,7 @@ class MicrophoneArray:
 
 @dataclass(frozen=True, eq=False)
 class TagReader:
-    """A reader of radio tags (RFID, Bluetooth), which detects the tags around it; it tells no direction."""
+    """A reader of radio tags (RFID, Bluetooth), which detects nearby tags without a direction."""
 
     name: str
     position: Floats  # (3,)
@@ -219,7 +219,7 @@ class TagReader:
 
 @dataclass(frozen=True, eq=False)
 class Occluder:
-    """A static occluder: what stands behind it, seen from a sensor, is hidden."""
+    """A static occluder: it hides targets behind it, as seen from a sensor."""
 
     name: str
     polygon: Floats  # (K, 2), counter-clockwise
@@ -263,14 +263,14 @@ class Scene:
 
     @cached_property
     def views(self) -> ViewPrior | None:
-        """Where a target can be, by what each sensor can see; None: the room says it.
+        """Region of possible target positions, by the fields of view; None: the room defines it.
 
         InputError for a scene with neither a room nor a sensor.
         """
         if self.room is not None:
             return None
         if not self.cameras and not self.arrays:
-            raise InputError("scene: neither a room nor a sensor says where targets can be; add `room`")
+            raise InputError("scene: neither a room nor a sensor defines where targets can be; add `room`")
         return view_prior(self)
 
     @cached_property
@@ -285,7 +285,7 @@ class Scene:
         if self.room is not None:
             return self.room
         if not self.cameras and not self.arrays and not self.readers:
-            raise InputError("scene: neither a room nor a sensor says where targets can be; add `room`")
+            raise InputError("scene: neither a room nor a sensor defines where targets can be; add `room`")
         (x0, y0), (x1, y1) = box_around(self)
         return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
 
@@ -315,7 +315,7 @@ def camera_fov(
     """Full horizontal field of view [rad]: twice the largest azimuth, off the optical axis, of a border pixel.
 
     A pitched camera sees a wider range of azimuths at the near edge of the floor;
-    sight lines steeper than 75 degrees are left out, where azimuth loses its meaning.
+    lines of sight steeper than 75 degrees are omitted, where azimuth loses its meaning.
     """
     w, h = size
     across, down = np.linspace(-0.5, w - 0.5, 33), np.linspace(-0.5, h - 0.5, 33)
@@ -340,12 +340,12 @@ def map_origin(cameras: Sequence[Camera]) -> Floats:
 
 
 def camera_from(camera: Camera, origin: Floats) -> Camera:
-    """A camera, with its place as seen from a (2,) origin."""
+    """A camera, with its position as seen from a (2,) origin."""
     return replace(camera, position=camera.position - np.append(origin, 0.0))
 
 
 def scene_from(scene: Scene, origin: Floats) -> Scene:
-    """A scene, with all places as seen from a (2,) origin."""
+    """A scene, with all positions as seen from a (2,) origin."""
     by = np.append(origin, 0.0)
     return replace(
         scene,
@@ -358,7 +358,7 @@ def scene_from(scene: Scene, origin: Floats) -> Scene:
 
 
 SENSOR_MARGIN_M = 1.0
-"""Width of the strip around the sensors that counts as near them, beside a tenth of their extent."""
+"""Width of the strip around the sensors that counts as near them, in addition to a tenth of their extent."""
 PERSON_HEIGHT_M = 1.7
 """Height of a person [m]."""
 MIN_SHARE = 0.02
@@ -410,8 +410,8 @@ def sight_limit(camera: Camera, least: float, metre: float | None) -> float:
     Args:
         camera: with a pose.
         least: twice the extent of the sensors; a person's size does not limit the sight to less.
-        metre: a metre in the scene's unit; None: a unit of its own, in which half the camera's height, where it is
-            known, stands for the size of a target.
+        metre: a metre in the scene's unit; None: a scene-specific unit, in which half the camera's height, where it is
+            known, represents the size of a target.
     """
     if np.isfinite(camera.range):
         return camera.range
@@ -425,7 +425,7 @@ def sight_limit(camera: Camera, least: float, metre: float | None) -> float:
 
 
 def highest_elevation(camera: Camera) -> float | None:
-    """Highest elevation [rad] of a sight line through the image's border; None: the image's size is not known."""
+    """Highest elevation [rad] of a line of sight through the image's border; None: the image's size is not known."""
     if camera.image_size is None:
         return None
     w, h = camera.image_size

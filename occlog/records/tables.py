@@ -9,7 +9,7 @@ Conventions (all tables)
     * World frame: x, y on the ground, z up, in the scene's length unit (metres unless
       the scene says otherwise).  Angles are radians from +x towards +y in [-pi, pi).
     * Pixels carry `_px`; x to the right, y down, the centre of the first pixel is (0, 0).
-    * NaN is allowed only in columns declared with `nan=...`, which says what it means.
+    * NaN is allowed only in columns declared with `nan=...`, which gives the meaning.
 
 Tables in pieces that a command works through one after another, so that memory does not grow with their length.
 """
@@ -83,7 +83,7 @@ WIDER: tuple[type[ColumnTable], ...] = (FusedTracks, TagTracks, PeopleTracks, Jo
 
 
 def has_all_columns(table: type[ColumnTable]) -> bool:
-    """Whether a class asks for all columns of its table: rows of one that asks for some may be alike."""
+    """Whether a class asks for all columns of its table: rows of one that asks for some may be equal."""
     return table.NAME in TABLES and issubclass(table, TABLES[table.NAME])
 
 
@@ -184,12 +184,12 @@ def whole_times(chunks: Iterable[T]) -> Iterator[T]:
 
 
 class TableWindow(NamedTuple, Generic[A, B]):
-    """Rows of two tables during a stretch of time, and those about it.
+    """Rows of two tables during a segment of time, and those about it.
 
     Attributes:
-        a: rows of the first table from the beginning of the stretch to its end, which is left out.
+        a: rows of the first table from the beginning of the segment to its end, which is omitted.
         b: rows of the second table, likewise.
-        about_a: these rows of the first table and those that are at most the margin away from the stretch.
+        about_a: these rows of the first table and those that are at most the margin away from the segment.
         about_b: of the second table, likewise.
     """
 
@@ -236,41 +236,41 @@ class TableBuffer(Generic[T]):
         return next((chunk for chunk in self._chunks if len(chunk)), None)
 
     def between(self, low: int, high: int) -> T:
-        """Rows from a time on, up to another, which is left out unless it is the last one that there is."""
+        """Rows from a time on, up to another, which is omitted unless it is the last one that there is."""
         at = times(self.rows)
         stop = len(at) if high >= LAST else int(np.searchsorted(at, high))
         return self.rows.take(slice(int(np.searchsorted(at, max(low, FIRST))), stop))
 
 
 class Limits(NamedTuple):
-    """A stretch of time.
+    """A segment of time.
 
     Attributes:
-        begin: its first moment.
-        end: that after its last one, which is left out; `LAST`: there is none.
+        begin: its first time step.
+        end: that after its last one, which is omitted; `LAST`: missing.
     """
 
     begin: int
     end: int
 
     def of(self, side: TableBuffer[T]) -> T:
-        """Rows of a table in the stretch."""
+        """Rows of a table in the segment."""
         return side.between(self.begin, self.end)
 
     def about(self, side: TableBuffer[T], before_ns: int, after_ns: int | None = None) -> T:
-        """The same and what is so near before and after it; `after_ns` None: as `before_ns`."""
+        """Return the rows of the segment and of the margins around it; `after_ns` None: as `before_ns`."""
         after = before_ns if after_ns is None else after_ns
         return side.between(self.begin - before_ns, LAST if self.end == LAST else self.end + after)
 
 
 def in_step(sides: Sequence[TableBuffer[Any]], margins_ns: Sequence[int]) -> Iterator[Limits]:
-    """Go through tables side by side, in stretches of time that hold every row once.
+    """Iterate over tables in parallel, in segments of time that hold every row once.
 
-    While the caller looks at a stretch the sides have all rows of it and those that are at most their margins away.
+    While the caller reads a segment the sides have all rows of it and those that are at most their margins away.
 
     Args:
         sides: tables of which nothing is read yet.
-        margins_ns: of each how far about a stretch rows are there, >= 0.
+        margins_ns: of each how far about a segment rows are there, >= 0.
 
     Raises:
         InputError: the chunks of a table are not in the order of time.
@@ -295,13 +295,13 @@ def in_step(sides: Sequence[TableBuffer[Any]], margins_ns: Sequence[int]) -> Ite
 def windows(
     a: Iterable[A], b: Iterable[B], kinds: tuple[type[A], type[B]], margin_ns: int
 ) -> Iterator[TableWindow[A, B]]:
-    """Go through two tables as `in_step` does, with the rows of each stretch and those about it.
+    """Go through two tables as `in_step` does, with the rows of each segment and those about it.
 
     Args:
         a: chunks of the first table in the order of time; a time may be split over two chunks.
         b: chunks of the second table, likewise.
         kinds: of the tables.
-        margin_ns: how far about a stretch rows are given along with it, >= 0.
+        margin_ns: how far about a segment rows are given along with it, >= 0.
 
     Raises:
         InputError: the chunks of a table are not in the order of time.

@@ -87,12 +87,12 @@ def finding(
 
     Args:
         name: what was checked.
-        severity: `warning` if the results are not to be believed as they are.
+        severity: `warning` if the results are not to be accepted as they are.
         id: of what was found.
-        text: what was found, the limit, the remedy.
+        text: the finding, the limit, the remedy.
         sensors: names of those that are affected.
         targets: ids of those that are affected.
-        **figures: what was measured, and its limit as `allowed`; those that are not finite are left out.
+        **figures: what was measured, and its limit as `allowed`; those that are not finite are omitted.
     """
     status: Status = "failed" if severity == "warning" else "passed"
     return Check(name, status, id, text, tuple(sensors), tuple(targets), _rounded(figures))
@@ -127,7 +127,7 @@ def plausible(checks: Iterable[Check]) -> bool | None:
 
 
 def counts_of(checks: Iterable[Check]) -> str:
-    """How many checks were made, and how they came out; `nothing` where there are none."""
+    """How many checks were made, and how they came out; `nothing` where missing."""
     made = tuple(checks)
     by_status = Counter(check.status for check in made)
     noted = sum(check.found and check.status == "passed" for check in made)
@@ -157,7 +157,7 @@ def distinct(verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
 
 
 def found_by_stage(verdicts: Sequence[Verdict]) -> tuple[tuple[str, Check], ...]:
-    """Findings with their stages; what a later stage found again of the same sensors and targets is said once."""
+    """Findings with their stages; what a later stage found again of the same sensors and targets is reported once."""
     kept: list[tuple[str, Check]] = []
     for verdict in verdicts:
         found = findings(verdict.checks)

@@ -1,1 +1,1 @@
-"""Rows of one moment: what all sensors say at one time, and priors of occluders beside it."""
+"""Rows of one time step: measurements of all sensors at one time, and priors of occluders."""

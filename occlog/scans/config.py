@@ -1,4 +1,4 @@
-"""Settings of measurements beside directions: ranges, signal strengths, time differences."""
+"""Settings of measurements other than directions: ranges, signal strengths, time differences."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SPEEDS = {"sound": 343.0, "light": 299_792_458.0}
 
 @dataclass(frozen=True)
 class DistanceMeasurementConfig(Settings):
-    """What must be known of ranges, signal strengths and time differences beside the table itself."""
+    """Parameters of ranges, signal strengths and time differences in addition to the table."""
 
     OWNER: ClassVar[str] = "measurements"
 

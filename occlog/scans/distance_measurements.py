@@ -50,7 +50,8 @@ MIN_NEGATIVE_SIGMAS = 5.0
 STRONGEST_DBM = 20.0
 """Nothing that is received is stronger."""
 MIN_DIFFERENCES, MAX_IMPOSSIBLE_SHARE = 5, 0.5
-"""Fewest differences that tell, and the share of them that may be beyond their stations: single ones are false."""
+"""Minimum number of differences for the check, and the share of them that may be beyond their stations: single ones
+are false."""
 
 
 class RangeDifferenceCheck:
@@ -89,7 +90,7 @@ def _where(table: Measurements, n: int) -> str:
 def check_plausible(
     table: Measurements, row: Ints, packed: RangeMeasurements, differences: RangeDifferenceCheck | None = None
 ) -> None:
-    """InputError, with the station and the time, for measurements from which only a wrong place could come.
+    """InputError, with the station and the time, for measurements from which only a wrong position could come.
 
     Args:
         table: the measurements, or a part of them that has all of each time.
@@ -121,7 +122,7 @@ def check_plausible(
 
 def _refuse_copies(table: Measurements, row: Ints, packed: RangeMeasurements) -> None:
     """InputError for a range or difference that is there twice: it would count as two that agree."""
-    exact = np.flatnonzero(packed.kind != LOGARITHM)  # of whole dBm two may well be alike
+    exact = np.flatnonzero(packed.kind != LOGARITHM)  # two of whole dBm may well be equal
     own = row[exact]
     keys = (table.t_ns[own], packed.station[exact], table.target_id[own], packed.kind[exact], packed.value[exact])
     keys = (*keys, *packed.other[exact].T)
@@ -210,7 +211,7 @@ class Radio(NamedTuple):
 
 
 class StationModel(NamedTuple):
-    """The S sensors of a scene, those that tell directions first, as measurements of distances want them."""
+    """The S sensors of a scene, those that measure directions first, as required for distances."""
 
     names: tuple[str, ...]
     place: Floats  # (S, 3); NaN where it is not known
@@ -219,7 +220,7 @@ class StationModel(NamedTuple):
 
 
 def station_names(scene: Scene) -> tuple[str, ...]:
-    """Names of all sensors of a scene: those that tell directions in their order, then readers."""
+    """Names of all sensors of a scene: those that measure directions in their order, then readers."""
     return (*sensor_names(scene), *(r.name for r in scene.readers))
 
 
@@ -236,7 +237,7 @@ def make_stations(scene: Scene, config: DistanceMeasurementConfig, radio: Radio 
 
 
 def measurements_of_reads(chunks: Iterable[Reads]) -> Iterator[Measurements]:
-    """Reads of tags as signal strengths; reads without a strength are left out."""
+    """Reads of tags as signal strengths; reads without a strength are omitted."""
     for chunk in chunks:
         told = chunk.take(np.isfinite(chunk.rssi))
         nan = np.full(len(told), np.nan)
@@ -294,7 +295,8 @@ class DistanceMeasurementFeed:
             window_ns: a scan and measurements at most this far apart are one scan, of the time of the later.
 
         Raises:
-            InputError: a station that is not in the scene or has no place there, a value whose standard deviation, or
+            InputError: a station that is not in the scene or has no position there, a value whose standard deviation,
+            or
                 what else it wants, is not known, or times that go back.
         """
         own = self._scans(sensors, targets, window_ns)
@@ -472,7 +474,7 @@ def _filled(sigma: Floats, usual: float | None) -> Floats:
 
 
 def _numbers(names: np.ndarray, at: StationModel, column: str) -> Ints:
-    """(n,) numbers of stations; InputError for one that the scene does not have, or whose place it does not know."""
+    """(n,) numbers of stations; InputError for one that the scene does not have, or whose position it does not know."""
     found, inverse = np.unique(names, return_inverse=True)
     for name in found.tolist():
         if name not in at.names:

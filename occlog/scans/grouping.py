@@ -1,6 +1,6 @@
-"""Bearings to scans: rows of one moment are put together, and checked against the scene.
+"""Bearings to scans: rows of one time step are put together, and checked against the scene.
 
-One scan: the rows of `Bearings` of one moment, as filters and their kernels read them.
+One scan: the rows of `Bearings` of one time step, as filters and their kernels read them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from occlog.records.tables import UNLABELLED, Bearings
 
 
 class ScanMeasurements(NamedTuple):
-    """What stations measured beside directions at one time; see `occlog.scans.distance_measurements`."""
+    """Measurements of stations other than directions at one time; see `occlog.scans.distance_measurements`."""
 
     target_id: Ints32  # (m,) >= 0
     distances: RangeMeasurements  # m measurements
@@ -50,14 +50,14 @@ class Scan(NamedTuple):
     u_px: Floats  # (R,) NaN where the sensor gives no pixels
     sigma_px: Floats  # (R,) NaN: the camera's read noise
     score: Floats  # (R,) NaN: unknown
-    elevation: Floats  # (R,) [rad]; NaN: the sensor tells none
+    elevation: Floats  # (R,) [rad]; NaN: the sensor measures no elevation
     sigma_elevation: Floats  # (R,) [rad]
     occluders: Priors | None = None  # at this time; None: nothing is known about moving occluders
-    measured: ScanMeasurements | None = None  # ranges and their like, of the same time; None: there are none
+    measured: ScanMeasurements | None = None  # ranges and their like, of the same time; None: missing
 
     @classmethod
     def of(cls, t_ns: int, sensor: Sequence[int] | Ints, **columns: ArrayLike) -> Scan:
-        """A scan of array-likes; columns left out say nothing: no label, seen, and NaN."""
+        """A scan of array-likes; columns omitted say nothing: no label, seen, and NaN."""
         n = len(sensor)
         known = {"sensor": np.asarray(sensor, dtype=np.int64)}
         known |= {name: np.asarray(values, dtype=DTYPES.get(name, np.float64)) for name, values in columns.items()}
@@ -66,7 +66,7 @@ class Scan(NamedTuple):
 
     @property
     def labelled(self) -> Bools:
-        """(R,) rows whose target is known."""
+        """(R,) rows with a known target."""
         return np.asarray(self.target_id != UNLABELLED)
 
     def take(self, rows: Bools | Ints | slice) -> Scan:
@@ -108,7 +108,7 @@ COLUMNS = tuple(name for name in Scan._fields if name not in ("t_ns", "occluders
 def concat(scans: Sequence[Scan]) -> Scan:
     """The rows of scans, at least one, one after the other; the time and the occluders are those of the last.
 
-    Measurements beside directions are left out.
+    Measurements other than directions are omitted.
     """
     columns = (np.concatenate(parts) for parts in zip(*(scan[1:-2] for scan in scans), strict=True))
     return Scan._make((scans[-1].t_ns, *columns, scans[-1].occluders, None))
@@ -128,7 +128,7 @@ class BearingRows(NamedTuple):
     """Which rows of the bearings to use."""
 
     sensors: Collection[str]
-    targets: Collection[int] | None = None  # labelled rows of others are left out; None: all
+    targets: Collection[int] | None = None  # labelled rows of others are omitted; None: all
     unlabelled: bool = True
 
 
@@ -263,5 +263,5 @@ def choose_sensors(
             raise UsageError(f"no sensor {name!r} in the scene; {nearest(name, names)}")
     used = frozenset(only or names) - frozenset(without)
     if not used:
-        raise UsageError("no sensor is left to track with; leave out fewer of them")
+        raise UsageError("no sensor is left to track with; omit fewer of them")
     return used

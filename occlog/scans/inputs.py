@@ -44,22 +44,22 @@ class MeasurementInputs:
         Args:
             bearings: bearings or directions of arrival, or what `distances` allows.
             scene: None: that of the recording.
-            doa: directions of arrival besides.
+            doa: directions of arrival also.
             doa_labels: identities of these are those of targets.
             occluders: priors of moving occluders.
-            measurements: ranges, signal strengths and time differences besides, or reads of tags.
+            measurements: ranges, signal strengths and time differences also, or reads of tags.
             distances: `bearings` may hold measurements alone.
             reads: it may also be a recording with reads of tags alone.
         """
         self._opened: list[Opened] = []
         measured = open_input(bearings)
-        # A file of directions of arrival takes the place of those of a recording
+        # A file of directions of arrival takes the position of those of a recording
         own = measured.has(Doa) and (doa is None or measured.recording is None)
         directions = [*([measured] if own else []), *([open_input(doa)] if doa is not None else [])]
         if doa_labels and not directions:
             raise UsageError("doa_labels wants directions of arrival; give some (doa)")
         alone = distances and not measured.has(Bearings) and not measured.has(Doa)
-        # Of tables of others any with times, sensors and identities might be reads without strengths
+        # Any external table with times, sensors and identities might be reads without strengths
         alone = alone and (measured.has(Measurements) or (reads and measured.foreign is None and measured.has(Reads)))
         if not distances and measured.has(Measurements):
             raise InputError(
@@ -89,7 +89,7 @@ class MeasurementInputs:
         return input_losses(self._opened)
 
     def _measurements(self, inputs: list[Opened]) -> Iterator[Measurements] | None:
-        """Measurements of all inputs, those of a reader's reads too; None: there are none."""
+        """Measurements of all inputs, those of a reader's reads too; None: missing."""
         streams: list[Iterable[Measurements]] = []
         for each in inputs:
             each.require(Measurements, Reads, remedy="give ranges, signal strengths or time differences")
@@ -131,7 +131,7 @@ def _remedy(measured: Opened) -> str:
         return "make bearings with `occlog detect`, or track in its images with method bmct"
     if measured.recording is not None and measured.has(Boxes):
         if measured.scene is not None and any(c.placed for c in measured.scene.cameras):
-            return "follow everybody by its boxes with method jipda, or make bearings with `occlog detect`"
+            return "track all people by its boxes with method jipda, or make bearings with `occlog detect`"
         return "its boxes are of cameras without a pose: ingest them with a calibration, and use method jipda"
     return "make them with `occlog detect` or `occlog listen`"
 

@@ -42,7 +42,7 @@ class OccluderFeed:
         """How often the latest priors were too old to be used."""
 
     def at(self, t_ns: int) -> Priors | None:
-        """The latest priors that are not after a time; None if there are none, or if they are too old.
+        """The latest priors that are not after a time; None if missing, or if they are too old.
 
         InputError where the priors' times go back, or a polygon has no area.
         """
@@ -82,7 +82,7 @@ def _by_time(chunks: Iterable[Occluders] | Iterable[Hulls]) -> Iterator[tuple[in
 
 
 def _priors(table: Occluders | Hulls, diameter: float) -> Priors:
-    """Priors of the rows of one time; a row of no occluder (id below 0) says that there is none."""
+    """Priors of the rows of one time; a row of no occluder (id below 0) says that missing."""
     absent = table.occluder_id < 0
     there = table.take(~absent) if absent.any() else table
     if not len(there):
@@ -174,7 +174,7 @@ def moving_people(opened: Opened, length_unit: str, start_s: float, people: Peop
         _between(opened, Tracks, after_ns, people) if opened.has(Tracks) else _between(opened, Truth, after_ns, people)
     )
     if not len(rows):
-        raise InputError(f"{opened.path}: has no rows from {start_s:g} s after its first one on; nobody to avoid")
+        raise InputError(f"{opened.path}: has no rows from {start_s:g} s after its first one on; no obstacle to avoid")
     return obstacles_of(rows, start_ns, people)
 
 

@@ -1,4 +1,4 @@
-"""Streams of bearings: from directions of arrival, joined in the order of time, and with rows left out.
+"""Streams of bearings: from directions of arrival, joined in the order of time, and with rows omitted.
 
 `bearings_of_doa` makes bearings of directions, `within_times` joins several streams, `round_robin` keeps one sensor
 at a time, and `only_measured` takes back the rows that the fusion of detections recovered.
@@ -92,7 +92,7 @@ def round_robin(chunks: Iterable[Bearings], names: Sequence[str], seconds: float
 
     The first of `names` has the first turn, which begins with the first row of any of them;
     after the last it is the first one's turn again.  A row at the very time at which turns
-    change is of the next turn.  Rows of other sensors are left out.  Where chunks are cut
+    change is of the next turn.  Rows of other sensors are omitted.  Where chunks are cut
     does not matter.
 
     Args:

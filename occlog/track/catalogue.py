@@ -52,7 +52,7 @@ MEASURED = (
 IN_IMAGES = ("initial", "detections", "fundamental", "world")
 """Options of all methods that track in images."""
 OF_EVERYBODY = ("support", "events", "view_tracks", "doa", "gallery")
-"""Options of all methods that follow everybody."""
+"""Options of all methods that follow all people."""
 OF_TAGS = ("targets", "path_loss", "sights")
 """Options of all methods that take reads of tags."""
 BEARINGS, IMAGES, BOXES, READS, VIEW = "bearings", "images", "boxes", "reads", "boxes of one camera"
@@ -66,10 +66,10 @@ class MethodEntry:
     Attributes:
         summary: one line.
         method: module and name of the method, a value of `occlog.track.interface`, or of `Follower` for one that
-            follows everybody; of one that takes images or reads the function that tracks.
+            follows all people; of one that takes images or reads the function that tracks.
         settings: module and name of the class of its settings.
-        takes: names of the options that it takes beside the shared ones and its settings.
-        takes_in: `BEARINGS`; `IMAGES`: it tracks in the images of a recording; `BOXES`: it follows everybody by them;
+        takes: names of the options that it takes in addition to the shared ones and its settings.
+        takes_in: `BEARINGS`; `IMAGES`: it tracks in the images of a recording; `BOXES`: it follows all people by them;
             `READS`: reads of tags; `VIEW`: it follows each camera's boxes on their own.
         plugin: that the method is from; None: it is one of ours.
     """
@@ -95,7 +95,7 @@ class Methods(dict[str, MethodEntry]):
         return super().__contains__(name) or (isinstance(name, str) and _plugged(name) is not None)
 
     def __missing__(self, name: str) -> MethodEntry:
-        """The method of a plug-in; KeyError where there is none of that name."""
+        """The method of a plug-in; KeyError where missing of that name."""
         found = _plugged(name)
         if found is None:
             raise KeyError(name)
@@ -103,7 +103,7 @@ class Methods(dict[str, MethodEntry]):
 
 
 def _plugged(name: str) -> MethodEntry | None:
-    """The method of a plug-in; None where there is none of that name."""
+    """The method of a plug-in; None where missing of that name."""
     from occlog.plugins.loading import METHOD, VIEW_TRACKER, find
 
     plugin = find(name, METHOD, VIEW_TRACKER)

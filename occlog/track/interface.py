@@ -32,7 +32,7 @@ class HeightEstimate(NamedTuple):
 
 
 class ParticleSet(NamedTuple):
-    """Where a filter thinks that the target is: L weighted places."""
+    """Where a filter thinks that the target is: L weighted positions."""
 
     xy: Floats  # (L, 2)
     weights: Floats  # (L,), sum 1
@@ -56,7 +56,7 @@ class BearingResiduals(NamedTuple):
 
 
 class NoiseScales(NamedTuple):
-    """By how much variances are larger than stated, as residuals tell."""
+    """Variance factors estimated from residuals."""
 
     bearings: float
     motion: float
@@ -154,27 +154,27 @@ class Online(NamedTuple, Generic[State, Config]):
 
     config: type[Config]
     init: Callable[[Scene, Config, Generator], State]
-    step: Callable[[State, Scan, Generator], tuple[State, Estimate | None]]  # None: the scan tells no position
-    started: Callable[[Config], bool]  # whether the settings say where the target is at first
+    step: Callable[[State, Scan, Generator], tuple[State, Estimate | None]]  # None: the scan determines no position
+    started: Callable[[Config], bool]  # whether the settings say where the target is initially
     occluders: Callable[[Config], OccluderTerms] | None = None  # None: it knows nothing of moving occluders
     prediction: TargetPredictor[State, Config] | None = None  # None: cameras cannot be selected for it
     calibrates: Callable[[Config], bool] | None = None  # whether poses are estimated; None: they never are
-    smoothing: Smoothing[State, Config] | None = None  # None: it cannot look back
+    smoothing: Smoothing[State, Config] | None = None  # None: no smoother
     measured: bool = False  # whether it takes ranges, signal strengths and time differences
     judges: bool = False  # whether the fits of its estimates are of all bearings
 
 
 class Batch(NamedTuple, Generic[State, Config]):
-    """A method that estimates a stretch of one target's trajectory at once."""
+    """A method that estimates a segment of one target's trajectory at once."""
 
     config: type[Config]
     begin: Callable[[Scene, Config, bool], State]  # nothing is known yet; true: it is back, so that no start holds
     advance: Callable[
         [State, Sequence[Scan], bool], tuple[State, SmoothedTrajectory]
     ]  # more scans; whether none will follow
-    started: Callable[[Config], bool]  # whether the settings say where the target is at first
+    started: Callable[[Config], bool]  # whether the settings say where the target is initially
     lag_ns: Callable[[Config], int | None]  # how long states wait for what comes after them; None: to the end
-    forgets_ns: Callable[[Scene, Config], int | None] = lambda *_: None  # after such a pause a target begins anew
+    forgets_ns: Callable[[Scene, Config], int | None] = lambda *_: None  # after such a pause a target restarts
     occluders: Callable[[Config], OccluderTerms] | None = None  # None: it knows nothing of moving occluders
     measured: bool = False  # whether it takes ranges, signal strengths and time differences
 
@@ -186,7 +186,7 @@ class Joint(NamedTuple, Generic[State, Config, Report]):
     init: Callable[[Scene, Config, Generator], State]
     step: Callable[[State, Scan, Generator], tuple[State, Report]]  # rows of arrays alone
     estimates: Callable[[Report, Scene], list[tuple[int, Estimate]]]  # by target
-    smoothing: Smoothing[tuple[State, int], Config] | None = None  # of one target of a state; None: cannot look back
+    smoothing: Smoothing[tuple[State, int], Config] | None = None  # of one target of a state; None: no smoother
 
 
 class JointMethod(NamedTuple, Generic[State, Config]):

@@ -34,7 +34,7 @@ class PluggedFilter:
         """Take a scan in; the estimate, or None where the filter tells none.
 
         Raises:
-            PluginError: the filter fails, or gives back what no place can be.
+            PluginError: the filter fails, or gives back what no position can be.
         """
         seen, sensor = scan.seen, scan.sensor
         moment = TargetScan(

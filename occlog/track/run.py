@@ -218,10 +218,10 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
         if not summary.evidence.rows and not joint:
             why = "no row is of the chosen targets and sensors; choose others"
             if request.method == "fix":
-                why = "no moment of the chosen targets and sensors gives a position; a fix wants directions of two "
+                why = "no time step of the chosen targets and sensors gives a position; a fix wants directions of two "
                 why += f"sensors at one time ({option('window')})"
                 if measured is not None:
-                    why = "no moment of the chosen targets and stations gives a position; a fix wants three ranges, or "
+                    why = "no time step of the chosen targets and stations gives a position; a fix needs 3 ranges, or "
                     why += f"as many other measurements, at one time ({option('window')})"
             raise InputError(f"{request.bearings}: {why}")
         made = provenance.with_checks(summary.checks())
@@ -239,7 +239,7 @@ def takes_distances(method: AnyMethod) -> bool:
 def distance_measurements(
     request: TrackRequest, inputs: MeasurementInputs
 ) -> tuple[DistanceMeasurementFeed | None, dict[str, Any]]:
-    """The measurements of distances, and what provenance says of them; None and nothing where there are none.
+    """The measurements of distances, and what provenance says of them; None and nothing where missing.
 
     UsageError for settings of measurements without any, or that say the same as a fitted path loss.
     """
@@ -293,7 +293,7 @@ def one_at_a_time(
     blind = {c.name for c in scene.cameras if not c.placed}
     names = [n for n in sensor_names(scene) if n in sensors and n not in blind]
     if not names:
-        raise UsageError("no sensor with a pose is left to take turns; leave out fewer of them")
+        raise UsageError("no sensor with a pose is left to take turns; omit fewer of them")
     return round_robin(checked(chunks, scene, sensors), names, seconds)
 
 
@@ -376,7 +376,7 @@ def parse_starts(texts: tuple[str, ...], method: str, unit: str) -> str:
 
 
 def _with_velocity(text: str, unit: str) -> str:
-    """X,Y,SIGMA,VX,VY,SIGMA_V; at rest up to the method's usual speed where the velocity is left out."""
+    """X,Y,SIGMA,VX,VY,SIGMA_V; at rest up to the method's usual speed where the velocity is omitted."""
     parts = text.split(",")
     if len(parts) == START_NUMBERS:
         return text
@@ -386,7 +386,7 @@ def _with_velocity(text: str, unit: str) -> str:
 
 
 def parse_start(text: str, unit: str) -> str:
-    """X,Y,SIGMA of X,Y[,SIGMA]; half a metre, or 1 in a scene with units of its own, where SIGMA is left out."""
+    """X,Y,SIGMA of X,Y[,SIGMA]; half a metre, or 1 in a scene with units of its own, where SIGMA is omitted."""
     parts = text.split(",")
     if len(parts) == 2:
         parts.append(str(0.5 / METRES[unit] if unit in METRES else 1.0))

@@ -179,7 +179,7 @@ def test_more_than_a_quarter_not_believed_is_said_of_the_sensor() -> None:
     assert codes(parts=two(N, round(MAX_REJECTED_SHARE * N))) == []
     (found,) = said(parts=two(N, round(0.35 * N)))
     assert found.id == "not-believed"
-    assert found.text.startswith("cam1: 35% of 2000 bearings are not believed (allowed: 25%)")
+    assert found.text.startswith("cam1: 35% of 2000 bearings are rejected (allowed: 25%)")
     assert codes(parts=two(MIN_SAMPLES - 1, MIN_SAMPLES - 1)) == []
     assert codes(parts=two(MIN_SAMPLES, MIN_SAMPLES)) == ["not-believed"]
 

@@ -108,7 +108,7 @@ def test_what_cannot_be_used_is_refused_with_its_place() -> None:
     with pytest.raises(InputError, match="range of 'a' at 0 ns has no standard deviation"):
         packed(table(sensor=["a"], range=[1.0]), DistanceMeasurementConfig())
     assert packed(table(sensor=["a"], range=[1.0]), config)[1].sigma.tolist() == [0.1]
-    with pytest.raises(InputError, match="a difference wants two stations"):
+    with pytest.raises(InputError, match="a difference requires two stations"):
         table(sensor=["a"], reference=["a"], range_difference=[1.0])
     with pytest.raises(InputError, match="has none of range, rssi, tdoa, range_difference"):
         table(sensor=["a"])

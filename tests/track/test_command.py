@@ -311,7 +311,7 @@ def test_bearings_that_contradict_each_other_are_refused(folder, capsys):
     copy = rows.take(np.flatnonzero(rows.sensor == "cam2")[3:4])
     other = replace(copy, bearing=copy.bearing + 0.1)
     for row, words in (
-        (copy, "a row stands there twice (t_ns 3000000000, sensor cam2, target_id 0)"),
+        (copy, "a row is repeated (t_ns 3000000000, sensor cam2, target_id 0)"),
         (other, "sensor 'cam2' has two rows for target 0 at 3000000000 ns"),
     ):
         write_table(folder / "twice.parquet", Bearings.merge([rows, row]), Provenance("detect"), overwrite=True)

@@ -12,7 +12,7 @@ The bound has three parts:
 The information is meant at the *true* position.  Averaged over many true paths the
 recursion gives the posterior bound of Tichavsky, Muravchik and Nehorai (1998); along one
 path it is that bound with the expectation replaced by its one sample.
-Which sensors saw the target is taken as given: what "not seen" itself tells about the
+Which sensors saw the target is taken as given: the information of "not seen" about the
 position is not counted.
 """
 
@@ -34,7 +34,7 @@ def gaussian_information(mean_gradient: Floats, variance: Floats, variance_gradi
     """Fisher information of scalar measurements z ~ N(m(x), v(x)) about x.
 
     I = grad m grad m^T / v + 1/2 grad v grad v^T / v^2.  The second term says that the
-    scatter of z tells about x too where the noise depends on the position.
+    scatter of z informs about x too where the noise depends on the position.
 
     Args:
         mean_gradient: (N, n) gradient of the mean.
@@ -227,10 +227,10 @@ def smoothing_bound_before(
         information: (T, n, n) Fisher information of all measurements of a step.
         F: (T, n, n) transition into each step.
         Q: (T, n, n) covariance of the motion noise of that transition.
-        later: (n, n) what the steps after these tell about the state at the last of them; 0 of the last part.
+        later: (n, n) information of the later steps about the state at the last of them; 0 of the last part.
 
     Returns:
-        (T, n, n) bounds, and (n, n) what these steps and those after them tell about the state before the first.
+        (T, n, n) bounds, and (n, n) information of these and later steps about the state before the first.
     """
     parts = (np.ascontiguousarray(a, dtype=np.float64) for a in (bounds, information, F, Q, later))
     smoothed, before = _backwards(*parts)

@@ -119,7 +119,7 @@ def plane_variance(
 def motion_bound(
     information: Floats, dt: Floats, P0: Floats, acceleration_density: float = 0.0, *, smoothed: bool = False
 ) -> Floats:
-    """The recursion (2.30) for a constant velocity, of whatever tells about the position.
+    """The recursion (2.30) for a constant velocity, for any information on the position.
 
     Args:
         information: (T, d, d) Fisher information about the position of all measurements of a
@@ -185,7 +185,7 @@ def plane_bound(
     """(T, 4, 4) bounds of a plane's state with the projected angle of each sensor, [Lee] Sec. 2.3.1.
 
     Arguments as in `direct_bound`; P0 is (4, 4), on the plane's axes, and `used` says whose
-    angle of this plane was taken.  A blind plane tells nothing.
+    angle of this plane was taken.  A blind plane adds no information.
     """
     each = [
         plane_information(xyz, p, plane, plane_variance(xyz, p, R, *sigmas, plane))

@@ -1,1 +1,1 @@
-"""Cameras, sight lines and where they meet, fundamental matrices."""
+"""Cameras, lines of sight and where they meet, fundamental matrices."""

@@ -1,4 +1,4 @@
-"""Perspective cameras: pixels to sight lines and back, and the planar model of [Ercan] Sec. 3.1.
+"""Perspective cameras: pixels to lines of sight and back, and the planar model of [Ercan] Sec. 3.1.
 
 Camera frame: x to the right, y down, z forward.  A rotation `R` is world-from-camera:
 its columns are the camera's axes in world coordinates.  World: x, y on the ground, z up;
@@ -136,7 +136,7 @@ def _invert(xy: Floats, coefficients: Floats, model: str) -> Floats:
 def pixels_to_rays(
     pixels: Floats, focal_px: Floats, principal_px: Floats, coefficients: Floats, model: str, rotation: Floats
 ) -> Floats:
-    """Directions in the world of the sight lines through pixels.
+    """Directions in the world of the lines of sight through pixels.
 
     Args:
         pixels: (N, 2) image points as recorded (distorted) [px].
@@ -222,7 +222,8 @@ def noise_variance(
 
 
 MIN_AXIS_SPREAD = 0.03
-"""x axes tell the vertical if the second smallest eigenvalue of their mean square is above this (10 degrees apart)."""
+"""x axes determine the vertical if the second smallest eigenvalue of their mean square is above this (10 degrees
+apart)."""
 ROLLED = np.radians(30.0)
 """Cameras of an upright world are rolled less than this, in the median."""
 LOOKS_UP = np.radians(45.0)

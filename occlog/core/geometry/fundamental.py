@@ -18,7 +18,7 @@ import numpy as np
 from occlog.array_types import Floats
 
 MIN_MATCHES = 8
-"""Matches below which nothing is said about whether a fundamental matrix fits."""
+"""Minimum number of matches for a test of a fundamental matrix."""
 
 
 class FitCheck(NamedTuple):
@@ -65,12 +65,12 @@ def fundamental_from_poses(
         (3, 3) with norm 1.
 
     Raises:
-        ValueError: the two cameras are at the same place, so that there are no epipolar lines.
+        ValueError: the two cameras are at the same position, so that there are no epipolar lines.
     """
     apart = np.asarray(centre_a, dtype=np.float64) - centre_b
     largest = max(float(np.abs(centre_a).max()), float(np.abs(centre_b).max()))
     if not float(np.linalg.norm(apart)) > 1e-12 * largest:
-        raise ValueError("the two cameras are at the same place: a point has no epipolar line")
+        raise ValueError("the two cameras are at the same position: a point has no epipolar line")
     tx, ty, tz = rotation_b.T @ apart / np.linalg.norm(apart)
     cross = np.array([[0.0, -tz, ty], [tz, 0.0, -tx], [-ty, tx, 0.0]])
     return scaled(np.linalg.inv(inner_b).T @ cross @ rotation_b.T @ rotation_a @ np.linalg.inv(inner_a))
@@ -113,7 +113,7 @@ def check_fundamental(matrix: Floats, a: Floats, b: Floats, tolerance_px: float,
         matrix: (3, 3).
         a: (N, 2) points of view a [px].
         b: (N, 2) their matches in view b.
-        tolerance_px: a match within this distance of both lines speaks for the matrix.
+        tolerance_px: a match within this distance of both lines supports the matrix.
         min_share: 0 to 1.
 
     Raises:
@@ -122,7 +122,7 @@ def check_fundamental(matrix: Floats, a: Floats, b: Floats, tolerance_px: float,
     # Share of matches within the tolerance of both lines
     n = len(a)
     if n < MIN_MATCHES:
-        raise ValueError(f"{n} matches do not tell whether a fundamental matrix fits; give at least {MIN_MATCHES}")
+        raise ValueError(f"{n} matches are too few to test a fundamental matrix; give at least {MIN_MATCHES}")
     good = (epipolar_distances(matrix, a, b) <= tolerance_px).all(axis=1)
     # The same share of all n (n - 1) wrong pairings: what chance gives
     to_b, to_a = epipolar_lines(matrix, a), epipolar_lines(np.asarray(matrix).T, b)

@@ -83,7 +83,7 @@ def projected_covariance(
     With the world's axes and both sigmas equal its diagonal is sigma^2 times 1,
     (s^2 c^2 cos^2 theta + sin^2 theta) / (1 - s^2 cos^2 theta)^2 and
     (s^2 c^2 sin^2 theta + cos^2 theta) / (1 - s^2 sin^2 theta)^2 (Figs. 2-2 and 2-3 of [Lee] as formulas).
-    They hold where the sight line is not near the plane's normal (`blind_planes`) and not
+    They hold where the line of sight is not near the plane's normal (`blind_planes`) and not
     near the sensor's own z axis, where an azimuth moves the line by sigma_theta sin phi only.
     There they fall to zero while the true variance does not, since phi is noisy too.
 
@@ -97,7 +97,7 @@ def projected_covariance(
             what a filter should do with measured angles.  False is the plain first order.
 
     Returns:
-        (..., 3, 3) [rad^2] of rank 2: two angles tell all that the sensor measured.
+        (..., 3, 3) [rad^2] of rank 2: two angles hold all that the sensor measured.
     """
     spread = np.sin(phi) ** 2 + (np.cos(phi) * sigma_phi) ** 2 * pole_term
     sigmas = np.stack([sigma_theta * np.sqrt(spread), np.full(np.shape(phi), sigma_phi)], axis=-1)
@@ -108,9 +108,9 @@ def projected_covariance(
 def blind_planes(
     theta: Floats, phi: Floats, sigma_theta: float | Floats, sigma_phi: float | Floats, rotation: Floats
 ) -> Bools:
-    """(..., 3) whether the sight line is within 5 sigma of the plane's normal, either way along it.
+    """(..., 3) whether the line of sight is within 5 sigma of the plane's normal, either way along it.
 
-    Sigma is the larger one of the sight line's two standard deviations, sin(phi) sigma_theta
+    Sigma is the larger one of the line of sight's two standard deviations, sin(phi) sigma_theta
     and sigma_phi.  Arguments as in `projected_covariance`.
     """
     world = _in_world(theta, phi, rotation)
@@ -120,7 +120,7 @@ def blind_planes(
 
 
 def _tangent_gradients(theta: Floats, phi: Floats, rotation: Floats) -> Floats:
-    """(..., 3, 2) gradients of the projected angles by arcs [rad] of the sight line towards theta and phi."""
+    """(..., 3, 2) gradients of the projected angles by arcs [rad] of the line of sight towards theta and phi."""
     s, c = np.sin(phi), np.cos(phi)
     to_theta = np.stack([-np.sin(theta), np.cos(theta), np.zeros_like(s)], axis=-1)
     to_phi = np.stack([c * np.cos(theta), c * np.sin(theta), -s], axis=-1)
@@ -135,8 +135,8 @@ def _in_world(theta: Floats, phi: Floats, rotation: Floats) -> Floats:
 def select_by_variance(variance: Floats, blind: Bools) -> Ints:
     """The two least variances on different planes, among all sensors ([Lee] Sec. 2.2.3).
 
-    The rule does not look at what the two have in common: where the sight line has no
-    component along their shared axis, two planes of one sensor tell the same (`projected_covariance`).
+    The rule ignores what the two have in common: where the line of sight has no
+    component along their shared axis, two planes of one sensor are redundant (`projected_covariance`).
 
     Args:
         variance: (..., S, 3) of the projected angles of S sensors [rad^2]; NaN: no measurement.
@@ -170,7 +170,7 @@ def select_as_printed(phi: Floats) -> Ints:
     """
     preferred = np.where((phi > np.pi / 4.0) & (phi < 0.75 * np.pi), YZ, ZX)
     other = preferred != preferred[..., :1]
-    second = np.argmax(other, axis=-1)  # 0 where there is none
+    second = np.argmax(other, axis=-1)  # 0 where missing
     plane = np.where(np.any(other, axis=-1), np.take_along_axis(preferred, second[..., None], -1)[..., 0], XY)
     first_row = np.stack([np.zeros_like(second), preferred[..., 0]], axis=-1)
     return np.stack([first_row, np.stack([second, plane], axis=-1)], axis=-2)

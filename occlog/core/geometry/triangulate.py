@@ -185,7 +185,7 @@ def _refine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: in
 
 @kernel
 def _crossing_sine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: int) -> float:
-    """Widest crossing, as a sine, of two lines that point at (x, y) with at least half weight; 0 if there are none.
+    """Widest crossing, as a sine, of two lines that point at (x, y) with at least half weight; 0 if missing.
 
     With the Gaussian loss every line has to point there, so one that looks away makes it 0.
     """
@@ -249,7 +249,7 @@ NO_SOURCE = np.empty((0, 2))
 
 
 class SourceDirections(NamedTuple):
-    """R directions of one moment."""
+    """R directions of one time step."""
 
     array: Ints  # (R,) which array each is of
     origin: Floats  # (R, 2) where that array is
@@ -258,7 +258,7 @@ class SourceDirections(NamedTuple):
 
 
 class LocatedSources(NamedTuple):
-    """N places with their covariances and the number of arrays that support each."""
+    """N positions with their covariances and the number of arrays that support each."""
 
     xy: Floats  # (N, 2)
     covariance: Floats  # (N, 2, 2)
@@ -275,8 +275,8 @@ def localise(
         known: (K, 2) where sources are expected.
         spread: (K, 2, 2) covariances of that.
         region: (P, 2) polygon in which sources can be.
-        gate: standard deviations within which a direction supports a place.
-        min_crossing: directions that cross at a smaller angle give no place [rad].
+        gate: standard deviations within which a direction supports a position.
+        min_crossing: directions that cross at a smaller angle give no position [rad].
     """
     # Cross: every two directions of different arrays, inside the region
     i, j = np.triu_indices(len(d.array), 1)
@@ -290,7 +290,7 @@ def localise(
     off = _misfit(d, xy, cov)
     rows = sorted({tuple(_support(d, pair, off[c], gate).tolist()) for c, pair in enumerate(pairs)})
     groups = [np.array(r, dtype=np.int64) for r in rows]
-    # Fit: the place of each group, and the squared misfits of its directions
+    # Fit: the position of each group, and the squared misfits of its directions
     xy, cov = _triangulate(d, groups, min_crossing)
     residual = _misfit(d, xy, np.zeros_like(cov))
     fit = np.array([np.sum(residual[g, r] ** 2) for g, r in enumerate(groups)])
@@ -336,7 +336,7 @@ def _triangulate(d: SourceDirections, rows: list[Ints], min_crossing: float) -> 
 
 
 def _misfit(d: SourceDirections, xy: Floats, cov: Floats) -> Floats:
-    """(C, R) how far each direction passes by each place, in standard deviations of both."""
+    """(C, R) how far each direction passes by each position, in standard deviations of both."""
     away = xy[:, None] - d.origin[None]
     r2 = np.maximum(np.sum(away**2, axis=2), 1e-300)
     gradient = np.stack([-away[:, :, 1], away[:, :, 0]], axis=2) / r2[:, :, None]
@@ -346,7 +346,7 @@ def _misfit(d: SourceDirections, xy: Floats, cov: Floats) -> Floats:
 
 
 def _support(d: SourceDirections, pair: Ints, off: Floats, gate: float) -> Ints:
-    """Rows that support a place: its own two, and of every other array the nearest within the gate."""
+    """Rows that support a position: its own two, and of every other array the nearest within the gate."""
     rows = pair.tolist()
     for a in np.unique(d.array).tolist():
         if a in d.array[pair]:
@@ -357,14 +357,14 @@ def _support(d: SourceDirections, pair: Ints, off: Floats, gate: float) -> Ints:
 
 
 def _nearest(xy: Floats, cov: Floats, known: Floats, spread: Floats, gate: float) -> Floats:
-    """(C,) squared standard deviations from each place to the nearest known source; at most those of the gate."""
+    """(C,) squared standard deviations from each position to the nearest known source; at most those of the gate."""
     if not len(known) or not len(xy):
         return np.full(len(xy), gate**2)
     return np.asarray(np.minimum(distance2(xy, cov, known, spread).min(axis=1), gate**2))
 
 
 def distance2(xy: Floats, cov: Floats, known: Floats, spread: Floats) -> Floats:
-    """(C, K) squared distances, in standard deviations of both, between places and known sources."""
+    """(C, K) squared distances, in standard deviations of both, between positions and known sources."""
     away = xy[:, None] - known[None]
     both = cov[:, None] + spread[None]
     return np.asarray(np.einsum("cki,cki->ck", away, np.linalg.solve(both, away[..., None])[..., 0]))

@@ -1,18 +1,18 @@
-"""Which sensors can see which places: field of view, range, static polygons and moving objects in between.
+"""Which sensors can see which positions: field of view, range, static polygons and moving objects in between.
 
 [Ercan] Sec. 4.3 calls a camera *assigned* to a particle that neither field of view, nor range, nor a static
 polygon keeps it from seeing: these are kernels for many particles.  Simulated sensors, which moving
-objects hide places from too, use `in_view`, `behind_walls` and `behind_objects`.
+objects hide positions from too, use `in_view`, `behind_walls` and `behind_objects`.
 
-Where a target can be if no room says so: in what sensors see, drawn by the sight lines of a first scan.
+Where a target can be if no room says so: in what sensors see, drawn by the lines of sight of a first scan.
 
 The prior is a mixture: for each sensor a wedge in which all directions and all distances up to a far limit are
 equally likely (its density falls with 1 / distance), and a box around the sensors.  Equal distances, not equal areas:
 one bearing then leaves the distance evenly spread, and a far limit that is too large does little harm.
 
-A prior that reaches as far as cameras see is diffuse, and bearings are sharp.  First places are therefore drawn where
-sight lines lead (`initial_positions`), each with the weight that the prior over the density of the draws gives it
-(importance sampling).
+A prior over the full range of the cameras is diffuse, and bearings are sharp.  First positions are therefore drawn
+where lines of sight lead (`initial_positions`), each with the weight that the prior over the density of the draws
+gives it (importance sampling).
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Sensors(NamedTuple):
     first: Ints  # (S + 1,) walls of sensor i are first[i] to first[i + 1] - 1
     walls: Floats  # (V, 2) packed polygons
     starts: Ints  # (W + 1,)
-    cone: Floats  # (W, 8) of `_cone`: quick tests of whether a wall hides a place
+    cone: Floats  # (W, 8) of `_cone`: quick tests of whether a wall hides a position
 
 
 def make_sensors(xy: Floats, yaw: Floats, fov: Floats, reach: Floats, walls: Sequence[Sequence[Floats]]) -> Sensors:
@@ -121,9 +121,9 @@ def _convex(polygon: Floats) -> bool:
 
 @kernel
 def seen_from(xy: Floats, i: int, sensors: Sensors) -> Bools:
-    """(L,) bool: which of the (L, 2) places sensor i is assigned to: in view, in range and not behind a wall.
+    """(L,) bool: which of the (L, 2) positions sensor i is assigned to: in view, in range and not behind a wall.
 
-    A place behind a sensor with an axis (d <= 0) is never seen, so h/d may be formed
+    A position behind a sensor with an axis (d <= 0) is never seen, so h/d may be formed
     where this is true.
     """
     x0, y0, reach2, cos2 = sensors.xy[i, 0], sensors.xy[i, 1], sensors.reach2[i], sensors.cos2[i]
@@ -143,9 +143,9 @@ def seen_from(xy: Floats, i: int, sensors: Sensors) -> Bools:
 
 @kernel
 def _hide_behind(seen: Bools, xy: Floats, x0: float, y0: float, wall: Floats, cone: Floats) -> None:
-    """Set `seen` to false, in place, for places that the wall hides from (x0, y0).
+    """Set `seen` to false, in place, for positions that the wall hides from (x0, y0).
 
-    Most places are clearly nearer than the wall, clearly beside it or clearly behind it;
+    Most positions are clearly nearer than the wall, clearly to its side or clearly behind it;
     the exact test is only for the others.
     """
     rx, ry, lx, ly, near2 = cone[0], cone[1], cone[2], cone[3], cone[4] * (1.0 - SLACK)
@@ -157,7 +157,7 @@ def _hide_behind(seen: Bools, xy: Floats, x0: float, y0: float, wall: Floats, co
         r2 = dx * dx + dy * dy
         if r2 < near2:
             continue
-        # Beside the wall: outside the rays around it
+        # To the side of the wall: outside the rays around it
         slack = SLACK * (abs(dx) + abs(dy))
         from_right, from_left = rx * dy - ry * dx, ly * dx - lx * dy
         if from_right < -slack or from_left < -slack:
@@ -169,7 +169,7 @@ def _hide_behind(seen: Bools, xy: Floats, x0: float, y0: float, wall: Floats, co
 
 
 def in_view(h: Floats, d: Floats, fov: float, reach: float) -> Bools:
-    """Tell which points are in front of a camera (d > 0), in its field of view and in range, limits included.
+    """Return which points are in front of a camera (d > 0), in its field of view and in range, limits included.
 
     Args:
         h: offset to the left of the optical axis, any shape.
@@ -191,10 +191,10 @@ def behind_walls(origin: Floats, xy: Floats, walls: Sequence[Floats]) -> Bools:
 
 
 def behind_objects(origin: Floats, xy: Floats, others: Floats, diameter: float) -> Bools:
-    """Tell which points a moving object hides: its centre is inside the rectangle A(x) of [Ercan] Fig. 3.
+    """Return which points a moving object hides: its centre is inside the rectangle A(x) of [Ercan] Fig. 3.
 
     The rectangle reaches from the sensor to the point and half a diameter to either side
-    of the sight line.
+    of the line of sight.
 
     Args:
         origin: (2,) the sensor.
@@ -219,15 +219,15 @@ def behind_objects(origin: Floats, xy: Floats, others: Floats, diameter: float) 
 AROUND_SENSORS = 0.1
 """Share of the prior that is even in the box around the sensors."""
 DEFENSIVE_FRACTION = 0.1
-"""Share of the first places that does not look at the scan."""
+"""Share of initial positions drawn independently of the scan."""
 CROSSING = 0.6
-"""Share of the other first places that is drawn where sight lines cross, if some do."""
+"""Share of the other first positions that is drawn where lines of sight cross, if some do."""
 CROSSING_INFLATION = 1.5
 """Draws at a crossing are spread wider than the crossing's own errors by this factor."""
 MIN_CROSSING_SINE = 0.02
-"""Sight lines that cross at a smaller angle (about 1 degree) have no crossing."""
+"""Lines of sight that cross at a smaller angle (about 1 degree) have no crossing."""
 MAX_CROSSINGS = 200
-"""Of more crossings so many are taken at random."""
+"""Maximum number of crossings; of more a random subset is used."""
 MIN_RELATIVE_DISTANCE = 1e-6
 """Least distance, as a share of the far limit, in densities."""
 
@@ -250,7 +250,7 @@ class ScanDirectionsInPlane(NamedTuple):
     origin: Floats  # (R, 2)
     azimuth: Floats  # (R,) [rad]
     sigma: Floats  # (R,) standard deviation of the azimuth, > 0 [rad]
-    sigma_origin: Floats  # (R,) standard deviation of the sensor's place, per axis
+    sigma_origin: Floats  # (R,) standard deviation of the sensor's position, per axis
     far: Floats  # (R,) no target is seen farther off
     sensor: Ints  # (R,) lines of one sensor do not cross
 
@@ -262,7 +262,7 @@ class ScanDirectionsInPlane(NamedTuple):
 
 
 def draw(n: int, prior: ViewPrior, rng: Generator) -> Floats:
-    """(n, 2) places drawn from the prior."""
+    """(n, 2) positions drawn from the prior."""
     which = rng.choice(len(prior.far), size=n, p=prior.share)
     r, turn = prior.far[which] * rng.random(n), prior.axis[which] + prior.fov[which] * (rng.random(n) - 0.5)
     xy = prior.origin[which] + r[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
@@ -272,7 +272,7 @@ def draw(n: int, prior: ViewPrior, rng: Generator) -> Floats:
 
 
 def log_density(xy: Floats, prior: ViewPrior) -> Floats:
-    """(N,) log density of the prior at (N, 2) places; -inf where no sensor sees and outside the box."""
+    """(N,) log density of the prior at (N, 2) positions; -inf where no sensor sees and outside the box."""
     away = xy[:, None] - prior.origin
     r = np.hypot(away[..., 0], away[..., 1])
     off = np.abs(wrap_angle(np.arctan2(away[..., 1], away[..., 0]) - prior.axis))
@@ -285,20 +285,20 @@ def log_density(xy: Floats, prior: ViewPrior) -> Floats:
 
 
 def initial_positions(n: int, lines: ScanDirectionsInPlane, prior: ViewPrior, rng: Generator) -> tuple[Floats, Floats]:
-    """Places at which a target may be that was seen along sight lines, and what each stands for.
+    """Places at which a target may be that was seen along lines of sight, and what each represents.
 
-    The places are drawn from a mixture: along each line, evenly in distance; around the crossings of lines of
+    The positions are drawn from a mixture: along each line, evenly in distance; around the crossings of lines of
     different sensors; and from the prior itself.  Weighted by the returned weights they are a sample of the prior, in
     which the surroundings of the lines are sampled densely; the likelihood of the scan is not in the weights.
 
     Args:
-        n: number of places.
+        n: number of positions.
         lines: what was seen; no line gives draws from the prior.
         prior: where a target can be.
         rng: draws.
 
     Returns:
-        (n, 2) places and (n,) log weights, of the prior's density over the density of the draws.
+        (n, 2) positions and (n,) log weights, of the prior's density over the density of the draws.
     """
     centre, covariance = crossings(lines, rng)
     # Shares of the mixture
@@ -328,7 +328,7 @@ def initial_positions(n: int, lines: ScanDirectionsInPlane, prior: ViewPrior, rn
 
 
 def crossings(lines: ScanDirectionsInPlane, rng: Generator) -> tuple[Floats, Floats]:
-    """(K, 2) places where lines of different sensors cross ahead of both, and (K, 2, 2) covariances of draws there."""
+    """(K, 2) crossings of lines of different sensors ahead of both, and (K, 2, 2) covariances of draws there."""
     pairs = [(i, j) for i, j in combinations(range(len(lines.azimuth)), 2) if lines.sensor[i] != lines.sensor[j]]
     if not pairs:
         return np.empty((0, 2)), np.empty((0, 2, 2))
@@ -353,7 +353,7 @@ def crossings(lines: ScanDirectionsInPlane, rng: Generator) -> tuple[Floats, Flo
 
 
 def _along(n: int, lines: ScanDirectionsInPlane, rng: Generator) -> Floats:
-    """(n, 2) places along lines, evenly in distance."""
+    """(n, 2) positions along lines, evenly in distance."""
     which = rng.integers(len(lines.azimuth), size=n)
     r = lines.far[which] * rng.random(n)
     sigma = np.hypot(
@@ -364,7 +364,7 @@ def _along(n: int, lines: ScanDirectionsInPlane, rng: Generator) -> Floats:
 
 
 def _density_along(xy: Floats, lines: ScanDirectionsInPlane) -> Floats:
-    """(N,) density of `_along` at (N, 2) places."""
+    """(N,) density of `_along` at (N, 2) positions."""
     away = xy[:, None] - lines.origin
     r = np.maximum(np.hypot(away[..., 0], away[..., 1]), MIN_RELATIVE_DISTANCE * lines.far)
     off = wrap_angle(np.arctan2(away[..., 1], away[..., 0]) - lines.azimuth)
@@ -374,7 +374,7 @@ def _density_along(xy: Floats, lines: ScanDirectionsInPlane) -> Floats:
 
 
 def _density_at(xy: Floats, centre: Floats, covariance: Floats) -> Floats:
-    """(N,) density of the draws at the crossings, at (N, 2) places."""
+    """(N,) density of the draws at the crossings, at (N, 2) positions."""
     precision = np.linalg.inv(covariance)
     scale = np.sqrt(np.linalg.det(precision)) / (2.0 * math.pi * len(centre))
     total = np.zeros(len(xy))

@@ -183,11 +183,11 @@ def intersection_over_union(a: Floats, b: Floats) -> Floats:
 
 
 DIGIT = 16
-"""Bits of a number that one pass of `quantiles` looks at."""
+"""Bits of a number that one pass of `quantiles` reads."""
 
 
 class Sum:
-    """A sum of parts with the rounding of each addition kept beside it (Neumaier 1974), so that parts may be any."""
+    """A sum of parts with the rounding of each addition kept separately (Neumaier 1974), so that parts may be any."""
 
     def __init__(self) -> None:
         """Nothing yet."""
@@ -214,7 +214,7 @@ class Sum:
 def quantiles(blocks: Callable[[], Iterable[Floats]], count: int, shares: Sequence[float]) -> list[float]:
     """Quantiles as `np.quantile` has them, linearly interpolated, of numbers that come in blocks.
 
-    The numbers of the places that are asked for are found bit by bit, `DIGIT` bits in each of four passes.
+    The numbers of the positions that are asked for are found bit by bit, `DIGIT` bits in each of four passes.
 
     Args:
         blocks: gives the same finite numbers each time, in blocks of any size.

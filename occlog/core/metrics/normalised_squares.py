@@ -2,8 +2,8 @@
 
 A normalised square has a chi-square distribution if standard deviations are right: of residuals of bearings (NIS),
 of errors of estimates (NEES).  The sum of squares over the sum of their expected values is then 1.  Squares of one
-moment and the next are alike, so that N of them tell less than N independent ones.  `BatchMeans` finds how much less,
-while rows stream by, and `ratio_interval` turns that into limits.
+time step and the next are correlated, so that N of them hold less information than N independent ones.  `BatchMeans`
+finds how much less, over a stream of rows, and `ratio_interval` turns that into limits.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MAX_BATCHES = 32
 MIN_DEGREES = 0.1
 """Of fewer degrees of freedom the chi-square's quantiles are all but zero: nothing is known."""
 MIN_BATCHES = 8
-"""From fewer batches nothing is learned of how alike neighbours are."""
+"""Minimum number of batches for an estimate of the correlation of neighbours."""
 
 
 class Ratio(NamedTuple):
@@ -48,7 +48,7 @@ class Ratio(NamedTuple):
 
     @property
     def degrees(self) -> float:
-        """How many independent squares would tell as much: those of a chi-square with this relative spread."""
+        """Effective number of independent squares: that of a chi-square with this relative spread."""
         if not (math.isfinite(self.error) and self.error > 0.0 and self.value > 0.0):
             return 0.0
         return 2.0 * (self.value / self.error) ** 2
@@ -76,7 +76,7 @@ class BatchMeans:
     """Sums of squares and of what is expected of them, with a standard error of their ratio from means of batches.
 
     A batch holds neighbours in time.  When there are many batches they are put together in pairs, so that batches
-    become longer than squares are alike, in bounded memory.
+    become longer than the correlation time of squares, in bounded memory.
     """
 
     def __init__(self) -> None:
@@ -123,7 +123,7 @@ class BatchMeans:
         # Batches of which nothing is expected do not scatter
         if n >= MIN_BATCHES and covered > 0.0:
             off = self._batches[:, 0] - value * self._batches[:, 1]
-            # Neighbouring batches are alike where squares are alike for longer than a batch
+            # Neighbouring batches are correlated where squares are correlated for longer than a batch
             scatter = float(off @ off) + 2.0 * max(float(off[1:] @ off[:-1]), 0.0)
             variance = max(variance, scatter / covered / covered * n / (n - 1))
         return Ratio(value, math.sqrt(variance))

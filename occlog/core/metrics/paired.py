@@ -1,4 +1,4 @@
-"""Whether two runs on the same recordings differ: an exact test of paired recordings, or of stretches of time.
+"""Whether two runs on the same recordings differ: an exact test of paired recordings, or of segments of time.
 
 Figures such as MOTA are functions g of sums over frames.  A frame of run A and the same frame of run B stay together in
 all that follows, so that what both find hard cancels.
@@ -11,15 +11,15 @@ exchanges are as probable.  That is tested exactly (`sign_flips`), without an er
 
 Where there are `MANY_RECORDINGS` or more, each recording is a part: what differs between recordings then counts, and a
 statement is about recordings like these.  With fewer it is about these recordings alone.  Frames that follow each other
-are alike, so that parts are then stretches of frames, each `STRETCHES_APART` times as long as the integrated
-autocorrelation time of u: stretches are nearly independent (blocks as in Carlstein 1986).
+are alike, so that parts are then segments of frames, each `STRETCHES_APART` times as long as the integrated
+autocorrelation time of u: segments are nearly independent (blocks as in Carlstein 1986).
 
 Figures of identities are another matter: a target that has become another one stays that to the end, so that no two
-stretches of one recording are independent.  They are decided over recordings only.
+segments of one recording are independent.  They are decided over recordings only.
 
 The exact test of paired differences: how often as much comes out when each pair is exchanged, or not, by chance.
 
-Of two runs that do not differ each part (a recording, a stretch of time) could as well have come out the other way
+Of two runs that do not differ each part (a recording, a segment of time) could as well have come out the other way
 round, so that the difference d_r of each part is as probable as -d_r.  Of all 2^N choices of signs the share of those
 with a sum at least as large as the one that was observed is a p that keeps every level exactly, however the
 differences are distributed (Fisher 1935, sec. 21; Pitman 1937).  No standard error is estimated: with the signs the
@@ -53,7 +53,7 @@ ROUNDING = 1e-9
 
 
 def subset_means(differences: Floats, weights: Floats, rng: np.random.Generator) -> Floats:
-    """(D,) sorted means of subsets of parts, the empty one left out.
+    """(D,) sorted means of subsets of parts, the empty one omitted.
 
     Args:
         differences: (N,) what each part adds to a difference; N >= 1.
@@ -102,9 +102,9 @@ Metric = Callable[[Floats], Floats]
 """(..., k) sums to (...) a figure."""
 STRETCHES_APART = 5.0
 MIN_STRETCHES = 20
-"""Fewest stretches of time from which anything is concluded."""
+"""Fewest segments of time from which anything is concluded."""
 MAX_STRETCHES = 100
-"""Most stretches of all recordings: longer ones are never less independent."""
+"""Most segments of all recordings: longer ones are never less independent."""
 MANY_RECORDINGS = 8
 """Fewest recordings that are compared whole: all of them better come about by chance once in 256 times."""
 STEP = 1e-6
@@ -120,7 +120,7 @@ class PairedDifference(NamedTuple):
         low, high: confidence interval of the difference; NaN: too few parts.
         se: standard error of the difference; NaN likewise.
         p: probability of a difference at least as large, either way, of runs that do not differ; NaN likewise.
-        stretches: how many parts were compared, recordings or stretches of time.
+        stretches: how many parts were compared, recordings or segments of time.
         recordings: whether each was a whole recording.
         drawn: (D,) sorted means of subsets of the parts, see `sign_flips`; (0,): nothing was drawn.
     """
@@ -138,7 +138,7 @@ class PairedDifference(NamedTuple):
 
     @property
     def least(self) -> float:
-        """The smallest p that so many parts can give on one side; 0 where there is nothing that could differ."""
+        """Smallest one-sided p of a number of parts; 0 if no part can differ."""
         return 1.0 / (len(self.drawn) + 1) if len(self.drawn) else 0.0
 
     def below(self, margin: float) -> float:
@@ -184,12 +184,12 @@ def compare(
     slope = _gradient(metric, 0.5 * (total[0] + total[1]))
     added = [(y - x) @ slope for x, y in zip(a, b, strict=True)]
     whole = sum(len(u) > 0 for u in added) >= MANY_RECORDINGS
-    # Where a run has no figure nothing is decided, but its stretches are cut all the same
+    # Where a run has no figure nothing is decided, but its segments are cut all the same
     cut = _whole(added) if whole else _stretches([np.nan_to_num(u) for u in added])
     count = len(cut)
     none = PairedDifference(values[0], values[1], difference, *NOT_KNOWN, count, whole, np.zeros(0))
     if difference == 0.0 and not any(u.any() for u in added):
-        # Where no frame adds to a difference there is none, and no test is needed
+        # Where no frame adds to a difference missing, and no test is needed
         return none._replace(low=0.0, high=0.0, se=0.0, p=1.0)
     if not np.isfinite(difference) or (not whole and (lasting or count < MIN_STRETCHES)):
         return none
@@ -222,7 +222,7 @@ def _whole(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
 
 
 def _stretches(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
-    """Recording, first frame and end of each stretch: long beside what is alike, of about one length."""
+    """Recording, first frame and end of each segment: long relative to the correlation time, of about one length."""
     frames = sum(len(u) for u in added)
     length = max(int(np.ceil(STRETCHES_APART * autocorrelation_time(added))), -(-frames // MAX_STRETCHES))
     out = []

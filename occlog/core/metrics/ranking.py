@@ -1,4 +1,4 @@
-"""How well likenesses tell people apart: rank-1 and the area under the ROC curve."""
+"""Discrimination of people by similarities: rank-1 and the area under the ROC curve."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ def rank_one(like: Floats, owner: Ints) -> float:
     """Share of candidates that are most like their owner; of k equal ones each counts 1 / k; NaN without candidates.
 
     Args:
-        like: (n, P) likenesses of candidates to people; NaN: not compared, which is never the most alike.
-        owner: (n,) place of the person whom each candidate shows.
+        like: (n, P) similarities of candidates to people; NaN: not compared, which is never the most similar.
+        owner: (n,) position of the person whom each candidate shows.
     """
     if not len(like):
         return float("nan")
@@ -24,9 +24,9 @@ def rank_one(like: Floats, owner: Ints) -> float:
 
 
 def area_under_curve(like: Floats, owner: Ints) -> float:
-    """Probability that a candidate is more like its owner than a candidate is like somebody else.
+    """Probability that a candidate is more like its owner than a candidate is like another person.
 
-    The Mann-Whitney form over all pairs that are not NaN; equal ones count half.  NaN where there are none of a kind.
+    The Mann-Whitney form over all pairs that are not NaN; equal ones count half.  NaN where missing of a kind.
     """
     same = owner[:, None] == np.arange(like.shape[1])
     known = np.isfinite(like)

@@ -1,6 +1,6 @@
 """Potentials of a goal and of obstacles, and the forces that they exert on a robot ([Lee] Sec. 5.2.2).
 
-Places are (..., 2); arrays of places broadcast against each other.
+Positions are (..., 2); arrays of positions broadcast against each other.
 
 Collisions by aligned robot, obstacle and goal (CAROG), and the force that prevents them ([Lee] Sec. 5.2.2).
 
@@ -31,7 +31,7 @@ class Field(NamedTuple):
 
 
 def distance(p: Floats, q: Floats) -> Floats:
-    """(...) distances rho between places (..., 2)."""
+    """(...) distances rho between positions (..., 2)."""
     return np.asarray(np.hypot(p[..., 0] - q[..., 0], p[..., 1] - q[..., 1]))
 
 
@@ -43,12 +43,12 @@ def direction(p: Floats, q: Floats) -> Floats:
 
 
 def attractive_potential(p: Floats, goal: Floats, field: Field) -> Floats:
-    """(...) potential of the goal at places p ([Lee] Eq. 5.9)."""
+    """(...) potential of the goal at positions p ([Lee] Eq. 5.9)."""
     return np.asarray(field.attraction * distance(p, goal) ** field.attraction_power)
 
 
 def repulsive_potential(p: Floats, obstacle: Floats, field: Field) -> Floats:
-    """(...) potential of obstacles at places p ([Lee] Eq. 5.10); 0 beyond the influence."""
+    """(...) potential of obstacles at positions p ([Lee] Eq. 5.10); 0 beyond the influence."""
     rho = np.maximum(distance(p, obstacle), LEAST)
     excess = np.maximum(1.0 / rho - 1.0 / field.influence, 0.0)
     return np.asarray(field.repulsion * excess**field.repulsion_power)
@@ -90,8 +90,8 @@ def aligned(p: Floats, obstacle: Floats, goal: Floats, tolerance: float) -> Bool
     goal must be the farther one of the two.
 
     Args:
-        p: (..., 2) places of robots.
-        obstacle: (..., 2) places of obstacles.
+        p: (..., 2) positions of robots.
+        obstacle: (..., 2) positions of obstacles.
         goal: (..., 2) goals.
         tolerance: largest length of the difference of the two unit vectors; 0: they must be equal.
     """
@@ -128,7 +128,7 @@ def prevented(p: Floats, obstacle: Floats, goal: Floats, reach: Floats, field: F
     """(...) where the force is replaced by the unit vector away from the obstacle ([Lee] Eqs. 5.24 and 5.25).
 
     Args:
-        p: (..., 2) places of robots.
+        p: (..., 2) positions of robots.
         obstacle: (..., 2) points of obstacles from which distances are measured.
         goal: (..., 2) goals.
         reach: (...) s_r T_s + r_r + r_o.

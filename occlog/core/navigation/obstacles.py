@@ -19,14 +19,14 @@ MIN_SHARE = 1e-6
 
 
 def nearest_on_discs(xy: Floats, centre: Floats, radius: Floats) -> Floats:
-    """(N, K, 2) points of K discs nearest to N places: of their borders, or the centres for a radius of 0.
+    """(N, K, 2) points of K discs nearest to N positions: of their borders, or the centres for a radius of 0.
 
-    For a place inside a disc it is a point just behind the place, as seen from outside, so that the
-    direction from the point to the place leads out.
+    For a place inside a disc it is a point just behind the position, as seen from outside, so that the
+    direction from the point to the position leads out.
 
     Args:
-        xy: (N, 2) places.
-        centre: (K, 2), or (N, K, 2) where each place has discs of its own.
+        xy: (N, 2) positions.
+        centre: (K, 2), or (N, K, 2) where each position has discs of its own.
         radius: (K,).
     """
     at = np.broadcast_to(centre, (len(xy), *centre.shape[-2:]))
@@ -35,7 +35,7 @@ def nearest_on_discs(xy: Floats, centre: Floats, radius: Floats) -> Floats:
 
 
 def nearest_on_segments(xy: Floats, segments: Floats) -> Floats:
-    """(N, E, 2) points of (E, 2, 2) segments nearest to (N, 2) places."""
+    """(N, E, 2) points of (E, 2, 2) segments nearest to (N, 2) positions."""
     along = segments[:, 1] - segments[:, 0]
     length2 = np.sum(along**2, axis=1)
     share = np.sum((xy[:, None] - segments[:, 0]) * along, axis=2) / np.where(length2 > 0.0, length2, 1.0)
@@ -43,7 +43,7 @@ def nearest_on_segments(xy: Floats, segments: Floats) -> Floats:
 
 
 def nearest_on_polygons(xy: Floats, corners: Floats, starts: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Floats:
-    """(N, P, 2) points of packed polygons' borders (`pack_polygons`) nearest to (N, 2) places."""
+    """(N, P, 2) points of packed polygons' borders (`pack_polygons`) nearest to (N, 2) positions."""
     out = np.empty((len(xy), len(starts) - 1, 2))
     for p in range(len(starts) - 1):
         points = nearest_on_segments(xy, edges(corners[starts[p] : starts[p + 1]]))
@@ -61,10 +61,10 @@ def least_to_points(start: Floats, end: Floats, first: Floats, last: Floats) -> 
     """(N, K) least distances of N robots from K points while all move straight and evenly.
 
     Args:
-        start: (N, 2) places of the robots before the step.
-        end: (N, 2) places after it.
-        first: (K, 2) places of the points before the step.
-        last: (K, 2) places after it.
+        start: (N, 2) positions of the robots before the step.
+        end: (N, 2) positions after it.
+        first: (K, 2) positions of the points before the step.
+        last: (K, 2) positions after it.
     """
     before, after = start[:, None] - first, end[:, None] - last
     change = after - before
@@ -93,7 +93,7 @@ def _side(a: Floats, b: Floats, c: Floats) -> Floats:
 
 
 BLOCK = 256
-"""Steps for which places are interpolated at a time."""
+"""Steps for which positions are interpolated at a time."""
 
 
 class StepClock(NamedTuple):
@@ -113,12 +113,12 @@ class MovingObstacles(NamedTuple):
     move: Floats  # (M, 2) how each moved in the step before; 0 where that is not known
 
     def expected(self) -> MovingObstacles:
-        """The moment as it is known at its start: the obstacles go on as in the step before."""
+        """The time step as it is known at its start: the obstacles go on as in the step before."""
         return self._replace(after=self.xy + self.move, radius_after=self.radius)
 
 
 class MovingObstacleTracks:
-    """Obstacles whose places are known at times of their own, linear in between."""
+    """Obstacles with positions known at their own times, linear in between."""
 
     def __init__(self, t_ns: Ints, ids: Ints32, places: Floats, clock: StepClock, limit_ns: int) -> None:
         """Gather the rows of each obstacle.

@@ -82,13 +82,13 @@ def turned(force: Floats, angle: Floats) -> Floats:
 
 
 class SteeringState(IntEnum):
-    """What decides on the direction of a step; where several do, the highest number is told."""
+    """What decides on the direction of a step; where several do, the highest number is reported."""
 
     FREE = 0  # the forces alone
     OSCILLATING = 1  # oscillation was recognised, but the robot does not escape
     PREVENT = 2  # the force away from an obstacle in line with the goal
     ESCAPING = 3  # the force turned away from the line of oscillation
-    GUARDED = 4  # whatever the force: the step would have collided, and was turned or left out
+    GUARDED = 4  # whatever the force: the step would have collided, and was turned or omitted
 
 
 STATES = ("free", "oscillating", "prevent", "escaping", "guarded")
@@ -96,7 +96,7 @@ STATES = ("free", "oscillating", "prevent", "escaping", "guarded")
 
 
 class NearbyObstacles(NamedTuple):
-    """K obstacles as N robots meet them at one moment."""
+    """K obstacles as N robots meet them at one time step."""
 
     nearest: Floats  # (N, K, 2) p_o, from which distances are measured: the centre, or the nearest point of a border
     radius: Floats  # (K,) what the obstacle has beyond that point
@@ -158,7 +158,7 @@ def steer(
     """Forces on robots, and the total force that gives the direction of the next step.
 
     Args:
-        xy: (N, 2) places of the robots.
+        xy: (N, 2) positions of the robots.
         goal: (N, 2) their goals.
         around: obstacles.
         field: constants of the potentials.
@@ -208,7 +208,7 @@ def _escape_angle(xy: Floats, around: NearbyObstacles, steps: StepRules, beyond:
 def _sided(xy: Floats, goal: Floats, around: NearbyObstacles, steps: StepRules, total: Floats, angle: Floats) -> Floats:
     """(N,) the angles with the sign of the side to which the robots turn.
 
-    `free`: the side on which the next place is farther from the obstacles, of equal ones the one nearer to the
+    `free`: the side on which the next position is farther from the obstacles, of equal ones the one nearer to the
     goal, of equal ones the left.
     """
     if steps.side != "free":

@@ -3,7 +3,7 @@
 Times are int64 nanoseconds.  Differences are taken as integers, so that they stay
 exact at times since 1970 (a float64 resolves only about 200 ns there).
 
-Places of several objects on a grid of times, and at the times at which sensors look.
+Positions of several objects on a grid of times, and at the times of sensor frames.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class TimeGrid(NamedTuple):
 
 
 class SensorFrames(NamedTuple):
-    """What one sensor looks at during a chunk: T frames."""
+    """Frames of one sensor during a chunk: T frames."""
 
     t_ns: Ints  # (T,)
     first: int  # number of the first of these frames in the sensor's stream
@@ -86,7 +86,7 @@ class SensorFrames(NamedTuple):
 
 
 def to_grid(t_ns: Ints, ids: NDArray[np.integer], target: Bools, xyz: Floats) -> TimeGrid:
-    """R rows of times, object numbers, whether a target, and (R, 3) places as a grid.
+    """R rows of times, object numbers, whether a target, and (R, 3) positions as a grid.
 
     Of two rows for the same time and object the last counts.
     """
@@ -115,11 +115,11 @@ def frame_times(start_ns: int, after_ns: int, last_ns: int, rate_hz: float) -> t
 def frames_at(
     chunks: Iterable[TimeGrid], rates_hz: Sequence[float | None]
 ) -> Iterator[tuple[TimeGrid, list[SensorFrames]]]:
-    """Yield each chunk with what every sensor looks at during it.
+    """Yield each chunk with the frames of every sensor.
 
-    A sensor without a rate looks at every time of the chunk.
+    A sensor without a rate has a frame at every time of the chunk.
 
-    Places between two times are interpolated linearly, also across the border of two chunks.
+    Positions between two times are interpolated linearly, also across the border of two chunks.
 
     Args:
         chunks: grids one after another in time.
@@ -147,7 +147,7 @@ def frames_at(
 
 
 def _joined(last: TimeGrid, chunk: TimeGrid) -> TimeGrid:
-    """The last row of the chunk before, as far as its objects are still there, and the chunk."""
+    """The last row of the chunk before, for objects that are still there, and the chunk."""
     before = np.full((1, *chunk.xyz.shape[1:]), np.nan)
     common, old, new = np.intersect1d(last.ids, chunk.ids, return_indices=True)
     if len(common):

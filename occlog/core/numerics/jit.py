@@ -17,7 +17,7 @@ from numba.core.types.misc import unliteral  # isort: skip
 
 F = TypeVar("F", bound=Callable[..., Any])
 PATIENCE_S = 2.0
-"""Compilation that takes longer in all [s] is told of."""
+"""Minimum total compilation time [s] that is reported."""
 
 
 def kernel(function: F) -> F:
@@ -32,7 +32,7 @@ def kernel(function: F) -> F:
 
 
 def kernel_part(function: F) -> F:
-    """The function as a part of the kernel that calls it, as if it stood there; for one that is called at one place.
+    """The function as a part of the kernel that calls it, as if it stood there; for one that is called at one position.
 
     A kernel that is called by another is compiled by itself, and once more, with all that it calls, into the other.
     """

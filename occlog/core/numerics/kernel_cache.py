@@ -28,7 +28,7 @@ with hidden(CONFIGURATION):
     from numba.core import config
     from numba.core.caching import CompileResultCacheImpl, FunctionCache
 
-# Numba looks for the file again whenever it compiles; there is none of this name, anywhere
+# Numba looks for the file again whenever it compiles; missing of this name, anywhere
 config._config_fname = os.devnull
 config.reload_config()
 
@@ -117,7 +117,7 @@ def stamp(module: str, base: str) -> str:
 
 @cache
 def _chosen() -> Path | None:
-    """The folder of `NUMBA_CACHE_DIR`; None where there is none, or one into which others can write."""
+    """The folder of `NUMBA_CACHE_DIR`; None where missing, or one into which others can write."""
     given = os.environ.get(CACHE_DIR, "")
     if not given:
         return None
@@ -144,7 +144,7 @@ def _users() -> Path:
 
 
 class KernelLocator:
-    """The place of a kernel's file: `NUMBA_CACHE_DIR`, the folder of the program, or in the user's cache folder."""
+    """The position of a kernel's file: `NUMBA_CACHE_DIR`, the folder of the program, or in the user's cache folder."""
 
     def __init__(self, function: Callable[..., Any], base: str, folder: Path) -> None:
         """Keep a function, the top package of which lies in `base`, in `folder`."""
@@ -153,7 +153,7 @@ class KernelLocator:
 
     @classmethod
     def from_function(cls, function: Callable[..., Any], file: str) -> KernelLocator | None:
-        """The first place that can be written, and only by this user; None: there is none."""
+        """The first position that can be written, and only by this user; None: missing."""
         path = Path(file).resolve()
         depth = function.__module__.count(".") + (path.name == "__init__.py")
         base = path.parents[depth]
@@ -178,7 +178,7 @@ class KernelLocator:
         return stamp(self._module, self._base)
 
     def get_disambiguator(self) -> str:
-        """Tells functions of one name apart."""
+        """Distinguishes functions of one name."""
         return str(self._line)
 
 
@@ -222,7 +222,7 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
             raise NoCacheError from error
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The compiled kernel for a signature; None where there is none."""
+        """The compiled kernel for a signature; None where missing."""
         try:
             return super().load_overload(sig, target_context)
         except (AttributeError, ImportError):

@@ -10,7 +10,7 @@ import numpy as np
 class RandomStream(IntEnum):
     """What random numbers are drawn for; numbers are never reused, so that old seeds keep their meaning."""
 
-    WORLD_START = 0  # first places and destinations
+    WORLD_START = 0  # first positions and destinations
     WORLD_MOTION = 1  # one item an object
     CAMERA_NOISE = 2  # one item a camera, as for all below
     CAMERA_CHANCE = 3  # misses and false alarms
@@ -22,7 +22,7 @@ class RandomStream(IntEnum):
     RENDER_CLOTHES = 9
     PATH_NOISE = 11  # motion of scripted targets: one item a target
     SILENCE = 12  # when sources sound: one item a source
-    ARRAY_FALSE = 13  # false directions: items are (array, numbers or places)
+    ARRAY_FALSE = 13  # false directions: items are (array, numbers or positions)
     TRACK = 16
     PRIORS = 17  # virtual measurements of moving occluders: one item an occluder
     SELECT = 18  # selection of cameras: one item a target
@@ -34,7 +34,7 @@ class RandomStream(IntEnum):
     STATION_NOISE = 24  # of ranges, differences and strengths: one item a station, as for the next two
     STATION_CHANCE = 25  # which are missed, false or late
     STATION_SHADOW = 26
-    PLAN = 27  # what is expected of planned sensors: walks of the crowd, stretches of it, detections
+    PLAN = 27  # what is expected of planned sensors: walks of the crowd, segments of it, detections
 
 
 def generator(seed: int, stage: RandomStream, *items: int, run: int = 0) -> np.random.Generator:

@@ -1,10 +1,10 @@
-"""Probabilities that an occluder hides a place from each set of cameras: exact shares of its prior, by slices.
+"""Probabilities that an occluder hides a position from each set of cameras: exact shares of its prior, by slices.
 
-Occluder j hides the place x from camera i if its centre is in A_i(x), the rectangle from
+Occluder j hides the position x from camera i if its centre is in A_i(x), the rectangle from
 the camera to x, as wide as the occluder's diameter, without end caps ([Ercan] Fig. 3).  The
 plane falls into pieces by the set of rectangles that a point is in; wanted is the prior's
 share of every piece.  In the prior's own axes the plane is cut into slices along the major
-axis; a place is (s, t), s along the slices and t across them.  On a slice each rectangle is
+axis; a position is (s, t), s along the slices and t across them.  On a slice each rectangle is
 an interval, and the normal distribution of a piece is a difference of error functions.
 Across the slices the integrand is smooth between the corners and crossings of the
 rectangles' sides, so Gauss-Legendre panels that begin and end there are accurate to about
@@ -75,7 +75,7 @@ def cuts(border: Floats, low: float, high: float, sigma: float, minor: float) ->
         if low < t0 < high:
             out[size] = t0
             size += 1
-        # On a steeper side the mass changes over a stretch of t as wide as a panel: no cuts are needed.
+        # On a steeper side the mass changes over a segment of t as wide as a panel: no cuts are needed.
         steep = sigma > 0.0 and abs(s1 - s0) * minor > 2.0 * abs(t1 - t0) * sigma
         for k in range(LEVELS if steep else 0):
             level = 2.0 * (k - LEVELS // 2) * sigma
@@ -147,11 +147,11 @@ def normal_between(low: float, high: float) -> float:
 def shares(x: float, y: float, cameras: Floats, priors: Priors, j: int) -> Floats:
     """(2^N,) probabilities that occluder j hides (x, y) from exactly a set of cameras.
 
-    Bit i of an index stands for camera i; index 0 is "from none".  They sum to 1.  From a
+    Bit i of an index represents camera i; index 0 is "from none".  They sum to 1.  From a
     camera that stands at (x, y) nothing is hidden.
 
     Args:
-        x: the place.
+        x: the position.
         y: the same.
         cameras: (N, 2) positions.
         priors: of the occluders.
@@ -182,7 +182,7 @@ def _strips(x: float, y: float, cameras: Floats, priors: Priors, j: int) -> tupl
     """Rectangles that the prior can reach, in its own axes (major axis s, minor axis t, origin at the mean).
 
     Returns:
-        (n, 6): direction to the place, s and t; the camera's position, s and t; distance; half-width.
+        (n, 6): direction to the position, s and t; the camera's position, s and t; distance; half-width.
         (n,): bit of the camera.
     """
     c, s, radius = priors.axis[j, 0], priors.axis[j, 1], priors.radius[j]
@@ -225,7 +225,7 @@ def _own_axes(corners: Floats, priors: Priors, j: int) -> Floats:
 def _interval(row: Floats, t: float) -> tuple[float, float]:
     """Where the slice at t is in a rectangle: s from low to high; nowhere if low > high."""
     d_s, d_t, r, radius = row[0], row[1], row[4], row[5]
-    start = (t - row[3]) * d_t - row[2] * d_s  # distance along the sight line at s = 0; it grows by d_s
+    start = (t - row[3]) * d_t - row[2] * d_s  # distance along the line of sight at s = 0; it grows by d_s
     side = (t - row[3]) * d_s + row[2] * d_t  # distance across it at s = 0; it grows by -d_t
     low, high = -math.inf, math.inf
     for at, slope, least, most in ((start, d_s, 0.0, r), (side, -d_t, -radius, radius)):
@@ -254,10 +254,10 @@ def _slice_into(
 
     Args:
         out: (2^N,) pieces.
-        t: place of the slice.
+        t: position of the slice.
         rows: (n, 6) rectangles.
         bits: (n,) of their cameras.
-        inside: (2 m,) places where the slice enters and leaves a uniform prior; none: it is normal.
+        inside: (2 m,) positions where the slice enters and leaves a uniform prior; none: it is normal.
         sigma: standard deviation along the slice of a normal prior; 0: all of it is at 0.
         weight: of the slice.
         ends: (2 n + 2 m,) room to work in.
@@ -300,7 +300,7 @@ def _slice_into(
 
 @kernel
 def _insert(ends: Floats, flips: Ints, size: int, end: float, flip: int) -> None:
-    """Put an end at its place among the first `size`, which are in order; in place."""
+    """Put an end at its position among the first `size`, which are in order; in place."""
     k = size
     while k > 0 and ends[k - 1] > end:
         ends[k], flips[k] = ends[k - 1], flips[k - 1]

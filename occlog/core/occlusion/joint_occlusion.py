@@ -1,9 +1,9 @@
 """Joint likelihood of what several cameras report: sums over subsets of cameras, [Ercan] Eqs. 8-9 and exact.
 
-Eq. 8 takes the rectangles in which an occluder hides a place from different cameras as disjoint.  The
+Eq. 8 takes the rectangles in which an occluder hides a position from different cameras as disjoint.  The
 sum over subsets Q of m cameras is then the recursion of Eq. 9, walked as a tree with a camera a level: the
 sums of q over Q are shared by all subsets below a branch, and branches too light to matter are
-cut.  A camera that reports a place near the particle almost certainly sees it, so few of the 2^m
+cut.  A camera that reports a position near the particle almost certainly sees it, so few of the 2^m
 subsets remain.
 
 The exact form takes nothing as disjoint: it computes, for every occluder, the probability that it
@@ -24,7 +24,7 @@ from .occlusion_probability import blocking_probabilities
 from .priors import Priors
 
 MAX_CAMERAS = 16
-"""Cameras in view of one place; there are 2^16 subsets of them."""
+"""Cameras in view of one position; there are 2^16 subsets of them."""
 
 
 @array_kernel
@@ -48,11 +48,11 @@ def add_joint(
 
     Args:
         total: (L,) log-likelihoods.
-        xy: (L, 2) places.
+        xy: (L, 2) positions.
         sensor: (n,) sensors of the looks.
-        a: (n, L) factors where no occluder hides the place.
+        a: (n, L) factors where no occluder hides the position.
         b: (n,) factors where one does.
-        assigned: (n, L) looks that count for a place; at most `MAX_CAMERAS` of them.
+        assigned: (n, L) looks that count for a position; at most `MAX_CAMERAS` of them.
         places: (S, 2) positions of the sensors.
         priors: of the occluders.
         exact: without the assumption of Eq. 8.
@@ -71,7 +71,7 @@ def add_joint(
         if use.shape[0] == 0 or total[p] == -np.inf:
             continue
         if use.shape[0] > MAX_CAMERAS:
-            raise ValueError("too many cameras see a place for sums over their subsets; use likelihood=independent")
+            raise ValueError("too many cameras see a position for sums over their subsets; use likelihood=independent")
         if exact:
             # p_Q without the assumption of Eq. 8, then the sum over all Q
             seen = clear_exact(xy[p, 0], xy[p, 1], places[sensor[use]], priors)
@@ -128,7 +128,7 @@ def over_subsets(clear: Floats, a: Floats, b: Floats, floor: float) -> float:
 MIN_BRANCH_SHARE = 1e-10
 """Branches below this share of the sum so far, or of its floor, are cut."""
 LANES = 4
-"""Products of so many occluders are formed side by side."""
+"""Block size of products over occluders."""
 
 
 @array_kernel
@@ -168,7 +168,7 @@ def sum_disjoint(q: Floats, a: Floats, b: Floats, floor: float) -> float:
             branch[level] = 0
             level -= 1
             continue
-        # Branch 0: camera i is in Q and sees the place; branch 1: it is not in Q
+        # Branch 0: camera i is in Q and sees the position; branch 1: it is not in Q
         branch[level] += 1
         w = weight[level] * ((a[i] - b[i]) if turn == 0 else b[i]) / scale[i]
         if abs(w) <= MIN_BRANCH_SHARE * max(abs(total), floor):
@@ -214,7 +214,7 @@ def joint_visibility(sums: Floats) -> float:
 
 @array_kernel
 def relevant_priors(q: Floats, p: int, use: Ints) -> Floats:
-    """(m, K) of (n, M, L) q at place p for cameras `use`, without occluders that block none of them."""
+    """(m, K) of (n, M, L) q at position p for cameras `use`, without occluders that block none of them."""
     out = np.empty((use.shape[0], q.shape[1]))
     K = 0
     for j in range(q.shape[1]):

@@ -1,25 +1,25 @@
-"""Probability that no moving occluder hides a place from a camera: fast forms of [Ercan] Eq. 7.
+"""Probability that no moving occluder hides a position from a camera: fast forms of [Ercan] Eq. 7.
 
-For each place x, P = prod_j (1 - q_j) over the M priors, q_j the probability that
+For each position x, P = prod_j (1 - q_j) over the M priors, q_j the probability that
 occluder j's centre lies in the rectangle from the camera to x with the occluder's
 diameter as its width.  With u the unit vector from the camera to x, v across it, a prior
-N(mu, Sigma) has across the sight line mean b = v.mu and variance s^2 = v' Sigma v, and
+N(mu, Sigma) has across the line of sight mean b = v.mu and variance s^2 = v' Sigma v, and
 along it, given the offset w across, mean a + rho (w - b) with rho = u' Sigma v / s^2 and
 variance det Sigma / s^2.  Eq. 7 takes w = 0; the improved form takes w at the mean of the
 truncated normal between -D/2 and D/2.  Both are exact for isotropic priors (rho = 0).
 
-What is avoided: priors that are more than `far` standard deviations from every sight line
-of the cloud, behind the camera or beyond all places are left out, and error functions
+What is avoided: priors that are more than `far` standard deviations from every line of sight
+of the cloud, behind the camera or beyond all positions are omitted, and error functions
 that count as 1 for the whole cloud are not computed.  (`far` is 5.5, where the tail is
 2e-8, or less where a proposal only has to be near.)
 
-Probability that no moving occluder hides a place, interpolated over a cloud of particles.
+Probability that no moving occluder hides a position, interpolated over a cloud of particles.
 
 Where every prior is Gaussian and wide against the cloud, P (`occlog.core.occlusion.occlusion_probability`) is
 smooth over the cloud's bounding box.  It is then computed at Chebyshev points of the box
 only and interpolated by Chebyshev polynomials.  Their degrees follow from the box and the
-narrowest prior; the last coefficients tell the error, and where it is too large, P is
-computed place by place.
+narrowest prior; the last coefficients determine the error, and where it is too large, P is
+computed position by position.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ ROUND = 1e-9
 
 
 class CameraRays(NamedTuple):
-    """Sight lines from a camera to n places, and where they all are."""
+    """Lines of sight from a camera to n positions, and where they all are."""
 
     ux: Floats  # (n,) unit vectors
     uy: Floats
@@ -58,7 +58,7 @@ class CameraRays(NamedTuple):
 
 @array_kernel
 def rays_to(xy: Floats, rows: Ints, x0: float, y0: float) -> CameraRays:
-    """Sight lines from (x0, y0) to the places `xy[rows]`."""
+    """Lines of sight from (x0, y0) to the positions `xy[rows]`."""
     n = rows.shape[0]
     ux, uy, r = np.empty(n), np.empty(n), np.empty(n)
     gx, gy = 0.0, 0.0
@@ -83,7 +83,7 @@ def rays_to(xy: Floats, rows: Ints, x0: float, y0: float) -> CameraRays:
 def blocking_into(
     q: Floats, rays: CameraRays, x0: float, y0: float, j: int, priors: Priors, form: int, far: float
 ) -> bool:
-    """Probabilities (n,) that occluder j hides the places at the ends of the rays; False, and `q` as it was, for none.
+    """Write probabilities (n,) that occluder j hides the ends of the rays; False, and `q` unchanged, for none.
 
     Args:
         q: (n,) filled.
@@ -114,7 +114,7 @@ def blocking_into(
         and sigma - priors.minor[j] <= ROUND * sigma
     ):
         before = along - slack_along > reach  # all of it is in front of the camera
-        behind = along + slack_along < rays.nearest - reach  # all of it is nearer than every place
+        behind = along + slack_along < rays.nearest - reach  # all of it is nearer than every position
         isotropic_into(q, rays.ux, rays.uy, rays.r, mx, my, radius, ROOT_HALF / sigma, before, behind)
         return True
     # Known position: inside the rectangle or not
@@ -123,7 +123,7 @@ def blocking_into(
             a, b = rays.ux[k] * mx + rays.uy[k] * my, rays.ux[k] * my - rays.uy[k] * mx
             q[k] = 1.0 if (abs(b) <= radius) & (a >= 0.0) & (a <= rays.r[k]) & (rays.r[k] > 0.0) else 0.0
         return True
-    # All others: place by place
+    # All others: position by position
     for k in range(q.shape[0]):
         ux, uy, r = rays.ux[k], rays.uy[k], rays.r[k]
         a, b = ux * mx + uy * my, ux * my - uy * mx
@@ -136,7 +136,7 @@ def blocking_into(
 def visibility_probability(
     xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form: int, far: float
 ) -> Floats:
-    """(n,) probabilities P = prod_j (1 - q_j) that no occluder hides the places `xy[rows]` from a camera at (x0, y0).
+    """(n,) probabilities P = prod_j (1 - q_j) of an unoccluded view of `xy[rows]` from a camera at (x0, y0).
 
     See `blocking_into` for the arguments; occluders are independent of each other.
     """
@@ -156,7 +156,7 @@ def visibility_probability(
 def blocking_probabilities(
     xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form: int, far: float
 ) -> Floats:
-    """(M, n) probabilities q that each occluder hides the places `xy[rows]` from a camera at (x0, y0)."""
+    """(M, n) probabilities q that each occluder hides the positions `xy[rows]` from a camera at (x0, y0)."""
     n = rows.shape[0]
     out = np.zeros((priors.sigma.shape[0], n))
     if n == 0:
@@ -169,7 +169,7 @@ def blocking_probabilities(
 
 @array_kernel
 def extent(j: int, priors: Priors, far: float) -> float:
-    """How far from its mean prior j reaches: so many standard deviations, or to its farthest corner."""
+    """Reach of prior j from its mean: a number of standard deviations, or to its farthest corner."""
     if priors.first[j] == priors.first[j + 1]:
         gaussian: float = far * priors.sigma[j]
         return gaussian
@@ -221,7 +221,7 @@ def isotropic_into(
 
 @array_kernel
 def hiding(ux: float, uy: float, r: float, x0: float, y0: float, j: int, priors: Priors, form: int) -> float:
-    """q: probability that occluder j hides the place at distance r in direction (ux, uy) from (x0, y0).
+    """q: probability that occluder j hides the position at distance r in direction (ux, uy) from (x0, y0).
 
     Degenerate priors and polygons are exact with every form.
     """
@@ -234,10 +234,10 @@ def hiding(ux: float, uy: float, r: float, x0: float, y0: float, j: int, priors:
         exact: float = shares(x0 + r * ux, y0 + r * uy, camera, priors, j)[1]
         return exact
     a, b = ux * mx + uy * my, ux * my - uy * mx
-    # The major axis along and across the sight line
+    # The major axis along and across the line of sight
     ca = ux * priors.axis[j, 0] + uy * priors.axis[j, 1]
     sa = ux * priors.axis[j, 1] - uy * priors.axis[j, 0]
-    # Across the sight line: variance s^2 = v' Sigma v, and the mass between -D/2 and D/2
+    # Across the line of sight: variance s^2 = v' Sigma v, and the mass between -D/2 and D/2
     s2 = (sa * sigma) ** 2 + (ca * minor) ** 2
     s = math.sqrt(s2)
     low, high = (-radius - b) / s, (radius - b) / s
@@ -266,16 +266,16 @@ def density(x: float) -> float:
 MAX_DEGREE = 24
 """Polynomials of a higher degree need more points than most clouds have particles."""
 MIN_POINTS_PER_POSITION = 0.5
-"""Points per place from which on interpolation is not worth its trouble."""
+"""Points per position from which on interpolation is not worth its trouble."""
 MIN_CAMERA_DISTANCE = 2.0
 """How far a camera must be from the middle of the box, in half diagonals: P is not smooth at the camera."""
 
 
 class HiddenGrid(NamedTuple):
-    """Chebyshev points of the bounding box of a cloud of L places; no points where P is not to be interpolated."""
+    """Chebyshev points of the bounding box of a cloud of L positions; no points where P is not to be interpolated."""
 
     points: Floats  # (K, 2), the second coordinate running faster
-    first: Floats  # (nx, L) Chebyshev polynomials of the places' first coordinate
+    first: Floats  # (nx, L) Chebyshev polynomials of the positions' first coordinate
     second: Floats  # (ny, L) of the second
     fit_first: Floats  # (nx, nx) coefficients from values at the points
     fit_second: Floats  # (ny, ny)
@@ -287,20 +287,20 @@ class HiddenGrid(NamedTuple):
 
 @array_kernel
 def make_grid(xy: Floats, free: Bools, priors: Priors, far: float) -> HiddenGrid:
-    """Points over the box around the places of (L, 2) `xy` that are `free`.
+    """Points over the box around the positions of (L, 2) `xy` that are `free`.
 
     Args:
-        xy: places.
+        xy: positions.
         free: (L,) those that count.
         priors: of the occluders.
         far: standard deviations at which a prior counts as over; the error is to be of the size of that tail.
     """
-    # Tolerance: the tail that `far` leaves out
+    # Tolerance: the tail that `far` omits
     tolerance = 0.5 * math.erfc(far / math.sqrt(2.0))
     narrowest = np.inf
     for j in range(priors.minor.shape[0]):
         narrowest = min(narrowest, priors.minor[j] if priors.first[j] == priors.first[j + 1] else 0.0)
-    # Bounding box of the free places
+    # Bounding box of the free positions
     low_x, low_y, high_x, high_y, count = np.inf, np.inf, -np.inf, -np.inf, 0
     for p in range(xy.shape[0]):
         if free[p]:
@@ -337,7 +337,7 @@ def make_grid(xy: Floats, free: Bools, priors: Priors, far: float) -> HiddenGrid
 
 @array_kernel
 def terms(half: float, tolerance: float) -> int:
-    """Number of polynomials for an interval of so many standard deviations of the narrowest prior to either side.
+    """Number of polynomials for an interval in standard deviations of the narrowest prior to either side.
 
     The coefficients of a Gaussian fall as (half / 2)^n / sqrt(n!); products of some of them a little later.
     """
@@ -420,7 +420,7 @@ def left_over(coefficients: Floats) -> float:
 
 @array_kernel
 def evaluate(coefficients: Floats, first: Floats, second: Floats, rows: Ints) -> Floats:
-    """(n,) values of the polynomial at some of the places, cut to [0, 1]."""
+    """(n,) values of the polynomial at some of the positions, cut to [0, 1]."""
     nx, ny, L = first.shape[0], second.shape[0], first.shape[1]
     total, inner = np.zeros(L), np.empty(L)
     for k in range(nx):

@@ -18,11 +18,11 @@ from occlog.array_types import Floats
 from .measurement_model import MeasurementModel, StationPositions
 
 NEAREST = 1e-9
-"""Squares of distances are not below this, so that a place at a station gives finite numbers."""
+"""Squares of distances are not below this, so that a position at a station gives finite numbers."""
 
 
 def azimuth(xy: Floats, at: StationPositions) -> tuple[Floats, Floats]:
-    """Azimuths (..., m) [rad] of places (..., m or 1, 2) about m stations, and their gradients (..., m, 2)."""
+    """Azimuths (..., m) [rad] of positions (..., m or 1, 2) about m stations, and their gradients (..., m, 2)."""
     away = xy - at.place
     square = np.maximum((away**2).sum(axis=-1), NEAREST)
     across = np.stack([-away[..., 1], away[..., 0]], axis=-1)

@@ -1,11 +1,11 @@
-"""Likelihood of a scan for a target at given places: [Ercan] Sec. 4.2-4.3 without moving occluders.
+"""Likelihood of a scan for a target at given positions: [Ercan] Sec. 4.2-4.3 without moving occluders.
 
-A scan has a *look* for every sensor that delivered a frame.  A look of a labelled target
-has one measurement or none ("not seen"); an unlabelled look has any number of candidates,
+A scan has a *report* of every sensor that delivered a frame.  A report of a labelled target
+has one measurement or none ("not seen"); an unlabelled report has any number of candidates,
 of which at most one is the target's.
 
-A sensor is assigned (A) to a place that no static occluder, field of view or range keeps it from seeing
-(`occlog.core.geometry.visibility.seen_from`, [Ercan] Sec. 4.3).  The factor of a look is
+A sensor is assigned (A) to a position that no static occluder, field of view or range keeps it from seeing
+(`occlog.core.geometry.visibility.seen_from`, [Ercan] Sec. 4.3).  The factor of a report is
 
     labelled, z:       hit N(z) + miss floor      A
                        soften hit N(z) + floor    not A (the first term only in front of a camera)
@@ -14,10 +14,10 @@ A sensor is assigned (A) to a place that no static occluder, field of view or ra
     candidates z_k:    1 - P + P sum_k w_k N(z_k) / lambda     A
                        1                          not A
 
-Likelihood of a scan for a target at given places among moving occluders with priors: [Ercan] Sec. 4.2-4.3.
+Likelihood of a scan for a target at given positions among moving occluders with priors: [Ercan] Sec. 4.2-4.3.
 
-A camera sees a place in its view with probability P (`occlog.core.occlusion.occlusion_probability`).  Let a be
-its factor for a place that it sees (A in `occlog.filtering.likelihood.directions`) and b that for a place
+A camera sees a position in its view with probability P (`occlog.core.occlusion.occlusion_probability`).  Let a be
+its factor for a position that it sees (A in `occlog.filtering.likelihood.directions`) and b that for a place
 hidden by an occluder: the floor of a reading, and 1 where it reports nothing or
 candidates.  Cameras then count, by `Occlusion.probability`, with
 
@@ -46,7 +46,7 @@ from occlog.core.occlusion.priors import Priors
 
 ROOT_2PI = math.sqrt(2.0 * math.pi)
 MIN_DEPTH_RATIO = 1e-9
-"""A place counts as in front of a camera if d is above this times |h|."""
+"""A position counts as in front of a camera if d is above this times |h|."""
 MIN_DEPTH = 1e-100
 """The same for d, so that nothing overflows."""
 PRODUCT_FLOOR = 1e-150
@@ -56,7 +56,7 @@ MIN_FALSE_ALARM_PROBABILITY = 1e-5
 
 
 class MeasurementNoise(NamedTuple):
-    """What [Ercan] Eq. 2 needs besides the noise of reading, and the widths of images; S sensors."""
+    """What [Ercan] Eq. 2 needs also the noise of reading, and the widths of images; S sensors."""
 
     focal_px: Floats  # (S,)
     sigma_position: Floats  # (S,)
@@ -66,16 +66,16 @@ class MeasurementNoise(NamedTuple):
 
 
 class PackedScan(NamedTuple):
-    """A scan as the kernels read it: n looks with m measurements in all.
+    """A scan as the kernels read it: n reports with m measurements in all.
 
-    Numba wants a tuple of arrays of one kind each, and a look's measurements side by side: rows that
+    Numba requires a tuple of arrays of one kind each, and a report's measurements in adjacent rows: rows that
     saw nothing are gone, pixels and bearings share a column, and every measurement has a variance.
     `occlog.track.methods.apf.model.pack_scan` makes it of an `occlog.scans.grouping.Scan`.
     """
 
     sensor: Ints  # (n,) rows of the sensors
     labelled: Bools  # (n,)
-    first: Ints  # (n + 1,) measurements of look k are first[k] to first[k + 1] - 1
+    first: Ints  # (n + 1,) measurements of report k are first[k] to first[k + 1] - 1
     pixel: Bools  # (m,) true: z [px] of Eq. 1, false: a bearing [rad]
     value: Floats  # (m,) z = -u_px, or the bearing
     variance: Floats  # (m,) of reading [px^2], or of the bearing in all [rad^2]
@@ -97,7 +97,7 @@ class DetectionModel(NamedTuple):
 def add_pixel(
     out: Floats, xy: Floats, i: int, z: float, variance: float, share: float, sensors: Sensors, noise: MeasurementNoise
 ) -> None:
-    """Add `share` times the density of a reading z [px] of camera i at places (L, 2) to `out` (L,), in place.
+    """Add `share` times the density of a reading z [px] of camera i at positions (L, 2) to `out` (L,), in place.
 
     [Ercan] Eq. 1 with the variance of Eq. 2; nothing is added behind the camera (d <= 0).
     """
@@ -120,7 +120,7 @@ def add_pixel(
 
 @kernel
 def add_bearing(out: Floats, xy: Floats, x0: float, y0: float, bearing: float, variance: float, share: float) -> None:
-    """Add `share` times the density of a bearing [rad] from (x0, y0) at places (L, 2) to `out` (L,), in place.
+    """Add `share` times the density of a bearing [rad] from (x0, y0) at positions (L, 2) to `out` (L,), in place.
 
     The density is a Gaussian of the difference wrapped to [-pi, pi), so sigma must be small against pi.
     """
@@ -133,7 +133,7 @@ def add_bearing(out: Floats, xy: Floats, x0: float, y0: float, bearing: float, v
 
 @kernel
 def densities(xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise) -> Floats:
-    """(L,) sum over the measurements of look k of share times density, for targets at (L, 2) places."""
+    """(L,) sum over the measurements of report k of share times density, for targets at (L, 2) positions."""
     out = np.zeros(xy.shape[0])
     i = scan.sensor[k]
     for m in range(scan.first[k], scan.first[k + 1]):
@@ -148,21 +148,21 @@ def densities(xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: Mea
 def factors(
     xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel, seen: Bools
 ) -> tuple[Floats, float]:
-    """Factors of look k, as in the table of the module, for targets at (L, 2) places.
+    """Factors of report k, as in the table of the module, for targets at (L, 2) positions.
 
     Args:
-        xy: (L, 2) places.
-        k: number of the look.
+        xy: (L, 2) positions.
+        k: number of the report.
         scan: the measurements.
         sensors: where sensors stand and what hides things from them.
         noise: their noise.
         model: probabilities.
-        seen: (L,) places that the sensor is assigned to.
+        seen: (L,) positions that the sensor is assigned to.
 
     Returns:
-        (L,) factors where no moving occluder hides the place, and the factor of one that a moving occluder hides.
+        (L,) factors where no moving occluder hides the position, and the factor of one that a moving occluder hides.
     """
-    # Every factor is scale N + offset, with one pair for assigned places and one for the others.
+    # Every factor is scale N + offset, with one pair for assigned positions and one for the others.
     i = scan.sensor[k]
     scale, offset, scale_else, offset_else, hidden = 0.0, 0.0, 0.0, 1.0, 1.0
     if scan.first[k] == scan.first[k + 1]:
@@ -187,7 +187,7 @@ def factors(
 
 @kernel
 def image_width(k: int, scan: PackedScan, noise: MeasurementNoise) -> float:
-    """W: range of the values of the measurements of look k, which must have one [px or rad]."""
+    """W: range of the values of the measurements of report k, which must have one [px or rad]."""
     widths = noise.width_px if scan.pixel[scan.first[k]] else noise.width
     width: float = widths[scan.sensor[k]]
     return width
@@ -197,22 +197,22 @@ def image_width(k: int, scan: PackedScan, noise: MeasurementNoise) -> float:
 def log_likelihood(
     xy: Floats, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel, free: Bools
 ) -> Floats:
-    """(L,) log-likelihoods of a scan for targets at (L, 2) places; -inf where it is impossible.
+    """(L,) log-likelihoods of a scan for targets at (L, 2) positions; -inf where it is impossible.
 
     Nothing is known about moving occluders; with priors of them: `occlog.filtering.likelihood.directions`.
 
     Args:
-        xy: (L, 2) places.
+        xy: (L, 2) positions.
         scan: the measurements.
         sensors: where sensors stand and what hides things from them.
         noise: their noise.
         model: probabilities.
-        free: (L,) places where a target can be; -inf elsewhere.
+        free: (L,) positions where a target can be; -inf elsewhere.
     """
     L = xy.shape[0]
     total, product = np.zeros(L), np.ones(L)
     for k in range(scan.sensor.shape[0]):
-        # Assign ([Ercan] Sec. 4.3), then multiply: looks are independent given the place (Eq. 6)
+        # Assign ([Ercan] Sec. 4.3), then multiply: reports are independent given the position (Eq. 6)
         seen = seen_from(xy, scan.sensor[k], sensors)
         factor, _ = factors(xy, k, scan, sensors, noise, model, seen)
         multiply_into(product, total, factor)
@@ -238,11 +238,11 @@ def multiply_into(product: Floats, total: Floats, factor: Floats) -> None:
 def likely_inliers(
     xy: Floats, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel
 ) -> Bools:
-    """(n,) bool: looks with a measurement that is more likely the target's than false or another target's.
+    """(n,) bool: reports with a measurement that is more likely the target's than false or another target's.
 
     Args:
         xy: (1, 2) where the target is thought to be.
-        scan: n looks.
+        scan: n reports.
         sensors: where sensors stand and what hides things from them.
         noise: their noise.
         model: probabilities; one without false reports gets a limit all the same, near 5 sigma.
@@ -271,7 +271,7 @@ class Occlusion(NamedTuple):
         floor: least probability that counts, 0 to 1.
         far: standard deviations at which a normal prior counts as over.
         temper: exponent of P_i and of 1 - P_i, INDEPENDENT only.  The errors of a prior last for many scans, in which
-            the same evidence would be counted anew; with an exponent below 1 it counts as often as it is new.
+            the same evidence would be counted again; with an exponent below 1 it counts as often as it is new.
     """
 
     probability: int
@@ -294,15 +294,15 @@ def log_likelihood_among(
     priors: Priors,
     occlusion: Occlusion,
 ) -> Floats:
-    """(L,) log-likelihoods of a scan for targets at (L, 2) places; -inf where it is impossible.
+    """(L,) log-likelihoods of a scan for targets at (L, 2) positions; -inf where it is impossible.
 
     Args:
-        xy: (L, 2) places.
+        xy: (L, 2) positions.
         scan: the measurements.
         sensors: where sensors stand and what hides things from them.
         noise: their noise.
         model: probabilities.
-        free: (L,) places where a target can be; -inf elsewhere.
+        free: (L,) positions where a target can be; -inf elsewhere.
         priors: of the moving occluders.
         occlusion: how they count.
     """
@@ -338,7 +338,7 @@ def _independent(
     priors: Priors,
     occlusion: Occlusion,
 ) -> Floats:
-    """`log_likelihood_among` with cameras that count as independent of each other given the place."""
+    """`log_likelihood_among` with cameras that count as independent of each other given the position."""
     L = xy.shape[0]
     total, product = np.zeros(L), np.ones(L)
     grid = make_grid(xy, free, priors, occlusion.far)
@@ -347,7 +347,7 @@ def _independent(
         seen = seen_from(xy, i, sensors)
         factor, hidden = factors(xy, k, scan, sensors, noise, model, seen)
         if sensors.cos2[i] >= 0.0:  # a camera: people do not hide sounds from arrays
-            # P_i at the places that the camera is assigned to, then P_i a_i + (1 - P_i) b_i
+            # P_i at the positions that the camera is assigned to, then P_i a_i + (1 - P_i) b_i
             rows = np.flatnonzero(seen & free)
             x0, y0 = sensors.xy[i, 0], sensors.xy[i, 1]
             share = unhidden_over(grid, xy, rows, x0, y0, priors, occlusion.form, occlusion.far)
@@ -369,9 +369,9 @@ def _split_by_occlusion(
     """Split a scan into what moving occluders cannot hide and what they can.
 
     Returns:
-        (L,) log-likelihoods of arrays, and of cameras that are not assigned to a place.
-        (n, L) a and (n,) b of all looks.
-        (n, L) whether a look's camera is assigned to a place, so that its factor is not in the first.
+        (L,) log-likelihoods of arrays, and of cameras that are not assigned to a position.
+        (n, L) a and (n,) b of all reports.
+        (n, L) mask: a report's camera is assigned to a position, so that its factor is not in the first.
     """
     n, L = scan.sensor.shape[0], xy.shape[0]
     total, product = np.zeros(L), np.ones(L)

@@ -1,6 +1,6 @@
 """Measurements of distances: ranges, signal strengths, and differences of ranges; as arrays, with their likelihood.
 
-Each measurement has a mean m(x) at a place x on the ground and Gaussian noise of a standard deviation that does
+Each measurement has a mean m(x) at a position x on the ground and Gaussian noise of a standard deviation that does
 not depend on x:
 
     range       z = |x - p|                              [length]
@@ -65,7 +65,7 @@ class DistanceErrors(NamedTuple):
         return bool(self.late.any() or self.early.any())
 
     def widened(self, variance: Floats) -> DistanceErrors:
-        """Of residuals divided by the root of a variance (..., m), which the place adds to that of the noise."""
+        """Of residuals divided by the root of a variance (..., m), which the position adds to that of the noise."""
         return self._replace(rate=self.rate * np.sqrt(variance))
 
 
@@ -89,7 +89,7 @@ def log_density(u: Floats, errors: DistanceErrors, variance: Floats | float = 1.
     Args:
         u: (..., m) residuals in standard deviations.
         errors: of the m measurements.
-        variance: (..., m) of the Gaussian part, in units of that of the noise, where the place is uncertain besides.
+        variance: (..., m) of the Gaussian part, in units of that of the noise, where the position is uncertain also.
     """
     false = -0.5 * errors.bend**2
     gauss = -0.5 * u**2 / variance - 0.5 * np.log(variance)
@@ -112,7 +112,7 @@ def score_and_information(u: Floats, errors: DistanceErrors) -> ScoreAndInformat
     """What residuals (..., m) do to an estimate.
 
     The curvature is the expectation of those of the parts (direct, late, false), which is not below 0; what not
-    knowing which part it is takes away is left out, as usual in iteratively reweighted least squares.
+    knowing which part it is takes away is omitted, as usual in iteratively reweighted least squares.
     """
     own = inlier_probability(u, errors)
     if not errors.tailed:
@@ -131,7 +131,7 @@ def _log_direct(errors: DistanceErrors) -> Floats:
 
 
 def _tails(u: Floats, errors: DistanceErrors, variance: Floats | float) -> tuple[Floats, Floats]:
-    """Logs of sqrt(2 pi) times the parts of late and of early signals; -inf where there are none."""
+    """Logs of sqrt(2 pi) times the parts of late and of early signals; -inf where missing."""
     with np.errstate(divide="ignore"):
         late, early = np.log(errors.late), np.log(errors.early)
     return late + _log_tail(u, errors.rate, variance), early + _log_tail(-u, errors.rate, variance)
@@ -155,7 +155,7 @@ def _tail_pull(u: Floats, rate: Floats) -> tuple[Floats, Floats]:
 RANGE, LOGARITHM, DIFFERENCE = 0, 1, 2
 """Kinds of measurements."""
 NEAREST = 1e-9
-"""Squares of distances are not below this, so that a place at a station gives finite numbers."""
+"""Squares of distances are not below this, so that a position at a station gives finite numbers."""
 
 
 class RangeMeasurements(NamedTuple):
@@ -198,7 +198,7 @@ COLUMNS = 8
 
 
 class LinearisedDistances(NamedTuple):
-    """What m measurements leave at L places, in standard deviations."""
+    """What m measurements leave at L positions, in standard deviations."""
 
     residual: Floats  # (L, m) r
     gradient: Floats  # (L, m, 2) of m(x) / sigma
@@ -217,34 +217,34 @@ def no_measurements(bend: float, late: float = 0.0, detour: float = math.nan) ->
 
 
 def linearise(rows: RangeMeasurements, xy: Floats) -> LinearisedDistances:
-    """Residuals and gradients of measurements at (L, 2) places."""
+    """Residuals and gradients of measurements at (L, 2) positions."""
     return LinearisedDistances(*_residual(rows, xy[:, None, :]))
 
 
 def residuals(rows: RangeMeasurements, xy: Floats) -> Floats:
-    """(L, m) residuals in standard deviations at (L, 2) places."""
+    """(L, m) residuals in standard deviations at (L, 2) positions."""
     return linearise(rows, xy).residual
 
 
 def log_likelihood(rows: RangeMeasurements, xy: Floats) -> Floats:
-    """(L,) log of the product of f(r) / sigma at (L, 2) places."""
+    """(L,) log of the product of f(r) / sigma at (L, 2) positions."""
     each = log_density(residuals(rows, xy), rows.errors) - LOG_ROOT_2PI - np.log(rows.sigma)
     return np.asarray(each.sum(axis=1))
 
 
 def residuals_at_own_position(rows: RangeMeasurements, xy: Floats) -> tuple[Floats, Floats]:
-    """Residuals (m,) of measurements, each at its own place (m, 2), and gradients (m, 2), as `linearise` has them."""
+    """Residuals (m,) of measurements, each at its own position (m, 2), and gradients (m, 2); see `linearise`."""
     return _residual(rows, xy)
 
 
 def information(rows: RangeMeasurements, xy: Floats) -> Floats:
-    """(m, 2, 2) Fisher information of each measurement about its own true place (m, 2), if it is true."""
+    """(m, 2, 2) Fisher information of each measurement about its own true position (m, 2), if it is true."""
     gradient = residuals_at_own_position(rows, xy)[1]
     return np.asarray(gradient[:, :, None] * gradient[:, None, :])
 
 
 def _residual(rows: RangeMeasurements, xy: Floats) -> tuple[Floats, Floats]:
-    """Residuals (..., m) of measurements at places (..., m or 1, 2), and gradients (..., m, 2), over the deviations."""
+    """Normalised residuals (..., m) of measurements at positions (..., m or 1, 2), and gradients (..., m, 2)."""
     kinds = np.unique(rows.kind).tolist()
     if len(kinds) == 1:
         mean, gradient = MODELS[kinds[0]].predict(xy, rows.geometry)
@@ -280,7 +280,7 @@ def _difference(xy: Floats, at: StationPositions) -> tuple[Floats, Floats]:
 
 
 def _distance(xy: Floats, place: Floats, rise2: Floats) -> tuple[Floats, Floats]:
-    """Distances (..., m) of places from m stations, and their gradients (..., m, 2)."""
+    """Distances (..., m) of positions from m stations, and their gradients (..., m, 2)."""
     away = xy - place
     distance = np.sqrt(np.maximum(away[..., 0] ** 2 + away[..., 1] ** 2 + rise2, NEAREST))
     return distance, away / distance[..., None]
@@ -298,4 +298,4 @@ DELAYED = np.array([model.delayed for model in MODELS])
 COMPILED = np.array([model.compiled for model in MODELS])
 """Fields of them, by kind."""
 PLAIN = {model.column: kind for kind, model in enumerate(MODELS) if model.column is not None}
-"""Kinds of columns whose values are taken as they stand."""
+"""Kinds of columns with values used unchanged."""

@@ -1,4 +1,4 @@
-"""What sensors measure of a place: readings ([Ercan] Eq. 1) and bearings, their derivatives and variances (Eq. 2).
+"""What sensors measure of a position: readings ([Ercan] Eq. 1) and bearings, their derivatives and variances (Eq. 2).
 
 What a measurement model is: the predicted value of a station's measurement as a function of a target's position.
 """
@@ -48,14 +48,14 @@ def rows_of(looks: PackedScan) -> LinearisedRows:
 
 
 def offsets(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tuple[Floats, Floats]:
-    """(..., R) offsets h across and d along each sensor's axis, of (..., 2) places."""
+    """(..., R) offsets h across and d along each sensor's axis, of (..., 2) positions."""
     away = xy[..., None, :] - world.sensors.xy[rows.sensor]
     c, s = world.sensors.axis[rows.sensor].T
     return c * away[..., 1] - s * away[..., 0], c * away[..., 0] + s * away[..., 1]
 
 
 def measured(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tuple[Floats, Bools]:
-    """(L, R) what the sensors would measure of (L, 2) places without noise, and where they could: z wants d > 0."""
+    """(L, R) what the sensors would measure of (L, 2) positions without noise, and where they could: z wants d > 0."""
     h, d = offsets(xy, rows, world)
     ahead = ~rows.pixel | (d > np.maximum(MIN_DEPTH_RATIO * np.abs(h), MIN_DEPTH))
     ratio = world.noise.focal_px[rows.sensor] * h / np.where(ahead & rows.pixel, d, 1.0)
@@ -65,7 +65,7 @@ def measured(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tuple
 
 
 def azimuths(rows: LinearisedRows, world: MeasurementWorld) -> Floats:
-    """(R,) azimuths of the sight lines [rad]."""
+    """(R,) azimuths of the lines of sight [rad]."""
     yaw = np.arctan2(world.sensors.axis[rows.sensor, 1], world.sensors.axis[rows.sensor, 0])
     f = np.where(rows.pixel, world.noise.focal_px[rows.sensor], 1.0)
     return np.where(rows.pixel, yaw + np.arctan2(rows.value, f), rows.value)
@@ -78,7 +78,7 @@ def residuals(expected: Floats, rows: LinearisedRows) -> Floats:
 
 
 def linearised(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tuple[Floats, Floats]:
-    """(..., R, 2) derivatives of what sensors measure by (..., 2) places, (..., R) variances there ([Ercan] Eq. 2).
+    """(..., R, 2) derivatives of what sensors measure by (..., 2) positions, (..., R) variances there ([Ercan] Eq. 2).
 
     Readings want d > 0.
     """
@@ -101,7 +101,7 @@ def linearised(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tup
 
 
 def visible(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Bools:
-    """(L, R) whether each sensor can see (L, 2) places: on the floor, in view, not behind a wall or static occluder."""
+    """(L, R) visibility of (L, 2) positions from sensors: on the floor, in view, not behind walls or occluders."""
     xy = np.ascontiguousarray(xy)
     free = on_floor(xy, world.floor.room, world.floor.walls, world.floor.starts)
     columns = [free & seen_from(xy, int(i), world.sensors) for i in rows.sensor]

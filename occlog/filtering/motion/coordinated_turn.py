@@ -33,7 +33,7 @@ def acceleration_root(density: float, dt: float) -> Floats:
     """(2, 2) lower root of the noise that white acceleration gathers in a step, for one axis.
 
     Args:
-        density: variance of the velocity gathered in a second [length^2/s^3], >= 0.
+        density: variance of the velocity accumulated over 1 s [length^2/s^3], >= 0.
         dt: length of the step [s], >= 0.
 
     Returns:

@@ -19,7 +19,7 @@ import numpy as np
 from occlog.array_types import Floats
 
 SMALL = 1e-2
-"""Below this time over tau the variance of the place is summed as a series: its closed form loses its digits."""
+"""Below this time over tau the variance of the position is summed as a series: its closed form loses its digits."""
 
 
 class OrnsteinUhlenbeck(NamedTuple):
@@ -27,7 +27,7 @@ class OrnsteinUhlenbeck(NamedTuple):
 
     speed: float  # usual speed [length/s], > 0
     turn_s: float  # tau, mean time between changes of direction [s], > 0
-    sigma_v: float  # white noise of the position per axis, gathered in a second [length]
+    sigma_v: float  # white noise of the position per axis, accumulated over 1 s [length]
 
     @property
     def velocity_variance(self) -> float:

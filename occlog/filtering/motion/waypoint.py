@@ -6,7 +6,7 @@ The paper's step has length 1; here it lasts T, the reference step, and lengths 
 speeds are per second:
 
 * noise: variance sigma^2 dt per axis, so that sigma is what gathers in a second;
-* regimes: drawn anew with probability n = dt / T, else the last one goes on (after CD:
+* regimes: resampled with probability n = dt / T, else the last one goes on (after CD:
   MTD).  A particle so decides once a reference step on average, waits for a reference
   step on average, and changes its destination lambda times a reference step;
 * speed: s' = (1 - phi) s + phi |s T e + v| / T with e the direction and v the noise of
@@ -22,14 +22,14 @@ occluder or out of the room decides as if it had reached its destination; the pa
 own objects do that (Sec. 6).  Noise is added that the paper has not, all of it 0 in its model:
 
 * of the velocity (`sigma_velocity`): white acceleration, by which speed and direction change.  People turn and hurry
-  more than they jump aside, so that their places need little noise beside it;
-* of the place while waiting (`sigma_waiting`): who stands is never quite still, and particles that never
-  move become copies of one place.
+  more than they jump aside, so that their positions need little additional noise;
+* of the position while waiting (`sigma_waiting`): who stands is never quite still, and particles that never
+  move become copies of one position.
 
 The paper's targets wait for a reference step on average.  With `wait_s` above 0 they *stand*: for `wait_s` on
 average, then they go on to a new destination with the speed that they had.  One that stands creeps with a
 velocity of its own, which begins as N(0, sigma_creep^2 s I) and has the noise `sigma_creep`; its destination is the
-place where it would creep in `WAITING_DESTINATION_S`.  The place of one that creeps is smooth, so that a filter
+position where it would creep in `WAITING_DESTINATION_S`.  The position of one that creeps is smooth, so that a filter
 averages over longer the longer the target stands.
 """
 
@@ -67,16 +67,16 @@ class WaypointModel(NamedTuple):
     """Parameters of the model; the probabilities are those of a reference step."""
 
     reference_s: float  # T, the reference step
-    sigma: float  # noise per axis gathered in a second
+    sigma: float  # noise per axis accumulated over 1 s
     phi: float  # share of the last step in the speed, 0 to 1
     towards: float  # beta_1: of MTD
     change: float  # lambda_1: of CD; the rest waits
     towards_reached: float  # beta_2: of MTD once the destination is reached
     change_reached: float  # lambda_2: of CD once the destination is reached
-    sigma_velocity: float = 0.0  # noise of the velocity per axis gathered in a second
-    sigma_waiting: float = 0.0  # noise per axis gathered in a second by one that waits
+    sigma_velocity: float = 0.0  # noise of the velocity per axis accumulated over 1 s
+    sigma_waiting: float = 0.0  # noise per axis accumulated over 1 s by one that waits
     wait_s: float = 0.0  # how long one that stands waits on average; 0: waiting is the paper's
-    sigma_creep: float = 0.0  # noise of the velocity per axis gathered in a second by one that stands
+    sigma_creep: float = 0.0  # noise of the velocity per axis accumulated over 1 s by one that stands
 
 
 @kernel
@@ -152,9 +152,9 @@ def choose_regimes(particles: WaypointParticles, arrived: Bools, dt: float, moti
 
 @kernel
 def gather(dt: float, motion: WaypointModel) -> tuple[float, float, float]:
-    """What noise does in a step that moves: variance of the place per axis, gain of the velocity, variance left of it.
+    """Process noise of a step: variance of the position per axis, gain and remaining variance of the velocity.
 
-    Noise of the velocity is that of white acceleration: given the place x', the velocity is at
+    Noise of the velocity is that of white acceleration: given the position x', the velocity is at
     c + gain (x' - x - c dt), c being that before, with the variance that is left, per axis.  Without it the gain is
     that of the speed in Eq. 5.
 
@@ -178,7 +178,7 @@ def stands(regime: int, motion: WaypointModel) -> bool:
 
 @kernel
 def waiting_noise(dt: float, motion: WaypointModel, stood: bool) -> tuple[float, float, float]:
-    """What noise does in a step of one that waits: variance of the place, gain of the velocity, variance left of it.
+    """What noise does in a step of one that waits: variance of the position, gain of the velocity, variance left of it.
 
     They mean the same as those of `gather`.  One that has just stopped creeps with a velocity of
     N(0, sigma_creep^2 s) per axis; the velocity of one that stood in the step before, too, has white noise.
@@ -235,8 +235,8 @@ def hypotheses(
 
     Returns:
         (3, L) probabilities, in the order of the regimes' numbers.
-        (3, L, 2) expected places.
-        (3, L) variances of the places per axis, above 0.
+        (3, L, 2) expected positions.
+        (3, L) variances of the positions per axis, above 0.
     """
     L = particles.speed.shape[0]
     prior, mean, variance = np.empty((3, L)), np.empty((3, L, 2)), np.empty((3, L))
@@ -273,7 +273,7 @@ def move(
         particles: L states.
         regime: (L,) from `choose_regimes`.
         destinations: (K, 2) new destinations, K the number of particles that change theirs, in their order.
-        noise: (L, 4) standard normal: of the place, and of the velocity given the place.
+        noise: (L, 4) standard normal: of the position, and of the velocity given the position.
         dt: length of the step [s], up to the reference step.
         motion: parameters.
     """
@@ -325,7 +325,7 @@ def arrive(
         destinations: (L, 2) new destinations of those that change theirs.
         mean: (L, 2) where each was expected.
         xy: (L, 2) where each is.
-        noise: (L, 2) standard normal, of the velocity given the place.
+        noise: (L, 2) standard normal, of the velocity given the position.
         dt: length of the step [s], up to the reference step.
         motion: parameters.
     """
@@ -334,7 +334,7 @@ def arrive(
     spread = math.sqrt(left)
     for i in range(speed.shape[0]):
         if regime[i] == WAIT:
-            # W: the velocity with which one that stands creeps, given the place
+            # W: the velocity with which one that stands creeps, given the position
             if stands(WAIT, motion):
                 stood = particles.regime[i] == WAIT
                 _, pull, rest = waiting_noise(dt, motion, stood)
@@ -353,7 +353,7 @@ def arrive(
         s, vx, vy = speed[i], xy[i, 0] - mean[i, 0], xy[i, 1] - mean[i, 1]
         # Speed: s' = (1 - phi) s + phi |step|
         speed[i] = (1.0 - motion.phi) * s + motion.phi * math.hypot(s * T * ex + vx, s * T * ey + vy) / T
-        # White acceleration: the velocity given the place; the destination turns with it about the particle
+        # White acceleration: the velocity given the position; the destination turns with it about the particle
         if motion.sigma_velocity > 0.0 and distance > 0.0:
             cx = speed[i] * ex + gain * vx + spread * noise[i, 0]
             cy = speed[i] * ey + gain * vy + spread * noise[i, 1]
@@ -366,7 +366,7 @@ def arrive(
 
 @kernel
 def headings(particles: WaypointParticles, motion: WaypointModel) -> Floats:
-    """(L, 5) place, speed towards the destination along x and y, and speed; also of particles that wait.
+    """(L, 5) position, speed towards the destination along x and y, and speed; also of particles that wait.
 
     Of one that stands, columns 2 and 3 are the velocity with which it creeps.
     """
@@ -400,7 +400,7 @@ def velocities(particles: WaypointParticles) -> Floats:
 def start_particles(
     xy: Floats, floor: Floor, speed: float, speed_spread: float, rng: np.random.Generator
 ) -> WaypointParticles:
-    """Particles at (L, 2) places with random destinations and speeds |N(speed, speed_spread^2)|."""
+    """Particles at (L, 2) positions with random destinations and speeds |N(speed, speed_spread^2)|."""
     speeds = np.abs(speed + speed_spread * rng.standard_normal(len(xy)))
     return WaypointParticles(xy, sample_floor(len(xy), floor, rng), speeds, np.zeros(len(xy), dtype=np.int64))
 

@@ -5,7 +5,7 @@ A known acceleration is an input; the print's Eq. 2.15 divides by the velocity i
 
 Kalman filters of objects that walk with nearly constant velocity, many at once.
 
-The state of an object is its place and its velocity.  Over a time dt the velocity is
+The state of an object is its position and its velocity.  Over a time dt the velocity is
 disturbed, in each axis and independently, with
 
     Q = q^2 [dt^3/4  dt^2/2]
@@ -59,7 +59,7 @@ def moved(
         motion: see `AccelerationModel`.
         dt: [s].
         rng: draws the noise; nothing is drawn where the density is 0 on all axes.
-        jump: (2d,) known change besides; see `known_jump`.
+        jump: (2d,) known change also; see `known_jump`.
     """
     d = len(cloud) // 2
     known = known_jump(motion.acceleration, dt) + (0.0 if jump is None else jump)
@@ -140,7 +140,7 @@ def _turn(out: Floats, before: Floats, lateral: float, i: int, j: int, dt: float
 
 
 def turn_jump(velocity: Floats, lateral: float, dt: float) -> Floats:
-    """(4,) change of (a, b, va, vb) by a turn of one known velocity (2,), besides that of constant velocity."""
+    """(4,) change of (a, b, va, vb) by a turn of one known velocity (2,), also that of constant velocity."""
     out, before = np.zeros((4, 1)), np.concatenate([np.zeros(2), velocity])[:, None]
     _turn(out, before, lateral, 0, 1, dt)
     return out[:, 0]
@@ -160,7 +160,7 @@ def initiate(xy: Floats, noise: Floats, speed: float) -> Walkers:
     """Start objects at their first measurement, with an unknown velocity.
 
     Args:
-        xy: (M, 2) measured places.
+        xy: (M, 2) measured positions.
         noise: (M, 2, 2) covariances of the measurements.
         speed: standard deviation of the velocity, per axis.
     """
@@ -190,13 +190,13 @@ def predict(walkers: Walkers, dt: Floats | float, q: float) -> Walkers:
 
 
 def update(walkers: Walkers, xy: Floats, noise: Floats) -> Walkers:
-    """Update the objects by measurements of their places.
+    """Update the objects by measurements of their positions.
 
     The covariances are formed as products that stay positive semi-definite.
 
     Args:
         walkers: M objects.
-        xy: (M, 2) measured places.
+        xy: (M, 2) measured positions.
         noise: (M, 2, 2) covariances of the measurements, positive definite.
     """
     # Gains of position and velocity: K = P H^T (H P H^T + R)^-1

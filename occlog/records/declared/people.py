@@ -1,8 +1,8 @@
-"""The tables of trackers of everybody at once: people on the floor, what speaks for them, what happened to them.
+"""Tables of multi-person trackers: tracks on the ground plane, associated boxes, events.
 
 Conventions: see `tables`.
 
-The tables of how people look from several sides, and of whom that tells apart ([Lee] Sec. 5.2.1).
+Tables of appearance from several viewing angles, and of the people it distinguishes ([Lee] Sec. 5.2.1).
 
 Conventions: see `tables`.
 """
@@ -25,9 +25,10 @@ from .views import ViewTracks
 KINDS = ("birth", "death", "doubt", "named")
 """`kind` of an event."""
 BOX, GROUND = "box", "floor"
-"""`mode` of a row of everybody in the images: the camera has a box of the person, or the place on the floor alone."""
+"""`mode` of a row of all people in the images: the camera has a box of the person, or the position on the floor
+alone."""
 COASTING, SINGLE_VIEW, POSSIBLE_SWITCH, INCONSISTENT_VIEWS = "unseen", "one-view", "exchange", "contradiction"
-"""Words of the column `doubt`, in the order in which they stand there."""
+"""Words of the column `doubt`, in the order of the column."""
 
 
 def words_of(mask: Bools, words: Sequence[str]) -> Strings:
@@ -47,7 +48,7 @@ def has_word(texts: Strings, word: str) -> Bools:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PeopleTracks(Tracks):
-    """Everybody on the floor; every command reads them as `Tracks`."""
+    """Tracks of all people on the ground plane; every command reads them as `Tracks`."""
 
     existence: Floats = column("f8", "1", "probability that the person is there", nan="not known", optional=True)
     height: Floats = column("f8", "m", "of the person", nan="not known", optional=True)
@@ -60,9 +61,9 @@ class PeopleTracks(Tracks):
     doubt: Strings = column(
         "U",
         "1",
-        "why the row is not to be believed, separated by commas; empty: no reason was found. `unseen` (no camera has a "
-        "box of the person at this time: the place is predicted), `one-view` (one camera alone has), `exchange` (the "
-        "person may have taken another one's identity at this time; `events` says whose)",
+        "why the row is not reliable, separated by commas; empty: no reason was found. `unseen` (no camera has a "
+        "box of the person at this time: the position is predicted), `one-view` (one camera alone), `exchange` (the "
+        "possible identity switch at this time; `events` has the other identity)",
         optional=True,
     )
 
@@ -71,7 +72,7 @@ class PeopleTracks(Tracks):
 class JoinedTracks(PeopleTracks):
     """Tracks of several groups of cameras brought together; every command reads them as `Tracks`.
 
-    `doubt` has `contradiction` besides, where two groups have the person in places that do not agree at this time.
+    `doubt` has `contradiction` also, where two groups have the person in places that do not agree at this time.
     """
 
     made_of: Strings = column(
@@ -81,16 +82,17 @@ class JoinedTracks(PeopleTracks):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PeopleViews(ViewTracks):
-    """Everybody in every image, hidden people too; every command reads them as `ViewTracks`.
+    """All tracks projected into every image, including occluded ones; every command reads them as `ViewTracks`.
 
     `mode` is `box` where the camera has a box of the person: the ellipse is inscribed in the mean of it and of the box
-    that the place on the floor lets expect, weighted by the visibility.  It is `floor` where there is the latter alone.
+    that the position on the floor lets expect, weighted by the visibility.  It is `floor` where there is the latter
+    alone.
     """
 
     visibility: Floats = column(
         "f8",
         "1",
-        "probability that the person is visible, and not hidden by others or by what stands there",
+        "probability that the person is visible, not occluded by other people or static occluders",
         nan="not known",
         optional=True,
     )
@@ -98,9 +100,10 @@ class PeopleViews(ViewTracks):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Support(ColumnTable):
-    """Which box of which camera speaks for which row of `tracks`, and how probably.
+    """Detection-to-track associations with probabilities.
 
-    A box may be of one of several people; its probabilities sum to at most 1, and what is left is that of nobody.
+    A box may be of one of several people; its probabilities sum to at most 1, and the rest is the probability of
+    clutter.
     """
 
     NAME: ClassVar[str] = "support"
@@ -123,7 +126,7 @@ class Support(ColumnTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Events(ColumnTable):
-    """What happened to the identities of a tracker of everybody."""
+    """Track initiation, termination, possible identity switches and re-identification of a multi-person tracker."""
 
     NAME: ClassVar[str] = "events"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
@@ -176,7 +179,7 @@ DECISIONS = (SAME, OTHER, SUSPENDED)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gallery(ColumnTable):
-    """How people look from several sides: a density of colours for each target and each viewing angle it was seen at.
+    """Appearance gallery: a density of colours for each target and each viewing angle at which it was seen.
 
     All rows have the same number of bins and of angles, so that any two can be compared.
     """

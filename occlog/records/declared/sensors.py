@@ -1,6 +1,6 @@
 """The tables of what sensors saw, heard and read, true boxes included.  Conventions: see `tables`.
 
-The table of what stations measure of a target beside directions: ranges, signal strengths, time differences.
+The table of measurements of stations other than directions: ranges, signal strengths, time differences.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ UNLABELLED = -1
 
 
 MIN_SIGMA_RAD = 1e-15
-"""Smallest standard deviation of an angle: an angle of 1 rad is not told to less than this."""
+"""Smallest standard deviation of an angle: the resolution of an angle of 1 rad."""
 MIN_SIGMA_PX = 1e-9
 """Smallest standard deviation of a reading in an image."""
 MAX_FRAMES = 10**9
 """Frames that a camera can have: a year at 30 a second."""
 MAX_EDGE_PX = 1e6
-"""How far boxes may reach [px]: ten times the largest image, for what lies beside it."""
+"""How far boxes may reach [px]: ten times the largest image, for boxes outside of it."""
 
 
 def check_frames(frame: Ints, name: str) -> None:
@@ -50,7 +50,7 @@ def check_edges(edges: Sequence[Floats], name: str) -> None:
 
 
 def check_ids(ids: Ints32, column: str, name: str) -> None:
-    """InputError for an identity below -1, which stands for none."""
+    """InputError for an identity below -1, which represents none."""
     if (wrong := ids < -1).any():
         row = first_row(wrong)
         raise InputError(f"{name}: row {row}: {column} {ids[row]} must be at least -1")
@@ -58,7 +58,7 @@ def check_ids(ids: Ints32, column: str, name: str) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bearings(ColumnTable):
-    """What each sensor says about the direction of a target.
+    """Bearings of targets from each sensor.
 
     A camera that delivered a frame but did not see the target has a row with
     `seen` false: that is information.  A camera without a frame has no row.
@@ -75,7 +75,9 @@ class Bearings(ColumnTable):
     sensor: Strings = column("U", "1", "name of the camera or array in the scene")
     target_id: Ints32 = column("i4", "1", "target the measurement belongs to; -1 = not assigned")
     seen: Bools = column("?", "1", "true: a measurement; false: the sensor looked and did not see the target")
-    bearing: Floats = column("f8", "rad", "azimuth of the sight line from +x towards +y, in [-pi, pi)", nan="not seen")
+    bearing: Floats = column(
+        "f8", "rad", "azimuth of the line of sight from +x towards +y, in [-pi, pi)", nan="not seen"
+    )
     sigma: Floats = column("f8", "rad", "standard deviation of the bearing, > 0", nan="not seen")
     u_px: Floats = column(
         "f8",
@@ -84,12 +86,12 @@ class Bearings(ColumnTable):
         nan="not seen, or the sensor is not a camera",
     )
     sigma_px: Floats = column("f8", "px", "standard deviation of u_px, > 0", nan="not seen, or not a camera")
-    score: Floats = column("f8", "1", "likeness to the target or confidence, 0 to 1", nan="unknown or not seen")
+    score: Floats = column("f8", "1", "similarity to the target or confidence, 0 to 1", nan="unknown or not seen")
     elevation: Floats = column(
         "f8",
         "rad",
-        "of the sight line above the horizontal plane, in [-pi/2, pi/2]",
-        nan="not seen, or the sensor tells none",
+        "of the line of sight above the horizontal plane, in [-pi/2, pi/2]",
+        nan="not seen, or the sensor measures no elevation",
         optional=True,
     )
     sigma_elevation: Floats = column(
@@ -162,7 +164,7 @@ class Views(ColumnTable):
     height_px: Floats = column("f8", "px", "height of the bounding box, > 0")
     area_px: Floats = column("f8", "px^2", "foreground pixels, or the box's area for a detector's box")
     bearing: Floats = column(
-        "f8", "rad", "azimuth of the sight line through the centre, in [-pi, pi)", nan="camera without pose"
+        "f8", "rad", "azimuth of the line of sight through the centre, in [-pi, pi)", nan="camera without pose"
     )
     sigma: Floats = column("f8", "rad", "standard deviation of the bearing, > 0", nan="camera without pose")
     u_px: Floats = column("f8", "px", "as in bearings", nan="camera without pose")
@@ -171,7 +173,7 @@ class Views(ColumnTable):
     likeness: Floats = column(
         "f8", "1", "Bhattacharyya coefficient with the target's appearance, 0 to 1", nan="no appearance"
     )
-    target_id: Ints32 = column("i4", "1", "target that the cluster was told to be; -1 = another object, or not decided")
+    target_id: Ints32 = column("i4", "1", "target assigned to the cluster; -1 = another object, or not decided")
     appearance: Floats32 = column(
         "f4",
         "1",
@@ -218,10 +220,10 @@ class Views(ColumnTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Boxes(ColumnTable):
-    """A person detector's boxes, or the true ones: what is ingested instead of, or beside, video.
+    """A person detector's boxes, or the true ones: ingested instead of, or in addition to, video.
 
     A frame without any box is one row with `box` = -1 and NaN elsewhere, so that
-    "looked, saw nobody" is kept apart from "no frame".
+    "frame without detections" is distinguished from "no frame".
     """
 
     NAME: ClassVar[str] = "boxes"
@@ -307,7 +309,7 @@ class Reads(ColumnTable):
     sensor: Strings = column("U", "1", "name of the reader in the scene")
     tag: Strings = column("U", "1", "identity that the tag sends")
     target_id: Ints32 = column("i4", "1", "target that carries the tag, >= 0")
-    rssi: Floats = column("f8", "dBm", "strength of the received signal", nan="the reader does not tell it")
+    rssi: Floats = column("f8", "dBm", "strength of the received signal", nan="the reader does not measure it")
 
     def check(self) -> None:
         """Times in order; every tag is of a target."""
@@ -327,7 +329,7 @@ DIFFERENCES = ("tdoa", "range_difference")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measurements(ColumnTable):
-    """What stations measure of targets that say who they are (radio tags, beacons, one source of sound).
+    """Measurements of targets with known identity (radio tags, beacons, one source of sound).
 
     A row has a range, a signal strength, a difference of arrival times to another station, or several of them; with a
     range it may have a bearing.
@@ -399,7 +401,7 @@ class Measurements(ColumnTable):
         if bad.any():
             row = first_row(bad)
             raise InputError(
-                f"Measurements: row {row}: a difference wants two stations; sensor is {str(self.sensor[row])!r} and "
+                f"Measurements: row {row}: a difference requires two stations; sensor is {str(self.sensor[row])!r} and "
                 f"reference {str(self.reference[row])!r}"
             )
 

@@ -66,7 +66,7 @@ class Tracks(ColumnTable):
             raise InputError(f"Tracks: row {first_row(bad)}: the covariance is not positive semi-definite")
 
     def with_covariance(self) -> Self:
-        """The tracks; InputError where a place has no covariance, so that nothing can be weighed by it."""
+        """The tracks; InputError where a position has no covariance, so that nothing can be weighed by it."""
         if (unknown := np.isnan(self.cov_xx)).any():
             raise InputError(
                 f"tracks: row {first_row(unknown)} (target {self.target_id[first_row(unknown)]}) has no covariance, "
@@ -76,12 +76,12 @@ class Tracks(ColumnTable):
 
 
 def doubt_column(reasons: str) -> Any:
-    """Declare the column of reasons why a row is not to be believed.
+    """Declare the column of reasons why a row is not reliable.
 
     Args:
         reasons: each that there is, with its meaning.
     """
-    meaning = "why the place is not to be believed, separated by commas; empty: no reason was found."
+    meaning = "why the position is not reliable, separated by commas; empty: no reason was found."
     return column("U", "1", f"{meaning} {reasons}", optional=True)
 
 
@@ -89,10 +89,10 @@ def doubt_column(reasons: str) -> Any:
 class FusedTracks(Tracks):
     """Tracks in the world from tracks in several images; every command reads them as `Tracks`."""
 
-    seen_by: Strings = column("U", "1", "views that made the place, separated by commas", optional=True)
+    seen_by: Strings = column("U", "1", "views that made the position, separated by commas", optional=True)
     doubt: Strings = doubt_column(
         "`one-view` (one view alone made it), `contradiction` (a view is more likely on something else than not, or "
-        "was left out), `exchange` (the target is likely to have taken another one's identity)"
+        "was omitted), `exchange` (the target is likely to have taken another one's identity)"
     )
 
 
@@ -101,9 +101,9 @@ class TagTracks(Tracks):
     """Tracks of tags from the reads of readers; every command reads them as `Tracks`."""
 
     read_by: Strings = column("U", "1", "readers that detected the tag, separated by commas", optional=True)
-    refined_by: Strings = column("U", "1", "cameras that refined the place, separated by commas", optional=True)
+    refined_by: Strings = column("U", "1", "cameras that refined the position, separated by commas", optional=True)
     doubt: Strings = doubt_column(
-        "`unmatched` (no place is in the range of just these readers), `restart` (no particle explained the reads), "
+        "`unmatched` (no position is in the range of just these readers), `restart` (no particle explained the reads), "
         "`depleted` (fewer than ten effective particles: the covariance says little)"
     )
 
@@ -121,9 +121,9 @@ class VirtualSensors(ColumnTable):
     area: Floats = column("f8", "m^2", "area of the region")
     x: Floats = column("f8", "m", "centroid of the region, its reference point")
     y: Floats = column("f8", "m", "centroid of the region, its reference point")
-    cov_xx: Floats = column("f8", "m^2", "covariance of a place that is even over the region")
-    cov_xy: Floats = column("f8", "m^2", "covariance of a place that is even over the region")
-    cov_yy: Floats = column("f8", "m^2", "covariance of a place that is even over the region")
+    cov_xx: Floats = column("f8", "m^2", "covariance of a position that is even over the region")
+    cov_xy: Floats = column("f8", "m^2", "covariance of a position that is even over the region")
+    cov_yy: Floats = column("f8", "m^2", "covariance of a position that is even over the region")
 
     def check(self) -> None:
         """Neither areas nor numbers of readers are below 0."""
@@ -158,14 +158,14 @@ class Diagnostics(ColumnTable):
     fallback: Strings = column(
         "U",
         "1",
-        "empty, `sir` (auxiliary stage skipped), `restart` (particles drawn anew), `gap` (the same after a long gap), "
+        "empty, `sir` (auxiliary stage skipped), `restart` (particles resampled), `gap` (the same after a long gap), "
         "`depleted` (fewer than ten effective particles: the covariance says little); "
-        "of a batch method `unobservable` (the position is hardly known), `contradiction` (constraints that no place "
-        "holds were left out, with what was seen then), `wall` (no way around a wall was found), `unfinished` (the "
-        "search did not converge) or `doubted` (fewer than half of the bearings are believed); of `fix` `pair` (two "
+        "of a batch method `unobservable` (the position is hardly known), `contradiction` (constraints no position "
+        "holds were omitted, with what was seen then), `wall` (no way around a wall was found), `unfinished` (the "
+        "search did not converge) or `doubted` (fewer than half of the bearings are accepted); of `fix` `pair` (two "
         "lines, whose spread is as stated), `stated` (the spread was not found), `ambiguous` (measurements fit several "
-        "places), `unchecked` (two measurements tell the place, and none of the others agrees) or `contested` (one "
-        "that is believed may be false: another place is possible, or they scatter too much); of `ekf`, `ukf` and "
+        "positions), `unchecked` (two measurements fix it, and none of the others agrees) or `contested` (one "
+        "that is accepted may be false: another position is possible, or they scatter too much); of `ekf`, `ukf` and "
         "`iekf` `widened` (most bearings disagreed with the prediction, which was made wider), `discarded` (no sigma "
         "point was left) or `stuck` (the search ended where cameras cannot see)",
     )
@@ -176,23 +176,23 @@ class Diagnostics(ColumnTable):
         "f8",
         "m^2",
         "mean square error expected of the cameras selected since the last row",
-        nan="none was selected anew",
+        nan="no selection",
     )
     seen_by: Strings = column(
         "U",
         "1",
-        "sensors that saw the target, separated by commas; empty: none, or the method does not say which",
+        "sensors that saw the target, separated by commas; empty: none, or the method does not report them",
         optional=True,
     )
     doubt: Strings = column(
         "U",
         "1",
-        "why the estimate is not to be believed, separated by commas; empty: no reason was found. `edge` (the target "
+        "why the estimate is not reliable, separated by commas; empty: no reason was found. `edge` (the target "
         "may be at the edge of the region that was guessed for a scene without a room), `one-sensor` (one sensor "
-        "alone saw the target for long, which says nothing of its distance), `out-of-view` (half or more of the "
-        "sensors that are said to see the target have it outside of their field of view or range), `sensor-disagrees` "
+        "alone saw the target for long, which leaves its distance unknown), `out-of-view` (half or more of the "
+        "sensors that report the target have it outside of their field of view or range), `sensor-disagrees` "
         "(two thirds or more of what one sensor measured of the target in the last second, five bearings at least, are "
-        "not believed)",
+        "rejected)",
         optional=True,
     )
 
@@ -203,7 +203,7 @@ class Diagnostics(ColumnTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Particles(ColumnTable):
-    """Where a particle filter thinks that each target is: weighted places at each time."""
+    """Particles of each target: weighted positions at each time."""
 
     NAME: ClassVar[str] = "particles"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id", "particle")
@@ -225,7 +225,7 @@ class Particles(ColumnTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Residuals(ColumnTable):
-    """How each bearing that was used agrees with the estimate, and whether it is believed."""
+    """How each bearing that was used agrees with the estimate, and whether it is accepted."""
 
     NAME: ClassVar[str] = "residuals"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id", "sensor")
@@ -377,7 +377,7 @@ class Cooperation(ColumnTable):
         "U",
         "1",
         "what made it ask: `periodic`, `count`, `bearing`, `ellipse`, `spread`, several separated by commas; "
-        "`shared`: nobody asked, but frames that were looked at show it",
+        "`shared`: not requested, but observed frames show it",
     )
     cameras: Strings = column("U", "1", "cameras that were asked, separated by commas")
     frames: Ints32 = column("i4", "1", "frames that were asked for, answered or not; 0: counted in another row")
@@ -389,7 +389,7 @@ class Cooperation(ColumnTable):
     cov_yy: Floats = column("f8", "m^2", "position covariance", nan="not answered")
 
     def check(self) -> None:
-        """Times in order, a place where and only where there was an answer."""
+        """Times in order, a position where and only where there was an answer."""
         check_order(self)
         if (wrong := self.answered != (np.isfinite(self.x) & np.isfinite(self.y))).any():
             row = first_row(wrong)

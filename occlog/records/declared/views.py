@@ -89,7 +89,7 @@ class ViewTracks(ColumnTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Failures(ColumnTable):
-    """Each failure of a tracker that has a target of its own, by frame and view ([Qu] Eq. 9)."""
+    """Failures of single-target trackers, by frame and view ([Qu] Eq. 9)."""
 
     NAME: ClassVar[str] = "failures"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "target_id")
@@ -107,7 +107,7 @@ class Failures(ColumnTable):
         "f8",
         "1",
         "visible share of the target: of the one without a tracker, or the one that a tracker left",
-        nan="the truth does not tell",
+        nan="unknown in the truth",
     )
 
     def check(self) -> None:

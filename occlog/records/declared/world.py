@@ -1,6 +1,6 @@
-"""The tables of what is where: the truth, and priors of what hides the targets.  Conventions: see `tables`.
+"""Tables of positions: the truth, and priors of occluders.  Conventions: see `tables`.
 
-The table of what is expected of sensors that are planned.  Conventions: see `tables`.
+Table of the expected performance of planned sensors.  Conventions: see `tables`.
 
 The table of a robot's path.  Conventions: see `tables`.
 
@@ -35,12 +35,12 @@ class Occluders(ColumnTable):
     ONCE: ClassVar[bool] = True
 
     t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
-    occluder_id: Ints32 = column("i4", "1", "number of the occluder; -1 = there is none at that time")
-    x: Floats = column("f8", "m", "mean position", nan="there is none")
-    y: Floats = column("f8", "m", "mean position", nan="there is none")
-    cov_xx: Floats = column("f8", "m^2", "position covariance", nan="there is none")
-    cov_xy: Floats = column("f8", "m^2", "position covariance", nan="there is none")
-    cov_yy: Floats = column("f8", "m^2", "position covariance", nan="there is none")
+    occluder_id: Ints32 = column("i4", "1", "number of the occluder; -1 = no occluder at that time")
+    x: Floats = column("f8", "m", "mean position", nan="no occluder")
+    y: Floats = column("f8", "m", "mean position", nan="no occluder")
+    cov_xx: Floats = column("f8", "m^2", "position covariance", nan="no occluder")
+    cov_xy: Floats = column("f8", "m^2", "position covariance", nan="no occluder")
+    cov_yy: Floats = column("f8", "m^2", "position covariance", nan="no occluder")
 
     def check(self) -> None:
         """Times in order, numbers where there is an occluder, covariances positive semi-definite up to rounding."""
@@ -65,10 +65,10 @@ class Hulls(ColumnTable):
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "occluder_id", "corner")
 
     t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
-    occluder_id: Ints32 = column("i4", "1", "number of the occluder; -1 = there is none at that time")
+    occluder_id: Ints32 = column("i4", "1", "number of the occluder; -1 = no occluder at that time")
     corner: Ints32 = column("i4", "1", "number of the corner, from 0, counter-clockwise")
-    x: Floats = column("f8", "m", "position of the corner", nan="there is none")
-    y: Floats = column("f8", "m", "position of the corner", nan="there is none")
+    x: Floats = column("f8", "m", "position of the corner", nan="no occluder")
+    y: Floats = column("f8", "m", "position of the corner", nan="no occluder")
 
     def check(self) -> None:
         """Times in order, corners from 0 on and at least three of them."""
@@ -89,7 +89,7 @@ class Hulls(ColumnTable):
 
 
 def _check_there(table: ColumnTable, identity: Ints32, there: Bools) -> None:
-    """InputError where an occluder has no place or a row that says "none" has one."""
+    """InputError where an occluder has no position or a row that says "none" has one."""
     if (wrong := (identity >= 0) != there).any():
         row = first_row(wrong)
         raise InputError(
@@ -124,16 +124,16 @@ class Truth(ColumnTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanMap(ColumnTable):
-    """What is expected of a filter at places spread over the floor."""
+    """Expected performance of a filter at positions on the ground plane."""
 
     NAME: ClassVar[str] = "plan"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "y", "x")
 
-    t_ns: Ints = column("i8", "ns", "0: what is planned is of no time; tables are ordered by it")
+    t_ns: Ints = column("i8", "ns", "0: a plan has no time; tables are ordered by it")
     x: Floats = column("f8", "m", "middle of a square of the floor")
     y: Floats = column("f8", "m", "middle of a square of the floor")
     weight: Floats = column("f8", "1", "share of the floor, or of the time that people of --paths spent there")
-    rmse: Floats = column("f8", "m", "expected root mean square error of the place of a target that walks through")
+    rmse: Floats = column("f8", "m", "expected root mean square error of the position of a target that walks through")
     rmse_error: Floats = column("f8", "m", "standard error of `rmse` by the draws of walks and crowds")
     seen_by_0: Floats = column("f8", "1", "probability that no sensor sees or hears the target")
     seen_by_1: Floats = column("f8", "1", "probability that exactly one sensor does")
@@ -141,7 +141,7 @@ class PlanMap(ColumnTable):
     no_fix: Floats = column(
         "f8",
         "1",
-        "share of the draws in which the place is known, along its worst direction, no better than half as well as "
+        "share of the draws in which the position is known, along its worst direction, no better than half as well as "
         "by the room alone",
     )
 
@@ -158,12 +158,12 @@ class PlanMap(ColumnTable):
 
 ENDED = "the path ends here"
 PATH_STATES = (*STATES, "end")
-"""Values of `state`: what decides on the direction of the next step; of the last row there is none."""
+"""Values of `state`: what decides on the direction of the next step; of the last row missing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotPath(ColumnTable):
-    """Places of a robot in a potential field, and the forces that decide on its next step."""
+    """Positions of a robot in a potential field, and the forces that decide on its next step."""
 
     NAME: ClassVar[str] = "robot_path"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns",)
@@ -193,7 +193,7 @@ class RobotPath(ColumnTable):
         "least distance from obstacles since the row before, border to border; negative where they overlapped",
         nan="there are no obstacles",
     )
-    obstacle: Strings = column("U", "1", "which obstacle that was; empty if there are none")
+    obstacle: Strings = column("U", "1", "name of that obstacle; empty: no obstacle")
 
     def check(self) -> None:
         """Times in order, known states."""

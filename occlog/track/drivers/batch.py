@@ -1,4 +1,4 @@
-"""Bearings to tracks by a method that estimates whole stretches: one trajectory a target."""
+"""Bearings to tracks by a method that estimates whole segments: one trajectory a target."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .tracking import TrackingTask, check_start, feed_of
 FOREVER_NS = 2**62
 """No two times are further apart."""
 MAX_PAUSE_LAGS = 4
-"""A pause of a target lets the others wait for so many times the lag besides, at most."""
+"""Maximum additional wait of the other targets during a pause of one, in lags."""
 
 
 class _TargetScans(NamedTuple, Generic[State]):
@@ -45,7 +45,7 @@ def track_batch(
     Without a lag everything is kept until the end, in memory that grows with the number of rows.
     With one, a target's states are given out when so much time has been seen after them, or half as
     much again; memory grows with the number of rows in that time.  A target of which there is no row
-    for longer than that, and the step before (of at most four times the lag), is ended, and begins anew
+    for longer than that, and the step before (of at most four times the lag), is ended, and restarts
     if there is one again; a shorter pause adds to the wait.  So it is, with a lag or without, after a pause of which
     the method forgets what was before.
 

@@ -45,7 +45,7 @@ def track_joint(
     seeing = [c for c in scene.cameras if c.placed and c.name in use.sensors]
     if asking and len(seeing) < 2:
         raise UsageError(
-            f"cooperate: {','.join(sorted(asking))} wants two cameras with a pose; the scene has {len(seeing)} in use"
+            f"cooperate: {','.join(sorted(asking))} requires two cameras with a pose; {len(seeing)} are in use"
         )
     rng, helping = generator(tracking.seed, RandomStream.TRACK, 0), generator(tracking.seed, RandomStream.COOPERATE, 0)
     state, memory = method.init(scene, config, rng), when_to_ask.RequestMemory()
@@ -130,7 +130,7 @@ def track_joint_objects(
 ) -> Iterator[TrackChunk]:
     """Tracks of all labelled objects, chunk by chunk; see `occlog.track.drivers.stage.track`.
 
-    Candidates without a label are left out.  UsageError for priors of occluders or a selection of cameras.
+    Candidates without a label are omitted.  UsageError for priors of occluders or a selection of cameras.
     """
     if occluders is not None:
         raise UsageError(f"occluders: method {tracking.method} follows those who hide others itself; leave it out")

@@ -32,7 +32,7 @@ def downsample(cloud: ParticleSet, most: int = MAX_PARTICLES) -> ParticleSet:
     """A cloud as it is, or of a larger one `most` particles of equal weight.
 
     Systematic resampling without a random number: of a weight w there come w * most particles, rounded up or down.
-    Mean and covariance are kept but for what is left out between neighbours.
+    Mean and covariance are kept but for what is omitted between neighbours.
     """
     if len(cloud.weights) <= most:
         return cloud
@@ -91,7 +91,7 @@ class EstimateRow(NamedTuple):
     estimate: Estimate
     n_offered: int  # frames of sensors since the row before
     selected: tuple[int, ...] = ()
-    mse: float = math.nan  # NaN: nothing was selected anew
+    mse: float = math.nan  # NaN: nothing was reselected
     cloud: ParticleSet | None = None  # None: not asked for
 
 

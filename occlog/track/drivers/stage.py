@@ -42,7 +42,7 @@ def track(
         scene: the sensors, the room and what stands in it.
         tracking: the method, its settings, and what to use.
         occluders: priors of the moving occluders, in the order of time; None: nothing is known about them.
-        measured: ranges, signal strengths and time differences; None: there are none.  `bearings` may then be empty.
+        measured: ranges, signal strengths and time differences; None: missing.  `bearings` may then be empty.
 
     Raises:
         InputError: bearings that do not fit the scene or each other.
@@ -73,7 +73,7 @@ def track(
             if own is None:
                 own = compared.residuals
             elif not (isinstance(method, Online) and method.judges):
-                # The method judged its measurements beside directions alone
+                # The method checked its measurements other than directions
                 own = Residuals.merge([compared.residuals, own])
             part = part._replace(residuals=own, frames=compared.frames)
         yield part

@@ -19,7 +19,7 @@ from occlog.track.methods.apf.config import SelectConfig
 
 @dataclass(frozen=True)
 class TrackingTask(Generic[Config]):
-    """What to track and how, beside the measurements.
+    """Options of a tracking run in addition to the measurements.
 
     Attributes:
         config: settings of the method.
@@ -51,7 +51,7 @@ class TrackingTask(Generic[Config]):
     def scans(
         self, bearings: Iterable[Bearings], scene: Scene, measured: DistanceMeasurementFeed | None
     ) -> Iterator[Scan]:
-        """Scans of the chosen rows, with the measurements beside directions."""
+        """Scans of the chosen rows, with measurements other than directions."""
         scans = scans_of(bearings, scene, self.rows(scene), self.window_ns)
         return scans if measured is None else measured.joined(scans, self.sensors, self.targets, self.window_ns)
 
@@ -60,7 +60,7 @@ def check_start(started: bool, target: int, others: Collection[int]) -> None:
     """UsageError where the settings have a start, which is that of one target, and there is one more than one."""
     if started and others:
         raise UsageError(
-            f"start says where one target is, but there is target {target} besides "
+            f"start says where one target is, but there is target {target} in addition to "
             f"{', '.join(str(k) for k in sorted(others))}; choose one target, e.g. {target}"
         )
 

@@ -1,1 +1,1 @@
-"""Boxes of calibrated cameras to methods that follow everybody, and from these to tables."""
+"""Detections of calibrated cameras to multi-person trackers, and tracks to tables."""

@@ -24,7 +24,7 @@ TIMES, BOXES = "times of the cameras", "boxes of the cameras"
 MIN_VISIBILITY = 0.8
 """A person so probably visible should be detected."""
 MIN_EXPECTED_DETECTIONS = 50
-"""Of a camera that should have seen fewer people nothing is said."""
+"""Minimum number of people that a camera should have seen, for a check."""
 MIN_RELATIVE_DETECTION_RATE = 0.5
 """A camera that detects so small a share of whom it should, of the share of the other cameras, does not agree."""
 CLOCK_CHECK_RELATIVE_RATE = 0.97
@@ -39,11 +39,11 @@ is so many standard errors off: by chance in one of a thousand."""
 MAX_OUTSIDE_SHARE = 0.01
 """Share of boxes outside the image that a user must know."""
 MAX_UNASSOCIATED_SHARE = 0.5
-"""Share of all boxes that nobody explains that matters."""
+"""Maximum share of boxes without an associated track."""
 
 
 class CameraAgreement:
-    """Counts, while moments stream by, whom each camera sees of those whom another one sees."""
+    """Counts, over a stream of time steps, the people that each camera sees of those that another camera sees."""
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
         """Nothing was seen yet."""
@@ -58,7 +58,7 @@ class CameraAgreement:
         self.used = np.zeros(n)
 
     def add(self, moment: TrackSnapshot, looks: Sequence[FrameDetectionsWithIds]) -> None:
-        """Count one more moment."""
+        """Count a time step."""
         # A box of two people who touch stands in the rows of both: each takes half of it
         support = moment.support
         np.add.at(self.used, support.camera, support.probability - 0.5 * support.joint)
@@ -82,7 +82,7 @@ class CameraAgreement:
         return np.where(told, self.met / np.maximum(self.expected, 1.0), np.nan)
 
     def checks(self, tally: BoxStatistics) -> tuple[Check, ...]:
-        """What was checked of the cameras, and what was found."""
+        """Checks of the cameras with their findings."""
         boxes, whole = int(tally.boxes.sum()), tally.boxes + tally.outside + tally.twice
         known, leans = np.isfinite(self.shares), self._leans.medians()[0]
         few = f"fewer than {MIN_EXPECTED_DETECTIONS} people seen elsewhere should be seen plainly in each camera"
@@ -122,7 +122,7 @@ class CameraAgreement:
                     "warning",
                     "boxes-twice",
                     f"camera {name} reports people more than once: {tally.twice[c]} of its {whole[c]} boxes repeat "
-                    "another one of the same frame, and are left out",
+                    "another one of the same frame, and are omitted",
                     sensors=[name],
                     share=tally.twice[c] / whole[c],
                     allowed=MAX_DUPLICATE_SHARE,
@@ -132,7 +132,7 @@ class CameraAgreement:
                     BOXES,
                     "warning",
                     "boxes-outside",
-                    f"camera {name}: {tally.outside[c]} of {whole[c]} boxes lie outside the image, and are left out; "
+                    f"camera {name}: {tally.outside[c]} of {whole[c]} boxes lie outside the image, and are omitted; "
                     "is the calibration for another size of the image, or are the boxes another camera's?",
                     sensors=[name],
                     share=tally.outside[c] / whole[c],
@@ -140,7 +140,7 @@ class CameraAgreement:
                 )
 
     def _unexplained(self, tally: BoxStatistics) -> Iterator[Check]:
-        """Most boxes are of nobody who was found: the cameras stand otherwise, or the boxes are of something else."""
+        """Find whether most boxes are clutter: the extrinsics are wrong, or the boxes are of other objects."""
         boxes = int(tally.boxes.sum())
         nobodys = boxes - round(float(self.used.sum()))
         if boxes < FEWEST_BOXES or not exceeds_share(nobodys, boxes, MAX_UNASSOCIATED_SHARE):
@@ -150,7 +150,7 @@ class CameraAgreement:
             EXPLAINED,
             "warning",
             "boxes-unexplained",
-            f"{nobodys / boxes:.0%} of {boxes} boxes are explained by nobody (allowed: {MAX_UNASSOCIATED_SHARE:.0%})"
+            f"{nobodys / boxes:.0%} of {boxes} boxes are explained by no track (allowed: {MAX_UNASSOCIATED_SHARE:.0%})"
             + (f", and {', '.join(buried)} would be below the ground (z < 0)" if buried else "")
             + ": the cameras may not stand as the scene says: check which way is up, where the ground is, the unit of "
             "the calibration, and that each camera has its own boxes; or the boxes are not of people on the ground",
@@ -160,7 +160,7 @@ class CameraAgreement:
         )
 
     def _odd(self, tally: BoxStatistics) -> Iterator[Check]:
-        """Cameras that do not see whom the others see, unless that is because their boxes are left out."""
+        """Find cameras that do not see the people the others see, unless their boxes are omitted."""
         shares = self.shares
         for c, name in enumerate(self.names):
             if tally.outside[c] > tally.boxes[c]:
@@ -189,7 +189,7 @@ class CameraAgreement:
                 )
 
     def _leaning(self) -> Iterator[Check]:
-        """The camera whose boxes are the farthest to one side, if that is far: the others' people follow it there."""
+        """Find the camera with the most biased boxes, if the bias is large: tracks are pulled towards it."""
         leans, errors = self._leans.medians()
         told = np.where(np.abs(errors) > MIN_BIAS_SIGNIFICANCE, np.abs(leans), 0.0)  # of NaN: false
         c = int(np.argmax(told))
@@ -211,7 +211,7 @@ class CameraAgreement:
         )
 
     def _apart(self, first_ns: Ints, last_ns: Ints) -> Iterator[Check]:
-        """Cameras that look at no time at which another one does."""
+        """Find cameras without a time in common with another camera."""
         there = np.flatnonzero(first_ns >= 0)
         for c in there.tolist():
             others = there[there != c]

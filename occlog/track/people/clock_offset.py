@@ -15,21 +15,21 @@ from occlog.track.methods.jipda.kernels.body_box import pack_views, project
 from .frame_detections import FrameDetectionsWithIds
 
 MAX_STEPS = 1200
-"""Moments that are kept from the beginning; more would say no more."""
+"""Maximum number of time steps kept from the beginning; more add no information."""
 MAX_FRAMES = 60
-"""Looks of a camera that are compared, evenly spread; at most twice as many are kept."""
+"""Number of a camera's frames that are compared, evenly spread; at most twice as many are kept."""
 MIN_FRAMES = 20
-"""Looks that an offset must leave to be compared."""
+"""Minimum number of frames that overlap after an offset."""
 MATCH_DISTANCE_HEIGHTS = 0.15
 """A box is where a person was if its middle is this near to that of the expected box, in its heights."""
 BODY = [X, Y, HEIGHT, WIDTH]
-"""Places in a state that say where the box of somebody is expected."""
+"""Indices of the state that determine the predicted box of a person."""
 MIN_ASSOCIATED_SHARE, MIN_SHARE_GAIN = 0.5, 0.2
-"""An offset is told if it explains so many of the boxes, and so many more than none does and offsets usually do."""
+"""Minimum share of boxes explained by a reported offset, and minimum gain over no offset and over the median offset."""
 
 
 class _Spread:
-    """Looks of a camera, evenly spread over all that there were."""
+    """Evenly spaced subset of a camera's frames."""
 
     def __init__(self) -> None:
         """None yet."""
@@ -37,7 +37,7 @@ class _Spread:
         self._every, self._count = 1, 0
 
     def add(self, t_ns: int, middles: Floats) -> None:
-        """Keep the look if it is due; when there are too many, keep every other one from then on."""
+        """Keep the frame if it is due; when there are too many, keep every other one from then on."""
         if self._count % self._every == 0:
             self.kept.append((t_ns, middles))
             if len(self.kept) > 2 * MAX_FRAMES:
@@ -59,7 +59,7 @@ class ClockOffsetSearch:
         self._looks = [_Spread() for _ in cameras]
 
     def add(self, moment: TrackSnapshot, looks: Sequence[FrameDetectionsWithIds], by: Bools) -> None:
-        """Keep one more moment; `by` (m, C) says which cameras have a box of each person."""
+        """Keep a time step; `by` (m, C) masks the cameras with a box of each person."""
         if len(self._t_ns) >= MAX_STEPS:
             return
         self._t_ns.append(moment.t_ns)
@@ -73,7 +73,7 @@ class ClockOffsetSearch:
         """Find by how many seconds what a camera shows is old; below 0: it is ahead; NaN: no other offset is better.
 
         Args:
-            camera: its place.
+            camera: its position.
             fewest: other cameras that must see a person who counts.
         """
         looks = self._looks[camera].kept

@@ -1,11 +1,11 @@
 """Where two people met, and may have been taken for each other when they parted.
 
-A tracker that follows two people through a place where no camera tells them apart can leave it with their identities
-exchanged, and nothing in its states says so.  Two things that the tracks do say tell how likely that is:
+A tracker of two people through a position where no camera distinguishes them can leave it with their identities
+exchanged, which its states do not show.  Two properties of the tracks determine how likely that is:
 
-* how near they came, in standard deviations of their places: the smallest distance over its spread;
-* how much likelier the tracks are than the exchanged ones, from the last moment at which a camera had a box of each
-  of them alone to the next such moment: the smallest log likelihood ratio of their states, with people who turn.
+* how near they came, in standard deviations of their positions: the smallest distance over its spread;
+* how much likelier the tracks are than the exchanged ones, from the last time step at which a camera had a box of each
+  of them alone to the next such time step: the smallest log likelihood ratio of their states, with people who turn.
 
 The probability of an exchange is a logistic function of the logarithms of both.  Its numbers were fitted to meetings
 with known truth (docs/explanation/trackers/people.md); where boxes are better or worse than those, it is too high or
@@ -28,7 +28,7 @@ from occlog.track.methods.jipda.interface import STATE_SIZE, VX, VY, BoxAssociat
 ENCOUNTER_DISTANCE_WIDTHS, PARTING_DISTANCE_WIDTHS = 1.5, 2.2
 """Two people met who come nearer than the first, and have parted beyond the second; in mean widths of a person."""
 RESOLUTION_WIDTHS = 0.55
-"""Nearer than this many widths one person's boxes are not told from the other's."""
+"""Minimum distance, in widths, at which the boxes of two people are distinguished."""
 MIN_SEPARATE_DETECTIONS = 1.0
 """Cameras, in sum of probabilities, that must have a box of each of the two alone."""
 MIN_SWITCH_PROBABILITY = 0.2
@@ -47,7 +47,7 @@ def switch_probability(distance: float, ratio: float) -> float:
     """Probability that two people were exchanged at a meeting.
 
     Args:
-        distance: smallest, in standard deviations of their places, >= 0.
+        distance: smallest, in standard deviations of their positions, >= 0.
         ratio: smallest log likelihood ratio of the tracks to the exchanged ones.
     """
     near, clear = np.log(max(distance, MIN_DISTANCE_SIGMAS)), np.log1p(min(max(ratio, 0.0), MAX_LOG_RATIO))
@@ -58,7 +58,7 @@ def switch_probability(distance: float, ratio: float) -> float:
 class _Encounter:
     """Two people who are near each other."""
 
-    t_ns: int  # when they were last told apart
+    t_ns: int  # when they were last distinguished
     means: Floats  # (2, 6) their states then
     covariances: Floats  # (2, 6, 6)
     near: bool = False  # they have met
@@ -68,15 +68,15 @@ class _Encounter:
 
 
 class CloseEncounters:
-    """Who is near whom, while moments stream by; memory is that of those who are near each other now."""
+    """Close encounters over a stream of time steps; memory is bounded by the current ones."""
 
     def __init__(self, config: JipdaConfig) -> None:
-        """Nobody has met; `config` says how wide people are, and how they turn."""
+        """Create an empty set of encounters; `config` has the widths and motion model of people."""
         self._width, self._manoeuvre = config.width, config.manoeuvre
         self._going_on: dict[tuple[int, int], _Encounter] = {}
 
     def add(self, moment: TrackSnapshot) -> tuple[Event, ...]:
-        """Take in one more moment; two events for each two people who part and may have been exchanged."""
+        """Add a time step; return two events for each pair that separates and may have been exchanged."""
         n = len(moment.ids)
         near = _pairs(moment.mean[:, [X, Y]], PARTING_DISTANCE_WIDTHS * self._width)
         now = {(int(moment.ids[i]), int(moment.ids[j])): (i, j) for i, j in near}
@@ -107,7 +107,7 @@ class CloseEncounters:
         return tuple(events)
 
     def _compare(self, meeting: _Encounter, moment: TrackSnapshot, both: list[int]) -> None:
-        """Compare the tracks of two who are told apart again with the exchanged ones."""
+        """Compare the tracks of two who are distinguished again with the exchanged ones."""
         means, covariances = moment.mean[both], moment.covariance[both]
         passed = (moment.t_ns - meeting.t_ns) / NS
         if passed > 0:
@@ -117,7 +117,7 @@ class CloseEncounters:
 
 
 def _pairs(places: Floats, apart: float) -> list[tuple[int, int]]:
-    """Those of (m, 2) places that are at most so far apart, i < j, in the order of i and j."""
+    """Find pairs of (m, 2) positions within a distance, i < j, in the order of i and j."""
     if len(places) < 2:
         return []
     found = cKDTree(places).query_pairs(apart, output_type="ndarray")
@@ -125,7 +125,7 @@ def _pairs(places: Floats, apart: float) -> list[tuple[int, int]]:
 
 
 def _doubts(pair: tuple[int, int], probability: float) -> list[Event]:
-    """The doubt of either of two people, if it is worth naming."""
+    """Return the possible identity switch of either person, if it is likely enough to report."""
     if probability < MIN_SWITCH_PROBABILITY:
         return []
     return [Event("doubt", a, b, probability) for a, b in (pair, pair[::-1])]

@@ -1,4 +1,4 @@
-"""Boxes of all cameras as looks, and looks of about the same time as moments."""
+"""Group boxes of all cameras into frames, and frames of about the same time into time steps."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from occlog.track.methods.jipda.interface import FrameDetections
 DUPLICATE_IOU = 0.9
 """Intersection over union from which two boxes of one frame are one box that is reported twice."""
 MIN_FRAME_PAIRS = 10
-"""Frames that follow another one tell the step of their numbers, if there are so many."""
+"""Minimum number of successive frames that determine the step of frame numbers."""
 SHORTEST_NS = 100_000
 """No camera has frames that are nearer to each other in time."""
 
 
 class FrameDetectionsWithIds(NamedTuple):
-    """A look, and what its frame and its boxes are called in the tables."""
+    """Detections of a frame, with the frame number and box numbers of the tables."""
 
     look: FrameDetections
     frame: int  # number in the camera's stream
@@ -91,7 +91,7 @@ def _edges(table: Boxes | Views) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegionFrameTimes(ColumnTable):
-    """The columns of `views` that say which frames have regions."""
+    """Columns of `views` that identify the frames with regions."""
 
     NAME: ClassVar[str] = Views.NAME
     VERSION: ClassVar[int] = Views.VERSION
@@ -117,7 +117,7 @@ class FrameNumbers:
     left_out: int = 0
 
     def add(self, apart: int) -> None:
-        """Count a frame whose number is so much above that of the one before."""
+        """Count a frame by the increment of its number."""
         self.step = math.gcd(self.step, apart)
         self.pairs += 1
 
@@ -130,20 +130,20 @@ class FrameNumbers:
 def frames_without_boxes(
     chunks: Iterable[RegionFrameTimes], cameras: Mapping[str, int], numbers: dict[str, FrameNumbers] | None = None
 ) -> Iterator[FrameDetectionsWithIds]:
-    """Looks at frames that a table without rows for them leaves out: the camera looked, and nobody was detected.
+    """Insert frames without detections that a table omits.
 
-    Their numbers are those left out between two frames of a camera, their times lie evenly between these two.  Where
-    all frames of a camera are numbered in steps, numbers between two steps are of no frame.  Nothing is said of frames
+    Their numbers are those omitted between two frames of a camera, their times lie evenly between these two.  Where
+    all frames of a camera are numbered in steps, numbers between two steps are of no frame.  Nothing is known of frames
     before a camera's first row and after its last.  Memory grows with the number of such gaps, not with that of the
     rows.
 
     Args:
         chunks: in the order of time.
-        cameras: place of each camera in use.
+        cameras: position of each camera in use.
         numbers: takes how the frames of each camera are numbered.
 
     Raises:
-        InputError: so many numbers are left out that they cannot be those of frames.
+        InputError: too many numbers are missing for those of frames.
     """
     last: dict[str, tuple[int, int]] = {}
     gaps: list[_Gap] = []
@@ -218,13 +218,13 @@ def _until(
 
 @dataclass
 class BoxStatistics:
-    """What was found while boxes stream by, by place of the camera in use.
+    """Counts of frames and boxes over a stream, by index of the camera in use.
 
     Attributes:
         frames: looks.
         boxes: of them all.
-        outside: left out: the box lies outside the image.
-        twice: left out: another box of the frame is the same.
+        outside: omitted: the box lies outside the image.
+        twice: omitted: another box of the frame is the same.
         first_ns, last_ns: times of the first and the last look; -1: none.
     """
 
@@ -242,7 +242,7 @@ class BoxStatistics:
         return cls(zero, zero.copy(), zero.copy(), zero.copy(), zero - 1, zero - 1)
 
     def saw(self, look: FrameDetections) -> None:
-        """Count a look."""
+        """Count a frame."""
         c = look.camera
         self.frames[c] += 1
         self.boxes[c] += len(look.boxes)
@@ -253,9 +253,9 @@ class BoxStatistics:
 def frame_detections(
     chunks: Iterable[DetectionFrameRows], cameras: Sequence[Camera], known: Sequence[str], tally: BoxStatistics
 ) -> Iterator[FrameDetectionsWithIds]:
-    """Looks in the order of time, and of cameras.
+    """Generate frames in the order of time, then of cameras.
 
-    Boxes that lie outside the image, and boxes that another one of the same frame repeats, are left out and counted.
+    Boxes that lie outside the image, and boxes that another one of the same frame repeats, are omitted and counted.
 
     Args:
         chunks: in the order of time.
@@ -309,7 +309,7 @@ def _joined(parts: Sequence[DetectionFrameRows]) -> DetectionFrameRows:
 def _detections_of_frame(
     rows: DetectionFrameRows, c: int, row: Ints, cameras: Sequence[Camera], tally: BoxStatistics
 ) -> FrameDetectionsWithIds:
-    """The look at one frame."""
+    """Return the detections of one frame."""
     there = rows.number >= 0
     outside = there & _outside(rows.edges, cameras[c])
     kept = np.flatnonzero(there & ~outside)
@@ -358,7 +358,7 @@ def duplicate_boxes(edges: Floats, score: Floats) -> Bools:
 
 
 def group_time_steps(looks: Iterable[FrameDetectionsWithIds], window_ns: int) -> Iterator[list[FrameDetectionsWithIds]]:
-    """Looks at most the window after the first one, unless a camera looks again, are of one moment."""
+    """Group frames within the window after the first one, at most one of each camera, into a time step."""
     held: list[FrameDetectionsWithIds] = []
     cameras: set[int] = set()
     for each in looks:
@@ -372,5 +372,5 @@ def group_time_steps(looks: Iterable[FrameDetectionsWithIds], window_ns: int) ->
 
 
 def in_order(*streams: Iterable[FrameDetectionsWithIds]) -> Iterator[FrameDetectionsWithIds]:
-    """Looks of several streams, each in the order of time, in the order of time and of cameras."""
+    """Merge time-ordered streams of frames in the order of time, then of cameras."""
     return merge(*streams, key=lambda each: (each.look.t_ns, each.look.camera))

@@ -1,4 +1,4 @@
-"""Inputs of methods that follow everybody: boxes of a recording or a table, cameras of the scene, how to go on.
+"""Inputs of multi-person trackers: boxes of a recording or a table, cameras of the scene, resumption.
 
 How tall people are by their boxes and the cameras' poses: the unit of a scene, and calibrations that cannot be.
 """
@@ -42,21 +42,21 @@ from .frame_detections import (
 S = TypeVar("S", bound=Settings)
 
 MIN_BOXES = 10
-"""Of fewer boxes of a camera nothing is said."""
+"""Minimum number of boxes of a camera for a check."""
 BORDER_PX = 3.0
 """A box this near to the lower or upper border of the image may be cut by it."""
 HEIGHT_RATIO_LIMIT = 1.6
-"""A camera in which people are so many times taller or shorter than in the others is not calibrated as they are."""
+"""Maximum ratio of the heights of people between a camera and the others; beyond it the calibrations disagree."""
 WRONG_UNIT_HEIGHT_RATIO = 2.5
-"""People so many times taller or shorter than stated are not people: the unit of the scene is another one."""
+"""Maximum ratio of the heights of people to the stated height; beyond it the unit of the scene is wrong."""
 
 
 IMPOSSIBLE_HEIGHT_RATIO = 10.0
-"""Nobody, not even a child or a tall machine, is so many times taller or shorter than people usually are."""
+"""Maximum ratio of any height to the usual height of people, including children and tall machines."""
 
 
 def person_heights(looks: Sequence[FrameDetectionsWithIds], cameras: Sequence[Camera]) -> Floats:
-    """(C,) median height of who is in the boxes of each camera, in the scene's unit; NaN where few boxes tell.
+    """(C,) median height of people by the boxes of each camera, in the scene's unit; NaN: too few boxes.
 
     The feet are at the middle of the lower edge, on the floor; the head is above them, in the row of the upper edge.
     """
@@ -85,7 +85,7 @@ def _statures(boxes: Floats, camera: Camera) -> Floats:
 
 
 def median_height(heights: Floats) -> float:
-    """Median over the cameras that tell; NaN where none does."""
+    """Median over the cameras with an estimate; NaN: no estimate."""
     told = heights[np.isfinite(heights)]
     return float(np.median(told)) if len(told) else float("nan")
 
@@ -101,7 +101,7 @@ def inconsistent_cameras(heights: Floats) -> Mapping[int, float]:
 
 
 def in_units_of(config: S, metre: float) -> S:
-    """The settings with every length, stated in metres, in a unit of which so many are a metre."""
+    """Convert all lengths of the settings from metres to the scene's unit."""
     changed = {}
     for f in declared(type(config)):
         power, value = LENGTH_POWER.get(declaration(f).unit, 0), getattr(config, f.name)
@@ -111,7 +111,7 @@ def in_units_of(config: S, metre: float) -> S:
 
 
 FIRST_FRAMES = 64
-"""Looks of each camera that are read ahead, to learn how often it looks and how tall people are."""
+"""Number of frames of each camera read ahead, to estimate the frame period and the heights of people."""
 RAISE = (
     "say how high the cameras are: z of their positions in the scene, or up and ground of `occlog ingest` where the "
     "calibration's world is at a camera"
@@ -120,17 +120,17 @@ RAISE = (
 
 
 class PeopleInput:
-    """The boxes as a stream of moments, and what must be known beforehand.
+    """The boxes as a stream of time steps, and what must be known beforehand.
 
     Attributes:
         scene: where.
         cameras: those with a pose that are used.
         notes: lines for the user.
-        tally: counts of boxes, brought up to date while moments stream by.
-        heights: (C,) how tall people are by the first boxes of each camera; NaN: they do not tell.
+        tally: counts of boxes, brought up to date while time steps stream by.
+        heights: (C,) how tall people are by the first boxes of each camera; NaN: unknown.
         metre: how many units of length are a metre.
         config: settings of the method.
-        window_ns: looks that are this close together are of one moment.
+        window_ns: frames that are this close together are of one time step.
         regions_smoothed: the future of regions of video, which split and merge for many frames at a time, is wanted.
     """
 
@@ -159,7 +159,7 @@ class PeopleInput:
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """What was lost when the boxes were made."""
+        """Losses recorded when the boxes were made."""
         return input_losses([self.opened, self._doa])
 
     @property
@@ -192,9 +192,9 @@ class PeopleInput:
                 which += " a pose in space"
             recording = self.opened.recording
             seen = recording is not None and recording.cameras
-            images = ", or follow people in the images (method bmct)" if seen else ""
+            images = ", or track people in the images (method bmct)" if seen else ""
             raise InputError(
-                f"{self.request.bearings}: {which}, so no place on the floor can be found; {remedy}{images}"
+                f"{self.request.bearings}: {which}, so no position on the floor can be found; {remedy}{images}"
             )
         if left:
             self.notes.append(
@@ -203,13 +203,13 @@ class PeopleInput:
             )
         if low:
             self.notes.append(
-                f"warning: on the floor (z = 0), from where no place on it can be seen, and not used: "
+                f"warning: on the floor (z = 0), from where no position on it can be seen, and not used: "
                 f"{', '.join(low)}; {RAISE}"
             )
         return tuple(used)
 
     def _looks(self) -> Iterator[FrameDetectionsWithIds]:
-        """Looks of all cameras; a table of regions has no rows for frames in which nobody was detected."""
+        """Generate the frames of all cameras; a table of regions has no rows for frames without detections."""
         known = [c.name for c in self.scene.cameras]
         boxes, foreign = self.opened.has(Boxes), self.opened.foreign
         chunks = rows_of_boxes(self.opened.rows(Boxes)) if boxes else rows_of_views(self.opened.rows(Views))
@@ -231,7 +231,7 @@ class PeopleInput:
                 yield each
 
     def _directions(self) -> Opened | None:
-        """The input with directions of arrival; None: there are none."""
+        """The input with directions of arrival; None: missing."""
         if self.request.doa is not None:
             opened = open_input(self.request.doa, Doa)
             if opened.made_in_a_scene:
@@ -258,7 +258,7 @@ class PeopleInput:
         """How many units are a metre, and the settings; InputError where people would be giants or dwarfs.
 
         Args:
-            anybody: there is a box among the first looks.
+            anybody: there is a box in the first frames.
         """
         unit, given, tall = self.scene.length_unit, self.request.settings, median_height(self.heights)
         defaults = JipdaConfig.in_unit(unit)
@@ -269,7 +269,7 @@ class PeopleInput:
             if not 1.0 / IMPOSSIBLE_HEIGHT_RATIO < config.height / defaults.height < IMPOSSIBLE_HEIGHT_RATIO:
                 # The other settings would not be in that unit
                 raise InputError(
-                    f"{self.request.bearings}: nobody is {config.height:.3g} {unit} tall (setting height), so the "
+                    f"{self.request.bearings}: no person is {config.height:.3g} {unit} tall (setting height), so the "
                     f"lengths of the scene are not in {unit}; {remedy}"
                 )
             share = tall / config.height
@@ -287,15 +287,15 @@ class PeopleInput:
         elif np.isfinite(tall):
             metre = tall / usual
             self.notes.append(
-                f"note: lengths are in a unit of their own; by their boxes people are {tall:.3g} tall, so {metre:.3g} "
+                f"note: lengths are in a scene-specific unit; by boxes people are {tall:.3g} tall, so {metre:.3g} "
                 "are taken for a metre; state another one in the setting height"
             )
         elif not anybody:
             metre = 1.0
         else:
             raise InputError(
-                f"{self.request.bearings}: the scene does not say its unit of length ({unit}), and the boxes do not "
-                "tell how tall people are; state it in the setting height"
+                f"{self.request.bearings}: the scene does not state its unit of length ({unit}), and the boxes do not "
+                "determine how tall people are; state it in the setting height"
             )
         return metre, configure(in_units_of(JipdaConfig(), metre), given)
 
@@ -322,7 +322,7 @@ def _remedy(opened: Opened) -> str:
 
 
 def default_window(looks: list[FrameDetectionsWithIds]) -> int:
-    """The widest window [ns] below half the shortest frame period; 0 where no camera looks twice."""
+    """The widest window [ns] below half the shortest frame period; 0 if no camera has two frames."""
     times: dict[int, list[tuple[int, int]]] = {}
     for each in looks:
         times.setdefault(each.look.camera, []).append((each.look.t_ns, each.frame))

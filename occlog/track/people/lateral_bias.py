@@ -15,26 +15,26 @@ from occlog.track.methods.jipda.kernels.body_box import pack_views, project
 from .frame_detections import FrameDetectionsWithIds
 
 MAX_FRAMES = 200
-"""Looks of a camera that count, evenly spread; at most twice as many are kept."""
+"""Number of a camera's frames that count, evenly spread; at most twice as many are kept."""
 MIN_BOXES = 50
-"""Of a camera with fewer boxes of people whom others see nothing is said."""
+"""Minimum number of a camera's boxes of people that other cameras see, for a check."""
 MIN_ASSOCIATION_PROBABILITY = 0.9
 """A box that is so probably of one person alone counts."""
 MAX_BIAS_HEIGHTS = 0.5
-"""Boxes farther off, in heights of people, count as so far in the mean: they are somebody else's."""
+"""Clipping of offsets in the mean, in heights of people: farther boxes are of another person."""
 
 
 class LateralBias:
-    """Keeps, while moments stream by, how far boxes are to the right of where their people are expected."""
+    """Accumulates horizontal innovations of boxes, over a stream of time steps."""
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
         """Nothing was seen yet."""
         self._cameras = cameras
-        self._kept: list[list[Floats]] = [[] for _ in cameras]  # of each look, (k,) in heights of the expected boxes
+        self._kept: list[list[Floats]] = [[] for _ in cameras]  # of each frame, (k,) in heights of the expected boxes
         self._every, self._count = [1] * len(cameras), [0] * len(cameras)
 
     def add(self, moment: TrackSnapshot, looks: Sequence[FrameDetectionsWithIds], counts: Bools) -> None:
-        """Keep one more moment; `counts` (m, C) says whose boxes in which cameras do."""
+        """Keep a time step; `counts` (m, C) masks the people and cameras with boxes."""
         views = None
         for look in (each.look for each in looks):
             c = look.camera
@@ -66,7 +66,7 @@ class LateralBias:
         """How far boxes of each camera are to the right, in heights of people, and how sure that is.
 
         Returns:
-            (C,) medians; NaN: too few boxes tell.  (C,) means in standard errors, which are those of means of
+            (C,) medians; NaN: too few boxes.  (C,) means in standard errors, which are those of means of
             neighbours in time, so that errors that go on for a while do not count as many.
         """
         values = [np.concatenate([np.zeros(0), *kept]) for kept in self._kept]

@@ -1,11 +1,11 @@
-"""Tracks of everybody under the identities of a gallery of how people look.
+"""Re-identification of tracks with an appearance gallery.
 
-Everybody under the identities of a gallery: tables are held back until it is known who is who.
+Renames tracks to identities of a gallery: tables are held back until identities are known.
 
 Pieces of tracks, which whoever is in a gallery has one or several of, and the names that they get.
 
-A track follows one person, but where it may have been exchanged with another (a `doubt`).  There it is cut, and
-each piece gets a name of its own, so that looks put right what places could not tell.
+A track is of one person, except where it may have been exchanged with another (a `doubt`).  There it is cut, and
+each piece gets its own name, so that appearance corrects identity switches.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from .inputs import PeopleInput
 from .rows import MIN_MAP_PROBABILITY, SnapshotTables, SnapshotWithDetections
 
 REIDENTIFICATION_EVENT, SWITCH_EVENT = "named", "doubt"
-"""Kinds of events that tell of names."""
+"""Kinds of events that affect names."""
 CONSTANT, BY_MARGIN = -5.9, 142.0
 """Numbers of the logistic function, fitted."""
 MIN_NAME_PROBABILITY = 0.5
@@ -48,8 +48,8 @@ class TrackSplit(NamedTuple):
     """A track may be another person's from here on."""
 
     track: int
-    t_ns: int  # of the first look after it
-    other: int  # whose they may have taken the place of
+    t_ns: int  # of the first frame after it
+    other: int  # whose they may have taken the position of
 
 
 class TrackFragments(NamedTuple):
@@ -99,7 +99,7 @@ class FragmentNames(NamedTuple):
     """What P pieces are called."""
 
     name: Ints32  # (P,)
-    probability: Floats  # (P,) that the person of the gallery is it; NaN: their own boxes do not tell
+    probability: Floats  # (P,) that the person of the gallery is it; NaN: not enough boxes
 
 
 def reidentify_fragments(
@@ -107,9 +107,9 @@ def reidentify_fragments(
 ) -> FragmentNames:
     """Names of all pieces.
 
-    A piece whose boxes tell is the person of the gallery whom it is most like; no two pieces at one time are one
-    person.  The others have the name of their track before or after, or, if somebody else has that at the time, that
-    which the track they may have been exchanged with had before.  What is left are tracks of nobody in the gallery,
+    A piece with enough boxes is the most similar person of the gallery; no two pieces at one time are one
+    person.  The others have the name of their track before or after, or, if another person has that at the time, that
+    which the track they may have been exchanged with had before.  What is left are tracks of no person in the gallery,
     with numbers above all of the gallery's.
 
     Args:
@@ -130,7 +130,7 @@ def reidentify_fragments(
             else:
                 probability[piece] = probable
     names = dict(told)
-    # A name is handed on where nobody has it meanwhile
+    # A name is passed on if no other track has it in between
     for piece in sorted(set(range(len(pieces.track))) - set(told), key=lambda p: (pieces.first_ns[p], p)):
         for name in _offers(pieces, piece, names):
             if not any(overlap[piece, p] for p, taken in names.items() if taken == name):
@@ -164,7 +164,7 @@ def name_probability(
     """Probability that a track of the gallery is this person.
 
     A logistic function of the margin by which its boxes are more like this person than the next, or than the least
-    likeness of a box that may be somebody's.  Its numbers were fitted (docs/explanation/appearance.md).
+    similarity of a box that may be a person's.  Its numbers were fitted (docs/explanation/appearance.md).
 
     Args:
         evidence: of tracks.
@@ -184,7 +184,7 @@ def name_probability(
 
 
 def named_events(events: Events, pieces: TrackFragments, names: FragmentNames) -> Events:
-    """Events under the new names; doubts as far as looks leave them.
+    """Rename the events, with the possible switches that appearance leaves.
 
     Where the boxes of both people tell who they are before and after they may have been exchanged, the doubt that is
     left is that of the names after it, and less probable ones are not named.
@@ -235,7 +235,7 @@ NO_ID = -1
 
 
 class _TrackRows(NamedTuple):
-    """What is kept of the tracks in memory: some 50 bytes a row, and some 30 for each box that speaks for one."""
+    """Tracks in memory: about 50 bytes a row, and about 30 for each associated box."""
 
     t_ns: Ints
     target_id: Ints32
@@ -247,14 +247,14 @@ class _TrackRows(NamedTuple):
 
 
 class GalleryReidentification:
-    """Names for the tracks of everybody, by a gallery.
+    """Names for the tracks of all people, by a gallery.
 
     Attributes:
         parameters: for the provenance.
     """
 
     def __init__(self, gallery: Path, inputs: PeopleInput) -> None:
-        """Open the gallery and the images; InputError where there are none, and the boxes bring no colours."""
+        """Open the gallery and the images; InputError if there are no images, and the boxes have no appearance."""
         self._opened = open_input(gallery, Gallery)
         self._sides = sides_of(self._opened.read(Gallery))
         self._inputs = inputs
@@ -267,22 +267,22 @@ class GalleryReidentification:
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """What was lost when the gallery and the images were made, and of the images here."""
+        """Losses recorded in the gallery and the images, and losses of images in this run."""
         own = self._images if self._images is not self._inputs.opened else None
         return (*input_losses([self._opened, own]), *self._seen.losses())
 
     def notes(self) -> Iterator[str]:
-        """What a user must know beside the figures."""
+        """Warnings for the user."""
         if self._figures and not self._figures["tracks_named"]:
             seen = self._decisions
             why = ", ".join(f"{name} {count}" for name, count in sorted(seen.reasons.items())) or "none"
             yield (
-                f"warning: gallery: no track is anybody's of the gallery, by {seen.decided} comparisons of "
-                f"{seen.boxes} boxes (suspended: {why}); `occlog label --gallery` says of each box why"
+                f"warning: gallery: no track is of a person of the gallery, by {seen.decided} comparisons of "
+                f"{seen.boxes} boxes (suspended: {why}); `occlog label --gallery` lists the reason for each box"
             )
 
     def figures(self) -> dict[str, object]:
-        """For the summary, once everybody has a name."""
+        """Figures for the summary, once all tracks have names."""
         return {"gallery": {**self._figures, **self._decisions.summary()}}
 
     def named(self, parts: Iterable[tuple[list[SnapshotWithDetections], SnapshotTables]]) -> Iterator[SnapshotTables]:
@@ -316,7 +316,7 @@ class GalleryReidentification:
                 yield _renamed(part, pieces, names, first_ns, last_ns)
 
     def _names(self, rows: _TrackRows, pieces: TrackFragments) -> FragmentNames:
-        """Look at the boxes, and say who is who."""
+        """Compare the boxes with the gallery, and assign identities."""
         tally = EvidenceTally()
         table = Boxes if self._inputs.opened.has(Boxes) else Views
         frames = boxes_of_frames(self._inputs.opened.rows(table))  # type: ignore[arg-type]
@@ -366,7 +366,7 @@ def _images(inputs: PeopleInput) -> Opened | None:
         if opened is not None and opened.recording is not None and opened.recording.cameras:
             return opened
     raise InputError(
-        f"{inputs.request.bearings}: a gallery says how people look, and there are no images, and the boxes bring no "
+        f"{inputs.request.bearings}: a gallery needs appearance, and there are no images, and the boxes have no "
         f"colours; give the recording with the video for {option('scene')}, or views of `occlog detect`"
     )
 

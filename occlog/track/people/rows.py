@@ -1,4 +1,4 @@
-"""Moments of everybody as rows of tables: tracks, support, events, and everybody in every image."""
+"""Rows of tables from time steps: tracks, support, events, and all tracks in every image."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .frame_detections import FrameDetectionsWithIds
 MIN_MAP_PROBABILITY = 0.5
 """A box is a person's if it is more probably of this person than not."""
 QUALITY_FLAGS = (COASTING, SINGLE_VIEW, POSSIBLE_SWITCH)
-"""Values of the column `doubt`, in the order in which they stand there."""
+"""Values of the column `doubt`, in the order of the column."""
 COVARIANCES = {
     "cov_xx": (X, X),
     "cov_xy": (X, Y),
@@ -32,18 +32,18 @@ COVARIANCES = {
     "cov_vx_vy": (VX, VY),
     "cov_vy_vy": (VY, VY),
 }
-"""Columns of the covariance by the places in the state."""
+"""Columns of the covariance by the indices of the state."""
 
 
 class SnapshotWithDetections(NamedTuple):
-    """Everybody after a moment, and the looks that it was made of."""
+    """Tracks after a time step, and the frames of that step."""
 
     moment: TrackSnapshot
     looks: Sequence[FrameDetectionsWithIds]
 
 
 class SnapshotTables(NamedTuple):
-    """The rows of several moments; None: those of the images are not wanted."""
+    """The rows of several time steps; None: image rows are not requested."""
 
     tracks: PeopleTracks
     support: Support
@@ -59,7 +59,7 @@ def detection_probability_by_camera(moment: TrackSnapshot, cameras: int) -> Floa
 
 
 def tracks_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]) -> PeopleTracks:
-    """A row for each person at each moment."""
+    """A row for each person at each time step."""
     moments = [each.moment for each in seen if len(each.moment.ids)]
     if not moments:
         return PeopleTracks.empty()
@@ -88,7 +88,7 @@ def tracks_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]) -> P
 
 
 def associations_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]) -> Support:
-    """A row for each box that speaks for a person."""
+    """Return a row for each associated box."""
     parts = [each for each in seen if len(each.moment.support.row)]
     if not parts:
         return Support.empty()
@@ -107,7 +107,7 @@ def associations_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]
 
 
 def _numbers(each: SnapshotWithDetections) -> tuple[Ints, Ints]:
-    """Frame and number of the box of each row of a moment's support."""
+    """Frame and number of the box of each row of a time step's support."""
     row = np.concatenate([e.look.row for e in each.looks])
     frame = np.repeat([e.frame for e in each.looks], [len(e.box) for e in each.looks])
     order = np.argsort(row)
@@ -134,7 +134,7 @@ class ViewRows(NamedTuple):
 
 
 class TracksInViews:
-    """Everybody in the images: between the box that a camera has of a person and that which the floor lets expect."""
+    """Tracks in the images: weighted means of the detected box and the projection from the ground plane."""
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
         """Pack the cameras."""
@@ -142,7 +142,7 @@ class TracksInViews:
         self._views = pack_views(cameras)
 
     def table(self, seen: Sequence[SnapshotWithDetections]) -> PeopleViews:
-        """A row for each person and frame of the moments, where the person's place is in the image."""
+        """A row for each person and frame of the time steps, where the person's position is in the image."""
         parts = [self._in_look(each.moment, look) for each in seen if len(each.moment.ids) for look in each.looks]
         if not parts:
             return PeopleViews.empty()
@@ -175,10 +175,10 @@ class TracksInViews:
         return table.sorted()
 
     def _in_look(self, moment: TrackSnapshot, each: FrameDetectionsWithIds) -> ViewRows:
-        """Everybody in one frame."""
+        """Project all tracks into one frame."""
         look, c = each.look, each.look.camera
         there = np.flatnonzero(np.isfinite(moment.visibility[:, c]))
-        # Project the people on the floor to the time of the look
+        # Project the people on the floor to the time of the frame
         found = np.zeros((len(there), 8))
         delay = (look.t_ns - moment.t_ns) / NS
         project(self._views, c, moment.mean[there], moment.covariance[there], delay, found)
@@ -201,7 +201,7 @@ class TracksInViews:
 
 
 def _map_boxes(moment: TrackSnapshot, row: Ints, camera: int) -> Ints:
-    """(m,) place in a look of the box that is more probably than not each person's alone; -1: none is."""
+    """(m,) index in a frame of the box that is more probably than not each person's alone; -1: no box."""
     out = np.full(len(moment.ids), -1, dtype=np.int64)
     s = moment.support
     mine = np.flatnonzero((s.camera == camera) & (s.probability - s.joint >= MIN_MAP_PROBABILITY))

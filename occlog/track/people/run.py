@@ -1,4 +1,4 @@
-"""Run of `occlog track` with a method that follows everybody: read boxes, follow, write, and sum up."""
+"""Run of `occlog track` with a multi-person method: read boxes, track, write, and sum up."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ FRAMES, SMOOTHED, FOUND = "numbers of the frames", "errors of regions", "number 
 """Names of checks."""
 UNSIZED = "too few boxes are whole to compare cameras"
 SWITCHES_PER_TARGET_NOTE, SWITCHES_PER_TARGET_WARNING = 0.2, 0.5
-"""Exchanges of identities expected of each person that a user must know, and that speak against the identities."""
+"""Expected identity switches per person that cause a note, and that cause a warning."""
 MIN_SUCCESSIVE_SHARE, MIN_PAIRS = 0.02, 50
 """Share of frames with boxes that follow the one numbered before them that is suspicious, of so many frames."""
 MAX_SKIPPED_SHARE = 0.2
-"""Share of a camera's boxes that were left out before, as they lie outside its image, that matters."""
+"""Share of a camera's boxes that were omitted before, as they lie outside its image, that matters."""
 
 
 class PeopleSummary:
-    """Figures of the summary, counted while tables stream by."""
+    """Figures of the summary, counted over a stream of tables."""
 
     def __init__(self, inputs: PeopleInput, agreement: CameraAgreement) -> None:
         """Begin with all counts at 0."""
@@ -49,7 +49,7 @@ class PeopleSummary:
         self.events: Counter[str] = Counter()
 
     def add(self, part: SnapshotTables) -> None:
-        """Count some more moments."""
+        """Count some time steps."""
         self.people.update(part.tracks.target_id.tolist())
         self.rows += len(part.tracks)
         self.times += len(np.unique(part.tracks.t_ns))
@@ -99,7 +99,7 @@ class PeopleSummary:
         }
 
     def checks(self) -> tuple[Check, ...]:
-        """What was checked of the tracks, and what was found."""
+        """Checks of the tracks with their findings."""
         tally, heights = self.inputs.tally, self.inputs.heights
         each = self.exchanges / (self.rows / self.times) if self.rows else 0.0
         compared = np.count_nonzero(np.isfinite(heights)) > 1
@@ -110,7 +110,7 @@ class PeopleSummary:
             *outcome(
                 IDENTITIES,
                 self._doubtful(),
-                unless="" if self.rows else "nobody was found",
+                unless="" if self.rows else "no person was found",
                 switches=round(self.exchanges, 1),
                 per_person=each,
                 allowed=SWITCHES_PER_TARGET_WARNING,
@@ -133,10 +133,10 @@ class PeopleSummary:
     def _nobody(self) -> Iterator[Check]:
         """No tracks at all."""
         if not self.rows:
-            yield finding(FOUND, "note", "nobody", "nobody was found: the tracks are empty")
+            yield finding(FOUND, "note", "nobody", "no person was found: the tracks are empty")
 
     def _lost(self) -> Iterator[Check]:
-        """Cameras of which many boxes were left out when the recording was made."""
+        """Cameras of which many boxes were omitted when the recording was made."""
         tally = self.inputs.tally
         kept = tally.boxes + tally.outside + tally.twice
         for c, name in enumerate(self.inputs.names):
@@ -148,7 +148,7 @@ class PeopleSummary:
                     OUTSIDE,
                     "warning",
                     "boxes-outside",
-                    f"camera {name}: {lost} of {whole} boxes lie outside the image, and were left out when the "
+                    f"camera {name}: {lost} of {whole} boxes lie outside the image, and were omitted when the "
                     f"recording was made (allowed: {MAX_SKIPPED_SHARE:.0%}); is the calibration for another size "
                     "of the image, or "
                     "are the boxes another camera's?",
@@ -169,7 +169,7 @@ class PeopleSummary:
                     f"camera {name}: {successive} of {each.pairs} frames with boxes follow the one numbered before "
                     f"them (allowed: {MIN_SUCCESSIVE_SHARE:.0%} and more): in the frames numbered between, the "
                     "camera is taken to have "
-                    "seen nobody; where there are no such frames, number frames one after the other",
+                    "seen no person; where there are no such frames, number frames one after the other",
                     sensors=[name],
                     share=successive / each.pairs,
                     allowed=MIN_SUCCESSIVE_SHARE,
@@ -184,9 +184,9 @@ class PeopleSummary:
                 "warning" if each >= SWITCHES_PER_TARGET_WARNING else "note",
                 "identities-doubtful",
                 f"where people met identities may have been exchanged, some {self.exchanges:.1f} times ({each:.2f} for "
-                f"each person who is there at a time; a warning from {SWITCHES_PER_TARGET_WARNING:g} on): places "
+                f"each person who is there at a time; a warning from {SWITCHES_PER_TARGET_WARNING:g} on): positions "
                 "hold, who is who may "
-                "not; --events says who, when and how probably",
+                "not; --events lists the people, times and probabilities",
                 switches=round(self.exchanges, 1),
                 per_person=each,
                 allowed=SWITCHES_PER_TARGET_WARNING,
@@ -208,7 +208,7 @@ class PeopleSummary:
 
 
 def run_track_people(request: TrackPeopleRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Follow everybody and write; return the summary, and what had been lost before."""
+    """Track all people and write; return the summary, and previous losses."""
     inputs = PeopleInput(request)
     for line in inputs.notes:
         job.note(line)

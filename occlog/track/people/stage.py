@@ -1,4 +1,4 @@
-"""From moments of looks to tables of everybody, a part at a time."""
+"""Time steps of frames to tables of all people, chunk by chunk."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from .rows import SnapshotTables, SnapshotWithDetections, TracksInViews, associa
 State = TypeVar("State")
 Window = TypeVar("Window")
 ROWS_PER_PART = 8192
-"""Rows of all tables together, about; a part of one moment may have more."""
+"""Rows of all tables together, about; a part of one time step may have more."""
 
 
 class FixedLagSmoother(NamedTuple, Generic[State, Window]):
-    """How a method looks back: moments wait for what comes after them, and are then reported anew, in their order.
+    """Fixed-lag smoother: time steps wait for later data, and are then reported in order.
 
     `initial_state` takes the lag [ns] (None: everything) and a generator, `add` what the filter said of one more
-    moment; `finish` gives the moments that still wait when nothing comes any more.
+    time step; `finish` gives the time steps that still wait when nothing comes any more.
     """
 
     begin: Callable[[int | None, Generator], Window]
@@ -41,12 +41,12 @@ class FixedLagSmoother(NamedTuple, Generic[State, Window]):
 
 
 class PeopleTracker(NamedTuple, Generic[State, Window]):
-    """A method that follows everybody: `initial_state` makes its state, `step` takes the looks of one moment in."""
+    """Multi-person method: `initial_state` makes its state, `step` adds the frames of one time step."""
 
     begin: Callable[[Scene, Sequence[Camera], JipdaConfig], State]
     step: Callable[[State, Sequence[FrameDetections]], tuple[State, TrackSnapshot]]
     hear: Callable[[State, DirectionsOfArrival, MicrophoneArray], State] | None = None  # None: it is deaf
-    future: FixedLagSmoother[State, Window] | None = None  # None: it cannot look back
+    future: FixedLagSmoother[State, Window] | None = None  # None: no smoother
 
 
 JIPDA: PeopleTracker[joint_filter.JipdaState, window.SmoothingWindow] = PeopleTracker(
@@ -67,13 +67,13 @@ def track_people(
     seed: int = 0,
     heard: Iterable[DirectionsOfArrival] = (),
 ) -> Iterator[list[SnapshotWithDetections]]:
-    """Follow everybody; some moments at a time, as many as have few rows together, so that memory does not grow.
+    """Track all people, in chunks of time steps with few rows, so that memory does not grow.
 
     Args:
         moments: in the order of time; none is empty.
         scene: where.
         cameras: those that look, in the order of their places in the looks.
-        config: settings; with `smooth` or a lag moments wait for what comes after them.
+        config: settings; with `smooth` or a lag time steps wait for what comes after them.
         follower: the method.
         seed: of the random numbers that the future is searched with.
         heard: directions of the scene's arrays, in the order of time.
@@ -90,7 +90,7 @@ def track_people(
         told = said.moment._replace(events=(*said.moment.events, *doubts))
         each = said._replace(moment=told._replace(mean=told.mean + np.append(origin, np.zeros(4))))
         held.append(each)
-        # Even a moment without anybody is kept with its looks
+        # Even a time step without any person is kept with its looks
         rows += 1 + len(each.moment.support.row) + len(each.moment.ids) * (1 + len(each.looks))
         if rows >= ROWS_PER_PART:
             yield held
@@ -106,7 +106,7 @@ def _steps(
     follower: PeopleTracker[State, Window],
     heard: Iterable[DirectionsOfArrival],
 ) -> Iterator[tuple[State, SnapshotWithDetections]]:
-    """What the filter says of each moment; what was heard since the moment before is taken in first."""
+    """Filter each time step, after the directions heard since the previous one."""
     sounds = iter(heard)
     sound = next(sounds, None)
     for looks in moments:
@@ -124,7 +124,7 @@ def _reported(
     config: JipdaConfig,
     seed: int,
 ) -> Iterator[SnapshotWithDetections]:
-    """What is said of each moment, at once or when its future is known."""
+    """Output of each time step, at once or after smoothing."""
     if not config.smoothed or follower.future is None:
         yield from (seen for _, seen in steps)
         return
@@ -141,16 +141,16 @@ def _reported(
 
 
 class Tabulator:
-    """Makes tables of moments, and counts whom the cameras see."""
+    """Makes tables of time steps, and counts the people that each camera sees."""
 
     def __init__(self, cameras: Sequence[Camera], *, in_images: bool) -> None:
-        """Nothing was seen yet; `in_images` says whether everybody in every image is wanted."""
+        """Create empty counts; `in_images`: project all tracks into every image."""
         self._names = [c.name for c in cameras]
         self._views = TracksInViews(cameras) if in_images else None
         self.agreement = CameraAgreement(cameras)
 
     def tables(self, seen: Sequence[SnapshotWithDetections]) -> SnapshotTables:
-        """The rows of some moments."""
+        """The rows of some time steps."""
         for each in seen:
             self.agreement.add(each.moment, each.looks)
         return SnapshotTables(

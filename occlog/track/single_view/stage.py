@@ -35,7 +35,7 @@ class CameraTrackers:
         return sorted(self._own)
 
     def step(self, camera: str, found: BoxesInFrame) -> Ints:
-        """(N,) identities of the boxes of a frame, each of one camera alone; -1: of nobody.
+        """(N,) identities of the boxes of a frame, each of one camera alone; -1: of no person.
 
         Raises:
             PluginError: the tracker fails, or gives back what no identities can be.
@@ -71,7 +71,7 @@ def fault_of(ids: object, count: int) -> str | None:
         return f"step gives values of kind {array.dtype}; whole numbers were expected"
     own = array[array >= 0]
     if (array < -1).any():
-        return f"identity {array.min()} must be at least 0, or -1 for a box of nobody"
+        return f"identity {array.min()} must be at least 0, or -1 for a clutter box"
     if len(np.unique(own)) < len(own):
         twice = next(k for k in own.tolist() if (own == k).sum() > 1)
         return f"identity {twice} is twice in one frame"
@@ -81,7 +81,7 @@ def fault_of(ids: object, count: int) -> str | None:
 def follow(
     chunks: Iterable[Boxes | Views], trackers: CameraTrackers, cameras: Callable[[str], bool]
 ) -> Iterator[Boxes]:
-    """Boxes with the identities that trackers give them; those of nobody are left out.
+    """Boxes with the identities that trackers give them; those of no person are omitted.
 
     A frame without any other has a row that says that nobody is there.
 

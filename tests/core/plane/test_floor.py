@@ -38,7 +38,7 @@ def test_any_number_of_places_can_be_asked_for(n):
 
 def test_a_room_full_of_walls_is_refused():
     floor = make_floor(L_ROOM, [np.array([[-1.0, -1.0], [5.0, -1.0], [5.0, 5.0], [-1.0, 5.0]])])
-    with pytest.raises(ValueError, match="only 0 of 10 random places were free"):
+    with pytest.raises(ValueError, match="only 0 of 10 random positions were free"):
         sample_floor(10, floor, np.random.default_rng(3))
 
 

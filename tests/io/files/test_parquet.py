@@ -60,9 +60,7 @@ def test_copies_of_rows_are_refused_where_they_have_an_identity_or_a_measurement
     for target in (3, -1):
         one = replace(random_table(Bearings, 1), target_id=np.array([target], np.int32))
         write_table(path, Bearings.concat([one, one]), PROVENANCE, overwrite=True)
-        with pytest.raises(
-            InputError, match=rf"t\.parquet: Bearings: a row stands there twice \(t_ns .*target_id {target}"
-        ):
+        with pytest.raises(InputError, match=rf"t\.parquet: Bearings: a row is repeated \(t_ns .*target_id {target}"):
             read_table(path, Bearings)
     blind = replace(
         one,
@@ -345,7 +343,7 @@ def test_copies_behind_others_of_their_time_are_refused(tmp_path: Path, rows: in
     write_table(path, people, PROVENANCE)
     whole = pq.read_table(path)
     pq.write_table(pa.concat_tables([whole, whole.slice(2)]), path)
-    with pytest.raises(InputError, match=r"t\.parquet: Tracks: a row stands there twice \(t_ns .*target_id [23]\)"):
+    with pytest.raises(InputError, match=r"t\.parquet: Tracks: a row is repeated \(t_ns .*target_id [23]\)"):
         list(iter_table(path, Tracks, rows))
     pq.write_table(whole.take([3, 1, 2, 0]), path)
     assert sum(len(chunk) for chunk in iter_table(path, Tracks, rows)) == 4

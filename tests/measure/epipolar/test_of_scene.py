@@ -43,7 +43,7 @@ def test_cameras_without_a_pose_or_apart_have_no_matrix():
     first, second = rig(np.random.default_rng(0))
     with pytest.raises(ValueError, match="camera b has no pose"):
         fundamental_of_cameras(first, replace(second, placed=False))
-    with pytest.raises(ValueError, match="cameras a and b: the two cameras are at the same place"):
+    with pytest.raises(ValueError, match="cameras a and b: the two cameras are at the same position"):
         fundamental_of_cameras(first, replace(first, name="b"))
 
 

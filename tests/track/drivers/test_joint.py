@@ -209,7 +209,7 @@ def test_what_is_missing_is_said():
     cameras = rows(SCENE, TWO, cameras=True)
     with pytest.raises(InputError, match="no row is of a microphone array"):
         run([cameras.take(np.char.startswith(cameras.sensor, "c"))])
-    with pytest.raises(UsageError, match="wants two cameras with a pose; the scene has 1 in use"):
+    with pytest.raises(UsageError, match="requires two cameras with a pose; 1 are in use"):
         run([cameras], replace(CONFIG, cooperate="spread"), sensors=frozenset({"a1", "c1"}))
 
 

@@ -118,7 +118,9 @@ def test_frames_of_scans_without_an_estimate_count_in_the_next_row() -> None:
 def test_one_start_is_for_one_target() -> None:
     config = Settings(start=(1.0, 2.0, 3.0))
     assert len(run([seen(2, 7)], config=config)[0]) == 2
-    with pytest.raises(UsageError, match="start says where one target is, but there is target 7 besides 0; choose one"):
+    with pytest.raises(
+        UsageError, match="start says where one target is, but there is target 7 in addition to 0; choose one"
+    ):
         run([Bearings.merge([seen(2, 0), seen(2, 7)])], config=config)
 
 

@@ -41,7 +41,7 @@ def command(tmp_path: Path) -> list[str]:
 def test_one_camera_gives_no_position_and_the_message_says_what_is_wanted(command, capsys) -> None:
     assert run([*command, "--cameras", "cam1"]) == ExitCode.BAD_INPUT
     error = capsys.readouterr().err
-    assert "no moment of the chosen targets and sensors gives a position" in error
+    assert "no time step of the chosen targets and sensors gives a position" in error
     assert "a fix wants directions of two sensors at one time (--window)" in error
     assert error.count("\n") == 1
     assert not Path(command[-1]).exists()

@@ -47,7 +47,7 @@ def test_a_missing_package_is_one_line(name: str, monkeypatch) -> None:
         return whole(wanted, *args)
 
     monkeypatch.setattr(importlib, "import_module", without)
-    with pytest.raises(UsageError, match=f"solver={name} wants the package {name}, which is not installed") as error:
+    with pytest.raises(UsageError, match=f"solver={name} requires the package {name}, which is not installed") as error:
         program_solver(name)
     assert "\n" not in str(error.value)
     assert "leave the setting out" in str(error.value)

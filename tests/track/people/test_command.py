@@ -248,7 +248,7 @@ def test_boxes_outside_the_image_are_left_out_and_told(walk, tmp_path, capsys):
     assert track(tmp_path, shifted, SCENE) == ExitCode.DONE
     summary, noted = said(capsys)
     assert "camera c: " in noted
-    assert "boxes are outside the image, and are left out" in noted
+    assert "outside the image" in noted
     assert summary["boxes"]["c"]["boxes"] == 0
     assert summary["people"] == PEOPLE
 
@@ -276,7 +276,7 @@ def test_a_scene_in_centimetres_gives_the_same_tracks_in_centimetres(walk, tmp_p
     scene = hall("abcd", 100.0, "unit")
     assert track(tmp_path, boxes(scene, SECONDS, metre=100.0), scene) == ExitCode.DONE
     _, noted = said(capsys)
-    assert "lengths are in a unit of their own; by their boxes people are 17" in noted
+    assert "lengths are in a scene-specific unit; by boxes people are 17" in noted
     found = tracks(tmp_path)
     assert np.median(np.abs(found.x / 100.0 - metres.x)) < 0.02
     assert np.median(found.height) == pytest.approx(100.0 * np.median(metres.height), rel=0.05)
@@ -297,7 +297,7 @@ def test_a_stated_height_that_nobody_has_is_refused(tmp_path, capsys):
     found = boxes(scene, SECONDS, metre=100.0)
     assert track(tmp_path, found, scene, "--set", "height=170") == ExitCode.BAD_INPUT
     noted = capsys.readouterr().err
-    assert "nobody is 170 m tall (setting height), so the lengths of the scene are not in m" in noted
+    assert "no person is 170 m tall (setting height), so the lengths of the scene are not in m" in noted
     assert "state the unit of the calibration" in noted
     assert noted.count("\n") == 1
 
@@ -306,7 +306,7 @@ def test_a_stated_height_that_nobody_has_is_refused(tmp_path, capsys):
 def test_nobody_at_all_is_a_result(found, tmp_path, capsys):
     assert track(tmp_path, found, SCENE) == ExitCode.DONE
     summary, noted = said(capsys)
-    assert noted == "occlog: note: nobody was found: the tracks are empty\n"
+    assert noted == "occlog: note: no person was found: the tracks are empty\n"
     assert (summary["people"], summary["rows"]) == (0, 0)
     assert len(tracks(tmp_path)) == 0
     assert len(read_table(tmp_path / "view-tracks.parquet", ViewTracks)) == 0
@@ -348,7 +348,7 @@ def test_a_calibrated_camera_on_the_floor_is_told_from_one_without_a_pose(roundi
     assert list(summary["frames"]) == ["c", "d"]
     assert track(tmp_path, walk, replace(SCENE, cameras=tuple(map(lowered, SCENE.cameras)))) == ExitCode.BAD_INPUT
     noted = capsys.readouterr().err
-    assert "a, b, c, d are on the floor (z = 0), so no place on the floor can be found" in noted
+    assert "a, b, c, d are on the floor (z = 0), so no position on the floor can be found" in noted
     assert "say how high the cameras are" in noted
 
 

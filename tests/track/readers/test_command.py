@@ -183,7 +183,7 @@ def test_refinement_says_what_it_wants(folder: Path, capsys: pytest.CaptureFixtu
     base += ["--set", "range=4", "--scene", str(scene)]
     for more, says in (
         (["--refine", "right", "--sights", str(sights)], "no camera 'right' with a pose in the scene; cameras: left"),
-        (["--refine", "left", "--with", "parallel", "--sights", str(sights)], "parallel wants two cameras"),
+        (["--refine", "left", "--with", "parallel", "--sights", str(sights)], "parallel requires two cameras"),
         (["--sights", str(sights)], "name the cameras"),
     ):
         assert run([*base, *more]) == ExitCode.USAGE

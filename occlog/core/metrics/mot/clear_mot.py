@@ -25,7 +25,7 @@ class ClearRule(NamedTuple):
     """How targets and tracks are paired in a frame.
 
     A target first keeps the track that it had last, if that one still is similar enough (of two
-    targets that had the same one, that of the lower label); the rest is assigned anew.
+    targets that had the same one, that of the lower label); the rest is assigned again.
 
     Attributes:
         threshold: least similarity of a pair.
@@ -49,7 +49,7 @@ class MatchedPairs(NamedTuple):
     """The pairs that were made, in order of frames.
 
     Attributes:
-        frame: (n,) place of the frame in `MatchedFrames`.
+        frame: (n,) position of the frame in `MatchedFrames`.
         truth: (n,) true row in `MatchedFrames`.
         track: (n,) track row in `MatchedFrames`.
         distance: (n,) of the pair.
@@ -75,7 +75,7 @@ class ClearMot(NamedTuple):
         fp: track rows not paired.
         fn: true rows not paired.
         switches: pairs of a target with another track than it had last.
-        fragmentations: times that a target, over the frames it is in, is tracked again after a gap: stretches of frames
+        fragmentations: times that a target, over the frames it is in, is tracked again after a gap: segments of frames
             in which it is paired, without the first one of each target.
         mota: 1 - (fn + fp + switches) / objects.
         motp: mean distance of the pairs (1 - IoU, or length).
@@ -170,7 +170,7 @@ class ClearCounts:
         self._similarity.add(float(np.sum(made.similarity)))
         self._life += np.bincount(frames.truth, minlength=size)
         self._paired += np.bincount(frames.truth[made.truth], minlength=size)
-        # Stretches of frames of a target in which it is paired
+        # Segments of frames of a target in which it is paired
         paired = np.zeros(len(frames.truth), dtype=np.bool_)
         paired[made.truth] = True
         order = np.argsort(frames.truth, kind="stable")
@@ -182,7 +182,7 @@ class ClearCounts:
         self._goes_on[who[last]] = there[last]
 
     def merge(self, other: ClearCounts) -> None:
-        """Take in another recording, whose targets get the numbers behind these; no frame is added after it."""
+        """Add another recording with its targets numbered after these; no frame is added after it."""
         self._objects, self._estimates = self._objects + other._objects, self._estimates + other._estimates
         self._tp, self._switches = self._tp + other._tp, self._switches + other._switches
         self._distance.merge(other._distance)
@@ -243,7 +243,7 @@ def _pair(allowed: Bools, values: Floats, kept: Bools, most: bool) -> tuple[Ints
     kept = kept & allowed
     columns = np.flatnonzero(kept.any(axis=0))
     rows = np.argmax(kept[:, columns], axis=0) if len(columns) else columns
-    # Targets and tracks that keep their partner are left out of the assignment of the rest.
+    # Targets and tracks that keep their partner are excluded from the assignment of the rest.
     free = allowed.copy()
     free[rows, :], free[:, columns] = False, False
     left, right = np.flatnonzero(free.any(axis=1)), np.flatnonzero(free.any(axis=0))

@@ -72,7 +72,7 @@ def failures(truth: Objects, trackers: Objects, tau: Floats | float, own: Ints |
 
     Args:
         truth: (n, 2) centres of the targets in each frame and view, hidden ones included; labels >= 0.
-        trackers: (m, 2) centres of the estimates.  A row whose place is not finite is a tracker
+        trackers: (m, 2) centres of the estimates.  A row whose position is not finite is a tracker
             without an estimate.
         tau: largest distance from a target at which a tracker is on it, >= 0; (n,) for each true
             row, such as the radius of the target, or one for all.
@@ -80,7 +80,7 @@ def failures(truth: Objects, trackers: Objects, tau: Floats | float, own: Ints |
             target, so that being on one is a label failure.  None: the tracker's own label.
 
     Raises:
-        ValueError: a label comes twice in a frame of a view, a true place is not finite, tau is not a length.
+        ValueError: a label comes twice in a frame of a view, a true position is not finite, tau is not a length.
     """
     lengths = np.asarray(tau, dtype=np.float64)
     reach = np.broadcast_to(lengths, len(truth.frame))

@@ -58,13 +58,13 @@ class MatchedFrames(NamedTuple):
         track: (M,) number of each row's track, 0 to K - 1.
         truth_start: (T + 1,) first row of each frame in `truth`.
         track_start: (T + 1,) first row of each frame in `track`.
-        truth_place: (N, d) places.
-        track_place: (M, d) places.
+        truth_place: (N, d) positions.
+        track_place: (M, d) positions.
         truth_key: (G, 2) view and label of each target.
         track_key: (K, 2) view and label of each track.
-        truth_row: (N,) place of each true row in the input.
-        track_row: (M,) place of each track row in the input.
-        limit: distance of points at which their similarity is 0.5; NaN: the places are boxes.
+        truth_row: (N,) position of each true row in the input.
+        track_row: (M,) position of each track row in the input.
+        limit: distance of points at which their similarity is 0.5; NaN: the positions are boxes.
     """
 
     frame: Ints
@@ -104,7 +104,7 @@ class MatchedFrames(NamedTuple):
 
 
 def _without_rounding(distance: Floats, a: Floats, b: Floats) -> Floats:
-    """Distances to the last decimal that the places tell.
+    """Distances to the precision of the positions.
 
     Those of 0.3 and 0.8 and of 1000.3 and 1000.8 differ in the last bits, but must be on the same side of a limit.
     """
@@ -138,7 +138,7 @@ def of_boxes(truth: Objects, tracks: Objects) -> MatchedFrames:
     """Frames of boxes (n, 4): left, top, width, height.
 
     Raises:
-        ValueError: a place is not finite or no box, a label comes twice in a frame of a view, or
+        ValueError: a position is not finite or no box, a label comes twice in a frame of a view, or
             only one side has views.
     """
     for side in (truth, tracks):
@@ -153,10 +153,10 @@ def of_points(truth: Objects, tracks: Objects, limit: float) -> MatchedFrames:
     Args:
         truth: the targets.
         tracks: the estimates.
-        limit: distance at which the similarity is 0.5, > 0, unit of the places.
+        limit: distance at which the similarity is 0.5, > 0, unit of the positions.
 
     Raises:
-        ValueError: a place is not finite or has other columns than those of the other side, a
+        ValueError: a position is not finite or has other columns than those of the other side, a
             label comes twice in a frame of a view, or only one side has views.
     """
     if not 0 < limit < np.inf:
@@ -205,7 +205,7 @@ def _rows_of(side: Objects, rows: Ints) -> Floats:
 
 def _views(side: Objects) -> Ints:
     if not np.isfinite(side.place).all():
-        raise ValueError("places must be finite; leave out objects without one")
+        raise ValueError("places must be finite; omit objects without one")
     return np.zeros(len(side.frame), dtype=np.int64) if side.view is None else side.view.astype(np.int64)
 
 

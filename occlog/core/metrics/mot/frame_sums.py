@@ -1,4 +1,4 @@
-"""What each frame adds to the figures of many targets, so that parts of a recording can be weighed anew.
+"""What each frame adds to the figures of many targets, so that parts of a recording can be reweighted.
 
 MOTA, the RMSE of pairs and rates are ratios of sums over frames.  IDF1 and HOTA become that with the identities of the
 whole recording: which track a target is given (IDF1), and how far each couple of target and track belongs together

@@ -78,7 +78,7 @@ class GospaSums:
             found.merge(other._sums[name])
 
     def means(self, frames: int) -> dict[str, float]:
-        """Means over so many frames, as `Gospa.means` has them."""
+        """Means over a number of frames, as in `Gospa.means`."""
         values = {name: found.value / max(frames, 1) for name, found in self._sums.items()}
         return {**values, "power_mean": sum(list(values.values())[1:]) ** (1.0 / self._p)}
 
@@ -164,7 +164,7 @@ def ospa2(frames: MatchedFrames, cutoff: float, p: float = 1.0) -> Ospa2:
 
 
 def ospa2_over_time(frames: MatchedFrames, cutoff: float, p: float, window: int, ends: Iterable[int]) -> list[Ospa2]:
-    """Compute OSPA(2) over the windows of so many frames that end with each of these frames.
+    """Compute OSPA(2) over windows of a number of frames that end with each of these frames.
 
     Args:
         frames: truth and tracks of one view.
@@ -226,7 +226,7 @@ class Ospa2Sums:
             self._couples.add(np.repeat(seen.truth, m), np.tile(seen.track, n), sign * together)
 
     def merge(self, other: Ospa2Sums) -> None:
-        """Take in another recording, whose targets and tracks get the numbers behind these."""
+        """Add another recording, with its targets and tracks numbered after these."""
         self._truth, self._track = (
             np.concatenate(sides) for sides in ((self._truth, other._truth), (self._track, other._track))
         )
@@ -252,7 +252,7 @@ class Ospa2Sums:
 
 
 class Ospa2Windows:
-    """OSPA(2) over windows of so many frames, while frames come by."""
+    """OSPA(2) over windows of a number of frames, over a stream."""
 
     def __init__(self, targets: int, tracks: int, cutoff: float, p: float, window: int) -> None:
         """No frame yet; number of all targets and tracks; ValueError for an option outside its range."""

@@ -194,7 +194,7 @@ def associations(frames: MatchedFrames, alphas: Floats = ALPHAS) -> tuple[Ints, 
         alphas: (A,) thresholds of similarity in (0, 1).
 
     Returns:
-        (n,) place of each pair's frame, (n, A) whether it is a pair at each threshold, (n, A) its TPA / (TPA + FNA +
+        (n,) position of each pair's frame, (n, A) whether it is a pair at each threshold, (n, A) its TPA / (TPA + FNA +
         FPA) there, 0 where it is none.
     """
     frame, couple, life, length, similarity = _paired(frames)
@@ -210,7 +210,7 @@ def _paired(frames: MatchedFrames) -> tuple[Ints, Ints, Ints, Ints, Floats]:
     """Pairs of all frames, and the couples that they are of.
 
     Returns:
-        (n,) place of each pair's frame, (n,) number of its couple; of each couple the rows of its target (TPA + FNA)
+        (n,) position of each pair's frame, (n,) number of its couple; of each couple the rows of its target (TPA + FNA)
         and of its track (TPA + FPA); (n,) similarity of each pair.
     """
     known = _aligned(frames)
@@ -290,7 +290,7 @@ class IdentityCounts:
             self._met.add(frames.truth[left][i], frames.track[right][j], np.ones((1, len(i))))
 
     def merge(self, other: IdentityCounts) -> None:
-        """Take in another recording, whose targets and tracks get the numbers behind these."""
+        """Add another recording, with its targets and tracks numbered after these."""
         self._met.merge(other._met)
         self._targets += other._targets
         self._objects, self._estimates = self._objects + other._objects, self._estimates + other._estimates

@@ -2,10 +2,10 @@
 
 Cuts trajectory GOSPA into programs that can be solved apart, in time as well as among targets.
 
-While a target and a track meet nobody but each other for long enough, they have each other in every solution in whole
-numbers: a solution without that for a stretch would save at most three changes of price gamma^p by it, and lose what
-the stretch gains.  Where both the part before and the part behind a moment gain as much, the pair is sure of that
-moment, and what comes behind it needs to know nothing of what was before.
+While a target and a track meet no other for long enough, they have each other in every solution in whole
+numbers: a solution without that for a segment would save at most three changes of price gamma^p by it, and lose what
+the segment gains.  Where both the part before and the part behind a time step gain as much, the pair is sure of that
+time step, and what comes behind it needs to know nothing of what was before.
 
 Trajectory GOSPA: one distance between the true trajectories and the tracks, with a price for every change of track.
 
@@ -56,7 +56,7 @@ class TrajectoryPairs(NamedTuple):
 
 
 class TrajectoryPieces(NamedTuple):
-    """Pieces of time of pairs, between the moments of which a target or a track of theirs is sure.
+    """Pieces of time of pairs, between the time steps of which a target or a track of theirs is sure.
 
     Attributes:
         truth: (n,) number of the target in its piece of time: pieces with the same one share it.
@@ -107,7 +107,7 @@ class TrajectoryPieces(NamedTuple):
 
 
 class FixedPairs(NamedTuple):
-    """Stretches of time in which a pair is sure, in any order.
+    """Segments of time in which a pair is sure, in any order.
 
     Attributes:
         truth: (n,) target.
@@ -139,17 +139,17 @@ class FixedPairs(NamedTuple):
 
 
 class FixedStretches(NamedTuple):
-    """Stretches of rows of a pair in which it is sure."""
+    """Segments of rows of a pair in which it is sure."""
 
     first: Ints  # (k,) first row of `TrajectoryPairs`
     last: Ints  # (k,) last row
     rows: Bools  # (n,) whether each row is in one
-    alone: Bools  # (n,) whether the two meet nobody else in the frame
-    begins: Bools  # (n,) whether a run begins, in which the two meet nobody but each other
+    alone: Bools  # (n,) mask: the two meet no other in the frame
+    begins: Bools  # (n,) mask: a run begins, in which the two meet no other
     gained: Floats  # (n,) what the run of rows of the pair has gained, this row included
 
     def pins(self, pairs: TrajectoryPairs) -> FixedPairs:
-        """The stretches as times."""
+        """The segments as times."""
         return FixedPairs.of(
             pairs.truth[self.first], pairs.track[self.first], pairs.time[self.first], pairs.time[self.last]
         )
@@ -174,7 +174,7 @@ def sure_stretches(pairs: TrajectoryPairs, most: float, switch: float, told: Int
         goes_on &= previous == np.arange(n) - 1
         twice = same & (pairs.time[order[1:]] == pairs.time[order[:-1]])
         alone[order[1:][twice]] = alone[order[:-1][twice]] = False
-    # A run: rows of a pair between which neither of the two meets anybody else
+    # A run: rows of a pair between which neither of the two meets any other person
     goes_on[1:] &= alone[1:] & alone[:-1]
     goes_on[:1] = False
     run, start = np.cumsum(~goes_on) - 1, np.flatnonzero(~goes_on)
@@ -200,11 +200,11 @@ def pieces_of(
 ) -> TrajectoryPieces:
     """Pieces of time of all pairs, between the pins of their targets and tracks.
 
-    Pieces in which a pair does not meet and has no weight before or behind, and those that are done, are left out.
+    Pieces in which a pair does not meet and has no weight before or behind, and those that are done, are omitted.
 
     Args:
-        pairs: rows that meet, sorted by pair, then by time; rows within pins may be left out.
-        pins: stretches in which pairs are sure.
+        pairs: rows that meet, sorted by pair, then by time; rows within pins may be omitted.
+        pins: segments in which pairs are sure.
         frames: number of all frames.
         over: of each target and of each track whether all its rows are there; None: all are.
     """
@@ -222,7 +222,7 @@ def pieces_of(
         both = both[np.argsort(pins.first[both], kind="stable")]
         own = (pins.truth[both] == i) & (pins.track[both] == j)
         value = own.astype(np.int64)
-        # Between two stretches; those of the target and those of the track may overlap
+        # Between two segments; those of the target and those of the track may overlap
         begin, end = np.append(0, np.maximum.accumulate(pins.last[both]) + 1), np.append(pins.first[both], frames)
         before, behind = np.append(OPEN, value), np.append(value, OPEN)
         low, high = (start + np.searchsorted(pairs.time[start:stop], at) for at in (begin, np.maximum(begin, end)))
@@ -272,12 +272,12 @@ def delimiters(pieces: TrajectoryPieces, pins: FixedPairs) -> Bools:
 class _Program(NamedTuple):
     """Unknowns of one piece after another, in the order of time.
 
-    Each is the weight of the pair in a frame in which the two meet, or over a stretch of other frames.
+    Each is the weight of the pair in a frame in which the two meet, or over a segment of other frames.
     """
 
-    piece: Ints  # (n,) place of the piece among those that are solved together
+    piece: Ints  # (n,) position of the piece among those that are solved together
     start: Ints  # (n,) first frame
-    meets: Ints  # (n,) row of `TrajectoryPairs`; -1: a stretch
+    meets: Ints  # (n,) row of `TrajectoryPairs`; -1: a segment
 
 
 def _unknowns(pairs: TrajectoryPairs, pieces: TrajectoryPieces) -> _Program:
@@ -315,8 +315,8 @@ def solve(pairs: TrajectoryPairs, pieces: TrajectoryPieces, most: float, switch:
     meets = program.meets >= 0
     gain = np.zeros(n)
     gain[meets] = pairs.cost[program.meets[meets]] - most
-    # Changes: weight after minus weight before = rise - fall, both >= 0 and paid alike; at the ends of a piece one of
-    # the two weights is known
+    # Changes: weight after minus weight before = rise - fall, both >= 0 and at equal cost; at the ends of a piece one
+    # of the two weights is known
     new = np.append(True, program.piece[1:] != program.piece[:-1])
     after = np.flatnonzero(~new)
     begins, ends = np.flatnonzero(new), np.flatnonzero(np.append(new[1:], True))
@@ -394,7 +394,7 @@ class TrajectoryCosts:
     """Trajectory GOSPA of frames that come in parts, in the order of time.
 
     What is sure is added up at once.  What is not is kept until nothing that comes later can have a part in it: until
-    the targets and tracks of the piece are sure of somebody again, or have no rows any more.
+    the targets and tracks of the piece are sure of a person again, or have no rows any more.
     """
 
     def __init__(self, frames: int, targets: int, tracks: int, cutoff: float, switch: float, p: float = 2.0) -> None:
@@ -474,7 +474,7 @@ class TrajectoryCosts:
         known = np.append(self._sure, np.full(len(order) - len(self._sure), -1))[order]
         rows, told = rows.take(order), known >= 0
         sure = sure_stretches(rows, self._most, self._switch, known)
-        # A stretch that begins with a row that was told before goes on with the pin of the pair that is the last one
+        # A segment that begins with a row that was output before goes on with the pin of the pair that is the last one
         goes_on = told[sure.first]
         found = sure.pins(rows)
         pins = self._pins
@@ -488,7 +488,7 @@ class TrajectoryCosts:
         certain = sure.rows & ~told
         self._cost.add(float(rows.cost[certain].sum()))
         self._weight.add(float(np.count_nonzero(certain)))
-        # A run goes on where its last row is the last one of both, who meet nobody else in it and have rows to come
+        # A run goes on where its last row is the last one of both, which meet no other in it and have rows to come
         latest = sure.alone & ~self._over[0][rows.truth] & ~self._over[1][rows.track]
         for key in (rows.truth, rows.track):
             last = np.full(int(key.max(initial=-1)) + 1, -1, dtype=np.int64)
@@ -499,7 +499,7 @@ class TrajectoryCosts:
         later = may & ~sure.rows & ~told & (sure.gained >= enough_gain(self._switch))
         self._later = rows.take(later)
         self._loose = self._loose.joined(rows.take(~sure.rows & ~told & ~later))
-        # Of each run that may go on the last row that is told, which stands for all before it
+        # Of each run that may go on the last row that is output, which represents all before it
         keep = may & ~later
         keep[:-1] &= ~(keep[1:] & (run[1:] == run[:-1])) if len(keep) else True
         kept = rows.take(keep)
@@ -551,7 +551,7 @@ def trajectory_gospa(frames: MatchedFrames, cutoff: float, switch: float, p: flo
         tracks without a target)] + gamma^p / 2 sum over t, i, j of |W_t+1(i, j) - W_t(i, j)|.
 
     Pairs that never are nearer than c have no weight.  In frames in which a pair is not nearer than c its weight
-    neither costs nor saves anything but the change, so that one unknown serves a whole stretch of them: the weight that
+    neither costs nor saves anything but the change, so that one unknown serves a whole segment of them: the weight that
     is least anywhere in it leaves most to others and changes no more.  Pairs that share no target and no track, not
     even by way of others, are solved apart.
 

@@ -5,7 +5,7 @@ the filter weighs its particles with corrected cameras, and with what is still u
 them instead of `sigma_position` and `sigma_yaw`.  `initial`: the first `calibrate_s` seconds
 are tracked as without, then all their bearings are solved at once, and that stays.
 
-Both compare errors that stay with errors drawn anew for every scan, which is what Eq. 2 says
+Both compare errors that stay with errors resampled for every scan, which is what Eq. 2 says
 (`Belief.log_odds`), and correct nothing while the latter explains the bearings better.
 
 What cannot be observed (where all cameras together are) is an error of the track that more
@@ -45,7 +45,7 @@ from .model import MIN_SIGMA, pack_sensors
 MAX_CLOUD_ANGLE = 0.1
 """Particles this near together, relative to their distance, see a camera under one angle as far as Eq. 2 goes."""
 REPACK_SHIFT_SIGMAS = 0.05
-"""Corrected cameras are packed anew when an estimate has moved by this share of its prior deviation."""
+"""Corrected cameras are packed again when an estimate has moved by this share of its prior deviation."""
 MIN_LOG_ODDS = 3.0
 """Log-odds from which on errors are taken to stay: 20 to 1."""
 GATE_SIGMAS = 4.0
@@ -116,7 +116,7 @@ def corrected(calibration: PoseCalibration, xy: Floats, weights: Floats) -> tupl
     """Sensors where they are thought to be, and the noise that is left of their errors.
 
     Where the (L, 2) particles are near together, the variance of a bearing to them goes into
-    the yaw's place, for any covariance of the errors; elsewhere Eq. 2 has the greatest
+    the yaw's position, for any covariance of the errors; elsewhere Eq. 2 has the greatest
     variance of position in any direction.
     """
     if not calibration.believed:
@@ -231,9 +231,9 @@ def _packed(calibration: PoseCalibration) -> PoseCalibration:
 
 
 def corrected_sensors(scene: Scene, errors: Floats) -> Sensors:
-    """Packed sensors of a scene whose cameras are moved and turned by (S, 3) errors.
+    """Packed sensors of a scene, with cameras moved and turned by (S, 3) errors.
 
-    What hides things from a camera is what hides them at its stated place, but for a wall
+    What hides things from a camera is what hides them at its stated position, but for a wall
     or a pillar that it would be moved into.
     """
     moved = [_moved(c, e) for c, e in zip(scene.cameras, errors, strict=False)]

@@ -11,7 +11,7 @@ Departures from the paper, each with its reason:
 * what goes wrong is mended and reported: `sir` when no expected position agrees with the
   scan (stage 1 is skipped), `restart` when no particle does, or when most sensors
   contradict even the best particle in several scans, `gap` after too long a time without
-  scans.  In both of these particles are drawn anew over the whole floor.
+  scans.  In both of these particles are resampled over the whole floor.
 """
 
 from __future__ import annotations
@@ -58,9 +58,9 @@ class ApfState(NamedTuple):
     particles: WaypointParticles
     weights: Floats  # (L,)
     t_ns: int | None
-    astray: int  # reports against the likeliest place more than for it, see `_track_loss`
+    astray: int  # reports against the likeliest position more than for it, see `_track_loss`
     calibration: PoseCalibration | None = None  # None: errors of poses are white noise
-    trace: Trace = ()  # what the last step leaves for the way back; none where nothing looks back
+    trace: Trace = ()  # smoother state of the last step; empty without a smoother
 
 
 def init(scene: Scene, config: ApfConfig, rng: Generator) -> ApfState:
@@ -117,7 +117,7 @@ def step(state: ApfState, scan: Scan, rng: Generator) -> tuple[ApfState, Estimat
 
 
 def _with_occluder_priors(model: ApfModel, priors: Priors, state: ApfState) -> ApfModel:
-    """The model with what is known about moving occluders; priors of the target itself are left out."""
+    """The model with what is known about moving occluders; priors of the target itself are omitted."""
     config = model.config
     if config.own_gate > 0.0 and state.t_ns is not None:
         priors = without_own(priors, *mean_and_covariance(state.weights, state.particles.xy), config.own_gate)
@@ -160,14 +160,14 @@ def _updated(state: ApfState, looks: PackedScan, dt: float, rng: Generator) -> t
 
 
 def _last(model: ApfModel, draw: ProposedParticles, dt: float) -> Trace:
-    """The link of a scan; none where nothing looks back."""
+    """The smoother state of a scan; None without a smoother."""
     if not model.config.smoothed:
         return ()
     return (record_particles(draw.particles, draw.weights, draw.parents, dt, model, draw.sharpness),)
 
 
 def _begin(model: ApfModel, looks: PackedScan, reason: str, rng: Generator) -> tuple[ProposedParticles, Trace]:
-    """Particles drawn anew: all over the floor, or, without a room, where the scan says."""
+    """Particles resampled: all over the floor, or, without a room, where the scan says."""
     draw = reinitialise(model, looks, rng)._replace(fallback=reason)
     return draw, _last(model, draw, 0.0)
 
@@ -222,7 +222,7 @@ def _as_estimate(
     looks: PackedScan,
     seen: Bools,
 ) -> Estimate:
-    """The estimate, and by which looks it was made."""
+    """The estimate, with the sensors that contributed."""
     return Estimate(
         xy=mean,
         velocity=draw.weights @ waypoint.velocities(draw.particles),

@@ -1,4 +1,4 @@
-"""Scene and settings of method `apf` in the form of the kernels, and the likelihood of places under them.
+"""Scene and settings of method `apf` in the form of the kernels, and the likelihood of positions under them.
 
 A scene and a scan as the arrays that the likelihood kernels want.
 
@@ -52,7 +52,7 @@ def pack_sensors(scene: Scene, walls: Sequence[Sequence[Floats]] | None = None) 
 
     Args:
         scene: cameras and arrays.
-        walls: what hides things from each camera; None: what the scene says of the camera's place.
+        walls: what hides things from each camera; None: what the scene says of the camera's position.
     """
     cameras, arrays = scene.cameras, scene.arrays
     if walls is None:
@@ -89,7 +89,7 @@ def read_noise(scene: Scene) -> Floats:
 
 
 def pack_scan(scan: Scan, read_px: Floats, use_score: bool) -> PackedScan:
-    """The looks of a scan, as the likelihood kernels read them.
+    """Pack the sensor reports of a scan for the likelihood kernels.
 
     Cameras count by pixels, with Eq. 2's variance; a bearing without pixels by its own sigma,
     which is taken to hold everything.
@@ -183,7 +183,7 @@ def max_destination_distance(scene: Scene, speed: float) -> float:
 def sight_lines(
     looks: PackedScan, sensors: Sensors, noise: MeasurementNoise, prior: ViewPrior
 ) -> ScanDirectionsInPlane:
-    """The directions of a scan's measurements, with the errors of reading, yaw and place ([Ercan] Eq. 2)."""
+    """The directions of a scan's measurements, with the errors of reading, yaw and position ([Ercan] Eq. 2)."""
     i = np.repeat(looks.sensor, np.diff(looks.first))
     f, yaw = np.where(looks.pixel, noise.focal_px[i], 1.0), np.arctan2(sensors.axis[i, 1], sensors.axis[i, 0])
     reading = np.sqrt(looks.variance)
@@ -263,14 +263,14 @@ def occlusion_of(config: ApfConfig) -> Occlusion:
 def likelihood(
     model: ApfModel, xy: Floats, looks: PackedScan, far: float = OCCLUDER_SUPPORT_SIGMAS, *, anywhere: bool = False
 ) -> Floats:
-    """(L,) log f(Z|u) at (L, 2) places ([Ercan] Eq. 6).
+    """(L,) log f(Z|u) at (L, 2) positions ([Ercan] Eq. 6).
 
     Args:
         model: scene and settings.
-        xy: (L, 2) places.
+        xy: (L, 2) positions.
         looks: the scan.
         far: standard deviations at which a prior of an occluder counts as over.
-        anywhere: places that are not on the floor are possible, too.
+        anywhere: positions that are not on the floor are possible, too.
     """
     free = np.ones(len(xy), dtype=np.bool_) if anywhere else on_floor(xy, *model.floor)
     packed = looks, model.sensors, model.noise, model.detection, free
@@ -283,7 +283,7 @@ def likelihood(
 
 
 def evidence(model: ApfModel, looks: PackedScan) -> tuple[Ints, Floats]:
-    """Looks and measurements of a scan as the importance density takes them; see `kernels.importance.adapt`."""
+    """Sensor reports and measurements of a scan for the importance density; see `kernels.importance.adapt`."""
     rows = importance.measurements(looks, model.sensors, model.noise, model.detection)
     if model.measured is None:
         return looks.first, rows

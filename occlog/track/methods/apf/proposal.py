@@ -3,12 +3,12 @@
 Two importance densities:
 
 * `motion`, [Ercan]'s: a particle moves as the model says, whatever the scan says.  Stage 1 chooses parents by the
-  likelihood at their expected places.  Where bearings are sharper than the motion is certain nearly all particles
+  likelihood at their expected positions.  Where bearings are sharper than the motion is certain nearly all particles
   miss what the scan says, and the few that do not are taken for certainty;
 * `scan`: for every particle there are three hypotheses, that it goes on, changes its destination, or waits.  The
   Laplace approximation of each one's posterior (`occlog.track.methods.apf.kernels.importance`) gives the predictive
-  likelihood by which stage 1 chooses among the hypotheses of all particles, and the density from which the place is
-  drawn.  What the approximation leaves out (walls, moving occluders, sensors that saw nothing) comes into stage 1
+  likelihood by which stage 1 chooses among the hypotheses of all particles, and the density from which the position is
+  drawn.  What the approximation omits (walls, moving occluders, sensors that saw nothing) comes into stage 1
   from the likelihood at the mode of each particle's best hypothesis.
 
 With either one the weights are those of importance sampling, so that the density decides how well the
@@ -53,7 +53,7 @@ class ProposedParticles(NamedTuple):
     weights: Floats  # (L,) sum 1
     log_likelihood: float  # of the scan given those before; -inf if no particle agrees with it
     fallback: str
-    parents: Ints | None = None  # (L,) among those before; None: they were drawn anew
+    parents: Ints | None = None  # (L,) among those before; None: they were resampled
     sharpness: float = 0.0  # mean variance per axis of the importance densities they came from
     effective: float = math.inf  # effective number of the many that these were drawn from, where they begin
 
@@ -118,7 +118,7 @@ def _adapted_step(
     first_row, rows = evidence(model, looks)
     near = importance.adapt(mean, variance, prior > 0.0, first_row, rows)
     log_first = (log_of(prior) + near.log_volume + near.log_factors).reshape(3, L)
-    # What the approximation leaves out, at the mode of each particle's best hypothesis
+    # What the approximation omits, at the mode of each particle's best hypothesis
     best = np.argmax(log_first, axis=0) * L + np.arange(L)
     log_first += (
         likelihood(model, near.mode[best], looks, OCCLUDER_SUPPORT_SIGMAS_STAGE1, anywhere=True)
@@ -127,11 +127,11 @@ def _adapted_step(
     # Stage 1, weigh the hypotheses, and resample: systematic
     first, fallback = _stage_1(log_first.reshape(-1), prior, config.defensive)
     if not len(rows):
-        # Nobody saw the target: keep particles of every hypothesis for the next scan
+        # No sensor detected the target: keep particles of every hypothesis for the next scan
         first = (1.0 - EVEN_HYPOTHESIS_SHARE) * first + EVEN_HYPOTHESIS_SHARE * _even_weights(weights, chance)
     chosen = systematic_ancestors(first, n, rng.random())
     parents, regime = chosen % L, chosen // L
-    # Propose: places from the importance density, the velocity given the place
+    # Propose: positions from the importance density, the velocity given the position
     expected, spread = mean[chosen], variance[chosen]
     xy, log_ratio = importance.draw(
         expected,
@@ -160,7 +160,7 @@ def _adapted_step(
 
 
 def _stage_1(log_weights: Floats, prior: Floats, defensive: float) -> tuple[Floats, str]:
-    """Weights of stage 1, a share of which does not look at the scan; `sir` where no expected state agrees with it."""
+    """Weights of stage 1, a share of which is from the motion alone; `sir` where no expected state agrees with it."""
     first, log_sum = normalise_log_weights(log_weights)
     fallback = "" if math.isfinite(log_sum) else "sir"
     if fallback:  # stage 1 is skipped: plain sampling importance resampling
@@ -197,7 +197,7 @@ def move(model: ApfModel, particles: WaypointParticles, arrived: Bools, dt: floa
 
 
 def destinations(model: ApfModel, xy: Floats, rng: Generator) -> Floats:
-    """(n, 2) new destinations of targets at (n, 2) places: anywhere in the room, or without one not far away."""
+    """(n, 2) new destinations of targets at (n, 2) positions: anywhere in the room, or without one not far away."""
     if model.views is None:
         return sample_floor(len(xy), model.floor, rng)
     return sample_near(xy, model.wander, model.floor, rng)
@@ -218,13 +218,13 @@ def initial_particles(model: ApfModel, start: tuple[float, ...] | None, rng: Gen
 
 
 def _particles_at(model: ApfModel, xy: Floats, rng: Generator) -> WaypointParticles:
-    """Particles at (L, 2) places, on their way to anywhere at the usual speeds."""
+    """Particles at (L, 2) positions, on their way to anywhere at the usual speeds."""
     particles = waypoint.start_particles(xy, model.floor, model.config.speed, model.config.speed_spread, rng)
     return particles if model.views is None else particles._replace(destination=destinations(model, xy, rng))
 
 
 def reinitialise(model: ApfModel, looks: PackedScan, rng: Generator) -> ProposedParticles:
-    """Particles drawn anew: all over the floor, or, without a room, where the scan says."""
+    """Particles resampled: all over the floor, or, without a room, where the scan says."""
     if model.views is None or model.measured is not None:
         return select_initial_particles(model, initial_particles(model, None, rng), None, looks, rng)
     n = model.config.particles * model.config.start_factor
@@ -238,7 +238,7 @@ def select_initial_particles(
 ) -> ProposedParticles:
     """As many of fresh particles as the filter has, drawn by how well they agree with the scan.
 
-    With the density `scan` each of them stands for a kernel about its place, which looks at the scan as in a step.
+    With the density `scan` each of them represents a kernel about its position, which looks at the scan as in a step.
 
     Args:
         model: scene and settings.
@@ -250,7 +250,7 @@ def select_initial_particles(
     config, many = model.config, len(particles.speed)
     log_prior, sharpness = np.full(many, -math.log(many)), 0.0
     if config.proposal == "scan" and sigma != 0.0:
-        # The kernels' width: what lies between the places of the floor, or a share of the start's
+        # The kernels' width: what lies between the positions of the floor, or a share of the start's
         width2 = abs(signed_area(model.floor.room)) / many if sigma is None else (START_KERNEL_RATIO * sigma) ** 2
         variance = np.full(many, width2)
         first_row, rows = evidence(model, looks)

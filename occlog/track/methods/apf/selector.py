@@ -5,7 +5,7 @@ Which cameras to ask for measurements: [Ercan] Sec. 5 and the heuristics of Sec.
 greedy        adds, one after the other, the camera that lowers the expected error most (Alg. 2)
 brute-force   the best of all subsets
 fixed         the first ones of a given order
-random        any, anew at each selection
+random        any, redrawn at each selection
 closest       those nearest to where the target is thought to be
 all           all of them
 """
@@ -110,7 +110,7 @@ def choose(
 
     Args:
         cloud: where the target is thought to be.
-        priors: of the moving occluders; None: they are left out of account.
+        priors: of the moving occluders; None: they are excluded from account.
         net: the cameras.
         config: how to select.
         rng: for `random`.
@@ -181,11 +181,11 @@ def _thin(cloud: ParticleSet) -> ParticleSet:
 PRIOR_VISIBILITY = 0.8
 """Probability that a camera whose view holds the target has it in plain view, of which nothing is known yet."""
 MAX_DETECTION_PROBABILITY = 0.9
-"""Probabilities of detection above this count as this when a camera looks in vain."""
+"""Limit of the detection probability of a missed detection."""
 RESTART_FALLBACKS = ("restart", "gap")
-"""Values of `fallback` of estimates of a filter that has begun anew."""
+"""Values of `fallback` of estimates of a filter that has restarted."""
 MIN_CAMERAS_TO_LOCALISE = 2
-"""Cameras that see a target tell where it is."""
+"""Cameras that see a target determine its position."""
 FOREVER_NS = 2.0**63
 """No two times are further apart."""
 
@@ -250,10 +250,10 @@ class Selector(Generic[State, Config]):
         self._memory_s = selection.every * prediction.step_s(config)
 
     def update(self, own: TargetFilter[State], t_ns: int, priors: Priors | None) -> TargetFilter[State]:
-        """The filter with the cameras to use at a time, selected anew where that is due.
+        """The filter with the cameras to use at a time, reselected where that is due.
 
-        Until two cameras have seen the target at once nobody knows where it is, and all of them are asked: cameras that
-        are selected for a cloud all over the place would leave it there.  With priors of the moving occluders, or
+        Until two cameras have seen the target at once its position is unknown, and all of them are asked: cameras that
+        are selected for a cloud all over the position would leave it there.  With priors of the moving occluders, or
         without patience, [Ercan] Alg. 3 selects from the first scan on.
         """
         patience = self._patience
@@ -275,7 +275,7 @@ class Selector(Generic[State, Config]):
     def learned(self, own: TargetFilter[State], scan: Scan, estimate: Estimate) -> TargetFilter[State]:
         """The filter with what its cameras saw in a scan.
 
-        A camera that looked in vain less probably has the target in plain view, by Bayes' rule: somebody or something
+        A camera that looked in vain less probably has the target in plain view, by Bayes' rule: a person or something
         hides it there.  The probability goes back to `PRIOR_VISIBILITY` within the time between selections.  With
         priors of the moving occluders these say who hides the target, and nothing is learned.
         """

@@ -1,4 +1,4 @@
-"""Method `apf` looks back: trajectories drawn backwards through the particles of all scans."""
+"""Backward simulation smoother of method `apf`."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from .kernels.backward_simulation import parents_of
 from .model import ApfModel
 
 CANDIDATES = 500
-"""Particles of the step before among which each trajectory chooses, besides its own parent."""
+"""Particles of the step before among which each trajectory chooses, also its own parent."""
 
 MIN_EFFECTIVE_SAMPLE_SIZE = 1.5
-"""Fewer places count as so many, so that a single one does not count as certain."""
+"""Fewer positions count as so many, so that a single one does not count as certain."""
 
 
 class ParticleRecord(NamedTuple):
@@ -34,8 +34,8 @@ class ParticleRecord(NamedTuple):
     arrived: Bools  # (L,)
     weights: Floats  # (L,)
     parents: Ints | None  # (L,) among those of the link before; None: each its own
-    dt: float  # since the link before [s]; 0 without parents: nothing before counts, the particles were drawn anew
-    sharpness: float  # mean variance per axis of the densities that the places were drawn from; 0: not known
+    dt: float  # since the link before [s]; 0 without parents: nothing before counts, the particles were resampled
+    sharpness: float  # mean variance per axis of the densities that the positions were drawn from; 0: not known
 
 
 Trace = tuple[ParticleRecord, ...]
@@ -74,7 +74,7 @@ def smooth(traces: Sequence[Trace], config: ApfConfig, motion: WaypointModel, rn
         for step in range(len(trace) - 1, -1, -1):
             now = trace[step]
             if later is None or (later.parents is None and later.dt <= 0.0):
-                # The end of the record, or of what the filter knew before it was drawn anew
+                # The end of the record, or of what the filter knew before it was resampled
                 chosen = rng.permutation(systematic_ancestors(now.weights, M, rng.random()))
             else:
                 chosen = _parents(now, later, chosen, motion, rng)
@@ -107,7 +107,7 @@ def _parents(now: ParticleRecord, later: ParticleRecord, chosen: Ints, motion: W
 
 @kernel
 def kernel_variance(states: Floats, weights: Floats) -> tuple[float, float]:
-    """Squared widths per axis of the kernel of place and velocity: best for a Gaussian of four dimensions (Silverman).
+    """Squared kernel bandwidths per axis of position and velocity: optimal for a 4-d Gaussian (Silverman).
 
     Args:
         states: (L, 5) from `waypoint.headings`.
@@ -125,10 +125,10 @@ def kernel_variance(states: Floats, weights: Floats) -> tuple[float, float]:
 
 
 def _state(now: ParticleRecord, chosen: Ints) -> SmoothedState:
-    """Mean and covariance of the places, and mean velocity, of the particles that trajectories go through.
+    """Mean and covariance of the positions, and mean velocity, of the particles that trajectories go through.
 
-    Where trajectories share particles there are fewer places than trajectories, n effective ones.  Their spread is
-    then too small by n / (n - 1), and their mean is uncertain by an n-th of what a place was drawn from.
+    Where trajectories share particles there are fewer positions than trajectories, n effective ones.  Their spread is
+    then too small by n / (n - 1), and their mean is uncertain by an n-th of what a position was drawn from.
     """
     states = now.states[chosen]
     going = now.regime[chosen] != waypoint.WAIT

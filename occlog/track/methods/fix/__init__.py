@@ -1,1 +1,1 @@
-"""Method `fix`: each position from the bearings of one moment."""
+"""Method `fix`: each position from the bearings of one time step."""

@@ -1,4 +1,4 @@
-"""Where lines of sight meet: a position from the bearings of one moment alone ([Lenth] 1981).
+"""Where lines of sight meet: a position from the bearings of one time step alone ([Lenth] 1981).
 
 Lenth, R. V. (1981), On finding the source of a signal, Technometrics 23(2):149-154.  Bearings
 have von Mises errors of one concentration kappa, which is found from their residuals; where the
@@ -19,8 +19,9 @@ A position from bearings of which some may be false: the modes of a mixture like
 Each bearing is true, with a Gaussian error of its stated standard deviation, or false, and then from anywhere; at
 `bend` standard deviations both are as likely.  The likelihood of a position has a mode wherever enough bearings agree.
 All of them are looked for, from where each two lines cross, by Gauss and Newton with reweighting.  The estimate is the
-highest mode.  Its covariance is the second moment of all modes about it, by their heights, so that it is wide where it
-cannot be told which bearing is false.  (Volumes do not count: lines that are next to parallel would meet at infinity.)
+highest mode.  Its covariance is the second moment of all modes about it, by their heights, so that it is wide where
+it cannot be told which bearing is false.  (Volumes do not count: lines that are next to parallel would meet at
+infinity.)
 
 Few residuals tell little of the errors' scale: they are pooled with what is stated, which counts as much as
 `PRIOR_RESIDUALS` of them, and the covariance is that of Student's distribution with so many degrees of freedom.
@@ -127,7 +128,7 @@ def fix(
     bend: float = BENDS["huber"],
     estimated: bool = True,
 ) -> Fix | None:
-    """The position that a set of bearings points at; None where they do not tell one.
+    """The position that a set of bearings points at; None if undetermined.
 
     Args:
         places: (n, 2) where the bearings were taken, n >= 2.
@@ -283,7 +284,7 @@ def _ahead(places: Floats, bearings: Floats, found: Fix) -> bool:
 
 
 PRIOR_RESIDUALS = 10.0
-"""What is stated counts as much as so many residuals."""
+"""Weight of the stated variances, in residuals."""
 MAX_EM_ITERATIONS, HALVINGS = 50, 8
 EM_TOLERANCE = 1e-9
 """Largest move of a mode in its last iteration, as a share of the distances."""
@@ -318,7 +319,7 @@ def pooled_factor(squares: float, freedom: float) -> float:
 
 
 def modes(places: Floats, bearings: Floats, sigma: Floats, bend: float) -> Modes | None:
-    """The modes of the likelihood of a position; None where the bearings do not tell one.
+    """The modes of the likelihood of a position; None if undetermined.
 
     Args:
         places: (n, 2) where the bearings were taken, n >= 2.
@@ -359,7 +360,7 @@ def _with_distances(xy: Floats, covariance: Floats, believed: Floats, places: Fl
     """(M, 2, 2) covariances that know how uncertain the distance of each sensor is.
 
     An error of the bearing puts the target aside by that times the distance, whose mean square is the estimate's plus
-    its variance along the sight line.  Where that is large, as for sight lines that are nearly parallel, a mode
+    its variance along the line of sight.  Where that is large, as for lines of sight that are nearly parallel, a mode
     next to a sensor would else seem sharp, since little is between them.
     """
     away = xy[:, None, :] - places[None]

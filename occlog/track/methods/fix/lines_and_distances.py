@@ -1,14 +1,14 @@
-"""A position from one moment's bearings, ranges, signal strengths and differences, of which some may be false.
+"""A position from one time step's bearings, ranges, signal strengths and differences, of which some may be false.
 
-The same as `occlog.track.methods.fix.estimators`, with measurements of distances beside the lines of sight.  Starts
+The same as `occlog.track.methods.fix.estimators`, with measurements of distances in addition to lines of sight.  Starts
 are where each two lines cross, where a line leaves a circle of a range, where circles meet, where on a grid about the
-sensors a difference meets another measurement, and the best places of that grid; from there Gauss and Newton climb with
-reweighting.  Several modes are usual: circles of two ranges meet twice, and sensors on a line do not tell one side from
-the other.  A room speaks against modes outside of it, as one measurement more.
+sensors a difference meets another measurement, and the best positions of that grid; from there Gauss and Newton climb
+with reweighting.  Several modes are usual: circles of two ranges meet twice, and sensors on a line do not tell one
+side from the other.  A room speaks against modes outside of it, as one measurement more.
 
 Blunt measurements (a signal strength has an error of half the distance) leave likelihoods that are no Gaussians.  The
 spread about a mode is therefore the second moment of the likelihood itself over a grid of `MODE_GRID_SIZE` x
-`MODE_GRID_SIZE` places that are even in the Gaussian's own coordinates.
+`MODE_GRID_SIZE` positions that are even in the Gaussian's own coordinates.
 """
 
 from __future__ import annotations
@@ -45,9 +45,10 @@ from .estimators import (
 )
 
 GRID, GRID_REACH_EXTENTS, MAX_STARTS = 24, 1.0, 12
-"""Starts on a grid of so many places a side, which reaches so many extents beyond the sensors; the best are climbed."""
+"""Starts on a grid: positions per side, and margin in extents beyond the sensors; the best are
+climbed."""
 COARSE = (0.5, 0.125, 0.03)
-"""Shares of the grid's step that standard deviations hold besides, while places of the grid are climbed."""
+"""Shares of the grid's step that standard deviations hold also, while positions of the grid are climbed."""
 PAIRS, START_GATE_SIGMAS = 45, 2.0
 """Of at most so many pairs, meetings on the grid are starts: where both measurements are within so many deviations."""
 MODE_GRID_SIZE, MODE_GRID_SIGMAS = 25, 5.0
@@ -57,9 +58,9 @@ MAX_REFINEMENTS = 8
 MIN_SECOND_MODE_PROBABILITY = 0.05
 """Another mode at least so probable makes a position ambiguous."""
 MIN_RIVAL_LIKELIHOOD, MIN_SCATTER_SIGNIFICANCE = 0.005, 0.01
-"""Where a measurement is not believed others may be false, too: other places with at least this share of the
-likelihood contest a position (where all are believed, with `MIN_SECOND_MODE_PROBABILITY`), and so do residuals of what
-is believed whose sum of squares is passed with a smaller probability than this."""
+"""Where a measurement is rejected others may be false, too: other positions with at least this share of the
+likelihood contest a position (where all are accepted, with `MIN_SECOND_MODE_PROBABILITY`), and so do residuals of what
+is accepted whose sum of squares is passed with a smaller probability than this."""
 
 
 class BearingLines(NamedTuple):
@@ -72,14 +73,14 @@ class BearingLines(NamedTuple):
 
 
 class LineAndDistanceResiduals(NamedTuple):
-    """Residuals (M, n + m) of lines and distances at M places, and gradients (M, n + m, 2), in standard deviations."""
+    """Normalised residuals (M, n + m) of lines and distances at M positions, and gradients (M, n + m, 2)."""
 
     residual: Floats
     gradient: Floats
 
 
 def modes_of(lines: BearingLines, distances: RangeMeasurements, room: Floats | None = None) -> Modes | None:
-    """The modes of the likelihood of a position; None where the measurements do not tell one.
+    """The modes of the likelihood of a position; None if undetermined.
 
     Args:
         lines: n lines of sight, none or more.
@@ -126,10 +127,10 @@ def modes_of(lines: BearingLines, distances: RangeMeasurements, room: Floats | N
 
 
 def has_rival_mode(found: Modes) -> bool:
-    """Whether a false measurement may be among those that are believed at the first mode.
+    """Whether a false measurement may be among those that are accepted at the first mode.
 
-    Two tests: whether other places, at which fewer agree, are possible; and the sum of squares of the residuals, which
-    is chi-squared with a degree of freedom for each measurement that is believed but the two that fix a place.
+    Two tests: whether other positions, at which fewer agree, are possible; and the sum of squares of the residuals,
+    which is chi-squared with a degree of freedom for each measurement that is accepted but the two that fix a position.
     """
     believed = found.believed[0] >= 0.5
     spare = int(np.count_nonzero(believed)) - 2
@@ -139,7 +140,7 @@ def has_rival_mode(found: Modes) -> bool:
 
 
 def measured_at(lines: BearingLines, distances: RangeMeasurements, xy: Floats) -> LineAndDistanceResiduals:
-    """Residuals and gradients of lines, then of distances, at (M, 2) places."""
+    """Residuals and gradients of lines, then of distances, at (M, 2) positions."""
     away = xy[:, None, :] - lines.places[None]
     off = lines.bearings - np.arctan2(away[..., 1], away[..., 0])
     turned = ((off + np.pi) % (2.0 * np.pi) - np.pi) / lines.sigma
@@ -184,8 +185,8 @@ def _starts(
     """Where to begin.
 
     Returns:
-        (K, 2) places where two measurements agree, (G, 2) the best places of a grid, its step, and (G, n) the
-        measurements that each of these is climbed with at first: all, or the two that meet there, since the others
+        (K, 2) positions where two measurements agree, (G, 2) the best positions of a grid, its step, and (G, n) the
+        measurements that each of these is climbed with initially: all, or the two that meet there, since the others
         would pull it away.
     """
     radius = np.where(distances.kind == LOGARITHM, np.exp(np.minimum(distances.value, 50.0)), distances.value)
@@ -223,18 +224,18 @@ def _pairs(differs: Bools) -> list[list[int]]:
 
 
 def _meetings(soft: Floats) -> Ints:
-    """Flat indices of the places of the grid where two measurements meet, from their (G, 2) softened residuals."""
+    """Flat indices of the positions of the grid where two measurements meet, from their (G, 2) softened residuals."""
     low = _local_minima((soft**2).sum(axis=1).reshape(GRID, GRID), MAX_STARTS)
     return np.asarray(low[(np.abs(soft[low]) <= START_GATE_SIGMAS).all(axis=1)])
 
 
 def _widened(at: LineAndDistanceResiduals, wide: float) -> Floats:
-    """(M, n) variances of residuals that also hold an error of so much of the place."""
+    """(M, n) variances of residuals that also hold an error of so much of the position."""
     return np.asarray(1.0 + wide**2 * np.sum(at.gradient**2, axis=2))
 
 
 def _local_minima(cost: Floats, most: int) -> Ints:
-    """Flat indices of the lowest places of a square that no neighbour is below."""
+    """Flat indices of the lowest positions of a square that no neighbour is below."""
     padded = np.pad(cost, 1, constant_values=np.inf)
     n = len(cost)
     around = [padded[1 + i : 1 + i + n, 1 + j : 1 + j + n] for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
@@ -253,7 +254,7 @@ def _line_crossings(lines: BearingLines) -> Floats:
 
 
 def _circle_crossings(centre: Floats, radius: Floats) -> Floats:
-    """(K, 2) where each two of m circles meet: two places; where they do not, twice the place between them."""
+    """(K, 2) where each two of m circles meet: two positions; where they do not, twice the position between them."""
     i, j = np.triu_indices(len(radius), 1)
     to = centre[j] - centre[i]
     apart = np.hypot(*to.T)
@@ -294,8 +295,8 @@ def _climbed(
         lines: of sight.
         distances: measurements of them.
         errors: of all n.
-        scale: size of the place.
-        wide: error of the place that standard deviations hold besides; 0 in the end.
+        scale: size of the position.
+        wide: error of the position that standard deviations hold also; 0 in the end.
         own: (K, n) which measurements each start counts; None: all.
     """
     xy = xy.copy()
@@ -310,7 +311,7 @@ def _climbed(
         ridge = 1e-9 * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(2) + 1e-300 * np.eye(2)
         slope = np.einsum("mn,mni->mi", pulled.slope, at.gradient)
         step = np.linalg.solve(information + ridge, slope[..., None])[..., 0]
-        # No step is longer than the place is wide: far from a station circles are nearly lines
+        # No step is longer than the position is wide: far from a station circles are nearly lines
         length = np.hypot(*step.T)
         step *= np.minimum(1.0, 0.5 * scale / np.maximum(length, 1e-300))[:, None]
         here = _cost(at.residual, blunt)
@@ -331,9 +332,9 @@ def _climbed(
 
 
 def _log_inside(xy: Floats, information: Floats, room: Floats | None, errors: DistanceErrors) -> Floats:
-    """(M,) log of how well places fit a room, which counts as one measurement more: it may be false, too.
+    """(M,) log of how well positions fit a room, which counts as one measurement more: it may be false, too.
 
-    Its residual is the distance from the room over the largest standard deviation of the place.
+    Its residual is the distance from the room over the largest standard deviation of the position.
     """
     if room is None:
         return np.zeros(len(xy))
@@ -361,7 +362,7 @@ def _middle(lines: BearingLines, distances: RangeMeasurements) -> Floats:
 
 
 def _extent(lines: BearingLines, distances: RangeMeasurements) -> float:
-    """Size of the place: of the sensors' box, or of the largest circle if that is more."""
+    """Size of the position: of the sensors' box, or of the largest circle if that is more."""
     places = _places(lines, distances)
     size = float(np.ptp(places, axis=0).max())
     ranges = distances.value[distances.kind == RANGE]

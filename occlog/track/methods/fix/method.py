@@ -27,12 +27,12 @@ from .estimators import Fix, Modes, crossings, fix, modes, pooled_factor, spread
 from .lines_and_distances import MIN_SECOND_MODE_PROBABILITY, BearingLines, has_rival_mode, measured_at, modes_of
 
 MAX_PAIRS = 40_000
-"""Pairs of candidates that are tried; beyond, the least certain candidates are left out."""
+"""Pairs of candidates that are tried; beyond, the least certain candidates are omitted."""
 STATED, PAIR, AMBIGUOUS, UNCHECKED, CONTESTED = "stated", "pair", "ambiguous", "unchecked", "contested"
 
 
 class FixState(NamedTuple):
-    """Settings and places of the sensors; nothing is carried from scan to scan."""
+    """Settings and positions of the sensors; nothing is carried from scan to scan."""
 
     config: FixConfig
     places: Floats  # (S, 2), as in `sensor_names`
@@ -46,7 +46,7 @@ def init(scene: Scene, config: FixConfig, rng: Generator) -> FixState:  # noqa: 
 
 
 def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimate | None]:  # noqa: ARG001
-    """The scan's position, None where it does not tell one."""
+    """The scan's position, None if undetermined."""
     config = state.config
     # Associate: rows of the target, and the candidates that agree best
     rows = _rows(state, scan)
@@ -92,7 +92,7 @@ def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimat
 
 
 def _mixed(state: FixState, scan: Scan, rows: Ints, distances: RangeMeasurements) -> Estimate | None:
-    """The position by bearings and measurements of distances; None where they do not tell one.
+    """The position by bearings and measurements of distances; None if undetermined.
 
     UsageError for an estimator of bearings alone.
     """
@@ -137,7 +137,7 @@ def _mixed(state: FixState, scan: Scan, rows: Ints, distances: RangeMeasurements
 
 
 def _fallback(found: Modes, spread: str) -> str:
-    """What is to be said of a place: several fit, two measurements alone tell it, or one of more may be false."""
+    """What is to be said of a position: several fit, two measurements alone tell it, or one of more may be false."""
     if len(found.xy) > 1 and found.probability[1] >= MIN_SECOND_MODE_PROBABILITY:
         return AMBIGUOUS
     believed = found.believed[0]

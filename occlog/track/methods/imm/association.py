@@ -2,8 +2,8 @@
 
 An event says for every target whether the array heard it, and with which bearing.  A bearing
 is of one target, of two that are nearer to each other than the array can tell apart (they are
-heard as one), or of no target (clutter).  All events are gone through; targets that share no bearing are
-independent and are gone through apart from each other.
+heard as one), or of no target (clutter).  All events are enumerated; targets that share no bearing are
+independent and are enumerated separately.
 
 [Lee] Sec. 3.2 lets every target's filter take any bearing, so that two filters can follow one
 source; here a bearing that another target explains counts less, and hearing nothing counts too.
@@ -22,7 +22,7 @@ from occlog.core.geometry.camera import wrap_angle
 from occlog.core.numerics.jit import kernel
 
 MAX_JOINT_EVENTS = 50_000
-"""Of targets that share bearings at most so many events are summed; then the least likely bearings are left out."""
+"""Of targets that share bearings at most so many events are summed; then the least likely bearings are omitted."""
 MIN_DENSITY_TO_CLUTTER_RATIO = 1e-9
 """A bearing whose density for a target is below this share of the clutter's cannot be the target's: without this
 gate all targets would share all bearings."""
@@ -139,7 +139,7 @@ def merge_probability(off: Floats, sigma: float, limit: float) -> Floats:
 def joint_data_association(
     alone: Floats, unheard: Floats, shared: Floats, apart: Floats, clutter: Floats
 ) -> BearingAssociation:
-    """Probabilities of which bearing is whose.
+    """Association probabilities of bearings and targets.
 
     Args:
         alone: (K, N) density of bearing i and that target k is heard with it [1/rad]; 0: impossible.
@@ -185,9 +185,9 @@ def _clusters(possible: Bools) -> list[Ints]:
 
 
 def _groups(possible: Bools, ratio: Floats) -> list[tuple[Ints, Bools]]:
-    """Targets to be gone through together, and what is possible of them: no more than MOST_EVENTS events each.
+    """Targets to be enumerated together, and what is possible of them: no more than MOST_EVENTS events each.
 
-    Where there are more, the least likely bearing of a target that has others is left out, which
+    Where there are more, the least likely bearing of a target that has others is omitted, which
     parts targets sooner or later; a target's last bearing goes only if none has another.
     """
     left, found = _clusters(possible), []

@@ -50,7 +50,7 @@ PLACE = (0, 2)
 
 
 def moved_to(states: Floats, place: Floats, covariance: Floats, normals: Floats) -> Floats:
-    """(L, 4) states at positions drawn about the place, with their velocities as they were.
+    """(L, 4) states at positions drawn about the position, with their velocities as they were.
 
     Args:
         states: (L, 4).
@@ -67,7 +67,7 @@ def updated(states: Floats, place: Floats, covariance: Floats, normals: Floats) 
     """(L, 4) states after the position was measured: each particle is moved by the gain of the cloud's covariance.
 
     This is the ensemble form of the Kalman filter: every particle has a measurement of its
-    own, drawn about the place.  The cloud's mean and covariance become those of the Kalman
+    own, drawn about the position.  The cloud's mean and covariance become those of the Kalman
     filter, up to the chance of the draws.  A cloud without extent stays where it is.
 
     Arguments as for `moved_to`.
@@ -88,7 +88,7 @@ def root(covariance: Floats) -> Floats:
 
 
 def expected_variance(place: Floats, origins: Floats, sigmas: Floats) -> float:
-    """Trace of the covariance with which two sight lines would tell a place; inf where they do not cross.
+    """Trace of the covariance with which two lines of sight would tell a position; inf where they do not cross.
 
     Args:
         place: (2,).
@@ -118,7 +118,7 @@ class RequestMemory(NamedTuple):
 
 
 class CameraQuestion(NamedTuple):
-    """A question to cameras: where is this target, or which target is on this sight line?"""
+    """A question to cameras: where is this target, or which target is on this line of sight?"""
 
     number: int  # UNNUMBERED: a target that is not known yet
     causes: tuple[str, ...]
@@ -162,7 +162,7 @@ def requests_after_scan(
     # Bearing (Eq. 3.15), ellipse (Eq. 3.16) and spread of each target
     for belief in report.beliefs:
         causes[belief.number] += _own_causes(state, report, belief)
-    # Questions, unless one about the same target was in vain a moment ago
+    # Questions, unless one about the same target was in vain a time step ago
     out = [
         CameraQuestion(b.number, tuple(dict.fromkeys(causes[b.number])), b.moved.track.label, *_where(b.estimate))
         for b in report.beliefs
@@ -230,7 +230,7 @@ def _leads(state: ImmState, report: ImmStepResult, unknown: Iterable[Count], rng
 
 
 def _lead(state: ImmState, scan: Scan, array: int, i: int, rng: Generator) -> Track:
-    """A track on the sight line of bearing i of an array."""
+    """A track on the line of sight of bearing i of an array."""
     heard = dict(scan.by_sensor())[state.world.cameras + array]
     assert state.t_ns is not None
     return track_on_bearing(
@@ -265,7 +265,7 @@ def apply_answer(
             new = track_at_position(state.world, answer.place, answer.covariance, number, answer.label, t_ns, rng)
             tracks = [t for t in tracks if not _same_lead(t, answer)] + [new]
             continue
-        # A known target: its particles are updated with the place, or moved there
+        # A known target: its particles are updated with the position, or moved there
         k = next(i for i, t in enumerate(tracks) if t.number == number)
         tracks[k] = _fixed(config, tracks[k], answer, t_ns, rng)
         beliefs[number] = beliefs[number]._replace(estimate=_moments(tracks[k]))
@@ -325,7 +325,7 @@ class CameraRequest(NamedTuple):
 
 
 class _CameraFix(NamedTuple):
-    """Where sight lines of two cameras cross."""
+    """Where lines of sight of two cameras cross."""
 
     xy: Floats  # (C, 2)
     covariance: Floats  # (C, 2, 2)
@@ -353,7 +353,7 @@ class CameraRequests:
         self._arrive(scan.t_ns)
 
     def _arrive(self, t_ns: int) -> None:
-        """Let frames that are old enough take the place of those before them: an answer takes its time."""
+        """Let frames that are old enough take the position of those before them: an answer takes its time."""
         latest = t_ns - round(self._config.answer_s * NS)
         for camera, coming in self._coming.items():
             while coming and coming[0].t_ns <= latest:
@@ -374,7 +374,7 @@ class CameraRequests:
         pairs: list[Pair | None] = []
         for ask in asks:
             pairs.append(self._pair(ask, sorted(fresh), [p for p in pairs if p is not None]))
-        # Cross the sight lines of each pair's frames, and match what they show with the targets
+        # Cross the lines of sight of each pair's frames, and match what they show with the targets
         answers: dict[int, CameraAnswer] = {}
         more: dict[int, CameraRequest] = {}
         for pair in sorted({p for p in pairs if p is not None}):
@@ -398,7 +398,7 @@ class CameraRequests:
         return tuple(self._cameras[c].name for c in cameras)
 
     def _pair(self, ask: CameraQuestion, fresh: list[int], asked: list[Pair]) -> Pair | None:
-        """The two cameras whose sight lines should tell the place best, of those that can see it, or else of all.
+        """The two cameras whose lines of sight should tell the position best, of those that can see it, or else of all.
 
         Two that are asked already will do if they tell it nearly as well.
         """
@@ -412,7 +412,7 @@ class CameraRequests:
         return best
 
     def _rank(self, place: Floats, pair: Pair) -> tuple[int, float]:
-        """How many of two cameras cannot see a place, and the variance with which they would tell it."""
+        """How many of two cameras cannot see a position, and the variance with which they would tell it."""
         assert self._sensors is not None
         at = np.ascontiguousarray(place[None])
         blind = sum(not seen_from(at, c, self._sensors)[0] for c in pair)
@@ -488,7 +488,7 @@ def _answer(ask: CameraQuestion, found: _CameraFix, c: int) -> CameraAnswer:
 
 
 def _once(requests: list[CameraRequest]) -> list[CameraRequest]:
-    """The requests; a place that two of them found belongs to the first."""
+    """The requests; a position that two of them found belongs to the first."""
     seen: set[tuple[float, ...]] = set()
     out = []
     for request in requests:

@@ -56,7 +56,7 @@ class ImmConfig(SmoothingConfig):
         1.0, "Standard deviation of the velocity of a new track, per axis.", unit="length/s", at_least=0
     )
 
-    # Which bearing is whose
+    # Data association
     association: str = setting(
         "joint",
         "Data association: `joint` over all targets (JPDA), or `any`: the filter of every target takes any bearing "

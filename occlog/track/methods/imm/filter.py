@@ -134,7 +134,7 @@ def step(state: ImmState, scan: Scan, rng: Generator) -> tuple[ImmState, ImmStep
         moved, free, fit = _update_by_array(world, moved, array, heard)
         evidence += fit
         counts.append(Count(array, len(heard.bearing), expected, free))
-        # Births: tracks on the sight lines of bearings of no target
+        # Births: tracks on the lines of sight of bearings of no target
         moved += _initiate_tracks(world, array, heard.take(free), {m.track.number for m in moved}, rng)
     # Deaths: end tracks that hardly exist, or were neither heard nor seen for long
     moved = [m._replace(track=_with_hit(m, t_ns)) for m in moved]
@@ -317,7 +317,7 @@ def _after(m: Moved, weights: Floats, reached: float, config: ImmConfig, unheard
 
 
 def _initiate_tracks(world: ImmWorld, array: int, free: Scan, numbers: set[int], rng: Generator) -> list[Moved]:
-    """New tracks on the sight lines of bearings of no target; a label that is a track's number gets another."""
+    """New tracks on the lines of sight of bearings of no target; a label that is a track's number gets another."""
     # Where every track takes any bearing, several come to follow one source, and the others' bearings seem free.
     config, born = world.config, []
     unaided = config.birth > 0.0 and config.association == "joint"

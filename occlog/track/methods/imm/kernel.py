@@ -8,7 +8,7 @@ particle l of model m for bearing i, normalised over all three, the estimate is
 
 not that of Eqs. 3.7-3.11 as printed, which are no average of x.  Bearings are atan2 about
 the sensor and differences are wrapped.  Every bearing is taken to be of this target: the
-caller leaves out those of other targets and echoes, and `log_evidence` says how well the
+caller omits those of other targets and echoes, and `log_evidence` says how well the
 rest fits.
 
 States are [x, vx, y, vy]; models are rows of `turns`.
@@ -62,8 +62,8 @@ class Weights(NamedTuple):
     """Weights of one step, and how well the bearings fit."""
 
     each: Floats  # (N, J, L) w_m^i(l) of Eq. 3.6, sum 1
-    total: Floats  # (J, L) sum over i; the weights before the bearings if there are none
-    log_evidence: float  # log of sum over i of the predicted density of bearing i [1/rad]; 0 if there are none
+    total: Floats  # (J, L) sum over i; the weights before the bearings if missing
+    log_evidence: float  # log of sum over i of the predicted density of bearing i [1/rad]; 0 if missing
 
 
 class ModelEstimates(NamedTuple):

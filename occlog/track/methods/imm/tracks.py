@@ -4,7 +4,7 @@ From how many particles of an earlier time those of a target come.
 
 A target's range from a single array is hardly observable: particles that are drawn again and again by one bearing come
 from fewer and fewer of those before, though each scan leaves most of them effective.  Noise of the motion makes new
-places along the sight line, but only in time.  Until it has, a covariance of a few families is that of chance.
+positions along the line of sight, but only in time.  Until it has, a covariance of a few families is that of chance.
 
 Smoothing of targets with several motion models: trajectories drawn back through the filter's particles.
 
@@ -60,12 +60,12 @@ def new_genealogy(particles: int) -> Genealogy:
 def is_rejuvenated(lineage: Genealogy, covariance: Floats, sigma_v: float) -> bool:
     """Whether the noise of the motion alone spreads particles as far as their covariance says, or nearly.
 
-    White acceleration gives a place the variance sigma_v^2 t^3 / 3 per axis.
+    White acceleration gives a position the variance sigma_v^2 t^3 / 3 per axis.
 
     Args:
         lineage: of the particles.
-        covariance: (2, 2) of their places.
-        sigma_v: noise of the velocity per axis, gathered in a second.
+        covariance: (2, 2) of their positions.
+        sigma_v: noise of the velocity per axis, accumulated over 1 s.
     """
     widest = float(np.linalg.eigvalsh(covariance)[-1])
     return bool(sigma_v**2 * lineage.since_s**3 / 3.0 >= REJUVENATION_VARIANCE_SHARE * widest)
@@ -75,9 +75,9 @@ TENTATIVE = -1
 """Number of a track that is not confirmed."""
 UNLABELLED_TRACK = -1
 MIN_INSIDE_SHARE = 0.1
-"""If no more than this share of a cloud stays in the room, the others are put back instead of left out."""
+"""If no more than this share of a cloud stays in the room, the others are put back instead of omitted."""
 MAX_DRAWS = 20
-"""Places on a sight line are drawn this often until enough of them are in the room."""
+"""Places on a line of sight are drawn this often until enough of them are in the room."""
 
 
 class Track(NamedTuple):
@@ -115,7 +115,7 @@ class ImmWorld(NamedTuple):
     resolution: Floats  # (A,) [rad]
     region: Floats  # (P, 2) where new targets can be
     walls: bool  # and where all must stay
-    longest: float  # no sight line in the region is longer
+    longest: float  # no line of sight in the region is longer
     cameras: int  # of the scene: array a is sensor `cameras` + a
 
 
@@ -147,7 +147,7 @@ def _reach(far: float, height: float, sources: float | None) -> float:
 
 
 def initial_tracks(config: ImmConfig, t_ns: int, rng: Generator) -> tuple[Track, ...]:
-    """Tracks of the targets that are known at first, confirmed, numbered from 0."""
+    """Tracks of the targets that are known initially, confirmed, numbered from 0."""
     starts = np.reshape(config.start or (), (-1, START_NUMBERS)).tolist()
     return tuple(confirmed_track(config, n, start, t_ns, rng) for n, start in enumerate(starts))
 
@@ -168,9 +168,9 @@ def _confirmed(config: ImmConfig, number: int, label: int, states: Floats, t_ns:
 def track_on_bearing(
     world: ImmWorld, array: int, angle: float, sigma: float, t_ns: int, label: int, rng: Generator
 ) -> Track:
-    """A track somewhere on the sight line of a bearing: as far as the array hears, and in the room.
+    """A track somewhere on the line of sight of a bearing: as far as the array hears, and in the room.
 
-    Places are equally likely per length of the line; where none is in the room any will do.
+    Positions are equally likely per length of the line; where none is in the room any will do.
     """
     config = world.config
     n = config.particles * config.birth_factor
@@ -197,7 +197,7 @@ def track_on_bearing(
 def track_at_position(
     world: ImmWorld, place: Floats, covariance: Floats, number: int, label: int, t_ns: int, rng: Generator
 ) -> Track:
-    """A confirmed track of a new target at a place that cameras found."""
+    """A confirmed track of a new target at a position that cameras found."""
     config = world.config
     n = config.particles
     xy = rng.multivariate_normal(place, covariance, n, method="eigh")
@@ -269,7 +269,7 @@ def update_existence(track: Track, reached: float, detection: float, unheard: fl
 
 
 def resampled(moved: Moved, particles: int, dt: float, rng: Generator) -> Track:
-    """The track with its particles drawn anew; a track that is not confirmed keeps all that it has.
+    """The track with its particles resampled; a track that is not confirmed keeps all that it has.
 
     Args:
         moved: the track after a scan.

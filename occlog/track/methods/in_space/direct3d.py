@@ -5,12 +5,12 @@ the thesis, each with its reason:
 
 * particles are resampled only when their effective number is low, and then from a kernel
   density (`occlog.filtering.kernel_density`) that leaves mean and covariance as they are: without
-  process noise mere copies would become one place;
+  process noise mere copies would become one position;
 * where nearly no particle agrees with a scan its likelihood is flattened
   (`occlog.filtering.kernel_density.update_weights`), since the spread of one or two particles
   would be taken for certainty;
 * a labelled report may be false with a small probability, so that one outlier does not end a track;
-* a filter that a sensor contradicts for some scans starts anew from the scan (`restart`).
+* a filter that a sensor contradicts for some scans restarts from the scan (`restart`).
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from .sensing import (
 REFERENCE_S = 1.0
 """Step in which the time between selections of cameras is counted [s]."""
 RESTART_BACKOFF = 4
-"""How many times longer a sensor must speak against a filter that has already started anew because of it."""
+"""How many times longer a sensor must speak against a filter that has already restarted because of it."""
 
 
 class Direct3dState(NamedTuple):
@@ -60,7 +60,7 @@ class Direct3dState(NamedTuple):
     near: Floats  # (2,) about where the target is
     t_ns: int | None
     astray: Ints  # (S,) see `is_contradicted`
-    begun: bool = True  # anew with the last scan
+    begun: bool = True  # restarted with the last scan
 
 
 class ScanUpdate(NamedTuple):
@@ -165,16 +165,16 @@ def begin(space: SpaceModel[C], heard: ScanDirections, reason: str, rng: Generat
 
 
 def is_contradicted(astray: Ints, good: Bools, heard: ScanDirections, config: SpaceConfig) -> tuple[Ints, bool]:
-    """How many more reports of each sensor contradict the likeliest place than agree with it, and whether that is lost.
+    """Return the track-loss counter of each sensor, and whether the track is lost.
 
     It is lost when one sensor has contradicted it `lost_after` times more.  Every sensor counts by
-    itself, since one direction alone agrees with many wrong places.  A sensor that has made
+    itself, since one direction alone agrees with many wrong positions.  A sensor that has made
     the filter start anew has to contradict it several times as often to do so again:
     it may be the sensor that is wrong.
 
     Args:
         astray: (S,) counts so far; below 0: not heard before so many reports.
-        good: (N,) which sensors of the scan agree with the likeliest place.
+        good: (N,) which sensors of the scan agree with the likeliest position.
         heard: the scan.
         config: settings.
     """

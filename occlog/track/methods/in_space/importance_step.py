@@ -1,6 +1,6 @@
-"""A step of a particle filter whose importance density looks at the scan, in space or in one plane.
+"""A step of a particle filter with an adapted importance density, in space or in one plane.
 
-The particles after a scan stand for the kernel density of `occlog.filtering.kernel_density`,
+The particles after a scan represent the kernel density of `occlog.filtering.kernel_density`,
 
     sum_l w_l N(x; a x_l + (1 - a) m, h^2 V),   a^2 + h^2 = 1,
 
@@ -9,8 +9,8 @@ that of the kernel as it moves plus the noise of the motion.  So a target withou
 has one to draw from as well, and one form serves both.  A step is that of the auxiliary particle filter (Pitt and
 Shephard 1999) with the optimal importance density (Doucet, Godsill and Andrieu 2000), approximated
 (`occlog.track.methods.in_space.kernels.importance`): parents are drawn by their weights times the predictive
-likelihood of the scan, places from the posterior of each, velocities given the place from the motion; the weights put
-right what is only approximate.
+likelihood of the scan, positions from the posterior of each, velocities given the position from the motion; the
+weights put right what is only approximate.
 
 Smoothing of tracks in space: what was seen afterwards tells of a state as well.
 
@@ -52,7 +52,7 @@ from .kernels.likelihood import ReportProbabilities
 from .sensing import ScanDirections, motion_of
 
 DEFENSIVE_FRACTION = 0.05
-"""Share of parents and of places that are drawn without a look at the scan, so that no density is far too small."""
+"""Share of parents and of positions that are drawn from the motion alone, so that no density is far too small."""
 MIN_RELATIVE_EXTENT = 1e-9
 """A cloud without extent gets this much of the distance from the origin, so that densities stay finite."""
 
@@ -62,11 +62,11 @@ class TimeStepPath(NamedTuple):
 
     motion: AccelerationModel
     dt: float  # [s], >= 0
-    jump: Floats | None = None  # (2d,) known change besides
+    jump: Floats | None = None  # (2d,) known change also
 
 
 class ProposedStates(NamedTuple):
-    """Particles that were drawn with a look at the scan."""
+    """Particles drawn from the adapted proposal."""
 
     cloud: Floats  # (2d, n)
     log_prior: Floats  # (n,) log weights before the likelihood
@@ -86,8 +86,8 @@ def update_by_scan(
 ) -> tuple[Floats, Floats, float]:
     """Particles at the time of a scan, their weights, and the log of the sum of these before they were normalised.
 
-    Particles move without a look at the scan as long as that leaves `config.resample_below` of them effective,
-    and else are drawn anew by `propose`.  Where nearly none agrees with the scan even then, its likelihood
+    Particles move from the motion alone as long as that leaves `config.resample_below` of them effective,
+    and else are resampled by `propose`.  Where nearly none agrees with the scan even then, its likelihood
     is flattened (`occlog.filtering.kernel_density.update_weights`).
 
     Args:
@@ -95,10 +95,10 @@ def update_by_scan(
         log_weights: (L,) of weights of sum 1.
         way: the step.
         lines: makes the residuals of the scan.
-        log_likelihood: (n,) of the scan for (d, n) places.
+        log_likelihood: (n,) of the scan for (d, n) positions.
         config: settings.
         rng: draws.
-        log_going: (n,) log of a factor of the motion from (d, n) places to (d, n) others; None: 1.
+        log_going: (n,) log of a factor of the motion from (d, n) positions to (d, n) others; None: 1.
     """
     d, least = len(cloud) // 2, 2.0 * len(cloud)
     # Propose: draw from the transition density ([Lee] Eq. 2.4), and weigh (Eq. 2.5)
@@ -169,7 +169,7 @@ def propose(
         weights: (L,) of sum 1.
         way: the step.
         lines: the scan.
-        log_likelihood: (n,) of the scan for (d, n) places.
+        log_likelihood: (n,) of the scan for (d, n) positions.
         particles: how many are wanted.
         kernel: width of the kernel, of the one that is best for a Gaussian.
         rng: draws.
@@ -192,7 +192,7 @@ def propose(
     first = weights if not math.isfinite(log_sum) else (1.0 - DEFENSIVE_FRACTION) * first + DEFENSIVE_FRACTION * weights
     # Resample: systematic
     parents = systematic_ancestors(first, n, rng.random())
-    # Propose: places from each parent's posterior, velocities given the place
+    # Propose: positions from each parent's posterior, velocities given the position
     y, ratio = draw(modes, factors, parents, DEFENSIVE_FRACTION, rng.random(n), rng.standard_normal((3, n)))
     new = centres[:, parents]
     new[:d] += root[:d, :d] @ y[:d]
@@ -204,7 +204,7 @@ def propose(
 
 
 def _conditional(C: Floats, d: int, least: float) -> tuple[Floats, Floats, Floats]:
-    """The lower root (3, 3) of the place, the regression (d, d) of the velocity on y, and the root of what is left."""
+    """Lower root (3, 3) of the position, regression (d, d) of the velocity on y, and root of the remainder."""
     place = C[:d, :d] + least**2 * np.eye(d)
     root = np.eye(3)
     root[:d, :d] = np.linalg.cholesky(place)
@@ -213,7 +213,7 @@ def _conditional(C: Floats, d: int, least: float) -> tuple[Floats, Floats, Float
 
 
 def _in_space(places: Floats) -> Floats:
-    """(3, n) of (2, n) or (3, n) places, row by row in memory."""
+    """(3, n) of (2, n) or (3, n) positions, row by row in memory."""
     return np.ascontiguousarray(places if len(places) == 3 else np.vstack([places, np.zeros(places.shape[1])]))
 
 
@@ -245,7 +245,7 @@ class CloudTrace(NamedTuple):
 
     t_ns: int
     knot: KernelDensity
-    begun: bool  # anew: they do not come from the particles before
+    begun: bool  # restarted: they do not come from the particles before
 
 
 class GaussianTrace(NamedTuple):

@@ -70,7 +70,7 @@ def measured_errors(errors: Floats, places: Floats, sensor: Floats, angles: Floa
     Args:
         errors: (12, 12) before.
         places: (3, 2) of the target on each plane's axes.
-        sensor: (3,) its place.
+        sensor: (3,) its position.
         angles: (3, 3) covariance of its projected angles.
         used: (3,) the planes that took it in.
     """
@@ -195,7 +195,7 @@ def _shares(flat: tuple[PlanePosterior, PlanePosterior], rows: list[list[int]], 
 
 
 Pair = tuple[tuple[int, int], tuple[int, int]]
-"""Two (sensor of the scan, plane); sensor -1: no sensor tells anything in that plane."""
+"""Two (sensor of the scan, plane); sensor -1: no sensor measures in that plane."""
 NOTHING: Pair = ((-1, XY), (-1, YZ))
 
 
@@ -264,7 +264,7 @@ def _filled(found: list[tuple[int, int]], before: Pair) -> Pair:
 
 
 def nearest_rows(heard: ScanDirections, angles: ProjectedAngles, near: Floats) -> Ints:
-    """(N,) row of each sensor that points nearest to a place; -1 for a sensor that saw nothing."""
+    """(N,) row of each sensor that points nearest to a position; -1 for a sensor that saw nothing."""
     first = heard.sights.first
     to = near - heard.sights.position
     away = -np.einsum("ri,ri->r", angles.toward, to) / np.maximum(np.linalg.norm(to, axis=1), 1e-300)
@@ -284,7 +284,7 @@ class PlaneSights(NamedTuple):
 
 
 def sights_in_plane(plane: int, heard: ScanDirections, angles: ProjectedAngles, only: int | None = None) -> PlaneSights:
-    """What a scan tells in a plane.
+    """Measurement of a scan in a plane.
 
     A sensor counts if none of its candidates is blind in this plane: otherwise one that cannot be seen
     here might be the target's.
@@ -311,8 +311,8 @@ def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances:
     """(L,) log likelihoods of a scan for (2, L) places in a plane, up to a constant.
 
     Args:
-        ab: places.
-        own: what the scan tells in the plane.
+        ab: positions.
+        own: measurement of the scan in the plane.
         heard: the scan.
         chances: see `occlog.track.methods.in_space.kernels.likelihood.scan_log_likelihood`.
     """
@@ -325,7 +325,7 @@ def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances:
 
 
 def lines_in_plane(own: PlaneSights, heard: ScanDirections, chances: ReportProbabilities) -> ScanRows:
-    """What a scan tells in a plane as azimuths in a space whose third axis nothing depends on."""
+    """Measurement of a scan in a plane as azimuths in a space whose third axis nothing depends on."""
     none, c, s = np.zeros(len(own.angle)), np.cos(own.angle), np.sin(own.angle)
     share = heard.sights.share[own.rows]
     scale, rival = factors(heard, own.first, share, np.full(len(share), UNIFORM_AZIMUTH), chances)

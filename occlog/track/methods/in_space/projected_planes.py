@@ -76,7 +76,7 @@ class PpsState(NamedTuple):
     pair: Pair
     t_ns: int | None
     astray: Ints  # (S,) see `direct3d.contradicted`
-    begun: bool = True  # anew with the last scan
+    begun: bool = True  # restarted with the last scan
 
 
 def init(scene: Scene, config: PpsConfig, rng: Generator) -> PpsState:  # noqa: ARG001
@@ -210,7 +210,7 @@ def _first(state: PpsState, heard: ScanDirections, rng: Generator) -> ScanUpdate
 def _started(
     state: PpsState, t_ns: int, heard: ScanDirections, angles: ProjectedAngles, draw: ScanUpdate, rng: Generator
 ) -> tuple[PpsState, Estimate]:
-    """All planes anew from particles in space."""
+    """Reinitialise all planes from particles in space."""
     config = state.space.config
     mean, covariance = moments(draw.cloud, draw.weights)
     clouds, n = [], config.particles

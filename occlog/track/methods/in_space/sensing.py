@@ -1,6 +1,6 @@
 """A scene and a scan as the arrays that the filters in space want.
 
-Priors of a target in space: around a given start, or along the sight lines of a first scan; and the likelihood.
+Priors of a target in space: around a given start, or along the lines of sight of a first scan; and the likelihood.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def pack_directions(scan: Scan, ears: ArrayGeometry, near: Floats, *, use_score:
     Args:
         scan: rows by sensor.
         ears: the sensors.
-        near: (2,) where the target is about; an error of a camera's place counts as at that distance.
+        near: (2,) where the target is about; an error of a camera's position counts as at that distance.
         use_score: weigh candidates by their score, where they have one.
     """
     start = np.flatnonzero(np.diff(scan.sensor, prepend=-1))
@@ -123,12 +123,12 @@ def _with_pose(sigma: Floats, sensor: Ints, ears: ArrayGeometry, near: Floats) -
 
 
 def agrees(places: Floats, heard: ScanDirections, gate: float) -> Bools:
-    """(K, N) whether a sensor has a direction within `gate` standard deviations of each place; False for none.
+    """(K, N) whether a sensor has a direction within `gate` standard deviations of each position; False for none.
 
     Args:
         places: (K, 3).
         heard: the scan.
-        gate: of each angle, and of the sight line where its azimuth means little (near the pole).
+        gate: of each angle, and of the line of sight where its azimuth means little (near the pole).
     """
     s = heard.sights
     counts = np.diff(s.first)
@@ -150,7 +150,7 @@ def agrees(places: Floats, heard: ScanDirections, gate: float) -> Bools:
 
 
 DEFENSIVE_FRACTION = 0.1
-"""Share of the first particles that does not look at the scan."""
+"""Share of the initial particles from the bootstrap proposal."""
 
 
 C = TypeVar("C", bound=SpaceConfig)
@@ -184,7 +184,7 @@ def chances_of(config: SpaceConfig) -> ReportProbabilities:
 
 
 def make_space(scene: Scene, config: C, *, cone: bool = False) -> SpaceModel[C]:
-    """The scene as the filters want it; `cone`: likelihoods are those of the angle from the sight line."""
+    """The scene as the filters want it; `cone`: likelihoods are those of the angle from the line of sight."""
     ears = pack_ears(scene)
     ground = np.concatenate([scene.region, ears.position[:, :2]])
     heights = np.append(ears.position[:, 2], [0.0, scene.room_height])
@@ -220,8 +220,8 @@ def log_room_factor(before: Floats | None, after: Floats, space: SpaceModel[C]) 
     """(L,) log of what it costs to leave the room, once and not at every scan that the target is outside.
 
     Args:
-        before: (3, L) places before a step; None: nothing was known, and the target was in the room.
-        after: (3, L) places after it.
+        before: (3, L) positions before a step; None: nothing was known, and the target was in the room.
+        after: (3, L) positions after it.
         space: the room and the price `outside`.
     """
     stays = in_room(after, space)
@@ -231,7 +231,7 @@ def log_room_factor(before: Floats | None, after: Floats, space: SpaceModel[C]) 
 
 
 def in_room(xyz: Floats, space: SpaceModel[C]) -> Bools:
-    """(L,) whether (3, L) places are in the room, above its floor and below its ceiling; all where none is known."""
+    """(L,) whether (3, L) positions are in the room, above its floor and below its ceiling; all where none is known."""
     if space.floor is None:
         return np.ones(xyz.shape[1], dtype=np.bool_)
     inside = on_floor(np.ascontiguousarray(xyz[:2].T), *space.floor)
@@ -255,7 +255,7 @@ def particles_around(space: SpaceModel[C], start: tuple[float, ...], n: int, rng
 def particles_from_scan(space: SpaceModel[C], heard: ScanDirections, n: int, rng: Generator) -> tuple[Floats, Floats]:
     """(6, n) particles where a scan says that the target is, and their log weights.
 
-    Places are drawn along the sight lines of all candidates, out to where they leave the
+    Positions are drawn along the lines of sight of all candidates, out to where they leave the
     box, and some anywhere in it.  The weights are those of a target that is as likely in any part of
     the room; without a room, at any distance from a sensor up to its far limit.  The scan's likelihood is in them.
     """
@@ -291,7 +291,7 @@ def _speeds(space: SpaceModel[C]) -> Floats:
 
 
 def _along(space: SpaceModel[C], s: ScanDirectionSet, r: int, n: int, rng: Generator) -> Floats:
-    """(3, n) places along a sight, evenly in distance; an azimuth alone: evenly in height, too."""
+    """(3, n) positions along a sight, evenly in distance; an azimuth alone: evenly in height, too."""
     flat = math.isnan(s.phi[r])
     theta = s.sigma_theta[r] * rng.standard_normal(n)
     phi = np.full(n, 0.5 * math.pi) if flat else s.phi[r] + s.sigma_phi[r] * rng.standard_normal(n)
@@ -315,7 +315,7 @@ def _log_volume(xyz: Floats, s: ScanDirectionSet, space: SpaceModel[C]) -> Float
         distance = ground if flat else np.hypot(ground, local[2])
         far = np.minimum(_way_out(space, position, (xyz - position[:, None]) / distance, flat), s.reach[r])
         across = height if flat else distance
-        beyond = np.where(distance > far * (1 + 1e-9), math.inf, 0.0)  # none of its places are there
+        beyond = np.where(distance > far * (1 + 1e-9), math.inf, 0.0)  # none of its positions are there
         out[r] = np.log(far * ground * across) + beyond
     return out
 

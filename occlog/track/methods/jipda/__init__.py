@@ -1,1 +1,1 @@
-"""Method `jipda`: everybody on the floor, from the boxes of all cameras jointly, among people who hide one another."""
+"""Method `jipda`: multi-camera JIPDA tracking of all people on the ground plane, with mutual occlusion."""

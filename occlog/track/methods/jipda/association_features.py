@@ -1,6 +1,6 @@
-"""What speaks for an identity beside the place: scores, hints of single-camera trackers, appearance.
+"""Association features in addition to position: detection scores, tracklet ids, appearance.
 
-A cue counts as far as it has told boxes apart so far: its values are kept for boxes that were surely right and for
+A feature counts as much as it has discriminated so far: its values are kept for boxes that were surely right and for
 those that were surely not, as two normal distributions, and the log of their ratio is what it adds.  A cue that is
 the same everywhere adds nothing.
 """
@@ -25,12 +25,12 @@ FEATURE_HALF_WEIGHT_BOXES = 30.0
 MAX_LOG_FEATURE_RATIO = 3.0
 """Greatest log of a likelihood ratio of a cue."""
 MIN_FEATURE_SIGMA = 0.02
-"""Of a score or a likeness."""
+"""Number of bins or moments of a score or a similarity."""
 LOG_RATIO_SAME_TRACKLET, LOG_RATIO_OTHER_TRACKLET = math.log(20.0), math.log(0.3)
 """Log-likelihood ratios of a box with the hint that the person had last in this camera, and of one with the hint that
-somebody else had: trackers of one camera keep an identity mostly, and lose some."""
+another person had: trackers of one camera keep an identity mostly, and lose some."""
 MIN_ASSOCIATION_TO_LEARN, MIN_CLUTTER_TO_LEARN = 0.9, 0.9
-"""A box is surely somebody's, or nobody's, from this probability on."""
+"""Minimum probability of a box of a person, or of clutter, for learning."""
 APPEARANCE_LEARNING_RATE = 0.1
 """Weight of a new box in a person's appearance."""
 
@@ -39,10 +39,10 @@ APPEARANCE_LEARNING_RATE = 0.1
 class AssociationFeatures:
     """Sums over boxes seen so far, and the appearance of people."""
 
-    score: Floats  # (2, 3) count, sum, sum of squares: boxes of people, boxes of nobody
-    likeness: Floats  # (2, 3) the same of likenesses: to the same person, to others
+    score: Floats  # (2, 3) count, sum, sum of squares: boxes of people, clutter boxes
+    likeness: Floats  # (2, 3) sums of similarities: to the same person, to others
     key: Ints  # (N,) people whom the rest is of
-    hint: Ints  # (N, C) last hint in each camera; NOBODY: none
+    hint: Ints  # (N, C) last tracklet id in each camera; NOBODY: no id
     appearance: Floats  # (N, K) running mean; NaN: none
 
 
@@ -66,7 +66,7 @@ def log_ratio(sums: Floats, value: Floats) -> Floats:
 
 
 class FeatureLikelihood(NamedTuple):
-    """Two normal distributions of a cue: of boxes that are right, and of others."""
+    """Two normal distributions of a feature: of correct boxes, and of other boxes."""
 
     mean: Floats  # (2,)
     deviation: Floats  # (2,)
@@ -84,7 +84,7 @@ def feature_likelihood(sums: Floats) -> FeatureLikelihood:
 
 @kernel
 def log_ratio_at(law: FeatureLikelihood, value: float) -> float:
-    """Log of the ratio of the likelihoods of a value, as far as enough is known; 0 for NaN."""
+    """Return the log likelihood ratio of a value, shrunk by the number of samples; 0 for NaN."""
     same, other = (
         (value - law.mean[SAME_TARGET]) / law.deviation[SAME_TARGET],
         (value - law.mean[OTHER_TARGET]) / law.deviation[OTHER_TARGET],
@@ -110,7 +110,7 @@ SUM_SLACK = 0.01
 
 
 def unit_vectors(appearance: Floats, histograms: bool) -> Floats:
-    """Vectors (.., K) of length 1 whose products are likenesses: roots of histograms, or the vectors; NaN: none."""
+    """Unit vectors (.., K) with products that are similarities: roots of histograms, or embeddings; NaN: none."""
     out = np.sqrt(appearance) if histograms else appearance
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(out / np.linalg.norm(out, axis=-1, keepdims=True))
@@ -129,7 +129,7 @@ def are_histograms(*appearance: Floats) -> bool:
 
 
 def similarity(gallery: Floats, boxes: Floats) -> Floats:
-    """(N, M) likeness of (N, K) appearances of people to (M, K) of boxes; NaN: one of them has none.
+    """(N, M) similarity of (N, K) appearances of people to (M, K) of boxes; NaN: one of them has no appearance.
 
     Bhattacharyya's coefficient of histograms, the cosine of other vectors.
     """
@@ -142,13 +142,13 @@ def similarity(gallery: Floats, boxes: Floats) -> Floats:
 def log_feature_ratios(
     cues: AssociationFeatures, people: TargetSet, looks: list[FrameDetections], dimension: int
 ) -> tuple[Floats, Floats]:
-    """(N, M) logs of likelihood ratios of boxes for people, and (M,) of boxes being of anybody, by the cues.
+    """(N, M) log likelihood ratios of boxes for people, and (M,) of boxes against clutter, by the features.
 
     Args:
-        cues: what is known of the people in `Cues.key`.
+        cues: features of the people in `Cues.key`.
         people: N people, the same or more.
-        looks: of the moment.
-        dimension: K of the boxes' appearance; 0: they have none.
+        looks: of the time step.
+        dimension: K of the boxes' appearance; 0: boxes have no appearance.
     """
     M = sum(len(look.boxes) for look in looks)
     hint, gallery = _features_of(cues, people, dimension)
@@ -178,12 +178,12 @@ def update_features(
     free: Floats,
     sure: Bools,
 ) -> AssociationFeatures:
-    """The cues after one more moment.
+    """Update the association features with one time step.
 
     Args:
         cues: before.
         people: N people after the update.
-        looks: of the moment.
+        looks: of the time step.
         dimension: K of the boxes' appearance.
         share: (N, M) probabilities that boxes are of people.
         free: (M,) that they are of none.
@@ -204,7 +204,7 @@ def update_features(
             seen = appearance_of(look, dimension)
             like = similarity(gallery, seen)
             _add(alike[SAME_TARGET], like[mine])
-            # Others: the boxes that are surely of somebody else
+            # Others: the boxes that are surely of another person
             _add(alike[OTHER_TARGET], like[(~mine) & mine.any(axis=0) & sure[:, None]])
             new = seen[box]
             old = gallery[person]
@@ -217,7 +217,7 @@ def update_features(
 
 
 def _features_of(cues: AssociationFeatures, people: TargetSet, dimension: int) -> tuple[Ints, Floats]:
-    """Hints (N, C) and appearance (N, K) of these people; NOBODY and NaN for those who are new."""
+    """Return tracklet ids (N, C) and appearance (N, K) of these people; NOBODY and NaN for new people."""
     hint = np.full((len(people.key), cues.hint.shape[1]), NO_ID, dtype=np.int64)
     appearance = np.full((len(people.key), dimension), np.nan)
     _, mine, theirs = np.intersect1d(people.key, cues.key, assume_unique=True, return_indices=True)
@@ -228,7 +228,7 @@ def _features_of(cues: AssociationFeatures, people: TargetSet, dimension: int) -
 
 
 def appearance_of(look: FrameDetections, dimension: int) -> Floats:
-    """(n, K) appearance of a look's boxes; NaN where the look has none."""
+    """(n, K) appearance of a frame's boxes; NaN where the frame has none."""
     if look.appearance.shape[1] == dimension:
         return look.appearance
     return np.full((len(look.boxes), dimension), np.nan)

@@ -1,4 +1,4 @@
-"""Settings of method `jipda`; one set of defaults for all places, frame rates and numbers of cameras."""
+"""Settings of method `jipda`; one set of defaults for all positions, frame rates and numbers of cameras."""
 
 from __future__ import annotations
 

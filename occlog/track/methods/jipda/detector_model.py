@@ -1,17 +1,18 @@
-"""What is learned of detectors and people on the way: of detection, boxes of nobody, leaving, turning and bending.
+"""Online estimates of detection probability, clutter rate, survival, manoeuvre and posture rates.
 
 Everything begins with a prior that is worth a few boxes, so that one set of defaults serves detectors of all kinds.
 
-What is learned of the errors of boxes: noise, each camera's biases, errors that last, and the sway of bodies.
+Online estimates of box errors: measurement noise, camera biases, time-correlated errors and gait variance.
 
-All of it comes from how far the cameras of one moment disagree (`kernels.disagreement`), never from residuals against
-the filter's prediction, which hold its own lag:
+All of it comes from how far the cameras of one time step disagree (`kernels.disagreement`), never from residuals
+against the filter's prediction, which hold its own lag:
 
 * noise of middles and sizes, y = a + b size^2, by weighted least squares of the squared disagreements;
 * biases of each camera, by a scalar Kalman filter each;
-* the part that lasts, s^2 exp(-t / LASTS_S), from the products of a person's disagreements at successive looks of a
+* the part that lasts, s^2 exp(-t / LASTS_S), from the products of a person's disagreements in successive frames of a
   camera;
-* sway, an error of the place that all cameras share and that is new at every moment: with z the places that moments
+* sway, an error of the position that all cameras share and that is new at every time step: with z the positions that
+time steps
   alone say, at equal intervals, and d_k = z_k - 2 z_{k-1} + z_{k-2}, white acceleration leaves d_k and d_{k-2}
   uncorrelated, so that E d_k d_{k-2} is the variance of the error of z_{k-2}.
 """
@@ -34,27 +35,27 @@ from .kernels.joint_association import BLIND_FRAME_PROBABILITY, NOISE_INFLATION,
 from .target_set import CONSTANT_VELOCITY, MANOEUVRE, POSTURE_CHANGE, TargetSet
 
 PRIOR_BOXES = 5.0
-"""The first noise of edges is worth so many boxes of each of five sizes."""
+"""Weight of the prior measurement noise of edges, in boxes of each of five sizes."""
 SIZES = np.array([30.0, 60.0, 120.0, 240.0, 480.0])
 PRIOR_BIAS = np.array([0.01, 0.1, 0.02, 0.05])
 """Standard deviations of the biases of middle and width across, of middle and height down; see `Rates.bias`."""
 NOISE_CORRELATION_S = 0.5
-"""How long errors last that do not change from look to look [s]."""
+"""Correlation time of persistent errors [s]."""
 PRIOR_CORRELATED_NOISE, PRIOR_CORRELATED_PAIRS, USUAL_CORRELATED_NOISE = 0.015, 20.0, 0.01
-"""At first, in heights; it is worth so many pairs of looks with this noise, in heights."""
+"""Prior of the time-correlated error, in heights; its weight in pairs of frames with this noise, in heights."""
 PRIOR_GAIT_SIGMA, PRIOR_GAIT_PAIRS = 0.03, 200.0
-"""At first, in metres; it is worth so many triples of looks."""
+"""Prior of the gait noise [m]; its weight in triples of frames."""
 PRIOR_CHANGES = 200.0
-"""At first errors are new at each look; it is worth half as many looks."""
+"""Prior: errors are uncorrelated from frame to frame; its weight is half as many frames."""
 MAX_NOISE_CORRELATION = 0.9
 MAX_CORRELATED_NOISE = 0.06
 GAIT_SIGMA_RANGE = (0.03, 0.12)
-"""Nobody's place is a point: feet and head sway about it [m]."""
+"""Minimum gait noise: feet and head sway about the position [m]."""
 MAX_CHANGE_PRODUCT_M2 = 0.2
 """Products of changes count at most so much [m^2]: an exchange of people is not their sway."""
 MIN_KEPT_SHARE = 0.3
 OUTLIER_CHI2 = 12.0
-"""Squared residuals count at most so many times their variance."""
+"""Clipping of squared residuals, in variances."""
 MIN_EDGE_NOISE = np.array([0.25, 1e-5])
 MIDDLES = np.array([0, 2])
 INTERVAL_TOLERANCE = 0.2
@@ -73,15 +74,17 @@ class EdgeErrorStatistics:
     lasting: Floats  # (2,) sums of products and of their weights
     sway: Floats  # (2,) the same
     before: dict[tuple[int, int], tuple[int, Floats]]  # by person and camera: time, last disagreement of middles
-    path: dict[int, tuple[tuple[int, Floats, float], ...]]  # by person: time, place, variance of the last five moments
-    changes: Floats  # (2,) squared changes of disagreements over two looks, and over one
+    path: dict[
+        int, tuple[tuple[int, Floats, float], ...]
+    ]  # by person: time, position, variance of the last five time steps
+    changes: Floats  # (2,) squared changes of disagreements over two frames, and over one
     last: dict[
         tuple[int, int], tuple[tuple[int, Floats], ...]
-    ]  # by person and camera: time, disagreements at two looks
+    ]  # by person and camera: time, disagreements in two frames
 
 
 def prior_edge_errors(cameras: int, metre: float, config: JipdaConfig) -> EdgeErrorStatistics:
-    """The priors, for so many cameras."""
+    """Create the priors for a number of cameras."""
     a = np.array([0.5, 2.0, 0.5, 2.0]) * config.edge_px**2
     b = np.array([1.0, 4.0, 1.0, 4.0]) * config.looseness**2
     x = np.stack([np.ones_like(SIZES), SIZES**2])
@@ -111,7 +114,7 @@ def edge_noise_variance(edges: EdgeErrorStatistics) -> Floats:
             if out[k, one] < MIN_EDGE_NOISE[one]:
                 out[k, one] = MIN_EDGE_NOISE[one]
                 out[k, other] = max((r[other] - A[0, 1] * MIN_EDGE_NOISE[one]) / A[other, other], MIN_EDGE_NOISE[other])
-    # The part that lasts is counted apart
+    # The persistent part is counted separately
     out[MIDDLES, 1] = np.maximum(out[MIDDLES, 1] - correlated_noise(edges), 0.0)
     return np.asarray(out, dtype=np.float64)
 
@@ -122,14 +125,14 @@ def correlated_noise(edges: EdgeErrorStatistics) -> float:
 
 
 def gait_variance(edges: EdgeErrorStatistics) -> float:
-    """Variance of the place that a body shows at a moment about the one where it walks."""
+    """Return the gait variance: that of the observed position about the walk."""
     return float(np.clip(edges.sway[0] / edges.sway[1], *(np.array(GAIT_SIGMA_RANGE) * edges.metre) ** 2))
 
 
 def correlated_noise_factor(edges: EdgeErrorStatistics, between: float = 1.0) -> float:
-    """(1 + r) / (1 - r), r the correlation of errors from one look that counts to the next: their weight.
+    """Return (1 + r) / (1 - r), r the correlation of errors between successive frames that count: their weight.
 
-    Of a camera's looks one of `between` counts; the correlation falls geometrically with their number.
+    One of `between` frames of a camera counts; the correlation falls geometrically with their number.
     """
     alike = float(np.clip(edges.changes[0] / edges.changes[1] - 1.0, 0.0, MAX_NOISE_CORRELATION) ** between)
     return (1.0 + alike) / (1.0 - alike)
@@ -145,11 +148,11 @@ def update_edge_errors(
     owner: Ints,
     lasts: Floats,
 ) -> EdgeErrorStatistics:
-    """The sums with one more moment.
+    """Update the sums with one time step.
 
     Args:
         edges: before.
-        t_ns: time of the moment.
+        t_ns: time of the time step.
         boxes: of it.
         found: how far its cameras disagree.
         key: (N,) of people.
@@ -262,18 +265,18 @@ def _gait_variance(edges: EdgeErrorStatistics, t_ns: int, found: BoxDisagreement
             late, early = z[4] - 2.0 * z[3] + z[2], z[2] - 2.0 * z[1] + z[0]
             product = float(np.mean(np.clip(late * early, -most, most)))
             sums += (product - now[2][2], 1.0)
-    # People who were not seen well at this moment begin anew
+    # People who were not seen well at this time step start again
     return replace(edges, sway=sums, path=path)
 
 
 def reliable_boxes(
     boxes: PackedDetections, owner: Ints, share: Floats, visible: Floats, sure: Bools, least: float
 ) -> Bools:
-    """(M,) boxes that teach: whole, surely of somebody who surely exists and is in plain view.
+    """Select (M,) boxes for learning: whole, surely of a person who surely exists and is in plain view.
 
     Args:
-        boxes: M boxes of L looks.
-        owner: (M,) likeliest person; negative: nobody.
+        boxes: M boxes of L frames.
+        owner: (M,) likeliest person; negative: clutter.
         share: (N, M) probability that a box is of a person.
         visible: (L, N) visible shares; NaN: outside the image.
         sure: (N,) people who surely exist.
@@ -290,60 +293,60 @@ def reliable_boxes(
 
 
 MIN_ASSOCIATION_TO_LEARN = 0.7
-"""A box teaches if it is somebody's with this probability."""
+"""Minimum association probability of a box for learning."""
 
 
 DETECTION_BY_VISIBILITY = np.array([0.02, 0.1, 0.4, 0.8, 0.95, 1.0])
-"""At first: probability of detection at the visible shares 0, 0.2, .. 1, against that in plain view."""
+"""Prior: probability of detection at the visible shares 0, 0.2, .. 1, against that in plain view."""
 PRIOR_FRAMES = 10.0
-"""The first rates of detection and of boxes of nobody are worth so many looks."""
+"""Weight of the prior detection probability and clutter rate, in frames."""
 PRIOR_CURVE = 20.0
-"""The first curve is worth so many people at each of its places."""
+"""Weight of the prior visibility curve, in people at each of its nodes."""
 PRIOR_TRUNCATED = (2.0, 4.0)
-"""At first every other box ends where the cover of the feet begins."""
+"""Prior: every other box ends where the cover of the feet begins."""
 PRIOR_MERGES = (0.5, 10.0)
-"""At first few of the pairs of people who touch in an image are one box there; it is worth so many pairs."""
+"""Prior share of touching pairs with a merged detection; its weight in pairs."""
 PRIOR_OUTLIER_EDGES = (1.0, 50.0)
-"""At first so many of so many boxes have a wrong edge."""
+"""Prior counts of boxes with an outlier edge, and of boxes."""
 PRIOR_MANOEUVRES = 5.0
-"""The first rate of manoeuvres is worth so many of them."""
+"""Weight of the prior manoeuvre rate, in manoeuvres."""
 PRIOR_POSTURE_CHANGES = 2.0
-"""The first rate of bending is worth so many times that somebody bent."""
+"""Weight of the prior posture-change rate, in posture changes."""
 PRIOR_TERMINATIONS = 2.0
-"""The first rate of leaving is worth so many who left."""
+"""Weight of the prior departure rate, in departures."""
 PRIOR_PERSISTENT_CLUTTER = (1.0, 4.0)
-"""At first so many of so many boxes of nobody are there again at the camera's next look."""
+"""Prior counts of persistent clutter in the camera's next frame, and of clutter."""
 MAX_PERSISTENT_CLUTTER = 0.95
-"""Boxes of nobody are there again at most so probably."""
+"""Maximum probability of persistent clutter."""
 MAX_LOG_CLUTTER_RATIO = 50.0
 """Greatest log of a density against that of a box anywhere."""
 MIN_CLUTTER_PROBABILITY = 0.05
-"""Boxes that are of nobody with a lower probability are not looked for again."""
+"""Minimum clutter probability of a box that is tested for persistence."""
 MIN_EXISTENCE_TO_LEARN, MIN_VISIBILITY_TO_LEARN = 0.9, 0.85
 """Those teach who exist this surely; in plain view they are visible to this share."""
 DETECTION_RANGE = (0.05, 0.98)
 MAX_MERGE_PROBABILITY = 0.9
-"""Of the pairs who touch in an image not more than this share is believed to be one box there."""
+"""Maximum share of touching pairs with a merged detection."""
 
 
 @dataclass(frozen=True)
 class DetectorStatistics:
-    """Sums over boxes and people seen so far, priors included; C cameras, K places of the curve."""
+    """Sums over boxes and people seen so far, priors included; C cameras, K nodes of the curve."""
 
     detected: Floats  # (C, 2) people in plain view: detected, all
-    clutter: Floats  # (C, 2) boxes of nobody, looks
+    clutter: Floats  # (C, 2) clutter boxes, frames
     curve: Floats  # (K, 2) detected, expected in plain view
     cuts: Floats  # (2,) boxes that end where the cover of the feet begins, boxes of people whose feet are covered
     merges: Floats  # (C, 2) pairs who touch in the image: in one box, of whom there is a box
     wrong: Floats  # (2,) boxes with a wrong edge, all boxes
-    again: Floats  # (C, 2) boxes of nobody that are there again at the next look, boxes of nobody
+    again: Floats  # (C, 2) clutter boxes that persist in the next frame, clutter boxes
     left: Floats  # (2,) people who left, person-seconds
     turned: Floats  # (2,) manoeuvres begun, seconds of calm motion
-    bent: Floats  # (2,) times that somebody bent, person-seconds upright
+    bent: Floats  # (2,) times that a person bent, person-seconds upright
 
 
 def prior_statistics(cameras: int, config: JipdaConfig) -> DetectorStatistics:
-    """The priors, for so many cameras."""
+    """Create the priors for a number of cameras."""
     return DetectorStatistics(
         detected=np.tile([PRIOR_FRAMES * config.detection, PRIOR_FRAMES], (cameras, 1)),
         clutter=np.tile([PRIOR_FRAMES * config.clutter, PRIOR_FRAMES], (cameras, 1)),
@@ -361,14 +364,14 @@ def prior_statistics(cameras: int, config: JipdaConfig) -> DetectorStatistics:
 def detector_model(
     counts: DetectorStatistics, edges: EdgeErrorStatistics, config: JipdaConfig, interval: Floats, between: float = 1.0
 ) -> DetectorModel:
-    """What the sums say of the detectors.
+    """Estimate the detector parameters from the sums.
 
     Args:
         counts: sums over people.
         edges: sums over boxes.
         config: whether people hide one another.
-        interval: (C,) time since each camera's last look [s], > 0; may be infinite.
-        between: how many looks of a camera there are to one that counts, >= 1.
+        interval: (C,) time since each camera's last frame [s], > 0; may be infinite.
+        between: number of a camera's frames per frame that counts, >= 1.
     """
     curve = np.maximum.accumulate(counts.curve[:, 0] / counts.curve[:, 1])
     curve = curve / curve[-1] if config.visible else np.ones_like(curve)
@@ -393,51 +396,51 @@ def termination_rate(counts: DetectorStatistics) -> float:
 
 
 def manoeuvre_rate(counts: DetectorStatistics) -> float:
-    """How often in a second somebody who walks on begins to manoeuvre."""
+    """Return the manoeuvre rate of a walking person [1/s]."""
     return float(counts.turned[0] / counts.turned[1])
 
 
 def posture_change_rate(counts: DetectorStatistics) -> float:
-    """How often in a second somebody bends, falls, lies down or gets up."""
+    """Return the rate of posture changes of a person [1/s]."""
     return float(counts.bent[0] / counts.bent[1])
 
 
 def clutter_rate(counts: DetectorStatistics) -> Floats:
-    """(C,) expected in a look of each camera."""
+    """(C,) expected number of clutter boxes in a frame of each camera."""
     return np.asarray(counts.clutter[:, 0] / counts.clutter[:, 1])
 
 
 class Clutter(NamedTuple):
-    """Boxes of a camera's last look that may be of nobody."""
+    """Possible clutter boxes of a camera's last frame."""
 
     box: Floats  # (n, 4)
-    free: Floats  # (n,) probability that they are of nobody
+    free: Floats  # (n,) probability that they are of no person
 
 
 def no_clutter() -> Clutter:
-    """No box of nobody."""
+    """No clutter box."""
     return Clutter(np.zeros((0, 4)), np.zeros(0))
 
 
 def persistent_clutter_rate(counts: DetectorStatistics) -> Floats:
-    """(C,) probability that a box of nobody is there again at the camera's next look."""
+    """(C,) probability that a clutter box persists in the camera's next frame."""
     return np.asarray(np.minimum(counts.again[:, 0] / counts.again[:, 1], MAX_PERSISTENT_CLUTTER))
 
 
 def persistent_clutter_density(
     boxes: PackedDetections, before: Sequence[Clutter], again: Floats, noise: Floats, size: Floats
 ) -> Floats:
-    """Expect boxes of nobody where the camera's last look had some: a shadow or a post is there again.
+    """Compute persistent clutter from the camera's last frame, as of shadows and posts.
 
     Args:
-        boxes: of the moment, M of L looks.
+        boxes: of the time step, M of L frames.
         before: of each camera.
-        again: (C,) probability that a box of nobody is there again.
+        again: (C,) probability that a clutter box persists.
         noise: (4, 2) variances as in `Rates.noise`.
         size: (C, 2) width and height of the images [px].
 
     Returns:
-        (M,) expected number of such boxes, as `exp(Boxes.clutter)` is that of boxes of nobody anywhere.
+        (M,) expected number of such boxes, as `exp(Boxes.clutter)` is that of clutter boxes anywhere.
     """
     out = np.zeros(len(boxes.box))
     for look, c in enumerate(boxes.camera.tolist()):
@@ -464,10 +467,10 @@ def _centres_and_sizes(box: Floats) -> Floats:
 
 
 def blind_frames(boxes: PackedDetections, existence: Floats, detection: Floats) -> Bools:
-    """(L,) looks without any box that are more probably blind than that they missed everybody.
+    """Find (L,) frames without any box that are more probably blind than frames that missed all people.
 
     Args:
-        boxes: of L looks.
+        boxes: of L frames.
         existence: (N,) of people.
         detection: (L, N) probabilities of detection.
     """
@@ -485,7 +488,7 @@ def update_statistics(
     rates: DetectorModel,
     result: JipdaResult,
 ) -> DetectorStatistics:
-    """The sums with the boxes of one more moment; boxes of nobody are counted elsewhere, when births are known."""
+    """Update the sums with the boxes of one time step; clutter is counted elsewhere, after track initiation."""
     detected, curve, merges = counts.detected.copy(), counts.curve.copy(), counts.merges.copy()
     sure = people.existence > MIN_EXISTENCE_TO_LEARN
     last = len(curve) - 1
@@ -499,14 +502,14 @@ def update_statistics(
         plain = sure & (visible > MIN_VISIBILITY_TO_LEARN)
         detected[c] += (hit[plain].sum(), apart[plain].sum())
         merges[c] += result.merges[look]
-        # The curve, with each person's weight between two of its places
+        # The curve, with each person's weight between two of its nodes
         seen = np.flatnonzero(sure & (visible > 0.0))
         at = visible[seen] * last
         k = np.minimum(at.astype(np.int64), last - 1)
         for place, weight in ((k, 1.0 - (at - k)), (k + 1, at - k)):
             np.add.at(curve[:, 0], place, weight * hit[seen])
             np.add.at(curve[:, 1], place, weight * apart[seen] * rates.detection[c])
-    # So many begin as end: the time spent in manoeuvres over how long one takes
+    # As many begin as end: the time spent in manoeuvres over how long one takes
     model = dt * people.model[sure].sum(axis=0)
     turned = counts.turned + np.array([model[MANOEUVRE] / config.turn_s, model[CONSTANT_VELOCITY]])
     bent = counts.bent + np.array([model[POSTURE_CHANGE] / config.bent_s, model[CONSTANT_VELOCITY] + model[MANOEUVRE]])

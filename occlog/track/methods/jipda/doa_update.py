@@ -1,7 +1,8 @@
 """Directions of arrival in the same state: who speaks is heard where no camera shows them, and keeps their identity.
 
-A direction is of one person or of nobody, and a person is heard in at most one direction of an array at a time: the
-marginals are those of boxes (Williams and Lau 2014).  Nobody is born of a sound, and who is silent is still there.
+A direction is of one person or of no person, and a person is heard in at most one direction of an array at a time: the
+marginals are those of boxes (Williams and Lau 2014).  A sound initiates no track, and silence is no evidence against a
+person.
 """
 
 from __future__ import annotations
@@ -23,20 +24,20 @@ from .target_set import MIN_EXISTENCE_COMPLEMENT, update
 SPEECH_PROBABILITY = 0.1
 """Probability that a person speaks and is heard, at a time at which the array hears something."""
 DOA_CLUTTER_RATE = 0.3
-"""Expected number of directions of nobody at such a time, from anywhere around."""
+"""Expected number of false directions per array and time, uniform over azimuth."""
 GATE_SIGMAS = 4.0
 """Standard deviations beyond which a direction is not a person's."""
 MIN_ARRAY_DISTANCE_HEIGHTS = 0.3
-"""Nearer to the array than so many heights of people a direction says nothing of the place."""
+"""Minimum distance from the array for a position update, in heights of people."""
 MIN_PROBABILITY_HEARD = 0.5
-"""A person who is so probably heard is known to be somewhere, whether a camera shows the place or not."""
+"""Minimum probability of being heard that confirms a person's presence outside camera views."""
 
 
 def update_by_directions(state: JipdaState, heard: DirectionsOfArrival, array: MicrophoneArray) -> JipdaState:
-    """Everybody after the directions that an array heard between two moments.
+    """Update all tracks with the directions that an array heard between two time steps.
 
     Args:
-        state: after the moment before; it stays as it is, and keeps its time: the people are compared with the
+        state: after the time step before; it stays as it is, and keeps its time: the people are compared with the
             directions where they walk on to.
         heard: at or after the time of the state.
         array: that heard them.
@@ -54,7 +55,7 @@ def update_by_directions(state: JipdaState, heard: DirectionsOfArrival, array: M
     spread = np.einsum("ni,nij,nj->n", slope, people.covariance, slope)
     apart = wrap_angle(heard.bearing[None] - np.arctan2(away[:, 1], away[:, 0])[:, None])
     variance = spread[:, None] + heard.sigma[None] ** 2
-    # Gate, and associate: odds that the direction is the person's against that it is nobody's
+    # Gate, and associate: odds that the direction is the person's against clutter
     density = np.exp(-0.5 * apart**2 / variance) / np.sqrt(2.0 * np.pi * variance)
     there = np.hypot(away[:, 0], away[:, 1]) < array.range
     odds = SPEECH_PROBABILITY / (1.0 - SPEECH_PROBABILITY) * density / (DOA_CLUTTER_RATE / (2.0 * np.pi))

@@ -1,4 +1,4 @@
-"""The filter of everybody at once: predict, associate in all images jointly, update, begin and end people.
+"""Multi-camera JIPDA filter: predict, associate jointly in all images, update, initiate and terminate tracks.
 
 Joint integrated probabilistic data association (Musicki and Evans 2004) with the marginals of belief propagation
 (Williams and Lau 2014), in the images of all cameras; what hides whom is expected from the people themselves.
@@ -72,55 +72,55 @@ BORDER_PX = 3.0
 GATE_CHI2 = 30.0
 """Greatest squared Mahalanobis distance of the four edges of a box."""
 BIRTH_DENSITY_PER_M2, MAX_BIRTHS_PER_IMAGE = 0.1, 10.0
-"""People a square metre expected where nobody has looked yet; but in an image not more than this number."""
+"""Prior density of people [1/m^2] in regions not yet observed; and maximum number in an image."""
 BIRTH_RENEWAL_S = 20.0
-"""After so long the same number is expected anew among those who are not tracked."""
+"""Time after which the prior number of untracked people is reached again."""
 MIN_EXISTENCE_TO_INITIATE = 0.05
-"""Nobody begins with a lower probability of existence."""
+"""Minimum existence probability of track initiation."""
 MIN_EXISTENCE_TO_REPORT = 0.5
 """Confirmed people are reported while they exist with this probability."""
 VELOCITY_SETTLING_S = 1.5
 """After so long the velocity of a person who is new is known [s]."""
 MAX_PREDICTION_S = 86_400.0
-"""Nobody is predicted further [s]: after a day one can be anywhere, and in years covariances lose all digits."""
+"""Maximum prediction time [s]: after a day the position is unknown, and in years covariances lose all digits."""
 MIN_BOXES_TO_CONFIRM = 1.5
-"""Nobody is confirmed by fewer boxes."""
+"""Minimum number of boxes for confirmation."""
 MIN_ASSOCIATION_PROBABILITY = 0.05
-"""Boxes that are somebody's with a lower probability are not named."""
+"""Minimum association probability of a reported box."""
 EXCLUSION_INTERVAL_NS = 50_000_000
-"""People are kept apart once in so long [ns] at most: cameras that look one after another tell nothing anew of it."""
+"""Minimum interval between exclusion updates [ns]: successive frames of several cameras add no information."""
 UNTRACKED_TO_CLUTTER_RATIO = 0.1
-"""Boxes of people who are not tracked, against those of nobody, before births are looked at."""
+"""Prior odds that an unassigned box is of an untracked person and not clutter."""
 
 
 @dataclass(frozen=True)
 class JipdaState:
-    """Everybody, and what is known of the detectors."""
+    """Filter state: all tracks and the detector estimates."""
 
     views: PackedCameras
     config: JipdaConfig
     metre: float  # in the scene's unit
-    t_ns: int | None  # of the last moment; None: nothing was seen yet
+    t_ns: int | None  # of the last time step; None: no data yet
     people: TargetSet
     counts: DetectorStatistics
     edges: EdgeErrorStatistics
     next_key: int
-    looked: Ints  # (C,) time of each camera's last look; -1: none
+    looked: Ints  # (C,) time of each camera's last frame; -1: no frame
     cues: AssociationFeatures
     places: BirthIntensityMap
-    nobodys: tuple[Clutter, ...]  # of each camera's last look
-    apart_ns: int | None  # when people were kept apart last; None: never
+    nobodys: tuple[Clutter, ...]  # of each camera's last frame
+    apart_ns: int | None  # time of the last exclusion update; None: never
 
 
 def initial_state(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) -> JipdaState:
-    """Nobody is known yet.
+    """Create the initial filter state without tracks.
 
     Args:
-        scene: what does not move.
-        cameras: those that will look, with poses in space; a look names one by its place here.
+        scene: static scene.
+        cameras: cameras in use, with poses in space; frames refer to them by their index here.
         config: settings in the scene's unit.
     """
-    # In a unit of its own the settings say how long a metre is: people are 1.7 m tall
+    # In a scene-specific unit the settings define the metre: people are 1.7 m tall
     own = config.height / JipdaConfig().height
     metre = 1.0 / METRES[scene.length_unit] if scene.length_unit in METRES else own
     low, high = box_around(scene)
@@ -147,11 +147,11 @@ def initial_state(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) 
 
 
 def step(state: JipdaState, looks: Sequence[FrameDetections]) -> tuple[JipdaState, TrackSnapshot]:
-    """Everybody after the looks of one moment.
+    """Update all tracks with the frames of one time step.
 
     Args:
-        state: after the moment before; it stays as it is.
-        looks: at least one; their times may differ by little, and the latest is the moment's.
+        state: after the time step before; it stays as it is.
+        looks: at least one frame; their times may differ by little, and the latest is the time step's.
     """
     config = state.config
     t_ns = max(look.t_ns for look in looks)
@@ -213,7 +213,7 @@ def step(state: JipdaState, looks: Sequence[FrameDetections]) -> tuple[JipdaStat
     good &= result.odd < 0.5
     found = camera_disagreement(result.mean, result.covariance, state.views, boxes, rates, result.owner, good)
     edges = update_edge_errors(state.edges, t_ns, boxes, found, key=people.key, owner=result.owner, lasts=rates.lasting)
-    # Births, from boxes that are nobody's
+    # Track initiation from unassigned boxes
     body = np.array([config.height, config.sigma_height, config.width, config.sigma_width, config.speed])
     everywhere, at = birth_intensity(
         state.places, BIRTH_DENSITY_PER_M2 / state.metre**2 / BIRTH_RENEWAL_S, BIRTH_RENEWAL_S
@@ -258,7 +258,7 @@ def step(state: JipdaState, looks: Sequence[FrameDetections]) -> tuple[JipdaStat
     counts = replace(counts, left=counts.left + np.array([left.sum(), dt * people.existence[ids != NO_ID].sum()]))
     events = [Event("birth", int(ids[k]), NO_ID, float(people.existence[k])) for k in np.flatnonzero(new)]
     events += [Event("death", int(ids[k]), NO_ID, float(people.existence[k])) for k in np.flatnonzero(left)]
-    # Those who are old enough to have a velocity tell where people come from, those who end where they leave
+    # Tracks old enough to have a velocity update the birth map, tracks that end the departure map
     age = (t_ns - people.born_ns) / NS
     sure = people.id != NO_ID
     grown = sure & (age >= VELOCITY_SETTLING_S) & (age - dt < VELOCITY_SETTLING_S)
@@ -301,7 +301,7 @@ def step(state: JipdaState, looks: Sequence[FrameDetections]) -> tuple[JipdaStat
 
 
 def pack_detections(state: JipdaState, looks: Sequence[FrameDetections], t_ns: int) -> PackedDetections:
-    """The looks of a moment for the kernels."""
+    """Pack the frames of a time step for the kernels."""
     box = np.concatenate([look.boxes for look in looks]).reshape(-1, 4).astype(np.float64)
     camera = np.array([look.camera for look in looks], dtype=np.int64)
     count = [len(look.boxes) for look in looks]
@@ -325,10 +325,10 @@ def _update_clutter(
 
     Args:
         counts: before.
-        boxes: of the moment.
-        free: (M,) probability that a box is of nobody.
-        before: (M,) probability that it was there at the camera's last look, too.
-        last: boxes of nobody of each camera's last look.
+        boxes: of the time step.
+        free: (M,) probability that a box is of no person.
+        before: (M,) probability that it was there in the camera's last frame, too.
+        last: clutter boxes of each camera's last frame.
     """
     clutter, again = counts.clutter.copy(), counts.again.copy()
     for look, c in enumerate(boxes.camera.tolist()):
@@ -341,7 +341,7 @@ def _update_clutter(
 def associations_of(
     share: Floats, joint: Floats, boxes: PackedDetections, looks: Sequence[FrameDetections]
 ) -> BoxAssociations:
-    """The boxes that speak for each person, where it matters how probably they are of them alone or with another."""
+    """Return the boxes associated with each person, with probabilities alone and as merged detections."""
     person, box = np.nonzero(share + joint > MIN_ASSOCIATION_PROBABILITY)
     camera = np.repeat(boxes.camera, np.diff(boxes.first))
     row = np.concatenate([look.row for look in looks])

@@ -1,7 +1,8 @@
-"""What goes into the filter of many people and what comes out: looks of cameras in, moments of everybody out.
+"""Interface of the multi-person filter: frames of cameras in, time steps with all people out.
 
-The filter (`filter.begin`, `filter.step`) takes the looks of one moment at a time, in the order of their times.  Batch
-association (`--smooth`, `--lag`) takes all looks and the filter's moments, and gives moments anew.  Neither knows
+The filter (`filter.begin`, `filter.step`) takes the frames of one time step at a time, in the order of their times.
+Batch association (`--smooth`, `--lag`) takes all frames and the filter's time steps, and returns revised time steps.
+Neither uses
 tables: a box is known by the row that it has in its table.
 
 Lengths are in the scene's unit, times in nanoseconds or seconds as said, pixels are those of the image as recorded
@@ -17,7 +18,7 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 
 X, Y, VX, VY, HEIGHT, WIDTH = range(6)
-"""Places in a person's state: position and velocity of the axis of an upright cylinder on the floor, its height and
+"""Indices of a person's state: position and velocity of the axis of an upright cylinder on the floor, its height and
 its diameter."""
 STATE_SIZE = 6
 """Numbers of a person's state."""
@@ -26,35 +27,35 @@ NO_ID = -1
 
 
 class FrameDetections(NamedTuple):
-    """Boxes of one frame of one camera; a frame without boxes is a look, too: it says that nobody was detected.
+    """Boxes of one frame of one camera; a frame without boxes counts, too: it states that no person was detected.
 
     n boxes.  Edges may lie outside the image, where a detector completes people who are cut by its border.
     """
 
     t_ns: int
-    camera: int  # place in the list of cameras that the filter was begun with
+    camera: int  # index in the list of cameras of the filter
     boxes: Floats  # (n, 4) left, top, right, bottom [px]; left < right, top < bottom
     score: Floats  # (n,) confidence of the detector, 0 to 1; NaN: none
-    hint: Ints  # (n,) identity >= 0 that a single-camera tracker gave; NOBODY: none
+    hint: Ints  # (n,) tracklet id >= 0 of a single-camera tracker; NOBODY: no id
     appearance: Floats  # (n, K) histogram or embedding; NaN: none of this box; (n, 0): none at all
-    row: Ints  # (n,) place of the box in its table
+    row: Ints  # (n,) row of the box in its table
 
 
 class DirectionsOfArrival(NamedTuple):
     """Directions of arrival that a microphone array heard at one time; n directions."""
 
     t_ns: int
-    sensor: int  # place in the list of arrays
+    sensor: int  # index in the list of arrays
     bearing: Floats  # (n,) azimuth in the world [rad]
     sigma: Floats  # (n,) standard deviation [rad], > 0
-    row: Ints  # (n,) place in its table
+    row: Ints  # (n,) row in its table
 
 
 class BoxAssociations(NamedTuple):
-    """Which boxes speak for which people; k pairs with a probability that matters."""
+    """Detection-to-track associations with probabilities; k pairs."""
 
-    person: Ints  # (k,) place in `Moment.ids`
-    camera: Ints  # (k,) place in the list of cameras
+    person: Ints  # (k,) index in `TrackSnapshot.ids`
+    camera: Ints  # (k,) index in the list of cameras
     row: Ints  # (k,) `Look.row` of the box
     probability: Floats  # (k,) that the box is of this person, alone or with a neighbour who touches them
     joint: Floats  # (k,) of it, with a neighbour; the rest sums over people of a box to at most 1
@@ -70,7 +71,7 @@ class Event(NamedTuple):
 
 
 class TrackSnapshot(NamedTuple):
-    """Everybody after the looks of one moment; m people, C cameras."""
+    """All tracks after the frames of one time step; m people, C cameras."""
 
     t_ns: int
     ids: Ints  # (m,) identities of people who are confirmed, rising; never used again after a death
@@ -78,13 +79,13 @@ class TrackSnapshot(NamedTuple):
     covariance: Floats  # (m, 6, 6)
     existence: Floats  # (m,) probability that the person is there
     visibility: (
-        Floats  # (m, C) probability of being visible in each camera; NaN: it did not look, or shows not the place
+        Floats  # (m, C) probability of being visible in each camera; NaN: no frame, or the position is out of view
     )
     support: BoxAssociations
     events: tuple[Event, ...]
 
 
 def no_associations() -> BoxAssociations:
-    """No box speaks for anybody."""
+    """Create an empty set of associations."""
     none = np.zeros(0, dtype=np.int64)
     return BoxAssociations(none, none, none, np.zeros(0), np.zeros(0))

@@ -1,14 +1,14 @@
-"""Everybody who is tracked, how they move between moments, and who is whose double.
+"""Set of tracks: prediction between time steps, mixing of motion models, duplicate tracks.
 
 People walk on, manoeuvre, or bend, fall, lie and get up: motion models with white acceleration and growth of the body
 of different intensity, mixed and merged as an interacting multiple model estimator does (Blom and Bar-Shalom 1988,
-IEEE T-AC 33(8)).  Association sees one Gaussian of each person, the mixture's; what it says of the state, a Gaussian
+IEEE T-AC 33(8)).  Association sees one Gaussian of each person, the mixture's; its information on the state, a Gaussian
 factor, updates all models and their probabilities.
 
-Where people come from and where they leave, learned on the way: a map of the floor.
+Birth and departure maps of the ground plane, estimated online.
 
 Counts of arrivals, departures and of the time that people spent are kept in cells of the floor and are smoothed by a
-Gaussian.  Where nothing was counted the rates of the whole place hold, so that a map that has seen little changes
+Gaussian.  Where nothing was counted the rates of the whole area hold, so that a map that has seen little changes
 little; no wall and no door is set by hand.
 """
 
@@ -28,15 +28,15 @@ CONSTANT_VELOCITY, MANOEUVRE, POSTURE_CHANGE = MODELS = 0, 1, 2
 SIZE_NOISE_PER_ROOT_S = 0.01
 """Standard deviation by which a body changes in a second, as a share of its size: how people carry themselves."""
 POSTURE_HEIGHT_NOISE, POSTURE_WIDTH_NOISE = 0.4, 0.8
-"""The same of its height and its width while somebody bends, falls, lies or gets up."""
+"""Process noise of height and width while a person bends, falls, lies or gets up."""
 MIN_SIZE_RATIO = 0.15
 """No body is lower or narrower than this share of the usual one."""
 MIN_EXISTENCE_COMPLEMENT = 1e-6
-"""Nobody's existence is surer than this, nor their absence."""
+"""Limit of existence probabilities, and of their complements."""
 TERMINATION_RATE_OUT_OF_VIEW, OUT_OF_VIEW_AFTER_S = 0.5, 1.0
-"""People whose place no camera has shown for so long [s] leave at this rate [1/s]: nobody knows where they go."""
+"""Time out of all camera views [s] after which people leave at this rate [1/s]."""
 DUPLICATE_DISTANCE_WIDTHS, DUPLICATE_TIME_S = 0.5, 2.0
-"""Two people whose axes are nearer than so many widths for so long [s] are one."""
+"""Maximum distance of duplicate tracks, in widths, and minimum time [s]."""
 DUPLICATE_EXISTENCE_RATIO = 0.5
 """Of two who are one the older stays, but if they exist with less than this share of the other's probability."""
 
@@ -48,12 +48,12 @@ class TargetSet:
     mean: Floats  # (N, 6) as `interface.Moment.mean`, of all models together
     covariance: Floats  # (N, 6, 6)
     existence: Floats  # (N,)
-    key: Ints  # (N,) number of the birth, rising; the identity once confirmed
-    id: Ints  # (N,) NOBODY: not confirmed
-    seen_ns: Ints  # (N,) when a camera last showed the place
+    key: Ints  # (N,) number of the initiation, ascending; the identity once confirmed
+    id: Ints  # (N,) NOBODY: tentative track
+    seen_ns: Ints  # (N,) when a camera last showed the position
     boxes: Floats  # (N,) expected number of boxes that spoke for them
     born_ns: Ints  # (N,)
-    apart_ns: Ints  # (N,) when they last stood apart from everybody else
+    apart_ns: Ints  # (N,) when they last stood apart from all other people
     first: Floats  # (N, 2) where they were detected first
     last: Floats  # (N, 2) where they were detected last
     model: Floats  # (N, 3) probabilities of the models
@@ -64,7 +64,7 @@ class TargetSet:
 def tentative_targets(
     mean: Floats, covariance: Floats, existence: Floats, boxes: Floats, first_key: int, t_ns: int
 ) -> TargetSet:
-    """K people who are new at a time, with the numbers of boxes that speak for them."""
+    """K new tracks of a time step, with the numbers of their boxes."""
     K = len(mean)
     return TargetSet(
         mean=mean,
@@ -107,9 +107,9 @@ def predict(
     """The people dt seconds later.
 
     Args:
-        people: at the last moment.
+        people: at the last time step.
         t_ns: time of the prediction.
-        dt: seconds since the last moment, >= 0.
+        dt: seconds since the last time step, >= 0.
         leaving: (N,) rates at which they leave [1/s]; those who are out of all images leave at the rate
             `TERMINATION_RATE_OUT_OF_VIEW`.
         turning: rate at which people who walk on begin to manoeuvre [1/s].
@@ -159,7 +159,7 @@ def update(people: TargetSet, information: Floats, vector: Floats, sway: float, 
         people: predicted.
         information: (N, 6, 6) I.
         vector: (N, 6) v.
-        sway: variance of the place that a body shows about the one where it walks; the factor is of the former.
+        sway: variance of the position that a body shows about the one where it walks; the factor is of the former.
         config: how large people are: no body is smaller than the share `MIN_SIZE_RATIO` of it.
     """
     information, vector = _without_gait_variance(information, vector, sway)
@@ -180,9 +180,9 @@ def update(people: TargetSet, information: Floats, vector: Floats, sway: float, 
 
 
 def _without_gait_variance(information: Floats, vector: Floats, sway: float) -> tuple[Floats, Floats]:
-    """The factors (N, 6, 6) and (N, 6) of states whose places are off by a Gaussian of variance `sway`.
+    """The factors (N, 6, 6) and (N, 6) of states whose positions are off by a Gaussian of variance `sway`.
 
-    A Gaussian factor convolved with W on the place, B W B': I - I B (W^-1 + B' I B)^-1 B' I (Woodbury).
+    A Gaussian factor convolved with W on the position, B W B': I - I B (W^-1 + B' I B)^-1 B' I (Woodbury).
     """
     if sway <= 0.0:
         return information, vector
@@ -193,14 +193,14 @@ def _without_gait_variance(information: Floats, vector: Floats, sway: float) -> 
 
 
 def with_gait_variance(people: TargetSet, sway: float) -> Floats:
-    """(N, 6, 6) covariances of the states that bodies show at a moment."""
+    """(N, 6, 6) covariances of the states that bodies show at a time step."""
     out = people.covariance.copy()
     out[:, [X, Y], [X, Y]] += sway
     return out
 
 
 def apply_exclusion_prior(people: TargetSet, s: float) -> TargetSet:
-    """The people, nobody where another one is (`kernels.exclusion`).
+    """Apply the exclusion prior: no two people at one position (`kernels.exclusion`).
 
     Args:
         people: predicted.
@@ -243,7 +243,7 @@ def _two_states(dt: float, begin: float, end: float) -> Floats:
 
 
 def _mixture_moments(people: TargetSet) -> TargetSet:
-    """The people with the moments of all models together."""
+    """Merge the motion models of each person: mean and covariance of the mixture."""
     mean = np.einsum("na,nai->ni", people.model, people.means)
     apart = people.means - mean[:, None]
     covariance = np.einsum("na,naij->nij", people.model, people.covariances)
@@ -252,12 +252,12 @@ def _mixture_moments(people: TargetSet) -> TargetSet:
 
 
 def duplicate_tracks(people: TargetSet, t_ns: int) -> tuple[TargetSet, Bools]:
-    """Find who stands where somebody stands who was there before them.
+    """Find duplicate tracks: a younger track at the position of an older one.
 
-    Estimates of two people who pass each other may meet for a moment; two tracks of one person stay together.
+    Estimates of two people who pass each other may meet for a time step; two tracks of one person stay together.
 
     Returns:
-        The people with the times at which they were apart, and (N,) who is a double: somebody who is not confirmed
+        The people with the times at which they were separate, and (N,) mask of duplicates: a tentative track
         at once, the younger of two confirmed people when they have been together for `DUPLICATE_TIME_S`.
     """
     out = np.zeros(len(people.key), dtype=np.bool_)
@@ -280,16 +280,16 @@ def duplicate_tracks(people: TargetSet, t_ns: int) -> tuple[TargetSet, Bools]:
 CELL_SIZE_M, SMOOTHING_SIGMA_M = 0.5, 1.0
 """Side of a cell and deviation of the smoothing, in metres."""
 PRIOR_TERMINATIONS = 1.0
-"""The rate of the whole place is worth so many departures at each place."""
+"""Weight of the overall departure rate, in departures per cell."""
 PRIOR_VELOCITY = 2.0
-"""The first deviation of a velocity is worth so many arrivals at each place."""
+"""Weight of the prior deviation of the velocity, in arrivals per cell."""
 MIN_BIRTH_RATIO = 0.02
 """Wherever it is, arrivals are not rarer than this share of the first rate."""
 
 
 @dataclass(frozen=True)
 class BirthIntensityMap:
-    """Counts in G cells that anybody was in."""
+    """Counts in G visited cells."""
 
     metre: float  # in the scene's unit
     row: dict[tuple[int, int], int]  # of a cell
@@ -354,18 +354,18 @@ def update_map(
 
 
 def termination_rate_at(known: BirthIntensityMap, places: Floats, overall: float) -> Floats:
-    """(n,) rates [1/s] at which people leave at (n, 2) places, where `overall` is the rate of all."""
+    """(n,) rates [1/s] at which people leave at (n, 2) positions, where `overall` is the rate of all."""
     near = _near(known, places)
     return np.asarray((near @ known.left + PRIOR_TERMINATIONS) / (near @ known.spent + PRIOR_TERMINATIONS / overall))
 
 
 def birth_intensity(known: BirthIntensityMap, first: float, worth_s: float) -> tuple[float, Floats]:
-    """Rate of arrivals a unit of area and second: everywhere, and (G,) at a cell's centre besides.
+    """Rate of arrivals a unit of area and second: everywhere, and (G,) at a cell's centre also.
 
     Args:
         known: the map.
         first: rate before anything is known [1/area/s].
-        worth_s: it is worth so many seconds of watching.
+        worth_s: weight of the prior, in seconds of observation.
     """
     seconds = known.watched + worth_s
     smooth = 2.0 * np.pi * (SMOOTHING_SIGMA_M * known.metre) ** 2
@@ -373,7 +373,7 @@ def birth_intensity(known: BirthIntensityMap, first: float, worth_s: float) -> t
 
 
 def birth_velocity(known: BirthIntensityMap, places: Floats, deviation: float) -> tuple[Floats, Floats]:
-    """Mean (n, 2) and covariance (n, 2, 2) of the velocities of people who arrive at (n, 2) places."""
+    """Mean (n, 2) and covariance (n, 2, 2) of the velocities of people who arrive at (n, 2) positions."""
     near = _near(known, places)
     count = (near @ known.came + PRIOR_VELOCITY)[:, None]
     mean = near @ known.velocity / count
@@ -382,13 +382,13 @@ def birth_velocity(known: BirthIntensityMap, places: Floats, deviation: float) -
 
 
 def _near(known: BirthIntensityMap, places: Floats) -> Floats:
-    """(n, G) weights of the cells for places."""
+    """(n, G) weights of the cells for positions."""
     apart = places[:, None] - known.centre[None]
     return np.asarray(np.exp(-0.5 * np.sum(apart**2, axis=2) / (SMOOTHING_SIGMA_M * known.metre) ** 2))
 
 
 def _added(sums: Floats, new: int, rows: Ints, values: Floats) -> Floats:
-    """The sums with so many new cells, and values added to some."""
+    """Append new cells to the sums, and add values to some."""
     out = np.concatenate([sums, np.zeros((new, *sums.shape[1:]))])
     np.add.at(out, rows, values)
     return out

@@ -1,8 +1,8 @@
 """Particle filter of the states of all objects together ([Ercan] Sec. 4.4; Doucet, Vo, Andrieu, Davy 2002).
 
-A particle has a place and a velocity for every object.  In it nothing is left to chance: an object hides another from a
-camera or does not.  So a report of one object tells of all that may stand in between, and priors are not needed.  Its
-price is that weights are products over all objects: the more there are, the fewer particles are left.
+A particle has a position and a velocity for every object.  In it nothing is left to chance: an object hides another
+from a camera or does not.  So a report of one object tells of all that may stand in between, and priors are not
+needed.  Its price is that weights are products over all objects: the more there are, the fewer particles are left.
 
 Objects move as in `occlog.filtering.motion.ornstein_uhlenbeck`.  Each is proposed by the motion and its own rows,
 linearised at the particle's prediction (Doucet, Godsill and Andrieu 2000); the weights are prior times likelihood
@@ -205,7 +205,7 @@ def _proposed(
     noise = rng.standard_normal((L, 2))
     xy = mean + PROPOSAL_INFLATION * np.einsum("lij,lj->li", root, noise)
     moved = xy - ahead[:, :2]
-    # Velocity given the place, by the motion
+    # Velocity given the position, by the motion
     G = np.linalg.solve(prior, Q[:2, 2:]).T
     rest = Q[2:, 2:] - G @ Q[:2, 2:]
     drawn = rng.standard_normal((L, 2)) * np.sqrt(np.maximum(np.diag(rest), 0.0))
@@ -237,7 +237,7 @@ def log_factors(
     chances: DetectionProbabilities,
     config: JointConfig,
 ) -> Floats:
-    """(L,) log-likelihoods of what all sensors say of M objects at (L, M, 2) places; nobody hides sounds from arrays.
+    """(L,) log-likelihoods of all measurements of M objects at (L, M, 2) positions; sounds are not occluded.
 
     A report z of an object in plain view has the density P_D N(z) + (1 - P_D) P_F / W, of one that is hidden P_F / W;
     "not seen" has 1 - P_D and 1 - P_F.  W is the width of the image.

@@ -1,7 +1,7 @@
-"""The filters `ekf`, `ukf` and `iekf`: predict, gate, update; begin, and begin anew where the target is lost.
+"""The filters `ekf`, `ukf` and `iekf`: predict, gate, update; begin, and restart where the target is lost.
 
 They differ in the update alone (`occlog.track.methods.kalman.updates`).  What a Gaussian cannot hold has no place in
-them: that a camera did not see the target, moving occluders, and several places at once.
+them: that a camera did not see the target, moving occluders, and several positions at once.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from .updates import Updated, gated_rows, gauss_newton, linear
 
 K = TypeVar("K", bound=KalmanConfig)
 INITIAL_SAMPLES = 500
-"""Places drawn for the mean and the covariance of where a target can be at first."""
+"""Places drawn for the mean and the covariance of where a target can be initially."""
 MAX_INITIAL_MEASUREMENTS = 40
 """A filter begins from so many measurements at most, the most certain ones."""
 INFLATION_TIME_S = 1.0
@@ -50,7 +50,7 @@ INFLATION_TIME_S = 1.0
 INFLATED = "widened"
 """Value of `fallback`: most reports disagreed with the prediction, which was made wider."""
 INITIAL_SEARCH_CONFIG = IekfConfig(feasible=IGNORE)
-"""How the first place is searched."""
+"""How the first position is searched."""
 
 
 class KalmanState(NamedTuple, Generic[K]):
@@ -201,7 +201,7 @@ def left_scene(known: Gaussian, world: MeasurementWorld) -> bool:
 def initial_position(
     anywhere: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float
 ) -> tuple[Updated, Ints]:
-    """The most probable place by the rows of one scan, and the sensors that it is from.
+    """The most probable position by the rows of one scan, and the sensors that it is from.
 
     Of each sensor the nearest row counts, up to the gate, so that candidates of others and false bearings do not.
     """
@@ -219,7 +219,7 @@ def initial_position(
 def _gated_rows(
     place: Floats, anywhere: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float
 ) -> tuple[Ints, float]:
-    """Rows that agree with a place, one a sensor, and the cost of the place; a sensor that disagrees costs the gate."""
+    """Inliers of a position, one per sensor, and its cost; a sensor that disagrees costs the gate."""
     expected, ahead = measured(place[None], rows, world)
     _, variance = linearised(place, rows, world)
     off = np.where(ahead[0], residuals(expected[0], rows) ** 2 / variance, np.inf)
@@ -232,7 +232,7 @@ def _gated_rows(
 
 
 def bearing_intersections(rows: LinearisedRows, world: MeasurementWorld) -> Floats:
-    """(K, 2) places where sight lines of two sensors cross ahead of both."""
+    """(K, 2) positions where lines of sight of two sensors cross ahead of both."""
     azimuth = azimuths(rows, world)
     e, origin = np.column_stack([np.cos(azimuth), np.sin(azimuth)]), world.sensors.xy[rows.sensor]
     i, j = np.nonzero(rows.sensor[:, None] < rows.sensor[None, :])
@@ -246,7 +246,7 @@ def bearing_intersections(rows: LinearisedRows, world: MeasurementWorld) -> Floa
 
 
 def _track_loss(before: int, looks: PackedScan, taken: KalmanUpdate, measured: int) -> int:
-    """The track-loss counter after a scan with so many measurements of stations besides its labelled reports."""
+    """The track-loss counter after a scan with so many measurements of stations also its labelled reports."""
     reports = looks.sensor[looks.labelled & (np.diff(looks.first) > 0)]
     against = int(np.count_nonzero(~np.isin(reports, taken.used))) + taken.against
     return track_loss_count(before, against, len(reports) + measured)

@@ -1,7 +1,7 @@
 """How `ekf` and `ukf` take measurements of stations: ranges and whatever else has a measurement model.
 
 The noise of measurements is independent given the state, so that they are taken in after the readings and bearings of
-their scan.  A measurement is used if its innovation is within the gate; late and false ones are left out by it.
+their scan.  A measurement is used if its innovation is within the gate; late and false ones are omitted by it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from occlog.filtering.likelihood.measurement_model import residuals as off_direc
 from .updates import WEIGHTS, by_sigma_points, sigma_points
 
 GRID = 32
-"""A first position is sought from the best of so many squared places of a grid over the floor."""
+"""Number of grid positions per side, over the floor, for the search of the initial position."""
 MAX_ITERATIONS, HALVINGS, STEP_CHI2_TOLERANCE = 30, 12, 1e-9
 """Of the Gauss-Newton search: most steps, most halvings of a step, squared length of the last one in variances."""
 
@@ -59,12 +59,12 @@ def first_position(
 ) -> tuple[Gaussian, Ints]:
     """Most probable state by the measurements of one scan alone, and the sensors of the readings and bearings used.
 
-    The best place of a grid says which measurements agree; the search by Gauss and Newton for the maximum a posteriori
-    goes on from there with these.
+    The best position of a grid says which measurements agree; the search by Gauss and Newton for the maximum a
+    posteriori goes on from there with these.
     """
 
     def deviations(at: Floats) -> tuple[Floats, Floats]:
-        """(L, n) deviations and (L, n, 2) gradients of all measurements at (L, 2) places, in standard deviations."""
+        """(L, n) deviations and (L, n, 2) gradients of all measurements at (L, 2) positions, in standard deviations."""
         found = linearise(distances, at)
         expected, ahead = expected_of(at, rows, world)
         H, R = of_directions(at, rows, world)
@@ -87,7 +87,7 @@ def first_position(
     at, use, off, H = grid[best], wide[best] <= gate**2, every_off[best], every_H[best]
     state = anywhere
     for _ in range(MAX_ITERATIONS if use.any() else 0):
-        # Posterior of the measurements linearised at the place
+        # Posterior of the measurements linearised at the position
         innovation = off[use] - H[use] @ (anywhere.mean[:2] - at)
         state, _ = updated(anywhere, _whole(H[use]), innovation, np.ones(len(innovation)))
         step = state.mean[:2] - at
@@ -105,5 +105,5 @@ def first_position(
 
 
 def _whole(H: Floats) -> Floats:
-    """(m, 4) derivatives by the state from (m, 2) by the place."""
+    """(m, 4) derivatives by the state from (m, 2) by the position."""
     return np.hstack([H, np.zeros_like(H)])

@@ -1,13 +1,13 @@
-"""How the three filters take measurements in: linearised, by sigma points, and at the most probable place.
+"""How the three filters take measurements in: linearised, by sigma points, and at the most probable position.
 
-Each update is that of a state with mean m and covariance P by rows whose noise is independent.  Only the place is
+Each update is that of a state with mean m and covariance P by rows whose noise is independent.  Only the position is
 measured; what is learned of it moves the velocity by their covariance.
 
 Update by the rows of one sensor, in polar coordinates about it.
 
-Sight lines of one sensor say nothing of the distance.  In Cartesian coordinates they seem to: what was learned of one
-line is kept as a strip of constant width, two such strips of different directions cross at the sensor, and
-linearised each at a place of its own they draw the estimate to it, with a covariance that is too small (Aidala
+lines of sight of one sensor say nothing of the distance.  In Cartesian coordinates they seem to: what was learned of
+one line is kept as a strip of constant width, two such strips of different directions cross at the sensor, and
+linearised each at a position of its own they draw the estimate to it, with a covariance that is too small (Aidala
 1979).  Where the state is azimuth and log distance instead, rows measure the azimuth alone, the strip is a wedge,
 and the maximum a posteriori needs no search.
 """
@@ -39,8 +39,8 @@ from .config import IGNORE, STARTS, VISIBLE, IekfConfig, UkfConfig
 def polar_update(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Gaussian | None:
     """Return the state after rows of one sensor; None where the prediction is around the sensor.
 
-    The place is Gaussian in azimuth and log distance with the moments of `state` to first order; the velocity stays
-    Cartesian.  The noise of a row is that on its own ray, at the distance of the prediction.
+    The position is Gaussian in azimuth and log distance with the moments of `state` to first order; the velocity
+    stays Cartesian.  The noise of a row is that on its own ray, at the distance of the prediction.
     """
     sensor = world.sensors.xy[rows.sensor[0]]
     away = state.mean[:2] - sensor
@@ -69,13 +69,13 @@ def polar_update(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld)
 
 
 def _outwards(azimuth: float, distance: float) -> Floats:
-    """(2, 2) derivatives of the place by azimuth and by log distance; the second column is the place itself."""
+    """(2, 2) derivatives of the position by azimuth and by log distance; the second column is the position itself."""
     c, s = np.cos(azimuth), np.sin(azimuth)
     return distance * np.array([[-s, c], [c, s]])
 
 
 SIGMA_POINT_SPREAD = math.sqrt(3.0)
-"""Sigma points lie so many standard deviations off: n + kappa = 3, which suits a Gaussian's fourth moment."""
+"""Distance of sigma points in standard deviations: n + kappa = 3, which suits a Gaussian's fourth moment."""
 WEIGHTS = np.array([1.0 / 3.0, *[1.0 / 6.0] * 4])
 """Of the mean and of the four points about it."""
 HALVINGS = 12
@@ -83,7 +83,7 @@ HALVINGS = 12
 STEP_SIGMA_TOLERANCE = 1e-6
 """The search ends where a step is shorter than this share of the standard deviation of the prediction."""
 MAX_RELATIVE_DISTANCE_SIGMA = 1.0
-"""A place is beside a sensor if the standard deviation of its distance is larger than this share of it."""
+"""A position is beside a sensor if the standard deviation of its distance is larger than this share of it."""
 MIN_SQUARE = 1e-30
 """The same of a squared distance, so that nothing is divided by 0."""
 INFEASIBLE, NO_SIGMA_POINTS = "stuck", "discarded"
@@ -118,7 +118,7 @@ def ekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Updat
 
 
 def linear(state: Gaussian, at: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Updated:
-    """Update by measurements linearised at a place (2,); the covariance in Joseph's form."""
+    """Update by measurements linearised at a position (2,); the covariance in Joseph's form."""
     expected, _ = measured(at[None], rows, world)
     H2, R = linearised(at, rows, world)
     H = np.hstack([H2, np.zeros_like(H2)])
@@ -130,11 +130,11 @@ def linear(state: Gaussian, at: Floats, rows: LinearisedRows, world: Measurement
 
 
 def _near_sensor_inflation(at: Floats, rows: LinearisedRows, world: MeasurementWorld, covariance: Floats) -> Floats:
-    """(R,) by how much larger variances are beside a sensor, where the place's distance is not known.
+    """(R,) by how much larger variances are beside a sensor, where the position's distance is not known.
 
-    A sight line's error across is its angle times the distance r, whose second moment is r^2 + v; linearised at the
-    place it is taken for r alone, and next to a sensor the line would have no width.  Elsewhere the form is the usual
-    one.
+    A line of sight's error across is its angle times the distance r, whose second moment is r^2 + v; linearised at
+    the position it is taken for r alone, and next to a sensor the line would have no width.  Elsewhere the form is the
+    usual one.
     """
     away = at - world.sensors.xy[rows.sensor]
     r2 = np.maximum((away**2).sum(axis=1), MIN_SQUARE)
@@ -145,9 +145,9 @@ def _near_sensor_inflation(at: Floats, rows: LinearisedRows, world: MeasurementW
 def ukf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config: UkfConfig) -> Updated:
     """Update row by row by sigma points (unscented Kalman filter, Julier and Uhlmann 1997, kappa = 3 - n).
 
-    Points of the place alone are drawn: the rest of the 2 n + 1 points of the whole state lie at its mean, and give
-    the same moments.  A point that does not count for a row adds nothing to its second moments, so that the covariance
-    stays positive; without any point the row is left out.
+    Points of the position alone are drawn: the rest of the 2 n + 1 points of the whole state lie at its mean, and give
+    the same moments.  A point that does not count for a row adds nothing to its second moments, so that the
+    covariance stays positive; without any point the row is omitted.
     """
     score, left = 0.0, 0
     for k in range(len(rows.sensor)):
@@ -167,7 +167,7 @@ def ukf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config: 
 
 
 def sigma_points(state: Gaussian) -> Floats:
-    """(5, 2) sigma points of the place, to which `WEIGHTS` belong."""
+    """(5, 2) sigma points of the position, to which `WEIGHTS` belong."""
     root = SIGMA_POINT_SPREAD * np.linalg.cholesky(state.covariance[:2, :2])
     return np.asarray(state.mean[:2] + np.vstack([np.zeros(2), root.T, -root.T]))
 
@@ -182,11 +182,11 @@ def by_sigma_points(state: Gaussian, points: Floats, w: Floats, innovation: Floa
         innovation: (5,) what was measured less what is expected at each.
         R: variance of the noise.
     """
-    # Moments of the innovation over the points that are left
+    # Time steps of the innovation over the points that are left
     off = float(w @ innovation / w.sum())
     S = float(w @ (innovation - off) ** 2 + R)
     across = (w * (off - innovation)) @ (points - state.mean[:2])
-    # Gain: the velocity follows the place by their covariance
+    # Gain: the velocity follows the position by their covariance
     K = state.covariance[:, :2] @ np.linalg.solve(state.covariance[:2, :2], across) / S
     covariance = state.covariance - S * np.outer(K, K)
     after = Gaussian(state.mean + K * off, symmetric(covariance))
@@ -194,18 +194,18 @@ def by_sigma_points(state: Gaussian, points: Floats, w: Floats, innovation: Floa
 
 
 def iekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config: IekfConfig, starts: Floats) -> Updated:
-    """Update by measurements linearised at the most probable place (iterated extended Kalman filter).
+    """Update by measurements linearised at the most probable position (iterated extended Kalman filter).
 
     Bell and Cathey (1993): the iterated filter is the search of Gauss and Newton for the maximum a posteriori.  The
-    feasible set are the places that all sensors with a row can see; without a start in it rows are linearised at the
-    prediction.  Rows of one sensor alone go in by `one_sensor`, if the place that they lead to is feasible.
+    feasible set are the positions that all sensors with a row can see; without a start in it rows are linearised at the
+    prediction.  Rows of one sensor alone go in by `one_sensor`, if the position that they lead to is feasible.
 
     Args:
         state: the prediction.
         rows: what was measured.
         world: the sensors.
         config: settings.
-        starts: (K, 2) further places to search from.
+        starts: (K, 2) further positions to search from.
     """
     alone = polar_update(state, rows, world) if len(np.unique(rows.sensor)) == 1 else None
     if alone is not None and (config.feasible == IGNORE or visible(alone.mean[None, :2], rows, world).all()):
@@ -222,7 +222,7 @@ def iekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config:
 
 
 def map_cost(places: Floats, state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Floats:
-    """(L,) negative log of prior times likelihood at (L, 2) places, without constants; infinite behind a camera."""
+    """(L,) negative log of prior times likelihood at (L, 2) positions, without constants; infinite behind a camera."""
     away = places - state.mean[:2]
     cost = 0.5 * np.einsum("li,li->l", away, np.linalg.solve(state.covariance[:2, :2], away.T).T)
     expected, ahead = measured(places, rows, world)

@@ -175,7 +175,7 @@ class MapConfig(Settings):
         return self.initial == "consensus" or (self.initial is None and self.loss != "square")
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """A fitted model has both matrices; a start is a place and a spread; the mode needs no constraint."""
+        """A fitted model has both matrices; a start is a position and a spread; the mode needs no constraint."""
         yield "Sigma", (self.A is None) == (self.Sigma is None), "given along with A"
         s = self.start
         good = s is None or (len(s) == 3 and s[2] >= LEAST and max(map(abs, s)) <= FAR)

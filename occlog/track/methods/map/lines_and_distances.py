@@ -1,13 +1,14 @@
-"""Ranges, signal strengths and differences in a trajectory's cost, beside sight lines or without any.
+"""Ranges, signal strengths and differences in a trajectory's cost, beside lines of sight or without any.
 
-1. *Start.* Extended Kalman filters run along the record, one from each place that the first measurements fit best; they
+1. *Start.* Extended Kalman filters run along the record, one from each position that the first measurements fit best;
+they
    pass over what is false.  The most probable one is smoothed (Rauch, Tung and Striebel 1965).
 2. *Search.* Each measurement of a distance is replaced by the quadratic term of Gauss and Newton about the trajectory
    found so far, with the slope and the weight that it has there
    (`occlog.filtering.likelihood.distances.score_and_information`, iteratively reweighted least squares); the search
    for the minimum is repeated until no position moves by a tenth of its standard deviation.  Where most measurements
-   of a while are not believed the path may be lost there: then the search is repeated with measurements that are
-   blunter at first, and the better one of the two is kept.
+   of a while are rejected the path may be lost there: then the search is repeated with measurements that are
+   blunter initially, and the better one of the two is kept.
 
 Noises are those that are stated: residuals do not change them.
 """
@@ -43,7 +44,7 @@ ROUNDS = 15
 WIDE = (0.3, 0.1, 0.1, 0.03, 0.03, 0.01)
 """Shares of the extent by which measurements are blunter while a lost path is sought."""
 IN_A_ROW = 12
-"""A path is lost where of so many measurements in a row most are not believed."""
+"""A path is lost where of so many measurements in a row most are rejected."""
 
 
 def mixed_search(
@@ -51,7 +52,7 @@ def mixed_search(
 ) -> RobustSearchResult:
     """Search for the mode with measurements of distances.
 
-    UsageError for a solver that does not take them, or for priors of occluders besides.
+    UsageError for a solver that does not take them, or for priors of occluders also.
     """
     config = pending.config
     if record.occluders:
@@ -107,7 +108,7 @@ def _once(
     watch: Watch,
     wide: float = 0.0,
 ) -> RobustSearchResult:
-    """One search with terms about a path, with measurements that are blunter by an error of the place."""
+    """One search with terms about a path, with measurements that are blunter by an error of the position."""
     square = pending.config.loss == "square"
     hints = terms(rows, record.measured_state, path.X, square=square, wide=wide)
     told = OccluderHints(np.zeros(len(path.agree)), hints)
@@ -119,14 +120,14 @@ def _path(found: RobustSearchResult) -> ConsensusPath:
 
 
 def _lost(rows: RangeMeasurements, X: Floats) -> bool:
-    """Whether of so many measurements in a row most are not believed, each at its own (m, 4) state."""
+    """Whether of so many measurements in a row most are rejected, each at its own (m, 4) state."""
     doubted = inlier_probability(residuals_at_own_position(rows, X[:, ::2])[0], rows.errors) < 0.5
     several = min(IN_A_ROW, len(doubted))
     return bool(several) and bool((np.convolve(doubted, np.ones(several), "valid") > 0.5 * several).any())
 
 
 def _cost(rows: RangeMeasurements, state: Ints, found: RobustSearchResult) -> float:
-    """What a search minimises: its own cost, in which terms are replaced by what they stand for."""
+    """What a search minimises: its own cost, in which terms are replaced by what they represent."""
     assert found.told is not None
     assert found.told.hints is not None
     X = found.mode.solution.X
@@ -147,7 +148,7 @@ def terms(rows: RangeMeasurements, state: Ints, X: Floats, *, square: bool, wide
         state: (m,) states that they are of, rising.
         X: (T, 4) states.
         square: believe all of them.
-        wide: an error of the place that their standard deviations hold besides.
+        wide: an error of the position that their standard deviations hold also.
     """
     r, g = residuals_at_own_position(rows, X[state][:, ::2])
     variance = 1.0 + wide**2 * (g**2).sum(axis=1)

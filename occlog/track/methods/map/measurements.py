@@ -1,4 +1,4 @@
-"""Bearings of a target as sight lines and half-planes of its trajectory ([Rahimi] Secs. 4 and 5)."""
+"""Bearings of a target as lines of sight and half-planes of its trajectory ([Rahimi] Secs. 4 and 5)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .record import TargetRecord
 MAX_OFF_AXIS_RAD = math.radians(89.0)
 """A bearing farther off the optical axis cannot be read off a picture; it counts as a direction."""
 BESIDE_WALL = 4.0
-"""Standard deviations by which a sight line must meet a wall to say that the target is before it."""
+"""Standard deviations by which a line of sight must meet a wall to say that the target is before it."""
 
 
 class SensorStations(NamedTuple):
@@ -96,7 +96,7 @@ def convex_hull(polygon: Floats) -> Floats:
 
 
 def sight_lines(record: TargetRecord, at: SensorStations) -> BearingLinesByStep:
-    """The sight lines of the rows that saw the target; readings of cameras with the noise of [Ercan] Eq. 2."""
+    """The lines of sight of the rows that saw the target; readings of cameras with the noise of [Ercan] Eq. 2."""
     seen = record.rows.take(record.rows.seen)
     sensor, u = seen.sensor, seen.u_px
     off_axis = np.abs(wrap_angle(seen.bearing - at.yaw[sensor]))
@@ -134,15 +134,15 @@ def constraints(
 ) -> HalfPlanes:
     """Half-planes of a trajectory: in front of every camera that saw the target, within its range, in the room.
 
-    A target that is seen is on the camera's side of the first wall behind it on its sight line.
+    A target that is seen is on the camera's side of the first wall behind it on its line of sight.
 
     Args:
-        lines: N sight lines, of the rows of the record that saw the target.
+        lines: N lines of sight, of the rows of the record that saw the target.
         record: of T states.
         at: the sensors.
         config: which constraints there are.
         T: number of states.
-        believed: (N,) which sight lines constrain the trajectory; None: all.
+        believed: (N,) which lines of sight constrain the trajectory; None: all.
     """
     seen = record.rows.take(record.rows.seen)
     if believed is not None:
@@ -168,9 +168,9 @@ def constraints(
 
 
 def _before_walls(lines: BearingLinesByStep, seen: Scan, at: SensorStations) -> HalfPlanes:
-    """Half-planes on the camera's side of the first wall that each sight line meets.
+    """Half-planes on the camera's side of the first wall that each line of sight meets.
 
-    A sight line that may also pass beside that wall, by its standard deviation, says nothing.
+    A line of sight that may also pass beside that wall, by its standard deviation, says nothing.
     """
     focal2 = lines.focal * (1.0 + (lines.reading / lines.focal) ** 2)
     away = BESIDE_WALL * np.maximum(np.sqrt(lines.c0) / focal2, seen.sigma)
@@ -186,10 +186,10 @@ def _before_walls(lines: BearingLinesByStep, seen: Scan, at: SensorStations) -> 
 
 
 def _before(place: Floats, bearing: Floats, away: Floats, walls: tuple[Floats, ...]) -> tuple[Ints, Floats, Floats]:
-    """Which of n sight lines from one place meet a wall for certain, and half-planes (normal, offset) before it.
+    """Which of n lines of sight from one position meet a wall for certain, and half-planes (normal, offset) before it.
 
     Where they are sure to meet one edge it is this edge's; around a corner of a convex wall what is before it is
-    not beyond the farther of the outermost sight lines' hits.
+    not beyond the farther of the outermost lines of sight' hits.
     """
     start = np.vstack(walls)
     edge = np.vstack([np.roll(w, -1, axis=0) for w in walls]) - start
@@ -215,7 +215,7 @@ def _before(place: Floats, bearing: Floats, away: Floats, walls: tuple[Floats, .
 
 
 def first_hit(place: Floats, bearing: Floats, start: Floats, edge: Floats) -> Ints:
-    """(n,) which of E edges sight lines from one place meet first; -1 for none.
+    """(n,) which of E edges lines of sight from one position meet first; -1 for none.
 
     Args:
         place: (2,)

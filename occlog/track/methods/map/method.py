@@ -7,7 +7,7 @@ the window is summed up in a Gaussian of its first state.
 Departures from the paper: times are those of the measurements, at any intervals; variances
 hold the errors of the cameras' poses ([Ercan] Eq. 2); the quadratic programs are replaced by
 Newton's method inside the constraints (`occlog.track.methods.map.kernels.interior_point`); room, walls
-and the cameras' ranges are constraints besides.
+and the cameras' ranges are constraints also.
 
 Fixed lag (`--lag`): which states of a trajectory have seen enough of what comes after them to be given out.
 
@@ -15,7 +15,7 @@ With a lag, the driver hands a target's scans over in blocks (`occlog.track.driv
 whole record that is held is solved anew; states that lie at least the lag before its end are settled: they are given
 out and forgotten, but for what they say of the states after them.  Memory does not grow with the recording.
 
-What an estimate says of its bearings: which are believed, and whether residuals are what was stated.
+What an estimate says of its bearings: which are accepted, and whether residuals are what was stated.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def residuals_and_noise_scales(
 
 
 def _angles(lines: BearingLinesByStep, record: TargetRecord, pending: Pending, X: Floats) -> Floats:
-    """(N,) angles between sight lines and the states, in standard deviations."""
+    """(N,) angles between lines of sight and the states, in standard deviations."""
     rays = rays_of(lines, record, pending.at)
     away = X[lines.step, ::2] - lines.place
     angle = np.arctan2(away[:, 1], away[:, 0]) - np.arctan2(rays.direction[:, 1], rays.direction[:, 0])
@@ -178,7 +178,7 @@ def _estimate(
     options = Options(config.tolerance * extent, config.iterations)
     other = invariant(mode.problem, mode.solution, options, extent)
     estimate = mode.solution.X if config.estimate == "mode" else other.solution.X
-    # Spread about the estimate, without sight lines that are met by chance alone
+    # Spread about the estimate, without lines of sight that are met by chance alone
     centre = other
     if sought.careful is not None:
         centre = invariant(sought.careful.problem, sought.careful.solution, options, extent)

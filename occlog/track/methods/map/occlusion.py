@@ -1,12 +1,12 @@
 """What priors of moving occluders say of a trajectory: which bearings to doubt, and where the target may be.
 
-Let P_i(x) be the probability that no moving occluder hides place x from camera i ([Ercan] Sec. 4.2,
+Let P_i(x) be the probability that no moving occluder hides position x from camera i ([Ercan] Sec. 4.2,
 `occlog.core.occlusion.occlusion_probability`), 0 where the camera cannot see x anyway, and D its probability of
 detection.
 
 * A bearing is the less probably the target's, the smaller P_i is where the target is thought to be: log P_i, averaged
   over where it may be, is added to the log odds of true and false bearings.
-* A bearing that is believed says that the target is in plain view, with the likelihood P_i(x); a camera that looked
+* A bearing that is accepted says that the target is in plain view, with the likelihood P_i(x); a camera that looked
   and did not see the target says that it is hidden or out of view, with 1 - D P_i(x).
 
 The latter are neither smooth (at borders of views and behind walls) nor convex.  They are replaced by a quadratic
@@ -39,13 +39,13 @@ OCCLUDER_SUPPORT_SIGMAS = 5.5
 NODES = 7
 """Points of the quadrature for each axis."""
 MAX_RELATIVE_SIGMA = 0.04
-"""A state known worse than this, as a share of the place's extent, is told nothing: it is no Gaussian."""
+"""A state known worse than this, as a share of the position's extent, is told nothing: it is no Gaussian."""
 MIN_CAVITY_SHARE = 1e-6
 """Nothing is told either where all else says less than this share of what is known of the state."""
 
 
 class OccluderHints(NamedTuple):
-    """What occluders say of N sight lines and T states."""
+    """What occluders say of N lines of sight and T states."""
 
     lean: Floats  # (N,) added to the log odds that each is true, at most 0
     hints: QuadraticPriors
@@ -61,7 +61,7 @@ def occlusion_terms(
         record: its record, of T states.
         X: (T, 4) the trajectory.
         spread: (T, 4, 4) its covariances, with what occluders said before.
-        believed: (N,) which sight lines count as the target's.
+        believed: (N,) which lines of sight count as the target's.
         before: what they said before, along a trajectory nearby; the terms go half of the way from there.
     """
     rows, config = record.rows, pending.config
@@ -133,7 +133,7 @@ def cavity_distribution(
     Args:
         place: (2,) mean with the term.
         covariance: (2, 2) with it.
-        term: centre (2,), slope (2,) and curvature (2, 2); None: there is none.
+        term: centre (2,), slope (2,) and curvature (2, 2); None: missing.
     """
     if term is None:
         return place, covariance

@@ -28,7 +28,7 @@ class TargetRecord(NamedTuple):
     state: Ints  # (R,) which time each row is of, rising
     rows: Scan  # R rows; the time and the occluders of this scan mean nothing
     occluders: tuple[Priors | None, ...] = ()  # of the first times, in order; None, and beyond these: nothing is known
-    measured: RangeMeasurements | None = None  # ranges and their like; None: there are none at all
+    measured: RangeMeasurements | None = None  # ranges and their like; None: missing at all
     measured_state: Ints = NO_STATES  # (m,) which time each of them is of, rising
 
     def priors(self, state: int) -> Priors | None:
@@ -89,7 +89,7 @@ def _occluder_priors_of(occluders: tuple[Priors | None, ...]) -> tuple[Priors | 
 
 
 def fill(record: TargetRecord, longest_s: float | None) -> TargetRecord:
-    """The record with times added where there is none for a longer time than `longest_s` [s]; None: nowhere.
+    """The record with times added where missing for a longer time than `longest_s` [s]; None: nowhere.
 
     InputError for more than `MAX_STATES` times.
     """

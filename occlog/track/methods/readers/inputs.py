@@ -128,7 +128,7 @@ class ReadsInput:
     """
 
     def __init__(self, request: ReadsRequest) -> None:
-        """Open the reads; InputError where there are none."""
+        """Open the reads; InputError where missing."""
         self.request = request
         opened = open_input(request.bearings, Reads, remedy=REMEDY)
         self.scene: Scene = load_scene(request.scene, opened.scene, request.bearings)
@@ -254,7 +254,7 @@ class ReadsInput:
             return None
         cameras = tuple(self._camera(name) for name in dict.fromkeys(config.refine))
         if config.form != "rays" and len(cameras) != 2:
-            raise UsageError(f"{config.form} wants two cameras to refine with, got {len(cameras)}; use rays")
+            raise UsageError(f"{config.form} requires two cameras to refine with, got {len(cameras)}; use rays")
         remedy = "give bearings of the cameras that refine (sights)"
         bearings = (self._sights or self._opened).rows(Bearings, remedy=remedy)
         return RefineBearings(Bearings.concat(bearings), cameras, config.frame_age_s, config.gate, config.pace)
@@ -290,7 +290,7 @@ def choose_readers(scene: Scene, request: ReadsRequest) -> tuple[TagReader, ...]
         r for r in scene.readers if (not request.cameras or r.name in request.cameras) and r.name not in request.without
     )
     if not chosen:
-        raise UsageError("no reader is left; leave out fewer of them")
+        raise UsageError("no reader is left; omit fewer of them")
     return chosen
 
 

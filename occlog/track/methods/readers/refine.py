@@ -1,10 +1,10 @@
-"""Visual refinement: sight lines of cameras improve a tag's coarse position ([Lee] Sec. 5.2.3, Figs. 5-34 and 5-36).
+"""Visual refinement: lines of sight of cameras improve a tag's coarse position ([Lee] Sec. 5.2.3, Figs. 5-34 and 5-36).
 
 The thesis moves the coarse position by what two cameras see between it and the tag, on planes parallel to theirs
 through the coarse position (`printed-1`, Eq. 5.39), and corrects for the tag's depth (`parallel`, Eq. 5.40).  `rays`
-crosses the sight lines instead, with the coarse position as prior; it wants one camera at least, the others two.
+crosses the lines of sight instead, with the coarse position as prior; it requires one camera at least, the others two.
 
-Which sight line of a camera is of which tag: by its label, or else by the tag's coarse position.
+Which line of sight of a camera is of which tag: by its label, or else by the tag's coarse position.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ ITERATIONS = 40
 FIRST_DAMPING = 1e-3
 """As a share of the trace of the information."""
 NEAREST = 1e-6
-"""Depth below which a camera says nothing of a place; sight lines more parallel than this do not cross."""
+"""Depth below which a camera says nothing of a position; lines of sight more parallel than this do not cross."""
 
 
 class TagSightings(NamedTuple):
@@ -33,7 +33,7 @@ class TagSightings(NamedTuple):
 
     place: Floats  # (C, 2) of the cameras on the ground
     yaw: Floats  # (C,) azimuth of their axes [rad]
-    bearing: Floats  # (N, C) azimuths of the sight lines [rad]
+    bearing: Floats  # (N, C) azimuths of the lines of sight [rad]
     sigma: Floats  # (N, C) their standard deviations [rad]
 
 
@@ -67,7 +67,7 @@ def _by_rays(xy: Floats, covariance: Floats, sights: TagSightings, seen: Bools) 
     bearing = np.where(seen, sights.bearing, 0.0)
 
     def residuals(at: Floats) -> tuple[Floats, Floats, Floats]:
-        """Away from the cameras (N, C, 2), bearings less those of the places (N, C), and the cost (N,)."""
+        """Away from the cameras (N, C, 2), bearings less those of the positions (N, C), and the cost (N,)."""
         away = at[:, None, :] - sights.place
         off = _wrapped(bearing - np.arctan2(away[..., 1], away[..., 0]))
         moved = at - xy
@@ -102,7 +102,7 @@ def _by_planes(xy: Floats, covariance: Floats, sights: TagSightings, seen: Bools
 
     With cameras at a right angle, one along each axis, (dx, dy) = (du_2, du_1) as printed; else the two displacements
     across the cameras' axes are solved for.  The covariance is propagated to first order from that of the coarse
-    position and of the bearings: an error across the planes is left, times the slope of the sight line.
+    position and of the bearings: an error across the planes is left, times the slope of the line of sight.
     """
     n = len(xy)
     first = np.argsort(~seen, axis=1, kind="stable")[:, :2]
@@ -156,7 +156,7 @@ class RefineBearings:
         self._age_ns, self._gate, self._pace = round(frame_age_s * NS), gate, pace
 
     def of(self, tracks: TagTracks) -> TagSightings:
-        """Choose the sight line of each camera for each row: the tag's own, else the candidate that agrees best."""
+        """Choose the line of sight of each camera for each row: the tag's own, else the candidate that agrees best."""
         n, c = len(tracks), len(self.cameras)
         bearing, sigma = np.full((n, c), np.nan), np.full((n, c), np.nan)
         for k, camera in enumerate(self.cameras):
@@ -168,7 +168,7 @@ class RefineBearings:
         return TagSightings(places, np.array([camera.yaw for camera in self.cameras]), bearing, sigma)
 
     def _choose(self, k: int, camera: Camera, tracks: TagTracks, row: int) -> tuple[float, float] | None:
-        """The sight line of a camera for a row, and its standard deviation; None: it has none."""
+        """The line of sight of a camera for a row, and its standard deviation; None: it has none."""
         own, t_ns = self._rows[k], int(tracks.t_ns[row])
         low, high = np.searchsorted(own.t_ns, [t_ns - self._age_ns, t_ns + self._age_ns + 1])
         if low == high:
@@ -184,7 +184,7 @@ class RefineBearings:
         labelled = np.flatnonzero(own.target_id[frame] == tracks.target_id[row])
         if len(labelled):
             return float(own.bearing[frame[labelled[0]]]), float(sigma[labelled[0]])
-        # Gate: candidates of nobody, by the coarse position's spread across the line
+        # Gate: candidates of no person, by the coarse position's spread across the line
         free = np.flatnonzero(own.target_id[frame] == UNLABELLED)
         if not len(free):
             return None

@@ -1,8 +1,8 @@
 """Method `rssi`: a Rao-Blackwellised particle filter on the strength of signals.
 
-Particles are places and velocities; the shadowing of each reader, given a particle's places, is linear and Gaussian,
-and is integrated out by a Kalman filter.  Without it errors that last for seconds would be counted as new evidence in
-every window, and the covariance would be too small.
+Particles are positions and velocities; the shadowing of each reader, given a particle's positions, is linear and
+Gaussian, and is integrated out by a Kalman filter.  Without it errors that last for seconds would be counted as new
+evidence in every window, and the covariance would be too small.
 
 Strength of a tag's signal at a reader: path loss with distance, shadowing, noise.
 """
@@ -145,7 +145,7 @@ class TagEstimate(NamedTuple):
     velocity: Floats  # (2,)
     covariance: Floats  # (4, 4) of x, y, vx, vy
     effective: float  # number of particles
-    restarted: bool  # no particle explained the window, and all were drawn anew
+    restarted: bool  # no particle explained the window, and all were resampled
 
 
 def begin(rules: TagFilterModel, t_ns: int, rng: Generator) -> TagParticles:
@@ -236,7 +236,7 @@ def _coverage(rules: TagFilterModel, xy: Floats, read: Bools) -> Floats:
 
 
 def _places(room: Floats, n: int, rng: Generator) -> Floats:
-    """(n, 2) places that are even over a polygon."""
+    """(n, 2) positions that are even over a polygon."""
     low, high = room.min(axis=0), room.max(axis=0)
     xy = np.broadcast_to(room[0], (n, 2)).copy()
     outside = np.ones(n, dtype=np.bool_)

@@ -23,13 +23,13 @@ MAX_FLAGGED_SHARE = 0.05
 """Share of rows with a doubt that a user must know."""
 REMEDIES = {
     NO_MATCHING_REGION: "ranges are not as stated, or reads are missed; state detection and stray, or fit them",
-    "restart": "no place explained the reads; check the path losses and the places of the readers",
+    "restart": "no position explained the reads; check the path losses and the positions of the readers",
     "depleted": "so few particles count that the covariance says little; use more",
 }
 
 
 class ReadsSummary:
-    """Figures of the summary, counted while tables stream by."""
+    """Figures of the summary, counted over a stream of tables."""
 
     def __init__(self) -> None:
         """Begin with all counts at 0."""
@@ -62,7 +62,7 @@ class ReadsSummary:
         }
 
     def checks(self) -> tuple[Check, ...]:
-        """What was checked of the tracks, and what was found."""
+        """Checks of the tracks with their findings."""
         shares = {name: n / self.rows for name, n in sorted(self.doubts.items())}
         return outcome(
             "doubts of the rows",

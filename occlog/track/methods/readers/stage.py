@@ -117,7 +117,7 @@ def _tracks(
     read_by: np.ndarray,
     doubt: np.ndarray,
 ) -> TagTracks:
-    """Tabulate n estimates with covariances (n, 2, 2) of places, or (n, 4, 4) of places and velocities."""
+    """Tabulate n estimates with covariances (n, 2, 2) of positions, or (n, 4, 4) of positions and velocities."""
     pairs = {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1)}
     columns = {f"cov_{name}": covariance[:, i, j] for name, (i, j) in pairs.items()}
     if covariance.shape[1] == 4:

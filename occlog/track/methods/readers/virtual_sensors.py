@@ -32,7 +32,7 @@ class ReaderRegions(NamedTuple):
     members: Bools  # (V, R) which readers cover the region
     area: Floats  # (V,)
     centroid: Floats  # (V, 2)
-    covariance: Floats  # (V, 2, 2) of a place that is even over the region
+    covariance: Floats  # (V, 2, 2) of a position that is even over the region
 
 
 def virtual_sensors(places: Floats, ranges: Floats, room: Floats | None = None) -> ReaderRegions:
@@ -74,7 +74,7 @@ def most_virtual_sensors(readers: int, overlap: int) -> int:
 
 
 class RegionMoments(NamedTuple):
-    """Area, centroid (2,) and covariance (2, 2) of a region over which a place is even."""
+    """Area, centroid (2,) and covariance (2, 2) of a region over which a position is even."""
 
     area: float
     centroid: Floats
@@ -132,14 +132,14 @@ class CoarsePositions(NamedTuple):
 
     xy: Floats  # (W, 2) means
     covariance: Floats  # (W, 2, 2)
-    matched: Bools  # (W,) false: the readers that read the tag cover no place together, and others do not
+    matched: Bools  # (W,) false: the readers that read the tag cover no position together, and others do not
 
 
 def locate(sensors: ReaderRegions, detected: Bools, detection: float, stray: float) -> CoarsePositions:
-    """Find the mean and covariance of a tag's place given which readers read it.
+    """Find the mean and covariance of a tag's position given which readers read it.
 
     P(detected | virtual sensor v) = prod over readers of `detection` or 1 - `detection` where v is in their range, and
-    of `stray` or 1 - `stray` where it is not; the prior is the area.  With detection 1 and stray 0 the place is the
+    of `stray` or 1 - `stray` where it is not; the prior is the area.  With detection 1 and stray 0 the position is the
     reference point of the one virtual sensor of these readers ([Lee] Sec. 5.2.3).  Where no region has a probability
     above 0, those count whose readers differ in the fewest.
 
@@ -165,7 +165,7 @@ def locate(sensors: ReaderRegions, detected: Bools, detection: float, stray: flo
     log_posterior = np.where(matched[:, None], log_posterior, nearest)
     weights = np.exp(log_posterior - log_posterior.max(axis=1, keepdims=True))
     weights /= weights.sum(axis=1, keepdims=True)
-    # Moments of the mixture of regions
+    # Time steps of the mixture of regions
     mean = weights @ sensors.centroid
     squares = sensors.covariance + sensors.centroid[:, :, None] * sensors.centroid[:, None, :]
     covariance = np.einsum("wv,vij->wij", weights, squares) - mean[:, :, None] * mean[:, None, :]

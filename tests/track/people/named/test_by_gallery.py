@@ -75,7 +75,7 @@ def test_a_gallery_of_nobody_who_is_there_is_told(folder, capsys):
     write_table(folder / "strangers.parquet", Gallery(**values), Provenance("t"), overwrite=True)
     assert track(folder, gallery="strangers.parquet") == ExitCode.DONE
     said = capsys.readouterr()
-    assert "warning: gallery: no track is anybody's of the gallery, by " in said.err
+    assert "warning: gallery: no track is of a person of the gallery, by " in said.err
     assert "{" not in said.err
     assert json.loads(said.out)["gallery"]["tracks_named"] == 0
     # Their numbers are above those of the gallery
@@ -93,7 +93,7 @@ def test_the_same_gallery_gives_the_same_bytes(folder):
 @pytest.mark.parametrize(
     ("images", "gallery", "message"),
     [
-        (False, "g.parquet", "there are no images, and the boxes bring no colours"),
+        (False, "g.parquet", "there are no images, and the boxes have no colours"),
         (True, "other.parquet", "holds support"),
         (True, "nobody.parquet", "gallery: has no rows"),
     ],

@@ -4,7 +4,7 @@ Forward filtering, backward simulation (Godsill, Doucet and West 2004): given a 
 particle before it is drawn with probability w_l p(u'|u_l).  In [Ercan]'s motion model destination and speed go over
 exactly, so that p(u'|u_l) is 0 but for the particle's own parent and its siblings: the smoother would have no more
 than the filter's ancestry.  The destination is therefore integrated out.  What of the state after counts is its
-place, its velocity (speed towards the destination) and its regime:
+position, its velocity (speed towards the destination) and its regime:
 
     W    p_W   N(x'; x, sigma_w^2 dt)     N(c'; c, h^2)
          p_W   N(x'; x + c dt, p1)        N(c'; c + gain1 (x' - x - c dt), V1)     if it stood before
@@ -13,14 +13,14 @@ place, its velocity (speed towards the destination) and its regime:
     CD   p_CD  N(x'; x + s dt c'/|c'|, p0) N(|c'|; s, V + h^2) / (2 pi |c'|)
 
 c being the velocity, s its amount, p0, gain and V of `gather`, those with 1 and 2 of `waiting_noise`
-(`occlog.filtering.motion.waypoint`), and h a width of the kernel that stands for the exact destination.  The first
+(`occlog.filtering.motion.waypoint`), and h a width of the kernel that represents the exact destination.  The first
 line of W is the paper's, the others are of targets that stand (`wait_s`); c is the velocity with which they
 creep then, and the speed that they remember is integrated out.
 
-No density of a place is narrower than the kernel of the cloud's places, nor is that of the velocity of one that stands
-narrower than the kernel of the velocities.  Where bearings are blunt the cloud is wide beside the noise of a step, so
-that next to no other particle could have led to a given one; trajectories then would share a few ancestors, and
-their spread would be too small.
+No density of a position is narrower than the kernel of the cloud's positions, nor is that of the velocity of one that
+stands narrower than the kernel of the velocities.  Where bearings are blunt the cloud is wide beside the noise of a
+step, so that next to no other particle could have led to a given one; trajectories then would share a few ancestors,
+and their spread would be too small.
 
 To compare with every particle would cost L for each trajectory.  Instead a trajectory chooses among K
 particles that are drawn from the filter's weights, and its own parent: one step of iterated sampling importance
@@ -47,7 +47,7 @@ from occlog.filtering.motion.waypoint import (
 )
 
 X, Y, VX, VY, SPEED = range(5)
-"""Columns of the states of `parents_of`: place, direction times speed, and speed."""
+"""Columns of the states of `parents_of`: position, direction times speed, and speed."""
 TOO_FAR = 50.0
 """Half the squared distance beyond which a density counts as 0."""
 
@@ -78,7 +78,7 @@ def parents_of(
         candidates: (K,) of the L particles, drawn by their weights.
         dt: time between the steps [s], > 0.
         motion: parameters.
-        width2: h^2 of the place and of the velocity.
+        width2: h^2 of the position and of the velocity.
         u: (M,) uniform in [0, 1).
 
     Returns:
@@ -129,7 +129,7 @@ def parents_of(
                 if half < TOO_FAR:
                     weights[k] = chances[i, TOWARDS] * math.exp(-half)
             total += weights[k]
-        # A parent that the densities do not allow (its step was told apart by what was integrated out) stays
+        # A parent that the densities do not allow (its step was distinguished by what was integrated out) stays
         out[j] = own[j]
         if total > 0.0:
             point = u[j] * total

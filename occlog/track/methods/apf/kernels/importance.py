@@ -1,16 +1,16 @@
-"""Importance density that looks at the scan: a Laplace approximation of each particle's posterior.
+"""Adapted importance density: a Laplace approximation of each particle's posterior.
 
 A particle that moves in a given way is, before the scan, at N(x; m0, p0 I).  The density to draw it from is
 
     q(x) = (1 - e) N(x; m, P) + e N(x; m0, p0 I),
 
-m the mode of N(x; m0, p0 I) times the densities of the measurements that are believed, P the inverse of its
+m the mode of N(x; m0, p0 I) times the densities of the measurements that are accepted, P the inverse of its
 information there (Gauss-Newton), e a defensive share.  For a linear sensor without false reports this is the
 optimal importance density (Doucet, Godsill and Andrieu 2000), and the predictive likelihood is exact.
 
-Which measurements are believed is found along with the mode.  The variance of each residual begins with what
+Which measurements are accepted is found along with the mode.  The variance of each residual begins with what
 the motion leaves open, and that part falls in steps (`ANNEALING_FACTOR`); a measurement counts by the probability that
-it is the target's and not a false report or another object's.  At the end those above one half are believed.
+it is the target's and not a false report or another object's.  At the end those above one half are accepted.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ MAX_MOTION_SHARE, MAX_STEP_CHI2 = 1e-2, 1e-2
 variances."""
 MIN_INLIER_PROBABILITY, NEGLIGIBLE_PROBABILITY = 0.5, 1e-6
 MIN_CLUTTER_DENSITY = 1e-30
-"""A sensor without false reports is believed as far as numbers go."""
+"""False alarm probability of a sensor without false reports."""
 
 
 KIND, VALUE, READING_NOISE, SCALE, X0, Y0, COS, SIN, FOCAL, POSITION2, YAW2, CLUTTER = range(12)
@@ -57,7 +57,7 @@ BEARING, PIXEL, RANGE, LOG_RANGE, DIFFERENCE = range(5)
 def measurements(scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel) -> Floats:
     """(m, 12) what counts of each measurement of a scan, side by side in one array.
 
-    The factor of a look that is assigned to a place is the sum of SCALE times the density of its measurements,
+    The factor of a look that is assigned to a position is the sum of SCALE times the density of its measurements,
     plus RIVAL, what is not the target; see `occlog.filtering.likelihood.directions`.
     """
     out = np.empty((scan.value.shape[0], 12))
@@ -99,7 +99,7 @@ def linearise_distance(x: float, y: float, z: Floats) -> tuple[float, float, flo
 def linearise(x: float, y: float, z: Floats) -> tuple[float, float, float, float]:
     """Residual at (x, y) of a row z of `measurements`, its derivatives by x and y, and its variance.
 
-    The variance is -1 where the place is behind the camera or at the sensor.
+    The variance is -1 where the position is behind the camera or at the sensor.
     """
     dx, dy = x - z[X0], y - z[Y0]
     if z[KIND] >= RANGE:
@@ -121,7 +121,7 @@ def linearise(x: float, y: float, z: Floats) -> tuple[float, float, float, float
 
 
 def with_distances(first: Ints, rows: Floats, measured: RangeMeasurements) -> tuple[Ints, Floats]:
-    """The looks and measurements with those of distances, each of which is a look of its own.
+    """Append the measurements of distances, each as a separate sensor report.
 
     Args:
         first: (K + 1,) as in `adapt`.
@@ -136,7 +136,7 @@ def with_distances(first: Ints, rows: Floats, measured: RangeMeasurements) -> tu
     out[:, VALUE], out[:, READING_NOISE], out[:, SCALE] = measured.value, measured.sigma**2, 1.0 - tail
     out[:, [X0, Y0]], out[:, [X1, Y1]] = measured.place, measured.other
     out[:, RISE2], out[:, OTHER_RISE2] = measured.rise2, measured.other_rise2
-    # The tail of late signals counts as if it were flat: what that leaves out is in the weights
+    # The tail of late signals counts as if it were flat: what that omits is in the weights
     rival = np.exp(-0.5 * errors.bend**2) / ROOT_2PI + tail * errors.rate
     out[:, CLUTTER] = np.maximum(rival / measured.sigma, MIN_CLUTTER_DENSITY)
     return np.concatenate([first, first[-1] + 1 + np.arange(m)]), np.concatenate([rows, out])
@@ -148,7 +148,7 @@ class Laplace(NamedTuple):
     mode: Floats  # (n, 2) m
     root: Floats  # (n, 3) the upper triangle of a root of P: x = m_x + r0 n1 + r1 n2, y = m_y + r2 n2
     log_volume: Floats  # (n,) log of 2 pi sqrt(det P) N(m; m0, p0 I), the motion's part in the predictive likelihood
-    log_factors: Floats  # (n,) log of the factors of the looks with measurements at m; both sum to the whole
+    log_factors: Floats  # (n,) log of the factors of sensors with measurements at m; both sum to the whole
 
 
 @kernel
@@ -159,7 +159,7 @@ def adapt(mean: Floats, variance: Floats, wanted: Bools, first: Ints, rows: Floa
         mean: (n, 2) m0.
         variance: (n,) p0 per axis, > 0.
         wanted: (n,) those to approximate; the others keep their prior.
-        first: (K + 1,) measurements of look k are rows first[k] to first[k + 1] - 1.
+        first: (K + 1,) measurements of report k are rows first[k] to first[k + 1] - 1.
         rows: (M, 12) from `measurements`.
     """
     n, looks, count = mean.shape[0], first.shape[0] - 1, rows.shape[0]
@@ -252,7 +252,7 @@ def draw(
         noise: (n, 2) standard normal.
 
     Returns:
-        (n, 2) places and (n,) log N(x; m0, p0 I) - log q(x).
+        (n, 2) positions and (n,) log N(x; m0, p0 I) - log q(x).
     """
     n = mean.shape[0]
     places, ratio = np.empty((n, 2)), np.empty(n)

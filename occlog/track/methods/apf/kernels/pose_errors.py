@@ -27,7 +27,7 @@ from scipy.special import chdtri
 from occlog.array_types import Floats, Ints
 
 GATE_SIGNIFICANCE = 1e-3
-"""Scans with residuals less likely than this are left out: some bearing is not the target's."""
+"""Scans with residuals less likely than this are omitted: some bearing is not the target's."""
 PRIOR_COUNT = 30.0
 """Weight, in residuals, of the assumption that bearings are as noisy as they say."""
 MAX_ITERATIONS = 20
@@ -35,7 +35,7 @@ RELATIVE_TOLERANCE = 1e-6
 CONVERGENCE_SIGMAS = 1e-3
 """Change of the errors, in prior deviations, at which the fit stops."""
 MIN_DISTANCE_RATIO = 0.02
-"""Bearings whose target is nearer than this, relative to the farthest, are too far from linear."""
+"""Minimum relative distance of the target for linearised bearings."""
 MIN_BEARINGS = 3
 
 
@@ -46,7 +46,7 @@ class PoseErrorBelief(NamedTuple):
     covariance: Floats  # (3 S, 3 S), rows in the order of mean.ravel()
     excess: float  # sum of squared normalised residuals
     counted: float  # number of them
-    log_odds: float  # of errors that stay against errors drawn anew for every scan (Eq. 2), by what was measured
+    log_odds: float  # of errors that stay against errors resampled for every scan (Eq. 2), by what was measured
     prior: Floats  # (3 S,) variances before any measurement
 
     @property
@@ -85,7 +85,7 @@ def prior_belief(sigma_position: Floats, sigma_yaw: Floats) -> PoseErrorBelief:
 
 
 def jacobians(xy: Floats, places: Floats) -> tuple[Floats, Floats]:
-    """(n, 2) and (n, 3): how bearings change with the target's place, and with each sensor's errors.
+    """(n, 2) and (n, 3): how bearings change with the target's position, and with each sensor's errors.
 
     Args:
         xy: (2,) the target.
@@ -115,7 +115,7 @@ def spread(xy: Floats, which: Ints, places: Floats, belief: PoseErrorBelief) -> 
 
 
 def meeting_point(sights: LabelledBearings, places: Floats, mean: Floats, start: Floats) -> Floats | None:
-    """(2,) place that agrees best with the bearings, by Gauss-Newton from `start`; None if there is none near.
+    """(2,) position that agrees best with the bearings, by Gauss-Newton from `start`; None if missing near.
 
     It must be in front of every sensor and not much nearer to one of them than to the others.
     """
@@ -141,7 +141,7 @@ def meeting_point(sights: LabelledBearings, places: Floats, mean: Floats, start:
 
 
 def evidence(sights: LabelledBearings, places: Floats, mean: Floats, start: Floats) -> tuple[Floats, Floats] | None:
-    """What bearings say about errors, whatever the target's place: y = G (e - mean) + unit noise.
+    """What bearings say about errors, whatever the target's position: y = G (e - mean) + unit noise.
 
     Args:
         sights: n bearings.
@@ -168,7 +168,7 @@ def evidence(sights: LabelledBearings, places: Floats, mean: Floats, start: Floa
 
 
 def update(belief: PoseErrorBelief, sights: LabelledBearings, places: Floats, start: Floats) -> PoseErrorBelief:
-    """The belief after the bearings of one scan; unchanged where they say nothing or are not to be believed.
+    """The belief after the bearings of one scan; unchanged where they say nothing or are not to be accepted.
 
     An extended Kalman update with `evidence`, and the odds of the two models by how well they
     predicted it.  The variance is raised by `Belief.scale`, so that noise which is in neither
@@ -198,7 +198,7 @@ def update(belief: PoseErrorBelief, sights: LabelledBearings, places: Floats, st
     # Joseph's form keeps the covariance positive semi-definite.
     covariance = rest @ C @ rest.T + belief.scale * gain @ gain.T
     mean = belief.mean + (gain @ y).reshape(belief.mean.shape)
-    # Odds of errors that stay: those drawn anew have their prior at every time; y is relative to the learned mean.
+    # Odds of errors that stay: those resampled have their prior at every time; y is relative to the learned mean.
     white = _log_density(y + G @ belief.mean.ravel(), (G * belief.prior) @ G.T + unit)
     odds = belief.log_odds + _log_density(y, S) - white
     return belief._replace(
@@ -224,8 +224,8 @@ def solve(
 ) -> PoseErrorBelief:
     """The belief after many scans at once: trajectory and errors by Gauss-Newton, the trajectory eliminated.
 
-    Every place of the trajectory is free (flat prior); errors have `belief` as their prior.
-    Scans are linearised anew in every round, and those whose bearings cannot be the target's are left out.
+    Every position of the trajectory is free (flat prior); errors have `belief` as their prior.
+    Scans are linearised again in every round, and those whose bearings cannot be the target's are omitted.
 
     Args:
         belief: prior, of mean 0 and independent errors (`prior_belief`).

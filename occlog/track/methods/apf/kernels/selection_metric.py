@@ -1,6 +1,6 @@
 """How well a set of cameras would locate a target: the metric of [Ercan] Sec. 5.
 
-The mean square error of the best linear estimate of the place x from the cameras'
+The mean square error of the best linear estimate of the position x from the cameras'
 measurements Z is Tr(Sigma_x - Sigma_Zx' Sigma_Z^-1 Sigma_Zx).  A camera that does not see
 the target counts as if it had reported its expected value.  What a camera sees depends on
 its field of view, on what stands in the room and on the priors of the moving occluders.
@@ -24,7 +24,7 @@ from occlog.core.occlusion.priors import Priors
 from occlog.filtering.likelihood.directions import MeasurementNoise
 
 MIN_DETECTION_PROBABILITY = 1e-12
-"""Cameras that see the target with a smaller probability are left out of Sigma_Z."""
+"""Cameras that see the target with a smaller probability are excluded from Sigma_Z."""
 MIN_EIGENVALUE = 1e-9
 """Eigenvalues of Sigma_Z, in units of the cameras' variances, that are not above this tell nothing."""
 OCCLUDER_SUPPORT_SIGMAS = 3.5
@@ -32,7 +32,7 @@ OCCLUDER_SUPPORT_SIGMAS = 3.5
 
 
 class CameraMoments(NamedTuple):
-    """Covariances of the place and the measurements of N cameras, of which the metric is made."""
+    """Covariances of the position and the measurements of N cameras, of which the metric is made."""
 
     x: Floats  # (2, 2) Sigma_x
     zx: Floats  # (N, 2) Sigma_Zx
@@ -41,7 +41,7 @@ class CameraMoments(NamedTuple):
 
 
 def views(xy: Floats, cameras: Sequence[int], sensors: Sensors) -> Bools:
-    """(N, L) bool: which of the (L, 2) places nothing static keeps each camera from seeing."""
+    """(N, L) bool: which of the (L, 2) positions nothing static keeps each camera from seeing."""
     return np.array([seen_from(xy, i, sensors) for i in cameras]).reshape(len(cameras), len(xy))
 
 

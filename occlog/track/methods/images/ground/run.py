@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def run_ground(request: GroundRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Find the places and write them; return the summary, and what the view tracks say was lost."""
+    """Find the positions and write them; return the summary, and what the view tracks say was lost."""
     view_tracks = open_input(request.view_tracks)
     if view_tracks.recording is not None:
         raise InputError(
@@ -73,28 +73,28 @@ class GroundSummary:
         self.targets.update(dict.fromkeys(part.tracks.target_id.tolist()))
 
     def check(self, where: str) -> None:
-        """Raise InputError where no target has a place at any time: no later command could use the tracks."""
+        """Raise InputError where no target has a position at any time: no later command could use the tracks."""
         if not self.counts["times"]:
             raise InputError(f"{where}: has no rows of these cameras; nothing can be brought together")
         if not self.targets:
             raise InputError(
-                f"{where}: no target has a place at any time ({self._why()}); targets need the same identity in two "
+                f"{where}: no target has a position at any time ({self._why()}); targets need the same identity in two "
                 f"views with poses, or a height ({option('set.height')})"
             )
 
     def _why(self) -> str:
-        """Reasons for times without a place, with their numbers."""
+        """Reasons for times without a position, with their numbers."""
         return ", ".join(f"{k.replace('_', ' ')} {n}" for k, n in self._no_place().items() if n)
 
     def _no_place(self) -> dict[str, int]:
-        """Times without a place, by the reason."""
+        """Times without a position, by the reason."""
         return {name: self.counts[name] for name in ("one_view", "parallel", "behind", "contradict")}
 
     def summary(self) -> dict[str, object]:
         """The figures of the summary.
 
-        times: of targets with a tracker in some view.  views: places by the number of views that made them.
-        left_out: views that did not agree with the others.  no_place: times without a place, and why.
+        times: of targets with a tracker in some view.  views: positions by the number of views that made them.
+        left_out: views that did not agree with the others.  no_place: times without a position, and why.
         The rest is of `GroundConsistency`.
         """
         views = {k.removeprefix("views_"): n for k, n in sorted(self.counts.items()) if k.startswith("views_")}

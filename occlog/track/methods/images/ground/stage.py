@@ -95,12 +95,12 @@ class SwitchProbabilities:
 
 
 def spread_over_others(xyz: Floats, covariance: Floats, exchanged: Floats) -> Floats:
-    """(K, 3, 3) second moments about the places of one time, of targets that may be where the others are.
+    """(K, 3, 3) second moments about the positions of one time, of targets that may be where the others are.
 
     Args:
-        xyz: (K, 3) places.
+        xyz: (K, 3) positions.
         covariance: (K, 3, 3) of them.
-        exchanged: (K,) probability that a target is at one of the other places, each as likely.
+        exchanged: (K,) probability that a target is at one of the other positions, each as likely.
     """
     off = xyz[None, :, :] - xyz[:, None, :]
     spread = np.einsum("kni,knj->kij", off, off) / max(len(xyz) - 1, 1)
@@ -108,10 +108,10 @@ def spread_over_others(xyz: Floats, covariance: Floats, exchanged: Floats) -> Fl
 
 
 WHY = {TOO_FEW: "one_view", NEAR_PARALLEL: "parallel", BEHIND: "behind", DISAGREEING: "contradict"}
-"""Names in `GroundPart.counts` of the reasons why a target has no place at a time."""
+"""Names in `GroundPart.counts` of the reasons why a target has no position at a time."""
 
 SINGLE_VIEW, INCONSISTENT_VIEWS, POSSIBLE_SWITCH = "one-view", "contradiction", "exchange"
-"""Values of the column `doubt`, in the order in which they stand there."""
+"""Values of the column `doubt`, in the order of the column."""
 MIN_SWITCH_PROBABILITY = 0.25
 """A target is said to be exchanged from this probability on."""
 
@@ -119,20 +119,20 @@ MIN_SWITCH_PROBABILITY = 0.25
 class GroundTracksPart(NamedTuple):
     """Tracks of some times, and their counts.
 
-    `counts` has `times`, at which a target has a tracker; `views_N`, places by N views; `left_out`,
-    views that did not agree with the others; and the reasons of `WHY` for times without a place.
+    `counts` has `times`, at which a target has a tracker; `views_N`, positions by N views; `left_out`,
+    views that did not agree with the others; and the reasons of `WHY` for times without a position.
     """
 
     tracks: FusedTracks
     counts: Counter[str]
-    nis: float  # sum of the squared standardised residuals of places by several views
+    nis: float  # sum of the squared standardised residuals of positions by several views
     freedom: int  # degrees of freedom of that sum
 
 
 def ground_tracks(
     chunks: Iterable[ViewTracks], scene: Scene, config: GroundConfig | None = None, cameras: Sequence[str] = ()
 ) -> Iterator[GroundTracksPart]:
-    """Find tracks in the world: places by each time itself, covariances by what was seen before, too.
+    """Find tracks in the world: positions by each time itself, covariances by what was seen before, too.
 
     The result does not depend on how chunks are cut.
 
@@ -198,7 +198,7 @@ def _starts(table: ViewTracks, window_ns: int) -> Ints:
 def _part(
     table: ViewTracks, starts: Ints, scene: Scene, config: GroundConfig, exchanges: SwitchProbabilities
 ) -> GroundTracksPart:
-    """Find the places of all targets at the times that begin at the rows `starts`."""
+    """Find the positions of all targets at the times that begin at the rows `starts`."""
     if not len(table):
         return GroundTracksPart(FusedTracks.empty(), Counter(), 0.0, 0)
     moment = np.searchsorted(starts, np.arange(len(table)), side="right") - 1
@@ -321,10 +321,10 @@ def _ideal(camera: Camera, centres: Floats) -> tuple[Floats, Floats]:
 
 
 def _tracks(met: GroundPosition, t_ns: Ints, target: Ints, names: Sequence[str], doubts: Bools) -> FusedTracks:
-    """Rows of the places that were found; velocities are not known.
+    """Rows of the positions that were found; velocities are not known.
 
     Args:
-        met: N places.
+        met: N positions.
         t_ns: (N,) their times.
         target: (N,) identities.
         names: of the V views.
@@ -369,19 +369,19 @@ def _counts(met: GroundPosition, sights: CentresInViews) -> Counter[str]:
 MIN_SINGLE_VIEW_SHARE = 0.9
 """One view alone supports a target if it alone made this share of its rows."""
 MIN_FLAGGED_SHARE = 0.1
-"""A line warns of doubts that so large a share of the rows has."""
+"""Minimum share of flagged rows for a warning."""
 MAX_NIS_RATIO = 1.5
 """A line warns where squared standardised residuals are so many times as large as stated."""
 WORDS = {
-    SINGLE_VIEW: "one view alone made the place, at the height of a person's middle",
+    SINGLE_VIEW: "one view alone made the position, at the height of a person's middle",
     INCONSISTENT_VIEWS: "a view is on something else; covariances are widened by where the others would have it",
     POSSIBLE_SWITCH: "the target may have taken another one's identity; its covariance reaches to the other targets",
 }
-"""What each doubt means."""
+"""Meaning of each quality flag."""
 
 
 class GroundConsistency:
-    """Counts doubts while parts stream by."""
+    """Counts quality flags over a stream of chunks."""
 
     def __init__(self) -> None:
         """Nothing was seen yet."""
@@ -409,16 +409,16 @@ class GroundConsistency:
         }
 
     def warnings(self) -> list[str]:
-        """Lines on what makes the places doubtful."""
+        """Lines on what makes the positions doubtful."""
         total = sum(self._rows.values())
         lines = [
-            f"{self._doubts[word]} of {total} places: {word}: {text}"
+            f"{self._doubts[word]} of {total} positions: {word}: {text}"
             for word, text in WORDS.items()
             if self._doubts[word] > MIN_FLAGGED_SHARE * total
         ]
         if alone := self._one_view():
             names = ", ".join(str(target) for target in alone)
-            lines.append(f"targets that one view alone supports, which may be nobody: {names}")
+            lines.append(f"targets that one view alone supports, which may be false: {names}")
         if self._freedom and self._nis > MAX_NIS_RATIO * self._freedom:
             lines.append(
                 f"views are {(self._nis / self._freedom) ** 0.5:.1f} times as far from agreeing as their covariances "

@@ -1,18 +1,18 @@
-"""Triangulation: the places of N points from their centres in the images of V views, by weighted least squares.
+"""Triangulation: the positions of N points from their centres in the images of V views, by weighted least squares.
 
 A camera without distortion shows X at f (x / z, y / z) + c, where (x, y, z) is X - centre in
 the camera's axes.  Residuals are weighted by the inverse covariances of the centres
-(Gauss-Newton); the covariance of a place is the inverse of the information.  A point in one
-view alone has a place only with a prior on its height.  `triangulate_in_space` leaves out single views
+(Gauss-Newton); the covariance of a position is the inverse of the information.  A point in one
+view alone has a position only with a prior on its height.  `triangulate_in_space` omits single views
 whose tracker is on something else.
 
-Covariances of places whose views may contradict each other.
+Covariances of positions whose views may contradict each other.
 
-Each view is on the target or on somebody else, at even odds unless set otherwise.  A hypothesis
+Each view is on the target or on another person, at even odds unless set otherwise.  A hypothesis
 is the set of views that are on the target.  Its weight is the marginal likelihood of all
-centres: the views of the set meet at one place (Laplace's approximation of the integral over the
-places), and the others may be anywhere in their images.  The covariance is the second moment of
-the mixture of the hypotheses' places about the place that is reported.
+centres: the views of the set meet at one position (Laplace's approximation of the integral over the
+positions), and the others may be anywhere in their images.  The covariance is the second moment of
+the mixture of the hypotheses' positions about the position that is reported.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class GroundPosition(NamedTuple):
 
 
 class LeastSquares(NamedTuple):
-    """Weighted least squares for the places of N points."""
+    """Weighted least squares for the positions of N points."""
 
     sights: CentresInViews
     weights: Floats  # (N, V, 2, 2) inverse covariances, 0 where the view does not show the point
@@ -98,17 +98,17 @@ class LeastSquares(NamedTuple):
 def triangulate_points(
     sights: CentresInViews, rig: CameraRig, height: TargetHeightPrior | None, min_sine: float
 ) -> GroundPosition:
-    """Find the places by all the views that show a point.
+    """Find the positions by all the views that show a point.
 
     The misfit of a point in one view with a height is near 0: it has as many unknowns as measurements.
 
     Args:
         sights: N points in V views.
         rig: the views.
-        height: prior for points that one view shows; None: they have no place.
-        min_sine: least sine of the angle at which sight lines cross, or at which a single one meets the plane.
+        height: prior for points that one view shows; None: they have no position.
+        min_sine: least sine of the angle at which lines of sight cross, or at which a single one meets the plane.
     """
-    # Status by the geometry of the sight lines
+    # Status by the geometry of the lines of sight
     count = sights.there.sum(axis=1)
     rays = _rays(sights.pixels, rig)
     prior = (count == 1) & (height is not None)
@@ -138,14 +138,14 @@ def triangulate_points(
 
 
 def _rays(pixels: Floats, rig: CameraRig) -> Floats:
-    """(N, V, 3) unit vectors along the sight lines."""
+    """(N, V, 3) unit vectors along the lines of sight."""
     local = np.concatenate([(pixels - rig.principal) / rig.focal, np.ones((*pixels.shape[:2], 1))], axis=2)
     rays = np.einsum("vij,nvj->nvi", rig.rotation, local)
     return np.asarray(rays / np.linalg.norm(rays, axis=2, keepdims=True))
 
 
 def _crossing(rays: Floats, sights: CentresInViews) -> Floats:
-    """(N,) largest sine of the angles between two sight lines; 0 for fewer than two."""
+    """(N,) largest sine of the angles between two lines of sight; 0 for fewer than two."""
     widest = np.zeros(len(rays))
     for i in range(rays.shape[1]):
         for j in range(i):
@@ -155,7 +155,7 @@ def _crossing(rays: Floats, sights: CentresInViews) -> Floats:
 
 
 def _start(rays: Floats, problem: LeastSquares) -> Floats:
-    """(N, 3) places with the least squared distances from the sight lines; on a single line, that at the height."""
+    """(N, 3) least-squares positions of lines of sight; on a single line, that at the height."""
     sights, known = problem.sights, problem.known
     across = (np.eye(3) - rays[:, :, :, None] * rays[:, :, None, :]) * sights.there[:, :, None, None]
     A, b = across.sum(axis=1), np.einsum("nvij,vj->ni", across, problem.rig.centre)
@@ -165,10 +165,10 @@ def _start(rays: Floats, problem: LeastSquares) -> Floats:
 
 
 def _refine(start: Floats, problem: LeastSquares) -> tuple[Floats, Floats, Floats]:
-    """Refine places (N, 3) by Gauss-Newton with step halving.
+    """Refine positions (N, 3) by Gauss-Newton with step halving.
 
     Returns:
-        Places (N, 3), information (N, 3, 3) and cost (N,), inf behind a camera.
+        Positions (N, 3), information (N, 3, 3) and cost (N,), inf behind a camera.
     """
     xyz = start.copy()
     cost = _cost(xyz, _reprojection_errors(xyz, problem)[0], problem)
@@ -211,7 +211,7 @@ def _ridge(matrix: Floats) -> Floats:
 
 
 def _reprojection_errors(xyz: Floats, problem: LeastSquares) -> tuple[Floats, Floats]:
-    """(N, V, 2) seen minus expected [px], NaN behind a camera, and the places (N, V, 3) in the cameras' axes."""
+    """(N, V, 2) seen minus expected [px], NaN behind a camera, and the positions (N, V, 3) in the cameras' axes."""
     sights, rig = problem.sights, problem.rig
     local = np.einsum("nvi,vij->nvj", xyz[:, None, :] - rig.centre, rig.rotation)
     depth = np.where(local[:, :, 2] > 0.0, local[:, :, 2], np.nan)[:, :, None]
@@ -231,7 +231,7 @@ def _normal(xyz: Floats, left: Floats, local: Floats, problem: LeastSquares) -> 
     """Information (N, 3, 3) and the gradient (N, 3) of minus half the cost.
 
     Args:
-        xyz: (N, 3) places.
+        xyz: (N, 3) positions.
         left: (N, V, 2) residuals there.
         local: (N, V, 3) places in the cameras' axes.
         problem: of the points.
@@ -258,18 +258,18 @@ def triangulate_in_space(
     gate: float = 1e-3,
     min_crossing: float = np.radians(5.0),
 ) -> GroundPosition:
-    """Find the places of points, and leave out single views that are on something else.
+    """Find the positions of points, and omit single views that are on something else.
 
     Views agree when their misfit passes a chi-square test.  Where they do not, the view without
-    which the others agree best is left out, as long as at least two are left; two views that do
-    not agree give no place, since either may be right.
+    which the others agree best is omitted, as long as at least two are left; two views that do
+    not agree give no position, since either may be right.
 
     Args:
         sights: N points in V views.
         rig: the views.
-        height: of points that one view shows; None: they have no place.
+        height: of points that one view shows; None: they have no position.
         gate: probability of the test to reject views that are all right.
-        min_crossing: least angle [rad] at which sight lines cross, or at which a single one meets the plane.
+        min_crossing: least angle [rad] at which lines of sight cross, or at which a single one meets the plane.
     """
     # Gate: chi-square with 2 views - 3 degrees of freedom
     limits = np.array([np.inf, np.inf, *(chdtri(2 * n - 3, gate) for n in range(2, sights.there.shape[1] + 1))])
@@ -319,7 +319,7 @@ def _taken(met: GroundPosition, rows: Ints) -> GroundPosition:
 
 
 def _replaced(met: GroundPosition, rows: Ints, others: GroundPosition) -> GroundPosition:
-    """The places with those of some rows replaced."""
+    """The positions with those of some rows replaced."""
     out = GroundPosition(met.xyz.copy(), met.covariance.copy(), met.status.copy(), met.used.copy(), met.misfit.copy())
     for old, new in zip(out, others, strict=True):
         old[rows] = new
@@ -327,9 +327,9 @@ def _replaced(met: GroundPosition, rows: Ints, others: GroundPosition) -> Ground
 
 
 ALL_SUBSETS = 5
-"""With more views, only sets that leave out at most two of them, and single views and pairs, are hypotheses."""
+"""With more views, only sets that omit at most two of them, and single views and pairs, are hypotheses."""
 HEIGHTS = 30.0
-"""Heights of places that several views find are uniform over so many standard deviations of the height."""
+"""Heights of positions that several views find are uniform over so many standard deviations of the height."""
 
 
 class ViewOdds(NamedTuple):
@@ -341,9 +341,9 @@ class ViewOdds(NamedTuple):
 
 
 class ViewContradictions(NamedTuple):
-    """Covariances of N places, and how far their views contradict each other."""
+    """Covariances of N positions, and how far their views contradict each other."""
 
-    covariance: Floats  # (N, 3, 3) NaN where there is no place
+    covariance: Floats  # (N, 3, 3) NaN where there is no position
     contested: Floats  # (N,) probability that a view is on something else; 0 for one view, 1 if no views agree
 
 
@@ -355,15 +355,15 @@ def covariances_with_contradiction(
     odds: ViewOdds,
     sine: float,
 ) -> ViewContradictions:
-    """Find the covariances of places by all hypotheses on which views are on the target.
+    """Find the covariances of positions by all hypotheses on which views are on the target.
 
     Args:
-        met: the places as reported.
+        met: the positions as reported.
         sights: N points in V views.
         rig: the views.
         height: of points that one view shows; None: single views are no hypotheses.
         odds: of the views.
-        sine: least sine of the angle at which sight lines cross.
+        sine: least sine of the angle at which lines of sight cross.
     """
     covariance, contested = met.covariance.copy(), np.where(met.status == MET, 0.0, 1.0)
     several = sights.there.sum(axis=1) > 1
@@ -374,7 +374,7 @@ def covariances_with_contradiction(
         rows = np.flatnonzero((sights.there == pattern).all(axis=1) & (met.status == MET))
         some = sights.take(rows)
         spread, everyone = _mixture(met.xyz[rows], some, pattern, rig, height, odds, sine)
-        # Where no hypothesis has a place the covariance stays
+        # Where no hypothesis has a position the covariance stays
         known = np.isfinite(spread).all(axis=(1, 2))
         covariance[rows[known]] = spread[known]
         contested[rows] = 1.0 - everyone
@@ -390,14 +390,14 @@ def _mixture(
     odds: ViewOdds,
     sine: float,
 ) -> tuple[Floats, Floats]:
-    """(N, 3, 3) second moments about the places (N, 3) in the views `pattern`, and (N,) weight of all views."""
+    """(N, 3, 3) second moments about the positions (N, 3) in the views `pattern`, and (N,) weight of all views."""
     density = np.log(2.0 * np.pi) + 0.5 * np.linalg.slogdet(sights.covariance)[1] + np.log(odds.agreement)
     logs, moments = [], []
     for views in _sets(pattern):
         fit = triangulate_points(sights._replace(there=np.broadcast_to(views, sights.there.shape)), rig, height, sine)
         found = fit.status == MET
         cov = np.where(found[:, None, None], fit.covariance, np.eye(3))
-        # Laplace: the integral of the likelihood over the places
+        # Laplace: the integral of the likelihood over the positions
         free = 2.0 if views.sum() == 1 else 3.0
         log = -0.5 * fit.misfit / odds.agreement + 0.5 * np.linalg.slogdet(cov)[1] + 0.5 * free * np.log(odds.agreement)
         if views.sum() > 1 and height is not None:

@@ -26,7 +26,7 @@ from .config import ViewsConfig
 
 
 def anchors(ellipses: Floats, bottom: bool) -> Floats:
-    """(N, 2) points of ellipses (N, 5) that stand for their targets, as recorded [px].
+    """(N, 2) points of ellipses (N, 5) that represent their targets, as recorded [px].
 
     Args:
         ellipses: see `occlog.core.image`.
@@ -67,7 +67,7 @@ def radius(ellipses: Floats) -> Floats:
 
 
 Trail = tuple[tuple[int, Floats], ...]
-"""Number of the moment and ellipse, for each of the latest frames."""
+"""Number of the time step and ellipse, for each of the latest frames."""
 
 EDGE_PX = 1.0
 """The edge of the image cuts a region that comes nearer to it than this."""
@@ -90,7 +90,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class BirthCandidates:
-    """Candidates for births, and what decides births and ends, from moment to moment."""
+    """Candidates for births, and what decides births and ends, from time step to time step."""
 
     next_id: int
     candidates: tuple[tuple[Candidate, ...], ...]  # of each view
@@ -100,7 +100,7 @@ class BirthCandidates:
 
 
 def empty_candidates(n_views: int, next_id: int = 0) -> BirthCandidates:
-    """State before the first moment; new targets are numbered from `next_id`."""
+    """State before the first time step; new targets are numbered from `next_id`."""
     return BirthCandidates(next_id, ((),) * n_views)
 
 
@@ -114,17 +114,17 @@ def initiate_and_terminate(
     bottom: bool = False,
     gone: Collection[TrackerKey] = (),
 ) -> tuple[BirthCandidates, tuple[Birth, ...], tuple[TrackerKey, ...]]:
-    """Decide which trackers the regions of one moment begin and end.
+    """Decide which trackers the regions of one time step begin and end.
 
     Args:
-        state: from the moment before.
+        state: from the time step before.
         regions: (K, 5) of each view; None: the detector did not look.
-        trackers: ellipses of all trackers after this moment's frames, of all views.
+        trackers: ellipses of all trackers after this time step's frames, of all views.
         views: V views.
         geometry: between them.
         config: settings.
         bottom: the lowest points of ellipses are compared with epipolar lines; else their centres.
-        gone: trackers that ended in this moment; their targets do not begin anew in that view before the next one.
+        gone: trackers that ended in this time step; their targets do not restart in that view before the next one.
     """
     # Lengthen the trails of trackers
     now = state.moment

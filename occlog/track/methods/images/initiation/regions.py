@@ -1,4 +1,4 @@
-"""Regions of a detector as ellipses, moment by moment, from tables of boxes or of clusters.
+"""Regions of a detector as ellipses, time step by time step, from tables of boxes or of clusters.
 
 Regions of what moves in a recording's images, for trackers to begin from.
 
@@ -61,7 +61,7 @@ def regions_of_views(chunks: Iterable[Views]) -> Iterator[DetectorRegions]:
 
 @dataclass
 class RegionStream:
-    """Regions in the order of time, given out moment by moment.
+    """Regions in the order of time, given out time step by time step.
 
     Attributes:
         chunks: regions in the order of time.

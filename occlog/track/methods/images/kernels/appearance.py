@@ -1,4 +1,4 @@
-"""Colours inside many ellipses at once: weighted histograms and their likenesses, the p_c of [Qu] Sec. 3.3.
+"""Colours inside many ellipses at once: weighted histograms and their similarities, the p_c of [Qu] Sec. 3.3.
 
 The image comes as a map of bin numbers, made once a frame (`occlog.core.image`).  A
 pixel at squared ellipse distance q weighs 1 - q (Epanechnikov).  The sums are divided by
@@ -256,7 +256,7 @@ def learn_patches(patches: Floats, components: int, least: float = LEAST) -> Pat
         least: lower limit of all variances, > 0.
 
     Returns:
-        K = min(components, N - 1, D), at least 0; `rest` is the mean of the variances that are left out.
+        K = min(components, N - 1, D), at least 0; `rest` is the mean of the variances that are omitted.
     """
     n, d = patches.shape
     k = max(min(components, n - 1, d), 0)

@@ -1,7 +1,7 @@
 """Weights of all trackers in one frame of all views: interaction within views, collaboration between them, [Qu] Alg. 1.
 
 Trackers that are close to others are worked out view by view.  Where a target is close to
-others in all views, none of its trackers can help the others in the first place: the views
+others in all views, none of its trackers can help the others in the first position: the views
 are then taken in turn, several times ([Qu] Sec. 3.2).
 
 Interaction of targets that touch: magnetic repulsion and inertia, [Qu] Sec. 3.3, Eqs. 7 and 8.
@@ -151,13 +151,13 @@ class CameraCollaboration(NamedTuple):
     helper: Ints  # (n, V) tracker of the same target in another view that may help; -1: none
     fundamental: Floats  # (V, V, 3, 3)
     affine: Floats  # (n, 2, 3) see `bands`
-    bottom: bool  # whether the lowest point of an ellipse stands for the target; else its centre
+    bottom: bool  # whether the lowest point of an ellipse represents the target; else its centre
     band: float  # Sigma of Eq. 5 over the reach of the ellipse across the line
     clear: float  # a counterpart helps when its ratio is at least this, or that of the tracker
 
 
 class WeighingModel(NamedTuple):
-    """What besides the local likelihood decides the weights of a frame."""
+    """What also the local likelihood decides the weights of a frame."""
 
     near: Neighbours
     past: PastMotion
@@ -246,7 +246,7 @@ def collaborate(
 ) -> None:
     """Add the bands of a tracker's counterparts to its log weights, [Qu] Eq. 5.
 
-    Counterparts that are close to no other in their view help; where there is none of these,
+    Counterparts that are close to no other in their view help; where missing of these,
     the others do.  A counterpart that is more hidden than the tracker would mislead it, and
     does not help.
 

@@ -1,6 +1,6 @@
 """What epipolar lines say of ellipses: bands for particles and the loop check, [Qu] Secs. 3.2 and 3.4.2, and draws.
 
-The point of an ellipse that stands for the target is its centre, or its lowest point where
+The point of an ellipse that represents the target is its centre, or its lowest point where
 people stand.  Each tracker has an affine map (2, 3) from recorded pixels to those of a camera
 without distortion, which is the distortion linearised at the target.  `drawn_on_lines` is the
 proposal of the colour-based multicamera tracker that [Qu] Sec. 4.2 compares with.
@@ -21,7 +21,7 @@ UNKNOWN, APART, TOGETHER = -1, 0, 1
 
 @kernel
 def anchor(ellipse: Floats, affine: Floats, bottom: bool) -> tuple[float, float]:
-    """The point of an ellipse that stands for its target, without distortion [px].
+    """The point of an ellipse that represents its target, without distortion [px].
 
     Args:
         ellipse: (5,).
@@ -163,7 +163,7 @@ def drawn_on_lines(
         view: (n,).
         counterpart: (n, V) tracker of the same target in another view; -1: none.
         fundamental: (V, V, 3, 3).
-        bottom: which point of an ellipse stands for the target.
+        bottom: which point of an ellipse represents the target.
         count: (n,) how many of the particles are moved, 0 to N.
         along: standard deviation along the line [px].
         across: standard deviation across it, over the ellipse's reach across it.

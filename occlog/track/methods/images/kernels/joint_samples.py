@@ -1,11 +1,11 @@
-"""Filters whose samples hold all targets of a view: a Markov chain, and weights of whole samples.
+"""Filters with joint samples of all targets of a view: a Markov chain, and weights of whole samples.
 
 The joint posterior of n targets is that of Khan, Balch, Dellaert, "An MCMC-based particle filter
 for tracking multiple interacting targets" (ECCV 2004), the baseline of [Qu] Table 2:
 
     p(X | Z) ~ prod_i p(z | x_i) p(x_i | Z past) prod_{i<j} exp(-strength overlap(x_i, x_j))
 
-The last factor, a Markov random field between neighbours, keeps two targets from the same place.
+The last factor, a Markov random field between neighbours, keeps two targets from the same position.
 The chain changes one target at a time.  Its proposal is drawn from p(x_i | Z past), whatever
 the state of the chain: the likelihoods of all proposals can be computed at once before it
 runs, and the acceptance ratio needs only likelihoods and overlaps.

@@ -157,7 +157,7 @@ class LoopCheckConfig(MipfConfig):
 
     @property
     def bottom(self) -> bool:
-        """Whether the lowest point of an ellipse stands for its target; else its centre."""
+        """Whether the lowest point of an ellipse represents its target; else its centre."""
         return self.anchor == "bottom"
 
 

@@ -7,11 +7,11 @@ Two samplers draw from the same joint posterior (see `occlog.track.methods.image
             one likelihood, whatever the number of targets.
     sir     importance sampling: all targets of a sample move at once, and the sample is weighed by
             the product of their likelihoods.  A sample costs a likelihood for each target, and
-            its weight is good only if all of its targets are in good places.
+            its weight is good only if all of its targets are in good positions.
 
 Views are not connected.  The prediction of a chain is the product over the targets of their
 own predictions.  A sample of a view is in the same column of `particles` for all trackers of
-the view.  A detector's regions count in the likelihood only: no sample starts anew at one.
+the view.  A detector's regions count in the likelihood only: no sample restarts at one.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class ViewSamples(NamedTuple):
     particles: Floats  # (n, N, 5)
     log_weights: Floats  # (N,)
     ess: Floats  # (n,)
-    best: Floats  # (n,) likeness of the best place that was tried
+    best: Floats  # (n,) similarity of the best position that was tried
 
 
 def joint_samples(
@@ -145,6 +145,6 @@ def _moved(frame: ViewFrame, ellipses: Floats, owner: Ints, rng: Generator) -> F
 
 
 def _weighed(frame: ViewFrame, ellipses: Floats, owner: Ints) -> tuple[Floats, Floats]:
-    """(P,) likeness and (P,) local log likelihood of ellipses (P, 5) of the view's targets `owner` (P,)."""
+    """(P,) similarity and (P,) local log likelihood of ellipses (P, 5) of the view's targets `owner` (P,)."""
     boxes = np.concatenate([boxes_of(ellipses[None, owner == i]) for i in range(len(frame.rows))])
     return local_likelihood(frame.state, frame.frames, frame.arrival.own, boxes, ellipses, frame.rows[owner])

@@ -4,8 +4,8 @@
 and how.  Here a tracker restarts when all of its counterparts that were checked are bad, when
 its estimate is on another tracker or on something of other colours, and when one of its
 counterparts is clear of others and looks right: then it is this tracker that is wrong.  It
-moves to the place on the epipolar line that looks most like its target, unless another tracker
-is there or no place looks like it.
+moves to the position on the epipolar line that looks most like its target, unless another tracker
+is there or no position looks like it.
 
 Loop check of the trackers of one target in several views, [Qu] Sec. 3.4.2, and its outcome from frame to frame.
 
@@ -127,13 +127,13 @@ def nearest(t: ImageTrackers) -> Floats:
 OCCLUSION_RADII = 0.75
 """Farther than this many times the sum of their radii, one target hardly hides another."""
 STEP_PX = 2.0
-"""Distance of the places on a line that are tried."""
+"""Distance of the positions on a line that are tried."""
 EVERY = 5
 """Places are tried in frames whose number is a multiple of this: mostly none is good, and the next frame is alike."""
 
 
 def restart_one(state: VisualState, config: BmctConfig, frames: FrameSet) -> VisualState:
-    """Restart the first tracker that is wrong and for which there is a place.
+    """Restart the first tracker that is wrong and for which there is a position.
 
     Args:
         state: after the frame.
@@ -169,7 +169,7 @@ def _best_place(state: VisualState, config: BmctConfig, i: int, guide: int, fram
     view = state.views[v]
     if frames.images[v] is None:
         return None
-    # Try places all along the line, those inside the image at which there is no other tracker
+    # Try positions all along the line, those inside the image at which there is no other tracker
     tried = _places_on_line(state, config, i, guide)
     tried = tried[((tried[:, :2] >= 0) & (tried[:, :2] < [view.width, view.height])).all(axis=1)]
     others = np.flatnonzero((t.view == t.view[i]) & (np.arange(len(t.view)) != i))
@@ -200,7 +200,7 @@ def _places_on_line(state: VisualState, config: BmctConfig, i: int, guide: int) 
 
 
 def _moved_to(t: ImageTrackers, i: int, place: Floats) -> ImageTrackers:
-    """Put tracker i in another place, at rest; its counterparts stay bad until checks in a row say otherwise."""
+    """Put tracker i in another position, at rest; its counterparts stay bad until checks in a row say otherwise."""
     out = ImageTrackers._make(field.copy() for field in t)
     out.particles[i], out.estimate[i] = place, place
     out.velocity[i], out.path[i], out.weak[i] = 0.0, 0.0, 0
@@ -214,9 +214,9 @@ def _moved_to(t: ImageTrackers, i: int, place: Floats) -> ImageTrackers:
 def propose_on_lines(state: VisualState, c: CmctConfig, particles: Floats, gap: Floats, rng: Generator) -> Floats:
     """Move a share of the particles, or all after a loss, to the epipolar lines of the last estimates in other views.
 
-    A target counts as lost when the likeness of its estimate is below `search_below`, or when
+    A target counts as lost when the similarity of its estimate is below `search_below`, or when
     its estimate is nearer than `SAME_TARGET_RADII` to another tracker while a counterpart is bad: of two
-    targets that look alike the tracker then has the wrong one.  Only counterparts that had a
+    targets that look similar the tracker then has the wrong one.  Only counterparts that had a
     frame in the last frame period give a line.
 
     Args:
@@ -253,7 +253,7 @@ def propose_on_lines(state: VisualState, c: CmctConfig, particles: Floats, gap: 
 def adapt_colours(state: VisualState, c: CmctConfig, here: Bools) -> ImageTrackers:
     """Move the colours of trackers towards those in their estimates: new = (1 - adapt) old + adapt found.
 
-    Estimates count where they are alike enough (`adapt_above`).
+    Estimates count where they are similar enough (`adapt_above`).
 
     Args:
         state: after the frame.
@@ -265,7 +265,7 @@ def adapt_colours(state: VisualState, c: CmctConfig, here: Bools) -> ImageTracke
     for v, bins in enumerate(state.bins):
         rows = np.flatnonzero((t.view == v) & here & (t.likeness >= c.adapt_above))
         found = colours_in(bins, t.estimate[rows], t.split[rows], c.pixel_step)
-        # Where the edge of the image or a mask hides a part, the colours of the rest stand for all.
+        # Where the edge of the image or a mask hides a part, the colours of the rest represent all.
         found *= colours[rows].sum(axis=1, keepdims=True) / np.maximum(found.sum(axis=1, keepdims=True), LEAST)
         colours[rows] = (1.0 - c.adapt) * colours[rows] + c.adapt * found
     return t._replace(colours=colours)

@@ -4,7 +4,7 @@ Trackers are rows of arrays, ordered by view and target.  This module makes the 
 adds and removes trackers, keeps the views' clocks, and pairs each tracker with its
 counterparts: the trackers of the same target in the other views.
 
-Appearance of targets besides colours, `model=pca`: densities of grey patches, [Qu] Sec. 3.3.
+Appearance of targets also colours, `model=pca`: densities of grey patches, [Qu] Sec. 3.3.
 
 The local likelihood is then p = p_c p_p, with p_p from the density of the grey patch inside the
 ellipse (`occlog.track.methods.images.kernels.appearance`).  The pixels of a patch are far from independent, so
@@ -12,7 +12,7 @@ that p_p is the density's geometric mean over the pixels, to the power of the se
 A target's patches are learned from the frame it starts in, from ellipses that are off by a
 little, so that a target that turns, or on which the light changes, becomes unlikely.
 
-Influence of a detector's regions on the trackers of a frame, besides births and ends.
+Influence of a detector's regions on the trackers of a frame, also births and ends.
 
 Without regions nothing here has an effect.  Colours count inside regions only, as [Qu]
 Sec. 4.2 uses background subtraction.  Where a tracker and a region have only each other
@@ -52,7 +52,7 @@ AppearanceModels = Mapping[TrackerKey, PatchModels]
 COMPONENTS = 12
 """Principal components of a model."""
 PATCHES = 40
-"""Patches from which the components are learned, besides that of the given ellipse."""
+"""Patches from which the components are learned, also that of the given ellipse."""
 
 
 def learn_appearance(
@@ -170,7 +170,7 @@ def own_regions(frames: FrameSet, view: Ints, expected: Floats, reach: float) ->
 
 
 def drawn_at_regions(particles: Floats, own: OwnRegions, normals: Floats, share: float, spread: float) -> Floats:
-    """Draw a share of each tracker's particles anew at its own region.
+    """Redraw a share of each tracker's particles at its own region.
 
     Args:
         particles: (n, N, 5).
@@ -337,7 +337,7 @@ def _initiated(state: VisualState, frames: FrameSet, births: Sequence[Birth]) ->
         bins = update_map(state, frames, v, boxes_of(ellipse[mine][:, None]))
         found = colours_in(bins, ellipse[mine], split[mine], config.pixel_step)
         if is_masked(frames, v):
-            # The masks leave a share s of the ellipse.  Colours that sum to 1/s give a likeness of 1 to an ellipse of
+            # The masks leave a share s of the ellipse.  Colours that sum to 1/s give a similarity of 1 to an ellipse of
             # which as much is left, and of sqrt(r/s) to one of which a smaller share r is left.
             found /= np.maximum(found.sum(axis=1, keepdims=True), LEAST) ** 2
         colours[mine] = found
@@ -359,7 +359,7 @@ def update_map(state: VisualState, frames: FrameSet, view: int, boxes: Ints) -> 
 
 
 def _paired(trackers: ImageTrackers, views: int) -> ImageTrackers:
-    """Find the counterparts of all trackers; the loop check starts anew for a pair that has changed."""
+    """Find the counterparts of all trackers; the loop check restarts for a pair that has changed."""
     row = {key: i for i, key in enumerate(keys_of(trackers))}
     counterpart = np.full((len(trackers.view), views), -1)
     for (view, target), i in row.items():

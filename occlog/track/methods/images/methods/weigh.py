@@ -158,7 +158,7 @@ def local_likelihood(
 
 
 def likeness_of_estimates(state: VisualState, here: Bools) -> Floats:
-    """(n,) likeness of the estimates where the map of bins is up to date; 1 where the view has no frame."""
+    """(n,) similarity of the estimates where the map of bins is up to date; 1 where the view has no frame."""
     t = state.trackers
     out = np.ones(len(t.view))
     for v, bins in enumerate(state.bins):
@@ -182,7 +182,7 @@ class TrackerParticles(NamedTuple):
     mode: Ints  # (n,) place in `MODES`
     covariance: Floats  # (n, 3) of the centre: xx, xy, yy [px^2]
     ess: Floats  # (n,) effective sample size
-    best: Floats  # (n,) likeness of the particle that is most like the target
+    best: Floats  # (n,) similarity of the particle that is most like the target
     resampled: Floats  # (n, N, 5) particles of equal weight
 
 
@@ -221,7 +221,7 @@ def weigh(state: VisualState, arrival: FrameContext, local: LocalWeights, rng: G
 
 
 def weighing_model(state: VisualState, arrival: FrameContext, local: LocalWeights) -> WeighingModel:
-    """What besides the local likelihood counts, by the temporary estimates of [Qu] Alg. 1.
+    """What also the local likelihood counts, by the temporary estimates of [Qu] Alg. 1.
 
     Args:
         state: before the frame.

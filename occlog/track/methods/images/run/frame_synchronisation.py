@@ -1,8 +1,8 @@
 """Frames of several cameras in step: the images of all views at one time, decoded on a thread for each camera.
 
-Frames make one moment when they are at most a window apart, one frame of each camera.  With
+Frames make one time step when they are at most a window apart, one frame of each camera.  With
 a window below half the shortest frame period a frame is always together with the nearest one
-of another camera.  A camera has moments without a frame when its rate is lower, when it starts
+of another camera.  A camera has time steps without a frame when its rate is lower, when it starts
 later or ends early, and when a frame cannot be decoded.
 """
 
@@ -30,7 +30,7 @@ STAMPS = 64
 READ_AHEAD_BYTES = 64 * 1024 * 1024
 """Images decoded ahead take at most about this."""
 MAX_AHEAD = 8
-"""Moments decoded at a time, at most."""
+"""Maximum number of time steps decoded at a time."""
 
 
 class CameraSurvey(NamedTuple):
@@ -119,12 +119,12 @@ def in_step(
     bits: int | None = None,
     background: Sequence[BackgroundModel | None] = (),
 ) -> Iterator[FrameSetImages]:
-    """Yield moments in the order of time, decoded a little ahead; the result does not depend on `workers`.
+    """Yield time steps in the order of time, decoded a little ahead; the result does not depend on `workers`.
 
     Args:
-        frames: of all cameras, in the order of time; those of cameras that are not among the views are left out.
+        frames: of all cameras, in the order of time; those of cameras that are not among the views are omitted.
         views: V views; images of another size are lost frames.
-        window_ns: frames at most this far apart make one moment.
+        window_ns: frames at most this far apart make one time step.
         workers: threads that decode, each for one camera at a time.
         bits: significant bits of 16-bit images.
         background: models of the views, for masks; empty: no masks.
@@ -157,7 +157,7 @@ def in_step(
 
 
 def _groups(frames: Iterable[Frame], place: dict[str, int], window_ns: int) -> Iterator[dict[str, Frame]]:
-    """Group frames into moments, by camera."""
+    """Group frames into time steps, by camera."""
     group: dict[str, Frame] = {}
     first = last = None
     for frame in frames:
@@ -216,14 +216,14 @@ def _image(decode: Callable[[], Image], view: TrackedView, bits: int | None) -> 
 def _moments(
     groups: Sequence[dict[str, Frame]], jobs: dict[str, Future[list[MaskedImage | str]]], place: dict[str, int]
 ) -> Iterator[FrameSetImages]:
-    """Yield the moments of a batch when its frames are decoded."""
+    """Yield the time steps of a batch when its frames are decoded."""
     decoded = {name: iter(job.result()) for name, job in jobs.items()}
     for group in groups:
         yield _moment(group, {name: next(decoded[name]) for name in place if name in group}, place)
 
 
 def _moment(group: dict[str, Frame], decoded: dict[str, MaskedImage | str], place: dict[str, int]) -> FrameSetImages:
-    """Put the frames of one moment in the order of the views; `place` is the number of each camera's view."""
+    """Put the frames of one time step in the order of the views; `place` is the number of each camera's view."""
     number, t_ns = np.full(len(place), -1), np.full(len(place), -1, dtype=np.int64)
     images: list[Image | None] = [None] * len(place)
     masks: list[Image | None] = [None] * len(place)

@@ -197,7 +197,7 @@ def open_video(request: ViewsRequest) -> tuple[Opened, McapRecording]:
     if not recording.cameras:
         other = "track its bearings with another method, for example apf"
         if recording.has(Boxes) and not recording.has(Bearings):
-            other = "follow everybody by its boxes with method jipda, which wants cameras with a calibration"
+            other = "track all people by its boxes with method jipda, which wants cameras with a calibration"
         raise InputError(
             f"{path}: holds no images; method {method} tracks in images: give a recording with video, or {other}"
         )
@@ -211,7 +211,7 @@ def choose_views(recording: McapRecording, only: tuple[str, ...], without: tuple
             raise UsageError(f"{recording.path}: no images of camera {name!r}; {nearest(name, recording.cameras)}")
     names = tuple(n for n in recording.cameras if (not only or n in only) and n not in without)
     if not names:
-        raise UsageError("no camera is left to track in; leave out fewer of them")
+        raise UsageError("no camera is left to track in; omit fewer of them")
     return names
 
 
@@ -250,7 +250,7 @@ def independent_id_note(tracks: Path | None, own: str, asked: str | None) -> lis
 def other_video(tracks: Path | None, recordings: Iterable[Path | None]) -> list[str]:
     """A line for each recording with video that is not what the tracks were made from.
 
-    Two recordings may have the same times and cameras, so that nothing else tells them apart; but a
+    Two recordings may have the same times and cameras, so that nothing else distinguishes them; but a
     copy is another file too, so that this is no error.
 
     Args:

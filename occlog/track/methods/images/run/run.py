@@ -72,7 +72,7 @@ class ViewsSummary:
         self.rows_of: Counter[str] = Counter()
 
     def add(self, part: ViewsPart) -> None:
-        """Count some more moments."""
+        """Count some time steps."""
         self.rows += len(part.tracks)
         self.rows_of.update(part.tracks.sensor.tolist())
         self.particles.add(part.tracks.ess)
@@ -95,7 +95,7 @@ class ViewsSummary:
             self.distances[int(a), int(b)][int(min(px / BIN_PX, BINS - 1))] += 1
 
     def losses(self) -> list[Loss]:
-        """Frames that could not be used, in stretches."""
+        """Frames that could not be used, in segments."""
         return [
             loss for view, lost in zip(self.inputs.views, self.lost, strict=True) for loss in stretches(view.name, lost)
         ]
@@ -122,7 +122,7 @@ class ViewsSummary:
         }
 
     def checks(self) -> tuple[Check, ...]:
-        """What was checked of the tracks, and what was found."""
+        """Checks of the tracks with their findings."""
         pairs = sum(int(each.sum()) >= MIN_LOOP_CHECKS for each in self.distances.values())
         uncounted = "" if self._uses_regions else "trackers do not begin from what moves in the images"
         depleted = "" if self.particles.rows else "the method has no particles"
@@ -177,7 +177,7 @@ class ViewsSummary:
             yield finding(NUMBER, "note", "no-target", text)
 
     def _too_many(self) -> Iterator[Check]:
-        """Views with more targets at a time than silhouettes of people can be told apart in."""
+        """Views with more targets at a time than silhouettes of people can be distinguished in."""
         for name, count in self._at_a_time().items():
             if count > MAX_TARGETS_PER_FRAME:
                 yield finding(
@@ -217,7 +217,7 @@ class ViewsSummary:
         if self.begun and bare and self.inputs.request.births == "initial":
             text = (
                 f"no first ellipse began a tracker in {', '.join(bare)}: nothing is tracked there, and no other view "
-                "is helped from there; give some, or leave out what is not wanted "
+                "is helped from there; give some, or omit what is not wanted "
                 f"({option('without')} {','.join(bare)})"
             )
             yield finding(FIRST, "note", "view-untracked", text, sensors=bare)

@@ -1,4 +1,4 @@
-"""Tracking in the images of several views as a stream: moments in, tables of ellipses out.
+"""Tracking in the images of several views as a stream: time steps in, tables of ellipses out.
 
 Around the method's step stand the births and ends of trackers, from a file or from a
 detector's regions, and the checks whether the fundamental matrices fit what is tracked.
@@ -80,7 +80,7 @@ def check_outlines(outlines: TrackerOutlines, geometry: ViewGeometry, bottom: bo
     """Check the targets that touch no other in either view.
 
     Args:
-        outlines: of one moment.
+        outlines: of one time step.
         geometry: of the views.
         bottom: the lowest points of ellipses are compared with epipolar lines; else their centres.
     """
@@ -96,7 +96,7 @@ def check_births(
     """Check the ellipses that trackers start with, against one another and against trackers of other views.
 
     Args:
-        births: of one moment.
+        births: of one time step.
         geometry: of the views.
         trackers: ellipses of the same time of trackers that there are.
         bottom: see `check_outlines`.
@@ -144,12 +144,12 @@ def drop_contradicted(
 ) -> tuple[ViewGeometry, StartCounts, tuple[tuple[int, int], ...]]:
     """Drop the matrices of pairs of views that more than half of the first targets contradict.
 
-    `FEWEST` checked starts decide, and those of the same moment; later ones change nothing.
+    `FEWEST` checked starts decide, and those of the same time step; later ones change nothing.
 
     Args:
         geometry: that is in use.
-        checks: of the births of one moment.
-        counts: of the moments before.
+        checks: of the births of one time step.
+        counts: of the time steps before.
 
     Returns:
         The geometry; the counts with the checks; the pairs of views that lost their matrix now.
@@ -218,7 +218,7 @@ class TrackingSetup:
 
 
 class ViewsPart(NamedTuple):
-    """What came out of some moments."""
+    """What came out of some time steps."""
 
     tracks: ViewTracks
     frames: Ints  # (V,) frames that could be used
@@ -231,19 +231,19 @@ class ViewsPart(NamedTuple):
 
 @dataclass(frozen=True)
 class _RunState:
-    """State of a run between moments."""
+    """State of a run between time steps."""
 
     state: VisualState | None  # of the method; None until the first birth
     geometry: ViewGeometry  # without the matrices that were dropped
     candidates: BirthCandidates
     last_ns: Ints  # (V,) time of each view's latest frame; -1: none yet
     start_counts: StartCounts
-    waiting: tuple[Start, ...]  # starts whose frame has not come yet
+    waiting: tuple[Start, ...]  # starts with a frame still to come
     trackers: Mapping[TrackerKey, Floats]  # latest ellipse of each tracker
 
 
 class _MomentResult(NamedTuple):
-    """What one moment gave."""
+    """What one time step gave."""
 
     moment: FrameSetImages
     outlines: TrackerOutlines | None
@@ -293,7 +293,7 @@ def track_views(
 def _advance(
     run: _RunState, moment: FrameSetImages, setup: TrackingSetup, rng: np.random.Generator, stream: RegionStream | None
 ) -> tuple[_RunState, _MomentResult]:
-    """Take in the frames of one moment."""
+    """Take in the frames of one time step."""
     outlines, checks, gone = None, no_checks(), frozenset[TrackerKey]()
     found: tuple[Floats | None, ...] = ()
     if stream is not None:
@@ -405,7 +405,7 @@ def _begun(
 
 
 def _part(results: Sequence[_MomentResult], views: Sequence[TrackedView]) -> ViewsPart:
-    """What some moments gave, in one."""
+    """What some time steps gave, in one."""
     seen = np.array([there(result.moment) for result in results])
     times = np.array([result.moment.t_ns for result in results])
     return ViewsPart(
@@ -420,7 +420,7 @@ def _part(results: Sequence[_MomentResult], views: Sequence[TrackedView]) -> Vie
 
 
 def _table(result: _MomentResult, views: Sequence[TrackedView]) -> ViewTracks:
-    """Rows of one moment: the births, and the outlines of the trackers there were."""
+    """Rows of one time step: the births, and the outlines of the trackers there were."""
     parts = [] if result.outlines is None else [_tracked(result.outlines, result.moment, views, result.ended)]
     if result.births:
         parts.append(_born(result.births, result.moment, views))

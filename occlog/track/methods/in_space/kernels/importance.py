@@ -1,17 +1,17 @@
-"""Importance density that looks at the scan: a Laplace approximation of each particle's posterior, in space.
+"""Adapted importance density: a Laplace approximation of each particle's posterior, in space.
 
 A particle that moves in a given way is, before the scan, at N(p; m0, C), C = R R^T being the same for all.  The
 density to draw it from is, with y = R^-1 (p - m0),
 
     q(y) = (1 - e) N(y; m, P) + e N(y; 0, I),
 
-m the mode of N(y; 0, I) times the densities of the sights that are believed, P the inverse of its
+m the mode of N(y; 0, I) times the densities of the sights that are accepted, P the inverse of its
 information there (Gauss-Newton), e a defensive share.  For linear sensors without false reports this is the
 optimal importance density (Doucet, Godsill and Andrieu 2000), and the predictive likelihood is exact.
 
 A sight counts by the tangents of the angles to its left and above, (left . d) / (along . d) and
-(above . d) / (along . d), d being the way from the sensor: on the sight line itself both are 0
-at any distance, so that the iteration hardly bends.  Which sights are believed is found along with the mode: the
+(above . d) / (along . d), d being the way from the sensor: on the line of sight itself both are 0
+at any distance, so that the iteration hardly bends.  Which sights are accepted is found along with the mode: the
 variance of each residual begins with what the motion leaves open, and that part falls in steps (`ANNEALING_FACTOR`); a
 sight counts by the probability that it is the target's and not a false report or another object's.
 
@@ -35,9 +35,9 @@ MAX_MOTION_SHARE, MAX_STEP_CHI2 = 1e-2, 1e-2
 variances."""
 MIN_INLIER_PROBABILITY, NEGLIGIBLE_PROBABILITY = 0.5, 1e-6
 MIN_CLUTTER_DENSITY = 1e-30
-"""A sensor without false reports is believed as far as numbers go."""
+"""False alarm probability of a sensor without false reports."""
 MIN_DEPTH_RATIO = 0.05
-"""A place that is not ahead of a sensor by so much of its distance is not found by this sight."""
+"""A position that is not ahead of a sensor by so much of its distance is not found by this sight."""
 
 
 class ScanRows(NamedTuple):
@@ -123,7 +123,7 @@ def adapt(mean: Floats, root: Floats, lines: ScanRows) -> tuple[Floats, Floats, 
                     density[r] = lines.scale[r] * math.exp(-0.5 * exponent) / math.sqrt(2.0 * math.pi * spread)
                     total += density[r]
                 for r in range(lines.first[k], lines.first[k + 1]):
-                    # Maximise: Gauss-Newton with the sights that are believed
+                    # Maximise: Gauss-Newton with the sights that are accepted
                     e = density[r] / (total + lines.rival[r])
                     if last:
                         e = 1.0 if e > MIN_INLIER_PROBABILITY else 0.0
@@ -180,7 +180,7 @@ def draw(
         noise: (3, n) standard normal.
 
     Returns:
-        (3, n) places y, and (n,) log N(y; 0, I) - log q(y).
+        (3, n) positions y, and (n,) log N(y; 0, I) - log q(y).
     """
     n = chosen.shape[0]
     places, ratio = np.empty((3, n)), np.empty(n)

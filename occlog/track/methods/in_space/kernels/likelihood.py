@@ -117,9 +117,9 @@ def _log_product(
 
 
 def log_cone(xyz: Floats, sights: ScanDirectionSet, soften: float) -> Floats:
-    """(R, L) log densities of each sight, Gaussian in the angle between sight line and particle ([Lee] Sec. 2.2.2).
+    """(R, L) log densities of each sight, Gaussian in the angle between line of sight and particle ([Lee] Sec. 2.2.2).
 
-    Its variance is the mean of those of the sight line towards theta and phi,
+    Its variance is the mean of those of the line of sight towards theta and phi,
     (sin^2(phi) sigma_theta^2 + sigma_phi^2) / 2, so that a cone is round where the true spread is
     not.  The density is given per area of the angles, as `log_product`'s.  An azimuth alone
     counts as there.

@@ -1,1 +1,1 @@
-"""Everybody with the future: tracks of a whole recording or a window, by Markov chain Monte Carlo and smoothing."""
+"""Batch processing of a recording or a sliding window: MCMC data association and smoothing."""

@@ -1,16 +1,16 @@
-"""What the appearance of boxes says of tracks: how alike the boxes of a track are.
+"""Appearance term of track likelihoods: similarity of the boxes of one track.
 
-The appearance of a box is a vector of length 1, so that the likeness of two boxes, Bhattacharyya's coefficient or the
-cosine, is their product.  With S the sum over the n boxes of a track, the mean likeness of its pairs is
+The appearance of a box is a vector of length 1, so that the similarity of two boxes, Bhattacharyya's coefficient or the
+cosine, is their product.  With S the sum over the n boxes of a track, the mean similarity of its pairs is
 
     (|S|^2 - n) / (n (n - 1)).
 
-The filter (`cues`) knows the likenesses s of boxes to the mean of their own person, and o to that of others.  Means are
-less noisy than boxes: pairs of one person's boxes have the likeness s^2, pairs of two people's s o.  Where the mean of
-the pairs lies between tells the share of pairs that are one person's; a track of two people in equal parts, whose boxes
-are all rather alike its mean, has half of them.  All boxes but one count, in that share, the log of the ratio of the
-likelihoods at s and, in the rest, at o.  Since that depends on n and S alone, sums up to each place and from it on make
-a proposal of the chain cost one product, whatever the length of the tracks.
+The filter (`cues`) knows the similarities s of boxes to the mean of their own person, and o to that of others.  Means
+are less noisy than boxes: pairs of one person's boxes have the similarity s^2, pairs of two people's s o.  Where the
+mean of the pairs lies between determines the share of pairs that are one person's; a track of two people in equal
+parts, whose boxes are all rather similar to its mean, has half of them.  All boxes but one count, in that share, the
+log of the ratio of the likelihoods at s and, in the rest, at o.  Since that depends on n and S alone, sums up to each
+position and from it on make a proposal of the chain cost one product, whatever the length of the tracks.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from occlog.core.numerics.jit import kernel
 from ..association_features import OTHER_TARGET, SAME_TARGET, FeatureLikelihood, log_ratio_at
 
 MIN_SIMILARITY_DIFFERENCE = 0.01
-"""Of the mean likenesses to the same person and to others, for looks to count."""
+"""Mean similarities to the same person and to others, below which appearance does not count."""
 
 
 class AppearanceVectors(NamedTuple):
-    """Appearance at n places, vectors of K numbers; K is 0 where boxes have none."""
+    """Appearance at n positions, vectors of K numbers; K is 0 if boxes have no appearance."""
 
-    total: Floats  # (n, K) sum over the boxes of the place
+    total: Floats  # (n, K) sum over the boxes of the position
     boxes: Floats  # (n,) boxes with an appearance
-    law: FeatureLikelihood  # what likenesses say
+    law: FeatureLikelihood  # likelihood of similarities
 
 
 class AppearanceSums(NamedTuple):
     """Sums over the boxes of tracks; changed in place."""
 
-    earlier: Floats  # (n, K) up to and with the place
+    earlier: Floats  # (n, K) up to and with the position
     earlier_count: Floats  # (n,)
-    later: Floats  # (n, K) from the place on
+    later: Floats  # (n, K) from the position on
     later_count: Floats  # (n,)
 
 
@@ -54,12 +54,12 @@ def no_sums(alike: AppearanceVectors) -> AppearanceSums:
 
 @kernel
 def log_ratio_of_sum(law: FeatureLikelihood, count: float, square: float) -> float:
-    """Log likelihood ratio of so many boxes whose vectors' sum has this squared length being one person's."""
+    """Log likelihood ratio that a number of boxes is of one person, from the squared length of their vector sum."""
     if count < 2.0:
         return 0.0
     same, other = law.mean[SAME_TARGET], law.mean[OTHER_TARGET]
     if same - other < MIN_SIMILARITY_DIFFERENCE:
-        return 0.0  # they tell nobody apart
+        return 0.0  # not discriminative
     alike = (square - count) / (count * (count - 1.0))
     share = (alike / same - other) / (same - other)
     return float((count - 1.0) * (share * log_ratio_at(law, same) + (1.0 - share) * log_ratio_at(law, other)))
@@ -67,7 +67,7 @@ def log_ratio_of_sum(law: FeatureLikelihood, count: float, square: float) -> flo
 
 @kernel
 def log_ratio_joined(alike: AppearanceVectors, sums: AppearanceSums, i: int, k: int, j: int) -> float:
-    """Log likelihood ratio of the boxes up to place i, those of k, and those from j on being one person's; -1: none."""
+    """Log likelihood ratio that boxes up to position i, of k, and from j on are of one person; -1: none."""
     if alike.total.shape[1] == 0:
         return 0.0
     count, square = 0.0, 0.0
@@ -91,7 +91,7 @@ def log_ratio_joined(alike: AppearanceVectors, sums: AppearanceSums, i: int, k: 
 
 @kernel
 def sum_up(alike: AppearanceVectors, sums: AppearanceSums, before: Ints, after: Ints, k: int) -> None:
-    """Sum up the track of place k in both directions; -1: there is none."""
+    """Sum up the track of position k in both directions; -1: no position."""
     if k < 0 or alike.total.shape[1] == 0:
         return
     while before[k] >= 0:

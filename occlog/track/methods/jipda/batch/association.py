@@ -1,4 +1,4 @@
-"""Boxes of one moment: which are of the people who are expected there, and whom the others show."""
+"""Boxes of one time step: association with the predicted people, and initiation of new people from the rest."""
 
 from __future__ import annotations
 
@@ -28,29 +28,29 @@ from .tracklet_nodes import factors, frame_visibilities, missed_detection_log_pr
 MIN_ASSOCIATION_PROBABILITY = 0.5
 """A box is given to a person if it is theirs with a greater probability."""
 MIN_LOG_FIT = -30.0
-"""Boxes whose log likelihood ratio to boxes of nobody is lower, wherever the person is, are not one person's: who was
+"""Minimum log likelihood ratio of a person's boxes to clutter, at the best position: a person who was
 expected far off, as after a pause, was linearised there."""
 NEW_TARGET_DENSITY_RATIO = 0.05
-"""Somebody new at a moment, against how crowded a place is where nobody has looked yet."""
+"""Number of new people at a time step, relative to the initial density of people."""
 
 
 class AssociatedPeople(NamedTuple):
-    """People of one moment with boxes; N people, L looks, C cameras."""
+    """People of one time step with boxes; N people, L frames, C cameras."""
 
-    track: Ints  # (N,) track that expected them; NONE: nobody did
+    track: Ints  # (N,) track that predicted them; NONE: no track did
     mean: Floats  # (N, 6)
-    given: Ints  # (L, N) box in each look; NONE: none
+    given: Ints  # (L, N) box in each frame; NONE: no box
     J: Floats  # (N, 6, 6) factor of the state, as in `places`
     h: Floats  # (N, 6)
     c: Floats  # (N,)
-    miss: Floats  # (N, C) log of the probability that a camera detects nobody there
+    miss: Floats  # (N, C) log of the probability that a camera misses the person
     hint: Ints  # (N, 2 C) identity of the box of each camera by a tracker in its images, then by the filter; NONE
-    look: Floats  # (N, K) sum of how the boxes look
+    look: Floats  # (N, K) sum of the appearance vectors of the boxes
     looks: Floats  # (N,) boxes of that sum
 
 
 class PredictedPeople(NamedTuple):
-    """N people who are expected at a moment."""
+    """N people predicted at a time step."""
 
     track: Ints  # (N,)
     mean: Floats  # (N, 6)
@@ -77,7 +77,7 @@ class AssociatedBoxes(NamedTuple):
 def associate(
     state: JipdaState, boxes: PackedDetections, rates: DetectorModel, people: PredictedPeople, bonus: Floats
 ) -> AssociatedBoxes:
-    """Update the people by the boxes of the moment, all cameras jointly, as the filter does."""
+    """Update the people by the boxes of the time step, all cameras jointly, as the filter does."""
     after = update_targets(
         people.mean, people.covariance, people.existence, state.views, boxes, rates, bonus,
         UNTRACKED_TO_CLUTTER_RATIO, GATE_CHI2
@@ -95,15 +95,15 @@ def assign_boxes(
     appearance: Floats,
     seen: AssociatedBoxes,
 ) -> AssociatedPeople:
-    """Give boxes to the people whose they are, and make new people of those that are left.
+    """Assign boxes to predicted people, and initiate new people from the unassigned boxes.
 
     Args:
         state: of the filter.
-        boxes: of the moment.
+        boxes: of the time step.
         rates: of the detectors.
         hint: (M, 2) identities of boxes, by trackers in the images and by the filter.
         appearance: (M, K) vectors of length 1; NaN: none.
-        seen: who are believed to be there, after the boxes.
+        seen: who are accepted to be there, after the boxes.
     """
     people, share, joint = seen.people, seen.share, seen.joint
     c = state.config
@@ -125,7 +125,7 @@ def assign_boxes(
     track = np.concatenate([people.track, np.full(len(odds), NO_NODE)])
     mean, covariance = np.concatenate([people.mean, mean]), np.concatenate([people.covariance, covariance])
     _join_doubles(mean, given, len(people.track))
-    # Whoever is new may be nobody, and hides others half as much
+    # A new person may be clutter, and hides others half as much
     there = np.concatenate([people.existence, 0.5 / (1.0 + np.exp(-odds))])
     _, feet, detection = frame_visibilities(state.views, boxes, rates, mean, covariance, there)
     # Who is in one box with a neighbour was not missed
@@ -141,7 +141,7 @@ def assign_boxes(
     far = rows[(rows < len(people.track)) & (best_fit(J, h, constant) < MIN_LOG_FIT)]
     if len(far):
         return assign_boxes(state, boxes, rates, hint, appearance, seen.without(far))
-    # Who hides a person hides them for a while: beside this moment they are missed as probably as at it, at least
+    # Who hides a person hides them for a while: they are missed at least as probably near it as at it
     miss = missed_detection_log_probabilities(state.views, rates, mean)
     for look, camera in enumerate(boxes.camera.tolist()):
         miss[:, camera] = np.maximum(miss[:, camera], np.log1p(-detection[look, rows]))
@@ -150,7 +150,7 @@ def assign_boxes(
         has = np.flatnonzero(given[look] >= 0)
         named[has, :, camera] = hint[given[look, has]]
     assign_shared_boxes(named[:, 1], rows, joint, given, boxes)
-    # How the boxes look, of those that have an appearance
+    # Appearance of the boxes that have one
     shows = np.append(np.isfinite(appearance).all(axis=1) & (appearance.shape[1] > 0), False)[given]
     vectors = np.append(np.nan_to_num(appearance), np.zeros((1, appearance.shape[1])), axis=0)[given]
     look, looks = (vectors * shows[..., None]).sum(axis=0), shows.sum(axis=0, dtype=np.float64)
@@ -168,10 +168,10 @@ def assign_shared_boxes(followed: Ints, rows: Ints, joint: Floats, given: Ints, 
 
     Args:
         followed: (n, C) identities that the filter gives the boxes of people in each camera; NONE.
-        rows: (n,) places of these people among all, of whom those who are expected come first.
+        rows: (n,) positions of these people among all, of whom those who are expected come first.
         joint: (N, M) probability that a box is of a person who is expected and a neighbour.
-        given: (L, n) box of each person alone in each look; NONE.
-        boxes: of the moment.
+        given: (L, n) box of each person alone in each frame; NONE.
+        boxes: of the time step.
     """
     for k in np.flatnonzero((rows < len(joint)) & (followed != NO_NODE).any(axis=1)).tolist():
         names, often = np.unique(followed[k][followed[k] != NO_NODE], return_counts=True)
@@ -182,11 +182,11 @@ def assign_shared_boxes(followed: Ints, rows: Ints, joint: Floats, given: Ints, 
 
 
 def _join_doubles(mean: Floats, given: Ints, known: int) -> None:
-    """Give the boxes (L, N) of new people to whom they stand in, in looks that show no other box of theirs; in place.
+    """Give boxes (L, N) of new people to the people they overlap, in frames without another box of these; in place.
 
     Args:
         mean: (N, 6) people, the new ones last.
-        given: (L, N) box in each look; NONE.
+        given: (L, N) box in each frame; NONE.
         known: how many are not new.
     """
     for j in range(known, len(mean)):
@@ -212,7 +212,7 @@ def best_boxes(boxes: PackedDetections, share: Floats) -> Ints:
             continue
         here = share[:, first:stop]
         best = np.argmax(here, axis=1)
-        # Of a person and of a box alike there is one best, or none
+        # Each person and each box has at most one best partner
         who = np.arange(len(here))
         own = np.flatnonzero((here[who, best] > MIN_ASSOCIATION_PROBABILITY) & (np.argmax(here, axis=0)[best] == who))
         out[look, own] = first + best[own]

@@ -1,15 +1,15 @@
 """Messages along a track: Kalman filter forwards, information filter backwards, and the density where they meet.
 
-A track is a chain of places: what the boxes of one moment say of one person, as a factor of their state,
+A track is a chain of positions: the boxes of one time step of one person, as a factor of their state,
 
     exp(c + h' s - s' J s / 2),
 
-with the information J (6, 6), the vector h (6,) and the constant c.  Between places the state walks with nearly
-constant velocity: s' = F s + w, w ~ N(0, Q).  The forward message of a place is the density of the state given it and
-everything before it, (mean, covariance, log likelihood); the backward message is the likelihood of it and everything
-after it as a function of the state, in information form, because it need not be a density.  The marginal likelihood of
-a whole track is the integral of their product at any link, which makes an exchange of tails cost two links
-(the two-filter formula: Fraser and Potter 1969).
+with the information J (6, 6), the vector h (6,) and the constant c.  Between positions the state walks with nearly
+constant velocity: s' = F s + w, w ~ N(0, Q).  The forward message of a position is the density of the state given it
+and everything before it, (mean, covariance, log likelihood); the backward message is the likelihood of it and
+everything after it as a function of the state, in information form, because it need not be a density.  The marginal
+likelihood of a whole track is the integral of their product at any link, which makes an exchange of tails cost two
+links (the two-filter formula: Fraser and Potter 1969).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ..kernels.linear import invert
 
 HALF_LOG_2PI = 0.5 * math.log(2.0 * math.pi)
 MIN_STEP_S = 1e-6
-"""Moments are at least so far apart [s]: the noise of a shorter step has no inverse."""
+"""Minimum time step [s]: the process noise of a shorter one has no inverse."""
 
 
 @kernel
@@ -100,14 +100,14 @@ def multiply_factor(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: f
 def initial_density(
     prior: Floats, at: Floats, J: Floats, h: Floats, c: float, mean: Floats, covariance: Floats
 ) -> float:
-    """Write the density of the state after the first place, and give the log of its marginal likelihood.
+    """Write the density of the state after the first position, and give the log of its marginal likelihood.
 
     A new person is anywhere with density 1 a unit of area (the caller divides by the area).
 
     Args:
-        prior: (6,) precisions of the state of somebody new; 0 for x and y.
-        at: (6,) its means; those of x and y are not looked at.
-        J: (6, 6) information of the first place, or of it and all that follow.
+        prior: (6,) precisions of the state of a new target; 0 for x and y.
+        at: (6,) its means; those of x and y are ignored.
+        J: (6, 6) information of the first position, or of it and all that follow.
         h: (6,) its vector.
         c: its constant.
         mean: (6,) written.

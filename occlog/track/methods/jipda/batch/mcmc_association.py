@@ -1,16 +1,17 @@
-"""Which places are one person's: Markov chain Monte Carlo over all tracks at once (Oh, Russell and Sastry 2009).
+"""Markov chain Monte Carlo data association of positions to tracks (Oh, Russell and Sastry 2009).
 
-A state of the chain says for each place which place follows it in its track, if it is in one.  Its probability is the
-product over tracks of a birth, the marginal likelihood of the places under one person's walk, the misses between
-them, how alike their boxes look (`appearance`), and a death; places outside all tracks are of nobody and count 1,
-because the constant of a place is the log ratio of its likelihood to that of boxes of nobody.  Three kinds of moves,
-each its own reverse, reach every state:
+A state of the chain holds the next position of the track for each position that is in a track.  Its probability is the
+product over tracks of track initiation, the marginal likelihood of the positions under one person's walk, the misses
+between them, the similarity of their boxes (`appearance`), and termination; positions outside all tracks are of no
+person and count 1, because the constant of a position is the log ratio of its likelihood to that of clutter.  Three
+kinds of moves, each its own reverse, reach every state:
 
 * exchange of tails: the links i -> a and b -> j become i -> j and b -> a.  Where there is no a, no b, or neither, it
   is an extension, a cut, a merge;
-* in or out: a place that is of nobody enters a track, before its first place, between two or after its last, or
+* in or out: a position that is of no person enters a track, before its first position, between two or after its last,
+or
   begins one; or it leaves;
-* exchange of places: two places of one moment change roles.
+* exchange of positions: two positions of one time step change roles.
 
 Metropolis and Hastings accept each with the ratio of probabilities to the power 1 / temperature.  With the messages
 of `messages` a proposal costs two links; an accepted one renews the messages of the two tracks.
@@ -32,52 +33,52 @@ from .appearance import AppearanceSums, AppearanceVectors, log_ratio_joined, sum
 from .gaussian_messages import initial_density, log_integral, multiply_factor, predict, predict_backwards
 
 NO_NODE = -1
-"""Instead of a place: nothing before, or nothing after."""
+"""Index instead of a position: no predecessor or no successor."""
 IMPOSSIBLE = -1e300
 MESSAGE_TOLERANCE_SIGMAS = 1e-7
 """Messages that change by less than this share of a standard deviation are the same."""
 MOVE_THRESHOLDS = (0.6, 0.85)
 """Bounds of the shares of the three kinds of moves."""
 LOG_RATIO_SAME_TRACKLET, LOG_RATIO_OTHER_TRACKLET = 2.0, -2.0
-"""Log likelihood ratios of one identity, and of two, that a single-camera tracker gives two places of one person, or a
-place of the track and a box that may be the next."""
+"""Log likelihood ratios of one identity, and of two, that a single-camera tracker gives two positions of one person,
+or a position of the track and a box that may be the next."""
 LOG_RATIO_SAME_FILTER_ID, LOG_RATIO_OTHER_FILTER_ID = 6.0, -6.0
-"""The same of identities that the filter gives the boxes of a camera at two places; it saw moments between them that
+"""Log likelihood ratios of filter identities of a camera's boxes at two positions; it saw time steps between that
 the chain does not see."""
 
 
 class TrackletNodes(NamedTuple):
-    """n places, in the order of their moments; C cameras."""
+    """n positions, in the order of their time steps; C cameras."""
 
-    moment: Ints  # (n,) place in the list of moments
+    moment: Ints  # (n,) index of the time step
     time: Floats  # (n,) [s]
     at: Floats  # (n, 2) on the floor
     J: Floats  # (n, 6, 6) information about the state
     h: Floats  # (n, 6)
-    c: Floats  # (n,) log of the ratio of likelihoods to boxes of nobody, with the rates of detection
-    miss: Floats  # (n, C) log of the probability that the camera does not detect somebody there
-    birth: Floats  # (n,) log of the density of somebody new, whose first place it is, a unit of area
-    death: Floats  # (n,) log of the probability that it is somebody's last place
+    c: Floats  # (n,) log likelihood ratio to clutter, with the rates of detection
+    miss: Floats  # (n, C) log of the probability that the camera does not detect a person there
+    birth: Floats  # (n,) log of the density of a new target, whose first position it is, a unit of area
+    death: Floats  # (n,) log of the probability that it is a person's last position
     hint: Ints  # (n, 2 C) identities by a tracker in the camera's images, then by the filter; NONE: none
     life: Floats  # (I, 2) first and last time of each identity of the filter [s]
-    alike: AppearanceVectors  # how they look
+    alike: AppearanceVectors
 
 
 class WalkModel(NamedTuple):
-    """How people walk and what is known of somebody new."""
+    """Motion model of people and prior of a new target."""
 
     drift: Floats  # (3, 3) of each model of motion (`people.MODELS`), as in `messages.noise_of_walk`
     often: Floats  # (3,) how often in a second each but the first begins; 0: never
-    prior: Floats  # (6,) precisions of somebody new
+    prior: Floats  # (6,) precisions of a new target
     mean: Floats  # (6,) means of the same
     speed: float  # greatest speed
     slack: float  # distance beyond what the greatest speed allows
-    reach: int  # moments from one place to the next, at most
+    reach: int  # time steps from one position to the next, at most
     stay: float  # how long people stay on average [s]
 
 
 class LinkCandidates(NamedTuple):
-    """Which places may follow which, and which of one moment may change roles: lists one after the other."""
+    """Candidate successors of each position, and positions of one time step that may be exchanged, as flat lists."""
 
     first_next: Ints  # (n + 1,)
     next: Ints
@@ -88,12 +89,12 @@ class LinkCandidates(NamedTuple):
 
 
 class LinkCache(NamedTuple):
-    """Links whose probability was asked before; changed in place.
+    """Cache of link probabilities; changed in place.
 
     A link's log probability is kept without the constants of the two messages, with the stamps that the messages had.
     """
 
-    link: Floats  # by place in `Candidates.next`
+    link: Floats  # by index in `Candidates.next`
     earlier: Ints  # stamp of the forward message
     later: Ints  # stamp of the backward message
     begun: Floats  # (n,) of beginnings
@@ -103,24 +104,24 @@ class LinkCache(NamedTuple):
 class MarkovChainState(NamedTuple):
     """The state of the Markov chain with its messages; changed in place."""
 
-    after: Ints  # (n,) the next place of the track; NONE
+    after: Ints  # (n,) the next position of the track; NONE
     before: Ints  # (n,)
     used: Bools  # (n,) whether it is in a track
-    model: Ints  # (n,) of the motion before the next place
+    model: Ints  # (n,) of the motion before the next position
     mean: Floats  # (n, 6) forward messages
     covariance: Floats  # (n, 6, 6)
-    past: Floats  # (n,) log likelihood of the track up to and with the place
+    past: Floats  # (n,) log likelihood of the track up to and with the position
     J: Floats  # (n, 6, 6) backward messages
     h: Floats  # (n, 6)
     future: Floats  # (n,) their constants
-    earlier: Ints  # (n,) how often the forward message was made anew
+    earlier: Ints  # (n,) how often the forward message was rebuilt
     later: Ints  # (n,) the same of the backward one
-    sums: AppearanceSums  # of how the boxes of tracks look
+    sums: AppearanceSums  # of the appearance of tracks
 
 
 @kernel
 def can_link(places: TrackletNodes, walk: WalkModel, i: int, j: int) -> bool:
-    """Whether place j can be the next of place i's track."""
+    """Return whether position j can be the next of position i's track."""
     gap = places.moment[j] - places.moment[i]
     if gap < 1 or gap > walk.reach:
         return False
@@ -131,7 +132,7 @@ def can_link(places: TrackletNodes, walk: WalkModel, i: int, j: int) -> bool:
 
 @kernel
 def candidates(places: TrackletNodes, walk: WalkModel, beside: float) -> LinkCandidates:
-    """List who may follow whom, and places of one moment that are nearer to each other than `beside`."""
+    """List candidate links, and positions of one time step that are nearer to each other than `beside`."""
     n = places.moment.shape[0]
     first_next, first_last, first_beside = (
         np.zeros(n + 1, np.int64),
@@ -186,7 +187,7 @@ def empty_link_cache(listed: LinkCandidates) -> LinkCache:
 
 @kernel
 def log_dwell_probability(places: TrackletNodes, walk: WalkModel, looked: Floats, i: int, j: int) -> float:
-    """Log of the probability of staying from place i to place j and being missed at all looks between, with hints."""
+    """Log probability of survival from position i to j with missed detections between, with tracklet ids."""
     total: float = -(places.time[j] - places.time[i]) / walk.stay
     a, b = places.moment[i] + 1, places.moment[j]
     if b > a:
@@ -212,7 +213,7 @@ def joined(
     places: TrackletNodes, walk: WalkModel, looked: Floats, i: int, mean: Floats, covariance: Floats, past: float,
     j: int, J: Floats, h: Floats, future: float,
 ) -> tuple[float, int]:  # fmt: skip
-    """Log probability of a track whose place i has a forward message and next place j a backward one, and the motion.
+    """Log probability of a track from the forward message of i and the backward one of j, and the motion model.
 
     Between the two the person walks on, manoeuvres or bends, whichever is most probable.
     """
@@ -276,7 +277,7 @@ def cached_link(
             known.begun[j] = log_link_probability(places, walk, looked, chain, i, j) - chain.future[j]
             known.first[j] = chain.later[j]
         return float(known.begun[j] + chain.future[j])
-    # Bisection: the places that may follow one rise
+    # Bisection: the positions that may follow one rise
     low, high = listed.first_next[i], listed.first_next[i + 1]
     while low < high:
         middle = (low + high) // 2
@@ -302,7 +303,7 @@ def forward_of(
     mean: Floats,
     P: Floats,
 ) -> float:
-    """Write the forward message of place k after place i (or NONE), and give its log likelihood."""
+    """Write the forward message of position k after position i (or NONE), and give its log likelihood."""
     if i == NO_NODE:
         begun = initial_density(walk.prior, walk.mean, places.J[k], places.h[k], places.c[k], mean, P)
         return float(places.birth[k] + begun)
@@ -316,7 +317,7 @@ def forward_of(
 def log_insertion_probability(
     places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState, i: int, k: int, j: int
 ) -> float:
-    """Log probability of the track in which place k lies between i and j (each may be NONE)."""
+    """Log probability of the track in which position k lies between i and j (each may be NONE)."""
     m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
     model = CONSTANT_VELOCITY
     if i != NO_NODE:
@@ -333,7 +334,7 @@ def log_insertion_probability(
 
 @kernel
 def choose_motion(places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState, i: int) -> None:
-    """Say how the person of place i, if it has a next one, moves before it."""
+    """Choose the motion model between position i and its successor, if it has one."""
     if i == NO_NODE:
         return
     j = chain.after[i]
@@ -350,7 +351,7 @@ def choose_motion(places: TrackletNodes, walk: WalkModel, looked: Floats, chain:
 def update_messages(
     places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState, forward_at: int, backward_at: int
 ) -> None:
-    """Renew forward messages from a place on, and backward ones from another place back, until nothing changes."""
+    """Update forward messages from a position on, and backward ones from another one, until nothing changes."""
     m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
     k = forward_at
     while k != NO_NODE:
@@ -405,10 +406,10 @@ def update_messages(
 
 @kernel
 def insert_node(places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState, k: int) -> None:
-    """Make and renew the messages of a track that place k has entered."""
+    """Make and renew the messages of a track that position k has entered."""
     i, j = chain.before[k], chain.after[k]
     if i != NO_NODE:
-        # As if it were the last place, then with what follows
+        # As if it were the last position, then with what follows
         _, chain.model[i] = joined(
             places, walk, looked, i, chain.mean[i], chain.covariance[i], chain.past[i],
             k, places.J[k], places.h[k], places.c[k],
@@ -434,7 +435,7 @@ def insert_node(places: TrackletNodes, walk: WalkModel, looked: Floats, chain: M
 
 @kernel
 def update_all_messages(places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState) -> None:
-    """Renew all messages of all tracks, and say anew where people manoeuvre, by the messages as they were."""
+    """Renew all messages of all tracks, and reselect the motion models, by the messages as they were."""
     for k in range(places.moment.shape[0]):
         if chain.used[k] and not math.isnan(chain.mean[k, 0]) and not math.isnan(chain.J[k, 0, 0]):
             choose_motion(places, walk, looked, chain, k)
@@ -498,7 +499,7 @@ def propose_successor(
     u: float,
     log_u: float,
 ) -> int:
-    """Propose that another place than now, or none, follows place i."""
+    """Propose another successor of position i, or none."""
     if not chain.used[i]:
         return 0
     count = listed.first_next[i + 1] - listed.first_next[i]
@@ -548,7 +549,7 @@ def propose_insertion(
     chain: MarkovChainState, k: int, u: float,
     log_u: float, temperature: float,
 ) -> int:  # fmt: skip
-    """Propose that place k enters a track or leaves its track."""
+    """Propose that position k enters a track or leaves its track."""
     before = listed.first_last[k + 1] - listed.first_last[k]
     after = listed.first_next[k + 1] - listed.first_next[k]
     log_options = temperature * math.log(before + after + 1.0)
@@ -609,7 +610,7 @@ def propose_swap(
     u: float,
     log_u: float,
 ) -> int:
-    """Propose that place k and one of the same moment change roles."""
+    """Propose that position k and one of the same time step change roles."""
     count = listed.first_beside[k + 1] - listed.first_beside[k]
     if count == 0:
         return 0

@@ -1,19 +1,20 @@
-"""Everybody with the future: all boxes associated with whole tracks, then smoothed states.
+"""Batch association of all boxes with whole tracks, then fixed-interval smoothing.
 
-From the filter's people of every moment, twice:
+From the filter's people of every time step, twice:
 
 1. Markov chain Monte Carlo over all tracks (`chains`), but where the filter's links are kept
    (`CORRELATED_NOISE_LIMIT`), then gaps are bridged.
-2. Each person's state at each moment, from all other moments of the track (`states`).
-3. The boxes of each moment are associated anew with these people, all cameras jointly, as the filter does it; boxes
-   that are left show people whom nobody expected.
+2. Each person's state at each time step, from all other time steps of the track (`states`).
+3. The boxes of each time step are associated again with these people, all cameras jointly, as in the filter; boxes
+   that are left initiate people whom no track predicted.
 
 Then the states are smoothed once more, with the boxes of the last association.
 
-Everybody with a lag: the same over a window that moves, in bounded memory and in time linear in the moments.
+Fixed-lag variant: the same steps over a sliding window, in bounded memory and in time linear in the time steps.
 
-A window holds moments that were reported (they tell the identities), moments that are to be reported, and at least the
-lag after them.  When so much has come, all of it is smoothed, the middle is reported, and the window moves on.
+A window holds time steps that were reported (they carry the identities), time steps that are to be reported, and at
+least the lag after them.  When so much has come, all of it is smoothed, the middle is reported, and the window moves
+on.
 """
 
 from __future__ import annotations
@@ -42,27 +43,27 @@ from .uncertainty import existence_at, possible_switches, widening
 INITIAL_TEMPERATURES = (3.0, 1.5)
 """Temperature at which each run of the chain begins."""
 PRESENCE_WITHIN_TRACK = 0.97
-"""Probability that somebody is there between the first and the last place of the track, ..."""
+"""Probability that a person is there between the first and the last position of the track, ..."""
 PRESENCE_OUTSIDE_TRACK = 0.3
 """... and before the first or after the last, ..."""
 MIN_EXTENSION_S, MIN_EXTENSION_STEPS = 1.0, 2
-"""... for so long and so many moments, at least."""
+"""... for at least this time and number of time steps."""
 MIN_PRESENCE_TO_REPORT = 0.5
-"""Before the first and after the last place of a track its person is reported while they are there so probably."""
+"""Minimum existence probability for reporting a person before the first and after the last position of a track."""
 INDEPENDENT_AFTER_S = 0.4
-"""Moments at which places are linked are so far apart at least: who hides or merges with whom lasts, so that boxes and
-misses of nearer moments tell the same again, and a chain that took them for new would end tracks that only hide."""
+"""Minimum interval between linked time steps: occlusions and merged boxes last, so that boxes and
+misses of nearer time steps are correlated, and a chain that took them for new would end occluded tracks."""
 CORRELATED_NOISE_LIMIT = 2.0
-"""Where errors of boxes go on from look to look, so that they count more than so many times, as those of regions of
+"""Weight of correlated box errors above which the filter's links are kept, as for regions of
 video do, which split and merge for many frames at a time, the links of the filter, which sees all frames, are kept: a
 chain that sees few of them exchanges people there.  Gaps are bridged all the same."""
 REFINEMENTS = 4
 """Steps of expectation maximisation of the scatter about the walk."""
 SYSTEMATIC_ERROR_HEIGHTS = 0.01
-"""Error of a place that smoothing does not average out, as a share of the person's height, per axis: what is wrong with
-the poses of cameras and with bodies."""
+"""Error of a position that smoothing does not average out, as a share of the person's height, per axis: what is wrong
+with the poses of cameras and with bodies."""
 ROUNDING = 1e-6
-"""Share of a time by which two moments may be nearer than they are said to be."""
+"""Relative tolerance of the minimum interval between time steps."""
 MIN_EXISTENCE_COMPLEMENT = 1e-3
 """No track exists more surely than but for this probability."""
 
@@ -73,13 +74,13 @@ def smooth(
     moments: Sequence[TrackSnapshot],
     generator: np.random.Generator,
 ) -> list[TrackSnapshot]:
-    """Everybody at the same moments, with what was seen before and after each.
+    """Smooth all people at the same time steps, from the detections before and after each.
 
     Identities are new: they rise from 0 in the order of first appearance.
 
     Args:
-        state: of the filter after the last moment: cameras, settings, and what it learned of the detectors.
-        looks: of each moment, as they were given to the filter.
+        state: of the filter after the last time step: cameras, settings, and what it learned of the detectors.
+        looks: of each time step, as they were given to the filter.
         moments: what the filter said, in the order of time.
         generator: of the Markov chain; the same one gives the same result.
     """
@@ -88,14 +89,14 @@ def smooth(
     packed = [_scored(state, group, moment.t_ns) for group, moment in zip(looks, moments, strict=True)]
     span = span_of(state, packed, moments)
     rates = _rates(state, span)
-    # Blind frames are not looks
+    # Blind frames do not count
     packed = [_seeing(boxes, rates, moment) for boxes, moment in zip(packed, moments, strict=True)]
     span = span_of(state, packed, moments)
     chosen = independent_steps(span)
     apart = at_moments(span, chosen)
-    # Errors of boxes that are farther apart in time are less alike: those of the chosen moments count for more
+    # Errors of boxes that are farther apart in time are less correlated: those of the chosen time steps count for more
     rates_apart = _rates(state, apart, frames_between(span, apart))
-    # What the filter followed through moments that the chain does not see tells it what it would have to find out anew
+    # The filter's tracks through time steps that the chain skips carry links that it need not find again
     followed = len(chosen) < len(moments)
     hints = [_identities(group, moment, followed) for group, moment in zip(looks, moments, strict=True)]
     appearance, law = _appearances(looks), feature_likelihood(state.cues.likeness)
@@ -122,14 +123,14 @@ def smooth(
 
 
 def _scored(state: JipdaState, group: Sequence[FrameDetections], t_ns: int) -> PackedDetections:
-    """The looks of a moment for the kernels; what scores say of boxes is that of the whole recording."""
+    """Pack the frames of a time step for the kernels; likelihoods of scores are those of the whole recording."""
     boxes = pack_detections(state, group, t_ns)
     scores = np.concatenate([look.score for look in group])
     return boxes._replace(clutter=boxes.clutter - log_ratio(state.cues.score, scores))
 
 
 def span_of(state: JipdaState, packed: Sequence[PackedDetections], moments: Sequence[TrackSnapshot]) -> WindowSpan:
-    """The moments, who looked, and how crowded it is."""
+    """Collect the time steps, the cameras with frames, and the density of people."""
     looked = np.zeros((len(moments) + 1, len(state.views.size)))
     for k, boxes in enumerate(packed):
         looked[k + 1] = looked[k]
@@ -149,7 +150,7 @@ def span_of(state: JipdaState, packed: Sequence[PackedDetections], moments: Sequ
 
 
 def _seeing(boxes: PackedDetections, rates: DetectorModel, moment: TrackSnapshot) -> PackedDetections:
-    """The boxes without the looks that are blind, by the filter's people."""
+    """Return the boxes without blind frames, judged by the filter's people."""
     visible = np.nan_to_num(moment.visibility[:, boxes.camera].T)
     places = np.linspace(0.0, 1.0, len(rates.curve))
     detection = rates.detection[boxes.camera, None] * np.interp(visible, places, rates.curve)
@@ -159,15 +160,15 @@ def _seeing(boxes: PackedDetections, rates: DetectorModel, moment: TrackSnapshot
 
 
 def _rates(state: JipdaState, span: WindowSpan, between: float = 1.0) -> DetectorModel:
-    """Rates of the detectors, for looks of which so many of a camera are from one to the next that counts."""
-    # Mean time between looks of each camera
+    """Return the detector rates, given the number of a camera's frames per frame that counts."""
+    # Mean frame period of each camera
     with np.errstate(divide="ignore", invalid="ignore"):
         interval = span.gaps.sum() / (span.looked[-1] - 1.0)
     return detector_model(state.counts, state.edges, state.config, np.where(interval > 0.0, interval, np.inf), between)
 
 
 def frames_between(span: WindowSpan, apart: WindowSpan) -> float:
-    """How many looks of a camera there are to one of the moments that are apart, at least 1."""
+    """Return the number of a camera's frames per independent time step, at least 1."""
     looked = apart.looked[-1] > 0.0
     if not looked.any():
         return 1.0
@@ -175,7 +176,7 @@ def frames_between(span: WindowSpan, apart: WindowSpan) -> float:
 
 
 def independent_steps(span: WindowSpan) -> Ints:
-    """Moments at which some camera looks that has not looked at one of the chosen moments for `INDEPENDENT_AFTER_S`."""
+    """Choose time steps with a frame of a camera without one at a chosen step for `INDEPENDENT_AFTER_S`."""
     looks = np.diff(span.looked, axis=0) > 0.0
     chosen, last = [], np.full(looks.shape[1], -np.inf)
     for k, t in enumerate(span.time.tolist()):
@@ -186,14 +187,14 @@ def independent_steps(span: WindowSpan) -> Ints:
 
 
 def at_moments(span: WindowSpan, chosen: Ints) -> WindowSpan:
-    """The chosen moments alone."""
+    """Return the chosen time steps."""
     looks = np.diff(span.looked, axis=0)[chosen]
     looked = np.concatenate([np.zeros((1, looks.shape[1])), np.cumsum(looks, axis=0)])
     return span._replace(time=span.time[chosen], looked=looked)
 
 
 def _appearances(looks: Sequence[Sequence[FrameDetections]]) -> list[Floats]:
-    """(M, K) vectors of length 1 of the boxes of each moment; NaN: a box has none."""
+    """(M, K) vectors of length 1 of the boxes of each time step; NaN: no appearance."""
     every = [look for group in looks for look in group]
     dimension = max((look.appearance.shape[1] for look in every), default=0)
     histograms = are_histograms(*(look.appearance for look in every))
@@ -203,12 +204,12 @@ def _appearances(looks: Sequence[Sequence[FrameDetections]]) -> list[Floats]:
 
 
 def _likeness(tracks: ChainTracks, head: Ints, place: Ints, boxes: Floats) -> Floats:
-    """(N, M) likeness of boxes (M, K) to those of tracks at other moments; NaN: one of them has none.
+    """(N, M) similarity of boxes (M, K) to those of tracks at other time steps; NaN: one of them has no appearance.
 
     Args:
-        tracks: of the places.
-        head: (N,) first places of tracks.
-        place: (N,) place at the moment; NONE.
+        tracks: of the positions.
+        head: (N,) first positions of tracks.
+        place: (N,) position at the time step; NONE.
         boxes: vectors of length 1.
     """
     look = tracks.chain.sums.later[head]
@@ -240,7 +241,7 @@ def _filtered(boxes: PackedDetections, group: Sequence[FrameDetections], moment:
 
 
 def _supporting(group: Sequence[FrameDetections], moment: TrackSnapshot) -> Ints:
-    """(k,) which of the moment's boxes each row of its support is."""
+    """(k,) index of the time step's box for each row of its support."""
     keys = ((look.camera, row) for look in group for row in look.row.tolist())
     place = {key: k for k, key in enumerate(keys)}
     says = moment.support
@@ -249,7 +250,7 @@ def _supporting(group: Sequence[FrameDetections], moment: TrackSnapshot) -> Ints
 
 
 def _scattered(tracks: ChainTracks, span: WindowSpan, square: float, metre: float) -> tuple[Floats, float]:
-    """Variance of each place (n,) about its track's walk, and the scale of those; of nobody's places the scale."""
+    """Variance of each position (n,) about its track's walk, and its scale; without a track, the scale."""
     walk = _states(tracks, span, 0.0)
     rows = np.flatnonzero(walk.place != NO_NODE)
     k = walk.place[rows]
@@ -260,12 +261,12 @@ def _scattered(tracks: ChainTracks, span: WindowSpan, square: float, metre: floa
 
 
 def track_extension(span: WindowSpan) -> float:
-    """How long before its first and after its last place a track is looked for [s]; not beyond a pause."""
+    """Time for which a track is searched before its first and after its last position [s]; not beyond a pause."""
     return max(MIN_EXTENSION_S, MIN_EXTENSION_STEPS * span.step) + 0.5 * span.step
 
 
 def _states(tracks: ChainTracks, span: WindowSpan, extend: float) -> States:
-    """States without the place of the moment, in the order of moments, so long beyond each track [s]."""
+    """States without the position of the time step, in the order of time steps, for a time beyond each track [s]."""
     early = np.searchsorted(span.time, span.time - extend)
     late = np.searchsorted(span.time, span.time + extend, side="right") - 1
     return states(tracks.places, tracks.walk, tracks.chain, span.time, early, late)
@@ -283,9 +284,9 @@ def _reassociate(
     square: float,
     moments: Ints,
 ) -> dict[int, AssociatedBoxes]:
-    """Associate the boxes of some moments anew."""
+    """Associate the boxes of some time steps again."""
     walk = _states(tracks, span, track_extension(span))
-    # The place is about the walk, as far as it was found to be
+    # The position varies about the walk with the estimated variance
     spread = np.where(walk.place != NO_NODE, own[walk.place] if len(own) else 0.0, square)
     walk.covariance[:, [0, 1], [0, 1]] += spread[:, None]
     bounds = np.searchsorted(walk.moment, np.arange(len(packed) + 1))
@@ -305,7 +306,7 @@ def _reassociate(
 
 
 def _feature_ratios(boxes: PackedDetections, hint: Ints, tracks: ChainTracks, last: Ints, following: Ints) -> Floats:
-    """(N, M) logs of likelihood ratios of hints of trackers in the images, by those of the places beside the moment."""
+    """(N, M) log likelihood ratios of tracklet ids, by those of the positions before and after the time step."""
     out = np.zeros((len(last), len(hint)))
     if (hint == NO_ID).all():
         return out
@@ -329,10 +330,10 @@ def _moments(
     walk: States,
     wide: float,
 ) -> list[TrackSnapshot]:
-    """Smoothed people of every moment; tracks that are less likely than boxes of nobody are left out."""
+    """Smoothed people of every time step; tracks that are less likely than clutter are omitted."""
     walk = walk.taken(np.flatnonzero(existence_at(tracks, span, walk) > MIN_PRESENCE_TO_REPORT))
     mean, covariance = _with_places(walk, tracks, own, square, wide)
-    # Log odds of each track against its boxes being of nobody
+    # Log odds of each track against clutter
     odds = np.zeros(walk.track.max(initial=-1) + 1)
     ends = np.flatnonzero(tracks.chain.used & (tracks.chain.after == NO_NODE))
     number = np.full(len(own), NO_NODE)
@@ -377,9 +378,9 @@ def _moments(
 
 
 def _with_places(walk: States, tracks: ChainTracks, own: Floats, square: float, wide: float) -> tuple[Floats, Floats]:
-    """Means and covariances of people where they are: about the walk, with the place of the moment.
+    """Means and covariances of people where they are: about the walk, with the position of the time step.
 
-    The means weigh walks and places as the smoother does; the covariances hold walks whose variances are so many times
+    The means weigh walks and positions as the smoother does; the covariances are those of the walk, inflated by
     as `wide`.
     """
     has = walk.place != NO_NODE
@@ -410,12 +411,12 @@ def _seen_by(
     seen: AssociatedBoxes,
     cameras: int,
 ) -> tuple[BoxAssociations, Floats]:
-    """The boxes that speak for the people of some rows, and (m, C) how visible they are."""
+    """Return the boxes associated with the people of some rows, and their visibility (m, C)."""
     visible = np.full((len(rows), cameras), np.nan)
     share = np.zeros((len(rows), len(boxes.box)))
     joint = np.zeros_like(share)
-    # The last association knows people by the number of the track that led to it; it expected nobody of some who are
-    # there before their first place or after their last one
+    # The last association knows people by the number of the track that led to it; it did not predict some people who
+    # are there before their first position or after their last one
     label = tracks.label[walk.head[rows]]
     expected = np.flatnonzero(np.isin(label, seen.people.track))
     k = np.searchsorted(seen.people.track, label[expected])
@@ -425,22 +426,22 @@ def _seen_by(
 
 
 MAX_STEPS_PER_REPORT = 4096
-"""So many moments are reported at a time at most, and as many wait after them."""
+"""Maximum number of time steps reported at a time; as many wait after them."""
 MIN_STEPS_PER_REPORT = 8
-"""So many moments are reported at a time at least, so that a short lag does not cost much more than a long one."""
+"""Minimum number of time steps reported at a time, so that a short lag costs little more than a long one."""
 SAME_TARGET_DISTANCE = 1.0
-"""The person of a window is the one of the window before who is this near at the last moment that both have [m]."""
+"""Maximum distance of a person in successive windows at their last common time step [m]."""
 
 
 @dataclass(frozen=True)
 class SmoothingWindow:
-    """Moments that wait, after some that were reported."""
+    """Time steps that wait, after some that were reported."""
 
-    lag_ns: int | None  # what must have come after a moment at least; None: everything
+    lag_ns: int | None  # minimum time of data after a time step; None: all data
     generator: np.random.Generator
     looks: tuple[Sequence[FrameDetections], ...] = ()
     moments: tuple[TrackSnapshot, ...] = ()
-    reported: int = 0  # so many of the moments were
+    reported: int = 0  # number of time steps that were reported
     last: TrackSnapshot | None = None  # the last one that was reported
     next_id: int = 0
 
@@ -448,12 +449,12 @@ class SmoothingWindow:
 def add(
     window: SmoothingWindow, state: JipdaState, looks: Sequence[FrameDetections], moment: TrackSnapshot
 ) -> tuple[SmoothingWindow, list[TrackSnapshot]]:
-    """Take in what the filter said of a moment, and give the moments that have waited long enough.
+    """Add the filter's output of a time step, and return the time steps older than the lag.
 
     Args:
         window: before.
-        state: of the filter after the moment.
-        looks: of the moment, as they were given to the filter.
+        state: of the filter after the time step.
+        looks: of the time step, as they were given to the filter.
         moment: what the filter said.
     """
     window = replace(window, looks=(*window.looks, looks), moments=(*window.moments, moment))
@@ -462,7 +463,7 @@ def add(
         return _report(window, state, window.reported + MAX_STEPS_PER_REPORT)
     if window.lag_ns is None:
         return window, []
-    # Ready: what has the lag after it
+    # Ready: time steps older than the lag
     t_ns = np.array([m.t_ns for m in window.moments])
     ready = int(np.searchsorted(t_ns, moment.t_ns - window.lag_ns, side="right"))
     if ready - window.reported < max(MIN_STEPS_PER_REPORT, waiting - (ready - window.reported)):
@@ -471,12 +472,12 @@ def add(
 
 
 def finish(window: SmoothingWindow, state: JipdaState) -> list[TrackSnapshot]:
-    """The moments that still wait, when nothing comes any more."""
+    """Return the remaining time steps at the end of the input."""
     return _report(window, state, len(window.moments))[1]
 
 
 def _report(window: SmoothingWindow, state: JipdaState, stop: int) -> tuple[SmoothingWindow, list[TrackSnapshot]]:
-    """Smooth the window, give the moments before `stop` that were not given yet, and move on."""
+    """Smooth the window, give the time steps before `stop` that were not given yet, and move on."""
     if stop <= window.reported:
         return window, []
     smoothed = smooth(state, window.looks, window.moments, window.generator)
@@ -519,7 +520,7 @@ def _window_identities(
 
 
 def _renamed(moment: TrackSnapshot, number: dict[int, int]) -> TrackSnapshot:
-    """The moment with other identities, rising."""
+    """Renumber the identities of a time step, ascending."""
     ids: Ints = np.array([number[k] for k in moment.ids.tolist()], dtype=np.int64)
     order = np.argsort(ids, kind="stable")
     place = np.empty(len(order), dtype=np.int64)
@@ -541,7 +542,7 @@ def _renamed(moment: TrackSnapshot, number: dict[int, int]) -> TrackSnapshot:
 
 
 def _first(moment: TrackSnapshot, last: TrackSnapshot | None) -> TrackSnapshot:
-    """The first moment of a part, with births and deaths against the last one that was reported."""
+    """Return the first time step of a part, with initiations and terminations since the last reported one."""
     before = {} if last is None else dict(zip(last.ids.tolist(), last.existence.tolist(), strict=True))
     now = dict(zip(moment.ids.tolist(), moment.existence.tolist(), strict=True))
     events = [Event("birth", k, NO_ID, p) for k, p in now.items() if k not in before]

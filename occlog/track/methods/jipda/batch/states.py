@@ -1,8 +1,8 @@
-"""States of people at every moment, from all places of their tracks but that of the moment itself.
+"""States of people at every time step, from all positions of their tracks but that of the time step itself.
 
-How long people are there before their first place, and after the last one, by the looks that would have shown them.
+Expected presence of people before their first and after their last position, by the frames without a detection.
 
-Moments need not be equally far apart: in a pause of the recording many come and go, and nobody looks.
+Time steps need not be equally far apart: in a pause of the recording many come and go unobserved.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from .mcmc_association import NO_NODE, MarkovChainState, TrackletNodes, WalkMode
 
 
 class States(NamedTuple):
-    """States of tracks at moments; K rows, in the order of moments, then of tracks."""
+    """States of tracks at time steps; K rows, in the order of time steps, then of tracks."""
 
-    track: Ints  # (K,) number of the track, in the order of first places
+    track: Ints  # (K,) number of the track, in the order of first positions
     moment: Ints  # (K,)
-    head: Ints  # (K,) first place of the track
-    place: Ints  # (K,) place at the moment; NONE
-    last: Ints  # (K,) place before the moment; NONE
-    next: Ints  # (K,) place after it; NONE
-    mean: Floats  # (K, 6) by all places but that of the moment
+    head: Ints  # (K,) first position of the track
+    place: Ints  # (K,) position at the time step; NONE
+    last: Ints  # (K,) position before the time step; NONE
+    next: Ints  # (K,) position after it; NONE
+    mean: Floats  # (K, 6) by all positions but that of the time step
     covariance: Floats  # (K, 6, 6)
 
     def taken(self, rows: Ints) -> States:
@@ -40,22 +40,22 @@ class States(NamedTuple):
 
     @property
     def inside(self) -> Bools:
-        """(K,) whether the moment is neither before the first nor after the last place of the track."""
+        """(K,) mask: the time step is neither before the first nor after the last position of the track."""
         return np.asarray((self.place != NO_NODE) | ((self.last != NO_NODE) & (self.next != NO_NODE)))
 
 
 def states(
     places: TrackletNodes, walk: WalkModel, chain: MarkovChainState, time: Floats, first: Ints, last: Ints
 ) -> States:
-    """States of all tracks at all moments, and before and after them for a while.
+    """States of all tracks at all time steps, and before and after them for a while.
 
     Args:
-        places: n places.
+        places: n positions.
         walk: of people.
         chain: with messages.
-        time: (T,) moments [s].
-        first: (T,) moment from which a track that begins at a moment is wanted.
-        last: (T,) moment to which one that ends there is.
+        time: (T,) time steps [s].
+        first: (T,) time step from which a track that begins at a time step is wanted.
+        last: (T,) time step to which one that ends there is.
     """
     rows = States(*_states(places, walk, chain, time, first, last))
     order = np.lexsort((rows.track, rows.moment))
@@ -97,13 +97,13 @@ def _states(
         tail = head
         while chain.after[tail] != NO_NODE:
             tail = chain.after[tail]
-        i, j = NO_NODE, head  # the last place before the moment, the next one at or after it
+        i, j = NO_NODE, head  # the last position before the time step, the next one at or after it
         for t in range(first[places.moment[head]], last[places.moment[tail]] + 1):
             here = NO_NODE
             if j != NO_NODE and places.moment[j] == t:
                 here = j
                 j = chain.after[j]
-            # Forward: the filter's prediction; before the first place what is known of somebody new
+            # Forward: the filter's prediction; before the first position the prior of a new target
             information[:] = 0.0
             vector[:] = 0.0
             if i != NO_NODE:
@@ -115,11 +115,11 @@ def _states(
                 for a in range(2, STATE_SIZE):
                     information[a, a] = walk.prior[a]
                     vector[a] = walk.prior[a] * walk.mean[a]
-                # Anywhere, as far as the greatest speed lets them go in a thousand seconds
+                # Anywhere within reach of the maximum speed in a thousand seconds
                 for a in range(2):
                     information[a, a] = 1e-6 / (walk.speed * walk.speed)
                     vector[a] = information[a, a] * places.at[head, a]
-            # Backward: the information of everything after the moment
+            # Backward: the information of everything after the time step
             if j != NO_NODE:
                 drift = walk.drift[chain.model[i] if i != NO_NODE else CONSTANT_VELOCITY]
                 predict_backwards(chain.J[j], chain.h[j], 0.0, places.time[j] - time[t], drift, J, h)
@@ -146,15 +146,15 @@ MIN_TERMINATION_RATE = 1e-9
 def dwell_times(
     time: Floats, looked: Floats, moment: Ints, miss: Floats, rate: Floats, step: int
 ) -> tuple[Floats, Floats]:
-    """Expected time [s] that people are there, and missed by all looks, before or after the moment of a place.
+    """Expected time [s] that people are there, and missed in all frames, before or after the time step of a position.
 
     Args:
-        time: (T,) moments [s].
-        looked: (T + 1, C) looks of each camera before each moment.
-        moment: (n,) of each place.
-        miss: (n, C) log of the probability that a camera misses somebody there.
+        time: (T,) time steps [s].
+        looked: (T + 1, C) number of frames of each camera before each time step.
+        moment: (n,) of each position.
+        miss: (n, C) log of the probability that a camera misses a person there.
         rate: (n,) at which people leave, or, back in time, have come [1/s].
-        step: -1: before the moment; 1: after it.
+        step: -1: before the time step; 1: after it.
 
     Returns:
         The time (n,), and the probability (n,) that they are there, and missed, as long as the recording goes.

@@ -1,16 +1,16 @@
-"""What the boxes of one moment say of one person: a factor of their state, against the boxes being of nobody.
+"""Measurement factor of a person: the boxes of one time step as a function of the state, relative to clutter.
 
-A box that is given to a person is linear in the state near where the person is believed to be: z = H s + v,
-v ~ N(0, R).  The boxes of a moment are then the factor exp(c + h' s - s' J s / 2) with J = sum H' R^-1 H and
+A box that is given to a person is linear in the state near where the person is accepted to be: z = H s + v,
+v ~ N(0, R).  The boxes of a time step are then the factor exp(c + h' s - s' J s / 2) with J = sum H' R^-1 H and
 h = sum H' R^-1 z; the constant c holds the densities, the rates of detection where a camera detected the person and
-where it did not, and is divided by the density of boxes of nobody.
+where it did not, and is divided by the density of clutter.
 
-How far the place that boxes show is from where a smooth walk leads: Student's t, its scale learned.
+Gait noise of the observed position about a smooth walk: Student's t with estimated scale.
 
-People sway, bend, start and stop; cameras are calibrated not quite alike.  The place is therefore that of the walk
-plus e, which has a Student's t distribution with `NU` degrees of freedom: given a weight w it is normal with the
-variance s^2 / w in each axis.  The weights and s^2 are found by expectation maximisation (Lange, Little and Taylor
-1989, Eqs. 4 and 5) with the walk as it follows from all other places.
+People sway, bend, start and stop; cameras are calibrated with small differences.  The position is therefore that of
+the walk plus e, which has a Student's t distribution with `NU` degrees of freedom: given a weight w it is normal with
+the variance s^2 / w on each axis.  The weights and s^2 are found by expectation maximisation (Lange, Little and Taylor
+1989, Eqs. 4 and 5) with the walk as it follows from all other positions.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ LOG_2PI = math.log(2.0 * math.pi)
 MAX_DETECTION_PROBABILITY = 0.995
 """No person is detected with a greater probability."""
 MEAN_VISIBILITY = 0.85
-"""Share of the probability of detection that is left on average where nobody knows who hides whom."""
+"""Mean factor of the detection probability where occlusions are unknown."""
 
 
 @kernel
 def frame_visibilities(
     views: PackedCameras, boxes: PackedDetections, rates: DetectorModel, mean: Floats, covariance: Floats, there: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Visible shares (L, N) of N people in L looks, the same of their feet, and the probabilities of detection.
+    """Compute visible shares (L, N) of N people in L frames, those of their feet, and detection probabilities.
 
     Args:
         views: cameras.
-        boxes: of the moment.
+        boxes: of the time step.
         rates: of the detectors.
         mean: (N, 6) people.
         covariance: (N, 6, 6).
@@ -61,7 +61,7 @@ def frame_visibilities(
     box, slope = np.empty((N, 4)), np.zeros((4, 6))
     depth, across, deep = np.empty(N), np.zeros(N), np.ones(N)
     cells = np.empty((ROWS, COLUMNS))
-    for l in range(L):  # noqa: E741 - a look
+    for l in range(L):  # noqa: E741 - a frame
         c = boxes.camera[l]
         for i in range(N):
             depth[i] = box_and_slope(views.lens[c], mean[i], boxes.delay[l], box[i], slope)
@@ -85,7 +85,7 @@ def frame_visibilities(
 
 @kernel
 def missed_detection_log_probabilities(views: PackedCameras, rates: DetectorModel, mean: Floats) -> Floats:
-    """Log probabilities (N, C) that each camera does not detect somebody at a place (N, 6), others being unknown."""
+    """Log probabilities (N, C) that each camera does not detect a person at a position (N, 6), others being unknown."""
     N, C = mean.shape[0], views.size.shape[0]
     out = np.zeros((N, C))
     box, cells = np.empty(4), np.empty((ROWS, COLUMNS))
@@ -120,10 +120,10 @@ def factors(
 
     Args:
         views: cameras.
-        boxes: of the moment.
+        boxes: of the time step.
         rates: of the detectors.
         mean: (N, 6) where the boxes are made linear.
-        given: (L, N) box of the person in each look; -1: none.
+        given: (L, N) box of the person in each frame; -1: no box.
         detection: (L, N) probabilities.
         feet: (L, N) visible shares of the feet.
     """
@@ -133,7 +133,7 @@ def factors(
     noise, lasting, W = np.empty((4, 4)), np.empty((4, 4)), np.empty((4, 4))
     use = np.empty(4, dtype=np.bool_)
     for i in range(N):
-        for l in range(L):  # noqa: E741 - a look
+        for l in range(L):  # noqa: E741 - a frame
             camera, j = boxes.camera[l], given[l, i]
             if j < 0:
                 c[i] += math.log(1.0 - detection[l, i])
@@ -200,9 +200,9 @@ def log_of(off: Floats, use: Bools, noise: Floats, W: Floats) -> float:
 
 @kernel
 def widen_by_gait(J: Floats, h: Floats, c: Floats, sway: Floats, out_J: Floats, out_h: Floats, out_c: Floats) -> None:
-    """Write the factors (n) of the walk of people whose place is about it with variance `sway` (n,), per axis.
+    """Write the factors (n) of the walk of people whose position is about it with variance `sway` (n,), per axis.
 
-    With e ~ N(0, S) added to the place, the factor's mean over e is, with A the columns of J for x and y and
+    With e ~ N(0, S) added to the position, the factor's mean over e is, with A the columns of J for x and y and
     M = (S^-1 + J_xy)^-1: J - A M A', h - A M h_xy and c + (h_xy' M h_xy - log|I + S J_xy|) / 2.
     """
     for k in range(c.shape[0]):
@@ -221,32 +221,32 @@ def widen_by_gait(J: Floats, h: Floats, c: Floats, sway: Floats, out_J: Floats, 
 
 NU = 3.0
 INITIAL_SCALE_M = 0.03
-"""s at first [m]."""
+"""Initial value of s [m]."""
 MAX_SCALE_M = 0.2
 """s at most [m]."""
 MIN_SCALE_M = 1e-3
 """s at least [m]."""
 MIN_NODES = 50
-"""With fewer places the scale stays as it is."""
+"""Minimum number of positions for an estimate of the scale."""
 EM_STEPS = 5
 
 
 def gait_variances(
     J: Floats, h: Floats, mean: Floats, covariance: Floats, scale: float, metre: float
 ) -> tuple[Floats, float]:
-    """Variances (n,) of the places about the walk, per axis, and their scale s^2 anew.
+    """Variances (n,) of the positions about the walk, per axis, and the new scale s^2.
 
     Args:
-        J: (n, 6, 6) information of each place.
+        J: (n, 6, 6) information of each position.
         h: (n, 6) its vector.
-        mean: (n, 6) the walk at the same moments, without the place.
+        mean: (n, 6) the walk at the same time steps, without the position.
         covariance: (n, 6, 6) of the same.
         scale: s^2 before.
         metre: in the scene's unit.
     """
     if not len(J):
         return np.zeros(0), scale
-    # The place by its boxes alone, its body being the walk's
+    # The position by its boxes alone, its body being the walk's
     A, v = J.copy(), h.copy()
     for k in range(2, 6):
         weight = 1.0 / covariance[:, k, k]

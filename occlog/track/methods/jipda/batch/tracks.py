@@ -1,4 +1,4 @@
-"""Tracks of places: from the people of all moments to the Markov chain's state, and back to people at all moments."""
+"""Conversion of the tracks of all time steps to the Markov chain's state and back."""
 
 from __future__ import annotations
 
@@ -40,34 +40,34 @@ from .states import dwell_times
 from .tracklet_nodes import widen_by_gait
 
 MAX_SPEED_SIGMAS = 3.0
-"""Nobody walks faster than so many standard deviations of a new person's velocity."""
+"""Maximum speed in standard deviations of a new person's velocity."""
 LINK_SLACK_M = 0.6
-"""Distance by which two places of one person may be farther apart than that allows [m]."""
+"""Tolerance of the distance between two positions of one person [m]."""
 SWAP_DISTANCE_M = 1.5
-"""Places of one moment that are this near may change roles [m]."""
+"""Maximum distance of positions of one time step that may be exchanged [m]."""
 LINK_DETECTIONS = 4.0
-"""One place follows another within a time in which a person is detected so often on average, ..."""
+"""Maximum link length in expected detections of a person, ..."""
 MAX_LINK_STEPS = 64
-"""... and within so many moments."""
+"""... and in time steps."""
 MAX_BRIDGE_S = 8.0
 """Gaps between tracks are bridged up to this long."""
 USUAL_LINK_SHARE = 0.9
 PAUSE_S, PAUSE = 8.0, 10.0
-"""The recording pauses from a moment to the next if that takes longer than this, and so many times as long as the share
+"""A pause of the recording is a step longer than this, and longer than a multiple of the quantile
 `USUAL_LINK_SHARE` of the others."""
 TEMPERATURES = 12
 FINAL_TEMPERATURE = 0.2
 PROPOSALS = 60
-"""For each place in each run of the chain."""
+"""Number of proposals per position in each run of the chain."""
 MIN_PROCESS_NOISE_DENSITY = 1e-6
 """A walk without any noise has no inverse [m^2/s^3]."""
 
 
 class WindowSpan(NamedTuple):
-    """The moments: T of them, C cameras."""
+    """The time steps: T of them, C cameras."""
 
     time: Floats  # (T,) [s]
-    looked: Floats  # (T + 1, C) looks of each camera before each moment
+    looked: Floats  # (T + 1, C) number of frames of each camera before each time step
     area: float  # of the floor on which people are
     people: float  # at a time
     stay: float  # how long people stay on average [s]
@@ -77,7 +77,7 @@ class WindowSpan(NamedTuple):
 
     @property
     def gaps(self) -> Floats:
-        """Times from one moment to the next [s] that are no pauses of the recording."""
+        """Times from one time step to the next [s] that are no pauses of the recording."""
         every = np.diff(self.time)
         if not len(every):
             return every
@@ -86,13 +86,13 @@ class WindowSpan(NamedTuple):
 
     @property
     def step(self) -> float:
-        """Mean time between moments, but for pauses [s]."""
+        """Mean time between time steps, but for pauses [s]."""
         gaps = self.gaps
         return float(gaps.mean()) if len(gaps) and gaps.any() else 1.0
 
 
 class ChainTracks(NamedTuple):
-    """Places in a chain, and what they are without the scatter about the walk."""
+    """Positions in a chain, and their factors without the scatter about the walk."""
 
     places: TrackletNodes
     walk: WalkModel
@@ -141,16 +141,16 @@ def tracks_from(
     free: bool,
     law: FeatureLikelihood,
 ) -> ChainTracks:
-    """The people of all moments as places, those of one track linked.
+    """The people of all time steps as positions, those of one track linked.
 
     Args:
-        found: of each moment.
-        span: the moments.
+        found: of each time step.
+        span: the time steps.
         config: settings.
         known: where people leave.
-        scatter: variance of a place about the walk, or that of each place (n,).
+        scatter: variance of a position about the walk, or that of each position (n,).
         free: the links are to be changed: those that the chain could not make are cut.
-        law: what likenesses of boxes say.
+        law: likelihood of similarities of boxes.
     """
     counts = [len(f.track) for f in found]
     moment = np.repeat(np.arange(len(found)), counts)
@@ -159,7 +159,7 @@ def tracks_from(
     c = np.concatenate([f.c for f in found])
     J, h, constant = np.empty_like(raw_J), np.empty_like(raw_h), np.empty_like(c)
     widen_by_gait(raw_J, raw_h, c, np.broadcast_to(scatter, c.shape).astype(np.float64), J, h, constant)
-    # Those who came before the first place, or were there when the recording began; who left, or is there at its end
+    # Arrivals before the first position or at the beginning of the recording; departures, or presence at its end
     T = len(span.time)
     unseen = np.exp(miss @ (span.looked[-1] / T))
     leaving = _leaving(known, mean[:, :2], span)
@@ -193,7 +193,7 @@ def tracks_from(
 
 
 def _lives(hint: Ints, time: Floats) -> tuple[Ints, Floats]:
-    """The identities (n, 2 C) of places, those of the filter counted from 0, and when each of these was seen (I, 2)."""
+    """Identities (n, 2 C) of positions, those of the filter counted from 0, and their time ranges (I, 2)."""
     C = hint.shape[1] // 2
     hint = hint.copy()
     own = hint[:, C:]
@@ -207,14 +207,14 @@ def _lives(hint: Ints, time: Floats) -> tuple[Ints, Floats]:
 
 
 def _leaving(known: BirthIntensityMap, places: Floats, span: WindowSpan) -> Floats:
-    """(n,) rates [1/s] at which people leave at (n, 2) places, by the cells that these are in."""
+    """(n,) rates [1/s] at which people leave at (n, 2) positions, by the cells that these are in."""
     side = CELL_SIZE_M * known.metre
     cells, cell = np.unique(np.floor(places / side), axis=0, return_inverse=True)
     return termination_rate_at(known, (cells + 0.5) * side, 1.0 / span.stay)[cell.reshape(-1)]
 
 
 def _chain(places: TrackletNodes, walk: WalkModel, track: Ints, free: bool) -> MarkovChainState:
-    """The state in which places of one track follow each other."""
+    """The state in which positions of one track follow each other."""
     n = len(track)
     after, before = np.full(n, NO_NODE), np.full(n, NO_NODE)
     order = np.lexsort((np.arange(n), track))
@@ -239,7 +239,7 @@ def _chain(places: TrackletNodes, walk: WalkModel, track: Ints, free: bool) -> M
 
 
 def anneal(tracks: ChainTracks, span: WindowSpan, generator: np.random.Generator, hottest: float) -> None:
-    """Run the Markov chain, hot at first and cold at the end, in place."""
+    """Run the Markov chain, hot initially and cold at the end, in place."""
     n = len(tracks.places.moment)
     if n == 0:
         return
@@ -254,14 +254,14 @@ def anneal(tracks: ChainTracks, span: WindowSpan, generator: np.random.Generator
 
 
 def listed_of(tracks: ChainTracks, span: WindowSpan) -> LinkCandidates:
-    """Which places may follow which."""
+    """List the candidate successors of each position."""
     return candidates(tracks.places, tracks.walk, SWAP_DISTANCE_M * span.metre)
 
 
 def bridge(tracks: ChainTracks, span: WindowSpan) -> None:
     """Join ends of tracks with beginnings of later ones, where that is likelier, all at once; in place.
 
-    Who could have walked there in that time, and not been seen on the way, is the same person.
+    Two tracks are the same person if a walk without detections between them is likely.
     """
     places, walk, chain = tracks.places, tracks.walk, tracks.chain
     ends = np.flatnonzero(chain.used & (chain.after == NO_NODE))

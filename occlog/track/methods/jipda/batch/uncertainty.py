@@ -1,16 +1,16 @@
-"""How sure the smoothed tracks are: of who is who, of places, and of when somebody was there.
+"""Uncertainty of smoothed tracks: identities, positions and presence.
 
 Where two identities may have been exchanged: an exchange of the tails of two tracks that is hardly less likely.
 
-How much larger errors of boxes are in the long run than the smoother's places hold.
+Long-run variance of box errors relative to the smoother's covariance.
 
-The smoother weighs a box by the noise of one look, which counts more often where errors go on from look to look.  What
-it averages over many looks is the long-run variance g_0 + 2 (g_1 + g_2 + ..), g_k the covariance of the errors of a
-camera's boxes of one person k looks apart.  A region of video is cut the same way for a second: its errors are a sum of
-some that are soon over and some that stay, which one correlation from look to look does not describe.  Here the g_k are
-measured, from how far the cameras of one moment disagree (`kernels.disagreement`), which no walk can follow.
+The smoother weighs a box by the noise of one frame, which is too little where errors are correlated over frames.  What
+it averages over many frames is the long-run variance g_0 + 2 (g_1 + g_2 + ..), g_k the covariance of the errors of a
+camera's boxes of one person k frames apart.  A region of video is cut the same way for a second: its errors are a sum
+of some that are soon over and some that stay, which one correlation from frame to frame does not describe.  Here the
+g_k are measured, from how far the cameras of one time step disagree (`kernels.disagreement`), which no walk can follow.
 
-How probably somebody was there already before their first place, and still is after the last one.
+Existence probability of a person before their first and after their last position.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ SWITCH_WINDOW_S = 4.0
 
 
 def possible_switches(tracks: ChainTracks, span: WindowSpan, number: Ints, identity: Ints) -> dict[int, list[Event]]:
-    """Exchanges that are doubtful, by the moment from which on the identities may be wrong.
+    """Find possible identity switches, by the time step from which the identities may be wrong.
 
     Args:
-        tracks: of the places.
-        span: the moments.
-        number: (n,) track of each place; NONE: none.
+        tracks: of the positions.
+        span: the time steps.
+        number: (n,) track of each position; NONE: no track.
         identity: of each track; NOBODY: it is not reported.
     """
     walk = tracks.walk._replace(reach=min(tracks.walk.reach, 4))
@@ -121,13 +121,13 @@ def _exchanges(
 
 
 ERROR_CORRELATION_S = 1.0
-"""Errors are compared up to so long apart [s]: what lasts longer is a bias."""
+"""Maximum lag of the autocorrelation of errors [s]: errors that last longer are a bias."""
 MAX_ERROR_SIGMAS = 5.0
-"""Errors count at most so many standard deviations of one look: an edge farther off is not the body's."""
+"""Clipping of errors in standard deviations of one frame: an edge farther off is not the body's."""
 MIN_DISAGREEMENTS = 100
-"""With fewer disagreements nothing is said."""
+"""Minimum number of disagreements for an estimate."""
 NOISE_SHARE = 0.75
-"""Share of the variance of a smoothed walk that is the noise of places; the rest is what the smoother lags behind.
+"""Share of the variance of a smoothed walk that is the noise of positions; the rest is what the smoother lags behind.
 
 With white acceleration the smoother passes the share 1 / (1 + x^4) of a frequency x, and the integral of its square is
 3/4 of its own."""
@@ -141,15 +141,15 @@ def widening(
     walk: States,
     span: WindowSpan,
 ) -> float:
-    """How many times as large the variances of smoothed walks are as the smoother says, at least 1.
+    """Return the inflation factor of the variances of smoothed walks, at least 1.
 
     Args:
         views: cameras.
-        rates: of the detectors, for all looks.
-        packed: boxes of each moment.
-        found: people of each moment with their boxes.
-        walk: states of tracks whose places are these people, in the order of moments.
-        span: the moments.
+        rates: of the detectors, for all frames.
+        packed: boxes of each time step.
+        found: people of each time step with their boxes.
+        walk: states of tracks whose positions are these people, in the order of time steps.
+        span: the time steps.
     """
     key, look, error, held = _errors(views, rates, packed, found, walk, span)
     worst = 1.0
@@ -162,13 +162,13 @@ def widening(
 
 
 def _most_looks(span: WindowSpan) -> int:
-    """How many looks of a camera there are in `ERROR_CORRELATION_S`."""
+    """Return the number of frames of a camera in `ERROR_CORRELATION_S`."""
     looks = float(span.looked[-1].max())
     return round(ERROR_CORRELATION_S * max(looks - 1.0, 0.0) / max(float(span.gaps.sum()), ERROR_CORRELATION_S))
 
 
 def long_run_variance(key: Ints, look: Ints, error: Floats, most: int) -> float:
-    """Long-run variance of errors of series `key` (n,) at the looks (n,), compared up to so many looks apart."""
+    """Return the long-run variance of errors of series `key` (n,) in the frames (n,), up to a maximum lag in frames."""
     # Rows of one series lie side by side, with a gap to those of the next one
     at = key * (int(look.max()) + most + 1) + look
     order = np.argsort(at)
@@ -194,9 +194,9 @@ def _errors(
 
     Returns:
         key: (n,) series, of a person in a camera.
-        look: (n,) number of the camera's look.
-        error: (n, 2) across and down, in standard deviations of one look; NaN: not known.
-        held: (n, 2) long-run variance of these that places hold.
+        look: (n,) number of the camera's frame.
+        error: (n, 2) across and down, in standard deviations of one frame; NaN: not known.
+        held: (n, 2) long-run variance of these that positions hold.
     """
     first = np.cumsum([0, *(len(f.track) for f in found)])
     row = np.full(first[-1], NO_NODE)
@@ -231,9 +231,9 @@ def _errors(
 
 
 def existence_at(tracks: ChainTracks, span: WindowSpan, walk: States) -> Floats:
-    """(K,) probability that the person of each row is there at its moment; 1 from the first to the last place.
+    """(K,) existence probability of the person of each row at its time step; 1 from the first to the last position.
 
-    Whoever was not seen after their last place has left at once, or was missed, and missed again, and left, or is
+    Whoever was not seen after their last position has left at once, or was missed, and missed again, and left, or is
     still there when the recording ends: each with the probability of leaving then times that of all misses before.
     """
     out = np.ones(len(walk.track))
@@ -246,12 +246,12 @@ def existence_at(tracks: ChainTracks, span: WindowSpan, walk: States) -> Floats:
 
 
 def _still(tracks: ChainTracks, span: WindowSpan, place: int, step: int) -> Floats:
-    """Probabilities of being there 0, 1, .. moments after a last place (step 1), or before a first one (step -1)."""
+    """Existence probabilities 0, 1, .. time steps after a last position (step 1) or before a first one (-1)."""
     here = tracks.places.moment[place]
     at = np.arange(here, len(span.time)) if step > 0 else np.arange(here, -1, -1)
     looked = span.looked[at + 1] - span.looked[here + 1] if step > 0 else span.looked[here] - span.looked[at]
     away = np.abs(span.time[at] - span.time[here])
     missed = np.exp(looked @ tracks.places.miss[place] - away / span.stay)
-    # Leaving between a moment and the next; after the last one nobody leaves
+    # Leaving between a time step and the next; after the last one no person leaves
     weight = missed * np.append(-np.expm1(-np.diff(away) / span.stay), 1.0)
     return np.asarray(np.cumsum(weight[::-1])[::-1] / weight.sum())

@@ -23,14 +23,14 @@ from occlog.records.scene import Camera
 
 LEFT, TOP, RIGHT, BOTTOM = range(4)
 UNOBSERVED_SIZE_PX = 1e9
-"""Width and height [px] of an image of which the scene does not say them: no border cuts its boxes."""
+"""Width and height [px] of an image of unspecified size: no border cuts its boxes."""
 LENS_LIMIT_RATIO = 1.2
-"""The lens is believed to so many times the distance of the farthest corner from the optical axis; farther out its
+"""Radius of validity of the lens model, in distances of the farthest corner from the optical axis; farther out its
 polynomial may turn back, so that it is continued by a straight line."""
 DIFFERENCE_STEP_HEIGHTS = 1e-4
 """Step of the difference quotients, in heights of the person."""
 MIN_DEPTH_HEIGHTS = 0.05
-"""No camera sees a person whose nearest point is nearer than this many heights, along its axis."""
+"""Minimum depth of a person's nearest point, in heights."""
 LENS = 23
 """Numbers of a row of `Views.lens`."""
 STRAIGHT, BENT, BENT_BACK, FISHEYE = 0.0, 1.0, 2.0, 3.0
@@ -47,7 +47,7 @@ class PackedCameras(NamedTuple):
     rotation: Floats  # (C, 3, 3) world-from-camera
     focal: Floats  # (C, 2) [px]
     principal: Floats  # (C, 2) [px]
-    lens: Floats  # (C, LENS) all that says where a camera shows a point, in a row; see `_lens`
+    lens: Floats  # (C, LENS) intrinsics, extrinsics and distortion, in a row; see `_lens`
     size: Floats  # (C, 2) width, height [px]
     range: Floats  # (C,) farthest distance at which a person is seen
     corner: Floats  # (V, 2) of static occluders
@@ -75,7 +75,7 @@ def pack_views(cameras: Sequence[Camera], occluders: Sequence[tuple[Floats, floa
 def _lens(camera: Camera) -> Floats:
     """(LENS,) position (3,), rotation (9,), focal lengths (2,), principal point (2,), distortion (5,), and two numbers.
 
-    They are the model of the lens, and the normalised radius to which it is believed.
+    They are the model of the lens, and the normalised radius to which it is valid.
     """
     bent = bool(np.any(camera.distortion)) or camera.distortion_model == "equidistant"
     model = MODELS[camera.distortion_model] if bent else STRAIGHT
@@ -84,7 +84,7 @@ def _lens(camera: Camera) -> Floats:
 
 
 def _limit(camera: Camera) -> float:
-    """Normalised radius of the ideal image to which the lens is believed."""
+    """Normalised radius of the ideal image to which the lens model is valid."""
     straight = not np.any(camera.distortion) and camera.distortion_model != "equidistant"
     if camera.image_size is None or straight:
         return math.inf
@@ -99,7 +99,7 @@ def distorted(lens: Floats, x: float, y: float) -> tuple[float, float]:
     """Where a lens that is not straight puts a point (x, y) of the ideal normalised image, normalised."""
     k1, k2, p1, p2, k3 = lens[16], lens[17], lens[18], lens[19], lens[20]
     radius = math.sqrt(x * x + y * y)
-    # Beyond the believed radius: as at that radius, and further out in a straight line
+    # Beyond the valid radius: as at that radius, and further out in a straight line
     share = min(1.0, lens[22] / radius) if radius > 0.0 else 1.0
     out_x, out_y = x * (1.0 - share), y * (1.0 - share)
     x, y = x * share, y * share
@@ -131,7 +131,7 @@ def expected_box(lens: Floats, x: float, y: float, height: float, width: float, 
 
     Args:
         lens: (LENS,) of the camera, a row of `Views.lens`.
-        x: place on the floor.
+        x: position on the floor.
         y: the same.
         height: of the person, > 0.
         width: of the person, > 0.
@@ -177,8 +177,8 @@ def box_and_slope(lens: Floats, state: Floats, delay: float, box: Floats, slope:
 
     Args:
         lens: (LENS,) of the camera, a row of `Views.lens`.
-        state: (6,) at the moment's time.
-        delay: how much later than the moment the camera looked [s]; negative: earlier.
+        state: (6,) at the time step's time.
+        delay: how much later than the time step the camera's frame is [s]; negative: earlier.
         box: (4,) written.
         slope: (4, 6) written: central difference quotients.
     """

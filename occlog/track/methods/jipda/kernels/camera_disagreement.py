@@ -1,8 +1,8 @@
-"""How far the cameras of one moment disagree on a person, beyond what any place and body of that person explains.
+"""Disagreement of cameras at one time step: residuals of boxes after a fit of position and body.
 
 Residuals against a filter's prediction hold the filter's own lag; noise that is learned from them makes it lag more.
-Here the place and the body of each person are fitted to the boxes of the moment alone, and what is left over is the
-detectors' (their share 1 - h of it, h the leverage of an observation in weighted least squares).
+Here the position and the body of each person are fitted to the boxes of the time step alone, and what is left over is
+the detectors' (their share 1 - h of it, h the leverage of an observation in weighted least squares).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class BoxDisagreement(NamedTuple):
     residual: Floats  # (M, 4) of the boxes that were used [px]; 0: not used
     kept: Floats  # (M, 4) share of the noise's variance that a residual keeps; 0: not used
     size: Floats  # (M, 4) in which shares of its noise count [px]
-    place: Floats  # (N, 2) as the moment's boxes alone say; NaN: too few
+    place: Floats  # (N, 2) as the time step's boxes alone say; NaN: too few
     variance: Floats  # (N,) of it, mean of both axes, from the detectors' noise that does not last
 
 
@@ -40,13 +40,13 @@ def camera_disagreement(
     owner: Ints,
     good: Bools,
 ) -> BoxDisagreement:
-    """Fit the place of each person to the boxes of the moment, and give what is left over.
+    """Fit the position of each person to the boxes of the time step, and give what is left over.
 
     Args:
-        mean: (N, 6) of everybody after the update; the body comes from here, as surely as it is known.
+        mean: (N, 6) of all people after the update; the body comes from here, as surely as it is known.
         covariance: (N, 6, 6).
         views: cameras.
-        boxes: of the moment.
+        boxes: of the time step.
         rates: of the detectors.
         owner: (M,) person of a box.
         good: (M,) boxes that are surely theirs, whole and in plain view.
@@ -57,7 +57,7 @@ def camera_disagreement(
     slopes, noise, rows = np.zeros((M, 4, 4)), np.ones((M, 4)), np.empty(M, dtype=np.int64)
     box, slope, drawn, inverse = np.empty(4), np.zeros((4, 6)), np.empty(4), np.empty((4, 4))
     look = np.zeros(M, dtype=np.int64)
-    for l in range(boxes.camera.shape[0]):  # noqa: E741 - a look
+    for l in range(boxes.camera.shape[0]):  # noqa: E741 - a frame
         look[boxes.first[l] : boxes.first[l + 1]] = l
     for i in range(N):
         n = 0

@@ -44,7 +44,7 @@ class DetectorModel(NamedTuple):
     wrong: float  # probability that one edge of a box, any of the four, is an outlier
     bias: Floats  # (C, 4) centre and width across, centre and height down, in heights, widths, heights, heights
     noise: Floats  # (4, 2) variances of the same: constant [px^2], and share of the size, squared
-    sway: float  # variance of either centre besides, in heights squared; its errors last
+    sway: float  # variance of either centre also, in heights squared; its errors last
     lasting: Floats  # (C,) factor of it in an update
     merge: Floats  # (C,) probability that two people who touch in the image are detected as one box
     slow: float  # factor of the noise in an update, since errors are correlated from frame to frame

@@ -1,13 +1,13 @@
 """People do not walk through one another: where two may be at one time.
 
-The density of two people's places is multiplied by
+The density of two people's positions is multiplied by
 
     psi(d) = 1 - exp(-d^2 / (2 s^2)),
 
 d their distance: a Markov random field as the prior of motion (Khan, Balch and Dellaert 2005, IEEE T-PAMI 27(11),
-Sec. 4), here with its moments in closed form.  psi times a Gaussian is the difference of two Gaussians, and the rest
-of a state follows its place by linear regression.  Two people who walk up to each other and turn round are so told from
-two who pass: the latter would have to go through one another.
+Sec. 4), here with its time steps in closed form.  psi times a Gaussian is the difference of two Gaussians, and the rest
+of a state follows its position by linear regression.  Two people who walk up to each other and turn round are so
+distinguished from two who pass: the latter would have to go through one another.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
 EXCLUSION_GATE_CHI2 = 16.0
-"""Pairs are passed over whose squared distance is more than so many times the variances that it has together."""
+"""Maximum squared distance of pairs, in variances of their difference."""
 
 
 @kernel
 def apply_exclusion(
     mean: Floats, covariance: Floats, weight: Floats, place: Floats, spread: Floats, existence: Floats, s: float
 ) -> None:
-    """Multiply the densities of states by the probability that nobody else is there; in place.
+    """Multiply the densities of states by the probability that no other person is there; in place.
 
     Args:
-        mean: (N, A, 6) states of N people by A models, place (x, y) first.
+        mean: (N, A, 6) states of N people by A models, position (x, y) first.
         covariance: (N, A, 6, 6).
         weight: (N, A) factors, multiplied by the share of the density that is left.
         place: (N, 2) of the same people, of all models together.
         spread: (N, 2, 2) its covariance.
         existence: (N,) probability that a person is there, < 1.
-        s: standard deviation of the distance at which two people do not stand, > 0; in the unit of the places.
+        s: standard deviation of the distance at which two people do not stand, > 0; in the unit of the positions.
     """
     s2 = s * s
     for i in range(place.shape[0]):

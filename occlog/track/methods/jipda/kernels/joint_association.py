@@ -1,4 +1,4 @@
-"""JIPDA update by the frames of one time step: association in each image, with what the other cameras say.
+"""JIPDA update by the frames of one time step: association in each image, given the other cameras.
 
 Expectation propagation (Minka 2001) over the frames: each frame leaves every person a site, a Gaussian factor of the
 state in information form and a log-odds of existence.  Each frame in turn takes its own site out of the belief (the
@@ -26,7 +26,7 @@ from .visibility import COLUMNS, ROWS, centre_deviation, in_view, visibility, vi
 SWEEPS = 2
 NOISE_INFLATION = 2.0
 """Factor of the variance of edges in association: boxes have heavier tails than a normal distribution, and a person who
-turns is off from the prediction in all cameras alike, which must not deny them the cameras' boxes."""
+turns is off from the prediction in all cameras, which must not deny them the cameras' boxes."""
 BLIND_FRAME_PROBABILITY = 0.01
 """Probability that a frame shows none of the people who are there: it was not recorded, or the lens is covered."""
 MIN_MISS_PROBABILITY = 1e-6

@@ -10,7 +10,7 @@ from occlog.core.numerics.jit import kernel
 SWEEPS = 30
 """Most sweeps of rotations; a few are enough."""
 OFF_DIAGONAL_TOLERANCE = 1e-15
-"""Share of the diagonal at which an entry beside it counts as zero."""
+"""Off-diagonal entries below this share of the diagonal count as zero."""
 
 
 @kernel

@@ -1,6 +1,6 @@
-"""Which box is whose: marginals of the joint association by loopy belief propagation (Williams and Lau 2014).
+"""Marginals of the joint data association by loopy belief propagation (Williams and Lau 2014).
 
-A person is detected with at most one box of a look, and a box is of at most one person.  The messages between people
+A person is detected with at most one box of a frame, and a box is of at most one person.  The messages between people
 and boxes are Eqs. 30 and 31 of "Approximate evaluation of marginal association probabilities with belief
 propagation", IEEE T-AES 50(4), with the weights of people who may not exist (Musicki and Evans 2004).  They converge
 always, and are exact where the graph of people and gated boxes is a tree.
@@ -22,7 +22,8 @@ def box_messages(weight: Floats) -> Floats:
     """(N, M) messages nu from boxes to people: how free each box is for each person, 0 to 1.
 
     Args:
-        weight: (N, M) odds that person i made box j against that i made none and j is of nobody; 0: outside the gate.
+        weight: (N, M) odds that person i made box j against that i made none and j is of no person; 0: outside the
+            gate.
     """
     N, M = weight.shape
     nu = np.ones((N, M))

@@ -1,7 +1,7 @@
 """One box of two people: the outline of both, where they touch in the image.
 
-A detector that sees regions gives two people who touch one box, whose edges are those of either.  Besides "box j is of
-person i" the association of a look then has the hypotheses "box j is of persons a and b", each of which excludes all
+A detector that sees regions gives two people who touch one box, with edges of either.  In addition to "box j is of
+person i" the association of a frame then has the hypotheses "box j is of persons a and b", each of which excludes all
 others of a, of b and of j.  The messages between people, boxes and hypotheses are those of belief propagation on the
 graph in which every hypothesis is a binary variable; without pairs they are those of `marginals`.
 """
@@ -31,13 +31,13 @@ from .visibility import normal_cdf
 MIN_PAIR_EXISTENCE = 0.2
 """Pairs are looked at if both exist with at least this probability."""
 MAX_PAIR_GAP = 0.1
-"""People whose boxes are apart by less than this share of the narrower one touch."""
+"""Maximum gap between the boxes of people who touch, as a share of the narrower box."""
 MIN_EDGE_OWNERSHIP = 0.5
-"""An edge of the outline tells of a person if it is theirs with a greater probability."""
+"""Minimum probability that an edge of the outline is a person's, for an update."""
 
 
 class PairMessages(NamedTuple):
-    """What belief propagation says of N people, M boxes and K pairs."""
+    """Result of belief propagation for N people, M boxes and K pairs."""
 
     single: Floats  # (N, M) how free each box is for each person, 0 to 1
     pair: Floats  # (K, M) how free each box is for each pair
@@ -77,7 +77,7 @@ def overlapping_pairs(box: Floats, depth: Floats, across: Floats, there: Floats)
 def merged_box(
     a: int, b: int, drawn: Floats, noise: Floats, spread: Floats, box: Floats, whole: Floats, wide: Floats, own: Floats
 ) -> None:
-    """Write the expected outline of two people, its noise and spread, and whose its edges are.
+    """Write the expected outline of two people, its noise and spread, and the owners of its edges.
 
     Args:
         a: the first.
@@ -120,7 +120,7 @@ def pair_likelihoods(
     new: float,
     gate: float,
 ) -> tuple[Floats, Floats]:
-    """Likelihood ratios (K, m) of a frame's boxes to false alarms for the outlines of K pairs, and (K, 4) whose edges.
+    """Likelihood ratios (K, m) of a frame's boxes to false alarms for K pairs, and (K, 4) owners of edges.
 
     They hold the probability that the pair is detected as one box.
 
@@ -190,7 +190,7 @@ def pair_messages(weight: Floats, pair: Ints, joint: Floats) -> PairMessages:
     Args:
         weight: (N, M) odds that person i alone made box j, as in `marginals.box_messages`.
         pair: (K, 2) people.
-        joint: (K, M) odds that a pair made box j together, against that neither made any and j is of nobody.
+        joint: (K, M) odds that a pair made box j together, against that neither made any and j is of no person.
     """
     N, M = weight.shape
     K = pair.shape[0]

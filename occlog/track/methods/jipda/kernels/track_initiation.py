@@ -1,9 +1,9 @@
-"""People whom nobody tracks yet: bodies that explain boxes of one or several cameras that are of none of the people.
+"""Track initiation: bodies that explain unassigned boxes of one or several cameras.
 
-Each free box proposes a body: the most probable place, height and width of one who made it, with the curvature there
+Each free box proposes a body: the most probable position, height and width of one who made it, with the curvature there
 (Laplace's approximation).  The boxes of the other cameras are then asked one after the other: a body that is seen must
-be detected with its probability of detection among the people who hide it.  The result is the odds that somebody new
-stands there against all of these boxes being of nobody.
+be detected with its probability of detection among the people who hide it.  The result is the odds that a new target
+stands there against all of these boxes being of no person.
 """
 
 from __future__ import annotations
@@ -33,34 +33,34 @@ from .visibility import COLUMNS, ROWS, centre_deviation, in_view, visibility
 
 NEWTON_STEPS = 4
 MIN_UNASSIGNED_PROBABILITY = 0.2
-"""Boxes that are free with a lower probability propose nobody."""
+"""Minimum unassigned probability of a box that proposes a new person."""
 
 
 class TrackedPeople(NamedTuple):
-    """People who are tracked, as the looks of a moment are expected to see them; N people, L looks."""
+    """Predicted tracks in the frames of a time step; N people, L frames."""
 
     existence: Floats  # (N,)
-    box: Floats  # (L, N + 1, 4) expected boxes; the last place is for somebody new
+    box: Floats  # (L, N + 1, 4) expected boxes; the last position is for a new target
     depth: Floats  # (L, N + 1) along the optical axis; negative: not in front of the camera
     across: Floats  # (L, N + 1) standard deviation of the box's middle, across the image [px]
     deep: Floats  # (N + 1,) standard deviation of the depth
 
 
 class BirthIntensity(NamedTuple):
-    """Expected numbers of people who are new since the last moment."""
+    """Expected numbers of people who are new since the last time step."""
 
     everywhere: float  # a unit of area
     in_image: float  # in an image: what is far away and small in it counts less
-    centre: Floats  # (G, 2) places
-    at: Floats  # (G,) besides, a unit of area there, falling with the distance from it
+    centre: Floats  # (G, 2) positions
+    at: Floats  # (G,) also, a unit of area there, falling with the distance from it
     smooth: float  # as a Gaussian of this deviation
 
 
 @kernel
 def ground_point(views: PackedCameras, c: int, u: float, v: float, z: float, place: Floats) -> bool:
-    """Write the place (2,) at height z that pixel (u, v) of camera c shows; False where there is none ahead.
+    """Write the position (2,) at height z that pixel (u, v) of camera c shows; False where missing ahead.
 
-    The lens's distortion is left out: the place is where an iteration begins.
+    The lens's distortion is omitted: the position is where an iteration begins.
     """
     x = (u - views.principal[c, 0]) / views.focal[c, 0]
     y = (v - views.principal[c, 1]) / views.focal[c, 1]
@@ -90,7 +90,7 @@ def state_from_box(
 ) -> float:
     """Write the state (6,) and covariance (6, 6) of one who made box j, and give the log of the integrated density.
 
-    The density is that of the box and the number of new people; NaN: nobody can make it.
+    The density is that of the box and the number of new people; NaN: no person can make it.
     """
     box, believed = boxes.box[j], boxes.believed[j]
     place = np.empty(2)
@@ -152,13 +152,13 @@ def state_from_box(
 def predicted_targets(
     views: PackedCameras, boxes: PackedDetections, people: Floats, spread: Floats, existence: Floats
 ) -> TrackedPeople:
-    """The people (N, 6), whose places have the standard deviations (N,) `spread`, as each look expects to see them."""
+    """The people (N, 6), whose positions have the standard deviations (N,) `spread`, as predicted in each frame."""
     L, N = boxes.camera.shape[0], people.shape[0]
     box, depth, across = np.empty((L, N + 1, 4)), np.empty((L, N + 1)), np.empty((L, N + 1))
     deep, there, slope = np.empty(N + 1), np.ones(N + 1), np.zeros((4, 6))
     for i in range(N):
         deep[i], there[i] = spread[i] + 0.1 * people[i, 5], existence[i]
-        for l in range(L):  # noqa: E741 - a look
+        for l in range(L):  # noqa: E741 - a frame
             c = boxes.camera[l]
             depth[l, i] = box_and_slope(views.lens[c], people[i], 0.0, box[l, i], slope)
             if depth[l, i] > 0.0:
@@ -182,11 +182,11 @@ def propose_track(
     covariance: Floats,
     used: Floats,
 ) -> float:
-    """Log odds that somebody new made a box; the state, its covariance and the boxes that speak for them are written.
+    """Log odds that a new target made a box; the state, its covariance and its associated boxes are written.
 
     Args:
         views: cameras.
-        boxes: of the moment.
+        boxes: of the time step.
         rates: of the detectors.
         body: (5,) height and its deviation, width and its deviation, deviation of a velocity.
         arrival: expected numbers of new people.
@@ -215,7 +215,7 @@ def propose_track(
     deep = tracked.deep
     slope, noise, drawn, inverse = np.zeros((4, 6)), np.empty((4, 4)), np.empty(4), np.empty((4, 4))
     cells, W = np.empty((ROWS, COLUMNS)), np.empty((4, 4))
-    for l in range(boxes.camera.shape[0]):  # noqa: E741 - a look
+    for l in range(boxes.camera.shape[0]):  # noqa: E741 - a frame
         c = boxes.camera[l]
         box, depth, across = tracked.box[l], tracked.depth[l], tracked.across[l]
         depth[N] = box_and_slope(views.lens[c], mean, 0.0, box[N], slope)
@@ -279,21 +279,21 @@ def initiate_targets(
 
     Args:
         views: cameras.
-        boxes: of the moment.
+        boxes: of the time step.
         rates: of the detectors.
         body: (5,) height and its deviation, width and its deviation, deviation of a velocity.
         arrival: expected numbers of new people.
         people: (N, 6) those who are tracked.
-        spread: (N,) standard deviation of their places.
+        spread: (N,) standard deviation of their positions.
         existence: (N,).
         free: (M,) probability that a box is of none of them.
         gate: greatest squared Mahalanobis distance.
-        least: log odds below which nobody is made.
+        least: log odds below which no track is initiated.
     """
     M, L = boxes.box.shape[0], boxes.camera.shape[0]
     open_share = free.copy()
     look_of = np.empty(M, dtype=np.int64)
-    for l in range(L):  # noqa: E741 - a look
+    for l in range(L):  # noqa: E741 - a frame
         look_of[boxes.first[l] : boxes.first[l + 1]] = l
     mean, covariance = np.zeros((M, 6)), np.zeros((M, 6, 6))
     odds, used = np.full(M, -np.inf), np.zeros((M, M))
@@ -312,7 +312,7 @@ def initiate_targets(
         if j < 0 or odds[j] < least:
             break
         if stale[j]:
-            # One of its boxes went to somebody else since: propose anew
+            # One of its boxes went to another person since: propose again
             stale[j] = False
             odds[j] = -np.inf
             if open_share[j] > MIN_UNASSIGNED_PROBABILITY:

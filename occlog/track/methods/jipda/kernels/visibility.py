@@ -1,9 +1,10 @@
-"""How much of each person a camera sees among the others: a grid of sight lines over the body.
+"""How much of each person a camera sees among the others: a grid of lines of sight over the body.
 
-For a sight line to one place, [Ercan] Eq. 7 gives P = prod_j (1 - q_j), q_j the probability that occluder j's centre
-lies in the rectangle around the sight line.  Here the same product is formed in the image for a grid of places of a
-body, so that it says which part is covered: q_j is the probability that person j exists, is nearer to the camera, and
-that j's box holds the place, with the spread of both people's places across the sight line and along it.
+For a line of sight to one position, [Ercan] Eq. 7 gives P = prod_j (1 - q_j), q_j the probability that occluder j's
+centre lies in the rectangle around the line of sight.  Here the same product is formed in the image for a grid of
+positions of a body, so that it says which part is covered: q_j is the probability that person j exists, is nearer to
+the camera, and that j's box holds the position, with the spread of both people's positions across the line of sight
+and along it.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from .body_box import PackedCameras
 COLUMNS, ROWS = 5, 6
 ROOT_HALF = math.sqrt(0.5)
 NORMAL_TAIL_SIGMAS = 6.0
-"""Beyond so many standard deviations a normal distribution is over."""
+"""Truncation of normal distributions, in standard deviations."""
 
 
 @kernel
@@ -154,13 +155,13 @@ def occlude_by_static(
 ) -> None:
     """Set the cells (ROWS, COLUMNS) of a person to 0, in place, that a static occluder hides from camera c.
 
-    A cell is a point of the upright rectangle through the person's axis that faces the camera.  The sight line to it
+    A cell is a point of the upright rectangle through the person's axis that faces the camera.  The line of sight to it
     passes over an occluder if it is above its top all the way; an occluder around the camera hides nothing.
 
     Args:
         views: cameras and static occluders.
         c: which camera.
-        x: place on the floor.
+        x: position on the floor.
         y: the same.
         height: of the person.
         width: of the person.
@@ -178,7 +179,7 @@ def occlude_by_static(
         dx, dy = x + side * right_x - cx, y + side * right_y - cy
         for w in range(views.top.shape[0]):
             begin, end = views.first[w], views.first[w + 1]
-            # Where the sight line is over the polygon: from `enter` to `leave`, as shares of its length
+            # Where the line of sight is over the polygon: from `enter` to `leave`, as shares of its length
             enter, leave, around, within = 2.0, -1.0, False, False
             for k in range(begin, end):
                 n = k + 1 if k + 1 < end else begin

@@ -139,7 +139,7 @@ def e_step(problem: FitProblem, theta: Floats) -> tuple[float, SmootherSums]:
 
 
 def m_step(shape: Shape, theta: Floats, sums: SmootherSums, iterations: int = 15) -> Floats:
-    """Parameters whose expected log-likelihood is higher, or the same if there are none."""
+    """Parameters whose expected log-likelihood is higher, or the same if missing."""
     theta = regression(shape, theta, sums)
     size = 1.0 / max(1, sums.n + sums.m)
 

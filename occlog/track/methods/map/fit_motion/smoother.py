@@ -175,9 +175,9 @@ class Nodes(NamedTuple):
     first: Bools  # (K,) a trajectory begins here
     seen: Bools  # (K,) there is a measurement
     off: Floats  # (K,) time of the measurement after the node, in steps
-    xy: Floats  # (K, 2) measured; 0 where there is none
+    xy: Floats  # (K, 2) measured; 0 where missing
     cov: Floats  # (K, 2, 2) of the error of xy as stated; 0 where it is not
-    skipped: int  # measurements left out: another of the same trajectory was nearer to the node
+    skipped: int  # measurements omitted: another of the same trajectory was nearer to the node
 
 
 def median_step(paths: Iterable[MeasuredPath]) -> float:
@@ -194,7 +194,7 @@ def median_step(paths: Iterable[MeasuredPath]) -> float:
 
 
 def make_nodes(paths: Iterable[MeasuredPath], step_s: float, longest_gap_s: float) -> Nodes:
-    """All paths on their grids; trajectories of a single position are left out (and not counted as skipped).
+    """All paths on their grids; trajectories of a single position are omitted (and not counted as skipped).
 
     Args:
         paths: one for each object and file.

@@ -49,11 +49,11 @@ class Diffusion(NamedTuple):
 
 
 def constant_velocity(acceleration: float, jitter: float, step_s: float = 1.0) -> GaussMarkov:
-    """Constant velocity disturbed by white acceleration, and a position disturbed besides.
+    """Constant velocity disturbed by white acceleration, and a position disturbed also.
 
     Args:
-        acceleration: standard deviation of the velocity gathered in a second, per axis; > 0.
-        jitter: standard deviation of the position gathered in a second besides, per axis; >= 0.
+        acceleration: standard deviation of the velocity accumulated over 1 s, per axis; > 0.
+        jitter: standard deviation of the position accumulated over 1 s also, per axis; >= 0.
         step_s: length of the step [s].
     """
     t = step_s

@@ -110,7 +110,7 @@ def _reach(X: Floats, planes: HalfPlanes, first: int, last: int, want: float) ->
 
 @kernel
 def _corner(X: Floats, planes: HalfPlanes, first: int, last: int, want: float) -> bool:
-    """Move one state to the nearest corner of what its half-planes leave with a margin; false if there is none.
+    """Move one state to the nearest corner of what its half-planes leave with a margin; false if missing.
 
     Projections take very long into a narrow wedge; what has room has a corner, but for a strip.
     """
@@ -374,7 +374,7 @@ class Options(NamedTuple):
 
     tolerance: float  # largest change of a position in the last iteration
     most: int = 200  # iterations
-    mu: float = MU_FIRST  # weight of the barrier at first
+    mu: float = MU_FIRST  # weight of the barrier initially
 
 
 def cost(problem: TrajectoryProblem, X: Floats) -> float:

@@ -8,7 +8,7 @@ covariance that is far too small.  The remedy is to divide the density by that o
 root of det H: then the point that is found is the same in all coordinates (Druilhet and Marin 2007),
 and it is about the centre of the posterior mass.
 
-1/2 log det H falls by the leverage of a sight line when its distance d grows by a factor of e,
+1/2 log det H falls by the leverage of a line of sight when its distance d grows by a factor of e,
 so that the term is - sum of leverage . log d, with leverages from the solution before, until they settle.
 """
 
@@ -44,17 +44,17 @@ def invariant(problem: TrajectoryProblem, start: Solution, options: Options, ext
     """The invariant estimate that the mode leads to.
 
     Args:
-        problem: with all sight lines in front of their cameras.
+        problem: with all lines of sight in front of their cameras.
         start: its minimum.
         options: of each search.
-        extent: size of the place.
+        extent: size of the position.
     """
     spread = covariance(problem, start.X)
     # Away from the boundary, where the mode often is.
     X, _ = move_inside(start.X, problem.planes, APART * extent)
     here, solution, iterations = problem, start, start.iterations
     for _ in range(ROUNDS):
-        # Leverages of the sight lines at the last solution
+        # Leverages of the lines of sight at the last solution
         volume = np.clip(leverages(problem.lines, X, problem.loss, problem.k, spread), 0.0, 1.0)
         volume[~in_front(problem.lines, X)] = 0.0
         here = problem._replace(lines=problem.lines._replace(volume=volume))

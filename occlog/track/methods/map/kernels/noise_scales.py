@@ -1,6 +1,6 @@
 """How noisy bearings and motion really are: the scales that make a trajectory's residuals most probable.
 
-Residuals of N sight lines tell by how much their variances are off, and residuals of the motion by how much its
+Residuals of N lines of sight tell by how much their variances are off, and residuals of the motion by how much its
 variance is; both are compared with what is left of each when gamma degrees of freedom have been fitted
 (MacKay 1992, Bayesian interpolation, Neural Computation 4(3), Eqs. 4.8 to 4.10):
 
@@ -23,7 +23,7 @@ from .problem import BearingLinesByStep, ChainSteps, TrajectoryProblem
 from .terms import chain_cost, leverages, log_odds_offset, loss_slopes, residuals
 
 PRIOR_RESIDUALS = 20.0
-"""What is stated counts as much as so many residuals."""
+"""Weight of the stated variances, in residuals."""
 
 STEP = 0.01
 """Of the finite difference of covariances."""
@@ -43,7 +43,7 @@ class ResidualEvidence(NamedTuple):
 
     @property
     def lines_scale(self) -> float:
-        """Variance of sight lines as a multiple of what is stated."""
+        """Variance of lines of sight as a multiple of what is stated."""
         return (PRIOR_RESIDUALS + self.lines) / (PRIOR_RESIDUALS + self.lines_freedom)
 
     @property
@@ -54,7 +54,7 @@ class ResidualEvidence(NamedTuple):
 
 @kernel
 def weights(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> Floats:
-    """(N,) weights of sight lines in iteratively reweighted least squares."""
+    """(N,) weights of lines of sight in iteratively reweighted least squares."""
     r = residuals(lines, X)
     out = np.empty(r.shape[0])
     for n in range(out.shape[0]):
@@ -63,7 +63,7 @@ def weights(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> Floats
 
 
 def evidence(problem: TrajectoryProblem, X: Floats, spread: Floats) -> ResidualEvidence:
-    """Sums over all sight lines and steps.
+    """Sums over all lines of sight and steps.
 
     Args:
         problem: with the stated variances.
@@ -84,7 +84,7 @@ def evidence(problem: TrajectoryProblem, X: Floats, spread: Floats) -> ResidualE
 
 
 def rescaled(problem: TrajectoryProblem, lines2: float, steps2: float) -> TrajectoryProblem:
-    """The problem with the variances of sight lines and of steps multiplied."""
+    """The problem with the variances of lines of sight and of steps multiplied."""
     steps: ChainSteps = problem.steps._replace(
         sigma=problem.steps.sigma * steps2, whiten=problem.steps.whiten / np.sqrt(steps2)
     )
@@ -93,11 +93,11 @@ def rescaled(problem: TrajectoryProblem, lines2: float, steps2: float) -> Trajec
 
 
 def sandwich(problem: TrajectoryProblem, X: Floats, spread: Floats) -> Floats:
-    """(T, 4, 4) covariances of the states if sight lines and motion are as noisy as their residuals tell.
+    """(T, 4, 4) covariances of the states if lines of sight and motion are as noisy as their residuals tell.
 
-    With C the inverse of M + G, M the information of sight lines and G that of the motion, the covariance is
-    C (s^2 M + m^2 G) C; C M C is the derivative of C by the variance of the sight lines.  The motion counts as stated
-    at least: a target that stood still may move off.
+    With C the inverse of M + G, M the information of lines of sight and G that of the motion, the covariance is
+    C (s^2 M + m^2 G) C; C M C is the derivative of C by the variance of the lines of sight.  The motion counts as
+    stated at least: a target that stood still may move off.
 
     Args:
         problem: with the variances that it was solved with.

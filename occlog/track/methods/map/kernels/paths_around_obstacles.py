@@ -3,7 +3,7 @@
 Being outside a polygon is no convex constraint.  Each step of the trajectory that is near one
 is held by a line that separates it from the polygon; with the lines fixed the problem is
 convex in its constraints, and its minimum gives better lines, until nothing moves (a path
-drawn tight around a corner touches it).  On which side to pass is a choice: for every stretch
+drawn tight around a corner touches it).  On which side to pass is a choice: for every segment
 that runs through a polygon both ways around are tried, and the cheaper one is kept.  A view
 may also be crossed unseen at a price, if the camera misses targets.
 
@@ -53,7 +53,7 @@ def stretches(X: Floats, obstacles: tuple[Obstacle, ...], left_alone: Bools, tou
         rows = np.flatnonzero(inside)
         if not len(rows):
             continue
-        # Frames of a camera that comes and goes belong to one stretch.
+        # Frames of a camera that comes and goes belong to one segment.
         there = np.cumsum(o.when)
         cuts = np.flatnonzero(np.diff(there[rows]) > 1) + 1
         for rest in np.split(rows, cuts):
@@ -86,7 +86,7 @@ def overlaps(xy: Floats, o: Obstacle, touch: float) -> Bools:
 def guesses(
     X: Floats, obstacles: tuple[Obstacle, ...], stretch: Hold, extent: float, clearance: float
 ) -> Iterator[Floats]:
-    """Trajectories that lead a stretch around its obstacle."""
+    """Trajectories that lead a segment around its obstacle."""
     o, T = obstacles[stretch.obstacle], len(X)
     wall = o.seen_through is None
     away = (clearance if wall else 0.0) + 1e-3 * extent
@@ -120,13 +120,13 @@ def guesses(
 
 
 def _within(xy: Floats, o: Obstacle) -> Bools:
-    """(T,) which places are inside."""
+    """(T,) which positions are inside."""
     points = np.ascontiguousarray(xy)
     return np.asarray(np.any([separate(points, points, piece).gap < 0.0 for piece in o.pieces], axis=0))
 
 
 def _to_edges(X: Floats, o: Obstacle, a: int, b: int, away: float) -> Iterator[Floats]:
-    """Trajectories whose states a + 1 .. b - 1 are beside one of the edges; for stretches at the start or the end."""
+    """Trajectories whose states a + 1 .. b - 1 are beside one of the edges; for segments at the start or the end."""
     K = len(o.corners)
     for k in range(K):
         edge = o.corners[(k + 1) % K] - o.corners[k]
@@ -147,18 +147,18 @@ def hidden_from_view(xy: Floats, o: Obstacle, rows: Ints) -> Bools:
 
 
 PASSES = 12
-"""How often lines are drawn anew."""
+"""How often lines are resampled."""
 ROUNDS = 10
-"""Rounds of looking for stretches that run through something."""
+"""Rounds of looking for segments that run through something."""
 NEIGHBOURHOOD = 24
-"""States before and after a stretch that move while ways around it are compared, at least."""
+"""States before and after a segment that move while ways around it are compared, at least."""
 PIN, ROUGH = 1e-5, 1e-4
 """Deviation with which the ends of such a neighbourhood are pinned, and the tolerance there, as shares of the
 extent."""
 TOUCH = 1e-9
 """Overlaps that are smaller, as a share of the extent, are none."""
 FEW = 6
-"""States before and after a stretch that are held apart as well, at least."""
+"""States before and after a segment that are held apart as well, at least."""
 MU = 1e-2
 """Weight of the barrier when a detour is tried."""
 
@@ -189,16 +189,16 @@ def find_paths_around(
         solved: the problem with the half-planes of the holds, and its minimum.
         obstacles: what the trajectory must not run through.
         options: of each search.
-        extent: size of the place.
+        extent: size of the position.
         clearance: distance that is kept from walls.
-        holds: stretches that are led around something already.
+        holds: segments that are led around something already.
         left_alone: (K, T) states that need not be outside each obstacle; None: none.
     """
     here, solution = solved
     held, iterations, space = tuple(holds), solution.iterations, (options, extent, clearance)
     alone = np.zeros((len(obstacles), problem.T), dtype=np.bool_) if left_alone is None else left_alone.copy()
     for _ in range(ROUNDS):
-        # Look for stretches inside an obstacle, and for the cheapest way around each by itself
+        # Look for segments inside an obstacle, and for the cheapest way around each by itself
         X = solution.X.copy()
         added: list[Hold] = []
         ways: list[Floats] = []
@@ -240,7 +240,7 @@ def _local_way(
     held: tuple[Hold, ...],
     space: tuple[Options, float, float],
 ) -> tuple[Floats | None, int]:
-    """The trajectory with one stretch led around its obstacle the cheapest way, and the iterations spent.
+    """The trajectory with one segment led around its obstacle the cheapest way, and the iterations spent.
 
     Only the neighbourhood moves; None where no way is found, or none that is worth the price.
     """
@@ -351,7 +351,7 @@ def settle(
     extent: float,
     clearance: float,
 ) -> tuple[TrajectoryProblem, Solution] | None:
-    """The minimum near a guess with lines drawn anew until nothing moves; None where no line fits.
+    """The minimum near a guess with lines resampled until nothing moves; None where no line fits.
 
     Args:
         problem: with all other constraints.
@@ -359,7 +359,7 @@ def settle(
         obstacles: as in `find_paths_around`, as the others.
         holds: which states are kept out of which obstacle.
         options: of each search.
-        extent: size of the place.
+        extent: size of the position.
         clearance: distance that is kept from walls.
     """
     X, found, iterations = guess, None, 0

@@ -5,7 +5,7 @@ The negative log posterior of the states x_1 .. x_T, [u u' v v'] each, is up to 
     E(X) = 1/2 |x_1 - m|^2_P0 + 1/2 sum |x_t+1 - A_t x_t|^2_Sigma_t + sum loss(r_n(x_t)) + log w_n
 
 ([Rahimi] Sec. 5, whose cost has -log J in place of the constraints), subject to n.(u, v) >= b for
-every half-plane.  The residual r of a sight line of a camera at p with optical axis (c, s) is
+every half-plane.  The residual r of a line of sight of a camera at p with optical axis (c, s) is
 
     r = (f h - z d) / sqrt(c0 d^2 + c1),  d = c dx + s dy,  h = -s dx + c dy
 
@@ -29,7 +29,8 @@ from .gauss_markov import GaussMarkov, transitions
 
 SQUARE, HUBER, CAUCHY, MIXTURE = 0, 1, 2, 3
 """Loss of a residual r: r^2/2; Huber's, linear beyond k; Cauchy's, k^2/2 log(1 + (r/k)^2); or that of a mixture of
-true and false sight lines, - log((exp(-r^2/2) + c) / (1 + c)) with c = exp(-k^2/2), so that at k both are as likely."""
+true and false lines of sight, - log((exp(-r^2/2) + c) / (1 + c)) with c = exp(-k^2/2), so that at k both are as
+likely."""
 
 
 class ChainSteps(NamedTuple):
@@ -45,7 +46,7 @@ class ChainSteps(NamedTuple):
 
 
 class BearingLinesByStep(NamedTuple):
-    """N measured sight lines, by rising step."""
+    """N measured lines of sight, by rising step."""
 
     step: Ints  # (N,) which state is seen, from 0
     place: Floats  # (N, 2) of the sensor
@@ -56,7 +57,7 @@ class BearingLinesByStep(NamedTuple):
     c1: Floats  # (N,) variance of the reading times distance squared; 0 for directions
     direction: Bools  # (N,) a direction, not a reading
     volume: Floats  # (N,) weight of - log d in the cost, >= 0; see `occlog.track.methods.map.kernels.invariant`
-    lean: Floats  # (N,) added to the log odds that a sight line is true, of the mixture's loss; 0: as its k says
+    lean: Floats  # (N,) added to the log odds that a line of sight is true, of the mixture's loss; 0: as its k says
 
 
 class HalfPlanes(NamedTuple):
@@ -132,7 +133,7 @@ def chain(model: GaussMarkov, dt: Floats, mean: Floats, spread: Floats) -> Chain
 
 
 def some_lines(lines: BearingLinesByStep, rows: slice | Bools | Ints) -> BearingLinesByStep:
-    """Some of the sight lines."""
+    """Some of the lines of sight."""
     return BearingLinesByStep._make(column[rows] for column in lines)
 
 
@@ -147,7 +148,7 @@ def some_hints(hints: QuadraticPriors, rows: slice | Bools) -> QuadraticPriors:
 
 
 def join_lines(*parts: BearingLinesByStep) -> BearingLinesByStep:
-    """All sight lines of several sets, by rising step."""
+    """All lines of sight of several sets, by rising step."""
     order = np.argsort(np.concatenate([p.step for p in parts]), kind="stable")
     joined = BearingLinesByStep(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     return some_lines(joined, order)
@@ -198,7 +199,7 @@ def start_on_axes(lines: BearingLinesByStep, T: int, centre: Floats, depth: floa
     inside the constraints of that camera only; see `occlog.track.methods.map.kernels.interior_point.move_inside`.
 
     Args:
-        lines: N sight lines.
+        lines: N lines of sight.
         T: number of states.
         centre: (2,) the paper's origin.
         depth: distance along the axis, > 0; the paper's is one metre.
@@ -216,7 +217,7 @@ def linear_problem(problem: TrajectoryProblem, distance: Floats) -> TrajectoryPr
 
     Args:
         problem: with any losses; those of the result are squares.
-        distance: (N,) D of every sight line, > 0.
+        distance: (N,) D of every line of sight, > 0.
     """
     lines = problem.lines
     sigma2 = lines.c0 + lines.c1 / distance**2

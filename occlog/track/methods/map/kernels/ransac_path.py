@@ -1,15 +1,15 @@
-"""Which sight lines are of one target: the most probable choice along a trajectory, by multiple hypotheses.
+"""Which lines of sight are of one target: the most probable choice along a trajectory, by multiple hypotheses.
 
-A hypothesis is a Kalman filter with the motion of the trajectory ([Rahimi] Eq. 1) and a choice of true sight lines so
-far.  Each sight line splits it into one that believes and one that does not; the most probable ones go on, and of
+A hypothesis is a Kalman filter with the motion of the trajectory ([Rahimi] Eq. 1) and a choice of true lines of sight
+so far.  Each line of sight splits it into one that believes and one that does not; the most probable ones go on, and of
 those that are nearly the same the better one (Reid 1979, An algorithm for tracking multiple targets, IEEE TAC 24(6),
-of one target).  Costs are -2 log of likelihoods, relative to that of a sight line that is met exactly:
+of one target).  Costs are -2 log of likelihoods, relative to that of a line of sight that is met exactly:
 
-* one that is believed costs e^2 / S + log(S / R), e the distance of the predicted place from it, S the variance of
+* one that is accepted costs e^2 / S + log(S / R), e the distance of the predicted position from it, S the variance of
   that, R the part of the measurement;
-* one that is not costs k^2, so that beyond k standard deviations of a place that is well known it counts as false.
+* one that is not costs k^2, so that beyond k standard deviations of a position that is well known it counts as false.
 
-Hypotheses begin where two sight lines cross, or at several distances along one, at first, or later at a price.
+Hypotheses begin where two lines of sight cross, or at several distances along one, initially, or later at a price.
 The residual e is linear in the place; only R depends on the distance.  Time and memory are linear in the states.
 """
 
@@ -30,23 +30,23 @@ BEAM_WIDTH = 20
 MAX_CROSSINGS = 5
 """Crossings of a state at which hypotheses begin."""
 START_RANGES = 6
-"""Distances along a sight line that crosses no other, at which hypotheses begin."""
+"""Distances along a line of sight that crosses no other, at which hypotheses begin."""
 MIN_CROSSINGS = 8
-"""Crossings with sight lines of states around are tried where there are fewer than so many in all."""
+"""Crossings with lines of sight of states around are tried where there are fewer than so many in all."""
 NEIGHBOUR_TIME_S = 3.0
 """Seconds within which they are."""
 MIN_CROSSING_SINE = 1e-3
-"""Sight lines at a smaller angle do not cross."""
+"""Lines of sight at a smaller angle do not cross."""
 MERGE_DISTANCE_SIGMAS = 0.3
 """Hypotheses all of whose coordinates differ by less than so many standard deviations are the same."""
 JUMP_COST_OUTLIERS = 2.0
-"""A target that is lost and found elsewhere costs as much as so many false sight lines, and the new place."""
+"""A target that is lost and found elsewhere costs as much as so many false lines of sight, and the new position."""
 BITS = 62
-"""Sight lines of a state beyond so many are not believed."""
+"""Lines of sight of a state beyond so many are rejected."""
 
 
 class BearingHalfLines(NamedTuple):
-    """N sight lines as half-lines, by rising step; the variance of a point d away across them is a d^2 + b."""
+    """N lines of sight as half-lines, by rising step; the variance of a point d away across them is a d^2 + b."""
 
     step: Ints  # (N,)
     sensor: Ints  # (N,) lines of one sensor do not cross
@@ -63,22 +63,22 @@ class HypothesisBeam(NamedTuple):
     x: Floats  # (BEAM, 4)
     P: Floats  # (BEAM, 4, 4)
     cost: Floats  # (BEAM,)
-    bits: Ints  # (BEAM,) which sight lines of the state are believed
+    bits: Ints  # (BEAM,) which lines of sight of the state are accepted
     parent: Ints  # (BEAM,) which hypothesis of the state before; -1: none
 
 
 @kernel
 def off_line2(rays: BearingHalfLines, n: int, x: float, y: float, extra: float) -> tuple[float, float]:
-    """Squared distance of a place from a sight line in standard deviations, and how much more a vague place costs.
+    """Squared Mahalanobis distance of a position from a line of sight, and the extra cost of a vague position.
 
     The distance is inf behind the sensor and out of reach.
 
     Args:
-        rays: the sight lines.
+        rays: the lines of sight.
         n: which.
-        x: of the place.
-        y: of the place.
-        extra: variance of the place across the sight line.
+        x: of the position.
+        y: of the position.
+        extra: variance of the position across the line of sight.
     """
     dx, dy = x - rays.place[n, 0], y - rays.place[n, 1]
     along = rays.direction[n, 0] * dx + rays.direction[n, 1] * dy
@@ -91,17 +91,17 @@ def off_line2(rays: BearingHalfLines, n: int, x: float, y: float, extra: float) 
 
 @kernel
 def off_line(rays: BearingHalfLines, n: int, x: float, y: float, extra: float, k2: float) -> float:
-    """Cost of a sight line at a place; at most k2."""
+    """Cost of a line of sight at a position; at most k2."""
     distance2, vague = off_line2(rays, n, x, y, extra)
     return min(distance2 + vague, k2)
 
 
 @kernel
 def crossing(rays: BearingHalfLines, i: int, j: int, moved2: float) -> tuple[float, float, float, float]:
-    """Where two sight lines cross: x, y, standard deviation in the worst direction, area; inf where they do not.
+    """Where two lines of sight cross: x, y, standard deviation in the worst direction, area; inf where they do not.
 
     Args:
-        rays: the sight lines.
+        rays: the lines of sight.
         i: of the time that the crossing is for.
         j: of a time at which the target may have been elsewhere.
         moved2: variance, per axis, of its motion between these times.
@@ -122,7 +122,7 @@ def crossing(rays: BearingHalfLines, i: int, j: int, moved2: float) -> tuple[flo
 
 @kernel
 def _around(first: Ints, seconds: Floats, t: int, longest: float) -> tuple[int, int]:
-    """Sight lines first .. last - 1 of a state, and of those around it where it has few."""
+    """Lines of sight first .. last - 1 of a state, and of those around it where it has few."""
     T = seconds.shape[0]
     a, b = t, t
     while first[b + 1] - first[a] < MIN_CROSSINGS:
@@ -143,16 +143,16 @@ def candidates(
 ) -> int:
     """The best crossings for a state into `out` (MOST, 7): and their number.
 
-    Columns of `out`: x, y, standard deviation, area, cost of the sight lines around, and which two lines cross.
+    Columns of `out`: x, y, standard deviation, area, cost of the lines of sight around, and which two lines cross.
 
     Args:
-        rays: the sight lines.
-        first: (T + 1,) the first sight line of each state.
+        rays: the lines of sight.
+        first: (T + 1,) the first line of sight of each state.
         seconds: (T,) times of the states.
         t: the state.
         speed: typical speed of the target.
         widest: standard deviation beyond which a crossing says nothing.
-        k2: most that a sight line costs.
+        k2: most that a line of sight costs.
         out: changed in place.
     """
     begin, end = _around(first, seconds, t, NEIGHBOUR_TIME_S)
@@ -166,7 +166,7 @@ def candidates(
             x, y, sigma, area = crossing(rays, i, j, away * away)
             if sigma > widest:
                 continue
-            # Consensus: the cost of all sight lines around
+            # Consensus: the cost of all lines of sight around
             cost = 0.0
             for n in range(begin, end):
                 away = speed * (seconds[rays.step[n]] - seconds[t])
@@ -214,7 +214,7 @@ def _predict(beam: HypothesisBeam, A: Floats, sigma: Floats) -> None:
 
 @kernel
 def inlier_cost(rays: BearingHalfLines, n: int, x: Floats, P: Floats) -> tuple[float, float, float]:
-    """Cost of believing a sight line, the distance from it, and the variance of that; inf behind or out of reach."""
+    """Cost of believing a line of sight, the distance from it, and the variance of that; inf behind or out of reach."""
     c, s = rays.direction[n, 0], rays.direction[n, 1]
     dx, dy = x[0] - rays.place[n, 0], x[2] - rays.place[n, 1]
     along = c * dx + s * dy
@@ -229,7 +229,7 @@ def inlier_cost(rays: BearingHalfLines, n: int, x: Floats, P: Floats) -> tuple[f
 
 @kernel
 def _update(beam: HypothesisBeam, m: int, rays: BearingHalfLines, n: int, across: float, S: float) -> None:
-    """Kalman update of a hypothesis by a sight line that it believes."""
+    """Kalman update of a hypothesis by a line of sight that it believes."""
     c, s = rays.direction[n, 0], rays.direction[n, 1]
     gain = np.empty(4)
     for i in range(4):
@@ -242,13 +242,13 @@ def _update(beam: HypothesisBeam, m: int, rays: BearingHalfLines, n: int, across
 
 @kernel
 def _split(beam: HypothesisBeam, rays: BearingHalfLines, n: int, bit: int, k2: float, spare: HypothesisBeam) -> None:
-    """Split all hypotheses by a sight line, and keep the best ones."""
+    """Split all hypotheses by a line of sight, and keep the best ones."""
     mask = np.int64(1) << bit
     costs, across, S = np.full(2 * BEAM_WIDTH, math.inf), np.zeros(BEAM_WIDTH), np.ones(BEAM_WIDTH)
     for m in range(BEAM_WIDTH):
         if beam.cost[m] == math.inf:
             continue
-        if beam.bits[m] & mask:  # it began with this sight line
+        if beam.bits[m] & mask:  # it began with this line of sight
             costs[2 * m] = beam.cost[m]
             continue
         costs[2 * m] = beam.cost[m] + k2
@@ -271,9 +271,9 @@ def _split(beam: HypothesisBeam, rays: BearingHalfLines, n: int, bit: int, k2: f
 def _begin(
     beam: HypothesisBeam, x: float, y: float, spread: Floats, speed: float, cost: float, bits: int, parent: int
 ) -> None:
-    """Put a new hypothesis in the place of the worst, or where there is none; spread: variances xx, xy, yy.
+    """Put a new hypothesis in the place of the worst, or where missing; spread: variances xx, xy, yy.
 
-    It is worse than most at first: nearly all that are kept share what was believed before.
+    It is worse than most initially: nearly all that are kept share what was accepted before.
     """
     m = int(np.argmax(beam.cost))
     beam.x[m], beam.P[m] = 0.0, 0.0
@@ -295,18 +295,18 @@ def _births(
     ground: Floats,
     k2: float,
 ) -> None:
-    """Begin hypotheses at the best crossings of a state, or along its sight lines where none cross.
+    """Begin hypotheses at the best crossings of a state, or along its lines of sight where none cross.
 
     Args:
         beam: changed in place.
-        rays: the sight lines.
-        first: (T + 1,) the first sight line of each state.
+        rays: the lines of sight.
+        first: (T + 1,) the first line of sight of each state.
         seconds: (T,) times of the states.
         t: the state.
         price: cost of beginning here.
         parent: hypothesis before; -1: none.
-        ground: (3,) typical speed, standard deviation at which a crossing says nothing, and extent of the place.
-        k2: cost of a false sight line.
+        ground: (3,) typical speed, standard deviation at which a crossing says nothing, and extent of the position.
+        k2: cost of a false line of sight.
     """
     found, spread = np.empty((MAX_CROSSINGS, 7)), np.empty(3)
     speed, extent2 = ground[0], ground[2] ** 2
@@ -356,15 +356,15 @@ def _merge(beam: HypothesisBeam) -> None:
 def agreed_path(
     rays: BearingHalfLines, first: Ints, seconds: Floats, steps: ChainSteps, ground: Floats, k: float
 ) -> tuple[Floats, Bools, float]:
-    """(T, 4) states of the most probable hypothesis as filtered, (N,) the sight lines it believes, and its cost.
+    """(T, 4) states of the most probable hypothesis as filtered, (N,) the lines of sight it believes, and its cost.
 
     Args:
-        rays: N sight lines.
-        first: (T + 1,) the first sight line of each state, N at the end.
+        rays: N lines of sight.
+        first: (T + 1,) the first line of sight of each state, N at the end.
         seconds: (T,) times of the states.
         steps: the chain.
-        ground: (3,) typical speed, standard deviation beyond which a crossing says nothing, and extent of the place.
-        k: standard deviations beyond which a sight line counts as false.
+        ground: (3,) typical speed, standard deviation beyond which a crossing says nothing, and extent of the position.
+        k: standard deviations beyond which a line of sight counts as false.
     """
     T, k2 = seconds.shape[0], k * k
     parent, bits = np.full((T, BEAM_WIDTH), -1, dtype=np.int8), np.zeros((T, BEAM_WIDTH), dtype=np.int64)
@@ -378,11 +378,11 @@ def agreed_path(
         for m in range(BEAM_WIDTH):
             beam.bits[m], beam.parent[m] = 0, m
         if first[t + 1] > first[t]:
-            # Begin: all sight lines before are false, or the target was lost
+            # Begin: all lines of sight before are false, or the target was lost
             best = int(np.argmin(beam.cost))
             lost = beam.cost[best] + JUMP_COST_OUTLIERS * k2
             _births(beam, rays, first, seconds, t, min(skipped, lost), best if lost < skipped else -1, ground, k2)
-            # Believe each sight line or not
+            # Accept or reject each line of sight
             for n in range(first[t], min(first[t + 1], first[t] + BITS)):
                 _split(beam, rays, n, n - first[t], k2, spare)
             _merge(beam)

@@ -41,7 +41,7 @@ def loss_value(r: float, loss: int, k: float) -> float:
 
 @kernel
 def inlier_probability(r: float, k: float) -> float:
-    """Probability that a sight line with that residual is true, if it is 1/2 at k."""
+    """Probability that a line of sight with that residual is true, if it is 1/2 at k."""
     a = 0.5 * (k * abs(k) - r * r)
     return 1.0 / (1.0 + math.exp(-a)) if a >= 0.0 else math.exp(a) / (1.0 + math.exp(a))
 
@@ -62,7 +62,7 @@ def loss_slopes(r: float, loss: int, k: float) -> tuple[float, float, float]:
 
 @kernel
 def in_camera(lines: BearingLinesByStep, n: int, X: Floats) -> tuple[float, float]:
-    """Offset to the left of the axis, h, and distance along it, d, of the state that sight line n is of."""
+    """Offset to the left of the axis, h, and distance along it, d, of the state that line of sight n is of."""
     t = lines.step[n]
     dx, dy = X[t, 0] - lines.place[n, 0], X[t, 2] - lines.place[n, 1]
     c, s = lines.axis[n, 0], lines.axis[n, 1]
@@ -71,7 +71,7 @@ def in_camera(lines: BearingLinesByStep, n: int, X: Floats) -> tuple[float, floa
 
 @kernel
 def residual(lines: BearingLinesByStep, n: int, h: float, d: float) -> float:
-    """Residual of a sight line in standard deviations."""
+    """Residual of a line of sight in standard deviations."""
     if lines.direction[n]:
         return math.atan2(h, d) / math.sqrt(lines.c0[n])
     missed: float = lines.focal[n] * h - lines.reading[n] * d
@@ -80,7 +80,7 @@ def residual(lines: BearingLinesByStep, n: int, h: float, d: float) -> float:
 
 @kernel
 def residuals(lines: BearingLinesByStep, X: Floats) -> Floats:
-    """(N,) residuals of all sight lines in standard deviations."""
+    """(N,) residuals of all lines of sight in standard deviations."""
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):
         h, d = in_camera(lines, n, X)
@@ -90,7 +90,7 @@ def residuals(lines: BearingLinesByStep, X: Floats) -> Floats:
 
 @kernel
 def losses(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> Floats:
-    """(N,) losses of all sight lines."""
+    """(N,) losses of all lines of sight."""
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):
         h, d = in_camera(lines, n, X)
@@ -100,7 +100,7 @@ def losses(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> Floats:
 
 @kernel
 def inlier_probabilities(lines: BearingLinesByStep, X: Floats, k: float) -> Floats:
-    """(N,) probability that each sight line is true, 1/2 for a residual of k; 0 behind the camera."""
+    """(N,) probability that each line of sight is true, 1/2 for a residual of k; 0 behind the camera."""
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):
         h, d = in_camera(lines, n, X)
@@ -227,7 +227,7 @@ def add_lines(lines: BearingLinesByStep, X: Floats, loss: int, k: float, exact: 
     """Add the measurements' derivatives to `g` (T, 4) and, by position, to `H` (T, 3): xx, xy, yy.
 
     Args:
-        lines: N sight lines.
+        lines: N lines of sight.
         X: (T, 4) states.
         loss: SQUARE, HUBER, CAUCHY or MIXTURE.
         k: its parameter.
@@ -296,7 +296,7 @@ def in_front(lines: BearingLinesByStep, X: Floats) -> Bools:
 
 @kernel
 def leverages(lines: BearingLinesByStep, X: Floats, loss: int, k: float, C: Floats) -> Floats:
-    """(N,) share of each sight line in what is known of its own direction, 0 to 1.
+    """(N,) share of each line of sight in what is known of its own direction, 0 to 1.
 
     That is J' C J with J the gradient of the residual and C (T, 4, 4) the covariances of the states.
     """

@@ -38,7 +38,8 @@ START = 1e-3
 
 
 FORGET_EXTENTS = 1000.0
-"""Where the motion alone spreads positions by so many times the extent of the place, what was before says nothing."""
+"""Where the motion alone spreads positions by so many times the extent of the position, what was before says
+nothing."""
 LONGEST_S = 1e9
 """No longer pause is looked at."""
 
@@ -54,7 +55,7 @@ class Pending(NamedTuple):
     record: TargetRecord
     X: Floats  # (T, 4) states found so far; fewer than times: the rest is new
     sensors: Sensors  # in the scene's own coordinates
-    scales: tuple[float, float] = (1.0, 1.0)  # factors of the stated variances of sight lines and steps, so far
+    scales: tuple[float, float] = (1.0, 1.0)  # factors of the stated variances of lines of sight and steps, so far
 
 
 def motion_of(config: MapConfig) -> GaussMarkov:
@@ -101,7 +102,7 @@ def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
 
 
 def memory_ns(scene: Scene, config: MapConfig) -> int | None:
-    """The pause [ns] after which a target may be anywhere by its motion, to a factor of 2; None: there is none.
+    """The pause [ns] after which a target may be anywhere by its motion, to a factor of 2; None: missing.
 
     A chain over a longer one would only have variances that 64 bits do not hold beside those of bearings.
     """

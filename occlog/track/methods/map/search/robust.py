@@ -3,8 +3,8 @@
 A false bearing does harm in two ways: it pulls, and it says that the target is in front of its camera.  The first is
 what robust losses are for.  These have several minima, so that the search begins with the most probable choice of
 true bearings (`occlog.track.methods.map.kernels.ransac_path`) and a loss that is next to convex, and then takes the
-loss itself with all bearings (graduated non-convexity in two steps).  Against the second, only sight lines that are
-believed constrain the trajectory; which these are is found in turn with the trajectory.
+loss itself with all bearings (graduated non-convexity in two steps).  Against the second, only lines of sight that are
+accepted constrain the trajectory; which these are is found in turn with the trajectory.
 
 Search for the most probable trajectory from a start: inside the constraints, in windows, around obstacles.
 """
@@ -93,9 +93,9 @@ def search_around(
         start: (T, 4) states inside the constraints.
         around: the obstacles.
         config: settings.
-        extent: size of the place.
+        extent: size of the position.
         watch: called with each iterate of the whole.
-        mu: weight of the barrier at first; small for a start that is near the minimum.
+        mu: weight of the barrier initially; small for a start that is near the minimum.
     """
     options, space = Options(config.tolerance * extent, config.iterations, mu), (extent, config.clearance)
     # Another solver: quadratic programs in turn (Eqs. 7 and 10)
@@ -136,7 +136,7 @@ def roughly(problem: TrajectoryProblem, start: Floats, config: MapConfig, extent
         problem: what is minimised, without obstacles.
         start: (T, 4) states inside the constraints.
         config: settings.
-        extent: size of the place.
+        extent: size of the position.
     """
     options = Options(ROUGH * extent, config.iterations, MU)
 
@@ -151,28 +151,28 @@ OUTLIER_SIGMAS = BEND["mixture"]
 """Standard deviations at which a bearing is as likely false as true, with losses other than the mixture's."""
 
 MIN_OUTLIER_SIGMAS = 2.0
-"""Sight lines nearer than so many standard deviations are never false."""
+"""Lines of sight nearer than so many standard deviations are never false."""
 INITIAL_HUBER_K = 2.5
-"""Parameter of Huber's loss at first."""
+"""Parameter of Huber's loss initially."""
 VARIANCE_STEP_FACTOR = 4.0
-"""Factor between variances of the motion, or of sight lines, that are tried."""
+"""Factor between variances of the motion, or of lines of sight, that are tried."""
 MAX_VARIANCE_FACTOR = 1e4
 """Variances are not multiplied by more."""
 MIN_DEVIANCE_GAIN = 10.0
 """A factor is taken if -2 log of the likelihood falls by more."""
 MIN_RESIDUAL_FACTOR, MIN_OUTLIER_SHARE = 1.3, 0.01
-"""Other variances are tried where residuals show more than this factor, or more than this share is not believed."""
+"""Other variances are tried where residuals show more than this factor, or more than this share is rejected."""
 MIN_CAVITY_SHARE = 0.01
-"""Sight lines of which the others tell more than this share are judged by their residuals alone."""
+"""Lines of sight of which the others tell more than this share are judged by their residuals alone."""
 LOG_FACTOR_TOLERANCE = 0.1
 """Change of a factor's logarithm at which it has settled."""
 MAX_OCCLUDER_ROUNDS, POSITION_TOLERANCE_SIGMAS = 6, 0.1
 """How often the search is repeated among moving occluders, until no position moves by more standard deviations."""
 ROUNDS = 8
-"""How often the search is repeated at most with what is believed after the one before."""
+"""How often the search is repeated at most with what is accepted after the one before."""
 
 Scales = tuple[float, float]
-"""Factors of the stated variances of sight lines and of steps."""
+"""Factors of the stated variances of lines of sight and of steps."""
 
 
 class RobustSearchResult(NamedTuple):
@@ -181,19 +181,19 @@ class RobustSearchResult(NamedTuple):
     problem: TrajectoryProblem  # without the half-planes of detours
     mode: PathsAroundObstacles
     stuck: Bools  # (T,) states whose constraints contradict each other
-    used: Bools  # (N,) which sight lines the problem has
+    used: Bools  # (N,) which lines of sight the problem has
     scales: Scales
-    score: float = math.nan  # cost with that of the sight lines that the problem does not have
+    score: float = math.nan  # cost with that of the lines of sight that the problem does not have
     believed: Bools | None = None  # (N,) more probably true than false; None: all
     chance: Bools | None = None  # (N,) of these, met by chance alone; None: none
-    careful: PathsAroundObstacles | None = None  # the minimum without those; None: there are none
+    careful: PathsAroundObstacles | None = None  # the minimum without those; None: missing
     told: OccluderHints | None = None  # what moving occluders say; None: nothing
 
 
 def plain_search(
     pending: Pending, record: TargetRecord, around: tuple[Obstacle, ...], watch: Watch
 ) -> RobustSearchResult:
-    """Search from the paper's start, or from linear problems, with all bearings believed."""
+    """Search from the paper's start, or from linear problems, with all bearings accepted."""
     config = pending.config
     problem = problem_of(pending, record)
     # Start inside the constraints ([Rahimi] Sec. 6)
@@ -245,9 +245,9 @@ def robust_search(
 def _most_probable(
     pending: Pending, record: TargetRecord, around: tuple[Obstacle, ...], watch: Watch
 ) -> RobustSearchResult:
-    """Search from consensus, with the half-planes of those sight lines alone that are believed.
+    """Search from consensus, with the half-planes of those lines of sight alone that are accepted.
 
-    Where some are not believed, or residuals are too large, the motion may be livelier and bearings noisier than
+    Where some are rejected, or residuals are too large, the motion may be livelier and bearings noisier than
     stated: then the search is repeated with scales that are learned, where these are more probable.
     """
     config = pending.config
@@ -289,14 +289,14 @@ def _most_probable(
 
 
 def _overlap(record: TargetRecord) -> float:
-    """Share of sight lines near to which, in time, another sensor has one; 1 without any."""
+    """Share of lines of sight near to which, in time, another sensor has one; 1 without any."""
     seen = record.rows.seen
     near = confirmed_by_another(record.rows.sensor[seen], (record.t_ns[record.state[seen]] - record.t_ns[0]) / NS)
     return float(near.mean()) if len(near) else 1.0
 
 
 def _from_axes(pending: Pending, whole: TrajectoryProblem, trust: float) -> ConsensusPath:
-    """A path from the paper's start by ever narrower losses, and the sight lines that agree with it."""
+    """A path from the paper's start by ever narrower losses, and the lines of sight that agree with it."""
     config, extent = pending.config, pending.extent
     X, stuck = start_of(pending, whole)
     problem = without(whole, stuck) if stuck.any() else whole
@@ -306,14 +306,14 @@ def _from_axes(pending: Pending, whole: TrajectoryProblem, trust: float) -> Cons
 
 
 def _plausible(found: RobustSearchResult, path: ConsensusPath) -> bool:
-    """Whether nearly all sight lines are believed, and residuals are what is stated."""
+    """Whether nearly all lines of sight are accepted, and residuals are what is stated."""
     told = evidence(found.mode.problem, found.mode.solution.X, covariance(found.mode.problem, found.mode.solution.X))
     doubted = float(np.mean(~path.agree)) if len(path.agree) else 0.0
     return max(told.lines_scale, told.steps_scale) < MIN_RESIDUAL_FACTOR and doubted < MIN_OUTLIER_SHARE
 
 
 def inlier_weights(config: MapConfig, lines2: float) -> float:
-    """Standard deviations at which a sight line is as likely false as true, its variance multiplied by lines2."""
+    """Standard deviations at which a line of sight is as likely false as true, its variance multiplied by lines2."""
     bend = bend_of(config) if config.loss == "mixture" else OUTLIER_SIGMAS
     # False ones are as likely as before, and the peak of true ones is lower.
     return float(np.sqrt(max(bend**2 - np.log(lines2), MIN_OUTLIER_SIGMAS**2)))
@@ -337,16 +337,16 @@ def search_from(
         record: its record.
         around: obstacles.
         watch: as of `occlog.track.methods.map.method.advance`.
-        path: where the search begins, and the sight lines that agree there.
+        path: where the search begins, and the lines of sight that agree there.
         scales: factors of variances; those that are not what was known before are refined along with the trajectory.
-        careful: leave out what is met by chance alone, see `_overfits`.
+        careful: omit what is met by chance alone, see `_overfits`.
         among: what moving occluders say; None: nothing.
     """
     config, extent = pending.config, pending.extent
     (X, kept, _), iterations, learn = path, 0, scales != pending.scales and not careful
     banned = np.zeros(len(kept), dtype=np.bool_)
     for number in range(ROUNDS):
-        # Constrain by what is believed; drop what says nothing in front of its camera
+        # Constrain by what is accepted; drop what says nothing in front of its camera
         trust = inlier_weights(config, scales[0])
         problem = rescaled(problem_of(pending, record, kept), *scales)
         if config.loss == "mixture":
@@ -361,7 +361,7 @@ def search_from(
             problem = without(problem, stuck)
             used &= ~stuck[lines.step]
         if number == 0:
-            # Begin with the sight lines that agree, and a loss that is next to convex
+            # Begin with the lines of sight that agree, and a loss that is next to convex
             agreeing = problem._replace(lines=some_lines(problem.lines, kept[used]), loss=HUBER, k=INITIAL_HUBER_K)
             X, spent = roughly(agreeing, X, config, extent)
             iterations += spent
@@ -400,9 +400,9 @@ def has_converged(before: Floats, mode: PathsAroundObstacles) -> bool:
 
 
 def _overfits(lines: BearingLinesByStep, X: Floats, spread: Floats, trust: float) -> Bools:
-    """(N,) sight lines that are met by chance alone: the others make it less probable than that they are false.
+    """(N,) lines of sight that are met by chance alone: the others make it less probable than that they are false.
 
-    Next to a camera a trajectory meets whatever the camera says.  With h the leverage of a sight line, the others
+    Next to a camera a trajectory meets whatever the camera says.  With h the leverage of a line of sight, the others
     predict it with 1/(1 - h) times its variance, so that believing it costs r^2/(1 - h) - log(1 - h), as in
     `occlog.track.methods.map.kernels.ransac_path`.
     """
@@ -412,16 +412,16 @@ def _overfits(lines: BearingLinesByStep, X: Floats, spread: Floats, trust: float
 
 
 def _frozen(lines: BearingLinesByStep, kept: Bools, X: Floats) -> BearingLinesByStep:
-    """The sight lines, those not kept with the variance that they have at X."""
+    """The lines of sight, those not kept with the variance that they have at X."""
     d2 = np.maximum(depths(lines, X) ** 2, 1e-300)
     loose = ~kept & (lines.c1 > 0.0)
     return lines._replace(c0=np.where(loose, lines.c0 + lines.c1 / d2, lines.c0), c1=np.where(loose, 0.0, lines.c1))
 
 
 def without(problem: TrajectoryProblem, states: Bools) -> TrajectoryProblem:
-    """The problem without the half-planes and the sight lines of some states.
+    """The problem without the half-planes and the lines of sight of some states.
 
-    A sight line without its half-plane leads into its sensor, where the cost is not continuous.
+    A line of sight without its half-plane leads into its sensor, where the cost is not continuous.
     """
     planes = some_planes(problem.planes, ~states[problem.planes.step])
     return problem._replace(planes=planes, lines=some_lines(problem.lines, ~states[problem.lines.step]))

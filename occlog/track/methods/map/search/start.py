@@ -1,9 +1,9 @@
-"""Where a search begins: on a path on which most sight lines agree (`occlog.track.methods.map.kernels.ransac_path`).
+"""Where a search begins: on a path on which most lines of sight agree (`occlog.track.methods.map.kernels.ransac_path`).
 
-Where a search with measurements of distances begins: Kalman filters from many places, the best one smoothed.
+Where a search with measurements of distances begins: Kalman filters from many positions, the best one smoothed.
 
 A likelihood of ranges has several modes, and the first measurements may leave open which is the target's.  An extended
-Kalman filter runs along the record from each place of a grid that the first measurements fit better than places
+Kalman filter runs along the record from each position of a grid that the first measurements fit better than positions
 beside it.  It passes over measurements that are more probably false; filters that become improbable end.
 """
 
@@ -32,15 +32,15 @@ from .problem_of_record import BEND, Pending
 
 
 class ConsensusPath(NamedTuple):
-    """A path, and the sight lines that agree with it."""
+    """A path, and the lines of sight that agree with it."""
 
     X: Floats  # (T, 4) states
-    agree: Bools  # (N,) sight lines that agree with it
+    agree: Bools  # (N,) lines of sight that agree with it
     cost: float  # -2 log of the likelihood, up to a constant
 
 
 def rays_of(lines: BearingLinesByStep, record: TargetRecord, at: SensorStations) -> BearingHalfLines:
-    """The sight lines as half-lines with the variance across them, by [Ercan] Eq. 2."""
+    """The lines of sight as half-lines with the variance across them, by [Ercan] Eq. 2."""
     sensor = record.rows.sensor[record.rows.seen]
     left = np.column_stack([-lines.axis[:, 1], lines.axis[:, 0]])
     ratio = np.where(lines.direction, 0.0, lines.reading / lines.focal)
@@ -62,15 +62,15 @@ def rays_of(lines: BearingLinesByStep, record: TargetRecord, at: SensorStations)
 def ransac_path(
     problem: TrajectoryProblem, record: TargetRecord, at: SensorStations, config: MapConfig, extent: float, bend: float
 ) -> ConsensusPath:
-    """The most probable choice of true sight lines, and a path along them.
+    """The most probable choice of true lines of sight, and a path along them.
 
     Args:
-        problem: of T states; its sight lines are of the rows of the record that saw the target.
+        problem: of T states; its lines of sight are of the rows of the record that saw the target.
         record: the same T states.
         at: the sensors.
         config: settings.
-        extent: size of the place.
-        bend: standard deviations beyond which a sight line does not agree.
+        extent: size of the position.
+        bend: standard deviations beyond which a line of sight does not agree.
     """
     rays = rays_of(problem.lines, record, at)
     first = np.searchsorted(rays.step, np.arange(len(record.t_ns) + 1))
@@ -92,7 +92,7 @@ MAX_STATES = 1000
 class SearchMeasurements(NamedTuple):
     """All measurements of a record of T states, in the coordinates of the search."""
 
-    lines: Floats  # (N, 6) place, direction, a and b of `BearingHalfLines`
+    lines: Floats  # (N, 6) position, direction, a and b of `BearingHalfLines`
     line_first: Ints  # (T + 1,) first line of each state
     distances: RangeMeasurements  # m
     distance_first: Ints  # (T + 1,)
@@ -152,7 +152,7 @@ def filtered_start(
 
 
 def _begun(rows: SearchMeasurements, record: TargetRecord, pending: Pending) -> FilterBank:
-    """Filters at the places that the first measurements fit best, or at what is known from before."""
+    """Filters at the positions that the first measurements fit best, or at what is known from before."""
     before, extent = pending.before, pending.extent
     if np.sqrt(np.linalg.eigvalsh(before.spread[::2, ::2])[-1]) < MAX_RELATIVE_START_SIGMA * extent:
         return FilterBank(before.mean[None].copy(), before.spread[None].copy(), np.zeros(1))
@@ -184,7 +184,7 @@ def _begun(rows: SearchMeasurements, record: TargetRecord, pending: Pending) -> 
 
 
 def _seen(rows: SearchMeasurements, t: int, xy: Floats) -> tuple[Floats, Floats, DistanceErrors]:
-    """What is measured at a state: residuals (H, n), gradients (H, n, 2) at (H, 2) places, and how these n err."""
+    """What is measured at a state: residuals (H, n), gradients (H, n, 2) at (H, 2) positions, and how these n err."""
     own = rows.distances.take(slice(*rows.distance_first[t : t + 2].tolist()))
     told = linearise(own, xy)
     lines = rows.lines[slice(*rows.line_first[t : t + 2].tolist())]
@@ -218,7 +218,7 @@ def _updated(bank: FilterBank, rows: SearchMeasurements, t: int) -> FilterBank:
     variance = 1.0 + whole[:, np.arange(n), np.arange(n)]
     log = bank.log + log_density(residual, errors, variance).sum(axis=1)
     used = (inlier_probability(residual / np.sqrt(variance), errors.widened(variance)) > 0.5).astype(np.float64)
-    # Kalman update with those that are believed
+    # Kalman update with those that are accepted
     whole = whole * used[:, :, None] * used[:, None, :] + np.eye(n)
     cross = cross * used[..., None]
     gain = np.linalg.solve(whole, cross).transpose(0, 2, 1)

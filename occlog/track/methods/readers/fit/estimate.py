@@ -30,7 +30,7 @@ class Losses(NamedTuple):
 
 
 class TagWindows(NamedTuple):
-    """T windows of one tag in one recording, with its true places."""
+    """T windows of one tag in one recording, with its true positions."""
 
     t_s: Floats  # (T,) from the first window on
     xy: Floats  # (T, 2)
@@ -70,7 +70,7 @@ def fit_losses(reader: Ints, distance_m: Floats, rssi: Floats, readers: int) -> 
     used = np.append(present, readers)
     solution, _, rank, _ = np.linalg.lstsq(design[:, used], rssi, rcond=None)
     if rank < len(used) or not solution[-1] >= MIN_LOSS:
-        raise ValueError("strengths do not fall with the distance; are the places those of the tags?")
+        raise ValueError("strengths do not fall with the distance; are the positions those of the tags?")
     residual = rssi - design[:, used] @ solution
     variance = float(residual @ residual) / (len(rssi) - len(used))
     spread = np.sqrt(variance * np.diag(np.linalg.inv(design[:, used].T @ design[:, used])))
@@ -83,8 +83,8 @@ def fit_shadowing(model: PathLoss, sequences: Sequence[TagWindows]) -> PathLoss:
     """Maximise the likelihood of the residuals over noise, shadowing and the time in which it is forgotten.
 
     Args:
-        model: with places, powers and exponent; its noise and shadowing are where the search begins.
-        sequences: windows with true places.
+        model: with positions, powers and exponent; its noise and shadowing are where the search begins.
+        sequences: windows with true positions.
     """
 
     def cost(x: Floats) -> float:
@@ -99,7 +99,7 @@ def fit_shadowing(model: PathLoss, sequences: Sequence[TagWindows]) -> PathLoss:
 
 
 def _log_likelihood(model: PathLoss, tag: TagWindows) -> float:
-    """Log-likelihood of a tag's strengths at its true places."""
+    """Log-likelihood of a tag's strengths at its true positions."""
     expected = model.expected(tag.xy)
     known, total = no_shadowing(model, 1), 0.0
     for row, t_s in enumerate(tag.t_s):
@@ -113,7 +113,7 @@ def _log_likelihood(model: PathLoss, tag: TagWindows) -> float:
 def choose_range(
     model: PathLoss, sequences: Sequence[TagWindows], ranges: Sequence[float], room: Floats | None
 ) -> Coverage:
-    """Choose the range with the least RMS error of the virtual sensors over windows with true places.
+    """Choose the range with the least RMS error of the virtual sensors over windows with true positions.
 
     A reader detects a tag whose mean strength is at least that expected at the range.  The probabilities that it does
     so in range and out of it are shares over the windows (each with one success and one failure more, so that none
@@ -158,5 +158,5 @@ def usual_ranges(places: Floats) -> Floats:
     np.fill_diagonal(away, np.inf)
     usual = float(np.median(away.min(axis=1)))
     if not usual > 0.0:
-        raise ValueError("readers stand at one place; state ranges to try")
+        raise ValueError("readers stand at one position; state ranges to try")
     return usual * np.linspace(0.5, 2.0, 10)

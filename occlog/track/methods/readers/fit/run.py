@@ -1,4 +1,4 @@
-"""Run of `occlog fit-readers`: read reads and true places, fit, write."""
+"""Run of `occlog fit-readers`: read reads and true positions, fit, write."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
     from occlog.records.losses import Loss
 
 MIN_WINDOWS = 20
-"""Fewer windows with a true place say little."""
+"""Fewer windows with a true position say little."""
 START_SHADOW_DB, START_SHADOW_S = 3.0, 5.0
 """Where the search for the shadowing begins."""
 
 
 class _FitSamples:
-    """Strengths with their distances, and windows with true places, of all recordings."""
+    """Strengths with their distances, and windows with true positions, of all recordings."""
 
     def __init__(self, readers: tuple[TagReader, ...], config: FitReadersConfig, metre: float) -> None:
         self.readers, self.config, self.metre = readers, config, metre
@@ -62,7 +62,7 @@ class _FitSamples:
             self._windows(own, path, places, gap_ns)
 
     def _strengths(self, reads: Reads, xy: Floats, good: np.ndarray) -> None:
-        """Strengths of single reads, with the distance of the true place."""
+        """Strengths of single reads, with the distance of the true position."""
         told = good & np.isfinite(reads.rssi)
         place = {r.name: k for k, r in enumerate(self.readers)}
         number = np.array([place[name] for name in reads.sensor[told].tolist()], dtype=np.int64)
@@ -75,7 +75,7 @@ class _FitSamples:
         self.without += int(np.count_nonzero(~good))
 
     def _windows(self, reads: Reads, truth: Truth, places: Floats, gap_ns: int) -> None:
-        """Windows of a tag with true places."""
+        """Windows of a tag with true positions."""
         names = [r.name for r in self.readers]
         for part in windows_of([reads], names, round(self.config.window_s * NS)):
             xy, good = interpolate_positions(part.t_ns, truth.t_ns, places, gap_ns)
@@ -100,7 +100,7 @@ def run_fit_readers(request: FitReadersRequest, job: Job) -> tuple[dict[str, obj
     windows = sum(len(s.t_s) for s in gathered.stretches)
     if windows < MIN_WINDOWS:
         raise InputError(
-            f"{where}: {windows} windows have a true place, want {MIN_WINDOWS}; give more, or bridge longer gaps"
+            f"{where}: {windows} windows have a true position, want {MIN_WINDOWS}; give more, or bridge longer gaps"
         )
     places = np.array([r.position for r in scene.readers])
     reader, rssi = np.concatenate(gathered.reader), np.concatenate(gathered.rssi)
@@ -168,7 +168,7 @@ def run_fit_readers(request: FitReadersRequest, job: Job) -> tuple[dict[str, obj
 
 
 def _common_scene(request: FitReadersRequest, inputs: list[Opened]) -> Scene:
-    """The scene of all recordings; UsageError where their readers stand at other places."""
+    """The scene of all recordings; UsageError where their readers stand at other positions."""
     scene = load_scene(request.scene, inputs[0].scene, request.recordings[0])
     if not scene.readers:
         raise InputError(f"{request.recordings[0]}: its scene has no readers; give a scene that has")
