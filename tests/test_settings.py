@@ -27,11 +27,11 @@ def test_texts_are_read_as_the_type_of_the_setting():
     [
         ("sigmav", "1", "no setting 'sigmav'; did you mean 'sigma_v'?"),
         ("xyzzy", "1", "no setting 'xyzzy'; it has: smooth"),
-        ("particles", "many", "setting particles: want a whole number, got 'many'"),
-        ("particles", "1.5", "setting particles: want a whole number, got '1.5'"),
-        ("sigma_v", "", "setting sigma_v: want a number, got ''"),
+        ("particles", "many", "setting particles: expected a whole number, got 'many'"),
+        ("particles", "1.5", "setting particles: expected a whole number, got '1.5'"),
+        ("sigma_v", "", "setting sigma_v: expected a number, got ''"),
         ("use_score", "maybe", "setting use_score: expected true or false, got 'maybe'"),
-        ("start", "1,a", "setting start: want numbers with commas, got '1,a'"),
+        ("start", "1,a", "setting start: expected numbers with commas, got '1,a'"),
     ],
 )
 def test_what_is_no_setting_or_no_value_is_refused_in_one_line(name, value, message):

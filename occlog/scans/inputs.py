@@ -57,7 +57,7 @@ class MeasurementInputs:
         own = measured.has(Doa) and (doa is None or measured.recording is None)
         directions = [*([measured] if own else []), *([open_input(doa)] if doa is not None else [])]
         if doa_labels and not directions:
-            raise UsageError("doa_labels wants directions of arrival; give some (doa)")
+            raise UsageError("doa_labels requires directions of arrival; give some (doa)")
         alone = distances and not measured.has(Bearings) and not measured.has(Doa)
         # Any external table with times, sensors and identities might be reads without strengths
         alone = alone and (measured.has(Measurements) or (reads and measured.foreign is None and measured.has(Reads)))

@@ -102,7 +102,7 @@ def test_outputs_are_kept_with_their_provenance(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"quick": True}, "quick run"),
+        ({"quick": True}, "--quick"),
         ({"made": {"command": "", "seed": 0, "version": "", "commit": "0123456789ab-dirty"}}, "clean checkout"),
         ({"made": {"command": "", "seed": 0, "version": "", "commit": None}}, "unknown"),
     ],

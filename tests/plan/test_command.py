@@ -112,7 +112,7 @@ def test_a_blind_room_is_said_to_be_blind(tmp_path: Path, capsys: pytest.Capture
     ("args", "code", "words"),
     [
         (["--add", "1"], ExitCode.USAGE, "--add adds candidates"),
-        (["--spacing", "1"], ExitCode.USAGE, "--spacing is of places along the walls"),
+        (["--spacing", "1"], ExitCode.USAGE, "--spacing is of positions along the walls"),
         (["--along-walls", "east"], ExitCode.BAD_INPUT, "no camera named 'east'"),
         (["--along-walls", "southwest", "--candidates", str(ROOM)], ExitCode.USAGE, "exclude each other"),
         (["--candidates", str(EXAMPLES / "people.yaml")], ExitCode.BAD_INPUT, "people.yaml"),

@@ -248,7 +248,7 @@ def test_paths_weigh_the_floor():
     paths = np.repeat([[0.5, 0.5], [5.5, 5.5], [50.0, 50.0]], [3, 1, 7], axis=0)
     plan = prepare(Scene(cameras=CORNERS, room=ROOM), SMALL, seed=0, paths=paths)
     assert sorted(plan.weight[plan.weight > 0]) == pytest.approx([0.25, 0.75])
-    with pytest.raises(InputError, match="no place of --paths is in the room"):
+    with pytest.raises(InputError, match="no position of --paths is in the room"):
         prepare(Scene(cameras=CORNERS, room=ROOM), SMALL, seed=0, paths=paths[-7:])
 
 

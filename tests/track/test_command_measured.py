@@ -244,7 +244,7 @@ def test_columns_of_a_range_log_in_several_units(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("head", "message"),
-    [("time,sensor,ref,tdoa", "does not state its unit"), ("time,sensor,x", "wants")],
+    [("time,sensor,ref,tdoa", "does not state its unit"), ("time,sensor,x", "requires")],
 )
 def test_columns_that_say_too_little_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], head: str, message: str

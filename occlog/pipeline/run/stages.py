@@ -180,7 +180,7 @@ def _with_particles(config: Config, folder: Path, tracked: dict[str, Path]) -> t
     asked = values.pop(PARTICLES, False)
     if not isinstance(asked, bool):
         raise InputError(
-            f"{config.at('track', PARTICLES)}: expected true or false (outputs of a run lie in its folder)"
+            f"{config.at('track', PARTICLES)}: expected true or false (outputs of a run are in its folder)"
         )
     if asked:
         tracked = {**tracked, PARTICLES: folder / f"{Particles.NAME}.parquet"}

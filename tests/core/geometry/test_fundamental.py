@@ -54,7 +54,7 @@ def test_the_line_of_a_point_is_the_image_of_its_ray():
 
 def test_cameras_at_one_place_have_no_lines():
     first, _ = rig(np.random.default_rng(0))
-    with pytest.raises(ValueError, match="same place"):
+    with pytest.raises(ValueError, match="same position"):
         fundamental(first, first)
     with pytest.raises(ValueError, match="finite"):
         scaled(np.zeros((3, 3)))

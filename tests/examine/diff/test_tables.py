@@ -59,7 +59,7 @@ def test_a_column_that_one_lacks_is_a_difference_and_the_others_are_compared(
 def test_a_table_of_another_kind_and_an_unknown_tolerance_are_refused(ours: Path, tmp_path: Path, capsys: Any) -> None:
     other = text(tmp_path / "other.csv", "t_ns,sensor,bearing,sigma", "1000,a,0,1\n")
     assert run(["diff", str(ours), other]) == ExitCode.BAD_INPUT
-    assert "truth wants x; y" in capsys.readouterr().err
+    assert "truth requires x; y" in capsys.readouterr().err
     same = text(tmp_path / "same.csv", "t_ns,id,x,y", ROWS)
     assert run(["diff", same, same, "--tol", "xx=1"]) == ExitCode.USAGE
     assert "did you mean 'x'?" in capsys.readouterr().err

@@ -213,11 +213,15 @@ def test_trc_has_a_marker_a_target_and_empty_cells(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("args", "code", "message"),
     [
-        (["-o", "t.doc"], ExitCode.USAGE, "its name does not say the format; end it in one of .csv"),
-        (["-o", "t.json"], ExitCode.BAD_INPUT, "holds truth; want"),
+        (["-o", "t.doc"], ExitCode.USAGE, "its name does not state the format; end it in one of .csv"),
+        (["-o", "t.json"], ExitCode.BAD_INPUT, "holds truth; expected"),
         (["-o", "t.csv", "--target", "1"], ExitCode.USAGE, "target: format csv writes all rows; leave it out"),
         (["-o", "t.tum", "--camera", "a"], ExitCode.USAGE, "camera: format tum has no images; leave it out"),
-        (["-o", "t.geojson"], ExitCode.USAGE, "origin: format geojson wants the place of the scene's origin on earth"),
+        (
+            ["-o", "t.geojson"],
+            ExitCode.USAGE,
+            "origin: format geojson requires the position of the scene's origin on earth",
+        ),
         (["-o", "t.csv", "--origin", "1,2"], ExitCode.USAGE, "origin: format csv takes none"),
         (["-o", "t.geojson", "--origin", "north"], ExitCode.USAGE, "'north' is not LAT,LON or LAT,LON,DEG"),
         (["-o", "t.geojson", "--origin", "85.1,0"], ExitCode.USAGE, "latitude must be within 85 degrees"),

@@ -253,7 +253,7 @@ def geojson(**changes: object) -> str:
         (TRC.format(unit="m", marker="target_1", cells="1\t\t3"), "line 7: target_1 has a position with an empty cell"),
         (TRC.format(unit="m", marker="target_1", cells="1\t2\t3\t4"), "line 7: 6 cells; 1 markers have 5"),
         ("PathFileType\t4\n", "1 lines; TRC has a header of 5"),
-        (geojson(origin=None), 'does not say where the scene lies; add the member "origin"'),
+        (geojson(origin=None), 'does not state the position of the scene on earth; add the member "origin"'),
         (geojson(origin={"latitude": 86, "longitude": 0}), "latitude must be within 85 degrees"),
         (geojson(features=[FEATURE | {"geometry": {"type": "Polygon"}}]), "feature 1: its geometry is 'Polygon'"),
         (

@@ -217,8 +217,8 @@ FLOOR = room_points(np.random.default_rng(5), 60) * [1, 1, 0]
     [
         (["-o", "x.json"], ExitCode.USAGE, "the geometry of the views is unknown"),
         (["--scene", "scene.yaml"], ExitCode.USAGE, "name the output with -o"),
-        (["--scene", "scene.yaml", "--check"], ExitCode.USAGE, "--check wants matches"),
-        (["--check", "--matches", "scene.csv"], ExitCode.USAGE, "--check wants something to check"),
+        (["--scene", "scene.yaml", "--check"], ExitCode.USAGE, "--check requires matches"),
+        (["--check", "--matches", "scene.csv"], ExitCode.USAGE, "--check requires something to check"),
         (
             ["--check", "--matches", "scene.csv", "--scene", "scene.yaml", "-o", "x.json"],
             ExitCode.USAGE,
@@ -258,7 +258,7 @@ FLOOR = room_points(np.random.default_rng(5), 60) * [1, 1, 0]
         (
             ["--check", "--matches", "lens.csv", "--fundamental", "poses.json", "--scene", "lens.yaml"],
             ExitCode.BAD_INPUT,
-            "is for distorted pixels",
+            "is for pixels as recorded",
         ),
         (
             ["--check", "--matches", "other.csv", "--fundamental", "poses.json"],

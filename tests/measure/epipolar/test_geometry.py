@@ -57,10 +57,10 @@ def test_given_matrices_come_first_and_unknown_pairs_are_nan():
 def test_matrices_for_other_pixels_are_refused():
     plain, bent = Scene(cameras=tuple(cameras())), Scene(cameras=tuple(cameras(distortion=BROWN)))
     pair = ViewPair("a", "b", np.eye(3))
-    with pytest.raises(InputError, match="a and b is for pixels as recorded"):
+    with pytest.raises(InputError, match="a and b is for distorted pixels"):
         view_geometry(views("a", "b"), bent, ViewPairs((pair,)))
     for scene in (plain, None):
-        with pytest.raises(InputError, match="a and b is for pixels without lens distortion"):
+        with pytest.raises(InputError, match="a and b needs undistorted pixels"):
             view_geometry(views("a", "b"), scene, ViewPairs((pair._replace(undistorted=True),)))
     assert view_geometry(views("a", "b"), bent, ViewPairs((pair._replace(undistorted=True),))).ideal[0] is not None
     assert view_geometry(views("b", "c"), bent, ViewPairs((pair,))).ideal[0] is not None  # a pair of other views

@@ -104,14 +104,14 @@ def test_bad_input_is_one_line(recording, tmp_path, capsys):
     lone = tmp_path / "lone.yaml"
     lone.write_text(scene_to_yaml(Scene(cameras=scene.cameras[:1], room=scene.room, length_unit="unit")))
     assert run(["fuse", str(recording), "--scene", str(lone), "-o", out]) == ExitCode.BAD_INPUT
-    assert "1 camera with a pose; fusion wants at least two" in line(capsys)
+    assert "1 camera with a pose; fusion needs at least two" in line(capsys)
     assert run(["detect", str(recording), "--scene", str(lone), "-o", out, "--fuse"]) == ExitCode.BAD_INPUT
     assert "fusion needs at least two" in line(capsys)
     assert run(["detect", str(recording), "-o", out, "--p-miss", "0.1"]) == ExitCode.USAGE
     assert "--p-miss is an option of the fusion; add --fuse" in line(capsys)
     assert run(["fuse", str(recording), "-o", out, "--p-false", "0"]) == ExitCode.USAGE
     assert run(["fuse", str(recording), "-o", out, "--fused-views", out + "v"]) == ExitCode.USAGE
-    assert "--fused-views wants the views" in line(capsys)
+    assert "--fused-views requires the views" in line(capsys)
     assert run(["fuse", str(tmp_path / "no.parquet"), "--scene", str(recording), "-o", out]) == ExitCode.BAD_INPUT
     assert not (tmp_path / "out.parquet").exists()
 

@@ -351,7 +351,7 @@ def test_chances_of_a_camera_come_from_the_scene():
 
 def test_input_that_cannot_be_fused_is_told_in_one_line():
     rows = table(look(0, scene(1), PLACE), scene(1))
-    with pytest.raises(InputError, match="1 camera with a pose; fusion wants at least two"):
+    with pytest.raises(InputError, match="1 camera with a pose; fusion needs at least two"):
         fused(rows, scene(1))
     blind = replace(scene(), cameras=tuple(replace(c, placed=False) for c in scene().cameras))
     with pytest.raises(InputError, match="0 cameras with a pose; 4 more have no pose"):

@@ -105,8 +105,8 @@ def test_links_and_devices_are_refused(tmp_path: Path, kind: int, words: str) ->
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"run/metrics.json": b"[]"}, "is not what pack.json says"),
-        ({"run/metrics.json": b"{} "}, "is not what pack.json says"),
+        ({"run/metrics.json": b"[]"}, "is not what pack.json states"),
+        ({"run/metrics.json": b"{} "}, "is not what pack.json states"),
         ({LOCK: VERSIONS + b"--index-url http://evil\n"}, "lock.txt has other versions than pack.json"),
         ({"run/more.json": b"{}"}, "run/more.json is not in pack.json"),
         ({MANIFEST: b"{"}, "not a manifest"),
@@ -186,7 +186,7 @@ def test_sizes_that_lie_are_refused(tmp_path: Path) -> None:
     at = raw.rindex(b"PK\x01\x02", 0, raw.rindex(b"run/metrics.json"))
     raw[at + 24 : at + 28] = (2).to_bytes(4, "little")
     (tmp_path / "x.zip").write_bytes(raw)
-    refused(tmp_path, "damaged, or no archive|is not what pack.json says")
+    refused(tmp_path, "damaged, or no archive|is not what pack.json states")
 
 
 def test_cuts_and_flipped_bytes_are_one_line(tmp_path: Path) -> None:

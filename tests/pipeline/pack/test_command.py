@@ -134,7 +134,7 @@ def test_other_inputs_are_refused(packed: Path, tmp_path: Path, capsys: pytest.C
     shutil.copytree(packed / "recordings", tmp_path / "recordings")
     (tmp_path / "recordings" / "cam1.avi").write_bytes(b"Frames")
     code, found = verify(packed / "bare.zip", capsys, "--inputs", str(tmp_path))
-    assert (code, "is not what pack.json says" in str(found["error"])) == (ExitCode.BAD_INPUT, True)
+    assert (code, "is not what pack.json states" in str(found["error"])) == (ExitCode.BAD_INPUT, True)
 
 
 def test_what_differs_is_named_and_whether_versions_explain_it(
@@ -233,7 +233,7 @@ def test_a_stage_may_write_nothing_outside_of_the_inputs(
     while places:
         code, found = verify(packed / "x.zip", capsys)
         assert code == ExitCode.BAD_INPUT
-        assert "out.parquet: is outside of inputs; all outputs must be in it" in str(found["error"])
+        assert "out.parquet: is outside of inputs" in str(found["error"])
         del places[0]
     write_bytes(tmp_path / "out.parquet", b"")  # elsewhere is anywhere again
 

@@ -124,7 +124,7 @@ def test_particles_are_among_the_outputs_where_they_are_asked_for(
     config.write_text(CONFIG.replace("{particles: 200}", "{particles: 200, cloud: p.parquet}"))
     capsys.readouterr()
     assert run(["run", str(config), "-o", str(folder), "-q"]) == ExitCode.BAD_INPUT
-    assert "line 5: track.cloud: expected true or false (outputs of a run lie in its folder)" in capsys.readouterr().err
+    assert "line 5: track.cloud: expected true or false (outputs of a run are in its folder)" in capsys.readouterr().err
 
 
 def shown_topics(folder: Path) -> set[str]:
@@ -172,7 +172,7 @@ def test_missed_threshold_is_told_after_all_was_made(config: Path, capsys: pytes
         ("particles: 200", "particles: 0", "run.yaml: line 5: track.particles: 0: must be at least 1"),
         ("particles: 200", "set: {sigma_v: -1}", "run.yaml: line 5: track.set.sigma_v: -1: must be at least 0"),
         ("particles: 200", "set: {sigmav: 1}", "line 5: track.set.sigmav: apf has no setting 'sigmav'; did you mean"),
-        ("particles: 200", "sigma_v: 1", "line 5: track.sigma_v: unknown key; it is a setting, give it under set"),
+        ("particles: 200", "sigma_v: 1", "line 5: track.sigma_v: unknown key; it is a setting; give it under set"),
         (
             "particles: 200",
             "gallery: g.parquet",
@@ -186,7 +186,7 @@ def test_missed_threshold_is_told_after_all_was_made(config: Path, capsys: pytes
         ("particles: 200", "method: ekff", "line 5: track.method: no method 'ekff'; did you mean 'ekf'?"),
         ("particles: 200", "smooth: 1", "line 5: track.smooth: expected true or false, got 1"),
         ("particles: 200", "strict: true, set: [sigma_v]", "line 5: track.set: sigma_v: expected NAME=VALUE"),
-        ("particles: 200", "output: x", "track.output: outputs of a run lie in its folder"),
+        ("particles: 200", "output: x", "track.output: outputs of a run are in its folder"),
         ("room.yaml", "nowhere.yaml", "nowhere.yaml: no such file"),
         ("steps: 30", "render: 7", "simulate.render: expected true or false, got 7"),
     ],

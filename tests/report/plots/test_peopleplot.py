@@ -62,7 +62,7 @@ def test_the_page_of_everybody_says_who_was_there_and_who_saw_them() -> None:
         t_ns=[0, 2 * 10**9], target_id=[3, 8], kind=["birth", "doubt"], other_id=[-1, 3], probability=[0.9, 0.4]
     )
     page = build_page(ReportInput(tracks=hall(), events=events))
-    wanted = ["Moment by moment", "Floor plan", "Who was there", "Which camera saw them"]
+    wanted = ["Replay", "Floor plan", "Who was there", "Which camera saw them"]
     assert [each for each in headings(page) if each in wanted] == wanted
     assert "1 birth, 0 deaths, 1 doubt." in page
     assert "1.67 people at a time, 2 at most" in page

@@ -393,7 +393,7 @@ def test_detections_of_a_file(balls, tmp_path, capsys):
     said = refused(capsys, track(balls, tmp_path, "--detections", str(path), initial=None))
     assert "regions is of the time of a frame of view1, view2" in said
     write_table(path, Bearings.empty(), Provenance("test"), overwrite=True)
-    assert "holds bearings; want boxes or views" in refused(
+    assert "holds bearings; expected boxes or views" in refused(
         capsys, track(balls, tmp_path, "--detections", str(path), initial=None)
     )
 

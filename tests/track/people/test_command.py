@@ -266,7 +266,7 @@ def test_boxes_that_the_recording_has_lost_to_a_wrong_image_size_speak_against_t
         summary, noted = said(capsys)
         assert [warning["code"] for warning in summary["warnings"]] == found
         assert summary["plausible"] is not bool(found)
-        assert (f"camera c: {lost} of {lost + kept} boxes are outside the image" in noted) is bool(found)
+        assert (f"camera c: {lost} of {lost + kept} boxes lie outside the image" in noted) is bool(found)
 
 
 def test_a_scene_in_centimetres_gives_the_same_tracks_in_centimetres(walk, tmp_path, capsys):
@@ -344,7 +344,7 @@ def test_a_calibrated_camera_on_the_floor_is_told_from_one_without_a_pose(roundi
     assert track(tmp_path, walk, replace(SCENE, cameras=tuple(cameras))) == ExitCode.DONE
     summary, noted = said(capsys)
     assert "without a pose in space, and not used: b; calibrate it\n" in noted
-    assert "on the floor (z = 0), from where no place on it can be seen, and not used: a; say how high" in noted
+    assert "on the floor (z = 0), from where no position on it can be seen, and not used: a; say how high" in noted
     assert list(summary["frames"]) == ["c", "d"]
     assert track(tmp_path, walk, replace(SCENE, cameras=tuple(map(lowered, SCENE.cameras)))) == ExitCode.BAD_INPUT
     noted = capsys.readouterr().err

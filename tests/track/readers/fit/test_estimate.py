@@ -72,5 +72,5 @@ def test_usual_ranges_are_about_the_distance_of_neighbours() -> None:
     assert_allclose([found[0], found[-1]], [2.0, 8.0])
     with pytest.raises(ValueError, match="one reader alone"):
         usual_ranges(PLACES[:1, :2])
-    with pytest.raises(ValueError, match="one place"):
+    with pytest.raises(ValueError, match="one position"):
         usual_ranges(np.zeros((2, 2)))
