@@ -25,7 +25,7 @@ FEATURE_HALF_WEIGHT_BOXES = 30.0
 MAX_LOG_FEATURE_RATIO = 3.0
 """Greatest log of a likelihood ratio of a cue."""
 MIN_FEATURE_SIGMA = 0.02
-"""Number of bins or moments of a score or a similarity."""
+"""Minimum standard deviation of a score or a similarity."""
 LOG_RATIO_SAME_TRACKLET, LOG_RATIO_OTHER_TRACKLET = math.log(20.0), math.log(0.3)
 """Log-likelihood ratios of a box with the hint that the person had last in this camera, and of one with the hint that
 another person had: trackers of one camera keep an identity mostly, and lose some."""

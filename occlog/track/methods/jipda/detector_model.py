@@ -50,7 +50,7 @@ PRIOR_CHANGES = 200.0
 MAX_NOISE_CORRELATION = 0.9
 MAX_CORRELATED_NOISE = 0.06
 GAIT_SIGMA_RANGE = (0.03, 0.12)
-"""Minimum gait noise: feet and head sway about the position [m]."""
+"""Range of the gait noise: feet and head sway about the position [m]."""
 MAX_CHANGE_PRODUCT_M2 = 0.2
 """Products of changes count at most so much [m^2]: an exchange of people is not their sway."""
 MIN_KEPT_SHARE = 0.3
@@ -305,7 +305,7 @@ PRIOR_CURVE = 20.0
 PRIOR_TRUNCATED = (2.0, 4.0)
 """Prior: every other box ends where the cover of the feet begins."""
 PRIOR_MERGES = (0.5, 10.0)
-"""Prior share of touching pairs with a merged detection; its weight in pairs."""
+"""Prior counts of touching pairs with a merged detection, and of touching pairs."""
 PRIOR_OUTLIER_EDGES = (1.0, 50.0)
 """Prior counts of boxes with an outlier edge, and of boxes."""
 PRIOR_MANOEUVRES = 5.0

@@ -35,7 +35,7 @@ MAX_MOTION_SHARE, MAX_STEP_CHI2 = 1e-2, 1e-2
 variances."""
 MIN_INLIER_PROBABILITY, NEGLIGIBLE_PROBABILITY = 0.5, 1e-6
 MIN_CLUTTER_DENSITY = 1e-30
-"""False alarm probability of a sensor without false reports."""
+"""Floor of the clutter density, for a sensor without false alarms."""
 MIN_DEPTH_RATIO = 0.05
 """A position that is not ahead of a sensor by so much of its distance is not found by this sight."""
 

@@ -25,7 +25,7 @@ from occlog.core.numerics.jit import kernel
 from ..association_features import OTHER_TARGET, SAME_TARGET, FeatureLikelihood, log_ratio_at
 
 MIN_SIMILARITY_DIFFERENCE = 0.01
-"""Mean similarities to the same person and to others, below which appearance does not count."""
+"""Minimum difference of the mean similarities to the same person and to others, for appearance to count."""
 
 
 class AppearanceVectors(NamedTuple):

@@ -54,8 +54,8 @@ INDEPENDENT_AFTER_S = 0.4
 """Minimum interval between linked time steps: occlusions and merged boxes last, so that boxes and
 misses of nearer time steps are correlated, and a chain that took them for new would end occluded tracks."""
 CORRELATED_NOISE_LIMIT = 2.0
-"""Weight of correlated box errors above which the filter's links are kept, as for regions of
-video do, which split and merge for many frames at a time, the links of the filter, which sees all frames, are kept: a
+"""Weight of correlated box errors above which the links of the filter, which sees all frames, are kept, as for regions
+of video, which split and merge for many frames at a time: a
 chain that sees few of them exchanges people there.  Gaps are bridged all the same."""
 REFINEMENTS = 4
 """Steps of expectation maximisation of the scatter about the walk."""
