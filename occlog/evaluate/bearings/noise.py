@@ -68,7 +68,7 @@ class ScanCuts:
 
     def __init__(self, config: EvaluateConfig) -> None:
         """No rows yet."""
-        self.window_ns = round(config.lines_window_s * NS)
+        self.window_ns = round(config.triangulation_window_s * NS)
         """Maximum duration of a scan."""
         self._held: dict[int, Bearings] = {}
 
@@ -257,7 +257,7 @@ def _misses(scans: Scans, origins: Floats, config: EvaluateConfig) -> tuple[Floa
     """Sums of squared residuals and degrees of freedom of one target's scans that met with three lines or more."""
     rows, starts = scans.rows, scans.starts
     found = triangulate.triangulate(
-        origins, rows.bearing, rows.sigma, starts=starts, loss="gauss", min_crossing=config.lines_min_crossing
+        origins, rows.bearing, rows.sigma, starts=starts, loss="gauss", min_crossing=config.triangulation_min_angle
     )
     size = np.diff(starts)
     scan = np.repeat(np.arange(len(size)), size)

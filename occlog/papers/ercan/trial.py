@@ -67,7 +67,7 @@ def trial(
         "seed": size.seed,
         "simulate": {"steps": size.steps, **simulate},
         "priors": dict(priors),
-        "track": {"method": "apf", "particles": size.particles, "temper": 1.0, **more.pop("track", {})},
+        "track": {"method": "apf", "particles": size.particles, "occlusion_tempering": 1.0, **more.pop("track", {})},
         **more,
     }
     return spec if cameras is None else {**spec, "cameras": list(cameras)}
@@ -129,7 +129,9 @@ def priors_error(item: str, rows: Sequence[PaperRow], paper: float) -> list[Stat
 
 def kalman(sigma: float, q: float = 1.2) -> Values:
     """Describe priors by a Kalman filter on virtual measurements of deviation `sigma`; 0 means known positions."""
-    return {"kind": "kalman", "sigma": sigma, "q": q} if sigma > 0 else {"kind": "known"}
+    return (
+        {"kind": "kalman", "measurement_noise": sigma, "process_noise_velocity": q} if sigma > 0 else {"kind": "known"}
+    )
 
 
 Place = tuple[float, float, float]

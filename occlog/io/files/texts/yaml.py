@@ -6,7 +6,6 @@ YAML before it becomes values: a bounded number of nodes, names as keys, whole c
 from __future__ import annotations
 
 import copy
-import difflib
 import math
 import re
 from collections.abc import Hashable, Iterator
@@ -19,7 +18,7 @@ from yaml.composer import Composer
 from yaml.constructor import SafeConstructor
 from yaml.resolver import Resolver
 
-from occlog.errors import InputError, option
+from occlog.errors import InputError, nearest, option
 from occlog.io.files.limits import (
     FAILURES,
     Content,
@@ -311,7 +310,7 @@ def _explain(message: str, raw: object, lines: dict[str, int], kind: type[T]) ->
 def _unknown_key(key: str, place: str, lines: dict[str, int], kind: type[T]) -> str:
     line = lines.get(f"{place}.{key}")
     valid = _valid_keys(kind, place)
-    near = difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
+    near = nearest(key, valid, cutoff=0.5)
     hint = f"did you mean {near[0]!r}?" if near else f"valid keys: {', '.join(valid)}"
     shown = place.removeprefix("$").removeprefix(".")
     where = f" in {shown}" if shown else ""

@@ -121,7 +121,7 @@ def initial_state(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) 
         config: settings in the scene's unit.
     """
     # In a scene-specific unit the settings define the metre: people are 1.7 m tall
-    own = config.height / JipdaConfig().height
+    own = config.person_height / JipdaConfig().person_height
     metre = 1.0 / METRES[scene.length_unit] if scene.length_unit in METRES else own
     low, high = box_around(scene)
     least = 2.0 * float(np.hypot(*(high - low)))
@@ -167,8 +167,8 @@ def step(state: JipdaState, looks: Sequence[FrameDetections]) -> tuple[JipdaStat
         config=config,
     )
     apart_ns = state.apart_ns
-    if config.apart > 0.0 and (apart_ns is None or t_ns - apart_ns >= EXCLUSION_INTERVAL_NS):
-        people, apart_ns = apply_exclusion_prior(people, config.apart), t_ns
+    if config.exclusion_radius > 0.0 and (apart_ns is None or t_ns - apart_ns >= EXCLUSION_INTERVAL_NS):
+        people, apart_ns = apply_exclusion_prior(people, config.exclusion_radius), t_ns
     # Associate and update
     boxes = pack_detections(state, looks, t_ns)
     looked, interval = state.looked.copy(), np.full(len(state.looked), np.inf)
@@ -214,7 +214,15 @@ def step(state: JipdaState, looks: Sequence[FrameDetections]) -> tuple[JipdaStat
     found = camera_disagreement(result.mean, result.covariance, state.views, boxes, rates, result.owner, good)
     edges = update_edge_errors(state.edges, t_ns, boxes, found, key=people.key, owner=result.owner, lasts=rates.lasting)
     # Track initiation from unassigned boxes
-    body = np.array([config.height, config.sigma_height, config.width, config.sigma_width, config.speed])
+    body = np.array(
+        [
+            config.person_height,
+            config.sigma_person_height,
+            config.person_width,
+            config.sigma_person_width,
+            config.sigma_initial_velocity,
+        ]
+    )
     everywhere, at = birth_intensity(
         state.places, BIRTH_DENSITY_PER_M2 / state.metre**2 / BIRTH_RENEWAL_S, BIRTH_RENEWAL_S
     )
@@ -233,7 +241,7 @@ def step(state: JipdaState, looks: Sequence[FrameDetections]) -> tuple[JipdaStat
     )  # fmt: skip
     existence = 1.0 / (1.0 + np.exp(-odds))
     covariance[:, [X, Y], [X, Y]] += sway
-    mean[:, 2:4], covariance[:, 2:4, 2:4] = birth_velocity(state.places, mean[:, :2], config.speed)
+    mean[:, 2:4], covariance[:, 2:4, 2:4] = birth_velocity(state.places, mean[:, :2], config.sigma_initial_velocity)
     K = len(odds)
     share, left_free = (
         np.concatenate([result.share, used]),
@@ -247,13 +255,19 @@ def step(state: JipdaState, looks: Sequence[FrameDetections]) -> tuple[JipdaStat
         nobodys[c] = Clutter(boxes.box[here][may], left_free[here][may])
     people = concat(people, tentative_targets(mean, covariance, existence, used.sum(axis=1), state.next_key, t_ns))
     cues = update_features(
-        state.cues, people, list(looks), dimension, share=share, free=left_free, sure=people.existence > config.confirm
+        state.cues,
+        people,
+        list(looks),
+        dimension,
+        share=share,
+        free=left_free,
+        sure=people.existence > config.confirmation_threshold,
     )
     # Confirm, end
-    sure = (people.existence > config.confirm) & (people.boxes > MIN_BOXES_TO_CONFIRM)
+    sure = (people.existence > config.confirmation_threshold) & (people.boxes > MIN_BOXES_TO_CONFIRM)
     ids = np.where((people.id == NO_ID) & sure, people.key, people.id)
     people, twice = duplicate_tracks(people, t_ns)
-    stays = (people.existence > config.die) & ~twice
+    stays = (people.existence > config.deletion_threshold) & ~twice
     left, new = ~stays & (people.id != NO_ID), stays & (ids != NO_ID) & (people.id == NO_ID)
     counts = replace(counts, left=counts.left + np.array([left.sum(), dt * people.existence[ids != NO_ID].sum()]))
     events = [Event("birth", int(ids[k]), NO_ID, float(people.existence[k])) for k in np.flatnonzero(new)]

@@ -149,9 +149,9 @@ def constraints(
         lines, seen = some_lines(lines, believed), seen.take(believed)
     along = np.einsum("ni,ni->n", lines.axis, lines.place)
     # A direction says which side the target is on, whatever is known of cameras.
-    ahead = lines.direction | config.front
-    parts = [HalfPlanes(lines.step[ahead], lines.axis[ahead], along[ahead] + config.near)]
-    if config.front:
+    ahead = lines.direction | config.in_front_constraint
+    parts = [HalfPlanes(lines.step[ahead], lines.axis[ahead], along[ahead] + config.min_depth)]
+    if config.in_front_constraint:
         reach = at.range[seen.sensor]
         far = np.isfinite(reach)
         parts += [
@@ -161,7 +161,7 @@ def constraints(
     if at.hull is not None:
         edges = np.roll(at.hull, -1, axis=0) - at.hull
         inward = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.hypot(*edges.T)[:, None]
-        bound = np.einsum("ki,ki->k", inward, at.hull) + config.clearance
+        bound = np.einsum("ki,ki->k", inward, at.hull) + config.wall_clearance
         K = len(bound)
         parts.append(HalfPlanes(np.repeat(np.arange(T), K), np.tile(inward, (T, 1)), np.tile(bound, T)))
     return join_planes(NO_PLANES, *parts)
