@@ -305,7 +305,7 @@ def explain(error: Exception) -> Explained:
         path = error.ctx.command_path if error.ctx else "occlog"
         if isinstance(error, click.NoSuchOption) and error.ctx:
             flags = [flag for each in error.ctx.command.params for flag in (*each.opts, *each.secondary_opts)]
-            error.possibilities = nearest(error.option_name, flags, n=3)
+            error = click.NoSuchOption(error.option_name, None, nearest(error.option_name, flags, n=3), error.ctx)
         return Explained(f"{error.format_message().rstrip('.')}; see {path} --help", ExitCode.USAGE)
     if isinstance(error, click.ClickException):
         return Explained(error.format_message(), ExitCode.BAD_INPUT)

@@ -391,8 +391,8 @@ class VariantCommand(SettingsCommand):
         if not owners:
             params = (*self.params, *self.existing(name).params())
             flags = [flag for each in params for flag in (*each.opts, *each.secondary_opts)]
-            error.possibilities = nearest(error.option_name, flags, n=3)
-            return error.format_message()
+            name = error.option_name
+            return click.NoSuchOption(name, possibilities=nearest(name, flags, n=3)).format_message()
         said = f"{error.option_name} is an option of {self._named(owners)}, not of {self.called(name)}"
         return f"{said}; leave it out, or choose one that has it"
 
