@@ -25,8 +25,8 @@ SCENE = scene_from_yaml(
 occlog_scene: 1
 room: [[0, 0], [20, 0], [20, 20], [0, 20]]
 cameras:
-  - {name: east, position: [0, 10], yaw_deg: 0, focal_px: 100, fov_deg: 90, noise: {read_px: 1}}
-  - {name: north, position: [10, 0], yaw_deg: 90, focal_px: 100, fov_deg: 90, noise: {read_px: 1}}
+  - {name: east, position: [0, 10], yaw_deg: 0, focal_px: 100, fov_deg: 90, noise: {measurement_noise_px: 1}}
+  - {name: north, position: [10, 0], yaw_deg: 90, focal_px: 100, fov_deg: 90, noise: {measurement_noise_px: 1}}
 """,
     "scene",
 )

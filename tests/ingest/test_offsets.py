@@ -16,8 +16,10 @@ from occlog.records.tables import Boxes, Doa, Truth
 
 SCENE = """occlog_scene: 1
 cameras:
-- {name: cam1, position: [0, 0, 3], yaw_deg: 45, focal_px: 320, image_size_px: [640, 480], noise: {read_px: 2}}
-- {name: cam2, position: [9, 0, 3], yaw_deg: 135, focal_px: 320, image_size_px: [640, 480], noise: {read_px: 2}}
+- {name: cam1, position: [0, 0, 3], yaw_deg: 45, focal_px: 320, image_size_px: [640, 480],
+     noise: {measurement_noise_px: 2}}
+- {name: cam2, position: [9, 0, 3], yaw_deg: 135, focal_px: 320, image_size_px: [640, 480],
+     noise: {measurement_noise_px: 2}}
 microphone_arrays:
 - {name: mic, position: [5, 5], yaw_deg: 90}
 """

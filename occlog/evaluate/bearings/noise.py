@@ -13,7 +13,8 @@ Noise of each camera's readings, measured where the target's position is known (
 
 "We estimated Sigma_omega by averaging the measurement error at various known locations in the room, at various target
 speeds."  The error of a reading holds everything: the image, the detector, and the faults of the camera's pose.
-So in the scene that is written the errors of poses are 0, and `read_px` is the standard deviation of [Rahimi] Eq. 4.
+So in the scene that is written the errors of poses are 0, and `measurement_noise_px` is the standard deviation of
+[Rahimi] Eq. 4.
 
 Labelled bearings of each target in scans: rows that are so near in time that their lines of sight should meet.
 """
@@ -430,6 +431,8 @@ def figures_of(noise: Mapping[str, MeasuredNoise]) -> dict[str, float]:
 
 def noise_comment(noise: Mapping[str, MeasuredNoise]) -> str:
     """Lines of a scene file that state where its noise is from."""
-    lines = ["# noise measured at known positions (occlog evaluate), read_px +- standard error (readings):"]
+    lines = [
+        "# noise measured at known positions (occlog evaluate), measurement_noise_px +- standard error (readings):"
+    ]
     lines += [f"#   {name}: {m.sigma:.3g} +- {m.error:.2g} px ({m.readings})" for name, m in noise.items()]
     return "\n".join(lines) + "\n"

@@ -27,7 +27,7 @@ FILTERS: dict[str, Values] = {
 SHARP, FALSE, PRIORS = "sharp bearings", "false bearings", "priors"
 """Further settings, each with four cameras."""
 CAMERAS = 4
-SHARP_NOISE = "noise: {position: 0, yaw: 0, read_px: 0.2}"
+SHARP_NOISE = "noise: {position: 0, yaw: 0, measurement_noise_px: 0.2}"
 """Of a camera of 70 px: 0.16 degrees."""
 DISTURBED: Values = {"miss_probability": 0.1, "false_alarm_probability": 0.05}
 AS_GOOD, NEARLY = 1.1, 1.35
@@ -39,7 +39,7 @@ def baselines(size: Size, execute: Execute) -> Table:
     room = square_room(pillar=True)
     counts = (CAMERAS,) if size.quick else (2, 3, CAMERAS, 6, 8)
     points = [_point(name, n, room, size, FILTERS[name]) for n in counts for name in FILTERS]
-    sharp = room.replace("noise: {position: 1, yaw: 0.01, read_px: 2}", SHARP_NOISE)
+    sharp = room.replace("noise: {position: 1, yaw: 0.01, measurement_noise_px: 2}", SHARP_NOISE)
     for name in (APF, EKF):
         points.append(_point(f"{name}, {SHARP}", CAMERAS, sharp, size, FILTERS[name], simulate={"occluders": 0}))
     told = {"detection_probability": 0.9, "false_alarm_probability": 0.05}

@@ -221,7 +221,7 @@ def _scene(
     for n, (x, y, look) in enumerate(cameras, start=1):
         lines.append(
             f"- {{name: cam{n}, position: [{x:g}, {y:g}], yaw_deg: {look:.6g}, focal_px: {focal:.6g}, "
-            f"fov_deg: {fov:g}, noise: {{position: 1, yaw: {yaw:g}, read_px: 2}}}}"
+            f"fov_deg: {fov:g}, noise: {{position: 1, yaw: {yaw:g}, measurement_noise_px: 2}}}}"
         )
     return "\n".join(lines) + "\n"
 

@@ -71,7 +71,7 @@ def building(*, known: bool) -> Scene:
         limit = f", range: {reach:g}" if known else ""
         lines.append(
             f"- {{name: cam{n}, position: [{x}, {y}], yaw_deg: {yaw}, focal_px: {FOCAL_PX:g}, "
-            f"fov_deg: {FOV_DEG:g}{limit}, noise: {{position: 0, yaw: 0, read_px: {READ_PX:g}}}}}"
+            f"fov_deg: {FOV_DEG:g}{limit}, noise: {{position: 0, yaw: 0, measurement_noise_px: {READ_PX:g}}}}}"
         )
     return scene_from_yaml("\n".join(lines) + "\n", "the building of [Rahimi] Sec. 7")
 

@@ -21,7 +21,8 @@ occlog_scene: 1
 room: [[0, 0], [12, 0], [12, 8], [0, 8]]
 room_height: 3
 cameras:
-  - {name: eye, position: [0, 0, 2.5], yaw_deg: 35, focal_px: 450, image_size_px: [640, 480], noise: {read_px: 2}}
+  - {name: eye, position: [0, 0, 2.5], yaw_deg: 35, focal_px: 450, image_size_px: [640, 480], noise:
+  {measurement_noise_px: 2}}
 microphone_arrays:
   - {name: wall, position: [0.2, 7.5, 1.8], sigma_deg: 2, rate_hz: 10, pitch_deg: 20, yaw_deg: -45}
   - {name: ceiling, position: [11.5, 4, 2.8], sigma_deg: 2, rate_hz: 10}

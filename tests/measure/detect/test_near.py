@@ -25,8 +25,8 @@ ROOM = """
 occlog_scene: 1
 room: [[0, 0], [8, 0], [8, 8], [0, 8]]
 cameras:
-  - {name: a, position: [0, 0], yaw_deg: 45, focal_px: 300, fov_deg: 90, noise: {read_px: 1}}
-  - {name: b, position: [8, 0], yaw_deg: 135, focal_px: 300, fov_deg: 90, noise: {read_px: 1}}
+  - {name: a, position: [0, 0], yaw_deg: 45, focal_px: 300, fov_deg: 90, noise: {measurement_noise_px: 1}}
+  - {name: b, position: [8, 0], yaw_deg: 135, focal_px: 300, fov_deg: 90, noise: {measurement_noise_px: 1}}
 """
 SECOND = 1_000_000_000
 ORIGIN = np.zeros(2)

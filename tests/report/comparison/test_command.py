@@ -29,7 +29,7 @@ SCENE = """
 occlog_scene: 1
 room: [[-1, -1], [9, -1], [9, 9], [-1, 9]]
 cameras:
-  - {name: east, position: [0, 4], yaw_deg: 0, focal_px: 100, fov_deg: 90, noise: {read_px: 1}}
+  - {name: east, position: [0, 4], yaw_deg: 0, focal_px: 100, fov_deg: 90, noise: {measurement_noise_px: 1}}
 """
 
 

@@ -137,7 +137,7 @@ def test_occluders_are_used_when_they_are_named(folder: Path, capsys) -> None:
 def test_a_recording_with_truth(folder: Path) -> None:
     (folder / "room.yaml").write_text(
         "occlog_scene: 1\nroom: [[0, 0], [8, 0], [8, 6], [0, 6]]\ncameras:\n"
-        "- {name: a, position: [0, 0], yaw_deg: 40, focal_px: 300, fov_deg: 100, noise: {read_px: 2}}\n"
+        "- {name: a, position: [0, 0], yaw_deg: 40, focal_px: 300, fov_deg: 100, noise: {measurement_noise_px: 2}}\n"
     )
     made = ["simulate", str(folder / "room.yaml"), "-o", str(folder / "room.mcap"), "--steps", "80", "-q"]
     assert run([*made, "--seed", "3"]) == ExitCode.DONE
