@@ -90,7 +90,7 @@ class UnconfirmedBearings:
             own = part.take(part.target_id == target)
             self.bearings += len(own)
             self.confirmed += int(np.count_nonzero(confirmed_by_another(own.sensor, (own.t_ns - own.t_ns[0]) / NS)))
-            self.doubted += int(np.count_nonzero(own.believed < 0.5))
+            self.doubted += int(np.count_nonzero(own.inlier_probability < 0.5))
 
     @property
     def one_at_a_time(self) -> bool:
@@ -497,10 +497,10 @@ class ResidualStatistics:
             own = part.take(part.sensor == name)
             found = self.sensors.setdefault(name, SensorConsistency())
             found.bearings += len(own)
-            found.believed += int(np.count_nonzero(own.believed >= 0.5))
-            told = own.take(own.expected >= MIN_RESIDUAL_VARIANCE)
-            expected = told.believed * told.expected
-            found.means.add(told.believed * told.residual**2, expected)
+            found.believed += int(np.count_nonzero(own.inlier_probability >= 0.5))
+            told = own.take(own.expected_variance >= MIN_RESIDUAL_VARIANCE)
+            expected = told.inlier_probability * told.expected_variance
+            found.means.add(told.inlier_probability * told.residual**2, expected)
             found.pose += (poses or {}).get(name, 0.0) * float(expected.sum())
 
     def moves(self, target: int, factor: float) -> None:

@@ -136,16 +136,16 @@ class ConsistencyEvidence:
         self.diagnosed = True
         self.rows += len(part)
         self.targets.update(part.target_id.tolist())
-        self.seen.update(part.target_id[part.n_seen > 0].tolist())
+        self.seen.update(part.target_id[part.n_detected > 0].tolist())
         if len(part):
             first, last = int(part.t_ns.min()), int(part.t_ns.max())
             before = self.span_ns or (first, last)
             self.span_ns = min(first, before[0]), max(last, before[1])
         self.fallbacks.update(f for f in part.fallback.tolist() if f)
-        self.doubts.update(d for text in part.doubt.tolist() if text for d in text.split(","))
+        self.doubts.update(d for text in part.quality_flags.tolist() if text for d in text.split(","))
         several = np.char.find(part.selected, ",") >= 0
         self.selected += int(np.count_nonzero(several))
-        self.blind += int(np.count_nonzero(several & (part.n_seen < 2)))
+        self.blind += int(np.count_nonzero(several & (part.n_detected < 2)))
         self.particles.add(part.ess)
 
     def saw(self, tracks: Tracks, compared: ComparedBearings, scene: Scene) -> None:

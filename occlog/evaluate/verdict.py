@@ -430,7 +430,7 @@ class _Alone:
             new = ~done[mine] & (np.flatnonzero(mine) < ready)
             alone.bearings += int(np.count_nonzero(new))
             alone.confirmed += int(np.count_nonzero(confirmed_by_another(own.sensor, seconds)[new]))
-            alone.doubted += int(np.count_nonzero(own.believed[new] < 0.5))
+            alone.doubted += int(np.count_nonzero(own.inlier_probability[new] < 0.5))
         since = 0 if ready == 0 else int(np.searchsorted(rows.t_ns, rows.t_ns[ready - 1] - near_ns))
         self._kept, self._begin = rows.take(slice(since, None)), max(ready, self._begin) - since
 

@@ -116,8 +116,8 @@ def test_shares_of_rows_are_said_beyond_their_limit(share: float, code: str) -> 
 def test_cameras_that_were_selected_in_vain_are_said_beyond_half_of_the_rows(blind: float, found: list[str]) -> None:
     rows = fared()
     saw = np.where(np.arange(N) < blind * N, 1, 2).astype(np.int32)
-    assert codes(diagnostics=replace(rows, n_seen=saw, selected=np.full(N, "cam1,cam2,cam3"))) == found
-    assert codes(diagnostics=replace(rows, n_seen=saw, selected=np.full(N, "cam1"))) == []
+    assert codes(diagnostics=replace(rows, n_detected=saw, selected=np.full(N, "cam1,cam2,cam3"))) == found
+    assert codes(diagnostics=replace(rows, n_detected=saw, selected=np.full(N, "cam1"))) == []
 
 
 def test_depletion_says_number_limit_and_remedy() -> None:

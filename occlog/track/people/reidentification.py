@@ -224,11 +224,11 @@ def named_tracks(tracks: PeopleTracks, doubts: Events, pieces: TrackFragments, n
     name = names.name[pieces.of(tracks.target_id, tracks.t_ns)]
     left = {(t, k) for t, k, kind in zip(*(c.tolist() for c in (doubts.t_ns, doubts.target_id, doubts.kind)),
                                          strict=True) if kind == SWITCH_EVENT}  # fmt: skip
-    words = tracks.doubt.tolist()
-    for row in np.flatnonzero(has_word(tracks.doubt, POSSIBLE_SWITCH)).tolist():
+    words = tracks.quality_flags.tolist()
+    for row in np.flatnonzero(has_word(tracks.quality_flags, POSSIBLE_SWITCH)).tolist():
         if (int(tracks.t_ns[row]), int(name[row])) not in left:
             words[row] = ",".join(w for w in words[row].split(",") if w != POSSIBLE_SWITCH)
-    return replace(tracks, target_id=name, doubt=np.array(words, dtype=np.str_)).sorted()
+    return replace(tracks, target_id=name, quality_flags=np.array(words, dtype=np.str_)).sorted()
 
 
 NO_ID = -1

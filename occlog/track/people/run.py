@@ -53,8 +53,8 @@ class PeopleSummary:
         self.people.update(part.tracks.target_id.tolist())
         self.rows += len(part.tracks)
         self.times += len(np.unique(part.tracks.t_ns))
-        self.unseen += int(np.count_nonzero(np.char.startswith(part.tracks.doubt, COASTING)))
-        self.existence += float(part.tracks.existence.sum())
+        self.unseen += int(np.count_nonzero(np.char.startswith(part.tracks.quality_flags, COASTING)))
+        self.existence += float(part.tracks.existence_probability.sum())
         self.events.update(part.events.kind.tolist())
         # Both of the two have a row
         self.exchanges += 0.5 * float(np.nansum(part.events.probability[part.events.kind == "doubt"]))

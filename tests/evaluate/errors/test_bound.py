@@ -32,14 +32,14 @@ def test_one_step_by_hand() -> None:
     assert (bound.bound_xx[0], bound.bound_yy[0]) == (pytest.approx(1 / 101), pytest.approx(1 / 101))
     assert bound.bound_xy[0] == pytest.approx(0.0, abs=1e-15)
     assert bound.bound[0] == pytest.approx(math.sqrt(2 / 101))
-    assert bound.n_seen[0] == 2
+    assert bound.n_detected[0] == 2
 
 
 def test_prior_is_the_spread_of_the_room() -> None:
     bound = bound_of(pixels(EAST, [0.0], [NAN]), truth([0.0], [10, 10]))
     assert bound.bound_xx[0] == pytest.approx(20**2 / 12)
     assert bound.bound_yy[0] == pytest.approx(20**2 / 12)
-    assert bound.n_seen[0] == 0
+    assert bound.n_detected[0] == 0
 
 
 def test_time_without_sight_adds_the_noise_of_the_walk() -> None:
@@ -63,7 +63,7 @@ def test_asynchronous_sensors_are_taken_in_at_their_own_times() -> None:
     bearings = both(pixels(EAST, [0.0, 1.7], [12, 10]), pixels(NORTH, [0.3, 1.7, 3.9], [-20, -3, 20]))
     bound = bound_of(bearings, true, sigma_v=0.4)
     assert bound.t_ns.tolist() == seconds([0.0, 0.3, 1.7, 3.9]).tolist()
-    assert bound.n_seen.tolist() == [1, 1, 2, 1]
+    assert bound.n_detected.tolist() == [1, 1, 2, 1]
     xy = np.array([[8, 9], [8.3, 9], [9.7, 9], [11.9, 9]])
     one = np.ones(1)
     e = [crlb.camera_information(p[None], EAST.ground, 0.0, 100.0, 0, 0, one)[0] for p in xy]
@@ -110,27 +110,27 @@ def test_candidates_count_where_they_are_near_the_truth() -> None:
     labelled = bound_of(pixels(EAST, T5[:2], [1, NAN]), true)
     candidates = both(pixels(EAST, [0.0, 0.0], [1, 40], target=-1), pixels(EAST, [1.0], [40], target=-1))
     unlabelled = bound_of(candidates, true)
-    assert unlabelled.n_seen.tolist() == [1, 0]
+    assert unlabelled.n_detected.tolist() == [1, 0]
     np.testing.assert_array_equal(unlabelled.bound, labelled.bound)
 
 
 def test_labelled_bearing_of_a_target_out_of_view_does_not_count() -> None:
     bound = bound_of(pixels(EAST, [0.0, 1.0], [0, 0]), truth([0.0, 1.0], [[2, 19], [10, 11]]))
-    assert bound.n_seen.tolist() == [0, 1]  # behind 45 degrees; then in view though 10 sigma away
+    assert bound.n_detected.tolist() == [0, 1]  # behind 45 degrees; then in view though 10 sigma away
 
 
 def test_held_out_sensors_do_not_count() -> None:
     bearings = both(pixels(EAST, T5, [0] * 5), pixels(NORTH, T5, [0] * 5))
     found = tracks(T5, [10, 10])
     bound = bound_of(bearings, truth(T5, [10, 10]), found=found, held_out=("north",))
-    assert bound.n_seen.tolist() == [1] * 5
+    assert bound.n_detected.tolist() == [1] * 5
 
 
 def test_rows_at_the_times_of_the_estimates_only() -> None:
     found = tracks([0.5, 2.0, 3.0], [10, 10])
     bound = bound_of(pixels(EAST, T5, [0] * 5), truth(T5, [10, 10]), found=found)
     assert bound.t_ns.tolist() == seconds([0.5, 2.0, 3.0]).tolist()
-    assert bound.n_seen.tolist() == [0, 1, 1]
+    assert bound.n_detected.tolist() == [0, 1, 1]
     all_of_it = bound_of(pixels(EAST, T5, [0] * 5), truth(T5, [10, 10]))
     np.testing.assert_allclose(bound.bound[1:], all_of_it.bound[2:4])
 
@@ -184,7 +184,7 @@ def test_two_targets_have_their_own_bounds() -> None:
     bearings = both(pixels(EAST, T5, [0] * 5, 0), pixels(EAST, T5, [NAN] * 5, 1))
     found = both(tracks(T5, [10, 11], 0), tracks(T5[:2], [14, 15], 1))
     result = evaluate(found, true, bearings, BOTH)
-    seen = {k: result.bound.n_seen[result.bound.target_id == k].tolist() for k in (0, 1)}
+    seen = {k: result.bound.n_detected[result.bound.target_id == k].tolist() for k in (0, 1)}
     assert seen == {0: [1] * 5, 1: [0, 0]}
     m, b = result.metrics, result.bound.bound
     assert m["bound_rmse_m"] == pytest.approx(math.sqrt(np.sum(b**2) / 7))

@@ -110,7 +110,7 @@ def test_one_array_overhead_by_hand() -> None:
     n = np.array([1.0, 0.0, 1.0]) / math.sqrt(2)  # normal of the sight line in the vertical plane
     J += np.outer(n, n) / (8 * 0.02**2)
     np.testing.assert_allclose(covariances(bound)[0], np.linalg.inv(J), rtol=1e-9, atol=1e-12)
-    assert bound.n_seen[0] == 1
+    assert bound.n_detected[0] == 1
 
 
 def test_a_camera_tells_nothing_of_the_height() -> None:
@@ -227,8 +227,8 @@ def test_candidates_are_told_apart_by_their_elevations() -> None:
     low, high = truth(TIMES, [12.0, 10.5], 0, z=1.0), truth(TIMES, [14.0, 11.0], 1, z=4.0)
     rows = heard(CEILING, TIMES, [14.0, 11.0, 4.0], target=UNLABELLED)
     bound = evaluate(None, both(low, high), rows, PLACE, EvaluateConfig(bound_dimension="space")).bound
-    assert not bound.n_seen[bound.target_id == 0].any()
-    assert bound.n_seen[bound.target_id == 1].all()
+    assert not bound.n_detected[bound.target_id == 0].any()
+    assert bound.n_detected[bound.target_id == 1].all()
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.8])
@@ -262,7 +262,7 @@ def test_a_direction_reported_from_beyond_the_pole_is_of_the_target() -> None:
     result = evaluate(None, true, beyond, PLACE, config)
     assert result.metrics["detected"] == 1
     assert result.metrics["elevation_rms_mrad"] == pytest.approx(50.0)
-    assert result.bound.n_seen[0] == 1
+    assert result.bound.n_detected[0] == 1
 
 
 @pytest.mark.parametrize("kind", ["camera", "tilted", "mixed"])

@@ -61,7 +61,7 @@ def test_every_policy_writes_what_it_selected(policy, base, tmp_path, capsys):
     table = read_table(diagnostics, Diagnostics)
     cameras = 8 if policy == "all" else 3
     assert {len(s.split(",")) for s in table.selected} == {cameras}
-    np.testing.assert_array_equal(table.n_looked, cameras)
+    np.testing.assert_array_equal(table.n_observing, cameras)
     assert np.isfinite(table.predicted_mse).sum() == STEPS / 2
     assert said["selections"] == STEPS / 2
     assert said["bytes_of_all_cameras"] == 8 * STEPS * 18

@@ -50,8 +50,8 @@ def test_a_step_is_that_of_the_plain_form(seed, dt, pillar):
     assert estimate.log_likelihood == pytest.approx(log_sum, rel=1e-9)
     np.testing.assert_allclose(estimate.xy, expected.weights @ expected.xy, rtol=1e-9)
     assert estimate.fallback == ""
-    assert estimate.n_looked == 8
-    assert estimate.n_seen == np.sum(~np.isnan(u))
+    assert estimate.n_observing == 8
+    assert estimate.n_detected == np.sum(~np.isnan(u))
 
 
 @pytest.mark.jit

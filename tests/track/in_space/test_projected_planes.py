@@ -176,7 +176,7 @@ def test_not_seen_changes_nothing_but_time() -> None:
         state, before = projected_planes.step(state, one, rng)
     _, after = projected_planes.step(state, blank, rng)
     np.testing.assert_allclose(after.xy, before.xy, rtol=1e-9)
-    assert (after.n_looked, after.n_seen, after.fallback) == (3, 0, "")
+    assert (after.n_observing, after.n_detected, after.fallback) == (3, 0, "")
 
 
 def test_scans_do_not_go_back_in_time() -> None:

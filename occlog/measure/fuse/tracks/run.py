@@ -52,7 +52,7 @@ def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGro
     doubts: how often two identities may have been exchanged.  groups: of each input the identities; of each but the
     first the rows that it has in common with those before, and the median distance of their positions.
     """
-    several = np.char.count(fused.tracks.made_of, "-") < len(groups) - 1 if len(fused.tracks) else np.zeros(0)
+    several = np.char.count(fused.tracks.source_ids, "-") < len(groups) - 1 if len(fused.tracks) else np.zeros(0)
     by_group: dict[str, object] = {}
     for place, (path, group) in enumerate(zip(paths, groups, strict=True)):
         said: dict[str, object] = {"people": len(np.unique(group.target_id))}

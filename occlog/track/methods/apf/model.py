@@ -153,16 +153,16 @@ def with_distances(estimate: Estimate, measured: RangeMeasurements) -> Estimate:
     looked = np.unique([*estimate.used, *measured.station.tolist()])
     saw = np.unique([*(estimate.seen_by or ()), *measured.station[believed >= 0.5].tolist()])
     return estimate._replace(
-        n_looked=len(looked),
-        n_seen=len(saw),
+        n_observing=len(looked),
+        n_detected=len(saw),
         used=tuple(looked.astype(int).tolist()),
         seen_by=tuple(saw.astype(int).tolist()),
         fit=BearingResiduals(
             row=np.zeros(len(residual), dtype=np.int64),
             sensor=measured.station,
             residual=residual,
-            expected=np.maximum(1.0 - spread, 0.0),
-            believed=believed,
+            expected_variance=np.maximum(1.0 - spread, 0.0),
+            inlier_probability=believed,
         ),
     )
 

@@ -157,10 +157,10 @@ def log_feature_ratios(
     start = 0
     for look in looks:
         stop = start + len(look.boxes)
-        mine = hint[:, look.camera, None] == look.hint
+        mine = hint[:, look.camera, None] == look.tracklet_id
         taken = mine.any(axis=0)
         out[:, start:stop] += np.where(
-            look.hint < 0, 0.0, np.where(mine, LOG_RATIO_SAME_TRACKLET, np.where(taken, LOG_RATIO_OTHER_TRACKLET, 0.0))
+            look.tracklet_id < 0, 0.0, np.where(mine, LOG_RATIO_SAME_TRACKLET, np.where(taken, LOG_RATIO_OTHER_TRACKLET, 0.0))
         )
         if dimension:
             out[:, start:stop] += log_ratio(cues.likeness, similarity(gallery, appearance_of(look, dimension)))
@@ -198,8 +198,8 @@ def update_features(
         _add(score[SAME_TARGET], look.score[mine.any(axis=0)])
         _add(score[OTHER_TARGET], look.score[free[start:stop] > MIN_CLUTTER_TO_LEARN])
         person, box = np.nonzero(mine)
-        named = look.hint[box] >= 0
-        hint[person[named], look.camera] = look.hint[box[named]]
+        named = look.tracklet_id[box] >= 0
+        hint[person[named], look.camera] = look.tracklet_id[box[named]]
         if dimension:
             seen = appearance_of(look, dimension)
             like = similarity(gallery, seen)

@@ -215,7 +215,7 @@ def _smoothed(
     sigma = np.sqrt(np.linalg.eigvalsh(spread[:, ::2, ::2])[:, -1])
     vague = sigma > pending.config.max_position_sigma * pending.extent
     fit, noise = judged
-    doubted = np.bincount(fit.row, weights=fit.believed >= 0.5, minlength=T) < 0.5 * seen
+    doubted = np.bincount(fit.row, weights=fit.inlier_probability >= 0.5, minlength=T) < 0.5 * seen
     flags = np.select(
         [stuck[:keep], through[:keep], vague, doubted[:keep]],
         [INFEASIBLE_CONSTRAINTS, NO_PATH, UNOBSERVABLE, FEW_INLIERS],
@@ -227,15 +227,15 @@ def _smoothed(
     bounds = np.searchsorted(record.state, np.arange(keep + 1)).tolist()
     sensors = record.rows.sensor.tolist()
     saw_it = record.rows.seen.copy()
-    saw_it[saw_it] = fit.believed >= 0.5
+    saw_it[saw_it] = fit.inlier_probability >= 0.5
     return SmoothedTrajectory(
         t_ns=record.t_ns[:keep],
         xy=X[:keep, ::2] + pending.origin,
         velocity=X[:keep, 1::2],
         covariance=spread[:, order[:, None], order],
         log_likelihood=_scores(problem, X)[:keep],
-        n_looked=looked[:keep],
-        n_seen=seen[:keep],
+        n_observing=looked[:keep],
+        n_detected=seen[:keep],
         fallback=tuple(flags.tolist()),
         used=tuple(tuple(sensors[a:b]) for a, b in pairwise(bounds)),
         seen_by=tuple(

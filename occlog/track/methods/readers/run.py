@@ -43,7 +43,7 @@ class ReadsSummary:
         """Count some more rows."""
         self.tags.update(part.target_id.tolist())
         self.rows += len(part)
-        self.doubts.update(reason for text in part.doubt.tolist() for reason in text.split(",") if reason)
+        self.doubts.update(reason for text in part.quality_flags.tolist() for reason in text.split(",") if reason)
         self.spread += float(np.sqrt(part.cov_xx + part.cov_yy).sum())
         self.refined += int(np.count_nonzero(part.refined_by != ""))
 

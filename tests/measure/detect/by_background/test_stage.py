@@ -109,7 +109,7 @@ def test_the_target_is_told_from_others_by_its_colour_and_all_are_kept_as_views(
     # Views name the target that they were told to be, and give its likeness.
     told = got.views.take(got.views.target_id >= 0)
     assert len(told) == np.count_nonzero(got.bearings.seen)
-    assert told.likeness.min() > 0.5
+    assert told.similarity.min() > 0.5
 
 
 def test_nobody_like_the_target_is_looked_and_not_seen() -> None:

@@ -68,8 +68,8 @@ def test_two_targets_are_followed_through_each_other(sampler):
         state, o = advance(state, frame_set(t, image, image), rng)
         assert o.view.tolist() == [0, 0, 1, 1]
         assert o.target_id.tolist() == [10, 11, 10, 11]
-        assert (o.mode == MODES.index("mcmc")).all()
-        assert not o.event.any()
+        assert (o.likelihood_mode == MODES.index("mcmc")).all()
+        assert not o.lifecycle.any()
         assert ((o.ess >= 1) & (o.ess <= 100)).all()
         assert (o.covariance[:, [0, 2]] > 0).all()
         errors.append(np.hypot(*(o.ellipse[:, :2] - np.tile(way[t], (2, 1))).T))
@@ -155,7 +155,7 @@ def test_views_without_a_frame_wait():
     assert np.hypot(*(o.ellipse[:, :2] - way[7]).T).max() < R
     state, o = advance(state, frame_set(8, None, None), rng)
     assert len(o.view) == 0
-    assert o.helpers.shape == (0, 2)
+    assert o.assisting_views.shape == (0, 2)
 
 
 @pytest.mark.jit
@@ -164,12 +164,12 @@ def test_targets_leave_the_image_or_are_lost():
     state, rng, events = begin(out[0], views=(0,)), np.random.default_rng(3), []
     for t in range(1, 20):
         state, o = advance(state, frame_set(t, picture(out[t], t), None), rng)
-        events += o.event[o.event > 0].tolist()
+        events += o.lifecycle[o.lifecycle > 0].tolist()
     assert events == [LEFT]
     state, events = begin([(60, 45)], views=(0,), lost_after=4), []
     for t in range(1, 8):
         state, o = advance(state, frame_set(t, picture([], t), None), rng)
-        events.append(o.event.tolist())
+        events.append(o.lifecycle.tolist())
     assert events == [[0], [0], [0], [TERMINATED], [], [], []]
 
 

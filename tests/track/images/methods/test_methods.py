@@ -109,7 +109,7 @@ def test_no_help_from_a_bad_counterpart():
     assert t.good[t.counterpart >= 0].all()
     bad = state._replace(trackers=t._replace(good=np.zeros_like(t.good)))
     bad = advance(bad, frame_set(frames[1]), rng)[1]
-    assert not bad.helpers.any()
+    assert not bad.assisting_views.any()
     assert (bad.counterpart == BAD).all()
 
 
@@ -129,7 +129,7 @@ def test_without_geometry_nobody_is_a_counterpart():
     state = initiate_trackers(state, frame_set(frames[0]), births_of(frames[0]))
     _, said = advance(state, frame_set(frames[1]), np.random.default_rng(0))
     assert (said.counterpart == NONE).all()
-    assert not said.helpers.any()
+    assert not said.assisting_views.any()
 
 
 @pytest.mark.jit
@@ -201,8 +201,8 @@ def test_a_tracker_whose_target_leaves_the_image_ends():
             state = initiate_trackers(state, now, [Birth(0, 7, np.array([40.0, 30.0, 8.0, 8.0, 0.0]))])
             continue
         state, said = advance(state, now, rng)
-        if said.event.any():
-            event = int(said.event[0])
+        if said.lifecycle.any():
+            event = int(said.lifecycle[0])
             break
     assert event == LEFT
     assert 18 <= t < 40
@@ -235,7 +235,7 @@ def test_pixels_with_distortion_are_taken_to_those_without():
     for frame in turned[1:20]:
         state, said = advance(state, frame_set(frame), np.random.default_rng(frame.frame))
         assert (said.counterpart == GOOD).all()
-        helped += said.helpers.sum()
+        helped += said.assisting_views.sum()
     assert helped > 0
 
 

@@ -59,7 +59,7 @@ def test_a_stale_view_does_not_help(age, helps):
     state = state_of(BmctConfig(particles=20), births, (first, second))
     assert state.trackers.good.tolist() == [[False, True], [False, True], [True, False], [True, False]]
     _, outlines = advance(state, frames_at(age, first, None), rng())
-    assert outlines.helpers.tolist() == [[False, helps], [False, helps]]
+    assert outlines.assisting_views.tolist() == [[False, helps], [False, helps]]
 
 
 # Proposal
@@ -215,7 +215,7 @@ def test_a_tracker_on_nothing_ends_unless_its_counterpart_is_good():
     good = np.array([[False, True], [False, False], [True, False]])
     state = changed(state, good=good, checked=good, weak=np.array([2, 2, 0]))
     after, outlines = advance(state, frames_at(1, gone, BOTH), rng())
-    assert outlines.event.tolist() == [0, TERMINATED, 0]
+    assert outlines.lifecycle.tolist() == [0, TERMINATED, 0]
     assert after.trackers.target.tolist() == [1, 1]
     assert after.trackers.weak.tolist() == [3, 0]
 

@@ -169,7 +169,7 @@ def ground_tracks(
 
 def _wanted(chunk: ViewTracks, cameras: Sequence[str]) -> Bools:
     """(R,) rows of these cameras whose tracker is on its target."""
-    wanted = ~np.isin(chunk.event, ("left", "lost"))
+    wanted = ~np.isin(chunk.lifecycle, ("left", "lost"))
     return wanted & np.isin(chunk.sensor, list(cameras)) if cameras else wanted
 
 
@@ -404,7 +404,7 @@ class GroundConsistency:
         """Count some more rows."""
         self._nis += part.nis
         self._freedom += part.freedom
-        for target, doubt in zip(part.tracks.target_id.tolist(), part.tracks.doubt.tolist(), strict=True):
+        for target, doubt in zip(part.tracks.target_id.tolist(), part.tracks.quality_flags.tolist(), strict=True):
             words = doubt.split(",") if doubt else []
             self._doubts.update(words)
             self._rows[target] += 1

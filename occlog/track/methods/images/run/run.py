@@ -79,9 +79,9 @@ class ViewsSummary:
         self.targets.update(part.tracks.target_id.tolist())
         self.frames += part.frames
         self.last_ns = np.maximum(self.last_ns, part.last_ns)
-        self.events.update(e for e in part.tracks.event.tolist() if e)
-        self.begun.update(part.tracks.sensor[part.tracks.event == "start"].tolist())
-        self.modes.update(m for m in part.tracks.mode.tolist() if m)
+        self.events.update(e for e in part.tracks.lifecycle.tolist() if e)
+        self.begun.update(part.tracks.sensor[part.tracks.lifecycle == "start"].tolist())
+        self.modes.update(m for m in part.tracks.likelihood_mode.tolist() if m)
         for view, frame, why in part.lost:
             self.lost[view].append((frame, why))
         self._check(part.checks)

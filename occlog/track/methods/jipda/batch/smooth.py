@@ -222,7 +222,7 @@ def _likeness(tracks: ChainTracks, head: Ints, place: Ints, boxes: Floats) -> Fl
 
 def _identities(group: Sequence[FrameDetections], moment: TrackSnapshot, followed: bool) -> Ints:
     """(M, 2) identities of boxes: those of trackers in the images and, where it is `followed`, the filter's; NOBODY."""
-    by_tracker = np.concatenate([look.hint for look in group]).astype(np.int64)
+    by_tracker = np.concatenate([look.tracklet_id for look in group]).astype(np.int64)
     by_filter = np.full(len(by_tracker), NO_ID)
     if followed:
         mine = moment.support.probability > MIN_ASSOCIATION_PROBABILITY
