@@ -69,7 +69,7 @@ def test_networks_find_the_boxes_of_the_command(folder: Path, tmp_path: Path) ->
         embed=reid,
         classes=["person"],
         bearings=True,
-        embed_pixels="unit",
+        embed_pixel_scaling="unit",
         batch=2,
         min_confidence=0.4,
     )

@@ -28,7 +28,7 @@ def bound_of(bearings: Bearings, true: Truth, place: Scene = BOTH, found: Tracks
 def test_one_step_by_hand() -> None:
     # Target 10 in front of either camera: each gives (f / d)^2 / sigma^2 = 100 across its axis; prior 1
     bearings = both(pixels(EAST, [0.0], [0]), pixels(NORTH, [0.0], [0]))
-    bound = bound_of(bearings, truth([0.0], [10, 10]), prior_cov=(1.0, 0.0, 1.0))
+    bound = bound_of(bearings, truth([0.0], [10, 10]), prior_covariance=(1.0, 0.0, 1.0))
     assert (bound.bound_xx[0], bound.bound_yy[0]) == (pytest.approx(1 / 101), pytest.approx(1 / 101))
     assert bound.bound_xy[0] == pytest.approx(0.0, abs=1e-15)
     assert bound.bound[0] == pytest.approx(math.sqrt(2 / 101))
@@ -44,7 +44,10 @@ def test_prior_is_the_spread_of_the_room() -> None:
 
 def test_time_without_sight_adds_the_noise_of_the_walk() -> None:
     bound = bound_of(
-        pixels(EAST, [0.0, 0.5, 4.0], [NAN] * 3), truth(T5, [10, 10]), prior_cov=(1.0, 0.0, 2.0), sigma_v=0.5
+        pixels(EAST, [0.0, 0.5, 4.0], [NAN] * 3),
+        truth(T5, [10, 10]),
+        prior_covariance=(1.0, 0.0, 2.0),
+        process_noise_position=0.5,
     )
     np.testing.assert_allclose(bound.bound_xx, 1.0 + 0.25 * np.array([0.0, 0.5, 4.0]))
     np.testing.assert_allclose(bound.bound_yy, 2.0 + 0.25 * np.array([0.0, 0.5, 4.0]))
@@ -52,8 +55,8 @@ def test_time_without_sight_adds_the_noise_of_the_walk() -> None:
 
 def test_default_noise_of_the_walk_follows_the_length_unit() -> None:
     rows, true = pixels(EAST, [0.0, 1.0], [NAN, NAN]), truth(T5, [10, 10])
-    metres = bound_of(rows, true, scene(EAST), prior_cov=(1.0, 0.0, 1.0))
-    units = bound_of(rows, true, scene(EAST, unit="unit"), prior_cov=(1.0, 0.0, 1.0))
+    metres = bound_of(rows, true, scene(EAST), prior_covariance=(1.0, 0.0, 1.0))
+    units = bound_of(rows, true, scene(EAST, unit="unit"), prior_covariance=(1.0, 0.0, 1.0))
     assert metres.bound_xx[1] == pytest.approx(1 + 0.05**2)
     assert units.bound_xx[1] == pytest.approx(1 + 0.33**2)
 
@@ -61,7 +64,7 @@ def test_default_noise_of_the_walk_follows_the_length_unit() -> None:
 def test_asynchronous_sensors_are_taken_in_at_their_own_times() -> None:
     true = truth(T5, [[8, 9], [9, 9], [10, 9], [11, 9], [12, 9]])
     bearings = both(pixels(EAST, [0.0, 1.7], [12, 10]), pixels(NORTH, [0.3, 1.7, 3.9], [-20, -3, 20]))
-    bound = bound_of(bearings, true, sigma_v=0.4)
+    bound = bound_of(bearings, true, process_noise_position=0.4)
     assert bound.t_ns.tolist() == seconds([0.0, 0.3, 1.7, 3.9]).tolist()
     assert bound.n_detected.tolist() == [1, 1, 2, 1]
     xy = np.array([[8, 9], [8.3, 9], [9.7, 9], [11.9, 9]])
@@ -80,7 +83,9 @@ def test_asynchronous_sensors_are_taken_in_at_their_own_times() -> None:
 def test_noise_is_eq_2_with_the_bearings_own_reading() -> None:
     shaky = camera("east", 0.0, 10.0, 0.0, sigma_position=0.5, sigma_yaw=0.02, sigma_read_px=77.0)
     xy = np.array([12.0, 13.0])
-    bound = bound_of(pixels(shaky, [0.0], [-25.0], sigma_px=3.0), truth([0.0], xy), scene(shaky), prior_cov=(4, 0, 4))
+    bound = bound_of(
+        pixels(shaky, [0.0], [-25.0], sigma_px=3.0), truth([0.0], xy), scene(shaky), prior_covariance=(4, 0, 4)
+    )
     J = crlb.camera_information(xy[None], shaky.ground, 0.0, 100.0, 0.5, 0.02, np.array([3.0]))[0]
     P = np.linalg.inv(np.eye(2) / 4 + J)
     assert bound.bound[0] == pytest.approx(math.sqrt(np.trace(P)))
@@ -91,7 +96,7 @@ def test_sensors_without_pixels_count_by_their_angle() -> None:
     bearings = both(
         directions("ear", [0.0], [math.pi / 2], 0.1), directions("east", [0.0], [0.0], 0.2)
     )  # the camera's rows have no pixels either
-    bound = bound_of(bearings, truth([0.0], [10, 10]), place, prior_cov=(1.0, 0.0, 1.0))
+    bound = bound_of(bearings, truth([0.0], [10, 10]), place, prior_covariance=(1.0, 0.0, 1.0))
     assert bound.bound_xx[0] == pytest.approx(1 / (1 + 1 / (10 * 0.1) ** 2))
     assert bound.bound_yy[0] == pytest.approx(1 / (1 + 1 / (10 * 0.2) ** 2))
 
@@ -144,13 +149,13 @@ def test_no_rows_where_the_truth_is_not_known() -> None:
 def test_constant_velocity_knows_less_than_a_walk_with_known_drift() -> None:
     bearings = both(pixels(EAST, T5, [0] * 5), pixels(NORTH, T5, [0] * 5))
     true = truth(T5, [10, 10])
-    cv = bound_of(bearings, true, motion="cv", acceleration_density=0.01, sigma_speed=1.0)
+    cv = bound_of(bearings, true, motion="cv", process_noise_density=0.01, sigma_speed=1.0)
     F, Q = crlb.constant_velocity_steps(np.array([0.0, 1, 1, 1, 1]), 0.01)
     J = np.zeros((5, 4, 4))
     J[:, 0, 0] = J[:, 1, 1] = 100.0
     P = crlb.posterior_bound(J, F, Q, np.diag([400 / 12, 400 / 12, 1.0, 1.0]))
     np.testing.assert_allclose(cv.bound_xx, P[:, 0, 0], rtol=1e-9)
-    assert cv.bound[-1] > bound_of(bearings, true, sigma_v=0.0).bound[-1]
+    assert cv.bound[-1] > bound_of(bearings, true, process_noise_position=0.0).bound[-1]
 
 
 def test_defaults_of_constant_velocity_are_as_long_in_feet() -> None:
@@ -219,7 +224,7 @@ def test_a_filter_told_the_drift_stays_above_the_bound(seed: int) -> None:
         noisy = {k: v + rng.normal(size=steps) for k, v in u.items()}
         t = range(steps)
         bearings = both(pixels(EAST, t, noisy["east"]), pixels(NORTH, t, noisy["north"]))
-        found = bound_of(bearings, truth(t, x), prior_cov=(1.0, 0.0, 1.0), sigma_v=sigma_v)
+        found = bound_of(bearings, truth(t, x), prior_covariance=(1.0, 0.0, 1.0), process_noise_position=sigma_v)
         bounds[run] = found.bound**2
         squared[run] = np.sum((extended_kalman(noisy, drift, sigma_v) - x) ** 2, axis=1)
     per_run = squared.mean(axis=1) / bounds.mean()
@@ -227,7 +232,7 @@ def test_a_filter_told_the_drift_stays_above_the_bound(seed: int) -> None:
     assert 1 - 3 * error_bar < per_run.mean() < 1.15 + 3 * error_bar
 
 
-def extended_kalman(u: dict[str, np.ndarray], drift: np.ndarray, sigma_v: float) -> np.ndarray:
+def extended_kalman(u: dict[str, np.ndarray], drift: np.ndarray, process_noise_position: float) -> np.ndarray:
     x, P, out = np.array([10.0, 10.0]), np.eye(2), []
     for k in range(len(drift)):
         x, P = x + drift[k], P + (sigma_v**2 * np.eye(2) if k else 0.0)

@@ -76,7 +76,7 @@ def slow_information(bearings: Bearings, t_ns: int, xyz: np.ndarray) -> np.ndarr
 @pytest.mark.parametrize("motion", ["waypoint", "cv"])
 def test_bound_is_that_of_an_independent_slow_recursion(motion: str) -> None:
     bearings = everything()
-    bound = bound_of(bearings, motion=motion, sigma_v=0.2, acceleration_density=0.3, sigma_speed=0.8)
+    bound = bound_of(bearings, motion=motion, process_noise_position=0.2, acceleration_density=0.3, sigma_speed=0.8)
     start = crlb.polygon_covariance(PLACE.region)
     P = np.zeros((6, 6))
     P[:2, :2], P[2, 2], P[3:, 3:] = start, 9.0 / 12.0, 0.64 * np.eye(3)
@@ -114,9 +114,9 @@ def test_one_array_overhead_by_hand() -> None:
 
 
 def test_a_camera_tells_nothing_of_the_height() -> None:
-    bound = bound_of(seen_by_camera(), prior_z=0.5, sigma_v=0.1)
+    bound = bound_of(seen_by_camera(), prior_variance_z=0.5, process_noise_position=0.1)
     np.testing.assert_allclose(bound.bound_zz, 0.5 + 0.01 * (TIMES - TIMES[0]))
-    ground = bound_of(seen_by_camera(), bound_in="ground", sigma_v=0.1)
+    ground = bound_of(seen_by_camera(), bound_in="ground", process_noise_position=0.1)
     np.testing.assert_allclose(bound.bound, ground.bound, rtol=1e-9)
     assert np.isnan(ground.bound_space).all()
 
@@ -183,7 +183,7 @@ def test_bound_in_space_is_below_that_of_each_plane() -> None:
     """Direct bound cut to the axes of a plane, against the bound of that plane's projected angle alone."""
     rows = both(heard(CEILING, TIMES, PATH), heard(EARS[2], TIMES, PATH, sigma_up=0.03))
     options = {"motion": "cv", "acceleration_density": 0.1, "sigma_speed": 0.8, "prior_cov": (4.0, 0.0, 4.0)}
-    P = covariances(bound_of(rows, prior_z=1.0, **options))
+    P = covariances(bound_of(rows, prior_variance_z=1.0, **options))
     dt = np.diff(TIMES, prepend=TIMES[0])
     for plane, axes in enumerate(((0, 1), (1, 2), (2, 0))):
         J = sum(

@@ -71,7 +71,7 @@ def test_nobody_walks_through_anybody_or_through_a_wall(room: str, seed: int):
 
 @pytest.mark.jit
 def test_objects_keep_their_speed_and_get_about():
-    path = walked(ROOMS["pillar"], 1, sigma=0.0)
+    path = walked(ROOMS["pillar"], 1, process_noise_position=0.0)
     steps = np.linalg.norm(np.diff(path, axis=0), axis=2)
     # A step is turned or halved where others are in the way
     assert np.median(steps) == pytest.approx(0.12)

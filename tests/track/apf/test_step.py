@@ -18,7 +18,7 @@ from occlog.track.methods.apf.config import ApfConfig
 @pytest.mark.parametrize("seed", range(3))
 def test_a_step_is_that_of_the_plain_form(seed, dt, pillar):
     scene = room100(pillar)
-    options = {"defensive": 0.1 * (seed % 2), "soften": 0.02, "false": 1e-3}
+    options = {"defensive_fraction": 0.1 * (seed % 2), "soften": 0.02, "false": 1e-3}
     config = ApfConfig(
         particles=L, velocity_memory=0.3, resampling_threshold=1.0, track_loss_count=0, proposal="motion", **options
     )

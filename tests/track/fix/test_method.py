@@ -115,7 +115,7 @@ def test_two_bearings_are_told_apart_from_more() -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("estimator", "mean"), ("bend", 0.0), ("gate", -1.0), ("spread", "no")],
+    [("estimator", "mean"), ("loss_threshold", 0.0), ("gate", -1.0), ("covariance", "no")],
 )
 def test_settings_that_cannot_be(name: str, value: object) -> None:
     with pytest.raises(InputError, match=f"fix: {name}"):

@@ -28,7 +28,9 @@ def follow(made: Crowd, config: JipdaConfig | None = None) -> list[TrackSnapshot
 def emptied(look: FrameDetections) -> FrameDetections:
     """The same look at nobody."""
     none = np.zeros(0, dtype=np.int64)
-    return look._replace(boxes=np.zeros((0, 4)), score=np.zeros(0), tracklet_id=none, appearance=np.zeros((0, 0)), row=none)
+    return look._replace(
+        boxes=np.zeros((0, 4)), score=np.zeros(0), tracklet_id=none, appearance=np.zeros((0, 0)), row=none
+    )
 
 
 def pairs(made: Crowd, moments: list[TrackSnapshot], within: float = 1.0) -> list[tuple[int, int, int, float]]:

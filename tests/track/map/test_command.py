@@ -111,7 +111,9 @@ def test_a_table_says_of_each_bearing_whether_it_is_believed(made: Path, capsys)
         found, how = read_table(out, Residuals), read_table(made / "diagnostics.parquet", Diagnostics)
         assert len(found) == summary["bearings"] == int(how.n_detected.sum())
         assert int((found.inlier_probability < 0.5).sum()) == summary["bearings_not_believed"] < 0.02 * len(found)
-        assert found.inlier_probability @ found.residual**2 / (found.inlier_probability @ found.expected_variance) == pytest.approx(summary["nis"])
+        assert found.inlier_probability @ found.residual**2 / (
+            found.inlier_probability @ found.expected_variance
+        ) == pytest.approx(summary["nis"])
         assert 0.8 < summary["nis"] < 1.2
         assert set(found.sensor.tolist()) <= {f"cam{k}" for k in range(1, 9)}
         out.unlink()

@@ -145,12 +145,12 @@ def test_cameras_without_a_pose_are_named():
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("height", -1.0),
-        ("height", float("nan")),
-        ("height_sigma", 0.0),
-        ("model_share", -0.1),
-        ("gate", 1.0),
-        ("min_crossing_deg", 90.0),
+        ("target_height", -1.0),
+        ("target_height", float("nan")),
+        ("sigma_target_height", 0.0),
+        ("centre_error_share", -0.1),
+        ("false_rejection_probability", 1.0),
+        ("min_triangulation_angle_deg", 90.0),
         ("window_s", -1.0),
     ],
 )

@@ -20,7 +20,9 @@ CROWDED = BallsConfig(
     [
         (PAIR, {}),
         pytest.param(CROWDED, {}, marks=pytest.mark.jit),
-        pytest.param(CROWDED, {"clear": 0.0, "sweeps": 3, "iterations": 2, "pixel_step": 1}, marks=pytest.mark.jit),
+        pytest.param(
+            CROWDED, {"clear_distance": 0.0, "sweeps": 3, "iterations": 2, "pixel_step": 1}, marks=pytest.mark.jit
+        ),
     ],
 )
 def test_frames_are_those_of_the_plain_form(config, settings):

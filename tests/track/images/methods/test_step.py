@@ -147,7 +147,7 @@ def test_frames_are_weak_when_the_best_particle_is_less_alike_than_the_limit():
     best = float(moved_into(state, frames_at(1, BOTH, None)).likeness.max())
     assert 0.5 < best < 1.0
     for limit, weak in ((best, 0), (np.nextafter(best, 2.0), 5)):
-        strict = state._replace(config=replace(state.config, lost_likeness=limit))
+        strict = state._replace(config=replace(state.config, lost_similarity=limit))
         after, _ = advance(strict, frames_at(1, BOTH, None), rng())
         assert after.trackers.weak.tolist() == [weak]
 
