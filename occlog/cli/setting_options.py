@@ -90,7 +90,7 @@ class SettingOption(click.Option):
             help=said.help if said.shown == "" else f"{said.help} [default: {default_words(f)}]",
         )
 
-    def told(self, value: Any) -> Any:
+    def default_text(self, value: Any) -> Any:
         """The value of the setting, of what the option gives."""
         return in_own_unit(value, self._said)
 
@@ -128,10 +128,10 @@ def default_words(f: Field[object]) -> str:
         return said.nothing or "none"
     people, own = default_in(f, "m"), default_in(f, "")
     unit = {"length": "m"}.get(said.unit, said.unit.replace("length", "m"))
-    told = value_words(f, people)
+    text = value_words(f, people)
     if unit:
-        told += f" {unit}"
-    return told if people == own else f"{told}, or {value_words(f, own)} in a scene-specific unit"
+        text += f" {unit}"
+    return text if people == own else f"{text}, or {value_words(f, own)} in a scene-specific unit"
 
 
 def value_words(f: Field[object], value: object) -> str:
@@ -560,7 +560,7 @@ def chosen_in(ctx: click.Context, values: Mapping[str, object]) -> tuple[Chosen,
     out = []
     for plugin, options in plugins.items():
         given = [(option, values.get(str(option.name))) for option in options]
-        out.append(Chosen(plugin, {each.setting: each.told(v) for each, v in given if v not in (None, ())}))
+        out.append(Chosen(plugin, {each.setting: each.default_text(v) for each, v in given if v not in (None, ())}))
     return tuple(out)
 
 

@@ -92,10 +92,10 @@ def outside_view(xy: Floats, covariance: Floats, origin: Floats, yaw: float, fov
     across = np.column_stack([-e[:, 1], e[:, 0]])
     sigma_r, sigma_across = (np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", u, covariance, u), 0.0)) for u in (e, across))
     off = np.abs(wrap_angle(np.arctan2(away[:, 1], away[:, 0]) - yaw)) - 0.5 * fov
-    beside = (fov < 2.0 * np.pi) & (off > VIEW_SIGMAS * np.arctan2(sigma_across, r))
+    at_edge = (fov < 2.0 * np.pi) & (off > VIEW_SIGMAS * np.arctan2(sigma_across, r))
     # Within its own uncertainty an estimate is at the sensor, in any direction
-    beside &= r > VIEW_SIGMAS * sigma_r
-    return np.asarray(beside | (r - reach > VIEW_SIGMAS * sigma_r))
+    at_edge &= r > VIEW_SIGMAS * sigma_r
+    return np.asarray(at_edge | (r - reach > VIEW_SIGMAS * sigma_r))
 
 
 def without_distance(xy: Floats, covariance: Floats, origin: Floats, far: float) -> Floats:
@@ -149,7 +149,7 @@ class QualityFlags:
         self._views: ViewPrior | None = scene.views
         self._row = {name: i for i, name in enumerate(sensor_names(scene))}
         self._sensors: tuple[Camera | MicrophoneArray, ...] = (*scene.cameras, *scene.arrays)
-        self._place = {s.name: (float(s.position[0]), float(s.position[1])) for s in self._sensors}
+        self._position = {s.name: (float(s.position[0]), float(s.position[1])) for s in self._sensors}
         self._seen: dict[int, DetectionHistory] = {}
 
     def judged(self, tracks: Tracks, diagnostics: Diagnostics) -> tuple[Tracks, Diagnostics]:
@@ -219,14 +219,14 @@ class QualityFlags:
                 seen = DetectionHistory(t_ns, {}, t_ns if self._started and seen is None else None)
             last = seen.last_ns | dict.fromkeys(names, t_ns)
             # Two sensors at one position determine the distance no better than one of them
-            here = {self._place[s] for s, at in last.items() if t_ns - at <= TOGETHER_S * NS}
+            here = {self._position[s] for s, at in last.items() if t_ns - at <= TOGETHER_S * NS}
             seen = seen._replace(last_ns={}, together_ns=t_ns) if len(here) > 1 else seen._replace(last_ns=last)
             self._seen[target] = seen
             if seen.together_ns is None:
                 late = t_ns - seen.begun_ns > TOGETHER_S * NS
             else:
                 late = t_ns - seen.together_ns > SINGLE_SENSOR_S * NS
-            alone[n] = late and len({self._place[s] for s in seen.last_ns}) == 1
+            alone[n] = late and len({self._position[s] for s in seen.last_ns}) == 1
             if alone[n] and seen.together_ns is None:
                 lone[n] = next(iter(seen.last_ns))
         return alone, lone
@@ -272,9 +272,9 @@ def _against(t_ns: Ints, residuals: Residuals) -> Bools:
     out = np.zeros(len(t_ns), dtype=np.bool_)
     for name in np.unique(residuals.sensor).tolist():
         own = residuals.take(residuals.sensor == name)
-        not_believed = np.concatenate([[0], np.cumsum(own.believed < 0.5)])
+        rejected = np.concatenate([[0], np.cumsum(own.believed < 0.5)])
         first, end = (np.searchsorted(own.t_ns, t, side="right") for t in (t_ns - WINDOW_NS, t_ns))
-        many = not_believed[end] - not_believed[first]
+        many = rejected[end] - rejected[first]
         out |= (many >= MIN_REJECTED_BEARINGS) & (many >= MIN_REJECTED_SHARE * (end - first))
     return out
 
@@ -396,8 +396,8 @@ def triangulate_rows(tracks: Tracks, used: Residuals, row: Ints, origin: Floats)
     bearing, sigma = _bearings(start[row], covariances(tracks)[row], origin, used)
     count, xy = len(tracks), start.copy()
     information = np.zeros((count, 2, 2))
-    told = sigma <= MAX_SIGMA_RAD
-    row, origin, bearing, sigma = row[told], origin[told], bearing[told], sigma[told]
+    usable = sigma <= MAX_SIGMA_RAD
+    row, origin, bearing, sigma = row[usable], origin[usable], bearing[usable], sigma[usable]
     good = np.zeros(count, dtype=np.bool_)
     step = np.zeros((count, 2))
     for _ in range(STEPS):
@@ -435,9 +435,9 @@ def _bearings(xy: Floats, covariance: Floats, origin: Floats, used: Residuals) -
     r2 = np.maximum(np.sum(away**2, axis=1), 1e-24)
     g = np.column_stack([-away[:, 1], away[:, 0]]) / r2[:, None]
     share = 1.0 - used.expected
-    told = (share > MIN_SHARE) & (used.expected > 0.0)
+    usable = (share > MIN_SHARE) & (used.expected > 0.0)
     square = np.einsum("ni,nij,nj->n", g, covariance, g)
-    sigma = np.sqrt(np.divide(square, share, out=np.full(len(used), np.nan), where=told))
+    sigma = np.sqrt(np.divide(square, share, out=np.full(len(used), np.nan), where=usable))
     return np.arctan2(away[:, 1], away[:, 0]) + used.residual * sigma, sigma
 
 

@@ -377,16 +377,16 @@ def offset(corners: Floats, away: float) -> Floats:
     return np.asarray(corners + 2.0 * away * both / np.maximum(np.sum(both**2, axis=1), 0.1)[:, None])
 
 
-def spread_along(a: Floats, places: Floats, b: Floats, steps: int) -> Floats | None:
-    """(steps - 1, 2) positions from a by all of `places` to b, including each of these; None: too few.
+def spread_along(a: Floats, positions: Floats, b: Floats, steps: int) -> Floats | None:
+    """(steps - 1, 2) positions from a by all of `positions` to b, including each of these; None: too few.
 
     Args:
         a: (2,)
-        places: (m, 2)
+        positions: (m, 2)
         b: (2,)
         steps: from a to b.
     """
-    way = np.vstack([a[None], places, b[None]])
+    way = np.vstack([a[None], positions, b[None]])
     leg = np.hypot(*np.diff(way, axis=0).T)
     if steps < len(leg):
         return None
@@ -444,10 +444,10 @@ def sample_floor(n: int, floor: Floor, rng: np.random.Generator) -> Floats:
         if count >= n:
             break
         # A quarter more than needed, so that one round is enough in a room with a few pillars.
-        places = low + size * rng.random((n - count + (n - count) // 4 + 4, 2))
-        places = places[on_floor(places, floor.room, floor.walls, floor.starts)]
-        found.append(places)
-        count += len(places)
+        positions = low + size * rng.random((n - count + (n - count) // 4 + 4, 2))
+        positions = positions[on_floor(positions, floor.room, floor.walls, floor.starts)]
+        found.append(positions)
+        count += len(positions)
     if count < n:
         raise ValueError(f"only {count} of {n} random positions were free; static occluders fill the room")
     return np.concatenate(found)[:n]

@@ -373,8 +373,8 @@ BELOW_HORIZON = np.radians(0.5)
 
 def box_around(scene: Scene) -> tuple[Floats, Floats]:
     """(2,) lowest and (2,) highest corner of a box around all sensors, widened by 1 unit and a tenth."""
-    places = np.array([s.position[:2] for s in scene.sensors])
-    low, high = places.min(axis=0), places.max(axis=0)
+    positions = np.array([s.position[:2] for s in scene.sensors])
+    low, high = positions.min(axis=0), positions.max(axis=0)
     pad = SENSOR_MARGIN_M + 0.1 * float(np.max(high - low))
     return low - pad, high + pad
 

@@ -94,11 +94,11 @@ def table_with(name: str, columns: Collection[str]) -> type[ColumnTable]:
         name: one of `TABLES`.
         columns: names of the columns in the file.
     """
-    told = set(columns)
+    names = set(columns)
 
     def misfit(table: type[ColumnTable]) -> tuple[int, int]:
         own = {c.name for c in table.columns()}
-        return len(told - own), len(own - told)
+        return len(names - own), len(own - names)
 
     return min((TABLES[name], *(each for each in WIDER if issubclass(each, TABLES[name]))), key=misfit)
 

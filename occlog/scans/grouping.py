@@ -226,9 +226,9 @@ def _split(table: Bearings, starts: list[int], names: tuple[str, ...]) -> Iterat
     n = starts[-1]
     if n == 0:
         return
-    place = {name: i for i, name in enumerate(names)}
+    index_of = {name: i for i, name in enumerate(names)}
     found, inverse = np.unique(table.sensor[:n], return_inverse=True)
-    sensor = np.array([place[name] for name in found.tolist()], dtype=np.int64)[inverse]
+    sensor = np.array([index_of[name] for name in found.tolist()], dtype=np.int64)[inverse]
     scan = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
     order = np.lexsort((table.target_id[:n], sensor, scan))
     _check_single(table, sensor, scan, order)

@@ -180,9 +180,9 @@ def moving_people(opened: Opened, length_unit: str, start_s: float, people: Peop
 
 def obstacles_of(rows: Tracks | Truth, start_ns: int, people: PeopleAsObstacles) -> MovingObstacleTracks:
     """The people of a table as obstacles; those of a truth have no covariance."""
-    places = np.column_stack([rows.x, rows.y, people.radius + people.sigmas * _deviation(rows)])
+    positions = np.column_stack([rows.x, rows.y, people.radius + people.sigmas * _deviation(rows)])
     clock, limit_ns = StepClock(start_ns, people.step_s), round(people.max_gap_s * NS)
-    return MovingObstacleTracks(rows.t_ns, rows.target_id, places, clock, limit_ns)
+    return MovingObstacleTracks(rows.t_ns, rows.target_id, positions, clock, limit_ns)
 
 
 def _between(opened: Opened, table: type[T], after_ns: int, people: PeopleAsObstacles) -> tuple[int, T]:

@@ -49,10 +49,10 @@ class BearingResiduals(NamedTuple):
     """How n bearings agree with the estimates."""
 
     row: Ints  # (n,) which estimate, from 0; 0 where there is one alone
-    sensor: Ints  # (n,) place in `sensor_names`
+    sensor: Ints  # (n,) index in `sensor_names`
     residual: Floats  # (n,) in standard deviations as stated
     expected: Floats  # (n,) variance that it has if the bearing is true
-    believed: Floats  # (n,) probability that it is
+    inlier_probability: Floats  # (n,) probability that it is true
 
 
 class NoiseScales(NamedTuple):

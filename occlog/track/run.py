@@ -257,7 +257,7 @@ def distance_measurements(
         "measurements": {**asdict(config), "path_loss": name, "radio": None if radio is None else _note_inputs(radio)}
     }
     return DistanceMeasurementFeed(
-        inputs.measurements, inputs.scene, config, radio, moments=request.method == "fix"
+        inputs.measurements, inputs.scene, config, radio, with_times=request.method == "fix"
     ), said
 
 

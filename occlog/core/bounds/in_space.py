@@ -81,9 +81,9 @@ def ground_information(information: Floats) -> Floats:
         (N, 2, 2); where there is no information about z, the block of x and y as it is.
     """
     flat, both, up = information[:, :2, :2], information[:, :2, 2], information[:, 2, 2]
-    told = up > 0
-    taken = both[:, :, None] * both[:, None, :] / np.where(told, up, 1.0)[:, None, None]
-    return np.asarray(np.where(told[:, None, None], flat - taken, flat))
+    informed = up > 0
+    taken = both[:, :, None] * both[:, None, :] / np.where(informed, up, 1.0)[:, None, None]
+    return np.asarray(np.where(informed[:, None, None], flat - taken, flat))
 
 
 def plane_information(xyz: Floats, position: Floats, plane: int, variance: Floats) -> Floats:

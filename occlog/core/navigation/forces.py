@@ -95,8 +95,8 @@ def aligned(p: Floats, obstacle: Floats, goal: Floats, tolerance: float) -> Bool
         goal: (..., 2) goals.
         tolerance: largest length of the difference of the two unit vectors; 0: they must be equal.
     """
-    apart = distance(direction(p, obstacle), direction(p, goal))
-    return np.asarray((apart <= tolerance) & (distance(p, goal) > distance(p, obstacle)))
+    angle = distance(direction(p, obstacle), direction(p, goal))
+    return np.asarray((angle <= tolerance) & (distance(p, goal) > distance(p, obstacle)))
 
 
 def within_reach(rho: Floats, reach: Floats) -> Bools:

@@ -148,11 +148,11 @@ def _by_content(path: Path, findings: Findings, seen: set[Path]) -> bool:
 def _mcap(path: Path, findings: Findings, seen: set[Path]) -> None:
     """A recording of occlog, perhaps damaged, or a bag."""
     with path.open("rb") as file:
-        says_occlog = b"occlog" in file.read(64)[len(RECORDING_MAGIC) :]
+        by_occlog = b"occlog" in file.read(64)[len(RECORDING_MAGIC) :]
     try:
         recording = open_recording(path)
     except (InputError, UsageError) as error:
-        if not says_occlog:
+        if not by_occlog:
             check_bag(path, findings)
             return
         findings.refused("unreadable", error)

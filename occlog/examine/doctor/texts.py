@@ -100,11 +100,11 @@ class _Copies:
         if not self._rows:
             return
         marks, lines = np.concatenate(self._marks), np.concatenate(self._lines)
-        _, first, place = np.unique(marks, return_index=True, return_inverse=True)
-        copies = np.flatnonzero(first[place.reshape(-1)] != np.arange(len(marks)))
+        _, first, index = np.unique(marks, return_index=True, return_inverse=True)
+        copies = np.flatnonzero(first[index.reshape(-1)] != np.arange(len(marks)))
         if len(copies):
             row = int(copies[0])
-            value = f"as in line {lines[first[place.reshape(-1)[row]]]}"
+            value = f"as in line {lines[first[index.reshape(-1)[row]]]}"
             findings.add("repeated-row", f"line {lines[row]}", value, count=len(copies))
 
 
@@ -158,9 +158,9 @@ def _calibration(path: Path, findings: Findings) -> bool:
             return False
         findings.refused("unreadable", error)
         return True
-    for told in calibration.told:
-        if told.startswith("warning: "):
-            findings.add("doubt", "", told.removeprefix("warning: "))
+    for note in calibration.notes:
+        if note.startswith("warning: "):
+            findings.add("doubt", "", note.removeprefix("warning: "))
     return True
 
 

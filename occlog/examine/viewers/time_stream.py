@@ -113,13 +113,13 @@ class ViewerStream:
         scene = inputs.scene
         self._sight = None if scene is None else SightDrawing(scene, self._metres, self.palette, self.crowd)
         self._cameras: dict[str, Camera] = {} if scene is None else {c.name: c for c in scene.cameras}
-        self._told = DiagnosticsDrawing()
+        self._diagnostics_drawing = DiagnosticsDrawing()
         self._over: dict[str, dict[str, tuple[int, list[DrawingGroup]]]] = {}
         self._stands: dict[str, tuple[int, int]] = {}  # by topic when it was drawn, and until when that is valid
         self._selects = False  # whether cameras were ever selected
         self._next_shadows = -(1 << 62)
 
-    def moments(self) -> Iterator[Moment]:
+    def items(self) -> Iterator[Moment]:
         """Everything in the order of time."""
         sources: list[Iterator[tuple[int, int, Callable[[], Iterator[Moment]]]]] = []
 
@@ -144,18 +144,18 @@ class ViewerStream:
             add(8, self._inputs.recording.frames(), self._frame)
         for t_ns, _, show in heapq.merge(*sources, key=lambda entry: entry[:2]):
             yield from self._ended(t_ns)
-            for moment in show():
-                if isinstance(moment, SceneDrawing):
-                    self._note(moment)
-                yield moment
+            for item in show():
+                if isinstance(item, SceneDrawing):
+                    self._note(item)
+                yield item
 
-    def _note(self, moment: SceneDrawing) -> None:
+    def _note(self, item: SceneDrawing) -> None:
         """Keep until when the drawing is valid: as long as two and a half times it took to come, 1 s at least."""
-        before = self._stands.get(moment.topic)
-        apart = 0 if before is None else moment.t_ns - before[0]
-        self._stands[moment.topic] = (moment.t_ns, moment.t_ns + max(STALE_NS, 5 * apart // 2))
-        if not moment.things:
-            del self._stands[moment.topic]
+        before = self._stands.get(item.topic)
+        elapsed = 0 if before is None else item.t_ns - before[0]
+        self._stands[item.topic] = (item.t_ns, item.t_ns + max(STALE_NS, 5 * elapsed // 2))
+        if not item.things:
+            del self._stands[item.topic]
 
     def _ended(self, t_ns: int) -> Iterator[Moment]:
         """Clear topics that have ended by now; a viewer would show their last drawing forever."""
@@ -170,9 +170,9 @@ class ViewerStream:
     def _diagnostics(self, rows: Diagnostics) -> Iterator[Moment]:
         t_ns = int(rows.t_ns[0])
         yield from _numbers("/diagnostics", Series.of_table(Diagnostics), rows, rows.target_id.tolist())
-        before = dict(self._told.doubt)
-        self._told.add(rows)
-        for target, words in self._told.doubt.items():
+        before = dict(self._diagnostics_drawing.doubt)
+        self._diagnostics_drawing.add(rows)
+        for target, words in self._diagnostics_drawing.doubt.items():
             if words and words != before.get(target):
                 yield LogLine(t_ns, True, f"target {target}", words)
         chosen = sorted({name for text in rows.selected.tolist() for name in text.split(",") if name})
@@ -182,7 +182,7 @@ class ViewerStream:
 
     def _tracks(self, rows: PeopleTracks) -> Iterator[Moment]:
         t_ns = int(rows.t_ns[0])
-        people = people_of(rows, self._metres, self._told)
+        people = people_of(rows, self._metres, self._diagnostics_drawing)
         for person in people:
             before = self.crowd.find(person.target)
             if person.doubt and not self._inputs.has(Diagnostics) and (before is None or before.doubt != person.doubt):
@@ -195,10 +195,10 @@ class ViewerStream:
             yield SceneDrawing("/shadows", t_ns, self._sight.shadows(t_ns))
 
     def _particles(self, rows: Particles) -> Iterator[Moment]:
-        places = at_height(self._metres * np.column_stack([rows.x, rows.y]), 0.03)
+        positions = at_height(self._metres * np.column_stack([rows.x, rows.y]), 0.03)
         things = []
         for target in np.unique(rows.target_id).tolist():
-            dots = Dots(places[rows.target_id == target], faded(self.palette(target), 0.6))
+            dots = Dots(positions[rows.target_id == target], faded(self.palette(target), 0.6))
             things.append(DrawingGroup(f"particles {target}", dots=[dots]))
         yield SceneDrawing(PARTICLES, int(rows.t_ns[0]), things)
 
@@ -222,8 +222,8 @@ class ViewerStream:
         yield from self._lines(str(rows.sensor[0]), int(rows.t_ns[0]), rows.target_id.tolist(), seen.tolist())
 
     def _doa(self, rows: Doa) -> Iterator[Moment]:
-        nobody = [-1] * len(rows)
-        yield from self._lines(str(rows.sensor[0]), int(rows.t_ns[0]), nobody, rows.azimuth.tolist())
+        unlabelled = [-1] * len(rows)
+        yield from self._lines(str(rows.sensor[0]), int(rows.t_ns[0]), unlabelled, rows.azimuth.tolist())
 
     def _lines(self, sensor: str, t_ns: int, targets: list[int], azimuths: list[float]) -> Iterator[Moment]:
         things = None if self._sight is None else self._sight.lines(sensor, targets, azimuths)
@@ -289,17 +289,17 @@ class Thinner:
         self._kept: dict[str, int] = {}
         self._shown: set[str] = set()  # topics with a last message that shows something
 
-    def keeps(self, moment: Moment) -> bool:
+    def keeps(self, item: Moment) -> bool:
         """Return whether a time step is written; time steps come in the order of time."""
-        if isinstance(moment, LogLine):
+        if isinstance(item, LogLine):
             return True
         topic, t_ns = (
-            (f"image of {moment.frame.sensor}", moment.frame.t_ns)
-            if isinstance(moment, ImageOverlay)
-            else (moment.topic, moment.t_ns)
+            (f"image of {item.frame.sensor}", item.frame.t_ns)
+            if isinstance(item, ImageOverlay)
+            else (item.topic, item.t_ns)
         )
         self._begin = t_ns if self._begin is None else self._begin
-        if isinstance(moment, SceneDrawing) and not moment.things:
+        if isinstance(item, SceneDrawing) and not item.things:
             # Nothing any more: the last drawing would stay forever
             shown = topic in self._shown
             self._shown.discard(topic)

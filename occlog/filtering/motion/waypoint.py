@@ -163,11 +163,11 @@ def gather(dt: float, motion: WaypointModel) -> tuple[float, float, float]:
         motion: parameters.
     """
     q = motion.sigma_velocity * motion.sigma_velocity
-    place = motion.sigma * motion.sigma * dt + q * dt**3 / 3.0
+    variance = motion.sigma * motion.sigma * dt + q * dt**3 / 3.0
     if q * dt == 0.0:
-        return place, motion.phi / motion.reference_s, 0.0
-    gain = 0.5 * q * dt * dt / place
-    return place, gain, max(q * dt - gain * gain * place, 0.0)
+        return variance, motion.phi / motion.reference_s, 0.0
+    gain = 0.5 * q * dt * dt / variance
+    return variance, gain, max(q * dt - gain * gain * variance, 0.0)
 
 
 @kernel
@@ -189,11 +189,11 @@ def waiting_noise(dt: float, motion: WaypointModel, stood: bool) -> tuple[float,
         stood: the target stood in the step before, too.
     """
     q = motion.sigma_creep * motion.sigma_creep
-    place = motion.sigma_waiting * motion.sigma_waiting * dt + (q * dt**3 / 3.0 if stood else q * dt * dt)
+    variance = motion.sigma_waiting * motion.sigma_waiting * dt + (q * dt**3 / 3.0 if stood else q * dt * dt)
     if q * dt == 0.0:
-        return place, 0.0, 0.0
-    gain = (0.5 * q * dt * dt if stood else q * dt) / place
-    return place, gain, max((q * dt if stood else q) - gain * gain * place, 0.0)
+        return variance, 0.0, 0.0
+    gain = (0.5 * q * dt * dt if stood else q * dt) / variance
+    return variance, gain, max((q * dt if stood else q) - gain * gain * variance, 0.0)
 
 
 @kernel
@@ -279,10 +279,10 @@ def move(
     """
     L = regime.shape[0]
     mean, xy, own = np.empty((L, 2)), np.empty((L, 2)), np.zeros((L, 2))
-    place, _, _ = gather(dt, motion)
+    variance, _, _ = gather(dt, motion)
     stopping, _, _ = waiting_noise(dt, motion, False)
     standing, _, _ = waiting_noise(dt, motion, True)
-    moving, stopping, standing = math.sqrt(place), math.sqrt(stopping), math.sqrt(standing)
+    moving, stopping, standing = math.sqrt(variance), math.sqrt(stopping), math.sqrt(standing)
     k = 0
     for i in range(L):
         spread, step = moving, particles.speed[i] * dt

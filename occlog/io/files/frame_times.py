@@ -70,8 +70,8 @@ class FrameTimes:
         """These times, read from a clock of the scene."""
         if clock is None:
             return self
-        told = f"{self.source}; clock {clock.name} taken out ({clock.offset_ns} ns, {clock.drift_ppm:g} ppm)"
-        return replace(self, source=told, clock=clock)
+        text = f"{self.source}; clock {clock.name} taken out ({clock.offset_ns} ns, {clock.drift_ppm:g} ppm)"
+        return replace(self, source=text, clock=clock)
 
     def same_as(self, other: FrameTimes) -> bool:
         """Whether every frame has the same time in the world."""

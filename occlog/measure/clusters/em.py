@@ -285,8 +285,8 @@ def merge(groups: Floats, covs: Floats, entropy: Floats, prior: Prior) -> Floats
         for a in range(groups.shape[0]):
             for b in range(a):
                 if groups[a, 0] > 0.0 and groups[b, 0] > 0.0 and _near(groups[a], groups[b], covs[a], covs[b]):
-                    apart = worths[a] + worths[b] + entropy[a, b]
-                    gain = group_worth(union(groups[a], groups[b]), prior) - apart
+                    separate_worth = worths[a] + worths[b] + entropy[a, b]
+                    gain = group_worth(union(groups[a], groups[b]), prior) - separate_worth
                     if gain > best:
                         best, best_a, best_b = gain, a, b
         if best_a < 0:

@@ -130,13 +130,13 @@ class FusionRows:
         """These detections are of nothing."""
         self.cause[rows] = REMOVED
 
-    def recover(self, t_ns: int, camera: int, target: int, place: PositionWithCovariance, row: int | None) -> None:
+    def recover(self, t_ns: int, camera: int, target: int, position: PositionWithCovariance, row: int | None) -> None:
         """A camera that missed an object gets a detection at the global position, in a row that it has or a new one."""
-        self._new.append((t_ns, camera, target, place))
+        self._new.append((t_ns, camera, target, position))
         if target == UNLABELLED:
             self._fresh.add((t_ns, camera))
         if row is not None:
-            self._sight[row] = expected_sight(self.cameras.placed[camera], place)
+            self._sight[row] = expected_sight(self.cameras.placed[camera], position)
 
     def tidy_candidates(self, first: int, last: int) -> None:
         """One row "not seen" of a camera's candidates at most, and none if a candidate is kept.
@@ -199,13 +199,13 @@ class FusionRows:
 
     def _new_bearings(self) -> Bearings:
         """Recovered rows for which there was none."""
-        told = {
+        values = {
             (int(self.bearings.t_ns[r]), int(self.camera_of[r]), int(self.bearings.target_id[r])) for r in self._sight
         }
-        rows = [n for n in self._new if n[:3] not in told]
+        rows = [n for n in self._new if n[:3] not in values]
         if not rows:
             return Bearings.empty()
-        sights = np.array([expected_sight(self.cameras.placed[camera], place) for _, camera, _, place in rows])
+        sights = np.array([expected_sight(self.cameras.placed[camera], position) for _, camera, _, position in rows])
         n = len(rows)
         return Bearings.of(
             t_ns=np.array([r[0] for r in rows]),

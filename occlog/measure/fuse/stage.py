@@ -85,7 +85,7 @@ def fuse(parts: Iterable[Detections], scene: Scene, config: FuseConfig | None = 
     """
     config = config or FuseConfig.in_unit(scene.length_unit)
     cameras = placed_cameras(scene, config)
-    places = {name: i for i, name in enumerate(cameras.names)}
+    index_of = {name: i for i, name in enumerate(cameras.names)}
     known = {*(c.name for c in scene.cameras), *(a.name for a in scene.arrays)}
     state = _FusionState()
     for part in whole_moments(parts, round(config.window_s * 1e9)):
@@ -93,7 +93,7 @@ def fuse(parts: Iterable[Detections], scene: Scene, config: FuseConfig | None = 
         for name in names.tolist():
             if name not in known:
                 raise InputError(f"bearings: no sensor {name!r} in the scene; {nearest(name, tuple(sorted(known)))}")
-        camera_of = np.array([places.get(name, -1) for name in names.tolist()], dtype=np.int64)[inverse]
+        camera_of = np.array([index_of.get(name, -1) for name in names.tolist()], dtype=np.int64)[inverse]
         yield _fuse_part(part, camera_of, cameras, state, config)
 
 
@@ -142,7 +142,7 @@ class _FusionStep(NamedTuple):
 
     t_ns: int
     rows: Ints  # of the bearings of cameras
-    looked: Ints  # cameras that delivered a frame, rising
+    observing: Ints  # cameras that delivered a frame, rising
     t_of: dict[int, int]  # camera to the time of its frame [ns]
 
 
@@ -151,55 +151,55 @@ def _fuse_moment(
 ) -> None:
     """Decide about all targets and candidates in the rows from `first` to before `last`, which are of one time step."""
     rows = np.arange(first, last)[ledger.camera_of[first:last] >= 0]
-    looked = np.unique(ledger.camera_of[rows])
-    if not len(looked):
+    observing = np.unique(ledger.camera_of[rows])
+    if not len(observing):
         return
     state.moments += 1
-    state.alone += len(looked) == 1
+    state.alone += len(observing) == 1
     t_of = {int(ledger.camera_of[r]): int(ledger.bearings.t_ns[r]) for r in rows.tolist()}
-    moment = _FusionStep(int(ledger.bearings.t_ns[last - 1]), rows, looked, t_of)
+    step = _FusionStep(int(ledger.bearings.t_ns[last - 1]), rows, observing, t_of)
     target = ledger.bearings.target_id[rows]
     # Labelled detections: one decision a target.
     for name in np.unique(target[target != UNLABELLED]).tolist():
-        _fuse_target(ledger, sight, moment, name, state, config)
+        _fuse_target(ledger, sight, step, name, state, config)
     # Candidates: group them on the ground, then one decision an object.
     free = rows[target == UNLABELLED]
     if len(free) or state.objects:
         free = free[ledger.bearings.seen[free]]
-        found = fuse_candidates(state.objects, moment.t_ns, sight, free, looked, ledger.cameras, config)
+        found = fuse_candidates(state.objects, step.t_ns, sight, free, observing, ledger.cameras, config)
         state.objects = found.objects
         for decision, candidates in found.decisions:
             state.count(decision, len(candidates))
             ledger.keep(candidates[decision.kept])
             for camera in decision.missed.tolist():
-                ledger.recover(moment.t_of[camera], camera, UNLABELLED, decision.at, None)
-        ledger.remove(found.nobody)
+                ledger.recover(step.t_of[camera], camera, UNLABELLED, decision.at, None)
+        ledger.remove(found.unassigned)
         ledger.tidy_candidates(first, last)
 
 
 def _fuse_target(
     ledger: FusionRows,
     sight: LocalDirections,
-    moment: _FusionStep,
+    step: _FusionStep,
     target: int,
     state: _FusionState,
     config: FuseConfig,
 ) -> None:
     """Decide about one target at one time step; InputError where a camera has two rows for it."""
-    own = moment.rows[ledger.bearings.target_id[moment.rows] == target]
+    own = step.rows[ledger.bearings.target_id[step.rows] == target]
     row_of = {int(ledger.camera_of[r]): r for r in own.tolist()}
     if len(row_of) < len(own):
         twice = ledger.bearings.sensor[own[np.flatnonzero(np.diff(np.sort(ledger.camera_of[own])) == 0)[0]]]
         raise InputError(
-            f"bearings: sensor {str(twice)!r} has two rows for target {target} at {moment.t_ns} ns; a sensor has one "
+            f"bearings: sensor {str(twice)!r} has two rows for target {target} at {step.t_ns} ns; a sensor has one "
             "row a target and time (candidates that may be of any object have target_id -1)"
         )
     seen = own[ledger.bearings.seen[own]]
     memory = state.targets.get(target, ObjectMemory())
-    decision = decide(memory, moment.t_ns, sight.take(seen), moment.looked, ledger.cameras, config)
+    decision = decide(memory, step.t_ns, sight.take(seen), step.observing, ledger.cameras, config)
     state.targets[target] = decision.memory
     state.count(decision, len(seen))
     ledger.keep(seen[decision.kept])
     ledger.remove(seen[~decision.kept])
     for camera in decision.missed.tolist():
-        ledger.recover(moment.t_of[camera], camera, target, decision.at, row_of.get(camera))
+        ledger.recover(step.t_of[camera], camera, target, decision.at, row_of.get(camera))

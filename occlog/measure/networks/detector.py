@@ -238,11 +238,11 @@ def open_detector(
     metadata = network.file.metadata
     width, height = network.size
     try:
-        told = names_in(metadata)
+        declared = names_in(metadata)
         outputs = network.run(np.full((network.batch, 3, height, width), 0.5, dtype=np.float32))
-        count = None if told is None else len(told)
+        count = None if declared is None else len(declared)
         reading = recognise(outputs, network.size, count, config.head, metadata)
-        of_classes = names_of(reading.classes, told, names)
+        of_classes = names_of(reading.classes, declared, names)
     except InputError as error:
         raise error if str(names) in str(error) else InputError(f"{path}: {error}") from None
     return NetworkDetector(

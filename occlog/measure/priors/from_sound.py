@@ -87,11 +87,11 @@ def _moments(chunks: Iterable[Doa], window_ns: int) -> Iterator[tuple[int, Doa]]
 
 
 def _directions(rows: Doa, scene: Scene) -> SourceDirections:
-    places = {a.name: i for i, a in enumerate(scene.arrays)}
+    index_of = {a.name: i for i, a in enumerate(scene.arrays)}
     for name in np.unique(rows.sensor).tolist():
-        if name not in places:
-            raise InputError(f"doa: the scene has no array {name!r}; it has: {', '.join(places)}")
-    array = np.array([places[name] for name in rows.sensor.tolist()], dtype=np.int64)
+        if name not in index_of:
+            raise InputError(f"doa: the scene has no array {name!r}; it has: {', '.join(index_of)}")
+    array = np.array([index_of[name] for name in rows.sensor.tolist()], dtype=np.int64)
     positions = np.array([a.position[:2] for a in scene.arrays])
     sigmas = np.array([a.sigma for a in scene.arrays], dtype=np.float64)
     own = np.where(np.isnan(rows.sigma_azimuth), sigmas[array], rows.sigma_azimuth)

@@ -126,7 +126,7 @@ def of_views(truth: Objects, radius: Floats, use: int) -> tuple[Objects, Floats]
     """Return the rows of the first views from the output of `truth_of`."""
     assert truth.view is not None
     kept = truth.view < use
-    return Objects(truth.frame[kept], truth.label[kept], truth.place[kept], truth.view[kept]), radius[kept]
+    return Objects(truth.frame[kept], truth.label[kept], truth.position[kept], truth.view[kept]), radius[kept]
 
 
 def boxes_of(ellipses: Floats) -> Floats:

@@ -184,12 +184,12 @@ class ObservationStreams:
                 if number is not None:
                     wanted[sensor, target] = number, free
         found = self._sightings({number for number, _ in wanted.values()})
-        told = {
+        series = {
             (sensor, target): SensorSightings(sensor, *found[number], free)
             for (sensor, target), (number, free) in wanted.items()
         }
         by_name = dict(sorted(self._sensors.items()))
-        return ObservationCoverage(self.rows, self._seen, by_name, self.labels, told)
+        return ObservationCoverage(self.rows, self._seen, by_name, self.labels, series)
 
     def _sightings(self, wanted: set[int]) -> dict[int, tuple[Ints, Ints, Ints]]:
         """Edges, observations and detections of pairs."""
@@ -301,16 +301,16 @@ class SelectionStreams:
             own.expected.add(float(part.predicted_mse[chosen].sum()))
             own.last = int(part.t_ns[mine][-1])
 
-    def came_out(self, part: Diagnostics, beside: Errors | Tracks) -> None:
+    def came_out(self, part: Diagnostics, companion: Errors | Tracks) -> None:
         """Values of errors or tracks at the times of selections, both of a time interval."""
-        told = np.isfinite(part.predicted_mse)
-        for target in np.unique(part.target_id[told]).tolist():
-            at = np.isin(beside.t_ns, part.t_ns[told & (part.target_id == target)])
-            rows = at & (beside.target_id == target)
-            if isinstance(beside, Errors):
-                what, squares = "error", beside.error[rows] ** 2
+        finite = np.isfinite(part.predicted_mse)
+        for target in np.unique(part.target_id[finite]).tolist():
+            at = np.isin(companion.t_ns, part.t_ns[finite & (part.target_id == target)])
+            rows = at & (companion.target_id == target)
+            if isinstance(companion, Errors):
+                what, squares = "error", companion.error[rows] ** 2
             else:
-                what, squares = "stated spread", beside.cov_xx[rows] + beside.cov_yy[rows]
+                what, squares = "stated spread", companion.cov_xx[rows] + companion.cov_yy[rows]
             count, total = self._targets[target].found.setdefault(what, (0, Sum()))
             total.add(float(squares.sum()))
             self._targets[target].found[what] = count + len(squares), total

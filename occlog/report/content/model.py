@@ -84,10 +84,10 @@ class TimeAxis:
             return f"{self.start_ns / NS:.3f} s"
         whole, rest = divmod(self.start_ns, NS)
         try:
-            moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=whole)
+            instant = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=whole)
         except OverflowError:  # beyond the year 9999
             return f"{self.start_ns} ns"
-        return f"{moment:%Y-%m-%d %H:%M:%S}.{rest // 1_000_000:03d} UTC"
+        return f"{instant:%Y-%m-%d %H:%M:%S}.{rest // 1_000_000:03d} UTC"
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +255,7 @@ class ReportInput:
     @property
     def looked(self) -> ObservationCoverage | None:
         """Summary of bearings; None without bearings."""
-        return self.figures.looked
+        return self.figures.coverage
 
     @property
     def strangers(self) -> tuple[str, ...]:

@@ -56,10 +56,10 @@ def _hits(origin: Floats, direction: Floats, walls: Floats) -> Floats:
     cross = direction[:, :1] * along[:, 1] - direction[:, 1:] * along[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = (start[:, 0] * along[:, 1] - start[:, 1] * along[:, 0]) / cross
-        place = (start[:, 0] * direction[:, 1:] - start[:, 1] * direction[:, :1]) / cross
+        distance_along = (start[:, 0] * direction[:, 1:] - start[:, 1] * direction[:, :1]) / cross
     # A sensor may be mounted on the wall itself: such a wall does not hide anything from it.
     near = 1e-6 * (1.0 + np.abs(walls).max())
-    hit = (distance > near) & (place >= -1e-9) & (place <= 1.0 + 1e-9)
+    hit = (distance > near) & (distance_along >= -1e-9) & (distance_along <= 1.0 + 1e-9)
     return np.asarray(np.where(hit, distance, np.inf).min(axis=1))
 
 
@@ -326,8 +326,8 @@ class BearingResidualStreams:
         rows, scan = scans(_part(lines, slice(0, over)), period, own.start_ns)
         first, xy = triangulate_scans(lines, rows, scan, self._scene)
         found = np.hypot(*(estimate[first] - xy).T)
-        told = np.isfinite(found)
-        t_ns, found = lines.t_ns[first][told], found[told]
+        finite = np.isfinite(found)
+        t_ns, found = lines.t_ns[first][finite], found[finite]
         number = own.scans + np.arange(len(found))
         so_far = np.sqrt((own.total.value + np.cumsum(found**2)) / (number + 1))
         keep = (number % self._every == 0) | largest(found, np.zeros(len(found), np.int64), number // self._every)
@@ -341,7 +341,7 @@ class BearingResidualStreams:
     def finish(self) -> tuple[dict[int, Residual], dict[int, TriangulationDistances]]:
         """Everything, by target."""
         names = tuple(places(self._scene))
-        off, apart = {}, {}
+        off, separate = {}, {}
         for target, own in self._off.items():
             empty = (np.zeros(0, np.int64), np.zeros(0, np.int64), names, np.zeros(0), np.zeros(0))
             parts = [DirectionErrors(*empty), *own.drawn]
@@ -355,8 +355,8 @@ class BearingResidualStreams:
                 if own.held is not None:
                     nothing = _part(own.held[0], slice(0, 0))
                     self._distances(target, nothing, np.zeros((0, 2)), last=True)
-                apart[target] = self._apart(own, self._spools[target])
-        return off, apart
+                separate[target] = self._apart(own, self._spools[target])
+        return off, separate
 
     def _apart(self, own: _Off, spool: Spool) -> TriangulationDistances:
         count = own.scans

@@ -349,13 +349,13 @@ def sensors(data: ReportInput) -> tuple[str, ...]:
 
 
 def draw_visibility(
-    figure: FigureBase, data: ReportInput, looked: ObservationCoverage, target: int, most: int = MAX_SENSORS
+    figure: FigureBase, data: ReportInput, coverage: ObservationCoverage, target: int, most: int = MAX_SENSORS
 ) -> None:
     """Draw the rows of all sensors, or of the first `most`, for one target; the first sensor is on top."""
     axes = figure.add_subplot()
     names = sensors(data)[:most]
-    cells = max(CELLS_OF_ALL // max(len(names) * min(len(looked.watched), MAX_TARGETS), 1), MIN_CELLS)
-    rows = [coarser(looked.sightings(name, target), cells) for name in names]
+    cells = max(CELLS_OF_ALL // max(len(names) * min(len(coverage.watched), MAX_TARGETS), 1), MIN_CELLS)
+    rows = [coarser(coverage.sightings(name, target), cells) for name in names]
     draw_rows(axes, data.time, rows, [label(n, 18) for n in names])
     kinds = (("seen", "target seen"), ("hidden", "frame, target not seen"), ("absent", "no frame"))
     handles = [Patch(facecolor=COLOURS[colour], label=text) for colour, text in kinds]
@@ -368,8 +368,8 @@ def coarser(found: SensorSightings, most: int) -> SensorSightings:
     if together <= 1:
         return found
     first = np.arange(0, len(found.looked), together)
-    looked, seen = (np.add.reduceat(each, first) for each in (found.looked, found.seen))
-    return replace(found, edges=np.append(found.edges[first], found.edges[-1]), looked=looked, seen=seen)
+    observed, seen = (np.add.reduceat(each, first) for each in (found.looked, found.seen))
+    return replace(found, edges=np.append(found.edges[first], found.edges[-1]), looked=observed, seen=seen)
 
 
 def draw_rows(axes: Axes, time: TimeAxis, rows: Sequence[SensorSightings], names: Sequence[str]) -> None:
@@ -377,8 +377,8 @@ def draw_rows(axes: Axes, time: TimeAxis, rows: Sequence[SensorSightings], names
     shares = []
     for row, found in enumerate(rows):
         _bar(axes, time, found, -float(row))
-        whose = "any" if found.any_object else "seen"
-        shares.append("no frame" if np.isnan(found.share) else f"{_percent(found.share)} {whose}")
+        kind = "any" if found.any_object else "seen"
+        shares.append("no frame" if np.isnan(found.share) else f"{_percent(found.share)} {kind}")
     label_rows(axes, names, shares)
     axes.set_xlim(0.0, max(time.length, 1e-9))
     axes.set_xlabel(time.label)
@@ -438,8 +438,8 @@ def draw_crowd(figure: FigureBase, data: ReportInput, tracks: PeopleTracks, foun
     people, events = found.drawn, data.events
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.3, max(0.16 * len(people), 0.6)))
     _counts(above, data, found.crowd)
-    for place, identity in enumerate(people.tolist()):
-        _life(below, data.time, tracks.take(tracks.target_id == identity), -float(place))
+    for index, identity in enumerate(people.tolist()):
+        _life(below, data.time, tracks.take(tracks.target_id == identity), -float(index))
     _doubts(below, data.time, people, events)
     below.set_yticks(-np.arange(len(people), dtype=float), [str(i) for i in people.tolist()])
     below.tick_params(axis="y", length=0, labelsize=min(8.0, 330.0 / max(len(people), 1) ** 0.95))
@@ -486,8 +486,8 @@ def _life(axes: Axes, time: TimeAxis, own: PeopleTracks, y: float) -> None:
     # Neighbours of one kind are one piece
     first = np.concatenate([[True], (np.diff(kind) != 0) | (own.t_ns[1:] > ends[:-1])])
     begins, stops, kinds = own.t_ns[first], ends[np.append(first[1:], True)], kind[first]
-    for place, colour in enumerate((SEEN, SINGLE_VIEW, COASTING)):
-        mine = kinds == place
+    for index, colour in enumerate((SEEN, SINGLE_VIEW, COASTING)):
+        mine = kinds == index
         spans = np.column_stack([time.of(begins[mine]), time.of(stops[mine]) - time.of(begins[mine])])
         axes.broken_barh(spans.tolist(), (y - HEIGHT / 2, HEIGHT), facecolor=COLOURS[colour], linewidth=0)
 
@@ -497,8 +497,8 @@ def _doubts(axes: Axes, time: TimeAxis, people: Ints, events: Events | None) -> 
     if events is None:
         return
     doubts = events.take((events.kind == "doubt") & np.isin(events.target_id, people))
-    place = {identity: row for row, identity in enumerate(people.tolist())}
-    rows = [-float(place[i]) for i in doubts.target_id.tolist()]
+    index_of = {identity: row for row, identity in enumerate(people.tolist())}
+    rows = [-float(index_of[i]) for i in doubts.target_id.tolist()]
     axes.plot(time.of(doubts.t_ns), rows, "x", color=COLOURS["t5"], markersize=4.5, markeredgewidth=1.4)
 
 

@@ -130,7 +130,7 @@ def residual_rows(fit: BearingResiduals, t_ns: Ints, target: int, names: tuple[s
         sensor=np.array([names[i] for i in fit.sensor.tolist()], dtype=np.str_),
         residual=fit.residual,
         expected=fit.expected,
-        believed=fit.believed,
+        believed=fit.inlier_probability,
     )
 
 

@@ -117,20 +117,20 @@ class PeopleSummary:
             ),
             *outcome(FRAMES, self._numbers(), unless="" if self.inputs.numbers else "frames are not numbered"),
             *outcome(SMOOTHED, self._smoothed()),
-            *outcome(FOUND, self._nobody(), people=len(self.people), rows=self.rows),
+            *outcome(FOUND, self._no_tracks(), people=len(self.people), rows=self.rows),
         )
 
     def _smoothed(self) -> Iterator[Check]:
         """Errors that go on from frame to frame, smoothed."""
         if self.inputs.regions_smoothed and self.rows:
-            says = (
+            text = (
                 "the boxes are regions of video, whose errors go on from frame to frame: where people meet, "
                 "covariances of what the future smooths are too small (mean NEES of rendered rooms: 1.4 to 4.3 "
                 "instead of 2, and 8 in one)"
             )
-            yield finding(SMOOTHED, "note", "regions-smoothed", says)
+            yield finding(SMOOTHED, "note", "regions-smoothed", text)
 
-    def _nobody(self) -> Iterator[Check]:
+    def _no_tracks(self) -> Iterator[Check]:
         """No tracks at all."""
         if not self.rows:
             yield finding(FOUND, "note", "nobody", "no person was found: the tracks are empty")
@@ -214,8 +214,8 @@ def run_track_people(request: TrackPeopleRequest, job: Job) -> tuple[dict[str, o
         job.note(line)
     names = None if request.gallery is None else GalleryReidentification(request.gallery, inputs)
     follower: PeopleTracker[object, object] = load(METHODS[request.method].method)
-    moments = job.progress(inputs.moments, "track")
-    seen = track_people(moments, inputs.scene, inputs.cameras, inputs.config, follower, request.seed, inputs.heard())
+    steps = job.progress(inputs.time_steps, "track")
+    seen = track_people(steps, inputs.scene, inputs.cameras, inputs.config, follower, request.seed, inputs.heard())
     tabulator = Tabulator(inputs.cameras, in_images=request.view_tracks is not None)
     parameters = {
         "method": request.method,
@@ -241,5 +241,5 @@ def run_track_people(request: TrackPeopleRequest, job: Job) -> tuple[dict[str, o
     console.note_findings(texts_of(made.judged, "track"), job.quiet)
     names_of = {"output": "tracks"}
     written = {names_of.get(name, name): str(path) for name, path in request.files(output=True).items()}
-    told = {} if names is None else names.figures()
-    return {**written, "method": request.method, **summary.figures(), **summary_of(made.judged), **told}, losses
+    metrics = {} if names is None else names.figures()
+    return {**written, "method": request.method, **summary.figures(), **summary_of(made.judged), **metrics}, losses

@@ -64,7 +64,7 @@ def test_truth_is_every_target_in_every_frame_and_view_with_its_radius() -> None
     truth, radius, _ = made_up(frames=3, views=2, targets=2)
     assert len(truth.frame) == 12
     np.testing.assert_allclose(radius, 10.0)
-    np.testing.assert_allclose(truth.place[:2], [[-10, -10, 20, 20], [40, -10, 20, 20]])
+    np.testing.assert_allclose(truth.position[:2], [[-10, -10, 20, 20], [40, -10, 20, 20]])
 
 
 def test_boxes_hold_their_ellipses() -> None:

@@ -57,8 +57,8 @@ def test_bearings_through_a_wall_of_certain_occluders_are_not_believed() -> None
     wall = people(*(np.array([-5.0, -4.0]) + 1.5 * np.column_stack([np.cos(angle), np.sin(angle)])).tolist())
     out = solve(scene, rows, wall)
     assert out.fit is not None
-    assert (out.fit.believed[out.fit.sensor == 0] < 0.5).all()
-    assert (out.fit.believed[out.fit.sensor != 0] >= 0.5).mean() > 0.95
+    assert (out.fit.inlier_probability[out.fit.sensor == 0] < 0.5).all()
+    assert (out.fit.inlier_probability[out.fit.sensor != 0] >= 0.5).mean() > 0.95
     assert np.hypot(*(out.xy - xy).T).mean() < 0.1
 
 

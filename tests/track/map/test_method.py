@@ -260,7 +260,7 @@ def test_cameras_back_to_back_that_both_see_it_contradict_each_other() -> None:
     robust = solve(scene, MapConfig(), made)
     assert "contradiction" not in robust.fallback
     at_4 = robust.fit.row == 4
-    assert (robust.fit.believed[at_4] >= 0.5).sum() < at_4.sum()  # one of the two is not believed
+    assert (robust.fit.inlier_probability[at_4] >= 0.5).sum() < at_4.sum()  # one of the two is not believed
 
 
 def wild(seed: int):

@@ -66,7 +66,7 @@ def test_false_bearings_are_found_and_cost_little(cameras: int, share: float) ->
         assert rmse < 1.7 * best
         assert 0.5 < nees.mean() < 5.0
         assert np.mean(nees > 5.991) < 0.15
-        doubted = out.fit.believed < 0.5
+        doubted = out.fit.inlier_probability < 0.5
         assert (doubted & false).sum() >= 0.9 * false.sum()
         assert (doubted & false).sum() >= 0.9 * doubted.sum()
         # The paper's cost believes them all, and is lost.
@@ -77,7 +77,7 @@ def test_without_false_bearings_the_estimate_is_next_to_that_of_squares() -> Non
     scene, made, _, xy = observed(4, 0.0, 3)
     square, mixture = solve(scene, made, loss="square"), solve(scene, made)
     assert np.abs(square.xy - mixture.xy).max() < 0.3 * np.sqrt(square.covariance[:, 0, 0]).max()
-    assert np.mean(mixture.fit.believed > 0.5) > 0.995
+    assert np.mean(mixture.fit.inlier_probability > 0.5) > 0.995
     assert errors(mixture, xy)[1].mean() == pytest.approx(errors(square, xy)[1].mean(), rel=0.3)
 
 
@@ -98,7 +98,7 @@ def test_false_bearings_are_found_with_a_lag(lag: float) -> None:
         parts.append(part)
     out = joined(parts)
     assert errors(out, xy)[0] < 0.1
-    believed = np.concatenate([p.fit.believed for p in parts])
+    believed = np.concatenate([p.fit.inlier_probability for p in parts])
     assert len(believed) == len(false)
     assert ((believed < 0.5) == false).mean() > 0.99
 
@@ -116,8 +116,8 @@ def test_a_false_bearing_from_a_camera_that_looks_away_demands_nothing() -> None
     assert errors(out, xy)[0] < 0.05
     assert set(out.fallback) == {""}
     of_liar = out.fit.sensor == 3
-    assert (out.fit.believed[of_liar] == 0.0).all()
-    assert (out.fit.believed[~of_liar] > 0.5).all()
+    assert (out.fit.inlier_probability[of_liar] == 0.0).all()
+    assert (out.fit.inlier_probability[~of_liar] > 0.5).all()
     assert (np.abs(out.fit.residual[of_liar]) > 100.0).all()  # an angle, where there is no reading
 
 
@@ -130,7 +130,7 @@ def test_motion_that_is_livelier_than_stated_does_not_make_true_bearings_false()
     made = record(scene, t, xy, noise=rng)
     out = solve(scene, made)
     assert out.noise.motion > 4.0
-    assert np.mean(out.fit.believed > 0.5) > 0.98
+    assert np.mean(out.fit.inlier_probability > 0.5) > 0.98
     rmse, nees = errors(out, xy)
     stated = solve(scene, made, loss="square")
     assert rmse < errors(stated, xy)[0]
@@ -166,7 +166,7 @@ def test_one_camera_at_a_time_still_leads_to_the_minimum_of_the_papers_start() -
     made = record(scene, t, xy)
     out = solve(scene, made, acceleration=1e-3)
     np.testing.assert_allclose(out.xy, xy, atol=0.03)
-    assert (out.fit.believed > 0.5).all()
+    assert (out.fit.inlier_probability > 0.5).all()
 
 
 @pytest.mark.parametrize("lively", [False, True])
@@ -182,4 +182,4 @@ def test_cameras_that_look_in_turn_agree_over_neighbouring_times(lively: bool) -
     rmse, nees = errors(out, xy)
     assert rmse < 0.15
     assert nees.mean() < 4.0
-    assert ((out.fit.believed < 0.5) & false).sum() >= 0.9 * false.sum()
+    assert ((out.fit.inlier_probability < 0.5) & false).sum() >= 0.9 * false.sum()

@@ -110,7 +110,7 @@ class ImmWorld(NamedTuple):
 
     config: ImmConfig
     models: Floats  # (3, 3) of `turns`
-    places: Floats  # (A, 2) of the arrays
+    positions: Floats  # (A, 2) of the arrays
     reach: Floats  # (A,)
     resolution: Floats  # (A,) [rad]
     region: Floats  # (P, 2) where new targets can be
@@ -122,14 +122,14 @@ class ImmWorld(NamedTuple):
 def make_world(scene: Scene, config: ImmConfig) -> ImmWorld:
     """The scene's arrays and room, for the filter."""
     arrays = scene.arrays
-    places = np.array([a.position[:2] for a in arrays], dtype=np.float64).reshape(-1, 2)
+    positions = np.array([a.position[:2] for a in arrays], dtype=np.float64).reshape(-1, 2)
     region = np.ascontiguousarray(scene.region)
-    corners = np.concatenate([region, places])
+    corners = np.concatenate([region, positions])
     longest = float(np.hypot(*(corners.max(axis=0) - corners.min(axis=0))))
     return ImmWorld(
         config=config,
         models=three_models(config.alpha),
-        places=places,
+        positions=positions,
         reach=np.array([_reach(a.range, float(a.position[2]), config.height) for a in arrays], dtype=np.float64),
         resolution=np.array([a.resolution for a in arrays], dtype=np.float64),
         region=region,
@@ -178,7 +178,7 @@ def track_on_bearing(
     xy, count = np.empty((0, 2)), 0
     for _ in range(MAX_DRAWS):
         r, at = longest * rng.random(n), angle + sigma * rng.standard_normal(n)
-        new = world.places[array] + np.column_stack([r * np.cos(at), r * np.sin(at)])
+        new = world.positions[array] + np.column_stack([r * np.cos(at), r * np.sin(at)])
         good = new[inside_polygon(new, world.region)]
         xy, count = np.concatenate([xy, good]), count + len(good)
         if count >= n or not count:
@@ -195,12 +195,12 @@ def track_on_bearing(
 
 
 def track_at_position(
-    world: ImmWorld, place: Floats, covariance: Floats, number: int, label: int, t_ns: int, rng: Generator
+    world: ImmWorld, position: Floats, covariance: Floats, number: int, label: int, t_ns: int, rng: Generator
 ) -> Track:
     """A confirmed track of a new target at a position that cameras found."""
     config = world.config
     n = config.particles
-    xy = rng.multivariate_normal(place, covariance, n, method="eigh")
+    xy = rng.multivariate_normal(position, covariance, n, method="eigh")
     velocity = config.speed * rng.standard_normal((n, 2))
     states = np.column_stack([xy[:, 0], velocity[:, 0], xy[:, 1], velocity[:, 1]])
     return _confirmed(config, number, label, states, t_ns)

@@ -64,12 +64,12 @@ def moved_errors(errors: Floats, motion: AccelerationModel, dt: float) -> Floats
     return np.asarray(F @ errors @ F.T + initial_errors(process_noise(motion, dt)))
 
 
-def measured_errors(errors: Floats, places: Floats, sensor: Floats, angles: Floats, used: Bools) -> Floats:
+def measured_errors(errors: Floats, positions: Floats, sensor: Floats, angles: Floats, used: Bools) -> Floats:
     """(12, 12) errors after the directions of one sensor, by the gain that each plane has of its own.
 
     Args:
         errors: (12, 12) before.
-        places: (3, 2) of the target on each plane's axes.
+        positions: (3, 2) of the target on each plane's axes.
         sensor: (3,) its position.
         angles: (3, 3) covariance of its projected angles.
         used: (3,) the planes that took it in.
@@ -77,7 +77,7 @@ def measured_errors(errors: Floats, places: Floats, sensor: Floats, angles: Floa
     K, H = np.zeros((12, 3)), np.zeros((3, 12))
     for p in np.flatnonzero(used):
         rows = PLANE_ROWS[p]
-        a, b = places[p] - sensor[list(AXES[p])]
+        a, b = positions[p] - sensor[list(AXES[p])]
         square = a * a + b * b
         if square > 0.0:
             h = np.array([-b, a, 0.0, 0.0]) / square
@@ -118,9 +118,9 @@ def combination_of(planes: tuple[int, int], shared: int, shares: Floats) -> Floa
     """
     W = np.zeros((6, 12))
     for n, p in enumerate(planes):
-        for place, k in enumerate(AXES[p]):
+        for index, k in enumerate(AXES[p]):
             for part in range(2):
-                W[k + 3 * part, 4 * p + place + 2 * part] = shares[n, part] if k == shared else 1.0
+                W[k + 3 * part, 4 * p + index + 2 * part] = shares[n, part] if k == shared else 1.0
     return W
 
 
@@ -248,11 +248,11 @@ def choose_pair(rule: str, heard: ScanDirections, angles: ProjectedAngles, near:
 def _printed(heard: ScanDirections, rows: Ints, before: Pair) -> Pair:
     """By polar angles alone; a sensor without them is not asked."""
     phi = np.where(rows >= 0, heard.sights.phi[rows], np.nan)
-    told = np.flatnonzero(~np.isnan(phi))
-    if not len(told):
+    finite = np.flatnonzero(~np.isnan(phi))
+    if not len(finite):
         return _filled([(int(np.flatnonzero(rows >= 0)[0]), XY)], before)
-    (s, p), (t, q) = select_as_printed(phi[told])
-    return (int(told[s]), int(p)), (int(told[t]), int(q))
+    (s, p), (t, q) = select_as_printed(phi[finite])
+    return (int(finite[s]), int(p)), (int(finite[t]), int(q))
 
 
 def _filled(found: list[tuple[int, int]], before: Pair) -> Pair:
@@ -278,7 +278,7 @@ class PlaneSights(NamedTuple):
 
     rows: Bools  # (R,) of the scan
     first: Ints  # (N + 1,) rows of each sensor among those that count
-    place: Floats  # (K, 2) of their sensors on the plane's axes
+    position: Floats  # (K, 2) of their sensors on the plane's axes
     angle: Floats  # (K,) [rad]
     sigma: Floats  # (K,) [rad]
 
@@ -303,8 +303,8 @@ def sights_in_plane(plane: int, heard: ScanDirections, angles: ProjectedAngles, 
         usable &= np.arange(len(counts)) == only
     rows = usable[of]
     first = np.concatenate([[0], np.cumsum(np.where(usable, counts, 0))])
-    place = np.ascontiguousarray(s.position[rows][:, list(AXES[plane])])
-    return PlaneSights(rows, first, place, angles.angle[rows, plane], angles.sigma[rows, plane])
+    position = np.ascontiguousarray(s.position[rows][:, list(AXES[plane])])
+    return PlaneSights(rows, first, position, angles.angle[rows, plane], angles.sigma[rows, plane])
 
 
 def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances: ReportProbabilities) -> Floats:
@@ -319,7 +319,7 @@ def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances:
     if not len(own.angle):
         return np.zeros(ab.shape[1])
     s = heard.sights
-    each = log_in_plane(ab, own.place, own.angle, own.sigma, s.reach[own.rows], chances.soften)
+    each = log_in_plane(ab, own.position, own.angle, own.sigma, s.reach[own.rows], chances.soften)
     uniform = np.full(len(each), UNIFORM_AZIMUTH)
     return scan_log_likelihood(each, own.first, s.labelled, s.share[own.rows], uniform, chances)
 
@@ -331,7 +331,7 @@ def lines_in_plane(own: PlaneSights, heard: ScanDirections, chances: ReportProba
     scale, rival = factors(heard, own.first, share, np.full(len(share), UNIFORM_AZIMUTH), chances)
     return ScanRows(
         first=own.first,
-        position=np.column_stack([own.place, none]),
+        position=np.column_stack([own.position, none]),
         along=np.column_stack([c, s, none]),
         left=np.column_stack([-s, c, none]),
         above=np.column_stack([none, none, none + 1.0]),
@@ -354,20 +354,20 @@ def errors_after(
     within `GATE_SIGMAS` standard deviations.
     """
     s = heard.sights
-    places = np.zeros((3, 2))
+    positions = np.zeros((3, 2))
     for p, f in flats.items():
-        places[p] = f.mean[:2]
+        positions[p] = f.mean[:2]
     for a, b in pairwise(s.first.tolist()):
         if a == b:
             continue
         off = np.full((b - a, 3), np.inf)
         for p, found in own.items():
             if found.rows[a]:
-                to = places[p] - s.position[a, list(AXES[p])]
+                to = positions[p] - s.position[a, list(AXES[p])]
                 gap = angles.angle[a:b, p] - math.atan2(to[1], to[0])
                 off[:, p] = np.abs(np.remainder(gap + math.pi, 2.0 * math.pi) - math.pi) / angles.sigma[a:b, p]
         row = int(np.argmin(off.min(axis=1)))
         used = off[row] < GATE_SIGMAS
         if used.any():
-            errors = measured_errors(errors, places, s.position[a], angles.covariance[a + row], used)
+            errors = measured_errors(errors, positions, s.position[a], angles.covariance[a + row], used)
     return rescaled(errors, {p: f.covariance for p, f in flats.items()})

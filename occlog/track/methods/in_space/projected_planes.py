@@ -158,9 +158,9 @@ def _updated(
     pair = choose_pair(config.selection, heard, angles, ahead, state.pair)
     # Propose, weigh and resample in each plane (Eqs. 2.9-2.11 by particles)
     state = _woken(state, pair, rng)
-    clouds, flats, told = _taken_in(state, dt, pair, heard, angles, rng)
+    clouds, flats, likelihoods = _taken_in(state, dt, pair, heard, angles, rng)
     # What the planes' errors have in common
-    errors = errors_after(moved_errors(state.errors, space.motion, dt), heard, angles, told, flats)
+    errors = errors_after(moved_errors(state.errors, space.motion, dt), heard, angles, likelihoods, flats)
     # Combine the two planes to one state in space (Eqs. 2.17-2.21)
     used = flats[pair[0][1]], flats[pair[1][1]]
     joined = combine((pair[0][1], pair[1][1]), used, config.combining, errors)
@@ -264,10 +264,10 @@ def _turned(state: PpsState, plane: int, dt: float) -> Floats | None:
         return None
     velocity = state.joined.mean[3:][list(motion.axes)]
     change, jump = turn_jump(velocity, motion.turn, dt), np.zeros(4)
-    for place, k in enumerate(axes):
+    for index, k in enumerate(axes):
         if k in motion.axes:
             at = motion.axes.index(k)
-            jump[[place, place + 2]] = change[[at, at + 2]]
+            jump[[index, index + 2]] = change[[at, at + 2]]
     return jump
 
 
@@ -277,7 +277,7 @@ def _taken_in(
     """The running planes' particles after the scan, what they know, and what the scan told them."""
     config, n, chances = state.space.config, state.space.config.particles, state.space.chances
     best = {p: s for s, p in pair}
-    new, flats, told = list(state.clouds), {}, {}
+    new, flats, likelihoods = list(state.clouds), {}, {}
     for p in _running(state, pair):
         cloud, log_weights = state.clouds[p]
         own = sights_in_plane(p, heard, angles, best.get(p) if config.per_plane == "best" else None)
@@ -291,14 +291,14 @@ def _taken_in(
             rng=rng,
         )
         mean, covariance = moments(cloud, weights)
-        flats[p], told[p] = PlanePosterior(mean, covariance, log_sum, effective_sample_size(weights)), own
+        flats[p], likelihoods[p] = PlanePosterior(mean, covariance, log_sum, effective_sample_size(weights)), own
         if config.proposal == "motion" and flats[p].ess < config.resample_below * n:
             cloud = resample_with_kernel(
                 cloud, weights, mean, covariance, n, config.kernel * silverman_bandwidth(n, 4), rng
             )
             weights = np.full(n, 1.0 / n)
         new[p] = (cloud, log_of(weights))
-    return tuple(new), flats, told
+    return tuple(new), flats, likelihoods
 
 
 def _estimate(

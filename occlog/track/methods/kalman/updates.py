@@ -216,17 +216,17 @@ def iekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config:
         tried = tried[visible(tried, rows, world).all(axis=1)]
         if not len(tried):
             return linear(state, first[0], rows, world)._replace(fallback=INFEASIBLE)
-    found = [gauss_newton(place, state, rows, world, config) for place in tried]
+    found = [gauss_newton(position, state, rows, world, config) for position in tried]
     best = min(found, key=lambda one: one[1])
     return linear(state, best[0], rows, world)._replace(fallback=INFEASIBLE if best[2] else "")
 
 
-def map_cost(places: Floats, state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Floats:
+def map_cost(positions: Floats, state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Floats:
     """(L,) negative log of prior times likelihood at (L, 2) positions, without constants; infinite behind a camera."""
-    away = places - state.mean[:2]
+    away = positions - state.mean[:2]
     cost = 0.5 * np.einsum("li,li->l", away, np.linalg.solve(state.covariance[:2, :2], away.T).T)
-    expected, ahead = measured(places, rows, world)
-    variance = linearised(places, rows, world)[1]
+    expected, ahead = measured(positions, rows, world)
+    variance = linearised(positions, rows, world)[1]
     terms = 0.5 * residuals(expected, rows) ** 2 / variance + 0.5 * np.log(variance)
     return np.asarray(np.where(ahead.all(axis=1), cost + np.where(ahead, terms, 0.0).sum(axis=1), np.inf))
 

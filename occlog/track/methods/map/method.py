@@ -85,24 +85,26 @@ def residuals_and_noise_scales(
     behind = (depths(stated, X) <= 0.0) & ~stated.direction
     off[behind] = _angles(stated, record, pending, X)[behind]
     # Belief with the variances that were used
-    if sought.told is not None:
-        stated = stated._replace(lean=sought.told.lean)
+    if sought.hints is not None:
+        stated = stated._replace(lean=sought.hints.lean)
     scaled = stated._replace(c0=stated.c0 * sought.scales[0], c1=stated.c1 * sought.scales[0])
-    believed = np.where(
+    inlier = np.where(
         sought.used, inlier_probabilities(scaled, X, inlier_weights(pending.config, sought.scales[0])), 0.0
     )
     expected = np.ones(len(off))
     shares = leverages(problem.lines, X, problem.loss, problem.k, spread)
     expected[sought.used] = np.clip(1.0 - shares, 0.0, 1.0)
-    told = evidence(problem, X, spread)
-    noise = NoiseScales(told.lines_scale * sought.scales[0], told.steps_scale * sought.scales[1])
-    return BearingResiduals(stated.step, record.rows.sensor[record.rows.seen], off, expected, believed), noise
+    residual_evidence = evidence(problem, X, spread)
+    noise = NoiseScales(
+        residual_evidence.lines_scale * sought.scales[0], residual_evidence.steps_scale * sought.scales[1]
+    )
+    return BearingResiduals(stated.step, record.rows.sensor[record.rows.seen], off, expected, inlier), noise
 
 
 def _angles(lines: BearingLinesByStep, record: TargetRecord, pending: Pending, X: Floats) -> Floats:
     """(N,) angles between lines of sight and the states, in standard deviations."""
     rays = rays_of(lines, record, pending.at)
-    away = X[lines.step, ::2] - lines.place
+    away = X[lines.step, ::2] - lines.position
     angle = np.arctan2(away[:, 1], away[:, 0]) - np.arctan2(rays.direction[:, 1], rays.direction[:, 0])
     sigma = np.sqrt(np.maximum(rays.a + rays.b / np.maximum(np.sum(away**2, axis=1), 1e-300), 1e-300))
     return np.asarray(np.minimum(np.abs(wrap_angle(angle)), math.pi) / sigma)
@@ -211,11 +213,11 @@ def _smoothed(
     """The first states, as many as there are covariances, as they are given out."""
     X = solution.X
     T, keep = len(X), len(spread)
-    looked, seen = np.bincount(record.state, minlength=T), np.bincount(record.state[record.rows.seen], minlength=T)
+    observing, seen = np.bincount(record.state, minlength=T), np.bincount(record.state[record.rows.seen], minlength=T)
     sigma = np.sqrt(np.linalg.eigvalsh(spread[:, ::2, ::2])[:, -1])
     vague = sigma > pending.config.vague * pending.extent
     fit, noise = judged
-    doubted = np.bincount(fit.row, weights=fit.believed >= 0.5, minlength=T) < 0.5 * seen
+    doubted = np.bincount(fit.row, weights=fit.inlier_probability >= 0.5, minlength=T) < 0.5 * seen
     flags = np.select(
         [stuck[:keep], through[:keep], vague, doubted[:keep]],
         [INFEASIBLE_CONSTRAINTS, NO_PATH, UNOBSERVABLE, FEW_INLIERS],
@@ -227,14 +229,14 @@ def _smoothed(
     bounds = np.searchsorted(record.state, np.arange(keep + 1)).tolist()
     sensors = record.rows.sensor.tolist()
     saw_it = record.rows.seen.copy()
-    saw_it[saw_it] = fit.believed >= 0.5
+    saw_it[saw_it] = fit.inlier_probability >= 0.5
     return SmoothedTrajectory(
         t_ns=record.t_ns[:keep],
         xy=X[:keep, ::2] + pending.origin,
         velocity=X[:keep, 1::2],
         covariance=spread[:, order[:, None], order],
         log_likelihood=_scores(problem, X)[:keep],
-        n_looked=looked[:keep],
+        n_looked=observing[:keep],
         n_seen=seen[:keep],
         fallback=tuple(flags.tolist()),
         used=tuple(tuple(sensors[a:b]) for a, b in pairwise(bounds)),
@@ -252,7 +254,7 @@ def _smoothed(
 def _scores(problem: TrajectoryProblem, X: Floats) -> Floats:
     """(T,) log likelihood of the measurements of each state: of Gaussian errors, by the loss."""
     lines = problem.lines
-    away = X[lines.step, ::2] - lines.place
+    away = X[lines.step, ::2] - lines.position
     d2 = np.maximum(np.einsum("ni,ni->n", away, lines.axis) ** 2, 1e-300)
     variance = lines.c0 + lines.c1 / d2
     each = -losses(lines, X, problem.loss, problem.k) - 0.5 * np.log(2.0 * np.pi * variance)

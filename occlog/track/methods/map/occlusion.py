@@ -52,7 +52,7 @@ class OccluderHints(NamedTuple):
 
 
 def occlusion_terms(
-    pending: Pending, record: TargetRecord, X: Floats, spread: Floats, believed: Bools, before: OccluderHints | None
+    pending: Pending, record: TargetRecord, X: Floats, spread: Floats, inlier: Bools, before: OccluderHints | None
 ) -> OccluderHints:
     """What occluders say along a trajectory.
 
@@ -61,11 +61,11 @@ def occlusion_terms(
         record: its record, of T states.
         X: (T, 4) the trajectory.
         spread: (T, 4, 4) its covariances, with what occluders said before.
-        believed: (N,) which lines of sight count as the target's.
+        inlier: (N,) which lines of sight count as the target's.
         before: what they said before, along a trajectory nearby; the terms go half of the way from there.
     """
     rows, config = record.rows, pending.config
-    lean, line = np.zeros(len(believed)), np.cumsum(rows.seen) - 1
+    lean, line = np.zeros(len(inlier)), np.cumsum(rows.seen) - 1
     camera = pending.at.focal_px > 0.0
     nodes, weights = quadrature()
     bounds = np.searchsorted(record.state, np.arange(len(X) + 1))
@@ -93,7 +93,7 @@ def occlusion_terms(
             clear = visibility_probability(xy, np.arange(len(xy)), x0, y0, priors, IMPROVED, OCCLUDER_SUPPORT_SIGMAS)
             if rows.seen[r]:
                 lean[line[r]] = temper * math.log(max(float(weights @ clear), MIN_PROBABILITY))
-                if believed[line[r]]:
+                if inlier[line[r]]:
                     total += np.log(np.maximum(clear, MIN_PROBABILITY))
             else:
                 total += np.log(
@@ -126,24 +126,24 @@ def quadrature() -> tuple[Floats, Floats]:
 
 
 def cavity_distribution(
-    place: Floats, covariance: Floats, term: tuple[Floats, Floats, Floats] | None
+    position: Floats, covariance: Floats, term: tuple[Floats, Floats, Floats] | None
 ) -> tuple[Floats, Floats] | None:
     """Mean (2,) and covariance (2, 2) of a position without a term that it has; None: little is left.
 
     Args:
-        place: (2,) mean with the term.
+        position: (2,) mean with the term.
         covariance: (2, 2) with it.
         term: centre (2,), slope (2,) and curvature (2, 2); None: missing.
     """
     if term is None:
-        return place, covariance
+        return position, covariance
     centre, slope, bend = term
     precision = np.linalg.inv(covariance)
     rest = precision - bend
     if not np.linalg.eigvalsh(rest)[0] > MIN_CAVITY_SHARE * np.linalg.eigvalsh(precision)[0]:
         return None
     left = np.linalg.inv(rest)
-    return place + left @ (slope + bend @ (place - centre)), np.asarray(left, dtype=np.float64)
+    return position + left @ (slope + bend @ (position - centre)), np.asarray(left, dtype=np.float64)
 
 
 def matched(points: Floats, weights: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, Floats, Floats]:
@@ -180,7 +180,7 @@ def _between(a: tuple[Floats, Floats, Floats], b: tuple[Floats, Floats, Floats])
 def _term(hints: QuadraticPriors, m: int) -> tuple[Floats, Floats, Floats]:
     """Centre, slope and curvature (2, 2) of a quadratic term."""
     xx, xy, yy = hints.bend[m]
-    return hints.place[m], hints.slope[m], np.array([[xx, xy], [xy, yy]])
+    return hints.position[m], hints.slope[m], np.array([[xx, xy], [xy, yy]])
 
 
 def _hints(made: list[tuple[int, Floats, Floats, Floats]]) -> QuadraticPriors:

@@ -90,8 +90,8 @@ def _gathered(rows: Reads, readers: Sequence[str], first: int, window_ns: int) -
     if not len(rows):
         none = np.zeros(0, dtype=np.int64)
         return Windows(none, none, np.zeros((0, n), dtype=np.int64), np.zeros((0, n)))
-    place = {name: k for k, name in enumerate(readers)}
-    reader = np.array([place[name] for name in rows.sensor.tolist()], dtype=np.int64)
+    index_of = {name: k for k, name in enumerate(readers)}
+    reader = np.array([index_of[name] for name in rows.sensor.tolist()], dtype=np.int64)
     number = (rows.t_ns - first) // window_ns
     pairs = np.column_stack([number, rows.target_id.astype(np.int64)])
     unique, group = np.unique(pairs, axis=0, return_inverse=True)
@@ -99,9 +99,9 @@ def _gathered(rows: Reads, readers: Sequence[str], first: int, window_ns: int) -
     size = len(unique)
     cell = group * n + reader
     count = np.bincount(cell, minlength=size * n)
-    told = np.isfinite(rows.rssi)
-    heard = np.bincount(cell[told], minlength=size * n)
-    total = np.bincount(cell[told], weights=rows.rssi[told], minlength=size * n)
+    finite = np.isfinite(rows.rssi)
+    heard = np.bincount(cell[finite], minlength=size * n)
+    total = np.bincount(cell[finite], weights=rows.rssi[finite], minlength=size * n)
     mean = np.where(heard > 0, total / np.maximum(heard, 1), np.nan)
     # Mean times, relative to the first read: float64 cannot hold ns since 1970 exactly
     away = np.bincount(group, weights=(rows.t_ns - first).astype(np.float64), minlength=size)
@@ -189,18 +189,18 @@ class ReadsInput:
         """Settings of method `virtual`, its virtual sensors, and the (R,) strengths from which a read counts [dBm]."""
         given = dict(self.request.settings)
         config = configure(VirtualConfig.in_unit(self.scene.length_unit), given)
-        places = np.array([r.position for r in self.readers])
+        positions = np.array([r.position for r in self.readers])
         if self._known is not None:
             refuse_twice(given, ("range", "threshold", "detection", "stray"))
             reach = self._known.coverage.range
-            told = {"detection": self._known.coverage.detection, "stray": self._known.coverage.stray}
-            config = configure(config, {**told, "range": reach})
+            values = {"detection": self._known.coverage.detection, "stray": self._known.coverage.stray}
+            config = configure(config, {**values, "range": reach})
             thresholds = path_loss_of(self._known, self.readers).strength_at(reach)
-            ranges = np.full(len(places), reach)
+            ranges = np.full(len(positions), reach)
         else:
             ranges = np.array([self._range(r, config.range) for r in self.readers])
-            thresholds = np.full(len(places), -np.inf if config.threshold is None else config.threshold)
-        return config, virtual_sensors(places[:, :2], ranges, self.scene.room), thresholds
+            thresholds = np.full(len(positions), -np.inf if config.threshold is None else config.threshold)
+        return config, virtual_sensors(positions[:, :2], ranges, self.scene.room), thresholds
 
     def _range(self, reader: TagReader, usual: float | None) -> float:
         """How far a reader reads; InputError where nothing says it."""
@@ -220,12 +220,12 @@ class ReadsInput:
         if self._known is not None:
             spec = self._known
             refuse_twice(given, ("power", "exponent", "noise_db", "shadow_db", "shadow_s", "height"))
-            told = {n: getattr(spec, n) for n in ("exponent", "noise_db", "shadow_db", "shadow_s", "height")}
-            config = configure(config, told)
+            values = {n: getattr(spec, n) for n in ("exponent", "noise_db", "shadow_db", "shadow_s", "height")}
+            config = configure(config, values)
             model = path_loss_of(spec, self.readers)
         else:
             model = PathLoss(
-                places=np.array([r.position for r in self.readers]),
+                positions=np.array([r.position for r in self.readers]),
                 power=np.array([config.power if r.power is None else r.power for r in self.readers]),
                 exponent=config.exponent,
                 noise_db=config.noise_db,
@@ -304,7 +304,7 @@ def path_loss_of(spec: PathLossSpec, readers: tuple[TagReader, ...]) -> PathLoss
     """The model of a file, for these readers."""
     power = {r.name: r.power for r in spec.readers}
     return PathLoss(
-        places=np.array([r.position for r in readers]),
+        positions=np.array([r.position for r in readers]),
         power=np.array([power[r.name] for r in readers]),
         exponent=spec.exponent,
         noise_db=spec.noise_db,

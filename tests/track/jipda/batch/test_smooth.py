@@ -86,7 +86,7 @@ def test_moments_are_linked_that_are_apart_for_some_camera():
     fast = span_of_looks(np.arange(50) / 25.0, np.ones((50, 2)))
     assert independent_steps(fast).tolist() == [0, 10, 20, 30, 40]
     apart = at_moments(fast, independent_steps(fast))
-    assert apart.looked[-1].tolist() == [5.0, 5.0]
+    assert apart.frame_counts[-1].tolist() == [5.0, 5.0]
     assert frames_between(fast, apart) == 10.0
     assert frames_between(fast, fast) == 1.0
     assert frames_between(fast, at_moments(fast, np.array([], dtype=np.int64))) == 1.0
@@ -173,7 +173,7 @@ def through(lag_ns):
     for state, looks, moment in zip(states, scene.moments, moments, strict=True):
         window, part = add(window, state, looks, moment)
         out += part
-        most = max(most, len(window.moments))
+        most = max(most, len(window.snapshots))
     return out + finish(window, states[-1]), most
 
 

@@ -280,11 +280,11 @@ def triangulate_in_space(
         if not len(again):
             break
         met = _replaced(met, again, _without_one(sights.take(again), met.used[again], rig, np.sin(min_crossing)))
-    apart = _bad(met, limits)
+    inconsistent = _bad(met, limits)
     return met._replace(
-        xyz=np.where(apart[:, None], np.nan, met.xyz),
-        covariance=np.where(apart[:, None, None], np.nan, met.covariance),
-        status=np.where(apart & (met.status == MET), DISAGREEING, met.status),
+        xyz=np.where(inconsistent[:, None], np.nan, met.xyz),
+        covariance=np.where(inconsistent[:, None, None], np.nan, met.covariance),
+        status=np.where(inconsistent & (met.status == MET), DISAGREEING, met.status),
     )
 
 

@@ -174,17 +174,17 @@ def blob_sizes(frames: Iterable[Frame], empty: Mapping[str, Image], views: Seque
         views: whose sizes are wanted; a view without blobs gets none.
     """
     heights: dict[str, list[float]] = {view.name: [] for view in views}
-    looked = dict.fromkeys(heights, 0)
+    n_frames = dict.fromkeys(heights, 0)
     for frame in frames:
-        if frame.sensor not in heights or looked[frame.sensor] == SAMPLES:
+        if frame.sensor not in heights or n_frames[frame.sensor] == SAMPLES:
             continue
-        looked[frame.sensor] += 1
+        n_frames[frame.sensor] += 1
         try:
             image = plain_image(frame.decode(), None)
         except InputError:
             continue
         heights[frame.sensor] += _heights(image, empty[frame.sensor])
-        if all(n == SAMPLES for n in looked.values()):
+        if all(n == SAMPLES for n in n_frames.values()):
             break
     return {
         view.name: constant_sizes((view.width, view.height), float(np.median(heights[view.name])))

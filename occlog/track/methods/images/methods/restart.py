@@ -151,9 +151,9 @@ def restart_one(state: VisualState, config: BmctConfig, frames: FrameSet) -> Vis
         guides = [j for j in t.counterpart[i].tolist() if j >= 0 and clear[j] and _views_agree(t, i, j)]
         if not guides or frames.number[t.view[i]] % EVERY:
             continue
-        place = _best_place(state, config, i, guides[0], frames)
-        if place is not None:
-            return state._replace(trackers=_moved_to(t, i, place))
+        position = _best_place(state, config, i, guides[0], frames)
+        if position is not None:
+            return state._replace(trackers=_moved_to(t, i, position))
     return state
 
 
@@ -199,10 +199,10 @@ def _places_on_line(state: VisualState, config: BmctConfig, i: int, guide: int) 
     return out
 
 
-def _moved_to(t: ImageTrackers, i: int, place: Floats) -> ImageTrackers:
+def _moved_to(t: ImageTrackers, i: int, position: Floats) -> ImageTrackers:
     """Put tracker i in another position, at rest; its counterparts stay bad until checks in a row say otherwise."""
     out = ImageTrackers._make(field.copy() for field in t)
-    out.particles[i], out.estimate[i] = place, place
+    out.particles[i], out.estimate[i] = position, position
     out.velocity[i], out.path[i], out.weak[i] = 0.0, 0.0, 0
     others = t.counterpart[i][t.counterpart[i] >= 0]
     for field in (out.good, out.streak):

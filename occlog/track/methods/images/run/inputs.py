@@ -114,8 +114,8 @@ class ViewsInput:
         self._initial = open_if_ours(self.request.initial)
         if self._initial is None:
             self._check_frames(given)  # tables may be of a longer recording
-        place = {name: v for v, name in enumerate(self.names)}
-        starts = [Start(place[g.sensor], max(g.frame, 0), g.target_id, g.ellipse) for g in given]
+        index_of = {name: v for v, name in enumerate(self.names)}
+        starts = [Start(index_of[g.sensor], max(g.frame, 0), g.target_id, g.ellipse) for g in given]
         starts.sort(key=lambda s: (s.frame, s.view, s.target_id))
         self.given = len(starts)
         return tuple(starts), first_free([s.target_id for s in starts])

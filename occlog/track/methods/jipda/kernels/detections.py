@@ -31,7 +31,7 @@ class PackedDetections(NamedTuple):
     delay: Floats  # (L,) later than the time step [s]
     first: Ints  # (L + 1,) boxes of frame l are first[l] to first[l + 1] - 1
     box: Floats  # (M, 4) left, top, right, bottom [px]
-    believed: Bools  # (M, 4) edges that the border of the image does not cut
+    usable: Bools  # (M, 4) edges that the border of the image does not cut
     clutter: Floats  # (M,) log of the expected number of false alarms like it in score, in the frame
 
 
@@ -44,7 +44,7 @@ class DetectorModel(NamedTuple):
     wrong: float  # probability that one edge of a box, any of the four, is an outlier
     bias: Floats  # (C, 4) centre and width across, centre and height down, in heights, widths, heights, heights
     noise: Floats  # (4, 2) variances of the same: constant [px^2], and share of the size, squared
-    sway: float  # variance of either centre also, in heights squared; its errors last
+    gait_variance: float  # variance of either centre also, in heights squared; its errors last
     lasting: Floats  # (C,) factor of it in an update
     merge: Floats  # (C,) probability that two people who touch in the image are detected as one box
     slow: float  # factor of the noise in an update, since errors are correlated from frame to frame
@@ -71,7 +71,7 @@ def axis_noise(rates: DetectorModel, axis: int, width: float, height: float, las
         lasting: factor of the sway of bodies.
     """
     size = width if axis == 0 else height
-    centre = rates.noise[2 * axis, 0] + (rates.noise[2 * axis, 1] + lasting * rates.sway) * height * height
+    centre = rates.noise[2 * axis, 0] + (rates.noise[2 * axis, 1] + lasting * rates.gait_variance) * height * height
     return centre, rates.noise[2 * axis + 1, 0] + rates.noise[2 * axis + 1, 1] * size * size
 
 

@@ -99,7 +99,7 @@ def association_likelihood_ratios(
             far, used = 0, 0
             for e in range(4):
                 off[e] = boxes.box[j, e] - box[i, e]
-                use[e] = boxes.believed[j, e]
+                use[e] = boxes.usable[j, e]
                 used += 1 if use[e] else 0
                 if use[e] and off[e] * off[e] > EDGE_GATE * gate * (spread[i, e, e] + noise[i, e, e]):
                     far += 1

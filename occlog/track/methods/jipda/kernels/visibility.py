@@ -120,8 +120,8 @@ def cells_unoccluded_by(
         if boxes[j, 0] > right + reach or boxes[j, 2] < left - reach or boxes[j, 1] > bottom or boxes[j, 3] < top:
             continue
         # Nearer than i, by the normal distribution of the difference of depths
-        apart = math.sqrt(spread_depth[i] ** 2 + spread_depth[j] ** 2)
-        nearer = existence[j] * normal_cdf((depth[i] - depth[j]) / apart)
+        depth_deviation = math.sqrt(spread_depth[i] ** 2 + spread_depth[j] ** 2)
+        nearer = existence[j] * normal_cdf((depth[i] - depth[j]) / depth_deviation)
         if nearer < 1e-3:
             continue
         for column in range(COLUMNS):

@@ -106,8 +106,8 @@ def guesses(
         first, last = a, b
         guess = None
         while guess is None:
-            places = route(o.corners, X[first, ::2], X[last, ::2], away, ccw=ccw)
-            guess = spread_along(X[first, ::2], places, X[last, ::2], last - first)
+            positions = route(o.corners, X[first, ::2], X[last, ::2], away, ccw=ccw)
+            guess = spread_along(X[first, ::2], positions, X[last, ::2], last - first)
             if guess is None:
                 if first == 0 and last == T - 1:
                     break
@@ -287,11 +287,11 @@ def _pinned(problem: TrajectoryProblem, X: Floats, first: int, last: int, extent
         return local
     # The last two positions hold still, and with them the velocity there.
     rows = np.array([last - first - 2, last - first - 1]).repeat(2)
-    place = X[first:last][rows, ::2]
+    position = X[first:last][rows, ::2]
     axis = np.tile(np.eye(2), (2, 1))
     still = BearingLinesByStep(
         step=rows,
-        place=place,
+        position=position,
         axis=axis,
         focal=np.ones(4),
         reading=np.zeros(4),

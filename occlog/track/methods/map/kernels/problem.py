@@ -49,7 +49,7 @@ class BearingLinesByStep(NamedTuple):
     """N measured lines of sight, by rising step."""
 
     step: Ints  # (N,) which state is seen, from 0
-    place: Floats  # (N, 2) of the sensor
+    position: Floats  # (N, 2) of the sensor
     axis: Floats  # (N, 2) unit vector: optical axis, or the measured direction
     focal: Floats  # (N,) f [px]
     reading: Floats  # (N,) z [px], to the left
@@ -72,7 +72,7 @@ class QuadraticPriors(NamedTuple):
     """K quadratic terms of positions, by rising step: g . (x - p) + 1/2 (x - p)' H (x - p), H never negative."""
 
     step: Ints  # (K,) which state
-    place: Floats  # (K, 2) p
+    position: Floats  # (K, 2) p
     slope: Floats  # (K, 2) g
     bend: Floats  # (K, 3) H: xx, xy, yy
 
@@ -206,7 +206,7 @@ def start_on_axes(lines: BearingLinesByStep, T: int, centre: Floats, depth: floa
     """
     X = np.zeros((T, 4))
     X[:, ::2] = centre
-    X[lines.step, ::2] = lines.place + depth * lines.axis
+    X[lines.step, ::2] = lines.position + depth * lines.axis
     return X
 
 

@@ -121,15 +121,15 @@ def choose_range(
     """
     xy = np.concatenate([s.xy for s in sequences])
     count, rssi = np.concatenate([s.reads for s in sequences]), np.concatenate([s.rssi for s in sequences])
-    places = model.places[:, :2]
-    away = np.sqrt(((xy[:, None, :] - places) ** 2).sum(axis=2))
+    positions = model.positions[:, :2]
+    away = np.sqrt(((xy[:, None, :] - positions) ** 2).sum(axis=2))
     best: Coverage | None = None
     for reach in ranges:
         detected: Bools = (count > 0) & (np.where(np.isnan(rssi), np.inf, rssi) >= model.strength_at(reach))
         inside = away <= reach
         detection = _share(detected[inside])
         stray = _share(detected[~inside])
-        regions = virtual_sensors(places, np.full(len(places), reach), room)
+        regions = virtual_sensors(positions, np.full(len(positions), reach), room)
         kept = detected.any(axis=1)
         if not kept.any():
             continue
@@ -150,11 +150,11 @@ def _share(detected: Bools) -> float:
     return float((np.count_nonzero(detected) + 1) / (detected.size + 2))
 
 
-def usual_ranges(places: Floats) -> Floats:
+def usual_ranges(positions: Floats) -> Floats:
     """(10,) ranges from half of the median distance of (R, 2) readers to their nearest neighbours to twice it."""
-    if len(places) < 2:
+    if len(positions) < 2:
         raise ValueError("one reader alone does not tell how far readers read; state ranges to try")
-    away = np.sqrt(((places[:, None, :] - places[None, :, :]) ** 2).sum(axis=2))
+    away = np.sqrt(((positions[:, None, :] - positions[None, :, :]) ** 2).sum(axis=2))
     np.fill_diagonal(away, np.inf)
     usual = float(np.median(away.min(axis=1)))
     if not usual > 0.0:
