@@ -120,7 +120,7 @@ def _type_of(settings: type[Settings], f: Field[object]) -> click.ParamType[Any]
 
 
 def default_words(f: Field[object]) -> str:
-    """How a default is told: `1.7 m, or 3.33 in a scene-specific unit`."""
+    """Text of a default: `1.7 m, or 3.33 in a scene-specific unit`."""
     said = declaration(f)
     if said.shown is not None:
         return said.shown

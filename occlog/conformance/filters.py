@@ -12,7 +12,7 @@ from occlog.plugins.interface import EstimatedPosition, Filter, TargetScan
 from occlog.track.plugin_filter import fault_of
 
 from .faults import FIRST, BrokenError, Check, bytes_left, manners, words
-from .samples import FEW, PLAIN, SIGMA_RAD, WALK_STEPS, SampleWalk, blind, later, nobody
+from .samples import FEW, PLAIN, SIGMA_RAD, WALK_STEPS, SampleWalk, blind, later, without_sensors
 
 SETTLED = WALK_STEPS // 2
 """From this time step on a filter has had time to find the target."""
@@ -189,7 +189,7 @@ def check_memory(of: Of) -> None:
 def check_empty(of: Of) -> None:
     """Time steps without any frame can come first, and in between."""
     scans = list(FEW)
-    run(of, [nobody(scans[0]), *scans[1:6], nobody(scans[6]), *scans[7:]])
+    run(of, [without_sensors(scans[0]), *scans[1:6], without_sensors(scans[6]), *scans[7:]])
 
 
 def check_hidden(of: Of) -> None:

@@ -21,14 +21,14 @@ from occlog.records.tables import Bearings, Boxes, Errors, Tracks, Truth, Views
 T = TypeVar("T", bound=ColumnTable)
 START_NS = 1_790_000_000 * NS + 123_456_000
 STEP_NS = NS // 4
-MOMENTS = 30
+N_STEPS = 30
 SCENE = Scene(arrays=(MicrophoneArray("north", np.array([0.0, 40.0, 0.0]), planar=True),))
 
 
 def _moments(start_ns: int) -> tuple[Any, Any]:
     """Times and identities of rows: two targets at each time."""
-    times = start_ns + STEP_NS * np.arange(MOMENTS, dtype=np.int64)
-    return np.repeat(times, 2), np.tile([3, 8], MOMENTS)
+    times = start_ns + STEP_NS * np.arange(N_STEPS, dtype=np.int64)
+    return np.repeat(times, 2), np.tile([3, 8], N_STEPS)
 
 
 def _places(target: Any, seconds: Any) -> Any:
@@ -114,10 +114,10 @@ def _bearings() -> Bearings:
 
 def _image_rows(table: type[T], **values: Any) -> T:
     t_ns, target = _moments(START_NS)
-    number = np.tile([0, 1], MOMENTS)
+    number = np.tile([0, 1], N_STEPS)
     return _rows(
-        table, t_ns=t_ns, sensor=np.full(len(t_ns), "cam1"), frame=np.repeat(np.arange(MOMENTS), 2), target_id=target,
-        **{name: value(number, np.repeat(np.arange(MOMENTS), 2)) for name, value in values.items()},
+        table, t_ns=t_ns, sensor=np.full(len(t_ns), "cam1"), frame=np.repeat(np.arange(N_STEPS), 2), target_id=target,
+        **{name: value(number, np.repeat(np.arange(N_STEPS), 2)) for name, value in values.items()},
     )  # fmt: skip
 
 
@@ -283,7 +283,7 @@ def blind(scan: TargetScan) -> TargetScan:
     return scan._replace(bearings=unknown, sigma=unknown.copy())
 
 
-def nobody(scan: TargetScan) -> TargetScan:
+def without_sensors(scan: TargetScan) -> TargetScan:
     """The time step without any frame."""
     return scan._replace(sensors=(), places=np.zeros((0, 2)), bearings=np.zeros(0), sigma=np.zeros(0))
 

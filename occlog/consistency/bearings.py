@@ -15,7 +15,7 @@ lines of sight of one time step meet near one position if their angles mean what
 others, pi / 2 - b, lines of stations in general positions do not meet, or behind the stations.  Both are tried, and a
 warning is given where the others fit much better; nothing is changed.
 
-Bearings whose stated noise is smaller than any sensor's: many filters can make no use of them.
+Bearings with a stated noise below any sensor's: many filters can make no use of them.
 
 Bearings at the estimates: residuals with the variance they should have, and candidates that no track explains.
 
@@ -301,7 +301,7 @@ class BearingConsistency:
         Args:
             tracks: estimates in the order of time.
             bearings: in the order of time; those without an estimate at their time are omitted, and those at an
-                estimate whose covariance is not known: nothing says how large their residuals should be.
+                estimate without a known covariance: the expected size of their residuals is unknown.
             diagnostics: of the same estimates, say which sensors were used; None: all.
         """
         seen = bearings.take(bearings.seen)
@@ -371,7 +371,7 @@ class EstimatedTrajectory(NamedTuple):
     def at(self, t_ns: Ints, window_ns: int, sensor: str) -> tuple[Ints, Bools]:
         """(N,) the estimate for each time, the next one not later than the window, and where it used the sensor.
 
-        One whose covariance is not known is none.
+        One without a known covariance is none.
         """
         n = np.searchsorted(self.t_ns, t_ns)
         i = np.minimum(n, len(self.t_ns) - 1)

@@ -8,7 +8,7 @@ Its clock, pose or labels are wrong, or the track follows the others, which may 
 
 Effective numbers of particles over a run, in bounded memory.
 
-Where bearings alone say that a target is, against what the scene says: walls in between, and the border of the room.
+Positions from bearings alone against the scene: walls in between, and the border of the room.
 
 A filter that knows walls draws its estimate to where no wall contradicts what was seen, and one that knows the room
 keeps it inside.  Wrong walls thus leave residuals that are small, and errors that are not.  The position at which the
@@ -99,7 +99,7 @@ def outside_view(xy: Floats, covariance: Floats, origin: Floats, yaw: float, fov
 
 
 def without_distance(xy: Floats, covariance: Floats, origin: Floats, far: float) -> Floats:
-    """(2, 2) covariance of an estimate whose distance from a sensor is not known.
+    """(2, 2) covariance of an estimate at an unknown distance from a sensor.
 
     Along the line of sight it is the second moment of the prior, which is even from the sensor to its far limit,
     about the estimate: one sensor's bearings hardly say more, and a filter that believes them too much is sure of a
@@ -190,7 +190,7 @@ class QualityFlags:
         return np.asarray((cannot > 0) & (2 * cannot >= saw))
 
     def _widened(self, tracks: Tracks, xy: Floats, covariance: Floats, lone: dict[int, str]) -> tuple[Tracks, Floats]:
-        """The tracks, and (N, 2, 2) their covariances, with those rows widened whose distance was never known.
+        """The tracks, and (N, 2, 2) their covariances, with the rows widened that never had a known distance.
 
         In a room the walls say how far the target can be, and the filter's own covariance stays.
         """
@@ -333,7 +333,7 @@ MAX_ELLIPSE_TO_RANGE = 0.5
 CONVERGENCE_SIGMAS = 0.1
 """Convergence threshold of the last step of the search, in standard deviations."""
 MIN_SHARE = 1e-9
-"""A residual whose variance is all the bearing's does not say what that is; see `_bearings`."""
+"""A residual with no variance but the bearing's does not determine it; see `_bearings`."""
 
 
 class BearingIntersection(NamedTuple):
@@ -346,7 +346,7 @@ class BearingIntersection(NamedTuple):
 
 @dataclass
 class PositionConsistency:
-    """Counts rows whose bearings meet where the scene says that the target cannot be.
+    """Counts rows with bearings that meet where, by the scene, the target cannot be.
 
     Attributes:
         rows: rows with bearings of two sensors or more that meet.
@@ -428,7 +428,7 @@ def triangulate_rows(tracks: Tracks, used: Residuals, row: Ints, origin: Floats)
 def _bearings(xy: Floats, covariance: Floats, origin: Floats, used: Residuals) -> tuple[Floats, Floats]:
     """Bearings (N,) and their standard deviations (N,) from what residuals are in units of these.
 
-    The variance that is expected of a residual is 1 - g'Pg / sigma^2; where it says nothing of sigma (no uncertainty
+    The variance that is expected of a residual is 1 - g'Pg / sigma^2; where it does not depend on sigma (no uncertainty
     of the estimate, or more than the bearing's), the standard deviation is NaN.
     """
     away = xy - origin

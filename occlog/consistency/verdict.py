@@ -335,7 +335,7 @@ class ConsistencyEvidence:
                     yield finding(FLAGGED, "note", code, f"{said}: {code}: {text}", share=rare, allowed=least)
 
     def _rejected(self) -> Iterator[Check]:
-        """Sensors whose bearings are rejected."""
+        """Sensors with rejected bearings."""
         for name, own in sorted(self.agreements.sensors.items()):
             if own.bearings >= MIN_SAMPLES and exceeds_share(
                 own.bearings - own.inliers, own.bearings, MAX_REJECTED_SHARE

@@ -150,7 +150,7 @@ def line_of_sight_blocked(origin: Floats, xy: Floats, polygon: Floats) -> Bools:
 
     Args:
         origin: (2,) where the sensor stands.
-        xy: (N, 2) points looked at.
+        xy: (N, 2) points.
         polygon: (K, 2) vertices.
 
     Returns:
@@ -190,7 +190,7 @@ FLAT = 1e-12
 def convex_pieces(polygon: Floats) -> list[Floats]:
     """Cut a simple polygon into convex counter-clockwise ones: itself if it is convex, else triangles (ear clipping).
 
-    Triangles are cut off at ears: corners whose triangle holds no other corner, nor has one on its border.
+    Triangles are cut off at ears: corners with no other corner in their triangle or on its border.
     """
     corners = counter_clockwise(polygon)
     flat = FLAT * float(np.ptp(corners, axis=0).prod())
@@ -354,10 +354,10 @@ def nearest_edge(corners: Floats, xy: Floats, away: float) -> tuple[int, Floats]
     share = np.clip(np.einsum("ki,ki->k", xy - corners, edge) / np.einsum("ki,ki->k", edge, edge), 0.0, 1.0)
     foot = corners + share[:, None] * edge
     k = int(np.argmin(np.hypot(*(xy - foot).T)))
-    return k, beside(corners, k, foot[k], away)
+    return k, offset_point(corners, k, foot[k], away)
 
 
-def beside(corners: Floats, k: int, foot: Floats, away: float) -> Floats:
+def offset_point(corners: Floats, k: int, foot: Floats, away: float) -> Floats:
     """A position outside edge k, at a distance from a point on it."""
     edge = corners[(k + 1) % len(corners)] - corners[k]
     return np.asarray(foot + away * np.array([edge[1], -edge[0]]) / np.hypot(*edge))

@@ -76,7 +76,7 @@ def _off(truth: Truth, boxes: TruthBoxes, project: Callable[[Floats], Floats]) -
     return np.where(np.isfinite(away), away, np.inf)
 
 
-TOLD_S = 1.0
+MIN_REPORTED_S = 1.0
 """True positions that begin so long before the first frame, or end so long after the last one, are reported."""
 
 
@@ -127,9 +127,9 @@ def within_frames(
             yield table.take(inside)
     if out and plan.frames is not None:
         note_skipped(out, rows, plan, note)
-    elif max(early, late) > TOLD_S:
-        ends = [f"begin {early:.3g} s before the first"] if early > TOLD_S else []
-        ends += [f"go on {late:.3g} s after the last"] if late > TOLD_S else []
+    elif max(early, late) > MIN_REPORTED_S:
+        ends = [f"begin {early:.3g} s before the first"] if early > MIN_REPORTED_S else []
+        ends += [f"go on {late:.3g} s after the last"] if late > MIN_REPORTED_S else []
         note(
             f"truth: true positions {' and '.join(ends)} frame with boxes; people there count as missed: choose the "
             "frames (frames), or cut the truth"

@@ -264,10 +264,10 @@ def repeated_rows(table: ColumnTable, but: str = "") -> tuple[Bools, Bools]:
 
     Args:
         table: in the order of its key.
-        but: last column of its key if that is not looked at: the number that a row got when the file was read.
+        but: last column of its key, if not compared: the number that a row got when the file was read.
 
     Returns:
-        (n,), (n,): rows that equal an earlier one in all columns; other rows whose key an earlier row has.
+        (n,), (n,): rows that equal an earlier one in all columns; other rows with the key of an earlier row.
     """
     rows = len(table)
     like = np.ones(max(rows - 1, 0), dtype=np.bool_)

@@ -40,7 +40,7 @@ LEFT_OUT = "frames_left_out"
 
 
 def skipped_frames_of(parameters: Mapping[str, object]) -> dict[str, object]:
-    """What provenance of a table that is made of another one says of it."""
+    """Provenance of a table that is made of another one, about that one."""
     return {LEFT_OUT: parameters[LEFT_OUT]} if LEFT_OUT in parameters else {}
 
 

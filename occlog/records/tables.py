@@ -7,7 +7,7 @@ Each column states its dtype, unit and meaning once.  `occlog.io.files.tables.ar
 Conventions (all tables)
     * `t_ns` is int64 nanoseconds since the Unix epoch; rows are ordered by it.
     * World frame: x, y on the ground, z up, in the scene's length unit (metres unless
-      the scene says otherwise).  Angles are radians from +x towards +y in [-pi, pi).
+      the scene states otherwise).  Angles are radians from +x towards +y in [-pi, pi).
     * Pixels carry `_px`; x to the right, y down, the centre of the first pixel is (0, 0).
     * NaN is allowed only in columns declared with `nan=...`, which gives the meaning.
 

@@ -89,7 +89,7 @@ from .content.sight import (
     TriangulationDistances,
     has_common_time,
     period_of,
-    places,
+    sensor_positions,
     sight_lines,
 )
 
@@ -180,7 +180,7 @@ class _Periods:
         self._scene, self._targets = scene, sorted(targets)
         self._rows, self._together = dict.fromkeys(targets, 0), dict.fromkeys(targets, 0)
         self._steps, self._last = Blocks(STEP), dict[int, int]()
-        self._sensors = max(len(places(scene)), 1)
+        self._sensors = max(len(sensor_positions(scene)), 1)
         self._counts = np.zeros(len(targets) * self._sensors, dtype=np.int64)
 
     def add(self, bearings: Bearings) -> None:
@@ -297,7 +297,7 @@ class ReportFigures:
 
     Attributes:
         whole: of each table that is given, by its name.
-        moments: (M,) times that the replay shows; none where nothing moves.
+        times: (M,) times that the replay shows; none where nothing moves.
         every: of all times of what moves every n-th is one of these.
         sight_every: every n-th time step has lines of sight.
         priors_every: every n-th time step has occluders as the tracker knew them.
@@ -317,7 +317,7 @@ class ReportFigures:
     """
 
     whole: Mapping[str, TableTotals] = field(default_factory=dict)
-    moments: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    times: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
     every: int = 1
     sight_every: int = 1
     priors_every: int = 1
@@ -447,7 +447,7 @@ class _Reading:
             self._figures["judged"] = checks_with_truth(
                 self._evidence, self._made, self._against, unknown=self._unknown, metrics=metrics
             )
-        return self._tables, ReportFigures(whole=self._whole, moments=self._steps, **self._figures)
+        return self._tables, ReportFigures(whole=self._whole, times=self._steps, **self._figures)
 
     def _most(self, name: str) -> int:
         """Return the approximate number of rows of a table to draw."""

@@ -24,7 +24,7 @@ from .content.metrics_in_words import Figure, groups, number
 from .content.model import ReportInput, TimeAxis
 from .content.people import PeopleStatistics
 from .drawing import COLOURS, DARK, Plot, house_style, label, plot, script, template
-from .plots.floorplan import MAX_MOVING_OCCLUDERS, bold_from, draw_floorplan, moments, outside, plan_limits
+from .plots.floorplan import MAX_MOVING_OCCLUDERS, bold_from, draw_floorplan, drawn_times, outside, plan_limits
 from .plots.over_time import (
     axes_of,
     cameras_of,
@@ -58,7 +58,7 @@ def headline(data: ReportInput) -> list[Figure]:
         out += _people(data.people)
     elif data.tracks is not None:
         out.append(Figure("estimates", number(data.rows("tracks")), "", f"of {plural(len(data.targets), 'target')}"))
-    coverage = data.looked
+    coverage = data.coverage
     if coverage is not None and coverage.rows:
         share = 100.0 * (coverage.seen / coverage.rows)
         out.append(Figure("target seen", number(round(share, 1)), "%", f"of {number(coverage.rows)} observations"))
@@ -137,7 +137,7 @@ def row_counts(data: ReportInput) -> list[Figure]:
         if not data.rows(name):
             out.append(Figure(name, "0", "rows", "empty"))
             continue
-        lasted = TimeAxis(*data.whole[name].span_ns).told
+        lasted = TimeAxis(*data.whole[name].span_ns).duration
         times = plural(data.whole[name].times, "time")
         out.append(Figure(name, number(data.rows(name)), "rows", f"{lasted}, {times}"))
     return out
@@ -235,10 +235,10 @@ def floorplan(data: ReportInput) -> Plot:
         moving = len(np.unique(data.truth.target_id[data.truth.role == "occluder"]))
         if moving > MAX_MOVING_OCCLUDERS:
             words.append(f"The {moving} moving occluders are not drawn.")
-    if data.occluders is not None and (n := len(moments(data.occluders.t_ns[data.occluders.occluder_id >= 0]))):
-        words.append(f"Moving occluders are drawn as the tracker knew them at {plural(n, 'moment')}.")
+    if data.occluders is not None and (n := len(drawn_times(data.occluders.t_ns[data.occluders.occluder_id >= 0]))):
+        words.append(f"Moving occluders are drawn as the tracker knew them at {plural(n, 'time')}.")
     if (since := bold_from(data)) is not None:
-        recent = TimeAxis(since, data.time.end_ns).told
+        recent = TimeAxis(since, data.time.end_ns).duration
         words.append(f"The paths are long: the last {recent} are bold, earlier parts are faint.")
     if (gone := outside(data)) > 0:
         drawn_note = " of those that are drawn lie" if data.drawn("tracks") else ""
@@ -331,7 +331,7 @@ def _sight(data: ReportInput, target: int) -> list[Plot]:
 
 
 def _visibility(data: ReportInput, target: int) -> Plot:
-    coverage = data.looked
+    coverage = data.coverage
     assert coverage is not None  # `watched` names no target without bearings
     rows = min(len(sensors(data)), MAX_SENSORS)
     caption = "A bar is blue as far up as the target was seen in the frames of that time."

@@ -27,7 +27,7 @@ class PicturePanel(NamedTuple):
 DPI = 110.0
 SIZE = (15.0, 9.6)
 MAX_ROWS = 20
-"""Sensors whose sightings fit next to the floor plan; the page has more."""
+"""Sensors with sightings that fit next to the floor plan; the page has more."""
 
 
 def build_picture(data: ReportInput) -> bytes:
@@ -77,7 +77,7 @@ def _head(figure: FigureBase, text: str) -> None:
 def _panels(data: ReportInput) -> list[PicturePanel]:
     """Panels next to the floor plan: the first target's error, and who saw it."""
     out: list[PicturePanel] = []
-    coverage, errors = data.looked, data.errors
+    coverage, errors = data.coverage, data.errors
     first = data.targets[0] if data.targets else None
     target_note = "" if len(data.targets) <= 1 else f", target {first}"
     compared = data.compared[0] if data.relabelled else first

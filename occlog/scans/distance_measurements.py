@@ -8,7 +8,7 @@ Measurements of distances that cannot be: negative ranges, too strong signals, t
 
 Standard deviations of signal strengths that do not state their own, where shadowing lasts from one read to the next.
 
-A strength has white noise and shadowing, whose correlation falls as exp(-dt / shadow_s).  Filters take all errors for
+A strength has white noise and shadowing that decorrelates as exp(-dt / shadow_s).  Filters take all errors for
 white.  The mean of many reads that follow each other by dt has the variance (1 + r) / (1 - r) = coth(dt / 2 shadow_s)
 times that of as many independent ones, r = exp(-dt / shadow_s): so much larger is the variance of shadowing that a
 read counts with, after dt since the same station last read the same target.  Reads long after another count in full.
@@ -225,7 +225,7 @@ def station_names(scene: Scene) -> tuple[str, ...]:
 
 
 def make_stations(scene: Scene, config: DistanceMeasurementConfig, radio: Radio | None = None) -> StationModel:
-    """The sensors of a scene; a fitted path loss comes before what the scene says of powers."""
+    """The sensors of a scene; a fitted path loss comes before the powers in the scene."""
     unknown = np.full(3, math.nan)
     positions = [c.position if c.placed else unknown for c in scene.cameras] + [a.position for a in scene.arrays]
     positions += [r.position for r in scene.readers]
@@ -295,7 +295,7 @@ class DistanceMeasurementFeed:
             window_ns: a scan and measurements at most this far apart are one scan, of the time of the later.
 
         Raises:
-            InputError: a station that is not in the scene or has no position there, a value whose standard deviation,
+            InputError: a station that is not in the scene or has no position there, a value with a standard deviation,
             or
                 what else it wants, is not known, or times that go back.
         """
@@ -474,7 +474,7 @@ def _filled(sigma: Floats, usual: float | None) -> Floats:
 
 
 def _numbers(names: np.ndarray, at: StationModel, column: str) -> Ints:
-    """(n,) numbers of stations; InputError for one that the scene does not have, or whose position it does not know."""
+    """(n,) numbers of stations; InputError for one that the scene does not have, or has without a position."""
     found, inverse = np.unique(names, return_inverse=True)
     for name in found.tolist():
         if name not in at.names:

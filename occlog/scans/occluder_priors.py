@@ -82,7 +82,7 @@ def _by_time(chunks: Iterable[Occluders] | Iterable[Hulls]) -> Iterator[tuple[in
 
 
 def _priors(table: Occluders | Hulls, diameter: float) -> Priors:
-    """Priors of the rows of one time; a row of no occluder (id below 0) says that missing."""
+    """Priors of the rows of one time; a row of no occluder (id below 0) states that there are none."""
     absent = table.occluder_id < 0
     there = table.take(~absent) if absent.any() else table
     if not len(there):
@@ -102,7 +102,7 @@ def _priors(table: Occluders | Hulls, diameter: float) -> Priors:
 def known_positions(truth: Iterable[Truth]) -> Iterator[Occluders]:
     """Occluders where they truly are, known exactly: the case RMSE_occ = 0 of [Ercan].
 
-    A time of the truth without a moving occluder gives a row that says so.
+    A time of the truth without a moving occluder gives a row of no occluder.
     """
     for chunk in _whole_times(truth):
         there = chunk.take(chunk.role == "occluder")

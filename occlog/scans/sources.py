@@ -24,7 +24,7 @@ MEASURED = ("bearing", "sigma", "u_px", "sigma_px", "score", "elevation", "sigma
 
 
 def only_measured(chunks: Iterable[Bearings]) -> Iterator[Bearings]:
-    """The chunks with recovered rows as the cameras reported them: looked, not seen.
+    """The chunks with recovered rows as the cameras reported them: observed, not detected.
 
     A recovered row repeats what other cameras measured at the same time, so that it is no measurement of its own.
     """

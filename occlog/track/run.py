@@ -239,7 +239,7 @@ def takes_distances(method: AnyMethod) -> bool:
 def distance_measurements(
     request: TrackRequest, inputs: MeasurementInputs
 ) -> tuple[DistanceMeasurementFeed | None, dict[str, Any]]:
-    """The measurements of distances, and what provenance says of them; None and nothing where missing.
+    """The measurements of distances, and their entry in the provenance; None and nothing where missing.
 
     UsageError for settings of measurements without any, or that say the same as a fitted path loss.
     """

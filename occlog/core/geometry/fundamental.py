@@ -26,7 +26,7 @@ class FitCheck(NamedTuple):
 
     fits: bool
     median_px: float  # of the symmetric errors
-    share: float  # of the matches whose two distances are within the tolerance
+    share: float  # of the matches with both distances within the tolerance
     chance: float  # the same of all wrong pairings of their points
 
 

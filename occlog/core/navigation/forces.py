@@ -4,7 +4,7 @@ Positions are (..., 2); arrays of positions broadcast against each other.
 
 Collisions by aligned robot, obstacle and goal (CAROG), and the force that prevents them ([Lee] Sec. 5.2.2).
 
-A robot whose way to the goal leads straight through an obstacle is pulled and pushed along one line.  If the pull is
+A robot with a way to the goal straight through an obstacle is pulled and pushed along one line.  If the pull is
 the stronger one up to the last step before the obstacle, the robot drives into it: a constant step does not shrink.
 """
 

@@ -49,10 +49,10 @@ def add_joint(
     Args:
         total: (L,) log-likelihoods.
         xy: (L, 2) positions.
-        sensor: (n,) sensors of the looks.
+        sensor: (n,) sensors of the frames.
         a: (n, L) factors where no occluder hides the position.
         b: (n,) factors where one does.
-        assigned: (n, L) looks that count for a position; at most `MAX_CAMERAS` of them.
+        assigned: (n, L) frames that count for a position; at most `MAX_CAMERAS` of them.
         positions: (S, 2) positions of the sensors.
         priors: of the occluders.
         exact: without the assumption of Eq. 8.

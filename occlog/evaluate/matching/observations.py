@@ -274,8 +274,8 @@ def observe(
     labelled = set(zip(known.t_ns.tolist(), target.tolist(), strict=True))
     paired = match_candidates(sensor, rows.take(rows.target_id < 0), labelled, targets, everyone, config)
     observations = _concat(
-        _looks(sensor, known, target, everyone, config),
-        _looks(sensor, paired.rows, paired.target, everyone, config),
+        _observations(sensor, known, target, everyone, config),
+        _observations(sensor, paired.rows, paired.target, everyone, config),
     )
     return SensorObservationSet(observations, len(np.unique(observations.t_ns[observations.truth])), paired.stray)
 
@@ -284,7 +284,7 @@ def _concat(a: SensorObservations, b: SensorObservations) -> SensorObservations:
     return SensorObservations(**{n: np.concatenate([getattr(a, n), getattr(b, n)]) for n in a.__dataclass_fields__})
 
 
-def _looks(
+def _observations(
     sensor: SensorGeometry, rows: Bearings, target: Ints, everyone: Mapping[int, ObjectPath], config: EvaluateConfig
 ) -> SensorObservations:
     xy, truth = np.full((len(rows), 2), np.nan), np.zeros(len(rows), dtype=np.bool_)

@@ -70,7 +70,7 @@ class TruthAndTracks(NamedTuple):
         return [len(times) for times in self.t_ns]
 
 
-def places(boxes: Boxes) -> Floats:
+def box_edges(boxes: Boxes) -> Floats:
     """(n, 4) left, top, width, height."""
     return np.column_stack([boxes.left_px, boxes.top_px, boxes.width_px, boxes.height_px])
 
@@ -108,8 +108,8 @@ def boxes_in_true_frames(
     }
     return TruthAndTracks(
         views=views,
-        truth=Objects(true_cell, there.target_id.astype(np.int64), places(there), true_view),
-        tracks=Objects(cell, found.target_id.astype(np.int64), places(found), view),
+        truth=Objects(true_cell, there.target_id.astype(np.int64), box_edges(there), true_view),
+        tracks=Objects(cell, found.target_id.astype(np.int64), box_edges(found), view),
         visible=there.visible,
         t_ns=times,
         number=numbers,

@@ -245,14 +245,14 @@ def difference_words(found: RowDifference) -> str:
             return f"at {location}"
         return f"at {location}: {_line(found.a)} in A, {_line(found.b)} in B"
     column = f": {found.column}" if found.column and "path" not in found.key else ""
-    return f"{location}{column} is {found.a!r} in A, {found.b!r} in B{_apart(found)}"
+    return f"{location}{column} is {found.a!r} in A, {found.b!r} in B{_difference_text(found)}"
 
 
 def _line(text: Scalar) -> str:
     return "the end" if text is None else repr(text)
 
 
-def _apart(found: RowDifference) -> str:
+def _difference_text(found: RowDifference) -> str:
     if found.difference is None or math.isnan(found.difference):
         return ""
     unit = f" {found.unit}" if found.unit else ""

@@ -22,7 +22,7 @@ from occlog.io.external.source import ColumnSource
 from occlog.io.external.table import ForeignTable, best_fit
 from occlog.io.files.tables.arrow import from_arrow
 from occlog.io.files.tables.parquet import arrow_batches, groups_of, read_header
-from occlog.io.files.texts.csv_rows import bad_lines_told_to
+from occlog.io.files.texts.csv_rows import report_bad_lines_to
 from occlog.io.files.utc import utc
 from occlog.records.columns import ColumnTable, repeated_rows
 from occlog.records.losses import Loss
@@ -213,22 +213,22 @@ def _look_at_batch(batch: pa.RecordBatch, first: int, watch: TableWatch) -> None
     )
 
 
-def look_at_others(source: ColumnSource, findings: Findings) -> bool:
+def check_others(source: ColumnSource, findings: Findings) -> bool:
     """Check a table of another program; whether it is one that occlog knows."""
     try:
         foreign = ForeignTable(source, best_fit(source))
     except InputError as error:
         findings.refused("no-table", error)
         return False
-    look_at_foreign(foreign, findings)
+    check_external(foreign, findings)
     return True
 
 
-def look_at_foreign(foreign: ForeignTable, findings: Findings) -> None:
+def check_external(foreign: ForeignTable, findings: Findings) -> None:
     """Check a table of another program, row by row, which may be in any order."""
     watch = TableWatch(foreign.layout.table, findings)
     restarts = Restarts(foreign)
-    with bad_lines_told_to(partial(findings.refused, "row")):
+    with report_bad_lines_to(partial(findings.refused, "row")):
         try:
             for cells in foreign.cells():
                 drop_bad_rows(len(cells), _maker(foreign, cells), watch)

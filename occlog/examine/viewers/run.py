@@ -52,9 +52,9 @@ from .time_stream import (
     PARTICLES,
     ImageOverlay,
     LogLine,
-    Moment,
     Numbers,
     SceneDrawing,
+    StreamItem,
     Thinner,
     ViewerStream,
 )
@@ -142,7 +142,7 @@ def _provenance(inputs: ViewerInputs, request: ViewerTask, losses: tuple[Loss, .
     return Provenance("export", made, None, hash_inputs(dict.fromkeys(paths)), losses)
 
 
-def _begun(items: Iterator[Moment], sink: _Sink, inputs: ViewerInputs) -> Iterator[Moment]:
+def _begun(items: Iterator[StreamItem], sink: _Sink, inputs: ViewerInputs) -> Iterator[StreamItem]:
     """The time steps; before the first one everything that does not move is written, at its time."""
     for n, item in enumerate(items):
         if not n:
@@ -176,7 +176,7 @@ class _Sink:
         if shadows := static_shadows(inputs.scene, inputs.metres):
             self.write(SceneDrawing("/static_shadows", t_ns, shadows))
 
-    def write(self, item: Moment) -> None:
+    def write(self, item: StreamItem) -> None:
         """Write one time step, unless its topic has had one in this time interval."""
         if self._thinner is not None and not self._thinner.keeps(item):
             return

@@ -10,14 +10,14 @@ speeds are per second:
   MTD).  A particle so decides once a reference step on average, waits for a reference
   step on average, and changes its destination lambda times a reference step;
 * speed: s' = (1 - phi) s + phi |s T e + v| / T with e the direction and v the noise of
-  this step.  The noise of the speed is then phi v along e / T, whose variance grows with
+  this step.  The noise of the speed is then phi v along e / T, and its variance grows with
   dt as it should; the paper's |x' - x| / dt would diverge for short steps;
 * a destination is reached when it is less than s T away.
 
 With dt = T all of it is the paper's.  Longer steps must be split by the caller, since a
 particle can change its mind more than once in them.
 
-One thing is added to the paper.  A particle whose next step would lead into a static
+One thing is added to the paper.  A particle that would step next into a static
 occluder or out of the room decides as if it had reached its destination; the paper's
 own objects do that (Sec. 6).  Noise is added that the paper has not, all of it 0 in its model:
 
@@ -172,7 +172,7 @@ def gather(dt: float, motion: WaypointModel) -> tuple[float, float, float]:
 
 @kernel
 def stands(regime: int, motion: WaypointModel) -> bool:
-    """Whether a particle of a regime creeps, as its destination says."""
+    """Whether a particle of a regime creeps, by its destination."""
     return regime == WAIT and motion.wait_s > 0.0
 
 

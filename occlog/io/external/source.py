@@ -297,7 +297,7 @@ def _arrow_batches(path: Path, names: list[str]) -> Iterator[pa.RecordBatch]:
 
 
 def _validated(batch: pa.RecordBatch) -> pa.RecordBatch:
-    """A batch whose offsets and positions in dictionaries lead somewhere: the library follows them unchecked.
+    """A batch with offsets and dictionary indices that are valid: the library follows them unchecked.
 
     Its texts are UTF-8, too.
     """

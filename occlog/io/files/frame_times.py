@@ -32,7 +32,7 @@ class FrameTimes:
         start_ns: time of the origin of `table_ns`, or of frame 0.
         table_ns: (n,) times of frames 0..n-1 after the origin, strictly rising; None: the rate is used.
         rate: frames per second.
-        clock: clock of the camera, whose error is taken out of the times; None: they are world times.
+        clock: clock of the camera, with its error taken out of the times; None: they are world times.
     """
 
     source: str
@@ -80,7 +80,7 @@ class FrameTimes:
         if self.table_ns is not None:
             frames = np.arange(len(self.table_ns))
         elif self.rate is not None:
-            # The drift of a clock is told by two frames that are far apart
+            # The drift of a clock follows from two frames that are far apart
             frames = np.array([0, min(10**6, int(MAX_SECONDS * float(self.rate)))])
         else:
             return self.start_ns == other.start_ns

@@ -11,7 +11,7 @@ Which format of trajectories a text is of, and its rows under names that tables 
 
 TRC, OpenSim's table of markers: a line for each time, three columns for each marker.
 
-Markers must be targets, `target_N`, as `occlog export` calls them: others are points of a body, whose axes
+Markers must be targets, `target_N`, as `occlog export` calls them: others are points of a body, and its axes
 the file does not determine.  Times count from the first one of the recording; empty cells are markers that are not
 there.
 

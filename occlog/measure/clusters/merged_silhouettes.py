@@ -29,7 +29,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints, Ints32
 from occlog.core.numerics.jit import kernel
 
-from .person_size import Prior, person_at, place
+from .person_size import Prior, grid_cell, person_at
 from .stage import Clusters
 
 CLUTTER_PROBABILITY = 0.03
@@ -79,7 +79,7 @@ OUTLINE = _outline()
 @kernel
 def expected_height(prior: Prior, x: float, y: float, side: int) -> float:
     """Height [cells] of a person with middle at a cell."""
-    return math.sqrt(12.0 * prior.cov[place(prior, (x + 0.5) * side - 0.5, (y + 0.5) * side - 0.5), 2]) / side
+    return math.sqrt(12.0 * prior.cov[grid_cell(prior, (x + 0.5) * side - 0.5, (y + 0.5) * side - 0.5), 2]) / side
 
 
 @kernel

@@ -4,7 +4,7 @@ One decision from the detections of several cameras, and what becomes of each ([
 
 All cameras search for one and the same object.  Arrays have N times and J cameras.  A local detection is a
 ground position; a NaN row states that the camera has a frame without a detection.  A camera that delivered no
-frame, or cannot see the position, is marked in `looked` and has no part in the decision.
+frame, or cannot see the position, is marked in `observing` and has no part in the decision.
 
 Lines of sight on the ground, some with a distance, against a position and its covariance.
 

@@ -61,9 +61,7 @@ class Decision(NamedTuple):
         PositionWithCovariance | None
     )  # global position of a declared object; None: a lone line states no position
     kept: Bools  # (R,) local detections that are kept
-    missed: (
-        Ints  # positions in `cameras` of the cameras that look, see the position, and have no detection that is kept
-    )
+    missed: Ints  # indices in `cameras` of those with a frame that see the position and have no kept detection
     memory: ObjectMemory
 
     @property

@@ -32,7 +32,7 @@ class FusionPart:
     losses: Detections  # with them: losses and numbers of frames
 
 
-def whole_moments(parts: Iterable[Detections], window_ns: int) -> Iterator[FusionPart]:
+def whole_time_steps(parts: Iterable[Detections], window_ns: int) -> Iterator[FusionPart]:
     """Parts that never end amid a time step; where the input is cut does not matter to the time steps.
 
     Rows at most `window_ns` apart are of one time step, unless a sensor reports at two times.  Views go with the
@@ -44,7 +44,7 @@ def whole_moments(parts: Iterable[Detections], window_ns: int) -> Iterator[Fusio
     views, bearings = Views.empty(), Bearings.empty()
     for part in parts:
         views, bearings = _joined(views, part.views), _joined(bearings, part.bearings)
-        starts = moments(bearings, window_ns)
+        starts = time_step_rows(bearings, window_ns)
         cut = int(starts[-2]) if len(bearings) else 0  # the last time step may go on in the next part
         first_ns = int(bearings.t_ns[cut]) if len(bearings) else None
         over = len(views) if first_ns is None else int(np.searchsorted(views.t_ns, first_ns))
@@ -52,7 +52,7 @@ def whole_moments(parts: Iterable[Detections], window_ns: int) -> Iterator[Fusio
         yield FusionPart(views.take(slice(0, over)), bearings.take(slice(0, cut)), whole, part)
         views, bearings = views.take(slice(over, None)), bearings.take(slice(cut, None))
     nothing = Detections(Views.empty(), Bearings.empty(), (), 0, 0)
-    yield FusionPart(views, bearings, moments(bearings, window_ns), nothing)
+    yield FusionPart(views, bearings, time_step_rows(bearings, window_ns), nothing)
 
 
 def _joined(held: T, more: T) -> T:
@@ -61,7 +61,7 @@ def _joined(held: T, more: T) -> T:
     return type(held).concat([held, more.sorted()])
 
 
-def moments(bearings: Bearings, window_ns: int) -> Ints:
+def time_step_rows(bearings: Bearings, window_ns: int) -> Ints:
     """(M + 1,) first rows of the time steps, then the number of rows."""
     t = bearings.t_ns
     if not len(t):

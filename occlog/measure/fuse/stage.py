@@ -24,7 +24,7 @@ from occlog.scans.grouping import nearest
 
 from .config import FuseConfig
 from .object_decision import Decision, ObjectMemory, decide, fuse_candidates
-from .rows import CAUSES, FusionPart, FusionRows, distances, whole_moments
+from .rows import CAUSES, FusionPart, FusionRows, distances, whole_time_steps
 from .views import PlacedCameras, feet, placed_cameras
 
 
@@ -88,7 +88,7 @@ def fuse(parts: Iterable[Detections], scene: Scene, config: FuseConfig | None = 
     index_of = {name: i for i, name in enumerate(cameras.names)}
     known = {*(c.name for c in scene.cameras), *(a.name for a in scene.arrays)}
     state = _FusionState()
-    for part in whole_moments(parts, round(config.window_s * 1e9)):
+    for part in whole_time_steps(parts, round(config.window_s * 1e9)):
         names, inverse = np.unique(part.bearings.sensor, return_inverse=True)
         for name in names.tolist():
             if name not in known:
@@ -104,7 +104,7 @@ def _fuse_part(
     sight = sights_of(part.bearings, camera_of, cameras, distances(part, feet(part.views, cameras)))
     before = (state.moments, state.alone, state.declared, state.absent)
     for first, last in zip(part.starts[:-1].tolist(), part.starts[1:].tolist(), strict=True):
-        _fuse_moment(ledger, sight, first, last, state, config)
+        _fuse_step(ledger, sight, first, last, state, config)
     views, bearings = ledger.tables(state.frames)
     rows = ledger.counts().tolist()
     counts = {name: dict(zip(CAUSES, row, strict=True)) for name, row in zip(cameras.names, rows, strict=True)}
@@ -146,7 +146,7 @@ class _FusionStep(NamedTuple):
     t_of: dict[int, int]  # camera to the time of its frame [ns]
 
 
-def _fuse_moment(
+def _fuse_step(
     ledger: FusionRows, sight: LocalDirections, first: int, last: int, state: _FusionState, config: FuseConfig
 ) -> None:
     """Decide about all targets and candidates in the rows from `first` to before `last`, which are of one time step."""

@@ -31,7 +31,7 @@ from .heads import (
     shapes,
     wanted_classes,
 )
-from .network import ImageNetwork, ImagePlacement, crop, fill, laid, place, ready, size_of
+from .network import ImageNetwork, ImagePlacement, crop, fill, image_placement, laid, ready, size_of
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ class NetworkDetector:
     def prepare(self, image: Image) -> Prepared:
         """Convert an image (height, width, 3) in BGR to the network's input."""
         size = self.network.size
-        where = place((image.shape[1], image.shape[0]), size, self.fit)
+        where = image_placement((image.shape[1], image.shape[0]), size, self.fit)
         numbers = np.empty((3, size[1], size[0]), dtype=np.float32)
         fill(numbers, laid(image, size, where, HEADS[self.reading.head].smooth), self.pixels)
         return Prepared(numbers, where)

@@ -192,7 +192,7 @@ class ImagePlacement:
         return out
 
 
-def place(size: tuple[int, int], wanted: tuple[int, int], fit: str) -> ImagePlacement:
+def image_placement(size: tuple[int, int], wanted: tuple[int, int], fit: str) -> ImagePlacement:
     """Placement of an image in a network's.
 
     `LETTERBOX` is that of ultralytics (`LetterBox`, `scaleup`, centred): one scale for both axes, the size rounded,

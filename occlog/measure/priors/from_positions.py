@@ -96,7 +96,7 @@ def _filtered(
     state = _FilterState()
     held: list[_MeasurementStep] = []
     for chunk in chunks:
-        steps = list(_moments(chunk, measure))
+        steps = list(_time_steps(chunk, measure))
         if held and steps and held[-1].t_ns == steps[0].t_ns:
             steps[0] = _joined(held.pop(), steps[0])
         # The last time may go on in the next chunk.
@@ -113,7 +113,7 @@ def _joined(a: _MeasurementStep, b: _MeasurementStep) -> _MeasurementStep:
     return _MeasurementStep(a.t_ns, identity[order], xy[order], noise[order])
 
 
-def _moments(chunk: Truth | Tracks, measure: Callable[..., tuple[Floats, Floats]]) -> Iterator[_MeasurementStep]:
+def _time_steps(chunk: Truth | Tracks, measure: Callable[..., tuple[Floats, Floats]]) -> Iterator[_MeasurementStep]:
     """The measurements by time; a time without a moving occluder has none."""
     if not len(chunk):
         return

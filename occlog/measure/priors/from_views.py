@@ -33,7 +33,7 @@ from .hull import (
     track_polygons,
 )
 
-MOMENTS_PER_CHUNK = 256
+STEPS_PER_CHUNK = 256
 
 
 class HullPriors(NamedTuple):
@@ -79,7 +79,7 @@ def hull_priors(
     memory = HullMemory()
     held: list[tuple[int, list[ConfirmedPolygon]]] = []
     candidates = 0
-    for t_ns, step in _moments(views, frames, scene, round(config.window_s * 1e9)):
+    for t_ns, step in _time_steps(views, frames, scene, round(config.window_s * 1e9)):
         # Cones of what each camera sees, then their visual hull
         camera_views = [_camera_cones(f, cameras, scene, config) for f in step]
         found = hull(camera_views, scene.region, config.least, config.misses, config.smallest) if camera_views else []
@@ -87,7 +87,7 @@ def hull_priors(
         memory, seen = track_polygons(memory, t_ns, found, rules)
         candidates += len(found)
         held.append((t_ns, seen))
-        if len(held) >= MOMENTS_PER_CHUNK:
+        if len(held) >= STEPS_PER_CHUNK:
             yield _on_map(_tables(held, candidates), origin)
             held, candidates = [], 0
     if held:
@@ -115,7 +115,7 @@ def _rules(config: HullConfig) -> HullRules:
     )
 
 
-def _moments(
+def _time_steps(
     views: Iterable[Views], frames: Iterable[Bearings] | None, scene: Scene, window_ns: int
 ) -> Iterator[tuple[int, list[_Frame]]]:
     """Frames of one time step, by camera; its time is that of the last of them."""

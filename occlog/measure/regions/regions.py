@@ -29,7 +29,7 @@ from occlog.array_types import Bytes, Floats, Ints, Ints32
 from occlog.core.image import N_BINS, as_colour, pixel_bin
 from occlog.core.numerics.jit import kernel
 from occlog.measure.clusters.merged_silhouettes import SeparateSightings, split_silhouettes
-from occlog.measure.clusters.person_size import Prior, SizeMap, place
+from occlog.measure.clusters.person_size import Prior, SizeMap, grid_cell
 from occlog.measure.clusters.stage import Clusters, find_clusters
 
 
@@ -270,7 +270,7 @@ def component_regions(image: Bytes, mask: Bytes, width_px: float, prior: Prior) 
     joined = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8)) if side > 1 else mask
     _, labels, stats, centres = cv2.connectedComponentsWithStats(joined, connectivity=8)
     order = np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable") + 1
-    indices = np.array([place(prior, *centres[k]) for k in order], dtype=np.int64)
+    indices = np.array([grid_cell(prior, *centres[k]) for k in order], dtype=np.int64)
     enough = stats[order, cv2.CC_STAT_AREA] >= prior.least * prior.mass[indices]
     order, indices = order[enough], indices[enough]
     edges = stats[order, :4].astype(np.int64)

@@ -432,8 +432,8 @@ def _crowd(source: RecordedFiles, seed: int) -> VirtualCrowd:
     return crowd_of(target_of(source), seed)
 
 
-NOBODY = "no occlusion"
-KINDS = {NONE: "none", PRIOR: "kalman", KNOWN: "known", NOBODY: CLEAR}
+NO_OCCLUSION = "no occlusion"
+KINDS = {NONE: "none", PRIOR: "kalman", KNOWN: "known", NO_OCCLUSION: CLEAR}
 ITEMS = ("fig14-recorded", "fig15-recorded")
 RUNS = 20
 EVERY = 1.0 / 7.5 * 5

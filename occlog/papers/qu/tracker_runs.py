@@ -26,7 +26,7 @@ from occlog.track.methods.images.methods.step import advance, initiate_trackers
 
 from .staged import Staging, video_of
 from .timing import likelihood_seconds
-from .world import FLYING, looks_of, truth_of, views_of
+from .world import FLYING, frame_set_of, truth_of, views_of
 
 
 class DivertedTracker(NamedTuple):
@@ -121,7 +121,7 @@ def follow(
     views = views_of(config)
     for frame in video_of(config, seed, staging):
         for label, r in runners.items():
-            frame_set = looks_of(frame, r.use)
+            frame_set = frame_set_of(frame, r.use)
             if not frames:
                 empty = initial_state(views[: r.use], r.geometry, r.config)
                 states[label] = initiate_trackers(empty, frame_set, r.births)

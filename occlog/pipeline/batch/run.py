@@ -163,7 +163,7 @@ def _figures(runs: Path, outcomes: Sequence[RecordingOutcome]) -> Iterator[dict[
 
 TIMINGS = "timings.csv"
 """Files that differ from run to run; the other files have the same bytes each time."""
-TOLD = 20
+MAX_REPORTED = 20
 """This many recordings that failed are named; the table has all."""
 
 
@@ -315,22 +315,22 @@ def _from_here(source: BatchRecording) -> str:
 def _tell(outcomes: Sequence[RecordingOutcome], sources: Sequence[BatchRecording], quiet: bool) -> None:
     """Name recordings that failed or that are not reliable, on standard error."""
     failed = [(each, source) for each, source in zip(outcomes, sources, strict=True) if each.state == FAILED]
-    for each, source in failed[:TOLD]:
+    for each, source in failed[:MAX_REPORTED]:
         message = each.message.replace(in_line(each.shown), _from_here(source))
         line = " ".join(f"occlog: failed: {each.name}: {each.stage}: {message}".split())
         click.echo(shortened(line), err=True)
-    if len(failed) > TOLD:
-        click.echo(f"occlog: {len(failed) - TOLD} more have failed; {RUNS_TABLE} names them", err=True)
+    if len(failed) > MAX_REPORTED:
+        click.echo(f"occlog: {len(failed) - MAX_REPORTED} more have failed; {RUNS_TABLE} names them", err=True)
     lossy = [each for each in outcomes if each.losses]
     if lossy:
         click.echo(
             f"occlog: lost: input of {counted(len(lossy), 'recording')}; {RUNS_TABLE} lists it (losses)", err=True
         )
     doubted = [each for each in outcomes if each.plausible is False]
-    for each in doubted[:TOLD]:
+    for each in doubted[:MAX_REPORTED]:
         console.note(f"warning: {each.name}: plausible: {plausible_in_words(summary_of(each.verdicts))}", quiet)
-    if len(doubted) > TOLD:
-        console.note(f"warning: {len(doubted) - TOLD} more are not plausible; {RUNS_TABLE} names them", quiet)
+    if len(doubted) > MAX_REPORTED:
+        console.note(f"warning: {len(doubted) - MAX_REPORTED} more are not plausible; {RUNS_TABLE} names them", quiet)
 
 
 def _summary(folder: str, outcomes: Sequence[RecordingOutcome], rows: object) -> dict[str, object]:

@@ -21,7 +21,7 @@ from matplotlib.lines import Line2D
 
 from occlog.array_types import NS, Floats, Ints
 from occlog.records.tables import Tracks, Truth
-from occlog.report.content.downsampled import MAX_MOMENTS, MAX_SHOWN
+from occlog.report.content.downsampled import MAX_SHOWN, MAX_TIME_STEPS
 from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.report.drawing import COLOURS, Style, label, sensible_top, target_colour
 from occlog.report.plots.floorplan import plan_limits
@@ -174,7 +174,7 @@ def beside_replay(found: RunComparisonPage, led_to: list[int]) -> RunComparisonR
     truth = found.a.data.truth
     rows = len(found.a.laid.frame) + len(found.b.laid.frame)
     true = 0 if truth is None else len(truth)
-    every = max(1, -(-len(times) // MAX_MOMENTS), -(-rows // MAX_SHOWN), -(-true // MAX_SHOWN))
+    every = max(1, -(-len(times) // MAX_TIME_STEPS), -(-rows // MAX_SHOWN), -(-true // MAX_SHOWN))
     kept = np.union1d(times[::every], times[np.isin(times, led_to)])
     if len(kept) < 2:
         return None

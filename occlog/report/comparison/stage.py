@@ -71,9 +71,9 @@ def notes_on_time(a: Tracks, b: Tracks, *, truth: bool) -> Iterator[str]:
     parts = []
     for letter, (own_start, own_end) in zip(("A", "B"), spans, strict=True):
         if start - own_start > step:
-            parts.append(f"{letter} begins {TimeAxis(own_start, start).told} earlier")
+            parts.append(f"{letter} begins {TimeAxis(own_start, start).duration} earlier")
         if own_end - end > step:
-            parts.append(f"{letter} goes on for {TimeAxis(end, own_end).told} longer")
+            parts.append(f"{letter} goes on for {TimeAxis(end, own_end).duration} longer")
     if parts:
         said = f"{' and '.join(parts)}: the runs are aligned in their common time"
         more = "; figures are of all true frames, in which a run that is not there misses its people" if truth else ""

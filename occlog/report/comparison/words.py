@@ -316,13 +316,13 @@ def first_divergence(found: RunComparisonPage) -> str:
     kind, step = first
     share = f"{found.partings.parted} of {counted(found.partings.frames, 'frame')}"
     return (
-        f"They first diverge at {format_time(found, step.t_ns)}: {_told(found, kind, step)}. They differ in "
+        f"They first diverge at {format_time(found, step.t_ns)}: {_divergence_text(found, kind, step)}. They differ in "
         f"{share}: one "
         f"has a person whom the other has not, or partners are farther than {measure} from each other."
     )
 
 
-def _told(found: RunComparisonPage, kind: str, step: RunComparisonStep) -> str:
+def _divergence_text(found: RunComparisonPage, kind: str, step: RunComparisonStep) -> str:
     away = f"{number(float(f'{step.distance:.3g}'))} {found.unit}"
     if kind == TOO_FAR_APART:
         return f"track {step.a} of A is {away} from track {step.b} of B"

@@ -38,21 +38,21 @@ class SensorSightings:
     Attributes:
         sensor: its name.
         edges: (C + 1,) borders of the cells [ns].
-        looked: (C,) frames in each cell; 0 = no frame.
+        observed: (C,) frames in each cell; 0 = no frame.
         seen: (C,) frames in each cell that saw the target.
         any_object: whether they report candidates that may be of any object, not of a named target.
     """
 
     sensor: str
     edges: Ints
-    looked: Ints
+    observed: Ints
     seen: Ints
     any_object: bool = False
 
     @property
     def share(self) -> float:
         """Share of the frames that saw the target; NaN without frames."""
-        frames = int(self.looked.sum())
+        frames = int(self.observed.sum())
         return float(self.seen.sum()) / frames if frames else float("nan")
 
 
@@ -65,11 +65,11 @@ class _Cells:
 
     def __init__(self, first: int, end: int) -> None:
         self.edges = np.linspace(first, end, CELLS + 1).astype(np.int64)
-        self.looked, self.seen = np.zeros(CELLS, np.int64), np.zeros(CELLS, np.int64)
+        self.observed, self.seen = np.zeros(CELLS, np.int64), np.zeros(CELLS, np.int64)
 
     def add(self, times: Ints, seen: Bools) -> None:
         cell = np.searchsorted(self.edges, times, side="right") - 1
-        self.looked += np.bincount(cell, minlength=CELLS)[:CELLS]
+        self.observed += np.bincount(cell, minlength=CELLS)[:CELLS]
         self.seen += np.bincount(cell, seen, CELLS)[:CELLS].astype(np.int64)
 
 
@@ -126,7 +126,7 @@ class ObservationStreams:
         self._sensors: dict[str, tuple[int, int]] = {}
         self._pairs: dict[Pair, int] = {}
         self._ends: list[list[int]] = []  # of each pair: first time, last time, observations
-        self._told = Blocks(LOOK) if blocks is None else blocks
+        self._records = Blocks(LOOK) if blocks is None else blocks
 
     def add(self, bearings: Bearings) -> None:
         """Add bearings that end between two times."""
@@ -143,11 +143,11 @@ class ObservationStreams:
         starts = np.append(np.flatnonzero(np.diff(pair[order], prepend=-1)), len(order))
         parts = []
         for number, a, b in zip(numbers, starts[:-1].tolist(), starts[1:].tolist(), strict=True):
-            parts.append(self._looks(number, bearings.t_ns[order[a:b]], bearings.seen[order[a:b]]))
+            parts.append(self._frames(number, bearings.t_ns[order[a:b]], bearings.seen[order[a:b]]))
         if parts:
-            self._told.append(np.concatenate(parts))
+            self._records.append(np.concatenate(parts))
 
-    def _looks(self, number: int, t_ns: Ints, seen: Bools) -> Records:
+    def _frames(self, number: int, t_ns: Ints, seen: Bools) -> Records:
         """Observations of one pair: several candidates of one frame are one."""
         times, first = np.unique(t_ns, return_index=True)
         if number == len(self._ends):
@@ -173,7 +173,7 @@ class ObservationStreams:
 
     def finish(self, sensors: Iterable[str], targets: Iterable[int]) -> ObservationCoverage:
         """All that was collected, with the sightings of some sensors and targets."""
-        self._told.end()
+        self._records.end()
         wanted: dict[Pair, tuple[int, bool]] = {}
         named = {sensor for sensor, label in self._pairs if label != UNLABELLED}
         targets = tuple(targets)
@@ -195,8 +195,8 @@ class ObservationStreams:
         """Edges, observations and detections of pairs."""
 
         def steps() -> Iterator[tuple[Ints, np.ndarray]]:
-            for number in range(self._told.count):
-                rows = self._told.get(number)
+            for number in range(self._records.count):
+                rows = self._records.get(number)
                 rows = rows[np.isfinite(rows["step"])]
                 yield rows["pair"], rows["step"]
 
@@ -211,8 +211,8 @@ class ObservationStreams:
                 cells[n] = _Cells(first, last + period[n])
             else:
                 frames[n] = []
-        for number in range(self._told.count):
-            block = self._told.get(number)
+        for number in range(self._records.count):
+            block = self._records.get(number)
             for n in np.unique(block["pair"]).tolist():
                 if n in wanted:
                     own = block[block["pair"] == n]
@@ -220,7 +220,7 @@ class ObservationStreams:
                         cells[n].add(own["t_ns"], own["seen"])
                     else:
                         frames[n].append(own)
-        out = {n: (each.edges, each.looked, each.seen) for n, each in cells.items()}
+        out = {n: (each.edges, each.observed, each.seen) for n, each in cells.items()}
         for n, parts in frames.items():
             rows = np.concatenate(parts)
             out[n] = _frame_cells(rows["t_ns"], rows["seen"], period[n])

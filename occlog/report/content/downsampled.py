@@ -23,7 +23,7 @@ from occlog.records.tables import Errors, times, whole_times
 T = TypeVar("T", bound=ColumnTable)
 MAX_ROWS = 200_000
 """Rows of a table that are drawn whole."""
-MAX_MOMENTS = 10_000
+MAX_TIME_STEPS = 10_000
 """Time steps of a replay."""
 MAX_SHOWN = 45_000
 """Estimates, and true positions, of all time steps of a replay."""
@@ -128,7 +128,7 @@ def downsample_with(found: DownsampledTable[T], chunks: Iterable[T], pick: Calla
 
 def kept_steps(times: int, rows: Iterable[int]) -> int:
     """Every n-th time is shown of this many, of tables of this many rows."""
-    return max(1, -(-times // MAX_MOMENTS), *(-(-n // MAX_SHOWN) for n in rows))
+    return max(1, -(-times // MAX_TIME_STEPS), *(-(-n // MAX_SHOWN) for n in rows))
 
 
 def rows_before(kept: Ints, period_ns: float, t_ns: Ints) -> tuple[Ints, Ints]:

@@ -340,12 +340,12 @@ HEIGHT = 0.72
 
 def watched(data: ReportInput) -> tuple[int, ...]:
     """Targets that bearings are labelled with; -1 (any object) last and only if there is no other."""
-    return () if data.looked is None else data.looked.watched
+    return () if data.coverage is None else data.coverage.watched
 
 
 def sensors(data: ReportInput) -> tuple[str, ...]:
     """Names of all sensors, in the scene's order, then those that only the bearings know."""
-    return scene_order(data.scene, [] if data.looked is None else data.looked.sensors)
+    return scene_order(data.scene, [] if data.coverage is None else data.coverage.sensors)
 
 
 def draw_visibility(
@@ -364,12 +364,12 @@ def draw_visibility(
 
 def coarser(found: SensorSightings, most: int) -> SensorSightings:
     """Merge neighbouring frames into at most a given number of cells."""
-    together = -(-len(found.looked) // most)
+    together = -(-len(found.observed) // most)
     if together <= 1:
         return found
-    first = np.arange(0, len(found.looked), together)
-    observed, seen = (np.add.reduceat(each, first) for each in (found.looked, found.seen))
-    return replace(found, edges=np.append(found.edges[first], found.edges[-1]), looked=observed, seen=seen)
+    first = np.arange(0, len(found.observed), together)
+    observed, seen = (np.add.reduceat(each, first) for each in (found.observed, found.seen))
+    return replace(found, edges=np.append(found.edges[first], found.edges[-1]), observed=observed, seen=seen)
 
 
 def draw_rows(axes: Axes, time: TimeAxis, rows: Sequence[SensorSightings], names: Sequence[str]) -> None:
@@ -409,7 +409,7 @@ def _bar(axes: Axes, time: TimeAxis, found: SensorSightings, y: float) -> None:
     """Grey where there is no frame, orange where the sensor observed, blue from below for the share of detections."""
     low = y - HEIGHT / 2
     axes.fill_between([0.0, time.length], low, low + HEIGHT, color=COLOURS["absent"], linewidth=0)
-    if not len(found.looked):
+    if not len(found.observed):
         return
     edges, share = _merged(found)
     at = time.of(edges)
@@ -421,7 +421,7 @@ def _bar(axes: Axes, time: TimeAxis, found: SensorSightings, y: float) -> None:
 
 def _merged(found: SensorSightings) -> tuple[Ints, Floats]:
     """Borders of the cells and share seen (NaN without frames), neighbours of the same share as one cell."""
-    share = np.where(found.looked > 0, found.seen / np.maximum(found.looked, 1), -1.0)
+    share = np.where(found.observed > 0, found.seen / np.maximum(found.observed, 1), -1.0)
     first = np.concatenate([[True], np.diff(share) != 0])
     edges = np.append(found.edges[:-1][first], found.edges[-1])
     return edges, np.where(share[first] < 0, np.nan, share[first])

@@ -58,9 +58,9 @@ def _point(position: Floats) -> str:
 
 def _counts(data: ReportInput, name: str) -> tuple[str, str, str]:
     """Observations, detections, and their share."""
-    if data.looked is None:
+    if data.coverage is None:
         return "–", "–", "–"
-    observed, seen = data.looked.sensors.get(name, (0, 0))
+    observed, seen = data.coverage.sensors.get(name, (0, 0))
     return number(observed), number(seen), number(round(100.0 * seen / observed, 1)) if observed else "–"
 
 

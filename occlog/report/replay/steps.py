@@ -121,7 +121,7 @@ class ReplaySteps:
     @cached_property
     def kept(self) -> Ints:
         """(M,) the times that are kept."""
-        return self.data.figures.moments
+        return self.data.figures.times
 
     @property
     def period_ns(self) -> float:

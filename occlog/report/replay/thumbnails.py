@@ -29,7 +29,7 @@ from .steps import packed
 WIDTH = 240
 """Of an image [px]."""
 QUALITY = 70
-MAX_MOMENTS = 2000
+MAX_TIME_STEPS = 2000
 MARGIN = 0.85
 """Share of the limit that images of the size of the first ones may fill: later ones may be larger."""
 BASE64 = 4 / 3
@@ -95,7 +95,7 @@ def thumbnails(recording: Path, sources: OverlayTables | None, targets: Sequence
     size = _size(opened, known, sources, targets) * BASE64
     if not size:
         raise InputError(f"{recording}: no image of it can be decoded; omit {option('images')}")
-    count = max(min(int(MARGIN * limit // size), MAX_MOMENTS, len(times)), 1)
+    count = max(min(int(MARGIN * limit // size), MAX_TIME_STEPS, len(times)), 1)
     chosen_ns = times[np.unique(np.linspace(0, len(times) - 1, count).round().astype(np.int64))]
     chosen = {name: _before(np.array(own, dtype=np.int64), chosen_ns) for name, own in known.items()}
     out = Thumbnails({name: [] for name in sorted(known)}, len(chosen_ns), len(times))

@@ -33,7 +33,7 @@ def track_joint(
 ) -> Iterator[TrackChunk]:
     """Tracks of all targets that arrays hear, chunk by chunk; see `occlog.track.drivers.stage.track`.
 
-    Rows of cameras are only looked at when the method asks for them.  There is a row for each
+    Rows of cameras are used only when the method asks for them.  There is a row for each
     confirmed target and time at which an array listened, in vain or not.
 
     Raises:

@@ -34,7 +34,7 @@ MIN_DETECTION_RATE = 0.25
 MAX_DUPLICATE_SHARE = 0.2
 """Share of boxes that are reported twice that a user must know."""
 MAX_LATERAL_BIAS_HEIGHTS, MIN_BIAS_SIGNIFICANCE = 0.05, 3.3
-"""Boxes so many heights of people beside where the cameras together find them are those of another pose, if their mean
+"""Boxes so many heights of people off the position from all cameras are those of another pose, if their mean
 is so many standard errors off: by chance in one of a thousand."""
 MAX_OUTSIDE_SHARE = 0.01
 """Share of boxes outside the image that a user must know."""

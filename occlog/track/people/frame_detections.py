@@ -78,7 +78,7 @@ def rows_of_views(chunks: Iterable[Views]) -> Iterator[DetectionFrameRows]:
             edges=_edges(c),
             score=c.confidence,
             hint=c.hint,
-            # How a network describes those in the boxes says more than their colours.
+            # Network embeddings are more informative than colours.
             appearance=(c.embedding if c.embedding.shape[1] else c.appearance).astype(np.float64),
         )
 
@@ -221,11 +221,11 @@ class BoxStatistics:
     """Counts of frames and boxes over a stream, by index of the camera in use.
 
     Attributes:
-        frames: looks.
+        frames: frames of detections.
         boxes: of them all.
         outside: omitted: the box lies outside the image.
         twice: omitted: another box of the frame is the same.
-        first_ns, last_ns: times of the first and the last look; -1: none.
+        first_ns, last_ns: times of the first and the last frame; -1: none.
     """
 
     frames: Ints

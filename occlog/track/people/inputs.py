@@ -72,7 +72,7 @@ def person_heights(frames: Sequence[FrameDetectionsWithIds], cameras: Sequence[C
 
 
 def _statures(boxes: Floats, camera: Camera) -> Floats:
-    """(k,) heights of the k boxes whose feet are on the floor and that no border cuts."""
+    """(k,) heights of the k boxes with feet on the ground that no border cuts."""
     left, top, right, bottom = boxes.T
     if camera.image_size is not None:
         whole = (bottom < camera.image_size[1] - 1 - BORDER_PX) & (top > BORDER_PX)
@@ -223,7 +223,7 @@ class PeopleInput:
         return in_order(found, self._empty(index_of))
 
     def _empty(self, index_of: Mapping[str, int]) -> Iterator[FrameDetectionsWithIds]:
-        """Frames of a table of regions, or of boxes of others, in which nobody was detected, counted."""
+        """Frames of a table of regions, or of external boxes, without a detection, counted."""
         if self.opened.recording is not None:
             return
         lost = gaps_of(self.opened.provenance.parameters)

@@ -49,7 +49,7 @@ class TrackSplit(NamedTuple):
 
     track: int
     t_ns: int  # of the first frame after it
-    other: int  # whose they may have taken the position of
+    other: int  # target from which they may have taken over
 
 
 class TrackFragments(NamedTuple):
@@ -211,7 +211,7 @@ def named_events(events: Events, pieces: TrackFragments, names: FragmentNames) -
 def reidentification_events(
     pieces: TrackFragments, names: FragmentNames, first_ns: int, last_ns: int
 ) -> list[tuple[int, str, int, int, float]]:
-    """Rows of `events` for the pieces that begin within these times and whose boxes tell who they are."""
+    """Rows of `events` for the pieces that begin within these times and have boxes that identify them."""
     now = (pieces.first_ns >= first_ns) & (pieces.first_ns <= last_ns) & np.isfinite(names.probability)
     return [
         (int(pieces.first_ns[p]), REIDENTIFICATION_EVENT, int(names.name[p]), -1, float(names.probability[p]))

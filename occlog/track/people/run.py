@@ -64,7 +64,7 @@ class PeopleSummary:
 
         people, rows: of the tracks.  people_at_a_time: mean, of the times that have any.  unseen: share of the rows of
         whom no camera has a box.  exchanges_expected: of identities, the sum of the doubts' probabilities.  boxes: of
-        each camera, those in use, those that people explain, and those that nobody does; expected numbers, where a box
+        each camera, those in use, those that tracks explain, and clutter; expected numbers, where a box
         of two people who touch is one box.  sees: share of the people whom another camera sees and the camera should
         see plainly that it does see.
         """
@@ -158,7 +158,7 @@ class PeopleSummary:
                 )
 
     def _numbers(self) -> Iterator[Check]:
-        """Cameras whose numbers of frames are hardly ever successive, so that most frames would have no box."""
+        """Cameras with frame numbers that are hardly ever successive, so that most frames would have no box."""
         for name, each in sorted(self.inputs.numbers.items()):
             successive = each.pairs - each.left_out
             if each.pairs >= MIN_PAIRS and successive < MIN_SUCCESSIVE_SHARE * each.pairs:

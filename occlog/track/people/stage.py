@@ -72,7 +72,7 @@ def track_people(
     Args:
         time_steps: in the order of time; none is empty.
         scene: where.
-        cameras: those that look, in the order of their places in the looks.
+        cameras: those with frames, in the order of their indices in the frames.
         config: settings; with `smooth` or a lag time steps wait for what comes after them.
         follower: the method.
         seed: of the random numbers that the future is searched with.
@@ -90,7 +90,7 @@ def track_people(
         snapshot = said.snapshot._replace(events=(*said.snapshot.events, *doubts))
         each = said._replace(snapshot=snapshot._replace(mean=snapshot.mean + np.append(origin, np.zeros(4))))
         held.append(each)
-        # Even a time step without any person is kept with its looks
+        # Even a time step without any person is kept with its frames
         rows += 1 + len(each.snapshot.support.row) + len(each.snapshot.ids) * (1 + len(each.frames))
         if rows >= ROWS_PER_PART:
             yield held

@@ -83,7 +83,7 @@ def follow(
 ) -> Iterator[Boxes]:
     """Boxes with the identities that trackers give them; those of no person are omitted.
 
-    A frame without any other has a row that says that nobody is there.
+    A frame without any other has a row of no detection.
 
     Args:
         chunks: in the order of time.

@@ -72,7 +72,7 @@ def failures(truth: Objects, trackers: Objects, tau: Floats | float, own: Ints |
 
     Args:
         truth: (n, 2) centres of the targets in each frame and view, hidden ones included; labels >= 0.
-        trackers: (m, 2) centres of the estimates.  A row whose position is not finite is a tracker
+        trackers: (m, 2) centres of the estimates.  A row with a position that is not finite is a tracker
             without an estimate.
         tau: largest distance from a target at which a tracker is on it, >= 0; (n,) for each true
             row, such as the radius of the target, or one for all.

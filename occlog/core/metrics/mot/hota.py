@@ -125,7 +125,7 @@ class HotaCounts:
         self._couples, self._tpa = both, counts
 
     def merge(self, other: HotaCounts) -> None:
-        """Take in another recording, whose targets and tracks get the numbers behind these; no frame is added after it.
+        """Add another recording; its targets and tracks get the numbers behind these; no frame is added after it.
 
         Both have the same thresholds.
         """

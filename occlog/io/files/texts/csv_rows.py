@@ -74,7 +74,7 @@ BAD_LINES: ContextVar[Callable[[InputError], None] | None] = ContextVar("BAD_LIN
 
 
 @contextmanager
-def bad_lines_told_to(listener: Callable[[InputError], None]) -> Iterator[None]:
+def report_bad_lines_to(listener: Callable[[InputError], None]) -> Iterator[None]:
     """Report lines that are no rows to a callback, and continue reading meanwhile."""
     token = BAD_LINES.set(listener)
     try:

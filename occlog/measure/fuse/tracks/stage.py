@@ -46,7 +46,7 @@ def default_window(groups: Sequence[PeopleTracks]) -> int:
     return int(JUST_UNDER * min(periods)) if periods else 0
 
 
-def moments_of(groups: Sequence[PeopleTracks], window_ns: int) -> Ints:
+def step_times(groups: Sequence[PeopleTracks], window_ns: int) -> Ints:
     """(T,) the common time steps [ns]: the first of all times that are at most a window after it."""
     times = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(g.t_ns for g in groups)]))
     starts: list[int] = []
@@ -57,7 +57,7 @@ def moments_of(groups: Sequence[PeopleTracks], window_ns: int) -> Ints:
     return np.array(starts, dtype=np.int64)
 
 
-def at_moments(tracks: PeopleTracks, times: Ints, window_ns: int, gap_ns: int) -> PeopleTracks:
+def at_times(tracks: PeopleTracks, times: Ints, window_ns: int, gap_ns: int) -> PeopleTracks:
     """Rows of all tracks at the time steps at which they are there, ordered by time and identity.
 
     A row at a time step stays as it is.  Between rows that are at most `gap_ns` apart lies a straight line; a row that
@@ -66,14 +66,12 @@ def at_moments(tracks: PeopleTracks, times: Ints, window_ns: int, gap_ns: int) -
     order = np.lexsort((tracks.t_ns, tracks.target_id))
     starts = np.flatnonzero(np.diff(tracks.target_id[order], prepend=-1)) if len(order) else np.zeros(0, dtype=np.int64)
     parts = [
-        _one_at_moments(tracks.take(rows), times, window_ns, gap_ns)
-        for rows in np.split(order, starts[1:])
-        if len(rows)
+        _one_at_times(tracks.take(rows), times, window_ns, gap_ns) for rows in np.split(order, starts[1:]) if len(rows)
     ]
     return PeopleTracks.merge(parts)
 
 
-def _one_at_moments(track: PeopleTracks, times: Ints, window_ns: int, gap_ns: int) -> PeopleTracks:
+def _one_at_times(track: PeopleTracks, times: Ints, window_ns: int, gap_ns: int) -> PeopleTracks:
     t = track.t_ns
     asked = times[np.searchsorted(times, t[0] - window_ns) : np.searchsorted(times, t[-1] + window_ns, "right")]
     # The rows before and after each time step; at the ends of the track the same row twice
@@ -152,8 +150,8 @@ def fuse_tracks(groups: Sequence[PeopleTracks], config: TrackFusionConfig) -> Fu
         if np.isfinite(group.z).any():
             raise InputError("tracks in space cannot be fused; give tracks on the ground")
     window_ns = default_window(groups) if config.window_s is None else round(config.window_s * 1e9)
-    times = moments_of(groups, window_ns)
-    first, *later = (at_moments(group, times, window_ns, round(config.gap_s * 1e9)) for group in groups)
+    times = step_times(groups, window_ns)
+    first, *later = (at_times(group, times, window_ns, round(config.gap_s * 1e9)) for group in groups)
     joined, doubts, agreements = _alone(first), list[_Doubt](), list[GroupConsistency]()
     for number, second in enumerate(later, start=1):
         after, more, agreement = _join(joined, second, number, config)
@@ -164,7 +162,7 @@ def fuse_tracks(groups: Sequence[PeopleTracks], config: TrackFusionConfig) -> Fu
 
 
 def _alone(tracks: PeopleTracks) -> JoinedTracks:
-    """The tracks of the first group, whose identities stay as they are until another group joins."""
+    """The tracks of the first group; their identities stay until another group joins."""
     columns = {c.name: getattr(tracks, c.name) for c in PeopleTracks.columns()}
     return JoinedTracks(**columns, made_of=tracks.target_id.astype(np.str_))
 

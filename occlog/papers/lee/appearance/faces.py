@@ -63,7 +63,7 @@ def people_of(kind: str, rng: np.random.Generator) -> Clothes:
 
 
 def studio() -> Canvas:
-    """A canvas of the position where heads are seen, by a camera that looks along the x axis."""
+    """A canvas of the position where heads are seen, by a camera that points along the x axis."""
     width, height = IMAGE
     camera = Camera(
         "studio",

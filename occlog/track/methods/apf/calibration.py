@@ -5,7 +5,7 @@ the filter weighs its particles with corrected cameras, and with what is still u
 them instead of `sigma_position` and `sigma_yaw`.  `initial`: the first `calibrate_s` seconds
 are tracked as without, then all their bearings are solved at once, and that stays.
 
-Both compare errors that stay with errors resampled for every scan, which is what Eq. 2 says
+Both compare errors that stay with errors resampled for every scan, which is what Eq. 2 states
 (`Belief.log_odds`), and correct nothing while the latter explains the bearings better.
 
 What cannot be observed (where all cameras together are) is an error of the track that more
@@ -148,7 +148,7 @@ def corrected_scan(calibration: PoseCalibration, packed: PackedScan) -> PackedSc
 def updated_calibration(
     calibration: PoseCalibration, scan: Scan, estimate: Estimate, seconds: float
 ) -> tuple[PoseCalibration, Estimate]:
-    """What a scan says about the sensors' errors, and the estimate with what they add to its covariance.
+    """Update of the sensors' errors by a scan, and the estimate with what they add to its covariance.
 
     Args:
         calibration: before the scan.

@@ -167,7 +167,7 @@ def _last(model: ApfModel, draw: ProposedParticles, dt: float) -> Trace:
 
 
 def _begin(model: ApfModel, packed: PackedScan, reason: str, rng: Generator) -> tuple[ProposedParticles, Trace]:
-    """Particles resampled: all over the floor, or, without a room, where the scan says."""
+    """Particles resampled: all over the ground, or, without a room, from the scan."""
     draw = reinitialise(model, packed, rng)._replace(fallback=reason)
     return draw, _last(model, draw, 0.0)
 

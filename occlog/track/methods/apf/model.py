@@ -2,7 +2,7 @@
 
 A scene and a scan as the arrays that the likelihood kernels want.
 
-Particles in a scene without a room: where a scan says that the target is, within what sensors can see.
+Particles in a scene without a room: drawn from the first scan, within what sensors can see.
 
 In a room particles begin all over the floor.  Without one they may be as far as sensors see, and so few of them would
 be near the target that the filter's first estimate would be a draw of chance.
@@ -52,7 +52,7 @@ def pack_sensors(scene: Scene, walls: Sequence[Sequence[Floats]] | None = None) 
 
     Args:
         scene: cameras and arrays.
-        walls: what hides things from each camera; None: what the scene says of the camera's position.
+        walls: what hides things from each camera; None: by the camera's position in the scene.
     """
     cameras, arrays = scene.cameras, scene.arrays
     if walls is None:
@@ -145,7 +145,7 @@ def pack_detection(scene: Scene, config: ApfConfig, *, informed: bool) -> Detect
 
 
 def with_distances(estimate: Estimate, measured: RangeMeasurements) -> Estimate:
-    """The estimate with what it says of measurements of distances."""
+    """The estimate with its residuals of distance measurements."""
     linearised = linearise(measured, estimate.xy[None])
     residual, gradient = linearised.residual[0], linearised.gradient[0]
     spread = np.einsum("ni,ij,nj->n", gradient, estimate.covariance, gradient)

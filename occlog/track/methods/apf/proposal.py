@@ -2,9 +2,9 @@
 
 Two importance densities:
 
-* `motion`, [Ercan]'s: a particle moves as the model says, whatever the scan says.  Stage 1 chooses parents by the
+* `motion`, [Ercan]'s: a particle moves by the model alone, without the scan.  Stage 1 chooses parents by the
   likelihood at their expected positions.  Where bearings are sharper than the motion is certain nearly all particles
-  miss what the scan says, and the few that do not are taken for certainty;
+  miss the scan's likelihood, and the few that do not are taken for certainty;
 * `scan`: for every particle there are three hypotheses, that it goes on, changes its destination, or waits.  The
   Laplace approximation of each one's posterior (`occlog.track.methods.apf.kernels.importance`) gives the predictive
   likelihood by which stage 1 chooses among the hypotheses of all particles, and the density from which the position is
@@ -169,7 +169,7 @@ def _stage_1(log_weights: Floats, prior: Floats, defensive: float) -> tuple[Floa
 
 
 def _even_weights(weights: Floats, chance: Floats) -> Floats:
-    """(3 L,) weights (L,) of particles, shared evenly among those hypotheses of each whose chance (3, L) is above 0."""
+    """(3 L,) weights (L,) of particles, shared evenly among the hypotheses of each with a chance (3, L) above 0."""
     possible = chance > 0.0
     return np.where(possible, weights / possible.sum(axis=0), 0.0).reshape(-1)
 
@@ -224,7 +224,7 @@ def _particles_at(model: ApfModel, xy: Floats, rng: Generator) -> WaypointPartic
 
 
 def reinitialise(model: ApfModel, packed: PackedScan, rng: Generator) -> ProposedParticles:
-    """Particles resampled: all over the floor, or, without a room, where the scan says."""
+    """Particles resampled: all over the ground, or, without a room, from the scan."""
     if model.views is None or model.measured is not None:
         return select_initial_particles(model, initial_particles(model, None, rng), None, packed, rng)
     n = model.config.particles * model.config.start_factor
@@ -238,7 +238,7 @@ def select_initial_particles(
 ) -> ProposedParticles:
     """As many of fresh particles as the filter has, drawn by how well they agree with the scan.
 
-    With the density `scan` each of them represents a kernel about its position, which looks at the scan as in a step.
+    With the density `scan` each of them represents a kernel about its position, weighted by the scan as in a step.
 
     Args:
         model: scene and settings.

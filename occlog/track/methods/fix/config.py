@@ -53,7 +53,7 @@ class FixConfig(Settings):
         return BENDS.get(self.estimator, BENDS["huber"]) if self.bend is None else self.bend
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """A mixture is of bearings whose standard deviations are stated."""
+        """A mixture is of bearings with stated standard deviations."""
         yield (
             "spread",
             self.estimator != MIXTURE or self.spread != "residuals",

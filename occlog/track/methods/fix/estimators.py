@@ -18,9 +18,9 @@ A position from bearings of which some may be false: the modes of a mixture like
 
 Each bearing is true, with a Gaussian error of its stated standard deviation, or false, and then from anywhere; at
 `bend` standard deviations both are as likely.  The likelihood of a position has a mode wherever enough bearings agree.
-All of them are looked for, from where each two lines cross, by Gauss and Newton with reweighting.  The estimate is the
+All of them are searched, from where each two lines cross, by Gauss and Newton with reweighting.  The estimate is the
 highest mode.  Its covariance is the second moment of all modes about it, by their heights, so that it is wide where
-it cannot be told which bearing is false.  (Volumes do not count: lines that are next to parallel would meet at
+it cannot be decided which bearing is false.  (Volumes do not count: lines that are next to parallel would meet at
 infinity.)
 
 Few residuals tell little of the errors' scale: they are pooled with what is stated, which counts as much as
@@ -293,7 +293,7 @@ MODE_MERGE_DISTANCE = 1e-4
 MIN_MODE_PROBABILITY = 0.01
 """Modes less probable than this do not count."""
 MIN_INFORMATION_RATIO = 1e-9
-"""Modes whose information differs by a smaller factor along and across are no positions."""
+"""Modes with information that differs by a smaller factor along and across are no positions."""
 
 
 class Modes(NamedTuple):
@@ -357,7 +357,7 @@ def modes(positions: Floats, bearings: Floats, sigma: Floats, bend: float) -> Mo
 def _with_distances(xy: Floats, covariance: Floats, inlier: Floats, positions: Floats, sigma: Floats) -> Floats:
     """(M, 2, 2) covariances that know how uncertain the distance of each sensor is.
 
-    An error of the bearing puts the target aside by that times the distance, whose mean square is the estimate's plus
+    An error of the bearing puts the target aside by that times the distance, with a mean square of the estimate's plus
     its variance along the line of sight.  Where that is large, as for lines of sight that are nearly parallel, a mode
     next to a sensor would else seem sharp, since little is between them.
     """

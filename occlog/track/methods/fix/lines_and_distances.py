@@ -157,7 +157,7 @@ def _moment(
 ) -> Floats:
     """(2, 2) second moment about a mode of the likelihood of what is not false there, by a grid.
 
-    The grid is even in the coordinates of the Gaussian of the mode, whose covariance is `narrow`.  Where circles touch,
+    The grid is even in the coordinates of the Gaussian of the mode, with covariance `narrow`.  Where circles touch,
     that Gaussian is much longer than the likelihood, of which the grid would see one row: then it is made shorter.
     """
     at_point = measured_at(lines, distances, xy[None]).residual[0]

@@ -63,7 +63,7 @@ def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimat
     off = _wrapped(bearings - np.arctan2(found.xy[1] - positions[:, 1], found.xy[0] - positions[:, 0]))
     score = -0.5 * (off / sigma) ** 2 - np.log(sigma * math.sqrt(2.0 * math.pi))
     observing, used = np.unique(scan.sensor), np.unique(scan.sensor[rows])
-    # Two lines leave no residuals from which their spread could be told, and none of them can be false.
+    # Two lines leave no residuals from which their spread could be estimated, and none of them can be false.
     scarce = PAIR if len(rows) == 2 else STATED
     cause = "" if found.estimated or (config.spread != "residuals" and len(rows) > 2) else scarce
     if config.spread == "stated":

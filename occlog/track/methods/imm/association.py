@@ -1,6 +1,6 @@
 """Joint association of one array's bearings with several targets.
 
-An event says for every target whether the array heard it, and with which bearing.  A bearing
+An event states for every target whether the array heard it, and with which bearing.  A bearing
 is of one target, of two that are nearer to each other than the array can tell apart (they are
 heard as one), or of no target (clutter).  All events are enumerated; targets that share no bearing are
 independent and are enumerated separately.
@@ -24,7 +24,7 @@ from occlog.core.numerics.jit import kernel
 MAX_JOINT_EVENTS = 50_000
 """Of targets that share bearings at most so many events are summed; then the least likely bearings are omitted."""
 MIN_DENSITY_TO_CLUTTER_RATIO = 1e-9
-"""A bearing whose density for a target is below this share of the clutter's cannot be the target's: without this
+"""A bearing with a density for a target below this share of the clutter's cannot be the target's: without this
 gate all targets would share all bearings."""
 NEAR_SIGMAS = 3.0
 """Two targets' bearings further apart than this, beyond the resolution, are not heard as one."""

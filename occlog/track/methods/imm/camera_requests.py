@@ -4,7 +4,7 @@ A position that cameras found as a measurement of particles, and the variance th
 
 [Lee] Sec. 3.2.2 puts the position found in the place of the estimate's and keeps the velocity;
 `moved_to` does so with the particles.  `updated` takes the position for a measurement: a particle's
-position and velocity follow as far as the cloud's covariance says that they go together.
+position and velocity follow by their correlation in the cloud's covariance.
 
 States are [x, vx, y, vy].
 
@@ -13,7 +13,7 @@ When the filter asks cameras where its targets are, and what their answers do ([
 periodic  every so many seconds, for all targets.
 printed   whenever [Lee] Eq. 3.14 (count), 3.15 (bearing) or 3.16 (ellipse) holds.
 count     when the number of an array's bearings is another than in its scan before: Eq. 3.14 at its edges.
-spread    for each target whose position's standard deviation is above a limit.
+spread    for each target with a standard deviation of the position above a limit.
 
 Where an array has more bearings than there are targets in its range, cameras are also asked what else
 is there.
@@ -333,7 +333,7 @@ class _CameraFix(NamedTuple):
 
 
 class CameraRequests:
-    """The cameras' frames, of which only those that are asked for are looked at."""
+    """The cameras' frames, of which only those that are asked for are processed."""
 
     def __init__(self, scene: Scene, config: ImmConfig) -> None:
         """No frames yet."""
@@ -385,7 +385,7 @@ class CameraRequests:
             for k, answer in zip(rest, found[len(mine) :], strict=True):
                 if answer.position is not None:
                     more[k] = CameraRequest(answer, self._names(pair), 0)
-        # Count every frame that was looked at once
+        # Count every processed frame once
         out, used = [], set[int]()
         for n, (ask, cameras) in enumerate(zip(asks, pairs, strict=True)):
             new = set(cameras or ()) - used
@@ -398,7 +398,7 @@ class CameraRequests:
         return tuple(self._cameras[c].name for c in cameras)
 
     def _pair(self, ask: CameraQuestion, fresh: list[int], asked: list[Pair]) -> Pair | None:
-        """The two cameras whose lines of sight should tell the position best, of those that can see it, or else of all.
+        """The two cameras that should determine the position best, of those that can see it, or else of all.
 
         Two that are asked already will do if they tell it nearly as well.
         """
@@ -420,7 +420,7 @@ class CameraRequests:
         return blind, expected_variance(position, origins, np.array([self._sigma(c) for c in pair]))
 
     def _sigma(self, camera: int) -> float:
-        """Noise that the camera is known to have: nothing of the frame is looked at before it is asked for."""
+        """Noise that the camera is known to have: nothing of the frame is used before it is asked for."""
         c = self._cameras[camera]
         sigma = math.hypot(c.sigma_yaw, c.sigma_read_px / float(c.focal_px[0]))
         return sigma if sigma > 0.0 else DEFAULT_BEARING_SIGMA_RAD

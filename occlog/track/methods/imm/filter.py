@@ -159,7 +159,7 @@ def step(state: ImmState, scan: Scan, rng: Generator) -> tuple[ImmState, ImmStep
 def _rests_on(track: Track, lineage: Genealogy, estimate: imm.ModelEstimates, config: ImmConfig) -> tuple[Track, float]:
     """The track, and how many families of particles its covariance rests on; infinity where these are enough.
 
-    Families are counted anew once the motion's noise has made up for those that were lost.
+    Families are counted again once the motion's noise has made up for those that were lost.
     """
     families = lineage.effective()
     if families >= MIN_EFFECTIVE_SAMPLE_SIZE:
@@ -237,7 +237,7 @@ def _associate_jointly(
     # Likelihood that bearing i is of track k alone, and that track k is not heard
     alone = (exists * chance)[:, None] * fit * allowed
     unheard = 1.0 - exists * chance * np.array([f.reached for f in fits])
-    # A track whose label is among the bearings was heard.
+    # A track with its label among the bearings was heard.
     unheard = np.where((allowed & heard.labelled).any(axis=1), 1e-6 * unheard, unheard)
     # Likelihood that two tracks nearer than the array's resolution are heard as one
     shared, separate, pairs = _merged_densities(world, moved, array, heard, fits)
@@ -286,7 +286,7 @@ def _resolution_probability(one: Direction, other: Direction, resolution: float)
 def _associate_any(
     world: ImmWorld, moved: list[Moved], array: int, heard: Scan, allowed: Bools
 ) -> tuple[BearingAssociation, list[Moved]]:
-    """Every track takes any bearing, [Lee] Eq. 3.6; silence says nothing of where it is."""
+    """Every track takes any bearing, [Lee] Eq. 3.6; silence does not constrain its position."""
     K, N, config = len(moved), len(heard.bearing), world.config
     position, reach = world.positions[array], float(world.reach[array])
     alone, unheard, out, evidence = np.zeros((K, N)), np.ones(K), [], 0.0
@@ -462,7 +462,7 @@ class ArrayScans:
         spoke = {sensor - self._cameras for sensor in rows.sensor.tolist()}
         for a in spoke:
             self._clocks[a].heard(scan.t_ns)
-        # Others whose next scan is now: not before its time, for a row of theirs may be about to come.
+        # Others with their next scan now: not before its time, for a row of theirs may be about to come.
         silent = []
         for a, clock in enumerate(self._clocks):
             period = clock.period_ns

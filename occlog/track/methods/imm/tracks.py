@@ -10,7 +10,7 @@ Smoothing of targets with several motion models: trajectories drawn back through
 
 A particle after a step has the model under which it moved there.  On the way back that model moves it back, and the
 model before it is drawn along with its state: of two particles that are as likely to have led to a state that one
-counts more whose model changes seldom into the later one (`hold_s`).  See `occlog.filtering.kernel_density`.
+counts more with a model that changes seldom into the later one (`hold_s`).  See `occlog.filtering.kernel_density`.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def new_genealogy(particles: int) -> Genealogy:
 
 
 def is_rejuvenated(lineage: Genealogy, covariance: Floats, sigma_v: float) -> bool:
-    """Whether the noise of the motion alone spreads particles as far as their covariance says, or nearly.
+    """Whether the noise of the motion alone spreads particles as far as their covariance, or nearly.
 
     White acceleration gives a position the variance sigma_v^2 t^3 / 3 per axis.
 
@@ -153,7 +153,7 @@ def initial_tracks(config: ImmConfig, t_ns: int, rng: Generator) -> tuple[Track,
 
 
 def confirmed_track(config: ImmConfig, number: int, start: Sequence[float], t_ns: int, rng: Generator) -> Track:
-    """A confirmed track of a target whose state X, Y, SIGMA, VX, VY, SIGMA_V is known."""
+    """A confirmed track of a target with a known state X, Y, SIGMA, VX, VY, SIGMA_V."""
     x, y, s, vx, vy, sv = start
     states = np.array([x, vx, y, vy]) + rng.standard_normal((config.particles, 4)) * np.array([s, sv, s, sv])
     return _confirmed(config, number, UNLABELLED_TRACK, states, t_ns)

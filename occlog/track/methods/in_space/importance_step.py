@@ -17,7 +17,7 @@ Smoothing of tracks in space: what was seen afterwards tells of a state as well.
 `direct3d` draws trajectories back through the kernel densities of its particles
 (`occlog.filtering.kernel_density`), the same densities from which its particles were drawn.
 `pps` has no density in space; its combined estimates are smoothed as Gaussians (Rauch, Tung and Striebel 1965).
-A filter that began anew forgot what it knew before: states before such a time are smoothed with what follows up to it
+A filter that restarted forgot what it knew before: states before such a time are smoothed with what follows up to it
 alone.
 """
 

@@ -7,7 +7,7 @@ particles of a plane are weighed (`log_likelihood`), and the two planes' estimat
 Errors of the three planes' estimates, and how they go together.
 
 Each plane's filter knows its own covariance, but not what its errors share with the others': all three began
-from one prior, move by one target's acceleration, and hear one noise, whose projected angles are
+from one prior, move by one target's acceleration, and hear one noise, with projected angles that are
 correlated (`occlog.core.geometry.projected_planes.projected_covariance`).  An estimate that is combined of two planes
 has the covariance of the combination, for which their cross-covariance is needed.  It obeys the recursion
 of Bar-Shalom (1981) for two tracks,
@@ -88,7 +88,7 @@ def measured_errors(errors: Floats, positions: Floats, sensor: Floats, angles: F
 
 
 def rescaled(errors: Floats, covariances: dict[int, Floats]) -> Floats:
-    """(12, 12) errors whose blocks of some planes are the given (4, 4) covariances.
+    """(12, 12) errors with the given (4, 4) covariances as blocks of some planes.
 
     The errors of a plane are mapped by the symmetric matrix that changes Gaussians of the one covariance into those
     of the other with the least motion (Olkin and Pukelsheim 1982), so that correlations are changed as little.
@@ -205,7 +205,7 @@ class ProjectedAngles(NamedTuple):
     angle: Floats  # (R, 3) [rad]
     sigma: Floats  # (R, 3) [rad]
     covariance: Floats  # (R, 3, 3) of a row's three angles; what is blind is not to be read
-    blind: Bools  # (R, 3) planes in which a row tells nothing, or not what its sigma says
+    blind: Bools  # (R, 3) planes in which a row is uninformative, or its sigma does not hold
     toward: Floats  # (R, 3) unit vectors in the world
 
 
@@ -325,7 +325,7 @@ def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances:
 
 
 def lines_in_plane(own: PlaneSights, heard: ScanDirections, chances: ReportProbabilities) -> ScanRows:
-    """Measurement of a scan in a plane as azimuths in a space whose third axis nothing depends on."""
+    """Measurement of a scan in a plane as azimuths in a space with a third axis that nothing depends on."""
     none, c, s = np.zeros(len(own.angle)), np.cos(own.angle), np.sin(own.angle)
     share = heard.sights.share[own.rows]
     scale, rival = factors(heard, own.first, share, np.full(len(share), UNIFORM_AZIMUTH), chances)

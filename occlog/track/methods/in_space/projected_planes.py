@@ -1,7 +1,7 @@
 """Method `pps`: projected planes selection of [Lee] Sec. 2.2 (Alg. 1), filters in the planes xy, yz and zx.
 
 Each plane has a SIR filter of its own on (a, b, va, vb), fed with the projected angles of all
-sensors; the two planes whose angles have the least variances make the estimate.  Departures from
+sensors; the two planes with the least variances of angles make the estimate.  Departures from
 the thesis, each with its reason:
 
 * angles and variances are those of world planes for a sensor of any pose (`occlog.core.geometry.projected_planes`),
@@ -153,7 +153,7 @@ def _updated(
     """The planes at the time of a scan, a time dt [s] after the last one."""
     space, config = state.space, state.space.config
     assert state.joined is not None
-    # Select the two planes whose angles vary least, about where the target should be by now
+    # Select the two planes with the least variance of angles, about where the target should be by now
     ahead = state.joined.mean[:3] + dt * state.joined.mean[3:]
     pair = choose_pair(config.selection, heard, angles, ahead, state.pair)
     # Propose, weigh and resample in each plane (Eqs. 2.9-2.11 by particles)
@@ -189,7 +189,7 @@ def trace(state: PpsState) -> GaussianTrace:
 
 
 def _first(state: PpsState, heard: ScanDirections, rng: Generator) -> ScanUpdate:
-    """Particles in space around the start, weighed by the first scan, or where that says."""
+    """Particles in space around the start, weighed by the first scan, or drawn from it."""
     space, config = state.space, state.space.config
     if config.start is None:
         return begin(space, heard, "", rng)
@@ -274,7 +274,7 @@ def _turned(state: PpsState, plane: int, dt: float) -> Floats | None:
 def _taken_in(
     state: PpsState, dt: float, pair: Pair, heard: ScanDirections, angles: ProjectedAngles, rng: Generator
 ) -> tuple[Clouds, dict[int, PlanePosterior], dict[int, PlaneSights]]:
-    """The running planes' particles after the scan, what they know, and what the scan told them."""
+    """The running planes' particles after the scan, their posteriors, and the scan's likelihoods."""
     config, n, chances = state.space.config, state.space.config.particles, state.space.chances
     best = {p: s for s, p in pair}
     new, flats, likelihoods = list(state.clouds), {}, {}

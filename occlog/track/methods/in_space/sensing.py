@@ -253,7 +253,7 @@ def particles_around(space: SpaceModel[C], start: tuple[float, ...], n: int, rng
 
 
 def particles_from_scan(space: SpaceModel[C], heard: ScanDirections, n: int, rng: Generator) -> tuple[Floats, Floats]:
-    """(6, n) particles where a scan says that the target is, and their log weights.
+    """(6, n) particles drawn from a scan, and their log weights.
 
     Positions are drawn along the lines of sight of all candidates, out to where they leave the
     box, and some anywhere in it.  The weights are those of a target that is as likely in any part of

@@ -75,7 +75,7 @@ class FeatureLikelihood(NamedTuple):
 
 
 def feature_likelihood(sums: Floats) -> FeatureLikelihood:
-    """The distributions of values whose counts, sums and sums of squares are (2, 3)."""
+    """The distributions of values from their counts, sums and sums of squares (2, 3)."""
     count = np.maximum(sums[:, 0], 1.0)
     mean = sums[:, 1] / count
     deviation = np.sqrt(np.maximum(sums[:, 2] / count - mean**2, MIN_FEATURE_SIGMA**2))

@@ -11,7 +11,7 @@ against the filter's prediction, which hold its own lag:
 * biases of each camera, by a scalar Kalman filter each;
 * the part that lasts, s^2 exp(-t / LASTS_S), from the products of a person's disagreements in successive frames of a
   camera;
-* sway, an error of the position that all cameras share and that is new at every time step: with z the positions that
+* gait noise, an error of the position common to all cameras and new at every time step: with z the positions that
 time steps
   alone say, at equal intervals, and d_k = z_k - 2 z_{k-1} + z_{k-2}, white acceleration leaves d_k and d_{k-2}
   uncorrelated, so that E d_k d_{k-2} is the variance of the error of z_{k-2}.
@@ -50,9 +50,9 @@ PRIOR_CHANGES = 200.0
 MAX_NOISE_CORRELATION = 0.9
 MAX_CORRELATED_NOISE = 0.06
 GAIT_SIGMA_RANGE = (0.03, 0.12)
-"""Range of the gait noise: feet and head sway about the position [m]."""
+"""Range of the gait noise: feet and head move about the position [m]."""
 MAX_CHANGE_PRODUCT_M2 = 0.2
-"""Products of changes count at most so much [m^2]: an exchange of people is not their sway."""
+"""Products of changes count at most so much [m^2]: an identity switch is not gait noise."""
 MIN_KEPT_SHARE = 0.3
 OUTLIER_CHI2 = 12.0
 """Clipping of squared residuals, in variances."""
@@ -201,7 +201,7 @@ def _noise_and_bias(
 def _changes(
     edges: EdgeErrorStatistics, t_ns: int, used: Ints, camera: Ints, found: BoxDisagreement, key: Ints
 ) -> EdgeErrorStatistics:
-    """Compare changes over two looks with those over one: 1 - r^2 to 1 - r, whatever stays for longer."""
+    """Compare changes over two frames with those over one: 1 - r^2 to 1 - r, whatever stays for longer."""
     noise, sums = edge_noise_variance(edges), edges.changes.copy()
     noise[MIDDLES, 1] += correlated_noise(edges)
     last = {k: v for k, v in edges.last.items() if t_ns - v[-1][0] < 2 * NS}
@@ -338,7 +338,7 @@ class DetectorStatistics:
     detected: Floats  # (C, 2) people in plain view: detected, all
     clutter: Floats  # (C, 2) clutter boxes, frames
     curve: Floats  # (K, 2) detected, expected in plain view
-    cuts: Floats  # (2,) boxes that end where the cover of the feet begins, boxes of people whose feet are covered
+    cuts: Floats  # (2,) boxes that end where the cover of the feet begins, boxes of people with covered feet
     merges: Floats  # (C, 2) pairs who touch in the image: in one box, of whom there is a box
     wrong: Floats  # (2,) boxes with a wrong edge, all boxes
     again: Floats  # (C, 2) clutter boxes that persist in the next frame, clutter boxes
@@ -385,7 +385,7 @@ def detector_model(
         bias=edges.bias,
         noise=edge_noise_variance(edges),
         gait_variance=correlated_noise(edges),
-        # White noise that is worth as much as one whose correlation falls as exp(-t / LASTS_S)
+        # White noise equivalent to noise with a correlation that falls as exp(-t / LASTS_S)
         lasting=1.0 / np.tanh(0.5 * interval / NOISE_CORRELATION_S),
         merge=np.minimum(counts.merges[:, 0] / counts.merges[:, 1], MAX_MERGE_PROBABILITY),
         slow=correlated_noise_factor(edges, between),

@@ -182,7 +182,7 @@ def update(
 
 
 def _without_gait_variance(information: Floats, vector: Floats, gait_variance: float) -> tuple[Floats, Floats]:
-    """The factors (N, 6, 6) and (N, 6) of states whose positions are off by a Gaussian of variance `gait_variance`.
+    """The factors (N, 6, 6) and (N, 6) of states with positions off by a Gaussian of variance `gait_variance`.
 
     A Gaussian factor convolved with W on the position, B W B': I - I B (W^-1 + B' I B)^-1 B' I (Woodbury).
     """

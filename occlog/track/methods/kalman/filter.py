@@ -186,7 +186,7 @@ def _most_outside_gate(rows: LinearisedRows, inside: Bools) -> bool:
 
 
 def _inflated(known: Gaussian, config: KalmanConfig) -> Gaussian:
-    """A prediction as wide as a target gets away in `INFLATION_TIME_S`, whose velocity is not known."""
+    """A prediction as wide as a target of unknown velocity moves in `INFLATION_TIME_S`."""
     away = (config.speed * INFLATION_TIME_S) ** 2 * np.eye(2)
     return gaussian_of(known.mean[:2], known.covariance[:2, :2] + away, config)
 

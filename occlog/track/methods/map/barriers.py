@@ -26,7 +26,7 @@ def obstacles(
     """The obstacles of a record of T states.
 
     Walls are there if the configuration has them.  A view is an obstacle at the states at which its
-    camera looked and did not see the target, where the probability of detection P_D is known; a
+    camera had a frame and did not detect the target, where the probability of detection P_D is known; a
     target inside costs - log(1 - P_D) there.
     """
     always, nowhere = np.ones(T, dtype=np.bool_), np.zeros(2)
@@ -42,7 +42,7 @@ def _unseen(record: TargetRecord, at: SensorStations, config: MapConfig, T: int)
         if at.focal_px[s] > 0.0 and not math.isnan(_detection(s, at, config)):
             when = np.zeros(T, dtype=np.bool_)
             when[record.state[unseen & (record.rows.sensor == s)]] = True
-            # Among moving occluders `occlog.track.methods.map.occlusion` says what "not seen" tells
+            # Among moving occluders `occlog.track.methods.map.occlusion` models "not seen"
             when[[t for t, priors in enumerate(record.occluders) if priors is not None]] = False
             found.append((s, when))
     return found

@@ -1,4 +1,4 @@
-"""Ranges, signal strengths and differences in a trajectory's cost, beside lines of sight or without any.
+"""Ranges, signal strengths and differences in a trajectory's cost, with or without lines of sight.
 
 1. *Start.* Extended Kalman filters run along the record, one from each position that the first measurements fit best;
 they

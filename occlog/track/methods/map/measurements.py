@@ -148,7 +148,7 @@ def constraints(
     if inlier is not None:
         lines, seen = some_lines(lines, inlier), seen.take(inlier)
     along = np.einsum("ni,ni->n", lines.axis, lines.position)
-    # A direction says which side the target is on, whatever is known of cameras.
+    # A direction determines the side of the target, whatever is known of cameras.
     ahead = lines.direction | config.front
     parts = [HalfPlanes(lines.step[ahead], lines.axis[ahead], along[ahead] + config.near)]
     if config.front:
@@ -170,7 +170,7 @@ def constraints(
 def _before_walls(lines: BearingLinesByStep, seen: Scan, at: SensorStations) -> HalfPlanes:
     """Half-planes on the camera's side of the first wall that each line of sight meets.
 
-    A line of sight that may also pass beside that wall, by its standard deviation, says nothing.
+    A line of sight that may also pass next to that wall, by its standard deviation, is uninformative.
     """
     focal2 = lines.focal * (1.0 + (lines.reading / lines.focal) ** 2)
     away = BESIDE_WALL * np.maximum(np.sqrt(lines.c0) / focal2, seen.sigma)

@@ -12,10 +12,10 @@ and the cameras' ranges are constraints also.
 Fixed lag (`--lag`): which states of a trajectory have seen enough of what comes after them to be given out.
 
 With a lag, the driver hands a target's scans over in blocks (`occlog.track.drivers.batch`).  After each block the
-whole record that is held is solved anew; states that lie at least the lag before its end are settled: they are given
+whole record that is held is solved again; states that lie at least the lag before its end are settled: they are given
 out and forgotten, but for what they say of the states after them.  Memory does not grow with the recording.
 
-What an estimate says of its bearings: which are accepted, and whether residuals are what was stated.
+Residuals of an estimate's bearings: which are accepted, and whether residuals are what was stated.
 """
 
 from __future__ import annotations

@@ -6,11 +6,11 @@ detection.
 
 * A bearing is the less probably the target's, the smaller P_i is where the target is thought to be: log P_i, averaged
   over where it may be, is added to the log odds of true and false bearings.
-* A bearing that is accepted says that the target is in plain view, with the likelihood P_i(x); a camera that looked
-  and did not see the target says that it is hidden or out of view, with 1 - D P_i(x).
+* An accepted bearing means that the target is in plain view, with the likelihood P_i(x); a camera that had a frame
+  and did not detect the target means that it is hidden or out of view, with 1 - D P_i(x).
 
 The latter are neither smooth (at borders of views and behind walls) nor convex.  They are replaced by a quadratic
-term of each state: the Gaussian factor that has, with what all else says of the state, the mean and covariance that
+term of each state: the Gaussian factor that has, with all other information on the state, the mean and covariance that
 the product with the likelihood has (expectation propagation: Minka 2001, UAI, pp. 362-369), but for curvature below
 0.  As that depends on the trajectory, search and terms alternate.
 
@@ -39,9 +39,9 @@ OCCLUDER_SUPPORT_SIGMAS = 5.5
 NODES = 7
 """Points of the quadrature for each axis."""
 MAX_RELATIVE_SIGMA = 0.04
-"""A state known worse than this, as a share of the position's extent, is told nothing: it is no Gaussian."""
+"""A state known worse than this, as a share of the position's extent, gets no term: it is no Gaussian."""
 MIN_CAVITY_SHARE = 1e-6
-"""Nothing is told either where all else says less than this share of what is known of the state."""
+"""There is no term either where all else contributes less than this share of the information on the state."""
 
 
 class OccluderHints(NamedTuple):
@@ -78,7 +78,7 @@ def occlusion_terms(
         if priors is None or not len(own):
             continue
         temper = 1.0 if not priors.sigma.any() else config.temper
-        # What all else says of the state
+        # All other information on the state
         said = None if before is None or t not in old else _term(before.hints, old[t])
         rest = cavity_distribution(X[t, ::2], spread[t, ::2, ::2], said)
         if rest is None or math.sqrt(np.linalg.eigvalsh(rest[1])[-1]) > MAX_RELATIVE_SIGMA * pending.extent:

@@ -31,7 +31,7 @@ from .virtual_sensors import ReaderRegions, virtual_sensors
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """W observations of tags by R readers, in the order of time; a tag that nobody read in a window has none."""
+    """W observations of tags by R readers, in the order of time; a tag that no reader read in a window has none."""
 
     t_ns: Ints  # (W,) mean time of the reads
     target_id: Ints  # (W,)
@@ -203,7 +203,7 @@ class ReadsInput:
         return config, virtual_sensors(positions[:, :2], ranges, self.scene.room), thresholds
 
     def _range(self, reader: TagReader, usual: float | None) -> float:
-        """How far a reader reads; InputError where nothing says it."""
+        """Reading range of a reader; InputError where it is not known."""
         if np.isfinite(reader.range):
             return reader.range
         if usual is None:
@@ -295,7 +295,7 @@ def choose_readers(scene: Scene, request: ReadsRequest) -> tuple[TagReader, ...]
 
 
 def refuse_twice(given: Mapping[str, object], names: tuple[str, ...]) -> None:
-    """UsageError for a setting that the file of path losses says, too."""
+    """UsageError for a setting that is also in the file of path losses."""
     if (twice := next((n for n in names if n in given), None)) is not None:
         raise UsageError(f"the file of path losses and the setting {twice} say the same; give one of them")
 

@@ -25,7 +25,7 @@ ITERATIONS = 40
 FIRST_DAMPING = 1e-3
 """As a share of the trace of the information."""
 NEAREST = 1e-6
-"""Depth below which a camera says nothing of a position; lines of sight more parallel than this do not cross."""
+"""Depth below which a camera does not constrain a position; lines of sight more parallel than this do not cross."""
 
 
 class TagSightings(NamedTuple):

@@ -111,7 +111,7 @@ class TagFilterModel(NamedTuple):
     """What does not change while a tag is tracked."""
 
     model: PathLoss
-    ranges: Floats  # (R,) infinite: not known, so that no read says nothing
+    ranges: Floats  # (R,) infinite: not known, so that a missing read is uninformative
     room: Floats  # (K, 2) polygon in which tags are
     particles: int
     speed: float  # standard deviation of each axis' velocity
@@ -165,7 +165,7 @@ def step(
         cloud: of the window before, or from `begin`.
         t_ns: time of the window, not before that of the cloud.
         count: (R,) reads of each reader.
-        rssi: (R,) their mean strength [dBm]; NaN: not told.
+        rssi: (R,) their mean strength [dBm]; NaN: not known.
         rng: random numbers.
     """
 

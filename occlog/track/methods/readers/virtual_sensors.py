@@ -141,7 +141,7 @@ def locate(sensors: ReaderRegions, detected: Bools, detection: float, stray: flo
     P(detected | virtual sensor v) = prod over readers of `detection` or 1 - `detection` where v is in their range, and
     of `stray` or 1 - `stray` where it is not; the prior is the area.  With detection 1 and stray 0 the position is the
     reference point of the one virtual sensor of these readers ([Lee] Sec. 5.2.3).  Where no region has a probability
-    above 0, those count whose readers differ in the fewest.
+    above 0, those count with readers that differ in the fewest.
 
     Args:
         sensors: the V virtual sensors of R readers.

@@ -18,7 +18,7 @@ line of W is the paper's, the others are of targets that stand (`wait_s`); c is 
 creep then, and the speed that they remember is integrated out.
 
 No density of a position is narrower than the kernel of the cloud's positions, nor is that of the velocity of one that
-stands narrower than the kernel of the velocities.  Where bearings are blunt the cloud is wide beside the noise of a
+stands narrower than the kernel of the velocities.  Where bearings are blunt the cloud is wide against the noise of a
 step, so that next to no other particle could have led to a given one; trajectories then would share a few ancestors,
 and their spread would be too small.
 

@@ -57,7 +57,7 @@ BEARING, PIXEL, RANGE, LOG_RANGE, DIFFERENCE = range(5)
 def measurements(scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel) -> Floats:
     """(m, 12) what counts of each measurement of a scan, side by side in one array.
 
-    The factor of a look that is assigned to a position is the sum of SCALE times the density of its measurements,
+    The factor of a frame that is assigned to a position is the sum of SCALE times the density of its measurements,
     plus RIVAL, what is not the target; see `occlog.filtering.likelihood.directions`.
     """
     out = np.empty((scan.value.shape[0], 12))

@@ -225,7 +225,7 @@ def solve(
     """The belief after many scans at once: trajectory and errors by Gauss-Newton, the trajectory eliminated.
 
     Every position of the trajectory is free (flat prior); errors have `belief` as their prior.
-    Scans are linearised again in every round, and those whose bearings cannot be the target's are omitted.
+    Scans are linearised again in every round, and those with bearings that cannot be the target's are omitted.
 
     Args:
         belief: prior, of mean 0 and independent errors (`prior_belief`).

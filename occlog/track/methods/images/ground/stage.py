@@ -166,7 +166,7 @@ def ground_tracks(
 
 
 def _wanted(chunk: ViewTracks, cameras: Sequence[str]) -> Bools:
-    """(R,) rows of these cameras whose tracker is on its target."""
+    """(R,) rows of these cameras with the tracker on its target."""
     wanted = ~np.isin(chunk.event, ("left", "lost"))
     return wanted & np.isin(chunk.sensor, list(cameras)) if cameras else wanted
 
@@ -350,7 +350,7 @@ def _tracks(met: GroundPosition, t_ns: Ints, target: Ints, names: Sequence[str],
 
 
 def _joined(mask: Bools, words: Sequence[str]) -> Strings:
-    """(N,) words whose columns of a mask (N, W) are set, separated by commas."""
+    """(N,) words of the columns that are set in a mask (N, W), separated by commas."""
     return np.array([",".join(w for w, has in zip(words, row, strict=True) if has) for row in mask.tolist()], np.str_)
 
 

@@ -118,7 +118,7 @@ def initiate_and_terminate(
 
     Args:
         state: from the time step before.
-        regions: (K, 5) of each view; None: the detector did not look.
+        regions: (K, 5) of each view; None: frame not processed by the detector.
         trackers: ellipses of all trackers after this time step's frames, of all views.
         views: V views.
         geometry: between them.
@@ -135,7 +135,7 @@ def initiate_and_terminate(
     waiting = []
     for v, found in enumerate(regions):
         mine = [ellipse for (view, _), ellipse in trackers.items() if view == v]
-        if found is None:  # candidates wait for the next frame at which the detector looks
+        if found is None:  # candidates wait for the next frame that the detector processes
             waiting.append(state.candidates[v])
             continue
         free = _unexplained(_birth_sized(found, views[v], config), mine, config.birth_apart)

@@ -71,7 +71,7 @@ def check_loops(state: VisualState, config: LoopCheckConfig, fresh: Bools) -> Im
     Args:
         state: after the frame.
         config: settings.
-        fresh: (n,) trackers whose estimate is new enough to be compared.
+        fresh: (n,) trackers with an estimate new enough to be compared.
     """
     t = state.trackers
     check = _check(state, config, fresh)
@@ -113,7 +113,7 @@ def counterpart_status(t: ImageTrackers) -> Ints:
 
 
 def assisting_views(t: ImageTrackers, fresh: Bools) -> Ints:
-    """(n, V) rows of the trackers that may help: good counterparts whose estimates are fresh (n,); -1: none."""
+    """(n, V) rows of the trackers that may help: good counterparts with fresh estimates (n,); -1: none."""
     return np.where(t.good & (t.counterpart >= 0) & fresh[t.counterpart], t.counterpart, -1)
 
 
@@ -129,7 +129,7 @@ OCCLUSION_RADII = 0.75
 STEP_PX = 2.0
 """Distance of the positions on a line that are tried."""
 EVERY = 5
-"""Places are tried in frames whose number is a multiple of this: mostly none is good, and the next frame is alike."""
+"""Positions are tried in every n-th frame: mostly none is good, and the next frame is similar."""
 
 
 def restart_one(state: VisualState, config: BmctConfig, frames: FrameSet) -> VisualState:
@@ -258,7 +258,7 @@ def adapt_colours(state: VisualState, c: CmctConfig, here: Bools) -> ImageTracke
     Args:
         state: after the frame.
         c: settings.
-        here: (n,) trackers whose view has a frame; the others keep their colours.
+        here: (n,) trackers with a frame of their view; the others keep their colours.
     """
     t = state.trackers
     colours = t.colours.copy()

@@ -70,7 +70,7 @@ def survey(
     Args:
         name: of the camera.
         frames: its frames; no more are read than are needed.
-        camera: of the scene, whose image size must fit; None: it is not in the scene.
+        camera: of the scene, with the image size of the video; None: it is not in the scene.
         wanted: numbers of frames that must be there.
         bits: significant bits of 16-bit images.
 
@@ -149,9 +149,9 @@ def in_step(
                         jobs[name] = last[name] = pool.submit(_decode, mine, views[v], bits, last.get(name), model)
                 waiting.append((batch, jobs))
                 if len(waiting) > 1:
-                    yield from _moments(*waiting.popleft(), index_of)
+                    yield from _frame_sets(*waiting.popleft(), index_of)
             while waiting:
-                yield from _moments(*waiting.popleft(), index_of)
+                yield from _frame_sets(*waiting.popleft(), index_of)
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 
@@ -186,7 +186,7 @@ def _decode(
     before: Future[list[MaskedImage | str]] | None,
     model: BackgroundModel | None,
 ) -> list[MaskedImage | str]:
-    """Decode a camera's frames, after those `before`; a text instead of an image says why it cannot be used."""
+    """Decode a camera's frames, after those `before`; a text instead of an image states why it cannot be used."""
     if before is not None:
         before.exception()  # waits; the error itself is raised where the result is taken
     images = ((frame.index, _image(frame.decode, view, bits)) for frame in frames)
@@ -197,7 +197,7 @@ def _decode(
 
 
 def _image(decode: Callable[[], Image], view: TrackedView, bits: int | None) -> Image | str:
-    """Decode a frame; a text says why it cannot be used."""
+    """Decode a frame; a text states why it cannot be used."""
     try:
         decoded = decode()
     except InputError as error:
@@ -213,16 +213,18 @@ def _image(decode: Callable[[], Image], view: TrackedView, bits: int | None) -> 
     return image
 
 
-def _moments(
+def _frame_sets(
     groups: Sequence[dict[str, Frame]], jobs: dict[str, Future[list[MaskedImage | str]]], index_of: dict[str, int]
 ) -> Iterator[FrameSetImages]:
     """Yield the time steps of a batch when its frames are decoded."""
     decoded = {name: iter(job.result()) for name, job in jobs.items()}
     for group in groups:
-        yield _moment(group, {name: next(decoded[name]) for name in index_of if name in group}, index_of)
+        yield _frame_set(group, {name: next(decoded[name]) for name in index_of if name in group}, index_of)
 
 
-def _moment(group: dict[str, Frame], decoded: dict[str, MaskedImage | str], index_of: dict[str, int]) -> FrameSetImages:
+def _frame_set(
+    group: dict[str, Frame], decoded: dict[str, MaskedImage | str], index_of: dict[str, int]
+) -> FrameSetImages:
     """Put the frames of one time step in the order of the views; `index_of` is the number of each camera's view."""
     number, t_ns = np.full(len(index_of), -1), np.full(len(index_of), -1, dtype=np.int64)
     images: list[Image | None] = [None] * len(index_of)

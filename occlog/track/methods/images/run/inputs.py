@@ -228,7 +228,7 @@ def video_provenance(tracks: Path | None) -> Provenance | None:
 
 
 def initiated_from_detections(tracks: Path | None) -> bool:
-    """Whether trackers came from detections, perhaps beside those that were given."""
+    """Whether trackers came from detections, perhaps in addition to those that were given."""
     made = video_provenance(tracks)
     return made is not None and made.parameters["births"] != "initial"
 
@@ -255,7 +255,7 @@ def other_video(tracks: Path | None, recordings: Iterable[Path | None]) -> list[
 
     Args:
         tracks: the tracks; tables that `occlog track` did not make from video are not judged.
-        recordings: files that belong to the tracks, as the user says; those without video are passed over.
+        recordings: files that belong to the tracks, as given by the user; those without video are passed over.
     """
     made = video_provenance(tracks)
     if made is None or not made.inputs:

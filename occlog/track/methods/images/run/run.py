@@ -251,7 +251,7 @@ class ViewsSummary:
                 yield finding(ENDS, "note", "view-ends-early", text, sensors=[s.view.name])
 
     def _misfits(self) -> list[tuple[int, int]]:
-        """Pairs of views whose fundamental matrix most loop checks contradict."""
+        """Pairs of views with a fundamental matrix that most loop checks contradict."""
         most = [
             pair
             for pair, distances in self.distances.items()

@@ -167,8 +167,8 @@ def drop_contradicted(
     return geometry._replace(fundamental=matrices) if dropped else geometry, after, tuple(dropped)
 
 
-MOMENTS = 64
-"""Moments in a part."""
+STEPS_PER_PART = 64
+"""Time steps in a part."""
 START_VARIANCE = 1.0
 """Variance of a centre that was given or detected [px^2], each axis."""
 MAX_COMPARISON_AGE_PERIODS = 1.5
@@ -176,7 +176,7 @@ MAX_COMPARISON_AGE_PERIODS = 1.5
 
 
 class Start(NamedTuple):
-    """A tracker to begin in the first usable frame whose number is at least `frame`."""
+    """A tracker to begin in the first usable frame from number `frame` on."""
 
     view: int
     frame: int
@@ -226,7 +226,7 @@ class ViewsPart(NamedTuple):
     lost: tuple[tuple[int, int, str], ...]  # (view, frame, why) of the others
     checks: Checks  # loop checks of targets that touch no other
     start_checks: Checks  # the same of the ellipses that trackers started with
-    dropped: tuple[tuple[int, int], ...]  # pairs of views whose fundamental matrix is not used any more
+    dropped: tuple[tuple[int, int], ...]  # pairs of views with a fundamental matrix that is not used any more
 
 
 @dataclass(frozen=True)
@@ -283,7 +283,7 @@ def track_views(
     for frame_set in frame_sets:
         run, result = _advance(run, frame_set, setup, rng, stream)
         results.append(result)
-        if len(results) == MOMENTS:
+        if len(results) == STEPS_PER_PART:
             yield _part(results, setup.views)
             results = []
     if results:
@@ -351,9 +351,9 @@ def _survivors(trackers: Mapping[TrackerKey, Floats], outlines: TrackerOutlines)
 
 
 def _due(run: _RunState, frames: FrameSet, gone: frozenset[TrackerKey]) -> tuple[_RunState, tuple[Birth, ...]]:
-    """The starts whose frame has come, or was lost, as births; none where the target has a tracker in the view.
+    """The starts with a frame that has come, or was lost, as births; none where the target has a tracker in the view.
 
-    A start whose tracker has ended in this frame waits for the next: a frame has one row of a target.
+    A start with a tracker that has ended in this frame waits for the next: a frame has one row of a target.
     """
     here = [s for s in run.waiting if frames.images[s.view] is not None and frames.number[s.view] >= s.frame]
     due = [s for s in here if (s.view, s.target_id) not in gone]

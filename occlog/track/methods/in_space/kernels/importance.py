@@ -15,7 +15,7 @@ at any distance, so that the iteration hardly bends.  Which sights are accepted 
 variance of each residual begins with what the motion leaves open, and that part falls in steps (`ANNEALING_FACTOR`); a
 sight counts by the probability that it is the target's and not a false report or another object's.
 
-The angles of one plane count as azimuths in a space whose third axis nothing depends on.
+The angles of one plane count as azimuths in a space with a third axis that nothing depends on.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ class TrackletNodes(NamedTuple):
     h: Floats  # (n, 6)
     c: Floats  # (n,) log likelihood ratio to clutter, with the rates of detection
     miss: Floats  # (n, C) log of the probability that the camera does not detect a person there
-    birth: Floats  # (n,) log of the density of a new target, whose first position it is, a unit of area
+    birth: Floats  # (n,) log of the density of a new target that begins at it, a unit of area
     death: Floats  # (n,) log of the probability that it is a person's last position
     hint: Ints  # (n, 2 C) identities by a tracker in the camera's images, then by the filter; NONE: none
     life: Floats  # (I, 2) first and last time of each identity of the filter [s]

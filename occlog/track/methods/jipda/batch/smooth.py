@@ -93,7 +93,7 @@ def smooth(
     packed = [_seeing(boxes, rates, snapshot) for boxes, snapshot in zip(packed, snapshots, strict=True)]
     span = span_of(state, packed, snapshots)
     chosen = independent_steps(span)
-    subset = at_moments(span, chosen)
+    subset = at_steps(span, chosen)
     # Errors of boxes that are farther apart in time are less correlated: those of the chosen time steps count for more
     subset_rates = _rates(state, subset, frames_between(span, subset))
     # The filter's tracks through time steps that the chain skips carry links that it need not find again
@@ -121,7 +121,7 @@ def smooth(
         tracks = tracks_from(found, span, state.config, state.birth_map, own, free=False, law=law)
     walk = _states(tracks, span, track_extension(span))
     wide = widening(state.views, rates, packed, found, walk, span)
-    return _moments(tracks, span, packed, frames, snapshots, seen, own, square, walk, wide)
+    return _smoothed_snapshots(tracks, span, packed, frames, snapshots, seen, own, square, walk, wide)
 
 
 def _scored(state: JipdaState, group: Sequence[FrameDetections], t_ns: int) -> PackedDetections:
@@ -188,7 +188,7 @@ def independent_steps(span: WindowSpan) -> Ints:
     return np.array(chosen, dtype=np.int64)
 
 
-def at_moments(span: WindowSpan, chosen: Ints) -> WindowSpan:
+def at_steps(span: WindowSpan, chosen: Ints) -> WindowSpan:
     """Return the chosen time steps."""
     delivered = np.diff(span.frame_counts, axis=0)[chosen]
     frame_counts = np.concatenate([np.zeros((1, delivered.shape[1])), np.cumsum(delivered, axis=0)])
@@ -321,7 +321,7 @@ def _feature_ratios(boxes: PackedDetections, hint: Ints, tracks: ChainTracks, la
     return out
 
 
-def _moments(
+def _smoothed_snapshots(
     tracks: ChainTracks,
     span: WindowSpan,
     packed: Sequence[PackedDetections],

@@ -7,7 +7,7 @@ where it did not, and is divided by the density of clutter.
 
 Gait noise of the observed position about a smooth walk: Student's t with estimated scale.
 
-People sway, bend, start and stop; cameras are calibrated with small differences.  The position is therefore that of
+People walk, bend, start and stop; cameras are calibrated with small differences.  The position is thus that of
 the walk plus e, which has a Student's t distribution with `NU` degrees of freedom: given a weight w it is normal with
 the variance s^2 / w on each axis.  The weights and s^2 are found by expectation maximisation (Lange, Little and Taylor
 1989, Eqs. 4 and 5) with the walk as it follows from all other positions.
@@ -172,7 +172,7 @@ def factors(
             HW = slope.T @ W
             J[i] += HW @ slope
             h[i] += HW @ z
-            # The density at s: that at the mean, whose exponent is taken out, and the quadratic form at s = 0
+            # The density at s: that at the mean, with its exponent taken out, and the quadratic form at s = 0
             c[i] += log_box + 0.5 * (off @ W @ off) - 0.5 * (z @ W @ z)
             c[i] += math.log(max(detection[l, i], 1e-6)) - clutter
     return J, h, c
@@ -180,7 +180,7 @@ def factors(
 
 @kernel
 def log_of(off: Floats, use: Bools, noise: Floats, W: Floats) -> float:
-    """Log density of the edges in use, whose precision W (4, 4) is written."""
+    """Log density of the edges in use; writes their precision W (4, 4)."""
     W[:] = 0.0
     add_precision(noise, use, 1.0, W)
     value = 0.0
@@ -202,7 +202,7 @@ def log_of(off: Floats, use: Bools, noise: Floats, W: Floats) -> float:
 def widen_by_gait(
     J: Floats, h: Floats, c: Floats, gait_variance: Floats, out_J: Floats, out_h: Floats, out_c: Floats
 ) -> None:
-    """Write the factors (n) of the walk of people whose position is about it with `gait_variance` (n,), per axis.
+    """Write the factors (n) of the walk of people with positions about it with `gait_variance` (n,), per axis.
 
     With e ~ N(0, S) added to the position, the factor's mean over e is, with A the columns of J for x and y and
     M = (S^-1 + J_xy)^-1: J - A M A', h - A M h_xy and c + (h_xy' M h_xy - log|I + S J_xy|) / 2.

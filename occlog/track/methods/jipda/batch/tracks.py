@@ -106,7 +106,7 @@ def walk_of(config: JipdaConfig, span: WindowSpan, reach: int, free: bool) -> Wa
     """How people walk, by the settings.
 
     While links are to be found (`free`), they walk on or manoeuvre.  Once they are, turns that are too slight to be
-    told one by one count, too: the acceleration is the mean over both.
+    given one by one count, too: the acceleration is the mean over both.
     """
     often = span.turning * config.turn_s / (1.0 + span.turning * config.turn_s)
     mean = (1.0 - often) * config.acceleration + often * config.manoeuvre

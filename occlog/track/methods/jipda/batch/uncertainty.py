@@ -148,7 +148,7 @@ def widening(
         rates: of the detectors, for all frames.
         packed: boxes of each time step.
         found: people of each time step with their boxes.
-        walk: states of tracks whose positions are these people, in the order of time steps.
+        walk: states of the tracks of these people, in the order of time steps.
         span: the time steps.
     """
     key, frame, error, held = _errors(views, rates, packed, found, walk, span)
@@ -156,12 +156,12 @@ def widening(
     for axis in range(2):
         fine = np.isfinite(error[:, axis])
         if fine.sum() >= MIN_DISAGREEMENTS:
-            measured = long_run_variance(key[fine], frame[fine], error[fine, axis], _most_looks(span))
+            measured = long_run_variance(key[fine], frame[fine], error[fine, axis], _max_frames(span))
             worst = max(worst, measured / float(np.mean(held[fine, axis])))
     return 1.0 + NOISE_SHARE * (worst - 1.0)
 
 
-def _most_looks(span: WindowSpan) -> int:
+def _max_frames(span: WindowSpan) -> int:
     """Return the number of frames of a camera in `ERROR_CORRELATION_S`."""
     n_frames = float(span.frame_counts[-1].max())
     return round(ERROR_CORRELATION_S * max(n_frames - 1.0, 0.0) / max(float(span.gaps.sum()), ERROR_CORRELATION_S))

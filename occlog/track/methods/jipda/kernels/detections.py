@@ -1,6 +1,6 @@
 """Detections of one time step, the error model of the detectors, and the densities of boxes.
 
-The edges of a box are modelled by the centre and the size of each axis, whose errors are independent: left = centre -
+The edges of a box are modelled by the centre and the size of each axis, with independent errors: left = centre -
 width / 2.  Edges that are not observed (cut by the border of the image, hidden, or an outlier) are marginalised.
 """
 
@@ -68,7 +68,7 @@ def axis_noise(rates: DetectorModel, axis: int, width: float, height: float, las
         axis: 0: across, 1: down.
         width: of the box.
         height: of the box.
-        lasting: factor of the sway of bodies.
+        lasting: factor of the gait variance.
     """
     size = width if axis == 0 else height
     centre = rates.noise[2 * axis, 0] + (rates.noise[2 * axis, 1] + lasting * rates.gait_variance) * height * height
@@ -79,7 +79,7 @@ def axis_noise(rates: DetectorModel, axis: int, width: float, height: float, las
 def edge_noise(box: Floats, rates: DetectorModel, lasting: float, noise: Floats) -> None:
     """Write the covariance (4, 4) of the edges of a box that is expected at `box` (4,).
 
-    The sway of bodies counts `lasting` times.
+    The gait variance counts `lasting` times.
     """
     width, height = box[2] - box[0], box[3] - box[1]
     noise[:] = 0.0

@@ -79,7 +79,7 @@ class MapHypothesis(NamedTuple):
 class StepStatistics(NamedTuple):
     """Expected counts of a time step, from which detectors are learned; L frames, M boxes."""
 
-    cuts: Floats  # (2,) boxes that end where the cover of the feet begins, and boxes of people whose feet are covered
+    cuts: Floats  # (2,) boxes that end where the cover of the feet begins, and boxes of people with covered feet
     wrong: Floats  # (2,) boxes with an outlier edge, and all boxes
     odd: Floats  # (M,) probability that an edge of the box is an outlier or cut, given its owner
     merges: Floats  # (L, 2) pairs who touch and are one box, and all pairs who touch and are detected

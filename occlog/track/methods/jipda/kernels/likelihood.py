@@ -21,7 +21,7 @@ from .detections import DetectorModel, PackedDetections, log_clutter, log_densit
 MIN_DETECTION = 1e-4
 """People with a lower probability of detection are not associated."""
 MIN_COVERED_SHARE = 0.01
-"""Boxes of people whose feet are covered with a lower probability do not end early."""
+"""Boxes of people with feet covered with a lower probability do not end early."""
 TRUNCATED_EXTENT, OUTLIER_EXTENT = 0.8, 2.0
 """Range of the lower edge of a box that ends early, and of an outlier, in sizes of the box."""
 OUTLIER_CHI2 = 4.0

@@ -29,7 +29,7 @@ from .marginals import CONVERGED, MAX_ITERATIONS
 from .visibility import normal_cdf
 
 MIN_PAIR_EXISTENCE = 0.2
-"""Pairs are looked at if both exist with at least this probability."""
+"""Pairs are considered if both exist with at least this probability."""
 MAX_PAIR_GAP = 0.1
 """Maximum gap between the boxes of people who touch, as a share of the narrower box."""
 MIN_EDGE_OWNERSHIP = 0.5

@@ -152,7 +152,7 @@ def state_from_box(
 def predicted_targets(
     views: PackedCameras, boxes: PackedDetections, people: Floats, spread: Floats, existence: Floats
 ) -> TrackedPeople:
-    """The people (N, 6), whose positions have the standard deviations (N,) `spread`, as predicted in each frame."""
+    """The people (N, 6), with positions of standard deviations (N,) `spread`, as predicted in each frame."""
     L, N = boxes.camera.shape[0], people.shape[0]
     box, depth, across = np.empty((L, N + 1, 4)), np.empty((L, N + 1)), np.empty((L, N + 1))
     deep, there, slope = np.empty(N + 1), np.ones(N + 1), np.zeros((4, 6))

@@ -2,7 +2,7 @@
 
 For a line of sight to one position, [Ercan] Eq. 7 gives P = prod_j (1 - q_j), q_j the probability that occluder j's
 centre lies in the rectangle around the line of sight.  Here the same product is formed in the image for a grid of
-positions of a body, so that it says which part is covered: q_j is the probability that person j exists, is nearer to
+positions of a body, so that it states which part is covered: q_j is the probability that person j exists, is nearer to
 the camera, and that j's box holds the position, with the spread of both people's positions across the line of sight
 and along it.
 """

@@ -38,7 +38,7 @@ NEIGHBOUR_TIME_S = 3.0
 MIN_CROSSING_SINE = 1e-3
 """Lines of sight at a smaller angle do not cross."""
 MERGE_DISTANCE_SIGMAS = 0.3
-"""Hypotheses all of whose coordinates differ by less than so many standard deviations are the same."""
+"""Hypotheses that differ in all coordinates by less than so many standard deviations are the same."""
 JUMP_COST_OUTLIERS = 2.0
 """A target that is lost and found elsewhere costs as much as so many false lines of sight, and the new position."""
 BITS = 62
@@ -58,7 +58,7 @@ class BearingHalfLines(NamedTuple):
 
 
 class HypothesisBeam(NamedTuple):
-    """Hypotheses at one state; those whose cost is inf are none."""
+    """Hypotheses at one state; a cost of inf marks unused ones."""
 
     x: Floats  # (BEAM, 4)
     P: Floats  # (BEAM, 4, 4)
@@ -151,7 +151,7 @@ def candidates(
         seconds: (T,) times of the states.
         t: the state.
         speed: typical speed of the target.
-        widest: standard deviation beyond which a crossing says nothing.
+        widest: standard deviation beyond which a crossing is uninformative.
         k2: most that a line of sight costs.
         out: changed in place.
     """
@@ -305,7 +305,7 @@ def _births(
         t: the state.
         price: cost of beginning here.
         parent: hypothesis before; -1: none.
-        ground: (3,) typical speed, standard deviation at which a crossing says nothing, and extent of the position.
+        ground: (3,) typical speed, standard deviation at which a crossing is uninformative, and extent of the position.
         k2: cost of a false line of sight.
     """
     found, spread = np.empty((MAX_CROSSINGS, 7)), np.empty(3)
@@ -363,7 +363,7 @@ def agreed_path(
         first: (T + 1,) the first line of sight of each state, N at the end.
         seconds: (T,) times of the states.
         steps: the chain.
-        ground: (3,) typical speed, standard deviation beyond which a crossing says nothing, and extent of the position.
+        ground: (3,) typical speed, standard deviation beyond which a crossing is unused, and extent of the position.
         k: standard deviations beyond which a line of sight counts as false.
     """
     T, k2 = seconds.shape[0], k * k

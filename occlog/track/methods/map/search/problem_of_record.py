@@ -41,7 +41,7 @@ FORGET_EXTENTS = 1000.0
 """Where the motion alone spreads positions by so many times the extent of the position, what was before says
 nothing."""
 LONGEST_S = 1e9
-"""No longer pause is looked at."""
+"""Longer pauses are not considered."""
 
 
 class Pending(NamedTuple):
@@ -104,7 +104,7 @@ def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
 def memory_ns(scene: Scene, config: MapConfig) -> int | None:
     """The pause [ns] after which a target may be anywhere by its motion, to a factor of 2; None: missing.
 
-    A chain over a longer one would only have variances that 64 bits do not hold beside those of bearings.
+    A chain over a longer one would only have variances that 64 bits do not hold together with those of bearings.
     """
     model, extent = motion_of(config), _extent(scene)
     try:
@@ -158,7 +158,7 @@ def bend_of(config: MapConfig) -> float:
 
 
 def start_of(pending: Pending, problem: TrajectoryProblem) -> tuple[Floats, Bools]:
-    """Where the search begins, inside the constraints; and the states whose constraints contradict each other.
+    """Where the search begins, inside the constraints; and the states with contradictory constraints.
 
     States that a camera saw begin on its optical axis, the others in the centre of the room ([Rahimi] Sec. 6);
     states that were found before begin there.

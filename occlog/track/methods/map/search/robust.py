@@ -1,6 +1,6 @@
 """Search among false bearings: start from consensus, bend the loss step by step, forget what false bearings demand.
 
-A false bearing does harm in two ways: it pulls, and it says that the target is in front of its camera.  The first is
+A false bearing does harm in two ways: it pulls, and it puts the target in front of its camera.  The first is
 what robust losses are for.  These have several minima, so that the search begins with the most probable choice of
 true bearings (`occlog.track.methods.map.kernels.ransac_path`) and a loss that is next to convex, and then takes the
 loss itself with all bearings (graduated non-convexity in two steps).  Against the second, only lines of sight that are
@@ -61,7 +61,7 @@ ROUGH = 1e-3
 """Windows that only start the whole are solved to this tolerance, as a share of the room's extent."""
 APART, MU = 1e-4, 1e-4
 """Distance to the constraints, as a share of the room's extent, and weight of their barrier where the whole begins."""
-LOOKS = 3
+N_LINEAR_PROBLEMS = 3
 """Linear problems solved in turn, each with the distances of the one before."""
 
 Watch = Callable[[Iterate], None] | None
@@ -70,7 +70,7 @@ Watch = Callable[[Iterate], None] | None
 def linear_start(problem: TrajectoryProblem, X: Floats, config: MapConfig, extent: float) -> Floats:
     """The minimum of linear problems: first with all targets at one distance, then at those found."""
     distance = np.full(len(problem.lines.step), 0.3 * extent)
-    for _ in range(LOOKS):
+    for _ in range(N_LINEAR_PROBLEMS):
         X = minimise(linear_problem(problem, distance), X, Options(ROUGH * extent, config.iterations)).X
         away = X[problem.lines.step, ::2] - problem.lines.position
         distance = np.maximum(np.einsum("ni,ni->n", away, problem.lines.axis), 0.01 * extent)
@@ -180,7 +180,7 @@ class RobustSearchResult(NamedTuple):
 
     problem: TrajectoryProblem  # without the half-planes of detours
     mode: PathsAroundObstacles
-    stuck: Bools  # (T,) states whose constraints contradict each other
+    stuck: Bools  # (T,) states with constraints that contradict each other
     used: Bools  # (N,) which lines of sight the problem has
     scales: Scales
     score: float = math.nan  # cost with that of the lines of sight that the problem does not have
@@ -351,7 +351,7 @@ def search_from(
     (X, kept, _), iterations, learn = path, 0, scales != pending.scales and not careful
     banned = np.zeros(len(kept), dtype=np.bool_)
     for number in range(ROUNDS):
-        # Constrain by what is accepted; drop what says nothing in front of its camera
+        # Constrain by what is accepted; drop what has no effect in front of its camera
         trust = inlier_weights(config, scales[0])
         problem = rescaled(problem_of(pending, record, kept), *scales)
         if config.loss == "mixture":
@@ -410,7 +410,7 @@ def has_converged(before: Floats, mode: PathsAroundObstacles) -> bool:
 def _overfits(lines: BearingLinesByStep, X: Floats, spread: Floats, trust: float) -> Bools:
     """(N,) lines of sight that are met by chance alone: the others make it less probable than that they are false.
 
-    Next to a camera a trajectory meets whatever the camera says.  With h the leverage of a line of sight, the others
+    Next to a camera a trajectory fits any measurement of it.  With h the leverage of a line of sight, the others
     predict it with 1/(1 - h) times its variance, so that believing it costs r^2/(1 - h) - log(1 - h), as in
     `occlog.track.methods.map.kernels.ransac_path`.
     """

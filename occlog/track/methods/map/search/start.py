@@ -4,7 +4,7 @@ Where a search with measurements of distances begins: Kalman filters from many p
 
 A likelihood of ranges has several modes, and the first measurements may leave open which is the target's.  An extended
 Kalman filter runs along the record from each position of a grid that the first measurements fit better than positions
-beside it.  It passes over measurements that are more probably false; filters that become improbable end.
+next to it.  It passes over measurements that are more probably false; filters that become improbable end.
 """
 
 from __future__ import annotations

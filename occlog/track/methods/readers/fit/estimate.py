@@ -39,7 +39,7 @@ class TagWindows(NamedTuple):
 
 
 class Coverage(NamedTuple):
-    """The range whose virtual sensors have the least error, with their probabilities."""
+    """The range that gives virtual sensors the least error, with their probabilities."""
 
     range: float
     detection: float
@@ -115,7 +115,7 @@ def choose_range(
 ) -> Coverage:
     """Choose the range with the least RMS error of the virtual sensors over windows with true positions.
 
-    A reader detects a tag whose mean strength is at least that expected at the range.  The probabilities that it does
+    A reader detects a tag with a mean strength of at least that expected at the range.  The probabilities that it does
     so in range and out of it are shares over the windows (each with one success and one failure more, so that none
     is 0 or 1).
     """
@@ -134,7 +134,7 @@ def choose_range(
         if not kept.any():
             continue
         found = locate(regions, detected[kept], detection, stray)
-        # Windows in which nobody detects the tag have the mean of the places in range as an estimate
+        # Windows in which no reader detects the tag have the mean of the places in range as an estimate
         middle = regions.area @ regions.centroid / regions.area.sum()
         estimate = np.broadcast_to(middle, xy.shape).copy()
         estimate[kept] = found.xy
