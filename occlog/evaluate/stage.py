@@ -209,7 +209,7 @@ class Evaluator:
         truth = self._outlines.watch(truth) if self._sees else truth
         self.known: EvaluationSurvey = survey(self._watched(rows_of(sources.tracks)), truth)
         self.noise: dict[str, MeasuredNoise] = {}
-        """Noise of each camera at known positions, after `run` with `places`."""
+        """Noise of each camera at known positions, after `run` with `with_positions`."""
         if self._compares and self.known.truth_ns is not None and not self.known.targets:
             raise no_targets()
 

@@ -2,7 +2,7 @@
 
 What the script of a page of two runs is given: both plans in the same time steps, and who is whom.
 
-The rule: of the common frames every k-th is kept, with the smallest k by which not more than `MAX_MOMENTS` of them,
+The rule: of the common frames every k-th is kept, with the smallest k by which not more than `MAX_TIME_STEPS` of them,
 `MAX_SHOWN` estimates of both runs together and as many true positions are left; in addition those that the page leads
 to.
 """

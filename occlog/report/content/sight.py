@@ -101,7 +101,7 @@ class LabelledSightings:
     """Sightings of one label by sensors with known position, ordered by time."""
 
     t_ns: Ints  # (N,)
-    sensor: Ints  # (N,) index into the names of `places`
+    sensor: Ints  # (N,) index into the names of `sensor_positions`
     bearing: Floats  # (N,) rad
     sigma: Floats  # (N,) rad
 

@@ -1,7 +1,7 @@
 """Small images of the cameras next to the plan, with tracks drawn over them.
 
 The rule: images of evenly spaced time steps, this many that all together stay below a limit that the user gives, judged
-by those of the first time step; not more than `MAX_MOMENTS`.
+by those of the first time step; not more than `MAX_TIME_STEPS`.
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ class AssociatedPeople(NamedTuple):
     track: Ints  # (N,) track that predicted them; NONE: no track did
     mean: Floats  # (N, 6)
     given: Ints  # (L, N) box in each frame; NONE: no box
-    J: Floats  # (N, 6, 6) factor of the state, as in `places`
+    J: Floats  # (N, 6, 6) factor of the state, as in `nodes`
     h: Floats  # (N, 6)
     c: Floats  # (N,)
     miss: Floats  # (N, C) log of the probability that a camera misses the person
