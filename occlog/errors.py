@@ -4,8 +4,9 @@ Every error message is one line that names the file, the position in it, the val
 the limit it breaks, and what to do.
 """
 
+import functools
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextvars import ContextVar
 from enum import IntEnum
 
@@ -13,7 +14,7 @@ _OPTION = re.compile(r"(?:\ue000|\\ue000)([\w.]+)(?:\ue001|\\ue001)")
 
 
 def as_flag(name: str) -> str:
-    """The name of something that a request takes as it is typed: `--fused-views`, `--set height=`."""
+    """The name of something that a request takes as it is typed: `--fused-views`, `--set person_height=`."""
     free = name.removeprefix("set.")
     return f"--{name.replace('_', '-')}" if free == name else f"--set {free}="
 
@@ -105,10 +106,44 @@ class NoSceneError(UsageError):
         self.where = where
 
 
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """A hint on a name that is unknown: the nearest of those that are known, or all of them."""
+def did_you_mean(name: str, known: Iterable[str], otherwise: str = "there are") -> str:
+    """A hint on a name that is unknown: its new name, the nearest of those that are known, or all of them."""
+    names = list(known)
+    near = nearest(name, names)
+    return f"did you mean {near[0]!r}?" if near else f"{otherwise} {', '.join(names) or 'none'}"
+
+
+def nearest(name: str, known: Iterable[str], n: int = 1, cutoff: float = 0.6) -> list[str]:
+    """Up to n of the known names that an unknown one may mean, best first; empty if none is close.
+
+    A name of an earlier release gives the names that replace it (`renamed.csv`), however they are spelled:
+    `--sigma-v`, `sigma_v`.
+
+    Args:
+        name: the unknown name.
+        known: the names that are valid in its place.
+        n: largest number of close names.
+        cutoff: least similarity of a close name, 0 to 1, as `difflib` defines it.
+    """
     import difflib
 
     names = list(known)
-    near = difflib.get_close_matches(name, names, n=1)
-    return f"did you mean {near[0]!r}?" if near else f"there are {', '.join(names) or 'none'}"
+    successors = _renamed().get(_plain(name), ())
+    return [each for each in names if _plain(each) in successors] or difflib.get_close_matches(name, names, n, cutoff)
+
+
+def _plain(name: str) -> str:
+    return name.strip("-= ").removeprefix("no-").replace("-", "_")
+
+
+@functools.cache
+def _renamed() -> Mapping[str, tuple[str, ...]]:
+    """Names that replace each public name of the last release."""
+    import csv
+    from importlib import resources
+
+    text = (resources.files("occlog") / "renamed.csv").read_text("utf-8")
+    found: dict[str, tuple[str, ...]] = {}
+    for row in csv.DictReader(text.splitlines()):
+        found[_plain(row["old"])] = (*found.get(_plain(row["old"]), ()), _plain(row["new"]))
+    return found

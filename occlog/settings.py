@@ -8,7 +8,6 @@ the documentation.  Modules that declare settings load nothing heavy, so that `-
 
 from __future__ import annotations
 
-import difflib
 import functools
 import math
 import numbers
@@ -19,7 +18,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields, replace
 from typing import Any, ClassVar, Self, TypeVar
 
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, did_you_mean
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
 """Metres in one unit of length; a scene may have its own unit also."""
@@ -294,9 +293,7 @@ def _read(of: type[Settings], name: str, value: object) -> object:
 
 
 def _unknown(owner: str, name: str, known: Sequence[str]) -> str:
-    near = difflib.get_close_matches(name, known, n=1)
-    hint = f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(known)}"
-    return f"{owner} has no setting {name!r}; {hint}"
+    return f"{owner} has no setting {name!r}; {did_you_mean(name, known, 'it has:')}"
 
 
 def kind_of(of: type, name: str) -> object:

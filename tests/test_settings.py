@@ -15,11 +15,11 @@ from occlog.track.methods.apf.config import ApfConfig
 
 def test_texts_are_read_as_the_type_of_the_setting():
     values = {"particles": "500", "sigma_v": "0.2", "use_score": "no", "start": "1,2.5,0.3", "detection": "none"}
-    config = configure(ApfConfig(detection=0.9), values)
-    assert (config.particles, config.sigma_v, config.use_score) == (500, 0.2, False)
+    config = configure(ApfConfig(detection_probability=0.9), values)
+    assert (config.particles, config.process_noise_position, config.use_score) == (500, 0.2, False)
     assert config.start == (1.0, 2.5, 0.3)
-    assert config.detection is None
-    assert configure(config, {"detection": "0.8"}).detection == 0.8
+    assert config.detection_probability is None
+    assert configure(config, {"detection": "0.8"}).detection_probability == 0.8
 
 
 @pytest.mark.parametrize(
@@ -75,9 +75,9 @@ def test_settings_out_of_their_limits_are_refused(values):
 def test_defaults_suit_the_length_unit():
     metres, feet, own = ApfConfig.in_unit("m"), ApfConfig.in_unit("ft"), ApfConfig.in_unit("unit")
     assert own == ApfConfig()
-    assert feet.speed == pytest.approx(metres.speed / 0.3048)
-    assert feet.sigma_v == pytest.approx(metres.sigma_v / 0.3048)
-    assert feet.phi == metres.phi
+    assert feet.initial_speed == pytest.approx(metres.initial_speed / 0.3048)
+    assert feet.process_noise_position == pytest.approx(metres.process_noise_position / 0.3048)
+    assert feet.velocity_memory == metres.velocity_memory
 
 
 def test_every_method_has_valid_defaults_for_every_unit():
@@ -110,9 +110,9 @@ def test_a_value_beyond_its_range_is_told_with_the_range(values, says):
 
 
 def test_values_at_the_ends_of_their_ranges_are_taken():
-    assert WorldConfig(redirect=0).redirect == 0
-    assert WorldConfig(redirect=1).redirect == 1
-    assert WorldConfig(steps=1, z=0.0).steps == 1
+    assert WorldConfig(redirect_probability=0).redirect_probability == 0
+    assert WorldConfig(redirect_probability=1).redirect_probability == 1
+    assert WorldConfig(steps=1, object_height=0.0).steps == 1
 
 
 def test_a_setting_like_another_has_its_default_and_range_and_words_of_its_own():
@@ -124,7 +124,11 @@ def test_a_setting_like_another_has_its_default_and_range_and_words_of_its_own()
     assert (said.at_least, said.at_most, said.below) == (model.at_least, None, 1)
     for unit in ("m", "ft", "unit"):
         plan, world = PlanConfig.in_unit(unit), WorldConfig.in_unit(unit)
-        assert (plan.diameter, plan.speed, plan.sigma) == (world.diameter, world.speed, world.sigma)
+        assert (plan.person_diameter, plan.speed, plan.process_noise_position) == (
+            world.diameter,
+            world.speed,
+            world.process_noise_position,
+        )
 
 
 @pytest.mark.parametrize(

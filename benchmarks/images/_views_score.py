@@ -66,7 +66,7 @@ def figures(truth: LabelledBoxes, tracks: LabelledBoxes) -> dict[str, float]:
 
 
 def failure_rates(truth: LabelledBoxes, tracks: LabelledBoxes, *, joint: bool) -> tuple[float, float]:
-    """FR_p and FR_l, [Qu] Eq. 9, with the rules of `occlog evaluate --own start`.
+    """FR_p and FR_l, [Qu] Eq. 9, with the rules of `occlog evaluate --assigned-target start`.
 
     Args:
         truth: the targets.

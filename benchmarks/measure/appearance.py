@@ -95,7 +95,7 @@ def seen(recording: Path) -> list[Sighting]:
         inputs.walks(config),
         inputs.scene,
         config,
-        levels=config.levels,
+        levels=config.colour_levels,
         own_identity=True,
         tally=SightingTally(),
     )
@@ -137,7 +137,7 @@ class Matched(NamedTuple):
 def matched(rows: list[Sighting], gallery: Gallery, least_likeness: float) -> Matched:
     """All boxes beside a gallery."""
     sides = sides_of(gallery)
-    table = AppearanceMatches.concat(match(rows, sides, MatchConfig(least_likeness=least_likeness)))
+    table = AppearanceMatches.concat(match(rows, sides, MatchConfig(min_similarity=least_likeness)))
     n = len(sides.target)
     return Matched(table, sides.target, table.track_id[::n], table.rho_corrected.reshape(-1, n))
 
@@ -205,7 +205,7 @@ def main() -> None:
     parser.add_argument("--pets", type=Path, metavar="FOLDER", help="real video with true boxes")
     parser.add_argument("--seeds", default="0-2", metavar="A-B", help="of the rendered recordings; default 0-2")
     parser.add_argument("--seconds", type=int, default=40, help="length of them; default 40")
-    least = MatchConfig().least_likeness
+    least = MatchConfig().min_similarity
     parser.add_argument("--least-likeness", type=float, default=least, help=f"of an identity; default {least}")
     parser.add_argument("--work", type=Path, help="keep the recordings there")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")

@@ -49,14 +49,21 @@ def room() -> Scene:
 def film(scene: Scene, people: int) -> list[Image]:
     """Images of the camera while so many people walk about."""
     world = WorldConfig(
-        steps=FRAMES, step_s=0.1, targets=1, occluders=people - 1, diameter=0.6, speed=1.0, sigma=0.1, clearance=0.3
+        steps=FRAMES,
+        step_s=0.1,
+        targets=1,
+        occluders=people - 1,
+        diameter=0.6,
+        speed=1.0,
+        process_noise_position=0.1,
+        wall_clearance=0.3,
     )
     return [shot.image for shot in render(scene, simulate_truth(scene, world, SEED), RenderConfig(), SEED)]
 
 
 def empty_room(scene: Scene, images: list[Image]) -> Image:
     """The room without people: the median over two films in which they walk elsewhere."""
-    other = WorldConfig(steps=FRAMES, step_s=1.5, targets=1, diameter=0.6, clearance=0.3)
+    other = WorldConfig(steps=FRAMES, step_s=1.5, targets=1, diameter=0.6, wall_clearance=0.3)
     more = [shot.image for shot in render(scene, simulate_truth(scene, other, SEED + 1), RenderConfig(), SEED)]
     return np.median(np.stack([*images[::6], *more[::2]]), axis=0).astype(np.uint8)
 

@@ -84,7 +84,7 @@ def theirs(case: Case, name: str, python: Path, work: Path) -> Outcome:
 def ours(case: Case, method: str, work: Path, *, true_start: bool) -> Outcome:
     """Tracks of `occlog track`; the time is that of the whole command, which decodes the video."""
     out = work / "view_tracks.parquet"
-    start = ("--initial", case.recording) if true_start else ("--detections", case.detections)
+    start = ("--initial-ellipses", case.recording) if true_start else ("--detections", case.detections)
     seconds = cases.occlog("track", case.recording, "--method", method, *start, "-o", out, "--overwrite", "-q")
     return _placed(case, out, seconds)
 

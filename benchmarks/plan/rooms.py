@@ -62,7 +62,7 @@ def drawn(number: int, draw: int) -> Room:
     rng = np.random.default_rng([draw, number])
     for _ in range(1000):
         room = _room(rng)
-        config = replace(PlanConfig.in_unit("m"), people=room.people, draws=8, cells=100)
+        config = replace(PlanConfig.in_unit("m"), people=room.people, samples_per_cell=8, cells=100)
         try:
             table = plan_map(prepare(room.scene, config, seed=0))
         except ValueError:
@@ -126,7 +126,7 @@ def _pillar(k: int, size: Floats, rng: np.random.Generator) -> Occluder:
 
 
 def _truth(room: Room, seed: int) -> Truth:
-    world = replace(WorldConfig.in_unit("m"), steps=STEPS, targets=1, occluders=room.people, clearance=0.0)
+    world = replace(WorldConfig.in_unit("m"), steps=STEPS, targets=1, occluders=room.people, wall_clearance=0.0)
     return Truth.concat(simulate_truth(room.scene, world, seed))
 
 
@@ -152,7 +152,7 @@ def simulated(room: Room, seed: int) -> Run:
     truth = _truth(room, seed)
     how = ObserveConfig.in_unit("m")
     parts = list(observe(room.scene, [truth], how, seed))
-    sounds = SoundConfig(step_s=0.1, label=True)
+    sounds = SoundConfig(step_s=0.1, label_doa=True)
     if room.scene.arrays:
         heard = observe_arrays(room.scene, [truth], how, seed, sound=sounds)
         parts += list(bearings_of_doa(heard, room.scene, labels=True))
@@ -202,7 +202,7 @@ def _reports(scene: Scene, run: Run) -> Reports:
 
 def planned(room: Room, runs: Sequence[Run]) -> PreparedPlan:
     """The plan of a room, the floor weighted by where the targets of runs were."""
-    config = replace(PlanConfig.in_unit("m"), people=room.people, draws=DRAWS)
+    config = replace(PlanConfig.in_unit("m"), people=room.people, samples_per_cell=DRAWS)
     paths = np.concatenate([_places(run.truth)[_late(run.truth)] for run in runs])
     return prepare(room.scene, config, seed=0, paths=paths)
 

@@ -16,7 +16,13 @@ from occlog.track.methods.map.search.problem_of_record import begin, problem_of,
 def sparse_config() -> MapConfig:
     """The paper's method, with the motion of the world as it was identified."""
     acceleration, jitter = identified(0)
-    return replace(MapConfig.in_unit("m"), acceleration=acceleration, jitter=jitter, walls=False, depth=1.0)
+    return replace(
+        MapConfig.in_unit("m"),
+        process_noise_velocity=acceleration,
+        process_noise_position=jitter,
+        wall_constraints=False,
+        initial_depth=1.0,
+    )
 
 
 def sparse_problem(steps: int, seed: int) -> tuple[TrajectoryProblem, Floats, float]:

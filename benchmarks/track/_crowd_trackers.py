@@ -173,7 +173,7 @@ TRACKERS: dict[str, Tracker] = {
     "norfair": view_peer("norfair-quick", "norfair"),
     "ocsort": view_peer("ocsort", "trackers"),
     "jipda": ours(),
-    "jipda, all alike": ours("--set", "visible=false"),
+    "jipda, all alike": ours("--set", "use_visibility=false"),
     "jipda, smoothed": ours("--smooth"),
 }
 """Every tracker by its name in the table."""

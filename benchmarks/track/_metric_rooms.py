@@ -37,7 +37,7 @@ def room(cameras: int, focal_px: float, sigma_px: float) -> Scene:
     for n, (x, y, yaw) in enumerate(PLACES[:cameras], start=1):
         lines.append(
             f"- {{name: cam{n}, position: [{x}, {y}], yaw_deg: {yaw}, focal_px: {focal_px:g}, fov_deg: {FOV_DEG:g}, "
-            f"noise: {{position: 0, yaw: 0, read_px: {sigma_px:g}}}}}"
+            f"noise: {{position: 0, yaw: 0, measurement_noise_px: {sigma_px:g}}}}}"
         )
     return scene_from_yaml("\n".join(lines) + "\n", "a room with sharp cameras")
 

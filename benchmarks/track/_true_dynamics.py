@@ -44,7 +44,7 @@ def estimated(
         seed: of all random numbers.
         particles: how many.
     """
-    rng, floor = np.random.default_rng(seed), ground(scene, world.clearance)
+    rng, floor = np.random.default_rng(seed), ground(scene, world.wall_clearance)
     motion = motion_in_a_step(world)._replace(diameter=0.0)
     model = make_model(scene, ApfConfig())
     low, size = scene.region.min(axis=0), np.ptp(scene.region, axis=0)

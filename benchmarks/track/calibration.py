@@ -31,7 +31,7 @@ def true_errors(scene: Scene, seed: int) -> Floats:
 def one(cameras: int, noise: Any, seed: int) -> dict[str, float]:
     """Track one recording in the three modes."""
     scene = room100(cameras)
-    recording = record(scene, WorldConfig(steps=STEPS), ObserveConfig(noise=noise), seed)
+    recording = record(scene, WorldConfig(steps=STEPS), ObserveConfig(pose_noise=noise), seed)
     errors = true_errors(scene, seed) if noise == "calibration" else np.zeros((cameras, 3))
     out = {}
     for mode in CALIBRATE:

@@ -27,8 +27,8 @@ WORLDS = {
     "room": ("room.yaml", "--seconds", "60"),
     "room100": ("room100.yaml", "--steps", "300", "--occluders", "20"),
     "lroom": ("lroom.yaml", "--steps", "300", "--occluders", "20"),
-    "arrays": ("arrays.yaml", "--seconds", "60", "--z", "1.6"),
-    "arrays, labels": ("arrays.yaml", "--seconds", "60", "--z", "1.6", "--label-doa"),
+    "arrays": ("arrays.yaml", "--seconds", "60", "--object-height", "1.6"),
+    "arrays, labels": ("arrays.yaml", "--seconds", "60", "--object-height", "1.6", "--label-doa"),
     "field": ("lee_field.yaml", "--paths", str(EXAMPLES / "lee_field_paths.yaml")),
 }
 """What is simulated."""

@@ -86,8 +86,8 @@ def whole(given: Recording) -> tuple[float, Floats]:
         particles=PARTICLES,
         start=tuple(map(float, start)),
         association="any",
-        alpha=problem.ALPHA,
-        sigma_v=problem.SIGMA_V,
+        turn_acceleration=problem.ALPHA,
+        process_noise_velocity=problem.SIGMA_V,
     )
     state = imm_filter.init(scene_from_yaml(SCENE, "scene"), config, rng)
     array, sigma = np.zeros(3, dtype=np.int64), np.full(3, SIGMA)

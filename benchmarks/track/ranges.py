@@ -106,7 +106,7 @@ def follow(recording: Recording, method: str) -> Outcome:
     """Track by the code of `occlog track`, with the motion that the target has where the method has such a motion."""
     known = {"acceleration": ACCELERATION, "jitter": 1e-4, "speed": SPEED} if method == "map" else {}
     config = configure(settings_of(method).in_unit("m"), known)
-    measured = DistanceMeasurementConfig(propagation="sound")
+    measured = DistanceMeasurementConfig(propagation_speed="sound")
     feed = DistanceMeasurementFeed([recording.table], recording.scene, measured)
     parts = track([], recording.scene, TrackingTask(config, 0, method=method), None, feed)
     parts = list(parts)
@@ -131,7 +131,11 @@ def follow(recording: Recording, method: str) -> Outcome:
         role=np.full(n, "target"),
     )
     how = EvaluateConfig(
-        motion="cv", acceleration_density=ACCELERATION**2, sigma_speed=SPEED, skip_s=SKIP_S, prior_cov=(12.0, 0.0, 6.75)
+        motion="cv",
+        process_noise_density=ACCELERATION**2,
+        sigma_initial_velocity=SPEED,
+        settling_s=SKIP_S,
+        prior_covariance=(12.0, 0.0, 6.75),
     )
     told = evaluate(tracks, truth, None, recording.scene, how, measured=(recording.table, measured, None))
     name = "settled_smoothed_bound_rmse_m" if method == "map" else "settled_bound_rmse_m"

@@ -35,9 +35,12 @@ def with_priors(recording: Recording, config: ApfConfig, seed: int) -> Recording
 def one(scene: Scene, seed: int) -> dict[str, float]:
     """RMSE without and with disturbances, with and without the detection model, for the same world and noise."""
     plain = ApfConfig(particles=1000)
-    model = ApfConfig(particles=1000, detection=1.0 - MISS, false=FALSE)
+    model = ApfConfig(particles=1000, detection_probability=1.0 - MISS, false_alarm_probability=FALSE)
     out = {}
-    for what, how in (("clean", ObserveConfig()), ("disturbed", ObserveConfig(miss=MISS, false_alarm=FALSE))):
+    for what, how in (
+        ("clean", ObserveConfig()),
+        ("disturbed", ObserveConfig(miss_probability=MISS, false_alarm_probability=FALSE)),
+    ):
         recording = with_priors(record(scene, WorldConfig(steps=STEPS, occluders=OCCLUDERS), how, seed), plain, seed)
         for name, config in (("default", plain), ("detection model", model)):
             _, found = follow(scene, recording, config, seed)

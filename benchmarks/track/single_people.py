@@ -188,9 +188,9 @@ def main() -> None:
     parser.add_argument("--room", action="store_true", help="where people can be is known")
     parser.add_argument("--write", type=Path, metavar="FOLDER", help="write files for the command line instead")
     parser.add_argument("--select", help="policy of the selection of cameras", default=None)
-    parser.add_argument("--count", type=int, default=SelectConfig().count)
-    parser.add_argument("--every", type=float, default=SelectConfig().every)
-    parser.add_argument("--patience", type=int, default=SelectConfig().patience)
+    parser.add_argument("--count", type=int, default=SelectConfig().n_cameras)
+    parser.add_argument("--every", type=float, default=SelectConfig().selection_interval)
+    parser.add_argument("--patience", type=int, default=SelectConfig().max_blind_scans)
     options = parser.parse_args()
     settings = dict(text.split("=", 1) for text in options.settings)
     chosen = {"count": options.count, "every": options.every, "patience": options.patience}

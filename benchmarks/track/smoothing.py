@@ -1,7 +1,7 @@
 """What looking back costs: filters with `--smooth` and `--lag` beside themselves without.
 
 `apf` follows a walker among four sharp cameras, `direct3d` and `imm` the recording of `occlog simulate
-examples/arrays.yaml --z 1.6`.  The program's own loop runs from scans to rows, without files.
+examples/arrays.yaml --object-height 1.6`.  The program's own loop runs from scans to rows, without files.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def cases() -> list[Case]:
     room = record("walk", focal_px=600.0, sigma_px=3.0, seed=0)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "talk.mcap"
-        how = ["-o", str(path), "--seconds", str(SECONDS), "--z", "1.6", "--seed", "1", "-q"]
+        how = ["-o", str(path), "--seconds", str(SECONDS), "--object-height", "1.6", "--seed", "1", "-q"]
         with redirect_stdout(io.StringIO()):
             assert occlog(["simulate", str(ROOT / "examples" / "arrays.yaml"), *how]) == 0
         talk = MeasurementInputs(path, None, None, doa_labels=False, occluders=None)

@@ -121,7 +121,7 @@ def told(run: Run, case: Case) -> tuple[Outcome, list[AssociatedPeople]]:
     place = {(int(f), int(k)): (x, y) for f, k, x, y in case.truth}
     states: dict[tuple[int, int], Floats] = {}
     for (f, k), (x, y) in place.items():
-        states[f, k] = np.array([x, y, 0.0, 0.0, c.height, c.width])
+        states[f, k] = np.array([x, y, 0.0, 0.0, c.person_height, c.person_width])
     square = (smoother.INITIAL_SCALE_M * state.metre) ** 2
     law = feature_likelihood(state.cues.likeness)
     for _ in range(PASSES):

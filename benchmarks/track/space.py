@@ -61,11 +61,11 @@ def ours_in_space(given: Recording) -> tuple[float, Floats]:
     start = (*given.start, *problem.SPREAD)
     config = Direct3dConfig(
         particles=PARTICLES,
-        start_factor=1,
+        initial_particle_factor=1,
         start=start,
         acceleration=tuple(problem.ACCELERATION),
-        q=problem.DENSITY,
-        false=0.0,
+        process_noise_density=problem.DENSITY,
+        false_alarm_probability=0.0,
         proposal="motion",
     )
     state = direct3d.init(problem.scene(), config, rng)
@@ -83,8 +83,8 @@ def ours_in_plane(given: Recording) -> tuple[float, Floats]:
     config = PpsConfig(
         particles=PARTICLES,
         acceleration=tuple(problem.ACCELERATION),
-        q=problem.DENSITY,
-        false=0.0,
+        process_noise_density=problem.DENSITY,
+        false_alarm_probability=0.0,
     )
     space = make_space(problem.scene(), config)
     motion, chances = projected_planes.plane_motions(space.motion)[XY], space.chances
@@ -99,7 +99,7 @@ def ours_in_plane(given: Recording) -> tuple[float, Floats]:
         weights, _ = normalise_log_weights(log_weights)
         mean, covariance = moments(cloud, weights)
         means.append(mean)
-        if effective_sample_size(weights) < config.resample_below * PARTICLES:
+        if effective_sample_size(weights) < config.resampling_threshold * PARTICLES:
             cloud = resample_with_kernel(cloud, weights, mean, covariance, PARTICLES, width, rng)
             weights = np.full(PARTICLES, 1.0 / PARTICLES)
     return 1e6 * (time.process_time() - begin) / STEPS, np.array(means)

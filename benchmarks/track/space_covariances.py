@@ -74,7 +74,8 @@ def one_run(run: int, particles: int) -> dict[str, tuple[float, float]]:
     start = world.states[0] + spread * rng.standard_normal(6)
     scans = worlds.scans(world, rng)
     config = Direct3dConfig(
-        particles=particles, start=(*start, *spread), start_factor=1, q=0.0, lost_after=0,
+        particles=particles, start=(*start, *spread), initial_particle_factor=1,
+        process_noise_density=0.0, track_loss_count=0,
         acceleration=worlds.ACCELERATION, smooth=True,
     )  # fmt: skip
     state, estimates, traces = direct3d.init(worlds.scene_of(world), config, rng), [], []

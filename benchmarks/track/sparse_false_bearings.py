@@ -1,6 +1,7 @@
 """False bearings where cameras do not overlap: [Rahimi] Sec. 6, RMSE and NEES over shares of false bearings.
 
-`python -m benchmarks.track.sparse_false_bearings` prints a line for each share; `--set loss=cauchy --set initial=axes`
+`python -m benchmarks.track.sparse_false_bearings` prints a line for each share;
+`--set loss=cauchy --set initialisation=axes`
 and the like change the method.
 """
 

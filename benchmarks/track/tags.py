@@ -45,7 +45,7 @@ ROOM = "\n".join(
 SEEDS = 5
 """Seeds of the particles; figures are means over them."""
 SHOWN = ("error_median_m", "rmse_m", "nees_mean")
-SLOW = ("--set", "speed=0.5")
+SLOW = ("--set", "sigma_velocity=0.5")
 """The tag was carried slower than people walk."""
 REFINED = {"": [], " + 1 camera": ["--refine", "left"], " + 2 cameras": ["--refine", "left,bottom"]}
 """Options by how positions are refined."""
@@ -130,7 +130,7 @@ def _errors(folder: Path, held: str, method: str, loss: Path, seed: int, options
     how = ["--method", method, "--path-loss", str(loss), "--seed", str(seed), "--overwrite", *options]
     how += SLOW if method == "rssi" else ()
     if options:
-        how += ["--sights", str(folder / f"{held}.sights.parquet")]
+        how += ["--refine-bearings", str(folder / f"{held}.sights.parquet")]
     _do(["track", recording, "-o", str(tracks), *how])
     _do(["evaluate", str(tracks), "--truth", recording, "--max-gap", "2", "-o", str(figures), "--overwrite"])
     found: dict[str, float] = json.loads(figures.read_text())

@@ -67,14 +67,16 @@ def squares(scene: Scene, redirect: float, config: ApfConfig, seed: int, steps: 
         seed: of world, measurements and filter.
         steps: of one second.
     """
-    world = WorldConfig(steps=steps, redirect=redirect)
+    world = WorldConfig(steps=steps, redirect_probability=redirect)
     truth = Truth.concat(simulate_truth(scene, world, seed))
     bearings = Bearings.concat(observe(scene, [truth], ObserveConfig(), seed))
     late = truth.t_ns[0] + round(SKIP_S * 1e9)
     found = []
     for settings in (config, replace(config, smooth=True)):
         tracks = Tracks.concat(part.tracks for part in track([bearings], scene, TrackingTask(settings, seed)))
-        result = evaluate(tracks, truth, bearings, scene, EvaluateConfig(sigma_v=world.sigma))
+        result = evaluate(
+            tracks, truth, bearings, scene, EvaluateConfig(process_noise_position=world.process_noise_position)
+        )
         counted = result.errors.t_ns >= late
         bound = result.bound.take(np.isin(result.bound.t_ns, result.errors.t_ns[counted]))
         found += [np.mean(result.errors.error[counted] ** 2), np.mean(bound.bound**2), np.mean(bound.smoothed**2)]

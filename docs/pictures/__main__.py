@@ -128,7 +128,9 @@ def beside(work: Path, to: Path) -> None:
 def overlay(work: Path, to: Path) -> None:
     """Targets that look alike, with epipolar lines."""
     occlog(work, "simulate", "--scene", "balls", "--seed", "1", "--store", "ffv1", "-o", "balls.mcap")
-    occlog(work, "track", "balls.mcap", "--method", "bmct", "--initial", "balls.mcap", "-o", "view_tracks.parquet")
+    occlog(
+        work, "track", "balls.mcap", "--method", "bmct", "--initial-ellipses", "balls.mcap", "-o", "view_tracks.parquet"
+    )
     occlog(
         work, "report", "view_tracks.parquet", "--recording", "balls.mcap", "--truth", "balls.mcap", "--frame", "86",
         "--png", str(to), "--scale", "1.5", "--overwrite",
@@ -150,7 +152,7 @@ def navigation(work: Path, to: Path) -> None:
 def plan(work: Path, to: Path) -> None:
     """What is expected of four cameras, and where two more would help most."""
     occlog(
-        work, "plan", "examples/room.yaml", "--people", "6", "--within", "0.1", "--draws", "48",
+        work, "plan", "examples/room.yaml", "--people", "6", "--max-expected-error", "0.1", "--samples-per-cell", "48",
         "--along-walls", "southwest", "--add", "2", "--picture", str(to), "--overwrite",
     )  # fmt: skip
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
-from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeAlias, TypeVar
@@ -17,7 +16,7 @@ import numpy as np
 
 from occlog import console
 from occlog.cli.setting_options import wanted
-from occlog.errors import UsageError
+from occlog.errors import UsageError, nearest
 from occlog.plugins.loading import Chosen
 from occlog.request import File, Form, Request, RequestEntry, Verb
 from occlog.runner import run
@@ -53,7 +52,7 @@ def settings_by_class(
     known = sorted(set().union(*names))
     for name in keywords:
         if name not in known:
-            near = get_close_matches(name, [*arguments, *known], n=1)
+            near = nearest(name, [*arguments, *known])
             hint = f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(known)}"
             raise UsageError(f"{verb} has no setting {name!r}; {hint}")
     return [

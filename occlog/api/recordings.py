@@ -14,7 +14,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeAlias
 
-from occlog.errors import SPELLING, InputError, OcclogError, UsageError
+from occlog.errors import SPELLING, InputError, OcclogError, UsageError, did_you_mean
 from occlog.io.open import Opened, open_input
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
@@ -200,11 +200,7 @@ def read_scene(source: SceneSource) -> Scene:
 
 def _table_of(name: str) -> type[Rows]:
     if name not in TABLES:
-        from difflib import get_close_matches
-
-        near = get_close_matches(name, TABLES, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"there are: {', '.join(TABLES)}"
-        raise UsageError(f"no table {name!r}; {hint}")
+        raise UsageError(f"no table {name!r}; {did_you_mean(name, TABLES)}")
     return TABLES[name]
 
 

@@ -49,8 +49,8 @@ def detect(
     cameras: str | Sequence[str] = (),
     target: Source | None = None,
     target_boxes: Sequence[str] = (),
-    near: Source | None = None,
-    learn: bool = True,
+    track_feedback: Source | None = None,
+    learn_background: bool = True,
     fuse: Mapping[str, Setting] | bool = False,
     onnx: str | os.PathLike[str] | None = None,
     classes: Sequence[str] = (),
@@ -72,8 +72,8 @@ def detect(
         cameras: only these; empty: all.
         target: file with the appearances of targets; None: those attached to the recording.
         target_boxes: boxes around targets from which their appearance is learnt, each `[ID:]CAM:FRAME:X,Y,W,H` [px].
-        near: tracks around which targets are searched for.
-        learn: learn the empty scene from the recording in a first pass.
+        track_feedback: tracks around which targets are searched for.
+        learn_background: learn the empty scene from the recording in a first pass.
         fuse: fuse the detections of the cameras; settings of the fusion, or True for its defaults.
         onnx: detect with this network (ONNX).
         classes: with `onnx`: what to search for, by name or number; empty: people, or the only class.
@@ -103,7 +103,7 @@ def detect(
     kind = NETWORK if onnx is not None else method or DETECT_VERB.default
     form = DETECT_VERB.form(kind)
     own = {name: value for name, value in arguments.items() if name not in ("settings", "progress")}
-    check_taken(form, {**own, "learn": not learn}, (), f"detector {kind}", DETECT_VERB, settings)
+    check_taken(form, {**own, "learn_background": not learn_background}, (), f"detector {kind}", DETECT_VERB, settings)
     return call(form, {**arguments, "fusion": fuse}, DetectResult)
 
 
@@ -287,7 +287,7 @@ def ingest(
     arrays: Files = (),
     readers: File | None = None,
     start_time: Times | None = None,
-    offset: Mapping[str, float | str] | None = None,
+    clock_offset: Mapping[str, float | str] | None = None,
     fps: Times | None = None,
     frames: tuple[int, int] | None = None,
     output: str | os.PathLike[str] | None = None,
@@ -317,7 +317,7 @@ def ingest(
         arrays: positions of direction finders, or microphones of one array.
         readers: positions and ranges of the readers of tags.
         start_time: date and time (ISO 8601) or seconds since 1970 of the origin of the times; None: 0.
-        offset: added to the times of a sensor with a clock offset [s], or text with a unit: {"cam2": "-400ms"}.
+        clock_offset: added to the times of a sensor with a clock offset [s], or text with a unit: {"cam2": "-400ms"}.
         fps: frame rate, where nothing else gives times.
         frames: only frames first <= number < stop.
         output: where the recording is written; None: a folder that goes with the last reference to it.
@@ -341,7 +341,7 @@ def ingest(
         settings["classes"] = names_of(settings["classes"])  # type: ignore[arg-type]
     of_sensors: dict[str, object] = {"video": video, "images": images, "boxes": boxes, "mot": mot, "doa": doa}
     of_sensors |= {"truth": truth, "timestamps": timestamps, "arrays": arrays}
-    of_sensors |= {"start_time": start_time, "offset": offset, "fps": fps}
+    of_sensors |= {"start_time": start_time, "clock_offset": clock_offset, "fps": fps}
     of_topics = {n: [t] if isinstance(t, str) else t for n, t in (topic or {}).items()}
     arguments = {
         "bags": _paths(bags),
@@ -467,10 +467,10 @@ def track(
     without: str | Sequence[str] = (),
     window: float | None = None,
     targets: Sequence[int] = (),
-    starts: Sequence[Sequence[float]] = (),
+    initial_positions: Sequence[Sequence[float]] = (),
     labelled_only: bool = False,
     use_recovered: bool = False,
-    in_turn: float | None = None,
+    round_robin_s: float | None = None,
     measurements: Source | None = None,
     doa: Source | None = None,
     doa_labels: bool = False,
@@ -478,11 +478,11 @@ def track(
     motion: Source | None = None,
     answer_delay: float | Source | None = None,
     select: Mapping[str, Setting] | None = None,
-    initial: Source | None = None,
+    initial_ellipses: Source | None = None,
     detections: Source | None = None,
     fundamental: Source | None = None,
     path_loss: Source | None = None,
-    sights: Source | None = None,
+    refine_bearings: Source | None = None,
     gallery: Source | None = None,
     also: Sequence[str] = (),
     progress: bool = False,
@@ -501,10 +501,10 @@ def track(
         window: measurements this close together in time [s] make one scan; None: equal times; frames: below half the
             shortest frame period; reads: 1 s.
         targets: track only these; empty: all.
-        starts: initial positions of targets, each x, y and perhaps sigma.
+        initial_positions: initial positions of targets, each x, y and perhaps sigma.
         labelled_only: do not use candidates that are not assigned to a target.
         use_recovered: use what the fusion of detections recovered as if it had been measured.
-        in_turn: use one sensor at a time, each for so long [s]; None: all at once.
+        round_robin_s: use one sensor at a time, each for so long [s]; None: all at once.
         measurements: ranges, signal strengths and time differences to use too.
         doa: directions of arrival to use too; None: those of the recording.
         doa_labels: identities in the log of directions are those of targets.
@@ -512,11 +512,11 @@ def track(
         motion: how targets move, a file of `occlog fit-motion`.
         answer_delay: delay of cameras' answers [s], or the delays of `occlog traffic`.
         select: choose cameras: `{"policy": "greedy", "count": 3}` and the other settings of the selection.
-        initial: initial positions of targets in each view, for methods in images.
+        initial_ellipses: initial positions of targets in each view, for methods in images.
         detections: boxes that trackers in images begin from.
         fundamental: file of fundamental matrices.
         path_loss: file of `occlog fit-readers`.
-        sights: bearings of cameras that refine the tracks of tags.
+        refine_bearings: bearings of cameras that refine the tracks of tags.
         gallery: appearance of people, for the tracks of all people: a table or a file of `occlog appearance learn`.
         also: more tables of the method: calibration, cloud (its particles), cooperation, view_tracks, virtual_sensors,
             world.
@@ -649,10 +649,10 @@ def overlay(
     cameras: str | Sequence[str] = (),
     scale: float | None = None,
     fps: float | None = None,
-    world: Source | None = None,
+    ground_tracks: Source | None = None,
     diagnostics: Source | None = None,
     plan: bool = True,
-    trail: float = 2.0,
+    trail_s: float = 2.0,
     overwrite: bool = False,
     progress: bool = False,
 ) -> OverlayResult:
@@ -672,10 +672,10 @@ def overlay(
         scale: images are enlarged by this, 0.05 to 16; None: to a height of about 360 px, and at
             most 3840 x 2160 px in all.
         fps: frames a second of the video, 0.1 to 1000; None: those of the recording.
-        world: tracks of the world, for the plan; None: `tracks`, if they are of the world.
+        ground_tracks: tracks of the world, for the plan; None: `tracks`, if they are of the world.
         diagnostics: of `track`: which cameras see a target of the world, where its tracks do not state.
         plan: whether tracks of the world get the plan next to the images.
-        trail: seconds of the way behind each target, 0 to 3600.
+        trail_s: seconds of the way behind each target, 0 to 3600.
         overwrite: a video that is there may be replaced.
         progress: show a bar on standard error, if it is a terminal.
 

@@ -16,7 +16,7 @@ import click
 from occlog import __version__
 from occlog.console.interrupts import INTERRUPTS
 from occlog.console.notes import DRY_RUN, DryRunPlan, DryRunStop
-from occlog.errors import ExitCode, OcclogError, OutputExistsError
+from occlog.errors import ExitCode, OcclogError, OutputExistsError, nearest
 
 from . import streams
 from .startup import allow_open_files, open_files_limit
@@ -217,9 +217,7 @@ class LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Suggest the nearest command for an unknown one."""
         if args and args[0] not in COMMANDS and not args[0].startswith("-"):
-            import difflib
-
-            near = difflib.get_close_matches(args[0], COMMANDS, n=1)
+            near = nearest(args[0], COMMANDS)
             hint = f"Did you mean {near[0]!r}?" if near else f"Commands: {', '.join(COMMANDS)}."
             ctx.fail(f"No such command {args[0]!r}. {hint}")
         return super().resolve_command(ctx, args)
@@ -305,6 +303,9 @@ def explain(error: Exception) -> Explained:
     """Put an error that ends a command into a line, with the exit code."""
     if isinstance(error, click.UsageError):
         path = error.ctx.command_path if error.ctx else "occlog"
+        if isinstance(error, click.NoSuchOption) and error.ctx:
+            flags = [flag for each in error.ctx.command.params for flag in (*each.opts, *each.secondary_opts)]
+            error = click.NoSuchOption(error.option_name, None, nearest(error.option_name, flags, n=3), error.ctx)
         return Explained(f"{error.format_message().rstrip('.')}; see {path} --help", ExitCode.USAGE)
     if isinstance(error, click.ClickException):
         return Explained(error.format_message(), ExitCode.BAD_INPUT)

@@ -14,7 +14,6 @@ call, and none takes a name of the command.  Installed plug-ins are searched for
 
 from __future__ import annotations
 
-import difflib
 import inspect
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass
@@ -22,7 +21,7 @@ from typing import Any, TypeVar
 
 import click
 
-from occlog.errors import PluginError, UsageError, did_you_mean
+from occlog.errors import PluginError, UsageError, did_you_mean, nearest
 from occlog.plugins.loading import Chosen, Plugin, find, installed
 from occlog.settings import (
     Declaration,
@@ -54,7 +53,7 @@ class SettingOption(click.Option):
         settings: the class.
         f: its field.
         prefix: of the parameter's name, where a command has settings of one name from several classes.
-        under: of the option's name: `--sigma` under `fuse` is `--fuse-sigma`; there a setting that declares no option
+        under: of the option's name: `--gate` under `fuse` is `--fuse-gate`; there a setting that declares no option
             has its own name.
         names: values that a shell completes; empty: those of the option's type.
     """
@@ -368,9 +367,7 @@ class VariantCommand(SettingsCommand):
         name = self.choose(args)
         if name is not None and self.variant(name) is None:
             names = [*self.variants, *self.more()]
-            near = difflib.get_close_matches(name, names, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"there are: {', '.join(names)}"
-            raise click.UsageError(f"no {self.what} {name!r}; {hint}", ctx)
+            raise click.UsageError(f"no {self.what} {name!r}; {did_you_mean(name, names)}", ctx)
         if name is None and (self.shows_default or not any(a in ctx.help_option_names for a in args)):
             name = self.default
         if name is not None:
@@ -392,7 +389,10 @@ class VariantCommand(SettingsCommand):
             if any(error.option_name in (*p.opts, *p.secondary_opts) for p in variant.params())
         ]
         if not owners:
-            return error.format_message()
+            params = (*self.params, *self.existing(name).params())
+            flags = [flag for each in params for flag in (*each.opts, *each.secondary_opts)]
+            name = error.option_name
+            return click.NoSuchOption(name, possibilities=nearest(name, flags, n=3)).format_message()
         said = f"{error.option_name} is an option of {self._named(owners)}, not of {self.called(name)}"
         return f"{said}; leave it out, or choose one that has it"
 

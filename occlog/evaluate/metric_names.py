@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Collection
+
+from occlog.errors import nearest
 
 ON_GROUND = """
 rmse rmse_x rmse_y rmse_z rmse_space error_mean error_median error_p95 error_max error_space_mean error_space_median
@@ -66,5 +67,5 @@ def unknown_metric_hint(name: str, more: Collection[str] = ()) -> str | None:
     endings = (base, *(base.removesuffix(f"_{unit}{power}") for unit in UNITS for power in ("", "2")))
     if FIGURES.intersection(endings) or base.startswith(OWN_ENDINGS):
         return None
-    near = difflib.get_close_matches(base, (*more, *FIGURES), n=3, cutoff=0.5)
+    near = nearest(base, (*more, *FIGURES), n=3, cutoff=0.5)
     return f"did you mean {' or '.join(near)}?" if near else "docs/reference/evaluate.md names them"

@@ -107,7 +107,7 @@ class EvaluateRequest(Request):
         "metric", "Also report the metrics of this plug-in; may be repeated.", "--metric", (GROUND,)
     )
     settings: Mapping[str, object] = group(lambda: EvaluateConfig)
-    many: Mapping[str, object] = group(lambda: MultiTargetConfig)
+    multi_target: Mapping[str, object] = group(lambda: MultiTargetConfig)
     frames: tuple[int, int] | None = setting(
         None,
         "Only frames A <= number < B; on the ground the times of the truth (else of the bearings) are numbered from 0.",
@@ -118,7 +118,7 @@ class EvaluateRequest(Request):
         shown="",
         kinds=(IMAGES, *WORLD),
     )
-    more: tuple[tuple[Path, Path], ...] = source(
+    additional: tuple[tuple[Path, Path], ...] = source(
         "Tracks and truth of one more recording: a row for each recording in one table, and a combined total; may "
         "be repeated.",
         option="--also",
@@ -164,7 +164,7 @@ class EvaluateRequest(Request):
     @property
     def inputs(self) -> list[Path]:
         """Every file that is read, each once."""
-        pairs = tuple(path for pair in self.more or () for path in pair)
+        pairs = tuple(path for pair in self.additional or () for path in pair)
         files = (self.tracks, self.truth, *pairs, self.bearings, self.doa, self.views, self.cooperation)
         more = (self.diagnostics, self.measurements, self.scene, self.truth_azimuths)
         return list(dict.fromkeys(path for path in (*files, *more) if path is not None))

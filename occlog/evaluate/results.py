@@ -5,14 +5,13 @@ Figures of `evaluate` as text: a few lines in groups, then a table by target and
 
 from __future__ import annotations
 
-import difflib
 import math
 import operator
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from occlog.errors import UsageError
+from occlog.errors import UsageError, nearest
 from occlog.records.declared.views import Counts, Failures
 from occlog.records.tables import Bound, Errors
 from occlog.records.verdicts import Check, Verdict, summary_of
@@ -96,7 +95,7 @@ def failures(metrics: Mapping[str, float], thresholds: Iterable[Threshold]) -> l
 def _failure(metrics: Mapping[str, float], threshold: Threshold) -> str | None:
     names = find_metric(metrics, threshold.metric)
     if not names:
-        near = difflib.get_close_matches(threshold.metric, metrics, n=3, cutoff=0.5)
+        near = nearest(threshold.metric, metrics, n=3, cutoff=0.5)
         hint = f"; did you mean {' or '.join(near)}?" if near else ""
         return f"{threshold}: there is no metric {threshold.metric!r}{hint}"
     if len(names) > 1:

@@ -105,20 +105,20 @@ def evaluate_several(request: EvaluateRequest, job: Job) -> MultiRecordingFigure
         raise UsageError(f"{option('also')} requires TRACKS with {option('truth')} as well")
     recordings = [
         EvaluatedRecording(request.tracks, request.truth),
-        *(EvaluatedRecording(*pair) for pair in request.more),
+        *(EvaluatedRecording(*pair) for pair in request.additional),
     ]
     kinds = {in_images(recording.tracks) for recording in recordings}
     if len(kinds) > 1:
         raise UsageError(f"{option('also')}: tracks in images and tracks on the ground cannot be put together")
     begin_work()
     chosen = configure(EvaluateConfig(), request.settings)
-    sides = [replace(request, tracks=each.tracks, truth=each.truth, more=()) for each in recordings]
+    sides = [replace(request, tracks=each.tracks, truth=each.truth, additional=()) for each in recordings]
     if kinds.pop():
         each, whole, unit = *_in_images(sides), "px"
     else:
         each, whole, unit = _on_ground(sides, chosen)
     combined = {n: v for n, v in whole.items() if not n.startswith(NOT_COMBINED) and "_sensor_" not in n}
-    provenance = job.provenance({**asdict(chosen), **request.many}, previous_losses(request.inputs))
+    provenance = job.provenance({**asdict(chosen), **request.multi_target}, previous_losses(request.inputs))
     named = dict(zip(_names(recordings), each, strict=True))
     found = MultiRecordingFigures(named, combined, unit, provenance.losses, provenance.judged)
     if request.output is not None:
@@ -159,7 +159,7 @@ def _on_ground(sides: Sequence[EvaluateRequest], chosen: EvaluateConfig) -> tupl
             raise UsageError(f"{option('also')}: {side.truth} holds no true positions")
         born = initiated_from_detections(side.tracks) or is_external(side.tracks)
         own = "start" if born else own_targets_by(chosen, numbered_itself=False)
-        config = configure(MultiTargetConfig.in_unit(scene.length_unit), {"own": own, **side.many})
+        config = configure(MultiTargetConfig.in_unit(scene.length_unit), {"assigned_target": own, **side.multi_target})
         figures = Evaluator(sources, scene, chosen).of_many(config)
         each.append(figures.result())
         if whole is None:
@@ -198,7 +198,7 @@ def run_evaluate(request: EvaluateRequest, job: Job) -> JobResult:
         figures, losses = _of_directions(request, job)
         failed = failures(figures, thresholds)
         return JobResult(dict(figures), earlier=losses, failed=failed, shown=lambda as_json: _lines(figures, as_json))
-    if request.more:
+    if request.additional:
         found = evaluate_several(request, job)
         _note(job, (), found.verdicts)
         verdict = summary_of(found.verdicts)
@@ -260,7 +260,7 @@ def _thresholds(texts: Iterable[str], more: Collection[str]) -> list[Threshold]:
 
 def _in_world(request: EvaluateRequest, job: Job) -> tuple[Evaluation, str]:
     """Read, evaluate, write; the evaluation and the scene's length unit."""
-    given, many_given = request.settings, request.many
+    given, many_given = request.settings, request.multi_target
     _check_request(request, given)
     held_boxes = bool(given.get("held_out")) and request.views is not None
     sources, scene, tracks = open_sources(request, held_boxes=held_boxes)
@@ -277,8 +277,8 @@ def _in_world(request: EvaluateRequest, job: Job) -> tuple[Evaluation, str]:
     asked_for = bool(many_given) or request.failures is not None or request.counts is not None
     if sources.tracks is not None and sources.truth is not None and (evaluator.several or asked_for):
         many, unknown = many_config(unit, own_targets_by(config, numbered_itself=numbered_itself), many_given)
-    asked = None if many_given.get("own") is None else str(many_given["own"])
-    numbers = () if many is None else independent_id_note(request.tracks, many.own, asked)
+    asked = None if many_given.get("assigned_target") is None else str(many_given["assigned_target"])
+    numbers = () if many is None else independent_id_note(request.tracks, many.assigned_target, asked)
     provenance = job.provenance(_parameters(request, config, many, unit), previous_losses(request.inputs))
     kept: list[Errors] = []
     with job.tables(provenance, unit) as tables:
@@ -314,7 +314,7 @@ def _parameters(
 ) -> dict[str, object]:
     """Parameters of the comparison, as the provenance of outputs has them."""
     out = asdict(config) | ({"doa_labels": True} if request.doa_labels else {})
-    out |= {} if many is None else {"many": asdict(many)}
+    out |= {} if many is None else {"multi_target": asdict(many)}
     return out | ({"metrics": [each.provenance(unit) for each in request.metrics]} if request.metrics else {})
 
 
@@ -354,14 +354,17 @@ def _check_request(request: EvaluateRequest, given: Mapping[str, object]) -> Non
 LOOKS = "bearings against the truth", f"{option('bearings')} (or {option('doa')}) and {option('truth')}"
 BOUND = "the bound", "--bearings (or --doa, --measurements) and --truth"
 LINES = "lines of sight", f"{option('bearings')} (or {option('doa')})"
+TRIANGULATION = ("min_sensors", "window_s", "loss", "tolerance", "min_angle")
 OF_WHAT = {
     **dict.fromkeys(("gate_sigma", "gate_px", "occluder_diameter"), LOOKS),
-    **dict.fromkeys(("motion", "sigma_v", "prior_cov", "prior_z", "bound_in"), BOUND),
-    **dict.fromkeys(("acceleration_density", "sigma_speed"), ("the bound", f"{BOUND[1]}, and --motion cv")),
-    **dict.fromkeys(("lines_min_sensors", "lines_window_s", "lines_loss", "lines_limit", "lines_min_crossing"), LINES),
+    **dict.fromkeys(
+        ("motion", "process_noise_position", "prior_covariance", "prior_variance_z", "bound_dimension"), BOUND
+    ),
+    **dict.fromkeys(("process_noise_density", "sigma_initial_velocity"), ("the bound", f"{BOUND[1]}, and --motion cv")),
+    **{f"triangulation_{name}": LINES for name in TRIANGULATION},
     "held_out_gate": ("held-out bearings", "--held-out and --bearings (or --doa)"),
     "held_out_gate_px": ("held-out boxes", "--held-out and --views"),
-    "box_overlap": ("views against true boxes", "--views and --truth"),
+    "iou_threshold": ("views against true boxes", "--views and --truth"),
 }
 """Groups of settings that need certain inputs, and these inputs."""
 
@@ -372,9 +375,9 @@ def _check_used(request: EvaluateRequest, given: Mapping[str, object]) -> None:
     bound = truth and (with_bearings or request.measurements is not None)
     there = {LOOKS: with_bearings and truth, BOUND: bound, LINES: with_bearings}
     used = {name: there.get(of, False) for name, of in OF_WHAT.items()}
-    used["acceleration_density"] = used["sigma_speed"] = bound and given.get("motion") == "cv"
+    used["process_noise_density"] = used["sigma_initial_velocity"] = bound and given.get("motion") == "cv"
     used |= {"held_out_gate": held and with_bearings, "held_out_gate_px": held and request.views is not None}
-    used["box_overlap"] = truth and request.views is not None
+    used["iou_threshold"] = truth and request.views is not None
     options_of = {f.name: declaration(f).option for f in declared(EvaluateConfig)}
     for name in given:
         if not used.get(name, True):
@@ -390,7 +393,7 @@ def simulated(truth: Path | None) -> dict[str, float]:
         return {}
     world = opened.provenance.parameters.get("world")
     known = world if isinstance(world, dict) else {}
-    values = {"sigma_v": known.get("sigma"), "occluder_diameter": known.get("diameter")}
+    values = {"process_noise_position": known.get("process_noise_position"), "occluder_diameter": known.get("diameter")}
     return {name: float(value) for name, value in values.items() if isinstance(value, int | float)}
 
 

@@ -287,7 +287,7 @@ def _camera(c: Camera) -> dict[str, object]:
         "focal_px": c.focal_px.tolist(),
         "image_size_px": c.image_size,
         "fov_deg": math.degrees(c.fov),
-        "noise": {"position": c.sigma_position, "yaw": c.sigma_yaw, "read_px": c.sigma_read_px},
+        "noise": {"position": c.sigma_position, "yaw": c.sigma_yaw, "measurement_noise_px": c.sigma_read_px},
     }
 
 

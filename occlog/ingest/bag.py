@@ -309,7 +309,7 @@ class Taking:
     def _time(self, state: _CameraState, message: BagMessage, header: MessageStamp) -> int:
         """World time of a message: of its header, or of recording."""
         if state.by_log is None:
-            state.by_log = self.plan.stamp == "log" or header.stamp_ns == 0
+            state.by_log = self.plan.timestamp_source == "log" or header.stamp_ns == 0
         if not header.stamp_ns and not state.by_log:
             raise InputError("its header has no time")
         difference = (message.log_ns - header.stamp_ns) / 1e9
@@ -415,7 +415,7 @@ class Taking:
 
     def _tell_clock(self, topic: str, state: _CameraState, note: Note) -> None:
         """Warn where the two clocks of a topic differ, or it has but one."""
-        if state.by_log and self.plan.stamp != "log":
+        if state.by_log and self.plan.timestamp_source != "log":
             note(f"warning: {topic}: its headers have no time; the times of recording were taken")
         low, high = state.difference_range
         if max(abs(low), abs(high)) > CLOCKS_APART_S and math.isfinite(low):

@@ -88,10 +88,10 @@ def offsets_of(texts: Iterable[str]) -> dict[str, float]:
         seconds = float(found[1]) * UNITS[found[2]] if found else math.inf
         if not name or not abs(seconds) <= MAX_S:
             raise UsageError(
-                f"{option('offset')} {text}: expected SENSOR=SECONDS, at most {MAX_S:g} s either way, as in cam2=-0.4s"
+                f"{option('clock_offset')} {text}: expected SENSOR=SECONDS, within {MAX_S:g} s, as in cam2=-0.4s"
             )
         if name in out:
-            raise UsageError(f"{option('offset')}: sensor {name} is given twice; give every sensor one offset")
+            raise UsageError(f"{option('clock_offset')}: sensor {name} is given twice; give every sensor one offset")
         out[name] = seconds
     return out
 
@@ -111,7 +111,7 @@ def with_offsets(scene: Scene, offsets: Mapping[str, float]) -> Scene:
     names = [s.name for s in scene.sensors]
     for name in offsets:
         if name not in names:
-            raise UsageError(f"{option('offset')}: no sensor {name!r}; {did_you_mean(name, names)}")
+            raise UsageError(f"{option('clock_offset')}: no sensor {name!r}; {did_you_mean(name, names)}")
     clocks = {clock.name: clock for clock in scene.clocks}
     own, taken = {}, set(clocks)
     for sensor in scene.sensors:
@@ -180,14 +180,14 @@ class IngestPlan(Settings):
     reads: tuple[Path, ...]
     start_time: tuple[tuple[str | None, str], ...]
     fps: tuple[tuple[str | None, str], ...]
-    offset: dict[str, float]  # s
+    clock_offset: dict[str, float]  # s
     frames: tuple[int, int] | None
 
-    stamp: str = setting(
+    timestamp_source: str = setting(
         "header",
         "Times of the messages of a bag: `header`, set by the sensors, or `log`, the time of recording.",
         choices=("header", "log"),
-        option="--stamp",
+        option="--timestamp-source",
     )
     world_frame: str | None = setting(
         None,
@@ -221,12 +221,12 @@ class IngestPlan(Settings):
         metavar="DIRECTION",
         nothing="z; a warning if it seems wrong",
     )
-    ground: float | None = setting(
+    ground_height: float | None = setting(
         None,
         "Height of the ground along `up`, in the calibration's world; it becomes z = 0. A wrong value shifts all "
         "positions of feet.",
         unit="m",
-        option="--ground",
+        option="--ground-height",
         metavar="HEIGHT",
         nothing="0",
     )
@@ -256,12 +256,12 @@ class IngestPlan(Settings):
     confidence_scale: float = setting(
         1.0, "Divide the detector's confidences by this.", above=0, option="--confidence-scale"
     )
-    scores: str = setting(
+    score_type: str = setting(
         "probability",
         "Confidences of a detector: a probability, after division by the scale; any number, converted by the "
         "logistic function; or unknown.",
         choices=("probability", "logistic", "unknown"),
-        option="--scores",
+        option="--score-type",
     )
     classes: tuple[str, ...] = setting(
         (),
@@ -290,11 +290,11 @@ class IngestPlan(Settings):
         option="--doa-convention",
         nothing="the format's own, or math",
     )
-    hop: str | None = setting(
+    odas_hop_s: str | None = setting(
         None,
         "Time from one hop of ODAS to the next, hopSize / fS of its configuration; such as 0.008 or 128/16000.",
         unit="s",
-        option="--hop",
+        option="--odas-hop",
         metavar="SECONDS",
         nothing="needed for logs of ODAS, which count hops",
     )
@@ -319,7 +319,7 @@ class IngestPlan(Settings):
             "boxes": (*pairs(values["boxes"], Path), *mot.items()),
             **{key: pairs(values[key], Path) for key in ("doa", "truth", "timestamps", "arrays")},
             **{key: pairs(values[key], str) for key in ("start_time", "fps", "topic")},
-            "offset": offsets_of(values["offset"]),
+            "clock_offset": offsets_of(values["clock_offset"]),
             **{n: read_value(v, kind_of(cls, n), n) if isinstance(v, str) else v for n, v in own.items()},
         }
         plan = cls(**taken)
@@ -337,7 +337,7 @@ class IngestPlan(Settings):
             )
         if not self.bags and (self.topic or self.topics or self.world_frame or self.camera_axes):
             raise UsageError("topics, the world frame and the axes of cameras are those of a bag; give a bag")
-        if not self.calibration and not self.bags and (self.up is not None or self.ground is not None):
+        if not self.calibration and not self.bags and (self.up is not None or self.ground_height is not None):
             raise UsageError("up and ground turn the world of a calibration; give calibration or a bag")
         for key, value in (("start_time", self.start_time), ("fps", self.fps)):
             names = [name or "" for name, _ in value]

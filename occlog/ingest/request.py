@@ -94,9 +94,9 @@ class IngestRequest(Request):
         "--start-time",
         "[CAM=]TIME",
     )
-    offset: tuple[str, ...] = _several(
+    clock_offset: tuple[str, ...] = _several(
         "Clock offset, added to the times of a sensor: cam2=-0.4s for a clock that is 0.4 s ahead.",
-        "--offset",
+        "--clock-offset",
         "SENSOR=SECONDS",
     )
     fps: tuple[str, ...] = _several("Frame rate, where no sidecar gives times.", "--fps", "[CAM=]RATE")

@@ -76,7 +76,7 @@ def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], lis
         wanted = list(dict.fromkeys([*plan.video, *plan.images, *in_bag, *(survey.cameras if survey else ())]))
         plan.check_names(wanted)
         scene = match_cameras(scene, wanted, plan, bag.placement.reasons if bag else {})
-        scene = with_offsets(scene, plan.offset)
+        scene = with_offsets(scene, plan.clock_offset)
         sources = open_sources(plan, scene, wanted, stack, done)
         if done.failures and not sources:
             raise done.failures[0]
@@ -368,5 +368,5 @@ def _doa_options(plan: IngestPlan, sensor: str | None) -> DoaOptions:
         algorithm=plan.doa_algorithm,
         start_ns=start_of(plan, sensor or ""),
         ignore_extra=plan.ignore_extra_columns,
-        hop=None if plan.hop is None else parse_hop(plan.hop),
+        hop=None if plan.odas_hop_s is None else parse_hop(plan.odas_hop_s),
     )

@@ -248,7 +248,7 @@ def add_bag_cameras(
     if scene.length_unit != "m":
         raise InputError(f"{plan.scene}: lengths are in {scene.length_unit}, but those of the bag in m")
     note(describe(CalibrationFile(cameras, f"camera_info and transforms of the bag, world {world!r}", "m")))
-    turn = find_turn(cameras, plan.up, plan.ground, note)
+    turn = find_turn(cameras, plan.up, plan.ground_height, note)
     placed = cameras if turn is None else tuple(turn.camera(c) for c in cameras)
     return replace(scene, cameras=(*scene.cameras, *placed)), turn
 
@@ -272,7 +272,7 @@ def base_scene(plan: IngestPlan, note: Note) -> tuple[Scene, Turn | None]:
         double = next((c.name for c in calibration.cameras if c.name in {k.name for k in cameras}), None)
         if double is not None:
             raise UsageError(f"camera {double}: is both in {plan.scene} and in the calibration; keep one")
-        turn = find_turn(calibration.cameras, plan.up, plan.ground, note)
+        turn = find_turn(calibration.cameras, plan.up, plan.ground_height, note)
         cameras += calibration.cameras if turn is None else [turn.camera(c) for c in calibration.cameras]
     check_metres(plan, scene.length_unit)
     arrays = [*scene.arrays, *(a for name, path in plan.arrays for a in _arrays(path, name, note))]

@@ -34,7 +34,7 @@ class PlanConfig(Settings):
         option="--density",
         metavar="NUMBER",
     )
-    diameter: float = like(WorldConfig, "diameter", "Diameter of a person.")
+    person_diameter: float = like(WorldConfig, "diameter", "Diameter of a person.")
     height: float | None = setting(
         None,
         "Height of people who occlude the target from cameras of known height.",
@@ -44,27 +44,31 @@ class PlanConfig(Settings):
         metavar="LENGTH",
         nothing="no camera sees over them, as in `occlog simulate`",
     )
-    z: float = setting(
-        0.0, "Height of the target.", unit="length", at_least=0, people=0.9, option="--z", metavar="LENGTH"
+    target_height: float = setting(
+        0.0, "Height of the target.", unit="length", at_least=0, people=0.9, option="--target-height", metavar="LENGTH"
     )
     speed: float = like(WorldConfig, "speed", "Speed of target and people.")
-    sigma: float = like(
-        WorldConfig, "sigma", "Process noise of the true motion: position per axis, accumulated over 1 s."
+    process_noise_position: float = like(
+        WorldConfig,
+        "process_noise_position",
+        "Process noise of the true motion: position per axis, accumulated over 1 s.",
     )
     redirect: float = like(
         WorldConfig,
-        "redirect",
+        "redirect_probability",
         "Probability per second of a new destination before arrival.",
         at_most=None,
         below=1,
     )
-    sigma_v: float = like(
+    filter_process_noise_position: float = like(
         ApfConfig,
-        "sigma_v",
+        "process_noise_position",
         "Process noise of the position per axis that the filter assumes, accumulated over 1 s; at least `sigma`.",
     )
-    sigma_a: float = like(
-        ApfConfig, "sigma_a", "Process noise of the velocity per axis that the filter assumes, accumulated over 1 s."
+    filter_process_noise_velocity: float = like(
+        ApfConfig,
+        "process_noise_velocity",
+        "Process noise of the velocity per axis that the filter assumes, accumulated over 1 s.",
     )
     rate_hz: float = setting(
         1.0,
@@ -76,7 +80,7 @@ class PlanConfig(Settings):
         option="--rate",
         metavar="HZ",
     )
-    window_s: float = setting(
+    settling_s: float = setting(
         60.0,
         "Time for which the filter has tracked a target when it comes to a position.",
         unit="s",
@@ -91,24 +95,24 @@ class PlanConfig(Settings):
         at_most=100_000,
         option="--cells",
     )
-    draws: int = setting(
+    samples_per_cell: int = setting(
         16,
         "Random walks through each position, each with a crowd. More reduce the Monte Carlo error and take longer.",
         at_least=4,
         at_most=10_000,
-        option="--draws",
+        option="--samples-per-cell",
     )
-    within: float | None = setting(
+    max_expected_error: float | None = setting(
         None,
         "Report the share of the floor with an expected error below this.",
         unit="length",
         above=0,
-        option="--within",
+        option="--max-expected-error",
         metavar="LENGTH",
         nothing="not reported",
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """The window has steps enough, and not too many."""
-        steps = self.window_s * self.rate_hz
-        yield "window_s", 2 <= steps <= 20_000, "2 to 20000 steps long"
+        steps = self.settling_s * self.rate_hz
+        yield "settling_s", 2 <= steps <= 20_000, "2 to 20000 steps long"

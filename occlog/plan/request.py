@@ -23,7 +23,7 @@ class PlanRequest(Request):
     recording is made.
 
     \b
-      occlog plan examples/room.yaml --people 6 --within 0.3 -o plan.parquet --picture plan.png
+      occlog plan examples/room.yaml --people 6 --max-expected-error 0.3 -o plan.parquet --picture plan.png
       occlog plan examples/room.yaml --people 6 --along-walls southwest --add 2 --report plan.html
       occlog plan examples/room.yaml --density 0.2 --remove --json
     """
@@ -69,5 +69,5 @@ class PlanRequest(Request):
     paths: Path | None = source(
         "Tracks, or a recording with truth: weights the floor by the positions of these people.", metavar="FILE"
     )
-    settings: Mapping[str, object] = group(lambda: PlanConfig, example="window_s=12")
+    settings: Mapping[str, object] = group(lambda: PlanConfig, example="settling_s=12")
     seed: int = seed_of_all()

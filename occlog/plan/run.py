@@ -181,10 +181,10 @@ def _summary(request: PlanRequest, planned: PreparedPlan, table: PlanMap, rankin
         f"worst_{unit}": float(table.rmse[worst]),
         "worst_place": [float(table.x[worst]), float(table.y[worst])],
     }
-    if planned.config.within is not None:
+    if planned.config.max_expected_error is not None:
         summary |= {
-            f"within_{unit}": planned.config.within,
-            "share_within": area_share_below(table, planned.config.within),
+            f"within_{unit}": planned.config.max_expected_error,
+            "share_within": area_share_below(table, planned.config.max_expected_error),
         }
     for name in ("seen_by_0", "seen_by_1", "seen_by_2", "no_fix"):
         summary[name] = float(weight @ getattr(table, name))
@@ -231,7 +231,7 @@ def _draw(
     from .page import MapPicture, PageInput, map_picture, plan_page
 
     added = tuple(placed.sensor for placed in rankings.added or ())
-    drawn = MapPicture(planned.scene, table, planned.cells.size, added, planned.config.within)
+    drawn = MapPicture(planned.scene, table, planned.cells.size, added, planned.config.max_expected_error)
     if request.picture is not None:
         tables.write_bytes("picture", map_picture(drawn, request.picture.suffix.lower()))
     if request.report is not None:

@@ -98,7 +98,7 @@ def unoccluded_view(sensor: Sensor, scene: Scene, walked: Walked, config: PlanCo
     n, steps = walked.ways.shape[:2]
     xy = walked.ways.reshape(-1, 2)
     if isinstance(sensor, MicrophoneArray):
-        up = config.z - sensor.position[2]
+        up = config.target_height - sensor.position[2]
         return np.asarray(np.hypot(np.hypot(*(xy - sensor.position[:2]).T), up) <= sensor.range).reshape(n, steps)
     seen: Bools = in_view(*planar_offsets(xy, sensor.ground, sensor.yaw), sensor.fov, sensor.range)
     seen[seen] = ~behind_walls(sensor.ground, xy[seen], scene.blockers(sensor.ground))
@@ -111,7 +111,7 @@ def unoccluded_view(sensor: Sensor, scene: Scene, walked: Walked, config: PlanCo
             walked.people,
             walked.first,
             walked.own,
-            config.diameter,
+            config.person_diameter,
             share_below_heads(sensor, config),
         )
     return seen
@@ -122,9 +122,9 @@ def share_below_heads(camera: Camera, config: PlanConfig) -> float:
     above = float(camera.position[2])
     if config.height is None or not camera.has_height or above <= config.height:
         return 0.0
-    if config.z >= config.height:
+    if config.target_height >= config.height:
         return 1.0
-    return (above - config.height) / (above - config.z)
+    return (above - config.height) / (above - config.target_height)
 
 
 def information_of_sensor(
@@ -161,7 +161,7 @@ def _information(sensor: Sensor, xy: Floats, config: PlanConfig) -> Floats:
         )
     if sensor.upright:
         return bearing_information(xy, sensor.position[:2], np.full(len(xy), sensor.sigma))
-    xyz = np.column_stack([xy, np.full(len(xy), config.z)])
+    xyz = np.column_stack([xy, np.full(len(xy), config.target_height)])
     elevation = sensor.sigma if sensor.sigma_elevation is None else sensor.sigma_elevation
     return ground_information(
         direction_information(xyz, sensor.position, sensor.rotation, sigma_theta=sensor.sigma, sigma_phi=elevation)

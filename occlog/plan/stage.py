@@ -85,17 +85,17 @@ def prepare(
     if not own and not also:
         raise InputError("plan: the scene has no camera with a pose and no microphone array; add sensors to it")
     dt = 1.0 / max(rate_of(sensor, config) for sensor in (*own, *also))
-    steps = max(2, round(config.window_s / dt))
-    size = len(cells.xy) * config.draws * steps
+    steps = max(2, round(config.settling_s / dt))
+    size = len(cells.xy) * config.samples_per_cell * steps
     if size > MAX_WALK_STEPS:
         raise InputError(
-            f"plan: {len(cells.xy)} positions x {config.draws} draws x {steps} steps are {size}, must be at most "
-            f"{MAX_WALK_STEPS}; "
-            "take fewer cells or draws, or a shorter window_s"
+            f"plan: {len(cells.xy)} positions x {config.samples_per_cell} samples x {steps} steps are {size}, "
+            f"must be at most {MAX_WALK_STEPS}; "
+            "take fewer cells or samples, or a shorter settling time"
         )
     people = simulate_crowd(scene, config, dt, steps, seed)
     visits = cell_visits(cells, people, steps)
-    walked = paths_through_cells(visits, people, config.draws, steps, dt)
+    walked = paths_through_cells(visits, people, config.samples_per_cell, steps, dt)
     assert scene.room is not None
     return PreparedPlan(
         scene=scene,
@@ -128,7 +128,7 @@ def _weights(cells: FloorCells, paths: Floats | None) -> Floats:
 
 def filter_noise_of(config: PlanConfig) -> FilterNoise:
     """Return the process noise that the filter assumes between turns."""
-    return FilterNoise(config.sigma_v, config.sigma_a)
+    return FilterNoise(config.filter_process_noise_position, config.filter_process_noise_velocity)
 
 
 def expected(planned: PreparedPlan, information: Sequence[ExpectedInformation]) -> ExpectedPosteriors:

@@ -120,10 +120,10 @@ def simulate_crowd(scene: Scene, config: PlanConfig, dt: float, steps: int, seed
         step_s=dt,
         targets=0,
         occluders=n,
-        diameter=config.diameter,
+        diameter=config.person_diameter,
         speed=config.speed,
-        sigma=config.sigma,
-        redirect=config.redirect,
+        process_noise_position=config.process_noise_position,
+        redirect_probability=config.redirect,
     )
     floor, motion, rng = ground(scene, 0.0), motion_in_a_step(world), generator(seed, RandomStream.PLAN, 0)
     try:

@@ -130,7 +130,7 @@ class OverlayRequest(ReportRequestBase):
         shown="all",
     )
     failures: Path | None = source("Failures of `occlog evaluate`, drawn in red.")
-    world: Path | None = source(
+    ground_tracks: Path | None = source(
         "Ground tracks for the plan next to the images. [default: TRACKS, if on the ground or a folder]"
     )
     diagnostics: Path | None = source(
@@ -140,7 +140,7 @@ class OverlayRequest(ReportRequestBase):
     plan: bool = setting(
         True, "Draw the floor plan next to the images, for ground tracks.", option="--plan/--no-plan", shown="plan"
     )
-    trail: float = setting(
+    trail_s: float = setting(
         2.0,
         "Length of the trail behind each target.",
         unit="s",

@@ -19,10 +19,10 @@ class DistanceMeasurementConfig(Settings):
 
     OWNER: ClassVar[str] = "measurements"
 
-    propagation: str | None = setting(
+    propagation_speed: str | None = setting(
         None,
         "Speed of propagation, by which time differences are lengths: sound (343 m/s), light, or metres per second.",
-        option="--propagation",
+        option="--propagation-speed",
         metavar="sound|light|SPEED",
         nothing="time differences are refused",
     )
@@ -41,12 +41,12 @@ class DistanceMeasurementConfig(Settings):
         option="--sigma-range",
         nothing="each range must state its own",
     )
-    sigma_difference: float | None = setting(
+    sigma_range_difference: float | None = setting(
         None,
         "Measurement noise of time differences that do not state their own (standard deviation as a length).",
         unit="length",
         above=0,
-        option="--sigma-difference",
+        option="--sigma-range-difference",
         nothing="each must state its own",
     )
     sigma_rssi: float | None = setting(
@@ -64,42 +64,46 @@ class DistanceMeasurementConfig(Settings):
     rssi_exponent: float = setting(
         EXPONENT, "Path loss exponent: 2 in free space, 2.5 to 4 indoors.", above=0, option="--rssi-exponent"
     )
-    measured_bend: float = setting(
+    measured_loss_threshold: float = setting(
         3.7,
         "Normalised residual at which a range, strength or difference is as likely false as true. Smaller values "
         "reject more.",
         above=0,
-        option="--measured-bend",
+        option="--measured-loss-threshold",
     )
-    measured_late: float = setting(
+    nlos_probability: float = setting(
         0.05,
         "Share of non-line-of-sight (NLOS) signals with too long a range; 0: none. Does not concern strengths.",
         at_least=0,
         below=1,
-        option="--measured-late",
+        option="--nlos-probability",
     )
-    detour: float | None = setting(
+    nlos_bias: float | None = setting(
         None,
         "Mean NLOS bias, the excess of such ranges.",
         unit="length",
         above=0,
-        option="--detour",
+        option="--nlos-bias",
         nothing=f"{NLOS_BIAS_SIGMAS:g} standard deviations of each measurement",
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """A speed is a number above 0, or has a name."""
-        yield "propagation", self.propagation is None or self.speed is not None, "sound, light, or a number above 0"
+        yield (
+            "propagation_speed",
+            self.propagation_speed is None or self.speed is not None,
+            "sound, light, or a number above 0",
+        )
 
     @property
     def speed(self) -> float | None:
         """Speed of propagation [m/s]; None: not stated."""
-        if self.propagation is None:
+        if self.propagation_speed is None:
             return None
-        if self.propagation in SPEEDS:
-            return SPEEDS[self.propagation]
+        if self.propagation_speed in SPEEDS:
+            return SPEEDS[self.propagation_speed]
         try:
-            value = float(self.propagation)
+            value = float(self.propagation_speed)
         except ValueError:
             return None
         return value if 0.0 < value < 1e9 else None

@@ -401,7 +401,11 @@ def pack(
     reference[differs] = _numbers(table.reference[differs], at, "reference")
     height = config.tag_height if config.tag_height is not None or radio is None else radio.height
     rise2 = _rise2(at, station, reference, height)
-    how = (config.measured_bend, config.measured_late, math.nan if config.detour is None else config.detour)
+    how = (
+        config.measured_loss_threshold,
+        config.nlos_probability,
+        math.nan if config.nlos_bias is None else config.nlos_bias,
+    )
     parts, rows = [no_measurements(*how)], [np.empty(0, dtype=np.int64)]
     for name in (*VALUES, *PLAIN):
         own = np.flatnonzero(np.isfinite(getattr(table, name)))
@@ -455,7 +459,7 @@ def _as_length(
     if name == "range":
         return RANGE, value, _filled(sigma, config.sigma_range)
     if name == "range_difference":
-        return DIFFERENCE, value, _filled(sigma, config.sigma_difference)
+        return DIFFERENCE, value, _filled(sigma, config.sigma_range_difference)
     if name == "tdoa":
         if config.speed is None:
             raise InputError(
@@ -463,7 +467,7 @@ def _as_length(
                 "second): set propagation"
             )
         speed = config.speed * at.metre
-        return DIFFERENCE, value * speed, _filled(sigma * speed, config.sigma_difference)
+        return DIFFERENCE, value * speed, _filled(sigma * speed, config.sigma_range_difference)
     exponent = config.rssi_exponent if radio is None else radio.exponent
     value, sigma = log_distance(value, sigma, at.power[station], exponent)
     return LOGARITHM, value + math.log(at.metre), sigma

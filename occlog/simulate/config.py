@@ -51,37 +51,37 @@ class WorldConfig(Settings):
         option="--speed",
         metavar="LENGTH",
     )
-    sigma: float = setting(
+    process_noise_position: float = setting(
         0.33,
         "Process noise of the position per axis, accumulated over 1 s; a step has sigma sqrt(step_s).",
         unit="length",
         people=0.05,
         at_least=0,
-        option="--sigma",
+        option="--process-noise",
         metavar="LENGTH",
     )
-    redirect: float = setting(
+    redirect_probability: float = setting(
         0.095,
         "Probability per second of a new destination before arrival; 0: on arrival only.",
-        option="--redirect",
+        option="--redirect-probability",
         **SHARE,
     )
-    clearance: float = setting(
+    wall_clearance: float = setting(
         0.0,
         "Minimum distance of centres to walls and static occluders; in video at least half a diameter.",
         unit="length",
         people=0.25,
         at_least=0,
-        option="--clearance",
+        option="--wall-clearance",
         metavar="LENGTH",
     )
-    z: float | None = setting(
+    object_height: float | None = setting(
         None,
         "Height of the reference point of the objects.",
         unit="length",
         people=0.9,
         at_least=0,
-        option="--z",
+        option="--object-height",
         metavar="LENGTH",
         nothing="unknown",
         shown="0.9 m; unknown in a scene-specific unit, or for scripted targets",
@@ -128,24 +128,25 @@ class ObserveConfig(Settings):
         people=0.5,
         at_least=0,
     )
-    noise: str = setting(
+    pose_noise: str = setting(
         "white",
         "Pose errors (extrinsics) of cameras: `white`, new in every frame ([Ercan] Eq. 2), or `calibration`, "
         "constant per camera; then only the read noise is white.",
         choices=("white", "calibration"),
-        option="--noise",
+        option="--pose-noise",
     )
-    miss: float = setting(
+    miss_probability: float = setting(
         0.0,
-        "Miss probability of a visible or audible target (1 - P_D); `detection` and `false_alarm` of a camera in "
+        "Miss probability of a visible or audible target (1 - P_D); `detection` and `false_alarm_probability` "
+        "of a camera in "
         "the scene take precedence.",
-        option="--miss",
+        option="--miss-probability",
         **SHARE,
     )
-    false_alarm: float = setting(
+    false_alarm_probability: float = setting(
         0.0,
         "False alarm probability of a frame in which a target is not detected, at a position uniform in the image.",
-        option="--false-alarm",
+        option="--false-alarm-probability",
         **SHARE,
     )
 
@@ -156,7 +157,7 @@ class SoundConfig(Settings):
 
     OWNER: ClassVar[str] = "sound"
 
-    silence: tuple[float, float] | None = setting(
+    sound_and_silence_s: tuple[float, float] | None = setting(
         None,
         "Random silences of targets: mean seconds of sound and of silence, both exponential, in turn.",
         unit="s",
@@ -165,14 +166,14 @@ class SoundConfig(Settings):
         metavar="SOUND_S,SILENT_S",
         nothing="never",
     )
-    false_rate: float = setting(
+    false_alarm_rate: float = setting(
         0.0,
         "False alarm rate: directions without a source per second and array.",
         at_least=0,
-        option="--false-doa",
+        option="--false-alarm-rate",
         metavar="RATE",
     )
-    label: bool = setting(
+    label_doa: bool = setting(
         False,
         "Write the target ID of each direction, for tests.",
         option="--label-doa",
@@ -181,11 +182,17 @@ class SoundConfig(Settings):
     step_s: float = setting(
         1.0, "Time between the frames of an array without its own rate.", unit="s", at_most=1e9, above=0
     )
-    heights: bool = setting(True, "Targets have known heights; without, false directions have no elevation either.")
+    known_heights: bool = setting(
+        True, "Targets have known heights; without, false directions have no elevation either."
+    )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """Sound and silence last for some time."""
-        yield "silence", self.silence is None or min(self.silence) > 0, "two mean times above 0 s"
+        yield (
+            "sound_and_silence_s",
+            self.sound_and_silence_s is None or min(self.sound_and_silence_s) > 0,
+            "two mean times above 0 s",
+        )
 
 
 @dataclass(frozen=True)
@@ -205,7 +212,7 @@ class ReadConfig(Settings):
         option="--read-power",
         metavar="DBM",
     )
-    exponent: float = setting(EXPONENT, "Exponent of the path loss.", above=0, option="--path-loss-exponent")
+    path_loss_exponent: float = setting(EXPONENT, "Exponent of the path loss.", above=0, option="--path-loss-exponent")
     noise_db: float = setting(
         NOISE_DB,
         "Measurement noise of a read: standard deviation of its white part.",
@@ -225,22 +232,25 @@ class ReadConfig(Settings):
         option="--shadowing-time",
         metavar="SECONDS",
     )
-    weakest: float | None = setting(
+    min_rssi_dbm: float | None = setting(
         None,
         "Sensitivity: weaker signals are not read.",
         unit="dBm",
-        option="--weakest-read",
+        option="--min-rssi",
         metavar="DBM",
         nothing="all are",
     )
-    detection: float = setting(
+    read_detection_probability: float = setting(
         0.95,
         "Probability that a polling reader reads a tag in its range, or any tag where the scene states no range.",
-        option="--read-detection",
+        option="--read-detection-probability",
         **SHARE,
     )
-    stray: float = setting(
-        0.01, "Probability that a polling reader reads a tag out of its range.", option="--stray-reads", **SHARE
+    read_false_alarm_probability: float = setting(
+        0.01,
+        "Probability that a polling reader reads a tag out of its range.",
+        option="--read-false-alarm-probability",
+        **SHARE,
     )
 
 
@@ -283,35 +293,37 @@ class MeasureConfig(Settings):
         option="--range-noise",
         metavar="LENGTH",
     )
-    difference_noise: float = setting(
+    range_difference_noise: float = setting(
         0.1,
         "Measurement noise of differences of ranges (standard deviation).",
         unit="length",
         people=0.1,
         above=0,
-        option="--difference-noise",
+        option="--range-difference-noise",
         metavar="LENGTH",
     )
-    measure_miss: float = setting(0.0, "Probability of a missed measurement.", option="--measure-miss", **SHARE)
-    measure_false: float = setting(
+    measure_miss_probability: float = setting(
+        0.0, "Probability of a missed measurement.", option="--measure-miss-probability", **SHARE
+    )
+    measure_outlier_probability: float = setting(
         0.0,
         "Probability of an outlier, uniform over the values that are possible in the scene.",
-        option="--measure-false",
+        option="--measure-outlier-probability",
         **SHARE,
     )
-    measure_late: float = setting(
+    nlos_probability: float = setting(
         0.0,
         "Probability of a non-line-of-sight (NLOS) signal, which makes its range too long.",
-        option="--measure-late",
+        option="--nlos-probability",
         **SHARE,
     )
-    detour: float = setting(
+    nlos_bias: float = setting(
         1.0,
         "Mean NLOS bias, the excess of such ranges (exponential).",
         unit="length",
         people=1.0,
         above=0,
-        option="--detour",
+        option="--nlos-bias",
         metavar="LENGTH",
     )
 
@@ -355,10 +367,10 @@ class RenderConfig(Settings):
         at_least=0,
         option="--texture",
     )
-    lookalike: bool = setting(
+    identical_clothes: bool = setting(
         False,
         "Dress all people like the targets, so that appearance does not separate them.",
-        option="--lookalike",
+        option="--identical-clothes",
         shown="different clothes",
     )
     two_sided: bool = setting(
@@ -367,8 +379,10 @@ class RenderConfig(Settings):
         option="--two-sided",
         shown="one colour",
     )
-    alike: bool = setting(False, "All targets have the clothes and the stature of the first one.")
-    min_visible: float = setting(0.1, "Minimum visibility of a body to have a true box; 0: occluded ones too.", **SHARE)
+    identical_targets: bool = setting(False, "All targets have the clothes and the stature of the first one.")
+    min_visibility: float = setting(
+        0.1, "Minimum visibility of a body to have a true box; 0: occluded ones too.", **SHARE
+    )
     diameter: float = setting(
         3.33,
         "Diameter of an object in a scene with a unit of unknown length: it is taken as 0.5 m.",
@@ -405,6 +419,6 @@ class PeopleConfig(Settings):
     views: int = setting(3, "Number of cameras.", at_least=1, at_most=6, option="--views")
     width: int = setting(640, "Width of the images.", unit="px", at_least=64, at_most=8192)
     height: int = setting(480, "Height of the images.", unit="px", at_least=64, at_most=8192)
-    start_apart: bool = setting(
-        True, "Start without occlusions of targets in the first frame.", option="--apart/--overlap"
+    start_separated: bool = setting(
+        True, "Start without occlusions of targets in the first frame.", option="--separated/--overlapping"
     )

@@ -158,7 +158,7 @@ class SimulatePeopleRequest(_WithoutFile):
     people: Mapping[str, object] = group(lambda: PeopleConfig)
     size: tuple[int, int] | None = _size(PeopleConfig())
     world: Mapping[str, object] = group(lambda: WorldConfig, only=("speed",))
-    look: Mapping[str, object] = group(lambda: RenderConfig, without=("lookalike",), prefix=RENDER)
+    look: Mapping[str, object] = group(lambda: RenderConfig, without=("identical_clothes",), prefix=RENDER)
     store: Mapping[str, object] = group(lambda: StoreConfig)
 
 
@@ -176,7 +176,7 @@ VERB = Verb(
         ),
         "paths": VerbKind(
             "objects follow scripted paths",
-            lambda: Form(SceneRequest, (*_OF_SCENES, "paths", "steps", "diameter", "z")),
+            lambda: Form(SceneRequest, (*_OF_SCENES, "paths", "steps", "diameter", "object_height")),
             "SCENE --paths FILE",
         ),
         BALLS: VerbKind(

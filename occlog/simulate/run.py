@@ -101,14 +101,14 @@ def make_setup(scene: Scene, request: SceneRequest, script: MotionScript | None 
     render = configure(RenderConfig(diameter=world.diameter, workers=workers), request.look)
     fields = configure(FieldConfig.in_unit(scene.length_unit), request.avoidance)
     avoid = None if request.avoid is None else open_input(request.avoid, Tracks, Truth)
-    heights = world.z is not None or (script is not None and script.heights)
+    heights = world.object_height is not None or (script is not None and script.heights)
     return Setup(
         scene=scene,
         world=world,
         observe=watch,
         render=render if request.render else None,
         store=configure(StoreConfig(), request.store),
-        sound=configure(SoundConfig(step_s=world.step_s, heights=heights), request.sound),
+        sound=configure(SoundConfig(step_s=world.step_s, known_heights=heights), request.sound),
         script=script,
         field=fields if world.motion == "field" else None,
         people=None if avoid is None else _people(avoid, scene, world),
@@ -162,8 +162,8 @@ def _walkers(scene: Scene, request: SceneRequest) -> WorldConfig:
     """Settings of objects that walk at random; in video no person walks into a wall."""
     defaults = WorldConfig.in_unit(scene.length_unit)
     world = configure(defaults, {**_times(defaults, request.rate_hz, request.seconds), **request.world})
-    if request.render and "clearance" not in request.world:
-        world = replace(world, clearance=max(world.clearance, 0.5 * world.diameter))
+    if request.render and "wall_clearance" not in request.world:
+        world = replace(world, wall_clearance=max(world.wall_clearance, 0.5 * world.diameter))
     return world
 
 
@@ -173,7 +173,7 @@ def _scripted(scene: Scene, request: SceneRequest, script: MotionScript) -> Worl
         raise InputError(
             f"{option('paths')}: its length unit is {script.length_unit}, the scene's {scene.length_unit}; make one"
         )
-    defaults = replace(WorldConfig.in_unit(scene.length_unit), z=None)
+    defaults = replace(WorldConfig.in_unit(scene.length_unit), object_height=None)
     rate_hz = script.rate_hz if request.rate_hz is None else request.rate_hz
     seconds = script.seconds if request.seconds is None else request.seconds
     roles = [t.role for t in script.targets]
@@ -203,14 +203,14 @@ def people_setup(request: SimulatePeopleRequest) -> Setup:
     room = people_room(people.views, (people.width, people.height), rate_hz)
     asked = SceneRequest(
         output=request.output,
-        world={"targets": people.people, "steps": people.frames, "clearance": CLEARANCE, **request.world},
+        world={"targets": people.people, "steps": people.frames, "wall_clearance": CLEARANCE, **request.world},
         rate_hz=rate_hz,
         render=True,
-        look={**request.look, "alike": True, "min_visible": 0.0},
+        look={**request.look, "identical_targets": True, "min_visibility": 0.0},
         store=request.store,
         workers=request.workers,
     )
-    return replace(make_setup(room, asked), separate=people.start_apart)
+    return replace(make_setup(room, asked), separate=people.start_separated)
 
 
 def write_recording(
@@ -244,15 +244,15 @@ def parameters(setup: Setup) -> dict[str, object]:
     if world["motion"] == "waypoints":
         del world["motion"]
     if setup.script is not None:
-        world = {k: world[k] for k in ("steps", "step_s", "diameter", "z", "start_ns")}
+        world = {k: world[k] for k in ("steps", "step_s", "diameter", "object_height", "start_ns")}
     observe = None if setup.observe is None else asdict(setup.observe)
     values: dict[str, object] = {"world": world, "observe": observe, "render": None}
     if setup.render is not None:
         values["render"] = {k: v for k, v in asdict(setup.render).items() if k != "workers"}
-        values |= {"store": setup.store.store, "grey": setup.store.grey, "start_apart": setup.separate}
+        values |= {"store": setup.store.store, "grey": setup.store.grey, "start_separated": setup.separate}
     if setup.field is not None:
         values["field"] = asdict(setup.field)
-    if setup.sound != SoundConfig(step_s=setup.sound.step_s, heights=setup.sound.heights):
+    if setup.sound != SoundConfig(step_s=setup.sound.step_s, known_heights=setup.sound.known_heights):
         values["sound"] = asdict(setup.sound)
     if setup.scene.readers or "strength" in setup.measure.kinds:
         values["reads"] = asdict(setup.reads)
@@ -282,7 +282,7 @@ def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | Ti
     world, script = setup.world, setup.script
     if script is None:
         return simulate_truth(setup.scene, world, seed, start, field=setup.field, people=setup.people)
-    z = math.nan if world.z is None else world.z
+    z = math.nan if world.object_height is None else world.object_height
     return simulate_paths(script, steps=world.steps, step_s=world.step_s, z=z, start_ns=world.start_ns, seed=seed)
 
 

@@ -41,10 +41,10 @@ STARTS = 200
 
 def motion_in_a_step(config: WorldConfig) -> WaypointMotion:
     """Speed, noise and change of destination per step, from those per second."""
-    redirect, step_s = config.redirect, config.step_s
+    redirect, step_s = config.redirect_probability, config.step_s
     return WaypointMotion(
         step=config.speed * step_s,
-        sigma=config.sigma * math.sqrt(step_s),
+        sigma=config.process_noise_position * math.sqrt(step_s),
         redirect=-math.expm1(step_s * math.log1p(-redirect)) if redirect < 1 else 1.0,
         diameter=config.diameter,
     )
@@ -82,7 +82,7 @@ def simulate_truth(
         Tables of up to CHUNK_STEPS steps; time k is `start_ns + round(k step_s)`.
         InputError if there are no objects, or if they do not fit into the room.
     """
-    floor, n = ground(scene, config.clearance), config.targets + config.occluders
+    floor, n = ground(scene, config.wall_clearance), config.targets + config.occluders
     world = _first(floor, n, config, seed, people)
     world = world if start is None else world._replace(xy=start.copy())
     generators = [[generator(seed, RandomStream.WORLD_MOTION, i, kind) for kind in range(3)] for i in range(n)]
@@ -152,5 +152,5 @@ def _truth(positions: Floats, first: int, config: WorldConfig) -> Truth:
         role=np.where(target, "target", "occluder"),
         x=positions[:, :, 0].ravel(),
         y=positions[:, :, 1].ravel(),
-        z=np.full(c * n, math.nan if config.z is None else config.z),
+        z=np.full(c * n, math.nan if config.object_height is None else config.object_height),
     )

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from .interface import AnyMethod
 
-SELECTION = ("policy", "count", "every", "model", "order", "patience")
+SELECTION = ("policy", "n_cameras", "selection_interval", "model", "camera_order", "max_blind_scans")
 IN_WORLD = (
     "diagnostics",
     "doa",
@@ -30,30 +30,30 @@ IN_WORLD = (
     "targets",
     "labelled_only",
     "use_recovered",
-    "in_turn",
+    "round_robin_s",
     "residuals",
 )
 """Fields of requests, and settings of their groups, that all methods take that track in the world."""
 MEASURED = (
     "measurements",
     "path_loss",
-    "propagation",
+    "propagation_speed",
     "tag_height",
     "sigma_range",
-    "sigma_difference",
+    "sigma_range_difference",
     "sigma_rssi",
     "rssi_power",
     "rssi_exponent",
-    "measured_bend",
-    "measured_late",
-    "detour",
+    "measured_loss_threshold",
+    "nlos_probability",
+    "nlos_bias",
 )
 """Options of methods that take ranges, signal strengths and time differences."""
-IN_IMAGES = ("initial", "detections", "fundamental", "world")
+IN_IMAGES = ("initial_ellipses", "detections", "fundamental", "ground_tracks")
 """Options of all methods that track in images."""
-OF_EVERYBODY = ("support", "events", "view_tracks", "doa", "gallery")
+OF_EVERYBODY = ("associations", "events", "view_tracks", "doa", "gallery")
 """Options of all methods that follow all people."""
-OF_TAGS = ("targets", "path_loss", "sights")
+OF_TAGS = ("targets", "path_loss", "refine_bearings")
 """Options of all methods that take reads of tags."""
 BEARINGS, IMAGES, BOXES, READS, VIEW = "bearings", "images", "boxes", "reads", "boxes of one camera"
 """What a method takes in."""
@@ -125,31 +125,31 @@ OURS: dict[str, MethodEntry] = {
         "auxiliary particle filter with occlusion model and random-waypoint motion (Ercan, El Gamal, Guibas 2013)",
         "occlog.track.methods.apf.filter:METHOD",
         "occlog.track.methods.apf.config:ApfConfig",
-        (*IN_WORLD, *MEASURED, "starts", "occluders", "calibration", "cloud", *SELECTION),
+        (*IN_WORLD, *MEASURED, "initial_positions", "occluders", "calibration", "particle_cloud", *SELECTION),
     ),
     "map": MethodEntry(
         "MAP trajectory from all bearings, with visibility constraints (Rahimi, Dunagan, Darrell 2004)",
         "occlog.track.methods.map.method:METHOD",
         "occlog.track.methods.map.config:MapConfig",
-        (*IN_WORLD, *MEASURED, "starts", "occluders", "motion"),
+        (*IN_WORLD, *MEASURED, "initial_positions", "occluders", "motion"),
     ),
     "ekf": MethodEntry(
         "extended Kalman filter, a baseline of apf",
         "occlog.track.methods.kalman.filter:EKF",
         "occlog.track.methods.kalman.config:EkfConfig",
-        (*IN_WORLD, *MEASURED, "starts"),
+        (*IN_WORLD, *MEASURED, "initial_positions"),
     ),
     "ukf": MethodEntry(
         "unscented Kalman filter, a baseline of apf (Julier, Uhlmann 1997)",
         "occlog.track.methods.kalman.filter:UKF",
         "occlog.track.methods.kalman.config:UkfConfig",
-        (*IN_WORLD, *MEASURED, "starts"),
+        (*IN_WORLD, *MEASURED, "initial_positions"),
     ),
     "iekf": MethodEntry(
         "iterated extended Kalman filter with a MAP update per scan, a baseline of apf (Bell, Cathey 1993)",
         "occlog.track.methods.kalman.filter:IEKF",
         "occlog.track.methods.kalman.config:IekfConfig",
-        (*IN_WORLD, "starts"),
+        (*IN_WORLD, "initial_positions"),
     ),
     "joint": MethodEntry(
         "joint particle filter of labelled objects that occlude one another ([Ercan] Sec. 4.4; Doucet et al. 2002)",
@@ -161,19 +161,19 @@ OURS: dict[str, MethodEntry] = {
         "particle filter in 3-D from azimuths and elevations (Lee 2009)",
         "occlog.track.methods.in_space.direct3d:METHOD",
         "occlog.track.methods.in_space.config:Direct3dConfig",
-        (*IN_WORLD, "starts", "cloud", *SELECTION),
+        (*IN_WORLD, "initial_positions", "particle_cloud", *SELECTION),
     ),
     "pps": MethodEntry(
         "projected plane selection: particle filters in the planes xy, yz and zx (Lee 2009)",
         "occlog.track.methods.in_space.projected_planes:METHOD",
         "occlog.track.methods.in_space.config:PpsConfig",
-        (*IN_WORLD, "starts", *SELECTION),
+        (*IN_WORLD, "initial_positions", *SELECTION),
     ),
     "imm": MethodEntry(
         "multi-target IMM particle filter with JPDA for microphone arrays (Lee 2009)",
         "occlog.track.methods.imm.filter:METHOD",
         "occlog.track.methods.imm.config:ImmConfig",
-        (*IN_WORLD, "starts", "cooperation", "answer_delay"),
+        (*IN_WORLD, "initial_positions", "cooperation", "answer_delay"),
     ),
     "fix": MethodEntry(
         "position of each scan by robust triangulation, without a motion model (Lenth 1981)",
@@ -353,7 +353,7 @@ _ABOUT = {
     --cooperate camera frames are requested.
 
     \b
-      occlog track directions.mcap --method imm --cooperate spread --set spread=0.5 -o tracks.parquet
+      occlog track directions.mcap --method imm --cooperate spread --set request_sigma=0.5 -o tracks.parquet
     """,
     "map": f"""
     The most probable trajectory of each labelled target (`occlog label`) from all measurements, past and future;
@@ -394,5 +394,5 @@ VERB = Verb(
     chosen_by="--method {}",
     more=_plugged_kinds,
     shows_default=False,
-    example="sigma_v=0.3",
+    example="process_noise_position=0.3",
 )

@@ -44,11 +44,11 @@ class TrackRequestBase(Request):
       occlog track views.parquet --scene hall.mcap --method jipda -o tracks.parquet
       occlog track bearings.parquet --scene scene.yaml -o tracks.parquet --diagnostics diagnostics.parquet
       occlog track bearings.parquet --scene hall.mcap --without cam4 --start 4,1.5,0.5 -o without4.parquet
-      occlog track bearings.parquet --scene scene.yaml --select greedy --count 3 -o selected.parquet
+      occlog track bearings.parquet --scene scene.yaml --select greedy --n-cameras 3 -o selected.parquet
       occlog track directions.mcap --method imm --cooperate spread -o tracks.parquet
       occlog track labelled.parquet --scene scene.yaml --method map --set loss=huber -o map.parquet
       occlog track ranges.csv --scene stations.csv --method fix -o tracks.parquet
-      occlog track balls.mcap --method bmct --initial balls.mcap -o view_tracks.parquet
+      occlog track balls.mcap --method bmct --initial-ellipses balls.mcap -o view_tracks.parquet
       occlog track tags.mcap --method rssi --path-loss readers.json -o tags.parquet
     """
 
@@ -87,7 +87,7 @@ class TrackRequestBase(Request):
         shown="",
     )
     seed: int = seed_of_all()
-    settings: Mapping[str, object] = group(None, example="sigma_v=0.3")
+    settings: Mapping[str, object] = group(None, example="process_noise_position=0.3")
 
     @property
     def window_ns(self) -> int | None:
@@ -129,7 +129,7 @@ class TrackRequest(_InWorld):
     residuals: Path | None = sink(
         "Write the normalised residual and inlier probability of each bearing (Parquet).", "residuals"
     )
-    cloud: Path | None = sink(
+    particle_cloud: Path | None = sink(
         "Write up to 200 weighted particles per time step, before smoothing (Parquet).",
         "particles",
         asked="also",
@@ -156,7 +156,7 @@ class TrackRequest(_InWorld):
         "exactly). Without them a missed detection may mean an occlusion that the filter cannot predict."
     )
     select: Mapping[str, object] = group(lambda: load("occlog.track.methods.apf.config:SelectConfig"))
-    starts: tuple[str, ...] = setting(
+    initial_positions: tuple[str, ...] = setting(
         (),
         "Initial position with standard deviation SIGMA (0.5 m if omitted, 1 in a scene-specific unit); for "
         "--method imm also X,Y,SIGMA,VX,VY,SIGMA_V. May be repeated, once per target. [default: uniform over the "
@@ -183,13 +183,13 @@ class TrackRequest(_InWorld):
         option="--use-recovered",
         shown="",
     )
-    in_turn: float | None = setting(
+    round_robin_s: float | None = setting(
         None,
         "Round robin: use one sensor at a time for this long each, in the order of the scene. [default: all sensors]",
         unit="s",
         above=0,
         at_most=LONGEST_S,
-        option="--in-turn",
+        option="--round-robin",
         metavar="SECONDS",
         shown="",
     )
@@ -211,7 +211,9 @@ class TrackPeopleRequest(TrackRequestBase):
     JUDGED: ClassVar[bool] = True
 
     doa: Path | None = source("Directions of arrival to use too: a table, or a recording that holds them.")
-    support: Path | None = sink("Write the association probabilities of detections and tracks (Parquet).", "support")
+    associations: Path | None = sink(
+        "Write the association probabilities of detections and tracks (Parquet).", "support"
+    )
     events: Path | None = sink(
         "Write track initiations and terminations, re-identifications and possible identity switches (Parquet).",
         "events",
@@ -242,7 +244,7 @@ class ReadsRequest(_InWorld):
 
     RUN: ClassVar[str] = "occlog.track.methods.readers.run:run_track_reads"
 
-    sights: Path | None = source(
+    refine_bearings: Path | None = source(
         "Bearings of the cameras of --refine: a table, or a recording. [default: those of the recording]"
     )
     virtual_sensors: Path | None = sink(
@@ -259,25 +261,25 @@ class ViewsRequest(TrackRequestBase):
     RUN: ClassVar[str] = "occlog.track.methods.images.run.run:run_track_views"
 
     output: Path = output_file("Tracks (Parquet).", "view_tracks")
-    initial: Path | None = source(
+    initial_ellipses: Path | None = source(
         "Initial ellipses in each view: CSV, or boxes with identities (Parquet, or a recording that holds true "
         "boxes). [default: initiate from detections]"
     )
     detections: Path | None = source(
         "Detections that initiate trackers: boxes of a detector, or views of `occlog detect`. [default without "
-        "--initial: boxes in the recording, else its moving regions]"
+        "--initial-ellipses: boxes in the recording, else its moving regions]"
     )
     fundamental: Path | None = source(
         "Fundamental matrices (JSON, from `occlog epipolar`). [default: camera poses of --scene, matrices in the "
         "recording, poses of its scene]"
     )
-    world: Path | None = sink(
+    ground_tracks: Path | None = sink(
         "Write ground tracks, triangulated from all views that track a target (Parquet).", "tracks", asked="also"
     )
 
     @property
     def births(self) -> str:
         """Where trackers come from: `initial`, `detections` or `both`."""
-        if self.initial is None:
+        if self.initial_ellipses is None:
             return "detections"
         return "initial" if self.detections is None else "both"

@@ -167,8 +167,8 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
     chunks = job.progress(inputs.chunks, "track")
     if not request.use_recovered:
         chunks = only_measured(chunks)
-    if request.in_turn is not None:
-        chunks = one_at_a_time(chunks, inputs.scene, sensors, request.in_turn)
+    if request.round_robin_s is not None:
+        chunks = one_at_a_time(chunks, inputs.scene, sensors, request.round_robin_s)
     # Track
     plugin = METHODS[request.method].plugin
     tracking = TrackingTask(
@@ -180,7 +180,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
         unlabelled=not request.labelled_only,
         window_ns=request.window_ns or 0,
         selection=selection,
-        particles=request.cloud is not None,
+        particles=request.particle_cloud is not None,
     )
     joint = isinstance(tracker(request.method), Joint)
     smoothed = isinstance(config, SmoothingConfig) and config.smoothed
@@ -193,7 +193,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
         "targets": targets,
         "unlabelled": not request.labelled_only,
         "window_ns": request.window_ns or 0,
-        "in_turn_s": request.in_turn,
+        "in_turn_s": request.round_robin_s,
         "doa_labels": request.doa_labels,
         "selection": None if selection is None else asdict(selection),
         **asdict(config),
@@ -303,15 +303,17 @@ def make_config(request: TrackRequest, unit: str) -> Settings:
     values: dict[str, Any] = dict(request.settings)
     if request.motion is not None:
         values |= motion_settings(request.motion, unit, values)
-    if request.starts:
+    if request.initial_positions:
         if "start" in values:
             raise UsageError(f"{option('start')} and {option('set.start')} say the same; give one of them")
-        values["start"] = parse_starts(request.starts, request.method, unit)
+        values["start"] = parse_starts(request.initial_positions, request.method, unit)
     if request.answer_delay is not None:
-        if "answer_s" in values:
-            raise UsageError(f"{option('answer_delay')} and {option('set.answer_s')} say the same; give one of them")
+        if "answer_delay_s" in values:
+            raise UsageError(
+                f"{option('answer_delay')} and {option('set.answer_delay_s')} say the same; give one of them"
+            )
         delay = request.answer_delay
-        values["answer_s"] = max_router_delay(delay) if isinstance(delay, Path) else delay
+        values["answer_delay_s"] = max_router_delay(delay) if isinstance(delay, Path) else delay
     return configure(defaults, values)
 
 
@@ -320,13 +322,13 @@ def motion_settings(path: Path, unit: str, given: Mapping[str, Any]) -> dict[str
     motion = read_motion(path)
     if motion.length_unit != unit:
         raise UsageError(f"{path}: is in {motion.length_unit}, but the scene in {unit}; fit a model in this scene")
-    for name in ("A", "Sigma", "step_s", "acceleration", "jitter"):
+    for name in ("A", "Sigma", "model_step_s", "process_noise_velocity", "process_noise_position"):
         if name in given:
             raise UsageError(
                 f"{option('motion')} and {option('set')} {name}=... both say how targets move; give one of them"
             )
     A, sigma = tuple(motion.A.ravel().tolist()), tuple(motion.sigma.ravel().tolist())
-    return {"A": A, "Sigma": sigma, "step_s": motion.step_s}
+    return {"A": A, "Sigma": sigma, "model_step_s": motion.step_s}
 
 
 def max_router_delay(path: Path) -> float:
@@ -356,11 +358,11 @@ def make_selection(request: TrackRequest) -> SelectConfig | None:
         return None
     if "policy" not in given:
         raise UsageError(
-            f"{option('count')}, {option('every')}, {option('patience')}, "
-            f"{option('select_model')} and {option('select_order')} go with {option('select')}; add it"
+            f"{option('n_cameras')}, {option('selection_interval')}, {option('max_blind_scans')}, "
+            f"{option('select_model')} and {option('camera_order')} go with {option('select')}; add it"
         )
-    if "order" in given and given["policy"] != "fixed":
-        raise UsageError(f"{option('select_order')} goes with {option('select')} fixed, not {given['policy']}")
+    if "camera_order" in given and given["policy"] != "fixed":
+        raise UsageError(f"{option('camera_order')} goes with {option('select')} fixed, not {given['policy']}")
     return configure(SelectConfig(), given)
 
 
@@ -382,7 +384,7 @@ def _with_velocity(text: str, unit: str) -> str:
         return text
     if len(parts) > 3:
         raise UsageError(f"{option('start')} {text}: want X,Y, X,Y,SIGMA or X,Y,SIGMA,VX,VY,SIGMA_V")
-    return f"{parse_start(text, unit)},0,0,{ImmConfig.in_unit(unit).speed}"
+    return f"{parse_start(text, unit)},0,0,{ImmConfig.in_unit(unit).sigma_initial_velocity}"
 
 
 def parse_start(text: str, unit: str) -> str:

@@ -53,7 +53,7 @@ class LagConfig(Settings):
 class SmoothingConfig(LagConfig):
     """Smoothing of particle filters by trajectories drawn backwards."""
 
-    trajectories: int = setting(
+    smoothing_trajectories: int = setting(
         200,
         "Trajectories drawn by the backward simulation. More give smoother covariances and take longer.",
         at_least=2,

@@ -50,7 +50,18 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_networks_find_the_boxes_of_the_command(folder: Path, tmp_path: Path) -> None:
     recording, model, reid = folder / "room.mcap", folder / "people.onnx", folder / "reid.onnx"
     views, bearings = tmp_path / "v.parquet", tmp_path / "b.parquet"
-    more = ("--embed", reid, "--embed-pixels", "unit", "--batch", 2, "--min-confidence", 0.4, "--class", "person")
+    more = (
+        "--embed",
+        reid,
+        "--embed-pixel-scaling",
+        "unit",
+        "--batch",
+        2,
+        "--min-confidence",
+        0.4,
+        "--class",
+        "person",
+    )
     command("detect", recording, "--onnx", model, "-o", views, "--bearings", bearings, *more)
     found = occlog.detect(
         recording,

@@ -47,7 +47,7 @@ TABLES = {
 }
 """Outputs that are tables of the result."""
 MISSING = {
-    "label": {"--gallery", "--images", "--named"},
+    "label": {"--gallery", "--images", "--reidentified"},
     "evaluate": {"--write-scene", "--also", "--mot"},
     "report": {"other"},  # of two runs side by side
 }

@@ -31,16 +31,25 @@ from occlog.scans.config import DistanceMeasurementConfig
 T = TypeVar("T", bound=ColumnTable)
 WHOLE = 10**6
 MANY = (
-    MultiTargetConfig(match_distance=1.0, moda_distance=0.5, own="label"),
-    MultiTargetConfig(match_distance=1.0, moda_distance=0.5, own="best", clear_rule="challenge", ospa_window=7),
-    MultiTargetConfig(match_distance=0.4, moda_distance=0.5, own="start", gospa_switch=0.2, gospa_p=1.0),
+    MultiTargetConfig(match_distance=1.0, moda_distance=0.5, assigned_target="label"),
+    MultiTargetConfig(
+        match_distance=1.0, moda_distance=0.5, assigned_target="best", clear_rule="challenge", ospa_window=7
+    ),
+    MultiTargetConfig(
+        match_distance=0.4, moda_distance=0.5, assigned_target="start", gospa_switch_penalty=0.2, gospa_p=1.0
+    ),
 )
 WAYS = (
     EvaluateConfig(),
     EvaluateConfig(
-        match="optimal", skip_s=2.0, lines_window_s=0.05, lines_limit=0.5, motion="cv", occluder_diameter=0.6
+        match="optimal",
+        settling_s=2.0,
+        triangulation_window_s=0.05,
+        triangulation_tolerance=0.5,
+        motion="cv",
+        occluder_diameter=0.6,
     ),
-    EvaluateConfig(match="optimal", max_gap_s=1.5, gate_px=5.0, bound_in="ground"),
+    EvaluateConfig(match="optimal", max_gap_s=1.5, gate_px=5.0, bound_dimension="ground"),
 )
 
 
@@ -102,7 +111,7 @@ def test_of_tracks_truth_bearings_and_diagnostics(what: str, way: int, cuts: tup
 @pytest.mark.parametrize("given", [("tracks", "bearings"), ("truth", "bearings")])
 @pytest.mark.parametrize("what", CASES)
 def test_of_tracks_or_a_truth_alone(what: str, given: tuple[str, ...]) -> None:
-    case, config = CASES[what](5), EvaluateConfig(lines_window_s=0.05)
+    case, config = CASES[what](5), EvaluateConfig(triangulation_window_s=0.05)
     of = {name: getattr(case, name) for name in given}
     whole = evaluated(WHOLE, case.place, config, **of)
     assert len(whole[0].metrics) > 10
@@ -138,7 +147,7 @@ def test_of_sensors_that_are_held_out(make: Callable[[int], Case]) -> None:
 
 @pytest.mark.parametrize("bearings", [True, False])
 def test_of_measurements_of_distances(bearings: bool) -> None:
-    case, config = simulated(3), EvaluateConfig(match="optimal", skip_s=2.0)
+    case, config = simulated(3), EvaluateConfig(match="optimal", settling_s=2.0)
     of = {"tracks": case.tracks, "truth": case.truth, "measured": ranges(case)}
     of |= {"bearings": case.bearings} if bearings else {}
     whole = evaluated(WHOLE, case.place, config, **of)
@@ -162,7 +171,7 @@ def ranges(case: Case) -> Measurements:
 @pytest.mark.parametrize("rows", [1, 13])
 def test_of_views(rows: int) -> None:
     found, boxes = seen(rows)
-    config, of = EvaluateConfig(box_overlap=0.4), {"views": found, "truth_boxes": boxes}
+    config, of = EvaluateConfig(iou_threshold=0.4), {"views": found, "truth_boxes": boxes}
     whole = evaluated(WHOLE, Scene(), config, **of)
     assert 0.3 < whole[0].metrics["views_recall"] < 0.95
     assert whole[0].metrics["views_true_boxes_hidden"] > 5 < whole[0].metrics["views_frames_sensor_left"]
@@ -189,9 +198,9 @@ def test_of_requests_of_cameras() -> None:
 @pytest.mark.parametrize(
     "config",
     [
-        MultiTargetConfig(own="start"),
-        MultiTargetConfig(own="best", clear_rule="challenge", gospa_px=30.0),
-        MultiTargetConfig(own="start", frames=(2, 40), cameras=("b",)),
+        MultiTargetConfig(assigned_target="start"),
+        MultiTargetConfig(assigned_target="best", clear_rule="challenge", gospa_px=30.0),
+        MultiTargetConfig(assigned_target="start", frames=(2, 40), cameras=("b",)),
     ],
 )
 def test_of_tracks_in_images(config: MultiTargetConfig, rows: int) -> None:

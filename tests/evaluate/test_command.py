@@ -25,8 +25,8 @@ SCENE = scene_from_yaml(
 occlog_scene: 1
 room: [[0, 0], [20, 0], [20, 20], [0, 20]]
 cameras:
-  - {name: east, position: [0, 10], yaw_deg: 0, focal_px: 100, fov_deg: 90, noise: {read_px: 1}}
-  - {name: north, position: [10, 0], yaw_deg: 90, focal_px: 100, fov_deg: 90, noise: {read_px: 1}}
+  - {name: east, position: [0, 10], yaw_deg: 0, focal_px: 100, fov_deg: 90, noise: {measurement_noise_px: 1}}
+  - {name: north, position: [10, 0], yaw_deg: 90, focal_px: 100, fov_deg: 90, noise: {measurement_noise_px: 1}}
 """,
     "scene",
 )
@@ -287,7 +287,7 @@ def test_options_are_given_in_degrees_and_milliradians_and_names_with_commas(fol
         "east,north",
         "--held-out-gate-mrad",
         "20",
-        "--lines-crossing-deg",
+        "--triangulation-min-angle-deg",
         "3",
         "--prior",
         "4",
@@ -310,9 +310,12 @@ def test_a_prior_that_is_no_covariance_is_an_error_of_usage(capsys: pytest.Captu
 @pytest.mark.parametrize(
     ("args", "words"),
     [
-        ([*FULL, "--tau", "1"], "--tau is for tracks in images"),
+        ([*FULL, "--distance-gate", "1"], "--distance-gate is for tracks in images"),
         ([*FULL, "--doa-gate", "1"], "--doa-gate is for directions against true ones (--truth-azimuths)"),
-        (["evaluate", "--bearings", "bearings.parquet", "--own", "label"], "not for bearings, views, or TRACKS"),
+        (
+            ["evaluate", "--bearings", "bearings.parquet", "--assigned-target", "label"],
+            "not for bearings, views, or TRACKS",
+        ),
         (["evaluate", "--truth-azimuths", "a.csv", "--motion", "cv"], "--motion is for TRACKS on the ground"),
     ],
 )
@@ -330,7 +333,7 @@ def test_motion_and_diameter_of_a_simulation_are_taken_over(folder: Path) -> Non
         writer.table(truth_table())
     args = ["evaluate", "tracks.parquet", "--truth", "simulated.mcap", "--bearings", "bearings.parquet"]
     used = []
-    for more in ([], ["--sigma-v", "0.9", "--occluder-diameter", "1"]):
+    for more in ([], ["--process-noise", "0.9", "--occluder-diameter", "1"]):
         assert run([*args, *more, "-o", "m.json", "--overwrite"]) == ExitCode.DONE
         used.append(json.loads((folder / "m.json").read_text())["_provenance"]["parameters"])
     assert [(p["sigma_v"], p["occluder_diameter"]) for p in used] == [(0.2, 0.7), (0.9, 1.0)]

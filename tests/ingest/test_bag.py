@@ -98,7 +98,7 @@ def test_the_clock_is_that_of_the_headers_or_of_recording(tmp_path: Path, capsys
     bag = ros.write_mcap(tmp_path / "late.mcap", ros.two_cameras(delay_ns=2 * 10**9))
     assert times(made(bag), "cam_front")[0] == 0
     assert "recorded 2 to 2 s after its header stamps; the header stamps were taken" in capsys.readouterr().err
-    assert times(made(bag, "--stamp", "log"), "cam_front")[0] == 2000
+    assert times(made(bag, "--timestamp-source", "log"), "cam_front")[0] == 2000
     blank = [(t, k, log, _restamped(m) if k == IMAGE else m) for t, k, log, m in ros.two_cameras()]
     assert times(made(ros.write_mcap(tmp_path / "blank.mcap", blank)), "cam_front")[0] == 3
     assert "its headers have no time; the times of recording were taken" in capsys.readouterr().err
@@ -466,7 +466,7 @@ def test_a_recording_of_occlog_is_no_bag(bag: Path, capsys: pytest.CaptureFixtur
     scene = bag.parent / "scene.yaml"
     scene.write_text(SCENE)
     once, again = bag.parent / "once.mcap", bag.parent / "again.mcap"
-    offset = ["--offset", "cam_front=0.5s"]
+    offset = ["--clock-offset", "cam_front=0.5s"]
     assert run(["ingest", str(bag), "-o", str(once), "-q", *offset]) == ExitCode.DONE, capsys.readouterr().err
     cut = bag.parent / "cut.mcap"
     cut.write_bytes(once.read_bytes()[:-100])

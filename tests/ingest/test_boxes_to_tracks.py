@@ -78,7 +78,7 @@ def test_two_commands_make_tracks_of_yolo_text_and_a_kalibr_file(
     write_yolo(tmp_path / "yolo", found)
     write_chain(tmp_path / "camchain.yaml", scene)
     recording, tracks = tmp_path / "hall.mcap", tmp_path / "tracks.parquet"
-    placed = ["--calibration", str(tmp_path / "camchain.yaml"), "--up", "auto", "--ground", "-3"]
+    placed = ["--calibration", str(tmp_path / "camchain.yaml"), "--up", "auto", "--ground-height", "-3"]
     how = ["--boxes", str(tmp_path / "yolo"), "--class", "0", "--fps", "10", "--first-number", "1"]
     assert run(["ingest", "-o", str(recording), *how, *placed]) == ExitCode.DONE
     said = capsys.readouterr().err
@@ -114,7 +114,7 @@ def test_files_without_any_box_are_looks_of_all_cameras_at_nobody(
     (tmp_path / "none.csv").write_text("frame,camera,x1,y1,x2,y2,score\n")
     recording, tracks = str(tmp_path / "r.mcap"), str(tmp_path / "t.parquet")
     boxes_of = ["--boxes", str(tmp_path / "none.csv"), "--calibration", str(tmp_path / "chain.yaml")]
-    world = ["--up", "auto", "--ground", "-4", "--fps", "10", "--frames", "0:40"]
+    world = ["--up", "auto", "--ground-height", "-4", "--fps", "10", "--frames", "0:40"]
     assert run(["ingest", "-o", recording, *boxes_of, *world]) == ExitCode.DONE
     assert "every frame of cam0, cam1, cam2, cam3 is a frame without a person" in capsys.readouterr().err
     assert run(["track", recording, "--method", "jipda", "-o", tracks]) == ExitCode.DONE

@@ -1,4 +1,4 @@
-"""`occlog ingest --offset`: times of sensors whose clocks are off."""
+"""`occlog ingest --clock-offset`: times of sensors whose clocks are off."""
 
 from __future__ import annotations
 
@@ -16,8 +16,10 @@ from occlog.records.tables import Boxes, Doa, Truth
 
 SCENE = """occlog_scene: 1
 cameras:
-- {name: cam1, position: [0, 0, 3], yaw_deg: 45, focal_px: 320, image_size_px: [640, 480], noise: {read_px: 2}}
-- {name: cam2, position: [9, 0, 3], yaw_deg: 135, focal_px: 320, image_size_px: [640, 480], noise: {read_px: 2}}
+- {name: cam1, position: [0, 0, 3], yaw_deg: 45, focal_px: 320, image_size_px: [640, 480],
+     noise: {measurement_noise_px: 2}}
+- {name: cam2, position: [9, 0, 3], yaw_deg: 135, focal_px: 320, image_size_px: [640, 480],
+     noise: {measurement_noise_px: 2}}
 microphone_arrays:
 - {name: mic, position: [5, 5], yaw_deg: 90}
 """
@@ -36,7 +38,7 @@ def place(tmp_path: Path) -> Path:
 def ingest(place: Path, *offsets: str) -> int:
     given = ["--scene", str(place / "scene.yaml"), "--boxes", str(place / "b.csv"), "--fps", "10"]
     given += ["--start-time", "1"]
-    given += ["--doa", str(place / "d.csv"), *(word for text in offsets for word in ("--offset", text))]
+    given += ["--doa", str(place / "d.csv"), *(word for text in offsets for word in ("--clock-offset", text))]
     return run(["ingest", "-o", str(place / "out.mcap"), "--overwrite", "-q", *given])
 
 
@@ -70,11 +72,11 @@ def test_truth_that_counts_frames_is_not_moved_with_one_of_the_cameras(
         assert run(args) == ExitCode.DONE, capsys.readouterr().err
         return open_recording(place / "out.mcap").read(Truth).t_ns.tolist()
 
-    for offsets in ((), ("--offset", "cam1=-0.4s", "--offset", "cam2=-0.4s")):
+    for offsets in ((), ("--clock-offset", "cam1=-0.4s", "--clock-offset", "cam2=-0.4s")):
         moved = -400_000_000 if offsets else 0
         assert times("--truth", str(truth), *offsets) == [10**9 + moved, 1_300_000_000 + moved]
     for first, camera in (("cam1", "cam2"), ("cam2", "cam1")):
-        one = ["--offset", f"{first}=-0.4s"]
+        one = ["--clock-offset", f"{first}=-0.4s"]
         args = ["ingest", "-o", str(place / "out.mcap"), "--overwrite", "-q", *given, "--truth", str(truth), *one]
         assert run(args) == ExitCode.USAGE
         assert "the cameras' frames differ in time; give CAMERA=t.csv" in capsys.readouterr().err
@@ -96,7 +98,7 @@ def test_an_offset_adds_to_one_that_the_scene_of_a_recording_has(place: Path) ->
     assert ingest(place, "cam2=-0.4s") == ExitCode.DONE
     given = ["--scene", str(place / "out.mcap"), "--boxes", str(place / "b.csv"), "--fps", "10", "--start-time", "1"]
     for name, offset, first in (("twice.mcap", "cam2=-0.1s", 500_000_000), ("third.mcap", "cam1=0.1s", 600_000_000)):
-        assert run(["ingest", "-o", str(place / name), "-q", *given, "--offset", offset]) == ExitCode.DONE
+        assert run(["ingest", "-o", str(place / name), "-q", *given, "--clock-offset", offset]) == ExitCode.DONE
         boxes = open_recording(place / name).read(Boxes)
         assert boxes.t_ns[boxes.sensor == "cam2"][0] == first
     assert boxes.t_ns[boxes.sensor == "cam1"][0] == 1_100_000_000

@@ -99,7 +99,7 @@ def test_a_world_at_a_camera_is_turned_with_its_truth_and_provenance_says_how(fo
     z = CAMERAS[1].rotation.T @ [0.0, 0.0, 1.0]
     direction = up if up == "auto" else ",".join(str(v) for v in z)
     ground = -float(CAMERAS[1].position[2])
-    options = ["--up", direction, "--ground", str(ground), "--truth", str(folder / "truth.csv")]
+    options = ["--up", direction, "--ground-height", str(ground), "--truth", str(folder / "truth.csv")]
     assert ingest(folder, *options) == ExitCode.DONE
     said = capsys.readouterr().err
     assert "warning" not in said

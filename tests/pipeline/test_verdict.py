@@ -183,7 +183,7 @@ def test_compare_says_of_which_method_the_tracks_are_not_plausible(
     folder: Path, done: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     methods = [str(done / "tracks.parquet"), str(done / "tracks.parquet")]
-    words = ["compare", *methods, "--truth", str(folder / "truth.csv"), "--figure", "idf1", "--markdown"]
+    words = ["compare", *methods, "--truth", str(folder / "truth.csv"), "--metric", "idf1", "--markdown"]
     assert run([*words, str(tmp_path / "c.md"), "--json"]) == ExitCode.DONE
     found = json.loads(capfd.readouterr().out)["implausible"]
     assert [each["method"] for each in found] == methods

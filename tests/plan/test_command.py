@@ -18,7 +18,7 @@ from occlog.records.declared.world import PlanMap
 from occlog.records.tables import Tracks
 
 ROOM = EXAMPLES / "room.yaml"
-QUICK = ("--cells", "30", "--draws", "4", "--set", "window_s=1", "-q")
+QUICK = ("--cells", "30", "--samples-per-cell", "4", "--set", "settling_s=1", "-q")
 
 
 def plan(scene: Path, *args: str) -> int:
@@ -36,7 +36,8 @@ CAMERA = "{name: %s, position: [%g, %g, 1.2], yaw_deg: %g, focal_px: 142, image_
 def test_all_outputs_of_one_call_agree(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     table, picture, page = (tmp_path / name for name in ("plan.parquet", "plan.svg", "plan.html"))
     code = plan(
-        ROOM, "--people", "4", "--within", "0.3", "--along-walls", "southwest", "--spacing", "6", "--add", "1",
+        ROOM, "--people", "4", "--max-expected-error", "0.3", "--along-walls", "southwest",
+        "--spacing", "6", "--add", "1",
         "--remove", "-o", str(table), "--picture", str(picture), "--report", str(page), "--json",
     )  # fmt: skip
     told = json.loads(capsys.readouterr().out)

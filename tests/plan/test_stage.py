@@ -32,7 +32,7 @@ from occlog.plan.walks import Walked
 from occlog.records.scene import Camera, MicrophoneArray, Scene
 
 ROOM = np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 6.0], [0.0, 6.0]])
-SMALL = replace(PlanConfig.in_unit("m"), cells=36, draws=8, window_s=3.0)
+SMALL = replace(PlanConfig.in_unit("m"), cells=36, samples_per_cell=8, settling_s=3.0)
 
 
 def camera(name: str, x: float, y: float, yaw_deg: float, z: float = 0.0) -> Camera:
@@ -119,7 +119,7 @@ def test_more_cameras_make_the_prediction_better_everywhere(people: int):
 
 
 def test_a_symmetric_room_gives_a_symmetric_map_within_its_error():
-    table = plan_map(planned(*CORNERS, config=replace(SMALL, draws=64)))
+    table = plan_map(planned(*CORNERS, config=replace(SMALL, samples_per_cell=64)))
     order = np.lexsort([table.x, table.y])
     rmse, error = (v[order].reshape(6, 6) for v in (table.rmse, table.rmse_error))
     for turn in (np.fliplr, np.flipud, np.transpose):
@@ -135,19 +135,21 @@ def test_a_crowd_hides_as_often_as_the_exact_shares_say():
     ways = np.broadcast_to(place, (moments, 1, 2)).copy()
     walked = Walked(ways, crowd, np.arange(moments), np.full(moments, -1), 0.1)
     # Without the discs that would stand in the target itself, which are drawn anew
-    near = np.hypot(*(crowd - place).transpose(2, 0, 1)) < SMALL.diameter
+    near = np.hypot(*(crowd - place).transpose(2, 0, 1)) < SMALL.person_diameter
     while near.any():
         crowd[near] = rng.uniform(0.0, 6.0, (int(near.sum()), 2))
-        near = np.hypot(*(crowd - place).transpose(2, 0, 1)) < SMALL.diameter
+        near = np.hypot(*(crowd - place).transpose(2, 0, 1)) < SMALL.person_diameter
     sensors = CORNERS[:2]
     scene = Scene(cameras=sensors, room=ROOM)
     seen = np.stack([unoccluded_view(s, scene, walked, replace(SMALL, people=n))[:, 0] for s in sensors])
     # Exact: one disc, uniform over the room without the circle about the target, hides from a set of cameras
     cameras = np.array([s.ground for s in sensors])
-    whole = shares(place[0], place[1], cameras, polygon_priors([ROOM], SMALL.diameter), 0)
-    circle = [place + SMALL.diameter * np.array([math.cos(a), math.sin(a)]) for a in np.arange(256) * math.pi / 128]
-    hole = shares(place[0], place[1], cameras, polygon_priors([np.array(circle)], SMALL.diameter), 0)
-    part = math.pi * SMALL.diameter**2 / 36.0
+    whole = shares(place[0], place[1], cameras, polygon_priors([ROOM], SMALL.person_diameter), 0)
+    circle = [
+        place + SMALL.person_diameter * np.array([math.cos(a), math.sin(a)]) for a in np.arange(256) * math.pi / 128
+    ]
+    hole = shares(place[0], place[1], cameras, polygon_priors([np.array(circle)], SMALL.person_diameter), 0)
+    part = math.pi * SMALL.person_diameter**2 / 36.0
     one = (whole - part * hole) / (1.0 - part)
     both = one[0] ** n
     for i, bit in enumerate((1, 2)):
@@ -158,10 +160,10 @@ def test_a_crowd_hides_as_often_as_the_exact_shares_say():
 
 def test_a_camera_above_heads_is_hidden_from_by_people_near_the_target_lonely():
     high = camera("high", 0.0, 0.0, 45.0, z=3.0)
-    config = replace(SMALL, height=1.8, z=0.9)
+    config = replace(SMALL, height=1.8, target_height=0.9)
     assert share_below_heads(high, config) == pytest.approx(1.2 / 2.1)
     assert share_below_heads(high, SMALL) == 0.0
-    assert share_below_heads(high, replace(config, z=1.9)) == 1.0
+    assert share_below_heads(high, replace(config, target_height=1.9)) == 1.0
     for along, hidden in ((0.5, False), (0.6, True), (0.8, True)):
         seen, ways = np.ones((1, 1), dtype=np.bool_), np.full((1, 1, 2), 4.0)
         crowd = np.full((1, 1, 2), 4.0 * along)
@@ -236,7 +238,7 @@ def test_a_scene_without_room_or_sensors_is_refused(scene: Scene, words: str):
     [
         (replace(SMALL, people=300), "no free position found"),
         (replace(SMALL, density=1e3), "must be at most 1000"),
-        (replace(SMALL, draws=5000, cells=5000), "take fewer cells or draws"),
+        (replace(SMALL, samples_per_cell=5000, cells=5000), "take fewer cells or draws"),
     ],
 )
 def test_what_does_not_fit_is_refused(config: PlanConfig, words: str):

@@ -24,7 +24,7 @@ from occlog.simulate.sensors.cameras import visible
 from occlog.simulate.stage import simulate_truth
 
 ROOM = np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 6.0], [0.0, 6.0]])
-CROWD = replace(PlanConfig.in_unit("m"), people=11, cells=36, draws=64, window_s=0.4)
+CROWD = replace(PlanConfig.in_unit("m"), people=11, cells=36, samples_per_cell=64, settling_s=0.4)
 
 
 def corner(name: str, x: float, y: float, yaw_deg: float) -> Camera:
@@ -72,7 +72,7 @@ def test_ways_are_stretches_of_the_walk_that_end_in_their_cells_and_people_keep_
     assert len(set(walked.own.tolist())) == people.shape[1] == 12
     some = people[::500]
     apart = np.hypot(*(some[:, :, None] - some[:, None]).transpose(3, 0, 1, 2))
-    assert apart[:, ~np.eye(12, dtype=bool)].min() >= CROWD.diameter
+    assert apart[:, ~np.eye(12, dtype=bool)].min() >= CROWD.person_diameter
 
 
 def test_a_cell_that_nobody_came_to_has_the_ways_of_its_neighbour():
@@ -85,7 +85,7 @@ def test_a_cell_that_nobody_came_to_has_the_ways_of_its_neighbour():
 
 def simulated_sight(seed: int) -> Bools:
     """(T,) by how few of the corner cameras a simulated target is seen, after 10 s."""
-    world = replace(WorldConfig.in_unit("m"), steps=600, targets=1, occluders=11, clearance=0.0)
+    world = replace(WorldConfig.in_unit("m"), steps=600, targets=1, occluders=11, wall_clearance=0.0)
     truth = Truth.concat(simulate_truth(SCENE, world, seed))
     places = np.stack([truth.x, truth.y, np.zeros(len(truth))], axis=-1).reshape(600, 12, 3)[100:]
     return sum(visible(c, SCENE.blockers(c.ground), places, 0, 0.5).astype(np.int64) for c in CORNERS)
@@ -100,10 +100,10 @@ def test_people_hide_the_target_as_often_and_as_long_as_in_the_simulator():
     whole = runs.mean(axis=1)
     lasting = (runs[:, 5:] & runs[:, :-5]).mean(axis=1)
     # Places of all simulated targets weigh the floor
-    world = replace(WorldConfig.in_unit("m"), steps=600, targets=12, occluders=0, clearance=0.0)
+    world = replace(WorldConfig.in_unit("m"), steps=600, targets=12, occluders=0, wall_clearance=0.0)
     truths = [Truth.concat(simulate_truth(SCENE, world, seed)) for seed in range(100, 140)]
     paths = np.concatenate([np.column_stack([t.x, t.y])[100 * 12 :] for t in truths])
-    plan = prepare(SCENE, replace(CROWD, window_s=0.6, cells=144), seed=0, paths=paths)
+    plan = prepare(SCENE, replace(CROWD, settling_s=0.6, cells=144), seed=0, paths=paths)
     seen = sum(told.seen.astype(np.int64) for told in plan.information.values()) < 2
     now = plan.weight @ seen[:, -1].reshape(len(plan.weight), -1).mean(axis=1)
     both = plan.weight @ (seen[:, -1] & seen[:, -6]).reshape(len(plan.weight), -1).mean(axis=1)

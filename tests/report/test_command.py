@@ -27,8 +27,8 @@ SCENE = """
 occlog_scene: 1
 room: [[0, 0], [20, 0], [20, 20], [0, 20]]
 cameras:
-  - {name: east, position: [0, 10], yaw_deg: 0, focal_px: 100, fov_deg: 90, noise: {read_px: 1}}
-  - {name: north, position: [10, 0], yaw_deg: 90, focal_px: 100, fov_deg: 90, noise: {read_px: 1}}
+  - {name: east, position: [0, 10], yaw_deg: 0, focal_px: 100, fov_deg: 90, noise: {measurement_noise_px: 1}}
+  - {name: north, position: [10, 0], yaw_deg: 90, focal_px: 100, fov_deg: 90, noise: {measurement_noise_px: 1}}
 """
 LOSS = Loss("east", "frame 7", "cut short", 3)
 T = np.arange(5) * 10**9

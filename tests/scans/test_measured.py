@@ -61,11 +61,11 @@ def test_a_row_with_two_values_gives_two_measurements() -> None:
 def test_a_time_difference_is_a_length_by_the_stated_speed_in_the_unit_of_the_scene() -> None:
     rows = table(sensor=["a"], reference=["b"], tdoa=[0.01], sigma_tdoa=[1e-3])
     for unit, metre in (("m", 1.0), ("ft", 1 / 0.3048)):
-        _, found = packed(rows, DistanceMeasurementConfig(propagation="sound"), scene(unit))
+        _, found = packed(rows, DistanceMeasurementConfig(propagation_speed="sound"), scene(unit))
         assert found.kind.tolist() == [DIFFERENCE]
         np.testing.assert_allclose([found.value[0], found.sigma[0]], [3.43 * metre, 0.343 * metre])
         assert found.other.tolist() == [[4, 3]]
-    _, found = packed(rows, DistanceMeasurementConfig(propagation="1500"))
+    _, found = packed(rows, DistanceMeasurementConfig(propagation_speed="1500"))
     assert found.value[0] == pytest.approx(15.0)
     with pytest.raises(InputError, match="want the speed of propagation"):
         packed(rows, DistanceMeasurementConfig())
@@ -74,7 +74,7 @@ def test_a_time_difference_is_a_length_by_the_stated_speed_in_the_unit_of_the_sc
 @pytest.mark.parametrize("speed", ["warp", "0", "-1", "nan", "1e9"])
 def test_a_speed_is_a_number_above_0(speed: str) -> None:
     with pytest.raises(InputError, match="sound, light, or a number above 0"):
-        DistanceMeasurementConfig(propagation=speed)
+        DistanceMeasurementConfig(propagation_speed=speed)
 
 
 def test_power_is_of_the_file_then_of_the_scene_then_of_the_settings() -> None:
@@ -151,7 +151,7 @@ def test_only_chosen_stations_and_targets_count() -> None:
 
 def test_a_difference_counts_if_both_of_its_stations_do() -> None:
     rows = table(sensor=["a", "b"], reference=["b", "r"], range_difference=[1.0, 2.0], t_ns=[0, 0])
-    config = DistanceMeasurementConfig(sigma_difference=1.0)
+    config = DistanceMeasurementConfig(sigma_range_difference=1.0)
     for without, left in (("a", [2.0]), ("b", []), ("r", [1.0]), ("", [1.0, 2.0])):
         feed = DistanceMeasurementFeed([rows], scene(), config)
         found = list(feed.joined(iter(()), sensors=frozenset("abr") - {without}))

@@ -112,7 +112,7 @@ def test_video_boxes_and_appearance(room: Path, tmp_path: Path, capsys: pytest.C
     scene, world = read_scene(room), WorldConfig.in_unit("m")
     setup = make_setup(scene, asked(seconds=2.0, world={"targets": 2, "occluders": 1}, render=True))
     assert setup.world.steps == 21
-    assert setup.world.clearance == world.clearance
+    assert setup.world.wall_clearance == world.wall_clearance
     config = RenderConfig(noise=0.5, texture=0.2, diameter=world.diameter)
     want = list(render(scene, simulate_truth(scene, setup.world, 4), config, 4))
     recording = open_recording(out)
@@ -188,12 +188,12 @@ def test_a_recording_can_be_the_scene(room: Path, tmp_path: Path) -> None:
     ("args", "code", "says"),
     [
         (["--seconds", "3", "--steps", "4"], ExitCode.USAGE, "--seconds and --steps both state"),
-        (["--lookalike"], ExitCode.USAGE, "--lookalike is about video; add --render"),
+        (["--identical-clothes"], ExitCode.USAGE, "--identical-clothes is about video; add --render"),
         (["--store", "ffv1"], ExitCode.USAGE, "--store is about video"),
         (["--image-noise", "2"], ExitCode.USAGE, "--image-noise is about video"),
-        (["--miss", "1.5"], ExitCode.USAGE, "--miss"),
+        (["--miss-probability", "1.5"], ExitCode.USAGE, "--miss-probability"),
         (["--occluders", "5000"], ExitCode.BAD_INPUT, "use fewer or smaller objects, or a larger room"),
-        (["--redirect", "nan"], ExitCode.USAGE, "nan is not a finite number"),
+        (["--redirect-probability", "nan"], ExitCode.USAGE, "nan is not a finite number"),
         (["--fps", "nan"], ExitCode.USAGE, "nan is not a finite number"),
         (["--rate", "1e12"], ExitCode.USAGE, "--rate"),
     ],
@@ -218,7 +218,17 @@ def test_a_scene_that_cannot_be_rendered_is_told(tmp_path: Path, capsys: pytest.
 
 def test_readers_read_tags_and_methods_of_tags_track_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recording = tmp_path / "tags.mcap"
-    options = ["--no-bearings", "--targets", "2", "--seconds", "8", "--stray-reads", "0", "--read-detection", "1"]
+    options = [
+        "--no-bearings",
+        "--targets",
+        "2",
+        "--seconds",
+        "8",
+        "--read-false-alarm-probability",
+        "0",
+        "--read-detection-probability",
+        "1",
+    ]
     assert run(["simulate", str(EXAMPLES / "readers.yaml"), "-o", str(recording), *options, "--json"]) == ExitCode.DONE
     reads = open_recording(recording).read(Reads)
     assert json.loads(capsys.readouterr().out)["reads"] == len(reads) > 0
@@ -257,7 +267,7 @@ def test_defaults_follow_the_length_unit_and_rendering(room: Path) -> None:
     assert setup.render is None
     people = make_setup(read_scene(room), asked(render=True, world={"diameter": 0.6}))
     assert people.observe is None
-    assert people.world.clearance == pytest.approx(0.3)
+    assert people.world.wall_clearance == pytest.approx(0.3)
     with pytest.raises(UsageError):
         make_setup(scene, asked(look={"shadows": False}))
 

@@ -25,7 +25,7 @@ def truth(config, seed=1, scene=SCENE):
 
 @pytest.mark.jit
 def test_rows_are_complete_and_targets_come_first():
-    table = truth(WorldConfig(steps=300, targets=2, occluders=3, z=1.5))
+    table = truth(WorldConfig(steps=300, targets=2, occluders=3, object_height=1.5))
     assert len(table) == 300 * 5
     assert table.t_ns[::5].tolist() == [START_NS + k * 10**9 for k in range(300)]
     assert table.target_id[:5].tolist() == [0, 1, 2, 3, 4]
@@ -57,7 +57,7 @@ def test_speed_and_noise_keep_their_meaning_when_the_step_changes():
     wide = Scene(room=1e5 * ROOM, length_unit="unit")
     for step_s in (1.0, 0.2, 0.1):
         per = round(4 / step_s)
-        config = WorldConfig(steps=20 * per + 1, step_s=step_s, targets=40, redirect=0.0, diameter=1e-6)
+        config = WorldConfig(steps=20 * per + 1, step_s=step_s, targets=40, redirect_probability=0.0, diameter=1e-6)
         table = truth(config, 3, wide)
         xy = np.column_stack([table.x, table.y]).reshape(-1, 40, 2)[::per]
         ways = np.diff(xy, axis=0)
@@ -74,7 +74,7 @@ def test_speed_and_noise_keep_their_meaning_when_the_step_changes():
 def test_redirect_is_per_second():
     assert motion_in_a_step(WorldConfig(step_s=1.0)).redirect == pytest.approx(0.095)
     assert (1 - motion_in_a_step(WorldConfig(step_s=0.1)).redirect) ** 10 == pytest.approx(1 - 0.095)
-    assert motion_in_a_step(WorldConfig(redirect=1.0)).redirect == 1.0
+    assert motion_in_a_step(WorldConfig(redirect_probability=1.0)).redirect == 1.0
 
 
 def test_people_have_the_same_size_in_metres_and_feet():

@@ -166,7 +166,7 @@ def test_a_track_without_labels_begins_at_the_start(folder):
 
 
 def test_sensors_in_turn_are_a_network_without_overlap(folder):
-    alone = ("--cameras", "cam5,cam2,cam1", "--target", "0", "--in-turn", "3")
+    alone = ("--cameras", "cam5,cam2,cam1", "--target", "0", "--round-robin", "3")
     assert with_scene(folder, *alone) == ExitCode.LOSSY
     found = read_table(folder / "diagnostics.parquet", Diagnostics)
     want = ["cam1"] * 3 + ["cam2"] * 3 + ["cam5"] * 3 + ["cam1"] * 3  # in the order of the scene
@@ -177,7 +177,7 @@ def test_sensors_in_turn_are_a_network_without_overlap(folder):
 
 
 def test_microphone_arrays_have_turns_too(folder):
-    assert track(folder, "--in-turn", "1", "--cameras", "cam1,array", source="room.mcap") == ExitCode.LOSSY
+    assert track(folder, "--round-robin", "1", "--cameras", "cam1,array", source="room.mcap") == ExitCode.LOSSY
     assert read_table(folder / "diagnostics.parquet", Diagnostics).cameras.tolist() == ["cam1", "array"] * (STEPS // 2)
 
 
@@ -198,7 +198,7 @@ def test_a_row_of_an_unknown_sensor_is_named_with_its_number_in_turns_too(folder
     names = rows.sensor.copy()
     names[47] = "cam9"  # the last of its time, and so in the file
     write_table(folder / "odd.parquet", replace(rows, sensor=names), Provenance("detect"))
-    args = ("--scene", str(folder / "scene.yaml"), "--in-turn", "2")
+    args = ("--scene", str(folder / "scene.yaml"), "--round-robin", "2")
     assert track(folder, *args, source="odd.parquet") == ExitCode.BAD_INPUT
     assert "bearings: row 47: no sensor 'cam9' in the scene" in capsys.readouterr().err
 
@@ -242,7 +242,7 @@ def test_the_animal_of_a_field_log_is_followed_by_its_number(shared_data, tmp_pa
 
 
 def test_settings_go_to_the_method(folder):
-    with_scene(folder, "--set", "sigma_v=0.7", "--set", "detection=0.9")
+    with_scene(folder, "--set", "process_noise_position=0.7", "--set", "detection_probability=0.9")
     parameters = read_provenance(folder / "tracks.parquet").parameters
     assert (parameters["sigma_v"], parameters["detection"]) == (0.7, 0.9)
 
@@ -254,7 +254,7 @@ def test_settings_go_to_the_method(folder):
         (["--without", ",".join([*(f"cam{i}" for i in range(1, 9)), "array"])], ExitCode.USAGE, "no sensor is left"),
         (["--set", "sigmav=1"], ExitCode.USAGE, "no setting 'sigmav'; did you mean 'sigma_v'?"),
         (["--set", "sigma_v"], ExitCode.USAGE, "--set sigma_v: expected NAME=VALUE"),
-        (["--set", "phi=2"], ExitCode.USAGE, "--set phi=2: must be at least 0 and at most 1"),
+        (["--set", "velocity_memory=2"], ExitCode.USAGE, "--set velocity_memory=2: must be at least 0 and at most 1"),
         (["--start", "1"], ExitCode.USAGE, "--start 1: want X,Y or X,Y,SIGMA"),
         (["--start", "1,2", "--set", "start=1,2,3"], ExitCode.USAGE, "give one of them"),
         (["--start", "1,2"], ExitCode.USAGE, "choose one target, e.g. 3"),
@@ -262,8 +262,8 @@ def test_settings_go_to_the_method(folder):
         (["--doa", "bearings.parquet"], ExitCode.USAGE, "is an input too"),
         (["--method", "kalman"], ExitCode.USAGE, "apf"),
         (["--particles", "0"], ExitCode.USAGE, "--particles"),
-        (["--in-turn", "0"], ExitCode.USAGE, "--in-turn"),
-        (["--in-turn", "nan"], ExitCode.USAGE, "--in-turn': nan is not a finite number"),
+        (["--round-robin", "0"], ExitCode.USAGE, "--round-robin"),
+        (["--round-robin", "nan"], ExitCode.USAGE, "--round-robin': nan is not a finite number"),
         (["--doa-labels"], ExitCode.USAGE, "doa_labels requires directions of arrival; give some (doa)"),
     ],
 )

@@ -111,7 +111,7 @@ def test_a_bearing_wants_a_range_and_a_standard_deviation(
     ("log", "more", "most"),
     [
         ("ranges", [], 0.15),
-        ("tdoa", ["--propagation", "sound"], 0.15),
+        ("tdoa", ["--propagation-speed", "sound"], 0.15),
         ("rssi", ["--sigma-rssi", "3"], 4.0),
         ("radar", [], 0.15),
     ],
@@ -174,7 +174,12 @@ def test_two_ranges_are_flagged_as_ambiguous(tmp_path: Path) -> None:
     ("log", "method", "more", "message"),
     [
         ("tdoa", "fix", [], "want the speed of propagation"),
-        ("tdoa", "fix", ["--propagation", "warp"], "--propagation warp: must be sound, light, or a number above 0"),
+        (
+            "tdoa",
+            "fix",
+            ["--propagation-speed", "warp"],
+            "--propagation-speed warp: must be sound, light, or a number above 0",
+        ),
         ("ranges", "iekf", [], "which methods apf, ekf, fix, map and ukf take"),
         ("ranges", "fix", ["--set", "estimator=huber"], "huber takes bearings alone"),
         ("ranges", "apf", ["--select", "greedy"], "leave select or the measurements out"),
@@ -182,8 +187,8 @@ def test_two_ranges_are_flagged_as_ambiguous(tmp_path: Path) -> None:
         ("ranges", "map", ["--set", "solver=clarabel"], "solver clarabel takes bearings alone"),
         ("ranges", "map", ["--occluders", "OCCLUDERS"], "do not go together"),
         ("ranges", "fix", ["--without", "e"], "no sensor 'e'"),
-        ("ranges", "fix", ["--measured-late", "1"], "'--measured-late': 1.0 is not in the range"),
-        ("bearings", "fix", ["--detour", "2"], "--detour goes with ranges"),
+        ("ranges", "fix", ["--nlos-probability", "1"], "'--nlos-probability': 1.0 is not in the range"),
+        ("bearings", "fix", ["--nlos-bias", "2"], "--nlos-bias goes with ranges"),
     ],
 )
 def test_what_cannot_be_says_why(
@@ -204,7 +209,12 @@ def test_what_cannot_be_says_why(
         ("range_m,sigma_range_m", "{t},{s},-3.0,0.1", [], "standard deviations below 0; a range is a distance"),
         ("range_m,sigma_range_m", "{t},{s},5.0,0.1\n{t},{s},5.0,0.1", [], "is a duplicate"),
         ("rssi_dbm", "{t},{s},70", [], "received signals are below 20; are signs missing?"),
-        ("reference,tdoa_us", "{t},{s},d,9000", ["--propagation", "light"], "longer than their stations are apart"),
+        (
+            "reference,tdoa_us",
+            "{t},{s},d,9000",
+            ["--propagation-speed", "light"],
+            "longer than their stations are apart",
+        ),
     ],
 )
 def test_measurements_that_cannot_be_are_refused(
@@ -213,7 +223,7 @@ def test_measurements_that_cannot_be_are_refused(
     files(tmp_path)
     rows = [line.format(t=t, s=s) for t in range(6) for s in "abc"]
     (tmp_path / "wrong.csv").write_text("\n".join([f"time,sensor,{head}", *rows]) + "\n")
-    assert track(tmp_path, "wrong", "fix", "--sigma-difference", "0.1", *more) == ExitCode.BAD_INPUT
+    assert track(tmp_path, "wrong", "fix", "--sigma-range-difference", "0.1", *more) == ExitCode.BAD_INPUT
     assert message in capsys.readouterr().err
 
 

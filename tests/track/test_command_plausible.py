@@ -28,7 +28,7 @@ def scene_text(read_px: float) -> str:
     head = ["occlog_scene: 1", "length_unit: m", "room: [[0, 0], [10, 0], [10, 8], [0, 8]]", "cameras:"]
     cameras = [
         f"- {{name: cam{n}, position: [{x}, {y}], yaw_deg: {yaw}, focal_px: {FOCAL}, fov_deg: 100, "
-        f"noise: {{position: 0, yaw: 0, read_px: {read_px}}}}}"
+        f"noise: {{position: 0, yaw: 0, measurement_noise_px: {read_px}}}}}"
         for n, (x, y, yaw) in enumerate(CORNERS, start=1)
     ]
     return "\n".join([*head, *cameras]) + "\n"

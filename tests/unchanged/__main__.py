@@ -258,7 +258,15 @@ def try_mutants(options: argparse.Namespace) -> bool:
         share = max(options.count // max(len(modules), 1), 1)
         noticed = tried = 0
         for module in modules:
-            command = [python_of(options.base), "-m", "tests.mutate", module, *tests.split(","), "--count", str(share)]
+            command = [
+                python_of(options.base),
+                "-m",
+                "tests.mutate",
+                module,
+                *tests.split(","),
+                "--n-cameras",
+                str(share),
+            ]
             done = subprocess.run(
                 [*command, *(["--jit"] if options.jit else [])], cwd=ROOT, capture_output=True, text=True
             )
@@ -294,7 +302,7 @@ def main() -> None:
     add("--benchmarks", metavar="A,B,...", help="compare the times of these benchmarks instead")
     add("--pairs", type=int, default=5, help="pairs of runs of benchmarks; default 5")
     add("--mutants", nargs="+", metavar="FOLDER=TESTS,...", help="try mutants of BASE's kernels instead")
-    add("--count", type=int, default=50, help="mutants of a folder; default 50")
+    add("--n-cameras", type=int, default=50, help="mutants of a folder; default 50")
     add("--jit", action="store_true", help="with --mutants: compile the kernels")
     options = parser.parse_args()
     if options.verdicts:

@@ -33,13 +33,13 @@ class FieldSettings(Settings):
     )
     repulsion: float = setting(5.0, "Strength c_rep of an obstacle's potential.", people=CUBIC_METRE, at_least=0)
     repulsion_power: int = setting(2, "Exponent n of an obstacle's potential.", at_least=1)
-    influence: float = setting(
+    influence_distance: float = setting(
         10.0,
         "Distance rho_0 from which obstacles repel.",
         unit="length",
         people=1.5,
         above=0,
-        option="--influence",
+        option="--influence-distance",
         metavar="LENGTH",
     )
     force: str = setting(
@@ -70,18 +70,18 @@ class FieldSettings(Settings):
         choices=("left", "right", "free"),
         option="--side",
     )
-    aligned: float = setting(
+    collinearity_tolerance: float = setting(
         0.1,
         "Robot, obstacle and goal are in line if the unit vectors of Eq. 5.18 differ by at most this; 0 is the "
         "printed equality, which rounding breaks.",
         at_least=0,
         at_most=2,
-        option="--aligned",
+        option="--collinearity-tolerance",
     )
-    opposite: float = setting(
+    opposition_tolerance: float = setting(
         0.05,
         "Two forces are opposite if the cosine of the angle between them is at most -1 plus this (Eq. 5.26).",
         at_least=0,
         below=1,
-        option="--opposite",
+        option="--opposition-tolerance",
     )

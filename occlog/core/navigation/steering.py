@@ -124,7 +124,7 @@ def field_of(settings: FieldSettings) -> Field:
         repulsion=settings.repulsion,
         attraction_power=settings.attraction_power,
         repulsion_power=settings.repulsion_power,
-        influence=settings.influence,
+        influence=settings.influence_distance,
     )
 
 
@@ -136,8 +136,8 @@ def steps_of(settings: FieldSettings, way: float, radius: float) -> StepRules:
         prevent=settings.force == "prevent",
         escape=settings.escape,
         side=settings.side,
-        aligned=settings.aligned,
-        opposite=settings.opposite,
+        aligned=settings.collinearity_tolerance,
+        opposite=settings.opposition_tolerance,
         angle=settings.escape_angle,
     )
 

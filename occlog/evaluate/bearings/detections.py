@@ -228,7 +228,7 @@ class RegionFigures:
 
     def __init__(self, config: EvaluateConfig, in_memory: int = NUMBERS_IN_MEMORY // 8) -> None:
         """No frame yet; `in_memory`: how many errors of a kind are kept in memory."""
-        self._overlap, self._in_memory = config.box_overlap, in_memory
+        self._overlap, self._in_memory = config.iou_threshold, in_memory
         self._whole = _Results(in_memory)
         self._classes = [_Results(in_memory) for _ in CLASSES]
         self._sensors: dict[str, _Results] = {}

@@ -13,7 +13,8 @@ Noise of each camera's readings, measured where the target's position is known (
 
 "We estimated Sigma_omega by averaging the measurement error at various known locations in the room, at various target
 speeds."  The error of a reading holds everything: the image, the detector, and the faults of the camera's pose.
-So in the scene that is written the errors of poses are 0, and `read_px` is the standard deviation of [Rahimi] Eq. 4.
+So in the scene that is written the errors of poses are 0, and `measurement_noise_px` is the standard deviation of
+[Rahimi] Eq. 4.
 
 Labelled bearings of each target in scans: rows that are so near in time that their lines of sight should meet.
 """
@@ -68,7 +69,7 @@ class ScanCuts:
 
     def __init__(self, config: EvaluateConfig) -> None:
         """No rows yet."""
-        self.window_ns = round(config.lines_window_s * NS)
+        self.window_ns = round(config.triangulation_window_s * NS)
         """Maximum duration of a scan."""
         self._held: dict[int, Bearings] = {}
 
@@ -257,7 +258,7 @@ def _misses(scans: Scans, origins: Floats, config: EvaluateConfig) -> tuple[Floa
     """Sums of squared residuals and degrees of freedom of one target's scans that met with three lines or more."""
     rows, starts = scans.rows, scans.starts
     found = triangulate.triangulate(
-        origins, rows.bearing, rows.sigma, starts=starts, loss="gauss", min_crossing=config.lines_min_crossing
+        origins, rows.bearing, rows.sigma, starts=starts, loss="gauss", min_crossing=config.triangulation_min_angle
     )
     size = np.diff(starts)
     scan = np.repeat(np.arange(len(size)), size)
@@ -430,6 +431,8 @@ def figures_of(noise: Mapping[str, MeasuredNoise]) -> dict[str, float]:
 
 def noise_comment(noise: Mapping[str, MeasuredNoise]) -> str:
     """Lines of a scene file that state where its noise is from."""
-    lines = ["# noise measured at known positions (occlog evaluate), read_px +- standard error (readings):"]
+    lines = [
+        "# noise measured at known positions (occlog evaluate), measurement_noise_px +- standard error (readings):"
+    ]
     lines += [f"#   {name}: {m.sigma:.3g} +- {m.error:.2g} px ({m.readings})" for name, m in noise.items()]
     return "\n".join(lines) + "\n"

@@ -52,7 +52,7 @@ class TriangulationSeries(NamedTuple):
 def triangulated_points(bearings: Bearings, scene: Scene, config: EvaluateConfig) -> dict[int, TriangulationSeries]:
     """Meeting points for every target that labelled bearings name, by its identity.
 
-    Sensors held out are skipped.  Scans with fewer than `lines_min_sensors` lines are not
+    Sensors held out are skipped.  Scans with fewer than `triangulation_min_sensors` lines are not
     in the result.
     """
     rows = labelled(bearings, config)
@@ -66,12 +66,17 @@ def triangulate_scan(
     """Meeting points of a target's scans, by sensors with these names."""
     rows, starts = scans.rows, scans.starts
     size = np.diff(starts)
-    keep = size >= config.lines_min_sensors
+    keep = size >= config.triangulation_min_sensors
     rows, size = rows.take(np.repeat(keep, size)), size[keep]
     starts = np.concatenate([[0], np.cumsum(size)])
     origins = np.array([sensors[name].ground for name in rows.sensor.tolist()]).reshape(-1, 2)
     found = triangulate.triangulate(
-        origins, rows.bearing, rows.sigma, starts=starts, loss=config.lines_loss, min_crossing=config.lines_min_crossing
+        origins,
+        rows.bearing,
+        rows.sigma,
+        starts=starts,
+        loss=config.triangulation_loss,
+        min_crossing=config.triangulation_min_angle,
     )
     scan = np.repeat(np.arange(len(size)), size)
     since = np.bincount(scan, weights=(rows.t_ns - rows.t_ns[starts[scan]]).astype(np.float64), minlength=len(size))
@@ -118,8 +123,8 @@ class TriangulationFigures:
             distance = np.hypot(*(xy[good] - found.xy[good]).T)
             self._distance.add(distance)
             self._squares.add(float(np.square(distance).sum()))
-            if self._config.lines_limit is not None:
-                self._within += int(np.count_nonzero(distance <= self._config.lines_limit))
+            if self._config.triangulation_tolerance is not None:
+                self._within += int(np.count_nonzero(distance <= self._config.triangulation_tolerance))
 
     def result(self) -> Metrics:
         """The figures; none without scans."""
@@ -139,7 +144,7 @@ class TriangulationFigures:
             "sight_lines_residual_rms_mrad": 1e3
             * math.sqrt(ratio_or_nan(self._residual_squares.value, self._residuals)),
         }
-        if self._config.lines_limit is not None:
+        if self._config.triangulation_tolerance is not None:
             out["sight_lines_share_within"] = ratio_or_nan(self._within, compared)
         return out
 
@@ -355,8 +360,8 @@ def no_meeting(labelled: bool, config: EvaluateConfig) -> str:
     """
     if labelled:
         return (
-            f"warning: at no time bearings of one target come from {config.lines_min_sensors} sensors within "
-            f"{config.lines_window_s:g} s, so that the tracks are compared with nothing; widen it (lines_window)"
+            f"warning: at no time bearings of one target come from {config.triangulation_min_sensors} sensors within "
+            f"{config.triangulation_window_s:g} s, so that nothing is compared; widen it (triangulation_window_s)"
         )
     return (
         "warning: no bearing has a target label, so that tracks are not compared with bearings; label them with "

@@ -34,10 +34,10 @@ class CompareRequest(Request):
         "recording.mcap of each run folder]",
         there=False,
     )
-    figures: tuple[str, ...] = setting(
+    metrics: tuple[str, ...] = setting(
         (),
         "Only this metric, such as idf1; may be repeated; a wrong name lists all.",
-        option="--figure",
+        option="--metric",
         metavar="NAME",
         repeat=True,
         shown="all",

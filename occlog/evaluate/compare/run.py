@@ -160,7 +160,7 @@ def run_compare(request: CompareRequest, job: Job) -> JobResult:
     if len(methods) < 2:
         raise UsageError("name two methods at least: the one that others are compared with comes first")
     conditions = [parse_condition(each) for each in request.fail_if]
-    found = compare_runs(methods, request.truth, request.figures, conditions, request.match_distance, request.seed)
+    found = compare_runs(methods, request.truth, request.metrics, conditions, request.match_distance, request.seed)
     if request.markdown is not None:
         write_bytes(request.markdown, as_bytes(text.markdown(found, methods)), job.overwrite)
     summary = text.as_dict(found, methods)
@@ -191,7 +191,7 @@ def compare_runs(
     """
     for name in figures:
         if name not in FIGURES:
-            raise UsageError(f"{option('figure')} {name}: there is no such figure; there are {', '.join(FIGURES)}")
+            raise UsageError(f"{option('metric')} {name}: there is no such figure; there are {', '.join(FIGURES)}")
     names, runs = paired(methods, truth)
     unit = _unit([run for own in runs for run in own.values()])
     if match_distance is None and unit not in METRES:

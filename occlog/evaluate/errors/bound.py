@@ -54,9 +54,9 @@ class BoundDimensions(NamedTuple):
     @classmethod
     def of(cls, config: EvaluateConfig, *, high: bool) -> BoundDimensions:
         """`high`: whether any track and any target have heights."""
-        if config.bound_in == "auto":
+        if config.bound_dimension == "auto":
             return cls(True, high)
-        return cls(config.bound_in == "ground", config.bound_in == "space")
+        return cls(config.bound_dimension == "ground", config.bound_dimension == "space")
 
 
 @dataclass

@@ -128,7 +128,7 @@ def dimension(target: int, *, high: bool, in_space: bool, config: EvaluateConfig
         in_space: whether one of its errors is in space.
         config: requested figures.
     """
-    if config.bound_in == "ground" or (config.bound_in == "auto" and not in_space):
+    if config.bound_dimension == "ground" or (config.bound_dimension == "auto" and not in_space):
         return 2
     if not high:
         raise InputError(
@@ -219,25 +219,27 @@ def motion_of(information: Floats, dt: Floats, scene: Scene, config: EvaluateCon
     """
     if config.motion == "waypoint":
         usual = EvaluateConfig.in_unit(scene.length_unit)
-        sigma_v = usual.sigma_v if config.sigma_v is None else config.sigma_v
+        sigma_v = (
+            usual.process_noise_position if config.process_noise_position is None else config.process_noise_position
+        )
         return information, *crlb.known_drift_steps(dt, sigma_v or 0.0, information.shape[1])
-    return bounds3d.motion_steps(information, dt, config.acceleration_density)
+    return bounds3d.motion_steps(information, dt, config.process_noise_density)
 
 
 def prior_of(d: int, scene: Scene, config: EvaluateConfig) -> Floats:
     """(n, n) covariance of the state at the first pass: a position as given, else of a point anywhere in the room."""
     position = np.zeros((d, d))
-    if config.prior_cov is None:
+    if config.prior_covariance is None:
         position[:2, :2] = crlb.polygon_covariance(scene.region)
     else:
-        xx, xy, yy = config.prior_cov
+        xx, xy, yy = config.prior_covariance
         position[:2, :2] = [[xx, xy], [xy, yy]]
     if d == 3:
-        position[2, 2] = scene.room_height**2 / 12.0 if config.prior_z is None else config.prior_z
+        position[2, 2] = scene.room_height**2 / 12.0 if config.prior_variance_z is None else config.prior_variance_z
     if config.motion == "waypoint":
         return position
     out = np.zeros((2 * d, 2 * d))
-    out[:d, :d], out[d:, d:] = position, config.sigma_speed**2 * np.eye(d)
+    out[:d, :d], out[d:, d:] = position, config.sigma_initial_velocity**2 * np.eye(d)
     return out
 
 

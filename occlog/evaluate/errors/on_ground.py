@@ -157,7 +157,7 @@ def errors_of(rows: Tracks, target: int, path: ObjectPath, config: EvaluateConfi
 
 
 def settled(errors: Errors, config: EvaluateConfig, begun: dict[int, int] | None = None) -> Bools:
-    """(N,) bool: errors after the transient, by `skip_s` after each target's first estimate and `from_ns`.
+    """(N,) bool: errors after the transient, by `settling_s` after each target's first estimate and `from_ns`.
 
     Args:
         errors: in the order of time.
@@ -169,7 +169,7 @@ def settled(errors: Errors, config: EvaluateConfig, begun: dict[int, int] | None
     for target in np.unique(errors.target_id).tolist():
         rows = errors.target_id == target
         keep[rows] = errors.t_ns[rows] >= first.setdefault(target, int(errors.t_ns[rows][0])) + round(
-            config.skip_s * NS
+            config.settling_s * NS
         )
     if config.from_ns is not None:
         keep &= errors.t_ns >= config.from_ns
@@ -244,7 +244,7 @@ class TrackErrors:
         self._track_of = {target: track for track, target in pairs.items()}
         self._figures, self._late = ErrorFigures(unit, in_memory), ErrorFigures(unit, in_memory)
         self._gaps, self._begun = Gaps(), dict[int, int]()
-        self._transient = config.skip_s > 0 or config.from_ns is not None
+        self._transient = config.settling_s > 0 or config.from_ns is not None
         self._left_out = self._interpolated = self._covered = 0
         self.late: Bools = np.zeros(0, dtype=np.bool_)
         """Errors of the last section after the transient; none without one."""

@@ -26,7 +26,7 @@ BRIDGE_S = 1.0
 class EvaluateConfig(Settings):
     """Settings of `evaluate`; lengths in the scene's unit.
 
-    The motion of the bound: `waypoint` is a walk with noise `sigma_v` with known drift
+    The motion of the bound: `waypoint` is a walk with noise `process_noise_position` with known drift
     ([Ercan] Eq. 5 with known destination and speed); `cv` is a constant velocity
     disturbed by white acceleration, not known in advance.
     """
@@ -53,13 +53,13 @@ class EvaluateConfig(Settings):
         shown="id; optimal for tracks with the tracker's own numbers",
         kinds=(GROUND,),
     )
-    skip_s: float = setting(
+    settling_s: float = setting(
         0.0,
         "Settling time: also report `settled_` metrics without this time after the first estimate of each target.",
         unit="s",
         at_least=0,
         at_most=1e9,
-        option="--skip-seconds",
+        option="--settling-time",
         metavar="SECONDS",
         kinds=(GROUND,),
     )
@@ -103,35 +103,35 @@ class EvaluateConfig(Settings):
         option="--motion",
         kinds=WORLD,
     )
-    sigma_v: float | None = setting(
+    process_noise_position: float | None = setting(
         None,
         "Process noise of the bound: position noise per axis, accumulated over 1 s (--motion waypoint).",
         unit="length",
         at_least=0,
         people={unit: 0.05 / metres for unit, metres in METRES.items()},
         own=0.33,
-        option="--sigma-v",
+        option="--process-noise",
         metavar="LENGTH",
         shown="that of `simulate` if it made the truth, else 0.05 m, or 0.33 in a scene-specific unit",
         kinds=WORLD,
     )
-    acceleration_density: float = setting(
+    process_noise_density: float = setting(
         1.0,
         "Process noise of the bound: spectral density of white acceleration (--motion cv).",
         unit="length^2/s^3",
         at_least=0,
-        option="--acceleration-density",
+        option="--process-noise-density",
         kinds=WORLD,
     )
-    sigma_speed: float = setting(
+    sigma_initial_velocity: float = setting(
         1.5,
         "Prior standard deviation of each velocity component (--motion cv).",
         unit="length/s",
         above=0,
-        option="--sigma-speed",
+        option="--sigma-initial-velocity",
         kinds=WORLD,
     )
-    prior_cov: tuple[float, float, float] | None = setting(
+    prior_covariance: tuple[float, float, float] | None = setting(
         None,
         "Prior covariance of the position at the first observation, for the bound.",
         counts=(3,),
@@ -141,7 +141,7 @@ class EvaluateConfig(Settings):
         nothing="uniform over the room",
         kinds=WORLD,
     )
-    prior_z: float | None = setting(
+    prior_variance_z: float | None = setting(
         None,
         "Prior variance of the height at the first observation, for a bound in space.",
         above=0,
@@ -150,12 +150,12 @@ class EvaluateConfig(Settings):
         nothing="uniform up to the ceiling of the room",
         kinds=WORLD,
     )
-    bound_in: str = setting(
+    bound_dimension: str = setting(
         "auto",
         "Dimensions of the bound: `ground` (x, y from azimuths) or `space` (x, y, z, from elevations too); auto: "
         "space for targets with heights in track and truth.",
         choices=("auto", "ground", "space"),
-        option="--bound-in",
+        option="--bound-dimension",
         kinds=WORLD,
     )
     held_out: tuple[str, ...] = setting(
@@ -184,62 +184,62 @@ class EvaluateConfig(Settings):
         metavar="PX",
         kinds=WORLD,
     )
-    lines_min_sensors: int = setting(
+    triangulation_min_sensors: int = setting(
         2,
         "Minimum lines of sight that are triangulated for the comparison of a scan with the track.",
         at_least=2,
-        option="--lines-min-sensors",
+        option="--triangulation-min-sensors",
         kinds=WORLD,
     )
-    lines_window_s: float = setting(
+    triangulation_window_s: float = setting(
         0.0,
         "Observations closer together in time make one scan.",
         unit="s",
         at_least=0,
         at_most=1e9,
-        option="--lines-window",
+        option="--triangulation-window",
         metavar="SECONDS",
         shown="equal times",
         kinds=WORLD,
     )
-    lines_loss: str = setting(
+    triangulation_loss: str = setting(
         "huber",
         "Robust loss of the triangulation.",
         choices=("gauss", "huber", "cauchy"),
-        option="--lines-loss",
+        option="--triangulation-loss",
         kinds=WORLD,
     )
-    lines_limit: float | None = setting(
+    triangulation_tolerance: float | None = setting(
         None,
         "Also report the share of scans in which the track is within this distance of the triangulated point.",
         above=0,
-        option="--lines-limit",
+        option="--triangulation-tolerance",
         metavar="LENGTH",
         kinds=WORLD,
     )
-    lines_min_crossing: float = setting(
+    triangulation_min_angle: float = setting(
         math.radians(5.0),
         "Minimum triangulation angle: scans with lines of sight at smaller angles are refused as ill-conditioned.",
         at_least=0,
         scale=math.radians(1.0),
-        option="--lines-crossing-deg",
+        option="--triangulation-min-angle-deg",
         metavar="DEGREES",
         kinds=WORLD,
     )
-    box_overlap: float = setting(
+    iou_threshold: float = setting(
         0.5,
         "IoU (intersection over union) threshold for matching a view or a track to a true box.",
         above=0,
         at_most=1,
-        option="--box-overlap",
+        option="--iou-threshold",
         kinds=(IMAGES, *WORLD),
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """The prior must be a covariance."""
-        if self.prior_cov is not None:
-            xx, xy, yy = self.prior_cov
-            yield "prior_cov", xx > 0 and xx * yy > xy**2, "xx, xy, yy of a positive covariance"
+        if self.prior_covariance is not None:
+            xx, xy, yy = self.prior_covariance
+            yield "prior_covariance", xx > 0 and xx * yy > xy**2, "xx, xy, yy of a positive covariance"
 
     @property
     def limit_ns(self) -> int | None:

@@ -26,29 +26,29 @@ class MultiTargetConfig(Settings):
 
     OWNER: ClassVar[str] = "many targets"
 
-    tau: float = setting(
+    distance_gate: float = setting(
         1.0,
         "Distance gate in the image: a tracker is on a target within this many radii, sqrt(half width x half "
         "height) of the true box ([Qu] tau).",
         above=0,
-        option="--tau",
+        option="--distance-gate",
         metavar="FACTOR",
         kinds=(IMAGES,),
     )
-    tau_px: float | None = setting(
+    distance_gate_px: float | None = setting(
         None,
-        "Distance gate in pixels, instead of --tau.",
+        "Distance gate in pixels, instead of --distance-gate.",
         above=0,
-        option="--tau-px",
+        option="--distance-gate-px",
         metavar="PX",
         kinds=(IMAGES,),
     )
-    own: str = setting(
+    assigned_target: str = setting(
         "label",
         "Assigned target of a track: by its identity (`label`), the first one it is on (`start`), or by the best "
         "assignment (`best`).",
         choices=("label", "start", "best"),
-        option="--own",
+        option="--assigned-target",
         shown="label; start for MOTChallenge text, boxes, tracks born from detections; else best with --match optimal",
         kinds=MANY,
     )
@@ -67,9 +67,9 @@ class MultiTargetConfig(Settings):
         shown="mot17 where the truth is text with a column of classes, which 8 or 9 columns mean; else mot15",
         kinds=(IMAGES,),
     )
-    overlap: float = setting(
+    match_iou: float = setting(
         0.5,
-        "IoU (intersection over union) at which a track matches a true box; --box-overlap.",
+        "IoU (intersection over union) at which a track matches a true box; --iou-threshold.",
         above=0,
         at_most=1,
         kinds=(IMAGES,),
@@ -109,13 +109,13 @@ class MultiTargetConfig(Settings):
     gospa_alpha: float = setting(
         2.0, "Parameter alpha of GOSPA.", above=0, at_most=2, option="--gospa-alpha", kinds=MANY
     )
-    gospa_switch: float | None = setting(
+    gospa_switch_penalty: float | None = setting(
         None,
         "On the ground: switch penalty of trajectory GOSPA.",
         unit="length",
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
-        option="--gospa-switch",
+        option="--gospa-switch-penalty",
         metavar="LENGTH",
         nothing="cutoff of GOSPA",
         kinds=(GROUND,),
@@ -219,7 +219,7 @@ def many_config(unit: str, own: str, given: Mapping[str, object]) -> tuple[Multi
         own: which target is a track's own, unless that was given.
         given: options that were given.
     """
-    many = configure(MultiTargetConfig.in_unit(unit), {"own": own, **given})
+    many = configure(MultiTargetConfig.in_unit(unit), {"assigned_target": own, **given})
     if many.match_distance is None:
         return None, f"lengths are in {unit}: give --match-distance for the figures of many targets"
     return many, None

@@ -45,7 +45,7 @@ class MotFigures:
         """
         targets, tracks = len(frames.truth_key), len(frames.track_key)
         self._config, points = config, not np.isnan(frames.limit)
-        rule = RULES[config.clear_rule]._replace(threshold=0.5 if points else config.overlap)
+        rule = RULES[config.clear_rule]._replace(threshold=0.5 if points else config.match_iou)
         self._matcher, self._clear = Matcher(targets, rule), ClearCounts(targets)
         self.identity = IdentityCounts(targets, tracks, rule.threshold)
         self._alignment = Alignment(targets, tracks)

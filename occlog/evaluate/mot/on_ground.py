@@ -118,7 +118,7 @@ class GroundFigures:
         none = np.zeros(0, dtype=np.int64)
         empty = Objects(none, none, np.zeros((0, 2)))
         self._mot = MotFigures(numbered(of_points(empty, empty, limit), *self._keys), config)
-        self._owners, self._failures, self._interpolated = AssignedTargets(config.own), FailureCounts(), 0
+        self._owners, self._failures, self._interpolated = AssignedTargets(config.assigned_target), FailureCounts(), 0
         self._labels: tuple[set[int], set[int]] = set(), set()
         self._moda_limit = config.moda_distance or limit
         self._moda_matcher, self._moda = Matcher(g, EACH_FRAME), ClearCounts(g)
@@ -127,7 +127,9 @@ class GroundFigures:
         self._windows = None if config.ospa_window is None else Ospa2Windows(g, k, cutoff, p, config.ospa_window)
         self._window_sum = Sum()
         cutoff = config.gospa_cutoff or limit
-        self._trajectories = TrajectoryCosts(frames, g, k, cutoff, config.gospa_switch or cutoff, config.gospa_p)
+        self._trajectories = TrajectoryCosts(
+            frames, g, k, cutoff, config.gospa_switch_penalty or cutoff, config.gospa_p
+        )
         self._each_matcher, self._pairs = Matcher(g, EACH_FRAME), PairErrors(unit, in_memory)
         self._counts = CountSums()
         self.pair_nees: tuple[Ints, Floats] = (none, np.zeros(0))

@@ -78,7 +78,7 @@ def evaluate_in_images(request: EvaluateRequest, job: Job) -> Evaluation:
     provenance = job.provenance(asdict(config), previous_losses(request.inputs))
     with job.tables(provenance, "m") as tables:
         result = compared.evaluate(None if request.failures is None else lambda rows: tables.write(failures=rows))
-    note = independent_id_note(request.tracks, config.own, _asked(request.many))
+    note = independent_id_note(request.tracks, config.assigned_target, _asked(request.multi_target))
     notes = (*result.notes, *note, *other_video(request.tracks, [request.truth]))
     result = replace(result, notes=notes, verdicts=provenance.judged)
     if request.mot is not None and request.tracks is not None:
@@ -94,9 +94,11 @@ def _configured(request: EvaluateRequest, ours: Opened | None) -> MultiTargetCon
     """Settings; UsageError for a cutoff that boxes do not have."""
     named = ours is not None and ours.has(ViewTracks)
     own = "label" if named and not initiated_from_detections(request.tracks) else "start"
-    overlap = configure(EvaluateConfig(), request.settings).box_overlap
+    overlap = configure(EvaluateConfig(), request.settings).iou_threshold
     frames = {} if request.frames is None else {"frames": request.frames}
-    config = configure(MultiTargetConfig(), {"own": own, "overlap": overlap, **request.many, **frames})
+    config = configure(
+        MultiTargetConfig(), {"assigned_target": own, "match_iou": overlap, **request.multi_target, **frames}
+    )
     if config.gospa_cutoff is not None and config.gospa_cutoff > 1:
         raise UsageError(
             f"{option('gospa_cutoff')} {config.gospa_cutoff:g}: boxes are at most 1 apart (1 - IoU); in pixels "
@@ -169,7 +171,7 @@ def has_no_rows(path: Path) -> bool:
 
 def _asked(given: Mapping[str, object]) -> str | None:
     """Return the user's rule for the identities of a target."""
-    return None if given.get("own") is None else str(given["own"])
+    return None if given.get("assigned_target") is None else str(given["assigned_target"])
 
 
 def _strings(value: object) -> tuple[str, ...]:

@@ -160,13 +160,13 @@ class ImageTrackFigures:
             config: options.
         """
         self._views, self._keys, self._config = views, (targets, tracks), config
-        self._owners = AssignedTargets(config.own)
+        self._owners = AssignedTargets(config.assigned_target)
         self._pooled = _ImageFigures(targets, tracks, config)
         # Objects of one view alone have no view
         own = [[side[side[:, 0] == v] * [0, 1] for side in self._keys] for v in range(len(views))]
         self._each = [_ImageFigures(theirs, ours, config) for theirs, ours in own] if len(views) > 1 else []
         self._labels = labels = [np.unique(side[:, 1]) for side in self._keys]
-        self._across = IdentityCounts(len(labels[0]), len(labels[1]), config.overlap)
+        self._across = IdentityCounts(len(labels[0]), len(labels[1]), config.match_iou)
 
     def prepare(self, part: TruthAndTracks, begin: Sequence[int]) -> None:
         """Learn what must be known of all frames; `begin`: number of frames of each view before this part."""
@@ -274,7 +274,11 @@ def _across_views(truth: Objects, tracks: Objects, labels: Sequence[Ints]) -> Ma
 def centres_and_limits(compared: TruthAndTracks, config: MultiTargetConfig) -> PointTracks:
     """Middles of the boxes; a target's radius is sqrt(half width * half height)."""
     radius = 0.5 * np.sqrt(compared.truth.position[:, 2] * compared.truth.position[:, 3])
-    tau = config.tau * radius if config.tau_px is None else np.full(len(radius), config.tau_px)
+    tau = (
+        config.distance_gate * radius
+        if config.distance_gate_px is None
+        else np.full(len(radius), config.distance_gate_px)
+    )
     return PointTracks(
         truth=centres(compared.truth),
         tracks=centres(compared.tracks),
@@ -331,7 +335,7 @@ def skipped_cameras_note(names: Sequence[str]) -> list[str]:
 
 def unrelated_ids_note(ours: Ints, theirs: Ints, config: MultiTargetConfig) -> list[str]:
     """A line if the numbers of tracks and targets, rising both, have nothing to do with each other."""
-    if config.own != "label" or not len(ours) or np.isin(ours, theirs).any():
+    if config.assigned_target != "label" or not len(ours) or np.isin(ours, theirs).any():
         return []
     return [
         f"no track has the number of a target ({_some(ours)}; {_some(theirs)}), so that every tracker is on another "

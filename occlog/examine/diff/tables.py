@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -11,7 +10,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from occlog.errors import InputError, UsageError, option
+from occlog.errors import InputError, UsageError, did_you_mean, option
 from occlog.io.files.tables.parquet import describe, iter_table
 from occlog.io.open import Opened, check_unit, common_unit, open_if_ours
 from occlog.records.columns import ColumnTable
@@ -58,9 +57,7 @@ def _check_kinds(a: Path, b: Path, settings: DiffSettings) -> None:
 def _check_named(table: str, names: list[str], settings: DiffSettings) -> None:
     for wanted in settings.tolerances.columns:
         if wanted.rpartition(".")[2] not in names:
-            near = difflib.get_close_matches(wanted, names, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"columns: {', '.join(names)}"
-            raise UsageError(f"{option('tol')} {wanted}: {table} has no such column; {hint}")
+            raise UsageError(f"{option('tol')} {wanted}: {table} has no such column; {did_you_mean(wanted, names)}")
 
 
 def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alone: bool) -> DiffResult:

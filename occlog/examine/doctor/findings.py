@@ -104,7 +104,7 @@ KINDS: dict[str, FindingKind] = {
         "take the times of another clock",
     ),
     "clock-apart": FindingKind(
-        W, "times that do not meet those of the other sensors", remedy="give an offset (ingest --offset)"
+        W, "times that do not meet those of the other sensors", remedy="give an offset (ingest --clock-offset)"
     ),
     "truth-apart": FindingKind(
         W,
@@ -115,10 +115,10 @@ KINDS: dict[str, FindingKind] = {
         W,
         "begins and ends later (or earlier, below 0) than the others, by the same time",
         f"{GAP_INTERVALS:g} usual intervals",
-        "if its clock is off, give an offset (ingest --offset)",
+        "if its clock is off, give an offset (ingest --clock-offset)",
     ),
     "two-clocks": FindingKind(
-        W, "recorded at other times than its header stamps state", remedy="choose one: ingest --stamp"
+        W, "recorded at other times than its header stamps state", remedy="choose one: ingest --timestamp-source"
     ),
 }
 """Every kind of findings, by the name that it has in JSON."""

@@ -26,7 +26,7 @@ own objects do that (Sec. 6).  Noise is added that the paper has not, all of it 
 * of the position while waiting (`sigma_waiting`): who stands is never quite still, and particles that never
   move become copies of one position.
 
-The paper's targets wait for a reference step on average.  With `wait_s` above 0 they *stand*: for `wait_s` on
+The paper's targets wait for a reference step on average.  With `mean_wait_s` above 0 they *stand*: for `mean_wait_s` on
 average, then they go on to a new destination with the speed that they had.  One that stands creeps with a
 velocity of its own, which begins as N(0, sigma_creep^2 s I) and has the noise `sigma_creep`; its destination is the
 position where it would creep in `WAITING_DESTINATION_S`.  The position of one that creeps is smooth, so that a filter

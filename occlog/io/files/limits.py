@@ -103,7 +103,7 @@ ODAS = (b'"timeStamp"', b'"src"')
 """Content of an object of an ODAS stream."""
 ODAS_BYTES = 512
 ODAS_BY_INGEST = (
-    "a stream of directions (ODAS); make a recording of it by `occlog ingest --doa ARRAY={name} --hop SECONDS`"
+    "a stream of directions (ODAS); make a recording of it by `occlog ingest --doa ARRAY={name} --odas-hop SECONDS`"
 )
 
 

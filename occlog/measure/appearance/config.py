@@ -26,21 +26,21 @@ class SightingConfig(Settings):
         option="--max-gap",
         metavar="SECONDS",
     )
-    heading_s: float = setting(
+    heading_window_s: float = setting(
         1.0,
         "Time about each row over which the velocity is estimated where positions have none.",
         unit="s",
         above=0,
         at_most=1e9,
-        option="--heading-time",
+        option="--heading-window",
         metavar="SECONDS",
     )
-    least_speed: float = setting(
+    min_speed: float = setting(
         0.3,
         "Minimum speed at which people face the direction of their motion; below it the viewing angle is unknown.",
         unit="length/s",
         at_least=0,
-        option="--least-speed",
+        option="--min-speed",
         metavar="SPEED",
     )
     person_height: float = setting(
@@ -52,25 +52,25 @@ class SightingConfig(Settings):
         option="--person-height",
         metavar="LENGTH",
     )
-    least_overlap: float = setting(
+    iou_threshold: float = setting(
         0.3,
         "IoU threshold (intersection over union) of a box with the predicted box of a track, for the box to be of "
         "the track.",
         above=0,
         at_most=1,
-        option="--least-overlap",
+        option="--iou-threshold",
         metavar="SHARE",
     )
-    most_covered: float = setting(
+    max_occlusion: float = setting(
         0.2,
         "Maximum occlusion: share of a box that boxes of nearer people may cover.",
         at_least=0,
         at_most=1,
-        option="--most-covered",
+        option="--max-occlusion",
         metavar="SHARE",
     )
-    least_pixels: int = setting(
-        100, "Minimum number of pixels of a box to be used.", at_least=1, option="--least-pixels", metavar="N"
+    min_pixels: int = setting(
+        100, "Minimum number of pixels of a box to be used.", at_least=1, option="--min-pixels", metavar="N"
     )
 
 
@@ -88,19 +88,19 @@ class LearnConfig(SightingConfig):
         option="--angle-step",
         metavar="DEG",
     )
-    levels: int = setting(
+    colour_levels: int = setting(
         8,
         "Levels of hue, saturation and brightness: L (L + 1) colours are distinguished.",
         at_least=2,
         at_most=MAX_LEVELS,
-        option="--levels",
+        option="--colour-levels",
         metavar="L",
     )
-    least_samples: int = setting(
+    min_samples: int = setting(
         5,
         "Minimum number of boxes to learn a side of a target from.",
         at_least=1,
-        option="--least-samples",
+        option="--min-samples",
         metavar="N",
     )
 
@@ -122,11 +122,11 @@ class MatchConfig(SightingConfig):
 
     OWNER: ClassVar[str] = "match"
 
-    least_likeness: float = setting(
+    min_similarity: float = setting(
         0.8,
         "Minimum similarity (Bhattacharyya coefficient without its bias) of a box to a target. Lower values match "
         "more boxes and mistake more.",
         at_least=0,
         at_most=1,
-        option="--least-likeness",
+        option="--min-similarity",
     )

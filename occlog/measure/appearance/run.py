@@ -133,14 +133,14 @@ def run_learn(request: LearnRequest, job: Job) -> tuple[dict[str, object], tuple
         inputs.walks(config),
         inputs.scene,
         config,
-        levels=config.levels,
+        levels=config.colour_levels,
         own_identity=inputs.own_identity,
         tally=tally,
     )
     gallery = learn(seen, config)
     if not len(gallery):
         raise InputError(
-            f"{boxes}: no side of any person was seen in {config.least_samples} boxes: of {tally.boxes} boxes "
+            f"{boxes}: no side of any person was seen in {config.min_samples} boxes: of {tally.boxes} boxes "
             f"{tally.of_tracks} are of a track; check that boxes, images and {inputs.positions} are of one recording"
         )
     losses = (*inputs.losses, *tally.losses())

@@ -316,12 +316,12 @@ def paths_of_boxes(
 
 
 def _paths(identity: Ints32, t_ns: Ints, xy: Floats, velocity: Floats, config: SightingConfig) -> dict[int, PersonPath]:
-    heading_ns = round(config.heading_s * NS)
+    heading_ns = round(config.heading_window_s * NS)
     out = {}
     for name in np.unique(identity).tolist():
         own = np.flatnonzero(identity == name)
         own = own[np.argsort(t_ns[own], kind="stable")]
-        out[name] = path_of(t_ns[own], xy[own], velocity[own], heading_ns, config.least_speed)
+        out[name] = path_of(t_ns[own], xy[own], velocity[own], heading_ns, config.min_speed)
     return out
 
 
@@ -407,7 +407,7 @@ def _seen_tracks(
         track = boxes.identity
     else:
         index = tracks_of_boxes(
-            boxes.edges, expected_boxes(camera, states.xy[0], config.person_height), config.least_overlap
+            boxes.edges, expected_boxes(camera, states.xy[0], config.person_height), config.iou_threshold
         )
         track = np.where(index >= 0, states.identity[index], np.int32(NO_ID))
     angle = viewing_angles(states.xy[0, index], states.heading[0, index], camera.ground)

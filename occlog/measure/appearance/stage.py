@@ -38,10 +38,10 @@ def learn(sightings: Iterable[Sighting], config: LearnConfig) -> Gallery:
         good = (each.track != NO_ID) & (angle > 0) & (obstacles(each, config) == "")
         for k in np.flatnonzero(good).tolist():
             key = int(each.track[k]), int(angle[k])
-            counts[key] = counts.get(key, np.zeros(bins_of(config.levels))) + each.density[k] * each.pixels[k]
+            counts[key] = counts.get(key, np.zeros(bins_of(config.colour_levels))) + each.density[k] * each.pixels[k]
             samples[key] = samples.get(key, 0) + 1
             last_ns = each.boxes.t_ns
-    keys = sorted(key for key, n in samples.items() if n >= config.least_samples)
+    keys = sorted(key for key, n in samples.items() if n >= config.min_samples)
     if not keys:
         return Gallery.empty()
     whole = np.stack([counts[key] for key in keys])
@@ -52,7 +52,7 @@ def learn(sightings: Iterable[Sighting], config: LearnConfig) -> Gallery:
         target_id=np.array([target for target, _ in keys], dtype=np.int32),
         angle=np.array([n for _, n in keys], dtype=np.int32),
         angles=np.full(len(keys), config.angles, dtype=np.int32),
-        bins=np.full(len(keys), bins_of(config.levels), dtype=np.int32),
+        bins=np.full(len(keys), bins_of(config.colour_levels), dtype=np.int32),
         samples=np.array([samples[key] for key in keys], dtype=np.int32),
         pixels=np.rint(whole.sum(axis=1)).astype(np.int64),
         density=densities,
@@ -61,8 +61,8 @@ def learn(sightings: Iterable[Sighting], config: LearnConfig) -> Gallery:
 
 def obstacles(sighting: Sighting, config: SightingConfig) -> np.ndarray[tuple[int], np.dtype[np.str_]]:
     """(n,) why boxes contain nothing about whom they show: `covered` or `pixels`; empty: they do."""
-    few = sighting.pixels < config.least_pixels
-    return np.where(sighting.covered > config.most_covered, COVERED, np.where(few, PIXELS, ""))
+    few = sighting.pixels < config.min_pixels
+    return np.where(sighting.covered > config.max_occlusion, COVERED, np.where(few, PIXELS, ""))
 
 
 class GalleryArrays(NamedTuple):
@@ -115,7 +115,7 @@ def match(sightings: Iterable[Sighting], sides: GalleryArrays, config: MatchConf
             rho[index], rho_corrected[index] = corrected(
                 each.density[rows], sides.density[columns, k], each.pixels[rows], sides.pixels[columns, k]
             )
-        same = most_alike(rho_corrected, config.least_likeness)
+        same = most_alike(rho_corrected, config.min_similarity)
         row, target = np.divmod(np.arange(n * n_targets), n_targets)
         yield AppearanceMatches(
             t_ns=np.full(n * n_targets, each.boxes.t_ns),

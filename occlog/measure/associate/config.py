@@ -30,8 +30,8 @@ class LabelConfig(Settings):
         option="--max-gap",
         metavar="SECONDS",
     )
-    keep_rest: bool = setting(
-        False, "Keep unassigned candidates, without a label.", option="--keep-rest", shown="leave them out"
+    keep_unassigned: bool = setting(
+        False, "Keep unassigned candidates, without a label.", option="--keep-unassigned", shown="leave them out"
     )
 
 
@@ -41,10 +41,10 @@ class NamingConfig(Settings):
 
     OWNER: ClassVar[str] = "naming"
 
-    least_boxes: int = setting(
+    min_boxes: int = setting(
         10,
         "Minimum number of boxes of a track compared with a target, for the track to be identified as it.",
         at_least=1,
-        option="--least-boxes",
+        option="--min-boxes",
         metavar="N",
     )

@@ -90,10 +90,8 @@ class LabelTally:
 
 def run_match(request: MatchRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Match and write; the summary, and the losses."""
-    if request.named is not None and request.tracks is None:
-        raise UsageError(
-            f"{option('named')}: writes tracks under other identities, but no tracks are given; give {option('tracks')}"
-        )
+    if request.reidentified is not None and request.tracks is None:
+        raise UsageError(f"{option('reidentified')}: needs tracks to rename; give {option('tracks')}")
     naming = NamingConfig(**request.naming)  # type: ignore[arg-type]
     opened = open_input(request.gallery, Gallery)
     sides = sides_of(opened.read(Gallery))
@@ -102,7 +100,7 @@ def run_match(request: MatchRequest, job: Job) -> tuple[dict[str, object], tuple
     scene, unit = inputs.scene, inputs.scene.length_unit
     config: MatchConfig = configure(MatchConfig.in_unit(unit), request.settings)
     tracks = None
-    if request.named is not None and request.tracks is not None:
+    if request.reidentified is not None and request.tracks is not None:
         tracks = open_in_unit(request.tracks, unit, PeopleTracks).read(PeopleTracks)
     tally, decisions, evidence = SightingTally(), DecisionTally(), EvidenceTally()
     seen = observe_boxes(
@@ -140,12 +138,12 @@ def run_match(request: MatchRequest, job: Job) -> tuple[dict[str, object], tuple
         if tracks is not None:
             found = evidence.evidence()
             together_there = tracks_together(tracks, found.track)
-            named = identities(found, together_there, config.least_likeness, naming.least_boxes)
+            named = identities(found, together_there, config.min_similarity, naming.min_boxes)
             table, names = renamed(tracks, named, sides.target.tolist())
             tables.open("named", final, PeopleTracks)
             tables.write(named=table)
             summary |= {
-                "named": str(request.named),
+                "named": str(request.reidentified),
                 "tracks": len(names),
                 "tracks_of_gallery": len(named),
                 "identities": {str(track): target for track, target in sorted(named.items())},

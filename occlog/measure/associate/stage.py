@@ -152,7 +152,7 @@ def _label(table: Bearings, paths: _Paths, ground: dict[str, Floats], config: La
     wanted[frame[rows[picked]], track] = False
     # Tracks without a candidate in a frame get a row that is not seen
     empty, missing = np.nonzero(wanted)
-    keep = np.full(len(table), config.keep_rest) | (target != UNLABELLED)
+    keep = np.full(len(table), config.keep_unassigned) | (target != UNLABELLED)
     unseen = missed_detections(table.take(first[empty]), states.target[missing])
     return Labelled(
         bearings=Bearings.merge([replace(table, target_id=target).take(keep), unseen]),

@@ -169,7 +169,7 @@ def decoded(frame: Frame, scene: Scene, shapes: dict[str, tuple[int, ...]], conf
         # The message begins with file, camera and frame; without them equal reasons are equal.
         return str(error).rsplit(": ", 1)[-1]
     try:
-        image = plain_image(raw, config.bits)
+        image = plain_image(raw, config.bit_depth)
     except InputError as error:
         return str(error)
     if frame.sensor not in shapes:

@@ -53,12 +53,12 @@ class DetectConfig(Settings):
         option="--history",
         metavar="FRAMES",
     )
-    threshold: float | None = setting(
+    foreground_threshold: float | None = setting(
         None,
         "Foreground threshold, in the measure of the background model. Lower values detect people of low contrast "
         "and more noise.",
         above=0,
-        option="--threshold",
+        option="--foreground-threshold",
         nothing="the model's own",
     )
     shadows: bool = setting(
@@ -66,25 +66,25 @@ class DetectConfig(Settings):
     )
     warmup: int = setting(
         50,
-        "With --no-learn: number of frames that only train the background model.",
+        "With --no-learn-background: number of frames that only train the background model.",
         at_least=0,
         option="--warmup",
         metavar="FRAMES",
     )
-    bits: int | None = setting(
+    bit_depth: int | None = setting(
         None,
         "Significant bits of 16-bit images.",
         at_least=8,
         at_most=16,
-        option="--bits",
+        option="--bit-depth",
         nothing="16-bit images are refused",
     )
-    shrink: int | None = setting(
+    downscale: int | None = setting(
         None,
         "Downscale images by this factor before detection.",
         at_least=1,
         at_most=16,
-        option="--shrink",
+        option="--downscale",
         metavar="FACTOR",
         nothing="so that people stay 100 px wide",
     )
@@ -107,12 +107,12 @@ class DetectConfig(Settings):
         metavar="PX",
         nothing="from the poses",
     )
-    likeness: float = setting(
+    min_similarity: float = setting(
         0.65,
         "Minimum colour similarity (Bhattacharyya coefficient) to the target. Lower values accept more regions.",
         at_least=0,
         at_most=1,
-        option="--likeness",
+        option="--min-similarity",
     )
     sigma_px: float | None = setting(
         None,
@@ -137,25 +137,25 @@ class DetectConfig(Settings):
         at_most=1,
         option="--min-confidence",
     )
-    near_gate: float = setting(
+    feedback_gate: float = setting(
         3.0,
-        "Gate in standard deviations about the predicted direction of a target; with --near.",
+        "Gate in standard deviations about the predicted direction of a target; with --track-feedback.",
         above=0,
-        option="--near-gate",
+        option="--feedback-gate",
     )
-    labels: str | None = setting(
+    label_scope: str | None = setting(
         None,
         f"Scope of box identities, which become target IDs: {GLOBAL} (equal in all cameras) or {CAMERA} (renumbered "
         f"per camera).",
         choices=(GLOBAL, CAMERA),
-        option="--labels",
+        option="--label-scope",
         nothing="boxes are unlabelled candidates",
     )
 
 
 def parameters(config: DetectConfig) -> dict[str, object]:
     """The settings and constants that a detection in images depends on, for its provenance."""
-    return {name: value for name, value in asdict(config).items() if name not in ("labels", "near_gate")} | {
+    return {name: value for name, value in asdict(config).items() if name not in ("label_scope", "feedback_gate")} | {
         "clean_px": CLEAN_PX,
         "max_foreground": MAX_FOREGROUND,
         "strength": STRENGTH,

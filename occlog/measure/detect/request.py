@@ -31,7 +31,7 @@ METHOD = next(declaration(f) for f in declared(DetectConfig) if f.name == "metho
 METHODS = METHOD.choices
 """Ways of our own to find regions."""
 NETWORK = "onnx"
-OF_BOXES = ("bits", "sigma_px", "sigma_scale", "min_confidence")
+OF_BOXES = ("bit_depth", "sigma_px", "sigma_scale", "min_confidence")
 """Settings of detection that apply to the boxes of networks and plug-ins, too."""
 
 
@@ -98,14 +98,14 @@ class DetectRequest(Detection):
         whole=True,
         shown="",
     )
-    near: Path | None = source(
+    track_feedback: Path | None = source(
         "Track feedback: search each target only near the position that its track predicts, from before the frame.",
         metavar="TRACKS",
     )
-    learn: bool = setting(
+    learn_background: bool = setting(
         True,
         "First pass over the recording to learn the empty scene.",
-        option="--learn/--no-learn",
+        option="--learn-background/--no-learn-background",
     )
     settings: Mapping[str, object] = group(lambda: DetectConfig, without=("method",))
     fuse: bool = setting(
@@ -116,9 +116,9 @@ class DetectRequest(Detection):
     )
     fusion: Mapping[str, object] = group(
         lambda: FuseConfig,
-        only=("sigma", "window_s", "p_miss", "p_false"),
+        only=("sigma_prediction", "window_s", "miss_probability", "false_alarm_probability"),
         under="fuse",
-        plain=("p_miss", "p_false"),
+        plain=("miss_probability", "false_alarm_probability"),
         nested=True,
     )
 

@@ -73,7 +73,7 @@ def run_detect(request: DetectRequest, job: Job) -> tuple[dict[str, object], lis
         fused = FuseTally(scene, config)
         detections = _fused(detections, scene, config, fused)
         used |= {"fusion": asdict(config)}
-    earlier = () if request.near is None else open_input(request.near).losses
+    earlier = () if request.track_feedback is None else open_input(request.track_feedback).losses
     lost = dict.fromkeys((*opened.losses, *earlier))
     whole = {"cameras": list(request.cameras), **used}
     losses, tally = write_detections(job, detections, whole, lost, left, scene, fused=fused)
@@ -161,18 +161,18 @@ def _detections(
     Images come first; a recording without images gives its boxes, and one without boxes its bearings.
     """
     config = configure(DetectConfig(), {"method": request.method, **request.settings})
-    if config.labels is not None and (recording.cameras or not recording.has(Boxes)):
+    if config.label_scope is not None and (recording.cameras or not recording.has(Boxes)):
         raise UsageError(
-            f"{recording.path}: {option('labels')} makes targets of the identities of "
+            f"{recording.path}: {option('label_scope')} makes targets of the identities of "
             f"boxes, and nothing is detected in boxes of "
             "this recording; leave it out"
         )
     if recording.cameras:
         return _from_images(request, recording, scene, config, left, job)
     if recording.has(Boxes):
-        if request.near is not None:
+        if request.track_feedback is not None:
             raise UsageError(
-                f"{recording.path}: {option('near')} limits detection in images, or labelled "
+                f"{recording.path}: {option('track_feedback')} limits detection in images, or labelled "
                 f"bearings; boxes are candidates of "
                 "any person, to which `occlog label` gives the identity of tracks"
             )
@@ -182,9 +182,9 @@ def _detections(
         if config.sigma_px is not None or config.sigma_scale != 1.0:
             used |= {"sigma_px": config.sigma_px, "sigma_scale": config.sigma_scale}
         labels = None
-        if config.labels is not None:
-            labels = scan_labels(_rows_of(recording.tables(Boxes), only), config.labels, config)
-            used |= {"labels": config.labels}
+        if config.label_scope is not None:
+            labels = scan_labels(_rows_of(recording.tables(Boxes), only), config.label_scope, config)
+            used |= {"label_scope": config.label_scope}
         return detect_boxes(left.watch_boxes(chunks), scene, config, labels), used
     if recording.has(Bearings):
         near, used = _near(request, config, scene.length_unit)
@@ -225,16 +225,16 @@ def _near(
         UsageError: there is a gate and no tracks.
         InputError: the tracks are in another unit than the scene, have no covariance, or are missing.
     """
-    if request.near is None:
-        if "near_gate" in request.settings:
-            raise UsageError(f"{option('near_gate')} goes with {option('near')}; add it")
+    if request.track_feedback is None:
+        if "feedback_gate" in request.settings:
+            raise UsageError(f"{option('feedback_gate')} goes with {option('track_feedback')}; add it")
         return None, {}
-    opened = open_input(request.near, Tracks)
+    opened = open_input(request.track_feedback, Tracks)
     check_unit(opened, length_unit, error=InputError)
     tracks = opened.read(Tracks).with_covariance()
     if not len(tracks):
-        raise InputError(f"{request.near}: has no tracks; leave {option('near')} out")
-    return track_feedback(tracks, config.near_gate), {"near_gate": config.near_gate}
+        raise InputError(f"{request.track_feedback}: has no tracks; leave {option('track_feedback')} out")
+    return track_feedback(tracks, config.feedback_gate), {"feedback_gate": config.feedback_gate}
 
 
 def _simulated_bearings(
@@ -255,14 +255,14 @@ def _from_images(
     targets = _references(request, recording)
     learned, total = Learned(), frames_of(recording, sensors)
     near, limits = _near(request, config, scene.length_unit)
-    if request.learn or boxes:
+    if request.learn_background or boxes:
         first = job.progress(recording.frames(sensors), "first pass", total)
         found, boxed = learn(first, scene, config, boxes, request.threads)
         targets = boxed or targets
-        learned = found if request.learn else learned
+        learned = found if request.learn_background else learned
     used = parameters(config) | {
         "input": "images",
-        "learn": request.learn,
+        "learn_background": request.learn_background,
         "boxes": list(request.target_boxes),
         "targets": [t.target_id for t in targets],
         **limits,
@@ -348,8 +348,10 @@ def run_network(request: NetworkRequest, job: Job) -> tuple[dict[str, object], l
     """Detect and write; the summary, and the input that was lost."""
     opened, scene, sensors = images_of(request, "a network")
     config, of_networks = configure(DetectConfig(), request.settings), configure(NetworkConfig(), request.network)
-    if request.embed is None and {"embed_pixels", "embed_size"} & set(request.network):
-        raise UsageError(f"{option('embed_pixels')} and {option('embed_size')} go with {option('embed')}; add it")
+    if request.embed is None and {"embed_pixel_scaling", "embed_size"} & set(request.network):
+        raise UsageError(
+            f"{option('embed_pixel_scaling')} and {option('embed_size')} go with {option('embed')}; add it"
+        )
     with opencv_threads(request.threads):
         detector = open_detector(
             request.onnx, of_networks, request.classes, request.names, config.min_confidence, request.threads
@@ -377,7 +379,7 @@ def run_network(request: NetworkRequest, job: Job) -> tuple[dict[str, object], l
 
 def of_boxes(config: DetectConfig) -> dict[str, object]:
     """Settings of detection that external boxes use, unless they are the defaults, for the provenance."""
-    known = {name: getattr(config, name) for name in ("bits", "sigma_px") if getattr(config, name) is not None}
+    known = {name: getattr(config, name) for name in ("bit_depth", "sigma_px") if getattr(config, name) is not None}
     return known | ({"sigma_scale": config.sigma_scale} if config.sigma_scale != 1.0 else {})
 
 

@@ -62,7 +62,7 @@ class DoaConfig(Settings):
         option="--window",
         metavar="SECONDS",
     )
-    sources: int = setting(1, "Maximum number of directions per frame; 0: all peaks.", at_least=0, at_most=100)
+    max_sources: int = setting(1, "Maximum number of directions per frame; 0: all peaks.", at_least=0, at_most=100)
     grid_deg: float | None = setting(
         None,
         "Step of the grid of directions that is searched first.",
@@ -73,47 +73,47 @@ class DoaConfig(Settings):
         metavar="DEGREES",
         nothing="1 to 5, from the array's size",
     )
-    apart_deg: float = setting(
+    min_separation_deg: float = setting(
         20.0,
         "Minimum angle between directions of one frame.",
         unit="deg",
         at_least=0,
         at_most=180,
-        option="--apart",
+        option="--min-separation",
         metavar="DEGREES",
     )
-    peak: float = setting(
+    min_peak: float = setting(
         0.6,
         "Ignore peaks lower than this share of the way from the median of the map to its maximum. Lower values "
         "report more directions and more false alarms.",
         at_least=0,
         at_most=1,
-        option="--peak",
+        option="--min-peak",
     )
-    confidence: float = setting(
+    min_confidence: float = setting(
         0.15,
         "Ignore directions with which phases agree less: 1 is one plane wave, 0 noise. Lower values report more "
         "directions and more false alarms.",
         at_least=0,
         at_most=1,
-        option="--confidence",
+        option="--min-confidence",
     )
-    level_db: float = setting(
+    min_level_db: float = setting(
         -80.0,
         "Sound below this level is silence (a full-scale sine is 0).",
         unit="dB",
         at_least=-400,
         at_most=400,
-        option="--level",
+        option="--min-level",
         metavar="DB",
     )
-    above_db: float | None = setting(
+    min_snr_db: float | None = setting(
         None,
         "Sound must also exceed the quietest of the last half minute by this; for speech in noise.",
         unit="dB",
         above=0,
         below=1e9,
-        option="--above",
+        option="--min-snr",
         metavar="DB",
         nothing="no such limit",
     )
@@ -131,5 +131,5 @@ class DoaConfig(Settings):
         """Ends of the band, length of the window, and the algorithm that finds the number of sources."""
         yield "high_hz", self.high_hz > self.low_hz, f"above the lower end of the band, {self.low_hz:g}"
         yield "frame_s", self.window_s <= self.frame_s, f"at least the window, {self.window_s:g}"
-        found = self.sources > 0 or self.algorithm == "srp"
-        yield "sources", found, f"at least 1 for {self.algorithm}: only srp finds how many there are"
+        found = self.max_sources > 0 or self.algorithm == "srp"
+        yield "max_sources", found, f"at least 1 for {self.algorithm}: only srp finds how many there are"

@@ -210,9 +210,9 @@ def locator(array: MicrophoneArray, rate: int, unit: str, config: DoaConfig) -> 
             + (", all in one line" if len(array.microphones) > 1 else "")
             + "; an azimuth takes three that are not in a line: add `microphones`"
         )
-    if config.sources >= len(array.microphones) and config.algorithm != "srp":
+    if config.max_sources >= len(array.microphones) and config.algorithm != "srp":
         raise UsageError(
-            f"listen: sources is {config.sources}, but {config.algorithm} finds fewer than there are microphones "
+            f"listen: sources is {config.max_sources}, but {config.algorithm} finds fewer than there are microphones "
             f"({len(array.microphones)} in {array.name})"
         )
     grid = make_grid(array, band, speed, config)
@@ -227,7 +227,7 @@ def locator(array: MicrophoneArray, rate: int, unit: str, config: DoaConfig) -> 
     )
     make = getattr(doa, ALGORITHMS[config.algorithm])
     centred = array.microphones - array.microphones.mean(axis=0)
-    engine = make(centred.T, rate, band.length, c=speed, num_src=max(config.sources, 1), **ways)
+    engine = make(centred.T, rate, band.length, c=speed, num_src=max(config.max_sources, 1), **ways)
     normal = extents(array.microphones)[1] if rank == 2 else None
     return Locator(engine, centred, normal, band, grid, speed, config)
 
@@ -287,7 +287,7 @@ def locate(at: Locator, X: np.ndarray) -> list[ArrayDirection]:
     """Directions in (M, F, S) spectra, by falling confidence; none with less than `config.confidence`."""
     config, grid = at.config, at.grid
     # Map of the algorithm over the grid (SRP-PHAT, MUSIC, ...)
-    at.engine.locate_sources(X, num_src=max(config.sources, 1), freq_bins=at.band.bins)
+    at.engine.locate_sources(X, num_src=max(config.max_sources, 1), freq_bins=at.band.bins)
     chart = np.asarray(at.engine.grid.values, dtype=np.float64).reshape(grid.allowed.shape)
     heard = []
     # Peaks, refined by parabolas; confidence is the coherence of the phases
@@ -295,7 +295,7 @@ def locate(at: Locator, X: np.ndarray) -> list[ArrayDirection]:
         azimuth, elevation = refined(chart, grid, row, column)
         u = direction(np.array(azimuth), np.array(elevation))
         agreement = coherence(X=X, bins=at.band.bins, omega=at.band.omega, microphones=at.microphones, u=u, c=at.speed)
-        if agreement >= config.confidence:
+        if agreement >= config.min_confidence:
             heard.append(_with_uncertainty(at, azimuth, elevation, agreement, X.shape[2]))
     return sorted(heard, key=lambda h: -h.confidence)
 
@@ -355,15 +355,15 @@ def peaks(chart: Floats, grid: DirectionGrid, config: DoaConfig) -> list[tuple[i
     ]
     top = (chart >= np.max(around, axis=0)) & grid.allowed
     middle, high = float(np.median(chart)), float(chart[grid.allowed].max())
-    top &= chart >= middle + config.peak * (high - middle)
+    top &= chart >= middle + config.min_peak * (high - middle)
     rows, columns = np.nonzero(top)
     order = np.argsort(-chart[rows, columns], kind="stable")
-    most = config.sources or MAX_SOURCES
+    most = config.max_sources or MAX_SOURCES
     kept: list[tuple[int, int]] = []
     units: list[Floats] = []
     for k in order.tolist():
         u = direction(grid.azimuth[columns[k]], grid.elevation[rows[k]])
-        near = math.cos(math.radians(config.apart_deg))
+        near = math.cos(math.radians(config.min_separation_deg))
         if all(float(u @ v) <= near for v in units):
             kept.append((int(rows[k]), int(columns[k])))
             units.append(u)

@@ -25,7 +25,7 @@ class DoaRequest(Request):
 
     \b
       occlog listen --scene hall.yaml mic1=mic1.wav mic2=mic2.wav -o doa.parquet --start-time 2024-05-01T12:00:00Z
-      occlog listen --arrays table=microphones.csv table=talk.wav -o doa.parquet --sources auto --above 10
+      occlog listen --arrays table=microphones.csv table=talk.wav -o doa.parquet --max-sources auto --min-snr 10
     """
 
     OWNER: ClassVar[str] = "listen"
@@ -61,10 +61,10 @@ class DoaRequest(Request):
         whole=True,
         shown="",
     )
-    most: str | None = setting(
+    source_limit: str | None = setting(
         None,
         "Maximum number of directions per frame; auto: all peaks (srp). [default: 1]",
-        option="--sources",
+        option="--max-sources",
         metavar="N|auto",
         shown="",
     )

@@ -50,8 +50,8 @@ class _Plan(NamedTuple):
 def _plan(request: DoaRequest) -> _Plan:
     """The plan of a request; UsageError or SettingError for what cannot be."""
     settings = dict(request.settings)
-    if request.most is not None:
-        settings["sources"] = parse_most(request.most)
+    if request.source_limit is not None:
+        settings["max_sources"] = parse_most(request.source_limit)
     if request.band is not None:
         settings |= {"low_hz": request.band[0], "high_hz": request.band[1]}
     return _Plan(
@@ -69,7 +69,7 @@ def parse_most(text: str) -> int:
     if text == "auto":
         return 0
     if not (text.isdecimal() and 1 <= int(text) <= 100):
-        raise UsageError(f"{option('sources')} {text}: must be 1 to 100, or auto")
+        raise UsageError(f"{option('max_sources')} {text}: must be 1 to 100, or auto")
     return int(text)
 
 

@@ -110,14 +110,14 @@ def _heard(at: Locator, samples: Floats, quiet: deque[float], tally: DoaTally) -
 
 
 def _active(at: Locator, X: np.ndarray, quiet: deque[float]) -> Bools:
-    """(S,) whether each spectrum is no silence: above `level_db`, and above the quietest of `NOISE_S` by `above_db`."""
+    """(S,) whether each spectrum has sound: above `min_level_db`, and `min_snr_db` above the quietest of `NOISE_S`."""
     with np.errstate(divide="ignore"):
         level = 10.0 * np.log10(levels(X, at.band.bins))
-    active = level > at.config.level_db
-    if at.config.above_db is not None:
+    active = level > at.config.min_level_db
+    if at.config.min_snr_db is not None:
         heard = level[np.isfinite(level)]
         quiet.append(float(heard.min()) if len(heard) else np.inf)
-        active &= level > min(quiet) + at.config.above_db
+        active &= level > min(quiet) + at.config.min_snr_db
     return np.asarray(active, dtype=np.bool_)
 
 

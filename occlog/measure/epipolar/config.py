@@ -26,19 +26,19 @@ class EpipolarConfig(Settings):
         choices=("auto", "perspective", "affine"),
         option="--model",
     )
-    threshold_px: float = setting(
+    inlier_threshold_px: float = setting(
         3.0,
         "Inlier threshold: distance of a match from its epipolar line. Smaller values reject more matches.",
         unit="px",
         above=0,
-        option="--threshold",
+        option="--inlier-threshold",
         metavar="PX",
     )
-    max_error_px: float = setting(
+    max_epipolar_error_px: float = setting(
         5.0,
         "Maximum expected error of the epipolar lines; matches that leave a larger one are refused.",
         unit="px",
         above=0,
-        option="--max-error",
+        option="--max-epipolar-error",
         metavar="PX",
     )

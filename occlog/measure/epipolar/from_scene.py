@@ -115,9 +115,9 @@ def estimate_fundamental(
         a: (N, 2) points of view a without distortion [px].
         b: (N, 2) their matches in view b.
         config: of it `model`, where `auto` means affine unless perspective fits better than by
-            chance (F test at 1 %); `threshold_px`, the Sampson distance at which a match does not
+            chance (F test at 1 %); `inlier_threshold_px`, the Sampson distance at which a match does not
             agree initially, which three standard deviations of the noise found replace; and
-            `max_error_px`, the expected error of the lines beyond which a matrix is refused.
+            `max_epipolar_error_px`, the expected error of the lines beyond which a matrix is refused.
         min_matches: fewer matches that agree are refused.
 
     Raises:
@@ -126,7 +126,7 @@ def estimate_fundamental(
     """
     a, b = np.ascontiguousarray(a, dtype=np.float64), np.ascontiguousarray(b, dtype=np.float64)
     config = config or EpipolarConfig()
-    threshold_px = config.threshold_px
+    threshold_px = config.inlier_threshold_px
     if a.shape != b.shape or a.ndim != 2 or a.shape[1] != 2 or not (np.isfinite(a).all() and np.isfinite(b).all()):
         raise ValueError("matches must be two finite tables of as many points x, y")
     if len(a) < min_matches:
@@ -142,9 +142,9 @@ def estimate_fundamental(
     # Refuse degenerate sets: a line, a plane, one position
     _not_on_a_line(a[inliers], b[inliers], threshold_px)
     parallax = _not_on_a_plane(a, b, inliers, max(fit.noise_px, BEST_NOISE_PX))
-    if not fit.error_px <= config.max_error_px:
+    if not fit.error_px <= config.max_epipolar_error_px:
         raise ValueError(
-            f"the matches leave an expected error of {fit.error_px:.3g} px, must be at most {config.max_error_px:g}; "
+            f"the expected error is {fit.error_px:.3g} px, must be at most {config.max_epipolar_error_px:g}; "
             "add matches, spread in depth and over the images"
         )
     return FundamentalFit(

@@ -110,7 +110,7 @@ def _checks(
                 f"{option('scene')} or a recording with either"
             )
         pairs = calibrated_pairs(scene)
-    return checked_pairs(pairs, _matches(request, config), scene, config.threshold_px)
+    return checked_pairs(pairs, _matches(request, config), scene, config.inlier_threshold_px)
 
 
 def _matches(request: EpipolarRequest, config: EpipolarConfig) -> tuple[PointMatches, ...]:

@@ -18,34 +18,34 @@ class FuseConfig(Settings):
 
     OWNER: ClassVar[str] = "fuse"
 
-    sigma: float = setting(
+    sigma_prediction: float = setting(
         3.33,
         "Standard deviation of a position about its prediction ([Lee] Eq. 4.20), about the width of a person.",
         unit="length",
         above=0,
         people={"m": 0.5, "ft": 1.6, "in": 20.0},
-        option="--sigma",
+        option="--sigma-prediction",
         metavar="LENGTH",
     )
-    p_miss: float = setting(
+    miss_probability: float = setting(
         0.2,
         "Probability of a missed detection, unless the scene states it ([Lee] P_M).",
         above=0,
         below=1,
-        option="--p-miss",
+        option="--miss-probability",
     )
-    p_false: float = setting(
+    false_alarm_probability: float = setting(
         0.2,
         "Probability of a false alarm, unless the scene states it ([Lee] P_F).",
         above=0,
         below=1,
-        option="--p-false",
+        option="--false-alarm-probability",
     )
-    reach: float = setting(
+    detection_gate: float = setting(
         4.0,
         "Gate in standard deviations: a detection farther from the prediction counts as missed.",
         above=0,
-        option="--reach",
+        option="--detection-gate",
     )
     gate: float = setting(
         3.0,
@@ -53,11 +53,11 @@ class FuseConfig(Settings):
         above=0,
         option="--gate",
     )
-    hold: int = setting(
+    max_coasting_steps: int = setting(
         5,
         "Maximum coasting: consecutive steps without a declaration after which a prediction is dropped.",
         at_least=1,
-        option="--hold",
+        option="--max-coasting-steps",
         metavar="TIMES",
     )
     window_s: float = setting(
@@ -69,21 +69,21 @@ class FuseConfig(Settings):
         metavar="SECONDS",
         shown="equal times",
     )
-    min_crossing_deg: float = setting(
+    min_triangulation_angle_deg: float = setting(
         5.0,
         "Minimum triangulation angle: lines of sight at smaller angles give no position.",
         unit="deg",
         above=0,
         below=90,
     )
-    acceleration: float = setting(
+    process_noise_density: float = setting(
         1.0,
         "Process noise: spectral density of white acceleration with which objects are predicted.",
         unit="length^2/s^3",
         above=0,
         people={"m": 1.0, "ft": 10.0, "in": 1500.0},
     )
-    speed: float = setting(
+    sigma_initial_velocity: float = setting(
         1.5,
         "Standard deviation of the velocity of a new object, per axis.",
         unit="length/s",

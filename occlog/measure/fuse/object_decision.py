@@ -86,16 +86,16 @@ def decide(
         config: settings in the scene's unit.
     """
     # Predict ([Lee] Eq. 4.19); a prediction counts once cameras met in the object often enough.
-    held = None if memory.motion is None else ahead(memory.motion, t_ns, config.acceleration)
+    held = None if memory.motion is None else ahead(memory.motion, t_ns, config.process_noise_density)
     motion = held if memory.met >= CONFIRMATION_STEPS else None
     if not len(sight.azimuth):
         return _nothing(motion, memory, np.zeros(0, dtype=np.bool_), -math.inf, config)
-    sigma2 = config.sigma**2
+    sigma2 = config.sigma_prediction**2
     # Gate: detections far from the prediction count as missed.
     near = np.ones(len(sight.azimuth), dtype=np.bool_)
     if motion is not None:
         off = misfit(sight, motion.position, sigma2)
-        near = off <= config.reach**2
+        near = off <= config.detection_gate**2
     # Locate: the global position from the detections that agree.
     group = agreeing(sight, np.flatnonzero(near), motion, cameras, config)
     if not len(group) and motion is None:
@@ -152,7 +152,7 @@ def _meeting(
     sight: LocalDirections, motion: MotionEstimate | None, cameras: PlacedCameras, config: FuseConfig
 ) -> PositionWithCovariance | None:
     """Return the position where most lines meet, of equals the nearest to the prediction; None if no two meet."""
-    crossing = math.radians(config.min_crossing_deg)
+    crossing = math.radians(config.min_triangulation_angle_deg)
     everything = triangulate(
         sight.origin, sight.azimuth, sight.sigma, np.array([0, len(sight.azimuth)]), "gauss", crossing
     )
@@ -175,11 +175,11 @@ def _locate(
     motion: MotionEstimate | None, t_ns: int, sight: LocalDirections, config: FuseConfig
 ) -> tuple[PositionWithCovariance, MotionEstimate]:
     """Global position from the detections that make it, and the motion after it."""
-    position = meet(sight, math.radians(config.min_crossing_deg))
+    position = meet(sight, math.radians(config.min_triangulation_angle_deg))
     if motion is None:
         if position is None:  # `agreeing` gives lines that meet, or distances
             raise AssertionError("detections without a position")
-        return position, begin(t_ns, position, config.speed)
+        return position, begin(t_ns, position, config.sigma_initial_velocity)
     if position is None:
         after = corrected_by_line(motion, sight)
         return after.position, after
@@ -196,8 +196,8 @@ def _predicted_object(
 ) -> tuple[MotionEstimate, int]:
     """Motion of an object met again that was not confirmed yet, or that of a new one, and how often it was met."""
     away = position.xy - held.mean[:2]
-    spread = held.position.cov + position.cov + config.sigma**2 * np.eye(2)
-    if away @ np.linalg.solve(spread, away) > config.reach**2:
+    spread = held.position.cov + position.cov + config.sigma_prediction**2 * np.eye(2)
+    if away @ np.linalg.solve(spread, away) > config.detection_gate**2:
         return new, 1
     return corrected_by_place(held, position), memory.met + 1
 
@@ -220,7 +220,11 @@ def _nothing(
 ) -> Decision:
     """No object is declared; a prediction that was not met for long is dropped, a new one at once."""
     absent = memory.absent + 1
-    after = ObjectMemory() if motion is None or absent >= config.hold else ObjectMemory(motion, absent, memory.met)
+    after = (
+        ObjectMemory()
+        if motion is None or absent >= config.max_coasting_steps
+        else ObjectMemory(motion, absent, memory.met)
+    )
     return Decision(False, value, None, kept, np.zeros(0, dtype=np.int64), after)
 
 
@@ -305,7 +309,7 @@ def _shared_out(
         cost = np.column_stack([_off(memory, t_ns, mine, config) for memory in objects])
         for camera in np.unique(mine.sensor).tolist():
             own = np.flatnonzero(mine.sensor == camera)
-            for row, column in zip(*assign(cost[own], config.reach**2), strict=True):
+            for row, column in zip(*assign(cost[own], config.detection_gate**2), strict=True):
                 out[int(column)].append(int(rows[own[row]]))
     return [np.array(sorted(r), dtype=np.int64) for r in out]
 
@@ -313,8 +317,8 @@ def _shared_out(
 def _off(memory: ObjectMemory, t_ns: int, sight: LocalDirections, config: FuseConfig) -> Floats:
     if memory.motion is None:  # objects that are tracked have one
         return np.full(len(sight.azimuth), np.inf)
-    position = ahead(memory.motion, t_ns, config.acceleration).position
-    return misfit(sight, position, config.sigma**2)
+    position = ahead(memory.motion, t_ns, config.process_noise_density).position
+    return misfit(sight, position, config.sigma_prediction**2)
 
 
 def _groups(sight: LocalDirections, rows: Ints, cameras: PlacedCameras, config: FuseConfig) -> Iterator[Ints]:
@@ -332,7 +336,7 @@ def _meetings(sight: LocalDirections, cameras: PlacedCameras, config: FuseConfig
     if len(np.unique(sight.sensor)) < 2:
         return []
     lines = SourceDirections(sight.sensor, sight.origin, sight.azimuth, sight.sigma)
-    crossing = math.radians(config.min_crossing_deg)
+    crossing = math.radians(config.min_triangulation_angle_deg)
     found = localise(lines, NO_SOURCE, np.empty((0, 2, 2)), cameras.region, config.gate, crossing)
     order = np.argsort(-found.arrays, kind="stable").tolist()
     return [PositionWithCovariance(found.xy[i], found.covariance[i]) for i in order]

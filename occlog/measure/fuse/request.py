@@ -28,7 +28,7 @@ class FuseRequestBase(Request):
 
     \b
       occlog fuse bearings.parquet --views views.parquet --scene walk.mcap -o fused.parquet --fused-views both.parquet
-      occlog fuse labelled.parquet --scene hall.mcap -o fused.parquet --p-miss 0.3 --p-false 0.05
+      occlog fuse labelled.parquet --scene hall.mcap -o fused.parquet --miss-probability 0.3
       occlog fuse east.parquet --with west.parquet -o hall.parquet --events hall_events.parquet
     """
 
@@ -49,7 +49,7 @@ class FuseRequest(FuseRequestBase):
         "Write the views after the fusion (Parquet).", "views", result="views", asked="views"
     )
     scene: Path | None = scene_file()
-    settings: Mapping[str, object] = group(lambda: FuseConfig, example="reach=3")
+    settings: Mapping[str, object] = group(lambda: FuseConfig, example="detection_gate=3")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,5 +82,5 @@ VERB = Verb(
     default=DETECTIONS,
     by={"with": lambda _: TRACKS},
     chosen_by="fuse [--with TRACKS]",
-    example="reach=3",
+    example="detection_gate=3",
 )

@@ -93,8 +93,8 @@ def placed_cameras(scene: Scene, config: FuseConfig) -> PlacedCameras:
         sensors=sensors,
         region=np.ascontiguousarray(region, dtype=np.float64),
         far=np.minimum(size, reach),
-        p_miss=np.array([config.p_miss if c.detection is None else 1.0 - c.detection for c in cameras]),
-        p_false=np.array([config.p_false if c.false_alarm is None else c.false_alarm for c in cameras]),
+        p_miss=np.array([config.miss_probability if c.detection is None else 1.0 - c.detection for c in cameras]),
+        p_false=np.array([config.false_alarm_probability if c.false_alarm is None else c.false_alarm for c in cameras]),
         person_height=config.person_height,
     )
 

@@ -53,26 +53,26 @@ class NetworkConfig(Settings):
         option="--head",
         nothing="from the names and shapes of its outputs",
     )
-    overlap: float = setting(
+    nms_iou: float = setting(
         0.7,
         "IoU threshold of non-maximum suppression: of two boxes of a class that overlap more, the less confident "
         "is removed. Only for networks without their own suppression. Lower values lose close people.",
         at_least=0,
         at_most=1,
-        option="--overlap",
+        option="--nms-iou",
     )
-    fit: str | None = setting(
+    resize_mode: str | None = setting(
         None,
         "How images are scaled to the input size of the network.",
         choices=(LETTERBOX, CORNER, STRETCH),
-        option="--fit",
+        option="--resize-mode",
         nothing="as in the original implementation of the head",
     )
-    pixels: str | None = setting(
+    pixel_scaling: str | None = setting(
         None,
         "Scaling of colours: 0 to 1 (unit), ImageNet means and deviations in RGB or BGR, or 0 to 255 (raw).",
         choices=(UNIT, IMAGENET, IMAGENET_BGR, RAW),
-        option="--pixels",
+        option="--pixel-scaling",
         nothing="as in the original implementation of the head",
     )
     size: str | None = setting(
@@ -90,11 +90,11 @@ class NetworkConfig(Settings):
         at_most=256,
         option="--batch",
     )
-    embed_pixels: str = setting(
+    embed_pixel_scaling: str = setting(
         IMAGENET,
-        "As --pixels, for the network of --embed.",
+        "As --pixel-scaling, for the network of --embed.",
         choices=(UNIT, IMAGENET, IMAGENET_BGR, RAW),
-        option="--embed-pixels",
+        option="--embed-pixel-scaling",
     )
     embed_size: str | None = setting(
         None,

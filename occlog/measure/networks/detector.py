@@ -98,7 +98,7 @@ def open_embedder(path: Path, config: NetworkConfig, threads: int) -> Embedder:
             f"{path}: its outputs are {shapes(outputs)}; one with a vector of 2 to {LONGEST_VECTOR} numbers for each "
             "image was expected"
         )
-    return Embedder(network, config.embed_pixels, flat[0], outputs[flat[0]][0].size)
+    return Embedder(network, config.embed_pixel_scaling, flat[0], outputs[flat[0]][0].size)
 
 
 def suppress(boxes: Floats, score: Floats, label: Ints, overlap: float) -> Ints:
@@ -250,8 +250,8 @@ def open_detector(
         reading=reading,
         names=of_classes,
         wanted=wanted_classes(classes, of_classes, reading.classes),
-        fit=config.fit or HEADS[reading.head].fit,
-        pixels=config.pixels or HEADS[reading.head].pixels,
+        fit=config.resize_mode or HEADS[reading.head].fit,
+        pixels=config.pixel_scaling or HEADS[reading.head].pixels,
         least=least,
-        overlap=config.overlap,
+        overlap=config.nms_iou,
     )

@@ -21,23 +21,23 @@ class PositionPriorConfig(Settings):
 
     OWNER: ClassVar[str] = "priors"
 
-    sigma: float = setting(
+    measurement_noise: float = setting(
         8.0,
         "Measurement noise: standard deviation per axis; 0: positions are known.",
         unit="length",
         at_least=0,
         people=0.3,
-        option="--sigma",
+        option="--measurement-noise",
         metavar="LENGTH",
         shown="8, or 0.3 m; 0 for --measured tracks, added to their own covariance",
     )
-    q: float = setting(1.2, CHANGE, unit="length/s", above=0, people=0.6, option="--q")
-    silence_s: float = setting(
+    process_noise_velocity: float = setting(1.2, CHANGE, unit="length/s", above=0, people=0.6, option="--process-noise")
+    max_coasting_s: float = setting(
         2.0,
         "Omit objects that are not measured for this long.",
         unit="s",
         above=0,
-        option="--silence",
+        option="--max-coasting",
         metavar="SECONDS",
     )
 
@@ -48,62 +48,62 @@ class HullConfig(Settings):
 
     OWNER: ClassVar[str] = "hull"
 
-    misses: int = setting(
+    max_missed_views: int = setting(
         1,
         "Number of cameras that may miss an object. Larger values keep hulls that fewer silhouettes support.",
         at_least=0,
-        option="--misses",
+        option="--max-missed-views",
     )
-    least: int = setting(2, "Minimum number of cameras that detect an object.", at_least=1, option="--least")
-    dilate: float = setting(
+    min_views: int = setting(2, "Minimum number of cameras that detect an object.", at_least=1, option="--min-views")
+    dilation: float = setting(
         0.01,
         "Margin added to both sides of every run, in addition to twice the camera's sigma_yaw.",
         unit="rad",
         at_least=0,
-        option="--dilate",
+        option="--dilation",
         metavar="RADIANS",
     )
-    smallest: float = setting(
+    min_area: float = setting(
         1.0,
         "Minimum area of a polygon.",
         unit="length^2",
         at_least=0,
         people=0.02,
-        option="--smallest",
+        option="--min-area",
         metavar="AREA",
     )
-    persist_s: float = setting(
+    confirmation_time_s: float = setting(
         0.2,
         "Minimum time that a polygon has been present.",
         unit="s",
         at_most=1e9,
         at_least=0,
-        option="--persist",
+        option="--confirmation-time",
         metavar="SECONDS",
     )
-    memory_s: float = setting(
+    evidence_memory_s: float = setting(
         2.0,
         "Time for which it counts that a polygon was the only one to explain a run.",
         unit="s",
         at_most=1e9,
         at_least=0,
-        option="--memory",
+        option="--evidence-memory",
         metavar="SECONDS",
     )
-    lost_s: float = setting(
+    deletion_time_s: float = setting(
         0.5, "Time for which an identity is kept without a polygon.", unit="s", at_most=1e9, at_least=0
     )
-    hold_s: float = setting(
+    coasting_s: float = setting(
         0.3,
         "Time for which a certain polygon is kept while it is missing.",
         unit="s",
         at_most=1e9,
         at_least=0,
-        option="--hold",
+        option="--coasting",
         metavar="SECONDS",
     )
-    speed: float = setting(3.0, "Maximum speed of objects.", unit="length/s", at_least=0, people=2.5)
-    reach: float = setting(3.33, "Maximum jump of the centre of a polygon.", unit="length", at_least=0, people=0.5)
+    max_speed: float = setting(3.0, "Maximum speed of objects.", unit="length/s", at_least=0, people=2.5)
+    max_jump: float = setting(3.33, "Maximum jump of the centre of a polygon.", unit="length", at_least=0, people=0.5)
     window_s: float = setting(
         0.0,
         "Frames closer together in time are one time step.",
@@ -120,7 +120,7 @@ class HullConfig(Settings):
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """A polygon must be allowed to move."""
-        yield "reach", self.speed + self.reach > 0, "above 0 where speed is 0"
+        yield "max_jump", self.max_speed + self.max_jump > 0, "above 0 where speed is 0"
 
 
 @dataclass(frozen=True)
@@ -132,29 +132,29 @@ class AcousticConfig(Settings):
     gate: float = setting(
         3.0, "Gate in standard deviations for a direction or a position to be of a source.", above=0, option="--gate"
     )
-    q: float = setting(
+    process_noise_velocity: float = setting(
         1.2,
         CHANGE,
         unit="length/s",
         above=0,
         people={unit: 0.6 / metres for unit, metres in METRES.items()},
-        option="--q",
+        option="--process-noise",
     )
-    persist_s: float = setting(
+    confirmation_time_s: float = setting(
         0.3,
         "Minimum time for which a source has been detected.",
         unit="s",
         at_most=1e9,
         at_least=0,
-        option="--persist",
+        option="--confirmation-time",
         metavar="SECONDS",
     )
-    silence_s: float = setting(
+    max_coasting_s: float = setting(
         2.0,
         "Omit sources that are not detected for this long.",
         unit="s",
         at_least=0,
-        option="--silence",
+        option="--max-coasting",
         metavar="SECONDS",
     )
     window_s: float = setting(
@@ -165,6 +165,6 @@ class AcousticConfig(Settings):
         option="--window",
         metavar="SECONDS",
     )
-    min_crossing: float = setting(
+    min_triangulation_angle: float = setting(
         0.1, "Minimum triangulation angle: directions at smaller angles give no position.", unit="rad", at_least=0
     )

@@ -41,7 +41,7 @@ def virtual_priors(truth: Iterable[Truth], sigma: float, q: float, seed: int, *,
         seed: of the noise.
         run: number of the run of a Monte Carlo experiment.
     """
-    config = PositionPriorConfig(sigma=sigma, q=q)
+    config = PositionPriorConfig(measurement_noise=sigma, process_noise_velocity=q)
     if sigma == 0.0:
         yield from known_positions(truth)
         return
@@ -71,9 +71,9 @@ def kalman_priors(
         config: settings; sigma must be above 0 for a table of truth.
         without: identities that are skipped, for example the tracked target's.
 
-    At every time all occluders that were measured within `silence_s` have a row.
+    At every time all occluders that were measured within `max_coasting_s` have a row.
     """
-    left_out, shared = sorted(set(without)), config.sigma**2 * np.eye(2)
+    left_out, shared = sorted(set(without)), config.measurement_noise**2 * np.eye(2)
 
     def measured(chunk: Truth | Tracks) -> tuple[Floats, Floats]:
         noise = np.broadcast_to(shared, (len(chunk), 2, 2)).copy()
@@ -146,10 +146,10 @@ def _step(state: _FilterState, m: _MeasurementStep, config: PositionPriorConfig)
         if m.t_ns < state.t_ns:
             raise InputError(f"priors: time {m.t_ns} ns comes after {state.t_ns} ns; sort the rows by t_ns")
         # Drop filters after a long silence: an occluder that comes back starts afresh
-        keep = m.t_ns - state.measured_ns <= config.silence_s * 1e9
+        keep = m.t_ns - state.measured_ns <= config.max_coasting_s * 1e9
         _keep(state, keep)
         # Predict
-        state.walkers = predict(state.walkers, (m.t_ns - state.t_ns) * 1e-9, config.q)
+        state.walkers = predict(state.walkers, (m.t_ns - state.t_ns) * 1e-9, config.process_noise_velocity)
     state.t_ns = m.t_ns
     # Update with measurements of known occluders
     known = np.isin(m.identity, state.identity)
@@ -158,7 +158,7 @@ def _step(state: _FilterState, m: _MeasurementStep, config: PositionPriorConfig)
     state.measured_ns[rows] = m.t_ns
     # Begin filters for new occluders
     if not known.all():
-        _add(state, m, ~known, config.q)
+        _add(state, m, ~known, config.process_noise_velocity)
 
 
 def _measure(walkers: Walkers, rows: Ints, xy: Floats, noise: Floats) -> None:

@@ -54,7 +54,12 @@ def acoustic_priors(chunks: Iterable[Doa], scene: Scene, config: AcousticConfig)
         # Locate: positions where directions of two arrays or more meet
         d = _directions(rows, scene)
         found = localise(
-            d, followed.walkers.xy, followed.walkers.cov, scene.region, config.gate, max(config.min_crossing, 1e-6)
+            d,
+            followed.walkers.xy,
+            followed.walkers.cov,
+            scene.region,
+            config.gate,
+            max(config.min_triangulation_angle, 1e-6),
         )
         # Associate, update, begin
         followed, fresh = _heard(followed, t_ns, found.xy, found.covariance, fresh, config)
@@ -102,8 +107,8 @@ def _aged(s: _Sources, t_ns: int, dt: float, config: AcousticConfig) -> _Sources
     """The sources a time later, without those that fell silent."""
     if not len(s.identity):
         return s
-    keep = t_ns - s.last_ns <= config.silence_s * 1e9
-    walkers = predict(select(s.walkers, keep), dt, config.q)
+    keep = t_ns - s.last_ns <= config.max_coasting_s * 1e9
+    walkers = predict(select(s.walkers, keep), dt, config.process_noise_velocity)
     return _Sources(s.identity[keep], s.first_ns[keep], s.last_ns[keep], walkers)
 
 
@@ -121,7 +126,7 @@ def _heard(s: _Sources, t_ns: int, xy: Floats, cov: Floats, fresh: int, config: 
         return s, fresh
     now = np.full(len(new), t_ns, dtype=np.int64)
     identity = np.concatenate([s.identity, fresh + np.arange(len(new), dtype=np.int64)])
-    walkers = concat(s.walkers, initiate(xy[new], cov[new], config.q))
+    walkers = concat(s.walkers, initiate(xy[new], cov[new], config.process_noise_velocity))
     return _Sources(identity, np.append(s.first_ns, now), np.append(s.last_ns, now), walkers), fresh + len(new)
 
 
@@ -138,7 +143,7 @@ def _single(s: _Sources, t_ns: int, config: AcousticConfig) -> _Sources:
 
 def _table(s: _Sources, t_ns: int, config: AcousticConfig) -> Occluders:
     """Rows of the sources that were heard long enough."""
-    sure = np.flatnonzero(s.last_ns - s.first_ns >= config.persist_s * 1e9)
+    sure = np.flatnonzero(s.last_ns - s.first_ns >= config.confirmation_time_s * 1e9)
     if not len(sure):
         return none_at(np.array([t_ns], dtype=np.int64))
     xy, cov = s.walkers.xy[sure], s.walkers.cov[sure]

@@ -82,7 +82,11 @@ def hull_priors(
     for t_ns, step in _time_steps(views, frames, scene, round(config.window_s * 1e9)):
         # Cones of what each camera sees, then their visual hull
         camera_views = [_camera_cones(f, cameras, scene, config) for f in step]
-        found = hull(camera_views, scene.region, config.least, config.misses, config.smallest) if camera_views else []
+        found = (
+            hull(camera_views, scene.region, config.min_views, config.max_missed_views, config.min_area)
+            if camera_views
+            else []
+        )
         # Identities over time; phantoms are skipped
         memory, seen = track_polygons(memory, t_ns, found, rules)
         candidates += len(found)
@@ -106,12 +110,12 @@ def _on_map(found: HullPriors, origin: Floats) -> HullPriors:
 def _rules(config: HullConfig) -> HullRules:
     """The rules for identities of polygons; times in nanoseconds."""
     return HullRules(
-        persist_ns=round(1e9 * config.persist_s),
-        memory_ns=round(1e9 * config.memory_s),
-        lost_ns=round(1e9 * config.lost_s),
-        hold_ns=round(1e9 * config.hold_s),
-        speed=config.speed,
-        reach=config.reach,
+        persist_ns=round(1e9 * config.confirmation_time_s),
+        memory_ns=round(1e9 * config.evidence_memory_s),
+        lost_ns=round(1e9 * config.deletion_time_s),
+        hold_ns=round(1e9 * config.coasting_s),
+        speed=config.max_speed,
+        reach=config.max_jump,
     )
 
 
@@ -185,7 +189,7 @@ def _camera_cones(frame: _Frame, cameras: dict[str, HullCamera], scene: Scene, c
         cameras[frame.sensor] = hull_camera(scene.camera(frame.sensor), scene)
     view, v = cameras[frame.sensor], frame.views
     boxes = np.column_stack([v.left_px, v.top_px, v.width_px, v.height_px])
-    of_runs = runs(boxes, view.camera, config.dilate + 2.0 * view.camera.sigma_yaw)
+    of_runs = runs(boxes, view.camera, config.dilation + 2.0 * view.camera.sigma_yaw)
     own = (v.target_id >= 0) & config.exclude_targets
     others = cones(view, of_runs[~own])
     visible = view.visible

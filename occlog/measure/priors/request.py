@@ -21,8 +21,8 @@ class KalmanRequest(Request):
     first, as in experiments with virtual occluders.
 
     \b
-      occlog priors kalman room.mcap -o occluders.parquet --sigma 8 --q 1.2 --seed 1
-      occlog priors kalman badges.parquet --measured --sigma 0.2 -o occluders.parquet
+      occlog priors kalman room.mcap -o occluders.parquet --measurement-noise 8 --process-noise 1.2 --seed 1
+      occlog priors kalman badges.parquet --measured --measurement-noise 0.2 -o occluders.parquet
     """
 
     OWNER: ClassVar[str] = "priors"
@@ -46,7 +46,7 @@ class HullRequest(Request):
     """Estimate occluder priors from VIEWS (of `occlog detect --views`): visual hulls of all silhouettes.
 
     Polygons that no camera needs (phantoms) are left out. Where clusters are not distinguished, the polygon of the
-    tracked target is among them: `occlog track --set own_gate=3` leaves it out.
+    tracked target is among them: `occlog track --set own_prior_gate=3` leaves it out.
 
     \b
       occlog priors hull views.parquet --scene hall.mcap -o occluders.parquet --hulls hulls.parquet
@@ -64,7 +64,7 @@ class HullRequest(Request):
     )
     cameras: tuple[str, ...] = setting((), "Use these cameras only.", option="--cameras", metavar="A,B,...", shown="")
     without: tuple[str, ...] = setting((), "Exclude these cameras.", option="--without", metavar="A,B,...", shown="")
-    settings: Mapping[str, object] = group(lambda: HullConfig, example="speed=2")
+    settings: Mapping[str, object] = group(lambda: HullConfig, example="max_speed=2")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +81,7 @@ class AcousticRequest(Request):
     doa: Path = source("Directions of arrival.", argument=True)
     output: Path = output_file("Occluders (Parquet).", "occluders")
     scene: Path | None = scene_file()
-    settings: Mapping[str, object] = group(lambda: AcousticConfig, example="min_crossing=0.2")
+    settings: Mapping[str, object] = group(lambda: AcousticConfig, example="min_triangulation_angle=0.2")
 
 
 VERBS = Verbs(

@@ -77,10 +77,10 @@ def run_kalman(request: KalmanRequest, job: Job) -> Result:
     if tracks and not measured:
         raise UsageError(f"{path}: tracks are measurements, not the truth; add {option('measured')}")
     defaults = PositionPriorConfig.in_unit(unit)
-    config = configure(replace(defaults, sigma=0.0) if tracks else defaults, request.settings)
-    if measured and config.sigma == 0 and not tracks:
+    config = configure(replace(defaults, measurement_noise=0.0) if tracks else defaults, request.settings)
+    if measured and config.measurement_noise == 0 and not tracks:
         raise UsageError(
-            f"{option('measured')} positions need a {option('sigma')} above 0; omit "
+            f"{option('measured')} positions need a {option('measurement_noise')} above 0; omit "
             f"{option('measured')} if they are exact"
         )
     if measured:
@@ -91,7 +91,7 @@ def run_kalman(request: KalmanRequest, job: Job) -> Result:
     else:
         truth = job.progress(source.chunks(Truth), "priors")
         left = (c.take(~np.isin(c.target_id, request.without)) for c in truth)
-        priors = virtual_priors(left, config.sigma, config.q, request.seed)
+        priors = virtual_priors(left, config.measurement_noise, config.process_noise_velocity, request.seed)
     parameters = {"source": "kalman", "measured": measured, "without": request.without, **asdict(config)}
     provenance, tally = job.provenance(parameters, source.losses, request.seed), PriorsTally()
     with job.tables(provenance, unit) as tables:
@@ -100,7 +100,7 @@ def run_kalman(request: KalmanRequest, job: Job) -> Result:
             tally.add(table)
         if not tally.identities:
             raise InputError(f"{path}: no row is of a moving occluder; priors need rows of the role occluder")
-    head = {"occluders": str(request.output), "source": "kalman", "sigma": config.sigma}
+    head = {"occluders": str(request.output), "source": "kalman", "measurement_noise": config.measurement_noise}
     return {**head, **tally.summary()}, source.losses
 
 

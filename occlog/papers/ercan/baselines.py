@@ -20,16 +20,16 @@ FILTERS: dict[str, Values] = {
     APF: {},
     EKF: {"method": "ekf"},
     UKF: {"method": "ukf"},
-    CONSTRAINED: {"method": "ukf", "points": "visible"},
+    CONSTRAINED: {"method": "ukf", "sigma_points": "visible"},
     IEKF: {"method": "iekf"},
-    DESCENT: {"method": "iekf", "feasible": "descent"},
+    DESCENT: {"method": "iekf", "visibility_constraint": "descent"},
 }
 SHARP, FALSE, PRIORS = "sharp bearings", "false bearings", "priors"
 """Further settings, each with four cameras."""
 CAMERAS = 4
-SHARP_NOISE = "noise: {position: 0, yaw: 0, read_px: 0.2}"
+SHARP_NOISE = "noise: {position: 0, yaw: 0, measurement_noise_px: 0.2}"
 """Of a camera of 70 px: 0.16 degrees."""
-DISTURBED: Values = {"miss": 0.1, "false_alarm": 0.05}
+DISTURBED: Values = {"miss_probability": 0.1, "false_alarm_probability": 0.05}
 AS_GOOD, NEARLY = 1.1, 1.35
 """Quotients of errors that count as equally good, and as that in part."""
 
@@ -39,10 +39,10 @@ def baselines(size: Size, execute: Execute) -> Table:
     room = square_room(pillar=True)
     counts = (CAMERAS,) if size.quick else (2, 3, CAMERAS, 6, 8)
     points = [_point(name, n, room, size, FILTERS[name]) for n in counts for name in FILTERS]
-    sharp = room.replace("noise: {position: 1, yaw: 0.01, read_px: 2}", SHARP_NOISE)
+    sharp = room.replace("noise: {position: 1, yaw: 0.01, measurement_noise_px: 2}", SHARP_NOISE)
     for name in (APF, EKF):
         points.append(_point(f"{name}, {SHARP}", CAMERAS, sharp, size, FILTERS[name], simulate={"occluders": 0}))
-    values = {"detection": 0.9, "false": 0.05}
+    values = {"detection_probability": 0.9, "false_alarm_probability": 0.05}
     for name in (APF, EKF, UKF, IEKF):
         settings = FILTERS[name] if name != APF else values
         points.append(_point(f"{name}, {FALSE}", CAMERAS, room, size, settings, observe=DISTURBED))

@@ -58,7 +58,7 @@ def figures_of(spec: Spec) -> dict[str, float]:
     add(NONE, parts, alone)
     others = Tracks.concat([p.tracks for p in parts])
     others = others.take(others.target_id > 0)
-    more = ApfConfig(particles=L, temper=1.0)
+    more = ApfConfig(particles=L, occlusion_tempering=1.0)
     parts, again = _tracked(scene, bearings, more, seed, "apf", (0,), priors_of(others))
     add(SEPARATE, parts, alone + again)
     return out

@@ -148,7 +148,7 @@ def stand_in(scene: Scene, mine: Bearings, lines: int) -> Truth:
     Raises:
         InputError: too few meetings to smooth.
     """
-    met = triangulated_points(mine, scene, EvaluateConfig(lines_min_sensors=lines))[TARGET]
+    met = triangulated_points(mine, scene, EvaluateConfig(triangulation_min_sensors=lines))[TARGET]
     good = met.status == TRIANGULATED
     if good.sum() < MEETINGS:
         raise InputError(f"{lines} lines of sight met at {good.sum()} times, expected at least {MEETINGS}")
@@ -369,8 +369,8 @@ def settings_of(recorded: Recorded, size: Size, kind: str) -> ApfConfig:
     return replace(
         ApfConfig.in_unit("m"),
         particles=size.particles,
-        detection=None if kind == "none" else DETECTION,
-        false=FALSE,
+        detection_probability=None if kind == "none" else DETECTION,
+        false_alarm_probability=FALSE,
         occluder_diameter=DIAMETER,
         start=(*recorded.start.tolist(), START_SIGMA),
     )
@@ -509,7 +509,11 @@ def _selections(cameras: int) -> Iterator[tuple[str, float, Spec | None]]:
     policies = {GREEDY: "greedy", BRUTE: "brute-force", FIXED: "fixed", RANDOM: "random", CLOSEST: "closest"}
     for k in range(2, cameras):
         for name, policy in policies.items():
-            yield name, k, {"policy": policy, "count": k, "every": EVERY, "patience": 0, "model": "weak"}
+            yield (
+                name,
+                k,
+                {"policy": policy, "n_cameras": k, "selection_interval": EVERY, "max_blind_scans": 0, "model": "weak"},
+            )
     yield ALL, math.nan, None
 
 

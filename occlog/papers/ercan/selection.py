@@ -51,7 +51,14 @@ EVERY, LAB_EVERY = 5.0, 5.0 / 7.5
 
 
 def _select(policy: str, count: int, order: Sequence[int], every: float, model: str = "perspective") -> Values:
-    return {"policy": policy, "count": count, "every": every, "patience": 0, "model": model, "order": names(order)}
+    return {
+        "policy": policy,
+        "n_cameras": count,
+        "selection_interval": every,
+        "max_blind_scans": 0,
+        "model": model,
+        "camera_order": names(order),
+    }
 
 
 def _policies(k: int, order: Sequence[int], both: bool) -> dict[str, Values]:
@@ -220,8 +227,14 @@ def by_period(size: Size, execute: Execute) -> Table:
     """Compute the RMSE with greedily selected cameras against the steps between selections; runs share their worlds."""
     points = []
     for every in QUICK_PERIODS if size.quick else PERIODS:
-        select = {"policy": "greedy", "count": COUNT, "every": float(every), "patience": 0, "model": "perspective"}
-        spec = trial(l_room(), size, L_WORLD, kalman(L_SIGMA), select={**select, "order": names(L_ORDER)})
+        select = {
+            "policy": "greedy",
+            "n_cameras": COUNT,
+            "selection_interval": float(every),
+            "max_blind_scans": 0,
+            "model": "perspective",
+        }
+        spec = trial(l_room(), size, L_WORLD, kalman(L_SIGMA), select={**select, "camera_order": names(L_ORDER)})
         points.append(TrialPoint(GREEDY, float(every), spec))
     return run_points(points, size, execute)
 

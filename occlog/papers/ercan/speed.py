@@ -62,7 +62,7 @@ LIKELIHOOD_FORMS = (
     LikelihoodForm(NONE, ApfConfig()),
     LikelihoodForm(KNOWN, ApfConfig()),
     LikelihoodForm(INDEPENDENT, ApfConfig(likelihood="independent")),
-    LikelihoodForm(RECURSION, ApfConfig(likelihood="recursion", q="printed")),
+    LikelihoodForm(RECURSION, ApfConfig(likelihood="recursion", occlusion_form="printed")),
 )
 
 

@@ -67,7 +67,7 @@ def trial(
         "seed": size.seed,
         "simulate": {"steps": size.steps, **simulate},
         "priors": dict(priors),
-        "track": {"method": "apf", "particles": size.particles, "temper": 1.0, **more.pop("track", {})},
+        "track": {"method": "apf", "particles": size.particles, "occlusion_tempering": 1.0, **more.pop("track", {})},
         **more,
     }
     return spec if cameras is None else {**spec, "cameras": list(cameras)}
@@ -129,7 +129,9 @@ def priors_error(item: str, rows: Sequence[PaperRow], paper: float) -> list[Stat
 
 def kalman(sigma: float, q: float = 1.2) -> Values:
     """Describe priors by a Kalman filter on virtual measurements of deviation `sigma`; 0 means known positions."""
-    return {"kind": "kalman", "sigma": sigma, "q": q} if sigma > 0 else {"kind": "known"}
+    return (
+        {"kind": "kalman", "measurement_noise": sigma, "process_noise_velocity": q} if sigma > 0 else {"kind": "known"}
+    )
 
 
 Place = tuple[float, float, float]
@@ -219,7 +221,7 @@ def _scene(
     for n, (x, y, direction) in enumerate(cameras, start=1):
         lines.append(
             f"- {{name: cam{n}, position: [{x:g}, {y:g}], yaw_deg: {direction:.6g}, focal_px: {focal:.6g}, "
-            f"fov_deg: {fov:g}, noise: {{position: 1, yaw: {yaw:g}, read_px: 2}}}}"
+            f"fov_deg: {fov:g}, noise: {{position: 1, yaw: {yaw:g}, measurement_noise_px: 2}}}}"
         )
     return "\n".join(lines) + "\n"
 

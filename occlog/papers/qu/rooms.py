@@ -74,7 +74,7 @@ def run_rooms_trial(spec: Spec) -> dict[str, float]:
         )
         setup = people_setup(request)
         assert setup.render is not None
-        setup = replace(setup, render=replace(setup.render, alike=False))
+        setup = replace(setup, render=replace(setup.render, identical_targets=False))
         write_recording(setup, Provenance("simulate", parameters(setup), seed), recording, quiet=True)
         names = [camera.name for camera in setup.scene.cameras]
         truth, radius = _truth(open_recording(recording).read(TruthBoxes), names)
@@ -85,8 +85,8 @@ def run_rooms_trial(spec: Spec) -> dict[str, float]:
                 bearings=recording,
                 output=tracks,
                 method=str(own["method"]),
-                settings={"birth_frames": 0, **own.get("set", {})},
-                initial=recording,
+                settings={"confirmation_frames": 0, **own.get("set", {})},
+                initial_ellipses=recording,
                 seed=seed,
             )
             run(track, overwrite=True, quiet=True)

@@ -107,7 +107,15 @@ KEYS = (
 OWN = ("method", "set", "fundamental", "wrong", "use", "timed", "track_seed", "astray")
 """Keys of each of `methods`."""
 KIND = "qu-views"
-WARM = {"frames": 8, "balls": 3, "radius": 12.0, "width": 96, "height": 96, "start_apart": False, "clutter": 0}
+WARM = {
+    "frames": 8,
+    "balls": 3,
+    "radius": 12.0,
+    "width": 96,
+    "height": 96,
+    "start_separated": False,
+    "background_clutter": 0,
+}
 """A video that has everything compiled before anything is timed."""
 
 
@@ -126,7 +134,8 @@ def alarms(
             of one that is put on it before that frame.
 
     Returns:
-        `checked`: share of the rows that were checked; `bad`: share of those that is `bad`; `false_alarm`: of those
+        `checked`: share of the rows that were checked; `bad`: share of those that is `bad`;
+        `false_alarm_probability`: of those
         of sound targets, the share that is `bad`; `missed`: of those of the others, the share that is `good`; with
         `wrong`, `noticed`: frames until the tracker is first `bad`, `recovered`: frames until it is on its own
         target for the first time, and `returned`: frames until it is so for good.  NaN where there is nothing to

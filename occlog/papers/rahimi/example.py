@@ -67,7 +67,7 @@ def sparse_scene(*, known_range: bool) -> Scene:
     for n, (x, y, yaw) in enumerate(PLACES, start=1):
         lines.append(
             f"- {{name: cam{n}, position: [{x}, {y}], yaw_deg: {yaw}, focal_px: {FOCAL_PX:g}, "
-            f"fov_deg: {FOV_DEG:g}{reach}, noise: {{position: 0, yaw: 0, read_px: {READ_PX:g}}}}}"
+            f"fov_deg: {FOV_DEG:g}{reach}, noise: {{position: 0, yaw: 0, measurement_noise_px: {READ_PX:g}}}}}"
         )
     return scene_from_yaml("\n".join(lines) + "\n", "the example of [Rahimi]")
 

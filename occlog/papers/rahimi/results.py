@@ -31,9 +31,9 @@ from .trial import BINS, Solved, sightings, solve_problem, sparse_spec, sparse_t
 ALL, SEEN, BETWEEN, BEYOND = "whole trajectory", "seen", "between sightings", "before the first or after the last"
 WITH, WITHOUT, ROOM = "in front of the cameras", "without constraints", "in the room and in range, too"
 KINDS = {
-    WITHOUT: {"front": False},
-    WITH: {"front": True},
-    ROOM: {"front": True, "walls": True, "known_range": True},
+    WITHOUT: {"in_front_constraint": False},
+    WITH: {"in_front_constraint": True},
+    ROOM: {"in_front_constraint": True, "wall_constraints": True, "known_range": True},
 }
 CLOSE = 0.1
 """Median error, as a share of the room's side, up to which an estimate counts as close."""

@@ -25,13 +25,13 @@ from .trial import sparse_spec, sparse_trial
 SQUARE, HUBER, CAUCHY = "square", "huber", "cauchy"
 LINEAR, SQUARE_LINEAR = "cauchy, linear start", "square, linear start"
 SQUARE_ROOM, CAUCHY_ROOM = "square, room and ranges", "cauchy, room and ranges"
-ROOM = {"walls": True, "known_range": True}
+ROOM = {"wall_constraints": True, "known_range": True}
 WAYS: dict[str, Values] = {
     SQUARE: {},
     HUBER: {"loss": "huber"},
     CAUCHY: {"loss": "cauchy"},
-    LINEAR: {"loss": "cauchy", "initial": "linear"},
-    SQUARE_LINEAR: {"initial": "linear"},
+    LINEAR: {"loss": "cauchy", "initialisation": "linear"},
+    SQUARE_LINEAR: {"initialisation": "linear"},
     SQUARE_ROOM: ROOM,
     CAUCHY_ROOM: {"loss": "cauchy", **ROOM},
 }

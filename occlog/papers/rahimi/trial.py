@@ -25,11 +25,11 @@ from occlog.track.methods.map.kernels.interior_point import Iterate
 from .example import FOCAL_PX, READ_PX, SPEED, STEP_S, Example, example, identified, sparse_scene
 
 PAPER: Mapping[str, object] = {
-    "speed": SPEED,
-    "walls": False,
+    "sigma_initial_velocity": SPEED,
+    "wall_constraints": False,
     "loss": "square",
-    "initial": "axes",
-    "depth": 1.0,
+    "initialisation": "axes",
+    "initial_depth": 1.0,
     "estimate": "mode",
     "covariance": "hessian",
 }
@@ -86,7 +86,7 @@ def sparse_spec(
         track: settings of `map` also those of the paper.
     """
     acceleration, jitter = identified(size.seed, fit_step_s)
-    settings = {**PAPER, "acceleration": acceleration, "jitter": jitter, **track}
+    settings = {**PAPER, "process_noise_velocity": acceleration, "process_noise_position": jitter, **track}
     return {
         "sparse": "rahimi",
         "seed": size.seed,
@@ -103,7 +103,7 @@ def solve_problem(spec: Spec) -> Solved:
     problem = example(int(spec["seed"]), int(spec["run"]), int(spec["steps"]), float(spec["false"]))
     scene = sparse_scene(known_range=bool(spec["known_range"]))
     config: MapConfig = configure(MapConfig.in_unit("m"), spec["track"])
-    config = replace(config, window=max(config.window, int(spec["steps"])))
+    config = replace(config, window_states=max(config.window_states, int(spec["steps"])))
     iterates: list[Floats] = []
 
     def watch(at: Iterate) -> None:

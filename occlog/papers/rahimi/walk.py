@@ -71,7 +71,7 @@ def building(*, known: bool) -> Scene:
         limit = f", range: {reach:g}" if known else ""
         lines.append(
             f"- {{name: cam{n}, position: [{x}, {y}], yaw_deg: {yaw}, focal_px: {FOCAL_PX:g}, "
-            f"fov_deg: {FOV_DEG:g}{limit}, noise: {{position: 0, yaw: 0, read_px: {READ_PX:g}}}}}"
+            f"fov_deg: {FOV_DEG:g}{limit}, noise: {{position: 0, yaw: 0, measurement_noise_px: {READ_PX:g}}}}}"
         )
     return scene_from_yaml("\n".join(lines) + "\n", "the building of [Rahimi] Sec. 7")
 
@@ -124,10 +124,16 @@ def walk_trial(spec: Spec) -> dict[str, float]:
 
 def _estimate(bearings: Bearings, seed: int, *, walls: bool) -> Tracks:
     acceleration, jitter = _identified(seed)
-    settings = {"acceleration": acceleration, "jitter": jitter, "speed": SPEED, "walls": walls, "loss": "square"}
-    settings |= {"initial": "axes", "depth": 1.0, "estimate": "mode", "covariance": "hessian"}
+    settings = {
+        "process_noise_velocity": acceleration,
+        "process_noise_position": jitter,
+        "sigma_initial_velocity": SPEED,
+        "wall_constraints": walls,
+        "loss": "square",
+    }
+    settings |= {"initialisation": "axes", "initial_depth": 1.0, "estimate": "mode", "covariance": "hessian"}
     config: MapConfig = configure(MapConfig.in_unit("m"), settings)
-    config = replace(config, window=max(config.window, 1000))
+    config = replace(config, window_states=max(config.window_states, 1000))
     tracking = TrackingTask(config, seed=0, method="map")
     return Tracks.concat(p.tracks for p in track_batch([bearings], building(known=walls), batch_map.METHOD, tracking))
 

@@ -5,14 +5,13 @@ The keys of a stage are those of the request of its verb, as its long options wi
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from occlog.cli.main import COMMANDS
-from occlog.errors import SPELLING, InputError, NoSceneError, UsageError, option
+from occlog.errors import SPELLING, InputError, NoSceneError, UsageError, nearest, option
 from occlog.io.files.limits import STANDARD_INPUT
 from occlog.io.files.texts.yaml import lines_of, read_yaml
 from occlog.io.recording.reader import open_recording
@@ -28,7 +27,7 @@ SOURCES = ("recording", "simulate", "ingest")
 OVERLAY = "overlay"
 """Stage that draws tracks over the video: of all people unless it is false, of a target where it is there."""
 STAGES = ("detect", "priors", "track", "evaluate", "report", OVERLAY)
-PARTICLES = "cloud"
+PARTICLES = "particle_cloud"
 """Key of `track` that is true where the folder is to have the table `particles`."""
 PRIORS = ("hull", "kalman", "acoustic")
 KEYS = ("occlog_run", *SOURCES, *STAGES, "seed", "scene")
@@ -215,7 +214,7 @@ def _everybody(
     config: Config, folder: Path, recording: Path, out: dict[str, Path], scene: dict[str, object]
 ) -> Iterator[RunStage]:
     """Iterate over the stages after detection if all people are tracked, in the world and in the images."""
-    found = {n: folder / f"{n}.parquet" for n in ("support", "events", "view_tracks")}
+    found = {n: folder / f"{n}.parquet" for n in ("associations", "events", "view_tracks")}
     yield _stage(config, "track", {"output": out["tracks"], **found}, (str(out["views"]),), scene)
     inputs, shown, metrics = dict(scene), dict(scene), folder / "metrics.json"
     truth = _truth(config, recording, out["views"])
@@ -233,7 +232,7 @@ def _everybody(
         )
     page = {"output": folder / "report.html", "png": folder / "report.png", "markdown": folder / "report.md"}
     yield _stage(config, "report", page, (str(out["tracks"]),), {**shown, "events": str(found["events"])})
-    yield from _overlay(config, folder, recording, found["view_tracks"], {**scene, "world": str(out["tracks"])})
+    yield from _overlay(config, folder, recording, found["view_tracks"], {**scene, "ground_tracks": str(out["tracks"])})
 
 
 def _has_video(config: Config, recording: Path) -> bool:
@@ -360,5 +359,5 @@ def _takes(form: Form, key: str) -> bool:
 
 
 def _nearest(key: str, valid: tuple[str, ...] | list[str]) -> str:
-    near = difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
+    near = nearest(key, valid, cutoff=0.5)
     return f"did you mean {near[0]!r}?" if near else f"valid keys: {', '.join(valid)}"

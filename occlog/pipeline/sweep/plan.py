@@ -23,7 +23,7 @@ from occlog.track.methods.apf.config import SelectConfig
 from .trial import PRIORS
 
 PARTS = ("simulate", "observe", "priors", "track", "select")
-PRIOR_NUMBERS = ("sigma", "q")
+PRIOR_NUMBERS = ("measurement_noise", "process_noise_velocity")
 """Numbers of the part `priors`."""
 WHOLE = ("cameras", "skip")
 """Entries of a trial that are varied as a whole, not by `part.key`."""
@@ -38,10 +38,17 @@ class SweepSpec(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True, 
     seed: Annotated[int, Meta(ge=0)] = 0
     runs: Annotated[int, Meta(ge=1, description="runs of every setting, each with its own world")] = 5
     simulate: Annotated[dict[str, object], Meta(description="as the options of `occlog simulate`")] = {}
-    observe: Annotated[dict[str, object], Meta(description="noise, miss, false_alarm, diameter")] = {}
-    priors: Annotated[dict[str, object], Meta(description="kind: none, known or kalman; sigma; q")] = {}
+    observe: Annotated[
+        dict[str, object], Meta(description="pose_noise, miss_probability, false_alarm_probability, diameter")
+    ] = {}
+    priors: Annotated[
+        dict[str, object], Meta(description="kind: none, known or kalman; measurement_noise; process_noise_velocity")
+    ] = {}
     track: Annotated[dict[str, object], Meta(description="method and its settings")] = {}
-    select: Annotated[dict[str, object], Meta(description="policy, count, every, model, order")] | None = None
+    select: (
+        Annotated[dict[str, object], Meta(description="policy, n_cameras, selection_interval, model, camera_order")]
+        | None
+    ) = None
     cameras: Annotated[list[str] | int | None, Meta(description="names, or how many of `order`; all")] = None
     order: Annotated[list[str], Meta(description="order in which cameras are used")] = []
     skip: Annotated[int, Meta(ge=0, description="estimates skipped at the start")] = 0

@@ -133,7 +133,7 @@ def _priors(values: Values, truth: Truth, seed: int) -> Occluders | None:
         return None
     if kind == "known":
         return Occluders.concat(list(known_positions([truth])))
-    sigma, q = float(values.get("sigma", 8.0)), float(values.get("q", 1.2))
+    sigma, q = float(values.get("measurement_noise", 8.0)), float(values.get("process_noise_velocity", 1.2))
     return Occluders.concat(list(virtual_priors([truth], sigma, q, seed)))
 
 

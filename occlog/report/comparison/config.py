@@ -24,22 +24,22 @@ class RunComparisonConfig(Settings):
         metavar="LENGTH",
         shown="1 m",
     )
-    tolerance: float | None = setting(
+    divergence_distance: float | None = setting(
         None,
         "Runs diverge where the positions of a person differ by more than this, or only one run has a track.",
         unit="length",
         above=0,
         people=0.5,
-        option="--tolerance",
+        option="--divergence-distance",
         metavar="LENGTH",
         shown="0.5 m",
     )
-    lasting_s: float = setting(
+    min_duration_s: float = setting(
         1.0,
         "Track changes of a person that last less than this are counted, but not listed.",
         unit="s",
         at_most=1e9,
         at_least=0,
-        option="--lasting",
+        option="--min-duration",
         metavar="SECONDS",
     )

@@ -151,7 +151,7 @@ def run_beside(request: RunComparisonRequest, job: Job) -> JobResult:
     near, tolerance = lengths_of(config, runs[0].data.unit)
     truth = truth_of(files, runs[0].data.unit)
     begin_work()
-    config = replace(config, match_distance=near, tolerance=tolerance)
+    config = replace(config, match_distance=near, divergence_distance=tolerance)
     found = align_runs(runs[0], runs[1], truth, config, request.seed)
     found = replace(found, title=request.title, provenance=_provenance(request, job, found, config))
     made = {request.output: as_bytes(build_page(found))}
@@ -178,7 +178,7 @@ def align_runs(
         config: with lengths.
         seed: of the draws of the comparison.
     """
-    near, tolerance, lasting = config.match_distance, config.tolerance, round(config.lasting_s * NS)
+    near, tolerance, lasting = config.match_distance, config.divergence_distance, round(config.min_duration_s * NS)
     assert near is not None
     assert tolerance is not None
     times = common_times(a.tracks, b.tracks)
@@ -199,7 +199,7 @@ def align_runs(
         b=sides[1],
         near=near,
         tolerance=tolerance,
-        lasting_s=config.lasting_s,
+        lasting_s=config.min_duration_s,
         times=times,
         pairs=pairs,
         partings=divergences_of(*positions, pairs, times, tolerance, (in_b, in_a)),

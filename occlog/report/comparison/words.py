@@ -143,11 +143,11 @@ def lengths_of(config: RunComparisonConfig, unit: str) -> tuple[float, float]:
     """
     if unit in METRES:
         usual = RunComparisonConfig.in_unit(unit)
-        near, tolerance = usual.match_distance, usual.tolerance
+        near, tolerance = usual.match_distance, usual.divergence_distance
     else:
         near, tolerance = None, None
     near = near if config.match_distance is None else config.match_distance
-    tolerance = tolerance if config.tolerance is None else config.tolerance
+    tolerance = tolerance if config.divergence_distance is None else config.divergence_distance
     if near is None or tolerance is None:
         raise UsageError(
             f"lengths are in {unit!r}: give match_distance, how near a track is that meets another, and tolerance"

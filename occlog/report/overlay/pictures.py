@@ -123,14 +123,16 @@ class Pictures:
     ) -> None:
         self._recording, self.names, self.first = recording, names, names[0]
         self._tracks = _rows(asked.tracks, ViewTracks)
-        boxed = asked.truth is not None and (asked.world is None or open_input(asked.truth).has(TruthBoxes))
+        boxed = asked.truth is not None and (asked.ground_tracks is None or open_input(asked.truth).has(TruthBoxes))
         self._truth = _rows(asked.truth, TruthBoxes) if boxed else None
         self._failures = _rows(asked.failures, Failures)
         self._lost = LostFrames()
         self._rig = _rig(asked, recording, names, scene, self._lost, job)
-        self._followed = {path: kind for path, kind in ((asked.tracks, ViewTracks), (asked.world, Tracks)) if path}
+        self._followed = {
+            path: kind for path, kind in ((asked.tracks, ViewTracks), (asked.ground_tracks, Tracks)) if path
+        }
         self._ranks = targets_of(self._followed) if self._followed else {}
-        self._trails = [Trails(asked.trail) for _ in names]
+        self._trails = [Trails(asked.trail_s) for _ in names]
         self._numbers = [-1] * len(names)
         self._world = _world(asked, recording, scene, self._ranks, job)
         shows_plan = asked.plan and self._world is not None and scene is not None
@@ -240,10 +242,10 @@ def _world(
     asked: OverlayRequest, recording: McapRecording, scene: Scene | None, ranks: Mapping[int, int], job: Job
 ) -> GroundTrackPositions | None:
     """Tracks of the world; None: missing, or nothing states where the cameras are."""
-    if asked.world is None:
+    if asked.ground_tracks is None:
         return None
     if scene is None:
-        why = f"{asked.world}: tracks of the world are drawn where cameras are known: name a scene with --scene"
+        why = f"{asked.ground_tracks}: tracks of the world are drawn where cameras are known: name a scene with --scene"
         if asked.tracks is None:
             raise UsageError(why)
         job.note(why)
@@ -253,7 +255,10 @@ def _world(
         job.note(f"cameras of unknown height show no tracks of the world: {', '.join(without)}")
     metres = METRES.get(scene.length_unit, 1.0)
     return GroundTrackPositions(
-        OverlayTables(asked.world, asked.diagnostics, asked.truth, scene.length_unit), metres, ranks, asked.trail
+        OverlayTables(asked.ground_tracks, asked.diagnostics, asked.truth, scene.length_unit),
+        metres,
+        ranks,
+        asked.trail_s,
     )
 
 

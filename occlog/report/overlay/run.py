@@ -24,7 +24,7 @@ from .pictures import Pictures
 
 def _previous_losses(asked: OverlayRequest) -> tuple[Loss, ...]:
     """Losses in making the inputs."""
-    tables = (asked.recording, asked.tracks, asked.world, asked.diagnostics, asked.truth, asked.failures)
+    tables = (asked.recording, asked.tracks, asked.ground_tracks, asked.diagnostics, asked.truth, asked.failures)
     found = input_losses(open_if_ours(path) for path in tables if path is not None)
     return tuple(dict.fromkeys((*found, *model_losses([asked.fundamental]))))
 
@@ -39,7 +39,7 @@ def run_overlay(request: OverlayRequest, job: Job) -> JobResult:
     pictures = Pictures(asked, recording, names, scene, job)
     rate = asked.fps or _rate(recording, names)
     shown = 0
-    for line in other_video(asked.tracks or asked.world, [asked.recording, asked.truth]):
+    for line in other_video(asked.tracks or asked.ground_tracks, [asked.recording, asked.truth]):
         job.note(line)
     if asked.video is not None and asked.video.suffix.lower() == ".mp4":
         job.note(f"{asked.video}: MPEG-4, which browsers may not play; they play .webm")
@@ -67,7 +67,7 @@ def run_overlay(request: OverlayRequest, job: Job) -> JobResult:
 
 def _check(asked: OverlayRequest) -> None:
     """UsageError for what does not go together."""
-    if asked.tracks is None and asked.truth is None and asked.world is None:
+    if asked.tracks is None and asked.truth is None and asked.ground_tracks is None:
         raise UsageError(
             f"nothing to draw: give TRACKS (a table or a run folder), or true boxes with {option('truth')}, or both"
         )
@@ -87,15 +87,15 @@ def classify_inputs(asked: OverlayRequest) -> OverlayRequest:
         found = {name: path for name, path in found.items() if path.is_file()}
         if not found.keys() & {"view_tracks", "tracks"}:
             raise InputError(f"{given}: holds no tracks, so it is not the folder of a finished run")
-        world = asked.world or found.get("tracks")
+        world = asked.ground_tracks or found.get("tracks")
         return replace(
             asked,
             tracks=found.get("view_tracks"),
-            world=world,
+            ground_tracks=world,
             diagnostics=asked.diagnostics or found.get("diagnostics"),
         )
-    if given is not None and asked.world is None and open_input(given).has(Tracks):
-        return replace(asked, tracks=None, world=given)
+    if given is not None and asked.ground_tracks is None and open_input(given).has(Tracks):
+        return replace(asked, tracks=None, ground_tracks=given)
     return asked
 
 

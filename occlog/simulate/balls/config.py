@@ -27,7 +27,7 @@ class BallsConfig(Settings):
     height: int = setting(240, "Height of the images.", unit="px", at_least=16, at_most=8192)
     balls: int = setting(6, "Number of balls.", at_least=1, option="--balls")
     radius: float = setting(22.0, "Radius of the balls.", unit="px", at_least=0.5, option="--radius", metavar="PX")
-    speed: float = setting(
+    ball_speed: float = setting(
         3.0,
         "Mean displacement of a ball per frame, in space; balls have 0.5 to 1.5 times this.",
         unit="px",
@@ -51,8 +51,8 @@ class BallsConfig(Settings):
         option="--distance",
         metavar="PX",
     )
-    start_apart: bool = setting(
-        True, "Start without occlusions of balls in the first frame.", option="--apart/--overlap"
+    start_separated: bool = setting(
+        True, "Start without occlusions of balls in the first frame.", option="--separated/--overlapping"
     )
     collide: bool = setting(
         False, "Balls bounce off each other.", option="--collide", shown="one flies through the other"
@@ -71,17 +71,17 @@ class BallsConfig(Settings):
         option="--colour-noise",
         metavar="LEVELS",
     )
-    clutter: int = setting(
-        6, "Background patches in the colours of the balls, per view.", at_least=0, option="--clutter"
+    background_clutter: int = setting(
+        6, "Background patches in the colours of the balls, per view.", at_least=0, option="--background-clutter"
     )
-    motion: str = setting(
+    ball_motion: str = setting(
         "straight",
         f"Straight on; a random walk with steps of standard deviation `speed` along each axis; or manoeuvres: "
         f"random accelerations, with a speed of at most {FASTEST:g} times `speed`.",
         choices=MOTIONS,
         option="--ball-motion",
     )
-    acceleration: float = setting(
+    ball_acceleration: float = setting(
         1.0,
         "Manoeuvring balls: standard deviation of the velocity change per frame, along each axis.",
         unit="px",
@@ -94,4 +94,4 @@ class BallsConfig(Settings):
         """The cameras are outside the box in which the balls fly; balls that collide fly straight on in between."""
         limit = self.width + self.height + 4 * self.radius
         yield "distance", self.distance > limit, f"above {limit:g}, outside the box"
-        yield "motion", self.motion == "straight" or not self.collide, "straight for balls that collide"
+        yield "ball_motion", self.ball_motion == "straight" or not self.collide, "straight for balls that collide"

@@ -94,7 +94,7 @@ def ball_paths(config: BallsConfig, seed: int) -> BallPaths:
     start = _start(config, reach, generator(seed, RandomStream.WORLD_START))
     rngs = [generator(seed, RandomStream.WORLD_MOTION, k) for k in range(config.balls)]
     # Move them independently of each other, or as balls that collide
-    speeds = config.speed * np.array([rng.uniform(0.5, 1.5) for rng in rngs])
+    speeds = config.ball_speed * np.array([rng.uniform(0.5, 1.5) for rng in rngs])
     velocity = speeds[:, None] * _directions(rngs)
     # Turn each about its own axis
     axes = _directions(rngs)
@@ -121,7 +121,9 @@ def _start(config: BallsConfig, reach: Floats, rng: np.random.Generator) -> Floa
     placed = np.zeros((0, 3))
     for _ in range(TRIES):
         one = rng.uniform(-reach, reach)
-        views = [camera.project(middle + np.vstack([placed, one])) for camera in cameras] if config.start_apart else []
+        views = (
+            [camera.project(middle + np.vstack([placed, one])) for camera in cameras] if config.start_separated else []
+        )
         sets = [*views, np.vstack([placed, one])] if config.collide else views
         if all((np.linalg.norm(s[:-1] - s[-1], axis=1) > gap).all() for s in sets):
             placed = np.vstack([placed, one])
@@ -130,7 +132,7 @@ def _start(config: BallsConfig, reach: Floats, rng: np.random.Generator) -> Floa
         if len(placed) == config.balls:
             return placed
     where = f"{config.balls} balls of radius {config.radius:g} px that start separately"
-    if config.start_apart:
+    if config.start_separated:
         raise InputError(f"balls: no room for {where}; take fewer or smaller ones, or let them overlap initially")
     if config.collide:
         raise InputError(f"balls: no room for {where}, as balls that collide must; take fewer or smaller ones")
@@ -146,16 +148,16 @@ def _way(config: BallsConfig, velocity: Floats, rngs: list[np.random.Generator])
         rngs: of each ball.
     """
     T = config.frames
-    if config.motion == "straight":
+    if config.ball_motion == "straight":
         return np.asarray(velocity * np.arange(T)[:, None, None])
     drawn = np.stack([rng.standard_normal((T - 1, 3)) for rng in rngs], axis=1)
-    steps = config.speed * drawn
-    if config.motion == "manoeuvre":
+    steps = config.ball_speed * drawn
+    if config.ball_motion == "manoeuvre":
         v = velocity
         for t in range(T - 1):
-            v = v + config.acceleration * drawn[t]
+            v = v + config.ball_acceleration * drawn[t]
             speed = np.linalg.norm(v, axis=1, keepdims=True)
-            v = v * np.minimum(1.0, FASTEST * config.speed / np.maximum(speed, 1e-12))
+            v = v * np.minimum(1.0, FASTEST * config.ball_speed / np.maximum(speed, 1e-12))
             steps[t] = v
     return np.concatenate([np.zeros((1, *velocity.shape)), np.cumsum(steps, axis=0)])
 
@@ -169,7 +171,7 @@ def _folded(way: Floats, reach: Floats) -> Floats:
 def _bounce(config: BallsConfig, start: Floats, velocity: Floats, reach: Floats) -> Floats:
     """(T, n, 3) positions of balls of equal mass that also bounce off each other, in steps of a tenth of a radius."""
     position, v = start.copy(), velocity.copy()
-    steps = max(1, math.ceil(1.5 * config.speed / (0.1 * config.radius)))
+    steps = max(1, math.ceil(1.5 * config.ball_speed / (0.1 * config.radius)))
     out = np.empty((config.frames, *start.shape))
     for t in range(config.frames):
         out[t] = position

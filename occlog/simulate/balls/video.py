@@ -189,7 +189,7 @@ def _background(config: BallsConfig, rng: np.random.Generator) -> Floats32:
     grain_seed = int(rng.integers(1 << 20))
     mottle = 0.16 * smooth_noise(x, y, 61.0, grain_seed) + 0.10 * smooth_noise(x, y, 9.0, grain_seed + 1)
     wall = (WALL * (1.0 + mottle[:, None])).reshape(height, width, 3)
-    for _ in range(config.clutter):
+    for _ in range(config.background_clutter):
         w, h = (max(1, round(config.radius * rng.uniform(0.4, 1.4))) for _ in range(2))
         left, top = int(rng.integers(max(1, width - w))), int(rng.integers(max(1, height - h)))
         mix = rng.uniform(0.25, 0.9)

@@ -141,9 +141,9 @@ def _clothes(ids: NDArray[np.int64], target: NDArray[np.bool_], config: RenderCo
     worn = []
     for number, is_target in zip(ids.tolist(), target.tolist(), strict=True):
         model = number
-        if config.lookalike and targets and not is_target:
+        if config.identical_clothes and targets and not is_target:
             model = targets[number % len(targets)]
-        if config.alike and model in targets:
+        if config.identical_targets and model in targets:
             model = targets[0]
         rank = targets.index(model) if model in targets else -1
         appearance = dress(
@@ -165,7 +165,7 @@ def _jobs(found: list[SensorFrames], ids: NDArray[np.int64], clothes: Clothes) -
 
 def _rendered(camera: Camera, job: RenderJob, drawn: RenderedFrame, config: RenderConfig) -> Rendered:
     share = drawn.visible[:, 4] / np.maximum(drawn.extent[:, 4], 1)
-    shown = (drawn.extent[:, 4] > 0) & (share >= config.min_visible)
+    shown = (drawn.extent[:, 4] > 0) & (share >= config.min_visibility)
     seen = shown & (drawn.visible[:, 4] > 0)
     ids = job.ids[drawn.present]
     boxes = _boxes(camera, job, ids[shown], drawn.extent[shown], share[shown])
@@ -232,7 +232,7 @@ def reference_appearances(
     found: list[dict[str, int | list[float]]] = []
     numbers = list(targets)
     for rank, target in enumerate(numbers):
-        model, hue = (numbers[0], 0) if config.alike else (target, rank)
+        model, hue = (numbers[0], 0) if config.identical_targets else (target, rank)
         appearance = dress(hue, True, generator(seed, RandomStream.RENDER_CLOTHES, model), two_sided=config.two_sided)
         counts = np.zeros(N_BINS)
         for side, view in enumerate(views):

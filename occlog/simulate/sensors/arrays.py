@@ -178,11 +178,13 @@ def observe_arrays(
     sounding: Sounding | None = None
     for grid, found in frames_at(map(truth_grid, truth_chunks), [s.array.rate_hz for s in listening]):
         columns = np.flatnonzero(grid.target)
-        sounding = sounding or Sounding(silent or {}, sound.silence, int(grid.t_ns[0]), seed)
+        sounding = sounding or Sounding(silent or {}, sound.sound_and_silence_s, int(grid.t_ns[0]), seed)
         parts = []
         for sensor, frames in zip(listening, found, strict=True):
             sounds = sounding.at(frames.t_ns, grid.ids[columns])
-            parts.append(_report(sensor, frames, columns, ids=grid.ids, sounds=sounds, miss=config.miss, sound=sound))
+            parts.append(
+                _report(sensor, frames, columns, ids=grid.ids, sounds=sounds, miss=config.miss_probability, sound=sound)
+            )
         yield Doa.merge(parts)
 
 
@@ -247,7 +249,7 @@ def _report(
     azimuth, elevation = _noisy(array, to[heard], noise[heard])
     elevation[~known[heard] | array.planar] = np.nan
     t_ns, source = np.repeat(frames.t_ns, len(columns)), np.tile(ids[columns], len(frames.t_ns))
-    if not sound.label:
+    if not sound.label_doa:
         source = np.full(len(source), UNLABELLED)
     # Add directions without a source
     real = (t_ns[heard.ravel()], source[heard.ravel()], azimuth, elevation)
@@ -286,10 +288,10 @@ def _noisy(array: MicrophoneArray, to: Floats, noise: Floats) -> tuple[Floats, F
 def _false(sensor: SimulatedArray, t_ns: Ints, sound: SoundConfig) -> tuple[Ints, Ints, Floats, Floats]:
     """Directions without a source: their number is Poisson, and they are even over the sphere (or all azimuths)."""
     period_s = 1.0 / sensor.array.rate_hz if sensor.array.rate_hz else sound.step_s
-    numbers = sensor.false_numbers.poisson(sound.false_rate * period_s, len(t_ns))
+    numbers = sensor.false_numbers.poisson(sound.false_alarm_rate * period_s, len(t_ns))
     positions = sensor.false_positions.random((int(numbers.sum()), 2))
     elevation = np.arcsin(2.0 * positions[:, 1] - 1.0)
-    if sensor.array.planar or not sound.heights:
+    if sensor.array.planar or not sound.known_heights:
         elevation = np.full(len(positions), np.nan)
     return (
         np.repeat(t_ns, numbers),

@@ -64,7 +64,7 @@ def observe(
 def _simulated_camera(scene: Scene, camera: Camera, number: int, config: ObserveConfig, seed: int) -> SimulatedCamera:
     """The camera with its own random numbers, at its true position if its calibration is wrong."""
     ground, yaw = camera.ground, camera.yaw
-    if config.noise == "calibration":
+    if config.pose_noise == "calibration":
         error = generator(seed, RandomStream.CAMERA_CALIBRATION, number).standard_normal(3)
         ground = ground + camera.sigma_position * error[:2]
         yaw += camera.sigma_yaw * float(error[2])
@@ -132,17 +132,17 @@ def _report_target(
     true_h, true_d = planar_offsets(xy, sensor.true_ground, sensor.true_yaw)
     seen = visible(camera, sensor.walls, frames.xyz, k, diameter=config.diameter) & (true_d > 0)
     # Miss
-    miss = config.miss if camera.detection is None else 1.0 - camera.detection
+    miss = config.miss_probability if camera.detection is None else 1.0 - camera.detection
     seen &= chance[:, 0] >= miss
     # Measure: z = f h / d + v ([Ercan] Eq. 1), v with the variance of Eq. 2
     z = np.full(len(h), np.nan)
-    if config.noise == "white":
+    if config.pose_noise == "white":
         spread = np.sqrt(_variance(camera, h[seen], d[seen]))
         z[seen] = f * h[seen] / d[seen] + spread * noise[seen]
     else:
         z[seen] = f * true_h[seen] / true_d[seen] + camera.sigma_read_px * noise[seen]
     # False alarm: uniform over the image, of a field of view below 170 degrees
-    false_alarm = config.false_alarm if camera.false_alarm is None else camera.false_alarm
+    false_alarm = config.false_alarm_probability if camera.false_alarm is None else camera.false_alarm
     false = ~seen & (chance[:, 1] < false_alarm) & np.isfinite(h)
     half = f * math.tan(0.5 * min(camera.fov, math.radians(170.0)))
     z[false] = half * (2.0 * chance[false, 2] - 1.0)

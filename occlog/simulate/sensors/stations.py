@@ -55,8 +55,10 @@ def observe_readers(
     """Simulate what the readers of a scene read of the targets, each of which carries a tag of its number.
 
     A reader reads at its own rate, or at every step.  It reads a tag within its `range` on the floor with the
-    probability `detection` and others with `stray`; where the scene states no range, any tag with `detection`.
-    Signals below `weakest` are not read.  The strength is that of the distance in space; a target with a height that is
+    probability `read_detection_probability` and others with `read_false_alarm_probability`; where the scene states no
+    range, any tag with `read_detection_probability`.
+    Signals below `min_rssi_dbm` are not read.  The strength is that of the distance in space; a target with a height
+    that is
     not known is taken to carry its tag on the floor.  Walls and people do not weaken it but by the shadowing, which
     is of each reader and tag.
 
@@ -109,15 +111,19 @@ def _read(
     # Range, on the floor
     floor = np.hypot(to[..., 0], to[..., 1])
     there = np.isfinite(floor)
-    likely = np.where(np.where(there, floor, np.inf) <= reader.range, config.detection, config.stray)
+    likely = np.where(
+        np.where(there, floor, np.inf) <= reader.range,
+        config.read_detection_probability,
+        config.read_false_alarm_probability,
+    )
     read: Bools = there & (chance < likely)
     # Strength: path loss with the distance in space, shadowing, noise
     up = np.where(np.isnan(xyz[..., 2]), 0.0, xyz[..., 2]) - reader.position[2]
     power = config.power if reader.power is None else reader.power
     distance = np.where(there, np.hypot(floor, up), 1.0) / metre
-    rssi = received_power(power, config.exponent, distance) + shadow + config.noise_db * noise
-    if config.weakest is not None:
-        read &= rssi >= config.weakest
+    rssi = received_power(power, config.path_loss_exponent, distance) + shadow + config.noise_db * noise
+    if config.min_rssi_dbm is not None:
+        read &= rssi >= config.min_rssi_dbm
     step, column = np.nonzero(read)
     return Reads.of(
         t_ns=frames.t_ns[step],
@@ -164,7 +170,7 @@ def observe_stations(
     """Simulate what the stations of a scene measure of the targets; `MeasureConfig` states how.
 
     Distances are in space; a target with unknown height is on the floor.  A difference is of each station but the
-    first to the first.  Walls and people hide nothing: what they do is `measure_late`, the detours of signals.
+    first to the first.  Walls and people hide nothing: what they do is `nlos_probability`, the detours of signals.
 
     Args:
         scene: cameras and arrays are the stations.
@@ -222,28 +228,34 @@ def _measured(
     # The same random numbers are drawn whatever is measured, so that a kind more changes no other
     noise, chance = own.noise.standard_normal((*shape, 3)), own.chance.random((*shape, 10))
     shadow = own.signal.shadowing(frames.t_ns, ids, radio)
-    detours = -config.detour * np.log1p(-chance[..., 6:8]) * (chance[..., 8:10] < config.measure_late)
+    detours = -config.nlos_bias * np.log1p(-chance[..., 6:8]) * (chance[..., 8:10] < config.nlos_probability)
     missing = np.full(shape, np.nan)
     range_, difference, rssi = missing, missing, missing
     first, position = reference
     if "range" in config.kinds:
         true = distance + config.range_noise * noise[..., 0] + detours[..., 0]
-        range_ = np.where(chance[..., 0] < config.measure_false, reach * chance[..., 1], np.maximum(true, 0.0))
+        range_ = np.where(
+            chance[..., 0] < config.measure_outlier_probability, reach * chance[..., 1], np.maximum(true, 0.0)
+        )
     if position is not None:
         longer = detours[..., 0] - detours[..., 1]
-        true = distance - _distance(xyz, position) + config.difference_noise * noise[..., 1] + longer
+        true = distance - _distance(xyz, position) + config.range_difference_noise * noise[..., 1] + longer
         base = float(np.linalg.norm(own.position - position))
-        difference = np.where(chance[..., 2] < config.measure_false, base * (2.0 * chance[..., 3] - 1.0), true)
+        difference = np.where(
+            chance[..., 2] < config.measure_outlier_probability, base * (2.0 * chance[..., 3] - 1.0), true
+        )
     if "strength" in config.kinds:
-        true = received_power(radio.power, radio.exponent, np.where(there, distance, 1.0) / metre) + shadow
-        near, far = received_power(radio.power, radio.exponent, np.array([1.0, max(reach / metre, 1.0)])).tolist()
+        true = received_power(radio.power, radio.path_loss_exponent, np.where(there, distance, 1.0) / metre) + shadow
+        near, far = received_power(
+            radio.power, radio.path_loss_exponent, np.array([1.0, max(reach / metre, 1.0)])
+        ).tolist()
         rssi = np.where(
-            chance[..., 4] < config.measure_false,
+            chance[..., 4] < config.measure_outlier_probability,
             far + (near - far) * chance[..., 5],
             true + radio.noise_db * noise[..., 2],
         )
     values = np.stack([range_, difference, rssi])
-    lost = own.chance.random((3, *shape)) < config.measure_miss
+    lost = own.chance.random((3, *shape)) < config.measure_miss_probability
     values[lost | ~there] = np.nan
     step, column = np.nonzero(np.isfinite(values).any(axis=0))
     ranged, differs, strength = values[:, step, column]
@@ -257,7 +269,7 @@ def _measured(
         sigma_rssi=np.full(len(step), np.nan),
         reference=np.where(np.isfinite(differs), first, ""),
         range_difference=differs,
-        sigma_range_difference=np.where(np.isfinite(differs), config.difference_noise, np.nan),
+        sigma_range_difference=np.where(np.isfinite(differs), config.range_difference_noise, np.nan),
     )
 
 

@@ -49,7 +49,7 @@ def track_joint(
         )
     rng, helping = generator(tracking.seed, RandomStream.TRACK, 0), generator(tracking.seed, RandomStream.COOPERATE, 0)
     state, memory = method.init(scene, config, rng), when_to_ask.RequestMemory()
-    listener, cameras = ArrayScans(scene, config.forget_s), CameraRequests(scene, config)
+    listener, cameras = ArrayScans(scene, config.max_coasting_s), CameraRequests(scene, config)
     later = backward_smoother(method.smoothing, config, tracking.seed)
     rows: list[EstimateRow] = []
     requests: list[tuple[int, CameraRequest]] = []

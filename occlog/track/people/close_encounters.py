@@ -72,7 +72,7 @@ class CloseEncounters:
 
     def __init__(self, config: JipdaConfig) -> None:
         """Create an empty set of encounters; `config` has the widths and motion model of people."""
-        self._width, self._manoeuvre = config.width, config.manoeuvre
+        self._width, self._manoeuvre = config.person_width, config.manoeuvre_noise_density
         self._going_on: dict[tuple[int, int], _Encounter] = {}
 
     def add(self, snapshot: TrackSnapshot) -> tuple[Event, ...]:

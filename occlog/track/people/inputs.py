@@ -264,40 +264,45 @@ class PeopleInput:
         """
         unit, given, tall = self.scene.length_unit, self.request.settings, median_height(self.heights)
         defaults = JipdaConfig.in_unit(unit)
-        usual = JipdaConfig().height
+        usual = JipdaConfig().person_height
         if unit in METRES:
             config = configure(defaults, given)
             remedy = "state the unit of the calibration (calibration_unit of `occlog ingest`)"
-            if not 1.0 / IMPOSSIBLE_HEIGHT_RATIO < config.height / defaults.height < IMPOSSIBLE_HEIGHT_RATIO:
+            if (
+                not 1.0 / IMPOSSIBLE_HEIGHT_RATIO
+                < config.person_height / defaults.person_height
+                < IMPOSSIBLE_HEIGHT_RATIO
+            ):
                 # The other settings would not be in that unit
                 raise InputError(
-                    f"{self.request.bearings}: no person is {config.height:.3g} {unit} tall (setting height), so the "
+                    f"{self.request.bearings}: no person is {config.person_height:.3g} {unit} tall "
+                    "(setting person_height), so the "
                     f"lengths of the scene are not in {unit}; {remedy}"
                 )
-            share = tall / config.height
+            share = tall / config.person_height
             if np.isfinite(share) and not 1.0 / WRONG_UNIT_HEIGHT_RATIO < share < WRONG_UNIT_HEIGHT_RATIO:
-                if 1.0 / IMPOSSIBLE_HEIGHT_RATIO < tall / defaults.height < IMPOSSIBLE_HEIGHT_RATIO:
-                    remedy += f", or else how tall people are (setting height, {tall:.3g})"
+                if 1.0 / IMPOSSIBLE_HEIGHT_RATIO < tall / defaults.person_height < IMPOSSIBLE_HEIGHT_RATIO:
+                    remedy += f", or else how tall people are (setting person_height, {tall:.3g})"
                 raise InputError(
                     f"{self.request.bearings}: by their boxes people are {tall:.3g} {unit} tall, so the lengths of the "
                     f"scene are not in {unit}, or its cameras are not where it says; {remedy}"
                 )
             return 1.0 / METRES[unit], config
-        stated = configure(JipdaConfig(), {k: v for k, v in given.items() if k == "height"}).height
-        if "height" in given:
+        stated = configure(JipdaConfig(), {k: v for k, v in given.items() if k == "person_height"}).person_height
+        if "person_height" in given:
             metre = stated / usual
         elif np.isfinite(tall):
             metre = tall / usual
             self.notes.append(
                 f"note: lengths are in a scene-specific unit; by boxes people are {tall:.3g} tall, so {metre:.3g} "
-                "are taken for a metre; state another one in the setting height"
+                "are taken for a metre; state another one in the setting person_height"
             )
         elif not anybody:
             metre = 1.0
         else:
             raise InputError(
                 f"{self.request.bearings}: the scene does not state its unit of length ({unit}), and the boxes do not "
-                "determine how tall people are; state it in the setting height"
+                "determine how tall people are; state it in the setting person_height"
             )
         return metre, configure(in_units_of(JipdaConfig(), metre), given)
 

@@ -342,7 +342,7 @@ class GalleryReidentification:
             tally.add(part)
         people = self._sides.target.tolist()
         names = reidentify_fragments(
-            pieces, tally.evidence(), people, self._config.least_likeness, self._naming.least_boxes
+            pieces, tally.evidence(), people, self._config.min_similarity, self._naming.min_boxes
         )
         finite = np.isfinite(names.probability)
         self._figures = {

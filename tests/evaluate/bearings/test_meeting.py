@@ -31,7 +31,7 @@ def rows_to(x: list[float], y: list[float], t: list[float] = T5) -> Bearings:
 def test_five_scans_by_hand() -> None:
     bearings = rows_to([10, 11, 12, 13, 14], [10] * 5)
     found = tracks(T5, [[10, 10], [11, 10.3], [12, 10], [13.4, 10], [14, 9.5]])
-    m = evaluate(found, None, bearings, PLACE, EvaluateConfig(lines_limit=0.35)).metrics
+    m = evaluate(found, None, bearings, PLACE, EvaluateConfig(triangulation_tolerance=0.35)).metrics
     # distances 0, 0.3, 0, 0.4, 0.5
     assert m["sight_lines_distance_max_m"] == pytest.approx(0.5)
     assert m["sight_lines_distance_median_m"] == pytest.approx(0.3)
@@ -49,7 +49,7 @@ def test_scans_need_lines_that_cross_and_enough_sensors() -> None:
     )
     m = evaluate(tracks(T5, [10, 10]), None, bearings, PLACE).metrics
     assert (m["sight_lines_scans"], m["sight_lines_refused"], m["sight_lines_compared"]) == (2, 1, 1)
-    m = evaluate(tracks(T5, [10, 10]), None, bearings, PLACE, EvaluateConfig(lines_min_sensors=3)).metrics
+    m = evaluate(tracks(T5, [10, 10]), None, bearings, PLACE, EvaluateConfig(triangulation_min_sensors=3)).metrics
     assert (m["sight_lines_scans"], m["sight_lines_refused"]) == (1, 0)
     assert m["sight_lines_residual_rms_mrad"] == pytest.approx(0.0, abs=1e-6)
 
@@ -57,7 +57,7 @@ def test_scans_need_lines_that_cross_and_enough_sensors() -> None:
 def test_residual_tells_how_well_three_lines_meet() -> None:
     bearings = both(pixels(EAST, [0.0], [2]), pixels(WEST, [0.0], [2]), pixels(NORTH, [0.0], [0]))
     # east says 10 mrad x 2 below, west the same above: they cancel, each 20 mrad off
-    m = evaluate(tracks(T5, [10, 10]), None, bearings, PLACE, EvaluateConfig(lines_loss="gauss")).metrics
+    m = evaluate(tracks(T5, [10, 10]), None, bearings, PLACE, EvaluateConfig(triangulation_loss="gauss")).metrics
     assert m["sight_lines_residual_rms_mrad"] == pytest.approx(1e3 * math.atan(0.02) * math.sqrt(2 / 3), rel=1e-3)
     assert m["sight_lines_distance_max_m"] == pytest.approx(0.0, abs=1e-6)
 
@@ -97,7 +97,7 @@ def test_scans_within_a_window_hold_each_sensor_once() -> None:
     assert scan_starts(rows, 0).tolist() == [0, 1, 2, 3, 4, 5, 6]
     assert scan_starts(rows, 60_000_000).tolist() == [0, 2, 3, 4, 6]
     assert scan_starts(rows.take(slice(0, 0)), 0).tolist() == [0]
-    found = triangulated_points(rows, PLACE, EvaluateConfig(lines_window_s=0.06))[0]
+    found = triangulated_points(rows, PLACE, EvaluateConfig(triangulation_window_s=0.06))[0]
     assert found.t_ns.tolist() == seconds([0.025, 1.015]).tolist()
     np.testing.assert_allclose(found.xy, [[10, 10], [10, 10]])
     assert found.n_lines.tolist() == [2, 2]
@@ -128,5 +128,5 @@ def test_a_scan_lasts_exactly_as_long_as_the_window() -> None:
 
 def test_scans_with_as_many_lines_as_asked_for_are_used() -> None:
     rows = rows_to([10] * 5, [10] * 5)
-    assert len(triangulated_points(rows, PLACE, EvaluateConfig(lines_min_sensors=2))[0].t_ns) == 5
-    assert len(triangulated_points(rows, PLACE, EvaluateConfig(lines_min_sensors=3))[0].t_ns) == 0
+    assert len(triangulated_points(rows, PLACE, EvaluateConfig(triangulation_min_sensors=2))[0].t_ns) == 5
+    assert len(triangulated_points(rows, PLACE, EvaluateConfig(triangulation_min_sensors=3))[0].t_ns) == 0

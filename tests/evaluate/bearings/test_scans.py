@@ -16,7 +16,7 @@ from occlog.records.tables import LAST
 @pytest.mark.parametrize("window", [0.0, 0.02, 0.3, 200.0])
 @pytest.mark.parametrize("times", [1, 3, 50])
 def test_scans_do_not_depend_on_cuts(times: int, window: float) -> None:
-    config = EvaluateConfig(lines_window_s=window)
+    config = EvaluateConfig(triangulation_window_s=window)
     rows = labelled(hand_made(1).bearings, config)
     whole = {s.target: np.split(s.rows.t_ns, s.starts[1:-1]) for s in ScanCuts(config).update(rows, LAST)}
     assert set(whole) == {0, 1}
@@ -34,7 +34,7 @@ def test_scans_do_not_depend_on_cuts(times: int, window: float) -> None:
 
 
 def test_figures_of_numbers_in_files_are_those_of_numbers_in_memory() -> None:
-    case, config = simulated(4), EvaluateConfig(lines_limit=0.1)
+    case, config = simulated(4), EvaluateConfig(triangulation_tolerance=0.1)
     noise, meeting = (
         [NoiseFigures(config, n) for n in (20, 10**6)],
         [TriangulationFigures("m", config, n) for n in (20, 10**6)],

@@ -75,7 +75,7 @@ def test_a_run_that_is_worse_is_found_and_fails(tmp_path: Path, capsys: pytest.C
     assert rows["mota"]["verdict"] == "no difference shown"
     low, high = rows["pairs_rmse"]["low"], rows["pairs_rmse"]["high"]
     assert low < 0.1 * np.sqrt(2) < high  # type: ignore[operator]
-    figures = ("--figure", "mota", "--figure", "pairs_rmse")
+    figures = ("--metric", "mota", "--metric", "pairs_rmse")
     fine = ("--fail-if", "mota worse", "--fail-if", "pairs_rmse worse by 0.15")
     assert compared(a, b, more=(*truth, *figures, *fine)) == ExitCode.DONE
     for bad in ("hota worse", "pairs_rmse worse by 0.1"):
@@ -111,7 +111,7 @@ def test_folders_of_runs_are_paired_by_name_and_recordings_are_drawn(
             (made / "truth.parquet").replace(truths / f"r{k}.parquet")
     page = tmp_path / "c.md"
     paths = (tmp_path / "old", tmp_path / "new")
-    more = ("--truth", str(truths), "--markdown", str(page), "--figure", "pairs_rmse", "--figure", "hota")
+    more = ("--truth", str(truths), "--markdown", str(page), "--metric", "pairs_rmse", "--metric", "hota")
     assert compared(*paths, more=more) == ExitCode.DONE
     told = capsys.readouterr().out
     assert "400 frames of 10 recordings; 10 recordings exchanged" in told
@@ -137,7 +137,7 @@ def test_a_check_of_more_methods_than_its_recordings_can_tell_apart_does_not_pas
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     paths = folders(tmp_path, 8, first=0.3, b=0.0, c=0.0, d=0.0)
-    more = ("--truth", str(tmp_path / "truths"), "--fail-if", "mota worse", "--figure", "mota", "--json")
+    more = ("--truth", str(tmp_path / "truths"), "--fail-if", "mota worse", "--metric", "mota", "--json")
     # All of eight recordings are better by chance once in 256 times: more than a half of 1 %, less than a third
     assert compared(*paths[:3], more=more) == ExitCode.DONE
     assert compared(*paths, more=more) == ExitCode.THRESHOLD
@@ -145,7 +145,7 @@ def test_a_check_of_more_methods_than_its_recordings_can_tell_apart_does_not_pas
     # Either way it is 2 of 256, and of seven rows together more than 5 %
     wide = ("--truth", str(tmp_path / "truths"), "--json")
     for figures, verdict in ((("mota",), "better"), (("mota", "idf1", "hota", "recall"), "not decided")):
-        chosen = tuple(word for name in figures for word in ("--figure", name))
+        chosen = tuple(word for name in figures for word in ("--metric", name))
         capsys.readouterr()
         assert compared(*paths[:3], more=(*wide, *chosen)) == ExitCode.DONE
         assert said(capsys)["mota"]["verdict"] == verdict
@@ -202,7 +202,7 @@ def test_what_cannot_be_compared_is_one_line(tmp_path: Path, capsys: pytest.Capt
         ((a, tmp_path / "empty"), truth, ExitCode.BAD_INPUT, "holds no tracks.parquet"),
         ((a, tmp_path / "none.parquet"), truth, ExitCode.BAD_INPUT, "no such file"),
         ((a, b), (*truth, "--fail-if", "idf2 worse"), ExitCode.USAGE, "there is no figure 'idf2'"),
-        ((a, b), (*truth, "--figure", "idf2"), ExitCode.USAGE, "there are idf1, hota"),
+        ((a, b), (*truth, "--metric", "idf2"), ExitCode.USAGE, "there are idf1, hota"),
         ((a, b), (*truth, "--fail-if", "idf1 worse by -1"), ExitCode.USAGE, "must be 'FIGURE worse'"),
         ((a, b), ("--truth", str(b / "tracks.parquet")), ExitCode.BAD_INPUT, "holds tracks"),
     ):

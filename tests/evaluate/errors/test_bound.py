@@ -155,8 +155,8 @@ def test_constant_velocity_knows_less_than_a_walk_with_known_drift() -> None:
 
 def test_defaults_of_constant_velocity_are_as_long_in_feet() -> None:
     metres, feet = EvaluateConfig.in_unit("m"), EvaluateConfig.in_unit("ft")
-    assert feet.sigma_speed == pytest.approx(metres.sigma_speed / 0.3048)
-    assert feet.acceleration_density == pytest.approx(metres.acceleration_density / 0.3048**2)
+    assert feet.sigma_initial_velocity == pytest.approx(metres.sigma_initial_velocity / 0.3048)
+    assert feet.process_noise_density == pytest.approx(metres.process_noise_density / 0.3048**2)
 
 
 def test_ratio_is_over_the_times_that_both_have() -> None:
@@ -164,7 +164,11 @@ def test_ratio_is_over_the_times_that_both_have() -> None:
     found = tracks([0.0, 1.0, 2.0], [[20, 20], [10, 11], [10, 10]])
     bearings = both(pixels(EAST, [1.0, 2.0], [0, 0]), pixels(NORTH, [1.0, 2.0], [0, 0]))
     result = evaluate(
-        found, truth(T5, [10, 10]), bearings, BOTH, EvaluateConfig(prior_cov=(1.0, 0.0, 1.0), sigma_v=0.0)
+        found,
+        truth(T5, [10, 10]),
+        bearings,
+        BOTH,
+        EvaluateConfig(prior_covariance=(1.0, 0.0, 1.0), process_noise_position=0.0),
     )
     m = result.metrics
     mean_trace = (2 / 101 + 2 / 201) / 2
@@ -194,7 +198,7 @@ def test_settled_figures_have_their_own_ratio() -> None:
         truth(T5, [10, 10]),
         bearings,
         BOTH,
-        EvaluateConfig(skip_s=1.0),
+        EvaluateConfig(settling_s=1.0),
     )
     m, late = result.metrics, result.bound.bound[1:]
     assert m["settled_bound_rmse_m"] == pytest.approx(math.sqrt(np.mean(late**2)))
@@ -246,7 +250,13 @@ def test_bound_of_smoothing_stands_beside_that_of_filtering() -> None:
     # One axis: seen at 0 s and 2 s with information 100 each, prior 1, noise of the walk 0.25 a second
     bearings = pixels(EAST, [0.0, 2.0], [0, 0])
     found = tracks([0.0, 1.0, 2.0], [10, 10.3], 0)
-    place = evaluate(found, truth(T5, [10, 10]), bearings, BOTH, EvaluateConfig(prior_cov=(1, 0, 1), sigma_v=0.5))
+    place = evaluate(
+        found,
+        truth(T5, [10, 10]),
+        bearings,
+        BOTH,
+        EvaluateConfig(prior_covariance=(1, 0, 1), process_noise_position=0.5),
+    )
     one = 1 / 101
     late = 1 / (1 / (one + 0.5) + 100)
     np.testing.assert_allclose(place.bound.bound_yy, [one, one + 0.25, late])

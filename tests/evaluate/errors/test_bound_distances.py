@@ -37,7 +37,7 @@ def table(**columns: object) -> Measurements:
 def bound(
     rows: Measurements, config: DistanceMeasurementConfig, where: Scene, bearings: Bearings | None = None
 ) -> float:
-    how = EvaluateConfig(prior_cov=PRIOR, motion="cv")
+    how = EvaluateConfig(prior_covariance=PRIOR, motion="cv")
     return float(evaluate(None, truth(), bearings, where, how, measured=(rows, config, None)).bound.bound[0])
 
 
@@ -68,13 +68,13 @@ def test_differences_ranges_and_bearings_add_up() -> None:
     (a, far), (b, _) = towards("a"), towards("b")
     rows = table(sensor=["b"], reference=["a"], tdoa=[0.0], sigma_tdoa=[1e-3])
     told = np.outer(b - a, b - a) / 0.343**2
-    assert bound(rows, DistanceMeasurementConfig(propagation="sound"), scene()) == pytest.approx(by_hand(told))
+    assert bound(rows, DistanceMeasurementConfig(propagation_speed="sound"), scene()) == pytest.approx(by_hand(told))
     nan = [np.nan]
     seen = {"t_ns": [0], "sensor": ["a"], "target_id": [0], "seen": [True], "u_px": nan, "sigma_px": nan, "score": nan}
     bearings = Bearings.of(**seen, bearing=[np.arctan2(4.0, 3.0)], sigma=[0.01])
     across = np.array([-a[1], a[0]]) / far / 0.01
     both = by_hand(told + np.outer(across, across))
-    assert bound(rows, DistanceMeasurementConfig(propagation="sound"), scene(), bearings) == pytest.approx(both)
+    assert bound(rows, DistanceMeasurementConfig(propagation_speed="sound"), scene(), bearings) == pytest.approx(both)
 
 
 def test_measurements_of_other_targets_count_nothing_and_a_bound_in_space_is_refused() -> None:
@@ -82,6 +82,6 @@ def test_measurements_of_other_targets_count_nothing_and_a_bound_in_space_is_ref
     other = Measurements.of(**{c.name: getattr(rows, c.name) for c in rows.columns()} | {"target_id": np.array([0, 7])})
     a, _ = towards("a")
     assert bound(other, DistanceMeasurementConfig(), scene()) == pytest.approx(by_hand(np.outer(a, a) / 0.04))
-    how = EvaluateConfig(prior_cov=PRIOR, bound_in="space")
+    how = EvaluateConfig(prior_covariance=PRIOR, bound_dimension="space")
     with pytest.raises(InputError, match="count in a bound on the ground alone"):
         evaluate(None, truth(1.0), None, scene(), how, measured=(rows, DistanceMeasurementConfig(), None))

@@ -39,7 +39,7 @@ def everything() -> Bearings:
 
 
 def bound_of(bearings: Bearings, place: Scene = PLACE, bound_in: str = "space", **options: object) -> Bound:
-    return evaluate(None, TRUE, bearings, place, EvaluateConfig(bound_in=bound_in, **options)).bound  # type: ignore[arg-type]
+    return evaluate(None, TRUE, bearings, place, EvaluateConfig(bound_dimension=bound_in, **options)).bound  # type: ignore[arg-type]
 
 
 def covariances(bound: Bound) -> np.ndarray:
@@ -104,7 +104,7 @@ def test_one_array_overhead_by_hand() -> None:
     xyz = np.array([12.0, 10.0, 1.0])
     rows = heard(CEILING, [0.0], xyz)
     true = truth([0.0], xyz[:2], z=1.0)
-    config = EvaluateConfig(bound_in="space", prior_cov=(1.0, 0.0, 1.0), prior_z=1.0)
+    config = EvaluateConfig(bound_dimension="space", prior_covariance=(1.0, 0.0, 1.0), prior_variance_z=1.0)
     bound = evaluate(None, true, rows, PLACE, config).bound
     J = np.diag([1.0, 1.0 + 1 / 0.06**2, 1.0])
     n = np.array([1.0, 0.0, 1.0]) / math.sqrt(2)  # normal of the sight line in the vertical plane
@@ -151,7 +151,7 @@ def test_azimuth_of_a_tilted_array_has_the_variance_that_it_has() -> None:
     place = scene(EAST, arrays=(ear,))
     true = truth([0.0], xyz[:2], z=xyz[2])
     rows = heard(ear, [0.0], xyz, sigma_up=sigma_up)
-    config = EvaluateConfig(prior_cov=(1.0, 0.0, 1.0))
+    config = EvaluateConfig(prior_covariance=(1.0, 0.0, 1.0))
     bound = evaluate(None, true, rows, place, config).bound
     J = np.eye(2) + crlb.bearing_information(xyz[None, :2], WALL.position[:2], np.sqrt([variance]))[0]
     P = np.array([[bound.bound_xx[0], bound.bound_xy[0]], [bound.bound_xy[0], bound.bound_yy[0]]])
@@ -219,14 +219,14 @@ def test_auto_is_in_space_for_targets_whose_errors_are() -> None:
 
 def test_bound_in_space_needs_true_heights() -> None:
     with pytest.raises(InputError, match=r"target 0 has no height .*bound_in"):
-        evaluate(None, truth(TIMES, PATH[:, :2]), everything(), PLACE, EvaluateConfig(bound_in="space"))
+        evaluate(None, truth(TIMES, PATH[:, :2]), everything(), PLACE, EvaluateConfig(bound_dimension="space"))
 
 
 def test_candidates_are_told_apart_by_their_elevations() -> None:
     """Two people behind one another, one on a gallery: only the elevation says who was heard."""
     low, high = truth(TIMES, [12.0, 10.5], 0, z=1.0), truth(TIMES, [14.0, 11.0], 1, z=4.0)
     rows = heard(CEILING, TIMES, [14.0, 11.0, 4.0], target=UNLABELLED)
-    bound = evaluate(None, both(low, high), rows, PLACE, EvaluateConfig(bound_in="space")).bound
+    bound = evaluate(None, both(low, high), rows, PLACE, EvaluateConfig(bound_dimension="space")).bound
     assert not bound.n_seen[bound.target_id == 0].any()
     assert bound.n_seen[bound.target_id == 1].all()
 
@@ -258,7 +258,7 @@ def test_a_direction_reported_from_beyond_the_pole_is_of_the_target() -> None:
     columns = {c.name: getattr(rows, c.name) for c in Bearings.columns()}
     past = -math.pi - (down - 0.05)  # 0.05 rad further down, seen from the other side
     beyond = Bearings.of(**columns | {"bearing": np.array([-math.pi]), "elevation": np.array([past])})
-    config = EvaluateConfig(bound_in="space", gate_sigma=1.0)
+    config = EvaluateConfig(bound_dimension="space", gate_sigma=1.0)
     result = evaluate(None, true, beyond, PLACE, config)
     assert result.metrics["detected"] == 1
     assert result.metrics["elevation_rms_mrad"] == pytest.approx(50.0)
@@ -287,7 +287,7 @@ def test_information_is_the_covariance_of_the_score(kind: str) -> None:
     use = {"camera": [0], "tilted": [1], "mixed": [0, 1]}[kind]
     score = np.array([sum((logs[i](xyz + e) - logs[i](xyz - e)) / 2e-4 for i in use) for e in 1e-4 * np.eye(3)])
     products = score[:, None] * score[None, :]
-    config = EvaluateConfig(bound_in="space", prior_cov=(1.0, 0.0, 1.0), prior_z=1.0)
+    config = EvaluateConfig(bound_dimension="space", prior_covariance=(1.0, 0.0, 1.0), prior_variance_z=1.0)
     bound = evaluate(None, truth([0.0], xyz[:2], z=xyz[2]), both(*(rows[i] for i in use)), PLACE, config).bound
     information = np.linalg.inv(covariances(bound)[0]) - np.eye(3)
     error = products.std(axis=2) / math.sqrt(n)
@@ -302,7 +302,12 @@ def test_an_extended_kalman_filter_in_space_reaches_the_bound_and_not_less(seed:
     ears = [array("ceiling", 10.0, 10.0, 3.0, sigma=0.02), array("wall", 1.0, 9.0, 1.5, sigma=0.03, pitch=0.7)]
     place = scene(camera("eye", 0.0, 10.0, 0.0), arrays=tuple(ears), room_height=3.0)
     t, P0 = np.arange(steps), np.diag([0.25, 0.25, 0.04])
-    config = EvaluateConfig(bound_in="space", prior_cov=(0.25, 0.0, 0.25), prior_z=0.04, sigma_v=sigma_v)
+    config = EvaluateConfig(
+        bound_dimension="space",
+        prior_covariance=(0.25, 0.0, 0.25),
+        prior_variance_z=0.04,
+        process_noise_position=sigma_v,
+    )
     sigmas = np.array([1.0, 0.02, 0.02, 0.03, 0.02])
     squared, bounds = np.empty((runs, steps)), np.empty((runs, steps))
 

@@ -21,7 +21,8 @@ occlog_scene: 1
 room: [[0, 0], [12, 0], [12, 8], [0, 8]]
 room_height: 3
 cameras:
-  - {name: eye, position: [0, 0, 2.5], yaw_deg: 35, focal_px: 450, image_size_px: [640, 480], noise: {read_px: 2}}
+  - {name: eye, position: [0, 0, 2.5], yaw_deg: 35, focal_px: 450, image_size_px: [640, 480], noise:
+  {measurement_noise_px: 2}}
 microphone_arrays:
   - {name: wall, position: [0.2, 7.5, 1.8], sigma_deg: 2, rate_hz: 10, pitch_deg: 20, yaw_deg: -45}
   - {name: ceiling, position: [11.5, 4, 2.8], sigma_deg: 2, rate_hz: 10}
@@ -34,7 +35,17 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of one walker 1.5 m above the floor, and tracks in space that are 0.3 m too high."""
     folder = tmp_path_factory.mktemp("space")
     (folder / "scene.yaml").write_text(SCENE)
-    args = ["simulate", str(folder / "scene.yaml"), "-o", str(folder / "r.mcap"), "--seconds", "4", "--z", "1.5", "-q"]
+    args = [
+        "simulate",
+        str(folder / "scene.yaml"),
+        "-o",
+        str(folder / "r.mcap"),
+        "--seconds",
+        "4",
+        "--object-height",
+        "1.5",
+        "-q",
+    ]
     assert run(args) == 0
     recording = open_recording(folder / "r.mcap")
     true, n = recording.read(Truth), len(recording.read(Truth))
@@ -89,12 +100,12 @@ def test_directions_in_a_file_of_their_own(
 
 def test_options_of_the_bound(made: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(made)
-    ground = figures([*FULL, "--bound-in", "ground"], capsys)
+    ground = figures([*FULL, "--bound-dimension", "ground"], capsys)
     assert "bound_rmse_space_m" not in ground
     assert ground["rmse_space_m"] == pytest.approx(0.3)
     space = figures(FULL, capsys)
     assert space["bound_rmse_m"] < ground["bound_rmse_m"]  # elevations tell of the ground too, once heights settle
-    known = figures([*FULL, "--prior-z", "1e-6", "--sigma-v", "0"], capsys)
+    known = figures([*FULL, "--prior-z", "1e-6", "--process-noise", "0"], capsys)
     assert known["bound_rmse_z_m"] < 1.1e-3
 
 
@@ -102,7 +113,7 @@ def test_options_of_the_bound(made: Path, monkeypatch: pytest.MonkeyPatch, capsy
     ("more", "words"),
     [
         (["--prior-z", "0"], "prior-z"),
-        (["--bound-in", "planes"], "bound-in"),
+        (["--bound-dimension", "planes"], "bound-in"),
     ],
 )
 def test_bad_options(
@@ -121,7 +132,7 @@ def test_truth_without_heights_is_refused_in_one_line(
     columns = {c.name: getattr(true, c.name) for c in Truth.columns()}
     flat = Truth.of(**{**columns, "z": np.full(len(true), np.nan)})
     write_table(tmp_path / "flat.parquet", flat, Provenance("test"))
-    args = ["evaluate", "--truth", str(tmp_path / "flat.parquet"), "--bearings", "r.mcap", "--bound-in", "space"]
+    args = ["evaluate", "--truth", str(tmp_path / "flat.parquet"), "--bearings", "r.mcap", "--bound-dimension", "space"]
     assert run(args) == ExitCode.BAD_INPUT
     err = capsys.readouterr().err.strip()
     assert "target 0 has no height" in err

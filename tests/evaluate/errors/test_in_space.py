@@ -74,7 +74,7 @@ def test_tracks_on_the_ground_have_no_figures_in_space() -> None:
 
 def test_settled_figures_are_given_in_space_too() -> None:
     found = heights(tracks(T4, [10, 10]), [9.0, 1.0, 1.0, 3.0])
-    m = evaluate(found, truth(T4, [10, 10], z=1.0), None, scene(), EvaluateConfig(skip_s=1.0)).metrics
+    m = evaluate(found, truth(T4, [10, 10], z=1.0), None, scene(), EvaluateConfig(settling_s=1.0)).metrics
     assert m["settled_rmse_z_m"] == pytest.approx(math.sqrt(4 / 3))
     assert m["settled_rmse_space_m"] == m["settled_rmse_z_m"]
 

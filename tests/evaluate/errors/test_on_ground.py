@@ -163,7 +163,7 @@ def test_transient_is_left_out_after_each_first_estimate() -> None:
         tracks(range(6), [[9, 0], [9, 0], [1, 0], [1, 0], [1, 0], [1, 0]], 0),
         tracks([4, 5, 6], [[5, 25], [5, 25], [5, 8]], 1),
     )
-    m = evaluate(found, true, None, scene(), EvaluateConfig(skip_s=2.0)).metrics
+    m = evaluate(found, true, None, scene(), EvaluateConfig(settling_s=2.0)).metrics
     assert m["settled_rmse_m"] == pytest.approx(math.sqrt((4 * 1 + 9) / 5))
     assert m["settled_estimates"] == 5
     assert m["rmse_m"] == pytest.approx(math.sqrt((2 * 81 + 4 * 1 + 2 * 400 + 9) / 9))

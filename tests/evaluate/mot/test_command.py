@@ -148,9 +148,9 @@ def test_files_of_other_programs_give_the_same_figures(folder: Path, capsys: pyt
     capsys.readouterr()
     own = figures([*EVALUATE, "--camera", "east"], capsys)
     text, true = "mot/trackers/MOT17-train/view_tracks/data/east.txt", "mot/gt/MOT17-train/east/gt/gt.txt"
-    one = ["--camera", "east", "--own", "label"]
+    one = ["--camera", "east", "--assigned-target", "label"]
     alike = {**own, "objects_ignored": 0.0, "tracks_on_distractors": 0.0}  # every true box is a pedestrian
-    assert figures(["evaluate", text, "--truth", true, "--own", "label"], capsys) == alike
+    assert figures(["evaluate", text, "--truth", true, "--assigned-target", "label"], capsys) == alike
     assert figures(["evaluate", text, "--truth", "recording.mcap", *one], capsys) == own
     assert figures(["evaluate", "view_tracks.parquet", "--truth", true, *one], capsys) == alike
     tracks = read_table(folder / "truth.parquet", TruthBoxes)
@@ -197,7 +197,14 @@ def test_truth_of_annotation_tools_gives_the_figures_of_a_recording(
     assert np.array_equal(found.target_id, wanted.target_id)
     assert run([*EVALUATE, "--mot", "mot", "-q"]) == ExitCode.DONE
     capsys.readouterr()
-    text = ["evaluate", "mot/trackers/MOT17-train/view_tracks/data/east.txt", "--truth", name, "--own", "label"]
+    text = [
+        "evaluate",
+        "mot/trackers/MOT17-train/view_tracks/data/east.txt",
+        "--truth",
+        name,
+        "--assigned-target",
+        "label",
+    ]
     assert figures([*text, "--fps", "7", "--mot", "of_text"], capsys) == own
     assert "frameRate=7" in (folder / "of_text/gt/MOT17-train/view/seqinfo.ini").read_text()
     part = ["--frames", "0:6"]
@@ -240,17 +247,19 @@ def test_what_the_tracker_says_of_itself(folder: Path, capsys: pytest.CaptureFix
     write_table(folder / "both.parquet", east, made)
     both = ["evaluate", "both.parquet", "--truth", "recording.mcap"]
     assert run(both) == ExitCode.DONE
-    assert "born from detections, so that their numbers are not those of targets; --own start" in _notes(capsys)
-    assert run([*both, "--own", "label"]) == ExitCode.DONE
-    assert "FR needs --own start" in _notes(capsys)
-    assert figures([*both, "--own", "start"], capsys)["fr_p_sensor_north"] == 1.0
+    assert "born from detections, so that their numbers are not those of targets; --assigned-target start" in _notes(
+        capsys
+    )
+    assert run([*both, "--assigned-target", "label"]) == ExitCode.DONE
+    assert "FR needs --assigned-target start" in _notes(capsys)
+    assert figures([*both, "--assigned-target", "start"], capsys)["fr_p_sensor_north"] == 1.0
     assert "born" not in _notes(capsys)
-    assert figures(both, capsys) == figures([*both, "--own", "start"], capsys)
+    assert figures(both, capsys) == figures([*both, "--assigned-target", "start"], capsys)
     own = {c.name: getattr(east, c.name) for c in ViewTracks.columns()}
     write_table(folder / "own.parquet", ViewTracks.of(**{**own, "target_id": east.target_id + np.int32(7)}), made)
     renamed = ["evaluate", "own.parquet", "--truth", "recording.mcap"]
     assert figures(renamed, capsys) == figures(both, capsys)
-    assert figures([*renamed, "--own", "label"], capsys)["fr_l"] > figures(renamed, capsys)["fr_l"] > 0
+    assert figures([*renamed, "--assigned-target", "label"], capsys)["fr_l"] > figures(renamed, capsys)["fr_l"] > 0
     assert figures([*both, "--camera", "north"], capsys)["fr_p"] == 1.0
 
 
@@ -288,14 +297,14 @@ def test_world_tracks_born_from_detections(folder: Path, capsys: pytest.CaptureF
     asked = ["evaluate", "w.parquet", "--truth", "w.mcap"]
     assert figures(asked, capsys)["label_failures"] == 10  # two of three swap in half of ten frames
     assert run(asked) == ExitCode.DONE
-    assert "--own start is used" in _notes(capsys)
+    assert "--assigned-target start is used" in _notes(capsys)
     assert figures([*asked, "--match", "optimal"], capsys) == figures(asked, capsys)
-    assert figures([*asked, "--own", "label"], capsys)["label_failures"] == 25
+    assert figures([*asked, "--assigned-target", "label"], capsys)["label_failures"] == 25
 
 
 def test_tables_are_shown_and_compared(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run([*EVALUATE, "--failures", "f.parquet", "-q"]) == ExitCode.DONE
-    assert run([*EVALUATE, "--failures", "g.parquet", "--tau", "0.5", "-q"]) == ExitCode.DONE
+    assert run([*EVALUATE, "--failures", "g.parquet", "--distance-gate", "0.5", "-q"]) == ExitCode.DONE
     for name in ("f.parquet", "view_tracks.parquet"):
         assert run(["info", name]) == ExitCode.DONE
         assert run(["diff", name, name]) == ExitCode.DONE
@@ -309,12 +318,12 @@ def test_tables_are_shown_and_compared(folder: Path, capsys: pytest.CaptureFixtu
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
-        ([*EVALUATE, "--tau", "0"], 2, "--tau"),
-        ([*EVALUATE, "--tau", "nan"], 2, "nan is not a finite number"),
-        ([*EVALUATE, "--tau", "inf"], 2, "inf is not a finite number"),
+        ([*EVALUATE, "--distance-gate", "0"], 2, "--distance-gate"),
+        ([*EVALUATE, "--distance-gate", "nan"], 2, "nan is not a finite number"),
+        ([*EVALUATE, "--distance-gate", "inf"], 2, "inf is not a finite number"),
         ([*EVALUATE, "--gospa-px", "nan"], 2, "nan is not a finite number"),
         ([*EVALUATE, "--gospa-p", "inf"], 2, "inf is not in the range"),
-        ([*EVALUATE, "--box-overlap", "nan"], 2, "nan is not a finite number"),
+        ([*EVALUATE, "--iou-threshold", "nan"], 2, "nan is not a finite number"),
         ([*EVALUATE, "--bearings", "truth.parquet"], 2, "--bearings is for TRACKS on the ground"),
         ([*EVALUATE, "--match-distance", "1"], 2, "--match-distance is for TRACKS on the ground"),
         ([*EVALUATE, "--gospa-cutoff", "3"], 2, "at most 1 apart"),
@@ -411,8 +420,8 @@ def test_tracks_on_the_ground(folder: Path, capsys: pytest.CaptureFixture[str], 
     assert {name: got[name] for name in wanted} == wanted
     assert len(read_table(folder / "f.parquet", Failures)) == wanted["label_failures"]
     assert figures([*ground, "--match-distance", "0.4"], capsys)["fr_p"] == 1.0
-    code, line = error([*ground, "--tau", "2"], capsys)
-    assert (code, "--tau is for tracks in images" in line) == (2, True)
+    code, line = error([*ground, "--distance-gate", "2"], capsys)
+    assert (code, "--distance-gate is for tracks in images" in line) == (2, True)
 
 
 def test_units_without_a_length_need_a_distance(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -450,14 +459,14 @@ def test_published_figures_come_out(
         ("--match-distance", "1e300"),
         ("--match-distance", "1e-300"),
         ("--gospa-cutoff", "1e200"),
-        ("--gospa-switch", "1e200"),
+        ("--gospa-switch-penalty", "1e200"),
         ("--ospa-cutoff", "1e300"),
         ("--moda-distance", "1e-10"),
         ("--gospa-p", "1000"),
         ("--ospa-p", "11"),
         ("--max-gap", "1e300"),
         ("--track-gap", "1e300"),
-        ("--skip-seconds", "1e300"),
+        ("--settling-time", "1e300"),
     ],
 )
 def test_values_of_which_powers_and_times_cannot_be_told_are_refused(
@@ -474,20 +483,20 @@ def test_values_of_which_powers_and_times_cannot_be_told_are_refused(
         "--gate-px 3",
         "--occluder-diameter 1",
         "--motion cv",
-        "--sigma-v 1",
-        "--acceleration-density 2",
-        "--sigma-speed 2",
+        "--process-noise 1",
+        "--process-noise-density 2",
+        "--sigma-initial-velocity 2",
         "--prior 1 0 1",
         "--prior-z 1",
-        "--bound-in space",
-        "--lines-min-sensors 3",
-        "--lines-window 1",
-        "--lines-loss gauss",
-        "--lines-limit 1",
-        "--lines-crossing-deg 1",
+        "--bound-dimension space",
+        "--triangulation-min-sensors 3",
+        "--triangulation-window 1",
+        "--triangulation-loss gauss",
+        "--triangulation-tolerance 1",
+        "--triangulation-min-angle-deg 1",
         "--held-out-gate-mrad 3",
         "--held-out-gate-px 3",
-        "--box-overlap 0.3",
+        "--iou-threshold 0.3",
     ],
 )
 def test_options_of_inputs_that_are_not_given_are_refused(

@@ -138,7 +138,7 @@ def test_trajectories_that_change_hands() -> None:
     assert got["ospa2_window_m"] == pytest.approx(0.5 / 10)
     assert got["tgospa_switch_m2"] == pytest.approx(2.0 / 10)
     assert got["tgospa_m"] == pytest.approx(math.sqrt(2.0 / 10))
-    cheap = MultiTargetConfig(match_distance=1.0, gospa_switch=0.5)
+    cheap = MultiTargetConfig(match_distance=1.0, gospa_switch_penalty=0.5)
     got = evaluate_ground(positions(Tracks, rows), positions(Truth, true), cheap, NS).metrics
     assert got["tgospa_switch_m2"] == pytest.approx(0.5 / 10)
     dear = MultiTargetConfig(match_distance=1.0, ospa_cutoff=3.0)

@@ -144,22 +144,22 @@ def test_how_near_a_tracker_must_be() -> None:
     beside = [(f, view, k, left + 9.0, top) for f, view, k, left, top in true_rows()]
     tracks = table(Boxes, beside)
     assert evaluate_boxes(tracks, truth()).metrics["fr_p"] == 0.0
-    assert evaluate_boxes(tracks, truth(), MultiTargetConfig(tau=0.9)).metrics["fr_p"] == 0.0
-    assert evaluate_boxes(tracks, truth(), MultiTargetConfig(tau=0.89)).metrics["fr_p"] == 1.0
-    got = evaluate_boxes(tracks, truth(), MultiTargetConfig(tau_px=8.0, gospa_px=20.0))
+    assert evaluate_boxes(tracks, truth(), MultiTargetConfig(distance_gate=0.9)).metrics["fr_p"] == 0.0
+    assert evaluate_boxes(tracks, truth(), MultiTargetConfig(distance_gate=0.89)).metrics["fr_p"] == 1.0
+    got = evaluate_boxes(tracks, truth(), MultiTargetConfig(distance_gate_px=8.0, gospa_px=20.0))
     assert got.metrics["fr_p"] == 1.0
     assert got.failures.cause[0] == "its tracker is 9 px away"
     assert got.metrics["gospa_px"] == pytest.approx(math.sqrt(2 * 81.0))
     assert got.metrics["gospa_localisation_px2"] == pytest.approx(2 * 81.0)
     assert got.metrics["tp"] == 0  # an overlap of 11 of 29
-    assert evaluate_boxes(tracks, truth(), MultiTargetConfig(overlap=11 / 29)).metrics["tp"] == 40
+    assert evaluate_boxes(tracks, truth(), MultiTargetConfig(match_iou=11 / 29)).metrics["tp"] == 40
 
 
 @pytest.mark.parametrize("own", ["start", "best"])
 def test_tracks_with_names_of_their_own(own: str) -> None:
     renamed = [(f, view, 90 - k, left, top) for f, view, k, left, top in tracked_rows()]
     named = evaluate_boxes(table(Boxes, tracked_rows()), truth())
-    got = evaluate_boxes(table(Boxes, renamed), truth(), MultiTargetConfig(own=own))
+    got = evaluate_boxes(table(Boxes, renamed), truth(), MultiTargetConfig(assigned_target=own))
     for name in ("fr_p", "fr_l", "mota", "idf1", "hota"):
         assert got.metrics[name] == named.metrics[name]
     assert not got.notes
@@ -173,9 +173,9 @@ def test_a_track_that_begins_on_nothing_belongs_to_the_first_target_it_is_on() -
     early = [(f, "a", 7, 100.0 if f >= 2 else 400.0, 5.0 * f) for f in range(FRAMES)]
     again = [(f, "a", 8, 200.0, 5.0 * f) for f in range(4)] + [(f, "a", 9, 200.0, 5.0 * f) for f in range(4, FRAMES)]
     seen = table(TruthBoxes, [row for row in true_rows() if row[1] == "a"])
-    got = evaluate_boxes(table(Boxes, early + again), seen, MultiTargetConfig(own="start")).metrics
+    got = evaluate_boxes(table(Boxes, early + again), seen, MultiTargetConfig(assigned_target="start")).metrics
     assert (got["position_failures"], got["label_failures"], got["id_switches"], got["fp"]) == (2, 0, 1, 2)
-    got = evaluate_boxes(table(Boxes, early + again), seen, MultiTargetConfig(own="best")).metrics
+    got = evaluate_boxes(table(Boxes, early + again), seen, MultiTargetConfig(assigned_target="best")).metrics
     assert (got["position_failures"], got["label_failures"]) == (2, 4)  # 8 has no target of its own beside 9
 
 

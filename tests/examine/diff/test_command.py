@@ -28,7 +28,7 @@ SCENE = """
 occlog_scene: 1
 room: [[0, 0], [20, 0], [20, {depth}], [0, 20]]
 cameras:
-  - {{name: east, position: [0, 10], yaw_deg: 0, focal_px: 100, fov_deg: 90, noise: {{read_px: 1}}}}
+  - {{name: east, position: [0, 10], yaw_deg: 0, focal_px: 100, fov_deg: 90, noise: {{measurement_noise_px: 1}}}}
 """
 
 

@@ -154,7 +154,7 @@ def test_a_sequence_of_motchallenge_has_its_info(tmp_path: Path, capsys: pytest.
     (tmp_path / "SEQ" / "det").mkdir(parents=True)
     (tmp_path / "scene.yaml").write_text(
         "occlog_scene: 1\ncameras:\n  - {name: a, position: [0, 0, 2], yaw_deg: 0, focal_px: 500, "
-        "image_size_px: [640, 480], noise: {read_px: 1}}\n"
+        "image_size_px: [640, 480], noise: {measurement_noise_px: 1}}\n"
     )
     args = ["--to", "mot", "--camera", "a", "--scene", str(tmp_path / "scene.yaml")]
     export(tmp_path, boxes(), "SEQ/det/det.txt", *args)

@@ -21,7 +21,8 @@ room: [[0, 0], [0, 10], [10, 10], [10, 0]]
 static_occluders:
   - {name: pillar, polygon: [[4, 4], [5, 4], [5, 5]]}
 cameras:
-  - {name: a, position: [0, 0], yaw_deg: 45, focal_px: 70, fov_deg: 90, noise: {position: 1, yaw: 1e-2, read_px: 2}}
+  - {name: a, position: [0, 0], yaw_deg: 45, focal_px: 70, fov_deg: 90, noise: {position: 1, yaw: 1e-2,
+  measurement_noise_px: 2}}
   - name: b
     position: [0, 0, 2]
     yaw_deg: 45
@@ -100,7 +101,11 @@ def test_written_scenes_mean_the_same() -> None:
         ("yaw_deg: 45,", "", "camera a: has a position but no yaw_deg; add it"),
         ("position: [0, 0],", "", "camera a: has angles but no position"),
         ("position: [0, 0],", "position: abc,", "line 7: cameras[0].position: expected `array | null`"),
-        ("read_px: 2", "red_px: 2", "line 7: unknown key 'red_px' in cameras[0].noise; did you mean 'read_px'?"),
+        (
+            "measurement_noise_px: 2",
+            "measured_noise_px: 2",
+            "line 7: unknown key 'measured_noise_px' in cameras[0].noise; did you mean 'measurement_noise_px'?",
+        ),
         ("occlog_scene: 1", "occlog_scene: 1\nocluders: []", "line 3: unknown key 'ocluders'"),
         ("occlog_scene: 1", "occlog_scene: 9", "occlog_scene"),
         ("occlog_scene: 1", "length_unit: m", "missing required field `occlog_scene`"),
@@ -109,7 +114,11 @@ def test_written_scenes_mean_the_same() -> None:
         ("focal_px: 70", "focal_px: no", "cameras[0].focal_px"),
         ("position: 1,", "position: 1.0e+300,", "line 7: cameras[0].noise.position: expected `float` <= 1000000000000"),
         ("yaw: 1e-2", "yaw: 1.0e+300", "line 7: cameras[0].noise.yaw: expected `float` <= 6.2832"),
-        ("read_px: 2", "read_px: 1.0e-300", "line 7: cameras[0].noise.read_px: expected `float` >= 1e-09"),
+        (
+            "measurement_noise_px: 2",
+            "measurement_noise_px: 1.0e-300",
+            "line 7: cameras[0].noise.measurement_noise_px: expected `float` >= 1e-09",
+        ),
         (
             "position: [0, 0],",
             "position: [0, 1.0e+150],",

@@ -124,7 +124,7 @@ def test_ingest_takes_a_stream_and_says_what_the_end_cut_off(tmp_path: Path) -> 
     (tmp_path / "sst.json").write_text(hop(100, source(3, 0, 1, 0)) + hop(101)[:20])
     out = tmp_path / "out.mcap"
     scene, log = str(tmp_path / "scene.yaml"), f"mic={tmp_path / 'sst.json'}"
-    code = run(["ingest", "-o", str(out), "--scene", scene, "--doa", log, "--hop", "0.008", "-q"])
+    code = run(["ingest", "-o", str(out), "--scene", scene, "--doa", log, "--odas-hop", "0.008", "-q"])
     assert code == ExitCode.LOSSY
     recording = open_recording(out)
     assert recording.read(Doa).t_ns.tolist() == [800_000_000]

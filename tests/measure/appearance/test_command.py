@@ -84,7 +84,7 @@ def test_boxes_without_identity_are_of_the_tracks_where_they_lie(folder):
     assert set(read_table(folder / "gallery.parquet", Gallery).target_id.tolist()) == {11, 12}
     assert learn(folder, out="true.parquet") == ExitCode.DONE
     write_table(folder / "later.parquet", tracks(40, names=(0, 5)), Provenance("track"))
-    later = ["--tracks", str(folder / "later.parquet"), "--named", str(folder / "named.parquet")]
+    later = ["--tracks", str(folder / "later.parquet"), "--reidentified", str(folder / "named.parquet")]
     assert label(folder, *later, source="boxes.mcap", gallery="gallery.parquet") == ExitCode.DONE
     named = read_table(folder / "named.parquet", PeopleTracks)
     want = tracks(40, names=(11, 12))
@@ -98,7 +98,7 @@ def test_tracks_of_others_are_renamed_in_the_unit_of_the_scene(folder):
     rows = zip(later.t_ns, later.target_id, 100 * later.x, 100 * later.y, strict=True)
     text = "".join(f"{t},{k},{float(x)!r},{float(y)!r},,\n" for t, k, x, y in rows)
     (folder / "later.csv").write_text("t_ns,id,x_cm,y_cm,vx_cm_s,vy_cm_s\n" + text)
-    named = ["--tracks", str(folder / "later.csv"), "--named", str(folder / "named.parquet")]
+    named = ["--tracks", str(folder / "later.csv"), "--reidentified", str(folder / "named.parquet")]
     assert label(folder, *named, source="boxes.mcap", gallery="gallery.parquet") == ExitCode.DONE
     assert read_table(folder / "named.parquet", PeopleTracks).x == pytest.approx(tracks(40, names=(11, 12)).x)
 
@@ -141,9 +141,9 @@ def refused(capsys, code, message):
     ("args", "code", "message"),
     [
         (["--angle-step", "50"], ExitCode.USAGE, "a divisor of 180 degrees"),
-        (["--levels", "16"], ExitCode.USAGE, "--levels"),
-        (["--levels", "1"], ExitCode.USAGE, "--levels"),
-        (["--least-samples", "1000"], ExitCode.BAD_INPUT, "no side of any person was seen in 1000 boxes"),
+        (["--colour-levels", "16"], ExitCode.USAGE, "--colour-levels"),
+        (["--colour-levels", "1"], ExitCode.USAGE, "--colour-levels"),
+        (["--min-samples", "1000"], ExitCode.BAD_INPUT, "no side of any person was seen in 1000 boxes"),
         (["--tracks", "nothing.parquet"], ExitCode.BAD_INPUT, "nothing.parquet"),
     ],
 )
@@ -222,7 +222,7 @@ def test_views_bring_their_colours_and_need_no_images(folder, capsys):
     assert (found.target_id[same] == found.track_id[same]).all()
     # Their colours are in eight levels
     capsys.readouterr()
-    other = ["--levels", "4", "--overwrite"]
+    other = ["--colour-levels", "4", "--overwrite"]
     assert learn(folder, *scene, *other, source="views.parquet") == refused(
         capsys, ExitCode.BAD_INPUT, "72 bins (8 levels)"
     )
@@ -246,6 +246,6 @@ def test_options_of_the_two_kinds_are_kept_apart(folder, capsys):
     assert label(folder, "--gate", "3") == refused(capsys, ExitCode.USAGE, "--gate is an option of --tracks FILE")
     assert run(["label", str(folder / "boxes.mcap"), "-o", "x.parquet"]) == ExitCode.USAGE
     assert "--tracks" in capsys.readouterr().err
-    named = ["--named", str(folder / "named.parquet")]
+    named = ["--reidentified", str(folder / "named.parquet")]
     assert learn(folder) == ExitCode.DONE
     assert label(folder, *named) == refused(capsys, ExitCode.USAGE, "give --tracks")

@@ -51,7 +51,7 @@ def sighting(track, angle, colours, *, t=0, pixels=1000, hidden=0.0):
 
 
 def config(**values):
-    return LearnConfig(levels=LEVELS, least_samples=1, **values)
+    return LearnConfig(colour_levels=LEVELS, min_samples=1, **values)
 
 
 def gallery(**values):
@@ -83,8 +83,8 @@ def test_boxes_that_say_nothing_are_left_out(left_out):
 
 def test_a_side_needs_enough_samples():
     rows = [sighting([1], [0], [0])] * 4
-    assert not len(learn(rows, LearnConfig(levels=LEVELS, least_samples=5)))
-    assert len(learn([*rows, rows[0]], LearnConfig(levels=LEVELS, least_samples=5))) == 1
+    assert not len(learn(rows, LearnConfig(colour_levels=LEVELS, min_samples=5)))
+    assert len(learn([*rows, rows[0]], LearnConfig(colour_levels=LEVELS, min_samples=5))) == 1
 
 
 def test_the_step_divides_half_a_turn():

@@ -133,7 +133,7 @@ def test_the_rest_is_left_out_or_kept(folder):
     write_table(folder / "late.parquet", tracks(first_s=6), Provenance("track"))
     assert label(folder, paths="late.parquet") == ExitCode.LOSSY
     assert read_table(folder / "labelled.parquet", Bearings).t_ns[0] == 6 * SECOND
-    assert label(folder, "--keep-rest", "--overwrite", paths="late.parquet") == ExitCode.LOSSY
+    assert label(folder, "--keep-unassigned", "--overwrite", paths="late.parquet") == ExitCode.LOSSY
     found = read_table(folder / "labelled.parquet", Bearings)
     assert found.t_ns[0] == 0
     assert set(found.target_id[found.t_ns < 6 * SECOND].tolist()) == {UNLABELLED}

@@ -291,7 +291,7 @@ def test_labels_are_those_of_trying_all_pairings(seed):
 )
 def test_where_chunks_are_cut_does_not_matter(seed, cuts, others, keep, size):
     rows, path = random_case(seed)
-    config = LabelConfig(keep_rest=keep)
+    config = LabelConfig(keep_unassigned=keep)
     whole = list(label([rows], [path], SCENE, config))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("occlog.measure.associate.stage.ROWS_PER_PART", size)
@@ -328,7 +328,7 @@ def test_labels_of_a_simulated_recording_are_right():
     """Four targets that hide each other, a tenth missed, at low noise: 99 of 100 labels at least."""
     scene = room100(pillar=True, sigma_position=0.05, sigma_yaw=0.001, sigma_read_px=0.1)
     truth = list(simulate_truth(scene, WorldConfig(steps=600, targets=4), 5))
-    told = Bearings.concat(list(observe(scene, truth, ObserveConfig(miss=0.1), 5)))
+    told = Bearings.concat(list(observe(scene, truth, ObserveConfig(miss_probability=0.1), 5)))
     free = replace(told, target_id=np.full(len(told), UNLABELLED, dtype=np.int32))
     rng, n = np.random.default_rng(6), sum(len(t) for t in truth)
     noise = 0.1 * rng.standard_normal((2, n))

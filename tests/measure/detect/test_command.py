@@ -115,7 +115,7 @@ def test_cameras_and_settings_can_be_chosen(recording: Path, tmp_path: Path) -> 
 def test_without_a_first_look_the_first_frames_give_no_rows(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert detect(recording, tmp_path, "--no-learn", "--warmup", "5", "--json") == ExitCode.DONE
+    assert detect(recording, tmp_path, "--no-learn-background", "--warmup", "5", "--json") == ExitCode.DONE
     assert json.loads(capsys.readouterr().out)["warmup_frames"] == 10
     assert read_table(tmp_path / "b.parquet", Bearings).t_ns.min() == 5 * STEP_NS
 
@@ -202,7 +202,7 @@ def test_cameras_are_chosen_without_images(tmp_path: Path, capsys: pytest.Captur
         (("--target-box", "b:six:1,2,3,4"), ExitCode.USAGE, "expected CAM:FRAME:X,Y,W,H"),
         (("--target-box", "b:99:1,2,30,40"), ExitCode.BAD_INPUT, "no readable frame 99 of camera 'b'"),
         (("--target", "nowhere.json"), ExitCode.BAD_INPUT, "nowhere.json"),
-        (("--bits", "7"), ExitCode.USAGE, "bits"),
+        (("--bit-depth", "7"), ExitCode.USAGE, "bits"),
     ],
 )
 def test_bad_options_are_one_line_and_leave_no_file(
@@ -236,7 +236,7 @@ def test_a_recording_without_a_scene_asks_for_one(tmp_path: Path, capsys: pytest
 
 @pytest.mark.slow
 @pytest.mark.jit
-@pytest.mark.parametrize("up", [(), ("--up", "auto", "--ground", "0")])
+@pytest.mark.parametrize("up", [(), ("--up", "auto", "--ground-height", "0")])
 def test_a_calibration_with_its_world_at_a_camera_is_detected_in(shared_data, tmp_path, capsys, up) -> None:
     """`caliscope_4cam` as it would be before its alignment; turned upright or not."""
     folder = shared_data / "caliscope_4cam/session_a"
@@ -278,7 +278,7 @@ def test_identities_of_boxes_become_targets(tmp_path: Path, capsys: pytest.Captu
     )
     with RecordingWriter(tmp_path / "boxes.mcap", ROOM, Provenance("test")) as out:
         out.table(boxes)
-    assert detect(tmp_path / "boxes.mcap", tmp_path, "--labels", "global") == ExitCode.DONE
+    assert detect(tmp_path / "boxes.mcap", tmp_path, "--label-scope", "global") == ExitCode.DONE
     rows = read_table(tmp_path / "b.parquet", Bearings)
     assert rows.target_id.tolist() == [5, 5, 5, -1, 5, 5, 5]
     assert rows.seen.tolist() == [True, True, True, True, False, True, True]
@@ -287,5 +287,5 @@ def test_identities_of_boxes_become_targets(tmp_path: Path, capsys: pytest.Captu
 
 
 def test_in_images_nobody_has_an_identity(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert detect(recording, tmp_path, "--labels", "global") == ExitCode.USAGE
-    assert "--labels makes targets of the identities of boxes" in capsys.readouterr().err
+    assert detect(recording, tmp_path, "--label-scope", "global") == ExitCode.USAGE
+    assert "--label-scope makes targets of the identities of boxes" in capsys.readouterr().err

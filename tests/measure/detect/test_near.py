@@ -25,8 +25,8 @@ ROOM = """
 occlog_scene: 1
 room: [[0, 0], [8, 0], [8, 8], [0, 8]]
 cameras:
-  - {name: a, position: [0, 0], yaw_deg: 45, focal_px: 300, fov_deg: 90, noise: {read_px: 1}}
-  - {name: b, position: [8, 0], yaw_deg: 135, focal_px: 300, fov_deg: 90, noise: {read_px: 1}}
+  - {name: a, position: [0, 0], yaw_deg: 45, focal_px: 300, fov_deg: 90, noise: {measurement_noise_px: 1}}
+  - {name: b, position: [8, 0], yaw_deg: 135, focal_px: 300, fov_deg: 90, noise: {measurement_noise_px: 1}}
 """
 SECOND = 1_000_000_000
 ORIGIN = np.zeros(2)
@@ -113,16 +113,16 @@ def test_false_bearings_fall_where_places_are_fed_back(tmp_path: Path, capsys) -
     (tmp_path / "scene.yaml").write_text(scene_to_yaml(room100()), encoding="utf-8")
     walk, first, again, found = (str(tmp_path / n) for n in ("w.mcap", "first.parquet", "again.parquet", "t.parquet"))
     scene = str(tmp_path / "scene.yaml")
-    how = ["--steps", "80", "--occluders", "0", "--false-alarm", "0.3", "-o", walk, "-q"]
+    how = ["--steps", "80", "--occluders", "0", "--false-alarm-probability", "0.3", "-o", walk, "-q"]
     assert run(["simulate", scene, *how]) == ExitCode.DONE
     assert run(["detect", walk, "-o", first, "-q"]) == ExitCode.DONE
     assert run(["track", first, "--scene", walk, "--method", "ekf", "-o", found, "-q"]) == ExitCode.DONE
-    assert run(["detect", walk, "--near", found, "-o", again, "-q"]) == ExitCode.DONE
+    assert run(["detect", walk, "--track-feedback", found, "-o", again, "-q"]) == ExitCode.DONE
     before, after = read_table(Path(first), Bearings), read_table(Path(again), Bearings)
     assert len(after) == len(before)
     assert after.seen.sum() < 0.95 * before.seen.sum()
-    assert run(["detect", walk, "--near-gate", "4", "-o", str(tmp_path / "x.parquet")]) == ExitCode.USAGE
-    assert "--near-gate goes with --near" in capsys.readouterr().err
+    assert run(["detect", walk, "--feedback-gate", "4", "-o", str(tmp_path / "x.parquet")]) == ExitCode.USAGE
+    assert "--feedback-gate goes with --track-feedback" in capsys.readouterr().err
 
 
 @pytest.mark.jit
@@ -141,7 +141,7 @@ def test_places_are_in_the_unit_of_the_scene_have_covariances_and_their_losses_a
         rows = zip(truth.t_ns, truth.target_id, scale * truth.x, scale * truth.y, strict=True)
         text = "".join(f"{t},{k},{float(x)!r},{float(y)!r},{spread},{nothing},{spread}\n" for t, k, x, y in rows)
         Path(csv).write_text(f"t_ns,id,x_{unit},y_{unit},cov_xx_{unit}2,cov_xy_{unit}2,cov_yy_{unit}2\n{text}")
-        return run(["detect", walk, "--near", csv, "-o", found, "-q", "--overwrite"])
+        return run(["detect", walk, "--track-feedback", csv, "-o", found, "-q", "--overwrite"])
 
     assert near("m", 1.0, 0.01) == ExitCode.DONE
     seen = read_table(Path(found), Bearings).seen
@@ -153,6 +153,6 @@ def test_places_are_in_the_unit_of_the_scene_have_covariances_and_their_losses_a
     for unit, code in (("m", ExitCode.LOSSY), ("ft", ExitCode.BAD_INPUT)):
         lost = Provenance("track", inputs=(("b", "0" * 64),), losses=(Loss("b.mp4", "frame 3", "gone"),))
         write_table(tmp_path / "near.parquet", tracks(), lost, overwrite=True, length_unit=unit)
-        args = ["detect", walk, "--near", str(tmp_path / "near.parquet"), "-o", found, "--overwrite"]
+        args = ["detect", walk, "--track-feedback", str(tmp_path / "near.parquet"), "-o", found, "--overwrite"]
         assert run(args) == code
         assert ("frame 3: gone" if unit == "m" else "lengths are in ft") in capsys.readouterr().err

@@ -59,7 +59,7 @@ def detect(folder: Path, output: Path, *args: str, source: str = "room.mcap", mo
 
 
 def embed(folder: Path) -> list[str]:
-    return ["--embed", str(folder / "reid.onnx"), "--embed-pixels", "unit"]
+    return ["--embed", str(folder / "reid.onnx"), "--embed-pixel-scaling", "unit"]
 
 
 def test_people_are_found_where_they_are(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -197,10 +197,13 @@ def test_views_of_a_network_become_tracks_of_everybody(folder: Path, tmp_path: P
         (["--fuse"], "--fuse is an option of --method em, outlines, components, not of --onnx MODEL"),
         (["--method", "em"], "--method is an option of --method em, outlines, components, not of --onnx MODEL"),
         (
-            ["--fuse-sigma", "0.1"],
-            "--fuse-sigma is an option of --method em, outlines, components, not of --onnx MODEL",
+            ["--fuse-sigma-prediction", "0.1"],
+            "--fuse-sigma-prediction is an option of --method em, outlines, components, not of --onnx MODEL",
         ),
-        (["--no-learn"], "--no-learn is an option of --method em, outlines, components, not of --onnx MODEL"),
+        (
+            ["--no-learn-background"],
+            "--no-learn-background is an option of --method em, outlines, components, not of --onnx MODEL",
+        ),
         (["--class", "persn"], "did you mean 'person'"),
         (["--cameras", "c"], "no images of camera 'c'"),
         (["--embed-size", "64"], "go with --embed; add it"),

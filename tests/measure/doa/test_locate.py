@@ -89,7 +89,7 @@ def test_as_many_peaks_are_given_as_are_asked_for() -> None:
 def test_directions_that_are_not_allowed_are_no_peaks() -> None:
     grid = flat_grid()
     grid.allowed[0, 12] = False
-    config = DoaConfig(sources=0)
+    config = DoaConfig(max_sources=0)
     assert peaks(chart(c3=0.8, c12=1.0), grid, config) == [(0, 3)]
 
 

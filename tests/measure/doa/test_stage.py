@@ -85,7 +85,7 @@ def test_several_sources_at_once_and_their_number() -> None:
     array = MicrophoneArray("mic", np.zeros(3), microphones=big, planar=True)
     sound = sum(wave(rng, big, direction(np.array(a), np.array(0.0)), RATE) for a in (-1.5, 1.0))
     for sources, expected in ((1, 1), (2, 2), (0, 2)):
-        found = heard(sound, array, replace(COARSE, sources=sources, grid_deg=3.0))
+        found = heard(sound, array, replace(COARSE, max_sources=sources, grid_deg=3.0))
         assert len(found) == 2 * expected
         if expected == 2:
             near = np.minimum(np.abs(off(found.azimuth, -1.5)), np.abs(off(found.azimuth, 1.0)))
@@ -104,14 +104,14 @@ def test_silence_and_noise_give_no_rows() -> None:
 
 
 def test_speech_in_noise_above_its_level_only() -> None:
-    """Half a second of sound in four: with --above only its frames are heard, at their times."""
+    """Half a second of sound in four: with --min-snr only its frames are heard, at their times."""
     rng = np.random.default_rng(8)
     array = MicrophoneArray("mic", np.zeros(3), microphones=SQUARE, planar=True)
     u = direction(np.array(0.5), np.array(0.0))
     hum = wave(rng, SQUARE, direction(np.array(-2.0), np.array(0.0)), 2 * RATE) * 0.03
     hum[RATE : RATE + RATE // 2] += wave(rng, SQUARE, u, RATE // 2)
     start = 1_700_000_000_123_456_789
-    found = heard(hum, array, replace(COARSE, above_db=10.0), start)
+    found = heard(hum, array, replace(COARSE, min_snr_db=10.0), start)
     assert (found.t_ns - start).tolist() == [1_250_000_000]
     assert len(heard(hum, array, COARSE)) == 4
 
@@ -164,7 +164,7 @@ def test_arrays_and_settings_that_cannot_be() -> None:
     with pytest.raises(UsageError, match="take a wider band"):
         heard(sound, array, replace(COARSE, low_hz=9000.0, high_hz=9500.0))
     with pytest.raises(UsageError, match="finds fewer than there are microphones"):
-        heard(sound, array, replace(COARSE, algorithm="music", sources=4))
+        heard(sound, array, replace(COARSE, algorithm="music", max_sources=4))
     with pytest.raises(UsageError, match="give the speed of sound"):
         list(estimate_directions([sound], RATE, array, "unit", COARSE, 0, DoaTally()))
     for wrong in ({"low_hz": 5000.0}, {"frame_s": 0.01}, {"sources": 0, "algorithm": "music"}, {"grid_deg": 0.01}):

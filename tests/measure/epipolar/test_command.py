@@ -228,7 +228,11 @@ FLOOR = room_points(np.random.default_rng(5), 60) * [1, 1, 0]
         (["--matches", "scene.csv", "--fundamental", "scene.csv", "-o", "x.json"], ExitCode.USAGE, "give one"),
         (["--scene", "scene.yaml", "-o", "x.mcap"], ExitCode.USAGE, "name the one that is to hold"),
         (["--scene", "scene.yaml", "-o", "x.json", "--cameras", "a,z"], ExitCode.USAGE, "names no pair of views"),
-        (["--matches", "scene.csv", "-o", "x.json", "--threshold", "inf"], ExitCode.USAGE, "'--threshold': inf is not"),
+        (
+            ["--matches", "scene.csv", "-o", "x.json", "--inlier-threshold", "inf"],
+            ExitCode.USAGE,
+            "'--inlier-threshold': inf is not",
+        ),
         (["--matches", "none.csv", "-o", "x.json"], ExitCode.BAD_INPUT, "none.csv"),
         (["--matches", "scene.yaml", "-o", "x.json"], ExitCode.BAD_INPUT, "scene.yaml: line"),
         (

@@ -27,7 +27,7 @@ def recording(tmp_path_factory):
     """A simulated recording with misses and false reports, in a room of units."""
     folder = tmp_path_factory.mktemp("fuse")
     (folder / "scene.yaml").write_text(scene_to_yaml(room100(pillar=False)))
-    options = ["--steps", "40", "--miss", "0.2", "--false-alarm", "0.1", "--seed", "4", "-q"]
+    options = ["--steps", "40", "--miss-probability", "0.2", "--false-alarm-probability", "0.1", "--seed", "4", "-q"]
     assert run(["simulate", str(folder / "scene.yaml"), "-o", str(folder / "walk.mcap"), *options]) == ExitCode.DONE
     return folder / "walk.mcap"
 
@@ -36,9 +36,12 @@ def test_detect_and_fuse_do_the_same(recording, tmp_path, capsys):
     one, two, plain = tmp_path / "one.parquet", tmp_path / "two.parquet", tmp_path / "plain.parquet"
     assert run(["detect", str(recording), "-o", str(plain), "-q"]) == ExitCode.DONE
     capsys.readouterr()
-    assert run(["detect", str(recording), "-o", str(one), "--fuse", "--p-false", "0.1", "--json"]) == ExitCode.DONE
+    assert (
+        run(["detect", str(recording), "-o", str(one), "--fuse", "--false-alarm-probability", "0.1", "--json"])
+        == ExitCode.DONE
+    )
     fusion = json.loads(capsys.readouterr().out)["fusion"]
-    fuse = ["fuse", str(plain), "--scene", str(recording), "-o", str(two), "--p-false", "0.1", "--json"]
+    fuse = ["fuse", str(plain), "--scene", str(recording), "-o", str(two), "--false-alarm-probability", "0.1", "--json"]
     assert run(fuse) == ExitCode.DONE
     summary = json.loads(capsys.readouterr().out)
     a, b = read_table(one, Bearings), read_table(two, Bearings)
@@ -61,7 +64,17 @@ def test_a_camera_that_is_turned_has_its_detections_removed_and_is_named(tmp_pat
     """Clean rooms and false detections as they are stated; then the camera that sees most, turned."""
     (tmp_path / "scene.yaml").write_text(scene_to_yaml(room100(pillar=False)))
     walk, turned, fused = tmp_path / "walk.mcap", tmp_path / "turned.parquet", tmp_path / "fused.parquet"
-    options = ["--steps", "150", "--miss", "0.1", "--false-alarm", "0.1", "--seed", str(seed), "-q"]
+    options = [
+        "--steps",
+        "150",
+        "--miss-probability",
+        "0.1",
+        "--false-alarm-probability",
+        "0.1",
+        "--seed",
+        str(seed),
+        "-q",
+    ]
     assert run(["simulate", str(tmp_path / "scene.yaml"), "-o", str(walk), *options]) == ExitCode.DONE
     assert run(["detect", str(walk), "-o", str(turned), "-q"]) == ExitCode.DONE
     rows = read_table(turned, Bearings)
@@ -107,9 +120,9 @@ def test_bad_input_is_one_line(recording, tmp_path, capsys):
     assert "1 camera with a pose; fusion needs at least two" in line(capsys)
     assert run(["detect", str(recording), "--scene", str(lone), "-o", out, "--fuse"]) == ExitCode.BAD_INPUT
     assert "fusion needs at least two" in line(capsys)
-    assert run(["detect", str(recording), "-o", out, "--p-miss", "0.1"]) == ExitCode.USAGE
-    assert "--p-miss is an option of the fusion; add --fuse" in line(capsys)
-    assert run(["fuse", str(recording), "-o", out, "--p-false", "0"]) == ExitCode.USAGE
+    assert run(["detect", str(recording), "-o", out, "--miss-probability", "0.1"]) == ExitCode.USAGE
+    assert "--miss-probability is an option of the fusion; add --fuse" in line(capsys)
+    assert run(["fuse", str(recording), "-o", out, "--false-alarm-probability", "0"]) == ExitCode.USAGE
     assert run(["fuse", str(recording), "-o", out, "--fused-views", out + "v"]) == ExitCode.USAGE
     assert "--fused-views requires the views" in line(capsys)
     assert run(["fuse", str(tmp_path / "no.parquet"), "--scene", str(recording), "-o", out]) == ExitCode.BAD_INPUT

@@ -82,7 +82,7 @@ def test_without_detections_nothing_is_declared_and_no_place_is_told() -> None:
 
 
 def test_a_prediction_is_dropped_after_hold_moments_without_a_declaration() -> None:
-    config = replace(CONFIG, hold=3)
+    config = replace(CONFIG, max_coasting_steps=3)
     assert decision(confirmed(absent=1), sight([]), config).memory.motion is not None
     assert decision(confirmed(absent=2), sight([]), config).memory == ObjectMemory()
 
@@ -122,6 +122,6 @@ def test_of_lines_that_do_not_meet_the_nearest_to_the_prediction_agrees() -> Non
     two = sight([0, 2])  # opposite corners: the lines are nearly parallel to each other
     azimuth = two.azimuth + np.array([0.02, 0.0])
     motion = confirmed().motion
-    narrow = replace(CONFIG, min_crossing_deg=45.0)
+    narrow = replace(CONFIG, min_triangulation_angle_deg=45.0)
     assert agreeing(two._replace(azimuth=azimuth), np.arange(2), motion, cameras(), narrow).tolist() == [1]
     assert agreeing(two, np.arange(2), None, cameras(), narrow).tolist() == []

@@ -162,7 +162,7 @@ def test_a_prediction_is_dropped_after_some_times_without_a_declaration_and_a_ne
     where = scene(3)
     rows = [row for step in range(met) for row in look(step, where, PLACE)]
     rows += [row for step in range(met, met + 5) for row in look(step, where, FAR, missed="c")]
-    after = fused(table(rows, where), where, replace(FuseConfig.in_unit("m"), hold=3))
+    after = fused(table(rows, where), where, replace(FuseConfig.in_unit("m"), max_coasting_steps=3))
     declared = [of_step(after, step)["c"] == BACK for step in range(met, met + 5)]
     assert declared == [False] * held + [True] * (5 - held)
 
@@ -170,7 +170,9 @@ def test_a_prediction_is_dropped_after_some_times_without_a_declaration_and_a_ne
 def test_cameras_that_face_each_other_support_each_other_without_a_place():
     where = scene()
     after = fused(
-        table(look(0, where, (4.0, 6.0), missed="ac"), where), where, replace(FuseConfig.in_unit("m"), p_false=0.05)
+        table(look(0, where, (4.0, 6.0), missed="ac"), where),
+        where,
+        replace(FuseConfig.in_unit("m"), false_alarm_probability=0.05),
     )
     assert of_step(after, 0) == {"a": NOTHING, "b": HIT, "c": NOTHING, "d": HIT}
 
@@ -344,7 +346,9 @@ def test_chances_of_a_camera_come_from_the_scene():
     assert set(of_step(fused(rows, where), 0).values()) == {GONE, NOTHING}
     sure = replace(where, cameras=tuple(replace(c, false_alarm=0.01) for c in where.cameras))
     assert set(of_step(fused(rows, sure), 0).values()) == {HIT, BACK}
-    assert set(of_step(fused(rows, where, replace(FuseConfig.in_unit("m"), p_false=0.05)), 0).values()) == {HIT, BACK}
+    assert set(
+        of_step(fused(rows, where, replace(FuseConfig.in_unit("m"), false_alarm_probability=0.05)), 0).values()
+    ) == {HIT, BACK}
     keen = replace(where, cameras=tuple(replace(c, detection=0.999) for c in where.cameras))
     assert set(of_step(fused(rows, keen), 0).values()) == {GONE, NOTHING}
 

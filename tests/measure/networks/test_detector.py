@@ -176,7 +176,7 @@ def test_vectors_are_of_length_1_and_of_what_is_in_the_boxes(tmp_path: Path, run
     boxes = np.array([[0.5, 0.5, 10.5, 30.5], [25.5, 0.5, 35.5, 30.5], [19.5, 0.5, 39.5, 30.5]])
     for shape in (("n", 3, 16, 8), (1, 3, 16, 8), (2, 3, 16, 8)):
         path = mean_network(tmp_path / "reid.onnx", image=shape)
-        embedder = open_embedder(path, NetworkConfig(runtime=runtime, embed_pixels="unit"), 1)
+        embedder = open_embedder(path, NetworkConfig(runtime=runtime, embed_pixel_scaling="unit"), 1)
         found = embedder.vectors(image, boxes)
         assert_allclose(np.linalg.norm(found, axis=1), 1.0, rtol=1e-6)
         assert_allclose(found[0] * 12**0.5, np.repeat([1.0, -1.0, -1.0], 4), rtol=1e-6)

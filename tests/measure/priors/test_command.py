@@ -22,9 +22,9 @@ SCENE = """
 occlog_scene: 1
 room: [[0, 0], [8, 0], [8, 6], [0, 6]]
 cameras:
-- {name: a, position: [0, 0], yaw_deg: 40, focal_px: 300, fov_deg: 100, noise: {read_px: 2}}
-- {name: b, position: [8, 0], yaw_deg: 140, focal_px: 300, fov_deg: 100, noise: {read_px: 2}}
-- {name: c, position: [4, 6], yaw_deg: 270, focal_px: 300, fov_deg: 140, noise: {read_px: 2}}
+- {name: a, position: [0, 0], yaw_deg: 40, focal_px: 300, fov_deg: 100, noise: {measurement_noise_px: 2}}
+- {name: b, position: [8, 0], yaw_deg: 140, focal_px: 300, fov_deg: 100, noise: {measurement_noise_px: 2}}
+- {name: c, position: [4, 6], yaw_deg: 270, focal_px: 300, fov_deg: 140, noise: {measurement_noise_px: 2}}
 microphone_arrays:
 - {name: m0, position: [1, 1, 1]}
 - {name: m1, position: [7, 1, 1]}
@@ -91,7 +91,7 @@ def last_json(capsys) -> dict:
 
 def test_kalman_of_a_recording(recording, tmp_path, capsys) -> None:
     out = tmp_path / "o.parquet"
-    args = ["priors", "kalman", str(recording), "-o", str(out), "--sigma", "0.4", "--seed", "5", "--json"]
+    args = ["priors", "kalman", str(recording), "-o", str(out), "--measurement-noise", "0.4", "--seed", "5", "--json"]
     assert run(args) == ExitCode.DONE
     summary = last_json(capsys)
     table = read_table(out, Occluders)
@@ -102,7 +102,7 @@ def test_kalman_of_a_recording(recording, tmp_path, capsys) -> None:
     assert (made.command, made.seed, made.parameters["sigma"]) == ("priors", 5, 0.4)
     assert describe(out)["length_unit"] == "m"
     again = tmp_path / "again.parquet"
-    assert run(["priors", "kalman", str(recording), "-o", str(again), "--sigma", "0.4", "--seed", "5"]) == 0
+    assert run(["priors", "kalman", str(recording), "-o", str(again), "--measurement-noise", "0.4", "--seed", "5"]) == 0
     assert np.array_equal(read_table(again, Occluders).x, table.x)
 
 
@@ -138,13 +138,13 @@ def test_kalman_of_measured_positions_and_tracks(tmp_path, capsys) -> None:
     )
     write_table(tmp_path / "tracks.parquet", tracks, Provenance("track"))
     base = ["priors", "kalman", "--json", "--measured", "--overwrite", "-o", str(tmp_path / "o.parquet")]
-    assert run([*base, str(tmp_path / "badges.parquet"), "--sigma", "0.2"]) == 0
+    assert run([*base, str(tmp_path / "badges.parquet"), "--measurement-noise", "0.2"]) == 0
     assert not read_table(tmp_path / "o.parquet", Occluders).x.any()  # no noise was added
     assert run([*base, str(tmp_path / "tracks.parquet")]) == 0
     assert read_table(tmp_path / "o.parquet", Occluders).cov_xx[0] == 1.0
     capsys.readouterr()
-    assert run([*base, str(tmp_path / "badges.parquet"), "--sigma", "0"]) == ExitCode.USAGE
-    assert "--sigma above 0" in capsys.readouterr().err
+    assert run([*base, str(tmp_path / "badges.parquet"), "--measurement-noise", "0"]) == ExitCode.USAGE
+    assert "--measurement-noise above 0" in capsys.readouterr().err
     base.remove("--measured")
     assert run([*base, str(tmp_path / "tracks.parquet")]) == ExitCode.USAGE
     assert "add --measured" in capsys.readouterr().err
@@ -207,7 +207,7 @@ def test_acoustic_of_a_recording(recording, tmp_path, capsys) -> None:
         (["hull", "room.yaml", "--scene", "room.yaml"], ExitCode.BAD_INPUT, "room.yaml"),
         (["kalman", "views.parquet"], ExitCode.BAD_INPUT, "views.parquet"),
         (["acoustic", "views.parquet", "--scene", "room.yaml"], ExitCode.BAD_INPUT, "views.parquet"),
-        (["hull", "views.parquet", "--scene", "room.yaml", "--dilate", "nan"], None, "dilate"),
+        (["hull", "views.parquet", "--scene", "room.yaml", "--dilation", "nan"], None, "dilate"),
     ],
 )
 def test_bad_input_is_one_line(folder, monkeypatch, capsys, args, code, message) -> None:

@@ -118,7 +118,7 @@ def positions(rows) -> Truth:
 
 
 def test_occluders_measured_at_other_times_are_predicted() -> None:
-    config = PositionPriorConfig(sigma=0.1, q=0.1, silence_s=2.0)
+    config = PositionPriorConfig(measurement_noise=0.1, process_noise_velocity=0.1, max_coasting_s=2.0)
     rows = [(0, 0, 0.0), (1, 0, 1.0), (1, 1, 9.0), (2, 0, 2.0), (3, 1, 9.0), (6, 1, 9.0)]
     table = Occluders.concat(kalman_priors([positions(rows)], config))
     seen = [(t // S, k) for t, k in zip(table.t_ns.tolist(), table.occluder_id.tolist(), strict=True)]
@@ -141,9 +141,11 @@ def test_tracks_bring_their_own_covariance() -> None:
         cov_xy=zero,
         cov_yy=one,
     )
-    table = Occluders.concat(kalman_priors([tracks], PositionPriorConfig(sigma=0.0, q=1.0)))
+    table = Occluders.concat(
+        kalman_priors([tracks], PositionPriorConfig(measurement_noise=0.0, process_noise_velocity=1.0))
+    )
     assert (table.cov_xx[0], table.cov_yy[0]) == pytest.approx((4.0, 1.0))
-    assert not len(Occluders.concat(kalman_priors([tracks], PositionPriorConfig(sigma=1.0), without=[0])))
+    assert not len(Occluders.concat(kalman_priors([tracks], PositionPriorConfig(measurement_noise=1.0), without=[0])))
 
 
 def test_bad_positions_are_named() -> None:
@@ -152,7 +154,7 @@ def test_bad_positions_are_named() -> None:
     with pytest.raises(InputError, match="sort"):
         list(kalman_priors([positions([(5, 1, 0.0)]), positions([(1, 1, 1.0)])], PositionPriorConfig()))
     with pytest.raises(InputError, match="sigma is -1"):
-        PositionPriorConfig(sigma=-1.0)
+        PositionPriorConfig(measurement_noise=-1.0)
 
 
 def gaussians(times) -> Occluders:

@@ -94,7 +94,9 @@ def test_silence_and_bad_input() -> None:
     doa = recording(walking, 20, 3)
     quiet = doa.take((doa.t_ns < 10 * TENTH) | (doa.t_ns == 19 * TENTH))
     last = quiet.take(quiet.t_ns == 19 * TENTH)
-    table = Occluders.concat(acoustic_priors([quiet], scene(), replace(AcousticConfig.in_unit("m"), silence_s=0.5)))
+    table = Occluders.concat(
+        acoustic_priors([quiet], scene(), replace(AcousticConfig.in_unit("m"), max_coasting_s=0.5))
+    )
     assert table.occluder_id[table.t_ns == 19 * TENTH].tolist() == [-1]  # all are new
     with pytest.raises(UsageError, match="at least 2"):
         list(acoustic_priors([doa], scene(1), AcousticConfig()))

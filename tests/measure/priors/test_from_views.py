@@ -17,7 +17,7 @@ from occlog.records.tables import APPEARANCE_BINS, Bearings, Hulls, Occluders, V
 ROOM = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0]])
 PLACES = {"a": (0, 0, 39), "b": (10, 0, 141), "c": (10, 8, 219), "d": (0, 8, -39)}
 TENTH = 100_000_000
-CONFIG = replace(HullConfig.in_unit("m"), persist_s=0.0)
+CONFIG = replace(HullConfig.in_unit("m"), confirmation_time_s=0.0)
 
 
 def scene(names="abcd", pitch_deg: float = 0.0) -> Scene:
@@ -137,17 +137,17 @@ def test_target_is_left_out_and_hides_what_is_behind() -> None:
     target = (2.5, 2.0)  # in front of `behind` as seen from a
     people = (target, behind)
     views = views_of(place, people, target=0, missing={("a", 1)})
-    found = shapes(run([views], place, replace(CONFIG, misses=0))[0])
+    found = shapes(run([views], place, replace(CONFIG, max_missed_views=0))[0])
     assert len(found) == 1
     assert found[0].contains(shapely.Point(behind))
-    both = shapes(run([views], place, replace(CONFIG, misses=0, exclude_targets=False))[0])
+    both = shapes(run([views], place, replace(CONFIG, max_missed_views=0, exclude_targets=False))[0])
     assert any(s.contains(shapely.Point(target)) for s in both)
 
 
 def test_frames_without_anybody_count_only_if_told() -> None:
     place = scene()
     views = views_of(place, PEOPLE[:1], missing={("d", 0)})
-    strict = replace(CONFIG, misses=0)
+    strict = replace(CONFIG, max_missed_views=0)
     assert len(shapes(run([views], place, strict)[0])) == 1  # d may not have had a frame
     hulls, gaussians = run([views], place, strict, [frames_of(place, 0)])
     assert hulls.occluder_id.tolist() == gaussians.occluder_id.tolist() == [-1]
@@ -193,4 +193,4 @@ def test_bad_input_is_named() -> None:
     with pytest.raises(InputError, match="sort"):
         run([replace_times(views, np.full(len(views), 5)), views], place)
     with pytest.raises(InputError, match="dilate is -1"):
-        HullConfig(dilate=-1.0)
+        HullConfig(dilation=-1.0)

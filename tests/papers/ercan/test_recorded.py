@@ -110,7 +110,9 @@ def test_a_trial_depends_on_its_seeds_alone() -> None:
     assert found["rmse_occ"] == 0.0
     assert 0.0 <= found["hidden"] == np.mean(crowd.gone[recorded.bearings.seen])
     # Without priors "not seen" must say nothing, as in the paper; a filter told of misses would take it for one.
-    assert [settings_of(recorded, size, k).detection for k in ("none", "kalman", "known", CLEAR)] == [None] + [0.9] * 3
+    assert [settings_of(recorded, size, k).detection_probability for k in ("none", "kalman", "known", CLEAR)] == [
+        None
+    ] + [0.9] * 3
     clear = trial(recorded, crowd, CLEAR, recorded.cameras, size, 0)
     assert clear["hidden"] == 0.0
     assert clear["rmse"] < 3.0  # four cameras of 2 px and f = 70 px, in a room of 100 by 100

@@ -14,8 +14,8 @@ SCENE = """
 occlog_scene: 1
 room: [[0, 0], [8, 0], [8, 6], [0, 6]]
 cameras:
-- {name: a, position: [0, 0], yaw_deg: 40, focal_px: 300, fov_deg: 100, noise: {read_px: 2}}
-- {name: b, position: [8, 0], yaw_deg: 140, focal_px: 300, fov_deg: 100, noise: {read_px: 2}}
+- {name: a, position: [0, 0], yaw_deg: 40, focal_px: 300, fov_deg: 100, noise: {measurement_noise_px: 2}}
+- {name: b, position: [8, 0], yaw_deg: 140, focal_px: 300, fov_deg: 100, noise: {measurement_noise_px: 2}}
 """
 CONFIG = """
 occlog_run: 1

@@ -100,7 +100,9 @@ def simulated(seed: int) -> Case:
     place = cameras()
     world = WorldConfig(steps=50, targets=3, occluders=2, diameter=1.0)
     true = Truth.concat(simulate_truth(place, world, seed))
-    seen = Bearings.concat(observe(place, [true], ObserveConfig(diameter=1.0, miss=0.1, false_alarm=0.2), seed))
+    seen = Bearings.concat(
+        observe(place, [true], ObserveConfig(diameter=1.0, miss_probability=0.1, false_alarm_probability=0.2), seed)
+    )
     own, random = true.take(true.role == "target"), np.random.default_rng(seed)
     off = random.normal(0, 0.05, (2, len(own)))
     spread = {"cov_xx": np.full(len(own), 0.0025), "cov_xy": np.zeros(len(own)), "cov_yy": np.full(len(own), 0.0025)}

@@ -5,9 +5,12 @@ occlog_scene: 1
 length_unit: unit
 room: [[0, 0], [100, 0], [100, 100], [0, 100]]
 cameras:
-- {name: a, position: [0, 0], yaw_deg: 45, focal_px: 70, fov_deg: 90, noise: {position: 1, yaw: 0.01, read_px: 2}}
-- {name: b, position: [100, 0], yaw_deg: 135, focal_px: 70, fov_deg: 90, noise: {position: 1, yaw: 0.01, read_px: 2}}
-- {name: c, position: [0, 100], yaw_deg: 315, focal_px: 70, fov_deg: 90, noise: {position: 1, yaw: 0.01, read_px: 2}}
+- {name: a, position: [0, 0], yaw_deg: 45, focal_px: 70, fov_deg: 90, noise: {position: 1, yaw: 0.01,
+measurement_noise_px: 2}}
+- {name: b, position: [100, 0], yaw_deg: 135, focal_px: 70, fov_deg: 90, noise: {position: 1, yaw: 0.01,
+measurement_noise_px: 2}}
+- {name: c, position: [0, 100], yaw_deg: 315, focal_px: 70, fov_deg: 90, noise: {position: 1, yaw: 0.01,
+measurement_noise_px: 2}}
 """
 
 

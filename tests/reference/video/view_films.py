@@ -20,7 +20,7 @@ from occlog.track.methods.images.methods.state import initial_state
 from occlog.track.methods.images.methods.step import advance, initiate_trackers
 
 PERIOD_NS = 40_000_000
-SMALL = BallsConfig(frames=40, width=120, height=90, balls=3, radius=9.0, speed=2.0, clutter=2)
+SMALL = BallsConfig(frames=40, width=120, height=90, balls=3, radius=9.0, ball_speed=2.0, background_clutter=2)
 
 
 @lru_cache(maxsize=8)

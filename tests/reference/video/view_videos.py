@@ -18,7 +18,7 @@ from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import ball_cameras
 from occlog.simulate.balls.video import BallsFrame, balls_boxes, balls_scene, render_balls
 
-SMALL = BallsConfig(frames=16, width=160, height=120, balls=3, radius=11.0, speed=2.0)
+SMALL = BallsConfig(frames=16, width=160, height=120, balls=3, radius=11.0, ball_speed=2.0)
 STEP_NS = 40_000_000
 START_NS = 1_600_000_000_000_000_000
 

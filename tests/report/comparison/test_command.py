@@ -29,7 +29,7 @@ SCENE = """
 occlog_scene: 1
 room: [[-1, -1], [9, -1], [9, 9], [-1, 9]]
 cameras:
-  - {name: east, position: [0, 4], yaw_deg: 0, focal_px: 100, fov_deg: 90, noise: {read_px: 1}}
+  - {name: east, position: [0, 4], yaw_deg: 0, focal_px: 100, fov_deg: 90, noise: {measurement_noise_px: 1}}
 """
 
 
@@ -201,7 +201,11 @@ def test_a_run_that_is_on_nobody_is_told_so(runs: tuple[Path, Path], tmp_path: P
 
 def test_settings_change_what_counts(tmp_path: Path, capsys: Any) -> None:
     a, b = write_run(tmp_path / "a", tracks()), write_run(tmp_path / "b", tracks(60, moved(0, 20, 29, 0.6)))
-    for more, kind in (((), "apart"), (("--tolerance", "0.7"), None), (("--match-distance", "0.55"), "a alone")):
+    for more, kind in (
+        ((), "apart"),
+        (("--divergence-distance", "0.7"), None),
+        (("--match-distance", "0.55"), "a alone"),
+    ):
         assert report(a, b, "-o", tmp_path / "x.html", "--overwrite", "--json", *more) == ExitCode.DONE
         first = json.loads(capsys.readouterr().out).get("first_parting")
         assert (None if first is None else first["kind"]) == kind
@@ -222,7 +226,7 @@ def test_settings_change_what_counts(tmp_path: Path, capsys: Any) -> None:
         (["own", "own"], ExitCode.USAGE, "give match_distance"),
         (["a", "later", "--bearings", "a/tracks.parquet"], ExitCode.USAGE, "--bearings is an option of a page"),
         (["a", "later", "--png", "x.png"], ExitCode.USAGE, "--png: of two runs there is a page alone"),
-        (["a", "later", "--tolerance", "0"], ExitCode.USAGE, "0.0"),
+        (["a", "later", "--divergence-distance", "0"], ExitCode.USAGE, "0.0"),
         (["a", "later", "third"], ExitCode.USAGE, "third"),
         (["a", "later", "--truth", "a/tracks.parquet"], ExitCode.BAD_INPUT, "holds tracks"),
     ],
@@ -257,7 +261,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 def test_a_unit_of_its_own_wants_both_lengths(tmp_path: Path) -> None:
     folder = write_run(tmp_path / "own", tracks())
     write_table(folder / "tracks.parquet", tracks(), Provenance("track"), length_unit="paces", overwrite=True)
-    given = ("--match-distance", "1", "--tolerance", "0.5")
+    given = ("--match-distance", "1", "--divergence-distance", "0.5")
     assert report(folder, folder, "-o", tmp_path / "x.html", "-q", *given) == ExitCode.DONE
     assert report(folder, folder, "-o", tmp_path / "y.html", "-q", *given[:2]) == ExitCode.USAGE
 

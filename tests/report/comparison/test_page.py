@@ -25,7 +25,7 @@ from occlog.report.content.model import ReportInput
 from occlog.report.replay.steps import KINDS, MISSING
 
 EVIL = "</script><script>window.evil=1</script>\"'><img src=x onerror=window.evil=2>"
-CONFIG = RunComparisonConfig(match_distance=1.0, tolerance=0.5)
+CONFIG = RunComparisonConfig(match_distance=1.0, divergence_distance=0.5)
 
 
 def beside(

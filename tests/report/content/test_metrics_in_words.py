@@ -86,7 +86,7 @@ def test_settled_figures_stand_apart() -> None:
 
 def test_there_is_a_word_for_everything_that_evaluate_says() -> None:
     data = run(steps=120, targets=2, cameras=3)
-    config = EvaluateConfig(held_out=("camera 2",), lines_limit=1.0, skip_s=2.0)
+    config = EvaluateConfig(held_out=("camera 2",), triangulation_tolerance=1.0, settling_s=2.0)
     found = evaluate(data.tracks, data.truth, data.bearings, data.scene, config)
     titles = [g.title for g in groups(found.metrics, "m")]
     assert "Other figures" not in titles

@@ -68,7 +68,19 @@ def test_the_same_bytes_for_any_number_of_workers(tmp_path: Path) -> None:
 
 def test_variants_are_as_asked(tmp_path: Path) -> None:
     out = tmp_path / "v.mcap"
-    args = ["--grey", "--collide", "--distance", "300", "--fps", "10", "--overlap", "--clutter", "0", "--spin", "0"]
+    args = [
+        "--grey",
+        "--collide",
+        "--distance",
+        "300",
+        "--fps",
+        "10",
+        "--overlapping",
+        "--background-clutter",
+        "0",
+        "--spin",
+        "0",
+    ]
     assert simulate(out, *SMALL, *args, "--ball-speed", "1", "--image-noise", "0") == ExitCode.DONE
     recording = open_recording(out)
     image = next(iter(recording.frames())).decode()
@@ -82,7 +94,7 @@ def test_variants_are_as_asked(tmp_path: Path) -> None:
 
 def test_balls_that_hide_one_another_keep_their_boxes(tmp_path: Path) -> None:
     out = tmp_path / "h.mcap"
-    args = ["--frames", "20", "--size", "64x48", "--balls", "8", "--radius", "8", "--overlap"]
+    args = ["--frames", "20", "--size", "64x48", "--balls", "8", "--radius", "8", "--overlapping"]
     assert simulate(out, *args) == ExitCode.DONE
     boxes = open_recording(out).read(TruthBoxes)
     assert len(boxes) == 20 * 2 * 8
@@ -126,8 +138,11 @@ def test_options_that_do_not_belong_together(
             ["--balls", "30", "--size", "64x48", "--radius", "8"],
             "take fewer or smaller ones, or let them overlap initially",
         ),
-        (["--balls", "100000", "--overlap", "--collide"], "as balls that collide must; take fewer or smaller ones\n"),
-        (["--balls", "100000", "--overlap"], "; take fewer\n"),
+        (
+            ["--balls", "100000", "--overlapping", "--collide"],
+            "as balls that collide must; take fewer or smaller ones\n",
+        ),
+        (["--balls", "100000", "--overlapping"], "; take fewer\n"),
         (["--distance", "100"], "--distance 100: must be above 648, outside the box"),
         (["--fps", "nan"], "nan is not a finite number"),
         (["--fps", "1e12"], "is not in the range"),

@@ -12,8 +12,8 @@ from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import BallPaths, ball_box, ball_cameras, ball_ellipses, ball_paths
 from occlog.simulate.balls.video import FOOTBALL, football_faces, render_balls
 
-SMALL = BallsConfig(frames=3, width=64, height=48, radius=6.0, balls=3, clutter=2)
-PLAIN = replace(SMALL, noise=0.0, colour_noise=0.0, clutter=0)
+SMALL = BallsConfig(frames=3, width=64, height=48, radius=6.0, balls=3, background_clutter=2)
+PLAIN = replace(SMALL, noise=0.0, colour_noise=0.0, background_clutter=0)
 
 
 def squared_distances(e, points):
@@ -70,7 +70,7 @@ def test_balls_stay_in_the_box_and_in_every_image(views, distance):
 
 
 def test_ways_are_straight_but_for_the_walls():
-    config = BallsConfig(frames=300, speed=4.0)
+    config = BallsConfig(frames=300, ball_speed=4.0)
     centres = ball_paths(config, 3).centres
     step = np.diff(centres, axis=0)
     place, v = centres[0] - [0, 0, 120], step[0].copy()
@@ -87,8 +87,8 @@ def test_ways_are_straight_but_for_the_walls():
 
 @pytest.mark.parametrize("motion", ["walk", "manoeuvre"])
 def test_motions_of_one_seed_start_alike_stay_in_the_box_and_step_as_told(motion):
-    config = BallsConfig(frames=400, motion=motion)
-    paths, straight = ball_paths(config, 3), ball_paths(replace(config, motion="straight"), 3)
+    config = BallsConfig(frames=400, ball_motion=motion)
+    paths, straight = ball_paths(config, 3), ball_paths(replace(config, ball_motion="straight"), 3)
     np.testing.assert_array_equal(paths.centres[0], straight.centres[0])
     np.testing.assert_array_equal(paths.turns, straight.turns)
     reach = ball_box(config) - 22.0
@@ -107,7 +107,7 @@ def test_motions_of_one_seed_start_alike_stay_in_the_box_and_step_as_told(motion
 
 def test_a_video_of_one_frame_has_every_motion():
     for motion in ("straight", "walk", "manoeuvre"):
-        assert ball_paths(BallsConfig(frames=1, motion=motion), 1).centres.shape == (1, 6, 3)
+        assert ball_paths(BallsConfig(frames=1, ball_motion=motion), 1).centres.shape == (1, 6, 3)
 
 
 def test_balls_that_collide_fly_straight_on():
@@ -116,7 +116,7 @@ def test_balls_that_collide_fly_straight_on():
 
 
 def test_balls_that_collide_keep_their_energy_and_stay_apart():
-    config = BallsConfig(frames=400, collide=True, speed=4.0)
+    config = BallsConfig(frames=400, collide=True, ball_speed=4.0)
     centres = ball_paths(config, 2).centres
     gaps = np.linalg.norm(centres[:, :, None] - centres[:, None], axis=-1)[:, *np.triu_indices(6, 1)]
     assert gaps.min() > 0.9 * 44.0
@@ -185,7 +185,7 @@ def test_frames_do_not_depend_on_the_number_of_workers():
 def test_noise_and_seeds():
     one, two = list(render_balls(replace(SMALL, frames=2), 1)), list(render_balls(replace(SMALL, frames=2), 2))
     assert not np.array_equal(one[0].images[0], two[0].images[0])
-    still = replace(SMALL, frames=2, speed=0.0, spin=0.0)
+    still = replace(SMALL, frames=2, ball_speed=0.0, spin=0.0)
     quiet = next(render_balls(replace(still, noise=0.0, colour_noise=0.0), 1))
     noisy = list(render_balls(still, 1))
     assert not np.array_equal(noisy[0].images[0], noisy[1].images[0])

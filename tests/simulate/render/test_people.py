@@ -156,7 +156,7 @@ def test_hidden_bodies_have_boxes_when_asked():
     behind_pillar = (7.5, 0.3 + (2.25 - 0.3) / (4.25 - 0.2) * 7.3)
     truth = still((2.0, 1.8), behind_pillar, (0.1, 5.9))
     (usual,) = frames_of(scene(cam), truth)
-    (r,) = frames_of(scene(cam), truth, dataclasses.replace(QUIET, min_visible=0.0))
+    (r,) = frames_of(scene(cam), truth, dataclasses.replace(QUIET, min_visibility=0.0))
     assert (r.image == usual.image).all()
     assert usual.boxes.target_id.tolist() == [0]
     assert r.boxes.target_id.tolist() == [0, 1]  # the third is outside the image
@@ -169,7 +169,7 @@ def test_hidden_bodies_have_boxes_when_asked():
 
 def test_targets_may_all_look_alike():
     cam, seed = camera(size=(320, 240)), 5
-    config = dataclasses.replace(QUIET, alike=True)
+    config = dataclasses.replace(QUIET, identical_targets=True)
     truth = truth_of(np.array([[[2.2, 2.2], [3.4, 1.6]]]), targets=2)
     swapped = truth_of(np.array([[[3.4, 1.6], [2.2, 2.2]]]), targets=2)
     (one,), (other,) = (frames_of(scene(cam), t, config, seed) for t in (truth, swapped))
@@ -196,7 +196,7 @@ def test_targets_look_like_their_reference_and_others_do_not():
     assert models.sum(axis=1) == pytest.approx(1.0)
     like = {}
     for lookalike in (False, True):
-        (r,) = frames_of(scene(cam), truth, dataclasses.replace(QUIET, lookalike=lookalike), seed)
+        (r,) = frames_of(scene(cam), truth, dataclasses.replace(QUIET, identical_clothes=lookalike), seed)
         for i, k in enumerate(r.visible.target_id):
             left, top, w, h = (
                 int(np.rint(getattr(r.visible, c)[i] + 0.5 * (c[0] in "lt")))

@@ -54,7 +54,7 @@ def test_range_height_unknown_and_silence_of_occluders():
 
 def test_misses_rates_and_order():
     places = np.tile([[10.0, 5.0, 1.0], [0.0, 5.5, 1.0], [5.0, 0.0, 1.0]], (1001, 1, 1))
-    got = heard(places, ObserveConfig(miss=0.25), n_targets=3)
+    got = heard(places, ObserveConfig(miss_probability=0.25), n_targets=3)
     assert abs(len(got) / 3003 - 0.75) < 4 * np.sqrt(0.1875 / 3003)
     assert all((np.diff(got.azimuth[got.t_ns == t]) >= 0).all() for t in np.unique(got.t_ns)[:100])
     slow = MicrophoneArray("slow", ARRAY.position, rate_hz=0.25)

@@ -97,7 +97,7 @@ def test_calibration_errors_stay_and_have_the_stated_size():
     place, n = np.array([30.0, 20.0]), 50
     cams = tuple(camera(f"c{i}") for i in range(500))
     scene = Scene(cameras=cams, length_unit="unit")
-    got = seen_by(scene, np.tile(place, (n, 1, 1)), ObserveConfig(noise="calibration"))
+    got = seen_by(scene, np.tile(place, (n, 1, 1)), ObserveConfig(pose_noise="calibration"))
     z = -got.u_px.reshape(n, 500)
     h, d = planar_offsets(place[None], cams[0].ground, cams[0].yaw)
     fixed = noise_variance(h, d, 70.0, 1.0, 0.01, 0.0)[0]
@@ -138,10 +138,10 @@ def test_targets_hide_each_other_and_discs_can_be_switched_off():
 def test_misses_and_false_alarms_have_their_probability():
     n, scene = 4000, Scene(cameras=(camera(),), length_unit="unit")
     place = np.tile([40.0, 40.0], (n, 1, 1))
-    missed = ~seen_by(scene, place, ObserveConfig(miss=0.3)).seen
+    missed = ~seen_by(scene, place, ObserveConfig(miss_probability=0.3)).seen
     assert abs(missed.mean() - 0.3) < 4 * np.sqrt(0.21 / n)
     behind = -place
-    false = seen_by(scene, behind, ObserveConfig(false_alarm=0.2))
+    false = seen_by(scene, behind, ObserveConfig(false_alarm_probability=0.2))
     assert abs(false.seen.mean() - 0.2) < 4 * np.sqrt(0.16 / n)
     z = false.u_px[false.seen]
     assert np.abs(z).max() <= 70.0
@@ -151,7 +151,7 @@ def test_misses_and_false_alarms_have_their_probability():
 def test_chunks_do_not_change_what_is_measured():
     scene = Scene(cameras=(camera("a", rate_hz=1.7), camera("b")), room=ROOM, length_unit="unit")
     table = truth_of(random_places(3, 60, 4))
-    config = ObserveConfig(miss=0.1, false_alarm=0.1)
+    config = ObserveConfig(miss_probability=0.1, false_alarm_probability=0.1)
     whole = Bearings.concat(observe(scene, [table], config, 2))
     parts = [table.take(slice(0, 40)), table.take(slice(40, 44)), table.take(slice(44, None))]
     cut = Bearings.concat(observe(scene, parts, config, 2))
@@ -189,5 +189,5 @@ def test_impossible_values_are_told_by_observe(values, says):
 def test_a_cameras_own_probabilities_come_before_the_configuration():
     n, scene = 4000, Scene(cameras=(camera(detection=0.6, false_alarm=0.0),), length_unit="unit")
     place = np.tile([40.0, 40.0], (n, 1, 1))
-    seen = seen_by(scene, place, ObserveConfig(miss=0.0, false_alarm=1.0)).seen
+    seen = seen_by(scene, place, ObserveConfig(miss_probability=0.0, false_alarm_probability=1.0)).seen
     assert abs(seen.mean() - 0.6) < 4 * np.sqrt(0.24 / n)

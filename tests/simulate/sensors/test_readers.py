@@ -12,7 +12,7 @@ from occlog.records.tables import Reads
 from occlog.simulate.config import ReadConfig
 from occlog.simulate.sensors.stations import observe_readers
 
-SURE = ReadConfig(detection=1.0, stray=0.0, noise_db=0.0, shadow_db=0.0)
+SURE = ReadConfig(read_detection_probability=1.0, read_false_alarm_probability=0.0, noise_db=0.0, shadow_db=0.0)
 
 
 def grid(places: list[list[tuple[float, float, float]]], step_s: float = 1.0) -> TimeGrid:
@@ -48,7 +48,9 @@ def test_strength_falls_with_the_distance_in_space_and_begins_with_the_reader_s_
     np.testing.assert_allclose(usual.rssi, [-60.0, -60.0 - 20.0 * np.log10(5.0)])
     own = read(scene(power=-50.0), SURE, places)
     np.testing.assert_allclose(own.rssi, usual.rssi + 10.0)
-    steep = read(scene(), ReadConfig(detection=1.0, noise_db=0.0, shadow_db=0.0, exponent=3.0), places)
+    steep = read(
+        scene(), ReadConfig(read_detection_probability=1.0, noise_db=0.0, shadow_db=0.0, path_loss_exponent=3.0), places
+    )
     np.testing.assert_allclose(steep.rssi, [-60.0, -60.0 - 30.0 * np.log10(5.0)])
 
 
@@ -66,18 +68,22 @@ def test_a_tag_of_unknown_height_is_on_the_floor_and_one_that_is_not_there_is_no
 
 def test_weak_signals_are_not_read() -> None:
     places = grid([[(3.0, 0.0, -2.0), (0.0, 0.0, 1.0)]])
-    exactly = ReadConfig(detection=1.0, noise_db=0.0, shadow_db=0.0, weakest=-60.0)
+    exactly = ReadConfig(read_detection_probability=1.0, noise_db=0.0, shadow_db=0.0, min_rssi_dbm=-60.0)
     assert read(scene(), exactly, places).target_id.tolist() == [12]
 
 
 def test_reads_have_the_stated_probabilities_noise_and_shadowing() -> None:
     # One tag in range, one out of it, looked at every second.
     places = grid([[(1.0, 0.0, 2.0), (9.0, 0.0, 2.0)]] * 4000)
-    config = ReadConfig(detection=0.8, stray=0.1, noise_db=2.0, shadow_db=3.0, shadow_s=4.0)
+    config = ReadConfig(
+        read_detection_probability=0.8, read_false_alarm_probability=0.1, noise_db=2.0, shadow_db=3.0, shadow_s=4.0
+    )
     found = read(scene(range=3.0), config, places)
     shares = [np.mean(np.isin(places.t_ns, found.t_ns[found.target_id == n])) for n in (3, 12)]
     np.testing.assert_allclose(shares, [0.8, 0.1], atol=0.02)
-    sure = read(scene(range=3.0), ReadConfig(detection=1.0, noise_db=2.0, shadow_db=3.0, shadow_s=4.0), places)
+    sure = read(
+        scene(range=3.0), ReadConfig(read_detection_probability=1.0, noise_db=2.0, shadow_db=3.0, shadow_s=4.0), places
+    )
     level = sure.rssi[sure.target_id == 3] + 60.0
     assert np.var(level) == pytest.approx(2.0**2 + 3.0**2, rel=0.1)
     # White noise is not in the covariance of neighbours; shadowing falls by exp(-1 / 4) a second.
@@ -87,7 +93,7 @@ def test_reads_have_the_stated_probabilities_noise_and_shadowing() -> None:
 
 def test_chunks_do_not_change_what_is_read_and_a_rate_of_its_own_is_kept() -> None:
     places = grid([[(1.0 + 0.1 * k, 0.0, 2.0), (2.0, 0.0, 2.0)] for k in range(8)])
-    config = ReadConfig(detection=0.9)
+    config = ReadConfig(read_detection_probability=0.9)
     whole = read(scene(rate_hz=2.0), config, places, seed=5)
     assert set(np.diff(np.unique(whole.t_ns)).tolist()) <= {NS // 2, NS}
     parts = [places._replace(t_ns=places.t_ns[s], xyz=places.xyz[s]) for s in (slice(0, 3), slice(3, 8))]
@@ -100,7 +106,7 @@ def test_a_tag_that_comes_later_has_a_shadowing_of_its_own() -> None:
     both = grid([[(1.0, 0.0, 2.0), (1.0, 0.0, 2.0)]] * 6)
     alone = TimeGrid(both.t_ns[:3], both.ids[[0, 2]], both.target[[0, 2]], both.xyz[:3][:, [0, 2]])
     later = both._replace(t_ns=both.t_ns[3:], xyz=both.xyz[3:])
-    still = ReadConfig(detection=1.0, noise_db=0.0, shadow_db=3.0, shadow_s=1e12)
+    still = ReadConfig(read_detection_probability=1.0, noise_db=0.0, shadow_db=3.0, shadow_s=1e12)
     found = read(scene(), still, alone, later)
     first, second = (found.rssi[found.target_id == n] for n in (3, 12))
     assert (len(first), len(second)) == (6, 3)

@@ -25,7 +25,9 @@ def grid_of(places, start=0, step_ns=10**9):
 
 def heard(places, array, sound=SoundConfig(), seed=3, silent=None, miss=0.0):  # noqa: B008 - frozen
     chunks = [places] if isinstance(places, TimeGrid) else [grid_of(places)]
-    return Doa.concat(observe_arrays(Scene(arrays=(array,)), chunks, ObserveConfig(miss=miss), seed, sound, silent))
+    return Doa.concat(
+        observe_arrays(Scene(arrays=(array,)), chunks, ObserveConfig(miss_probability=miss), seed, sound, silent)
+    )
 
 
 def on_circle(*degrees, z=0.0, radius=5.0):
@@ -65,7 +67,7 @@ def test_mean_is_by_direction_not_by_place_and_the_silent_and_far_do_not_count()
     assert np.allclose(heard(near_far, array(resolution=0.05, range=50.0)).azimuth, [0.0], atol=1e-8)
     silent = {0: np.array([[0, 5]])}
     assert np.allclose(heard(near_far, ear, silent=silent).azimuth, [0.04], atol=1e-8)
-    labelled = heard(near_far, ear, SoundConfig(label=True))
+    labelled = heard(near_far, ear, SoundConfig(label_doa=True))
     assert labelled.source_id.tolist() == [0]
 
 
@@ -117,16 +119,16 @@ def test_merging_is_that_of_following_links(seed):
 def test_many_sources_and_times_are_those_of_each_time():
     rng = np.random.default_rng(2)
     places = rng.normal(size=(30, 200, 3))  # more pairs than are compared at a time
-    got = heard(places, array(resolution=0.1), SoundConfig(label=True))
+    got = heard(places, array(resolution=0.1), SoundConfig(label_doa=True))
     for t in (0, 17, 29):
-        alone = heard(places[t : t + 1], array(resolution=0.1), SoundConfig(label=True))
+        alone = heard(places[t : t + 1], array(resolution=0.1), SoundConfig(label_doa=True))
         assert got.source_id[got.t_ns == t * 10**9].tolist() == alone.source_id.tolist()
         assert np.allclose(got.azimuth[got.t_ns == t * 10**9], alone.azimuth, atol=1e-7)
 
 
 def test_scripted_silence_is_from_up_to():
     places = np.tile(on_circle(0.0, 90.0), (10, 1, 1))
-    got = heard(places, array(), SoundConfig(label=True), silent={1: np.array([[2, 4], [7, 20]]) * 10**9})
+    got = heard(places, array(), SoundConfig(label_doa=True), silent={1: np.array([[2, 4], [7, 20]]) * 10**9})
     assert (got.t_ns[got.source_id == 1] // 10**9).tolist() == [0, 1, 4, 5, 6]
     assert (got.source_id == 0).sum() == 10
 
@@ -134,7 +136,7 @@ def test_scripted_silence_is_from_up_to():
 def test_random_silence_has_its_means_whatever_the_chunks_and_is_one_for_all_arrays():
     n, steps, means = 200, 2000, (6.0, 2.0)
     places = np.tile(np.ones((1, n, 3)), (steps, 1, 1))
-    sound = SoundConfig(silence=means, label=True)
+    sound = SoundConfig(sound_and_silence_s=means, label_doa=True)
     got = heard(places, array(), sound)
     on = np.zeros((steps, n), dtype=bool)
     on[got.t_ns // 10**9, got.source_id] = True
@@ -161,7 +163,7 @@ def test_random_silence_has_its_means_whatever_the_chunks_and_is_one_for_all_arr
 def test_false_directions_are_poisson_in_number_and_even_on_the_sphere():
     steps, rate = 20_000, 0.7
     nobody = np.full((steps, 1, 3), np.nan)
-    got = heard(nobody, array(rate_hz=None), SoundConfig(false_rate=rate, step_s=0.5))
+    got = heard(nobody, array(rate_hz=None), SoundConfig(false_alarm_rate=rate, step_s=0.5))
     n = rate * 0.5 * steps
     assert abs(len(got) - n) < 4 * math.sqrt(n)
     counts = np.bincount(got.t_ns // 10**9, minlength=steps)
@@ -171,8 +173,8 @@ def test_false_directions_are_poisson_in_number_and_even_on_the_sphere():
         assert abs(even.mean()) < 4 / math.sqrt(3 * n)
         assert abs(even.var() * 3 - 1) < 4 * math.sqrt(0.8 / n)
     assert (got.source_id == -1).all()
-    flat = heard(nobody, array(planar=True), SoundConfig(false_rate=rate, step_s=0.5))
-    unknown = heard(nobody, array(), SoundConfig(false_rate=rate, step_s=0.5, heights=False))
+    flat = heard(nobody, array(planar=True), SoundConfig(false_alarm_rate=rate, step_s=0.5))
+    unknown = heard(nobody, array(), SoundConfig(false_alarm_rate=rate, step_s=0.5, known_heights=False))
     assert len(flat) == len(unknown) == len(got)
     assert np.isnan(flat.elevation).all()
     assert np.isnan(unknown.elevation).all()
@@ -180,8 +182,10 @@ def test_false_directions_are_poisson_in_number_and_even_on_the_sphere():
 
 def test_what_is_asked_for_besides_leaves_the_noise_alone():
     places = np.tile(on_circle(0.0, 90.0, z=1.0), (50, 1, 1))
-    plain = heard(places, array(sigma=0.1), SoundConfig(label=True))
-    more = heard(places, array(sigma=0.1), SoundConfig(label=True, false_rate=0.5, silence=(5.0, 5.0)))
+    plain = heard(places, array(sigma=0.1), SoundConfig(label_doa=True))
+    more = heard(
+        places, array(sigma=0.1), SoundConfig(label_doa=True, false_alarm_rate=0.5, sound_and_silence_s=(5.0, 5.0))
+    )
     real = more.take(more.source_id >= 0)
     rows = np.flatnonzero(np.isin(plain.t_ns * 2 + plain.source_id, real.t_ns * 2 + real.source_id))
     assert 20 < len(real) < 80 < len(plain)
@@ -245,7 +249,7 @@ def test_near_the_pole_directions_come_down_on_its_other_side(pose):
 
 def test_range_is_in_space():
     places = np.array([[[3.0, 0.0, 3.9], [3.0, 0.0, 4.1], [5.01, 0.0, math.nan]]])
-    got = heard(places, array(range=5.0), SoundConfig(label=True))
+    got = heard(places, array(range=5.0), SoundConfig(label_doa=True))
     assert got.source_id.tolist() == [0]
 
 

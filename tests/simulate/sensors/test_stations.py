@@ -108,7 +108,18 @@ microphone_arrays:
 def test_from_the_command_to_a_track_and_its_bound(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "s.yaml").write_text(SCENE_FILE)
     made, table, tracks = (str(tmp_path / name) for name in ("m.mcap", "m.csv", "t.parquet"))
-    args = ["simulate", str(tmp_path / "s.yaml"), "-o", made, "--seconds", "6", "--z", "0", "--measure", "range"]
+    args = [
+        "simulate",
+        str(tmp_path / "s.yaml"),
+        "-o",
+        made,
+        "--seconds",
+        "6",
+        "--object-height",
+        "0",
+        "--measure",
+        "range",
+    ]
     assert run([*args, "--measure-rate", "5"]) == ExitCode.DONE
     assert "measurements: 93" in capsys.readouterr().out  # 31 moments, three stations
     truth = open_input(Path(made)).read(Truth)
@@ -123,8 +134,11 @@ def test_from_the_command_to_a_track_and_its_bound(tmp_path: Path, capsys: pytes
     ("args", "message"),
     [
         (["--measure", "ranges"], "one or several of range, difference, strength"),
-        (["--measure-miss", "0.1"], "--measure-miss is about measurements of distances; add --measure"),
-        (["--measure", "range", "--measure-false", "1.5"], "1.5"),
+        (
+            ["--measure-miss-probability", "0.1"],
+            "--measure-miss-probability is about measurements of distances; add --measure",
+        ),
+        (["--measure", "range", "--measure-outlier-probability", "1.5"], "1.5"),
         (["--measure", "range", "--read-noise", "3"], "--read-noise is about readers of tags, but the scene has none"),
     ],
 )

@@ -145,7 +145,7 @@ def test_a_recording_of_walkers_that_avoid_people_says_how_often_they_were_walke
     assert run(["simulate", room, "-o", str(walk), *short, "--occluders", "2"]) == ExitCode.DONE
     assert "motion" not in open_recording(walk).provenance.parameters["world"]  # as before there was a choice
     capsys.readouterr()
-    args = ["--motion", "field", "--avoid", str(walk), "--influence", "1.2", "--seed", "3"]
+    args = ["--motion", "field", "--avoid", str(walk), "--influence-distance", "1.2", "--seed", "3"]
     assert run(["simulate", room, "-o", str(among), *short, *args]) == ExitCode.DONE
     told = json.loads(capsys.readouterr().out)
     assert told["people_avoided"] == 3
@@ -159,7 +159,10 @@ def test_a_recording_of_walkers_that_avoid_people_says_how_often_they_were_walke
 @pytest.mark.parametrize(
     ("args", "words"),
     [
-        (["--influence", "2"], "--influence is about walkers that avoid obstacles; add --motion field"),
+        (
+            ["--influence-distance", "2"],
+            "--influence-distance is about walkers that avoid obstacles; add --motion field",
+        ),
         (["--avoid", "walk.mcap"], "--avoid is about walkers that avoid obstacles; add --motion field"),
         (["--motion", "straight"], "--motion"),
     ],

@@ -78,7 +78,20 @@ def test_a_recording_of_scripted_targets(
 
 def test_options_go_before_the_file_and_the_same_gives_the_same(files: tuple[Path, Path], tmp_path: Path) -> None:
     a, b = tmp_path / "a.mcap", tmp_path / "b.mcap"
-    args = ["--rate", "2", "--steps", "9", "--z", "1", "--false-doa", "0.5", "--silence", "2,1", "--seed", "5"]
+    args = [
+        "--rate",
+        "2",
+        "--steps",
+        "9",
+        "--object-height",
+        "1",
+        "--false-alarm-rate",
+        "0.5",
+        "--silence",
+        "2,1",
+        "--seed",
+        "5",
+    ]
     assert simulate(files, a, *args) == simulate(files, b, *args) == ExitCode.DONE
     assert a.read_bytes() == b.read_bytes()
     truth = open_recording(a).read(Truth)
@@ -134,7 +147,7 @@ def test_units_and_arrays_must_be_there(
     files[1].write_text("length_unit: ft\n" + PATHS)
     assert simulate(files, tmp_path / "r.mcap") == ExitCode.BAD_INPUT
     assert "its length unit is ft, the scene's m" in capsys.readouterr().err
-    for option in (["--label-doa"], ["--false-doa", "1"], ["--silence", "1,1"]):
+    for option in (["--label-doa"], ["--false-alarm-rate", "1"], ["--silence", "1,1"]):
         args = ["simulate", str(EXAMPLES / "room.yaml"), "-o", str(tmp_path / "r.mcap"), *option]
         assert run(args) == ExitCode.USAGE
         assert "is about microphone arrays, but the scene has none" in capsys.readouterr().err

@@ -90,8 +90,11 @@ def test_nobody_hides_another_at_the_start(seed: int) -> None:
         (["--balls", "3"], "--balls is an option of --scene balls, not of --scene people"),
         (["--fps", "nan"], "nan is not a finite number"),
         (["--fps", "1e-9"], "is not in the range"),
-        (["--lookalike"], "--lookalike is an option of SCENE, SCENE --paths FILE, not of --scene people"),
-        (["--people", "12", "--frames", "1"], "or let them overlap in the first frame (--overlap)"),
+        (
+            ["--identical-clothes"],
+            "--identical-clothes is an option of SCENE, SCENE --paths FILE, not of --scene people",
+        ),
+        (["--people", "12", "--frames", "1"], "or let them overlap in the first frame (--overlapping)"),
         (["--size", "32x32"], "people: width is 32, must be at least 64"),
     ],
 )

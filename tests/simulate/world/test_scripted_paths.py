@@ -134,7 +134,7 @@ def test_nobody_for_a_whole_chunk_is_no_gap() -> None:
     path = MotionScript((ScriptedTarget(0, (1.0, 0.0, NAN), from_s=300.0),))
     grids: list[TimeGrid] = list(simulate_paths(path, 400, 1.0, NAN, START, 0))
     scene = Scene(arrays=(MicrophoneArray("m", np.zeros(3), planar=True),))
-    rows = list(observe_arrays(scene, grids, ObserveConfig(), 0, SoundConfig(label=True)))
+    rows = list(observe_arrays(scene, grids, ObserveConfig(), 0, SoundConfig(label_doa=True)))
     assert [len(r) for r in rows] == [0, 100]
     assert rows[1].t_ns[0] == START + 300 * 10**9
     assert (rows[1].source_id == 0).all()

@@ -28,7 +28,7 @@ from occlog.track.methods.apf.model import pack_noise, pack_sensors, read_noise
 def recorded(scene, noise, seed, steps):
     """Bearings, scans and true places of one target."""
     truth = Truth.concat(simulate_truth(scene, WorldConfig(steps=steps), seed))
-    bearings = Bearings.concat(observe(scene, [truth], ObserveConfig(noise=noise), seed))
+    bearings = Bearings.concat(observe(scene, [truth], ObserveConfig(pose_noise=noise), seed))
     found = scans_of([bearings], scene, BearingRows({c.name for c in scene.cameras}))
     return bearings, [g.of_target(0) for g in found], np.column_stack([truth.x, truth.y])
 

@@ -44,7 +44,18 @@ def base(tmp_path):
 def test_every_policy_writes_what_it_selected(policy, base, tmp_path, capsys):
     diagnostics = tmp_path / "d.parquet"
     model = "weak" if policy == "brute-force" else "perspective"
-    args = ["--select", policy, "--count", "3", "--every", "2", "--select-model", model, "--patience", "0"]
+    args = [
+        "--select",
+        policy,
+        "--n-cameras",
+        "3",
+        "--selection-interval",
+        "2",
+        "--select-model",
+        model,
+        "--max-blind-scans",
+        "0",
+    ]
     assert run([*base, *args, "--diagnostics", str(diagnostics), "--json"]) == ExitCode.DONE
     said = json.loads(capsys.readouterr().out)
     table = read_table(diagnostics, Diagnostics)
@@ -60,7 +71,16 @@ def test_every_policy_writes_what_it_selected(policy, base, tmp_path, capsys):
 
 def test_the_order_of_fixed_cameras(base, tmp_path):
     diagnostics = tmp_path / "d.parquet"
-    args = ["--select", "fixed", "--count", "2", "--select-order", "cam8,cam3,cam1", "--diagnostics", str(diagnostics)]
+    args = [
+        "--select",
+        "fixed",
+        "--n-cameras",
+        "2",
+        "--camera-order",
+        "cam8,cam3,cam1",
+        "--diagnostics",
+        str(diagnostics),
+    ]
     assert run([*base, *args, "-q"]) == ExitCode.DONE
     assert set(read_table(diagnostics, Diagnostics).selected.tolist()) == {"cam3,cam8"}
 
@@ -68,31 +88,31 @@ def test_the_order_of_fixed_cameras(base, tmp_path):
 @pytest.mark.parametrize(
     ("args", "said"),
     [
-        (["--count", "3"], "--select; add it"),
-        (["--every", "2"], "--select; add it"),
-        (["--patience", "2"], "--select; add it"),
-        (["--select", "greedy", "--patience", "-1"], "--patience"),
-        (["--select-order", "cam1"], "--select; add it"),
+        (["--n-cameras", "3"], "--select; add it"),
+        (["--selection-interval", "2"], "--select; add it"),
+        (["--max-blind-scans", "2"], "--select; add it"),
+        (["--select", "greedy", "--max-blind-scans", "-1"], "--max-blind-scans"),
+        (["--camera-order", "cam1"], "--select; add it"),
         (["--select"], "'--select' requires an argument"),
-        (["--select", "greedy", "--count", "-1"], "--count"),
-        (["--select", "greedy", "--count", "two"], "'two'"),
-        (["--select", "greedy", "--every", "nan"], "'--every': nan is not a finite number"),
-        (["--select", "greedy", "--every", "inf"], "'--every': inf is not a finite number"),
-        (["--select", "greedy", "--every", "-3"], "'--every'"),
+        (["--select", "greedy", "--n-cameras", "-1"], "--n-cameras"),
+        (["--select", "greedy", "--n-cameras", "two"], "'two'"),
+        (["--select", "greedy", "--selection-interval", "nan"], "'--selection-interval': nan is not a finite number"),
+        (["--select", "greedy", "--selection-interval", "inf"], "'--selection-interval': inf is not a finite number"),
+        (["--select", "greedy", "--selection-interval", "-3"], "'--selection-interval'"),
         (["--select", "greedy", "--select-model", "flat"], "'flat' is not one of 'perspective', 'weak'"),
-        (["--select", "fixed", "--select-order", "cam1,cam2"], "2 usable cameras, want 4"),
-        (["--select", "fixed", "--count", "2", "--select-order", "cam1,cam1"], "1 usable cameras, want 2"),
+        (["--select", "fixed", "--camera-order", "cam1,cam2"], "2 usable cameras, want 4"),
+        (["--select", "fixed", "--n-cameras", "2", "--camera-order", "cam1,cam1"], "1 usable cameras, want 2"),
         (["--select", "greedy", "--cameras", "cam1,cam2,cam3"], "4 cameras of 3; select fewer"),
         (["--window", "nan"], "'--window': nan is not a finite number"),
         (["--select-model", "weak"], "--select; add it"),
         (["--select", "best"], "best"),
-        (["--select", "greedy", "--count", "0"], "0"),
-        (["--select", "greedy", "--every", "0"], "0"),
-        (["--select", "greedy", "--count", "9"], "9 cameras of 8; select fewer"),
-        (["--select", "greedy", "--select-order", "cam1"], "--select fixed"),
-        (["--select", "fixed", "--count", "1", "--select-order", "cam9"], "no camera 'cam9'"),
-        (["--select", "fixed", "--count", "3", "--select-order", "cam1,cam2"], "2 usable cameras, want 3"),
-        (["--select", "greedy", "--count", "2", *WITHOUT], "2 cameras of 1"),
+        (["--select", "greedy", "--n-cameras", "0"], "0"),
+        (["--select", "greedy", "--selection-interval", "0"], "0"),
+        (["--select", "greedy", "--n-cameras", "9"], "9 cameras of 8; select fewer"),
+        (["--select", "greedy", "--camera-order", "cam1"], "--select fixed"),
+        (["--select", "fixed", "--n-cameras", "1", "--camera-order", "cam9"], "no camera 'cam9'"),
+        (["--select", "fixed", "--n-cameras", "3", "--camera-order", "cam1,cam2"], "2 usable cameras, want 3"),
+        (["--select", "greedy", "--n-cameras", "2", *WITHOUT], "2 cameras of 1"),
     ],
 )
 def test_what_does_not_fit_is_one_line(args, said, base, tmp_path, capsys):
@@ -104,7 +124,7 @@ def test_what_does_not_fit_is_one_line(args, said, base, tmp_path, capsys):
 
 
 def test_without_a_count_there_are_four(base, tmp_path, capsys):
-    assert run([*base, "--select", "greedy", "--patience", "0", "--json"]) == ExitCode.DONE
+    assert run([*base, "--select", "greedy", "--max-blind-scans", "0", "--json"]) == ExitCode.DONE
     said = json.loads(capsys.readouterr().out)
     assert said["selections"] == STEPS / 5
     reports = 4 * STEPS
@@ -128,16 +148,16 @@ def test_too_many_subsets_are_refused(tmp_path, capsys):
         "--select",
         "brute-force",
     ]
-    assert run([*args, "--count", "8"]) == ExitCode.USAGE
+    assert run([*args, "--n-cameras", "8"]) == ExitCode.USAGE
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert "5852925 subsets, limit 50000; use greedy" in error
     assert not (tmp_path / "tracks.parquet").exists()
-    assert run([*args, "--count", "2", "-q"]) == ExitCode.DONE
+    assert run([*args, "--n-cameras", "2", "-q"]) == ExitCode.DONE
 
 
 def test_the_selection_is_in_the_provenance_and_runs_are_alike(base, tmp_path):
-    args = ["--select", "random", "--count", "2", "--every", "3", "--seed", "5", "-q"]
+    args = ["--select", "random", "--n-cameras", "2", "--selection-interval", "3", "--seed", "5", "-q"]
     tables = []
     for name in ("a", "b"):
         assert run([*base, *args, "--overwrite", "--diagnostics", str(tmp_path / name)]) == ExitCode.DONE

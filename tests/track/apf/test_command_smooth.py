@@ -112,9 +112,9 @@ def test_a_lag_that_is_no_time_is_refused(folder, capsys, lag) -> None:
 
 
 def test_fewer_than_two_trajectories_are_refused(folder, capsys) -> None:
-    assert track(folder, *few("--smooth", "--set", "trajectories=1")) == ExitCode.USAGE
+    assert track(folder, *few("--smooth", "--set", "smoothing_trajectories=1")) == ExitCode.USAGE
     assert "trajectories=1: must be " in capsys.readouterr().err
-    assert track(folder, *few("--smooth", "--set", "trajectories=2")) == ExitCode.DONE
+    assert track(folder, *few("--smooth", "--set", "smoothing_trajectories=2")) == ExitCode.DONE
 
 
 def test_evaluation_of_smoothed_tracks_has_the_bound_of_smoothing(folder, capsys) -> None:

@@ -71,7 +71,7 @@ def test_nearly_exact_bearings_keep_the_target(sigma_px, seed):
         y=path[:, 1],
         z=nothing,
     )
-    result = evaluate(tracks, truth, bearings, scene, EvaluateConfig(sigma_v=0.33))
+    result = evaluate(tracks, truth, bearings, scene, EvaluateConfig(process_noise_position=0.33))
     late = result.errors.t_ns > truth.t_ns[1]
     rmse = np.sqrt(np.mean(result.errors.error[late] ** 2))
     bound = np.sqrt(np.mean(result.bound.bound[np.isin(result.bound.t_ns, result.errors.t_ns[late])] ** 2))
@@ -101,7 +101,9 @@ def test_sharper_cameras_of_the_papers_room_give_better_tracks():
 def test_rows_with_few_effective_particles_are_depleted_and_say_so():
     """20 particles that do not look at sharp bearings."""
     made = record("zig-zag", seed=2)
-    config = replace(ApfConfig.in_unit("m"), particles=20, proposal="motion", start_factor=50, lost_after=0)
+    config = replace(
+        ApfConfig.in_unit("m"), particles=20, proposal="motion", initial_particle_factor=50, track_loss_count=0
+    )
     tracks, diagnostics = tracked(made.bearings, made.scene, config)
     few = diagnostics.ess < 10.0
     assert few.any()

@@ -42,17 +42,17 @@ def test_the_posterior_is_that_of_a_grid_filter(proposal):
     config = ApfConfig(
         particles=20_000,
         start=(20.0, 50.0, 3.0),
-        start_factor=2,
-        speed=0.0,
-        speed_spread=0.0,
-        phi=0.0,
-        sigma_v=sigma,
+        initial_particle_factor=2,
+        initial_speed=0.0,
+        sigma_initial_speed=0.0,
+        velocity_memory=0.0,
+        process_noise_position=sigma,
         beta1=1.0,
         lambda1=0.0,
         beta2=1.0,
         lambda2=0.0,
-        lost_after=0,
-        defensive=0.1,
+        track_loss_count=0,
+        defensive_fraction=0.1,
         proposal=proposal,
     )
     rng = np.random.default_rng(1)
@@ -94,7 +94,7 @@ def test_sight_lines_without_noise_meet_at_the_estimate():
     scene = room100(sigma_position=0.0, sigma_yaw=0.0, sigma_read_px=0.2)
     truth = np.array([23.0, 71.0])
     scans = [seen_from_everywhere(scene, truth, 0.1 * t) for t in range(30)]
-    config = ApfConfig(particles=4000, sigma_v=0.1, speed=0.1, speed_spread=0.1)
+    config = ApfConfig(particles=4000, process_noise_position=0.1, initial_speed=0.1, sigma_initial_speed=0.1)
     _, estimates = run(scene, scans, config)
     assert np.hypot(*(estimates[-1].xy - truth)) < 0.1
     assert np.sqrt(np.trace(estimates[-1].covariance)) < 0.3
@@ -123,7 +123,7 @@ def test_a_walker_is_followed_with_a_consistent_covariance(seed):
 def test_a_target_that_nobody_sees_is_where_nobody_can_see_it():
     """With a detection model, silence is evidence."""
     scene = room100(cameras=1)  # sees all of the room but what is behind the pillar
-    config = ApfConfig(particles=3000, detection=0.95, lost_after=0)
+    config = ApfConfig(particles=3000, detection_probability=0.95, track_loss_count=0)
     state, _ = run(scene, [scan(0.1 * t, [(0, None)]) for t in range(4)], config)
     xy = state.particles.xy
     azimuth = np.arctan2(xy[:, 1], xy[:, 0])
@@ -143,7 +143,7 @@ def test_particles_stay_on_the_floor():
 def test_a_particle_behind_the_pillar_cannot_be_what_a_camera_sees():
     """[Ercan] Fig. 4: without softening, a seen target is not behind the pillar."""
     scene = room100(cameras=1)
-    config = ApfConfig(particles=3000, false=0.0, soften=0.0, lost_after=0)
+    config = ApfConfig(particles=3000, false_alarm_probability=0.0, out_of_view_likelihood=0.0, track_loss_count=0)
     state, estimates = run(scene, [scan(0, [(0, 0.0)]), scan(1, [(0, 0.0)])], config)
     xy = state.particles.xy[state.weights > 0]
     assert len(xy) > 100
@@ -157,16 +157,16 @@ def test_stage_one_is_skipped_when_no_expected_position_can_be():
     config = ApfConfig(
         particles=500,
         start=(99.0, 50.0, 0.1),
-        speed=0.0,
-        speed_spread=0.0,
-        phi=0.0,
-        sigma_v=1.0,
+        initial_speed=0.0,
+        sigma_initial_speed=0.0,
+        velocity_memory=0.0,
+        process_noise_position=1.0,
         beta1=1.0,
         lambda1=0.0,
         beta2=1.0,
         lambda2=0.0,
         proposal="motion",
-        lost_after=0,
+        track_loss_count=0,
     )
     rng = np.random.default_rng(0)
     state = apf.init(scene, config, rng)
@@ -182,7 +182,13 @@ def test_stage_one_is_skipped_when_no_expected_position_can_be():
 def test_particles_are_drawn_anew_when_none_can_be():
     """Literal zeros, as in the paper: a camera sees the target where no particle is."""
     scene = room100()
-    config = ApfConfig(particles=500, start=(75.0, 75.0, 0.5), false=0.0, soften=0.0, lost_after=0)
+    config = ApfConfig(
+        particles=500,
+        start=(75.0, 75.0, 0.5),
+        false_alarm_probability=0.0,
+        out_of_view_likelihood=0.0,
+        track_loss_count=0,
+    )
     u = true_u(scene, (30.0, 20.0))
     seen = [(0, u[0]), (2, u[2])]
     scans = [scan(0, [(0, None)]), scan(1, seen), scan(2, seen)]
@@ -194,7 +200,7 @@ def test_particles_are_drawn_anew_when_none_can_be():
 
 def test_a_scan_that_nothing_can_explain_is_told_by_nan():
     scene = room100(cameras=2, sigma_position=0.1, sigma_yaw=0.001, sigma_read_px=0.5)
-    config = ApfConfig(particles=300, false=0.0, soften=0.0, lost_after=0)
+    config = ApfConfig(particles=300, false_alarm_probability=0.0, out_of_view_likelihood=0.0, track_loss_count=0)
     # Cameras at (0, 0) and (50, 0) whose sight lines part
     _, estimates = run(scene, [scan(0, [(0, 0.0)]), scan(1, [(0, -60.0), (1, 60.0)])], config)
     assert estimates[1].fallback == "restart"
@@ -207,11 +213,11 @@ def test_a_filter_that_most_sensors_contradict_is_restarted_after_a_while():
     scene = room100(pillar=False)
     elsewhere = np.array([80.0, 20.0])
     scans = [seen_from_everywhere(scene, elsewhere, t) for t in range(5)]
-    config = ApfConfig(particles=1000, start=(20.0, 80.0, 1.0), lost_after=6)
+    config = ApfConfig(particles=1000, start=(20.0, 80.0, 1.0), track_loss_count=6)
     _, estimates = run(scene, scans, config)
     assert [e.fallback for e in estimates] == ["", "", "restart", "", ""]
     assert np.hypot(*(estimates[2].xy - elsewhere)) < 2.0
-    assert {e.fallback for e in run(scene, scans, ApfConfig(start=(20.0, 80.0, 1.0), lost_after=0))[1]} == {""}
+    assert {e.fallback for e in run(scene, scans, ApfConfig(start=(20.0, 80.0, 1.0), track_loss_count=0))[1]} == {""}
 
 
 @pytest.mark.jit
@@ -289,7 +295,7 @@ def test_microphones_and_cameras_work_together():
                 sigma=np.array([1.0, 0.03, 0.03]),
             )
         )
-    _, estimates = run(scene, both, ApfConfig(particles=3000, clutter=2.0))
+    _, estimates = run(scene, both, ApfConfig(particles=3000, clutter_rate=2.0))
     assert np.hypot(*(estimates[-1].xy - truth)) < 3.0
     assert estimates[-1].n_looked == 2
     assert estimates[-1].n_seen == 2
@@ -313,7 +319,7 @@ def test_one_of_several_people_is_followed_among_unlabelled_candidates():
             rows += [(i, u, np.nan, 0.8) for u in found] or [(i, None)]
         scans.append(scan(t, rows, labelled=False))
     for start, path in (((20.0, 30.0, 2.0), mine), ((80.0, 70.0, 2.0), other)):
-        _, estimates = run(scene, scans, ApfConfig(particles=2000, start=start, clutter=1.0))
+        _, estimates = run(scene, scans, ApfConfig(particles=2000, start=start, clutter_rate=1.0))
         error = np.hypot(*(np.array([e.xy for e in estimates]) - path).T)
         assert error.max() < 6.0
         assert np.sqrt(np.mean(error**2)) < 2.0
@@ -330,5 +336,7 @@ def test_a_scene_without_floor_is_refused():
 
 def test_a_camera_with_a_wide_view_sees_ahead_only():
     scene = Scene((camera("wide", (50, 50), 0, fov=2 * np.pi),), room=room100().room)
-    state, _ = run(scene, [scan(0, [(0, 0.0)])], ApfConfig(particles=500, soften=0.0, false=0.0))
+    state, _ = run(
+        scene, [scan(0, [(0, 0.0)])], ApfConfig(particles=500, out_of_view_likelihood=0.0, false_alarm_probability=0.0)
+    )
     assert (state.particles.xy[:, 0] > 50).all()

@@ -41,7 +41,7 @@ def likelihoods(state, looks, dt, runs=60):
 def test_a_step_is_that_of_the_plain_form(seed, seen, dt, noises):
     scene = room100(pillar=bool(seed % 2))
     options = {"defensive": 0.1 * (seed % 2), "soften": 0.02, "false": 1e-3, "phi": 0.3, **noises}
-    config = ApfConfig(particles=L, lost_after=0, **options)
+    config = ApfConfig(particles=L, track_loss_count=0, **options)
     state, u = state_with(scene, config, seed), readings(scene, seed)
     u = u if seen else np.full_like(u, np.nan)
     looks = pack_scan(scan(dt, [(i, None if np.isnan(v) else v) for i, v in enumerate(u)]), state.model.read_px, True)
@@ -88,7 +88,7 @@ def test_the_log_likelihood_is_that_of_the_motion_alone(dt, focal, noises):
     rows = [(i, None if u is None else u * focal / 70.0) for i, u in rows]
     found = []
     for proposal, many in (("scan", L), ("motion", 30 * L)):
-        config = ApfConfig(particles=many, proposal=proposal, lost_after=0, **noises)
+        config = ApfConfig(particles=many, proposal=proposal, track_loss_count=0, **noises)
         state = state_with(scene, config, 1)
         found.append(likelihoods(state, pack_scan(scan(dt, rows), state.model.read_px, True), dt))
     (a, da, la), (b, db, lb) = found
@@ -101,10 +101,10 @@ def test_the_log_likelihood_is_that_of_the_motion_alone(dt, focal, noises):
 def test_the_moments_are_those_of_many_particles_that_do_not_look(seed, noises):
     scene, dt = room100(focal=200.0), 0.5
     rows = [(i, None if u is None else u * 200.0 / 70.0) for i, u in rows_of(room100(), 2 * seed)]
-    state = state_with(scene, ApfConfig(particles=L, lost_after=0, **noises), seed)
+    state = state_with(scene, ApfConfig(particles=L, track_loss_count=0, **noises), seed)
     looks = pack_scan(scan(dt, rows), state.model.read_px, True)
     blind = state.model._replace(
-        config=ApfConfig(particles=200_000, proposal="motion", defensive=1.0, lost_after=0, **noises)
+        config=ApfConfig(particles=200_000, proposal="motion", defensive_fraction=1.0, track_loss_count=0, **noises)
     )
     wide = auxiliary_step(blind, state.particles, state.weights, looks, dt, np.random.default_rng(9))
     mean, covariance = mean_and_covariance(wide.weights, wide.particles.xy)
@@ -134,7 +134,7 @@ def test_the_moments_are_those_of_many_particles_that_do_not_look(seed, noises):
 
 def test_where_nobody_sees_the_target_every_motion_keeps_particles():
     """A fifth of 1000 goes to three motions alike, so that the next scan can choose one that is rare."""
-    config = ApfConfig(particles=1000, lost_after=0, **STAND)
+    config = ApfConfig(particles=1000, track_loss_count=0, **STAND)
     state = state_with(room100(), config, 0)
     blind = pack_scan(scan(0.2, [(i, None) for i in range(8)]), state.model.read_px, True)
     draw = auxiliary_step(state.model, state.particles, state.weights, blind, 0.2, np.random.default_rng(0))
@@ -150,7 +150,7 @@ def test_sharp_bearings_leave_more_particles_than_without_a_look(focal, factor):
     rows = [(i, None if u is None else u * focal / 70.0) for i, u in rows_of(room100())]
     sizes = {}
     for proposal in ("scan", "motion"):
-        state = state_with(scene, ApfConfig(particles=1000, proposal=proposal, lost_after=0), 0, spread=1.0)
+        state = state_with(scene, ApfConfig(particles=1000, proposal=proposal, track_loss_count=0), 0, spread=1.0)
         looks = pack_scan(scan(0.5, rows), state.model.read_px, True)
         draw = auxiliary_step(state.model, state.particles, state.weights, looks, 0.5, np.random.default_rng(0))
         sizes[proposal] = effective_sample_size(draw.weights)
@@ -161,7 +161,7 @@ def test_sharp_bearings_leave_more_particles_than_without_a_look(focal, factor):
 def test_parents_are_those_that_the_particles_came_from():
     """Who goes on keeps the destination of its parent."""
     scene = room100()
-    state = state_with(scene, ApfConfig(particles=L, lost_after=0), 3)
+    state = state_with(scene, ApfConfig(particles=L, track_loss_count=0), 3)
     looks = pack_scan(scan(0.5, rows_of(scene)), state.model.read_px, True)
     draw = auxiliary_step(state.model, state.particles, state.weights, looks, 0.5, np.random.default_rng(0))
     kept = draw.particles.regime != waypoint.CHANGE

@@ -21,7 +21,7 @@ from occlog.track.methods.apf.selector import choose, network
 
 pytestmark = pytest.mark.jit
 SCENE = room100(pillar=False)
-CONFIG = ApfConfig(particles=200, start_factor=2)
+CONFIG = ApfConfig(particles=200, initial_particle_factor=2)
 STEPS = 20
 
 
@@ -68,7 +68,7 @@ def counted(diagnostics):
 
 def test_bytes_of_cameras_at_their_own_times_by_hand():
     """cam1 sends 20 frames, cam5 10; all would send 4 x 20 + 4 x 10; two orders."""
-    _, d = whole(asynchronous(), SelectConfig("fixed", 2, every=4, order=("cam5", "cam1")))
+    _, d = whole(asynchronous(), SelectConfig("fixed", 2, selection_interval=4, camera_order=("cam5", "cam1")))
     assert len(d) == 30
     np.testing.assert_array_equal(d.n_offered, 4)
     np.testing.assert_array_equal(d.cameras, np.where(d.t_ns % SECOND == 0, "cam1", "cam5"))
@@ -84,13 +84,13 @@ def test_bytes_of_cameras_at_their_own_times_by_hand():
 def test_steps_are_counted_in_time_from_the_last_selection():
     """Scans at 0, 0.5, 1, 2, 2.5, 3, ...: after 1.2 s the next scan is at 2 s or 4 s; after 1.6 s the same."""
     for every, want in ((1.2, 2.0), (1.6, 2.0), (0.5, None)):
-        _, d = whole(asynchronous(), SelectConfig("all", every=every))
+        _, d = whole(asynchronous(), SelectConfig("all", selection_interval=every))
         made = d.t_ns[np.isfinite(d.predicted_mse)] / SECOND
         np.testing.assert_array_equal(made, d.t_ns / SECOND if want is None else np.arange(0, STEPS, want))
 
 
 def test_a_very_long_time_means_once():
-    _, d = whole(asynchronous(), SelectConfig("random", 3, every=1e12))
+    _, d = whole(asynchronous(), SelectConfig("random", 3, selection_interval=1e12))
     np.testing.assert_array_equal(np.flatnonzero(np.isfinite(d.predicted_mse)), [0])
     assert len(set(d.selected.tolist())) == 1
 
@@ -107,7 +107,7 @@ def test_orders_are_those_of_the_choices_that_were_made(make, policy, monkeypatc
 
     choose = stage.choose
     monkeypatch.setattr(stage, "choose", spy)
-    _, d = whole(make(), SelectConfig(policy, 5, every=3, patience=0))
+    _, d = whole(make(), SelectConfig(policy, 5, selection_interval=3, max_blind_scans=0))
     orders, on = 0, set()
     for choice in made:
         orders += len(on ^ set(choice.cameras))
@@ -129,7 +129,7 @@ def test_a_selection_that_no_frame_followed_is_in_no_row(monkeypatch):
     monkeypatch.setattr(stage, "choose", given)
     table = recording(steps=3)[1]
     table = table.take((table.sensor != "cam6") | (table.t_ns != SECOND))
-    _, d = whole(table, SelectConfig("greedy", 1, every=1, patience=0))
+    _, d = whole(table, SelectConfig("greedy", 1, selection_interval=1, max_blind_scans=0))
     assert len(calls) == 3
     assert d.selected.tolist() == ["cam1", "cam2"]
     np.testing.assert_array_equal(d.n_offered, [8, 15])
@@ -139,7 +139,7 @@ def test_a_selection_that_no_frame_followed_is_in_no_row(monkeypatch):
 
 def test_every_target_has_a_selection_of_its_own():
     paths, tables = zip(*(recording(1, k) for k in (0, 3)), strict=True)
-    config = SelectConfig("closest", 2, every=1)
+    config = SelectConfig("closest", 2, selection_interval=1)
     tracks, d = whole(Bearings.merge(list(tables)), config)
     assert set(d.selected[d.target_id == 0].tolist()) != set(d.selected[d.target_id == 3].tolist())
     for k, path in zip((0, 3), paths, strict=True):
@@ -157,7 +157,7 @@ def test_every_target_has_a_selection_of_its_own():
 def test_closest_cameras_are_near_the_track():
     """The particles that decide are those predicted for the scan: within 4 units of the estimate after it."""
     for seed in range(3):
-        tracks, d = whole(recording(seed)[1], SelectConfig("closest", 3, every=1))
+        tracks, d = whole(recording(seed)[1], SelectConfig("closest", 3, selection_interval=1))
         away = np.hypot(*(np.array(PLACES).T[:, None] - np.array([tracks.x, tracks.y])[:, :, None]))
         for row in range(3, STEPS):
             chosen = np.array([int(name[3:]) - 1 for name in d.selected[row].split(",")])
@@ -168,7 +168,7 @@ def test_closest_cameras_are_near_the_track():
 def test_microphone_arrays_are_always_used_and_never_selected():
     scene = with_array(SCENE, (50.0, 50.0), sigma=0.05)
     table = Bearings.merge([recording()[1], of_array()])
-    _, d = whole(table, SelectConfig("greedy", 2, every=5, patience=0), scene=scene)
+    _, d = whole(table, SelectConfig("greedy", 2, selection_interval=5, max_blind_scans=0), scene=scene)
     assert "array" not in ",".join(d.selected)
     np.testing.assert_array_equal(d.n_looked, 3)
     np.testing.assert_array_equal(d.n_offered, 9)
@@ -178,7 +178,7 @@ def test_microphone_arrays_are_always_used_and_never_selected():
 def test_arrays_alone_with_all_of_no_cameras():
     scene = with_array(SCENE, (50.0, 50.0), sigma=0.05)
     table = Bearings.merge([recording()[1], of_array()])
-    _, d = whole(table, SelectConfig("all", every=10), scene=scene, sensors=frozenset({"array"}))
+    _, d = whole(table, SelectConfig("all", selection_interval=10), scene=scene, sensors=frozenset({"array"}))
     assert set(d.selected.tolist()) == {""}
     found = counted(d)
     assert (found.reports, found.orders, found.selections) == (STEPS, 0, 2)
@@ -204,10 +204,10 @@ def test_people_raise_the_error_that_is_expected():
 
 def test_the_error_that_is_expected_is_about_that_of_the_track():
     """20 walks: the mean squared error is within 3 standard errors (of about 13 %) of what was expected."""
-    config, expected, found = ApfConfig(particles=400, start_factor=2), [], []
+    config, expected, found = ApfConfig(particles=400, initial_particle_factor=2), [], []
     for seed in range(20):
         path, table = recording(seed)
-        tracks, d = whole(table, SelectConfig("greedy", 3, every=1, patience=0), config=config)
+        tracks, d = whole(table, SelectConfig("greedy", 3, selection_interval=1, max_blind_scans=0), config=config)
         expected.append(d.predicted_mse[5:].mean())
         found.append(np.mean((path[5:, 0] - tracks.x[5:]) ** 2 + (path[5:, 1] - tracks.y[5:]) ** 2))
     error = np.std(found) / np.sqrt(20)
@@ -225,7 +225,7 @@ def test_the_form_in_which_occluders_count_is_that_of_the_filter():
     for q in ("printed", "improved"):
         assert METHOD.prediction is not None
         assert METHOD.prediction.hiding is not None
-        hiding = METHOD.prediction.hiding(ApfConfig(q=q))
+        hiding = METHOD.prediction.hiding(ApfConfig(occlusion_form=q))
         net = network(SCENE, SelectConfig("greedy", 3), frozenset(c.name for c in SCENE.cameras), None, hiding)
         found[q] = choose(cloud, priors, net, SelectConfig("greedy", 3), rng).mse
     assert found["printed"] != found["improved"]

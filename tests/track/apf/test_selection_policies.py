@@ -109,9 +109,12 @@ def test_closest_are_nearest_to_the_mean():
 
 def test_fixed_takes_the_given_order_or_that_of_the_scene():
     assert chosen(SelectConfig("fixed", 3)).cameras == (0, 1, 2)
-    assert chosen(SelectConfig("fixed", 2, order=("cam7", "cam3", "cam1"))).cameras == (2, 6)
+    assert chosen(SelectConfig("fixed", 2, camera_order=("cam7", "cam3", "cam1"))).cameras == (2, 6)
     # Cameras that may not be used are passed over.
-    assert chosen(SelectConfig("fixed", 2, order=("cam7", "cam3", "cam1")), usable=NAMES - {"cam3"}).cameras == (0, 6)
+    assert chosen(SelectConfig("fixed", 2, camera_order=("cam7", "cam3", "cam1")), usable=NAMES - {"cam3"}).cameras == (
+        0,
+        6,
+    )
 
 
 def test_random_takes_every_subset_equally_often():
@@ -221,9 +224,9 @@ def test_selections_that_the_scene_does_not_allow_are_refused():
     with pytest.raises(UsageError, match="9 cameras of 8"):
         network(SCENE, SelectConfig("greedy", 9), NAMES, None)
     with pytest.raises(UsageError, match="no camera 'door'"):
-        network(SCENE, SelectConfig("fixed", 1, order=("door",)), NAMES, None)
+        network(SCENE, SelectConfig("fixed", 1, camera_order=("door",)), NAMES, None)
     with pytest.raises(UsageError, match="order has 1 usable cameras, want 2"):
-        network(SCENE, SelectConfig("fixed", 2, order=("cam1",)), NAMES, None)
+        network(SCENE, SelectConfig("fixed", 2, camera_order=("cam1",)), NAMES, None)
     with pytest.raises(UsageError, match="1 cameras of 0"):
         network(SCENE, SelectConfig("greedy", 1), frozenset(), None)
 

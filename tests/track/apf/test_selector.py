@@ -17,7 +17,7 @@ from occlog.track.methods.apf.config import ApfConfig, SelectConfig
 
 pytestmark = pytest.mark.jit
 SCENE = room100(pillar=False)
-CONFIG = ApfConfig(particles=200, start_factor=2)
+CONFIG = ApfConfig(particles=200, initial_particle_factor=2)
 STEPS = 20
 
 
@@ -52,7 +52,7 @@ def counted(diagnostics):
 
 
 def test_only_selected_cameras_are_used_and_written():
-    _, d = whole(recording(), SelectConfig("greedy", 3, every=4, patience=0))
+    _, d = whole(recording(), SelectConfig("greedy", 3, selection_interval=4, max_blind_scans=0))
     assert len(d) == STEPS
     for row in range(STEPS):
         assert len(d.selected[row].split(",")) == 3
@@ -67,14 +67,16 @@ def test_only_selected_cameras_are_used_and_written():
 
 
 def test_steps_between_selections_are_reference_steps():
-    config = ApfConfig(particles=200, start_factor=2, reference_s=2.0)
-    parts = track([recording()], SCENE, TrackingTask(config, 3, selection=SelectConfig("closest", 2, every=2.5)))
+    config = ApfConfig(particles=200, initial_particle_factor=2, reference_step_s=2.0)
+    parts = track(
+        [recording()], SCENE, TrackingTask(config, 3, selection=SelectConfig("closest", 2, selection_interval=2.5))
+    )
     d = Diagnostics.concat(p.diagnostics for p in parts)
     np.testing.assert_array_equal(np.flatnonzero(np.isfinite(d.predicted_mse)), np.arange(0, STEPS, 5))
 
 
 def test_messages_and_bytes_of_fixed_cameras_by_hand():
-    _, d = whole(recording(), SelectConfig("fixed", 3, every=5))
+    _, d = whole(recording(), SelectConfig("fixed", 3, selection_interval=5))
     # 20 scans of 3 cameras; 3 are switched on once; all 8 would have sent 160.
     assert counted(d).summary() == {
         "messages": 63,
@@ -86,7 +88,7 @@ def test_messages_and_bytes_of_fixed_cameras_by_hand():
 
 
 def test_messages_of_changing_cameras_by_hand():
-    _, d = whole(recording(), SelectConfig("random", 2, every=5))
+    _, d = whole(recording(), SelectConfig("random", 2, selection_interval=5))
     sets = [set(d.selected[k].split(",")) for k in range(0, STEPS, 5)]
     orders = 2 + sum(len(a ^ b) for a, b in pairwise(sets))
     assert orders > 2
@@ -97,7 +99,7 @@ def test_messages_of_changing_cameras_by_hand():
 def test_cameras_at_their_own_times():
     """Frames of cameras that were not asked count as offered in the next row."""
     table = asynchronous()
-    _, d = whole(table, SelectConfig("fixed", 2, every=1000))  # cam1 and cam2: full seconds only
+    _, d = whole(table, SelectConfig("fixed", 2, selection_interval=1000))  # cam1 and cam2: full seconds only
     assert len(d) == STEPS
     np.testing.assert_array_equal(d.t_ns, np.arange(STEPS) * SECOND)
     np.testing.assert_array_equal(d.n_looked, 2)
@@ -109,7 +111,7 @@ def test_cameras_at_their_own_times():
 
 def test_cameras_at_their_own_times_with_changes():
     table = asynchronous(1)
-    _, d = whole(table, SelectConfig("greedy", 4, every=3, patience=0))
+    _, d = whole(table, SelectConfig("greedy", 4, selection_interval=3, max_blind_scans=0))
     delivered = [len(table.t_ns[table.t_ns == t]) for t in np.unique(table.t_ns)]
     assert d.n_offered.sum() == len(table) - sum(
         n for n, t in zip(delivered, np.unique(table.t_ns), strict=True) if t > d.t_ns[-1]
@@ -133,15 +135,17 @@ def test_all_cameras_give_the_track_without_selection():
 
 
 def test_the_same_seed_selects_the_same():
-    a, b = (whole(recording(), SelectConfig("random", 2, every=1))[1] for _ in range(2))
+    a, b = (whole(recording(), SelectConfig("random", 2, selection_interval=1))[1] for _ in range(2))
     np.testing.assert_array_equal(a.selected, b.selected)
-    parts = track([recording()], SCENE, TrackingTask(CONFIG, 4, selection=SelectConfig("random", 2, every=1)))
+    parts = track(
+        [recording()], SCENE, TrackingTask(CONFIG, 4, selection=SelectConfig("random", 2, selection_interval=1))
+    )
     assert np.any(Diagnostics.concat(p.diagnostics for p in parts).selected != a.selected)
 
 
 def test_left_out_cameras_are_not_selected():
     usable = frozenset({"cam1", "cam4", "cam6"})
-    _, d = whole(recording(), SelectConfig("greedy", 2, every=1, patience=0), sensors=usable)
+    _, d = whole(recording(), SelectConfig("greedy", 2, selection_interval=1, max_blind_scans=0), sensors=usable)
     assert set(",".join(d.selected).split(",")) <= usable
     np.testing.assert_array_equal(d.n_offered, 3)
 
@@ -164,19 +168,19 @@ def names(text):
 
 def test_all_cameras_are_asked_until_two_have_seen_the_target_at_once():
     table = one_target(lambda step: {1} if step < 3 else range(1, 9))
-    _, d = whole(table, SelectConfig("greedy", 3, every=5))
+    _, d = whole(table, SelectConfig("greedy", 3, selection_interval=5))
     assert d.selected[:4].tolist() == [""] * 4
     np.testing.assert_array_equal(d.n_looked[:4], 8)
     np.testing.assert_array_equal(d.n_looked[4:], 3)
 
 
 def test_cameras_that_lose_sight_are_replaced_in_the_next_scan_and_not_asked_again_soon():
-    _, before = whole(one_target(lambda step: range(1, 9)), SelectConfig("greedy", 3, every=100))
+    _, before = whole(one_target(lambda step: range(1, 9)), SelectConfig("greedy", 3, selection_interval=100))
     chosen = names(before.selected[1])
     blind = one_target(lambda step: set(range(1, 9)) - (chosen if step >= 3 else set()))
-    _, d = whole(blind, SelectConfig("greedy", 3, every=100))
+    _, d = whole(blind, SelectConfig("greedy", 3, selection_interval=100))
     first = names(d.selected[1])
-    _, patient = whole(blind, SelectConfig("greedy", 3, every=100, patience=0))
+    _, patient = whole(blind, SelectConfig("greedy", 3, selection_interval=100, max_blind_scans=0))
     assert len(set(patient.selected.tolist())) == 1
     lost = [k for k in range(1, STEPS) if k >= 3 and d.n_seen[k] < 2]
     assert all(names(d.selected[k]) != names(d.selected[k + 1]) for k in lost if k + 1 < STEPS)
@@ -186,7 +190,7 @@ def test_cameras_that_lose_sight_are_replaced_in_the_next_scan_and_not_asked_aga
 def test_patience_counts_scans_in_a_row():
     blind = one_target(lambda step: range(1, 9) if step < 2 else set())
     for patience in (1, 3):
-        _, d = whole(blind, SelectConfig("greedy", 3, every=100, patience=patience), window_ns=0)
+        _, d = whole(blind, SelectConfig("greedy", 3, selection_interval=100, max_blind_scans=patience), window_ns=0)
         made = np.flatnonzero(np.isfinite(d.predicted_mse))
         assert made[0] == 1
         assert made[1] == 2 + patience
@@ -194,5 +198,5 @@ def test_patience_counts_scans_in_a_row():
 
 def test_baselines_select_without_regard_to_what_was_seen():
     blind = one_target(lambda step: range(1, 9) if step < 2 else set())
-    _, d = whole(blind, SelectConfig("closest", 3, every=7, patience=1))
+    _, d = whole(blind, SelectConfig("closest", 3, selection_interval=7, max_blind_scans=1))
     np.testing.assert_array_equal(np.flatnonzero(np.isfinite(d.predicted_mse)), [0, 7, 14])

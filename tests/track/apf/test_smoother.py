@@ -87,11 +87,11 @@ def test_the_smoothed_posterior_is_that_of_the_exact_smoother(dt, proposal):
     config = ApfConfig(
         particles=2000,
         start=(20.0, 50.0, start),
-        sigma_v=sigma,
+        process_noise_position=sigma,
         smooth=True,
-        trajectories=1000,
+        smoothing_trajectories=1000,
         proposal=proposal,
-        false=0.0,
+        false_alarm_probability=0.0,
         **DIFFUSING,
     )
     rng = np.random.default_rng(3)
@@ -132,7 +132,7 @@ def walking(steps=12, seed=0, **options):
     for k, xy in enumerate(path):
         u = np.array(true_u(scene, xy)) + rng.normal(0, 3, 8)
         scans.append(scan(float(k), [(i, v if abs(v) < 69 else None) for i, v in enumerate(u)]))
-    return scene, scans, ApfConfig(particles=300, start_factor=3, smooth=True, **options)
+    return scene, scans, ApfConfig(particles=300, initial_particle_factor=3, smooth=True, **options)
 
 
 def test_there_is_a_state_for_each_scan_and_the_last_is_the_filters():
@@ -213,7 +213,7 @@ def test_two_scans_at_one_time_do_not_cut_the_record(noises):
 
 def test_without_smoothing_nothing_is_kept_for_the_way_back():
     scene, scans, config = walking(3)
-    traces, _ = traces_of(scene, scans, ApfConfig(particles=300, start_factor=3))
+    traces, _ = traces_of(scene, scans, ApfConfig(particles=300, initial_particle_factor=3))
     assert traces == [()] * 3
     assert all(traces_of(scene, scans, config)[0])
 

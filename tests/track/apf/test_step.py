@@ -19,7 +19,9 @@ from occlog.track.methods.apf.config import ApfConfig
 def test_a_step_is_that_of_the_plain_form(seed, dt, pillar):
     scene = room100(pillar)
     options = {"defensive": 0.1 * (seed % 2), "soften": 0.02, "false": 1e-3}
-    config = ApfConfig(particles=L, phi=0.3, resample_below=1.0, lost_after=0, proposal="motion", **options)
+    config = ApfConfig(
+        particles=L, velocity_memory=0.3, resampling_threshold=1.0, track_loss_count=0, proposal="motion", **options
+    )
     state, u = state_with(scene, config, seed), readings(scene, seed)
     rows = [(i, None if np.isnan(u[i]) else u[i]) for i in range(8)]
     rng = Recorder(seed + 100)
@@ -60,7 +62,7 @@ def test_the_log_likelihood_does_not_depend_on_the_proposal(seed):
     rows = [(i, None if np.isnan(v) else v) for i, v in enumerate(readings(scene, 0))]
     values = []
     for defensive in (0.0, 0.5, 1.0):
-        config = ApfConfig(particles=L, defensive=defensive, lost_after=0)
+        config = ApfConfig(particles=L, defensive_fraction=defensive, track_loss_count=0)
         state = state_with(scene, config, seed)
         runs = [apf.step(state, scan(1.0, rows), np.random.default_rng(r))[1].log_likelihood for r in range(60)]
         mean = np.mean(np.exp(np.array(runs) - runs[0]))

@@ -39,13 +39,13 @@ def test_a_step_is_that_of_the_plain_form(seed, spread, isotropic, likelihood, m
     options = {"defensive": 0.1, "soften": 0.02, "false": 1e-3}
     config = ApfConfig(
         particles=L,
-        phi=0.3,
-        resample_below=1.0,
-        lost_after=0,
+        velocity_memory=0.3,
+        resampling_threshold=1.0,
+        track_loss_count=0,
         proposal="motion",
-        own_gate=0.0,
+        own_prior_gate=0.0,
         likelihood=likelihood,
-        temper=1.0,
+        occlusion_tempering=1.0,
         **options,
     )
     state, u = state_with(scene, config, seed, spread), readings(scene, seed)

@@ -43,7 +43,9 @@ def tilted(scene: Scene) -> Scene:
 
 
 def recorded(scene, seed, steps=120, occluders=20):
-    truth = Truth.concat(simulate_truth(scene, WorldConfig(steps=steps, occluders=occluders, z=HEIGHT), seed))
+    truth = Truth.concat(
+        simulate_truth(scene, WorldConfig(steps=steps, occluders=occluders, object_height=HEIGHT), seed)
+    )
     bearings = Bearings.concat(observe(scene, [truth], ObserveConfig(), seed))
     own = truth.target_id == 0
     return bearings, np.column_stack([truth.x[own], truth.y[own]])

@@ -82,7 +82,7 @@ def assert_same(a, b):
 def test_nobody_is_reported_before_he_is_confirmed(tracked):
     # The first scan makes a track, two more confirm it.
     assert tracked[0].t_ns.min() == round(0.4 * NS)
-    strict, _, _ = run([rows(SCENE, TWO)], replace(CONFIG, confirm_hits=10))
+    strict, _, _ = run([rows(SCENE, TWO)], replace(CONFIG, confirmation_hits=10))
     assert strict.t_ns.min() == round(1.8 * NS)
 
 
@@ -110,7 +110,7 @@ def test_who_falls_silent_keeps_his_number():
 
 
 def test_who_is_silent_for_long_is_forgotten():
-    config = replace(CONFIG, forget_s=3.0)
+    config = replace(CONFIG, max_coasting_s=3.0)
     tracks, _, _ = run([rows(SCENE, TWO, sounds=lambda k, t: k == 0 or t < 6.0)], config)
     number, _ = nearest(tracks.take(tracks.t_ns <= 6 * NS), TWO[1], 3.0)
     assert errors(tracks, number, TWO[1])[1].max() == pytest.approx(9.0, abs=0.5)
@@ -149,7 +149,12 @@ def test_two_who_are_heard_as_one_stay_two():
     scene = room(text)
     paths = {0: line(8, 4, 0.0, 0.4), 1: line(12, 12, 0.0, -0.4)}
     merged = one_direction(rows(scene, paths, seconds=20), np.radians(6))
-    config = replace(CONFIG, start=(8, 4, 0.3, 0, 0.4, 0.1, 12, 12, 0.3, 0, -0.4, 0.1), sigma_v=0.05, alpha=0.05)
+    config = replace(
+        CONFIG,
+        start=(8, 4, 0.3, 0, 0.4, 0.1, 12, 12, 0.3, 0, -0.4, 0.1),
+        process_noise_velocity=0.05,
+        turn_acceleration=0.05,
+    )
     tracks, _, _ = run([merged], config, scene)
     assert (np.bincount(tracks.target_id[tracks.t_ns > 18 * NS]) > 0).sum() == 2
     for k in (0, 1):
@@ -196,7 +201,7 @@ def test_whom_cameras_find_is_a_track_with_its_label():
     """A third whose place only the cameras can tell, as one array alone hears."""
     text = ROOM.replace("{name: a2, position: [18, 3, 1], sigma_deg: 2", "{name: a2, position: [18, 3, 1], range: 0.1")
     scene = room(text)
-    config = replace(CONFIG, cooperate="count", birth=0.0)
+    config = replace(CONFIG, cooperate="count", birth_probability=0.0)
     tracks, asked, _ = run([rows(scene, {5: TWO[0]}, cameras=True, seconds=6)], config, scene)
     assert asked.target_id[0] == -1
     assert asked.cause[0] == "count"

@@ -142,7 +142,7 @@ def test_occluders_come_with_the_scan_until_they_are_too_old() -> None:
 
 
 def test_cameras_are_selected_anew_after_so_many_reference_steps() -> None:
-    selection = SelectConfig("random", 2, every=1.5)  # of 2 s
+    selection = SelectConfig("random", 2, selection_interval=1.5)  # of 2 s
     _, diagnostics = run([seen(9)], SELECTING, selection=selection)
     assert np.flatnonzero(np.isfinite(diagnostics.predicted_mse)).tolist() == [0, 3, 6]
     assert all(len(names.split(",")) == 2 for names in diagnostics.cameras)
@@ -154,6 +154,6 @@ def test_cameras_are_selected_anew_after_so_many_reference_steps() -> None:
 def test_a_scan_of_cameras_that_are_not_asked_gives_no_row() -> None:
     late = seen(2, 0, cameras=["cam5"], first=SECOND // 2)
     every = Bearings.merge([seen(2, 0, cameras=["cam1", "cam2"]), late])
-    tracks, diagnostics = run([every], SELECTING, selection=SelectConfig("fixed", 2, every=1e6))
+    tracks, diagnostics = run([every], SELECTING, selection=SelectConfig("fixed", 2, selection_interval=1e6))
     assert tracks.t_ns.tolist() == [0, SECOND]
     assert diagnostics.n_offered.tolist() == [2, 3]  # the frame of cam5 at 0.5 s counts in the row at 1 s

@@ -86,7 +86,19 @@ def test_the_command_writes_them(tmp_path: Path, method: str) -> None:
     recording, out, written = (str(tmp_path / name) for name in ("r.mcap", "t.parquet", "particles.parquet"))
     scene = str(EXAMPLES / ("room.yaml" if method == "apf" else "arrays.yaml"))
     assert run(["simulate", scene, "-o", recording, "--steps", "12", "--seed", "1", "-q"]) == ExitCode.DONE
-    asked = ["track", recording, "-o", out, "--method", method, "--set", "particles=500", "--cloud", written, "-q"]
+    asked = [
+        "track",
+        recording,
+        "-o",
+        out,
+        "--method",
+        method,
+        "--set",
+        "particles=500",
+        "--particle-cloud",
+        written,
+        "-q",
+    ]
     assert run(asked) in (ExitCode.DONE, ExitCode.LOSSY)
     particles, tracks = read_table(Path(written), Particles), read_table(Path(out), Tracks)
     assert set(particles.t_ns.tolist()) == set(tracks.t_ns.tolist())
@@ -104,8 +116,8 @@ def test_methods_without_particles_have_none_to_write(tmp_path: Path, capsys: py
         str(tmp_path / "t.parquet"),
         "--method",
         "fix",
-        "--cloud",
+        "--particle-cloud",
         str(tmp_path / "c"),
     ]
     assert run(asked) == ExitCode.USAGE
-    assert "--cloud" in capsys.readouterr().err
+    assert "--particle-cloud" in capsys.readouterr().err

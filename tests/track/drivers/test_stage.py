@@ -19,8 +19,8 @@ from occlog.track.methods.apf.config import ApfConfig
 pytestmark = pytest.mark.jit
 
 SCENE = room100(pillar=False)
-CONFIG = ApfConfig(particles=200, start_factor=2)
-FEW = ApfConfig(particles=40, start_factor=2)
+CONFIG = ApfConfig(particles=200, initial_particle_factor=2)
+FEW = ApfConfig(particles=40, initial_particle_factor=2)
 
 
 def recording(steps=25, targets=(0,), seed=0):

@@ -56,7 +56,7 @@ def test_fixes_of_a_field_log(
     assert (told.n_seen >= 2).all()
 
 
-@pytest.mark.parametrize("args", [["--set", "estimator=mean"], ["--start", "1,2"], ["--set", "bend=0"]])
+@pytest.mark.parametrize("args", [["--set", "estimator=mean"], ["--start", "1,2"], ["--set", "loss_threshold=0"]])
 def test_settings_that_the_method_does_not_take_are_usage_errors(field: str, tmp_path: Path, capsys, args) -> None:
     out = str(tmp_path / "t.parquet")
     assert run(["track", field, "-o", out, "--method", "fix", "--doa-labels", "-q", *args]) == ExitCode.USAGE

@@ -55,7 +55,7 @@ def test_cameras_and_arrays_give_positions_and_scans_without_one_give_no_row() -
         true[step] = rng.uniform(2, 8, 2)
         heard = NAMES[:1] if step % 4 == 3 else NAMES
         rows += [(step, s, 5, direction(s, true[step]) + 0.02 * rng.standard_normal()) for s in heard]
-    config = FixConfig(spread="stated")
+    config = FixConfig(covariance="stated")
     (found,) = track([table(rows)], make_scene(), TrackingTask(config, 0, method="fix"))
     steps = (found.tracks.t_ns // NS).tolist()
     assert steps == [k for k in range(40) if k % 4 != 3]

@@ -40,7 +40,7 @@ def balls(tmp_path_factory):
 
 
 def track(source: Path, folder: Path, *args: str, method: str = "bmct", initial: Path | str | None = "same") -> int:
-    start = [] if initial is None else ["--initial", str(source if initial == "same" else initial)]
+    start = [] if initial is None else ["--initial-ellipses", str(source if initial == "same" else initial)]
     return run(
         ["track", str(source), "--method", method, "-o", str(folder / "t.parquet"), "--overwrite", *start, *args]
     )
@@ -107,7 +107,7 @@ def test_settings_and_particles(balls, tmp_path, capsys):
         capsys, track(balls, tmp_path, "--set", "birth_frame=2"), ExitCode.USAGE
     )
     assert "birth_frames=-1: must be at least 0" in refused(
-        capsys, track(balls, tmp_path, "--set", "birth_frames=-1"), ExitCode.USAGE
+        capsys, track(balls, tmp_path, "--set", "confirmation_frames=-1"), ExitCode.USAGE
     )
 
 
@@ -223,7 +223,8 @@ def test_options_that_mean_nothing_are_refused(balls, tmp_path, capsys, args):
 def test_options_of_tracking_in_images_go_with_no_other_method(balls, tmp_path, capsys):
     assert track(balls, tmp_path, method="apf") == ExitCode.USAGE
     assert (
-        "--initial is an option of --method mipf, idmot, cmct, bmct, mcmc, not of --method " in capsys.readouterr().err
+        "--initial-ellipses is an option of --method mipf, idmot, cmct, bmct, mcmc, not of --method "
+        in capsys.readouterr().err
     )
 
 
@@ -241,7 +242,7 @@ def test_views_of_which_nothing_is_known_track_alone(tmp_path, capsys):
     assert track(path, tmp_path) == ExitCode.DONE
     assert "nothing tells how the views see the same point" in capsys.readouterr().err
     assert len(result(tmp_path)) == 2 * 3 * FRAMES
-    said = refused(capsys, track(path, tmp_path, "--world", str(tmp_path / "w.parquet")))
+    said = refused(capsys, track(path, tmp_path, "--ground-tracks", str(tmp_path / "w.parquet")))
     assert "no camera has a pose, so nothing can be told of the ground" in said
 
 
@@ -308,7 +309,7 @@ def test_a_view_without_first_ellipses_and_a_run_without_any_are_told(balls, tmp
     assert track(balls, tmp_path, initial=path) == ExitCode.DONE
     assert "no first ellipse began a tracker in view2: nothing is tracked there" in capsys.readouterr().err
     assert track(balls, tmp_path, initial=None) == ExitCode.DONE
-    assert "no --initial and no --detections: trackers begin from the boxes in" in capsys.readouterr().err
+    assert "no --initial-ellipses and no --detections: trackers begin from the boxes in" in capsys.readouterr().err
 
 
 def test_new_targets_have_numbers_that_are_free():
@@ -334,8 +335,8 @@ def test_the_largest_identity_leaves_room_for_others(balls, tmp_path):
 
 
 def test_nothing_could_begin_a_tracker(balls, tmp_path, capsys):
-    said = refused(capsys, track(balls, tmp_path, "--set", "birth_frames=0", initial=None), ExitCode.USAGE)
-    assert "birth_frames is 0, so that no tracker begins from detections; give --initial, or 1 or more" in said
+    said = refused(capsys, track(balls, tmp_path, "--set", "confirmation_frames=0", initial=None), ExitCode.USAGE)
+    assert "birth_frames is 0, so that no tracker begins from detections; give --initial-ellipses, or 1 or more" in said
 
 
 @pytest.mark.parametrize("how", ["late", "apart"])
@@ -413,7 +414,7 @@ def test_trackers_begin_from_what_moves(tmp_path):
 
 def test_world_tracks(balls, tmp_path, capsys):
     out = tmp_path / "w.parquet"
-    assert track(balls, tmp_path, "--world", str(out), "--json") == ExitCode.DONE
+    assert track(balls, tmp_path, "--ground-tracks", str(out), "--json") == ExitCode.DONE
     summary = json.loads(capsys.readouterr().out)
     table = read_table(out, Tracks)
     assert summary["world"] == str(out)
@@ -424,11 +425,20 @@ def test_world_tracks(balls, tmp_path, capsys):
 
 def test_outputs_are_not_overwritten_nor_inputs(balls, tmp_path, capsys):
     assert track(balls, tmp_path, "-q") == ExitCode.DONE
-    again = ["track", str(balls), "--method", "mipf", "--initial", str(balls), "-o", str(tmp_path / "t.parquet")]
+    again = [
+        "track",
+        str(balls),
+        "--method",
+        "mipf",
+        "--initial-ellipses",
+        str(balls),
+        "-o",
+        str(tmp_path / "t.parquet"),
+    ]
     capsys.readouterr()
     assert "t.parquet" in refused(capsys, run(again), ExitCode.EXISTS)
     assert run([*again[:-1], str(balls)]) == ExitCode.USAGE
-    assert run([*again, "--overwrite", "--world", str(tmp_path / "t.parquet")]) == ExitCode.USAGE
+    assert run([*again, "--overwrite", "--ground-tracks", str(tmp_path / "t.parquet")]) == ExitCode.USAGE
 
 
 def test_truth_boxes_of_the_same_frames_as_initial_table(balls, tmp_path):
@@ -455,7 +465,7 @@ def test_every_method_ends_trackers_that_nothing_supports(balls, tmp_path, metho
     }
     path = tmp_path / "boxes.parquet"
     write_table(path, Boxes.concat([seen, Boxes.of(**nobody)]), Provenance("test"))
-    args = ("-q", "--detections", str(path), "--set", "support_frames=3")
+    args = ("-q", "--detections", str(path), "--set", "max_coasting_frames=3")
     assert track(balls, tmp_path, *args, method=method, initial=None) == ExitCode.DONE
     table = result(tmp_path)
     last = table.take(table.event == "lost")

@@ -1,4 +1,4 @@
-"""`occlog track --world`: the tables in images and on the ground appear together, or neither does."""
+"""`occlog track --ground-tracks`: the tables in images and on the ground appear together, or neither does."""
 
 from __future__ import annotations
 
@@ -19,7 +19,18 @@ def test_both_tables_appear_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     video, tracks, world = (tmp_path / name for name in ("b.mcap", "t.parquet", "w.parquet"))
     small = ["--frames", "4", "--size", "96x72", "--balls", "2", "--radius", "9"]
     assert run(["simulate", "--scene", "balls", *small, "-o", str(video), "-q"]) == ExitCode.DONE
-    asked = ["track", str(video), "--method", "mipf", "--initial", str(video), "-o", str(tracks), "--world", str(world)]
+    asked = [
+        "track",
+        str(video),
+        "--method",
+        "mipf",
+        "--initial-ellipses",
+        str(video),
+        "-o",
+        str(tracks),
+        "--ground-tracks",
+        str(world),
+    ]
     flush = TableWriter._flush
     for ground in (True, False):
 

@@ -107,7 +107,7 @@ def test_old_frames_are_none(age_s, frames):
 
 def test_older_frames_tell_a_place_less_well():
     fresh, old = (requests(standing()).ask([ask(0, HERE)], [], round(s * NS))[0].answer.covariance for s in (0.0, 0.4))
-    np.testing.assert_allclose(old - fresh, (CONFIG.speed * 0.4) ** 2 * np.eye(2), atol=1e-12)
+    np.testing.assert_allclose(old - fresh, (CONFIG.sigma_initial_velocity * 0.4) ** 2 * np.eye(2), atol=1e-12)
 
 
 def test_with_one_camera_nothing_is_asked():
@@ -140,17 +140,17 @@ def test_cameras_asked_already_do_up_to_twice_the_best_deviation(times, cameras,
 
 def test_answers_that_take_their_time_are_about_older_frames():
     moving = rows(SCENE, {0: line(*HERE, 1.0, 0.0)}, seconds=2.0, cameras=True)
-    slow = replace(CONFIG, answer_s=1.0, frame_age_s=0.1)
+    slow = replace(CONFIG, answer_delay_s=1.0, max_frame_age_s=0.1)
     now = int(moving.t_ns[-1])
     (late,) = requests(moving, config=slow).ask([ask(0, HERE, label=0)], [], now)
     (early,) = requests(moving).ask([ask(0, HERE, label=0)], [], now)
     np.testing.assert_allclose(early.answer.position - late.answer.position, [1.0, 0.0], atol=1e-6)
     # ... whose covariance is widened by what the target may have walked since
-    assert late.answer.covariance[0, 0] > early.answer.covariance[0, 0] + 0.5 * CONFIG.speed**2
+    assert late.answer.covariance[0, 0] > early.answer.covariance[0, 0] + 0.5 * CONFIG.sigma_initial_velocity**2
 
 
 def test_nothing_is_known_before_the_first_answer_could_have_come():
-    slow = replace(CONFIG, answer_s=1.0)
+    slow = replace(CONFIG, answer_delay_s=1.0)
     (request,) = requests(standing(), config=slow).ask([ask(0, HERE)], [], 0)
     assert request.answer.position is None
     assert request.frames == 0

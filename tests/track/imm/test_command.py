@@ -106,7 +106,11 @@ def test_starts_of_several_targets(folder, capsys):
             ExitCode.USAGE,
             "--select is an option of --method apf, direct3d, pps, not of --method imm",
         ),
-        (["--set", "detection=2"], ExitCode.USAGE, "--set detection=2: must be above 0 and at most 1"),
+        (
+            ["--set", "detection_probability=2"],
+            ExitCode.USAGE,
+            "--set detection_probability=2: must be above 0 and at most 1",
+        ),
     ],
 )
 def test_what_cannot_be_is_said_in_one_line(folder, capsys, more, code, said):
@@ -134,7 +138,7 @@ def test_nobody_heard_is_told(folder, capsys):
             str(folder / "n.parquet"),
             "--overwrite",
             "--set",
-            "birth=0",
+            "birth_probability=0",
         ]
     )
     assert code == ExitCode.DONE

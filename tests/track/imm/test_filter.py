@@ -26,14 +26,14 @@ SCENE = room(ROOM.replace("position: [2, 2, 1], sigma_deg: 2", "position: [2, 2,
 STILL = replace(
     ImmConfig.in_unit("m"),
     particles=60_000,
-    alpha=0.0,
-    sigma_v=0.0,
-    birth=0.0,
-    clutter=1e-9,
+    turn_acceleration=0.0,
+    process_noise_velocity=0.0,
+    birth_probability=0.0,
+    clutter_rate=1e-9,
     walls=False,
-    die=0.0,
-    sound_s=1e12,
-    silent_s=1e-9,
+    deletion_threshold=0.0,
+    mean_sound_s=1e12,
+    mean_silence_s=1e-9,
 )
 """A target that stands still and always sounds: its cloud can be compared with a grid."""
 SIGMA = math.radians(2.0)
@@ -85,7 +85,7 @@ def by_grid(x, y, s, looks, detection, reach):
 @pytest.mark.parametrize("seed", [0, 1])
 def test_one_target_is_where_a_grid_has_it(looks, seed):
     x, y, s = 8.5, 7.5, 1.0
-    config = replace(STILL, start=(x, y, s, 0.0, 0.0, 0.0), detection=0.8)
+    config = replace(STILL, start=(x, y, s, 0.0, 0.0, 0.0), detection_probability=0.8)
     rng = np.random.default_rng(seed)
     state = init(SCENE, config, rng)
     for n, heard in enumerate(looks):
@@ -114,7 +114,12 @@ def test_arrays_in_one_scan_are_as_good_as_one_after_the_other(seed):
 def test_association_any_is_the_filter_of_the_kernel():
     """[Lee] Eq. 3.6 for one target and two bearings, step for step with the same random numbers."""
     config = replace(
-        STILL, particles=300, alpha=0.3, sigma_v=0.2, association="any", start=(8.0, 8.0, 1.0, 0.5, 0.0, 0.2)
+        STILL,
+        particles=300,
+        turn_acceleration=0.3,
+        process_noise_velocity=0.2,
+        association="any",
+        start=(8.0, 8.0, 1.0, 0.5, 0.0, 0.2),
     )
     state = init(SCENE, config, np.random.default_rng(3))
     heard, cloud = look(40.0, 60.0), state.tracks[0].cloud
@@ -132,7 +137,7 @@ def test_association_any_is_the_filter_of_the_kernel():
 @pytest.mark.parametrize("unheard", [0.0, 0.3, 1.0])
 def test_existence_and_sound_follow_bayes(unheard):
     """States: not there; there and silent; there, sounding and missed; there and heard."""
-    world = make_world(SCENE, replace(STILL, particles=100, birth_factor=10))
+    world = make_world(SCENE, replace(STILL, particles=100, initial_particle_factor=10))
     rng = np.random.default_rng(0)
     track = track_on_bearing(world, 0, 0.7, 0.05, 0, UNLABELLED_TRACK, rng)._replace(exists=0.6, sounds=0.7)
     states = track.cloud.states[None]
@@ -162,7 +167,7 @@ def test_births_are_on_the_sight_line_in_range_and_room():
     far = np.hypot(*xy.T)
     assert far.max() <= 9.0
     assert np.mean(far) == pytest.approx(4.5, abs=0.15)  # uniform in the distance; standard error 0.04
-    assert (track.number, track.exists, track.met_ns) == (TENTATIVE, config.birth, 5)
+    assert (track.number, track.exists, track.met_ns) == (TENTATIVE, config.birth_probability, 5)
     out = track_on_bearing(world, 0, math.radians(-135.0), 0.01, 5, 4, np.random.default_rng(0))
     inside = (out.cloud.states[:, [0, 2]] >= 0).all()
     assert inside  # the array is 2.8 m from the corner

@@ -43,7 +43,9 @@ def test_equal_models_give_the_smoother_of_rauch_tung_and_striebel(sigma_v: floa
     steps, F = 10, np.kron(np.eye(2), [[1.0, 1.0], [0.0, 1.0]])
     root = acceleration_root(sigma_v**2, 1.0)
     Q, H = np.kron(np.eye(2), root @ root.T), np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0]])
-    config = replace(ImmConfig.in_unit("m"), alpha=0.0, sigma_v=sigma_v, trajectories=400)
+    config = replace(
+        ImmConfig.in_unit("m"), turn_acceleration=0.0, process_noise_velocity=sigma_v, smoothing_trajectories=400
+    )
     gaps, ratios = [], []
     for seed in range(8):
         rng = np.random.default_rng([seed, round(10 * sigma_v)])
@@ -71,7 +73,13 @@ def test_equal_models_give_the_smoother_of_rauch_tung_and_striebel(sigma_v: floa
 
 def test_a_turn_that_shows_later_is_known_before() -> None:
     """A model that holds for long is told by what the target does afterwards, and with it the way there."""
-    config = replace(ImmConfig.in_unit("m"), alpha=0.5, sigma_v=0.01, hold_s=100.0, trajectories=400)
+    config = replace(
+        ImmConfig.in_unit("m"),
+        turn_acceleration=0.5,
+        process_noise_velocity=0.01,
+        model_sojourn_s=100.0,
+        smoothing_trajectories=400,
+    )
     rng, models = np.random.default_rng(2), three_models(0.5)
     n, cloud = 6000, []
     states, kinds = np.tile([0.0, 1.0, 0.0, 0.0], (6000, 1)), rng.integers(3, size=n)

@@ -154,7 +154,7 @@ def test_a_request_in_vain_is_not_made_anew_at_once():
 
 @pytest.mark.parametrize(("fix", "tolerance"), [("replace", 0.05), ("update", 0.05)])
 def test_an_answer_moves_the_cloud_and_gives_its_label(fix, tolerance):
-    config = replace(ImmConfig.in_unit("m"), fix=fix)
+    config = replace(ImmConfig.in_unit("m"), camera_fix=fix)
     state, report = at("spread", (6, 6), (9, 9), sigma=2.0, config=config)
     question = requests_after_scan(state, report, RequestMemory(), RNG(0))[0][0]
     answer = CameraAnswer(question, np.array([7.0, 5.0]), 1e-4 * np.eye(2), 4)

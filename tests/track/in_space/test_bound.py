@@ -82,9 +82,9 @@ def test_a_world_turned_with_all_its_arrays_gives_the_same_errors() -> None:
             spread = np.sqrt(np.diag(w.P0))
             config = Direct3dConfig(
                 particles=2000,
-                start_factor=1,
+                initial_particle_factor=1,
                 start=(*mean, *spread),
-                q=0.0,
+                process_noise_density=0.0,
                 acceleration=tuple(Q @ np.array([0.0, 0.1, 0.5])),
             )
             rng = np.random.default_rng([run, 2])

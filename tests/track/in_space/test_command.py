@@ -29,7 +29,19 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("space")
     (folder / "scene.yaml").write_text(SCENE, encoding="utf-8")
     path = folder / "talk.mcap"
-    command = ["simulate", folder / "scene.yaml", "-o", path, "--seconds", "12", "--z", "1.6", "--seed", "3", "-q"]
+    command = [
+        "simulate",
+        folder / "scene.yaml",
+        "-o",
+        path,
+        "--seconds",
+        "12",
+        "--object-height",
+        "1.6",
+        "--seed",
+        "3",
+        "-q",
+    ]
     assert run([str(c) for c in command]) == 0
     return path
 

@@ -53,7 +53,11 @@ def test_a_target_that_leaves_the_room_is_known_as_well_outside() -> None:
         rng = np.random.default_rng([seed, 1])
         truth = walk(leaving, 60, 0.1, 0.0, rng)
         scans = [noisy_scan(scene, 0.1 * k, x[:3], 0.1, rng) for k, x in enumerate(truth)]
-        config = Direct3dConfig(start=(*(leaving + SPREAD * rng.standard_normal(6)), *SPREAD), start_factor=1, q=0.0)
+        config = Direct3dConfig(
+            start=(*(leaving + SPREAD * rng.standard_normal(6)), *SPREAD),
+            initial_particle_factor=1,
+            process_noise_density=0.0,
+        )
         found = follow(direct3d, scene, scans, config, rng)
         told.append(nees(found.filtered, truth[:, :3])[truth[:, 0] > 8.0].mean())
     assert np.mean(told) < 5.0  # a factor at every scan gives 23

@@ -171,7 +171,7 @@ def test_not_seen_changes_nothing_but_time() -> None:
     scans = [scan(scene, 0.1 * k, [0, 1, 2]) for k in range(10)]
     blank = scans[-1]._replace(t_ns=scans[-1].t_ns, seen=np.zeros(3, dtype=bool))
     rng = np.random.default_rng(0)
-    state = projected_planes.init(scene, PpsConfig(particles=500, resample_below=0.0), rng)
+    state = projected_planes.init(scene, PpsConfig(particles=500, resampling_threshold=0.0), rng)
     for one in scans:
         state, before = projected_planes.step(state, one, rng)
     _, after = projected_planes.step(state, blank, rng)

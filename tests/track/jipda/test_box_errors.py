@@ -86,7 +86,7 @@ def test_the_bias_of_a_camera_is_found() -> None:
 def test_at_first_the_settings_hold() -> None:
     config = JipdaConfig()
     noise = edge_noise_variance(prior_edge_errors(2, 1.0, config))
-    np.testing.assert_allclose(noise[:, 0], np.array([0.5, 2.0, 0.5, 2.0]) * config.edge_px**2, rtol=1e-6)
+    np.testing.assert_allclose(noise[:, 0], np.array([0.5, 2.0, 0.5, 2.0]) * config.edge_noise_px**2, rtol=1e-6)
     assert gait_variance(prior_edge_errors(2, 100.0, config)) == pytest.approx(
         1e4 * gait_variance(prior_edge_errors(2, 1.0, config))
     )

@@ -81,7 +81,13 @@ def after(looks: int, visible: float, found: int) -> DetectorStatistics:
 
 
 def test_at_first_the_settings_hold() -> None:
-    config = JipdaConfig(detection=0.7, clutter=1.5, stay_s=30.0, calm_s=10.0, bend_s=40.0)
+    config = JipdaConfig(
+        detection_probability=0.7,
+        clutter_rate=1.5,
+        mean_dwell_s=30.0,
+        manoeuvre_interval_s=10.0,
+        posture_change_interval_s=40.0,
+    )
     counts = prior_statistics(2, config)
     np.testing.assert_allclose(rates(counts, config).detection, 0.7)
     np.testing.assert_allclose(clutter_rate(counts), 1.5)
@@ -93,7 +99,7 @@ def test_at_first_the_settings_hold() -> None:
 @pytest.mark.jit
 def test_the_rate_of_detection_is_that_of_people_in_plain_view() -> None:
     assert rates(after(200, 1.0, 3)).detection[0] == pytest.approx(0.5, abs=0.02)
-    assert rates(after(200, 0.5, 3)).detection[0] == pytest.approx(JipdaConfig().detection)
+    assert rates(after(200, 0.5, 3)).detection[0] == pytest.approx(JipdaConfig().detection_probability)
 
 
 @pytest.mark.jit
@@ -103,7 +109,7 @@ def test_the_curve_rises_and_is_learned_where_people_are_visible_in_part() -> No
     assert curve[-1] == 1.0
     # One of six is detected, in plain view four of five would be
     assert curve[2] == pytest.approx(1.0 / 6.0 / 0.8, abs=0.03)
-    assert (rates(prior_statistics(1, JipdaConfig()), JipdaConfig(visible=False)).curve == 1.0).all()
+    assert (rates(prior_statistics(1, JipdaConfig()), JipdaConfig(use_visibility=False)).curve == 1.0).all()
 
 
 @pytest.mark.jit
@@ -147,4 +153,6 @@ def test_boxes_of_nobody_are_never_sure_to_be_there_again() -> None:
 @pytest.mark.jit
 def test_people_who_never_bend_are_expected_to_bend_more_seldom() -> None:
     seconds = 100 * 0.5 * N
-    assert posture_change_rate(after(100, 1.0, 3)) == pytest.approx(2.0 / (2.0 * JipdaConfig().bend_s + seconds))
+    assert posture_change_rate(after(100, 1.0, 3)) == pytest.approx(
+        2.0 / (2.0 * JipdaConfig().posture_change_interval_s + seconds)
+    )

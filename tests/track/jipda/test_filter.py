@@ -74,7 +74,7 @@ def test_most_people_who_fall_lie_and_get_up_keep_their_identity() -> None:
         # Whoever lies is where the body's middle is
         made = made._replace(truth=made.truth + np.stack([0.85 * np.sin(lean), np.zeros_like(lean)], axis=2))
         for bend in (True, False):
-            matches = pairs(made, follow(made, None if bend else JipdaConfig(bend_s=1e12)))
+            matches = pairs(made, follow(made, None if bend else JipdaConfig(posture_change_interval_s=1e12)))
             found[bend] += len(matches)
             kept[bend] += sum(len({k for _, i, k, _ in matches if i == person}) == 1 for person in range(4))
     # Most of the 12 people keep their identity; without the model of those who bend all lose it, and rows meanwhile
@@ -224,5 +224,5 @@ def test_people_are_kept_apart_once_in_a_while_however_often_cameras_look() -> N
         state, _ = step(state, [look._replace(t_ns=t_ns) for look in made.moments[0]])
         kept.append(state.exclusion_ns)
     assert kept == [0, 0, EXCLUSION_INTERVAL_NS, EXCLUSION_INTERVAL_NS, 2 * EXCLUSION_INTERVAL_NS]
-    state = initial_state(made.scene, made.scene.cameras, JipdaConfig(apart=0.0))
+    state = initial_state(made.scene, made.scene.cameras, JipdaConfig(exclusion_radius=0.0))
     assert step(state, made.moments[0])[0].exclusion_ns is None

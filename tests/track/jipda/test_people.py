@@ -46,7 +46,7 @@ def some(n: int = 3):
 def test_people_who_walk_on_are_predicted_as_by_a_kalman_filter() -> None:
     config, people, dt = JipdaConfig(), some(), 0.4
     after = predict(people, 0, dt=dt, leaving=np.zeros(3), turning=1e-12, bending=1e-12, config=config)
-    F, Q, q = np.eye(6), np.zeros((6, 6)), config.acceleration
+    F, Q, q = np.eye(6), np.zeros((6, 6)), config.process_noise_density
     F[0, 2] = F[1, 3] = dt
     for a in (0, 1):
         Q[a, a], Q[a + 2, a + 2], Q[a, a + 2], Q[a + 2, a] = q * dt**3 / 3, q * dt, q * dt**2 / 2, q * dt**2 / 2
@@ -124,7 +124,7 @@ def test_a_turn_makes_the_manoeuvre_probable_and_is_followed() -> None:
 
 
 def test_models_change_by_their_rates() -> None:
-    config, turning = JipdaConfig(bent_s=3.0, turn_s=0.7), 0.2
+    config, turning = JipdaConfig(posture_change_duration_s=3.0, manoeuvre_duration_s=0.7), 0.2
     rates = np.array([[-0.22, 1 / 0.7, 1 / 3.0], [0.2, -1 / 0.7 - 0.02, 0.0], [0.02, 0.02, -1 / 3.0]])
     dt = 1e-5
     np.testing.assert_allclose((_transitions(dt, turning, 0.02, config) - np.eye(3)) / dt, rates, atol=2e-5)
@@ -162,7 +162,7 @@ def test_no_body_is_smaller_than_a_share_of_the_usual_one() -> None:
     information[0, [4, 5], [4, 5]], vector[0, 4:] = 1e6, -1e6
     after = update(people, information, vector, 0.0, config)
     np.testing.assert_allclose(
-        after.mean[0, 4:], [MIN_SIZE_RATIO * config.height, MIN_SIZE_RATIO * config.width], rtol=1e-6
+        after.mean[0, 4:], [MIN_SIZE_RATIO * config.person_height, MIN_SIZE_RATIO * config.person_width], rtol=1e-6
     )
 
 
@@ -211,11 +211,12 @@ def test_who_would_walk_through_somebody_is_expected_to_stop_or_to_turn() -> Non
     for _ in range(4):
         free = predict(free, 0, dt=0.1, leaving=np.zeros(2), turning=0.1, bending=1e-9, config=config)
         people = apply_exclusion_prior(
-            predict(people, 0, dt=0.1, leaving=np.zeros(2), turning=0.1, bending=1e-9, config=config), config.apart
+            predict(people, 0, dt=0.1, leaving=np.zeros(2), turning=0.1, bending=1e-9, config=config),
+            config.exclusion_radius,
         )
     # Where they would have met they are still before each other, and slower
     np.testing.assert_allclose(free.mean[:, 0], 0.4, atol=1e-9)
-    assert people.mean[1, 0] - people.mean[0, 0] > 0.5 * config.apart
+    assert people.mean[1, 0] - people.mean[0, 0] > 0.5 * config.exclusion_radius
     np.testing.assert_allclose(free.mean[:, 2], [1.0, -1.0], atol=1e-9)
     assert people.mean[0, 2] < 0.95
     # Who manoeuvres could have got out of the way; both alike

@@ -48,7 +48,7 @@ def test_who_hides_whom_is_the_simulators() -> None:
 
 def test_factors_of_an_object_in_plain_view_and_behind_another() -> None:
     """Camera 2 at (50, 0) looks up at an object at (50, 50): the other one is beside the sight line, or on it."""
-    config = JointConfig(detection=0.9, false=0.01)
+    config = JointConfig(detection_probability=0.9, false_alarm_probability=0.01)
     state = joint.init(SCENE, config, generator(0, RandomStream.TRACK, 0))
     xy = np.array([[[50.0, 50.0], [70.0, 30.0]], [[50.0, 50.0], [50.0, 30.0]]])
     missed, seen = (
@@ -91,7 +91,7 @@ def test_the_first_scan_of_an_object_counts_once() -> None:
 
 
 def test_what_the_scene_says_of_a_camera_comes_before_the_settings() -> None:
-    config = JointConfig(detection=0.9, false=0.01)
+    config = JointConfig(detection_probability=0.9, false_alarm_probability=0.01)
     own = replace(SCENE, cameras=(SCENE.cameras[0], replace(SCENE.cameras[1], detection=0.4, false_alarm=0.2)))
     chances = joint.chances_of(own, config)
     assert chances.detection.tolist() == [0.9, 0.4]
@@ -104,7 +104,7 @@ def test_what_the_scene_says_of_a_camera_comes_before_the_settings() -> None:
 
 
 def test_nobody_hides_sounds_from_arrays() -> None:
-    config = JointConfig(detection=0.9, false=0.01)
+    config = JointConfig(detection_probability=0.9, false_alarm_probability=0.01)
     scene = Scene(arrays=(MicrophoneArray("mic", np.array([50.0, 0.0, 1.0])),), room=SCENE.room, length_unit="unit")
     state = joint.init(scene, config, generator(0, RandomStream.TRACK, 0))
     silent = joint.pack_scan(scan(0.0, [(0, None)]), state.read_px, False)

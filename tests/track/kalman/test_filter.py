@@ -115,7 +115,7 @@ def test_a_selection_is_refused_in_one_line_that_says_what_to_do(command: list[s
     [
         (["--occluders", "seen.parquet"], "--occluders is an option of"),
         (["--particles", "100"], "--particles is an option of"),
-        (["--set", "points=visible"], "points"),
+        (["--set", "sigma_points=visible"], "points"),
     ],
 )
 def test_options_of_other_filters_are_refused(command: list[str], option: list[str], said: str, capsys) -> None:

@@ -75,7 +75,7 @@ def test_many_looks_of_one_camera_do_not_draw_the_estimate_to_it() -> None:
     given = row(AT, pixel=False, sd=0.03)
     for off in 0.03 * rng.normal(size=100):
         noisy = given._replace(value=given.value + off)
-        state = updates.iekf(state, noisy, WORLD, IekfConfig(feasible=IGNORE), np.empty((0, 2))).state
+        state = updates.iekf(state, noisy, WORLD, IekfConfig(visibility_constraint=IGNORE), np.empty((0, 2))).state
     out = state.mean[:2] / np.hypot(*state.mean[:2])
     assert np.hypot(*state.mean[:2]) == pytest.approx(50.0, rel=1e-6)
     assert np.sqrt(out @ state.covariance[:2, :2] @ out) == pytest.approx(np.sqrt(200.0), rel=1e-6)

@@ -103,12 +103,12 @@ def test_points_that_a_camera_cannot_see_teach_nothing_and_leave_a_covariance() 
     beside = Gaussian(np.array([38.0, 75.0, 0.0, 0.0]), 4.0 * COVARIANCE)
     given = rows([1], (34.0, 75.0), [True])
     every = updates.ukf(beside, given, WORLD, UkfConfig())
-    some = updates.ukf(beside, given, WORLD, UkfConfig(points=VISIBLE))
+    some = updates.ukf(beside, given, WORLD, UkfConfig(sigma_points=VISIBLE))
     assert every.fallback == some.fallback == ""
     assert np.trace(every.state.covariance) < np.trace(some.state.covariance) <= np.trace(beside.covariance)
     assert np.linalg.eigvalsh(some.state.covariance)[0] > 0.0
     hidden = Gaussian(np.array([50.0, 80.0, 0.0, 0.0]), 0.1 * COVARIANCE)
-    none = updates.ukf(hidden, given, WORLD, UkfConfig(points=VISIBLE))
+    none = updates.ukf(hidden, given, WORLD, UkfConfig(sigma_points=VISIBLE))
     assert none.fallback == updates.NO_SIGMA_POINTS
     np.testing.assert_array_equal(none.state.covariance, hidden.covariance)
 
@@ -116,7 +116,7 @@ def test_points_that_a_camera_cannot_see_teach_nothing_and_leave_a_covariance() 
 def test_the_iterated_filter_ends_at_the_most_probable_place() -> None:
     """Bearings alone, whose variance does not depend on the place: the minimum by another search."""
     state, given = Gaussian(np.array([20.0, 30.0, 0.5, 0.5]), 4.0 * COVARIANCE), rows([0, 1], (27.0, 26.0), [False] * 2)
-    config = IekfConfig(feasible=IGNORE, iterations=100)
+    config = IekfConfig(visibility_constraint=IGNORE, max_iterations=100)
     found = updates.iekf(state, given, WORLD, config, np.empty((0, 2)))
     best = minimize(
         lambda x: updates.map_cost(np.asarray(x)[None], state, given, WORLD)[0],
@@ -138,7 +138,7 @@ def test_a_prediction_that_no_camera_can_see_ends_a_search_from_it_alone() -> No
         rows([1, 5], (73.0, 70.0), [True, True]),
     )
     crossing = np.array([[73.0, 70.0]])
-    alone = updates.iekf(state, given, WORLD, IekfConfig(feasible=DESCENT), crossing)
+    alone = updates.iekf(state, given, WORLD, IekfConfig(visibility_constraint=DESCENT), crossing)
     several = updates.iekf(state, given, WORLD, IekfConfig(), crossing)
     assert (alone.fallback, several.fallback) == (updates.INFEASIBLE, "")
     np.testing.assert_array_equal(alone.state.mean, updates.ekf(state, given, WORLD).state.mean)

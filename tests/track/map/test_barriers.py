@@ -62,7 +62,7 @@ XY = np.array([[0.0, -5.0], [6.0, -5.0], [0.0, -4.0], [6.0, 3.0]])  # in view, o
 def test_a_view_is_there_when_its_camera_looked_in_vain() -> None:
     scene = place((0, -9, 90), (0, 9, -90), range=6.0)
     assert around(scene, XY, MapConfig()) == ()  # P_D is not known: "not seen" says nothing
-    found = around(scene, XY, MapConfig(detection=0.9))
+    found = around(scene, XY, MapConfig(detection_probability=0.9))
     assert [o.when.tolist() for o in found] == [[False, True, False, True], [True] * 4]
     for o, c in zip(found, scene.cameras, strict=True):
         assert o.price == pytest.approx(-math.log(0.1))
@@ -76,14 +76,14 @@ def test_a_view_is_there_when_its_camera_looked_in_vain() -> None:
 def test_prices_are_of_each_cameras_own_detection() -> None:
     scene = place((0, -9, 90), (0, 9, -90))
     cameras = (replace(scene.cameras[0], detection=1.0), replace(scene.cameras[1], detection=0.5))
-    own = around(replace(scene, cameras=cameras), XY, MapConfig(detection=0.9))
+    own = around(replace(scene, cameras=cameras), XY, MapConfig(detection_probability=0.9))
     assert [o.price for o in own] == [math.inf, pytest.approx(math.log(2.0))]
     only = around(replace(scene, cameras=(cameras[0], scene.cameras[1])), XY, MapConfig())
     assert [o.price for o in only] == [math.inf]
 
 
 def test_far_views_end_beyond_the_room() -> None:
-    (view,) = around(place((0, -9, 90)), XY[1:2], MapConfig(detection=0.9))
+    (view,) = around(place((0, -9, 90)), XY[1:2], MapConfig(detection_probability=0.9))
     assert np.hypot(*(view.corners - view.eye).T).max() == pytest.approx(2 * EXTENT)
 
 
@@ -91,13 +91,13 @@ def test_arrays_have_no_view() -> None:
     scene = place((0, -9, 90), arrays=((5, 5, 0),))
     made = record(scene, np.arange(4), XY)
     deaf = made._replace(rows=made.rows._replace(seen=np.zeros_like(made.rows.seen)))
-    found = obstacles(deaf, stations(scene, np.zeros(2), walls=True), MapConfig(detection=0.9), EXTENT, 4)
+    found = obstacles(deaf, stations(scene, np.zeros(2), walls=True), MapConfig(detection_probability=0.9), EXTENT, 4)
     assert len(found) == 1
 
 
 def test_walls_and_pockets_are_there_always_and_hide_places() -> None:
     scene = replace(place((0, -9, 90)), occluders=(BLOCK,), room=L_ROOM)
-    wall, pocket, view = around(scene, XY, MapConfig(detection=0.9))
+    wall, pocket, view = around(scene, XY, MapConfig(detection_probability=0.9))
     for o, polygon in ((wall, BLOCK.polygon), (pocket, np.array([[10.0, 0], [0, 10], [0, 0]]))):
         assert o.seen_through is None
         assert o.when.all()
@@ -107,8 +107,8 @@ def test_walls_and_pockets_are_there_always_and_hide_places() -> None:
     assert view.seen_through is not None
     assert len(view.seen_through) == 2
     assert Polygon(view.seen_through[0]).covers(Polygon(BLOCK.polygon))  # wider by the border
-    assert around(scene, XY, MapConfig(walls=False)) == ()
-    bare = around(scene, XY, MapConfig(walls=False, detection=0.9))
+    assert around(scene, XY, MapConfig(wall_constraints=False)) == ()
+    bare = around(scene, XY, MapConfig(wall_constraints=False, detection_probability=0.9))
     assert [o.seen_through for o in bare] == [()]
 
 
@@ -126,7 +126,7 @@ def test_a_track_goes_around_a_block_that_the_shortest_way_cuts() -> None:
     pairs = ((-7, -9, 90), (-9, 2, -60), (7, -9, 90), (9, 2, -120))
     scene = place(*pairs, range=9.0, fov=np.radians(40.0))
     block = Occluder("block", np.array([[-0.5, -9.5], [0.5, -9.5], [0.5, -1.0], [-0.5, -1.0]]))
-    xy, through = walk_past(replace(scene, occluders=(block,)), MapConfig(walls=False))
+    xy, through = walk_past(replace(scene, occluders=(block,)), MapConfig(wall_constraints=False))
     assert Polygon(block.polygon).intersects(Point(through.xy[np.argmin(np.abs(through.xy[:, 0]))]))
     _, out = walk_past(replace(scene, occluders=(block,)), MapConfig())
     assert "wall" not in out.fallback
@@ -141,7 +141,7 @@ def test_a_track_avoids_a_view_in_which_it_was_not_seen() -> None:
     """A sure camera between the others saw nothing: the target passed behind its back."""
     scene = place((-7, -9, 90), (-9, 2, -60), (7, -9, 90), (9, 2, -120), (0, -3, 90), range=9.0, fov=np.radians(40.0))
     empty = [(t, 4) for t in range(32)]
-    xy, away = walk_past(scene, MapConfig(detection=1.0), blind=empty)
+    xy, away = walk_past(scene, MapConfig(detection_probability=1.0), blind=empty)
     view = Polygon(view_polygon(np.array([0.0, -3.0]), np.pi / 2, 0.9 * np.radians(40.0), 9.0))
     assert any(view.contains(Point(p)) for p in xy)
     assert not any(view.contains(Point(p)) for p in away.xy)

@@ -131,7 +131,7 @@ def test_priors_of_moving_occluders_are_taken_and_their_settings_recorded(made: 
         cov_yy=zero + 1.0,
     )
     write_table(made / "occluders.parquet", far, Provenance("priors"), length_unit="unit")
-    assert track(made, "--occluders", "occluders.parquet", "--set", "temper=0.5") == ExitCode.DONE
+    assert track(made, "--occluders", "occluders.parquet", "--set", "occlusion_tempering=0.5") == ExitCode.DONE
     alone, among = tracks_of(made, "tracks.parquet"), tracks_of(made)
     assert len(among) == len(alone)
     assert np.median(np.hypot(among.x - alone.x, among.y - alone.y)) < 0.5
@@ -186,7 +186,10 @@ def test_a_lag_gives_the_same_rows_and_nearly_the_same_tracks(made: Path) -> Non
 
 
 def test_settings_change_what_they_say(made: Path) -> None:
-    assert track(made, "--set", "loss=huber", "--set", "bend=1.2", "--set", "detection=0.9") == ExitCode.DONE
+    assert (
+        track(made, "--set", "loss=huber", "--set", "loss_threshold=1.2", "--set", "detection_probability=0.9")
+        == ExitCode.DONE
+    )
     parameters = read_provenance(made / "new.parquet").parameters
     assert (parameters["loss"], parameters["bend"], parameters["detection"]) == ("huber", 1.2, 0.9)
     assert not same(tracks_of(made), tracks_of(made, "tracks.parquet"))
@@ -228,7 +231,7 @@ def test_a_fitted_motion_is_used(made: Path, capsys) -> None:
     capsys.readouterr()
     for options, code, message in [
         (["--motion", "metres.json"], ExitCode.USAGE, "is in m, but the scene in unit"),
-        (["--motion", "motion.json", "--set", "acceleration=1"], ExitCode.USAGE, "give one of them"),
+        (["--motion", "motion.json", "--set", "process_noise_velocity=1"], ExitCode.USAGE, "give one of them"),
         (["--motion", "motion.json", "--set", f"Sigma={','.join('1' * 16)}"], ExitCode.USAGE, "give one of them"),
         (["--motion", "broken.json"], ExitCode.BAD_INPUT, "broken.json"),
         (["--motion", "missing.json"], ExitCode.BAD_INPUT, "missing.json"),
@@ -254,15 +257,19 @@ def test_a_fitted_motion_is_used(made: Path, capsys) -> None:
         (["--lag", "0"], ExitCode.USAGE, "--lag"),
         (["--lag", "nan"], ExitCode.USAGE, "'--lag': nan is not a finite number"),
         (["--lag", "5", "--method", "fix"], ExitCode.USAGE, "lag"),
-        (["--set", "acceleration=-1"], ExitCode.USAGE, "--set acceleration=-1: must be "),
-        (["--set", "acceleration=fast"], ExitCode.USAGE, "acceleration"),
-        (["--set", "acceleration=nan"], ExitCode.USAGE, "acceleration=nan: must be finite"),
+        (["--set", "process_noise_velocity=-1"], ExitCode.USAGE, "--set process_noise_velocity=-1: must be "),
+        (["--set", "process_noise_velocity=fast"], ExitCode.USAGE, "acceleration"),
+        (["--set", "process_noise_velocity=nan"], ExitCode.USAGE, "acceleration=nan: must be finite"),
         (["--set", "loss=tukey"], ExitCode.USAGE, "loss=tukey: must be one of mixture, square, huber, cauchy"),
         (["--set", "solver=gurobi"], ExitCode.USAGE, "solver=gurobi: must be one of"),
-        (["--set", "detection=1.5"], ExitCode.USAGE, "detection=1.5: must be above 0 and at most 1"),
+        (["--set", "detection_probability=1.5"], ExitCode.USAGE, "detection=1.5: must be above 0 and at most 1"),
         (["--set", "A=1,2,3"], ExitCode.USAGE, "16 numbers"),
         (["--set", "A=" + ",".join(["1"] * 16)], ExitCode.USAGE, "given along with A"),
-        (["--set", "estimate=invariant", "--set", "front=false"], ExitCode.USAGE, "mode where front is false"),
+        (
+            ["--set", "estimate=invariant", "--set", "in_front_constraint=false"],
+            ExitCode.USAGE,
+            "mode where front is false",
+        ),
         (["--set", "particels=3"], ExitCode.USAGE, "no setting 'particels'"),
         (["--set", "los=huber"], ExitCode.USAGE, "no setting 'los'; did you mean 'loss'?"),
         (["--target", "9"], ExitCode.BAD_INPUT, "no row is of the chosen targets"),
@@ -327,7 +334,7 @@ def test_reports_differences_and_descriptions_take_the_tracks(made: Path, capsys
 def test_sensors_in_turn_make_a_network_without_overlap(made: Path, capsys) -> None:
     """The particle filter and this method from the same rows; nobody ever sees the target along with another."""
     capsys.readouterr()
-    args = ("--in-turn", "2", "--diagnostics", "turns.parquet", "--target", "0")
+    args = ("--round-robin", "2", "--diagnostics", "turns.parquet", "--target", "0")
     assert track(made, *args) == ExitCode.DONE
     how, tracks = read_table(made / "turns.parquet", Diagnostics), tracks_of(made)
     assert set(how.n_looked.tolist()) == {1}
@@ -348,7 +355,7 @@ def test_the_track_stays_out_of_the_pillar(tmp_path: Path) -> None:
     (tmp_path / "scene.yaml").write_text(scene_to_yaml(scene))
     write_table(tmp_path / "b.parquet", observe(scene, path, rng), Provenance("detect"), length_unit="unit")
     for walls in ("true", "false"):
-        args = ("--scene", "scene.yaml", "--set", f"walls={walls}")
+        args = ("--scene", "scene.yaml", "--set", f"wall_constraints={walls}")
         assert track(tmp_path, *args, source="b.parquet") == ExitCode.DONE
         found = tracks_of(tmp_path)
         inside = (np.abs(found.x - 50) < 10 - 1e-6) & (np.abs(found.y - 50) < 10 - 1e-6)

@@ -60,10 +60,10 @@ def test_one_camera_at_a_time_follows_a_person_nearly_as_well_as_four(
     way = ["track", labelled, "--scene", hall, "--method", "map", "--set", "loss=huber", "-q"]
     assert run([*way, "-o", str(tmp_path / "all.parquet")]) == ExitCode.DONE
     motion = str(tmp_path / "motion.json")
-    fit = ["--form", "damped", "--noise", "covariance", "-q"]
+    fit = ["--form", "damped", "--measurement-noise", "covariance", "-q"]
     assert run(["fit-motion", str(tmp_path / "all.parquet"), "-o", motion, *fit]) == ExitCode.DONE
     capsys.readouterr()
-    turns = ["--in-turn", "0.5", "--motion", motion, "--diagnostics", str(tmp_path / "how.parquet"), "--json"]
+    turns = ["--round-robin", "0.5", "--motion", motion, "--diagnostics", str(tmp_path / "how.parquet"), "--json"]
     assert run([*way, *turns, "-o", str(tmp_path / "masked.parquet")]) == ExitCode.DONE
     assert json.loads(capsys.readouterr().out)["unfinished"] == 0
     how = read_table(tmp_path / "how.parquet", Diagnostics)

@@ -100,18 +100,18 @@ def test_a_bearing_far_off_the_axis_counts_as_a_direction() -> None:
 
 def test_in_front_of_a_camera_that_saw_it() -> None:
     scene = place((0, -5, 90))
-    bare = MapConfig(walls=False)
+    bare = MapConfig(wall_constraints=False)
     planes, _, made = planes_of(scene, np.array([[0.5, 0.0], [9.0, -5.0]]), bare)
     assert made.rows.seen.tolist() == [True, False]
     assert planes.step.tolist() == [0]  # nothing of the state that was not seen
     gap = [slack(planes, states([p, p]))[0] for p in ([3.0, -4.0], [3.0, -5.0], [0.0, -6.0])]
     assert_allclose(gap, [1.0 - 0.01, -0.01, -1.01])
-    assert not len(planes_of(scene, np.array([[0.5, 0.0]]), replace(bare, front=False))[0].step)
+    assert not len(planes_of(scene, np.array([[0.5, 0.0]]), replace(bare, in_front_constraint=False))[0].step)
 
 
 def test_within_the_range_of_a_camera() -> None:
     scene = place((0, -5, 90), range=6.0)
-    planes, *_ = planes_of(scene, np.array([[0.5, 0.0]]), MapConfig(walls=False))
+    planes, *_ = planes_of(scene, np.array([[0.5, 0.0]]), MapConfig(wall_constraints=False))
     assert len(planes.step) == 2
     assert (slack(planes, states([[0.5, 0.9]])) > 0).all()
     assert slack(planes, states([[0.5, 1.1]])).min() == pytest.approx(-0.1)
@@ -145,7 +145,7 @@ def test_before_the_first_of_two_walls() -> None:
 def test_room_and_clearance_hold_every_state() -> None:
     scene = place((0, -5, 90), half=10.0)
     for clearance in (0.0, 0.5):
-        planes, *_ = planes_of(scene, np.array([[0.5, 0.0], [9.0, -5.0]]), MapConfig(clearance=clearance))
+        planes, *_ = planes_of(scene, np.array([[0.5, 0.0], [9.0, -5.0]]), MapConfig(wall_clearance=clearance))
         assert slack(planes, states([[0.0, -1.0], [9.4, 0.0]])).min() == pytest.approx(0.6 - clearance)
         assert slack(planes, states([[0.0, -1.0], [10.4, 0.0]])).min() == pytest.approx(-0.4 - clearance)
 

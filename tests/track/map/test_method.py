@@ -17,7 +17,7 @@ from occlog.track.methods.map.method import advance, begin
 
 pytestmark = pytest.mark.jit
 
-STEADY = MapConfig(acceleration=1e-3)  # as good as constant velocity
+STEADY = MapConfig(process_noise_velocity=1e-3)  # as good as constant velocity
 TWO_APART = ((-4, -3, 90), (4, -3, 90))  # side by side, looking the same way: the views meet only behind the room
 
 
@@ -107,7 +107,7 @@ def test_directions_of_arrays() -> None:
 def test_covariance_is_that_of_the_errors() -> None:
     """Walks drawn from the model itself: squared errors in units of the covariance are chi-square with 4 degrees."""
     scene = place((-5, -5, 45), (5, -5, 135), half=40.0)
-    config = MapConfig(acceleration=0.1, speed=0.3, walls=False)
+    config = MapConfig(process_noise_velocity=0.1, sigma_initial_velocity=0.3, wall_constraints=False)
     rng = np.random.default_rng(1)
     t, dt, n, total = np.arange(0.0, 8.0, 0.4), 0.4, 150, np.zeros(3)
     L = np.linalg.cholesky(0.01 * np.kron(np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]), np.eye(2)))
@@ -161,7 +161,7 @@ def test_a_lag_longer_than_the_record_is_the_whole() -> None:
     scene = place(*TWO_APART)
     t, xy = crossing()
     made = record(scene, t, xy, noise=np.random.default_rng(3))
-    config = MapConfig(acceleration=0.05)
+    config = MapConfig(process_noise_velocity=0.05)
     whole = solve(scene, config, made)
     parts = blocks(scene, replace(config, lag_s=100.0), made, 16)
     assert [len(p.t_ns) for p in parts] == [0, 0, 0, 64]
@@ -175,8 +175,8 @@ def test_long_records_started_in_windows_are_the_same(window: int) -> None:
     t = np.arange(0.0, 60.0, 0.25)
     xy = np.column_stack([6.0 * np.sin(t / 7.0), 1.0 + np.sin(t / 5.0)])
     made = record(scene, t, xy, noise=np.random.default_rng(4))
-    whole = solve(scene, MapConfig(window=1000), made)
-    windows = solve(scene, MapConfig(window=window), made)
+    whole = solve(scene, MapConfig(window_states=1000), made)
+    windows = solve(scene, MapConfig(window_states=window), made)
     assert whole.converged
     assert windows.converged
     assert_allclose(windows.xy, whole.xy, rtol=0, atol=1e-3)
@@ -209,7 +209,7 @@ def test_no_row_that_saw_the_target() -> None:
 @pytest.mark.parametrize("initial", ["axes", "linear"])
 def test_one_observation(initial: str) -> None:
     scene = place(*TWO_APART)
-    config = MapConfig(initial=initial)
+    config = MapConfig(initialisation=initial)
     out = solve(scene, config, record(scene, [2.0], [(-4.5, 1.0)]))
     check_sane(out, 1)
     assert out.fallback == ("unobservable",)
@@ -227,7 +227,7 @@ def test_one_observation(initial: str) -> None:
 def test_all_on_one_bearing(initial: str) -> None:
     scene = place((0, -8, 90))
     t = np.arange(0.0, 100.0, 1.0)
-    out = solve(scene, MapConfig(initial=initial), record(scene, t, np.tile([0.4, -4.0], (100, 1))))
+    out = solve(scene, MapConfig(initialisation=initial), record(scene, t, np.tile([0.4, -4.0], (100, 1))))
     check_sane(out, 100)
     assert set(out.fallback) <= {"unobservable"}
     assert out.converged
@@ -285,9 +285,9 @@ def wild(seed: int):
     bearing[wrong & ~pixel] = rng.uniform(-np.pi, np.pi, (wrong & ~pixel).sum())
     config = MapConfig(
         loss=str(rng.choice(["square", "huber", "cauchy"])),
-        initial=str(rng.choice(["axes", "linear"])),
-        acceleration=0.2,
-        window=int(rng.choice([16, 512])),
+        initialisation=str(rng.choice(["axes", "linear"])),
+        process_noise_velocity=0.2,
+        window_states=int(rng.choice([16, 512])),
         lag_s=float(rng.choice([1.0, 10.0])),
     )
     return scene, made, config
@@ -313,7 +313,7 @@ def test_a_scene_far_from_the_origin_gives_the_same_track(at) -> None:
     t, xy = crossing()
     near = place(*TWO_APART)
     far = place(*TWO_APART, at=at)
-    config = MapConfig(acceleration=0.05)
+    config = MapConfig(process_noise_velocity=0.05)
     made = record(near, t, xy, noise=np.random.default_rng(5))
     a, b = solve(near, config, made), solve(far, config, made)
     assert_allclose(b.xy - at, a.xy, rtol=0, atol=1e-6)
@@ -339,7 +339,7 @@ def test_times_are_added_where_there_is_none() -> None:
     xy = line(t, (-1.0, 0.0), (0.4, 0.1))
     made = record(scene, t, xy)
     plain = solve(scene, STEADY, made)
-    filled = solve(scene, replace(STEADY, fill_s=1.0), made)
+    filled = solve(scene, replace(STEADY, max_state_gap_s=1.0), made)
     assert_allclose(filled.t_ns / 1e9, [0.0, 0.5, 1.5, 2.5, 3.5, 4.5, 5.0])
     assert_allclose(filled.xy, line(filled.t_ns / 1e9, (-1.0, 0.0), (0.4, 0.1)), rtol=0, atol=0.01)
     there = np.isin(filled.t_ns, plain.t_ns)
@@ -355,9 +355,11 @@ def test_the_given_start_is_used_and_a_motion_that_does_not_fit_is_refused() -> 
     out = solve(scene, MapConfig(start=(2.0, -1.0, 0.1)), nothing)
     assert_allclose(out.xy[0], [2.0, -1.0], atol=1e-3)
     assert_allclose(out.covariance[0, [0, 1], [0, 1]], 0.01, rtol=1e-6)
-    singular = MapConfig(A=tuple(np.eye(4).ravel()), Sigma=(0.0,) * 16, step_s=0.5)
+    singular = MapConfig(A=tuple(np.eye(4).ravel()), Sigma=(0.0,) * 16, model_step_s=0.5)
     with pytest.raises(InputError, match="the motion model does not fit"):
         solve(scene, singular, nothing)
-    flipped = MapConfig(A=tuple(np.diag([1.0, -1.0, 1.0, 1.0]).ravel()), Sigma=tuple(np.eye(4).ravel()), step_s=1.0)
+    flipped = MapConfig(
+        A=tuple(np.diag([1.0, -1.0, 1.0, 1.0]).ravel()), Sigma=tuple(np.eye(4).ravel()), model_step_s=1.0
+    )
     with pytest.raises(InputError, match="no real logarithm"):
         solve(scene, flipped, nothing)

@@ -98,7 +98,7 @@ def solved(given: list[Scan]) -> tuple[np.ndarray, np.ndarray]:
     """The trajectory (T, 2) and its covariances (T, 2, 2)."""
     arrays = tuple(MicrophoneArray(f"s{i}", np.append(p, 0.0)) for i, p in enumerate(CORNERS))
     room = np.array([[-5.0, -5.0], [15.0, -5.0], [15.0, 13.0], [-5.0, 13.0]])
-    pending = begin(Scene(arrays=arrays, room=room), MapConfig(acceleration=0.3, speed=0.7))
+    pending = begin(Scene(arrays=arrays, room=room), MapConfig(process_noise_velocity=0.3, sigma_initial_velocity=0.7))
     X = mixed_search(pending, record_of(given), (), None).mode
     return X.solution.X[:, ::2] + pending.origin, covariance(X.problem, X.solution.X)[:, ::2, ::2]
 

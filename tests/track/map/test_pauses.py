@@ -48,7 +48,7 @@ def tracks(folder: Path, pause_s: float, frames: int, *options: str) -> Tracks:
 
 @pytest.mark.parametrize("hours", [0.1, 1, 8, 24, 10_000])
 @pytest.mark.parametrize("frames", [1, 3])
-@pytest.mark.parametrize("options", [(), ("--set", "acceleration=5"), ("--lag", "2")])
+@pytest.mark.parametrize("options", [(), ("--set", "process_noise_velocity=5"), ("--lag", "2")])
 def test_a_target_is_where_its_cameras_see_it_after_any_pause(
     tmp_path: Path, hours: float, frames: int, options: tuple[str, ...]
 ) -> None:
@@ -60,7 +60,7 @@ def test_a_target_is_where_its_cameras_see_it_after_any_pause(
 
 @pytest.mark.parametrize("acceleration", [1e-3, 0.5, 10.0])
 def test_the_pause_is_the_one_after_which_a_target_may_be_anywhere(tmp_path: Path, acceleration: float) -> None:
-    scene, config = read_scene(scene_file(tmp_path)), MapConfig(acceleration=acceleration)
+    scene, config = read_scene(scene_file(tmp_path)), MapConfig(process_noise_velocity=acceleration)
     pause_ns = memory_ns(scene, config)
     assert pause_ns is not None
     _, sigma = transitions(motion_of(config), np.array([0.5, 1.0]) * pause_ns / NS)

@@ -57,7 +57,7 @@ def test_the_setting_gives_the_same_track() -> None:
     scene = place((-4, -3, 90), (4, -3, 90))
     t = np.arange(0.0, 16.0, 0.5)
     made = record(scene, t, np.column_stack([-7.0 + 0.9 * t, 1.0 + 0.05 * t]))
-    config = MapConfig(acceleration=0.05)
+    config = MapConfig(process_noise_velocity=0.05)
     newton, programs = (
         advance(begin(scene, c), scans_of(made), last=True)[1] for c in (config, replace(config, solver="clarabel"))
     )

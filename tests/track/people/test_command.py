@@ -295,7 +295,7 @@ def test_centimetres_that_are_said_to_be_metres_are_refused(tmp_path, capsys):
 def test_a_stated_height_that_nobody_has_is_refused(tmp_path, capsys):
     scene = hall("abcd", 100.0, "m")
     found = boxes(scene, SECONDS, metre=100.0)
-    assert track(tmp_path, found, scene, "--set", "height=170") == ExitCode.BAD_INPUT
+    assert track(tmp_path, found, scene, "--set", "person_height=170") == ExitCode.BAD_INPUT
     noted = capsys.readouterr().err
     assert "no person is 170 m tall (setting height), so the lengths of the scene are not in m" in noted
     assert "state the unit of the calibration" in noted
@@ -475,7 +475,7 @@ def test_boxes_without_a_method_are_tracked_by_jipda(walk, tmp_path, capsys):
     for source, more in ((boxes_path, ["--scene", scene]), (str(tmp_path / "r.mcap"), [])):
         path = tmp_path / "by_input.parquet"
         # An option of the method is taken, and the method is stored as if it had been named
-        args = ["-o", str(path), "--overwrite", "--set", "die=0.02", *more]
+        args = ["-o", str(path), "--overwrite", "--set", "deletion_threshold=0.02", *more]
         assert run(["track", source, *args]) == ExitCode.DONE
         assert "method jipda" in capsys.readouterr().err
         assert read_provenance(path).parameters["method"] == "jipda"

@@ -76,7 +76,7 @@ def moment(number: int, mean: Floats, sd: float, seen: bool) -> TrackSnapshot:
 
 
 def doubts(moments: list[TrackSnapshot], unit: float = 1.0) -> list[tuple[int, Event]]:
-    meetings = CloseEncounters(JipdaConfig(width=0.55 * unit, manoeuvre=unit**2))
+    meetings = CloseEncounters(JipdaConfig(person_width=0.55 * unit, manoeuvre_noise_density=unit**2))
     return [(k, event) for k, each in enumerate(moments) for event in meetings.add(each)]
 
 

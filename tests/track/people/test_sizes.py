@@ -41,8 +41,8 @@ def test_a_camera_that_is_not_where_the_scene_says_makes_other_people() -> None:
 
 def test_lengths_are_put_in_units_of_the_scene() -> None:
     metres, own = JipdaConfig(), in_units_of(JipdaConfig(), 100.0)
-    assert own.height == 100.0 * metres.height
-    assert own.acceleration == pytest.approx(1e4 * metres.acceleration)
+    assert own.person_height == 100.0 * metres.person_height
+    assert own.process_noise_density == pytest.approx(1e4 * metres.process_noise_density)
     for f in declared(JipdaConfig):
         if declaration(f).unit not in LENGTH_POWER:
             assert getattr(own, f.name) == getattr(metres, f.name)

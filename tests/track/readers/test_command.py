@@ -113,7 +113,7 @@ def test_strengths_of_reads_are_measurements_of_other_methods_with_the_fitted_pa
 
 def test_virtual_sensors_are_written_with_their_readers(folder: Path) -> None:
     out, regions = folder / "stated.parquet", folder / "regions.parquet"
-    options = ["--method", "virtual", "--set", "range=4", "--virtual-sensors", str(regions), "-q"]
+    options = ["--method", "virtual", "--set", "reader_range=4", "--virtual-sensors", str(regions), "-q"]
     assert run(["track", str(folder / "b.mcap"), "-o", str(out), *options]) == ExitCode.DONE
     table = read_table(regions, VirtualSensors)
     assert table.area.sum() == pytest.approx(100.0, rel=1e-3)
@@ -165,7 +165,7 @@ def test_cameras_refine_positions_with_labels_or_by_the_coarse_position(
     scene, sights = write_sights(folder, labelled=labelled)
     options = ["--scene", str(scene), "--method", method, "--path-loss", str(folder / "loss.json"), "-q"]
     found = {}
-    for name, more in (("coarse", []), ("rays", ["--refine", "left,bottom", "--sights", str(sights)])):
+    for name, more in (("coarse", []), ("rays", ["--refine", "left,bottom", "--refine-bearings", str(sights)])):
         out = folder / f"{method}_{name}_{labelled}.parquet"
         assert run(["track", str(folder / "b.mcap"), "-o", str(out), *options, *more]) == ExitCode.DONE
         found[name] = errors(folder, out)
@@ -180,11 +180,17 @@ def test_cameras_refine_positions_with_labels_or_by_the_coarse_position(
 def test_refinement_says_what_it_wants(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene, sights = write_sights(folder, labelled=True)
     base = ["track", str(folder / "b.mcap"), "-o", str(folder / "never.parquet"), "--method", "virtual"]
-    base += ["--set", "range=4", "--scene", str(scene)]
+    base += ["--set", "reader_range=4", "--scene", str(scene)]
     for more, says in (
-        (["--refine", "right", "--sights", str(sights)], "no camera 'right' with a pose in the scene; cameras: left"),
-        (["--refine", "left", "--with", "parallel", "--sights", str(sights)], "parallel requires two cameras"),
-        (["--sights", str(sights)], "name the cameras"),
+        (
+            ["--refine", "right", "--refine-bearings", str(sights)],
+            "no camera 'right' with a pose in the scene; cameras: left",
+        ),
+        (
+            ["--refine", "left", "--refine-method", "parallel", "--refine-bearings", str(sights)],
+            "parallel requires two cameras",
+        ),
+        (["--refine-bearings", str(sights)], "name the cameras"),
     ):
         assert run([*base, *more]) == ExitCode.USAGE
         assert says in capsys.readouterr().err
@@ -194,7 +200,7 @@ def test_refinement_says_what_it_wants(folder: Path, capsys: pytest.CaptureFixtu
 
 def test_one_reader_and_one_tag_can_be_chosen(folder: Path) -> None:
     out = folder / "one.parquet"
-    options = ["--method", "virtual", "--set", "range=4", "--cameras", "r4", "--target", "8", "-q"]
+    options = ["--method", "virtual", "--set", "reader_range=4", "--cameras", "r4", "--target", "8", "-q"]
     assert run(["track", str(folder / "b.mcap"), "-o", str(out), *options]) == ExitCode.DONE
     table = read_table(out, TagTracks)
     assert set(table.read_by.tolist()) == {"r4"}
@@ -207,13 +213,21 @@ def test_one_reader_and_one_tag_can_be_chosen(folder: Path) -> None:
     ("options", "code", "says"),
     [
         (["--method", "virtual"], ExitCode.BAD_INPUT, "how far reader r0 reads is not known"),
-        (["--method", "virtual", "--set", "range=-2"], ExitCode.USAGE, "--set range=-2: must be above 0"),
-        (["--method", "virtual", "--set", "range=4", "--window", "0"], ExitCode.USAGE, "window above 0 s"),
+        (["--method", "virtual", "--set", "reader_range=-2"], ExitCode.USAGE, "--set reader_range=-2: must be above 0"),
+        (["--method", "virtual", "--set", "reader_range=4", "--window", "0"], ExitCode.USAGE, "window above 0 s"),
         (["--method", "rssi", "--cameras", "r44"], ExitCode.USAGE, "no reader 'r44'"),
         (["--method", "rssi", "--target", "5"], ExitCode.BAD_INPUT, "no reads of the chosen tags"),
-        (["--method", "virtual", "--set", "range=4", "--set", "threshold=20"], ExitCode.BAD_INPUT, "threshold; lower"),
-        (["--method", "rssi", "--set", "stray=0.96"], ExitCode.USAGE, "--set stray=0.96: must be below detection"),
-        (["--method", "rssi", "--path-loss", "LOSS", "--set", "exponent=3"], ExitCode.USAGE, "say the same"),
+        (
+            ["--method", "virtual", "--set", "reader_range=4", "--set", "min_rssi_dbm=20"],
+            ExitCode.BAD_INPUT,
+            "threshold; lower",
+        ),
+        (
+            ["--method", "rssi", "--set", "false_alarm_probability=0.96"],
+            ExitCode.USAGE,
+            "--set false_alarm_probability=0.96: must be below detection",
+        ),
+        (["--method", "rssi", "--path-loss", "LOSS", "--set", "path_loss_exponent=3"], ExitCode.USAGE, "say the same"),
         (["--method", "apf"], ExitCode.BAD_INPUT, "track the reads of its tags with method rssi or virtual"),
     ],
 )
@@ -273,5 +287,5 @@ def test_a_fit_without_truth_of_the_tag_says_so(folder: Path, capsys: pytest.Cap
 
 def test_reads_without_a_method_are_tracked_by_virtual_sensors(folder, tmp_path):
     path = tmp_path / "t.parquet"
-    assert run(["track", str(folder / "a.mcap"), "--set", "range=5", "-o", str(path), "-q"]) == ExitCode.DONE
+    assert run(["track", str(folder / "a.mcap"), "--set", "reader_range=5", "-o", str(path), "-q"]) == ExitCode.DONE
     assert read_provenance(path).parameters["method"] == "virtual"

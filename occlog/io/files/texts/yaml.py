@@ -6,12 +6,11 @@ YAML before it becomes values: a bounded number of nodes, names as keys, whole c
 from __future__ import annotations
 
 import copy
-import difflib
 import math
 import re
-from collections.abc import Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import msgspec
 import yaml
@@ -19,7 +18,7 @@ from yaml.composer import Composer
 from yaml.constructor import SafeConstructor
 from yaml.resolver import Resolver
 
-from occlog.errors import InputError, option
+from occlog.errors import InputError, nearest, option
 from occlog.io.files.limits import (
     FAILURES,
     Content,
@@ -159,6 +158,8 @@ def yaml_documents(text: str, where: Path | str, what: str) -> list[Any]:
 
 
 T = TypeVar("T")
+Upgrade: TypeAlias = Callable[[dict[str, Any]], dict[str, Any]]
+"""From the values of a file of an earlier release to those of this one; its argument is not changed."""
 
 
 class _Loader(BoundedLoader):
@@ -194,11 +195,18 @@ class _Constructor(_Loader):
             ) from None
 
 
-def read_yaml(path: Path, kind: type[T], what: str) -> T:
-    """The file as an instance of a msgspec type; InputError with line and nearest valid key where it does not fit."""
+def read_yaml(path: Path, kind: type[T], what: str, upgrade: Upgrade | None = None) -> T:
+    """The file as an instance of a msgspec type; InputError with line and nearest valid key where it does not fit.
+
+    Args:
+        path: the file.
+        kind: the type.
+        what: a description of such a file, for messages.
+        upgrade: turns the values of a file of an earlier release into those of this one.
+    """
     path = check_input(path, what)
     _refuse_binary(path, what)
-    return parse_yaml(read_configuration(path, what), str(path), kind)
+    return parse_yaml(read_configuration(path, what), str(path), kind, upgrade)
 
 
 def _refuse_binary(path: Path, what: str) -> None:
@@ -218,13 +226,13 @@ def lines_of(path: Path) -> dict[str, int]:
     return {} if node is None else dict(_lines(node, "$", str(path)))
 
 
-def parse_yaml(text: str, source: str, kind: type[T]) -> T:
+def parse_yaml(text: str, source: str, kind: type[T], upgrade: Upgrade | None = None) -> T:
     """Parse YAML text like `read_yaml`; `source` names it in messages."""
     raw, lines = _values(text, source)
     if not isinstance(raw, dict):
         raise InputError(f"{source}: expected keys and values at the top level, got {type(raw).__name__}")
     try:
-        return msgspec.convert(raw, kind, strict=True)
+        return msgspec.convert(raw if upgrade is None else upgrade(raw), kind, strict=True)
     except msgspec.ValidationError as error:
         raise InputError(f"{source}: {_explain(str(error), raw, lines, kind)}") from error
 
@@ -311,7 +319,7 @@ def _explain(message: str, raw: object, lines: dict[str, int], kind: type[T]) ->
 def _unknown_key(key: str, location: str, lines: dict[str, int], kind: type[T]) -> str:
     line = lines.get(f"{location}.{key}")
     valid = _valid_keys(kind, location)
-    near = difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
+    near = nearest(key, valid, cutoff=0.5)
     hint = f"did you mean {near[0]!r}?" if near else f"valid keys: {', '.join(valid)}"
     shown = location.removeprefix("$").removeprefix(".")
     where = f" in {shown}" if shown else ""

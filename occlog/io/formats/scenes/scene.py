@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -71,11 +71,13 @@ class NoiseSpec(SceneFileSpec, kw_only=True):
     ] = 0.0
     yaw: Annotated[float, Meta(ge=0, le=6.2832, description="of the camera's yaw, in radians")] | None = None
     yaw_deg: Annotated[float, Meta(ge=0, le=360, description="of the camera's yaw, in degrees")] | None = None
-    read_px: Annotated[float, Meta(ge=MIN_SIGMA_PX, le=1e9, description="of a reading in the image, in pixels")] = 2.0
-    detection: (
+    measurement_noise_px: Annotated[
+        float, Meta(ge=MIN_SIGMA_PX, le=1e9, description="of a bearing in the image, in pixels")
+    ] = 2.0
+    detection_probability: (
         Annotated[float, Meta(gt=0, le=1, description="probability that a target in plain view is detected")] | None
     ) = None
-    false_alarm: (
+    false_alarm_probability: (
         Annotated[float, Meta(ge=0, le=1, description="probability that a target not detected is reported anywhere")]
         | None
     ) = None
@@ -205,15 +207,37 @@ class SceneSpec(SceneFileSpec, kw_only=True):
     clocks: list[ClockSpec] = []
 
 
+OLD_NOISE_KEYS = {
+    "read_px": "measurement_noise_px",
+    "detection": "detection_probability",
+    "false_alarm": "false_alarm_probability",
+}
+"""Keys of `noise` in scenes, and in recordings, of the last release."""
+
+
+def _renamed(raw: dict[str, Any]) -> dict[str, Any]:
+    """The values of a scene file with the keys of `OLD_NOISE_KEYS` under their new names."""
+
+    def camera(given: Any) -> Any:
+        noise = given.get("noise") if isinstance(given, dict) else None
+        if not isinstance(noise, dict):
+            return given
+        names = {key: new for key, new in OLD_NOISE_KEYS.items() if key in noise and new not in noise}
+        return given | {"noise": {names.get(key, key): value for key, value in noise.items()}}
+
+    cameras = raw.get("cameras")
+    return raw | {"cameras": [camera(each) for each in cameras]} if isinstance(cameras, list) else raw
+
+
 def read_scene(path: Path) -> Scene:
     """The scene in a YAML file; InputError names line, key, value and limit of a fault."""
-    spec = read_yaml(path, SceneSpec, "a scene file (YAML)")
+    spec = read_yaml(path, SceneSpec, "a scene file (YAML)", _renamed)
     return _build(spec, str(path))
 
 
 def scene_from_yaml(text: str, source: str) -> Scene:
     """The scene in YAML text; `source` names it in messages."""
-    return _build(parse_yaml(text, source, SceneSpec), source)
+    return _build(parse_yaml(text, source, SceneSpec, _renamed), source)
 
 
 def _plain(value: object) -> object:
@@ -308,9 +332,9 @@ def _camera(spec: CameraSpec, where: str) -> Camera:
         range=spec.range or math.inf,
         sigma_position=spec.noise.position,
         sigma_yaw=_angle(spec.noise.yaw, spec.noise.yaw_deg, "noise.yaw", where) or 0.0,
-        sigma_read_px=spec.noise.read_px,
-        detection=spec.noise.detection,
-        false_alarm=spec.noise.false_alarm,
+        sigma_read_px=spec.noise.measurement_noise_px,
+        detection=spec.noise.detection_probability,
+        false_alarm=spec.noise.false_alarm_probability,
         rate_hz=spec.rate_hz,
         clock=spec.clock,
         placed=placed,
@@ -410,9 +434,9 @@ def _camera_spec(c: Camera) -> CameraSpec:
         noise=NoiseSpec(
             position=c.sigma_position,
             yaw=c.sigma_yaw,
-            read_px=c.sigma_read_px,
-            detection=c.detection,
-            false_alarm=c.false_alarm,
+            measurement_noise_px=c.sigma_read_px,
+            detection_probability=c.detection,
+            false_alarm_probability=c.false_alarm,
         ),
         rate_hz=c.rate_hz,
         clock=c.clock,

@@ -331,7 +331,7 @@ def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[D
         raise UsageError(f"{path}: does not name its array; give it as ARRAY={path.name}")
     if options.hop is None:
         raise UsageError(
-            f"{path}: its timeStamp counts hops; state the hop [s] ({option('hop')}), "
+            f"{path}: its timeStamp counts hops; state the hop [s] ({option('odas_hop')}), "
             f"hopSize / fS of ODAS' configuration, "
             "for example 0.008 or 128/16000"
         )

@@ -134,7 +134,7 @@ def _sample(
         if not (boxed or kept.wants(number)):
             continue
         try:
-            image = plain_image(frame.decode(), config.bits)
+            image = plain_image(frame.decode(), config.bit_depth)
         except InputError:
             continue
         if boxed:

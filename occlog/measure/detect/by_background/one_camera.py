@@ -106,7 +106,7 @@ def choose(
 
     With appearances, pairs of target and region are taken greedily in falling order of
     similarity plus `CONTINUITY_BONUS` times closeness, each region for one target at most, while the
-    similarity is at least `least_likeness`.  Without appearances there is one target: the
+    similarity is at least `min_similarity`.  Without appearances there is one target: the
     region with the most foreground times 1 + closeness, so that it does not change between
     regions of about the same size.  A region of more than `MAX_CLUSTER_RATIO` persons' pixels is no target.
 
@@ -221,7 +221,7 @@ def process(state: CameraState, frames: list[Frame]) -> CameraBatch:
             lost.append((frame.index, str(error).rsplit(": ", 1)[-1]))
             continue
         try:
-            image = plain_image(decoded, state.config.bits)
+            image = plain_image(decoded, state.config.bit_depth)
         except InputError as error:
             lost.append((frame.index, str(error)))
             continue
@@ -277,7 +277,7 @@ def set_up(state: CameraState, image: Image) -> CameraSetup:
     if empty is not None and empty.shape != downscale(image, factor).shape:
         empty = None
     seed = zlib.crc32(camera.name.encode()) >> 1
-    subtractor = make_subtractor(c.background, c.history, c.threshold, c.shadows, empty, seed)
+    subtractor = make_subtractor(c.background, c.history, c.foreground_threshold, c.shadows, empty, seed)
     sizes = state.sizes if state.sizes is not None else known_sizes(camera, state.scene, size, c)
     if sizes is None:
         raise InputError(
@@ -316,9 +316,9 @@ def shrink_of(camera: Camera, scene: Scene, size: tuple[int, int], config: Detec
     Raises:
         InputError: so shrunk they are too large for a model of the background.
     """
-    sizes = known_sizes(camera, scene, size, config) if config.shrink is None else None
-    if config.shrink is not None:
-        factor = config.shrink
+    sizes = known_sizes(camera, scene, size, config) if config.downscale is None else None
+    if config.downscale is not None:
+        factor = config.downscale
     elif sizes is not None:
         factor = downscale_factor(sizes.width_px)
     else:

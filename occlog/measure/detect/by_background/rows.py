@@ -66,7 +66,7 @@ def _choose(state: CameraState, frames: _RegionFrames, like: Floats, seen: Regio
     for t_ns, a, b in zip(frames.t_ns.tolist(), frames.first[:-1], frames.first[1:], strict=True):
         mine = ForegroundRegions(*(column[a:b] for column in frames.regions))
         may = None if may_be is None else may_be[a:b]
-        one = choose(t_ns, mine, like[a:b], state.memory, state.config.likeness, may)
+        one = choose(t_ns, mine, like[a:b], state.memory, state.config.min_similarity, may)
         chosen.append(np.where(one >= 0, one + a, -1))
     return np.array(chosen)
 

@@ -21,20 +21,20 @@ class TrackFusionConfig(Settings):
         above=0,
         option="--gate",
     )
-    error: float = setting(
+    sigma_registration: float = setting(
         0.7,
         "Registration error: standard deviation, per axis, between the positions that two groups of cameras give "
         "one person because of their poses.",
         unit="length",
         at_least=0,
         people=0.1,
-        option="--error",
+        option="--sigma-registration",
         metavar="LENGTH",
     )
-    compare_s: float = setting(
+    comparison_window_s: float = setting(
         2.0, "Time over which two tracks are compared, half of it before and half after.", unit="s", above=0
     )
-    gap_s: float = setting(
+    max_gap_s: float = setting(
         1.0, "Maximum gap in a track to interpolate by a straight line.", unit="s", at_most=1e9, at_least=0
     )
     window_s: float | None = setting(

@@ -104,11 +104,11 @@ def _apart(
                 "warning",
                 "group-beside",
                 f"{path}: offset from the tracks before it: ({x:.3g}, {y:.3g}) {unit} in the mean (allowed: "
-                f"{MAX_SEPARATION_RATIO * config.error:.3g} {unit}); check poses and clocks",
+                f"{MAX_SEPARATION_RATIO * config.sigma_registration:.3g} {unit}); check poses and clocks",
                 beside=math.hypot(x, y),
-                allowed=MAX_SEPARATION_RATIO * config.error,
+                allowed=MAX_SEPARATION_RATIO * config.sigma_registration,
             )
 
 
 def _beside(agreement: GroupConsistency, config: TrackFusionConfig) -> bool:
-    return math.hypot(*agreement.offset) > MAX_SEPARATION_RATIO * config.error > 0.0
+    return math.hypot(*agreement.offset) > MAX_SEPARATION_RATIO * config.sigma_registration > 0.0

@@ -151,7 +151,7 @@ def fuse_tracks(groups: Sequence[PeopleTracks], config: TrackFusionConfig) -> Fu
             raise InputError("tracks in space cannot be fused; give tracks on the ground")
     window_ns = default_window(groups) if config.window_s is None else round(config.window_s * 1e9)
     times = step_times(groups, window_ns)
-    first, *later = (at_times(group, times, window_ns, round(config.gap_s * 1e9)) for group in groups)
+    first, *later = (at_times(group, times, window_ns, round(config.max_gap_s * 1e9)) for group in groups)
     joined, doubts, agreements = _alone(first), list[_Doubt](), list[GroupConsistency]()
     for number, second in enumerate(later, start=1):
         after, more, agreement = _join(joined, second, number, config)
@@ -171,7 +171,7 @@ def _join(
     first: JoinedTracks, second: PeopleTracks, number: int, config: TrackFusionConfig
 ) -> tuple[JoinedTracks, list[_Doubt], GroupConsistency]:
     """The tracks of two groups as one; `number` groups have joined before."""
-    partner = match_tracks(first, second, config.error, config.gate, config.compare_s)
+    partner = match_tracks(first, second, config.sigma_registration, config.gate, config.comparison_window_s)
     pairs = np.flatnonzero(partner >= 0)
     mine, theirs = first.take(pairs), second.take(partner[pairs])
     left = np.setdiff1d(np.arange(len(second)), partner[pairs])
@@ -236,7 +236,9 @@ def _fuse_matched(mine: JoinedTracks, theirs: PeopleTracks, config: TrackFusionC
         values[f"sd_{name}"] = np.where(less, b, a)
     values["existence"] = np.fmax(mine.existence, theirs.existence)
     seen_by = [_united(a, b) for a, b in zip(mine.seen_by.tolist(), theirs.seen_by.tolist(), strict=True)]
-    too_far = distances(GroundPositions.of(mine), GroundPositions.of(theirs), config.error) > config.gate**2
+    too_far = (
+        distances(GroundPositions.of(mine), GroundPositions.of(theirs), config.sigma_registration) > config.gate**2
+    )
     one = np.array([bool(text) and "," not in text for text in seen_by], dtype=np.bool_)
     doubted = np.column_stack(
         [

@@ -40,9 +40,9 @@ room: [[0, 0], [50, 0], [50, 50], [0, 50]]
 microphone_arrays:
 - {name: mic, position: [25, 25], sigma_deg: 1.7320508075688772, range: 22.9, resolution_deg: 3, planar: true, rate_hz: 1}
 cameras:
-- {name: cam1, position: [0, 0, 3], yaw_deg: 45, focal_px: 320, image_size_px: [640, 480], noise: {read_px: 2}}
-- {name: cam2, position: [50, 0, 3], yaw_deg: 135, focal_px: 320, image_size_px: [640, 480], noise: {read_px: 2}}
-- {name: cam3, position: [0, 50, 3], yaw_deg: 315, focal_px: 320, image_size_px: [640, 480], noise: {read_px: 2}}
+- {name: cam1, position: [0, 0, 3], yaw_deg: 45, focal_px: 320, image_size_px: [640, 480], noise: {measurement_noise_px: 2}}
+- {name: cam2, position: [50, 0, 3], yaw_deg: 135, focal_px: 320, image_size_px: [640, 480], noise: {measurement_noise_px: 2}}
+- {name: cam3, position: [0, 50, 3], yaw_deg: 315, focal_px: 320, image_size_px: [640, 480], noise: {measurement_noise_px: 2}}
 """  # noqa: E501
 FIELD_PATHS = """
 occlog_paths: 1
@@ -80,9 +80,9 @@ microphone_arrays:
 - {name: A1, position: [3.2, 1.9, 0.9], sigma_deg: 1.7320508075688772, range: 3.05, resolution_deg: 3, planar: true, rate_hz: 100}
 - {name: A2, position: [7.6, 6.8, 0.9], sigma_deg: 1.7320508075688772, range: 4.71, resolution_deg: 3, planar: true, rate_hz: 100}
 cameras:
-- {name: V1, position: [1.9, 6.3, 1.2], yaw_deg: -37, focal_px: 160, image_size_px: [320, 240], rate_hz: 6, noise: {read_px: 2}}
-- {name: V2, position: [13.4, 5.0, 1.2], yaw_deg: 187, focal_px: 160, image_size_px: [320, 240], rate_hz: 6, noise: {read_px: 2}}
-- {name: V3, position: [5.5, 0.3, 1.2], yaw_deg: 98, focal_px: 160, image_size_px: [320, 240], rate_hz: 6, noise: {read_px: 2}}
+- {name: V1, position: [1.9, 6.3, 1.2], yaw_deg: -37, focal_px: 160, image_size_px: [320, 240], rate_hz: 6, noise: {measurement_noise_px: 2}}
+- {name: V2, position: [13.4, 5.0, 1.2], yaw_deg: 187, focal_px: 160, image_size_px: [320, 240], rate_hz: 6, noise: {measurement_noise_px: 2}}
+- {name: V3, position: [5.5, 0.3, 1.2], yaw_deg: 98, focal_px: 160, image_size_px: [320, 240], rate_hz: 6, noise: {measurement_noise_px: 2}}
 """  # noqa: E501
 ROOM_PATHS = """
 occlog_paths: 1
@@ -119,9 +119,12 @@ room: [[-20, -20], [70, -20], [70, 70], [-20, 70]]
 microphone_arrays:
 - {name: mic, position: [0, 0], sigma_deg: 2.23606797749979, planar: true, rate_hz: 1}
 cameras:
-- {name: cam1, position: [-20, -20, 3], yaw_deg: 45, focal_px: 320, image_size_px: [640, 480], noise: {read_px: 2}}
-- {name: cam2, position: [70, -20, 3], yaw_deg: 135, focal_px: 320, image_size_px: [640, 480], noise: {read_px: 2}}
-- {name: cam3, position: [-20, 70, 3], yaw_deg: 315, focal_px: 320, image_size_px: [640, 480], noise: {read_px: 2}}
+- {name: cam1, position: [-20, -20, 3], yaw_deg: 45, focal_px: 320, image_size_px: [640, 480],
+     noise: {measurement_noise_px: 2}}
+- {name: cam2, position: [70, -20, 3], yaw_deg: 135, focal_px: 320, image_size_px: [640, 480],
+     noise: {measurement_noise_px: 2}}
+- {name: cam3, position: [-20, 70, 3], yaw_deg: 315, focal_px: 320, image_size_px: [640, 480],
+     noise: {measurement_noise_px: 2}}
 """
 OPEN_STARTS = ((50.0, 30.0), (35.0, 50.0), (45.0, 45.0))
 """Initial positions of the objects of Fig. 3-4 [m]."""

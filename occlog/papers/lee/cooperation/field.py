@@ -123,7 +123,7 @@ def trials(
     for n, (series, _, x, settings) in enumerate(points):
         own = results[n * size.runs : (n + 1) * size.runs]
         extra = {name: _mean([r[name] for r in own]) for name in (*FIGURES, "rmse_1", "rmse_2", "rmse_3")}
-        extra["limit"] = float(settings.get("spread", math.nan))
+        extra["limit"] = float(settings.get("request_sigma", math.nan))
         extra |= {f"frames_{k}": r["frames"] for k, r in enumerate(own)}
         each = {f"alone_{c}": tuple(r[f"alone_{c}"] for r in own) for c in CONDITIONS}
         x_value = extra["frames"] if math.isnan(x) else x
@@ -164,7 +164,7 @@ def by_policy(size: Size, execute: Execute) -> Table:
         points += [(f"{PERIODIC}, {name}", form, math.nan, {"cooperate": "periodic", "period_s": p}) for p in grid]
         points.append((f"{PRINTED}, {name}", form, math.nan, {"cooperate": "printed"}))
         points.append((f"{EDGE}, {name}", form, math.nan, {"cooperate": "count"}))
-        points += [(f"{SPREAD}, {name}", form, math.nan, {"cooperate": "spread", "spread": s}) for s in SPREADS]
+        points += [(f"{SPREAD}, {name}", form, math.nan, {"cooperate": "spread", "request_sigma": s}) for s in SPREADS]
     return trials(size, execute, points)
 
 

@@ -41,24 +41,44 @@ START_SIGMA, START_SIGMA_V = 0.1, 0.01
 FIELD_ALPHA, ROOM_ALPHA = 0.01, 0.2
 THESIS = {
     "association": "any",
-    "birth": 0.0,
-    "fix": "replace",
+    "birth_probability": 0.0,
+    "camera_fix": "replace",
     "particles": 500,
-    "retry_s": 0.0,
-    "forget_s": 1e6,
-    "sound_s": 10.0,
-    "silent_s": 5.0,
+    "min_request_interval_s": 0.0,
+    "max_coasting_s": 1e6,
+    "mean_sound_s": 10.0,
+    "mean_silence_s": 5.0,
 }
 """Settings of the thesis' filter, with its weights corrected (Eqs. 3.7 to 3.11 as printed are no mean of x)."""
 FORMS: dict[str, dict[str, object]] = {
     "thesis": THESIS,
-    "joint": {**THESIS, "association": "joint", "fix": "update", "hold_s": 50.0},
+    "joint": {**THESIS, "association": "joint", "camera_fix": "update", "model_sojourn_s": 50.0},
 }
 SCENES: dict[str, dict[str, object]] = {
-    "open": {"alpha": FIELD_ALPHA, "sigma_v": 0.01, "speed": 0.2, "frame_age_s": 0.5},
-    "field": {"alpha": FIELD_ALPHA, "sigma_v": 0.01, "speed": 0.2, "frame_age_s": 0.5},
-    "pair": {"alpha": FIELD_ALPHA, "sigma_v": 0.01, "speed": 0.2, "frame_age_s": 0.5},
-    "room": {"alpha": ROOM_ALPHA, "sigma_v": 0.1, "speed": 0.3, "frame_age_s": 0.2},
+    "open": {
+        "turn_acceleration": FIELD_ALPHA,
+        "process_noise_velocity": 0.01,
+        "sigma_initial_velocity": 0.2,
+        "max_frame_age_s": 0.5,
+    },
+    "field": {
+        "turn_acceleration": FIELD_ALPHA,
+        "process_noise_velocity": 0.01,
+        "sigma_initial_velocity": 0.2,
+        "max_frame_age_s": 0.5,
+    },
+    "pair": {
+        "turn_acceleration": FIELD_ALPHA,
+        "process_noise_velocity": 0.01,
+        "sigma_initial_velocity": 0.2,
+        "max_frame_age_s": 0.5,
+    },
+    "room": {
+        "turn_acceleration": ROOM_ALPHA,
+        "process_noise_velocity": 0.1,
+        "sigma_initial_velocity": 0.3,
+        "max_frame_age_s": 0.2,
+    },
 }
 """Motion models: the manoeuvres' acceleration alpha, and a noise of the velocity of alpha a second (room: half)."""
 

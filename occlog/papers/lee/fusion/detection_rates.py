@@ -53,10 +53,15 @@ def fusion_trial(spec: Spec) -> dict[str, float]:
     world = {"steps": int(spec["steps"]), "occluders": int(spec["occluders"]), "diameter": DIAMETER}
     config: WorldConfig = configure(WorldConfig.in_unit(scene.length_unit), world)
     truth = Truth.concat(list(simulate_truth(scene, config, seed)))
-    observation = ObserveConfig(diameter=DIAMETER, miss=float(spec["miss"]), false_alarm=float(spec["false"]))
+    observation = ObserveConfig(
+        diameter=DIAMETER, miss_probability=float(spec["miss"]), false_alarm_probability=float(spec["false"])
+    )
     raw = Bearings.concat(list(observe(scene, [truth], observation, seed)))
     raw = raw.take(np.isin(raw.sensor, list(spec["cameras"])))
-    options: dict[str, object] = {"p_miss": float(spec["miss"]), "p_false": float(spec["false"])}
+    options: dict[str, object] = {
+        "miss_probability": float(spec["miss"]),
+        "false_alarm_probability": float(spec["false"]),
+    }
     options |= dict(spec.get("fuse", {}))
     parts = fuse(
         [Detections(views=Views.empty(), bearings=raw, losses=(), frames=0, warmup=0)],

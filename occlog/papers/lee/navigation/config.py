@@ -50,7 +50,7 @@ class NavigateConfig(FieldSettings):
         option="--obstacle-radius",
         metavar="LENGTH",
     )
-    sigmas: float = setting(
+    inflation_sigmas: float = setting(
         0.0,
         "Standard deviations of a track, along its widest axis, by which its obstacle is enlarged.",
         at_least=0,
@@ -66,21 +66,21 @@ class NavigateConfig(FieldSettings):
         choices=("centre", "border"),
         option="--origin",
     )
-    ahead_s: float = setting(
+    prediction_horizon_s: float = setting(
         0.0,
         "People repel from their nearest predicted position within this time, at the velocity of the last step.",
         unit="s",
         people=1.0,
         at_least=0,
         at_most=3600,
-        option="--ahead",
+        option="--prediction-horizon",
         metavar="SECONDS",
     )
-    guard: bool = setting(
+    collision_guard: bool = setting(
         False,
         "Turn or leave out a step that would collide if people keep their velocity; the thesis has no such guard.",
         people=True,
-        option="--guard/--no-guard",
+        option="--collision-guard/--no-collision-guard",
     )
     shape: str = setting(
         "circle",
@@ -90,16 +90,16 @@ class NavigateConfig(FieldSettings):
         option="--shape",
     )
     walls: bool = setting(True, "The walls of the room repel too.", option="--walls/--no-walls")
-    arrive: float | None = setting(
+    goal_tolerance: float | None = setting(
         None,
         "Distance from the goal at which it is reached.",
         unit="length",
         above=0,
-        option="--arrive",
+        option="--goal-tolerance",
         metavar="LENGTH",
         nothing="the length of a step",
     )
-    steps: int = setting(2000, "Maximum number of steps.", at_least=1, at_most=10_000_000, option="--steps")
+    max_steps: int = setting(2000, "Maximum number of steps.", at_least=1, at_most=10_000_000, option="--max-steps")
 
     @property
     def way(self) -> float:
@@ -109,4 +109,4 @@ class NavigateConfig(FieldSettings):
     @property
     def near(self) -> float:
         """Distance from the goal at which it is reached."""
-        return self.way if self.arrive is None else self.arrive
+        return self.way if self.goal_tolerance is None else self.goal_tolerance

@@ -34,7 +34,7 @@ from .forces import (
 
 MOST = 300
 """Steps of a drive: robots that come to their goal take less than 20."""
-INSIDE, OUTSIDE = NavigateConfig(escape="inside", steps=MOST), NavigateConfig(escape="outside", steps=MOST)
+INSIDE, OUTSIDE = NavigateConfig(escape="inside", max_steps=MOST), NavigateConfig(escape="outside", max_steps=MOST)
 STEPS = {"step 3.1": INSIDE, "step 3.2": OUTSIDE}
 RADII = (0.0, 0.2, 0.5)
 ANGLES = 24
@@ -95,7 +95,7 @@ def escape_trial(spec: Mapping[str, Any]) -> dict[str, float]:
             turned = robots.states[:, SteeringState.ESCAPING] > 0
             hits[name] += int(collided(robots)[turned].sum())
             escaped[name] += int(turned.sum())
-        still = NavigateConfig(escape="none", radius=radius, steps=MOST)
+        still = NavigateConfig(escape="none", radius=radius, max_steps=MOST)
         far = distance_outside(WAY, 2.0 * radius)
         steps, robots = driven(lines.starts, lines.goals, disc, still)
         prevented = robots.states[:, SteeringState.PREVENT] > 0
@@ -211,8 +211,10 @@ MAIN = 0.5
 """Of the verdicts."""
 NEAR_RADIUS = 0.2
 WAYS = {
-    "(5.15)": NavigateConfig(force="original", escape="none", steps=MOST),
-    "equalities (5.18), (5.26)": NavigateConfig(escape="inside", aligned=0.0, opposite=0.0, steps=MOST),
+    "(5.15)": NavigateConfig(force="original", escape="none", max_steps=MOST),
+    "equalities (5.18), (5.26)": NavigateConfig(
+        escape="inside", collinearity_tolerance=0.0, opposition_tolerance=0.0, max_steps=MOST
+    ),
     "tolerances, step 3.1": INSIDE,
     "tolerances, step 3.2": OUTSIDE,
 }

@@ -152,10 +152,10 @@ def people_of(config: NavigateConfig) -> PeopleAsObstacles:
     """Return people as obstacles, by the settings."""
     return PeopleAsObstacles(
         radius=config.obstacle_radius,
-        sigmas=config.sigmas,
+        sigmas=config.inflation_sigmas,
         max_gap_s=config.max_gap_s,
         step_s=config.step_s,
-        steps=config.steps,
+        steps=config.max_steps,
     )
 
 
@@ -179,7 +179,7 @@ def course_of(
         repelling=config.walls,
         round_shapes=config.shape == "circle",
         bordered=config.origin == "border",
-        ahead=config.ahead_s / config.step_s,
+        ahead=config.prediction_horizon_s / config.step_s,
     )
 
 

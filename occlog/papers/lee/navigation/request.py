@@ -21,7 +21,7 @@ class NavigateRequest(Request):
     constant speed (Lee 2009, Sec. 5.2.2). At an obstacle in line with the goal a step could end in the obstacle:
     --force prevent turns away before it. The robot then oscillates, which is detected; --escape leaves the line.
 
-    The path ends at the goal, at a collision, where the motion repeats itself for ever, or after --steps.
+    The path ends at the goal, at a collision, where the motion repeats itself for ever, or after --max-steps.
 
     \b
       occlog navigate examples/room.yaml --from 1,2.6 --to 7,2.6 -o path.parquet --picture path.png
@@ -44,7 +44,7 @@ class NavigateRequest(Request):
     output: Path = output_file("The path (Parquet).", "robot_path")
     picture: Path | None = sink("Also draw the path in the scene (PNG).")
     obstacles: Path | None = source("Moving people to avoid: tracks, or a recording with truth.")
-    discs: tuple[str, ...] = setting(
+    disc_obstacles: tuple[str, ...] = setting(
         (),
         "Round obstacle in addition to those of the scene; may be repeated.",
         option="--obstacle",
@@ -53,12 +53,12 @@ class NavigateRequest(Request):
         whole=True,
         shown="",
     )
-    after: float = setting(
+    start_delay_s: float = setting(
         0.0,
         "Start this long after the first row of --obstacles.",
         unit="s",
         at_least=0,
-        option="--after",
+        option="--start-delay",
         metavar="SECONDS",
         shown="0",
     )

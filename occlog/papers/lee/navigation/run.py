@@ -91,7 +91,11 @@ class RobotVerdict:
     def _remedy(self) -> str:
         """Return the remedy."""
         if self.end == End.COLLIDED:
-            return "take " + ("" if self._config.guard else "the guard, ") + "shorter steps or a larger repulsion"
+            return (
+                "take "
+                + ("" if self._config.collision_guard else "the guard, ")
+                + "shorter steps or a larger repulsion"
+            )
         if self.trap:
             return "take a smaller influence or repulsion, or intermediate goals"
         if self._stays:
@@ -125,21 +129,23 @@ class RobotVerdict:
 
 def run_navigate(request: NavigateRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Drive the robot and write its path; the summary, and the losses before."""
-    if request.after and request.obstacles is None:
-        raise UsageError(f"{option('after')} is a time of {option('obstacles')}; add them")
-    discs = tuple(map(disc_of, request.discs))
+    if request.start_delay_s and request.obstacles is None:
+        raise UsageError(f"{option('start_delay')} is a time of {option('obstacles')}; add them")
+    discs = tuple(map(disc_of, request.disc_obstacles))
     scene = load_scene(request.scene, None, request.scene)
     config = configure(NavigateConfig.in_unit(scene.length_unit), request.settings)
     opened = None if request.obstacles is None else open_input(request.obstacles, Tracks, Truth)
-    moving = None if opened is None else moving_people(opened, scene.length_unit, request.after, people_of(config))
+    moving = (
+        None if opened is None else moving_people(opened, scene.length_unit, request.start_delay_s, people_of(config))
+    )
     course = course_of(scene, discs, moving, config)
     for what, position in (("start", request.start), ("goal", request.goal)):
         course.check_position(what, np.array(position), config)
     parameters = asdict(config) | {
         "start": list(request.start),
         "goal": list(request.goal),
-        "discs": [list(d) for d in discs],
-        "start_s": request.after,
+        "disc_obstacles": [list(d) for d in discs],
+        "start_s": request.start_delay_s,
     }
     losses = () if opened is None else opened.losses
     robots, goal = Drive.at(np.array([request.start])), np.array([request.goal])

@@ -118,7 +118,7 @@ def drive(robots: Drive, goals: Floats, course: Course, config: NavigateConfig) 
     obstacles = course.obstacles_at(0)
     active = np.arange(len(robots.xy))
     gaps = course.clearance(robots.xy, robots.xy, config.radius, _standing(obstacles))
-    for number in range(config.steps + 1):
+    for number in range(config.max_steps + 1):
         clearance, nearest = _least(gaps)
         _note_clearance(robots, active, clearance, nearest)
         xy = robots.xy[active]
@@ -126,7 +126,7 @@ def drive(robots: Drive, goals: Floats, course: Course, config: NavigateConfig) 
         arrived = distance(xy, goals[active]) <= config.near * (1.0 + ROUNDING)
         collided = clearance <= ROUNDING * config.way
         end = np.where(collided, End.COLLIDED, np.where(arrived, End.REACHED, End.GOING))
-        if number == config.steps:
+        if number == config.max_steps:
             robots.caught[active] = watch.stays(active, STUCK * config.way)
             robots.prevented[active] = watch.prevented[active]
             end = np.where(end == End.GOING, End.STOPPED, end)
@@ -144,7 +144,7 @@ def drive(robots: Drive, goals: Floats, course: Course, config: NavigateConfig) 
         # Step: of constant length along the total force
         length = np.hypot(steering.total[:, 0], steering.total[:, 1])[:, None]
         move = config.way * np.where(length > 0.0, steering.total / np.where(length > 0.0, length, 1.0), 0.0)
-        if config.guard:
+        if config.collision_guard:
             move, state = _guarded(xy, move, steering.state, goals[active], course, obstacles, config)
             steering = steering._replace(state=state)
         yield RobotStep(number, active, xy, clearance, nearest, steering)

@@ -169,10 +169,16 @@ def _track(
     """Run the filter; return (T, 3) estimates, and the planes of each (none for the direct method)."""
     table, settings = spec["scenario"] == TABLE, dict(spec["settings"])
     wrong = settings.pop("wrong", False)
-    common: Values = {"particles": spec["particles"], "start": start, "start_factor": 1, "q": 0.0, "lost_after": 0}
+    common: Values = {
+        "particles": spec["particles"],
+        "start": start,
+        "initial_particle_factor": 1,
+        "process_noise_density": 0.0,
+        "track_loss_count": 0,
+    }
     common = common if table else {**common, "acceleration": ACCELERATION}
     if spec["method"] == "direct3d":
-        turn: Values = {"turn": TABLE_TURN, "turn_plane": "yz"} if table else {}
+        turn: Values = {"turn_acceleration": TABLE_TURN, "turn_plane": "yz"} if table else {}
         return _track_directly(w, given, Direct3dConfig(**common, **turn, **settings), rng), []
     models = [_table_motions(w, k, wrong and WRONG_FROM <= k < WRONG_FROM + WRONG_FOR) for k in range(len(given))]
     return _track_by_planes(w, given, PpsConfig(**common, **settings), models if table else None, rng)

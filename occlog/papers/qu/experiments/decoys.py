@@ -23,7 +23,7 @@ from occlog.simulate.balls.motion import ball_cameras
 SCENES = {"decoys-on-line": "on the line", "decoys-off-line": "off the line"}
 METHODS: dict[str, Values] = {
     "CMCT": {"method": "cmct"},
-    "CMCT, 30 px along the line": {"method": "cmct", "set": {"along_px": 30.0}},
+    "CMCT, 30 px along the line": {"method": "cmct", "set": {"sigma_along_line_px": 30.0}},
     "BMCT": {"method": "bmct"},
 }
 BALLS = 4

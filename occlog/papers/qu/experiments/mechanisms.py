@@ -63,7 +63,7 @@ def mechanisms(size: Size, execute: Execute) -> Table:
 
 def _spec(size: Size, run: int, case: MechanismCase) -> Spec:
     methods = {m: {"method": m} for m in SHOWN}
-    balls = {"frames": size.steps, "balls": 2, "clutter": case.clutter}
+    balls = {"frames": size.steps, "balls": 2, "background_clutter": case.clutter}
     return views_spec(seed_of(size, run), methods, balls, scene=case.scene, watched={"pair": [case.view, [0, 1]]})
 
 

@@ -35,7 +35,7 @@ def motion(size: Size, execute: Execute) -> Table:
 
 def _spec(size: Size, run: int, motion: str) -> Spec:
     methods = {m: {"method": m} for m in METHODS} | {REMEDY: {"method": "bmct", "set": SETTINGS}}
-    return views_spec(seed_of(size, run), methods, {"frames": size.steps, "motion": motion})
+    return views_spec(seed_of(size, run), methods, {"frames": size.steps, "ball_motion": motion})
 
 
 def judge_motion(table: Table) -> list[StatementVerdict]:

@@ -2,7 +2,7 @@
 
 `joint`: after every scan the belief about the errors is updated (`occlog.track.methods.apf.kernels.pose_errors`);
 the filter weighs its particles with corrected cameras, and with what is still uncertain about
-them instead of `sigma_position` and `sigma_yaw`.  `initial`: the first `calibrate_s` seconds
+them instead of `sigma_position` and `sigma_yaw`.  `initial`: the first `calibration_s` seconds
 are tracked as without, then all their bearings are solved at once, and that stays.
 
 Both compare errors that stay with errors resampled for every scan, which is what Eq. 2 states

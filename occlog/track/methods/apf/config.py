@@ -39,23 +39,23 @@ class ApfConfig(SmoothingConfig):
         counts=(3,),
         nothing="uniform over the room or the visible region",
     )
-    start_factor: int = setting(
+    initial_particle_factor: int = setting(
         10, "Particles at track initiation, as a multiple of `particles`. Raise it in large rooms.", at_least=1
     )
 
     # Motion, [Ercan] Sec. 4.1; probabilities are those of one reference step.
-    reference_s: float = setting(
+    reference_step_s: float = setting(
         1.0,
         "Reference step of the waypoint model: beta and lambda are probabilities per this time.",
         unit="s",
         at_least=1e-3,
     )
     # People stop, turn and hurry: their velocity changes at random, while the reference scene's objects jump aside.
-    speed: float = setting(1.0, "Speed of new particles.", unit="length/s", at_least=0, people=1.0)
-    speed_spread: float = setting(
+    initial_speed: float = setting(1.0, "Speed of new particles.", unit="length/s", at_least=0, people=1.0)
+    sigma_initial_speed: float = setting(
         0.2, "Standard deviation of the speed of new particles.", unit="length/s", at_least=0, people=0.5
     )
-    sigma_v: float = setting(
+    process_noise_position: float = setting(
         0.33,
         "Process noise of the position per axis, accumulated over 1 s ([Ercan] sigma_v). Larger values recover "
         "from model errors and widen covariances; raise it when tracks are lost in turns.",
@@ -63,14 +63,14 @@ class ApfConfig(SmoothingConfig):
         at_least=0,
         people=0.1,
     )
-    sigma_a: float = setting(
+    process_noise_velocity: float = setting(
         0.0,
         "Process noise of the velocity per axis, accumulated over 1 s. 0: as in the paper.",
         unit="length/s",
         at_least=0,
         people=0.5,
     )
-    sigma_w: float = setting(
+    process_noise_waiting: float = setting(
         0.0,
         "Process noise of the position of a waiting target per axis, accumulated over 1 s; keeps its particles "
         "distinct. 0: as in the paper.",
@@ -78,22 +78,22 @@ class ApfConfig(SmoothingConfig):
         at_least=0,
         people=0.01,
     )
-    wait_s: float = setting(
+    mean_wait_s: float = setting(
         0.0,
         "Mean waiting time at a stop. 0: as in the paper, one decision per reference step.",
         unit="s",
         at_least=0,
         people=10.0,
     )
-    sigma_c: float = setting(
+    process_noise_creep: float = setting(
         0.0,
         "Process noise of the slow drift of a waiting target (velocity per axis, accumulated over 1 s); used with "
-        "`wait_s`.",
+        "`mean_wait_s`.",
         unit="length/s",
         at_least=0,
         people=0.05,
     )
-    phi: float = setting(
+    velocity_memory: float = setting(
         0.03,
         "Weight of the last displacement in the speed of a particle ([Ercan] phi); 0: constant speed.",
         at_least=0,
@@ -128,14 +128,14 @@ class ApfConfig(SmoothingConfig):
         "model alone, as in the paper (bootstrap filter).",
         choices=("scan", "motion"),
     )
-    defensive: float = setting(
+    defensive_fraction: float = setting(
         0.05,
         "Share of particles selected without the measurements (defensive mixture); protects against overconfident "
         "proposals.",
         at_least=0,
         at_most=1,
     )
-    resample_below: float = setting(
+    resampling_threshold: float = setting(
         1.0,
         "Resampling threshold: resample when the effective sample size, relative to the number of particles, is "
         "below this; only with proposal=motion. 1: every scan.",
@@ -143,31 +143,31 @@ class ApfConfig(SmoothingConfig):
     )
 
     # Measurements, [Ercan] Secs. 4.2 and 4.3
-    detection: float | None = setting(
+    detection_probability: float | None = setting(
         None,
         "Detection probability P_D of an unoccluded target; needed to use missed detections as information.",
         above=0,
         at_most=1,
         nothing="1 with occluder priors; without them missed detections are no information",
     )
-    false: float = setting(
+    false_alarm_probability: float = setting(
         1e-4,
         "False alarm probability P_F of a sensor that did not detect the target. Raise it when false bearings pull "
         "the track away.",
         at_least=0,
         at_most=1,
     )
-    soften: float = setting(
+    out_of_view_likelihood: float = setting(
         1e-2,
         "Likelihood factor for a detection of a target that the camera cannot see (out of view, behind a wall). "
         "Guards against pose errors.",
         at_least=0,
         at_most=1,
     )
-    candidate: float = setting(
-        0.9, "P_D among unlabelled candidates, where `detection` is not given.", above=0, at_most=1
+    candidate_detection_probability: float = setting(
+        0.9, "P_D among unlabelled candidates, where `detection_probability` is not given.", above=0, at_most=1
     )
-    clutter: float = setting(
+    clutter_rate: float = setting(
         1.0,
         "Clutter rate: candidates of other objects expected in a frame. Larger values trust single candidates "
         "less. Typical 1 per visible person.",
@@ -181,19 +181,19 @@ class ApfConfig(SmoothingConfig):
         "Occlusion likelihood p(eta|u): `independent` cameras, `recursion` ([Ercan] Eqs. 8-9), or `exact`.",
         choices=PROBABILITIES,
     )
-    q: str = setting(
+    occlusion_form: str = setting(
         "improved",
         "Probability that one occluder hides the target: `improved`, `quadrature`, or `printed` ([Ercan] Eq. 7).",
         choices=FORMS,
     )
-    p_floor: float = setting(
+    min_occlusion_probability: float = setting(
         1e-4,
         "Lower limit of p(eta|u) (`independent`: of the factor of each camera); keeps one contradicting camera "
         "from killing all particles.",
         at_least=0,
         at_most=1,
     )
-    temper: float = setting(
+    occlusion_tempering: float = setting(
         0.3,
         "Exponent of occlusion probabilities from uncertain priors, whose errors are correlated in time. 1: as if "
         "independent (the paper). Only with likelihood=independent.",
@@ -202,7 +202,7 @@ class ApfConfig(SmoothingConfig):
     )
     occluder_diameter: float = setting(3.33, "Diameter of a moving occluder.", unit="length", above=0, people=0.5)
     prior_max_age_s: float = setting(5.0, "Ignore occluder priors older than this.", unit="s", at_most=1e9, above=0)
-    own_gate: float = setting(
+    own_prior_gate: float = setting(
         0.0,
         "Ignore occluder priors within this many standard deviations of the target: they are the target itself. 0: "
         "use all.",
@@ -216,13 +216,13 @@ class ApfConfig(SmoothingConfig):
         "start only (`initial`).",
         choices=CALIBRATE,
     )
-    calibrate_s: float = setting(100.0, "Duration of the `initial` calibration.", unit="s", at_most=1e9, above=0)
+    calibration_s: float = setting(100.0, "Duration of the `initial` calibration.", unit="s", at_most=1e9, above=0)
 
     # When to give up
     max_gap_s: float = setting(
         60.0, "Reinitialise after a longer time without a scan. Smaller values give up sooner.", unit="s", above=0
     )
-    lost_after: int = setting(
+    track_loss_count: int = setting(
         6,
         "Reinitialise when the reports that contradict the best particle outnumber those that agree by this count "
         "(at most 2 per scan). Lower values recover faster and restart more often; 0: never.",
@@ -249,19 +249,19 @@ class SelectConfig(Settings):
 
     policy: str = setting(
         "greedy",
-        "Sensor selection: use only --count cameras, reselected every --every steps by this policy. `greedy` and "
-        "`brute-force` minimise the expected error.",
+        "Sensor selection: use only --n-cameras cameras, reselected every --selection-interval steps by this policy. "
+        "`greedy` and `brute-force` minimise the expected error.",
         choices=POLICIES,
         option="--select",
         shown="use all",
     )
-    count: int = setting(4, "Number of selected cameras.", at_least=1, option="--count")
-    every: float = setting(
+    n_cameras: int = setting(4, "Number of selected cameras.", at_least=1, option="--n-cameras")
+    selection_interval: float = setting(
         5.0,
         "Interval between selections, in reference steps (--set reference_s, 1 s). Longer intervals save messages "
         "and lose targets that leave the views.",
         above=0,
-        option="--every",
+        option="--selection-interval",
         metavar="STEPS",
     )
     model: str = setting(
@@ -270,19 +270,19 @@ class SelectConfig(Settings):
         choices=("perspective", "weak"),
         option="--select-model",
     )
-    order: tuple[str, ...] = setting(
+    camera_order: tuple[str, ...] = setting(
         (),
         "Camera order for --select fixed.",
-        option="--select-order",
+        option="--camera-order",
         metavar="A,B,...",
         shown="that of the scene",
     )
-    patience: int = setting(
+    max_blind_scans: int = setting(
         1,
         "Reselect after this many consecutive scans in which fewer than two selected cameras detect the target; 0: "
         "only at the interval. For greedy and brute-force without occluder priors.",
         at_least=0,
-        option="--patience",
+        option="--max-blind-scans",
         metavar="SCANS",
     )
 

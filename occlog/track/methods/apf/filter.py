@@ -112,18 +112,22 @@ def step(state: ApfState, scan: Scan, rng: Generator) -> tuple[ApfState, Estimat
     estimate = _estimate(model, draw, packed)
     # Calibrate: learn the errors of the poses
     if calibration is not None:
-        calibration, estimate = updated_calibration(calibration, scan, estimate, config.calibrate_s)
+        calibration, estimate = updated_calibration(calibration, scan, estimate, config.calibration_s)
     return ApfState(base, draw.particles, draw.weights, scan.t_ns, astray, calibration, trace), estimate
 
 
 def _with_occluder_priors(model: ApfModel, priors: Priors, state: ApfState) -> ApfModel:
     """The model with what is known about moving occluders; priors of the target itself are omitted."""
     config = model.config
-    if config.own_gate > 0.0 and state.t_ns is not None:
-        priors = without_own(priors, *mean_and_covariance(state.weights, state.particles.xy), config.own_gate)
+    if config.own_prior_gate > 0.0 and state.t_ns is not None:
+        priors = without_own(priors, *mean_and_covariance(state.weights, state.particles.xy), config.own_prior_gate)
     # Known positions are never known exactly: what contradicts them is made unlikely as for static occluders.
     known = not np.any(priors.sigma > 0.0)
-    occlusion = occlusion_of(config)._replace(floor=config.soften, temper=1.0) if known else occlusion_of(config)
+    occlusion = (
+        occlusion_of(config)._replace(floor=config.out_of_view_likelihood, temper=1.0)
+        if known
+        else occlusion_of(config)
+    )
     return model._replace(priors=priors, occlusion=occlusion, detection=model.informed)
 
 
@@ -197,7 +201,7 @@ def _track_loss(state: ApfState, draw: ProposedParticles, packed: PackedScan) ->
             np.count_nonzero(inlier_probability(residuals(model.measured, here)[0], model.measured.errors) < 0.5)
         )
     after = track_loss_count(state.astray, against, count)
-    return (0, True) if is_lost(after, model.config.lost_after) else (after, False)
+    return (0, True) if is_lost(after, model.config.track_loss_count) else (after, False)
 
 
 def _estimate(model: ApfModel, draw: ProposedParticles, packed: PackedScan) -> Estimate:
@@ -245,9 +249,9 @@ METHOD = Online(
     occluders=lambda config: OccluderTerms(config.occluder_diameter, config.prior_max_age_s),
     prediction=TargetPredictor(
         predict,
-        step_s=lambda config: config.reference_s,
-        detection=lambda config: config.detection,
-        hiding=lambda config: FORMS.index(config.q),
+        step_s=lambda config: config.reference_step_s,
+        detection=lambda config: config.detection_probability,
+        hiding=lambda config: FORMS.index(config.occlusion_form),
     ),
     calibrates=lambda config: config.calibrate != "none",
     measured=True,

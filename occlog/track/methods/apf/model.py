@@ -129,18 +129,18 @@ def pack_detection(scene: Scene, config: ApfConfig, *, informed: bool) -> Detect
     hit, miss, false, candidate = [], [], [], []
     own = [(c.detection, c.false_alarm) for c in scene.cameras] + [(None, None)] * len(scene.arrays)
     for detection, false_alarm in own:
-        found = config.detection if detection is None else detection
+        found = config.detection_probability if detection is None else detection
         hit.append(1.0 if found is None else found)
         miss.append((0.0 if informed else 1.0) if found is None else 1.0 - found)
-        candidate.append(config.candidate if found is None else found)
-        false.append(config.false if false_alarm is None else false_alarm)
+        candidate.append(config.candidate_detection_probability if found is None else found)
+        false.append(config.false_alarm_probability if false_alarm is None else false_alarm)
     return DetectionModel(
         np.array(hit, dtype=np.float64),
         np.array(miss, dtype=np.float64),
         np.array(false, dtype=np.float64),
-        config.soften,
+        config.out_of_view_likelihood,
         np.array(candidate, dtype=np.float64),
-        np.full(len(own), config.clutter),
+        np.full(len(own), config.clutter_rate),
     )
 
 
@@ -233,31 +233,37 @@ def make_model(scene: Scene, config: ApfConfig) -> ApfModel:
         informed=pack_detection(scene, config, informed=True),
         occlusion=occlusion_of(config),
         views=scene.views,
-        wander=math.inf if scene.views is None else max_destination_distance(scene, config.speed),
+        wander=math.inf if scene.views is None else max_destination_distance(scene, config.initial_speed),
     )
 
 
 def motion_of(config: ApfConfig) -> WaypointModel:
     """The motion model's part of the settings."""
     return WaypointModel(
-        reference_s=config.reference_s,
-        sigma=config.sigma_v,
-        phi=config.phi,
+        reference_s=config.reference_step_s,
+        sigma=config.process_noise_position,
+        phi=config.velocity_memory,
         towards=config.beta1,
         change=config.lambda1,
         towards_reached=config.beta2,
         change_reached=config.lambda2,
-        sigma_velocity=config.sigma_a,
-        sigma_waiting=config.sigma_w,
-        wait_s=config.wait_s,
-        sigma_creep=config.sigma_c,
+        sigma_velocity=config.process_noise_velocity,
+        sigma_waiting=config.process_noise_waiting,
+        wait_s=config.mean_wait_s,
+        sigma_creep=config.process_noise_creep,
     )
 
 
 def occlusion_of(config: ApfConfig) -> Occlusion:
     """How priors of moving occluders count."""
     kind = {"independent": INDEPENDENT, "recursion": RECURSION, "exact": EXACT}[config.likelihood]
-    return Occlusion(kind, FORMS.index(config.q), config.p_floor, far=0.0, temper=config.temper)
+    return Occlusion(
+        kind,
+        FORMS.index(config.occlusion_form),
+        config.min_occlusion_probability,
+        far=0.0,
+        temper=config.occlusion_tempering,
+    )
 
 
 def likelihood(

@@ -88,11 +88,13 @@ def _bootstrap_step(
     arrived = waypoint.reached(particles, model.motion, model.floor)
     kappa = waypoint.expected_xy(particles, arrived, dt, model.motion)
     first, fallback = _stage_1(
-        log_of(weights) + likelihood(model, kappa, packed, OCCLUDER_SUPPORT_SIGMAS_STAGE1), weights, config.defensive
+        log_of(weights) + likelihood(model, kappa, packed, OCCLUDER_SUPPORT_SIGMAS_STAGE1),
+        weights,
+        config.defensive_fraction,
     )
     # Resample: systematic; pi_l is the parent of particle l
     parents, ratio = np.arange(len(weights)), weights
-    if effective_sample_size(first) < config.resample_below * len(weights) or config.resample_below >= 1.0:
+    if effective_sample_size(first) < config.resampling_threshold * len(weights) or config.resampling_threshold >= 1.0:
         parents = systematic_ancestors(first, config.particles, rng.random())
         particles, arrived = waypoint.select(particles, parents), arrived[parents]
         ratio = weights[parents] / first[parents] / config.particles
@@ -125,7 +127,7 @@ def _adapted_step(
         - near.log_factors[best]
     )
     # Stage 1, weigh the hypotheses, and resample: systematic
-    first, fallback = _stage_1(log_first.reshape(-1), prior, config.defensive)
+    first, fallback = _stage_1(log_first.reshape(-1), prior, config.defensive_fraction)
     if not len(rows):
         # No sensor detected the target: keep particles of every hypothesis for the next scan
         first = (1.0 - EVEN_HYPOTHESIS_SHARE) * first + EVEN_HYPOTHESIS_SHARE * _even_weights(weights, chance)
@@ -138,7 +140,7 @@ def _adapted_step(
         spread,
         near.mode[chosen],
         near.root[chosen],
-        config.defensive,
+        config.defensive_fraction,
         rng.random(n),
         rng.standard_normal((n, 2)),
     )
@@ -206,7 +208,7 @@ def destinations(model: ApfModel, xy: Floats, rng: Generator) -> Floats:
 def initial_particles(model: ApfModel, start: tuple[float, ...] | None, rng: Generator) -> WaypointParticles:
     """Many particles, anywhere on the floor or around a start."""
     config = model.config
-    n = config.particles * config.start_factor
+    n = config.particles * config.initial_particle_factor
     if start is not None:
         shrink = math.sqrt(1.0 - START_KERNEL_RATIO**2) if config.proposal == "scan" else 1.0
         xy = np.array(start[:2]) + shrink * start[2] * rng.standard_normal((n, 2))
@@ -219,7 +221,9 @@ def initial_particles(model: ApfModel, start: tuple[float, ...] | None, rng: Gen
 
 def _particles_at(model: ApfModel, xy: Floats, rng: Generator) -> WaypointParticles:
     """Particles at (L, 2) positions, on their way to anywhere at the usual speeds."""
-    particles = waypoint.start_particles(xy, model.floor, model.config.speed, model.config.speed_spread, rng)
+    particles = waypoint.start_particles(
+        xy, model.floor, model.config.initial_speed, model.config.sigma_initial_speed, rng
+    )
     return particles if model.views is None else particles._replace(destination=destinations(model, xy, rng))
 
 
@@ -227,7 +231,7 @@ def reinitialise(model: ApfModel, packed: PackedScan, rng: Generator) -> Propose
     """Particles resampled: all over the ground, or, without a room, from the scan."""
     if model.views is None or model.measured is not None:
         return select_initial_particles(model, initial_particles(model, None, rng), None, packed, rng)
-    n = model.config.particles * model.config.start_factor
+    n = model.config.particles * model.config.initial_particle_factor
     lines = sight_lines(packed, model.sensors, model.noise, model.views)
     xy, log_ratio = initial_positions(n, lines, model.views, rng)
     return _chosen(model, _particles_at(model, xy, rng), log_ratio - math.log(n), 0.0, packed, rng)
@@ -260,7 +264,7 @@ def select_initial_particles(
             variance,
             near.mode,
             near.root,
-            config.defensive,
+            config.defensive_fraction,
             rng.random(many),
             rng.standard_normal((many, 2)),
         )

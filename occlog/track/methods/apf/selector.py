@@ -81,20 +81,20 @@ def network(
     """
     names = [c.name for c in scene.cameras]
     cameras = tuple(i for i, c in enumerate(scene.cameras) if c.name in usable and c.placed)
-    if config.policy != "all" and config.count > len(cameras):
-        raise UsageError(f"select: {config.count} cameras of {len(cameras)}; select fewer")
+    if config.policy != "all" and config.n_cameras > len(cameras):
+        raise UsageError(f"select: {config.n_cameras} cameras of {len(cameras)}; select fewer")
     order = cameras
-    if config.order:
-        unknown = [n for n in config.order if n not in names]
+    if config.camera_order:
+        unknown = [n for n in config.camera_order if n not in names]
         if unknown:
             raise UsageError(f"select: order: no camera {unknown[0]!r} in the scene; it has: {', '.join(names)}")
-        order = tuple(names.index(n) for n in config.order if names.index(n) in cameras)
-        if config.policy == "fixed" and len(set(order)) < config.count:
-            raise UsageError(f"select: order has {len(set(order))} usable cameras, want {config.count}")
-    if config.policy == "brute-force" and math.comb(len(cameras), config.count) > MAX_SUBSETS:
+        order = tuple(names.index(n) for n in config.camera_order if names.index(n) in cameras)
+        if config.policy == "fixed" and len(set(order)) < config.n_cameras:
+            raise UsageError(f"select: order has {len(set(order))} usable cameras, want {config.n_cameras}")
+    if config.policy == "brute-force" and math.comb(len(cameras), config.n_cameras) > MAX_SUBSETS:
         raise UsageError(
-            f"select: brute-force of {config.count} out of {len(cameras)} cameras would try "
-            f"{math.comb(len(cameras), config.count)} subsets, limit {MAX_SUBSETS}; use greedy"
+            f"select: brute-force of {config.n_cameras} out of {len(cameras)} cameras would try "
+            f"{math.comb(len(cameras), config.n_cameras)} subsets, limit {MAX_SUBSETS}; use greedy"
         )
     own = [scene.cameras[i].detection for i in cameras]
     hit = np.array([p if p is not None else 1.0 if detection is None else detection for p in own], dtype=np.float64)
@@ -117,7 +117,7 @@ def choose(
     """
     cloud = _thin(cloud)
     moments = _moments(cloud, no_priors() if priors is None else priors, net, config.model)
-    k = len(net.cameras) if config.policy == "all" else config.count
+    k = len(net.cameras) if config.policy == "all" else config.n_cameras
     rows = _rows(k, cloud, moments, net, config.policy, rng)
     mse = mean_square_errors(moments, np.array([rows], dtype=np.int64))[0]
     return Choice(tuple(sorted(net.cameras[n] for n in rows)), float(mse))
@@ -241,13 +241,13 @@ class Selector(Generic[State, Config]):
         """
         self._cloud = prediction.cloud
         self._selection = selection
-        self._every_ns = round(min(selection.every * prediction.step_s(config) * NS, FOREVER_NS))
+        self._every_ns = round(min(selection.selection_interval * prediction.step_s(config) * NS, FOREVER_NS))
         hiding = IMPROVED if prediction.hiding is None else prediction.hiding(config)
         self._net = network(scene, selection, usable, prediction.detection(config), hiding)
         self._cameras = len(scene.cameras)
         # Heuristics and baselines select without regard to what was seen
-        self._patience = selection.patience if selection.policy in BY_ERROR else 0
-        self._memory_s = selection.every * prediction.step_s(config)
+        self._patience = selection.max_blind_scans if selection.policy in BY_ERROR else 0
+        self._memory_s = selection.selection_interval * prediction.step_s(config)
 
     def update(self, own: TargetFilter[State], t_ns: int, priors: Priors | None) -> TargetFilter[State]:
         """The filter with the cameras to use at a time, reselected where that is due.

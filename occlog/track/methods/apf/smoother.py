@@ -66,7 +66,7 @@ def smooth(traces: Sequence[Trace], config: ApfConfig, motion: WaypointModel, rn
         motion: the motion model.
         rng: draws.
     """
-    M = config.trajectories
+    M = config.smoothing_trajectories
     found: list[SmoothedState] = []
     later: ParticleRecord | None = None
     chosen = np.empty(0, dtype=np.int64)

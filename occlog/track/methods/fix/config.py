@@ -27,14 +27,14 @@ class FixConfig(Settings):
         "repeated median (see fix.md).",
         choices=(MIXTURE, *ESTIMATORS),
     )
-    bend: float | None = setting(
+    loss_threshold: float | None = setting(
         None,
         "Threshold of the robust loss, in standard deviations; with mixture where a bearing is as likely false as "
         "true. Smaller values reject more bearings.",
         above=0,
         nothing="1.5 (huber, andrews), 3.7 (mixture)",
     )
-    spread: str = setting(
+    covariance: str = setting(
         "pooled",
         "Covariance of the position: stated noise `pooled` with the residuals, `residuals` alone (as published), "
         "or `stated` noise alone.",
@@ -50,12 +50,12 @@ class FixConfig(Settings):
     @property
     def bent(self) -> float:
         """Where the estimator bends."""
-        return BENDS.get(self.estimator, BENDS["huber"]) if self.bend is None else self.bend
+        return BENDS.get(self.estimator, BENDS["huber"]) if self.loss_threshold is None else self.loss_threshold
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """A mixture is of bearings with stated standard deviations."""
         yield (
-            "spread",
-            self.estimator != MIXTURE or self.spread != "residuals",
+            "covariance",
+            self.estimator != MIXTURE or self.covariance != "residuals",
             "pooled or stated with estimator mixture",
         )

@@ -17,7 +17,8 @@ Repeated median of crossings of lines of sight, and its jackknife ([Lenth] 1981)
 A position from bearings of which some may be false: the modes of a mixture likelihood, and their spread.
 
 Each bearing is true, with a Gaussian error of its stated standard deviation, or false, and then from anywhere; at
-`bend` standard deviations both are as likely.  The likelihood of a position has a mode wherever enough bearings agree.
+`loss_threshold` standard deviations both are as likely.  The likelihood of a position has a mode wherever enough
+bearings agree.
 All of them are searched, from where each two lines cross, by Gauss and Newton with reweighting.  The estimate is the
 highest mode.  Its covariance is the second moment of all modes about it, by their heights, so that it is wide where
 it cannot be decided which bearing is false.  (Volumes do not count: lines that are next to parallel would meet at

@@ -65,8 +65,8 @@ def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimat
     observing, used = np.unique(scan.sensor), np.unique(scan.sensor[rows])
     # Two lines leave no residuals from which their spread could be estimated, and none of them can be false.
     scarce = PAIR if len(rows) == 2 else STATED
-    cause = "" if found.estimated or (config.spread != "residuals" and len(rows) > 2) else scarce
-    if config.spread == "stated":
+    cause = "" if found.estimated or (config.covariance != "residuals" and len(rows) > 2) else scarce
+    if config.covariance == "stated":
         cause = ""
     inlier = found.weights if config.estimator == MIXTURE else _inlier_probabilities(off / sigma)
     saw = np.unique(scan.sensor[rows][inlier >= 0.5])
@@ -105,7 +105,7 @@ def _mixed(state: FixState, scan: Scan, rows: Ints, distances: RangeMeasurements
     found = modes_of(lines, distances, state.room)
     if found is None:
         return None
-    spread = spread_of(found, pooled=config.spread == "pooled")
+    spread = spread_of(found, pooled=config.covariance == "pooled")
     # Residuals, and their variance: 1 less the leverage
     at = measured_at(lines, distances, found.xy[:1])
     inlier, gradient = found.inlier_probability[0], at.gradient[0]
@@ -123,7 +123,7 @@ def _mixed(state: FixState, scan: Scan, rows: Ints, distances: RangeMeasurements
         log_likelihood=float(score.sum()),
         n_looked=len(np.unique(np.concatenate([scan.sensor, distances.station]))),
         n_seen=len(used),
-        fallback=_fallback(found, config.spread),
+        fallback=_fallback(found, config.covariance),
         used=tuple(used.tolist()),
         seen_by=tuple(np.unique(sensor[inlier >= 0.5]).tolist()),
         fit=BearingResiduals(
@@ -154,10 +154,10 @@ def _estimated(config: FixConfig, positions: Floats, bearings: Floats, sigma: Fl
         found = modes(positions, bearings, sigma, config.bent)
         if found is None:
             return None
-        spread = spread_of(found, pooled=config.spread == "pooled")
+        spread = spread_of(found, pooled=config.covariance == "pooled")
         return Fix(found.xy[0], spread, found.inlier_probability[0], float((1.0 / sigma**2).mean()), estimated=False)
-    pooled, median = config.spread == "pooled", config.estimator in ("rmr", "jrmr")
-    learned = config.spread == "residuals" or (pooled and not median)
+    pooled, median = config.covariance == "pooled", config.estimator in ("rmr", "jrmr")
+    learned = config.covariance == "residuals" or (pooled and not median)
     fixed = fix(positions, bearings, sigma, config.estimator, config.bent, learned)
     if fixed is None or not pooled:
         return fixed

@@ -166,9 +166,9 @@ def requests_after_scan(
     out = [
         CameraQuestion(b.number, tuple(dict.fromkeys(causes[b.number])), b.moved.track.label, *_where(b.estimate))
         for b in report.beliefs
-        if causes[b.number] and t_ns - memory.refused.get(b.number, -(2**62)) >= config.retry_s * NS
+        if causes[b.number] and t_ns - memory.refused.get(b.number, -(2**62)) >= config.min_request_interval_s * NS
     ]
-    if unknown and t_ns - memory.refused.get(TENTATIVE, -(2**62)) >= config.retry_s * NS:
+    if unknown and t_ns - memory.refused.get(TENTATIVE, -(2**62)) >= config.min_request_interval_s * NS:
         out += _leads(state, report, unknown, rng)
     bearings = {**memory.bearings, **{c.array: c.bearings for c in report.counts}}
     return out, memory._replace(period_ns=since, bearings=bearings)
@@ -176,7 +176,7 @@ def requests_after_scan(
 
 def other_targets(state: ImmState, report: ImmStepResult, asked: Sequence[CameraQuestion]) -> list[CameraQuestion]:
     """Targets that no question is about, and that the frames may show as well; none if `config.share` is false."""
-    if not state.world.config.share or not asked:
+    if not state.world.config.update_other_targets or not asked:
         return []
     numbers = {a.number for a in asked}
     return [
@@ -207,7 +207,7 @@ def _own_causes(state: ImmState, report: ImmStepResult, belief: TrackPosterior) 
         predicted = imm.moments(belief.moved.predicted, belief.moved.prior)
         if imm.outside_ellipses(estimate.mean, predicted.means, predicted.covariances):
             found.append("ellipse")
-    if "spread" in config.policies and imm.position_sigma_exceeds(estimate.covariance, config.spread):
+    if "spread" in config.policies and imm.position_sigma_exceeds(estimate.covariance, config.request_sigma):
         found.append("spread")
     return found
 
@@ -292,7 +292,7 @@ def _fixed(config: ImmConfig, track: Track, answer: CameraAnswer, t_ns: int, rng
     """The track once cameras found it."""
     assert answer.position is not None
     assert answer.covariance is not None
-    change = moved_to if config.fix == "replace" else updated
+    change = moved_to if config.camera_fix == "replace" else updated
     normals = rng.standard_normal((len(track.cloud.states), 2))
     states = change(track.cloud.states, answer.position, answer.covariance, normals)
     label = track.label if answer.label == UNLABELLED_TRACK else answer.label
@@ -354,7 +354,7 @@ class CameraRequests:
 
     def _arrive(self, t_ns: int) -> None:
         """Let frames that are old enough take the position of those before them: an answer takes its time."""
-        latest = t_ns - round(self._config.answer_s * NS)
+        latest = t_ns - round(self._config.answer_delay_s * NS)
         for camera, coming in self._coming.items():
             while coming and coming[0].t_ns <= latest:
                 self._frames[camera] = coming.popleft()
@@ -369,7 +369,7 @@ class CameraRequests:
         """
         # Choose two cameras for each question
         self._arrive(t_ns)
-        oldest = (self._config.frame_age_s + self._config.answer_s) * NS
+        oldest = (self._config.max_frame_age_s + self._config.answer_delay_s) * NS
         fresh = [c for c, f in self._frames.items() if t_ns - f.t_ns <= oldest]
         pairs: list[Pair | None] = []
         for ask in asks:
@@ -442,7 +442,7 @@ class CameraRequests:
             good &= inside | (label != UNLABELLED)
         # The target has moved since the older frame was taken: widen the covariance by what it may have walked.
         age = max(t_ns - min(one.t_ns, other.t_ns), abs(one.t_ns - other.t_ns)) / NS
-        moved = (self._config.speed * age) ** 2 * np.eye(2)
+        moved = (self._config.sigma_initial_velocity * age) ** 2 * np.eye(2)
         return _CameraFix(met.xy[good], met.covariance[good] + moved, label[good])
 
     def _match(

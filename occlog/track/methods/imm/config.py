@@ -34,17 +34,17 @@ class ImmConfig(SmoothingConfig):
     )
 
     # Motion, [Lee] Sec. 3.3.1
-    alpha: float = setting(
+    turn_acceleration: float = setting(
         1.0, "Lateral acceleration of the two turn models ([Lee] alpha).", unit="length/s^2", at_least=0
     )
-    sigma_v: float = setting(
+    process_noise_velocity: float = setting(
         1.3,
         "Process noise of the velocity per axis, accumulated over 1 s. Larger values follow manoeuvres and widen "
         "the gate.",
         unit="length/s",
         at_least=0,
     )
-    hold_s: float | None = setting(
+    model_sojourn_s: float | None = setting(
         None,
         "Mean sojourn time of a motion model. Shorter values switch faster between straight motion and turns.",
         unit="s",
@@ -52,7 +52,7 @@ class ImmConfig(SmoothingConfig):
         above=0,
         nothing="models independent at every step",
     )
-    speed: float = setting(
+    sigma_initial_velocity: float = setting(
         1.0, "Standard deviation of the velocity of a new track, per axis.", unit="length/s", at_least=0
     )
 
@@ -63,27 +63,27 @@ class ImmConfig(SmoothingConfig):
         "([Lee] Eq. 3.6).",
         choices=("joint", "any"),
     )
-    detection: float = setting(
+    detection_probability: float = setting(
         0.95, "Detection probability of a sounding target in range of an array.", above=0, at_most=1
     )
-    clutter: float = setting(
+    clutter_rate: float = setting(
         0.1,
         "Clutter rate: false bearings expected per array and scan, uniform in azimuth. Raise it in reverberant rooms.",
         above=0,
     )
-    height: float | None = setting(
+    source_height: float | None = setting(
         None,
         "Height of sources above the ground, for the range of arrays.",
         unit="length",
         nothing="an array's range is taken on the ground",
     )
-    sound_s: float = setting(30.0, "Mean time that a target sounds before a silence.", unit="s", above=0)
-    silent_s: float = setting(
+    mean_sound_s: float = setting(30.0, "Mean time that a target sounds before a silence.", unit="s", above=0)
+    mean_silence_s: float = setting(
         3.0, "Mean duration of a silence. Longer values keep silent tracks for longer.", unit="s", above=0
     )
 
     # Births and deaths
-    birth: float = setting(
+    birth_probability: float = setting(
         0.02,
         "Probability that an unassigned bearing initiates a track. Higher values find new targets sooner and make "
         "more false tracks. With 0, or association=any, targets are only those given, labelled or found by "
@@ -91,19 +91,21 @@ class ImmConfig(SmoothingConfig):
         at_least=0,
         below=1,
     )
-    birth_factor: int = setting(
+    initial_particle_factor: int = setting(
         3, "Particles of a tentative track, as a multiple of `particles`, until it is confirmed.", at_least=1
     )
-    confirm: float = setting(
+    confirmation_threshold: float = setting(
         0.95,
         "Existence probability above which a track is confirmed and reported. Higher values suppress false tracks "
         "and delay true ones.",
         at_least=0,
         below=1,
     )
-    confirm_hits: int = setting(3, "Minimum number of detections before confirmation.", at_least=1)
-    die: float = setting(0.02, "Existence probability below which a track is terminated.", at_least=0, below=1)
-    forget_s: float = setting(
+    confirmation_hits: int = setting(3, "Minimum number of detections before confirmation.", at_least=1)
+    deletion_threshold: float = setting(
+        0.02, "Existence probability below which a track is terminated.", at_least=0, below=1
+    )
+    max_coasting_s: float = setting(
         15.0,
         "Maximum coasting time: a track that was not detected for longer is terminated.",
         unit="s",
@@ -125,30 +127,32 @@ class ImmConfig(SmoothingConfig):
     triggers: str = setting(
         "count,bearing,ellipse", "Triggers of `printed`, separated by commas.", choices=TRIGGERS, several=True
     )
-    spread: float = setting(
+    request_sigma: float = setting(
         1.0,
         "Position standard deviation (root of the trace of the covariance) above which `spread` requests frames. "
         "Smaller values ask more often.",
         unit="length",
         at_least=0,
     )
-    fix: str = setting(
+    camera_fix: str = setting(
         "update",
         "Use of a camera position: `update` as a measurement, or `replace` the particles (the thesis).",
         choices=("update", "replace"),
     )
-    share: bool = setting(True, "Also update other targets seen in the requested frames.")
-    frame_age_s: float = setting(
+    update_other_targets: bool = setting(True, "Also update other targets seen in the requested frames.")
+    max_frame_age_s: float = setting(
         0.5, "Maximum age of a frame to be used, apart from the latency of the answer.", unit="s", at_most=1e9, above=0
     )
-    answer_s: float = setting(
+    answer_delay_s: float = setting(
         0.0,
         "Latency of camera answers: of each camera the last frame at least this old is used (see `occlog traffic`).",
         unit="s",
         at_least=0,
         at_most=1e6,
     )
-    retry_s: float = setting(0.5, "Minimum time before an unanswered request is repeated.", unit="s", at_least=0)
+    min_request_interval_s: float = setting(
+        0.5, "Minimum time before an unanswered request is repeated.", unit="s", at_least=0
+    )
     gate: float = setting(
         4.0, "Gate in standard deviations for assigning unlabelled camera candidates to a target.", above=0
     )

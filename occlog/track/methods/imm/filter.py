@@ -164,7 +164,7 @@ def _rests_on(track: Track, lineage: Genealogy, estimate: imm.ModelEstimates, co
     families = lineage.effective()
     if families >= MIN_EFFECTIVE_SAMPLE_SIZE:
         return track, math.inf
-    if is_rejuvenated(lineage, estimate.covariance[::2, ::2], config.sigma_v):
+    if is_rejuvenated(lineage, estimate.covariance[::2, ::2], config.process_noise_velocity):
         return track._replace(lineage=new_genealogy(len(lineage.families))), math.inf
     return track, families
 
@@ -222,7 +222,7 @@ def _allowed(moved: list[Moved], heard: Scan) -> Bools:
 
 def _clutter(world: ImmWorld, bearing: Floats) -> Floats:
     """(N,) density of each bearing if it is clutter [1/rad]."""
-    return np.full(len(bearing), world.config.clutter / (2.0 * math.pi))
+    return np.full(len(bearing), world.config.clutter_rate / (2.0 * math.pi))
 
 
 def _associate_jointly(
@@ -232,7 +232,7 @@ def _associate_jointly(
     K, N, config = len(moved), len(heard.bearing), world.config
     fits = _fits(world, moved, array, heard)
     exists = np.array([m.track.exists for m in moved])
-    chance = np.array([m.track.sounds for m in moved]) * config.detection
+    chance = np.array([m.track.sounds for m in moved]) * config.detection_probability
     fit = np.array([f.fit for f in fits]).reshape(K, N)
     # Likelihood that bearing i is of track k alone, and that track k is not heard
     alone = (exists * chance)[:, None] * fit * allowed
@@ -294,13 +294,13 @@ def _associate_any(
         some = np.flatnonzero(allowed[k])
         reached = in_range(m.predicted, m.weights, position, reach)[1]
         weights, fit = m.weights, np.zeros(len(some))
-        chance = m.track.exists * m.track.sounds * config.detection
+        chance = m.track.exists * m.track.sounds * config.detection_probability
         if len(some):
             found = imm.update_weights(m.predicted, m.weights, heard.bearing[some], heard.sigma[some], position)
             weights, evidence = found.total, evidence + found.log_evidence
             # The mean density of each bearing is its share of that of all.
             share = found.each.reshape(len(some), -1).sum(axis=1)
-            fit = chance * math.exp(found.log_evidence) * share * (2.0 * math.pi / config.clutter)
+            fit = chance * math.exp(found.log_evidence) * share * (2.0 * math.pi / config.clutter_rate)
         missed = 1.0 - chance * reached
         alone[k, some] = fit / (fit.sum() + missed)
         unheard[k] = missed / (fit.sum() + missed)
@@ -309,7 +309,7 @@ def _associate_any(
 
 
 def _after(m: Moved, weights: Floats, reached: float, config: ImmConfig, unheard: float, array: int) -> Moved:
-    track = update_existence(m.track, reached, config.detection, unheard)
+    track = update_existence(m.track, reached, config.detection_probability, unheard)
     arrays = (*m.arrays, array)
     return m._replace(
         track=track, weights=weights, heard=m.heard or unheard < MIN_UNASSIGNED_TO_INITIATE, arrays=arrays
@@ -320,7 +320,7 @@ def _initiate_tracks(world: ImmWorld, array: int, free: Scan, numbers: set[int],
     """New tracks on the lines of sight of bearings of no target; a label that is a track's number gets another."""
     # Where every track takes any bearing, several come to follow one source, and the others' bearings seem free.
     config, born = world.config, []
-    unaided = config.birth > 0.0 and config.association == "joint"
+    unaided = config.birth_probability > 0.0 and config.association == "joint"
     for label, bearing, sigma in zip(free.target_id.tolist(), free.bearing.tolist(), free.sigma.tolist(), strict=True):
         if unaided or label != UNLABELLED_TRACK:
             track = track_on_bearing(world, array, bearing, sigma, free.t_ns, label, rng)
@@ -339,7 +339,7 @@ def _with_hit(m: Moved, t_ns: int) -> Track:
 
 
 def _existing_tracks(track: Track, t_ns: int, config: ImmConfig) -> bool:
-    return track.exists >= config.die and t_ns - track.met_ns <= config.forget_s * NS
+    return track.exists >= config.deletion_threshold and t_ns - track.met_ns <= config.max_coasting_s * NS
 
 
 def _numbered(moved: list[Moved], free: int, config: ImmConfig) -> tuple[list[Moved], int]:
@@ -347,7 +347,11 @@ def _numbered(moved: list[Moved], free: int, config: ImmConfig) -> tuple[list[Mo
     out = []
     for m in moved:
         track = m.track
-        if track.number == TENTATIVE and track.exists >= config.confirm and track.hits >= config.confirm_hits:
+        if (
+            track.number == TENTATIVE
+            and track.exists >= config.confirmation_threshold
+            and track.hits >= config.confirmation_hits
+        ):
             track, free = track._replace(number=free), free + 1
         free = max(free, track.number + 1)
         out.append(m._replace(track=track))

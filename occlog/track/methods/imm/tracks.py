@@ -10,7 +10,7 @@ Smoothing of targets with several motion models: trajectories drawn back through
 
 A particle after a step has the model under which it moved there.  On the way back that model moves it back, and the
 model before it is drawn along with its state: of two particles that are as likely to have led to a state that one
-counts more with a model that changes seldom into the later one (`hold_s`).  See `occlog.filtering.kernel_density`.
+counts more if its model seldom changes into the later one (`model_sojourn_s`).  See `occlog.filtering.kernel_density`.
 """
 
 from __future__ import annotations
@@ -128,9 +128,9 @@ def make_world(scene: Scene, config: ImmConfig) -> ImmWorld:
     longest = float(np.hypot(*(corners.max(axis=0) - corners.min(axis=0))))
     return ImmWorld(
         config=config,
-        models=three_models(config.alpha),
+        models=three_models(config.turn_acceleration),
         positions=positions,
-        reach=np.array([_reach(a.range, float(a.position[2]), config.height) for a in arrays], dtype=np.float64),
+        reach=np.array([_reach(a.range, float(a.position[2]), config.source_height) for a in arrays], dtype=np.float64),
         resolution=np.array([a.resolution for a in arrays], dtype=np.float64),
         region=region,
         walls=config.walls and scene.room is not None,
@@ -161,7 +161,7 @@ def confirmed_track(config: ImmConfig, number: int, start: Sequence[float], t_ns
 
 def _confirmed(config: ImmConfig, number: int, label: int, states: Floats, t_ns: int) -> Track:
     """A track of (L, 4) particles of a target that is sure to exist."""
-    hits = config.confirm_hits
+    hits = config.confirmation_hits
     return Track(number=number, label=label, cloud=_cloud(states), exists=1.0, sounds=1.0, hits=hits, met_ns=t_ns)
 
 
@@ -173,7 +173,7 @@ def track_on_bearing(
     Positions are equally likely per length of the line; where none is in the room any will do.
     """
     config = world.config
-    n = config.particles * config.birth_factor
+    n = config.particles * config.initial_particle_factor
     longest = min(float(world.reach[array]), world.longest)
     xy, count = np.empty((0, 2)), 0
     for _ in range(MAX_DRAWS):
@@ -186,10 +186,10 @@ def track_on_bearing(
     xy = xy[:n] if count else new
     if len(xy) < n:
         xy = xy[rng.integers(len(xy), size=n)]
-    velocity = config.speed * rng.standard_normal((n, 2))
+    velocity = config.sigma_initial_velocity * rng.standard_normal((n, 2))
     states = np.column_stack([xy[:, 0], velocity[:, 0], xy[:, 1], velocity[:, 1]])
     labelled = label != UNLABELLED_TRACK
-    exists = 1.0 if labelled else config.birth
+    exists = 1.0 if labelled else config.birth_probability
     number = label if labelled else TENTATIVE
     return Track(number=number, label=label, cloud=_cloud(states), exists=exists, sounds=1.0, hits=1, met_ns=t_ns)
 
@@ -201,7 +201,7 @@ def track_at_position(
     config = world.config
     n = config.particles
     xy = rng.multivariate_normal(position, covariance, n, method="eigh")
-    velocity = config.speed * rng.standard_normal((n, 2))
+    velocity = config.sigma_initial_velocity * rng.standard_normal((n, 2))
     states = np.column_stack([xy[:, 0], velocity[:, 0], xy[:, 1], velocity[:, 1]])
     return _confirmed(config, number, label, states, t_ns)
 
@@ -215,9 +215,9 @@ def move_track(world: ImmWorld, track: Track, dt: float, rng: Generator) -> Move
     config, cloud = world.config, track.cloud
     J, L = len(world.models), len(cloud.states)
     normals = rng.standard_normal((J, L, 4))
-    root = acceleration_root(config.sigma_v**2, dt)
+    root = acceleration_root(config.process_noise_velocity**2, dt)
     predicted = move_under_all(cloud.states, world.models, dt, root, normals)
-    prior = imm.prior_weights(cloud.models, J, switching(J, dt, config.hold_s))
+    prior = imm.prior_weights(cloud.models, J, switching(J, dt, config.model_sojourn_s))
     if world.walls:
         inside = inside_polygon(np.ascontiguousarray(predicted[..., ::2].reshape(-1, 2)), world.region).reshape(J, L)
         mass = float(prior[inside].sum())
@@ -226,7 +226,7 @@ def move_track(world: ImmWorld, track: Track, dt: float, rng: Generator) -> Move
         elif mass < 1.0:
             # At most a tenth of the weight is still in the room: particles outside keep their old position, at rest.
             predicted = np.where(inside[..., None], predicted, cloud.states * np.array([1.0, 0.0, 1.0, 0.0]))
-    off, on = _chance(dt, config.sound_s), _chance(dt, config.silent_s)
+    off, on = _chance(dt, config.mean_sound_s), _chance(dt, config.mean_silence_s)
     sounds = track.sounds * (1.0 - off) + (1.0 - track.sounds) * on
     return Moved(track._replace(sounds=sounds), predicted, prior, prior)
 
@@ -302,14 +302,14 @@ def trace_of(track: Track, t_ns: int) -> TrackTrace:
 
 def smooth_backwards(traces: Sequence[TrackTrace], config: ImmConfig, rng: Generator) -> list[SmoothedState]:
     """Past states of a target from trajectories that are drawn back from the last trace to the first."""
-    models, out = three_models(config.alpha), []
-    states, kinds = last_states(traces[-1].knot, config.trajectories, rng)
+    models, out = three_models(config.turn_acceleration), []
+    states, kinds = last_states(traces[-1].knot, config.smoothing_trajectories, rng)
     out.append(_past(states))
     for k in range(len(traces) - 2, -1, -1):
         dt = (traces[k + 1].t_ns - traces[k].t_ns) / NS
-        chances = switching(len(models), dt, config.hold_s)
+        chances = switching(len(models), dt, config.model_sojourn_s)
         moved = moved_back(states, kinds, models, dt)
-        noise = noise_back(config.sigma_v**2, dt)
+        noise = noise_back(config.process_noise_velocity**2, dt)
         states, kinds = states_before(traces[k].knot, moved, noise, kinds, chances, rng=rng)
         out.append(_past(states))
     return out[::-1]

@@ -31,30 +31,33 @@ class SpaceConfig(SmoothingConfig):
     start: tuple[float, ...] | None = setting(
         None,
         "x,y,sigma; x,y,z,sigma; x,y,z,vx,vy,vz,sigma,sigma_v; or x,y,z,vx,vy,vz and a sigma of each. Without them "
-        "z is uncertain over the height of the room, and velocities by `speed` and `speed_z`.",
+        "z is uncertain over the height of the room, and velocities by `sigma_initial_velocity` and "
+        "`sigma_initial_velocity_z`.",
         unit="length",
         nothing="from the first scan",
     )
-    start_factor: int = setting(10, "Particles at track initiation, as a multiple of `particles`.", at_least=1)
+    initial_particle_factor: int = setting(
+        10, "Particles at track initiation, as a multiple of `particles`.", at_least=1
+    )
 
     # Motion
     acceleration: tuple[float, ...] = setting(
         (0.0, 0.0, 0.0), "Known constant acceleration along x, y, z.", unit="length/s^2"
     )
-    turn: float = setting(
+    turn_acceleration: float = setting(
         0.0,
         "Lateral acceleration of a known coordinated turn, from the first axis of the plane to its second.",
         unit="length/s^2",
     )
     turn_plane: str = setting("xy", "Plane of the known turn.", choices=PLANES)
-    q: float = setting(
+    process_noise_density: float = setting(
         0.1,
         "Process noise: spectral density of white acceleration. Larger values follow manoeuvres and widen covariances.",
         unit="length^2/s^3",
         at_least=0,
         people=1.0,
     )
-    q_z: float | None = setting(
+    process_noise_density_z: float | None = setting(
         None,
         "Process noise along z: spectral density of white acceleration.",
         unit="length^2/s^3",
@@ -62,25 +65,25 @@ class SpaceConfig(SmoothingConfig):
         people=0.02,
         nothing="as q",
     )
-    speed: float = setting(
+    sigma_initial_velocity: float = setting(
         1.0, "Initial standard deviation of the velocity along x and y.", unit="length/s", at_least=0
     )
-    speed_z: float = setting(
+    sigma_initial_velocity_z: float = setting(
         0.3, "Initial standard deviation of the velocity along z.", unit="length/s", at_least=0, people=0.1
     )
 
     # Measurements
-    false: float = setting(1e-4, "False alarm probability of a labelled report.", at_least=0, below=1)
-    soften: float = setting(
+    false_alarm_probability: float = setting(1e-4, "False alarm probability of a labelled report.", at_least=0, below=1)
+    out_of_range_likelihood: float = setting(
         1e-2, "Likelihood factor for a report of a target out of the range of the sensor.", above=0, at_most=1
     )
-    outside: float = setting(
+    out_of_room_likelihood: float = setting(
         1e-2, "Likelihood factor per scan for a target outside the room, if the scene has one.", above=0, at_most=1
     )
-    candidate: float = setting(
+    candidate_detection_probability: float = setting(
         0.9, "Probability that the target is among the candidates of a sensor that has any.", above=0, at_most=1
     )
-    clutter: float = setting(1.0, "Clutter rate: candidates of other objects expected in a scan.", above=0)
+    clutter_rate: float = setting(1.0, "Clutter rate: candidates of other objects expected in a scan.", above=0)
     use_score: bool = setting(True, "Weigh candidates by their score.")
 
     # Sampling
@@ -90,13 +93,13 @@ class SpaceConfig(SmoothingConfig):
         "motion model alone.",
         choices=("scan", "motion"),
     )
-    resample_below: float = setting(
+    resampling_threshold: float = setting(
         0.5,
         "Resampling threshold: resample when the effective sample size, relative to the number of particles, is "
         "below this.",
         at_least=0,
     )
-    kernel: float = setting(
+    kernel_bandwidth: float = setting(
         1.0,
         "Bandwidth of the regularisation kernel after resampling, relative to the optimum of a Gaussian; 0 "
         "duplicates particles.",
@@ -107,7 +110,7 @@ class SpaceConfig(SmoothingConfig):
     # When to give up
     max_gap_s: float = setting(60.0, "Reinitialise after a longer time without a scan.", unit="s", above=0)
     gate: float = setting(5.0, "Gate in standard deviations for a report to agree with a position.", above=0)
-    lost_after: int = setting(
+    track_loss_count: int = setting(
         6,
         "Reinitialise when the reports of a sensor that contradict the best particle outnumber those that agree by "
         "this count; 0: never.",

@@ -75,7 +75,7 @@ class ScanUpdate(NamedTuple):
 def init(scene: Scene, config: Direct3dConfig, rng: Generator) -> Direct3dState:
     """State before the first scan: particles around `config.start`, or none yet."""
     space = make_space(scene, config, cone=config.likelihood == "cone")
-    n = config.particles * config.start_factor
+    n = config.particles * config.initial_particle_factor
     cloud = np.empty((6, 0)) if config.start is None else particles_around(space, config.start, n, rng)
     near = scene.region.mean(axis=0) if config.start is None else np.array(config.start[:2])
     return Direct3dState(
@@ -111,11 +111,11 @@ def step(state: Direct3dState, scan: Scan, rng: Generator) -> tuple[Direct3dStat
     estimate = estimate_of(mean, covariance, draw, heard, agrees(mean[None, :3], heard, config.gate)[0])
     # Resample from a kernel density: what begins has more particles, what moves blindly may have few effective ones
     cloud, weights = draw.cloud, draw.weights
-    few = config.proposal == "motion" and estimate.ess < config.resample_below * config.particles
+    few = config.proposal == "motion" and estimate.ess < config.resampling_threshold * config.particles
     if few or cloud.shape[1] != config.particles:
         n = config.particles
         cloud = resample_with_kernel(
-            cloud, weights, mean, covariance, n, config.kernel * silverman_bandwidth(n, 6), rng
+            cloud, weights, mean, covariance, n, config.kernel_bandwidth * silverman_bandwidth(n, 6), rng
         )
         weights = np.full(n, 1.0 / n)
     begun = state.t_ns is None or draw.fallback != ""
@@ -159,7 +159,9 @@ def _updated(state: Direct3dState, heard: ScanDirections, dt: float, rng: Genera
 
 def begin(space: SpaceModel[C], heard: ScanDirections, reason: str, rng: Generator) -> ScanUpdate:
     """Many particles drawn from the scan."""
-    cloud, log_weights = particles_from_scan(space, heard, space.config.particles * space.config.start_factor, rng)
+    cloud, log_weights = particles_from_scan(
+        space, heard, space.config.particles * space.config.initial_particle_factor, rng
+    )
     weights, log_sum = normalise_log_weights(log_weights)
     return ScanUpdate(cloud, weights, log_sum - math.log(len(weights)), reason)
 
@@ -167,7 +169,7 @@ def begin(space: SpaceModel[C], heard: ScanDirections, reason: str, rng: Generat
 def is_contradicted(astray: Ints, good: Bools, heard: ScanDirections, config: SpaceConfig) -> tuple[Ints, bool]:
     """Return the track-loss counter of each sensor, and whether the track is lost.
 
-    It is lost when one sensor has contradicted it `lost_after` times more.  Every sensor counts by
+    It is lost when one sensor has contradicted it `track_loss_count` times more.  Every sensor counts by
     itself, since one direction alone agrees with many wrong positions.  A sensor that has made
     the filter restart has to contradict it several times as often to do so again:
     it may be the sensor that is wrong.
@@ -183,9 +185,9 @@ def is_contradicted(astray: Ints, good: Bools, heard: ScanDirections, config: Sp
     for sensor in heard.sensor[reports & good]:
         astray[sensor] = max(0, astray[sensor] - 1)
     astray[heard.sensor[reports & ~good]] += 1
-    lost = is_lost(int(astray.max(initial=0)), config.lost_after)
+    lost = is_lost(int(astray.max(initial=0)), config.track_loss_count)
     if lost:
-        astray = np.where(astray > 0, -RESTART_BACKOFF * config.lost_after, 0)
+        astray = np.where(astray > 0, -RESTART_BACKOFF * config.track_loss_count, 0)
     return astray, lost
 
 

@@ -106,7 +106,7 @@ def update_by_scan(
     before = log_weights if log_going is None else log_weights + log_going(cloud[:d], ahead[:d])
     log_density = log_likelihood(ahead[:d])
     weights, log_sum = normalise_log_weights(before + log_density)
-    if effective_sample_size(weights) >= config.resample_below * len(weights) and math.isfinite(log_sum):
+    if effective_sample_size(weights) >= config.resampling_threshold * len(weights) and math.isfinite(log_sum):
         return ahead, weights, log_sum
     if config.proposal == "scan":
         found = propose(
@@ -116,7 +116,7 @@ def update_by_scan(
             lines(),
             log_likelihood,
             particles=config.particles,
-            kernel=config.kernel,
+            kernel=config.kernel_bandwidth,
             rng=rng,
             log_going=log_going,
         )
@@ -264,7 +264,7 @@ def through_clouds(traces: Sequence[CloudTrace], config: SpaceConfig, rng: Gener
     motion, out, states = motion_of(config), [], np.empty((6, 0))
     for k in range(len(traces) - 1, -1, -1):
         if k == len(traces) - 1 or traces[k + 1].begun:
-            states, _ = last_states(traces[k].knot, config.trajectories, rng)
+            states, _ = last_states(traces[k].knot, config.smoothing_trajectories, rng)
         else:
             dt = (traces[k + 1].t_ns - traces[k].t_ns) / NS
             back = moved_back(states, motion, dt)

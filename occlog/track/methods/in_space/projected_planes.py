@@ -193,7 +193,7 @@ def _first(state: PpsState, heard: ScanDirections, rng: Generator) -> ScanUpdate
     space, config = state.space, state.space.config
     if config.start is None:
         return begin(space, heard, "", rng)
-    n = config.particles * config.start_factor
+    n = config.particles * config.initial_particle_factor
     cloud, weights, log_sum = update_by_scan(
         particles_around(space, config.start, n, rng),
         np.full(n, -math.log(n)),
@@ -217,7 +217,7 @@ def _started(
     for p in ALL:
         rows = plane_axes(p)
         part = covariance[np.ix_(rows, rows)]
-        width = config.kernel * silverman_bandwidth(n, 4)
+        width = config.kernel_bandwidth * silverman_bandwidth(n, 4)
         cloud = resample_with_kernel(
             np.ascontiguousarray(draw.cloud[rows]), draw.weights, mean[rows], part, n, width, rng
         )
@@ -292,9 +292,9 @@ def _taken_in(
         )
         mean, covariance = moments(cloud, weights)
         flats[p], likelihoods[p] = PlanePosterior(mean, covariance, log_sum, effective_sample_size(weights)), own
-        if config.proposal == "motion" and flats[p].ess < config.resample_below * n:
+        if config.proposal == "motion" and flats[p].ess < config.resampling_threshold * n:
             cloud = resample_with_kernel(
-                cloud, weights, mean, covariance, n, config.kernel * silverman_bandwidth(n, 4), rng
+                cloud, weights, mean, covariance, n, config.kernel_bandwidth * silverman_bandwidth(n, 4), rng
             )
             weights = np.full(n, 1.0 / n)
         new[p] = (cloud, log_of(weights))

@@ -173,14 +173,24 @@ class SpaceModel(NamedTuple, Generic[C]):
 
 def motion_of(config: SpaceConfig) -> AccelerationModel:
     """The motion model's part of the settings."""
-    up = config.q if config.q_z is None else config.q_z
+    up = config.process_noise_density if config.process_noise_density_z is None else config.process_noise_density_z
     axes = AXES[PLANES.index(config.turn_plane)]
-    return AccelerationModel(np.array(config.acceleration), np.array([config.q, config.q, up]), config.turn, axes)
+    return AccelerationModel(
+        np.array(config.acceleration),
+        np.array([config.process_noise_density, config.process_noise_density, up]),
+        config.turn_acceleration,
+        axes,
+    )
 
 
 def chances_of(config: SpaceConfig) -> ReportProbabilities:
     """The measurements' part of the settings."""
-    return ReportProbabilities(config.false, config.soften, config.candidate, config.clutter)
+    return ReportProbabilities(
+        config.false_alarm_probability,
+        config.out_of_range_likelihood,
+        config.candidate_detection_probability,
+        config.clutter_rate,
+    )
 
 
 def make_space(scene: Scene, config: C, *, cone: bool = False) -> SpaceModel[C]:
@@ -227,7 +237,7 @@ def log_room_factor(before: Floats | None, after: Floats, space: SpaceModel[C]) 
     stays = in_room(after, space)
     if before is not None:
         stays |= ~in_room(before, space)
-    return np.where(stays, 0.0, math.log(space.config.outside))
+    return np.where(stays, 0.0, math.log(space.config.out_of_room_likelihood))
 
 
 def in_room(xyz: Floats, space: SpaceModel[C]) -> Bools:
@@ -287,7 +297,13 @@ def _log_prior(xyz: Floats, position: Floats, far: Floats) -> Floats:
 
 
 def _speeds(space: SpaceModel[C]) -> Floats:
-    return np.array([space.config.speed, space.config.speed, space.config.speed_z])
+    return np.array(
+        [
+            space.config.sigma_initial_velocity,
+            space.config.sigma_initial_velocity,
+            space.config.sigma_initial_velocity_z,
+        ]
+    )
 
 
 def _along(space: SpaceModel[C], s: ScanDirectionSet, r: int, n: int, rng: Generator) -> Floats:

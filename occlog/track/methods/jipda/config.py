@@ -17,27 +17,27 @@ class JipdaConfig(LagConfig):
     OWNER: ClassVar[str] = "jipda"
 
     # Bodies
-    height: float = setting(
+    person_height: float = setting(
         1.7,
         "Mean height of people; sets the expected box height. A wrong value shifts positions along the line of "
         "sight. Typical 1.7 m for adults, 1.2 m for children.",
         unit="length",
         above=0,
     )
-    sigma_height: float = setting(
+    sigma_person_height: float = setting(
         0.12,
         "Standard deviation of the height among people. Larger values rely less on box heights for the distance; "
         "raise it where adults and children mix.",
         unit="length",
         above=0,
     )
-    width: float = setting(
+    person_width: float = setting(
         0.55,
         "Mean diameter of the vertical cylinder that models a person; sets the expected box width.",
         unit="length",
         above=0,
     )
-    sigma_width: float = setting(
+    sigma_person_width: float = setting(
         0.12,
         "Standard deviation of the diameter among people and poses. Larger values accept wider boxes (bags, spread "
         "arms).",
@@ -45,7 +45,7 @@ class JipdaConfig(LagConfig):
         above=0,
     )
 
-    apart: float = setting(
+    exclusion_radius: float = setting(
         0.22,
         "Exclusion radius s: the density of two people at distance d is multiplied by 1 - exp(-d^2 / (2 s^2)). "
         "Larger values keep close tracks distinct and push them apart; 0: no exclusion.",
@@ -54,39 +54,39 @@ class JipdaConfig(LagConfig):
     )
 
     # Motion
-    acceleration: float = setting(
+    process_noise_density: float = setting(
         0.06,
         "Process noise while walking straight: spectral density of white acceleration per axis. Larger values "
         "follow turns faster; smaller values coast straighter through occlusions.",
         unit="length^2/s^3",
         at_least=0,
     )
-    manoeuvre: float = setting(
+    manoeuvre_noise_density: float = setting(
         1.0,
         "Process noise during a manoeuvre (turning, stopping, starting): spectral density per axis. Larger values "
         "follow abrupt motion and widen the gate.",
         unit="length^2/s^3",
         at_least=0,
     )
-    calm_s: float = setting(
+    manoeuvre_interval_s: float = setting(
         20.0,
         "Initial mean time between manoeuvres of a person; adapted online. Smaller values switch to the manoeuvre "
         "model more readily.",
         unit="s",
         above=0,
     )
-    turn_s: float = setting(
+    manoeuvre_duration_s: float = setting(
         1.0, "Mean duration of a manoeuvre. Longer values keep the large process noise for longer.", unit="s", above=0
     )
-    bend_s: float = setting(
+    posture_change_interval_s: float = setting(
         6000.0,
         "Initial mean time between posture changes (bending, falling, lying down, getting up); adapted online. "
         "Lower it where people sit down or exercise.",
         unit="s",
         above=0,
     )
-    bent_s: float = setting(2.0, "Mean duration of a posture change.", unit="s", above=0)
-    speed: float = setting(
+    posture_change_duration_s: float = setting(2.0, "Mean duration of a posture change.", unit="s", above=0)
+    sigma_initial_velocity: float = setting(
         0.9,
         "Standard deviation of the velocity of a new track, per axis. Too small a value loses fast arrivals in the "
         "second frame. Typical 0.9 m/s walking, 3 m/s running.",
@@ -95,14 +95,14 @@ class JipdaConfig(LagConfig):
     )
 
     # Boxes
-    edge_px: float = setting(
+    edge_noise_px: float = setting(
         3.0,
         "Measurement noise: standard deviation of a box edge (initial value, adapted online). Larger values trust "
         "boxes less and smooth more. Typical 2 to 5 px.",
         unit="px",
         above=0,
     )
-    looseness: float = setting(
+    relative_edge_noise: float = setting(
         0.04,
         "Measurement noise in proportion to the box: standard deviation of its position and size as a share of its "
         "size. Raise it for detectors with loose boxes.",
@@ -110,41 +110,41 @@ class JipdaConfig(LagConfig):
     )
 
     # Detection
-    detection: float = setting(
+    detection_probability: float = setting(
         0.8,
         "Initial detection probability of an unoccluded person per camera and frame; adapted online. Too high a "
         "value terminates tracks after few missed detections.",
         above=0,
         below=1,
     )
-    clutter: float = setting(
+    clutter_rate: float = setting(
         0.5,
         "Initial clutter rate: false detections (false alarms) expected per camera and frame; adapted online. "
         "Larger values make track initiation more cautious.",
         above=0,
     )
-    visible: bool = setting(
+    use_visibility: bool = setting(
         True,
         "Use the expected visibility as a factor of the detection probability. Off: occlusions count as missed "
         "detections and end the tracks of occluded people.",
     )
 
     # Existence
-    stay_s: float = setting(
+    mean_dwell_s: float = setting(
         60.0,
         "Initial mean time that a person stays in view of the cameras; adapted online. Larger values keep unseen "
         "tracks longer and risk identity switches.",
         unit="s",
         above=0,
     )
-    confirm: float = setting(
+    confirmation_threshold: float = setting(
         0.8,
         "Existence probability above which a track is confirmed and reported. Higher values suppress false tracks "
         "and delay true ones.",
         above=0,
         below=1,
     )
-    die: float = setting(
+    deletion_threshold: float = setting(
         0.01,
         "Existence probability below which a track is terminated. Lower values keep tracks through longer "
         "occlusions and risk identity switches.",
@@ -154,4 +154,8 @@ class JipdaConfig(LagConfig):
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """Who is given up was reported before."""
-        yield "die", self.die < self.confirm, "below confirm"
+        yield (
+            "deletion_threshold",
+            self.deletion_threshold < self.confirmation_threshold,
+            "below confirmation_threshold",
+        )

@@ -85,8 +85,8 @@ class EdgeErrorStatistics:
 
 def prior_edge_errors(cameras: int, metre: float, config: JipdaConfig) -> EdgeErrorStatistics:
     """Create the priors for a number of cameras."""
-    a = np.array([0.5, 2.0, 0.5, 2.0]) * config.edge_px**2
-    b = np.array([1.0, 4.0, 1.0, 4.0]) * config.looseness**2
+    a = np.array([0.5, 2.0, 0.5, 2.0]) * config.edge_noise_px**2
+    b = np.array([1.0, 4.0, 1.0, 4.0]) * config.relative_edge_noise**2
     x = np.stack([np.ones_like(SIZES), SIZES**2])
     y = a[:, None] + b[:, None] * SIZES**2
     weight = PRIOR_BOXES / y**2
@@ -350,16 +350,16 @@ class DetectorStatistics:
 def prior_statistics(cameras: int, config: JipdaConfig) -> DetectorStatistics:
     """Create the priors for a number of cameras."""
     return DetectorStatistics(
-        detected=np.tile([PRIOR_FRAMES * config.detection, PRIOR_FRAMES], (cameras, 1)),
-        clutter=np.tile([PRIOR_FRAMES * config.clutter, PRIOR_FRAMES], (cameras, 1)),
+        detected=np.tile([PRIOR_FRAMES * config.detection_probability, PRIOR_FRAMES], (cameras, 1)),
+        clutter=np.tile([PRIOR_FRAMES * config.clutter_rate, PRIOR_FRAMES], (cameras, 1)),
         curve=PRIOR_CURVE * np.column_stack([DETECTION_BY_VISIBILITY, np.ones_like(DETECTION_BY_VISIBILITY)]),
         cuts=np.array(PRIOR_TRUNCATED),
         merges=np.tile(PRIOR_MERGES, (cameras, 1)),
         wrong=np.array(PRIOR_OUTLIER_EDGES),
         again=np.tile(PRIOR_PERSISTENT_CLUTTER, (cameras, 1)),
-        left=PRIOR_TERMINATIONS * np.array([1.0, config.stay_s]),
-        turned=PRIOR_MANOEUVRES * np.array([1.0, config.calm_s]),
-        bent=PRIOR_POSTURE_CHANGES * np.array([1.0, config.bend_s]),
+        left=PRIOR_TERMINATIONS * np.array([1.0, config.mean_dwell_s]),
+        turned=PRIOR_MANOEUVRES * np.array([1.0, config.manoeuvre_interval_s]),
+        bent=PRIOR_POSTURE_CHANGES * np.array([1.0, config.posture_change_interval_s]),
     )
 
 
@@ -376,7 +376,7 @@ def detector_model(
         between: number of a camera's frames per frame that counts, >= 1.
     """
     curve = np.maximum.accumulate(counts.curve[:, 0] / counts.curve[:, 1])
-    curve = curve / curve[-1] if config.visible else np.ones_like(curve)
+    curve = curve / curve[-1] if config.use_visibility else np.ones_like(curve)
     return DetectorModel(
         detection=np.clip(counts.detected[:, 0] / counts.detected[:, 1], *DETECTION_RANGE),
         curve=curve,
@@ -513,8 +513,10 @@ def update_statistics(
             np.add.at(curve[:, 1], knot, weight * unmerged[seen] * rates.detection[c])
     # As many begin as end: the time spent in manoeuvres over how long one takes
     model = dt * people.model[sure].sum(axis=0)
-    turned = counts.turned + np.array([model[MANOEUVRE] / config.turn_s, model[CONSTANT_VELOCITY]])
-    bent = counts.bent + np.array([model[POSTURE_CHANGE] / config.bent_s, model[CONSTANT_VELOCITY] + model[MANOEUVRE]])
+    turned = counts.turned + np.array([model[MANOEUVRE] / config.manoeuvre_duration_s, model[CONSTANT_VELOCITY]])
+    bent = counts.bent + np.array(
+        [model[POSTURE_CHANGE] / config.posture_change_duration_s, model[CONSTANT_VELOCITY] + model[MANOEUVRE]]
+    )
     return replace(
         counts,
         detected=detected,

@@ -48,7 +48,7 @@ def update_by_directions(state: JipdaState, heard: DirectionsOfArrival, array: M
     # Predict the azimuth, its slope and its variance
     delay = max(heard.t_ns - state.t_ns, 0) / NS
     away = people.mean[:, [X, Y]] + delay * people.mean[:, [VX, VY]] - array.position[:2]
-    square = np.maximum((away**2).sum(axis=1), (MIN_ARRAY_DISTANCE_HEIGHTS * state.config.height) ** 2)
+    square = np.maximum((away**2).sum(axis=1), (MIN_ARRAY_DISTANCE_HEIGHTS * state.config.person_height) ** 2)
     slope = np.zeros((len(away), STATE_SIZE))
     slope[:, X], slope[:, Y] = -away[:, 1] / square, away[:, 0] / square
     slope[:, VX], slope[:, VY] = delay * slope[:, X], delay * slope[:, Y]

@@ -121,7 +121,7 @@ def initial_state(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) 
         config: settings in the scene's unit.
     """
     # In a scene-specific unit the settings define the metre: people are 1.7 m tall
-    own = config.height / JipdaConfig().height
+    own = config.person_height / JipdaConfig().person_height
     metre = 1.0 / METRES[scene.length_unit] if scene.length_unit in METRES else own
     low, high = box_around(scene)
     least = 2.0 * float(np.hypot(*(high - low)))
@@ -167,8 +167,8 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         config=config,
     )
     exclusion_ns = state.exclusion_ns
-    if config.apart > 0.0 and (exclusion_ns is None or t_ns - exclusion_ns >= EXCLUSION_INTERVAL_NS):
-        people, exclusion_ns = apply_exclusion_prior(people, config.apart), t_ns
+    if config.exclusion_radius > 0.0 and (exclusion_ns is None or t_ns - exclusion_ns >= EXCLUSION_INTERVAL_NS):
+        people, exclusion_ns = apply_exclusion_prior(people, config.exclusion_radius), t_ns
     # Associate and update
     boxes = pack_detections(state, frames, t_ns)
     last_frame_ns, interval = state.last_frame_ns.copy(), np.full(len(state.last_frame_ns), np.inf)
@@ -214,7 +214,15 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     found = camera_disagreement(result.mean, result.covariance, state.views, boxes, rates, result.owner, good)
     edges = update_edge_errors(state.edges, t_ns, boxes, found, key=people.key, owner=result.owner, lasts=rates.lasting)
     # Track initiation from unassigned boxes
-    body = np.array([config.height, config.sigma_height, config.width, config.sigma_width, config.speed])
+    body = np.array(
+        [
+            config.person_height,
+            config.sigma_person_height,
+            config.person_width,
+            config.sigma_person_width,
+            config.sigma_initial_velocity,
+        ]
+    )
     everywhere, at = birth_intensity(
         state.birth_map, BIRTH_DENSITY_PER_M2 / state.metre**2 / BIRTH_RENEWAL_S, BIRTH_RENEWAL_S
     )
@@ -233,7 +241,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     )  # fmt: skip
     existence = 1.0 / (1.0 + np.exp(-odds))
     covariance[:, [X, Y], [X, Y]] += gait
-    mean[:, 2:4], covariance[:, 2:4, 2:4] = birth_velocity(state.birth_map, mean[:, :2], config.speed)
+    mean[:, 2:4], covariance[:, 2:4, 2:4] = birth_velocity(state.birth_map, mean[:, :2], config.sigma_initial_velocity)
     K = len(odds)
     beta, left_free = (
         np.concatenate([result.beta, used]),
@@ -247,13 +255,19 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         clutter[c] = Clutter(boxes.box[here][may], left_free[here][may])
     people = concat(people, tentative_targets(mean, covariance, existence, used.sum(axis=1), state.next_key, t_ns))
     cues = update_features(
-        state.cues, people, list(frames), dimension, beta=beta, free=left_free, sure=people.existence > config.confirm
+        state.cues,
+        people,
+        list(frames),
+        dimension,
+        beta=beta,
+        free=left_free,
+        sure=people.existence > config.confirmation_threshold,
     )
     # Confirm, end
-    sure = (people.existence > config.confirm) & (people.boxes > MIN_BOXES_TO_CONFIRM)
+    sure = (people.existence > config.confirmation_threshold) & (people.boxes > MIN_BOXES_TO_CONFIRM)
     ids = np.where((people.id == NO_ID) & sure, people.key, people.id)
     people, twice = duplicate_tracks(people, t_ns)
-    stays = (people.existence > config.die) & ~twice
+    stays = (people.existence > config.deletion_threshold) & ~twice
     left, new = ~stays & (people.id != NO_ID), stays & (ids != NO_ID) & (people.id == NO_ID)
     counts = replace(counts, left=counts.left + np.array([left.sum(), dt * people.existence[ids != NO_ID].sum()]))
     events = [Event("birth", int(ids[k]), NO_ID, float(people.existence[k])) for k in np.flatnonzero(new)]

@@ -127,16 +127,16 @@ def predict(
     covariances += np.einsum("nab,nabi,nabj->naij", weight, difference, difference)
     # White acceleration, integrated (Bar-Shalom, Li and Kirubarajan 2001, Sec. 6.2.2)
     F, Q = np.eye(STATE_SIZE), np.zeros((len(MODELS), STATE_SIZE, STATE_SIZE))
-    q = np.array([config.acceleration, config.manoeuvre, config.manoeuvre])
+    q = np.array([config.process_noise_density, config.manoeuvre_noise_density, config.manoeuvre_noise_density])
     for component, velocity in ((0, 2), (1, 3)):
         F[component, velocity] = dt
         Q[:, component, component], Q[:, velocity, velocity] = q * dt**3 / 3.0, q * dt
         Q[:, component, velocity] = Q[:, velocity, component] = q * dt**2 / 2.0
     Q[:, HEIGHT, HEIGHT] = (
-        np.array([SIZE_NOISE_PER_ROOT_S, SIZE_NOISE_PER_ROOT_S, POSTURE_HEIGHT_NOISE]) * config.height
+        np.array([SIZE_NOISE_PER_ROOT_S, SIZE_NOISE_PER_ROOT_S, POSTURE_HEIGHT_NOISE]) * config.person_height
     ) ** 2 * dt
     Q[:, WIDTH, WIDTH] = (
-        np.array([SIZE_NOISE_PER_ROOT_S, SIZE_NOISE_PER_ROOT_S, POSTURE_WIDTH_NOISE]) * config.width
+        np.array([SIZE_NOISE_PER_ROOT_S, SIZE_NOISE_PER_ROOT_S, POSTURE_WIDTH_NOISE]) * config.person_width
     ) ** 2 * dt
     outside = t_ns - people.seen_ns > OUT_OF_VIEW_AFTER_S * NS
     rate = np.where(outside, np.maximum(leaving, TERMINATION_RATE_OUT_OF_VIEW), leaving)
@@ -176,7 +176,7 @@ def update(
     evidence -= 0.5 * np.einsum("nai,nai->na", people.means, first)
     model = people.model * np.exp(evidence - evidence.max(axis=1, keepdims=True))
     model /= model.sum(axis=1, keepdims=True)
-    for size, usual in ((HEIGHT, config.height), (WIDTH, config.width)):
+    for size, usual in ((HEIGHT, config.person_height), (WIDTH, config.person_width)):
         np.maximum(means[..., size], MIN_SIZE_RATIO * usual, out=means[..., size])
     return _mixture_moments(replace(people, model=model, means=means, covariances=covariances))
 
@@ -224,8 +224,8 @@ def _transitions(dt: float, turning: float, bending: float, config: JipdaConfig)
     not.  Whoever has got up stands still or walks on.
     """
     turn, bend = (
-        _two_states(dt, turning, 1.0 / config.turn_s),
-        _two_states(dt, bending, 1.0 / config.bent_s),
+        _two_states(dt, turning, 1.0 / config.manoeuvre_duration_s),
+        _two_states(dt, bending, 1.0 / config.posture_change_duration_s),
     )
     out = np.zeros((len(MODELS), len(MODELS)))
     out[:POSTURE_CHANGE, :POSTURE_CHANGE] = turn * bend[0, 0]

@@ -21,8 +21,8 @@ class JointConfig(WalkConfig):
         at_least=2,
         option="--particles",
     )
-    detection: float = setting(0.99, "Detection probability P_D of an unoccluded object.", above=0, below=1)
-    false: float = setting(
+    detection_probability: float = setting(0.99, "Detection probability P_D of an unoccluded object.", above=0, below=1)
+    false_alarm_probability: float = setting(
         1e-4,
         "False alarm probability P_F of a sensor that did not detect an object.",
         above=0,

@@ -99,8 +99,8 @@ def init(scene: Scene, config: JointConfig, rng: Generator) -> JointState:
 def chances_of(scene: Scene, config: JointConfig) -> DetectionProbabilities:
     """Detection probabilities, at most `MAX_PROBABILITY`: above it, one detection could contradict every particle."""
     own = [(c.detection, c.false_alarm) for c in scene.cameras] + [(None, None)] * len(scene.arrays)
-    found = [config.detection if detection is None else detection for detection, _ in own]
-    false = [config.false if false is None else false for _, false in own]
+    found = [config.detection_probability if detection is None else detection for detection, _ in own]
+    false = [config.false_alarm_probability if false is None else false for _, false in own]
     return DetectionProbabilities(
         *(np.clip(np.array(p, dtype=np.float64), 1.0 - MAX_PROBABILITY, MAX_PROBABILITY) for p in (found, false))
     )
@@ -120,7 +120,7 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
     lost = [
         t
         for t, astray in zip(state.objects, state.astray, strict=True)
-        if is_lost(astray, config.lost_after) and len(reports[t].rows.sensor)
+        if is_lost(astray, config.track_loss_count) and len(reports[t].rows.sensor)
     ]
     # Propose object by object, and weigh by what was linearised
     particles, log_weights = np.empty((L, len(objects), 4)), np.zeros(L)

@@ -20,14 +20,14 @@ class WalkConfig(Settings):
     """How targets walk, and when a filter gives up; lengths in the scene's unit, times in seconds."""
 
     # The first two moments of a walk by waypoints ([Ercan] Sec. 4.1)
-    speed: float = setting(
+    rms_speed: float = setting(
         1.0,
         "Usual speed (RMS) of targets: each velocity axis has this over the root of two as its standard deviation.",
         unit="length/s",
         above=0,
         people=1.2,
     )
-    turn_s: float = setting(
+    velocity_time_constant_s: float = setting(
         10.0,
         "Time constant of the velocity: mean time until a target changes its direction. Shorter values follow "
         "turns and predict less far.",
@@ -35,7 +35,7 @@ class WalkConfig(Settings):
         above=0,
         people=1.0,
     )
-    sigma_v: float = setting(
+    process_noise_position: float = setting(
         0.33,
         "Process noise of the position per axis, accumulated over 1 s. Larger values follow manoeuvres and widen "
         "covariances.",
@@ -50,7 +50,7 @@ class WalkConfig(Settings):
         above=0,
     )
     max_gap_s: float = setting(60.0, "Reinitialise after a longer time without a scan.", unit="s", above=0)
-    lost_after: int = setting(
+    track_loss_count: int = setting(
         6, "Reinitialise when bearings outside the gate outnumber those inside by this count; 0: never.", at_least=0
     )
 
@@ -85,7 +85,7 @@ class UkfConfig(KalmanConfig):
 
     OWNER: ClassVar[str] = "ukf"
 
-    points: str = setting(
+    sigma_points: str = setting(
         ALL,
         "Sigma points used in the update: `all` in front of the camera, or only those `visible` to it (past walls "
         "and static occluders, in the field of view).",
@@ -99,10 +99,10 @@ class IekfConfig(KalmanConfig):
 
     OWNER: ClassVar[str] = "iekf"
 
-    feasible: str = setting(
+    visibility_constraint: str = setting(
         STARTS,
         "Constraint that a detected target is visible to the cameras that detect it: `ignore` it, search the mode "
         "from the prediction alone (`descent`), or also from intersections of bearings (`starts`).",
         choices=(IGNORE, DESCENT, STARTS),
     )
-    iterations: int = setting(20, "Maximum Gauss-Newton iterations per start.", at_least=1)
+    max_iterations: int = setting(20, "Maximum Gauss-Newton iterations per start.", at_least=1)

@@ -49,7 +49,7 @@ INFLATION_TIME_S = 1.0
 """A target of which most reports disagree with the prediction is as far from it as it goes in about this time [s]."""
 INFLATED = "widened"
 """Value of `fallback`: most reports disagreed with the prediction, which was made wider."""
-INITIAL_SEARCH_CONFIG = IekfConfig(feasible=IGNORE)
+INITIAL_SEARCH_CONFIG = IekfConfig(visibility_constraint=IGNORE)
 """How the first position is searched."""
 
 
@@ -98,7 +98,7 @@ def anywhere_of(scene: Scene, world: MeasurementWorld, config: WalkConfig, rng: 
 
 def motion_of(config: WalkConfig) -> OrnsteinUhlenbeck:
     """The motion model of the settings."""
-    return OrnsteinUhlenbeck(config.speed, config.turn_s, config.sigma_v)
+    return OrnsteinUhlenbeck(config.rms_speed, config.velocity_time_constant_s, config.process_noise_position)
 
 
 def gaussian_of(xy: Floats, covariance: Floats, config: WalkConfig) -> Gaussian:
@@ -154,7 +154,9 @@ def stepper(
 
         def loss(taken: KalmanUpdate) -> tuple[int, bool]:
             count = 0 if taken.restarted else _track_loss(state.astray, packed, taken, stations)
-            lost = not taken.restarted and (is_lost(count, config.lost_after) or left_scene(taken.done.state, world))
+            lost = not taken.restarted and (
+                is_lost(count, config.track_loss_count) or left_scene(taken.done.state, world)
+            )
             return (0, True) if lost else (count, False)
 
         known = state.t_ns is not None or config.start is not None
@@ -187,7 +189,7 @@ def _most_outside_gate(rows: LinearisedRows, inside: Bools) -> bool:
 
 def _inflated(known: Gaussian, config: KalmanConfig) -> Gaussian:
     """A prediction as wide as a target of unknown velocity moves in `INFLATION_TIME_S`."""
-    away = (config.speed * INFLATION_TIME_S) ** 2 * np.eye(2)
+    away = (config.rms_speed * INFLATION_TIME_S) ** 2 * np.eye(2)
     return gaussian_of(known.mean[:2], known.covariance[:2, :2] + away, config)
 
 

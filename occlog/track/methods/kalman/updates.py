@@ -154,7 +154,7 @@ def ukf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config: 
         row = rows.take(np.array([k]))
         points = sigma_points(state)
         expected, counts = measured(points, row, world)
-        if config.points == VISIBLE:
+        if config.sigma_points == VISIBLE:
             counts = counts & visible(points, row, world)
         w = np.where(counts[:, 0], WEIGHTS, 0.0)
         if not w.sum() > 0.0:
@@ -208,11 +208,13 @@ def iekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config:
         starts: (K, 2) further positions to search from.
     """
     alone = polar_update(state, rows, world) if len(np.unique(rows.sensor)) == 1 else None
-    if alone is not None and (config.feasible == IGNORE or visible(alone.mean[None, :2], rows, world).all()):
+    if alone is not None and (
+        config.visibility_constraint == IGNORE or visible(alone.mean[None, :2], rows, world).all()
+    ):
         return Updated(alone, linear(state, state.mean[:2], rows, world).score)
     first = state.mean[None, :2]
-    tried = np.vstack([first, starts]) if config.feasible == STARTS else first
-    if config.feasible != IGNORE:
+    tried = np.vstack([first, starts]) if config.visibility_constraint == STARTS else first
+    if config.visibility_constraint != IGNORE:
         tried = tried[visible(tried, rows, world).all(axis=1)]
         if not len(tried):
             return linear(state, first[0], rows, world)._replace(fallback=INFEASIBLE)
@@ -238,7 +240,7 @@ def gauss_newton(
     at, cost = start, float(map_cost(start[None], state, rows, world)[0])
     information = np.linalg.inv(state.covariance[:2, :2])
     scale = STEP_SIGMA_TOLERANCE * math.sqrt(float(np.trace(state.covariance[:2, :2])))
-    for _ in range(config.iterations):
+    for _ in range(config.max_iterations):
         if not math.isfinite(cost):
             break
         expected, _ = measured(at[None], rows, world)
@@ -249,7 +251,7 @@ def gauss_newton(
         ways = at + 0.5 ** np.arange(HALVINGS)[:, None] * step
         lower = map_cost(ways, state, rows, world)
         better = lower < cost
-        allowed = better if config.feasible == IGNORE else better & visible(ways, rows, world).all(axis=1)
+        allowed = better if config.visibility_constraint == IGNORE else better & visible(ways, rows, world).all(axis=1)
         if not allowed.any():
             return at, cost, bool(better.any()) and float(np.hypot(*step)) > scale
         k = int(np.argmax(allowed))

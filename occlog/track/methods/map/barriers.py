@@ -50,8 +50,8 @@ def _unseen(record: TargetRecord, at: SensorStations, config: MapConfig, T: int)
 
 def _detection(s: int, at: SensorStations, config: MapConfig) -> float:
     own = float(at.detection[s])
-    if math.isnan(own) and config.detection is not None:
-        return config.detection
+    if math.isnan(own) and config.detection_probability is not None:
+        return config.detection_probability
     return own
 
 

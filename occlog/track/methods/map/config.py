@@ -24,7 +24,7 @@ class MapConfig(Settings):
     OWNER: ClassVar[str] = "map"
 
     # Motion, [Rahimi] Eq. 1; with a fitted model the first two are not used
-    acceleration: float = setting(
+    process_noise_velocity: float = setting(
         1.0,
         "Process noise of the velocity per axis, accumulated over 1 s. Smaller values smooth more; too small a "
         "value cuts corners.",
@@ -32,10 +32,12 @@ class MapConfig(Settings):
         own=0.33,
         **POSITIVE,
     )
-    jitter: float = setting(
+    process_noise_position: float = setting(
         0.0, "Process noise of the position per axis, accumulated over 1 s.", unit="length", own=0.33, **AT_LEAST_0
     )
-    speed: float = setting(1.0, "Standard deviation of the initial velocity, per axis.", unit="length/s", **POSITIVE)
+    sigma_initial_velocity: float = setting(
+        1.0, "Standard deviation of the initial velocity, per axis.", unit="length/s", **POSITIVE
+    )
     start: tuple[float, ...] | None = setting(
         None,
         "Initial position X, Y and standard deviation SIGMA.",
@@ -51,7 +53,7 @@ class MapConfig(Settings):
     Sigma: tuple[float, ...] | None = setting(
         None, "Fitted process noise covariance: 16 numbers by rows.", counts=(16,), nothing="no model"
     )
-    step_s: float = setting(1.0, "Time step of the fitted model.", unit="s", **POSITIVE)
+    model_step_s: float = setting(1.0, "Time step of the fitted model.", unit="s", **POSITIVE)
 
     # Measurements, [Rahimi] Sec. 4
     loss: str = setting(
@@ -59,16 +61,16 @@ class MapConfig(Settings):
         "Loss of residuals: `mixture` of true and false bearings, `square` (the paper), `huber`, `cauchy`.",
         choices=LOSSES,
     )
-    bend: float | None = setting(
+    loss_threshold: float | None = setting(
         None,
         "Threshold of the robust loss, in standard deviations. Smaller values reject more bearings.",
         nothing="3.7 (mixture), 1.345 (huber), 2.385 (cauchy)",
         **POSITIVE,
     )
-    adapt: bool = setting(
+    adapt_noise: bool = setting(
         True, "Scale process and measurement noise up where the residuals demand it (with initial=consensus)."
     )
-    detection: float | None = setting(
+    detection_probability: float | None = setting(
         None,
         "Detection probability P_D of a camera; needed to use missed detections as information.",
         above=0,
@@ -77,10 +79,10 @@ class MapConfig(Settings):
     )
 
     # Moving occluders, [Ercan] Sec. 4.2; only with priors of their positions
-    unseen: bool = setting(
+    use_missed_detections: bool = setting(
         True, "Use missed detections: with occluder priors a target that is not detected is occluded or out of view."
     )
-    temper: float = setting(
+    occlusion_tempering: float = setting(
         0.3,
         "Exponent of occlusion probabilities from uncertain priors, whose errors are correlated in time; 1: as if "
         "independent.",
@@ -91,14 +93,16 @@ class MapConfig(Settings):
     prior_max_age_s: float = setting(5.0, "Older priors are not used.", unit="s", above=0)
 
     # Constraints
-    front: bool = setting(True, "Constrain a detected target to lie in front of the camera.")
-    near: float = setting(0.01, "Minimum depth of a detected target in front of the camera.", unit="length", **POSITIVE)
-    walls: bool = setting(
+    in_front_constraint: bool = setting(True, "Constrain a detected target to lie in front of the camera.")
+    min_depth: float = setting(
+        0.01, "Minimum depth of a detected target in front of the camera.", unit="length", **POSITIVE
+    )
+    wall_constraints: bool = setting(
         True,
         "Constrain the target to the room, outside static occluders, and to an unobstructed line of sight where it "
         "is detected. Off where the scene's walls are unreliable.",
     )
-    clearance: float = setting(
+    wall_clearance: float = setting(
         0.0, "Minimum distance to walls and static occluders, for example a body radius.", unit="length", **AT_LEAST_0
     )
 
@@ -115,13 +119,13 @@ class MapConfig(Settings):
     )
 
     # Search, [Rahimi] Sec. 6
-    initial: str | None = setting(
+    initialisation: str | None = setting(
         None,
         "Initial trajectory: `consensus` of most bearings, camera `axes` (the paper), or a `linear` problem.",
         choices=("consensus", "axes", "linear"),
         nothing="consensus; axes with loss square",
     )
-    depth: float | None = setting(
+    initial_depth: float | None = setting(
         None,
         "Initial depth along the camera axes, with initial=axes.",
         unit="length",
@@ -134,7 +138,7 @@ class MapConfig(Settings):
         "comparison.",
         choices=("newton", *PACKAGES),
     )
-    iterations: int = setting(200, "Maximum iterations per window.", at_least=1)
+    max_iterations: int = setting(200, "Maximum iterations per window.", at_least=1)
     tolerance: float = setting(
         1e-7,
         "Convergence tolerance: largest change of a position in the last iteration, relative to the extent of the "
@@ -154,8 +158,10 @@ class MapConfig(Settings):
         metavar="SECONDS",
         nothing="all of it",
     )
-    window: int = setting(512, "States solved together before the full problem is started from them.", at_least=16)
-    fill_s: float | None = setting(
+    window_states: int = setting(
+        512, "States solved together before the full problem is started from them.", at_least=16
+    )
+    max_state_gap_s: float | None = setting(
         None,
         "Insert states where measurements are further apart in time than this; needed for paths around walls in "
         "long gaps.",
@@ -163,7 +169,7 @@ class MapConfig(Settings):
         nothing="nowhere",
         **POSITIVE,
     )
-    vague: float = setting(
+    max_position_sigma: float = setting(
         0.1,
         "Flag rows `unobservable` above this standard deviation, relative to the extent of the room.",
         **POSITIVE,
@@ -172,7 +178,7 @@ class MapConfig(Settings):
     @property
     def consensus(self) -> bool:
         """Whether the search starts where most bearings agree."""
-        return self.initial == "consensus" or (self.initial is None and self.loss != "square")
+        return self.initialisation == "consensus" or (self.initialisation is None and self.loss != "square")
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """A fitted model has both matrices; a start is a position and a spread; the mode needs no constraint."""
@@ -180,4 +186,4 @@ class MapConfig(Settings):
         s = self.start
         good = s is None or (len(s) == 3 and s[2] >= LEAST and max(map(abs, s)) <= FAR)
         yield "start", good, f"X,Y,SIGMA, SIGMA at least {LEAST:g}"
-        yield "estimate", self.front or self.estimate == "mode", "mode where front is false"
+        yield "estimate", self.in_front_constraint or self.estimate == "mode", "mode where front is false"

@@ -149,9 +149,9 @@ def constraints(
         lines, seen = some_lines(lines, inlier), seen.take(inlier)
     along = np.einsum("ni,ni->n", lines.axis, lines.position)
     # A direction determines the side of the target, whatever is known of cameras.
-    ahead = lines.direction | config.front
-    parts = [HalfPlanes(lines.step[ahead], lines.axis[ahead], along[ahead] + config.near)]
-    if config.front:
+    ahead = lines.direction | config.in_front_constraint
+    parts = [HalfPlanes(lines.step[ahead], lines.axis[ahead], along[ahead] + config.min_depth)]
+    if config.in_front_constraint:
         reach = at.range[seen.sensor]
         far = np.isfinite(reach)
         parts += [
@@ -161,7 +161,7 @@ def constraints(
     if at.hull is not None:
         edges = np.roll(at.hull, -1, axis=0) - at.hull
         inward = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.hypot(*edges.T)[:, None]
-        bound = np.einsum("ki,ki->k", inward, at.hull) + config.clearance
+        bound = np.einsum("ki,ki->k", inward, at.hull) + config.wall_clearance
         K = len(bound)
         parts.append(HalfPlanes(np.repeat(np.arange(T), K), np.tile(inward, (T, 1)), np.tile(bound, T)))
     return join_planes(NO_PLANES, *parts)

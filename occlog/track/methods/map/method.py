@@ -127,8 +127,8 @@ def advance(
             its positions count from `pending.origin`.
     """
     config = pending.config
-    # Gather the record so far, with a state at least every `fill_s`
-    whole = fill(join(pending.record, record_of(scans)), config.fill_s)
+    # Gather the record so far, with a state at least every `max_state_gap_s`
+    whole = fill(join(pending.record, record_of(scans)), config.max_state_gap_s)
     T = len(whole.t_ns)
     keep = T if last else settled(whole.t_ns, lag_ns(config.lag_s))
     # Obstacles: walls, and views in which the target was not seen
@@ -173,11 +173,11 @@ def _estimate(
         stated: covariances are made with the stated noises, whatever residuals tell.
     """
     config, extent, mode = pending.config, pending.extent, sought.mode
-    honest = config.adapt and config.consensus and config.loss != "square" and not stated
-    if not config.front or (config.estimate == "mode" and config.covariance == "hessian"):
+    honest = config.adapt_noise and config.consensus and config.loss != "square" and not stated
+    if not config.in_front_constraint or (config.estimate == "mode" and config.covariance == "hessian"):
         spread = covariance(mode.problem, mode.solution.X)
         return mode, sandwich(mode.problem, mode.solution.X, spread) if honest else spread
-    options = Options(config.tolerance * extent, config.iterations)
+    options = Options(config.tolerance * extent, config.max_iterations)
     other = invariant(mode.problem, mode.solution, options, extent)
     estimate = mode.solution.X if config.estimate == "mode" else other.solution.X
     # Spread about the estimate, without lines of sight that are met by chance alone
@@ -194,7 +194,7 @@ def _estimate(
     # It may lead through walls that the mode did not come near.
     flat = sought.problem._replace(lines=other.problem.lines)
     solved = other.problem, other.solution
-    found = find_paths_around(flat, solved, around, options, extent, config.clearance, mode.holds, mode.left_alone)
+    found = find_paths_around(flat, solved, around, options, extent, config.wall_clearance, mode.holds, mode.left_alone)
     if len(found.holds) == len(mode.holds):
         return found, spread
     return found, covariance(found.problem, found.solution.X)
@@ -215,7 +215,7 @@ def _smoothed(
     T, keep = len(X), len(spread)
     observing, seen = np.bincount(record.state, minlength=T), np.bincount(record.state[record.rows.seen], minlength=T)
     sigma = np.sqrt(np.linalg.eigvalsh(spread[:, ::2, ::2])[:, -1])
-    vague = sigma > pending.config.vague * pending.extent
+    vague = sigma > pending.config.max_position_sigma * pending.extent
     fit, noise = judged
     doubted = np.bincount(fit.row, weights=fit.inlier_probability >= 0.5, minlength=T) < 0.5 * seen
     flags = np.select(

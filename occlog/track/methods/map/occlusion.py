@@ -77,7 +77,7 @@ def occlusion_terms(
         own = own[camera[rows.sensor[own]]]
         if priors is None or not len(own):
             continue
-        temper = 1.0 if not priors.sigma.any() else config.temper
+        temper = 1.0 if not priors.sigma.any() else config.occlusion_tempering
         # All other information on the state
         said = None if before is None or t not in old else _term(before.hints, old[t])
         rest = cavity_distribution(X[t, ::2], spread[t, ::2, ::2], said)
@@ -101,7 +101,7 @@ def occlusion_terms(
                         1.0 - _detection(pending, i) * seen_from(xy, i, pending.sensors) * clear, MIN_PROBABILITY
                     )
                 )
-        if not config.unseen or float(np.ptp(total)) == 0.0:
+        if not config.use_missed_detections or float(np.ptp(total)) == 0.0:
             continue
         # The Gaussian factor that leads to the same moments
         site = matched(points, weights * np.exp(temper * (total - total.max())), mean, covariance)
@@ -113,7 +113,7 @@ def _detection(pending: Pending, i: int) -> float:
     """P_D of a camera; 1 where it is not known."""
     own = float(pending.at.detection[i])
     if math.isnan(own):
-        own = 1.0 if pending.config.detection is None else pending.config.detection
+        own = 1.0 if pending.config.detection_probability is None else pending.config.detection_probability
     return own
 
 

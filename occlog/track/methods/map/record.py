@@ -15,7 +15,7 @@ from occlog.filtering.likelihood.distances import RangeMeasurements
 from occlog.scans.grouping import Scan, concat
 
 MAX_STATES = 10_000_000
-"""States that `fill_s` may make."""
+"""States that `max_state_gap_s` may make."""
 
 
 NO_STATES = np.empty(0, dtype=np.int64)

@@ -21,16 +21,16 @@ class RefineConfig(Settings):
         metavar="CAM,CAM",
         nothing="none",
     )
-    form: str = setting(
+    refine_method: str = setting(
         "rays",
         "Refinement: triangulation with the tag position as prior (rays); as published by planes through the "
         "position (printed-1, [Lee] Eq. 5.39), or with its depth corrected (parallel, Eq. 5.40).",
         choices=("rays", "parallel", "printed-1"),
-        option="--with",
+        option="--refine-method",
     )
-    frame_age_s: float = setting(0.5, "Maximum time between frame and read.", unit="s", at_least=0, at_most=1e6)
+    max_frame_age_s: float = setting(0.5, "Maximum time between frame and read.", unit="s", at_least=0, at_most=1e6)
     gate: float = setting(3.0, "Gate in standard deviations for assigning an unlabelled candidate to a tag.", above=0)
-    pace: float = setting(
+    tag_speed: float = setting(
         1.0, "Speed of tags; widens the lines of sight of other times.", unit="length/s", people=1.0, at_least=0
     )
 
@@ -41,28 +41,32 @@ class VirtualConfig(RefineConfig):
 
     OWNER: ClassVar[str] = "virtual"
 
-    range: float | None = setting(
+    reader_range: float | None = setting(
         None,
         "Range of readers for which the scene states none.",
         unit="length",
         above=0,
         nothing="the scene must state it",
     )
-    threshold: float | None = setting(
+    min_rssi_dbm: float | None = setting(
         None,
         "Ignore reads weaker than this [dBm].",
         nothing="every read counts, or as stated in the file of path losses",
     )
-    detection: float = setting(
+    detection_probability: float = setting(
         1.0, "Probability that a reader reads a tag in its range in a window.", above=0, at_most=1
     )
-    stray: float = setting(
+    false_alarm_probability: float = setting(
         0.0, "Probability that a reader reads a tag out of its range in a window.", at_least=0, below=1
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """A reader reads tags in its range more often than others."""
-        yield "stray", self.stray < self.detection, "below detection"
+        yield (
+            "false_alarm_probability",
+            self.false_alarm_probability < self.detection_probability,
+            "below detection_probability",
+        )
 
 
 @dataclass(frozen=True)
@@ -85,30 +89,34 @@ class RssiConfig(RefineConfig):
         POWER_DBM,
         "Received power at 1 m [dBm] of readers for which the scene states none. Check it with `occlog fit-readers`.",
     )
-    exponent: float = setting(EXPONENT, "Path loss exponent: 2 in free space, 2.5 to 4 indoors.", above=0)
+    path_loss_exponent: float = setting(EXPONENT, "Path loss exponent: 2 in free space, 2.5 to 4 indoors.", above=0)
     noise_db: float = setting(
         NOISE_DB, "Measurement noise of a read: standard deviation of its white part [dB].", above=0
     )
     shadow_db: float = setting(SHADOW_DB, "Standard deviation of the shadowing [dB].", at_least=0)
     shadow_s: float = setting(SHADOW_S, "Correlation time of the shadowing.", unit="s", above=0)
-    height: float = setting(0.0, "Height of tags above the floor.", unit="length", people=1.2)
-    speed: float = setting(
+    tag_height: float = setting(0.0, "Height of tags above the floor.", unit="length", people=1.2)
+    sigma_velocity: float = setting(
         1.0,
         "Standard deviation of the velocity per axis: the usual speed over the root of two.",
         unit="length/s",
         people=0.85,
         above=0,
     )
-    turn_s: float = setting(
+    velocity_time_constant_s: float = setting(
         4.0, "Time constant of the velocity. Shorter values follow turns and predict less far.", unit="s", above=0
     )
-    detection: float = setting(
+    detection_probability: float = setting(
         0.95, "Probability that a reader of known range reads a tag in it in a window.", above=0, below=1
     )
-    stray: float = setting(
+    false_alarm_probability: float = setting(
         0.01, "Probability that a reader of known range reads a tag out of it in a window.", above=0, below=1
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """A reader reads tags in its range more often than others."""
-        yield "stray", self.stray < self.detection, "below detection"
+        yield (
+            "false_alarm_probability",
+            self.false_alarm_probability < self.detection_probability,
+            "below detection_probability",
+        )

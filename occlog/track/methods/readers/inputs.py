@@ -133,7 +133,7 @@ class ReadsInput:
         opened = open_input(request.bearings, Reads, remedy=REMEDY)
         self.scene: Scene = load_scene(request.scene, opened.scene, request.bearings)
         self._opened = opened
-        self._sights = None if request.sights is None else open_input(request.sights, Bearings)
+        self._sights = None if request.refine_bearings is None else open_input(request.refine_bearings, Bearings)
         made = (*input_losses([opened, self._sights]), *model_losses([request.path_loss]))
         self.losses: tuple[Loss, ...] = tuple(dict.fromkeys(made))
         self.readers = choose_readers(self.scene, request)
@@ -191,15 +191,16 @@ class ReadsInput:
         config = configure(VirtualConfig.in_unit(self.scene.length_unit), given)
         positions = np.array([r.position for r in self.readers])
         if self._known is not None:
-            refuse_twice(given, ("range", "threshold", "detection", "stray"))
+            refuse_twice(given, ("reader_range", "min_rssi_dbm", "detection_probability", "false_alarm_probability"))
             reach = self._known.coverage.range
-            values = {"detection": self._known.coverage.detection, "stray": self._known.coverage.stray}
-            config = configure(config, {**values, "range": reach})
+            covers = self._known.coverage
+            values = {"detection_probability": covers.detection, "false_alarm_probability": covers.stray}
+            config = configure(config, {**values, "reader_range": reach})
             thresholds = path_loss_of(self._known, self.readers).strength_at(reach)
             ranges = np.full(len(positions), reach)
         else:
-            ranges = np.array([self._range(r, config.range) for r in self.readers])
-            thresholds = np.full(len(positions), -np.inf if config.threshold is None else config.threshold)
+            ranges = np.array([self._range(r, config.reader_range) for r in self.readers])
+            thresholds = np.full(len(positions), -np.inf if config.min_rssi_dbm is None else config.min_rssi_dbm)
         return config, virtual_sensors(positions[:, :2], ranges, self.scene.room), thresholds
 
     def _range(self, reader: TagReader, usual: float | None) -> float:
@@ -209,7 +210,7 @@ class ReadsInput:
         if usual is None:
             raise InputError(
                 f"{self.request.bearings}: how far reader {reader.name} reads is not known; state it in the table of "
-                "readers (range), in the setting range, or fit it with `occlog fit-readers`"
+                "readers (range), in the setting reader_range, or fit it with `occlog fit-readers`"
             )
         return usual
 
@@ -219,19 +220,19 @@ class ReadsInput:
         config = configure(RssiConfig.in_unit(self.scene.length_unit), given)
         if self._known is not None:
             spec = self._known
-            refuse_twice(given, ("power", "exponent", "noise_db", "shadow_db", "shadow_s", "height"))
-            values = {n: getattr(spec, n) for n in ("exponent", "noise_db", "shadow_db", "shadow_s", "height")}
+            refuse_twice(given, ("power", *FITTED.values()))
+            values = {setting: getattr(spec, name) for name, setting in FITTED.items()}
             config = configure(config, values)
             model = path_loss_of(spec, self.readers)
         else:
             model = PathLoss(
                 positions=np.array([r.position for r in self.readers]),
                 power=np.array([config.power if r.power is None else r.power for r in self.readers]),
-                exponent=config.exponent,
+                exponent=config.path_loss_exponent,
                 noise_db=config.noise_db,
                 shadow_db=config.shadow_db,
                 shadow_s=config.shadow_s,
-                height=config.height,
+                height=config.tag_height,
                 metre=metre_of(self.scene.length_unit),
             )
         rules = TagFilterModel(
@@ -239,10 +240,10 @@ class ReadsInput:
             ranges=np.array([r.range for r in self.readers]),
             room=self.scene.surroundings,
             particles=config.particles,
-            speed=config.speed,
-            turn_s=config.turn_s,
-            detection=config.detection,
-            stray=config.stray,
+            speed=config.sigma_velocity,
+            turn_s=config.velocity_time_constant_s,
+            detection=config.detection_probability,
+            stray=config.false_alarm_probability,
         )
         return config, rules
 
@@ -253,11 +254,13 @@ class ReadsInput:
                 raise UsageError("sights are of cameras that refine; name the cameras (refine)")
             return None
         cameras = tuple(self._camera(name) for name in dict.fromkeys(config.refine))
-        if config.form != "rays" and len(cameras) != 2:
-            raise UsageError(f"{config.form} requires two cameras to refine with, got {len(cameras)}; use rays")
+        if config.refine_method != "rays" and len(cameras) != 2:
+            raise UsageError(
+                f"{config.refine_method} requires two cameras to refine with, got {len(cameras)}; use rays"
+            )
         remedy = "give bearings of the cameras that refine (sights)"
         bearings = (self._sights or self._opened).rows(Bearings, remedy=remedy)
-        return RefineBearings(Bearings.concat(bearings), cameras, config.frame_age_s, config.gate, config.pace)
+        return RefineBearings(Bearings.concat(bearings), cameras, config.max_frame_age_s, config.gate, config.tag_speed)
 
     def _camera(self, name: str) -> Camera:
         """A camera with a pose; UsageError names those there are."""
@@ -292,6 +295,16 @@ def choose_readers(scene: Scene, request: ReadsRequest) -> tuple[TagReader, ...]
     if not chosen:
         raise UsageError("no reader is left; omit fewer of them")
     return chosen
+
+
+FITTED = {
+    "exponent": "path_loss_exponent",
+    "noise_db": "noise_db",
+    "shadow_db": "shadow_db",
+    "shadow_s": "shadow_s",
+    "height": "tag_height",
+}
+"""Numbers of a file of path losses, and the settings of method `rssi` that they replace."""
 
 
 def refuse_twice(given: Mapping[str, object], names: tuple[str, ...]) -> None:

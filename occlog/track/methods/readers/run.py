@@ -90,14 +90,16 @@ def run_track_reads(request: ReadsRequest, job: Job) -> tuple[dict[str, object],
     config, regions = None, None
     if request.method == VirtualConfig.OWNER:
         config, regions, thresholds = inputs.virtual()
-        tracked = track_virtual(windows, regions, inputs.names, thresholds, config.detection, config.stray)
-        parameters, lines, form = inputs.parameters(config), inputs.sight_lines(config), config.form
+        tracked = track_virtual(
+            windows, regions, inputs.names, thresholds, config.detection_probability, config.false_alarm_probability
+        )
+        parameters, lines, form = inputs.parameters(config), inputs.sight_lines(config), config.refine_method
     else:
         if request.virtual_sensors is not None:
             raise UsageError(f"method {request.method} has no virtual sensors to write")
         rssi, rules = inputs.rssi()
         tracked = track_rssi(windows, rules, inputs.names, request.seed)
-        parameters, lines, form = inputs.parameters(rssi), inputs.sight_lines(rssi), rssi.form
+        parameters, lines, form = inputs.parameters(rssi), inputs.sight_lines(rssi), rssi.refine_method
     if lines is not None:
         tracked = (refined_positions(part, lines, form) for part in tracked)
     provenance = job.provenance(parameters, inputs.losses, request.seed)

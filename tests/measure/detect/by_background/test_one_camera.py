@@ -92,7 +92,7 @@ def test_images_of_people_of_unknown_size_are_shrunk_to_a_longest_side() -> None
     nowhere = replace(CAMERA, placed=False)
     for side, factor in ((UNKNOWN_SIDE_PX, 1), (2 * UNKNOWN_SIDE_PX, 2), (100, 1)):
         assert shrink_of(nowhere, PLACE, (side, 100), DetectConfig()) == factor
-    assert shrink_of(nowhere, PLACE, (side, 100), DetectConfig(shrink=3)) == 3
+    assert shrink_of(nowhere, PLACE, (side, 100), DetectConfig(downscale=3)) == 3
 
 
 def test_frames_lost_in_a_row_for_one_reason_are_one_loss() -> None:

@@ -282,7 +282,7 @@ def test_large_images_are_shrunk_without_moving_the_bearings() -> None:
         Frame(f.t_ns, f.sensor, f.index, lambda f=f: doubled(f.decode()))
         for f in frames(place, N, lambda k: [walk(N)[k]])
     ]
-    parts = list(detect(items, scene(big), DetectConfig(shrink=2), 1, learned(place)))
+    parts = list(detect(items, scene(big), DetectConfig(downscale=2), 1, learned(place)))
     large = Bearings.concat(p.bearings for p in parts)
     np.testing.assert_allclose(large.bearing, got.bearings.bearing, atol=1e-9)
     np.testing.assert_allclose(large.sigma, got.bearings.sigma, rtol=1e-4)

@@ -63,7 +63,7 @@ def test_other_units_and_options_of_detections_are_refused(tmp_path, capsys) -> 
     out = str(tmp_path / "hall.parquet")
     assert run(["fuse", east, "--with", west, "-o", out]) == ExitCode.BAD_INPUT
     assert "lengths are in cm" in capsys.readouterr().err
-    assert run(["fuse", east, "--with", east, "-o", out, "--p-miss", "0.1"]) == ExitCode.USAGE
-    assert "--p-miss is an option of fuse BEARINGS" in capsys.readouterr().err
+    assert run(["fuse", east, "--with", east, "-o", out, "--miss-probability", "0.1"]) == ExitCode.USAGE
+    assert "--miss-probability is an option of fuse BEARINGS" in capsys.readouterr().err
     assert run(["fuse", east, "-o", out]) == ExitCode.USAGE
     assert "with --with" in capsys.readouterr().err

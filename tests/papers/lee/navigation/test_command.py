@@ -118,7 +118,7 @@ def test_people_of_a_recording_are_avoided_from_a_later_time_on(tmp_path: Path, 
         z=np.full(100, 0.9),
     )
     write_table(recording, truth, Provenance("simulate"))
-    code, path = navigate(tmp_path, *IN_ROOM, "--obstacles", str(recording), "--after", "2")
+    code, path = navigate(tmp_path, *IN_ROOM, "--obstacles", str(recording), "--start-delay", "2")
     assert code == ExitCode.DONE
     assert read_table(path, RobotPath).t_ns[0] == 2_000_000_000
     capsys.readouterr()
@@ -137,7 +137,7 @@ def test_people_of_a_recording_are_avoided_from_a_later_time_on(tmp_path: Path, 
         (["--from", "1", "--to", "7,3"], 2, "--from 1: must be 2 numbers"),
         (["--from", "1,nan", "--to", "7,3"], 2, "finite"),
         (["--from", "1,1", "--to", "7,3", "--obstacle", "2,2,-1"], 2, "the radius must be at least 0"),
-        (["--from", "1,1", "--to", "7,3", "--after", "3"], 2, "--after is a time of --obstacles"),
+        (["--from", "1,1", "--to", "7,3", "--start-delay", "3"], 2, "--start-delay is a time of --obstacles"),
         (["--from", "1,1", "--to", "7,3", "--obstacles", str(PLANE)], 4, "navigation.yaml"),
     ],
 )
@@ -159,7 +159,7 @@ def test_tracks_in_another_unit_are_refused(tmp_path: Path, capsys: pytest.Captu
 
 def test_tracks_that_have_ended_before_the_start_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     tracks = people(tmp_path)
-    assert navigate(tmp_path, *IN_ROOM, "--obstacles", str(tracks), "--after", "60")[0] == ExitCode.BAD_INPUT
+    assert navigate(tmp_path, *IN_ROOM, "--obstacles", str(tracks), "--start-delay", "60")[0] == ExitCode.BAD_INPUT
     assert "has no rows from 60 s after its first one on" in capsys.readouterr().err
 
 

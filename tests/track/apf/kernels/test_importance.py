@@ -129,7 +129,7 @@ def test_an_approximation_is_that_of_the_plain_form(seed, focal, p0):
     scene = room100(focal=focal, sigma_position=0.1, sigma_yaw=0.002)
     rows = noisy_rows(scene, rng)
     rows[1] = (rows[1][0], rows[1][1] + 30.0 * (seed % 2))
-    config = ApfConfig(false=1e-3, detection=0.9)
+    config = ApfConfig(false_alarm_probability=1e-3, detection_probability=0.9)
     _, looks, packed = looks_of(scene, rows, config)
     mean = rng.multivariate_normal(PLACE, p0 * np.eye(2), 200)
     near = approximate(looks, packed, mean, p0)
@@ -205,7 +205,7 @@ def test_a_false_bearing_is_not_believed(wrong, shift):
     rows = noisy_rows(scene, np.random.default_rng(1))[:4]
     others = [row for n, row in enumerate(rows) if n != wrong]
     rows[wrong] = (rows[wrong][0], rows[wrong][1] + shift)
-    config = ApfConfig(false=1e-2, detection=0.9)
+    config = ApfConfig(false_alarm_probability=1e-2, detection_probability=0.9)
     _, looks, packed = looks_of(scene, rows, config)
     _, fewer, without = looks_of(scene, others, config)
     m0, p0 = PLACE + 0.4, 0.25

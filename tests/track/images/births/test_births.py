@@ -48,7 +48,7 @@ def live(regions, config=None, geometry=ROWS, trackers=None, moments=10):
 
 
 def test_a_region_seen_three_times_in_a_row_begins_a_tracker_once():
-    births, ends = live(lambda k: [rows(disc(50 + k, 60)), rows()], ViewsConfig(support_frames=0))
+    births, ends = live(lambda k: [rows(disc(50 + k, 60)), rows()], ViewsConfig(max_coasting_frames=0))
     assert births == [(2, 0, 0, 52.0)]
     assert not ends
 
@@ -67,7 +67,7 @@ def test_regions_at_trackers_cut_by_the_edge_or_too_small_begin_none():
     tracked = {(0, 7): disc(50, 60)}
     both = lambda k: [rows(disc(56, 60), disc(8, 100), disc(150, 100, 3.0), disc(310, 200)), rows()]  # noqa: E731
     assert not live(both, trackers=tracked)[0]
-    births, _ = live(both, ViewsConfig(birth_cut=True), trackers=tracked)
+    births, _ = live(both, ViewsConfig(birth_allow_truncated=True), trackers=tracked)
     assert [b[3] for b in births] == [8.0, 310.0]
 
 
@@ -93,12 +93,14 @@ def test_limits_of_size_edge_and_distance_from_trackers(region, begins):
 
 @pytest.mark.parametrize(("frames", "begins"), [(1, [0]), (4, [3])])
 def test_a_tracker_begins_in_the_last_of_the_frames_in_a_row(frames, begins):
-    births, _ = live(lambda k: [rows(disc(50, 60)), rows()], ViewsConfig(birth_frames=frames, support_frames=0))
+    births, _ = live(
+        lambda k: [rows(disc(50, 60)), rows()], ViewsConfig(confirmation_frames=frames, max_coasting_frames=0)
+    )
     assert [b[0] for b in births] == begins
 
 
 def test_no_tracker_begins_with_no_birth_frames():
-    assert live(lambda k: [rows(disc(50, 60)), rows()], ViewsConfig(birth_frames=0)) == ([], [])
+    assert live(lambda k: [rows(disc(50, 60)), rows()], ViewsConfig(confirmation_frames=0)) == ([], [])
 
 
 def test_births_in_two_views_on_one_line_are_one_target():
@@ -158,21 +160,25 @@ def test_the_one_that_moves_off_the_line_is_told_by_its_way():
     def regions(k):
         return [rows(disc(50, 60), disc(120, 100 - 13 * k)), rows(disc(200, 60)) if k > 0 else rows()]
 
-    births, _ = live(regions, ViewsConfig(support_frames=0), moments=5)
+    births, _ = live(regions, ViewsConfig(max_coasting_frames=0), moments=5)
     assert [b[1:3] for b in births if b[1] == 1] == [(1, births[0][2])]
 
 
 def test_a_tracker_without_a_region_for_long_ends():
     tracked = {(0, 7): disc(50, 60), (1, 7): disc(50, 60)}
     _, ends = live(
-        lambda k: [rows(disc(200, 60)), None], ViewsConfig(support_frames=4, birth_frames=99), trackers=tracked
+        lambda k: [rows(disc(200, 60)), None],
+        ViewsConfig(max_coasting_frames=4, confirmation_frames=99),
+        trackers=tracked,
     )
     assert ends == [(3, (0, 7))]
     _, ends = live(
-        lambda k: [rows(disc(65, 60)), rows()], ViewsConfig(support_frames=4, birth_frames=99), trackers=tracked
+        lambda k: [rows(disc(65, 60)), rows()],
+        ViewsConfig(max_coasting_frames=4, confirmation_frames=99),
+        trackers=tracked,
     )
     assert ends == [(3, (1, 7))]
-    assert not live(lambda k: [rows(), rows()], ViewsConfig(support_frames=0), trackers=tracked)[1]
+    assert not live(lambda k: [rows(), rows()], ViewsConfig(max_coasting_frames=0), trackers=tracked)[1]
 
 
 def test_loop_distances_are_the_larger_of_both_in_radii():
@@ -232,7 +238,7 @@ def test_settings_have_limits(name, value):
 
 
 def test_no_tracker_begins_where_none_is_wanted_but_they_end():
-    config = ViewsConfig(birth_frames=0, support_frames=4)
+    config = ViewsConfig(confirmation_frames=0, max_coasting_frames=4)
     births, ends = live(lambda k: [rows(disc(200, 60)), rows()], config, trackers={(0, 7): disc(50, 60)})
     assert not births
     assert ends == [(3, (0, 7))]

@@ -65,7 +65,7 @@ def test_tracks_come_out_and_are_as_good_as_they_say(folder, capsys):
     assert (made.command, made.parameters["height"], made.parameters["model_share"]) == ("ground", 0.9, 0.25)
     assert describe(folder / "tracks.parquet")["length_unit"] == "m"
 
-    exact = ["views.parquet", "--scene", "scene.yaml", "-o", "exact.parquet", "--set", "model_share=0"]
+    exact = ["views.parquet", "--scene", "scene.yaml", "-o", "exact.parquet", "--set", "centre_error_share=0"]
     assert ground(folder, *exact) == ExitCode.DONE
     capsys.readouterr()
     args = ["evaluate", f"{folder}/exact.parquet", "--truth", f"{folder}/truth.parquet", "--scene"]
@@ -84,7 +84,7 @@ def test_cameras_heights_and_what_was_lost(folder, capsys):
 
     assert set(told("views.parquet", "--scene", "scene.yaml", "--cameras", "a,c")["views"]) == {"2"}
     assert told("views.parquet", "--scene", "unplaced.yaml", "--cameras", "a,b")["rows"] > 190
-    alone = told("one.parquet", "--scene", "scene.yaml", "--set", "height=0.8")
+    alone = told("one.parquet", "--scene", "scene.yaml", "--set", "target_height=0.8")
     assert alone["views"] == {"1": 200}
     assert np.allclose(read_table(folder / "t.parquet", Tracks).z, 0.8)
     rows = read_table(folder / "views.parquet", ViewTracks)
@@ -120,12 +120,12 @@ def test_frames_are_brought_together_as_when_they_were_tracked(folder, capsys):
         (["views.parquet", "--scene", "scene.yaml", "--cameras", "a,z"], ExitCode.USAGE, "the scene has a, b, c"),
         (["views.parquet", "--scene", "scene.yaml", "--set", "hight=1"], ExitCode.USAGE, "did you mean 'height'"),
         (
-            ["views.parquet", "--scene", "scene.yaml", "--set", "gate=2"],
+            ["views.parquet", "--scene", "scene.yaml", "--set", "false_rejection_probability=2"],
             ExitCode.USAGE,
             "gate=2: must be above 0 and below 1",
         ),
         (
-            ["views.parquet", "--scene", "scene.yaml", "--set", "height=nan"],
+            ["views.parquet", "--scene", "scene.yaml", "--set", "target_height=nan"],
             ExitCode.USAGE,
             "height=nan: must be finite",
         ),

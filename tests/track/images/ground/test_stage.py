@@ -15,7 +15,7 @@ from occlog.track.methods.images.ground.stage import ground_tracks
 
 BROWN = np.array([-0.25, 0.06, 0.002, -0.001, 0.0])
 PLACES = {"a": (7, 0, 2.5), "b": (0, 7, 2.5), "c": (-5, -5, 3)}
-EXACT = GroundConfig(model_share=0.0, exchange_rate=0.0)
+EXACT = GroundConfig(centre_error_share=0.0, identity_switch_rate=0.0)
 
 
 def cameras(**more):
@@ -72,7 +72,7 @@ def test_where_chunks_are_cut_does_not_matter():
 def test_frames_within_the_window_are_of_one_time():
     scene, places = Scene(cameras=cameras()), walks(50)
     rows = view_tracks(scene.cameras, places, np.random.default_rng(3), delay_ns=3_000_000)
-    alone, counts = fused([rows], scene, replace(EXACT, height=0.0))
+    alone, counts = fused([rows], scene, replace(EXACT, target_height=0.0))
     assert len(alone) == 0
     assert counts["one_view"] == counts["times"] == 300
     tracks, counts = fused([rows], scene, replace(EXACT, window_s=0.010))
@@ -92,8 +92,10 @@ def test_one_view_needs_a_height():
     assert nees(tracks, places).mean() == pytest.approx(3.0, abs=0.4)
     assert np.allclose(tracks.z, 0.9)
     assert len(fused([rows], replace(scene, length_unit="px"))[0]) == 0
-    assert in_scene(GroundConfig(), replace(scene, length_unit="ft")).height == pytest.approx(0.9 / 0.3048)
-    other, _ = fused([rows], replace(scene, length_unit="unit"), replace(EXACT, height=0.9, height_sigma=0.1))
+    assert in_scene(GroundConfig(), replace(scene, length_unit="ft")).target_height == pytest.approx(0.9 / 0.3048)
+    other, _ = fused(
+        [rows], replace(scene, length_unit="unit"), replace(EXACT, target_height=0.9, sigma_target_height=0.1)
+    )
     assert np.array_equal(other.x, tracks.x)
 
 
@@ -101,7 +103,7 @@ def test_the_share_of_the_shape_widens_the_covariance_along_its_axes():
     """Ellipses of 40 px up and 12 px across, cameras nearly level: heights become the least sure."""
     scene, places = Scene(cameras=cameras()), walks(10)
     rows = view_tracks(scene.cameras, places, np.random.default_rng(5), sigma=0.5)
-    none, some = (fused([rows], scene, replace(EXACT, model_share=share))[0] for share in (0.0, 0.1))
+    none, some = (fused([rows], scene, replace(EXACT, centre_error_share=share))[0] for share in (0.0, 0.1))
     assert (none.cov_zz < none.cov_xx).all()
     assert (some.cov_zz > some.cov_xx).all()
     assert (some.cov_xx > 2 * none.cov_xx).all()
@@ -123,7 +125,7 @@ def test_last_rows_of_trackers_that_are_gone_are_not_used():
     rows = view_tracks(scene.cameras, places, np.random.default_rng(7))
     event = rows.event.astype("U5")
     event[-1] = "lost"
-    _, counts = fused([replace(rows, event=event)], scene, replace(EXACT, height=0.0))
+    _, counts = fused([replace(rows, event=event)], scene, replace(EXACT, target_height=0.0))
     assert (counts["views_2"], counts["one_view"]) == (2, 1)
 
 
@@ -165,7 +167,7 @@ def test_doubts_and_views_stand_in_the_rows():
     first, second = ((rows.sensor == "b") & (rows.target_id == k) for k in (0, 1))
     x[first], y[first] = x[second], y[second]
     late = (rows.t_ns >= 25 * TICK) & (rows.target_id == 1) & (rows.sensor != "c")
-    tracks, _ = fused([replace(rows, x_px=x, y_px=y).take(~late)], scene, GroundConfig(model_share=0.0))
+    tracks, _ = fused([replace(rows, x_px=x, y_px=y).take(~late)], scene, GroundConfig(centre_error_share=0.0))
     crossed = tracks.take(tracks.target_id == 0)
     assert np.mean(np.char.find(crossed.doubt, "contradiction") >= 0) > 0.9
     assert np.mean(crossed.seen_by == "a,c") > 0.9

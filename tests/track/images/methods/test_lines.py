@@ -15,7 +15,7 @@ from occlog.track.methods.images.methods.weigh import arrival_of, local_weights,
 ONE, TWO = disc(40.0, 40.0), disc(80.0, 60.0)
 BOTH = painted((ONE, RED), (TWO, BLUE))
 COUNT = 10
-CONFIG = CmctConfig(particles=COUNT, on_line=0.3)
+CONFIG = CmctConfig(particles=COUNT, epipolar_fraction=0.3)
 
 
 def rng():
@@ -40,13 +40,13 @@ def drawn(state, gap=None):
 
 def test_a_share_of_the_particles_is_drawn_on_the_line():
     assert drawn(pair()) == [3] * 4
-    assert drawn(pair(replace(CONFIG, on_line=0.0))) == [0] * 4
-    assert drawn(pair(replace(CONFIG, on_line=1.0))) == [COUNT] * 4
+    assert drawn(pair(replace(CONFIG, epipolar_fraction=0.0))) == [0] * 4
+    assert drawn(pair(replace(CONFIG, epipolar_fraction=1.0))) == [COUNT] * 4
 
 
 @pytest.mark.parametrize(("likeness", "count"), [(0.7, 3), (np.nextafter(0.7, 0.0), COUNT)])
 def test_all_particles_are_drawn_on_the_line_when_the_estimate_was_not_like_the_target(likeness, count):
-    state = pair(replace(CONFIG, search_below=0.7))
+    state = pair(replace(CONFIG, max_similarity_to_search=0.7))
     assert drawn(changed(state, likeness=np.array([likeness, 1.0, 1.0, 1.0]))) == [count, 3, 3, 3]
 
 
@@ -78,7 +78,7 @@ def test_without_a_matrix_or_a_counterpart_particles_stay():
 
 def test_particles_are_spread_along_and_across_the_line_about_the_expected_place():
     """The line of the first target is row 40; its tracker is expected 3 px below it and 2 px to the right."""
-    config = replace(CONFIG, particles=4000, on_line=1.0, along_px=6.0, across=0.25)
+    config = replace(CONFIG, particles=4000, epipolar_fraction=1.0, sigma_along_line_px=6.0, sigma_across_line=0.25)
     state = pair(config)
     state = changed(state, velocity=np.tile([1.0, 1.5], (4, 1)))
     gap = np.array([2.0, 1.0, 1.0, 1.0])
@@ -114,7 +114,11 @@ def adapted(state, likeness, here=None, estimate=None):
 
 def swapped():
     """Trackers of two targets of other colours in view a, and the estimates of each at the other."""
-    state = state_of(replace(CONFIG, adapt=0.25, adapt_above=0.9), [(0, 1, ONE), (0, 2, TWO)], (BOTH, BOTH))
+    state = state_of(
+        replace(CONFIG, appearance_learning_rate=0.25, min_similarity_to_adapt=0.9),
+        [(0, 1, ONE), (0, 2, TWO)],
+        (BOTH, BOTH),
+    )
     return state, state.trackers.estimate[::-1].copy()
 
 

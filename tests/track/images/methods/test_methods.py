@@ -17,8 +17,8 @@ from occlog.track.methods.images.methods.state import end_trackers, initial_stat
 from occlog.track.methods.images.methods.step import advance, initiate_trackers
 
 METHODS = ("mipf", "idmot", "cmct", "bmct")
-ALONE = BallsConfig(frames=30, width=100, height=80, balls=1, radius=9.0, speed=2.5, clutter=2)
-CROSSING = BallsConfig(frames=50, width=140, height=100, balls=2, radius=10.0, clutter=0)
+ALONE = BallsConfig(frames=30, width=100, height=80, balls=1, radius=9.0, ball_speed=2.5, background_clutter=2)
+CROSSING = BallsConfig(frames=50, width=140, height=100, balls=2, radius=10.0, background_clutter=0)
 
 
 def crossing(rise=4.0):
@@ -82,7 +82,7 @@ def injected(state, moved):
 
 @pytest.mark.jit
 def test_a_counterpart_that_is_moved_away_becomes_bad_and_good_again():
-    still = BallsConfig(frames=60, width=100, height=80, balls=1, radius=9.0, speed=0.0, clutter=0)
+    still = BallsConfig(frames=60, width=100, height=80, balls=1, radius=9.0, ball_speed=0.0, background_clutter=0)
     frames = film(still, 4)
     states = []
     state, rng = begun("bmct", frames, still, particles=20, restart=False, sigma_px=0.5)

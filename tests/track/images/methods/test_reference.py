@@ -9,8 +9,10 @@ from occlog.core.image import update_bins
 from occlog.simulate.balls.config import BallsConfig
 from occlog.track.methods.images.methods.step import advance
 
-PAIR = BallsConfig(frames=25, width=100, height=80, balls=5, radius=9.0, speed=4.0, clutter=2)
-CROWDED = BallsConfig(frames=25, width=100, height=80, balls=5, radius=9.0, speed=4.0, views=3, clutter=2)
+PAIR = BallsConfig(frames=25, width=100, height=80, balls=5, radius=9.0, ball_speed=4.0, background_clutter=2)
+CROWDED = BallsConfig(
+    frames=25, width=100, height=80, balls=5, radius=9.0, ball_speed=4.0, views=3, background_clutter=2
+)
 
 
 @pytest.mark.parametrize(

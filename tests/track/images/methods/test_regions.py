@@ -118,7 +118,7 @@ def test_a_target_that_fills_half_of_its_ellipse_is_alike_and_not_lost(method: s
     rng = np.random.default_rng(5)
     image, mask = np.full((90, 120, 3), 90, dtype=np.uint8), np.zeros((90, 120), dtype=np.uint8)
     mask[30:50, 30:40] = 1
-    config = CONFIGS[method](particles=30, lost_after=10)
+    config = CONFIGS[method](particles=30, max_lost_frames=10)
     state = initial_state((TrackedView("cam", *SIZE),), geometry, config)
     first = np.array([30.0, 40.0, 10.0, 10.0, 0.0])
     for k in range(25):

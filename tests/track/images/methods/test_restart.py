@@ -12,7 +12,7 @@ from occlog.track.methods.images.methods.restart import EVERY, OCCLUSION_RADII, 
 
 ONE, TWO = disc(30.0, 40.0), disc(80.0, 44.0)
 IMAGE = painted((ONE, RED), (TWO, BLUE))
-CONFIG = BmctConfig(particles=4, restart_likeness=0.85)
+CONFIG = BmctConfig(particles=4, restart_similarity=0.85)
 
 
 def hijacked(config=CONFIG, at=TWO, births=None, image=IMAGE):

@@ -84,7 +84,14 @@ def test_particles_of_a_view_without_a_frame_go_on_at_their_velocity_for_at_most
 
 def test_the_region_proposes_after_the_lines():
     """A share of the particles starts anew at the tracker's own region, wherever the epipolar lines have put them."""
-    config = CmctConfig(particles=10, on_line=1.0, along_px=0.01, across=0.001, region_share=0.3, region_spread=0.001)
+    config = CmctConfig(
+        particles=10,
+        epipolar_fraction=1.0,
+        sigma_along_line_px=0.01,
+        sigma_across_line=0.001,
+        region_share=0.3,
+        region_spread=0.001,
+    )
     state = state_of(config, [(0, 1, ONE), (1, 1, disc(60.0, 47.0))], (BOTH, BOTH))
     region = disc(43.0, 40.0)
     frames = frames_at(1, BOTH, BOTH, regions=(region[None], None))
@@ -183,8 +190,8 @@ def test_a_target_leaves_when_its_centre_passes_the_edge_of_the_image(x, y):
 
 @pytest.mark.parametrize(("weak", "event"), [(0, 0), (24, 0), (25, TERMINATED), (26, TERMINATED)])
 def test_a_target_is_lost_after_so_many_weak_frames(weak, event):
-    assert end_events(one(60.0, 45.0, weak=weak), SIZE, MipfConfig(lost_after=25)).tolist() == [event]
-    assert end_events(one(60.0, 45.0, weak=weak), SIZE, MipfConfig(lost_after=0)).tolist() == [0]
+    assert end_events(one(60.0, 45.0, weak=weak), SIZE, MipfConfig(max_lost_frames=25)).tolist() == [event]
+    assert end_events(one(60.0, 45.0, weak=weak), SIZE, MipfConfig(max_lost_frames=0)).tolist() == [0]
 
 
 @pytest.mark.parametrize(
@@ -204,7 +211,7 @@ def test_a_tracker_with_a_good_counterpart_is_not_lost(x):
 def test_a_tracker_on_nothing_ends_unless_its_counterpart_is_good():
     """Both targets vanish from view a; the tracker of the first has a good counterpart in view b."""
     gone = painted()
-    state = state_of(MipfConfig(particles=5, lost_after=3, sigma_px=0.1), FOUR[:3], (BOTH, BOTH))
+    state = state_of(MipfConfig(particles=5, max_lost_frames=3, sigma_px=0.1), FOUR[:3], (BOTH, BOTH))
     good = np.array([[False, True], [False, False], [True, False]])
     state = changed(state, good=good, checked=good, weak=np.array([2, 2, 0]))
     after, outlines = advance(state, frames_at(1, gone, BOTH), rng())
@@ -214,7 +221,7 @@ def test_a_tracker_on_nothing_ends_unless_its_counterpart_is_good():
 
 
 def test_a_tracker_of_a_view_without_a_frame_does_not_end():
-    state = state_of(MipfConfig(particles=5, lost_after=3), FOUR[:2], (BOTH, BOTH))
+    state = state_of(MipfConfig(particles=5, max_lost_frames=3), FOUR[:2], (BOTH, BOTH))
     outside = state.trackers.estimate.copy()
     outside[0, 0] = -5.0
     state = changed(state, estimate=outside, weak=np.array([9, 9]))

@@ -109,7 +109,9 @@ def close_at(factor):
 
 @pytest.mark.parametrize(("distance", "helped"), [(-1e-6, True), (1e-6, False)])
 def test_counterparts_help_trackers_that_are_close_to_others(distance, helped):
-    state = pair(BmctConfig(particles=COUNT, close=1.25, clear=1.25), close_at(1.25) + distance, 60.0)
+    state = pair(
+        BmctConfig(particles=COUNT, collaboration_distance=1.25, clear_distance=1.25), close_at(1.25) + distance, 60.0
+    )
     weighed = weigh(state, arrival(state), local_at(state), rng())
     assert weighed.helped.tolist() == [[False, helped]] * 2 + [[False, False]] * 2
     assert weighed.mode.tolist() == [BMCT if helped else MIPF] * 2 + [MIPF] * 2
@@ -118,7 +120,7 @@ def test_counterparts_help_trackers_that_are_close_to_others(distance, helped):
 
 def test_the_band_of_a_counterpart_is_normal_about_its_epipolar_line():
     """Equation 5 with a sigma of `band` radii; the line is the row of the counterpart."""
-    state = pair(BmctConfig(particles=COUNT, band=0.25), 20.0)
+    state = pair(BmctConfig(particles=COUNT, epipolar_band=0.25), 20.0)
     moved = state.trackers.estimate.copy()
     moved[2, 1] += 3.0
     state = changed(state, estimate=moved, particles=np.repeat(moved[:, None], COUNT, axis=1))
@@ -151,10 +153,10 @@ def test_no_help_from_counterparts_that_are_bad_stale_or_not_there(why):
 @pytest.mark.parametrize(("far", "helped"), [(12.0, False), (20.0, True), (50.0, True)])
 def test_a_counterpart_more_hidden_than_the_tracker_does_not_help(far, helped):
     """The targets are close in both views, 18 px apart in view a; then each view helps the other if it is as clear."""
-    state = pair(BmctConfig(particles=COUNT, clear=1.5), 18.0, far)
+    state = pair(BmctConfig(particles=COUNT, clear_distance=1.5), 18.0, far)
     weighed = weigh(state, arrival(state), local_at(state), rng())
     assert weighed.helped[:2, 1].tolist() == [helped, helped]
-    state = pair(BmctConfig(particles=COUNT, clear=0.0), 18.0, far)
+    state = pair(BmctConfig(particles=COUNT, clear_distance=0.0), 18.0, far)
     every = weigh(state, arrival(state), local_at(state), rng())
     assert every.helped[:2, 1].all()
 
@@ -163,7 +165,7 @@ def test_in_one_sweep_the_view_that_comes_first_gets_no_help_from_a_view_as_crow
     """Both targets are close in both views; a second sweep lets the later view help the earlier one too."""
     helped = []
     for sweeps in (1, 2):
-        state = pair(BmctConfig(particles=COUNT, clear=0.0, sweeps=sweeps), 18.0, 18.0)
+        state = pair(BmctConfig(particles=COUNT, clear_distance=0.0, sweeps=sweeps), 18.0, 18.0)
         helped.append(weigh(state, arrival(state), local_at(state), rng()).helped.any(axis=1))
     first = rng().permutation(2)[0]
     assert helped[0].tolist() == [v != first for v in (0, 0, 1, 1)]
@@ -171,7 +173,7 @@ def test_in_one_sweep_the_view_that_comes_first_gets_no_help_from_a_view_as_crow
 
 
 def test_bmct_collaborates_by_its_settings():
-    config = BmctConfig(particles=COUNT, anchor="bottom", band=0.7, clear=0.4)
+    config = BmctConfig(particles=COUNT, anchor="bottom", epipolar_band=0.7, clear_distance=0.4)
     state = pair(config, 20.0)
     cameras = weighing_model(state, arrival(state), local_at(state)).cameras
     assert (cameras.bottom, cameras.band, cameras.clear) == (True, 0.7, 0.4)

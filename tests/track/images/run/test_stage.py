@@ -96,7 +96,7 @@ def test_rows_are_in_order_by_camera_and_target_and_parts_are_cut_between_moment
 
 
 def test_a_tracker_that_was_lost_is_over_and_its_target_may_start_again():
-    _, table = tracked(6, [start(0, 0, 4), start(0, 4, 4)], replace(STILL, lost_after=2), other={1, 2})
+    _, table = tracked(6, [start(0, 0, 4), start(0, 4, 4)], replace(STILL, max_lost_frames=2), other={1, 2})
     assert rows(table, "frame", "event") == [(0, "start"), (1, ""), (2, "lost"), (4, "start"), (5, "")]
     # While it is still there nothing starts
     _, table = tracked(3, [start(0, 0, 4), start(0, 1, 4)])
@@ -115,7 +115,7 @@ def regions(where):
 
 def test_trackers_are_born_and_ended_by_regions():
     stream = RegionStream(iter([regions([(k, 40.0) for k in range(5)])]), True)
-    _, table = tracked(10, stream=stream, stage=ViewsConfig(support_frames=3), next_id=6)
+    _, table = tracked(10, stream=stream, stage=ViewsConfig(max_coasting_frames=3), next_id=6)
     assert rows(table, "frame", "target_id", "event") == [
         (2, 6, "start"),
         (3, 6, ""),
@@ -128,7 +128,7 @@ def test_trackers_are_born_and_ended_by_regions():
 
 def test_a_tracker_ends_in_a_frame_of_its_view():
     stream = RegionStream(iter([regions([(k, 40.0) for k in range(5)])]), True)
-    _, table = tracked(10, stream=stream, stage=ViewsConfig(support_frames=3), missing={(7, 0)})
+    _, table = tracked(10, stream=stream, stage=ViewsConfig(max_coasting_frames=3), missing={(7, 0)})
     assert rows(table, "frame", "event") == [(2, "start"), (3, ""), (4, ""), (5, ""), (6, ""), (8, "lost")]
 
 

@@ -100,10 +100,10 @@ def test_same_input_gives_the_same_bytes(folder: Path) -> None:
 @pytest.mark.parametrize(
     "args",
     [
-        ("--form", "full", "--sigma", "diagonal"),
-        ("--form", "damped", "--axes", "each"),
-        ("--method", "differences", "--sigma", "full"),
-        ("--noise", "0.05", "--step", "0.5", "--gap", "2"),
+        ("--form", "full", "--process-noise-form", "diagonal"),
+        ("--form", "damped", "--process-noise-axes", "each"),
+        ("--method", "differences", "--process-noise-form", "full"),
+        ("--measurement-noise", "0.05", "--step", "0.5", "--max-gap", "2"),
         ("--target", "2"),
     ],
 )
@@ -120,8 +120,8 @@ def test_a_longer_step_skips_positions_between(folder: Path, capsys) -> None:
 
 
 def test_tracks_with_their_covariance_are_as_told_noise(folder: Path) -> None:
-    assert fit(folder, "tracks.parquet", "--noise", "covariance", output="a.json") == ExitCode.DONE
-    assert fit(folder, "tracks.parquet", "--noise", "0.05", output="b.json") == ExitCode.DONE
+    assert fit(folder, "tracks.parquet", "--measurement-noise", "covariance", output="a.json") == ExitCode.DONE
+    assert fit(folder, "tracks.parquet", "--measurement-noise", "0.05", output="b.json") == ExitCode.DONE
     a, b = read_motion(folder / "a.json"), read_motion(folder / "b.json")
     np.testing.assert_allclose(a.sigma, b.sigma, rtol=1e-6)
 
@@ -137,7 +137,7 @@ def test_occluders_are_used_when_they_are_named(folder: Path, capsys) -> None:
 def test_a_recording_with_truth(folder: Path) -> None:
     (folder / "room.yaml").write_text(
         "occlog_scene: 1\nroom: [[0, 0], [8, 0], [8, 6], [0, 6]]\ncameras:\n"
-        "- {name: a, position: [0, 0], yaw_deg: 40, focal_px: 300, fov_deg: 100, noise: {read_px: 2}}\n"
+        "- {name: a, position: [0, 0], yaw_deg: 40, focal_px: 300, fov_deg: 100, noise: {measurement_noise_px: 2}}\n"
     )
     made = ["simulate", str(folder / "room.yaml"), "-o", str(folder / "room.mcap"), "--steps", "80", "-q"]
     assert run([*made, "--seed", "3"]) == ExitCode.DONE
@@ -152,18 +152,18 @@ def test_a_recording_with_truth(folder: Path) -> None:
         (("short.parquet", "--method", "differences"), ExitCode.BAD_INPUT, "3 transitions are too few"),
         (("truth.parquet", "feet.parquet"), ExitCode.BAD_INPUT, "lengths are in ft, but in m"),
         (("truth.parquet", "--target", "9"), ExitCode.BAD_INPUT, "no positions of target 9"),
-        (("truth.parquet", "--noise", "covariance"), ExitCode.USAGE, "truth has no covariance"),
-        (("truth.parquet", "--noise", "-1"), ExitCode.USAGE, "--noise -1"),
-        (("truth.parquet", "--noise", "nan"), ExitCode.USAGE, "--noise nan"),
+        (("truth.parquet", "--measurement-noise", "covariance"), ExitCode.USAGE, "truth has no covariance"),
+        (("truth.parquet", "--measurement-noise", "-1"), ExitCode.USAGE, "--measurement-noise -1"),
+        (("truth.parquet", "--measurement-noise", "nan"), ExitCode.USAGE, "--measurement-noise nan"),
         (
-            ("truth.parquet", "--noise", "0.1", "--method", "differences"),
+            ("truth.parquet", "--measurement-noise", "0.1", "--method", "differences"),
             ExitCode.USAGE,
             "must be estimated unless the method is em",
         ),
         (("truth.parquet", "--step", "0.001"), ExitCode.BAD_INPUT, "give a larger --step"),
         (("truth.parquet", "--step", "inf"), ExitCode.USAGE, "finite"),
-        (("truth.parquet", "--gap", "0.1"), ExitCode.BAD_INPUT, "give a larger --gap"),
-        (("truth.parquet", "--step", "1000", "--gap", "2000"), ExitCode.BAD_INPUT, "too few"),
+        (("truth.parquet", "--max-gap", "0.1"), ExitCode.BAD_INPUT, "give a larger --max-gap"),
+        (("truth.parquet", "--step", "1000", "--max-gap", "2000"), ExitCode.BAD_INPUT, "too few"),
         (("missing.parquet",), ExitCode.BAD_INPUT, "missing.parquet"),
         ((), ExitCode.USAGE, "POSITIONS"),
     ],

@@ -14,7 +14,7 @@ position, its velocity (speed towards the destination) and its regime:
 
 c being the velocity, s its amount, p0, gain and V of `gather`, those with 1 and 2 of `waiting_noise`
 (`occlog.filtering.motion.waypoint`), and h a width of the kernel that represents the exact destination.  The first
-line of W is the paper's, the others are of targets that stand (`wait_s`); c is the velocity with which they
+line of W is the paper's, the others are of targets that stand (`mean_wait_s`); c is the velocity with which they
 creep then, and the speed that they remember is integrated out.
 
 No density of a position is narrower than the kernel of the cloud's positions, nor is that of the velocity of one that

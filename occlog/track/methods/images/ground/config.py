@@ -14,7 +14,7 @@ HEIGHT_M, HEIGHT_SIGMA_M = 0.9, 0.1
 """Height of the middle of a person, and its standard deviation [m]."""
 
 STARTS = {"detections": 0.2, "both": 0.2}
-"""`exchange_start` by where trackers came from, else 0: which detections are of one target was guessed."""
+"""`initial_switch_probability` by where trackers came from, else 0: which detections are of one target was guessed."""
 
 
 @dataclass(frozen=True)
@@ -23,62 +23,62 @@ class GroundConfig(Settings):
 
     OWNER: ClassVar[str] = "ground"
 
-    height: float | None = setting(
+    target_height: float | None = setting(
         None,
         "Height of the centre of a target, to locate one that a single view shows; 0: no row at such times.",
         unit="length",
         at_least=0,
         shown="0.9 m, or 0",
     )
-    height_sigma: float | None = setting(
+    sigma_target_height: float | None = setting(
         None,
         "Standard deviation of that height. Larger values widen the covariance of positions from a single view.",
         unit="length",
         above=0,
         shown="0.1 m",
     )
-    model_share: float = setting(
+    centre_error_share: float = setting(
         0.25,
         "Standard deviation of the centre of an ellipse about that of the target, as a share of its half axes.",
         at_least=0,
     )
-    gate: float = setting(
+    false_rejection_probability: float = setting(
         1e-3,
         "Probability of rejecting a view at a time when all views are right (level of the outlier test). Larger "
         "values reject more views.",
         above=0,
         below=1,
     )
-    min_crossing_deg: float = setting(
+    min_triangulation_angle_deg: float = setting(
         5.0,
         "Minimum triangulation angle: lines of sight at smaller angles give no position.",
         unit="deg",
         above=0,
         below=90,
     )
-    right: float = setting(
+    view_inlier_probability: float = setting(
         0.5,
         "Prior probability that a view is on its target; 1: covariances as if all used views were right.",
         above=0,
         at_most=1,
     )
-    agree_share: float = setting(
+    common_error_share: float = setting(
         0.1,
         "As model_share, for the test whether views agree; trackers that slide on a target do so equally in all views.",
         above=0,
     )
-    exchange_rate: float = setting(
+    identity_switch_rate: float = setting(
         0.5,
         "Rate of identity switches where views contradict each other; 0: never.",
         unit="1/s",
         at_least=0,
     )
-    exchange_alone: float = setting(
+    single_view_switch_factor: float = setting(
         0.3,
         "Share of that rate where a single view shows a target that several views have shown before.",
         at_least=0,
     )
-    exchange_start: float = setting(
+    initial_switch_probability: float = setting(
         0.0,
         "Probability that the trackers of a target start on different targets.",
         at_least=0,
@@ -99,9 +99,9 @@ class GroundConfig(Settings):
 def in_scene(config: GroundConfig, scene: Scene) -> GroundConfig:
     """Fill in the settings that depend on the scene's length unit; an unknown unit has no height."""
     metre = 1.0 / METRES[scene.length_unit] if scene.length_unit in METRES else None
-    height, sigma = config.height, config.height_sigma
+    height, sigma = config.target_height, config.sigma_target_height
     if height is None:
         height = 0.0 if metre is None else HEIGHT_M * metre
     if sigma is None:
         sigma = (0.1 * height or 1.0) if metre is None else HEIGHT_SIGMA_M * metre
-    return replace(config, height=height, height_sigma=sigma)
+    return replace(config, target_height=height, sigma_target_height=sigma)

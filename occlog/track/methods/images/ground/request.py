@@ -24,7 +24,7 @@ class GroundRequest(Request):
 
     \b
       occlog ground view_tracks.parquet --scene scene.yaml -o tracks.parquet
-      occlog ground view_tracks.parquet --scene hall.mcap --set height=0 -o tracks.parquet
+      occlog ground view_tracks.parquet --scene hall.mcap --set target_height=0 -o tracks.parquet
     """
 
     OWNER: ClassVar[str] = "ground"
@@ -34,4 +34,4 @@ class GroundRequest(Request):
     output: Path = output_file("Tracks (Parquet).", "tracks")
     scene: Path | None = scene_file()
     cameras: tuple[str, ...] = setting((), "Use these cameras only.", option="--cameras", metavar="A,B,...", shown="")
-    settings: Mapping[str, object] = group(lambda: GroundConfig, example="height=0.8")
+    settings: Mapping[str, object] = group(lambda: GroundConfig, example="target_height=0.8")

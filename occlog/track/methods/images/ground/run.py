@@ -53,7 +53,7 @@ def _as_tracked(made: Provenance) -> dict[str, object]:
     window, births = made.parameters.get("window_ns", 0), made.parameters.get("births", "")
     return {
         "window_s": window * 1e-9 if isinstance(window, int) and window >= 0 else 0.0,
-        "exchange_start": STARTS.get(str(births), 0.0),
+        "initial_switch_probability": STARTS.get(str(births), 0.0),
     }
 
 
@@ -79,7 +79,7 @@ class GroundSummary:
         if not self.targets:
             raise InputError(
                 f"{where}: no target has a position at any time ({self._why()}); targets need the same identity in two "
-                f"views with poses, or a height ({option('set.height')})"
+                f"views with poses, or a height ({option('set.target_height')})"
             )
 
     def _why(self) -> str:

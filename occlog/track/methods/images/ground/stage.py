@@ -148,7 +148,9 @@ def ground_tracks(
     config = in_scene(config or GroundConfig(), scene)
     window = round(config.window_s * 1e9)
     rest, last_ns, seen = ViewTracks.empty(), None, 0
-    exchanges = SwitchProbabilities(config.exchange_rate, config.exchange_alone, config.exchange_start)
+    exchanges = SwitchProbabilities(
+        config.identity_switch_rate, config.single_view_switch_factor, config.initial_switch_probability
+    )
     for chunk in chunks:
         if not len(chunk):
             continue
@@ -206,11 +208,15 @@ def _part(
     keys, point = np.unique(np.column_stack([step, table.target_id]), axis=0, return_inverse=True)
     names, view = np.unique(table.sensor, return_inverse=True)
     cameras = [scene.camera(str(name)) for name in names]
-    sights = _sights(table, point.reshape(-1), view, len(keys), cameras, config.model_share)
-    height = TargetHeightPrior(config.height, config.height_sigma) if config.height and config.height_sigma else None
-    rig, angle = _rig(cameras), np.radians(config.min_crossing_deg)
-    met = triangulate_in_space(sights, rig, height, config.gate, angle)
-    odds = ViewOdds(config.right, _agreement(config), _areas(cameras))
+    sights = _sights(table, point.reshape(-1), view, len(keys), cameras, config.centre_error_share)
+    height = (
+        TargetHeightPrior(config.target_height, config.sigma_target_height)
+        if config.target_height and config.sigma_target_height
+        else None
+    )
+    rig, angle = _rig(cameras), np.radians(config.min_triangulation_angle_deg)
+    met = triangulate_in_space(sights, rig, height, config.false_rejection_probability, angle)
+    odds = ViewOdds(config.view_inlier_probability, _agreement(config), _areas(cameras))
     contest = covariances_with_contradiction(met, sights, rig, height, odds, float(np.sin(angle)))
     times, targets = t_ns[keys[:, 0]], keys[:, 1]
     covariance, exchanged = _possible_switches(exchanges, keys, times, met, contest, sights)
@@ -233,7 +239,11 @@ def _part(
 
 def _agreement(config: GroundConfig) -> float:
     """Variance of the residuals of views on one target, of the stated one."""
-    return min(1.0, (config.agree_share / config.model_share) ** 2) if config.model_share > 0.0 else 1.0
+    return (
+        min(1.0, (config.common_error_share / config.centre_error_share) ** 2)
+        if config.centre_error_share > 0.0
+        else 1.0
+    )
 
 
 def _areas(cameras: Sequence[Camera]) -> Floats:
@@ -276,7 +286,7 @@ def _sights(
     """The centres without lens distortion, and their covariance.
 
     The covariance is that of the tracker, and that of the target's middle about the ellipse's
-    centre, which is `model_share` of its half axes.
+    centre, which is `centre_error_share` of its half axes.
     """
     shape = (points, len(cameras))
     there, pixels = np.zeros(shape, dtype=np.bool_), np.zeros((*shape, 2))

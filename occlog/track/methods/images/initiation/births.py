@@ -128,7 +128,7 @@ def initiate_and_terminate(
     """
     # Lengthen the trails of trackers
     now = state.step
-    keep = max(config.birth_frames, 1)
+    keep = max(config.confirmation_frames, 1)
     trails = {key: _extended(state.trails.get(key, ()), now, ellipse, keep) for key, ellipse in trackers.items()}
     state = replace(state, trails=trails, step=now + 1)
     # Follow the regions that no tracker explains as candidates
@@ -138,7 +138,7 @@ def initiate_and_terminate(
         if found is None:  # candidates wait for the next frame that the detector processes
             waiting.append(state.candidates[v])
             continue
-        free = _unexplained(_birth_sized(found, views[v], config), mine, config.birth_apart)
+        free = _unexplained(_birth_sized(found, views[v], config), mine, config.birth_min_distance)
         waiting.append(_followed(state.candidates[v], free, now, keep))
     state = replace(state, candidates=tuple(waiting))
     # End trackers without support
@@ -146,7 +146,7 @@ def initiate_and_terminate(
     alive = {key: trail for key, trail in state.trails.items() if key not in ended}
     state = replace(state, trails=alive)
     # Begin trackers from candidates that were seen often enough
-    if config.birth_frames == 0:
+    if config.confirmation_frames == 0:
         return replace(state, candidates=empty_candidates(len(views)).candidates), (), ended
     state, births = _births(state, geometry, config, bottom, {*gone, *ended})
     return state, births, ended
@@ -158,10 +158,10 @@ def _extended(trail: Trail, now: int, ellipse: Floats, keep: int) -> Trail:
 
 
 def _birth_sized(regions: Floats, view: TrackedView, config: ViewsConfig) -> Floats:
-    """The regions (K, 5) that are large enough and, unless `birth_cut`, not cut by the edge of the image."""
+    """The regions (K, 5) of sufficient size and, unless `birth_allow_truncated`, not cut by the edge of the image."""
     low, high = regions[:, :2] - regions[:, 2:4], regions[:, :2] + regions[:, 2:4]
-    good = (regions[:, 2:4] >= config.birth_size).all(axis=1)
-    if not config.birth_cut:
+    good = (regions[:, 2:4] >= config.birth_min_size_px).all(axis=1)
+    if not config.birth_allow_truncated:
         corner = np.array([view.width, view.height]) - 0.5 - EDGE_PX
         good &= (low >= EDGE_PX - 0.5).all(axis=1) & (high <= corner).all(axis=1)
     return np.asarray(regions[good])
@@ -193,7 +193,7 @@ def _followed(before: Sequence[Candidate], regions: Floats, now: int, keep: int)
 def _ends(
     state: BirthCandidates, regions: Sequence[Floats | None], trackers: Mapping[TrackerKey, Floats], config: ViewsConfig
 ) -> tuple[BirthCandidates, tuple[TrackerKey, ...]]:
-    """Count frames without support, and end the trackers that have had none in `support_frames` frames in a row."""
+    """Count unsupported frames; end trackers after `max_coasting_frames` of them in a row."""
     before = {key: state.unsupported.get(key, 0) for key in trackers}
     unsupported: dict[TrackerKey, int] = {}
     for v, found in enumerate(regions):
@@ -204,7 +204,7 @@ def _ends(
                 unsupported[key] = before[key]
             else:
                 unsupported[key] = 0 if key in supported else before[key] + 1
-    ended = tuple(key for key, count in unsupported.items() if 0 < config.support_frames <= count)
+    ended = tuple(key for key, count in unsupported.items() if 0 < config.max_coasting_frames <= count)
     return replace(state, unsupported={key: n for key, n in unsupported.items() if key not in ended}), ended
 
 
@@ -243,13 +243,13 @@ def _births_in(
     gone: Collection[TrackerKey],
 ) -> tuple[BirthCandidates, list[Birth]]:
     """Births in view v."""
-    candidates = _without_doubles(state.candidates[v], config.birth_apart)
+    candidates = _without_doubles(state.candidates[v], config.birth_min_distance)
     free = _free_targets(state.trails, v)
     misfit = np.array([[_misfit(c.trail, v, t, state.trails, geometry, bottom) for t in free] for c in candidates])
     misfit = misfit.reshape(len(candidates), len(free))
     births, left, trails, next_id = [], [], dict(state.trails), state.next_id
     for c, candidate in enumerate(candidates):
-        target = _decide(misfit, c, candidate, config) if candidate.count >= config.birth_frames else None
+        target = _decide(misfit, c, candidate, config) if candidate.count >= config.confirmation_frames else None
         if target is None or (target >= 0 and (v, free[target]) in gone):
             left.append(candidate)
             continue
@@ -323,7 +323,7 @@ def _decide(misfit: Floats, c: int, candidate: Candidate, config: ViewsConfig) -
     if len(fits) == 1 and not rivals[0]:
         return int(fits[0])
     # Wait for the rivals to part, then take the best where it is clearly so
-    if candidate.count < config.birth_frames + config.birth_wait:
+    if candidate.count < config.confirmation_frames + config.confirmation_wait_frames:
         return None
     best = int(fits[np.argmin(misfit[c, fits])])
     others = np.concatenate([np.delete(misfit[c], best), np.delete(misfit[:, best], c)])

@@ -105,13 +105,13 @@ class MipfConfig(Settings):
     )
 
     # When a tracker ends
-    lost_likeness: float = setting(
+    lost_similarity: float = setting(
         0.6,
         "Colour similarity below which the best particle is not on its target. Higher values terminate trackers "
         "sooner.",
         **SHARE,
     )
-    lost_after: int = setting(
+    max_lost_frames: int = setting(
         25, "Terminate a tracker after this many consecutive frames below lost_likeness; 0: never.", at_least=0
     )
 
@@ -122,7 +122,7 @@ class IdmotConfig(MipfConfig):
 
     OWNER: ClassVar[str] = "idmot"
 
-    touch: float = setting(
+    interaction_distance: float = setting(
         1.0, "Trackers interact when nearer than this multiple of the sum of their radii.", **ABOVE_0
     )
     alpha: float = setting(1.2, "Normalisation alpha of the repulsion ([Qu] Eq. 8).", at_least=1)
@@ -168,13 +168,14 @@ class BmctConfig(LoopCheckConfig, IdmotConfig):
     OWNER: ClassVar[str] = "bmct"
     ALONE: ClassVar[str] = "does what idmot does"
 
-    close: float = setting(
+    collaboration_distance: float = setting(
         1.5, "Other views assist trackers nearer to each other than this multiple of the sum of their radii."
     )
-    band: float = setting(0.3, "Width of the epipolar band relative to the radius ([Qu] Eq. 5).", **ABOVE_0)
-    clear: float = setting(
+    epipolar_band: float = setting(0.3, "Width of the epipolar band relative to the radius ([Qu] Eq. 5).", **ABOVE_0)
+    clear_distance: float = setting(
         1.5,
-        "A counterpart nearer to other trackers than this multiple of the sum of radii (see `close`) assists only "
+        "A counterpart nearer to other trackers than this multiple of the sum of radii (see "
+        "`collaboration_distance`) assists only "
         "trackers that are nearer still; 0: every counterpart assists.",
         at_least=0,
     )
@@ -183,11 +184,15 @@ class BmctConfig(LoopCheckConfig, IdmotConfig):
         True,
         "Restart a tracker with failed loop checks on an epipolar line, if it is on another tracker or on nothing.",
     )
-    restart_likeness: float = setting(0.85, "Minimum colour similarity for a restart.", **SHARE)
+    restart_similarity: float = setting(0.85, "Minimum colour similarity for a restart.", **SHARE)
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """What touches is close."""
-        yield "close", self.close >= self.touch, f"at least touch ({self.touch:g})"
+        yield (
+            "collaboration_distance",
+            self.collaboration_distance >= self.interaction_distance,
+            f"at least touch ({self.interaction_distance:g})",
+        )
 
 
 @dataclass(frozen=True)
@@ -198,20 +203,22 @@ class CmctConfig(LoopCheckConfig):
     ALONE: ClassVar[str] = "does what mipf does, with colours that adapt"
 
     particles: int = setting(100, "Particles of each target in each view.", at_least=1, option="--particles")
-    on_line: float = setting(0.3, "Share of the particles drawn on the epipolar line.", **SHARE)
-    along_px: float = setting(
+    epipolar_fraction: float = setting(0.3, "Share of the particles drawn on the epipolar line.", **SHARE)
+    sigma_along_line_px: float = setting(
         8.0, "Standard deviation of those particles along the line, about the tracker.", unit="px", **ABOVE_0
     )
-    across: float = setting(
+    sigma_across_line: float = setting(
         0.5, "Standard deviation of those particles across the line, relative to the radius.", **ABOVE_0
     )
-    adapt: float = setting(
+    appearance_learning_rate: float = setting(
         0.1,
         "Learning rate of the target's colours. Larger values follow changes of light and drift to the background.",
         **SHARE,
     )
-    adapt_above: float = setting(0.9, "Minimum similarity of an estimate for the colour update.", **SHARE)
-    search_below: float = setting(0.7, "Draw all particles on the line after an estimate of less similarity.", **SHARE)
+    min_similarity_to_adapt: float = setting(0.9, "Minimum similarity of an estimate for the colour update.", **SHARE)
+    max_similarity_to_search: float = setting(
+        0.7, "Draw all particles on the line after an estimate of less similarity.", **SHARE
+    )
 
 
 @dataclass(frozen=True)
@@ -224,11 +231,11 @@ class McmcConfig(MipfConfig):
     sampler: str = setting(
         "mcmc", "Sampler: `mcmc` moves one target at a time, `sir` weights joint samples.", choices=("mcmc", "sir")
     )
-    burn: float = setting(
+    burn_in: float = setting(
         0.25, "Burn-in: moves of the chain before its first sample, relative to `particles`.", at_least=0, at_most=1000
     )
     thin: int = setting(1, "Moves per kept sample.", **TURNS)
-    overlap: float = setting(
+    overlap_penalty: float = setting(
         2.0,
         "Penalty of overlapping targets: the density of two coinciding targets is multiplied by exp(-overlap).",
         at_least=0,

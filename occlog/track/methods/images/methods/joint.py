@@ -89,7 +89,7 @@ def joint_samples(
 def run_mcmc(frame: ViewFrame, rng: Generator) -> ViewSamples:
     """Draw samples by a Markov chain that starts from a moved sample of the frame before."""
     config, n = frame.config, len(frame.rows)
-    burn = round(config.burn * config.particles)
+    burn = round(config.burn_in * config.particles)
     moves = burn + config.particles * config.thin
     # Propose: all moves at once, each from a random sample of the frame before
     changed, source = rng.integers(0, n, moves), rng.integers(0, config.particles, moves + 1)
@@ -100,7 +100,7 @@ def run_mcmc(frame: ViewFrame, rng: Generator) -> ViewSamples:
     likeness, log_likelihood = _weighed(frame, pool, owner)
     # Accept or reject: Metropolis-Hastings
     log_u = np.log1p(-rng.random(moves))
-    rows = run_chain(pool, changed, log_likelihood, log_u, config.overlap, burn, config.thin)
+    rows = run_chain(pool, changed, log_likelihood, log_u, config.overlap_penalty, burn, config.thin)
     best = np.full(n, -np.inf)
     np.maximum.at(best, owner, likeness)
     return ViewSamples(np.ascontiguousarray(pool[rows.T]), np.zeros(len(rows)), distinct_size(rows), best)
@@ -117,7 +117,9 @@ def run_sir(frame: ViewFrame, rng: Generator) -> ViewSamples:
     likeness, log_likelihood = _weighed(frame, ellipses, owner)
     particles = ellipses.reshape(n, count, 5)
     log_weights = log_likelihood.reshape(n, count).sum(axis=0)
-    log_weights -= frame.config.overlap * crowding_of_samples(np.ascontiguousarray(particles.transpose(1, 0, 2)))
+    log_weights -= frame.config.overlap_penalty * crowding_of_samples(
+        np.ascontiguousarray(particles.transpose(1, 0, 2))
+    )
     ess = np.full(n, effective_sample_size(normalise_log_weights(log_weights)[0]))
     return ViewSamples(particles, log_weights, ess, likeness.reshape(n, count).max(axis=1))
 

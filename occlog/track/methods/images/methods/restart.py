@@ -145,8 +145,8 @@ def restart_one(state: VisualState, config: BmctConfig, frames: FrameSet) -> Vis
     if not (config.restart and bad.any()):
         return state
     ratio = nearest(t)
-    wrong = bad & ((ratio < SAME_TARGET_RADII) | (t.likeness < config.restart_likeness))
-    clear = (ratio > OCCLUSION_RADII) & (t.likeness >= config.restart_likeness)
+    wrong = bad & ((ratio < SAME_TARGET_RADII) | (t.likeness < config.restart_similarity))
+    clear = (ratio > OCCLUSION_RADII) & (t.likeness >= config.restart_similarity)
     for i in np.flatnonzero(wrong).tolist():
         guides = [j for j in t.counterpart[i].tolist() if j >= 0 and clear[j] and _views_agree(t, i, j)]
         if not guides or frames.number[t.view[i]] % EVERY:
@@ -177,7 +177,7 @@ def _best_place(state: VisualState, config: BmctConfig, i: int, guide: int, fram
     # Weigh them by the colours
     bins = update_map(state, frames, v, np.array([[0, 0, view.width, view.height]]))
     found = colour_similarity(bins, tried, np.full(len(tried), i), t.colours, t.split, config.pixel_step)
-    if not len(tried) or found.max() < config.restart_likeness:
+    if not len(tried) or found.max() < config.restart_similarity:
         return None
     return np.asarray(tried[int(np.argmax(found))])
 
@@ -214,7 +214,7 @@ def _moved_to(t: ImageTrackers, i: int, position: Floats) -> ImageTrackers:
 def propose_on_lines(state: VisualState, c: CmctConfig, particles: Floats, gap: Floats, rng: Generator) -> Floats:
     """Move a share of the particles, or all after a loss, to the epipolar lines of the last estimates in other views.
 
-    A target counts as lost when the similarity of its estimate is below `search_below`, or when
+    A target counts as lost when the similarity of its estimate is below `max_similarity_to_search`, or when
     its estimate is nearer than `SAME_TARGET_RADII` to another tracker while a counterpart is bad: of two
     targets that look similar the tracker then has the wrong one.  Only counterparts that had a
     frame in the last frame period give a line.
@@ -234,7 +234,7 @@ def propose_on_lines(state: VisualState, c: CmctConfig, particles: Floats, gap: 
     expected[:, :2] += gap[:, None] * t.velocity
     many = particles.shape[1]
     bad = ((t.counterpart >= 0) & t.checked & ~t.good).any(axis=1)
-    lost = (t.likeness < c.search_below) | (bad & (nearest(t) < SAME_TARGET_RADII))
+    lost = (t.likeness < c.max_similarity_to_search) | (bad & (nearest(t) < SAME_TARGET_RADII))
     return drawn_on_lines(
         particles,
         estimate=expected,
@@ -243,9 +243,9 @@ def propose_on_lines(state: VisualState, c: CmctConfig, particles: Floats, gap: 
         counterpart=np.where((t.counterpart >= 0) & (gap <= 1.0)[t.counterpart], t.counterpart, -1),
         fundamental=state.geometry.fundamental,
         bottom=c.bottom,
-        count=np.where(lost, many, round(c.on_line * many)),
-        along=c.along_px,
-        across=c.across,
+        count=np.where(lost, many, round(c.epipolar_fraction * many)),
+        along=c.sigma_along_line_px,
+        across=c.sigma_across_line,
         normals=rng.standard_normal((*particles.shape[:2], 2)),
     )
 
@@ -253,7 +253,7 @@ def propose_on_lines(state: VisualState, c: CmctConfig, particles: Floats, gap: 
 def adapt_colours(state: VisualState, c: CmctConfig, here: Bools) -> ImageTrackers:
     """Move the colours of trackers towards those in their estimates: new = (1 - adapt) old + adapt found.
 
-    Estimates count where they are similar enough (`adapt_above`).
+    Estimates count where they are similar enough (`min_similarity_to_adapt`).
 
     Args:
         state: after the frame.
@@ -263,9 +263,9 @@ def adapt_colours(state: VisualState, c: CmctConfig, here: Bools) -> ImageTracke
     t = state.trackers
     colours = t.colours.copy()
     for v, bins in enumerate(state.bins):
-        rows = np.flatnonzero((t.view == v) & here & (t.likeness >= c.adapt_above))
+        rows = np.flatnonzero((t.view == v) & here & (t.likeness >= c.min_similarity_to_adapt))
         found = colours_in(bins, t.estimate[rows], t.split[rows], c.pixel_step)
         # Where the edge of the image or a mask hides a part, the colours of the rest represent all.
         found *= colours[rows].sum(axis=1, keepdims=True) / np.maximum(found.sum(axis=1, keepdims=True), LEAST)
-        colours[rows] = (1.0 - c.adapt) * colours[rows] + c.adapt * found
+        colours[rows] = (1.0 - c.appearance_learning_rate) * colours[rows] + c.appearance_learning_rate * found
     return t._replace(colours=colours)

@@ -97,7 +97,7 @@ def _updated(t: ImageTrackers, arrival: FrameContext, samples: TrackerParticles,
         velocity=velocity,
         path=np.concatenate([t.path[:, 1:], entry[:, None]], axis=1),
         # Count the frames in a row in which no particle has the target's colours
-        weak=np.where(samples.best < config.lost_likeness, t.weak + 1, 0),
+        weak=np.where(samples.best < config.lost_similarity, t.weak + 1, 0),
     )
 
 
@@ -114,7 +114,7 @@ def end_events(t: ImageTrackers, size: Floats, config: MipfConfig) -> Ints:
 
     A target has left when the centre is outside the image, or when it was lost while the
     ellipse reaches over the edge.  It was lost when no particle has had its colours for
-    `lost_after` frames in a row; but a tracker with a good counterpart goes on.
+    `max_lost_frames` frames in a row; but a tracker with a good counterpart goes on.
 
     Args:
         t: n trackers after the frame.
@@ -124,7 +124,7 @@ def end_events(t: ImageTrackers, size: Floats, config: MipfConfig) -> Ints:
     centre, reach = t.estimate[:, :2], t.estimate[:, 2:4].max(axis=1)[:, None]
     outside = ((centre < -0.5) | (centre > size - 0.5)).any(axis=1)
     over = ((centre < reach - 0.5) | (centre > size - 0.5 - reach)).any(axis=1)
-    lost = (t.weak >= config.lost_after) & (config.lost_after > 0) & ~t.good.any(axis=1)
+    lost = (t.weak >= config.max_lost_frames) & (config.max_lost_frames > 0) & ~t.good.any(axis=1)
     return np.where(outside | (lost & over), LEFT, np.where(lost, TERMINATED, 0))
 
 

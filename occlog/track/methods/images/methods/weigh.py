@@ -234,7 +234,7 @@ def weighing_model(state: VisualState, arrival: FrameContext, local: LocalWeight
     touch, interaction = NEVER, Interaction(alpha=1.0, sigma=1.0, iterations=0, inertia=0.0, angle=1.0, speed=1.0)
     if isinstance(c, IdmotConfig):
         touch, interaction = (
-            c.touch,
+            c.interaction_distance,
             Interaction(
                 alpha=c.alpha,
                 sigma=c.repulsion,
@@ -259,13 +259,13 @@ def weighing_model(state: VisualState, arrival: FrameContext, local: LocalWeight
     )
     if isinstance(c, BmctConfig):
         close, cameras = (
-            c.close,
+            c.collaboration_distance,
             cameras._replace(
                 helper=assisting_views(t, arrival.fresh),
                 affine=affine_maps(state, first),
                 bottom=c.bottom,
-                band=c.band,
-                clear=c.clear,
+                band=c.epipolar_band,
+                clear=c.clear_distance,
             ),
         )
     return WeighingModel(

@@ -59,7 +59,7 @@ class ViewsInput:
         self.scene: Scene | None = given if given is not None else self.recording.scene
         self.names = choose_views(self.recording, request.cameras, request.without)
         self.surveyed = tuple(
-            survey(name, self.recording.frames([name]), self._camera(name), bits=stage.bits) for name in self.names
+            survey(name, self.recording.frames([name]), self._camera(name), bits=stage.bit_depth) for name in self.names
         )
         self.views = tuple(s.view for s in self.surveyed)
         self.window_ns = step_window(s.period_ns for s in self.surveyed)
@@ -94,7 +94,7 @@ class ViewsInput:
         """Tracks in the world from tracks in the images; none without a scene."""
         if self.scene is None:
             return iter(())
-        config = GroundConfig(window_s=window_ns / 1e9, exchange_start=STARTS.get(self.request.births, 0.0))
+        config = GroundConfig(window_s=window_ns / 1e9, initial_switch_probability=STARTS.get(self.request.births, 0.0))
         return ground_tracks(tracks, self.scene, config, self._placed())
 
     def check_world(self) -> None:
@@ -107,11 +107,11 @@ class ViewsInput:
 
     def starts(self) -> tuple[tuple[Start, ...], int]:
         """Trackers to begin from the file of first ellipses, and the first identity that is free for others."""
-        if self.request.initial is None:
+        if self.request.initial_ellipses is None:
             return (), 0
         sizes = {view.name: (view.width, view.height) for view in self.views}
-        given = read_ellipses(self.request.initial, sizes, self.recording.cameras)
-        self._initial = open_if_ours(self.request.initial)
+        given = read_ellipses(self.request.initial_ellipses, sizes, self.recording.cameras)
+        self._initial = open_if_ours(self.request.initial_ellipses)
         if self._initial is None:
             self._check_frames(given)  # tables may be of a longer recording
         index_of = {name: v for v, name in enumerate(self.names)}
@@ -126,7 +126,7 @@ class ViewsInput:
             asked = [g for g in given if g.sensor == name and g.frame not in (FIRST, known.first)]
             if not asked:
                 continue
-            found = survey(name, self.recording.frames([name]), None, {g.frame for g in asked}, self.stage.bits)
+            found = survey(name, self.recording.frames([name]), None, {g.frame for g in asked}, self.stage.bit_depth)
             for each in asked:
                 if each.frame in found.missing:
                     raise InputError(
@@ -146,10 +146,10 @@ class ViewsInput:
         path = self.request.detections
         if path is not None:
             return self._given(path)
-        if self.request.initial is not None:
+        if self.request.initial_ellipses is not None:
             return None
         if self.recording.has(Boxes):
-            return RegionStream(regions_of_boxes(self.recording.tables(Boxes), self.stage.birth_confidence), False)
+            return RegionStream(regions_of_boxes(self.recording.tables(Boxes), self.stage.birth_min_confidence), False)
         regions = moving_regions(
             lambda: self.recording.frames(self.names), self.scene, self.views, threads_by_default()
         )
@@ -167,7 +167,7 @@ class ViewsInput:
         return self._of_boxes(opened.rows(Boxes))
 
     def _of_boxes(self, chunks: Iterator[Boxes]) -> RegionStream:
-        regions: Iterator[DetectorRegions] = regions_of_boxes(chunks, self.stage.birth_confidence)
+        regions: Iterator[DetectorRegions] = regions_of_boxes(chunks, self.stage.birth_min_confidence)
         return RegionStream(regions, False)
 
 
@@ -239,11 +239,11 @@ def independent_id_note(tracks: Path | None, own: str, asked: str | None) -> lis
     Args:
         tracks: the tracks.
         own: how it is found.
-        asked: value of --own; None: not given.
+        asked: value of --assigned-target; None: not given.
     """
     if not initiated_from_detections(tracks) or asked not in (None, "label"):
         return []
-    how = f"--own {own} is used" if asked is None else "FR needs --own start"
+    how = f"--assigned-target {own} is used" if asked is None else "FR needs --assigned-target start"
     return [f"{tracks}: {FROM_DETECTIONS}; {how}"]
 
 

@@ -175,9 +175,7 @@ class ViewsSummary:
     def _none(self) -> Iterator[Check]:
         """No target at all."""
         if not self.rows:
-            text = (
-                f"no target was found; give the first ellipses ({option('initial')}) or better {option('detections')}"
-            )
+            text = f"no target was found; give {option('detections')}, or {option('initial_ellipses')}"
             yield finding(NUMBER, "note", "no-target", text)
 
     def _too_many(self) -> Iterator[Check]:
@@ -287,7 +285,7 @@ def run_track_views(request: ViewsRequest, job: Job) -> tuple[dict[str, object],
     """Track and write; return the summary, and what was lost."""
     config, stage = view_settings(request)
     inputs = ViewsInput(request, stage)
-    if request.world is not None:
+    if request.ground_tracks is not None:
         inputs.check_world()
     starts, next_id = inputs.starts()
     setup = TrackingSetup(
@@ -300,12 +298,14 @@ def run_track_views(request: ViewsRequest, job: Job) -> tuple[dict[str, object],
         period_ns=tuple(s.period_ns for s in inputs.surveyed),
     )
     stream = inputs.region_stream()
-    if request.initial is None and request.detections is None:
+    if request.initial_ellipses is None and request.detections is None:
         source = "the boxes in the recording" if inputs.recording.has(Boxes) else "what moves in the images"
-        job.note(f"no {option('initial')} and no {option('detections')}: trackers begin from {source}")
+        job.note(f"no {option('initial_ellipses')} and no {option('detections')}: trackers begin from {source}")
     window = request.window_ns if request.window_ns is not None else inputs.window_ns
     frames = job.progress(inputs.recording.frames(inputs.names), "track", inputs.frames)
-    frame_sets = in_step(frames, inputs.views, window, threads_by_default(), stage.bits, inputs.background(job.quiet))
+    frame_sets = in_step(
+        frames, inputs.views, window, threads_by_default(), stage.bit_depth, inputs.background(job.quiet)
+    )
     parts = track_views(frame_sets, setup, request.seed, stream)
     parameters = {
         "method": request.method,
@@ -321,7 +321,7 @@ def run_track_views(request: ViewsRequest, job: Job) -> tuple[dict[str, object],
     summary = ViewsSummary(request.method, inputs)
     with job.tables(made, inputs.length_unit, {"world": FusedTracks}) as tables:
         passed = _written(parts, tables, summary)
-        if request.world is not None:
+        if request.ground_tracks is not None:
             for part in inputs.on_ground(passed, window):
                 tables.write(world=part.tracks)
                 summary.triangulation += part.counts
@@ -336,7 +336,7 @@ def run_track_views(request: ViewsRequest, job: Job) -> tuple[dict[str, object],
         job.note(line)
     for text in texts_of(made.judged, "track"):
         job.note(text)
-    world = {} if request.world is None else {"world": str(request.world)}
+    world = {} if request.ground_tracks is None else {"ground_tracks": str(request.ground_tracks)}
     figures = {"method": request.method, **summary.summary(), **summary_of(made.judged)}
     return {"tracks": str(request.output), **world, **figures}, losses
 
@@ -364,8 +364,8 @@ def view_settings(request: ViewsRequest) -> tuple[MipfConfig, ViewsConfig]:
     own = {name: value for name, value in request.settings.items() if name not in around}
     others = {name: value for name, value in request.settings.items() if name in around}
     config, stage = configure(CONFIGS[request.method](), own), configure(ViewsConfig(), others)
-    if stage.birth_frames == 0 and request.initial is None:
+    if stage.confirmation_frames == 0 and request.initial_ellipses is None:
         raise UsageError(
-            f"birth_frames is 0, so that no tracker begins from detections; give {option('initial')}, or 1 or more"
+            f"confirmation_frames is 0, so detections begin no tracker; give {option('initial_ellipses')}, or 1 or more"
         )
     return config, stage

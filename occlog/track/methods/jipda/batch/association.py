@@ -107,7 +107,9 @@ def assign_boxes(
     """
     people, beta, joint = seen.people, seen.beta, seen.joint
     c = state.config
-    body = np.array([c.height, c.sigma_height, c.width, c.sigma_width, c.speed])
+    body = np.array(
+        [c.person_height, c.sigma_person_height, c.person_width, c.sigma_person_width, c.sigma_initial_velocity]
+    )
     spread = np.sqrt(0.5 * (people.covariance[:, 0, 0] + people.covariance[:, 1, 1]))
     arrival = BirthIntensity(
         everywhere=NEW_TARGET_DENSITY_RATIO * BIRTH_DENSITY_PER_M2 / state.metre**2,

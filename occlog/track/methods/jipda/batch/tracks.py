@@ -108,12 +108,19 @@ def walk_of(config: JipdaConfig, span: WindowSpan, reach: int, free: bool) -> Wa
     While links are to be found (`free`), they walk on or manoeuvre.  Once they are, turns that are too slight to be
     given one by one count, too: the acceleration is the mean over both.
     """
-    often = span.turning * config.turn_s / (1.0 + span.turning * config.turn_s)
-    mean = (1.0 - often) * config.acceleration + often * config.manoeuvre
-    calm = max(config.acceleration if free else mean, MIN_PROCESS_NOISE_DENSITY * span.metre**2)
-    agile = max(config.manoeuvre, calm)
-    deviation = np.array([config.speed, config.speed, config.sigma_height, config.sigma_width])
-    height, width = config.height**2, config.width**2
+    often = span.turning * config.manoeuvre_duration_s / (1.0 + span.turning * config.manoeuvre_duration_s)
+    mean = (1.0 - often) * config.process_noise_density + often * config.manoeuvre_noise_density
+    calm = max(config.process_noise_density if free else mean, MIN_PROCESS_NOISE_DENSITY * span.metre**2)
+    agile = max(config.manoeuvre_noise_density, calm)
+    deviation = np.array(
+        [
+            config.sigma_initial_velocity,
+            config.sigma_initial_velocity,
+            config.sigma_person_height,
+            config.sigma_person_width,
+        ]
+    )
+    height, width = config.person_height**2, config.person_width**2
     return WalkModel(
         drift=np.array(
             [
@@ -124,8 +131,8 @@ def walk_of(config: JipdaConfig, span: WindowSpan, reach: int, free: bool) -> Wa
         ),
         often=np.array([0.0, span.turning, span.bending]),
         prior=np.concatenate([[0.0, 0.0], deviation**-2]),
-        mean=np.array([0.0, 0.0, 0.0, 0.0, config.height, config.width]),
-        speed=MAX_SPEED_SIGMAS * config.speed,
+        mean=np.array([0.0, 0.0, 0.0, 0.0, config.person_height, config.person_width]),
+        speed=MAX_SPEED_SIGMAS * config.sigma_initial_velocity,
         slack=LINK_SLACK_M * span.metre,
         reach=reach,
         stay=span.stay,

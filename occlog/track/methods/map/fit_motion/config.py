@@ -24,15 +24,18 @@ class FitConfig(Settings):
         choices=("cv", "damped", "full"),
         option="--form",
     )
-    disturbance: str = setting(
+    process_noise_form: str = setting(
         "white",
         "Form of the process noise covariance Sigma: white acceleration and jitter of the position, a diagonal, or "
         "free.",
         choices=("white", "diagonal", "full"),
-        option="--sigma",
+        option="--process-noise-form",
     )
-    axes: str = setting(
-        "same", "Process noise: the same for x and y, or one for each.", choices=("same", "each"), option="--axes"
+    process_noise_axes: str = setting(
+        "same",
+        "Process noise: the same for x and y, or one for each.",
+        choices=("same", "each"),
+        option="--process-noise-axes",
     )
     method: str = setting(
         "em",
@@ -40,10 +43,10 @@ class FitConfig(Settings):
         choices=("em", "differences"),
         option="--method",
     )
-    noise: str = setting(
+    measurement_noise: str = setting(
         ESTIMATED,
         "Measurement noise: standard deviation of the positions, per axis; `covariance`: that of tracks.",
-        option="--noise",
+        option="--measurement-noise",
         metavar="LENGTH|estimated|covariance",
     )
     step_s: float | None = setting(
@@ -55,27 +58,31 @@ class FitConfig(Settings):
         metavar="SECONDS",
         nothing="the median time between positions",
     )
-    gap_s: float | None = setting(
+    max_gap_s: float | None = setting(
         None,
         "Split trajectories at longer gaps between positions.",
         unit="s",
         above=0,
-        option="--gap",
+        option="--max-gap",
         metavar="SECONDS",
         nothing="5 steps",
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """Noise is a length, or where it comes from; differences take positions for exact."""
-        good = self.noise in (ESTIMATED, COVARIANCE) or self.noise_length is not None
-        yield "noise", good, f"a length of at least 0, {ESTIMATED} or {COVARIANCE}"
-        yield "noise", self.method == "em" or self.noise == ESTIMATED, f"{ESTIMATED} unless the method is em"
+        good = self.measurement_noise in (ESTIMATED, COVARIANCE) or self.noise_length is not None
+        yield "measurement_noise", good, f"a length of at least 0, {ESTIMATED} or {COVARIANCE}"
+        yield (
+            "measurement_noise",
+            self.method == "em" or self.measurement_noise == ESTIMATED,
+            f"{ESTIMATED} unless the method is em",
+        )
 
     @property
     def noise_length(self) -> float | None:
         """The standard deviation that is given, at least 0; None: none is."""
         try:
-            value = float(self.noise)
+            value = float(self.measurement_noise)
         except ValueError:
             return None
         return value if 0.0 <= value < float("inf") else None

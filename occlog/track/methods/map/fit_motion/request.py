@@ -22,7 +22,7 @@ class FitMotionRequest(Request):
 
     \b
       occlog fit-motion room.mcap -o motion.json --step 0.25
-      occlog fit-motion monday.parquet tuesday.parquet -o motion.json --form damped --noise 0.1
+      occlog fit-motion monday.parquet tuesday.parquet -o motion.json --form damped --measurement-noise 0.1
     """
 
     OWNER: ClassVar[str] = "fit-motion"

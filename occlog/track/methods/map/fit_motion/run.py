@@ -37,7 +37,7 @@ def run_fit(request: FitMotionRequest, job: Job) -> tuple[dict[str, object], tup
     where = ", ".join(str(p) for p in request.positions)
     try:
         step_s = config.step_s or median_step(paths)
-        gap_s = config.gap_s if config.gap_s is not None else GAP_STEPS * step_s
+        gap_s = config.max_gap_s if config.max_gap_s is not None else GAP_STEPS * step_s
         _check_step(paths, step_s, gap_s)
         fit = _fit(config, paths, step_s, gap_s)
     except ValueError as error:
@@ -50,10 +50,10 @@ def run_fit(request: FitMotionRequest, job: Job) -> tuple[dict[str, object], tup
         "sigma_error": fit.sigma_error.tolist(),
         "fit": figures,
     }
-    noise = config.noise if config.noise_length is None else config.noise_length
+    noise = config.measurement_noise if config.noise_length is None else config.noise_length
     if config.noise_length is not None:
         details["noise"] = noise
-    used = {"noise": noise, "step_s": step_s, "gap_s": gap_s, "targets": request.targets}
+    used = {"measurement_noise": noise, "step_s": step_s, "max_gap_s": gap_s, "targets": request.targets}
     made = job.provenance(asdict(config) | used, losses)
     write_motion(request.output, motion, details, made, overwrite=job.overwrite)
     for line in warnings(fit, config, paths):
@@ -66,7 +66,7 @@ def run_fit(request: FitMotionRequest, job: Job) -> tuple[dict[str, object], tup
 def _check_step(paths: list[MeasuredPath], step_s: float, gap_s: float) -> None:
     if gap_s < step_s:
         raise ValueError(
-            f"the longest gap, {gap_s:g} s, is shorter than the step, {step_s:g} s; give a larger {option('gap')}"
+            f"the longest gap, {gap_s:g} s, is shorter than the step, {step_s:g} s; give a larger {option('max_gap')}"
         )
     median = median_step(paths)
     if step_s * LARGEST_FILL < median:
@@ -77,7 +77,12 @@ def _check_step(paths: list[MeasuredPath], step_s: float, gap_s: float) -> None:
 
 
 def _fit(config: FitConfig, paths: list[MeasuredPath], step_s: float, gap_s: float) -> MotionFit:
-    shape = Shape(config.form, config.disturbance, alike=config.axes == "same", noise=config.noise == ESTIMATED)
+    shape = Shape(
+        config.form,
+        config.process_noise_form,
+        alike=config.process_noise_axes == "same",
+        noise=config.measurement_noise == ESTIMATED,
+    )
     if config.method == "differences":
         return fit_differences(paths, step_s, shape, longest_gap_s=gap_s)
     return fit_em(paths, step_s, shape, longest_gap_s=gap_s, noise=config.noise_length)
@@ -88,8 +93,8 @@ def _figures(fit: MotionFit, config: FitConfig) -> dict[str, object]:
     return {
         "method": config.method,
         "form": config.form,
-        "disturbance": config.disturbance,
-        "axes": config.axes,
+        "process_noise_form": config.process_noise_form,
+        "process_noise_axes": config.process_noise_axes,
         "transitions": fit.transitions,
         "measurements": fit.measurements,
         "skipped": fit.skipped,
@@ -120,7 +125,9 @@ def warnings(fit: MotionFit, config: FitConfig, paths: list[MeasuredPath]) -> li
     if radius > 1.0:
         out.append(f"the model is unstable: spectral radius {radius:.6g}; positions grow without bound")
     if not fit.converged:
-        out.append(f"not converged after {fit.iterations} iterations; simplify {option('form')} or {option('sigma')}")
+        out.append(
+            f"not converged after {fit.iterations} steps; simplify {option('form')} or {option('process_noise_form')}"
+        )
     if fit.at_limit:
         out.append(f"at its limit, so too small to be told from 0 (or too large): {', '.join(fit.at_limit)}")
     if fit.undecided:
@@ -143,9 +150,9 @@ def read_paths(request: FitMotionRequest, config: FitConfig) -> tuple[list[Measu
         check_unit(opened, unit, source, InputError)
     for opened in inputs:
         table = opened.read(Truth) if opened.has(Truth) else opened.read(Tracks)
-        if config.noise == COVARIANCE and not isinstance(table, Tracks):
+        if config.measurement_noise == COVARIANCE and not isinstance(table, Tracks):
             raise UsageError(
-                f"{opened.path}: truth has no covariance; give {option('noise')} LENGTH, or leave it to be estimated"
+                f"{opened.path}: truth has no covariance; give {option('measurement_noise')} LENGTH, or omit it"
             )
         paths += paths_of(table, request.targets)
     found = sum(len(p.t_ns) for p in paths)

@@ -61,9 +61,9 @@ class Pending(NamedTuple):
 def motion_of(config: MapConfig) -> GaussMarkov:
     """How the target moves: the fitted model if there is one, or constant velocity with noise."""
     if config.A is None or config.Sigma is None:
-        return constant_velocity(config.acceleration, config.jitter, config.step_s)
+        return constant_velocity(config.process_noise_velocity, config.process_noise_position, config.model_step_s)
     A, sigma = (np.array(m, dtype=np.float64).reshape(4, 4) for m in (config.A, config.Sigma))
-    return GaussMarkov(A, sigma, config.step_s)
+    return GaussMarkov(A, sigma, config.model_step_s)
 
 
 def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
@@ -87,8 +87,8 @@ def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
         position, sigma = np.array(config.start[:2]), config.start[2]
     mean = np.zeros(4)
     mean[::2] = position - origin
-    spread = np.diag([sigma**2, config.speed**2, sigma**2, config.speed**2])
-    at = stations(scene, origin, walls=config.walls)
+    spread = np.diag([sigma**2, config.sigma_initial_velocity**2, sigma**2, config.sigma_initial_velocity**2])
+    at = stations(scene, origin, walls=config.wall_constraints)
     return Pending(
         config=config,
         at=at,
@@ -97,7 +97,7 @@ def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
         before=StatePrior(mean, spread),
         record=EMPTY,
         X=np.empty((0, 4)),
-        sensors=pack_sensors(scene, None if config.walls else [()] * len(scene.cameras)),
+        sensors=pack_sensors(scene, None if config.wall_constraints else [()] * len(scene.cameras)),
     )
 
 
@@ -154,7 +154,7 @@ def problem_of(pending: Pending, record: TargetRecord, inlier: Bools | None = No
 
 def bend_of(config: MapConfig) -> float:
     """The parameter of the loss."""
-    return BEND[config.loss] if config.bend is None else config.bend
+    return BEND[config.loss] if config.loss_threshold is None else config.loss_threshold
 
 
 def start_of(pending: Pending, problem: TrajectoryProblem) -> tuple[Floats, Bools]:
@@ -164,7 +164,7 @@ def start_of(pending: Pending, problem: TrajectoryProblem) -> tuple[Floats, Bool
     states that were found before begin there.
     """
     config, T = pending.config, problem.T
-    depth = 0.1 * pending.extent if config.depth is None else config.depth
+    depth = 0.1 * pending.extent if config.initial_depth is None else config.initial_depth
     X = start_on_axes(problem.lines, T, _centre(pending), depth)
     known = len(pending.X)
     X[:known] = pending.X

@@ -71,7 +71,7 @@ def linear_start(problem: TrajectoryProblem, X: Floats, config: MapConfig, exten
     """The minimum of linear problems: first with all targets at one distance, then at those found."""
     distance = np.full(len(problem.lines.step), 0.3 * extent)
     for _ in range(N_LINEAR_PROBLEMS):
-        X = minimise(linear_problem(problem, distance), X, Options(ROUGH * extent, config.iterations)).X
+        X = minimise(linear_problem(problem, distance), X, Options(ROUGH * extent, config.max_iterations)).X
         away = X[problem.lines.step, ::2] - problem.lines.position
         distance = np.maximum(np.einsum("ni,ni->n", away, problem.lines.axis), 0.01 * extent)
     return X
@@ -97,13 +97,13 @@ def search_around(
         watch: called with each iterate of the whole.
         mu: weight of the barrier initially; small for a start that is near the minimum.
     """
-    options, space = Options(config.tolerance * extent, config.iterations, mu), (extent, config.clearance)
+    options, space = Options(config.tolerance * extent, config.max_iterations, mu), (extent, config.wall_clearance)
     # Another solver: quadratic programs in turn (Eqs. 7 and 10)
     if config.solver != "newton":
         by_programs = sequential_programs(problem, start, options, program_solver(config.solver), watch)
         return find_paths_around(problem, (problem, by_programs), around, options, *space)
     # A short record at once: Newton's method inside the constraints
-    if len(start) <= config.window:
+    if len(start) <= config.window_states:
         return find_paths_around(problem, (problem, minimise(problem, start, options, watch)), around, options, *space)
     # A long one first roughly in windows that move along, each around its own obstacles
     rough = options._replace(tolerance=ROUGH * extent)
@@ -117,7 +117,7 @@ def search_around(
         alone[:, first : first + len(X)] |= found.left_alone
         return found.problem, found.solution
 
-    start, iterations = minimise_windows(problem, start, config.window, search)
+    start, iterations = minimise_windows(problem, start, config.window_states, search)
     # Then as a whole, with the detours that the windows took
     settled = settle(problem, start, around, tuple(holds), options, *space) if holds else None
     if settled is None:
@@ -138,12 +138,12 @@ def roughly(problem: TrajectoryProblem, start: Floats, config: MapConfig, extent
         config: settings.
         extent: size of the position.
     """
-    options = Options(ROUGH * extent, config.iterations, MU)
+    options = Options(ROUGH * extent, config.max_iterations, MU)
 
     def search(here: TrajectoryProblem, X: Floats, first: int) -> tuple[TrajectoryProblem, Solution]:  # noqa: ARG001
         return here, minimise(here, X, options)
 
-    X, spent = minimise_windows(problem, start, config.window, search)
+    X, spent = minimise_windows(problem, start, config.window_states, search)
     return move_inside(X, problem.planes, APART * extent)[0], spent
 
 
@@ -201,7 +201,7 @@ def plain_search(
     used = ~stuck[problem.lines.step]
     if stuck.any():
         problem = without(problem, stuck)
-    if config.initial == "linear":
+    if config.initialisation == "linear":
         start = linear_start(problem, start, config, pending.extent)
     if config.loss == "mixture":
         # Far from the minimum the loss itself is flat.
@@ -268,7 +268,7 @@ def _most_probable(
         far = _from_axes(pending, whole, inlier_weights(config, pending.scales[0]))
         other = search_from(pending, record, around, watch, far, pending.scales)
         found = min(found, other, key=lambda sought: sought.score)
-    if sparse or config.loss == "square" or not config.adapt or _plausible(found, first):
+    if sparse or config.loss == "square" or not config.adapt_noise or _plausible(found, first):
         return found
     # Scale of the motion, then of the bearings: coarse steps up as long as that is more probable
     best, scales = first, pending.scales
@@ -359,7 +359,7 @@ def search_from(
         if among is not None:
             problem = problem._replace(lines=problem.lines._replace(lean=among.lean), hints=among.hints)
         lines = problem.lines
-        used = (kept | (depths(lines, X) > config.near)) & ~banned
+        used = (kept | (depths(lines, X) > config.min_depth)) & ~banned
         problem = problem._replace(lines=some_lines(_frozen(lines, kept, X), used))
         X, stuck = move_inside(X, problem.planes, (START if number == 0 else APART) * extent)
         if stuck.any():

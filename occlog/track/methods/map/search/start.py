@@ -75,7 +75,9 @@ def ransac_path(
     rays = rays_of(problem.lines, record, at)
     first = np.searchsorted(rays.step, np.arange(len(record.t_ns) + 1))
     seconds = (record.t_ns - record.t_ns[0]) / NS
-    ground = np.array([max(config.speed, config.acceleration), config.vague * extent, extent])
+    ground = np.array(
+        [max(config.sigma_initial_velocity, config.process_noise_velocity), config.max_position_sigma * extent, extent]
+    )
     return ConsensusPath(*agreed_path(rays, first, seconds, problem.steps, ground, bend))
 
 
@@ -169,7 +171,9 @@ def _begun(rows: SearchMeasurements, record: TargetRecord, pending: Pending) -> 
         if counted and (dt > FIRST_S or counted > FIRST):
             break
         residual, gradient, errors = _seen(rows, t, grid)
-        wide = 1.0 + (0.5 * cell + min(speed, pending.config.speed) * dt) ** 2 * (gradient**2).sum(axis=2)
+        wide = 1.0 + (0.5 * cell + min(speed, pending.config.sigma_initial_velocity) * dt) ** 2 * (gradient**2).sum(
+            axis=2
+        )
         cost -= log_density(residual / np.sqrt(wide), errors.widened(wide)).sum(axis=1)
         counted += residual.shape[1]
     padded = np.pad(cost.reshape(GRID, GRID), 1, constant_values=np.inf)

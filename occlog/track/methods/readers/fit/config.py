@@ -24,8 +24,8 @@ class FitReadersConfig(Settings):
         option="--window",
         metavar="SECONDS",
     )
-    height: float = setting(
-        0.0, "Height of tags above the floor.", unit="length", people=1.2, option="--height", metavar="LENGTH"
+    tag_height: float = setting(
+        0.0, "Height of tags above the floor.", unit="length", people=1.2, option="--tag-height", metavar="LENGTH"
     )
     max_gap_s: float = setting(
         2.0,

@@ -67,7 +67,7 @@ class _FitSamples:
         index_of = {r.name: k for k, r in enumerate(self.readers)}
         number = np.array([index_of[name] for name in reads.sensor[usable].tolist()], dtype=np.int64)
         at = np.array([r.position for r in self.readers])[number]
-        drop = at[:, 2] - self.config.height
+        drop = at[:, 2] - self.config.tag_height
         distance = np.sqrt(((xy[usable] - at[:, :2]) ** 2).sum(axis=1) + drop**2)
         self.reader.append(number)
         self.distance.append(distance / self.metre)
@@ -114,7 +114,7 @@ def run_fit_readers(request: FitReadersRequest, job: Job) -> tuple[dict[str, obj
             noise_db=losses.residual_db,
             shadow_db=START_SHADOW_DB,
             shadow_s=START_SHADOW_S,
-            height=config.height,
+            height=config.tag_height,
             metre=metre,
         )
         # Shadowing by maximum likelihood over windows
@@ -135,7 +135,7 @@ def run_fit_readers(request: FitReadersRequest, job: Job) -> tuple[dict[str, obj
     }
     spec = PathLossSpec(
         length_unit=scene.length_unit,  # type: ignore[arg-type]
-        height=config.height,
+        height=config.tag_height,
         exponent=model.exponent,
         noise_db=model.noise_db,
         shadow_db=model.shadow_db,
