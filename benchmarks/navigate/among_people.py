@@ -70,8 +70,8 @@ def fared(values: dict[str, object]) -> list[dict[str, float]]:
 def _free(course: Course, start: np.ndarray[Any, Any], goal: np.ndarray[Any, Any], config: NavigateConfig) -> bool:
     """Whether a robot can be at both places."""
     try:
-        course.check_place("start", start, config)
-        course.check_place("goal", goal, config)
+        course.check_position("start", start, config)
+        course.check_position("goal", goal, config)
     except InputError:
         return False
     return True

@@ -179,7 +179,7 @@ def ideal_errors(plan: PreparedPlan, runs: Sequence[Run]) -> Floats:
     keep = int(np.count_nonzero(_late(runs[0].truth)))
     found = errors_along(places, reports, plan.start, plan.motion, filter_noise_of(plan.config), plan.walked.dt, keep)
     square = square_error_in_room(
-        found.covariance.reshape(-1, 2, 2), found.place.reshape(-1, 2), plan.cells.xy, plan.cells.size
+        found.covariance.reshape(-1, 2, 2), found.position.reshape(-1, 2), plan.cells.xy, plan.cells.size
     )
     return np.asarray(square.reshape(len(runs), keep).mean(axis=1))
 
@@ -211,7 +211,7 @@ def compare(room: Room, runs: int, ideal: int = IDEAL) -> dict[str, Any]:
     """One room: what is expected, what is found, and its standard error over runs."""
     others = [simulated(room, OTHER + seed) for seed in range(ideal)]
     plan = planned(room, others)
-    expected = expected_error(plan, list(plan.told.values()))
+    expected = expected_error(plan, list(plan.information.values()))
     by_sight = ideal_errors(plan, others)
     tracked = [simulated(room, seed) for seed in range(runs)]
     found = np.array([found_error(room, run, seed) for seed, run in enumerate(tracked)])

@@ -46,7 +46,7 @@ def one(cameras: int, noise: Any, seed: int) -> dict[str, float]:
             out[f"{mode} NEES of errors"] = float(
                 miss.ravel() @ np.linalg.solve(belief.covariance, miss.ravel()) / miss.size
             )
-            out[f"{mode} corrected"] = float(state.calibration.believed)
+            out[f"{mode} corrected"] = float(state.calibration.converged)
     return out
 
 

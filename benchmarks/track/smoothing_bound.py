@@ -85,14 +85,14 @@ def run_of(case: Case, recording: Path, px: float) -> Run:
     assert folder is not None
     true = np.loadtxt(folder / "boxes_true.csv", delimiter=",", skiprows=1)
     state, looks, moments, whose = initial_state(inputs.scene, inputs.cameras, inputs.config), [], [], []
-    for group in inputs.moments:
-        looks.append([each.look for each in group])
+    for group in inputs.time_steps:
+        looks.append([each.detections for each in group])
         state, moment = step(state, looks[-1])
         moments.append(moment)
         own = []
         for each in group:
-            here = true[(true[:, 0] == each.frame) & (true[:, 1] == each.look.camera + 1)]
-            own.append(_whose(each.look.boxes, here, px, case.size))
+            here = true[(true[:, 0] == each.frame) & (true[:, 1] == each.detections.camera + 1)]
+            own.append(_whose(each.detections.boxes, here, px, case.size))
         whose.append(np.concatenate(own))
     return Run(state, looks, moments, whose)
 
@@ -127,15 +127,15 @@ def told(run: Run, case: Case) -> tuple[Outcome, list[AssociatedPeople]]:
     for _ in range(PASSES):
         found = [_found(state, packed[k], rates, frames[k], run.whose[k], states) for k in range(len(moments))]
         own: float | Floats = square
-        tracks = tracks_from(found, span, c, state.places, own, free=False, law=law)
+        tracks = tracks_from(found, span, c, state.birth_map, own, free=False, law=law)
         for _ in range(smoother.REFINEMENTS):
             own, square = smoother._scattered(tracks, span, square, state.metre)
-            tracks = tracks_from(found, span, c, state.places, own, free=False, law=law)
+            tracks = tracks_from(found, span, c, state.birth_map, own, free=False, law=law)
         walk = smoother._states(tracks, span, 0)
         mean, covariance = smoother._with_places(walk, tracks, np.asarray(own), square, 1.0)
         label = tracks.label[walk.head]
         rows = []
-        for m, k, x, P in zip(walk.moment.tolist(), label.tolist(), mean, covariance, strict=True):
+        for m, k, x, P in zip(walk.step.tolist(), label.tolist(), mean, covariance, strict=True):
             states[frames[m], k] = x
             if (frames[m], k) in place:
                 rows.append((frames[m], k, *x[:2], P[0, 0], P[0, 1], P[1, 1]))

@@ -47,7 +47,7 @@ def batch(world: worlds.SpaceWorld, angles: Floats, start: Floats) -> tuple[floa
     added = world.states - np.einsum("tij,j->ti", ways, world.states[0])
     information = np.linalg.inv(world.P0)
     for _ in range(ITERATIONS):
-        d = np.einsum("tij,j->ti", ways, at)[:, :3] + added[:, :3] - world.places[0]
+        d = np.einsum("tij,j->ti", ways, at)[:, :3] + added[:, :3] - world.positions[0]
         flat, square = np.hypot(d[:, 0], d[:, 1]), np.sum(d**2, axis=1)
         slopes = np.zeros((T, 2, 6))
         slopes[:, 0, 0], slopes[:, 0, 1] = -d[:, 1] / flat**2, d[:, 0] / flat**2

@@ -84,9 +84,9 @@ class Result:
         rows = "".join(
             f"<tr><th>{escape(k.replace('_', ' '))}</th><td>{escape(in_words(v))}</td></tr>" for k, v in shown.items()
         )
-        told = [("warning", text) for text in self.warnings] + [("lost", str(loss)) for loss in self.losses]
-        told += [("note", text) for text in self.notes]
-        lines = "".join(f"<li><b>{escape(kind)}</b>: {escape(text)}</li>" for kind, text in told)
+        notes = [("warning", text) for text in self.warnings] + [("lost", str(loss)) for loss in self.losses]
+        notes += [("note", text) for text in self.notes]
+        lines = "".join(f"<li><b>{escape(kind)}</b>: {escape(text)}</li>" for kind, text in notes)
         return f"<table>{rows}</table>" + (f"<ul>{lines}</ul>" if lines else "") + self._picture()
 
     def _figures(self) -> Mapping[str, object]:
@@ -223,14 +223,14 @@ def sentences(notes: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     )
 
 
-def warn(told: Iterable[str], losses: Iterable[Loss]) -> None:
+def warn(messages: Iterable[str], losses: Iterable[Loss]) -> None:
     """Report findings against a result by Python warnings of the caller's line, one a sentence; losses in one."""
     level = 1
     frame: FrameType | None = sys._getframe()
     while frame is not None and frame.f_code.co_filename.startswith(PACKAGE):
         level += 1
         frame = frame.f_back
-    for text in told:
+    for text in messages:
         warnings.warn(text, OcclogWarning, stacklevel=level)
     lost = [str(loss) for loss in losses]
     if lost:

@@ -153,7 +153,7 @@ def fuse_tracks(tracks: Sequence[Source | TrackResult], **settings: Setting) -> 
         raise UsageError("fuse_tracks: give the tracks of two or more groups of cameras in a list")
     first, *others = (each.tracks if isinstance(each, TrackResult) else each for each in tracks)
     arguments = {"bearings": first, "others": others, "settings": settings}
-    names = {f"others[{place - 1}]" if place else "bearings": f"tracks[{place}]" for place in range(len(tracks))}
+    names = {f"others[{index - 1}]" if index else "bearings": f"tracks[{index}]" for index in range(len(tracks))}
     found = call(Form(TrackFusionRequest), arguments, TrackResult, names)
     known = [Path(t).name if isinstance(t, str | os.PathLike) else f"tracks[{k}]" for k, t in enumerate(tracks)]
     if len(set(known)) < len(known):

@@ -159,7 +159,7 @@ def with_reader(command: click.Command, words: Sequence[str]) -> click.Command:
 def _keep(values: dict[str, object], ctx: click.Context, param: click.Parameter, value: object) -> None:  # noqa: ARG001
     """Keep the setting of a reader if it was given."""
     if value not in (None, ()) and isinstance(param, SettingOption):
-        values[param.setting] = param.told(value)
+        values[param.setting] = param.default_text(value)
 
 
 def _name_reader(chosen: Any, ctx: click.Context, param: click.Parameter, name: str | None) -> None:  # noqa: ARG001

@@ -328,8 +328,8 @@ def _bug(error: Exception) -> str:
     import traceback
 
     frames = [f for f in traceback.extract_tb(error.__traceback__) if f"{os.sep}occlog{os.sep}" in f.filename]
-    place = frames[-1] if frames else None
-    where = f" ({place.filename.rpartition(f'{os.sep}occlog{os.sep}')[2]}:{place.lineno})" if place else ""
+    frame = frames[-1] if frames else None
+    where = f" ({frame.filename.rpartition(f'{os.sep}occlog{os.sep}')[2]}:{frame.lineno})" if frame else ""
     text = " ".join(str(error).split())[:200]
     return (
         f"a bug of occlog {__version__}: {type(error).__name__}: {text}{where}; report it with this line, the command "

@@ -93,11 +93,11 @@ def _arguments(args: Sequence[str], known: Iterable[click.Parameter]) -> list[st
     takes = {name for p in known if isinstance(p, click.Option) and not p.is_flag for name in p.opts}
     found: list[str] = []
     skip = False
-    for place, arg in enumerate(args):
+    for index, arg in enumerate(args):
         if skip:
             skip = False
         elif arg == "--":
-            return [*found, *args[place + 1 :]]
+            return [*found, *args[index + 1 :]]
         elif arg.startswith("--"):
             skip = arg in takes
         elif arg.startswith("-") and arg != "-":

@@ -89,7 +89,7 @@ class SettingOption(click.Option):
             help=said.help if said.shown == "" else f"{said.help} [default: {default_words(f)}]",
         )
 
-    def told(self, value: Any) -> Any:
+    def default_text(self, value: Any) -> Any:
         """The value of the setting, of what the option gives."""
         return in_own_unit(value, self._said)
 
@@ -119,7 +119,7 @@ def _type_of(settings: type[Settings], f: Field[object]) -> click.ParamType[Any]
 
 
 def default_words(f: Field[object]) -> str:
-    """How a default is told: `1.7 m, or 3.33 in a scene-specific unit`."""
+    """Text of a default: `1.7 m, or 3.33 in a scene-specific unit`."""
     said = declaration(f)
     if said.shown is not None:
         return said.shown
@@ -127,10 +127,10 @@ def default_words(f: Field[object]) -> str:
         return said.nothing or "none"
     people, own = default_in(f, "m"), default_in(f, "")
     unit = {"length": "m"}.get(said.unit, said.unit.replace("length", "m"))
-    told = value_words(f, people)
+    text = value_words(f, people)
     if unit:
-        told += f" {unit}"
-    return told if people == own else f"{told}, or {value_words(f, own)} in a scene-specific unit"
+        text += f" {unit}"
+    return text if people == own else f"{text}, or {value_words(f, own)} in a scene-specific unit"
 
 
 def value_words(f: Field[object], value: object) -> str:
@@ -560,7 +560,7 @@ def chosen_in(ctx: click.Context, values: Mapping[str, object]) -> tuple[Chosen,
     out = []
     for plugin, options in plugins.items():
         given = [(option, values.get(str(option.name))) for option in options]
-        out.append(Chosen(plugin, {each.setting: each.told(v) for each, v in given if v not in (None, ())}))
+        out.append(Chosen(plugin, {each.setting: each.default_text(v) for each, v in given if v not in (None, ())}))
     return tuple(out)
 
 

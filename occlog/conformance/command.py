@@ -34,20 +34,20 @@ def list_plugins(as_json: bool) -> int:
     from occlog.track.catalogue import OURS
 
     ours = {METHOD: set(OURS), VIEW_TRACKER: set(OURS), EXPORTER: set(FORMATS)}
-    told = []
+    lines = []
     for plugin in installed():
         summary = plugin.summary
         if plugin.name in ours.get(plugin.kind, ()):
             summary = f"is not used: occlog has one of that name itself; {summary}"
-        told.append((plugin, summary))
+        lines.append((plugin, summary))
     if as_json:
-        rows = [{"name": p.name, "kind": p.kind, "package": p.origin, "summary": said} for p, said in told]
+        rows = [{"name": p.name, "kind": p.kind, "package": p.origin, "summary": said} for p, said in lines]
         console.echo_summary({"plugins": rows}, True)
         return ExitCode.DONE
-    if not told:
+    if not lines:
         click.echo("no plug-in is installed; see docs/how-to/plugins.md")
-    width = max((len(plugin.name) for plugin, _ in told), default=0)
-    for plugin, said in told:
+    width = max((len(plugin.name) for plugin, _ in lines), default=0)
+    for plugin, said in lines:
         click.echo(f"{plugin.name:<{width}}  {plugin.kind}, {plugin.origin}: {said}")
     return ExitCode.DONE
 
@@ -68,17 +68,17 @@ def check_plugin(name: str, sample: Path | None, as_json: bool) -> int:
     from .faults import faults_by
     from .kits import kit_of
 
-    broken, told = False, []
+    broken, reported = False, []
     for plugin in named(name):
         checks = kit_of(plugin, sample)
         faults = faults_by(checks, plugin.load())
         broken |= bool(faults)
         rows = [{"check": fault.check, "sentence": fault.sentence} for fault in faults]
-        told.append({"plugin": name, "kind": plugin.kind, "checks": len(checks), "faults": rows})
+        reported.append({"plugin": name, "kind": plugin.kind, "checks": len(checks), "faults": rows})
         if not as_json:
             for fault in faults:
                 click.echo(f"{fault.check}: {fault.sentence}")
             click.echo(f"{plugin.label}, {plugin.kind}: {len(checks)} checks, {len(faults)} faults")
     if as_json:
-        console.echo_summary(told[0] if len(told) == 1 else {"plugins": told}, True)
+        console.echo_summary(reported[0] if len(reported) == 1 else {"plugins": reported}, True)
     return ExitCode.THRESHOLD if broken else ExitCode.DONE

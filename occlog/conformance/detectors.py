@@ -23,8 +23,8 @@ def image(k: int, size: tuple[int, int] = SIZE) -> Image:
     high, wide = size
     rng = np.random.default_rng(k)
     out = rng.normal(60.0, 3.0, (high, wide, 3))
-    for place in (0.2 + 0.02 * k, 0.8 - 0.02 * k):
-        left = int(place * wide)
+    for position in (0.2 + 0.02 * k, 0.8 - 0.02 * k):
+        left = int(position * wide)
         out[int(0.3 * high) : int(0.9 * high), left : left + max(wide // 10, 1)] = (210.0, 220.0, 230.0)
     return np.clip(np.round(out), 0, 255).astype(np.uint8)
 
@@ -107,9 +107,9 @@ def check_inside(of: Any) -> None:
 def check_embeddings(of: Any) -> None:
     """Embeddings are of one length in all images."""
     found = film(of, (image(k) for k in range(4)))
-    told = {each.embeddings is None for each in found}
+    without_embeddings = {each.embeddings is None for each in found}
     lengths = {np.shape(each.embeddings)[1] for each in found if each.embeddings is not None and len(each.boxes)}
-    if len(told) > 1 or len(lengths) > 1:
+    if len(without_embeddings) > 1 or len(lengths) > 1:
         raise BrokenError(
             "embeddings have different lengths in the images of one film, or are reported in some of them"
         )

@@ -94,7 +94,7 @@ def bytes_left(steps: Iterable[object], first: int) -> float:
 
 
 FIRST: dict[str, Check] = {"interface": check_interface, "settings": check_settings}
-"""Checks after whose failure no other check is run."""
+"""Checks that end the run if they fail."""
 
 
 def manners(use: Callable[[Any], object], what: str, *, growth_bytes: int = 0) -> dict[str, Check]:

@@ -12,7 +12,7 @@ from occlog.plugins.interface import EstimatedPosition, Filter, TargetScan
 from occlog.track.plugin_filter import fault_of
 
 from .faults import FIRST, BrokenError, Check, bytes_left, manners, words
-from .samples import FEW, PLAIN, SIGMA_RAD, WALK_STEPS, SampleWalk, blind, later, nobody
+from .samples import FEW, PLAIN, SIGMA_RAD, WALK_STEPS, SampleWalk, blind, later, without_sensors
 
 SETTLED = WALK_STEPS // 2
 """From this time step on a filter has had time to find the target."""
@@ -34,7 +34,7 @@ def run(
 ) -> list[EstimatedPosition | None]:
     """Run a filter on a walk; BrokenError where it fails, or returns an impossible position."""
     own = start(of, scene, seed)
-    return [step(own, moment) for moment in walk]
+    return [step(own, scan) for scan in walk]
 
 
 def start(of: Of, scene: SampleWalk = PLAIN, seed: int = 1) -> Filter:
@@ -45,25 +45,25 @@ def start(of: Of, scene: SampleWalk = PLAIN, seed: int = 1) -> Filter:
         raise BrokenError(f"a new filter raises {words(error)}") from error
 
 
-def step(own: Filter, moment: TargetScan) -> EstimatedPosition | None:
+def step(own: Filter, scan: TargetScan) -> EstimatedPosition | None:
     """A step; BrokenError as in `run`."""
     try:
-        place = own.step(moment)
+        estimate = own.step(scan)
     except Exception as error:
         raise BrokenError(f"step raises {words(error)}") from error
-    wrong = None if place is None else fault_of(place)
+    wrong = None if estimate is None else fault_of(estimate)
     if wrong is not None:
         raise BrokenError(wrong)
-    return place
+    return estimate
 
 
-def _bytes(places: Sequence[EstimatedPosition | None]) -> list[tuple[bytes, ...] | None]:
-    return [None if p is None else tuple(np.asarray(v, dtype=np.float64).tobytes() for v in p[:2]) for p in places]
+def _bytes(estimates: Sequence[EstimatedPosition | None]) -> list[tuple[bytes, ...] | None]:
+    return [None if p is None else tuple(np.asarray(v, dtype=np.float64).tobytes() for v in p[:2]) for p in estimates]
 
 
-def _alike(of: Of, walk: SampleWalk, moments: Iterable[TargetScan], what: str) -> None:
+def _alike(of: Of, walk: SampleWalk, scans: Iterable[TargetScan], what: str) -> None:
     """BrokenError unless the filter finds in another world what it finds in the plain one."""
-    plain, other = run(of, PLAIN), run(of, moments, scene=walk)
+    plain, other = run(of, PLAIN), run(of, scans, scene=walk)
     for n, (a, b) in enumerate(zip(plain, other, strict=True)):
         if n < SETTLED:
             continue
@@ -79,8 +79,8 @@ def _alike(of: Of, walk: SampleWalk, moments: Iterable[TargetScan], what: str) -
 
 def check_shape(of: Of) -> None:
     """Positions are `EstimatedPosition`s of the right shapes."""
-    for place in _raw(of):
-        wrong = None if place is None else fault_of(place)
+    for estimate in _raw(of):
+        wrong = None if estimate is None else fault_of(estimate)
         if wrong is not None and "definite" not in wrong and "symmetric" not in wrong and "finite" not in wrong:
             raise BrokenError(wrong)
 
@@ -101,8 +101,8 @@ def check_definite(of: Of) -> None:
 
 
 def _refuse(of: Of, word: str) -> None:
-    for place in _raw(of):
-        wrong = None if place is None else fault_of(place)
+    for estimate in _raw(of):
+        wrong = None if estimate is None else fault_of(estimate)
         if wrong is not None and word in wrong:
             raise BrokenError(wrong)
 
@@ -111,18 +111,18 @@ def _raw(of: Of) -> list[EstimatedPosition | None]:
     """Run a filter on the plain walk; empty where it fails, which other checks report."""
     try:
         own = start(of)
-        return [own.step(moment) for moment in PLAIN]
+        return [own.step(scan) for scan in PLAIN]
     except Exception:
         return []
 
 
 def check_follows(of: Of) -> None:
     """A target that three sensors see is found."""
-    places = run(of, PLAIN)[SETTLED:]
-    off = [np.asarray(p.xy) - xy for p, xy in zip(places, PLAIN.truth[SETTLED:], strict=True) if p is not None]
-    if len(off) < len(places):
+    estimates = run(of, PLAIN)[SETTLED:]
+    off = [np.asarray(p.xy) - xy for p, xy in zip(estimates, PLAIN.truth[SETTLED:], strict=True) if p is not None]
+    if len(off) < len(estimates):
         raise BrokenError(
-            f"{len(places) - len(off)} of {len(places)} time steps give no position; three sensors see it"
+            f"{len(estimates) - len(off)} of {len(estimates)} time steps give no position; three sensors see it"
         )
     rms = float(np.sqrt((np.array(off) ** 2).sum(axis=1).mean()))
     if not rms <= FARTHEST_M:
@@ -131,10 +131,10 @@ def check_follows(of: Of) -> None:
 
 def check_consistent(of: Of) -> None:
     """Errors are about as large as covariances state."""
-    places = run(of, PLAIN)[SETTLED:]
+    estimates = run(of, PLAIN)[SETTLED:]
     found = [
         (np.asarray(p.xy) - xy) @ np.linalg.solve(np.asarray(p.covariance), np.asarray(p.xy) - xy)
-        for p, xy in zip(places, PLAIN.truth[SETTLED:], strict=True)
+        for p, xy in zip(estimates, PLAIN.truth[SETTLED:], strict=True)
         if p is not None
     ]
     if found and not float(np.mean(found)) <= MAX_NEES:
@@ -147,9 +147,9 @@ def check_independent(of: Of) -> None:
     """A filter does not know of other filters."""
     alone, first, second = run(of, FEW), start(of), start(of)
     both = []
-    for moment in FEW:
-        both.append(step(first, moment))
-        step(second, later(moment._replace(bearings=-moment.bearings), 0.1))
+    for scan in FEW:
+        both.append(step(first, scan))
+        step(second, later(scan._replace(bearings=-scan.bearings), 0.1))
     if _bytes(alone) != _bytes(both):
         raise BrokenError(
             "a track depends on another target's filter; keep state in the object, not in class or module"
@@ -159,10 +159,10 @@ def check_independent(of: Of) -> None:
 def check_inputs(of: Of) -> None:
     """Check that inputs are not changed."""
     own = start(of)
-    for moment in FEW:
-        copy = [np.array(v) for v in moment[2:]]
-        step(own, moment)
-        for name, was, now in zip(TargetScan._fields[2:], copy, moment[2:], strict=True):
+    for scan in FEW:
+        copy = [np.array(v) for v in scan[2:]]
+        step(own, scan)
+        for name, was, now in zip(TargetScan._fields[2:], copy, scan[2:], strict=True):
             if was.tobytes() != np.asarray(now).tobytes():
                 raise BrokenError(f"step changes {name} of the time step that it is given; copy it")
 
@@ -170,10 +170,10 @@ def check_inputs(of: Of) -> None:
 def check_results(of: Of) -> None:
     """Check that returned values do not change later."""
     own, kept = start(of), []
-    for moment in FEW:
-        place = step(own, moment)
-        if place is not None:
-            kept.append((place, np.array(place.xy), np.array(place.covariance)))
+    for scan in FEW:
+        estimate = step(own, scan)
+        if estimate is not None:
+            kept.append((estimate, np.array(estimate.xy), np.array(estimate.covariance)))
     if any((p.xy != xy).any() or (p.covariance != P).any() for p, xy, P in kept):
         raise BrokenError("a position changes after it was given back; give back copies")
 
@@ -181,51 +181,51 @@ def check_results(of: Of) -> None:
 def check_memory(of: Of) -> None:
     """Memory does not grow with the length of a walk."""
     own = start(of)
-    grown = bytes_left((step(own, moment) for moment in replace(PLAIN, moments=400)), 200)
+    grown = bytes_left((step(own, scan) for scan in replace(PLAIN, n_steps=400)), 200)
     if grown > GROWTH_BYTES:
         raise BrokenError(f"each time step leaves {grown:.0f} bytes behind (allowed: {GROWTH_BYTES}); keep no history")
 
 
 def check_empty(of: Of) -> None:
     """Time steps without any frame can come first, and in between."""
-    moments = list(FEW)
-    run(of, [nobody(moments[0]), *moments[1:6], nobody(moments[6]), *moments[7:]])
+    scans = list(FEW)
+    run(of, [without_sensors(scans[0]), *scans[1:6], without_sensors(scans[6]), *scans[7:]])
 
 
 def check_hidden(of: Of) -> None:
     """Frames without a detection, with bearings that are NaN, can come first, and in between."""
-    moments = list(FEW)
-    half = moments[7]._replace(
-        bearings=np.array([np.nan, *moments[7].bearings[1:]]), sigma=np.array([np.nan, *moments[7].sigma[1:]])
+    scans = list(FEW)
+    half = scans[7]._replace(
+        bearings=np.array([np.nan, *scans[7].bearings[1:]]), sigma=np.array([np.nan, *scans[7].sigma[1:]])
     )
-    run(of, [blind(moments[0]), *moments[1:6], blind(moments[6]), half, *moments[8:]])
+    run(of, [blind(scans[0]), *scans[1:6], blind(scans[6]), half, *scans[8:]])
 
 
 def check_gap(of: Of) -> None:
     """After an hour without a time step the filter goes on."""
-    moments = list(PLAIN)
-    run(of, [*moments[:20], *(later(m, 3600.0) for m in moments[20:])])
+    scans = list(PLAIN)
+    run(of, [*scans[:20], *(later(m, 3600.0) for m in scans[20:])])
 
 
 def check_same_time(of: Of) -> None:
     """Two time steps can have the same time."""
-    moments = list(FEW)
-    run(of, [m for moment in moments for m in (moment, moment)])
+    scans = list(FEW)
+    run(of, [m for scan in scans for m in (scan, scan)])
 
 
 def check_time_back(of: Of) -> None:
     """Time that goes back is refused by a ValueError, or does no harm."""
-    moments = list(FEW)
+    scans = list(FEW)
     own = start(of)
-    for moment in moments[:6]:
-        step(own, moment)
+    for scan in scans[:6]:
+        step(own, scan)
     try:
-        place = own.step(later(moments[6], -30.0))
+        estimate = own.step(later(scans[6], -30.0))
     except (ValueError, OcclogError):
         return
     except Exception as error:
         raise BrokenError(f"time that goes back raises {words(error)}; raise a ValueError") from error
-    wrong = None if place is None else fault_of(place)
+    wrong = None if estimate is None else fault_of(estimate)
     if wrong is not None:
         raise BrokenError(f"after a time that goes back {wrong}")
 
@@ -244,18 +244,18 @@ def check_two_sensors(of: Of) -> None:
 def check_candidates(of: Of) -> None:
     """A sensor can have several bearings at one time, also wild ones."""
 
-    def wild(moment: TargetScan) -> TargetScan:
-        more = np.array([moment.bearings[0] + 2.0])
+    def wild(scan: TargetScan) -> TargetScan:
+        more = np.array([scan.bearings[0] + 2.0])
         return TargetScan(
-            moment.t_ns,
-            (moment.sensors[0], *moment.sensors),
-            np.concatenate([moment.places[:1], moment.places]),
-            np.concatenate([(more + np.pi) % (2 * np.pi) - np.pi, moment.bearings]),
-            np.concatenate([moment.sigma[:1], moment.sigma]),
+            scan.t_ns,
+            (scan.sensors[0], *scan.sensors),
+            np.concatenate([scan.places[:1], scan.places]),
+            np.concatenate([(more + np.pi) % (2 * np.pi) - np.pi, scan.bearings]),
+            np.concatenate([scan.sigma[:1], scan.sigma]),
         )
 
-    moments = list(FEW)
-    run(of, [*moments[:6], wild(moments[6]), *moments[7:]])
+    scans = list(FEW)
+    run(of, [*scans[:6], wild(scans[6]), *scans[7:]])
 
 
 def check_sharp(of: Of) -> None:

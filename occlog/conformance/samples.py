@@ -21,14 +21,14 @@ from occlog.records.tables import Bearings, Boxes, Errors, Tracks, Truth, Views
 T = TypeVar("T", bound=ColumnTable)
 START_NS = 1_790_000_000 * NS + 123_456_000
 STEP_NS = NS // 4
-MOMENTS = 30
+N_STEPS = 30
 SCENE = Scene(arrays=(MicrophoneArray("north", np.array([0.0, 40.0, 0.0]), planar=True),))
 
 
 def _moments(start_ns: int) -> tuple[Any, Any]:
     """Times and identities of rows: two targets at each time."""
-    times = start_ns + STEP_NS * np.arange(MOMENTS, dtype=np.int64)
-    return np.repeat(times, 2), np.tile([3, 8], MOMENTS)
+    times = start_ns + STEP_NS * np.arange(N_STEPS, dtype=np.int64)
+    return np.repeat(times, 2), np.tile([3, 8], N_STEPS)
 
 
 def _places(target: Any, seconds: Any) -> Any:
@@ -76,9 +76,9 @@ def tracks(start_ns: int = START_NS, *, scale: float = 1.0, shift: tuple[float, 
 
 def errors(found: Tracks, true: Truth) -> Errors:
     """Estimate minus truth, paired by identity."""
-    place = {(t, k): n for n, (t, k) in enumerate(zip(true.t_ns.tolist(), true.target_id.tolist(), strict=True))}
+    index_of = {(t, k): n for n, (t, k) in enumerate(zip(true.t_ns.tolist(), true.target_id.tolist(), strict=True))}
     pairs = zip(found.t_ns.tolist(), found.target_id.tolist(), strict=True)
-    row = np.array([place[pair] for pair in pairs], dtype=np.int64)
+    row = np.array([index_of[pair] for pair in pairs], dtype=np.int64)
     off = np.column_stack([found.x - true.x[row], found.y - true.y[row]])
     return _rows(
         Errors,
@@ -114,10 +114,10 @@ def _bearings() -> Bearings:
 
 def _image_rows(table: type[T], **values: Any) -> T:
     t_ns, target = _moments(START_NS)
-    number = np.tile([0, 1], MOMENTS)
+    number = np.tile([0, 1], N_STEPS)
     return _rows(
-        table, t_ns=t_ns, sensor=np.full(len(t_ns), "cam1"), frame=np.repeat(np.arange(MOMENTS), 2), target_id=target,
-        **{name: value(number, np.repeat(np.arange(MOMENTS), 2)) for name, value in values.items()},
+        table, t_ns=t_ns, sensor=np.full(len(t_ns), "cam1"), frame=np.repeat(np.arange(N_STEPS), 2), target_id=target,
+        **{name: value(number, np.repeat(np.arange(N_STEPS), 2)) for name, value in values.items()},
     )  # fmt: skip
 
 
@@ -223,7 +223,7 @@ class SampleWalk:
     """A walk, seen by sensors; as it is, all of them see the target at all times.
 
     Attributes:
-        moments: how many.
+        n_steps: how many.
         start_ns: time of the first.
         sensors: positions in `NAMES` of the sensors that observe, in the order of rows.
         turn: the world is turned by this angle about its origin [rad].
@@ -231,7 +231,7 @@ class SampleWalk:
         scale: and its unit of length is 1/scale metres.
     """
 
-    moments: int = WALK_STEPS
+    n_steps: int = WALK_STEPS
     start_ns: int = WALK_START_NS
     sensors: tuple[int, ...] = (0, 1, 2)
     turn: float = 0.0
@@ -246,48 +246,48 @@ class SampleWalk:
     @property
     def truth(self) -> Floats:
         """(time steps, 2) true positions."""
-        t = np.arange(self.moments) * (WALK_STEP_NS / NS)
+        t = np.arange(self.n_steps) * (WALK_STEP_NS / NS)
         return self.at(np.column_stack([-10.0 + 0.5 * t, 5.0 + 2.0 * np.sin(0.3 * t)]))
 
     @property
     def scene(self) -> Scene:
         """The sensors."""
-        places = self.at(PLACES)
-        arrays = (MicrophoneArray(n, np.array([*xy, 0.0]), planar=True) for n, xy in zip(NAMES, places, strict=True))
+        positions = self.at(PLACES)
+        arrays = (MicrophoneArray(n, np.array([*xy, 0.0]), planar=True) for n, xy in zip(NAMES, positions, strict=True))
         return Scene(arrays=tuple(arrays), length_unit="m" if self.scale == 1.0 else "cm")
 
     def __iter__(self) -> Iterator[TargetScan]:
         """The time steps, made one after the other; errors of a sensor are the same whichever others observe."""
         noise = np.random.default_rng(5)
-        places, own = self.at(PLACES), list(self.sensors)
+        positions, own = self.at(PLACES), list(self.sensors)
         for n, xy in enumerate(self.truth):
-            away = xy - places[own]
+            away = xy - positions[own]
             error = noise.normal(0.0, SIGMA_RAD, len(NAMES))[own]
             bearing = np.arctan2(away[:, 1], away[:, 0]) + error
             yield TargetScan(
                 t_ns=self.start_ns + n * WALK_STEP_NS,
                 sensors=tuple(NAMES[k] for k in own),
-                places=places[own].copy(),
+                places=positions[own].copy(),
                 bearings=(bearing + np.pi) % (2 * np.pi) - np.pi,
                 sigma=np.full(len(own), SIGMA_RAD),
             )
 
 
 PLAIN = SampleWalk()
-FEW = replace(PLAIN, moments=12)
+FEW = replace(PLAIN, n_steps=12)
 
 
-def blind(moment: TargetScan) -> TargetScan:
+def blind(scan: TargetScan) -> TargetScan:
     """The time step in which all sensors have a frame and none detects the target."""
-    unknown = np.full(len(moment.bearings), np.nan)
-    return moment._replace(bearings=unknown, sigma=unknown.copy())
+    unknown = np.full(len(scan.bearings), np.nan)
+    return scan._replace(bearings=unknown, sigma=unknown.copy())
 
 
-def nobody(moment: TargetScan) -> TargetScan:
+def without_sensors(scan: TargetScan) -> TargetScan:
     """The time step without any frame."""
-    return moment._replace(sensors=(), places=np.zeros((0, 2)), bearings=np.zeros(0), sigma=np.zeros(0))
+    return scan._replace(sensors=(), places=np.zeros((0, 2)), bearings=np.zeros(0), sigma=np.zeros(0))
 
 
-def later(moment: TargetScan, seconds: float) -> TargetScan:
+def later(scan: TargetScan, seconds: float) -> TargetScan:
     """The time step at another time."""
-    return moment._replace(t_ns=moment.t_ns + round(seconds * NS))
+    return scan._replace(t_ns=scan.t_ns + round(seconds * NS))

@@ -188,9 +188,9 @@ def check_memory(of: Any) -> None:
 
 def check_empty(of: Any) -> None:
     """Frames without a box can come first, and in between."""
-    nobody = np.zeros((0, 4))
+    no_boxes = np.zeros((0, 4))
     gone = (0, 1, 8, 9)
-    run(of, [frame(k, nobody if k in gone else None) for k in range(15)], "frames without a box: step")
+    run(of, [frame(k, no_boxes if k in gone else None) for k in range(15)], "frames without a box: step")
 
 
 def check_crowd(of: Any) -> None:

@@ -15,7 +15,7 @@ lines of sight of one time step meet near one position if their angles mean what
 others, pi / 2 - b, lines of stations in general positions do not meet, or behind the stations.  Both are tried, and a
 warning is given where the others fit much better; nothing is changed.
 
-Bearings whose stated noise is smaller than any sensor's: many filters can make no use of them.
+Bearings with a stated noise below any sensor's: many filters can make no use of them.
 
 Bearings at the estimates: residuals with the variance they should have, and candidates that no track explains.
 
@@ -119,14 +119,14 @@ class AngleConventionCheck:
 
     def __init__(self, scene: Scene) -> None:
         """Nothing was seen yet."""
-        self._places = {a.name: np.asarray(a.position[:2], dtype=np.float64) for a in scene.arrays}
+        self._positions = {a.name: np.asarray(a.position[:2], dtype=np.float64) for a in scene.arrays}
         self._misfits: list[tuple[float, float]] = []
 
     def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
         """The same chunks."""
         for chunk in chunks:
-            if len(self._places) > 1 and len(self._misfits) < MAX_STEPS:
-                self._look(chunk)
+            if len(self._positions) > 1 and len(self._misfits) < MAX_STEPS:
+                self._check_chunk(chunk)
             yield chunk
 
     def checks(self) -> tuple[Check, ...]:
@@ -150,8 +150,8 @@ class AngleConventionCheck:
             ),
         )
 
-    def _look(self, chunk: Bearings) -> None:
-        use = chunk.seen & np.isfinite(chunk.bearing) & np.isin(chunk.sensor, list(self._places))
+    def _check_chunk(self, chunk: Bearings) -> None:
+        use = chunk.seen & np.isfinite(chunk.bearing) & np.isin(chunk.sensor, list(self._positions))
         own = chunk.take(use)
         order = np.lexsort((own.target_id, own.t_ns))
         t_ns, target = own.t_ns[order], own.target_id[order]
@@ -159,21 +159,21 @@ class AngleConventionCheck:
         for rows in np.split(order, cuts):
             names = own.sensor[rows].tolist()
             if len(names) > 1 and len(set(names)) == len(names) and len(self._misfits) < MAX_STEPS:
-                places = np.array([self._places[name] for name in names])
+                positions = np.array([self._positions[name] for name in names])
                 bearings = own.bearing[rows]
-                self._misfits.append((misfit(places, bearings), misfit(places, 0.5 * np.pi - bearings)))
+                self._misfits.append((misfit(positions, bearings), misfit(positions, 0.5 * np.pi - bearings)))
 
 
-def misfit(places: Floats, bearings: Floats) -> float:
+def misfit(positions: Floats, bearings: Floats) -> float:
     """Mean square angle [rad^2] between n lines and the position nearest to them, each at most `MAX_LINE_MISFIT_RAD2`.
 
     Args:
-        places: (n, 2) where the lines begin, n >= 2.
+        positions: (n, 2) where the lines begin, n >= 2.
         bearings: (n,) [rad].
     """
     across = np.column_stack([-np.sin(bearings), np.cos(bearings)])
-    normal, right = across.T @ across, across.T @ np.sum(across * places, axis=1)
-    away = np.linalg.pinv(normal) @ right - places
+    normal, right = across.T @ across, across.T @ np.sum(across * positions, axis=1)
+    away = np.linalg.pinv(normal) @ right - positions
     off = (bearings - np.arctan2(away[:, 1], away[:, 0]) + np.pi) % (2.0 * np.pi) - np.pi
     return float(np.minimum(off**2, MAX_LINE_MISFIT_RAD2).mean())
 
@@ -271,9 +271,9 @@ def bearing_residuals(
         variance = np.where(pixels & before, px / (f * (1.0 + (h / d) ** 2)) ** 2, variance)
     variance = np.maximum(variance, 1e-24)
     g = np.column_stack([-away[:, 1], away[:, 0]]) / r2[:, None]
-    told = np.einsum("ni,nij,nj->n", g, covariance, g) / variance
+    expected = np.einsum("ni,nij,nj->n", g, covariance, g) / variance
     off = wrap_angle(rows.bearing - np.arctan2(away[:, 1], away[:, 0]))
-    return ResidualAngles(off / np.sqrt(variance), np.maximum(told, 0.0))
+    return ResidualAngles(off / np.sqrt(variance), np.maximum(expected, 0.0))
 
 
 class BearingConsistency:
@@ -301,7 +301,7 @@ class BearingConsistency:
         Args:
             tracks: estimates in the order of time.
             bearings: in the order of time; those without an estimate at their time are omitted, and those at an
-                estimate whose covariance is not known: nothing says how large their residuals should be.
+                estimate without a known covariance: the expected size of their residuals is unknown.
             diagnostics: of the same estimates, say which sensors were used; None: all.
         """
         seen = bearings.take(bearings.seen)
@@ -321,11 +321,11 @@ class BearingConsistency:
                 rows = found & (labelled | (free & ~np.isin(own.t_ns, own.t_ns[labelled])))
                 met |= found & free
                 n, i = np.flatnonzero(rows), at[rows]
-                told = bearing_residuals(own.take(n), sensor, path.xy[i], path.covariance[i])
-                far = np.abs(told.residual) / np.sqrt(1.0 + told.spread)
+                residuals = bearing_residuals(own.take(n), sensor, path.xy[i], path.covariance[i])
+                far = np.abs(residuals.residual) / np.sqrt(1.0 + residuals.spread)
                 near[n] |= far <= GATE_SIGMAS
                 keep = labelled[n] | _nearest(i, np.where(labelled[n], np.inf, far))
-                parts.append(_table(path, name, i[keep], told, far, keep))
+                parts.append(_table(path, name, i[keep], residuals, far, keep))
             if met.any():
                 frames.append(self._left(name, own.take(met), near[met]))
         return Residuals.merge(parts), tuple(frames)
@@ -371,7 +371,7 @@ class EstimatedTrajectory(NamedTuple):
     def at(self, t_ns: Ints, window_ns: int, sensor: str) -> tuple[Ints, Bools]:
         """(N,) the estimate for each time, the next one not later than the window, and where it used the sensor.
 
-        One whose covariance is not known is none.
+        One without a known covariance is none.
         """
         n = np.searchsorted(self.t_ns, t_ns)
         i = np.minimum(n, len(self.t_ns) - 1)
@@ -396,14 +396,16 @@ def _nearest(estimate: Ints, far: Floats) -> Bools:
     return np.asarray(out & (far <= GATE_SIGMAS))
 
 
-def _table(path: EstimatedTrajectory, name: str, i: Ints, told: ResidualAngles, far: Floats, keep: Bools) -> Residuals:
+def _table(
+    path: EstimatedTrajectory, name: str, i: Ints, residuals: ResidualAngles, far: Floats, keep: Bools
+) -> Residuals:
     """Rows of the bearings that count."""
     return Residuals.of(
         t_ns=path.t_ns[i],
         target_id=np.full(len(i), path.target, dtype=np.int32),
         sensor=np.full(len(i), name),
-        residual=told.residual[keep],
-        expected=np.maximum(1.0 - told.spread[keep], 0.0),
+        residual=residuals.residual[keep],
+        expected=np.maximum(1.0 - residuals.spread[keep], 0.0),
         believed=(far[keep] <= GATE_SIGMAS).astype(np.float64),
     )
 
@@ -451,20 +453,20 @@ class SensorConsistency:
 
     Attributes:
         bearings: how many were used.
-        believed: how many of them are more probably true than false.
+        inliers: how many of them are more probably true than false.
         means: squared residuals of those that an estimate does not just go through.
         pose: what is expected of squares that errors of the sensor's pose make, which stay the same.
     """
 
     bearings: int = 0
-    believed: int = 0
+    inliers: int = 0
     means: BatchMeans = field(default_factory=BatchMeans)
     pose: float = 0.0
 
     @property
     def doubted(self) -> float:
         """Share of bearings that are rejected; NaN without any."""
-        return 1.0 - ratio_or_nan(self.believed, self.bearings)
+        return 1.0 - ratio_or_nan(self.inliers, self.bearings)
 
     @property
     def nis(self) -> Ratio:
@@ -497,10 +499,10 @@ class ResidualStatistics:
             own = part.take(part.sensor == name)
             found = self.sensors.setdefault(name, SensorConsistency())
             found.bearings += len(own)
-            found.believed += int(np.count_nonzero(own.inlier_probability >= 0.5))
-            told = own.take(own.expected_variance >= MIN_RESIDUAL_VARIANCE)
-            expected = told.inlier_probability * told.expected_variance
-            found.means.add(told.inlier_probability * told.residual**2, expected)
+            found.inliers += int(np.count_nonzero(own.inlier_probability >= 0.5))
+            informative = own.take(own.expected_variance >= MIN_RESIDUAL_VARIANCE)
+            expected = informative.inlier_probability * informative.expected_variance
+            found.means.add(informative.inlier_probability * informative.residual**2, expected)
             found.pose += (poses or {}).get(name, 0.0) * float(expected.sum())
 
     def moves(self, target: int, factor: float) -> None:
@@ -515,17 +517,17 @@ class ResidualStatistics:
     @property
     def doubted(self) -> float:
         """Share of bearings that are rejected; NaN without any."""
-        return 1.0 - ratio_or_nan(sum(a.believed for a in self.sensors.values()), self.bearings)
+        return 1.0 - ratio_or_nan(sum(a.inliers for a in self.sensors.values()), self.bearings)
 
     @property
     def nis(self) -> Ratio:
         """Normalised squared residual of all bearings; sensors are independent of one another."""
-        told = [a for a in self.sensors.values() if a.means.expected > 0.0]
-        expected = math.fsum(a.means.expected for a in told)
-        if not told:
+        informative = [a for a in self.sensors.values() if a.means.expected > 0.0]
+        expected = math.fsum(a.means.expected for a in informative)
+        if not informative:
             return Ratio(math.nan, math.inf)
-        value = math.fsum(a.means.squares for a in told) / expected
-        return Ratio(value, math.sqrt(math.fsum((a.nis.error * a.means.expected) ** 2 for a in told)) / expected)
+        value = math.fsum(a.means.squares for a in informative) / expected
+        return Ratio(value, math.sqrt(math.fsum((a.nis.error * a.means.expected) ** 2 for a in informative)) / expected)
 
     def figures(self) -> dict[str, float | int]:
         """Figures for a summary; none if no bearing was judged."""
@@ -534,7 +536,7 @@ class ResidualStatistics:
         whole = self.nis
         return {
             "bearings": self.bearings,
-            "bearings_not_believed": self.bearings - sum(a.believed for a in self.sensors.values()),
+            "bearings_not_believed": self.bearings - sum(a.inliers for a in self.sensors.values()),
             **({"nis": whole.value, "nis_error": whole.error} if math.isfinite(whole.value) else {}),
         }
 

@@ -8,7 +8,7 @@ Its clock, pose or labels are wrong, or the track follows the others, which may 
 
 Effective numbers of particles over a run, in bounded memory.
 
-Where bearings alone say that a target is, against what the scene says: walls in between, and the border of the room.
+Positions from bearings alone against the scene: walls in between, and the border of the room.
 
 A filter that knows walls draws its estimate to where no wall contradicts what was seen, and one that knows the room
 keeps it inside.  Wrong walls thus leave residuals that are small, and errors that are not.  The position at which the
@@ -92,14 +92,14 @@ def outside_view(xy: Floats, covariance: Floats, origin: Floats, yaw: float, fov
     across = np.column_stack([-e[:, 1], e[:, 0]])
     sigma_r, sigma_across = (np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", u, covariance, u), 0.0)) for u in (e, across))
     off = np.abs(wrap_angle(np.arctan2(away[:, 1], away[:, 0]) - yaw)) - 0.5 * fov
-    beside = (fov < 2.0 * np.pi) & (off > VIEW_SIGMAS * np.arctan2(sigma_across, r))
+    at_edge = (fov < 2.0 * np.pi) & (off > VIEW_SIGMAS * np.arctan2(sigma_across, r))
     # Within its own uncertainty an estimate is at the sensor, in any direction
-    beside &= r > VIEW_SIGMAS * sigma_r
-    return np.asarray(beside | (r - reach > VIEW_SIGMAS * sigma_r))
+    at_edge &= r > VIEW_SIGMAS * sigma_r
+    return np.asarray(at_edge | (r - reach > VIEW_SIGMAS * sigma_r))
 
 
 def without_distance(xy: Floats, covariance: Floats, origin: Floats, far: float) -> Floats:
-    """(2, 2) covariance of an estimate whose distance from a sensor is not known.
+    """(2, 2) covariance of an estimate at an unknown distance from a sensor.
 
     Along the line of sight it is the second moment of the prior, which is even from the sensor to its far limit,
     about the estimate: one sensor's bearings hardly say more, and a filter that believes them too much is sure of a
@@ -149,7 +149,7 @@ class QualityFlags:
         self._views: ViewPrior | None = scene.views
         self._row = {name: i for i, name in enumerate(sensor_names(scene))}
         self._sensors: tuple[Camera | MicrophoneArray, ...] = (*scene.cameras, *scene.arrays)
-        self._place = {s.name: (float(s.position[0]), float(s.position[1])) for s in self._sensors}
+        self._position = {s.name: (float(s.position[0]), float(s.position[1])) for s in self._sensors}
         self._seen: dict[int, DetectionHistory] = {}
 
     def judged(self, tracks: Tracks, diagnostics: Diagnostics) -> tuple[Tracks, Diagnostics]:
@@ -190,7 +190,7 @@ class QualityFlags:
         return np.asarray((cannot > 0) & (2 * cannot >= saw))
 
     def _widened(self, tracks: Tracks, xy: Floats, covariance: Floats, lone: dict[int, str]) -> tuple[Tracks, Floats]:
-        """The tracks, and (N, 2, 2) their covariances, with those rows widened whose distance was never known.
+        """The tracks, and (N, 2, 2) their covariances, with the rows widened that never had a known distance.
 
         In a room the walls say how far the target can be, and the filter's own covariance stays.
         """
@@ -219,14 +219,14 @@ class QualityFlags:
                 seen = DetectionHistory(t_ns, {}, t_ns if self._started and seen is None else None)
             last = seen.last_ns | dict.fromkeys(names, t_ns)
             # Two sensors at one position determine the distance no better than one of them
-            here = {self._place[s] for s, at in last.items() if t_ns - at <= TOGETHER_S * NS}
+            here = {self._position[s] for s, at in last.items() if t_ns - at <= TOGETHER_S * NS}
             seen = seen._replace(last_ns={}, together_ns=t_ns) if len(here) > 1 else seen._replace(last_ns=last)
             self._seen[target] = seen
             if seen.together_ns is None:
                 late = t_ns - seen.begun_ns > TOGETHER_S * NS
             else:
                 late = t_ns - seen.together_ns > SINGLE_SENSOR_S * NS
-            alone[n] = late and len({self._place[s] for s in seen.last_ns}) == 1
+            alone[n] = late and len({self._position[s] for s in seen.last_ns}) == 1
             if alone[n] and seen.together_ns is None:
                 lone[n] = next(iter(seen.last_ns))
         return alone, lone
@@ -272,9 +272,9 @@ def _against(t_ns: Ints, residuals: Residuals) -> Bools:
     out = np.zeros(len(t_ns), dtype=np.bool_)
     for name in np.unique(residuals.sensor).tolist():
         own = residuals.take(residuals.sensor == name)
-        not_believed = np.concatenate([[0], np.cumsum(own.inlier_probability < 0.5)])
+        rejected = np.concatenate([[0], np.cumsum(own.inlier_probability < 0.5)])
         first, end = (np.searchsorted(own.t_ns, t, side="right") for t in (t_ns - WINDOW_NS, t_ns))
-        many = not_believed[end] - not_believed[first]
+        many = rejected[end] - rejected[first]
         out |= (many >= MIN_REJECTED_BEARINGS) & (many >= MIN_REJECTED_SHARE * (end - first))
     return out
 
@@ -333,7 +333,7 @@ MAX_ELLIPSE_TO_RANGE = 0.5
 CONVERGENCE_SIGMAS = 0.1
 """Convergence threshold of the last step of the search, in standard deviations."""
 MIN_SHARE = 1e-9
-"""A residual whose variance is all the bearing's does not say what that is; see `_bearings`."""
+"""A residual with no variance but the bearing's does not determine it; see `_bearings`."""
 
 
 class BearingIntersection(NamedTuple):
@@ -346,7 +346,7 @@ class BearingIntersection(NamedTuple):
 
 @dataclass
 class PositionConsistency:
-    """Counts rows whose bearings meet where the scene says that the target cannot be.
+    """Counts rows with bearings that meet where, by the scene, the target cannot be.
 
     Attributes:
         rows: rows with bearings of two sensors or more that meet.
@@ -396,8 +396,8 @@ def triangulate_rows(tracks: Tracks, used: Residuals, row: Ints, origin: Floats)
     bearing, sigma = _bearings(start[row], covariances(tracks)[row], origin, used)
     count, xy = len(tracks), start.copy()
     information = np.zeros((count, 2, 2))
-    told = sigma <= MAX_SIGMA_RAD
-    row, origin, bearing, sigma = row[told], origin[told], bearing[told], sigma[told]
+    usable = sigma <= MAX_SIGMA_RAD
+    row, origin, bearing, sigma = row[usable], origin[usable], bearing[usable], sigma[usable]
     good = np.zeros(count, dtype=np.bool_)
     step = np.zeros((count, 2))
     for _ in range(STEPS):
@@ -428,16 +428,16 @@ def triangulate_rows(tracks: Tracks, used: Residuals, row: Ints, origin: Floats)
 def _bearings(xy: Floats, covariance: Floats, origin: Floats, used: Residuals) -> tuple[Floats, Floats]:
     """Bearings (N,) and their standard deviations (N,) from what residuals are in units of these.
 
-    The variance that is expected of a residual is 1 - g'Pg / sigma^2; where it says nothing of sigma (no uncertainty
+    The variance that is expected of a residual is 1 - g'Pg / sigma^2; where it does not depend on sigma (no uncertainty
     of the estimate, or more than the bearing's), the standard deviation is NaN.
     """
     away = xy - origin
     r2 = np.maximum(np.sum(away**2, axis=1), 1e-24)
     g = np.column_stack([-away[:, 1], away[:, 0]]) / r2[:, None]
     share = 1.0 - used.expected_variance
-    told = (share > MIN_SHARE) & (used.expected_variance > 0.0)
+    usable = (share > MIN_SHARE) & (used.expected_variance > 0.0)
     square = np.einsum("ni,nij,nj->n", g, covariance, g)
-    sigma = np.sqrt(np.divide(square, share, out=np.full(len(used), np.nan), where=told))
+    sigma = np.sqrt(np.divide(square, share, out=np.full(len(used), np.nan), where=usable))
     return np.arctan2(away[:, 1], away[:, 0]) + used.residual * sigma, sigma
 
 

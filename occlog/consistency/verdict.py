@@ -110,8 +110,8 @@ class ConsistencyEvidence:
         agreements: residuals of the bearings.
         alone: bearings that no other sensor can confirm.
         crowd: candidates that are left.
-        places: where the bearings of a time step meet.
-        distances: residuals are also of measurements that are no directions, so that nothing is said of `places`.
+        positions: where the bearings of a time step meet.
+        distances: residuals are also of measurements that are no directions, so that nothing is said of `positions`.
         diagnosed: there are diagnostics.
     """
 
@@ -127,7 +127,7 @@ class ConsistencyEvidence:
     agreements: ResidualStatistics = field(default_factory=ResidualStatistics)
     alone: UnconfirmedBearings = field(default_factory=UnconfirmedBearings)
     crowd: UnassociatedCandidates = field(default_factory=UnassociatedCandidates)
-    places: PositionConsistency = field(default_factory=PositionConsistency)
+    positions: PositionConsistency = field(default_factory=PositionConsistency)
     distances: bool = False
     diagnosed: bool = False
 
@@ -154,7 +154,7 @@ class ConsistencyEvidence:
         self.alone.add(compared.residuals)
         self.crowd.add(compared.frames)
         if not self.distances:
-            self.places.add(tracks, compared.residuals, scene)
+            self.positions.add(tracks, compared.residuals, scene)
 
     def figures(self) -> dict[str, object]:
         """Figures of a summary."""
@@ -162,8 +162,8 @@ class ConsistencyEvidence:
         if self.particles.rows:
             found["median_effective_particles"] = self.particles.median
             found["share_depleted"] = self.particles.few / self.particles.rows
-        told = self.agreements.figures()
-        found |= {name.replace("bearings", self.what): value for name, value in told.items()}
+        metrics = self.agreements.figures()
+        found |= {name.replace("bearings", self.what): value for name, value in metrics.items()}
         if self.crowd.frames:
             found["candidates_unexplained_per_frame"] = self.crowd.unexplained
         return found
@@ -202,7 +202,7 @@ class ConsistencyEvidence:
                 SELECTED, self._blind(), unless=undiagnosed or ("" if self.selected else "no cameras were selected")
             ),
             *outcome(FLAGGED, self._rows(), unless=undiagnosed, rows=self.rows),
-            *outcome(REJECTED_MEASUREMENTS, self._not_believed(), unless=unseen, bearings=seen),
+            *outcome(REJECTED_MEASUREMENTS, self._rejected(), unless=unseen, bearings=seen),
             *outcome(CONFIRMED, self._unconfirmed(), unless=few if self.alone.bearings < MIN_SAMPLES else ""),
             *outcome(
                 NIS,
@@ -213,12 +213,15 @@ class ConsistencyEvidence:
             ),
             *outcome(MOTION, self._motion(), unless="" if self.agreements.noise else "the method does not estimate it"),
             *outcome(
-                ROOM, self._outside(), unless=few if self.places.rows < MIN_SAMPLES else "", outside=self.places.outside
+                ROOM,
+                self._outside(),
+                unless=few if self.positions.rows < MIN_SAMPLES else "",
+                outside=self.positions.outside,
             ),
             *outcome(
                 WALLS,
                 self._through_walls(),
-                unless="" if any(saw >= MIN_SAMPLES for saw, _ in self.places.hidden.values()) else few,
+                unless="" if any(saw >= MIN_SAMPLES for saw, _ in self.positions.hidden.values()) else few,
             ),
             *outcome(
                 UNASSOCIATED_CANDIDATES,
@@ -235,7 +238,7 @@ class ConsistencyEvidence:
             MAX_DEPLETED_SHARE_SMOOTHED if smoothed else MAX_DEPLETED_SHARE,
         )
         if exceeds_share(few, rows, most):
-            whose = (
+            names = (
                 "their covariances and those of smoothed rows before them are" if smoothed else "their covariances are"
             )
             yield finding(
@@ -244,7 +247,7 @@ class ConsistencyEvidence:
                 "depleted",
                 f"{few / rows:.0%} of the rows rest on fewer than {MIN_EFFECTIVE_SAMPLE_SIZE:.0f} effective "
                 "particles (median "
-                f"{self.particles.median:.0f}; allowed in {most:.0%} of the rows): {whose} too "
+                f"{self.particles.median:.0f}; allowed in {most:.0%} of the rows): {names} too "
                 "small; use more particles, or check the noise that is stated, which may be too small",
                 share=few / rows,
                 allowed=most,
@@ -269,14 +272,14 @@ class ConsistencyEvidence:
         """Rows so far apart that nothing is filtered."""
         gaps = self.fallbacks["gap"]
         if self.span_ns is not None and gaps >= MIN_GAPS and gaps >= MAX_GAP_SHARE * self.rows:
-            apart = (self.span_ns[1] - self.span_ns[0]) / NS * len(self.targets) / self.rows
+            interval = (self.span_ns[1] - self.span_ns[0]) / NS * len(self.targets) / self.rows
             yield finding(
                 TIME_GAPS,
                 "warning",
                 "gaps",
                 f"{gaps} of {self.rows} rows come after a gap, and the filter restarts there: the rows of a target "
-                f"are {apart:.3g} s apart on average, so that nothing is filtered; take each time step alone (fix), or "
-                "allow longer gaps (max_gap_s) with a motion that holds for so long; if times are in "
+                f"are {interval:.3g} s apart on average, so that nothing is filtered; take each time step alone (fix), "
+                "or allow longer gaps (max_gap_s) with a motion that holds for so long; if times are in "
                 "another unit, state it by --input-units ms",
                 share=gaps / self.rows,
                 allowed=MAX_GAP_SHARE,
@@ -331,11 +334,11 @@ class ConsistencyEvidence:
                     rare = found[code] / self.rows
                     yield finding(FLAGGED, "note", code, f"{said}: {code}: {text}", share=rare, allowed=least)
 
-    def _not_believed(self) -> Iterator[Check]:
-        """Sensors whose bearings are rejected."""
+    def _rejected(self) -> Iterator[Check]:
+        """Sensors with rejected bearings."""
         for name, own in sorted(self.agreements.sensors.items()):
             if own.bearings >= MIN_SAMPLES and exceeds_share(
-                own.bearings - own.believed, own.bearings, MAX_REJECTED_SHARE
+                own.bearings - own.inliers, own.bearings, MAX_REJECTED_SHARE
             ):
                 yield finding(
                     REJECTED_MEASUREMENTS,
@@ -399,23 +402,23 @@ class ConsistencyEvidence:
 
     def _outside(self) -> Iterator[Check]:
         """Bearings that meet outside the room."""
-        told = self.places
-        if told.rows >= MIN_SAMPLES and exceeds_share(told.outside, told.rows, MAX_FLAGGED_SHARE):
+        positions = self.positions
+        if positions.rows >= MIN_SAMPLES and exceeds_share(positions.outside, positions.rows, MAX_FLAGGED_SHARE):
             yield finding(
                 ROOM,
                 "warning",
                 "outside-room",
-                f"in {told.outside} of {told.rows} rows (allowed: {MAX_FLAGGED_SHARE:.0%}) the bearings meet more "
-                f"than {CLEAR_SIGMAS:g} "
+                f"in {positions.outside} of {positions.rows} rows (allowed: {MAX_FLAGGED_SHARE:.0%}) the bearings meet "
+                f"more than {CLEAR_SIGMAS:g} "
                 "standard deviations outside the room, which estimates stay in: the target has left it, the room of "
                 "the scene is too small, or poses are wrong",
-                share=told.outside / told.rows,
+                share=positions.outside / positions.rows,
                 allowed=MAX_FLAGGED_SHARE,
             )
 
     def _through_walls(self) -> Iterator[Check]:
         """Sensors that see targets through walls."""
-        for name, (saw, hidden) in sorted(self.places.hidden.items()):
+        for name, (saw, hidden) in sorted(self.positions.hidden.items()):
             if saw >= MIN_SAMPLES and exceeds_share(hidden, saw, MAX_FLAGGED_SHARE):
                 yield finding(
                     WALLS,

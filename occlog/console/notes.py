@@ -159,8 +159,8 @@ def note_files(reads: Iterable[Path], writes: Iterable[Path]) -> None:
 
 def threads_by_default() -> int:
     """Threads of a command that is not given how many: one a processor, or what `OCCLOG_THREADS` states."""
-    told = os.environ.get(THREADS, "")
-    return int(told) if told.isdigit() and int(told) > 0 else os.cpu_count() or 1
+    value = os.environ.get(THREADS, "")
+    return int(value) if value.isdigit() and int(value) > 0 else os.cpu_count() or 1
 
 
 T = TypeVar("T")

@@ -75,7 +75,7 @@ def update_bins(bins: Bytes, image: Bytes, boxes: Ints, step: int = 1) -> None:
         bins: (height, width) bin numbers, changed in place; pixels outside all boxes keep theirs.
         image: (height, width, 3) BGR or (height, width) grey.
         boxes: (K, 4) left, top, right, bottom, half-open; boxes may overlap and reach over the image.
-        step: only pixels whose column and row are multiples of it.
+        step: only pixels with column and row that are multiples of it.
     """
     colour, (height, width) = as_colour(image), bins.shape
     for left, top, right, bottom in boxes.tolist():

@@ -150,7 +150,7 @@ def line_of_sight_blocked(origin: Floats, xy: Floats, polygon: Floats) -> Bools:
 
     Args:
         origin: (2,) where the sensor stands.
-        xy: (N, 2) points looked at.
+        xy: (N, 2) points.
         polygon: (K, 2) vertices.
 
     Returns:
@@ -190,7 +190,7 @@ FLAT = 1e-12
 def convex_pieces(polygon: Floats) -> list[Floats]:
     """Cut a simple polygon into convex counter-clockwise ones: itself if it is convex, else triangles (ear clipping).
 
-    Triangles are cut off at ears: corners whose triangle holds no other corner, nor has one on its border.
+    Triangles are cut off at ears: corners with no other corner in their triangle or on its border.
     """
     corners = counter_clockwise(polygon)
     flat = FLAT * float(np.ptp(corners, axis=0).prod())
@@ -354,10 +354,10 @@ def nearest_edge(corners: Floats, xy: Floats, away: float) -> tuple[int, Floats]
     share = np.clip(np.einsum("ki,ki->k", xy - corners, edge) / np.einsum("ki,ki->k", edge, edge), 0.0, 1.0)
     foot = corners + share[:, None] * edge
     k = int(np.argmin(np.hypot(*(xy - foot).T)))
-    return k, beside(corners, k, foot[k], away)
+    return k, offset_point(corners, k, foot[k], away)
 
 
-def beside(corners: Floats, k: int, foot: Floats, away: float) -> Floats:
+def offset_point(corners: Floats, k: int, foot: Floats, away: float) -> Floats:
     """A position outside edge k, at a distance from a point on it."""
     edge = corners[(k + 1) % len(corners)] - corners[k]
     return np.asarray(foot + away * np.array([edge[1], -edge[0]]) / np.hypot(*edge))
@@ -377,16 +377,16 @@ def offset(corners: Floats, away: float) -> Floats:
     return np.asarray(corners + 2.0 * away * both / np.maximum(np.sum(both**2, axis=1), 0.1)[:, None])
 
 
-def spread_along(a: Floats, places: Floats, b: Floats, steps: int) -> Floats | None:
-    """(steps - 1, 2) positions from a by all of `places` to b, including each of these; None: too few.
+def spread_along(a: Floats, positions: Floats, b: Floats, steps: int) -> Floats | None:
+    """(steps - 1, 2) positions from a by all of `positions` to b, including each of these; None: too few.
 
     Args:
         a: (2,)
-        places: (m, 2)
+        positions: (m, 2)
         b: (2,)
         steps: from a to b.
     """
-    way = np.vstack([a[None], places, b[None]])
+    way = np.vstack([a[None], positions, b[None]])
     leg = np.hypot(*np.diff(way, axis=0).T)
     if steps < len(leg):
         return None
@@ -444,10 +444,10 @@ def sample_floor(n: int, floor: Floor, rng: np.random.Generator) -> Floats:
         if count >= n:
             break
         # A quarter more than needed, so that one round is enough in a room with a few pillars.
-        places = low + size * rng.random((n - count + (n - count) // 4 + 4, 2))
-        places = places[on_floor(places, floor.room, floor.walls, floor.starts)]
-        found.append(places)
-        count += len(places)
+        positions = low + size * rng.random((n - count + (n - count) // 4 + 4, 2))
+        positions = positions[on_floor(positions, floor.room, floor.walls, floor.starts)]
+        found.append(positions)
+        count += len(positions)
     if count < n:
         raise ValueError(f"only {count} of {n} random positions were free; static occluders fill the room")
     return np.concatenate(found)[:n]

@@ -438,11 +438,11 @@ def number(value: float) -> str:
     return f"{value:.0f}" if value == round(value) and abs(value) < 1e15 else f"{value:.4g}"
 
 
-def _keys(entries: Iterable[Entry], whose: str, unit: str) -> Iterator[tuple[str, str, str]]:
+def _keys(entries: Iterable[Entry], suffix: str, unit: str) -> Iterator[tuple[str, str, str]]:
     """Full name, label and unit of each entry."""
     for name, label, of in entries:
         of = unit if of == "length" else of
-        yield f"{name}{whose}_{of}" if of else f"{name}{whose}", label, of
+        yield f"{name}{suffix}_{of}" if of else f"{name}{suffix}", label, of
 
 
 def _names(metrics: Mapping[str, float], kind: str, columns: Iterable[Entry], unit: str) -> list[str]:

@@ -288,7 +288,7 @@ def _in_world(request: EvaluateRequest, job: Job) -> tuple[Evaluation, str]:
             if request.metrics and isinstance(rows, Errors):
                 kept.append(rows)
 
-        result = evaluator.run(take, many, places=request.write_scene is not None, numbers=numbers)
+        result = evaluator.run(take, many, with_positions=request.write_scene is not None, numbers=numbers)
         if result.checks is not None:
             provenance = provenance.with_checks(result.checks)
             tables.annotate(provenance)
@@ -296,10 +296,10 @@ def _in_world(request: EvaluateRequest, job: Job) -> tuple[Evaluation, str]:
             whole = Tracks.concat(sources.tracks()), Truth.concat(sources.truth())
             result = with_plugins(replace(result, errors=Errors.concat(kept)), request.metrics, *whole, unit)
     how = f"{option('match')} optimal"
-    told = f"{request.tracks}: track IDs are not those of the truth; matching by distance ({how})"
+    note = f"{request.tracks}: track IDs are not those of the truth; matching by distance ({how})"
     more = () if unknown is None else (unknown,)
     other = other_video(request.tracks, [request.truth])
-    notes = (*((told,) if own_numbers else ()), *result.notes, *more, *other)
+    notes = (*((note,) if own_numbers else ()), *result.notes, *more, *other)
     result = replace(result, notes=notes, verdicts=provenance.judged)
     if request.write_scene is not None:
         _write_scene(request.write_scene, scene, evaluator.noise, overwrite=job.overwrite)
@@ -371,12 +371,12 @@ OF_WHAT = {
 
 def _check_used(request: EvaluateRequest, given: Mapping[str, object]) -> None:
     """UsageError for a setting that was given, but of figures for which there are no inputs."""
-    looks, truth, held = request.directions is not None, request.truth is not None, bool(given.get("held_out"))
-    bound = truth and (looks or request.measurements is not None)
-    there = {LOOKS: looks and truth, BOUND: bound, LINES: looks}
+    with_bearings, truth, held = request.directions is not None, request.truth is not None, bool(given.get("held_out"))
+    bound = truth and (with_bearings or request.measurements is not None)
+    there = {LOOKS: with_bearings and truth, BOUND: bound, LINES: with_bearings}
     used = {name: there.get(of, False) for name, of in OF_WHAT.items()}
     used["process_noise_density"] = used["sigma_initial_velocity"] = bound and given.get("motion") == "cv"
-    used |= {"held_out_gate": held and looks, "held_out_gate_px": held and request.views is not None}
+    used |= {"held_out_gate": held and with_bearings, "held_out_gate_px": held and request.views is not None}
     used["iou_threshold"] = truth and request.views is not None
     options_of = {f.name: declaration(f).option for f in declared(EvaluateConfig)}
     for name in given:

@@ -209,7 +209,7 @@ class Evaluator:
         truth = self._outlines.watch(truth) if self._sees else truth
         self.known: EvaluationSurvey = survey(self._watched(rows_of(sources.tracks)), truth)
         self.noise: dict[str, MeasuredNoise] = {}
-        """Noise of each camera at known positions, after `run` with `places`."""
+        """Noise of each camera at known positions, after `run` with `with_positions`."""
         if self._compares and self.known.truth_ns is not None and not self.known.targets:
             raise no_targets()
 
@@ -229,7 +229,7 @@ class Evaluator:
         take: Callable[[ColumnTable], None],
         many: MultiTargetConfig | None = None,
         *,
-        places: bool = False,
+        with_positions: bool = False,
         numbers: Sequence[str] = (),
     ) -> Evaluation:
         """Compute all figures.
@@ -237,7 +237,7 @@ class Evaluator:
         Args:
             take: gets errors, bound, failures and counts in parts, in the order of time.
             many: settings of the figures of many targets, with a match distance; None: these are skipped.
-            places: whether noise is measured at known positions.
+            with_positions: whether noise is measured at known positions.
             numbers: notes on the numbers of tracks, which come before that on the errors.
 
         Raises:
@@ -252,13 +252,13 @@ class Evaluator:
         ground = None if many is None or not self._compares else GroundFigures.of(known, many, unit)
         pairs = self._prepare(ground, many)
         errors = TrackErrors(known, pairs, config, unit)
-        seen, beside = None, None
+        seen, companion = None, None
         if self._sees:
-            seen = AgainstBearings(sources, known, self._outlines, self._scene, config, places=places)
-            beside = seen.begin(pairs, evidence, high_tracks=self._high)
+            seen = AgainstBearings(sources, known, self._outlines, self._scene, config, with_positions=with_positions)
+            companion = seen.begin(pairs, evidence, high_tracks=self._high)
         # Of tracks with their own identities the pairs of each frame show whether covariances are right
         own = ground is not None and config.match != "id" and known.single is None
-        for part, frames in self._parts(many, beside) if self._compares or self._sees else ():
+        for part, frames in self._parts(many, companion) if self._compares or self._sees else ():
             found = errors.update(part) if self._compares else Errors.empty()
             if seen is not None:
                 seen.update(part, found, errors.late)
@@ -276,7 +276,7 @@ class Evaluator:
             metrics = {**metrics, **{name: v for name, v in ground.result().items() if name not in metrics}}
             metrics = headline.first({**metrics, headline.INDEPENDENT_IDS: 1.0}, unit) if own else metrics
             notes += [*ground.notes(), *numbers, *headline.notes(metrics, unit, config.match)]
-        if places and seen is not None:
+        if with_positions and seen is not None:
             self.noise = seen.noise_at_known_places()
             metrics |= figures_of(self.noise)
             notes += notes_of(self._scene, self.noise)
@@ -313,7 +313,7 @@ class Evaluator:
         return ground
 
     def _parts(
-        self, many: MultiTargetConfig | None, beside: StretchTables | None = None
+        self, many: MultiTargetConfig | None, companion: StretchTables | None = None
     ) -> Iterator[tuple[EvaluationChunk, EvaluatedPart | None]]:
         """Sections of time, and their frames for the figures of many targets where there are any.
 
@@ -322,13 +322,13 @@ class Evaluator:
         known, limit, begin = self.known, self._config.limit_ns, 0
         truth = self._sources.truth if self._compares or self._sees else None
         gap = 0 if many is None else many.gap_ns(limit)
-        for part in chunks_in_time(rows_of(self._sources.tracks), rows_of(truth), known, self._config, gap, beside):
+        for part in chunks_in_time(rows_of(self._sources.tracks), rows_of(truth), known, self._config, gap, companion):
             times = np.unique(part.rows.t_ns) if known.truth_ns is None else part.times
             if many is None or not len(times):
                 yield part, None
                 continue
-            places = places_of(part.targets, part.tracks, times, begin, many, limit, self._scene.length_unit)
-            yield part, EvaluatedPart(places, begin, part.rows, part.targets, known.over(int(times[-1])))
+            points = places_of(part.targets, part.tracks, times, begin, many, limit, self._scene.length_unit)
+            yield part, EvaluatedPart(points, begin, part.rows, part.targets, known.over(int(times[-1])))
             begin += len(times)
 
     def _figures(self, errors: TrackErrors, seen: AgainstBearings | None) -> tuple[Metrics, list[str]]:

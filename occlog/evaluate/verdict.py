@@ -156,17 +156,17 @@ class _Nees:
 
     def __init__(self, dimensions: int, limit: float) -> None:
         self.dimensions, self._limit = dimensions, limit
-        self.told = 0
+        self.n_finite = 0
         self._squares: dict[int, BatchMeans] = {}
         self._outside: dict[int, BatchMeans] = {}
 
     def update(self, target: int, nees: Floats) -> None:
         """Add values of a target, NaN where the covariance is singular."""
-        told = np.isfinite(nees)
-        self.told += int(told.sum())
-        squares = nees[told]
+        finite = np.isfinite(nees)
+        self.n_finite += int(finite.sum())
+        squares = nees[finite]
         self._squares.setdefault(target, BatchMeans()).add(squares, np.full(len(squares), float(self.dimensions)))
-        outside = np.where(told, nees > self._limit, True).astype(np.float64)
+        outside = np.where(finite, nees > self._limit, True).astype(np.float64)
         self._outside.setdefault(target, BatchMeans()).add(outside, np.full(len(nees), 0.05))
 
     @property
@@ -224,7 +224,7 @@ class CovarianceConsistency:
 def _of_nees(found: _Nees, rows: int, where: str) -> Iterator[Check]:
     """Return whether covariances state how large the errors are."""
     dimensions, mean, share = found.dimensions, found.mean, found.share
-    singular = rows - found.told
+    singular = rows - found.n_finite
     if exceeds_share(singular, rows, MAX_SINGULAR_SHARE):
         yield finding(
             COVARIANCES,
@@ -235,7 +235,7 @@ def _of_nees(found: _Nees, rows: int, where: str) -> Iterator[Check]:
             share=singular / rows,
             allowed=MAX_SINGULAR_SHARE,
         )
-    if not found.told:
+    if not found.n_finite:
         return
     large = mean.value > NEES_HIGH and mean.interval(SIGNIFICANCE)[0] > 1.0
     many = 0.05 * share.value > MAX_OUTSIDE_95_SHARE and share.interval(SIGNIFICANCE)[0] > 1.0
@@ -394,7 +394,7 @@ class SightEvidence:
                 self._distances[camera.name].add(np.hypot(x, y))
         evidence.agreements.add(residuals)
         evidence.crowd.add(frames)
-        evidence.places.add(ours, residuals, self._scene)
+        evidence.positions.add(ours, residuals, self._scene)
         self._alone.add(residuals, limits.end)
 
     def finish(self) -> None:

@@ -189,10 +189,10 @@ def _is_foreign_bag(path: Path) -> bool:
     try:
         return not open_recording(path).ours
     except InputError:
-        return not _says_occlog(path)
+        return not _names_occlog(path)
 
 
-def _says_occlog(path: Path) -> bool:
+def _names_occlog(path: Path) -> bool:
     """Return whether the first bytes of a damaged recording name occlog as the program that wrote it."""
     with path.open("rb") as file:
         return b"occlog" in file.read(64)

@@ -15,7 +15,7 @@ without noise and B the covariance of the step's noise moved back likewise, the 
 
     l ~ w_l P(l to x') N(b; c_l, h^2 V + B),   x | l ~ N(b + G (c_l - b), B - G B),   G = B (h^2 V + B)^-1.
 
-With particles alone (Godsill, Doucet and West 2004) a step whose noise is small compared with the distances of the
+With particles alone (Godsill, Doucet and West 2004) a step with noise that is small compared with the distances of the
 particles leaves no choice but the filter's own ancestry; one without noise none at all.  Here all particles count
 that are within a kernel's width, and a step without noise gives x = b: a motion that is exactly known has one
 trajectory through each of its last states, and smoothing moves these back.  For linear motion and Gaussian densities
@@ -184,7 +184,7 @@ def update_weights(log_prior: Floats, log_likelihood: Floats, least: float) -> t
     """Weights (L,) of sum 1 after a scan, and the log of their sum before.
 
     Where fewer than `least` particles would be left with weight, none of them agrees well with
-    the scan and the spread of the few says nothing.  Then the likelihood is flattened, to the
+    the scan and the spread of the few is meaningless.  Then the likelihood is flattened, to the
     power of what keeps that many: the cloud moves towards the scan and stays wide.
 
     Args:

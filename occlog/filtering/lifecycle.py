@@ -1,6 +1,6 @@
 """Life cycle of a single-target filter: initiation, gaps, track loss, reinitialisation.
 
-A filter is its motion model, its likelihoods and its posterior; this frame says when a scan updates the posterior and
+A filter is its motion model, its likelihoods and its posterior; this frame decides when a scan updates it and
 when it makes a new one:
 
     initiate("")          nothing is known before the first scan

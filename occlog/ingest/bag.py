@@ -103,17 +103,19 @@ def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], n
             reasons[camera] = "the bag has no calibration (CameraInfo) next to its images"
             continue
         rectified = is_rectified(found.map.images[camera])
-        told = intrinsics(info, rectified=rectified, where=f"topic {found.map.infos[camera]}")
-        if told is None:
+        model = intrinsics(info, rectified=rectified, where=f"topic {found.map.infos[camera]}")
+        if model is None:
             reasons[camera] = f"{found.map.infos[camera]} states that it is not calibrated (fx is 0)"
             continue
-        if told.fit_px:
-            note(f"camera {camera}: lens model {info.model} fitted by five coefficients, right to {told.fit_px:.2g} px")
-        known[camera] = told
+        if model.fit_px:
+            note(
+                f"camera {camera}: lens model {info.model} fitted by five coefficients, right to {model.fit_px:.2g} px"
+            )
+        known[camera] = model
     world = _world(found, plan, [c for c in known if found.frames.get(c)])
     shared = _shared_frames(found)
     cameras = []
-    for camera, told in known.items():
+    for camera, model in known.items():
         frame = found.frames.get(camera, "")
         try:
             placed = _placed(found.transforms, frame, world)
@@ -121,8 +123,8 @@ def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], n
         except InputError as error:
             reasons[camera] = str(error)
             continue
-        rotation = pose.rotation @ told.turn.T
-        shift = told.shift if frame in shared else 0.0
+        rotation = pose.rotation @ model.turn.T
+        shift = model.shift if frame in shared else 0.0
         centre = pose.translation + rotation[:, 0] * shift
         cameras.append(_camera(camera, found, rotation, centre))
     return BagCameraPoses(tuple(cameras), reasons, world)
@@ -130,20 +132,20 @@ def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], n
 
 def _camera(name: str, found: BagSurvey, rotation: Floats, centre: Floats) -> Camera:
     """The camera of a pose; `rotation` is world-from-camera."""
-    told = intrinsics(
+    model = intrinsics(
         found.infos[name], rectified=is_rectified(found.map.images[name]), where=f"topic {found.map.infos[name]}"
     )
-    assert told is not None
+    assert model is not None
     return build_camera(
         Pose(
             name=name,
-            focal_px=told.focal_px.tolist(),
-            principal_px=told.principal_px.tolist(),
+            focal_px=model.focal_px.tolist(),
+            principal_px=model.principal_px.tolist(),
             rotation=rotation.T,
             centre=centre,
-            image_size=told.size,
-            distortion=told.distortion.tolist(),
-            model=told.model,
+            image_size=model.size,
+            distortion=model.distortion.tolist(),
+            model=model.model,
         ),
         f"topic {found.map.infos[name]}",
     )
@@ -167,8 +169,8 @@ def _world(found: BagSurvey, plan: IngestPlan, cameras: list[str]) -> str | None
         return frame
     roots = {tree.still_root(found.frames[c]): c for c in cameras if tree.knows(found.frames[c])}
     if len(roots) > 1:
-        told = ", ".join(f"{frame} (camera {camera})" for frame, camera in sorted(roots.items()))
-        raise UsageError(f"the cameras of the bag are fixed in several frames: {told}; name the one that is the world")
+        text = ", ".join(f"{frame} (camera {camera})" for frame, camera in sorted(roots.items()))
+        raise UsageError(f"the cameras of the bag are fixed in several frames: {text}; name the one that is the world")
     return next(iter(roots), None)
 
 
@@ -206,7 +208,7 @@ class _CameraState:
     resized: int = 0
     reason: str = ""
     by_log: bool | None = None
-    apart: list[float] = field(default_factory=lambda: [math.inf, -math.inf])
+    difference_range: list[float] = field(default_factory=lambda: [math.inf, -math.inf])
 
 
 class Taking:
@@ -297,11 +299,11 @@ class Taking:
     def _compare(self, message: BagMessage) -> None:
         """Remember a calibration that is another than the first one of its camera, which holds for all images."""
         with suppress(InputError):  # the first one was good
-            told = self._messages.read(message.topic, message.data)
+            content = self._messages.read(message.topic, message.data)
             first = self.found.infos[self._infos[message.topic]]
-            if not _is_same(first, told):
-                sizes = " x ".join(map(str, told.size))
-                what = f"fx {first.k[0, 0]:g}, then {told.k[0, 0]:g} px for {sizes} px at {utc(message.log_ns)}"
+            if not _is_same(first, content):
+                sizes = " x ".join(map(str, content.size))
+                what = f"fx {first.k[0, 0]:g}, then {content.k[0, 0]:g} px for {sizes} px at {utc(message.log_ns)}"
                 self._changed.setdefault(message.topic, []).append(what)
 
     def _time(self, state: _CameraState, message: BagMessage, header: MessageStamp) -> int:
@@ -310,9 +312,12 @@ class Taking:
             state.by_log = self.plan.timestamp_source == "log" or header.stamp_ns == 0
         if not header.stamp_ns and not state.by_log:
             raise InputError("its header has no time")
-        apart = (message.log_ns - header.stamp_ns) / 1e9
+        difference = (message.log_ns - header.stamp_ns) / 1e9
         if header.stamp_ns:
-            state.apart = [min(state.apart[0], apart), max(state.apart[1], apart)]
+            state.difference_range = [
+                min(state.difference_range[0], difference),
+                max(state.difference_range[1], difference),
+            ]
         t_ns = message.log_ns if state.by_log else header.stamp_ns
         state.first = t_ns if state.first is None else state.first
         clock = self._clocks.get(self._name(message.topic))
@@ -412,7 +417,7 @@ class Taking:
         """Warn where the two clocks of a topic differ, or it has but one."""
         if state.by_log and self.plan.timestamp_source != "log":
             note(f"warning: {topic}: its headers have no time; the times of recording were taken")
-        low, high = state.apart
+        low, high = state.difference_range
         if max(abs(low), abs(high)) > CLOCKS_APART_S and math.isfinite(low):
             used = "times of recording" if state.by_log else "header stamps"
             note(

@@ -132,8 +132,8 @@ def inside(tables: Iterator[B], scene: Scene, losses: list[Loss], note: Note) ->
     for name, count in sorted(outside.items()):
         losses.append(Loss(name, "boxes", f"{OUTSIDE_IMAGE} of {sizes[name][0]} x {sizes[name][1]} px", count))
     if over:
-        told = ", ".join(f"{name} {count}" for name, count in sorted(over.items()))
-        note(f"boxes over the border of the image, by up to {farthest:.0f} px: {told}; kept as they are")
+        text = ", ".join(f"{name} {count}" for name, count in sorted(over.items()))
+        note(f"boxes over the border of the image, by up to {farthest:.0f} px: {text}; kept as they are")
 
 
 def _without(table: B, gone: Bools) -> B:

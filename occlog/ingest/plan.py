@@ -339,8 +339,8 @@ class IngestPlan(Settings):
             raise UsageError("topics, the world frame and the axes of cameras are those of a bag; give a bag")
         if not self.calibration and not self.bags and (self.up is not None or self.ground_height is not None):
             raise UsageError("up and ground turn the world of a calibration; give calibration or a bag")
-        for key, told in (("start_time", self.start_time), ("fps", self.fps)):
-            names = [name or "" for name, _ in told]
+        for key, value in (("start_time", self.start_time), ("fps", self.fps)):
+            names = [name or "" for name, _ in value]
             if (double := first_double(names)) is not None:
                 raise UsageError(f"{option(key)} is given twice{f' for {double}' if double else ''}; keep one")
         if self.store == "link" and self.images:
@@ -353,11 +353,11 @@ class IngestPlan(Settings):
             cameras: all that the recording has.
         """
         arrays = [name for name, _ in self.doa if name is not None]
-        for key, told, known in (
+        for key, names, known in (
             ("start_time", self.start_time, (*cameras, *arrays)),
             ("fps", self.fps, tuple(cameras)),
         ):
-            for name, value in told:
+            for name, value in names:
                 if name is not None and name not in known:
                     near = did_you_mean(name, known) if known else "give it without a name"
                     raise UsageError(f"{option(key)} {name}={value}: no camera or ARRAY=FILE has this name; {near}")

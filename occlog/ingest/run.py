@@ -337,9 +337,9 @@ def _split_tables(
     """
     spans: dict[int | str, TimeSpanNs] = {}
     for table in tables:
-        whose = table.target_id if isinstance(table, Truth) else table.sensor
-        for key in np.unique(whose).tolist():
-            own = table.t_ns[whose == key]
+        owner = table.target_id if isinstance(table, Truth) else table.sensor
+        for key in np.unique(owner).tolist():
+            own = table.t_ns[owner == key]
             here = spans.setdefault(key, TimeSpanNs())
             here.take(int(own.min()), int(own.max()))
             for other, span in known.get(key, ()):

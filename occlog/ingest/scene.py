@@ -43,7 +43,7 @@ class Turn(NamedTuple):
     rotation: Floats  # (3, 3)
     ground: float  # height of the ground after the rotation
 
-    def places(self, xyz: Floats) -> Floats:
+    def positions(self, xyz: Floats) -> Floats:
         """(N, 3) positions in the upright world."""
         return np.asarray(xyz @ self.rotation.T - [0.0, 0.0, self.ground])
 
@@ -60,7 +60,7 @@ class Turn(NamedTuple):
                 model=camera.distortion_model,
                 rotation=rotation,
             )
-        position = self.places(camera.position[None])[0]
+        position = self.positions(camera.position[None])[0]
         if abs(position[2]) <= HEIGHT_SLACK:
             # At the ground but for the rounding of the calibration: its height is unknown
             position[2] = 0.0
@@ -70,7 +70,7 @@ class Turn(NamedTuple):
         """True positions in the upright world; InputError for one without a height, which could be anywhere there."""
         if np.isnan(truth.z).any():
             raise InputError(f"{path}: has no heights, without which true positions cannot be turned upright; add z")
-        x, y, z = self.places(np.column_stack([truth.x, truth.y, truth.z])).T
+        x, y, z = self.positions(np.column_stack([truth.x, truth.y, truth.z])).T
         columns = {c.name: getattr(truth, c.name) for c in Truth.columns()}
         return Truth(**(columns | {"x": x.copy(), "y": y.copy(), "z": z.copy()}))
 
@@ -122,7 +122,7 @@ def find_turn(
 
 def _warn_of_low(cameras: Sequence[Camera], turn: Turn, ground: float | None, note: Callable[[str], None]) -> None:
     """Warn where cameras are not above the ground."""
-    heights = {c.name: float(turn.places(c.position[None])[0, 2]) for c in cameras if c.placed}
+    heights = {c.name: float(turn.positions(c.position[None])[0, 2]) for c in cameras if c.placed}
     low = [name for name, height in heights.items() if height <= HEIGHT_SLACK]
     if not low:
         return
@@ -265,7 +265,7 @@ def base_scene(plan: IngestPlan, note: Note) -> tuple[Scene, Turn | None]:
         options = CalibrationOptions(plan.calibration_unit, plan.image_size)
         calibration = read_calibration(plan.calibration, plan.calibration_format, options)
         note(describe(calibration))
-        for said in calibration.told:
+        for said in calibration.notes:
             note(f"calibration: {said}" if not said.startswith("warning") else said)
         if scene.length_unit != "m":
             raise InputError(f"{plan.scene}: lengths are in {scene.length_unit}, but those of the calibration in m")
@@ -312,8 +312,8 @@ def _arrays(path: Path, name: str | None, note: Note) -> tuple[MicrophoneArray, 
     arrays = read_arrays(path, name)
     first = arrays[0]
     what = f"{len(first.microphones)} microphones" if len(first.microphones) else "no microphones"
-    place = ", ".join(f"{v:.2f}" for v in first.position)
-    note(f"arrays: {len(arrays)} from {path.name}, m; first: {first.name} at ({place}), {what}")
+    location = ", ".join(f"{v:.2f}" for v in first.position)
+    note(f"arrays: {len(arrays)} from {path.name}, m; first: {first.name} at ({location}), {what}")
     return arrays
 
 

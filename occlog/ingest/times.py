@@ -90,9 +90,9 @@ class Times:
         several = "" if max(len(self.frames), len(self.rows)) > 1 else "there is one sensor"
         long = any(own.count >= FEWEST for own in self.frames.values())
         truth = "" if self.true.first <= self.true.last and (self.frames or self.rows) else "there is no truth"
-        apart = (*_apart(self.frames, FRAMES_APART_NS), *_apart(self.rows, ROWS_APART_NS))
+        disjoint = (*_apart(self.frames, FRAMES_APART_NS), *_apart(self.rows, ROWS_APART_NS))
         return (
-            *outcome(SENSORS, apart, unless=several),
+            *outcome(SENSORS, disjoint, unless=several),
             *outcome(FRAMES, self._jumps(), unless="" if long else f"no camera has {FEWEST} frames"),
             *outcome(TRUE, () if truth else self._of_truth(), unless=truth),
         )

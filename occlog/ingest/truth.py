@@ -34,13 +34,13 @@ def check_truth_consistency(
     Raises:
         InputError: they are too far in a camera: the grid of positions, the unit or the camera is another.
     """
-    places: list[Truth] = []
+    truths: list[Truth] = []
     off: dict[str, list[Floats]] = {}
     for table in tables:
         if isinstance(table, Truth):
-            places.append(table)
-        elif places:
-            whole = Truth.merge(places)
+            truths.append(table)
+        elif truths:
+            whole = Truth.merge(truths)
             for camera in (c for c in scene.cameras if c.placed):
                 mine = table.take((table.sensor == camera.name) & (table.box >= 0) & (table.target_id >= 0))
                 off.setdefault(camera.name, []).append(_off(whole, mine, camera.project))
@@ -57,8 +57,8 @@ def check_truth_consistency(
                 f"(median of {len(values)}; limit {MAX_OFF:g}): another camera, unit or grid of positions"
             )
     if medians:
-        told = ", ".join(f"{name} {value:.2g}" for name, value in medians.items())
-        note(f"true positions, projected, are off the feet of true boxes by (median, in heights of the box): {told}")
+        text = ", ".join(f"{name} {value:.2g}" for name, value in medians.items())
+        note(f"true positions, projected, are off the feet of true boxes by (median, in heights of the box): {text}")
 
 
 def _off(truth: Truth, boxes: TruthBoxes, project: Callable[[Floats], Floats]) -> Floats:
@@ -68,15 +68,15 @@ def _off(truth: Truth, boxes: TruthBoxes, project: Callable[[Floats], Floats]) -
     pairs = [(row, where[key]) for row, key in enumerate(keys) if key in where]
     if not pairs:
         return np.zeros(0)
-    box, place = np.array(pairs, dtype=np.int64).T
-    feet = project(np.column_stack([truth.x[place], truth.y[place], np.zeros(len(place))]))
+    box, index = np.array(pairs, dtype=np.int64).T
+    feet = project(np.column_stack([truth.x[index], truth.y[index], np.zeros(len(index))]))
     middle = boxes.left_px[box] + 0.5 * boxes.width_px[box]
     lower = boxes.top_px[box] + boxes.height_px[box]
     away = np.hypot(feet[:, 0] - middle, feet[:, 1] - lower) / boxes.height_px[box]
     return np.where(np.isfinite(away), away, np.inf)
 
 
-TOLD_S = 1.0
+MIN_REPORTED_S = 1.0
 """True positions that begin so long before the first frame, or end so long after the last one, are reported."""
 
 
@@ -108,8 +108,8 @@ def within_frames(
 
     Without a choice all are kept, and a note states by how much they go beyond the frames of a detector.
     """
-    looked = None if survey is None or plan.video or plan.images else (survey.first, survey.stop)
-    frames = plan.frames or looked
+    observed = None if survey is None or plan.video or plan.images else (survey.first, survey.stop)
+    frames = plan.frames or observed
     span = None if frames is None else span_of(frames, times)
     rows = out = 0
     early = late = 0.0
@@ -127,9 +127,9 @@ def within_frames(
             yield table.take(inside)
     if out and plan.frames is not None:
         note_skipped(out, rows, plan, note)
-    elif max(early, late) > TOLD_S:
-        ends = [f"begin {early:.3g} s before the first"] if early > TOLD_S else []
-        ends += [f"go on {late:.3g} s after the last"] if late > TOLD_S else []
+    elif max(early, late) > MIN_REPORTED_S:
+        ends = [f"begin {early:.3g} s before the first"] if early > MIN_REPORTED_S else []
+        ends += [f"go on {late:.3g} s after the last"] if late > MIN_REPORTED_S else []
         note(
             f"truth: true positions {' and '.join(ends)} frame with boxes; people there count as missed: choose the "
             "frames (frames), or cut the truth"

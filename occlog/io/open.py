@@ -39,7 +39,7 @@ WORDS = {
     "truth_boxes": "true boxes",
     "view_tracks": "tracks in images",
 }
-"""Descriptions of tables whose names do not state the content."""
+"""Descriptions of tables with names that do not state the content."""
 SWAPPED = (
     ("tracks", "truth", "; are the files of tracks and truth swapped?"),
     ("truth", "bearings", "; true positions go to the evaluation, make measurements of a recording by `occlog detect`"),
@@ -206,7 +206,7 @@ def open_if_ours(path: Path, what: str = EXPECTED) -> Opened | None:
 
 
 def held(path: Path, *tables: type[ColumnTable]) -> tuple[type[ColumnTable], ...]:
-    """Those of some tables that an input holds, as far as its header says; none where it cannot be opened.
+    """Those of some tables that an input holds, by its header; none where it cannot be opened.
 
     A table of another program is the one of them that its columns fit best.
     """

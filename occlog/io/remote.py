@@ -62,10 +62,10 @@ def kind_of(url: str) -> str:
     return kind
 
 
-def without_end(place: str) -> str:
+def without_end(location: str) -> str:
     """A folder, or its URL, without slashes at its end: in stores, names behind two slashes are other ones."""
-    kind, mark, path = place.partition("://")
-    return f"{kind}{mark}{path.rstrip('/')}" if is_url(place) else place
+    kind, mark, path = location.partition("://")
+    return f"{kind}{mark}{path.rstrip('/')}" if is_url(location) else location
 
 
 def public_url(url: str) -> str:
@@ -169,7 +169,9 @@ def find(pattern: str) -> list[str]:
     with _as_output_error(pattern):
         system, path = _opened(pattern)
         there = system.glob(path, detail=True).items()
-        found = sorted(str(system.unstrip_protocol(each)) for each, told in there if told.get("type") != "directory")
+        found = sorted(
+            str(system.unstrip_protocol(each)) for each, details in there if details.get("type") != "directory"
+        )
         return found or [pattern] * system.exists(path)  # its name has brackets
 
 
@@ -177,9 +179,9 @@ def version(url: str) -> Version:
     """State of a file; InputError where it is not there, or may not be read."""
     with _as_output_error(url):
         system, path = _opened(url)
-        told = system.info(path)
-        marks = [str(told[key]) for key in MARKS if key in told]
-        size = told.get("size")
+        details = system.info(path)
+        marks = [str(details[key]) for key in MARKS if key in details]
+        size = details.get("size")
         return Version(None if size is None else int(size), " ".join(marks))
 
 
@@ -257,20 +259,20 @@ class Cache:
         Raises:
             InputError: it is not there, may not be read, came incomplete, or is larger than the limit.
         """
-        told = version(url)
-        if told.size is not None and told.size > self.limit:
+        remote_version = version(url)
+        if remote_version.size is not None and remote_version.size > self.limit:
             raise InputError(
-                f"{public_url(url)}: has {told.size} bytes, limit {self.limit}; raise {option('cache_limit')}"
+                f"{public_url(url)}: has {remote_version.size} bytes, limit {self.limit}; raise {option('cache_limit')}"
             )
-        key = hashlib.sha256(f"{identity(url)}\0{told.size}\0{told.mark}".encode()).hexdigest()[:32]
+        key = hashlib.sha256(f"{identity(url)}\0{remote_version.size}\0{remote_version.mark}".encode()).hexdigest()[:32]
         # Without a mark a change of the file cannot be noticed
-        with self._using(key) if told.mark else self.scratch() as entry:
+        with self._using(key) if remote_version.mark else self.scratch() as entry:
             file = entry / PurePosixPath(public_url(url)).name
             with _fetching(entry):
                 if not file.exists():
-                    self._fetch(url, file, told.size)
+                    self._fetch(url, file, remote_version.size)
                 for video in linked_videos(file):
-                    self._fetch_beside(url, file, video)
+                    self._fetch_videos(url, file, video)
             yield file
 
     @contextmanager
@@ -282,7 +284,7 @@ class Cache:
             finally:
                 shutil.rmtree(entry, ignore_errors=True)
 
-    def _fetch_beside(self, url: str, recording: Path, video: Path) -> None:
+    def _fetch_videos(self, url: str, recording: Path, video: Path) -> None:
         """Fetch a linked video in the recording's folder; readers report faults of others."""
         name = video.name
         if video.parent != recording.parent or video.exists() or name in (".", ".."):
@@ -356,9 +358,9 @@ class Cache:
 
 def default_folder() -> Path:
     """The user's folder for what can be fetched again: `OCCLOG_CACHE`, or `occlog` in the user's caches."""
-    told = os.environ.get("OCCLOG_CACHE")
-    if told:
-        return Path(told)
+    value = os.environ.get("OCCLOG_CACHE")
+    if value:
+        return Path(value)
     caches = os.environ.get("XDG_CACHE_HOME") or str(Path("~/.cache").expanduser())
     return Path(caches) / "occlog"
 
@@ -385,8 +387,8 @@ def _alone(lock: IO[str]) -> bool:
 def _size(folder: Path) -> int:
     """Bytes of the files in a folder, which whoever uses it may remove meanwhile."""
     total = 0
-    for place, _, names in os.walk(folder):
+    for location, _, names in os.walk(folder):
         for name in names:
             with suppress(FileNotFoundError):
-                total += (Path(place) / name).stat().st_size
+                total += (Path(location) / name).stat().st_size
     return total

@@ -42,7 +42,7 @@ TRIANGLE = np.array([[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]])
 class StepNoise(NamedTuple):
     """Process noise of a step without a turn, per axis, and the velocity after a turn."""
 
-    place: float
+    position: float
     both: float  # of position and velocity
     velocity: float
     fresh: float  # variance of a new velocity
@@ -56,7 +56,7 @@ def run_filter(
     start: Floats,
     prior: Floats,
     turn: float,
-    believed: StepNoise,
+    assumed: StepNoise,
     true: StepNoise,
     dt: float,
     keep: int,
@@ -70,7 +70,7 @@ def run_filter(
         start: (2,) the position that is expected first.
         prior: (2, 2) its covariance.
         turn: probability that the target turns in a step.
-        believed: noise of a step assumed by the filter.
+        assumed: noise of a step assumed by the filter.
         true: noise of the walk.
         dt: between steps [s].
         keep: number of the last steps that are requested.
@@ -80,36 +80,41 @@ def run_filter(
         (N, keep, 3) xx, xy, yy of the covariance of their errors.
     """
     steps = ways.shape[1]
-    places, spread = np.empty((ways.shape[0], keep, 2)), np.empty((ways.shape[0], keep, 3))
-    rows, told, work = np.empty((MAX_HYPOTHESES + 1, WIDTH)), np.empty(7), np.empty((4, 8))
+    positions, spread = np.empty((ways.shape[0], keep, 2)), np.empty((ways.shape[0], keep, 3))
+    rows, packed, work = np.empty((MAX_HYPOTHESES + 1, WIDTH)), np.empty(7), np.empty((4, 8))
     for i in range(ways.shape[0]):
         rows[0] = 0.0
         rows[0, PROBABILITY] = 1.0
         rows[0, STATE], rows[0, STATE + 1] = start[0], start[1]
         for first in (FILTER_COVARIANCE, TRUE_COVARIANCE):
             rows[0, first], rows[0, first + 1], rows[0, first + 4] = prior[0, 0], prior[0, 1], prior[1, 1]
-            rows[0, first + 7] = rows[0, first + 9] = believed.fresh
+            rows[0, first + 7] = rows[0, first + 9] = assumed.fresh
         n = 1
         for t in range(steps):
             if t:
-                _turn_into(rows, n, turn, believed.fresh)
+                _turn_into(rows, n, turn, assumed.fresh)
                 n += 1
                 for h in range(n):
-                    _move_into(rows, h, dt, believed, true)
-            told[0], told[1], told[2] = information[0, i, t], information[1, i, t], information[2, i, t]
-            if told[0] + told[2] > 0.0:
-                told[3], told[4], told[5], told[6] = ways[i, t, 0], ways[i, t, 1], noise[0, i, t], noise[1, i, t]
-                n = _weigh_into(rows, n, told, work)
+                    _move_into(rows, h, dt, assumed, true)
+            packed[0], packed[1], packed[2] = information[0, i, t], information[1, i, t], information[2, i, t]
+            if packed[0] + packed[2] > 0.0:
+                packed[3], packed[4], packed[5], packed[6] = (
+                    ways[i, t, 0],
+                    ways[i, t, 1],
+                    noise[0, i, t],
+                    noise[1, i, t],
+                )
+                n = _weigh_into(rows, n, packed, work)
             if n > MAX_HYPOTHESES:
                 _merge_into(rows, n)
                 n -= 1
             if t >= steps - keep:
-                _moments_into(rows, n, TRUE_COVARIANCE, places[i, t - steps + keep], spread[i, t - steps + keep])
-    return places, spread
+                _moments_into(rows, n, TRUE_COVARIANCE, positions[i, t - steps + keep], spread[i, t - steps + keep])
+    return positions, spread
 
 
 @kernel
-def _moments_into(rows: Floats, n: int, first: int, place: Floats, spread: Floats) -> None:
+def _moments_into(rows: Floats, n: int, first: int, position: Floats, spread: Floats) -> None:
     """Mean (2,) and covariance (3,) of the position over all hypotheses; `first`: column of the covariances."""
     x, y = 0.0, 0.0
     for h in range(n):
@@ -121,7 +126,7 @@ def _moments_into(rows: Floats, n: int, first: int, place: Floats, spread: Float
         xx += rows[h, PROBABILITY] * (rows[h, first] + dx * dx)
         xy += rows[h, PROBABILITY] * (rows[h, first + 1] + dx * dy)
         yy += rows[h, PROBABILITY] * (rows[h, first + 4] + dy * dy)
-    place[0], place[1] = x, y
+    position[0], position[1] = x, y
     spread[0], spread[1], spread[2] = xx, xy, yy
 
 
@@ -148,20 +153,20 @@ def _turn_into(rows: Floats, n: int, turn: float, fresh: float) -> None:
 
 
 @kernel
-def _move_into(rows: Floats, h: int, dt: float, believed: StepNoise, true: StepNoise) -> None:
+def _move_into(rows: Floats, h: int, dt: float, assumed: StepNoise, true: StepNoise) -> None:
     """Hypothesis h a step later."""
     rows[h, STATE] += dt * rows[h, STATE + 2]
     rows[h, STATE + 1] += dt * rows[h, STATE + 3]
-    _spread_into(rows[h, FILTER_COVARIANCE:TRUE_COVARIANCE], dt, believed)
+    _spread_into(rows[h, FILTER_COVARIANCE:TRUE_COVARIANCE], dt, assumed)
     _spread_into(rows[h, TRUE_COVARIANCE:], dt, true)
 
 
 @kernel
 def _spread_into(P: Floats, dt: float, noise: StepNoise) -> None:
     """The triangle (10,) of a covariance a step later."""
-    P[0] += dt * (2.0 * P[2] + dt * P[7]) + noise.place
+    P[0] += dt * (2.0 * P[2] + dt * P[7]) + noise.position
     P[1] += dt * (P[3] + P[5] + dt * P[8])
-    P[4] += dt * (2.0 * P[6] + dt * P[9]) + noise.place
+    P[4] += dt * (2.0 * P[6] + dt * P[9]) + noise.position
     P[2] += dt * P[7] + noise.both
     P[3] += dt * P[8]
     P[5] += dt * P[8]
@@ -171,18 +176,18 @@ def _spread_into(P: Floats, dt: float, noise: StepNoise) -> None:
 
 
 @kernel
-def _weigh_into(rows: Floats, n: int, told: Floats, work: Floats) -> int:
+def _weigh_into(rows: Floats, n: int, information: Floats, work: Floats) -> int:
     """All hypotheses after the measurement of a step; how many are left of them, in front.
 
     Args:
         rows: hypotheses.
         n: how many there are.
-        told: (7,) xx, xy, yy of the information, the position, and the noise.
+        information: (7,) xx, xy, yy of the information, the position, and the noise.
         work: (4, 8) room for gains.
     """
     best = -math.inf
     for h in range(n):
-        log_chance = math.log(rows[h, PROBABILITY]) + _update_into(rows[h], told, work)
+        log_chance = math.log(rows[h, PROBABILITY]) + _update_into(rows[h], information, work)
         rows[h, PROBABILITY] = log_chance
         best = max(best, log_chance)
     total = 0.0
@@ -202,20 +207,20 @@ def _weigh_into(rows: Floats, n: int, told: Floats, work: Floats) -> int:
 
 
 @kernel
-def _update_into(row: Floats, told: Floats, work: Floats) -> float:
+def _update_into(row: Floats, information: Floats, work: Floats) -> float:
     """A hypothesis after a measurement; the logarithm of its likelihood, but for what all have in common.
 
     With M = 1 + I P_xx: gain W = P_x M^-1 of the report beyond I x, G = W I of the position; the filter covariance
     becomes P - G P_x^T, the true one (1 - G H) R (1 - G H)^T + W I W^T.
     """
-    xx, xy, yy = told[0], told[1], told[2]
+    xx, xy, yy = information[0], information[1], information[2]
     p, q, r = row[FILTER_COVARIANCE], row[FILTER_COVARIANCE + 1], row[FILTER_COVARIANCE + 4]
     a, b, c, d = 1.0 + xx * p + xy * q, xx * q + xy * r, xy * p + yy * q, 1.0 + xy * q + yy * r
     det = a * d - b * c
-    off_x, off_y = told[3] - row[STATE], told[4] - row[STATE + 1]
-    new_x, new_y = xx * off_x + xy * off_y + told[5], xy * off_x + yy * off_y + told[6]
+    off_x, off_y = information[3] - row[STATE], information[4] - row[STATE + 1]
+    new_x, new_y = xx * off_x + xy * off_y + information[5], xy * off_x + yy * off_y + information[6]
     gone_x, gone_y = (d * new_x - b * new_y) / det, (a * new_y - c * new_x) / det
-    log: float = -0.5 * math.log(det) - 0.5 * (off_x * (new_x + told[5]) + off_y * (new_y + told[6]))
+    log: float = -0.5 * math.log(det) - 0.5 * (off_x * (new_x + information[5]) + off_y * (new_y + information[6]))
     log += 0.5 * (new_x * (p * gone_x + q * gone_y) + new_y * (q * gone_x + r * gone_y))
     r_xx, r_xy, r_yy = row[TRUE_COVARIANCE], row[TRUE_COVARIANCE + 1], row[TRUE_COVARIANCE + 4]
     for k in range(4):
@@ -299,7 +304,7 @@ class Reports(NamedTuple):
 class ExpectedPosteriors(NamedTuple):
     """Expected posteriors of N targets with error covariances, at K steps."""
 
-    place: Floats  # (N, K, 2)
+    position: Floats  # (N, K, 2)
     covariance: Floats  # (N, K, 2, 2)
 
 
@@ -333,7 +338,7 @@ def errors_along(
         keep: 1 to T.
     """
     fresh = max(0.5 * motion.speed**2, MIN_VELOCITY_VARIANCE)
-    place, spread = run_filter(
+    position, spread = run_filter(
         np.ascontiguousarray(ways),
         np.ascontiguousarray(reports.information),
         np.ascontiguousarray(reports.noise),
@@ -345,7 +350,7 @@ def errors_along(
         dt,
         keep,
     )
-    return ExpectedPosteriors(place, spread[..., [[0, 1], [1, 2]]])
+    return ExpectedPosteriors(position, spread[..., [[0, 1], [1, 2]]])
 
 
 def step_noise(sigma: float, sigma_a: float, fresh: float, dt: float) -> StepNoise:

@@ -111,8 +111,8 @@ def _map(
 
 def _squares(what: MapPicture, values: Floats, **style: Any) -> PatchCollection:
     width, height = (float(side) for side in what.size)
-    places = zip(what.table.x - 0.5 * width, what.table.y - 0.5 * height, strict=True)
-    squares = PatchCollection([Rectangle(corner, width, height) for corner in places], **style)
+    positions = zip(what.table.x - 0.5 * width, what.table.y - 0.5 * height, strict=True)
+    squares = PatchCollection([Rectangle(corner, width, height) for corner in positions], **style)
     squares.set_array(values)
     return squares
 

@@ -62,8 +62,8 @@ def run_plan(request: PlanRequest, job: Job) -> tuple[dict[str, object], tuple[L
     scene = load_scene(request.scene, None, request.scene)
     config = configure(PlanConfig.in_unit(scene.length_unit), request.settings)
     candidates = _candidates(request, scene)
-    places, losses = _places(request.paths, scene)
-    planned = prepare(scene, config, request.seed, also=candidates, paths=places)
+    positions, losses = _places(request.paths, scene)
+    planned = prepare(scene, config, request.seed, also=candidates, paths=positions)
     table = plan_map(planned)
     rankings = _rank(request, planned, candidates, job)
     parameters = asdict(config) | {

@@ -53,7 +53,7 @@ class PreparedPlan(NamedTuple):
     weight: Floats  # (C,) sums to 1
     visits: Visits
     walked: Walked
-    told: dict[str, ExpectedInformation]  # by sensor
+    information: dict[str, ExpectedInformation]  # by sensor
     chance: Floats  # (2, N, T) standard normals, of which the errors of all that is reported are made
     start: tuple[Floats, Floats]  # (2,) mean and (2, 2) covariance of a position in the room
     motion: Motion
@@ -103,7 +103,7 @@ def prepare(
         weight=_weights(cells, paths),
         visits=visits,
         walked=walked,
-        told={sensor.name: information_of_sensor(sensor, scene, walked, config, seed) for sensor in own},
+        information={sensor.name: information_of_sensor(sensor, scene, walked, config, seed) for sensor in own},
         chance=generator(seed, RandomStream.PLAN, 3).standard_normal((2, *walked.ways.shape[:2])),
         start=(cells.xy.mean(axis=0), polygon_covariance(scene.room)),
         motion=moments_of(people, dt),
@@ -131,11 +131,11 @@ def filter_noise_of(config: PlanConfig) -> FilterNoise:
     return FilterNoise(config.filter_process_noise_position, config.filter_process_noise_velocity)
 
 
-def expected(planned: PreparedPlan, told: Sequence[ExpectedInformation]) -> ExpectedPosteriors:
+def expected(planned: PreparedPlan, information: Sequence[ExpectedInformation]) -> ExpectedPosteriors:
     """Filter errors for a set of sensors at the end of each path, without the room's prior."""
     walked = planned.walked
     total = np.zeros((3, *walked.ways.shape[:2]))
-    for one in told:
+    for one in information:
         total += one.information
     reports = Reports(total, noise_of(total, planned.chance))
     return errors_along(walked.ways, reports, planned.start, planned.motion, filter_noise_of(planned.config), walked.dt)
@@ -144,19 +144,19 @@ def expected(planned: PreparedPlan, told: Sequence[ExpectedInformation]) -> Expe
 def square_errors(planned: PreparedPlan, found: ExpectedPosteriors) -> Floats:
     """(C, draws) mean square errors, with the room's prior."""
     cells = planned.cells
-    square = square_error_in_room(found.covariance[:, -1], found.place[:, -1], cells.xy, cells.size)
+    square = square_error_in_room(found.covariance[:, -1], found.position[:, -1], cells.xy, cells.size)
     return square.reshape(len(cells.xy), -1)
 
 
-def expected_error(planned: PreparedPlan, told: Sequence[ExpectedInformation]) -> float:
+def expected_error(planned: PreparedPlan, information: Sequence[ExpectedInformation]) -> float:
     """Root of the mean square error over the floor for a set of sensors."""
-    return float(np.sqrt(planned.weight @ square_errors(planned, expected(planned, told)).mean(axis=1)))
+    return float(np.sqrt(planned.weight @ square_errors(planned, expected(planned, information)).mean(axis=1)))
 
 
 def plan_map(planned: PreparedPlan) -> PlanMap:
     """Expected errors of the scene's sensors at each position."""
-    told = list(planned.told.values())
-    before = expected(planned, told)
+    information = list(planned.information.values())
+    before = expected(planned, information)
     square = square_errors(planned, before)
     mean = square.mean(axis=1)
     rmse = np.sqrt(mean)
@@ -210,11 +210,11 @@ def rank_candidates(
     planned: PreparedPlan, candidates: Iterable[Sensor], also: Sequence[ExpectedInformation] = ()
 ) -> list[PlacementCandidate]:
     """Each candidate added to the scene's sensors, the best one first; equal ones in the order given."""
-    told = [_sum([*planned.told.values(), *also])] if planned.told or also else []
+    information = [_sum([*planned.information.values(), *also])] if planned.information or also else []
     found = []
     for sensor in candidates:
         own = information_of_sensor(sensor, planned.scene, planned.walked, planned.config, planned.seed)
-        found.append(PlacementCandidate(sensor, expected_error(planned, [*told, own])))
+        found.append(PlacementCandidate(sensor, expected_error(planned, [*information, own])))
     return sorted(found, key=lambda placed: placed.rmse)
 
 
@@ -236,15 +236,15 @@ def rank_removal(planned: PreparedPlan) -> list[PlacementCandidate]:
     """The error without each of the scene's sensors, the least needed one first."""
     found = []
     for sensor in sensors_of(planned.scene):
-        others = [told for name, told in planned.told.items() if name != sensor.name]
+        others = [information for name, information in planned.information.items() if name != sensor.name]
         found.append(PlacementCandidate(sensor, expected_error(planned, others)))
     return sorted(found, key=lambda placed: placed.rmse)
 
 
-def _sum(told: Sequence[ExpectedInformation]) -> ExpectedInformation:
+def _sum(terms: Sequence[ExpectedInformation]) -> ExpectedInformation:
     """Information of several sensors as one."""
-    seen, information = told[0].seen.copy(), told[0].information.copy()
-    for one in told[1:]:
+    seen, information = terms[0].seen.copy(), terms[0].information.copy()
+    for one in terms[1:]:
         seen |= one.seen
         information += one.information
     return ExpectedInformation(seen, information)
@@ -264,15 +264,15 @@ def along_walls(scene: Scene, like: Camera, spacing: float) -> tuple[Camera, ...
     for a, b in zip(scene.room, np.roll(scene.room, -1, axis=0), strict=True):
         parts = max(1, int(np.ceil(np.hypot(*(b - a)) / spacing)))
         for share in np.arange(parts) / parts:
-            place = a + share * (b - a)
-            place = place + 1e-3 * (middle - place)
-            out.append(_turned(like, place, middle, f"wall{len(out) + 1}"))
+            position = a + share * (b - a)
+            position = position + 1e-3 * (middle - position)
+            out.append(_turned(like, position, middle, f"wall{len(out) + 1}"))
     return tuple(out)
 
 
-def _turned(like: Camera, place: Floats, to: Floats, name: str) -> Camera:
+def _turned(like: Camera, point: Floats, to: Floats, name: str) -> Camera:
     """The camera at a position, with its pitch, pointing at another."""
     _, pitch, roll = angles_from_rotation(like.rotation)
-    yaw = float(np.arctan2(*(to - place)[::-1]))
-    position = np.array([place[0], place[1], like.position[2]])
+    yaw = float(np.arctan2(*(to - point)[::-1]))
+    position = np.array([point[0], point[1], like.position[2]])
     return replace(like, name=name, position=position, rotation=rotation_from_angles(yaw, pitch, roll))

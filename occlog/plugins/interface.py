@@ -131,7 +131,7 @@ class Filter(Protocol):
     def __init__(self, scene: Scene, settings: Settings, rng: Generator) -> None:
         """Create a filter without knowledge of the target."""
 
-    def step(self, moment: TargetScan) -> EstimatedPosition | None:
+    def step(self, scan: TargetScan) -> EstimatedPosition | None:
         """Take a time step in; where the target is then, or None where that is not known yet."""
 
 

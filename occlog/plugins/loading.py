@@ -99,14 +99,14 @@ def plugin_errors(plugin: Plugin) -> Iterator[None]:
     except OcclogError:
         raise
     except Exception as error:
-        place, trace = "", error.__traceback__
+        location, trace = "", error.__traceback__
         while trace is not None:
             file = trace.tb_frame.f_code.co_filename
             if "importlib" not in file:
-                place = f" at {file}:{trace.tb_lineno}"
+                location = f" at {file}:{trace.tb_lineno}"
             trace = trace.tb_next
         reason = " ".join(str(error).split())[:160]
-        raise PluginError(f"{plugin.label}: {type(error).__name__}: {reason}{place}") from error
+        raise PluginError(f"{plugin.label}: {type(error).__name__}: {reason}{location}") from error
 
 
 def installed(kind: str | None = None) -> list[Plugin]:

@@ -124,8 +124,8 @@ class ColumnTable:
     @classmethod
     def of(cls, **values: object) -> Self:
         """Build a table from array-likes, cast to the declared dtypes; optional columns may be omitted."""
-        told = [c for c in cls.columns() if not c.optional or c.name in values]
-        return cls(**{c.name: as_column(c, values.pop(c.name)) for c in told}, **values)
+        columns = [c for c in cls.columns() if not c.optional or c.name in values]
+        return cls(**{c.name: as_column(c, values.pop(c.name)) for c in columns}, **values)
 
     @classmethod
     def concat(cls, parts: Iterable[Self]) -> Self:
@@ -264,10 +264,10 @@ def repeated_rows(table: ColumnTable, but: str = "") -> tuple[Bools, Bools]:
 
     Args:
         table: in the order of its key.
-        but: last column of its key if that is not looked at: the number that a row got when the file was read.
+        but: last column of its key, if not compared: the number that a row got when the file was read.
 
     Returns:
-        (n,), (n,): rows that equal an earlier one in all columns; other rows whose key an earlier row has.
+        (n,), (n,): rows that equal an earlier one in all columns; other rows with the key of an earlier row.
     """
     rows = len(table)
     like = np.ones(max(rows - 1, 0), dtype=np.bool_)
@@ -289,9 +289,9 @@ def repeated_rows(table: ColumnTable, but: str = "") -> tuple[Bools, Bools]:
     copy, twice = np.zeros(rows, dtype=np.bool_), np.append(False, like)
     copy[near[order[1:]]] = (sets[1:] == sets[:-1]).all(axis=1)
     last = getattr(table, key[-1])
-    told = last >= 0 if last.dtype.kind == "i" and key[-1] != "t_ns" else np.ones(rows, dtype=np.bool_)
-    alone = told | np.isfinite(getattr(table, table.MEASURED)) if table.MEASURED else told
-    return copy & alone, twice & ~copy & told
+    valid = last >= 0 if last.dtype.kind == "i" and key[-1] != "t_ns" else np.ones(rows, dtype=np.bool_)
+    alone = valid | np.isfinite(getattr(table, table.MEASURED)) if table.MEASURED else valid
+    return copy & alone, twice & ~copy & valid
 
 
 def is_in_key_order(table: ColumnTable) -> bool:

@@ -40,18 +40,18 @@ LEFT_OUT = "frames_left_out"
 
 
 def skipped_frames_of(parameters: Mapping[str, object]) -> dict[str, object]:
-    """What provenance of a table that is made of another one says of it."""
+    """Provenance of a table that is made of another one, about that one."""
     return {LEFT_OUT: parameters[LEFT_OUT]} if LEFT_OUT in parameters else {}
 
 
 def gaps_of(parameters: Mapping[str, object]) -> dict[str, list[tuple[int, int]]]:
     """The segments by camera, in order, as provenance has them; none for what is not of this form."""
-    told = parameters.get(LEFT_OUT)
-    if not isinstance(told, Mapping):
+    value = parameters.get(LEFT_OUT)
+    if not isinstance(value, Mapping):
         return {}
     return {
         str(name): sorted((int(first), int(last)) for first, last in each)
-        for name, each in told.items()
+        for name, each in value.items()
         if all(isinstance(s, list | tuple) and len(s) == 2 and all(isinstance(n, int) for n in s) for s in each)
     }
 

@@ -10,7 +10,7 @@ How far a camera sees is its `range`.  Where the scene gives none, it is the lea
 
 * the distance at which a person is a fiftieth of the field of view wide or high (`PERSON_HEIGHT_M` over `MIN_SHARE` of
   the field of view), but at least twice the extent of all sensors;
-* the farthest ground in the image, of a camera that looks down and whose image ends below the horizon.
+* the farthest ground in the image, of a camera that points down, with an image that ends below the horizon.
 
 A microphone array without a `range` hears `DEFAULT_ARRAY_RANGE_M`, and at least twice the extent of all sensors.
 
@@ -78,7 +78,7 @@ class ScriptedTarget:
 
 @dataclass(frozen=True)
 class MotionScript:
-    """All targets by rising number, and how long and how often they are to be looked at, if the file says."""
+    """All targets by rising number, and how long and how often they are to be observed, if the file states it."""
 
     targets: tuple[ScriptedTarget, ...]
     length_unit: str | None = None
@@ -92,7 +92,7 @@ class MotionScript:
 
 
 HEIGHT_SLACK = 1e-6
-"""A camera whose centre is nearer to z = 0, in the scene's unit, is there but for the rounding of its calibration."""
+"""A camera centre nearer to z = 0 [scene unit] is at 0 but for the rounding of its calibration."""
 
 MAX_COORDINATE = 1e12
 """Largest coordinate and length of a scene: what is computed of it has room up to the limit of tables."""
@@ -368,13 +368,13 @@ DEFAULT_ARRAY_RANGE_M = 20.0
 STEP = np.pi / 16
 """Angle between neighbouring corners of a wedge's rim, at most."""
 BELOW_HORIZON = np.radians(0.5)
-"""An image whose upper border is less than this below the horizon shows the ground to any distance."""
+"""An image with its upper border less than this below the horizon shows the ground to any distance."""
 
 
 def box_around(scene: Scene) -> tuple[Floats, Floats]:
     """(2,) lowest and (2,) highest corner of a box around all sensors, widened by 1 unit and a tenth."""
-    places = np.array([s.position[:2] for s in scene.sensors])
-    low, high = places.min(axis=0), places.max(axis=0)
+    positions = np.array([s.position[:2] for s in scene.sensors])
+    low, high = positions.min(axis=0), positions.max(axis=0)
     pad = SENSOR_MARGIN_M + 0.1 * float(np.max(high - low))
     return low - pad, high + pad
 

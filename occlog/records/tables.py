@@ -7,7 +7,7 @@ Each column states its dtype, unit and meaning once.  `occlog.io.files.tables.ar
 Conventions (all tables)
     * `t_ns` is int64 nanoseconds since the Unix epoch; rows are ordered by it.
     * World frame: x, y on the ground, z up, in the scene's length unit (metres unless
-      the scene says otherwise).  Angles are radians from +x towards +y in [-pi, pi).
+      the scene states otherwise).  Angles are radians from +x towards +y in [-pi, pi).
     * Pixels carry `_px`; x to the right, y down, the centre of the first pixel is (0, 0).
     * NaN is allowed only in columns declared with `nan=...`, which gives the meaning.
 
@@ -94,11 +94,11 @@ def table_with(name: str, columns: Collection[str]) -> type[ColumnTable]:
         name: one of `TABLES`.
         columns: names of the columns in the file.
     """
-    told = set(columns)
+    names = set(columns)
 
     def misfit(table: type[ColumnTable]) -> tuple[int, int]:
         own = {c.name for c in table.columns()}
-        return len(told - own), len(own - told)
+        return len(names - own), len(own - names)
 
     return min((TABLES[name], *(each for each in WIDER if issubclass(each, TABLES[name]))), key=misfit)
 

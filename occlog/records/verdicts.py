@@ -131,9 +131,9 @@ def counts_of(checks: Iterable[Check]) -> str:
     made = tuple(checks)
     by_status = Counter(check.status for check in made)
     noted = sum(check.found and check.status == "passed" for check in made)
-    told = [f"{by_status['passed']} passed{f' ({noted} with a note)' if noted else ''}"] if made else ["nothing"]
-    told += [f"{by_status[status]} {status}" for status in ("failed", "not applicable") if by_status[status]]
-    return ", ".join(told)
+    parts = [f"{by_status['passed']} passed{f' ({noted} with a note)' if noted else ''}"] if made else ["nothing"]
+    parts += [f"{by_status[status]} {status}" for status in ("failed", "not applicable") if by_status[status]]
+    return ", ".join(parts)
 
 
 def findings(checks: Iterable[Check]) -> tuple[Check, ...]:

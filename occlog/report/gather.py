@@ -89,7 +89,7 @@ from .content.sight import (
     TriangulationDistances,
     has_common_time,
     period_of,
-    places,
+    sensor_positions,
     sight_lines,
 )
 
@@ -159,7 +159,7 @@ class ThinnedBearings:
     Attributes:
         table: those of the time steps.
         whole: figures of all rows.
-        looked: their summary.
+        coverage: their summary.
         every: every n-th time step has its bearings.
         residuals: of each track.
         sight: distances of each track of which no error is known.
@@ -167,7 +167,7 @@ class ThinnedBearings:
 
     table: Bearings
     whole: TableTotals
-    looked: ObservationCoverage
+    coverage: ObservationCoverage
     every: int
     residuals: dict[int, Residual] = field(default_factory=dict)
     sight: dict[int, TriangulationDistances] = field(default_factory=dict)
@@ -180,7 +180,7 @@ class _Periods:
         self._scene, self._targets = scene, sorted(targets)
         self._rows, self._together = dict.fromkeys(targets, 0), dict.fromkeys(targets, 0)
         self._steps, self._last = Blocks(STEP), dict[int, int]()
-        self._sensors = max(len(places(scene)), 1)
+        self._sensors = max(len(sensor_positions(scene)), 1)
         self._counts = np.zeros(len(targets) * self._sensors, dtype=np.int64)
 
     def add(self, bearings: Bearings) -> None:
@@ -217,8 +217,8 @@ def bearings_of(
     stream: Callable[[], Iterator[Bearings]],
     scene: Scene | None,
     targets: tuple[int, ...],
-    moments: tuple[Ints, float],
-    beside: BearingReference | None,
+    time_steps: tuple[Ints, float],
+    reference: BearingReference | None,
     most: int = sys.maxsize,
 ) -> ThinnedBearings:
     """Go through all bearings twice.
@@ -227,24 +227,24 @@ def bearings_of(
         stream: gives them, in the order of time, as often as requested.
         scene: the sensors.
         targets: that are tracked.
-        moments: times that the replay shows, and the usual time between two of all times [ns].
-        beside: the other side of the comparison; None: nothing.
+        time_steps: times that the replay shows, and the usual time between two of all times [ns].
+        reference: the other side of the comparison; None: nothing.
         most: how many of them are drawn, about.
     """
-    looks, steps, times, span = ObservationStreams(), Spool(), 0, (0, 0)
-    kept, step_ns = moments
+    observations, steps, times, span = ObservationStreams(), Spool(), 0, (0, 0)
+    kept, step_ns = time_steps
     counts = np.zeros(len(kept), np.int64)
-    periods = None if beside is None or scene is None else _Periods(scene, beside.without)
+    periods = None if reference is None or scene is None else _Periods(scene, reference.without)
     for piece in whole_times(stream()):
         first = np.unique(piece.t_ns)
         steps.add(np.diff(first if not times else np.append(span[1], first)).astype(np.float64))
         span = int(first[0]) if not times else span[0], int(first[-1])
         times += len(first)
-        looks.add(piece)
+        observations.add(piece)
         counts += np.bincount(rows_before(kept, step_ns, piece.t_ns)[1], minlength=len(kept))
         if periods is not None:
             periods.add(piece)
-    every = max(-(-looks.rows // most), 1)
+    every = max(-(-observations.rows // most), 1)
     step = 1 if every == 1 else every_nth(counts, most)
     shown, parts = kept[::step], [Bearings.empty()]
 
@@ -252,37 +252,37 @@ def bearings_of(
         parts.append(part if every == 1 else part.take(rows_before(shown, step_ns, part.t_ns)[0]))
 
     residuals, sight = dict[int, Residual](), dict[int, TriangulationDistances]()
-    if beside is None or scene is None or periods is None:
+    if reference is None or scene is None or periods is None:
         for part in stream():
             keep(part)
     else:
-        off = BearingResidualStreams(scene, targets, looks.labels, periods.periods_ns(), every)
-        for ours, part in _beside(stream, scene, beside):
+        off = BearingResidualStreams(scene, targets, observations.labels, periods.periods_ns(), every)
+        for ours, part in _beside(stream, scene, reference):
             off.add(ours, part)
             keep(part)
         residuals, sight = off.finish()
-    named = scene_order(scene, looks.sensors)[:MAX_SENSORS]
-    watched = tuple(i for i in looks.labels if i != UNLABELLED) or looks.labels
-    looked = looks.finish(named, dict.fromkeys((*watched[:MAX_TARGETS], *targets[:1])))
-    whole = TableTotals(looks.rows, times, every, shown, median_of(steps) if steps.count else float(NS), span)
-    return ThinnedBearings(Bearings.concat(parts), whole, looked, step, residuals, sight)
+    named = scene_order(scene, observations.sensors)[:MAX_SENSORS]
+    watched = tuple(i for i in observations.labels if i != UNLABELLED) or observations.labels
+    coverage = observations.finish(named, dict.fromkeys((*watched[:MAX_TARGETS], *targets[:1])))
+    whole = TableTotals(observations.rows, times, every, shown, median_of(steps) if steps.count else float(NS), span)
+    return ThinnedBearings(Bearings.concat(parts), whole, coverage, step, residuals, sight)
 
 
 def _beside(
-    stream: Callable[[], Iterator[Bearings]], scene: Scene, beside: BearingReference
+    stream: Callable[[], Iterator[Bearings]], scene: Scene, reference: BearingReference
 ) -> Iterator[tuple[Tracks, Bearings]]:
     """Sections of bearings, and all estimates between which they are; evidence is collected meanwhile."""
-    sight = SightEvidence(beside.evidence, scene, beside.made, ())
-    tracks, bearings = TableBuffer(beside.tracks(), Tracks), TableBuffer(stream(), Bearings)
+    sight = SightEvidence(reference.evidence, scene, reference.made, ())
+    tracks, bearings = TableBuffer(reference.tracks(), Tracks), TableBuffer(stream(), Bearings)
     said: TableBuffer[Diagnostics] | None = None
-    if beside.diagnostics is not None:
-        rows = in_rows_of(beside.tracks(), beside.diagnostics())
+    if reference.diagnostics is not None:
+        rows = in_rows_of(reference.tracks(), reference.diagnostics())
         said = TableBuffer(rows, Diagnostics)
     sides: list[TableBuffer[Any]] = [tracks, bearings, *([] if said is None else [said])]
     margins = [max(NEAR_NS, sight.margin_ns), *[sight.margin_ns] * (len(sides) - 1)]
     for limits in in_step(sides, margins):
         sight.update(limits, tracks, bearings, said)
-        yield beside.posts.about(limits, tracks), limits.of(bearings)
+        yield reference.posts.about(limits, tracks), limits.of(bearings)
     sight.finish()
 
 
@@ -297,7 +297,7 @@ class ReportFigures:
 
     Attributes:
         whole: of each table that is given, by its name.
-        moments: (M,) times that the replay shows; none where nothing moves.
+        times: (M,) times that the replay shows; none where nothing moves.
         every: of all times of what moves every n-th is one of these.
         sight_every: every n-th time step has lines of sight.
         priors_every: every n-th time step has occluders as the tracker knew them.
@@ -305,7 +305,7 @@ class ReportFigures:
         errors_so_far: (N,) RMSE of the target of each error that is drawn, up to it.
         bound: of errors and the bound.
         bound_so_far: (N, 2) root mean square of each bound that is drawn and of all before it, and of smoothing.
-        looked: of all bearings.
+        coverage: of all bearings.
         residuals: of each track.
         sight: distances of each track with unknown errors.
         people: of all estimates of all people; None: tracks are not of all people.
@@ -317,7 +317,7 @@ class ReportFigures:
     """
 
     whole: Mapping[str, TableTotals] = field(default_factory=dict)
-    moments: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    times: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
     every: int = 1
     sight_every: int = 1
     priors_every: int = 1
@@ -325,7 +325,7 @@ class ReportFigures:
     errors_so_far: Floats = field(default_factory=lambda: np.zeros(0))
     bound: ErrorsAgainstBound = field(default_factory=ErrorsAgainstBound)
     bound_so_far: Floats = field(default_factory=lambda: np.zeros((0, 2)))
-    looked: ObservationCoverage | None = None
+    coverage: ObservationCoverage | None = None
     residuals: Mapping[int, Residual] = field(default_factory=dict)
     sight: Mapping[int, TriangulationDistances] = field(default_factory=dict)
     people: PeopleStatistics | None = None
@@ -424,7 +424,7 @@ class _Reading:
         self._tables: dict[str, Any] = {}
         self._whole: dict[str, TableTotals] = {}
         self._figures: dict[str, Any] = {}
-        self._moments = np.zeros(0, np.int64)
+        self._steps = np.zeros(0, np.int64)
         self._unknown = self._own = False
         self._selected: tuple[SelectionStreams, StreamedTable[Diagnostics]] | None = None
         self._posts = Posts()
@@ -447,7 +447,7 @@ class _Reading:
             self._figures["judged"] = checks_with_truth(
                 self._evidence, self._made, self._against, unknown=self._unknown, metrics=metrics
             )
-        return self._tables, ReportFigures(whole=self._whole, moments=self._moments, **self._figures)
+        return self._tables, ReportFigures(whole=self._whole, times=self._steps, **self._figures)
 
     def _most(self, name: str) -> int:
         """Return the approximate number of rows of a table to draw."""
@@ -462,7 +462,7 @@ class _Reading:
     ) -> DownsampledTable[T]:
         """Keep a part of a table, in chunks of which something else is made, too."""
         chunks, most = given.chunks() if chunks is None else chunks, self._most(name)
-        found = downsample(chunks, given.kind, given.rows, most, also=self._moments, ends=ends)
+        found = downsample(chunks, given.kind, given.rows, most, also=self._steps, ends=ends)
         self._keep(name, found)
         return found
 
@@ -513,11 +513,11 @@ class _Reading:
             shown = truth.whole.rows * _shown(truth.table)
             rows.append(min(round(shown), round(shown / truth.whole.times * len(leading.at))))
         every = kept_steps(len(leading.at), rows)
-        self._moments = moments = leading.at[::every]
+        self._steps = steps = leading.at[::every]
         self._figures["every"] = leading.every * every
         if given is not None and truth is not None and truth.whole.every > 1 and "tracks" in self._whole:
             step_ns = leading.step_ns
-            near = downsample_with(truth, given.chunks(), lambda rows: rows_before(moments, step_ns, rows.t_ns)[0])
+            near = downsample_with(truth, given.chunks(), lambda rows: rows_before(steps, step_ns, rows.t_ns)[0])
             self._keep("truth", near)
 
     def _read_diagnostics(self) -> None:
@@ -563,10 +563,13 @@ class _Reading:
         self, selected: SelectionStreams, diagnostics: StreamedTable[Diagnostics], kind: type[Errors] | type[Tracks]
     ) -> None:
         """Values of errors or tracks at the times at which cameras were selected."""
-        beside = self._open(kind.NAME, kind)
-        if beside is None:
+        companion = self._open(kind.NAME, kind)
+        if companion is None:
             return
-        ours, its = TableBuffer(diagnostics.chunks(), Diagnostics), TableBuffer[Errors | Tracks](beside.chunks(), kind)
+        ours, its = (
+            TableBuffer(diagnostics.chunks(), Diagnostics),
+            TableBuffer[Errors | Tracks](companion.chunks(), kind),
+        )
         for limits in in_step((ours, its), (0, 0)):
             selected.came_out(limits.of(ours), limits.of(its))
 
@@ -577,7 +580,7 @@ class _Reading:
         if errors is None:
             return
         ours = self._thin("errors", errors)
-        so_far, beside = ErrorsSoFar(), ErrorsAgainstBound()
+        so_far, against_bound = ErrorsSoFar(), ErrorsAgainstBound()
         # One pass more: the RMSE up to a row is of all rows before it
         sides = TableBuffer(errors.chunks(), Errors), TableBuffer(() if bound is None else bound.chunks(), Bound)
         drawn = _Drawn(ours.rows), _Drawn(np.zeros(0, np.int64) if theirs is None else theirs.rows)
@@ -586,9 +589,9 @@ class _Reading:
             if not self._own:
                 self._against.update(part)
             drawn[0].add(so_far.add(part))
-            drawn[1].add(beside.add(part, its))
+            drawn[1].add(against_bound.add(part, its))
         self._figures |= {"errors": so_far, "errors_so_far": drawn[0].values(())}
-        self._figures |= {"bound": beside, "bound_so_far": drawn[1].values((2,))}
+        self._figures |= {"bound": against_bound, "bound_so_far": drawn[1].values((2,))}
 
     def _read_events(self) -> None:
         """Read the events, and count them."""
@@ -610,15 +613,15 @@ class _Reading:
         given = self._open("occluders", Hulls, Occluders)
         if given is None:
             return
-        moments, every, most = self._moments, 1, self._most("occluders")
-        if len(moments) and given.rows > most:
-            counts = np.zeros(len(moments), np.int64)
+        steps, every, most = self._steps, 1, self._most("occluders")
+        if len(steps) and given.rows > most:
+            counts = np.zeros(len(steps), np.int64)
             for chunk in given.chunks():
-                at = np.searchsorted(moments, chunk.t_ns[np.isin(chunk.t_ns, moments)])
-                counts += np.bincount(at, minlength=len(moments))
+                at = np.searchsorted(steps, chunk.t_ns[np.isin(chunk.t_ns, steps)])
+                counts += np.bincount(at, minlength=len(steps))
             every = every_nth(counts, most)
         self._keep(
-            "occluders", downsample(given.chunks(), given.kind, given.rows, most, also=moments[::every], ends=False)
+            "occluders", downsample(given.chunks(), given.kind, given.rows, most, also=steps[::every], ends=False)
         )
         self._figures["priors_every"] = every
 
@@ -633,18 +636,18 @@ class _Reading:
         if stream is None:
             return
         leading = self._whole.get("tracks") or self._whole.get("truth")
-        beside = None
+        reference = None
         if self._scene is not None and "tracks" in self._whole and "people" not in self._figures:
             tracks, said = self._open("tracks", Tracks), self._open("diagnostics", Diagnostics)
             same = said is not None and self._whole["diagnostics"].rows == self._whole["tracks"].rows
             assert tracks is not None
             fared = said.chunks if said is not None and same else None
-            beside = BearingReference(tracks.chunks, fared, self._posts, self._evidence, self._made, self._without())
+            reference = BearingReference(tracks.chunks, fared, self._posts, self._evidence, self._made, self._without())
         step_ns = float("nan") if leading is None else leading.step_ns
-        moments = self._moments, step_ns
-        found = bearings_of(stream.chunks, self._scene, self._targets(), moments, beside, self._most("bearings"))
+        steps = self._steps, step_ns
+        found = bearings_of(stream.chunks, self._scene, self._targets(), steps, reference, self._most("bearings"))
         self._tables["bearings"], self._whole["bearings"] = found.table, found.whole
-        self._figures |= {"looked": found.looked, "sight_every": found.every}
+        self._figures |= {"coverage": found.coverage, "sight_every": found.every}
         self._figures |= {"residuals": found.residuals, "sight": found.sight}
 
     def _targets(self) -> tuple[int, ...]:

@@ -24,7 +24,7 @@ from .content.metrics_in_words import Figure, groups, number
 from .content.model import ReportInput, TimeAxis
 from .content.people import PeopleStatistics
 from .drawing import COLOURS, DARK, Plot, house_style, label, plot, script, template
-from .plots.floorplan import MAX_MOVING_OCCLUDERS, bold_from, draw_floorplan, moments, outside, plan_limits
+from .plots.floorplan import MAX_MOVING_OCCLUDERS, bold_from, draw_floorplan, drawn_times, outside, plan_limits
 from .plots.over_time import (
     axes_of,
     cameras_of,
@@ -58,10 +58,10 @@ def headline(data: ReportInput) -> list[Figure]:
         out += _people(data.people)
     elif data.tracks is not None:
         out.append(Figure("estimates", number(data.rows("tracks")), "", f"of {plural(len(data.targets), 'target')}"))
-    looked = data.looked
-    if looked is not None and looked.rows:
-        share = 100.0 * (looked.seen / looked.rows)
-        out.append(Figure("target seen", number(round(share, 1)), "%", f"of {number(looked.rows)} observations"))
+    coverage = data.coverage
+    if coverage is not None and coverage.rows:
+        share = 100.0 * (coverage.seen / coverage.rows)
+        out.append(Figure("target seen", number(round(share, 1)), "%", f"of {number(coverage.rows)} observations"))
     if data.losses:
         lost = sum(loss.count for loss in data.losses)
         out.append(Figure("input lost", number(lost or len(data.losses)), "", "items" if lost else "stretches"))
@@ -122,9 +122,9 @@ def _in_space(data: ReportInput) -> list[Figure]:
 
 def _headline_sight(data: ReportInput) -> list[Figure]:
     """RMS distance of the tracks from where the lines of sight meet."""
-    told = [each for each in data.sight.values() if each.rows]
-    rows = sum(each.rows for each in told)
-    off = math.sqrt(math.fsum(each.rms**2 * each.rows for each in told) / rows) if rows else math.nan
+    reported = [each for each in data.sight.values() if each.rows]
+    rows = sum(each.rows for each in reported)
+    off = math.sqrt(math.fsum(each.rms**2 * each.rows for each in reported) / rows) if rows else math.nan
     return [] if math.isnan(off) else [Figure("off lines of sight", number(off), data.unit, "RMS; no truth is given")]
 
 
@@ -137,9 +137,9 @@ def row_counts(data: ReportInput) -> list[Figure]:
         if not data.rows(name):
             out.append(Figure(name, "0", "rows", "empty"))
             continue
-        lasted = TimeAxis(*data.whole[name].span_ns).told
-        moments = plural(data.whole[name].times, "time")
-        out.append(Figure(name, number(data.rows(name)), "rows", f"{lasted}, {moments}"))
+        lasted = TimeAxis(*data.whole[name].span_ns).duration
+        times = plural(data.whole[name].times, "time")
+        out.append(Figure(name, number(data.rows(name)), "rows", f"{lasted}, {times}"))
     return out
 
 
@@ -235,14 +235,14 @@ def floorplan(data: ReportInput) -> Plot:
         moving = len(np.unique(data.truth.target_id[data.truth.role == "occluder"]))
         if moving > MAX_MOVING_OCCLUDERS:
             words.append(f"The {moving} moving occluders are not drawn.")
-    if data.occluders is not None and (n := len(moments(data.occluders.t_ns[data.occluders.occluder_id >= 0]))):
-        words.append(f"Moving occluders are drawn as the tracker knew them at {plural(n, 'moment')}.")
+    if data.occluders is not None and (n := len(drawn_times(data.occluders.t_ns[data.occluders.occluder_id >= 0]))):
+        words.append(f"Moving occluders are drawn as the tracker knew them at {plural(n, 'time')}.")
     if (since := bold_from(data)) is not None:
-        recent = TimeAxis(since, data.time.end_ns).told
+        recent = TimeAxis(since, data.time.end_ns).duration
         words.append(f"The paths are long: the last {recent} are bold, earlier parts are faint.")
     if (gone := outside(data)) > 0:
-        whose = " of those that are drawn lie" if data.drawn("tracks") else ""
-        words.append(f"{plural(gone, 'estimate')}{whose} outside the drawing.")
+        drawn_note = " of those that are drawn lie" if data.drawn("tracks") else ""
+        words.append(f"{plural(gone, 'estimate')}{drawn_note} outside the drawing.")
     words += [said] if (said := data.drawn("tracks", "truth")) else []
     return plot("plan", "Floor plan", " ".join(words), (WIDTH, height), lambda f: draw_floorplan(f, data))
 
@@ -301,8 +301,8 @@ def _accuracy(data: ReportInput, target: int) -> list[Plot]:
         caption = f"On the ground: {caption}. The lowest row is the height"
     if said := data.drawn("errors", "bound"):
         caption += f". {said[:-1]}{largest}; figures are of all"
-    whose = f", {data.whose_errors(target)}" if data.relabelled else _whose(data, target)
-    heading = f"Error and bound over time{whose}"
+    owner_note = f", {data.whose_errors(target)}" if data.relabelled else _whose(data, target)
+    heading = f"Error and bound over time{owner_note}"
     size = (WIDTH, 5.6 if axes == "xy" else 6.7)
     return [plot(f"error{target}", heading, caption + ".", size, lambda f: draw_accuracy(f, data, errors, target))]
 
@@ -331,15 +331,15 @@ def _sight(data: ReportInput, target: int) -> list[Plot]:
 
 
 def _visibility(data: ReportInput, target: int) -> Plot:
-    looked = data.looked
-    assert looked is not None  # `watched` names no target without bearings
+    coverage = data.coverage
+    assert coverage is not None  # `watched` names no target without bearings
     rows = min(len(sensors(data)), MAX_SENSORS)
     caption = "A bar is blue as far up as the target was seen in the frames of that time."
     if len(sensors(data)) > rows:
         caption += f" The first {rows} of {len(sensors(data))} sensors are drawn."
     size = (WIDTH, 1.15 + 0.27 * rows)
     heading = f"What each sensor saw{data.whose_bearings(target)}"
-    return plot(f"seen{target}", heading, caption, size, lambda f: draw_visibility(f, data, looked, target))
+    return plot(f"seen{target}", heading, caption, size, lambda f: draw_visibility(f, data, coverage, target))
 
 
 def _selection(data: ReportInput, target: int) -> Plot:
@@ -377,7 +377,7 @@ def _filter(data: ReportInput) -> list[Plot]:
     return [plot("filter", heading, caption, (WIDTH, 2.7), lambda f: draw_filter(f, data, diagnostics))]
 
 
-def _render(data: ReportInput, plots: list[Plot], moments: Replay | None) -> str:
+def _render(data: ReportInput, plots: list[Plot], replay: Replay | None) -> str:
     return template("report.html.j2").render(
         title=data.title,
         unit=data.unit,
@@ -396,7 +396,7 @@ def _render(data: ReportInput, plots: list[Plot], moments: Replay | None) -> str
         left_out=data.targets[MAX_TARGETS:],
         losses=data.losses,
         provenance=_provenance(data.provenance),
-        replay=moments,
+        replay=replay,
         script=script(*SCRIPTS),
         light=COLOURS,
         dark=DARK,

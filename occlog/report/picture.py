@@ -27,7 +27,7 @@ class PicturePanel(NamedTuple):
 DPI = 110.0
 SIZE = (15.0, 9.6)
 MAX_ROWS = 20
-"""Sensors whose sightings fit next to the floor plan; the page has more."""
+"""Sensors with sightings that fit next to the floor plan; the page has more."""
 
 
 def build_picture(data: ReportInput) -> bytes:
@@ -77,23 +77,25 @@ def _head(figure: FigureBase, text: str) -> None:
 def _panels(data: ReportInput) -> list[PicturePanel]:
     """Panels next to the floor plan: the first target's error, and who saw it."""
     out: list[PicturePanel] = []
-    looked, errors = data.looked, data.errors
+    coverage, errors = data.coverage, data.errors
     first = data.targets[0] if data.targets else None
-    whose = "" if len(data.targets) <= 1 else f", target {first}"
+    target_note = "" if len(data.targets) <= 1 else f", target {first}"
     compared = data.compared[0] if data.relabelled else first
     if compared is not None and errors is not None and (errors.target_id == compared).any():
         height = 4.8 if axes_of(errors.take(errors.target_id == compared)) == "xy" else 5.8
-        of = f", {data.whose_errors(compared)}" if data.relabelled else whose
+        of = f", {data.whose_errors(compared)}" if data.relabelled else target_note
         out.append(PicturePanel(f"Error and bound{of}", height, lambda f: draw_accuracy(f, data, errors, compared)))
     elif first is not None and first in data.residuals and data.residuals[first].any:
-        out.append(PicturePanel(f"Track and lines of sight{whose}", 4.4, lambda f: draw_sight(f, data, first)))
+        out.append(PicturePanel(f"Track and lines of sight{target_note}", 4.4, lambda f: draw_sight(f, data, first)))
     seen = watched(data)
-    if looked is not None and seen:
+    if coverage is not None and seen:
         target = first if first in seen else seen[0]
         rows = min(len(sensors(data)), MAX_ROWS)
         height = min(1.4 + 0.24 * rows, 4.8)
-        of = whose if data.same_names else data.whose_bearings(target)
+        of = target_note if data.same_names else data.whose_bearings(target)
         out.append(
-            PicturePanel(f"What each sensor saw{of}", height, lambda f: draw_visibility(f, data, looked, target, rows))
+            PicturePanel(
+                f"What each sensor saw{of}", height, lambda f: draw_visibility(f, data, coverage, target, rows)
+            )
         )
     return out

@@ -131,10 +131,12 @@ def _made(paths: PageRequest, title: str) -> tuple[dict[str, object], tuple[Loss
 
     opened = [each for path in paths.inputs if (each := open_if_ours(path)) is not None]
     losses = input_losses(opened)
-    said_apart = ("losses", "verdicts")
-    made = {o.path.name: {k: v for k, v in o.provenance.as_dict().items() if k not in said_apart} for o in opened}
+    listed_separately = ("losses", "verdicts")
+    made = {
+        o.path.name: {k: v for k, v in o.provenance.as_dict().items() if k not in listed_separately} for o in opened
+    }
     own = Provenance("report", {"title": title}, None, hash_inputs(paths.inputs), losses)
-    values = {k: v for k, v in own.as_dict().items() if k not in said_apart} | {"made": made}
+    values = {k: v for k, v in own.as_dict().items() if k not in listed_separately} | {"made": made}
     return values, losses, own.judged
 
 

@@ -8,7 +8,7 @@ Measurements of distances that cannot be: negative ranges, too strong signals, t
 
 Standard deviations of signal strengths that do not state their own, where shadowing lasts from one read to the next.
 
-A strength has white noise and shadowing, whose correlation falls as exp(-dt / shadow_s).  Filters take all errors for
+A strength has white noise and shadowing that decorrelates as exp(-dt / shadow_s).  Filters take all errors for
 white.  The mean of many reads that follow each other by dt has the variance (1 + r) / (1 - r) = coth(dt / 2 shadow_s)
 times that of as many independent ones, r = exp(-dt / shadow_s): so much larger is the variance of shadowing that a
 read counts with, after dt since the same station last read the same target.  Reads long after another count in full.
@@ -66,12 +66,12 @@ class RangeDifferenceCheck:
         """Some more measurements; see `check_plausible`."""
         differs = packed.kind == DIFFERENCE
         rise = np.sqrt(packed.rise2) + np.sqrt(packed.other_rise2)
-        apart = np.hypot(*(packed.place - packed.other).T) + rise
-        beyond = np.flatnonzero(differs & (np.abs(packed.value) > apart + MIN_NEGATIVE_SIGMAS * packed.sigma))
+        separation = np.hypot(*(packed.position - packed.other).T) + rise
+        beyond = np.flatnonzero(differs & (np.abs(packed.value) > separation + MIN_NEGATIVE_SIGMAS * packed.sigma))
         if len(beyond) and not self._beyond:
             n = int(beyond[0])
             where = _where(table, int(row[n]))
-            self._first = f"that {where} is {packed.value[n]:.4g}, and these are {apart[n]:.4g} apart"
+            self._first = f"that {where} is {packed.value[n]:.4g}, and these are {separation[n]:.4g} apart"
         self._all, self._beyond = self._all + int(np.count_nonzero(differs)), self._beyond + len(beyond)
 
     def refuse(self) -> None:
@@ -214,7 +214,7 @@ class StationModel(NamedTuple):
     """The S sensors of a scene, those that measure directions first, as required for distances."""
 
     names: tuple[str, ...]
-    place: Floats  # (S, 3); NaN where it is not known
+    position: Floats  # (S, 3); NaN where it is not known
     power: Floats  # (S,) strength at 1 m [dBm]
     metre: float  # in units of length
 
@@ -225,29 +225,29 @@ def station_names(scene: Scene) -> tuple[str, ...]:
 
 
 def make_stations(scene: Scene, config: DistanceMeasurementConfig, radio: Radio | None = None) -> StationModel:
-    """The sensors of a scene; a fitted path loss comes before what the scene says of powers."""
+    """The sensors of a scene; a fitted path loss comes before the powers in the scene."""
     unknown = np.full(3, math.nan)
-    place = [c.position if c.placed else unknown for c in scene.cameras] + [a.position for a in scene.arrays]
-    place += [r.position for r in scene.readers]
+    positions = [c.position if c.placed else unknown for c in scene.cameras] + [a.position for a in scene.arrays]
+    positions += [r.position for r in scene.readers]
     names = station_names(scene)
     own = {r.name: r.power for r in scene.readers if r.power is not None} | ({} if radio is None else dict(radio.power))
     power = np.array([own.get(name, config.rssi_power) for name in names])
     metre = 1.0 / METRES.get(scene.length_unit, 1.0)
-    return StationModel(names, np.array(place, dtype=np.float64).reshape(-1, 3), power, metre)
+    return StationModel(names, np.array(positions, dtype=np.float64).reshape(-1, 3), power, metre)
 
 
 def measurements_of_reads(chunks: Iterable[Reads]) -> Iterator[Measurements]:
     """Reads of tags as signal strengths; reads without a strength are omitted."""
     for chunk in chunks:
-        told = chunk.take(np.isfinite(chunk.rssi))
-        nan = np.full(len(told), np.nan)
+        measured = chunk.take(np.isfinite(chunk.rssi))
+        nan = np.full(len(measured), np.nan)
         yield Measurements.of(
-            t_ns=told.t_ns,
-            sensor=told.sensor,
-            target_id=told.target_id,
+            t_ns=measured.t_ns,
+            sensor=measured.sensor,
+            target_id=measured.target_id,
             range=nan,
             sigma_range=nan,
-            rssi=told.rssi,
+            rssi=measured.rssi,
             sigma_rssi=nan,
         )
 
@@ -262,7 +262,7 @@ class DistanceMeasurementFeed:
         config: DistanceMeasurementConfig,
         radio: Radio | None = None,
         *,
-        moments: bool = False,
+        with_times: bool = False,
     ) -> None:
         """Nothing is read yet.
 
@@ -271,9 +271,9 @@ class DistanceMeasurementFeed:
             scene: must have the stations.
             config: what the table does not say.
             radio: a fitted path loss; None: as the scene and the settings say.
-            moments: each scan stands alone, so that it does not matter how long shadowing lasts.
+            with_times: each scan stands alone, so that it does not matter how long shadowing lasts.
         """
-        self._moments = moments
+        self._with_times = with_times
         self._chunks, self._config, self._radio = chunks, config, radio
         self._stations = make_stations(scene, config, radio)
         self.names = self._stations.names
@@ -295,7 +295,7 @@ class DistanceMeasurementFeed:
             window_ns: a scan and measurements at most this far apart are one scan, of the time of the later.
 
         Raises:
-            InputError: a station that is not in the scene or has no position there, a value whose standard deviation,
+            InputError: a station that is not in the scene or has no position there, a value with a standard deviation,
             or
                 what else it wants, is not known, or times that go back.
         """
@@ -318,7 +318,7 @@ class DistanceMeasurementFeed:
     ) -> Iterator[Scan]:
         """Scans of measurements alone."""
         rest: Measurements | None = None
-        last: LastReads | None = None if self._moments else {}
+        last: LastReads | None = None if self._with_times else {}
         for chunk in self._chunks:
             if rest is not None and len(rest) and len(chunk) and chunk.t_ns[0] < rest.t_ns[-1]:
                 raise InputError(f"measurements: time {chunk.t_ns[0]} ns comes after {rest.t_ns[-1]} ns; sort by t_ns")
@@ -425,9 +425,9 @@ def pack(
                 kind=np.full(len(own), kind, dtype=np.int64),
                 value=value,
                 sigma=sigma,
-                place=at.place[station[own], :2],
+                position=at.position[station[own], :2],
                 rise2=rise2[station[own]],
-                other=at.place[other, :2],
+                other=at.position[other, :2],
                 other_rise2=rise2[other],
                 station=station[own],
                 bend=how[0],
@@ -478,12 +478,12 @@ def _filled(sigma: Floats, usual: float | None) -> Floats:
 
 
 def _numbers(names: np.ndarray, at: StationModel, column: str) -> Ints:
-    """(n,) numbers of stations; InputError for one that the scene does not have, or whose position it does not know."""
+    """(n,) numbers of stations; InputError for one that the scene does not have, or has without a position."""
     found, inverse = np.unique(names, return_inverse=True)
     for name in found.tolist():
         if name not in at.names:
             raise InputError(f"measurements: no station {name!r} in the scene ({column}); {nearest(name, at.names)}")
-        if not np.isfinite(at.place[at.names.index(name), :2]).all():
+        if not np.isfinite(at.position[at.names.index(name), :2]).all():
             raise InputError(f"measurements: {name!r} has no place in the scene; add its position")
     return np.array([at.names.index(name) for name in found.tolist()], dtype=np.int64)[inverse]
 
@@ -491,7 +491,7 @@ def _numbers(names: np.ndarray, at: StationModel, column: str) -> Ints:
 def _rise2(at: StationModel, station: Ints, reference: Ints, height: float | None) -> Floats:
     """(S,) squares of the heights of stations over the targets; InputError where these matter and are not known."""
     used: Bools = np.isin(np.arange(len(at.names)), np.concatenate([station, reference]))
-    z = np.where(used, at.place[:, 2], 0.0)
+    z = np.where(used, at.position[:, 2], 0.0)
     if height is None:
         if (used.any() and np.ptp(z[used]) > 0.0) or (z[used] != 0.0).any():
             raise InputError(

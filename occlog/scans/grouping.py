@@ -94,7 +94,7 @@ class Scan(NamedTuple):
         return named if self.measured is None else named.union(self.measured.target_id.tolist())
 
     def by_sensor(self) -> Iterator[tuple[int, Scan]]:
-        """Every sensor that has rows, rising, and its rows that are `seen`: none where it looked in vain."""
+        """Every sensor that has rows, rising, and its rows that are `seen`: none where it detected nothing."""
         for sensor in np.unique(self.sensor).tolist():
             yield sensor, self.take((self.sensor == sensor) & self.seen)
 
@@ -115,7 +115,7 @@ def concat(scans: Sequence[Scan]) -> Scan:
 
 
 def empty_scan(t_ns: int, sensors: Sequence[int]) -> Scan:
-    """A scan of sensors, rising, that looked and saw nothing: a row of no target for each."""
+    """A scan of sensors, rising, without any detection: a row of no target for each."""
     return Scan.of(t_ns, sensors, seen=np.zeros(len(sensors), dtype=np.bool_))
 
 
@@ -226,9 +226,9 @@ def _split(table: Bearings, starts: list[int], names: tuple[str, ...]) -> Iterat
     n = starts[-1]
     if n == 0:
         return
-    place = {name: i for i, name in enumerate(names)}
+    index_of = {name: i for i, name in enumerate(names)}
     found, inverse = np.unique(table.sensor[:n], return_inverse=True)
-    sensor = np.array([place[name] for name in found.tolist()], dtype=np.int64)[inverse]
+    sensor = np.array([index_of[name] for name in found.tolist()], dtype=np.int64)[inverse]
     scan = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
     order = np.lexsort((table.target_id[:n], sensor, scan))
     _check_single(table, sensor, scan, order)

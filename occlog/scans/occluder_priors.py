@@ -82,7 +82,7 @@ def _by_time(chunks: Iterable[Occluders] | Iterable[Hulls]) -> Iterator[tuple[in
 
 
 def _priors(table: Occluders | Hulls, diameter: float) -> Priors:
-    """Priors of the rows of one time; a row of no occluder (id below 0) says that missing."""
+    """Priors of the rows of one time; a row of no occluder (id below 0) states that there are none."""
     absent = table.occluder_id < 0
     there = table.take(~absent) if absent.any() else table
     if not len(there):
@@ -102,7 +102,7 @@ def _priors(table: Occluders | Hulls, diameter: float) -> Priors:
 def known_positions(truth: Iterable[Truth]) -> Iterator[Occluders]:
     """Occluders where they truly are, known exactly: the case RMSE_occ = 0 of [Ercan].
 
-    A time of the truth without a moving occluder gives a row that says so.
+    A time of the truth without a moving occluder gives a row of no occluder.
     """
     for chunk in _whole_times(truth):
         there = chunk.take(chunk.role == "occluder")
@@ -180,9 +180,9 @@ def moving_people(opened: Opened, length_unit: str, start_s: float, people: Peop
 
 def obstacles_of(rows: Tracks | Truth, start_ns: int, people: PeopleAsObstacles) -> MovingObstacleTracks:
     """The people of a table as obstacles; those of a truth have no covariance."""
-    places = np.column_stack([rows.x, rows.y, people.radius + people.sigmas * _deviation(rows)])
+    positions = np.column_stack([rows.x, rows.y, people.radius + people.sigmas * _deviation(rows)])
     clock, limit_ns = StepClock(start_ns, people.step_s), round(people.max_gap_s * NS)
-    return MovingObstacleTracks(rows.t_ns, rows.target_id, places, clock, limit_ns)
+    return MovingObstacleTracks(rows.t_ns, rows.target_id, positions, clock, limit_ns)
 
 
 def _between(opened: Opened, table: type[T], after_ns: int, people: PeopleAsObstacles) -> tuple[int, T]:

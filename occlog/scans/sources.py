@@ -24,7 +24,7 @@ MEASURED = ("bearing", "sigma", "u_px", "sigma_px", "score", "elevation", "sigma
 
 
 def only_measured(chunks: Iterable[Bearings]) -> Iterator[Bearings]:
-    """The chunks with recovered rows as the cameras reported them: looked, not seen.
+    """The chunks with recovered rows as the cameras reported them: observed, not detected.
 
     A recovered row repeats what other cameras measured at the same time, so that it is no measurement of its own.
     """
@@ -54,7 +54,7 @@ def bearings_of_doa(chunks: Iterable[Doa], scene: Scene, labels: bool = False) -
     """
     sigmas = {a.name: float(a.sigma) for a in scene.arrays}
     across = {a.name: float(a.sigma if a.sigma_elevation is None else a.sigma_elevation) for a in scene.arrays}
-    offset, told = 0, False
+    offset, noted = 0, False
     for chunk in chunks:
         for name in np.unique(chunk.sensor).tolist():
             if name not in sigmas:
@@ -66,7 +66,7 @@ def bearings_of_doa(chunks: Iterable[Doa], scene: Scene, labels: bool = False) -
         upward = np.where(np.isnan(chunk.sigma_elevation), upward, chunk.sigma_elevation)
         n = len(chunk)
         offset += n
-        told = told or bool((chunk.source_id >= 0).any())
+        noted = noted or bool((chunk.source_id >= 0).any())
         yield Bearings.of(
             t_ns=chunk.t_ns,
             sensor=chunk.sensor,
@@ -80,7 +80,7 @@ def bearings_of_doa(chunks: Iterable[Doa], scene: Scene, labels: bool = False) -
             elevation=chunk.elevation,
             sigma_elevation=np.where(np.isnan(chunk.elevation), np.nan, upward),
         )
-    if labels and not told:
+    if labels and not noted:
         raise InputError(
             f"doa: none of {offset} directions has an identity (source_id); leave doa_labels out, or give the log a "
             "column `id`"
@@ -101,11 +101,11 @@ def round_robin(chunks: Iterable[Bearings], names: Sequence[str], seconds: float
         seconds: length of a turn, above 0; rounded to whole nanoseconds.
     """
     turn_ns = max(round(seconds * NS), 1)
-    place = {name: i for i, name in enumerate(names)}
+    index_of = {name: i for i, name in enumerate(names)}
     begin: int | None = None
     for chunk in chunks:
         found, inverse = np.unique(chunk.sensor, return_inverse=True)
-        own = np.array([place.get(name, -1) for name in found.tolist()], dtype=np.int64)[inverse]
+        own = np.array([index_of.get(name, -1) for name in found.tolist()], dtype=np.int64)[inverse]
         if begin is None:
             if not (own >= 0).any():
                 continue

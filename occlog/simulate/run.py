@@ -98,7 +98,7 @@ def make_setup(scene: Scene, request: SceneRequest, script: MotionScript | None 
     observing = not request.render if request.bearings is None else request.bearings
     watch = configure(ObserveConfig(diameter=world.diameter), request.observe) if observing else None
     workers = request.workers or threads_by_default()
-    look = configure(RenderConfig(diameter=world.diameter, workers=workers), request.look)
+    render = configure(RenderConfig(diameter=world.diameter, workers=workers), request.look)
     fields = configure(FieldConfig.in_unit(scene.length_unit), request.avoidance)
     avoid = None if request.avoid is None else open_input(request.avoid, Tracks, Truth)
     heights = world.object_height is not None or (script is not None and script.heights)
@@ -106,7 +106,7 @@ def make_setup(scene: Scene, request: SceneRequest, script: MotionScript | None 
         scene=scene,
         world=world,
         observe=watch,
-        render=look if request.render else None,
+        render=render if request.render else None,
         store=configure(StoreConfig(), request.store),
         sound=configure(SoundConfig(step_s=world.step_s, known_heights=heights), request.sound),
         script=script,
@@ -210,7 +210,7 @@ def people_setup(request: SimulatePeopleRequest) -> Setup:
         store=request.store,
         workers=request.workers,
     )
-    return replace(make_setup(room, asked), apart=people.start_separated)
+    return replace(make_setup(room, asked), separate=people.start_separated)
 
 
 def write_recording(
@@ -218,7 +218,7 @@ def write_recording(
 ) -> dict[str, object]:
     """Write the recording, with the seed of its provenance, and summarise what it holds."""
     seed = made.seed or 0
-    start = _places_apart(setup, seed) if setup.apart else None
+    start = _places_apart(setup, seed) if setup.separate else None
     if setup.render is not None and setup.script is not None:
         for chunk in _truth(setup, seed, start):
             check_inside(setup.scene, truth_grid(chunk), setup.world.start_ns)
@@ -228,8 +228,8 @@ def write_recording(
         RecordingWriter(output, setup.scene, made, overwrite=overwrite, together=together) as writer,
     ):
         if setup.render is not None:
-            looks = reference_appearances(setup.scene, _targets(setup), setup.render, seed)
-            writer.attach(APPEARANCE, "application/json", json.dumps(looks).encode())
+            appearances = reference_appearances(setup.scene, _targets(setup), setup.render, seed)
+            writer.attach(APPEARANCE, "application/json", json.dumps(appearances).encode())
         chunks = _recorded(writer, setup, seed, start, counts)
         if setup.render is None:
             deque(console.progress(chunks, "simulate", quiet=quiet), maxlen=0)
@@ -249,7 +249,7 @@ def parameters(setup: Setup) -> dict[str, object]:
     values: dict[str, object] = {"world": world, "observe": observe, "render": None}
     if setup.render is not None:
         values["render"] = {k: v for k, v in asdict(setup.render).items() if k != "workers"}
-        values |= {"store": setup.store.store, "grey": setup.store.grey, "start_separated": setup.apart}
+        values |= {"store": setup.store.store, "grey": setup.store.grey, "start_separated": setup.separate}
     if setup.field is not None:
         values["field"] = asdict(setup.field)
     if setup.sound != SoundConfig(step_s=setup.sound.step_s, known_heights=setup.sound.known_heights):
@@ -327,8 +327,8 @@ def _contacts(chunk: TimeGrid, people: MovingObstacleTracks, world: WorldConfig)
     """At how many time steps a person was nearer to a walker than a diameter: the person walked into the walker."""
     numbers = np.rint((chunk.t_ns - world.start_ns) * 1e-9 / world.step_s).astype(np.int64)
     gaps = [
-        distance(places[:, None, :2], people.at(int(number)).xy)
-        for number, places in zip(numbers, chunk.xyz, strict=True)
+        distance(positions[:, None, :2], people.at(int(number)).xy)
+        for number, positions in zip(numbers, chunk.xyz, strict=True)
     ]
     return sum(int(np.count_nonzero((gap < world.diameter).any(axis=1))) for gap in gaps)
 

@@ -94,9 +94,9 @@ def simulate_truth(
             avoiding, walked = walk_avoiding(avoiding, floor, motion, rules, _draw(generators))
         else:
             world, walked, _ = walk(world, floor, motion, _draw(generators))
-        places = np.concatenate([path, walked[:-1]])[: config.steps - first]
+        positions = np.concatenate([path, walked[:-1]])[: config.steps - first]
         path = walked[-1:]
-        yield _truth(places, first, config)
+        yield _truth(positions, first, config)
 
 
 def _avoidance(scene: Scene, config: WorldConfig, field: FieldConfig, people: MovingObstacleTracks | None) -> Avoidance:
@@ -133,16 +133,16 @@ def _draw(generators: list[list[np.random.Generator]]) -> WaypointNoise:
     """Random numbers of one chunk, each object's from its own generators."""
     c, n = CHUNK_STEPS, len(generators)
     draws = WaypointNoise(np.empty((c, n, 2)), np.empty((c, n)), np.empty((c, n, CANDIDATES, 2)))
-    for i, (noise, chance, places) in enumerate(generators):
+    for i, (noise, chance, position_noise) in enumerate(generators):
         draws.noise[:, i] = noise.standard_normal((c, 2))
         draws.chance[:, i] = chance.random(c)
-        draws.places[:, i] = places.random((c, CANDIDATES, 2))
+        draws.positions[:, i] = position_noise.random((c, CANDIDATES, 2))
     return draws
 
 
-def _truth(places: Floats, first: int, config: WorldConfig) -> Truth:
+def _truth(positions: Floats, first: int, config: WorldConfig) -> Truth:
     """Table of (C, n, 2) positions with first step number `first`."""
-    c, n = places.shape[:2]
+    c, n = positions.shape[:2]
     ids = np.arange(n)
     steps = np.rint(np.arange(first, first + c) * (config.step_s * 1e9)).astype(np.int64)
     target = np.tile(ids < config.targets, c)
@@ -150,7 +150,7 @@ def _truth(places: Floats, first: int, config: WorldConfig) -> Truth:
         t_ns=np.repeat(config.start_ns + steps, n),
         target_id=np.tile(ids, c).astype(np.int32),
         role=np.where(target, "target", "occluder"),
-        x=places[:, :, 0].ravel(),
-        y=places[:, :, 1].ravel(),
+        x=positions[:, :, 0].ravel(),
+        y=positions[:, :, 1].ravel(),
         z=np.full(c * n, math.nan if config.object_height is None else config.object_height),
     )

@@ -45,7 +45,7 @@ class Setup:
         store: how the video is kept.
         sound: what sources do and arrays hear.
         script: paths of targets; None: random walkers.
-        apart: no occlusion between people in the first frame.
+        separate: no occlusion between people in the first frame.
         field: obstacle avoidance of walkers, where motion is `field`.
         people: recorded walkers, which are avoided; None: none.
         reads: what readers of tags read.
@@ -60,7 +60,7 @@ class Setup:
     store: StoreConfig
     sound: SoundConfig
     script: MotionScript | None = None
-    apart: bool = False
+    separate: bool = False
     field: FieldConfig | None = None
     people: MovingObstacleTracks | None = None
     reads: ReadConfig = ReadConfig()

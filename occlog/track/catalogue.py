@@ -88,7 +88,7 @@ class MethodEntry:
 
 
 class Methods(dict[str, MethodEntry]):
-    """Our methods; a name that is none of them is looked for among the plug-ins, which are not iterated over."""
+    """Our methods; a name that is none of them is searched among the plug-ins, which are not iterated over."""
 
     def __contains__(self, name: object) -> bool:
         """Whether there is a method of that name, ours or a plug-in's."""
@@ -273,7 +273,7 @@ def tracker(name: str) -> AnyMethod:
 def method_for(path: Path | str) -> str:
     """The method that fits what a file holds: bearings and measurements `apf`, boxes `jipda`, reads of tags `virtual`.
 
-    A file that cannot be opened has the default, and the method then says what is wrong with it.
+    A file that cannot be opened has the default, and the method then reports what is wrong with it.
     """
     from occlog.io.open import held
     from occlog.records.tables import Bearings, Boxes, Measurements, Reads, Views

@@ -49,10 +49,10 @@ class BearingResiduals(NamedTuple):
     """How n bearings agree with the estimates."""
 
     row: Ints  # (n,) which estimate, from 0; 0 where there is one alone
-    sensor: Ints  # (n,) place in `sensor_names`
+    sensor: Ints  # (n,) index in `sensor_names`
     residual: Floats  # (n,) in standard deviations as stated
     expected_variance: Floats  # (n,) variance that it has if the bearing is true
-    inlier_probability: Floats  # (n,) probability that it is
+    inlier_probability: Floats  # (n,) probability that it is true
 
 
 class NoiseScales(NamedTuple):
@@ -113,7 +113,7 @@ State = TypeVar("State")
 Config = TypeVar("Config")
 """Settings of a method: a frozen dataclass, validated."""
 Report = TypeVar("Report")
-"""What a method with one state for all targets says of a scan."""
+"""Results of a scan by a method with one state for all targets."""
 
 
 class OccluderTerms(NamedTuple):
@@ -124,13 +124,13 @@ class OccluderTerms(NamedTuple):
 
 
 class TargetPredictor(NamedTuple, Generic[State, Config]):
-    """How a method says where its target will be: what the selection of cameras needs."""
+    """How a method predicts its target, as the selection of cameras needs it."""
 
     cloud: Callable[
         [State, int, Generator], ParticleSet
     ]  # at a time not before the last scan; the state stays as it is
     step_s: Callable[[Config], float]  # reference step, in which the time between selections is counted
-    detection: Callable[[Config], float | None]  # P_D of cameras of which the scene says none; None: 1
+    detection: Callable[[Config], float | None]  # P_D of cameras without one in the scene; None: 1
     hiding: Callable[[Config], int] | None = (
         None  # form of `core.occlusion.hidden` that occluders count by; None: IMPROVED
     )

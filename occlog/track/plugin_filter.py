@@ -25,8 +25,8 @@ class PluggedFilter:
         """Let the plug-in begin; PluginError where it fails."""
         self._plugin = plugin
         self._names = sensor_names(scene)
-        places = [c.ground for c in scene.cameras] + [a.position[:2] for a in scene.arrays]
-        self._places = np.array(places, dtype=np.float64).reshape(-1, 2)
+        positions = [c.ground for c in scene.cameras] + [a.position[:2] for a in scene.arrays]
+        self._positions = np.array(positions, dtype=np.float64).reshape(-1, 2)
         with plugin_errors(plugin):
             self._filter = of(scene, config, rng)
 
@@ -37,48 +37,48 @@ class PluggedFilter:
             PluginError: the filter fails, or gives back what no position can be.
         """
         seen, sensor = scan.seen, scan.sensor
-        moment = TargetScan(
+        target_scan = TargetScan(
             t_ns=int(scan.t_ns),
             sensors=tuple(self._names[k] for k in sensor.tolist()),
-            places=self._places[sensor],
+            places=self._positions[sensor],
             bearings=np.where(seen, scan.bearing, np.nan),
             sigma=np.where(seen, scan.sigma, np.nan),
         )
         with plugin_errors(self._plugin):
-            place = self._filter.step(moment)
-        if place is None:
+            position = self._filter.step(target_scan)
+        if position is None:
             return None
-        wrong = fault_of(place)
+        wrong = fault_of(position)
         if wrong is not None:
             raise PluginError(f"{self._plugin.label}: at {scan.t_ns} ns: {wrong}")
-        xy, velocity = np.asarray(place.xy, dtype=np.float64), place.velocity
+        xy, velocity = np.asarray(position.xy, dtype=np.float64), position.velocity
         # Score: log-likelihood of the bearings at the estimate
-        away = xy - self._places[sensor[seen]]
+        away = xy - self._positions[sensor[seen]]
         off = (scan.bearing[seen] - np.arctan2(away[:, 1], away[:, 0]) + np.pi) % (2 * np.pi) - np.pi
         sigma = scan.sigma[seen]
         score = -0.5 * (off / sigma) ** 2 - np.log(sigma * math.sqrt(2.0 * math.pi))
-        looked, saw = np.unique(sensor), np.unique(sensor[seen])
+        observing, saw = np.unique(sensor), np.unique(sensor[seen])
         return Estimate(
             xy=xy,
             velocity=np.full(2, np.nan) if velocity is None else np.asarray(velocity, dtype=np.float64),
-            covariance=np.asarray(place.covariance, dtype=np.float64),
+            covariance=np.asarray(position.covariance, dtype=np.float64),
             ess=math.nan,
             log_likelihood=float(score.sum()),
-            n_observing=len(looked),
+            n_observing=len(observing),
             n_detected=len(saw),
             fallback="",
-            used=tuple(looked.tolist()),
+            used=tuple(observing.tolist()),
             seen_by=tuple(saw.tolist()),
         )
 
 
-def fault_of(place: object) -> str | None:
+def fault_of(position: object) -> str | None:
     """What is wrong with what a filter gave back, in words; None: nothing."""
-    if not isinstance(place, EstimatedPosition):
-        return f"step gives a {type(place).__name__}; a Place or None was expected"
-    shapes = {"xy": (place.xy, (2,)), "covariance": (place.covariance, (2, 2))}
-    if place.velocity is not None:
-        shapes["velocity"] = (place.velocity, (2,))
+    if not isinstance(position, EstimatedPosition):
+        return f"step gives a {type(position).__name__}; a Place or None was expected"
+    shapes = {"xy": (position.xy, (2,)), "covariance": (position.covariance, (2, 2))}
+    if position.velocity is not None:
+        shapes["velocity"] = (position.velocity, (2,))
     for name, (values, shape) in shapes.items():
         try:
             array = np.asarray(values, dtype=np.float64)
@@ -88,7 +88,7 @@ def fault_of(place: object) -> str | None:
             return f"{name} has the shape {array.shape}; {shape} was expected"
         if not np.isfinite(array).all():
             return f"{name} is not finite"
-    covariance = np.asarray(place.covariance, dtype=np.float64)
+    covariance = np.asarray(position.covariance, dtype=np.float64)
     if not np.allclose(covariance, covariance.T, rtol=1e-6, atol=0.0):
         return "the covariance is not symmetric"
     if np.linalg.eigvalsh(covariance)[0] <= 0.0:

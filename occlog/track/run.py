@@ -239,7 +239,7 @@ def takes_distances(method: AnyMethod) -> bool:
 def distance_measurements(
     request: TrackRequest, inputs: MeasurementInputs
 ) -> tuple[DistanceMeasurementFeed | None, dict[str, Any]]:
-    """The measurements of distances, and what provenance says of them; None and nothing where missing.
+    """The measurements of distances, and their entry in the provenance; None and nothing where missing.
 
     UsageError for settings of measurements without any, or that say the same as a fitted path loss.
     """
@@ -257,7 +257,7 @@ def distance_measurements(
         "measurements": {**asdict(config), "path_loss": name, "radio": None if radio is None else _note_inputs(radio)}
     }
     return DistanceMeasurementFeed(
-        inputs.measurements, inputs.scene, config, radio, moments=request.method == "fix"
+        inputs.measurements, inputs.scene, config, radio, with_times=request.method == "fix"
     ), said
 
 

@@ -1,6 +1,6 @@
-"""Settings of methods that can look back: whether estimates use what was recorded after them.
+"""Settings of methods that can smooth: whether estimates use what was recorded after them.
 
-Particle filters look back in `occlog.track.drivers.online`, `map` in `occlog.track.methods.map.method`, `jipda` in
+Particle filters smooth in `occlog.track.drivers.online`, `map` in `occlog.track.methods.map.method`, `jipda` in
 `occlog.track.methods.jipda.batch`.
 """
 
@@ -51,7 +51,7 @@ class LagConfig(Settings):
 
 @dataclass(frozen=True)
 class SmoothingConfig(LagConfig):
-    """The same for filters whose particles are smoothed by trajectories drawn backwards."""
+    """Smoothing of particle filters by trajectories drawn backwards."""
 
     smoothing_trajectories: int = setting(
         200,

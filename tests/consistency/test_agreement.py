@@ -45,7 +45,7 @@ def test_figures_add_up_over_parts_and_sensors() -> None:
     found = made.figures()
     assert (found["bearings"], found["bearings_not_believed"]) == (25, 3)
     assert found["nis"] == pytest.approx((12 + 40) / 22)
-    assert (made.sensors["cam1"].bearings, made.sensors["cam1"].believed) == (15, 12)
+    assert (made.sensors["cam1"].bearings, made.sensors["cam1"].inliers) == (15, 12)
     assert made.sensors["cam1"].doubted == pytest.approx(0.2)
 
 

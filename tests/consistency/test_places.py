@@ -143,10 +143,10 @@ def test_a_few_rows_are_no_finding_but_more_than_chance_are(what: str) -> None:
         places = (
             PositionConsistency(n, bad) if what == "outside-room" else PositionConsistency(n, 0, {"east": (n, bad)})
         )
-        codes = [f.id for f in findings(ConsistencyEvidence(rows=n, places=places).checks(one_target=True))]
+        codes = [f.id for f in findings(ConsistencyEvidence(rows=n, positions=places).checks(one_target=True))]
         assert codes == [what] * said
     few = PositionConsistency(MIN_SAMPLES - 1, MIN_SAMPLES - 1, {"east": (MIN_SAMPLES - 1, MIN_SAMPLES - 1)})
-    assert not findings(ConsistencyEvidence(rows=n, places=few).checks(one_target=True))
+    assert not findings(ConsistencyEvidence(rows=n, positions=few).checks(one_target=True))
 
 
 @pytest.mark.jit

@@ -116,7 +116,7 @@ def test_a_few_hypotheses_stand_for_every_possible_turn():
     found = errors_along(ways, reports, (np.zeros(2), np.eye(2)), motion, FilterNoise(0.0, 0.0), dt)
     exact = all_turns(ways, reports, np.eye(2), motion, dt)
     spread = np.sqrt(np.trace(exact.covariance[:, 0], axis1=1, axis2=2))
-    off = np.hypot(*(found.place - exact.place)[:, 0].T)
+    off = np.hypot(*(found.position - exact.position)[:, 0].T)
     assert np.median(off / spread) < 0.02
     assert math.sqrt(np.mean(off**2)) < 0.1 * math.sqrt(np.mean(spread**2))
     told = np.trace(found.covariance[:, 0], axis1=1, axis2=2)
@@ -132,7 +132,7 @@ def test_errors_are_as_large_as_they_are_said_to_be(belief: FilterNoise):
     information = sharp((t < 50) | ((t >= 60) & (t < 70)), many, 0.01)
     information[0, :, 70:90] = 100.0
     found = errors_along(ways, reports_of(information), (np.zeros(2), np.eye(2)), motion, belief, DT, keep=60)
-    square = np.sum((found.place - ways[:, 40:]) ** 2, axis=-1).mean(axis=0)
+    square = np.sum((found.position - ways[:, 40:]) ** 2, axis=-1).mean(axis=0)
     told = np.trace(found.covariance, axis1=-2, axis2=-1).mean(axis=0)
     for part in (slice(0, 10), slice(10, 20), slice(30, 50), slice(50, 60)):
         assert math.sqrt(square[part].mean()) == pytest.approx(math.sqrt(told[part].mean()), rel=0.1)
@@ -165,7 +165,7 @@ def test_nobody_seen_is_as_far_off_as_the_room_is_wide_and_the_velocity_of_many_
     moved = 0.5 * motion.speed**2 * DT**2 * np.sum(stay**lags)
     expected = 4.0 + moved + motion.sigma**2 * DT * (steps - 1)
     np.testing.assert_allclose(found.covariance[0, 0], expected * np.eye(2), rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(found.place[0, 0], np.ones(2), atol=1e-12)
+    np.testing.assert_allclose(found.position[0, 0], np.ones(2), atol=1e-12)
 
 
 def test_noise_has_the_covariance_of_the_information():
@@ -179,5 +179,5 @@ def test_noise_of_a_step_is_that_of_many_small_ones():
     whole = step_noise(0.05, 0.5, 0.7, 0.1)
     P, F, tiny = np.zeros((2, 2)), np.array([[1.0, 0.1 / 200], [0.0, 1.0]]), step_noise(0.05, 0.5, 0.7, 0.1 / 200)
     for _ in range(200):
-        P = F @ P @ F.T + np.array([[tiny.place, tiny.both], [tiny.both, tiny.velocity]])
-    np.testing.assert_allclose(P, [[whole.place, whole.both], [whole.both, whole.velocity]], rtol=1e-9)
+        P = F @ P @ F.T + np.array([[tiny.position, tiny.both], [tiny.both, tiny.velocity]])
+    np.testing.assert_allclose(P, [[whole.position, whole.both], [whole.both, whole.velocity]], rtol=1e-9)

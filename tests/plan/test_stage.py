@@ -177,7 +177,7 @@ def test_greed_finds_the_best_pair_with_its_first_and_rankings_are_those_of_sing
     candidates = [*CORNERS[1:], camera("mid", 3.0, 0.0, 90.0), camera("near", 0.3, 0.0, 45.0)]
     ranked = rank_candidates(plan, candidates)
     errors = {p.sensor.name: p.rmse for p in ranked}
-    own = list(plan.told.values())
+    own = list(plan.information.values())
     for sensor in candidates:
         assert errors[sensor.name] == pytest.approx(expected_error(plan, [*own, told_of(plan, sensor)]))
     added = list(add_greedily(plan, ranked, 2))
@@ -215,10 +215,10 @@ def test_places_along_walls_look_inwards():
 def test_a_slow_and_unsure_camera_sees_as_often_as_it_says():
     half = replace(CORNERS[0], rate_hz=5.0, detection=0.5)
     plan = planned(half, CORNERS[1])
-    seen = plan.told["sw"].seen
+    seen = plan.information["sw"].seen
     assert seen[:, -1].mean() == pytest.approx(0.5, abs=0.12)
     assert not seen[:, -2].any()
-    assert plan.told["se"].seen.all()
+    assert plan.information["se"].seen.all()
 
 
 @pytest.mark.parametrize(

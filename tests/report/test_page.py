@@ -294,7 +294,7 @@ def test_time_axis(start: int, length_s: int, unit: str, begin: str) -> None:
     assert axis.start.startswith(begin)
     per_unit = {"s": 1, "min": 60, "h": 3600}[unit]
     assert axis.of(np.array([axis.end_ns]))[0] == pytest.approx(length_s / per_unit)
-    assert axis.told == f"{length_s / per_unit:.4g} {unit}"
+    assert axis.duration == f"{length_s / per_unit:.4g} {unit}"
 
 
 def test_long_times_are_told_in_a_unit_that_suits_them() -> None:

@@ -55,7 +55,7 @@ def test_a_row_with_two_values_gives_two_measurements() -> None:
     row, found = packed(rows, DistanceMeasurementConfig())
     assert row.tolist() == [0, 1, 1]
     assert found.kind.tolist() == [LOGARITHM, RANGE, LOGARITHM]
-    assert found.place.tolist() == [[4, 3], [0, 0], [0, 0]]
+    assert found.position.tolist() == [[4, 3], [0, 0], [0, 0]]
 
 
 def test_a_time_difference_is_a_length_by_the_stated_speed_in_the_unit_of_the_scene() -> None:

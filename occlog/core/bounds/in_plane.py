@@ -33,7 +33,7 @@ MAX_INFORMATION_RATIO = 1e10
 def gaussian_information(mean_gradient: Floats, variance: Floats, variance_gradient: Floats) -> Floats:
     """Fisher information of scalar measurements z ~ N(m(x), v(x)) about x.
 
-    I = grad m grad m^T / v + 1/2 grad v grad v^T / v^2.  The second term says that the
+    I = grad m grad m^T / v + 1/2 grad v grad v^T / v^2.  The second term states that the
     scatter of z informs about x too where the noise depends on the position.
 
     Args:
@@ -111,7 +111,7 @@ def bearing_information(xy: Floats, position: Floats, sigma: Floats) -> Floats:
 def known_drift_steps(dt: Floats, sigma_v: float, dimension: int = 2) -> tuple[Floats, Floats]:
     """Transitions F = I and noise Q = sigma_v^2 dt I of x' = x + drift + v with the drift known.
 
-    This is the random-waypoint walker of [Ercan] Eq. 5 whose intended displacement in each step is
+    This is the random-waypoint walker of [Ercan] Eq. 5 with an intended displacement in each step
     known.  A filter has to infer destination and speed, so the bound is below what any filter reaches.
 
     Args:

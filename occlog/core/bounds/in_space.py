@@ -81,9 +81,9 @@ def ground_information(information: Floats) -> Floats:
         (N, 2, 2); where there is no information about z, the block of x and y as it is.
     """
     flat, both, up = information[:, :2, :2], information[:, :2, 2], information[:, 2, 2]
-    told = up > 0
-    taken = both[:, :, None] * both[:, None, :] / np.where(told, up, 1.0)[:, None, None]
-    return np.asarray(np.where(told[:, None, None], flat - taken, flat))
+    informed = up > 0
+    taken = both[:, :, None] * both[:, None, :] / np.where(informed, up, 1.0)[:, None, None]
+    return np.asarray(np.where(informed[:, None, None], flat - taken, flat))
 
 
 def plane_information(xyz: Floats, position: Floats, plane: int, variance: Floats) -> Floats:
@@ -184,7 +184,7 @@ def plane_bound(
 ) -> Floats:
     """(T, 4, 4) bounds of a plane's state with the projected angle of each sensor, [Lee] Sec. 2.3.1.
 
-    Arguments as in `direct_bound`; P0 is (4, 4), on the plane's axes, and `used` says whose
+    Arguments as in `direct_bound`; P0 is (4, 4), on the plane's axes, and `used` states whose
     angle of this plane was taken.  A blind plane adds no information.
     """
     each = [

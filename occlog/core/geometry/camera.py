@@ -51,7 +51,7 @@ def array_rotation(yaw: float, pitch: float, roll: float) -> Floats:
 
 
 def angles_from_rotation(rotation: Floats) -> tuple[float, float, float]:
-    """Yaw, pitch and roll [rad] of a world-from-camera rotation; yaw is 0 for one that looks straight up or down."""
+    """Yaw, pitch and roll [rad] of a world-from-camera rotation; yaw is 0 for one that points straight up or down."""
     right, _, forward = rotation[:, 0], rotation[:, 1], rotation[:, 2]
     flat = float(np.hypot(forward[0], forward[1]))
     yaw = float(np.arctan2(forward[1], forward[0])) if flat > 1e-12 else 0.0

@@ -26,7 +26,7 @@ class FitCheck(NamedTuple):
 
     fits: bool
     median_px: float  # of the symmetric errors
-    share: float  # of the matches whose two distances are within the tolerance
+    share: float  # of the matches with both distances within the tolerance
     chance: float  # the same of all wrong pairings of their points
 
 
@@ -67,11 +67,11 @@ def fundamental_from_poses(
     Raises:
         ValueError: the two cameras are at the same position, so that there are no epipolar lines.
     """
-    apart = np.asarray(centre_a, dtype=np.float64) - centre_b
+    baseline = np.asarray(centre_a, dtype=np.float64) - centre_b
     largest = max(float(np.abs(centre_a).max()), float(np.abs(centre_b).max()))
-    if not float(np.linalg.norm(apart)) > 1e-12 * largest:
+    if not float(np.linalg.norm(baseline)) > 1e-12 * largest:
         raise ValueError("the two cameras are at the same position: a point has no epipolar line")
-    tx, ty, tz = rotation_b.T @ apart / np.linalg.norm(apart)
+    tx, ty, tz = rotation_b.T @ baseline / np.linalg.norm(baseline)
     cross = np.array([[0.0, -tz, ty], [tz, 0.0, -tx], [-ty, tx, 0.0]])
     return scaled(np.linalg.inv(inner_b).T @ cross @ rotation_b.T @ rotation_a @ np.linalg.inv(inner_a))
 

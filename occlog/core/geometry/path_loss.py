@@ -9,7 +9,7 @@ import numpy as np
 from occlog.array_types import Floats
 
 NEAREST_M = 0.1
-"""The model says nothing of shorter distances [m]."""
+"""The model does not hold for shorter distances [m]."""
 
 
 def received_power(power: float | Floats, exponent: float, metres: float | Floats) -> Floats:
@@ -24,7 +24,7 @@ def received_power(power: float | Floats, exponent: float, metres: float | Float
 
 
 def log_distance(rssi: Floats, sigma_db: Floats, power: Floats, exponent: float) -> tuple[Floats, Floats]:
-    """Return the natural logarithm of the distance in metres that a strength says, and its standard deviation.
+    """Return the natural logarithm of the distance in metres that fits a strength, and its standard deviation.
 
     It is the inverse of `received_power`, so that a strength with Gaussian noise is a logarithm with Gaussian noise.
 

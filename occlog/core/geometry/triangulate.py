@@ -66,7 +66,7 @@ def triangulate(
         sigmas: (R,) standard deviations [rad], > 0.
         starts: (S + 1,) first row of each scan, then R.
         loss: `gauss`, `huber` or `cauchy`.
-        min_crossing: scans whose lines cross at smaller angles than this are refused [rad].
+        min_crossing: scans with lines that cross at smaller angles than this are refused [rad].
 
     Raises:
         ValueError: unknown loss.

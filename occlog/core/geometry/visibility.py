@@ -4,7 +4,7 @@
 polygon keeps it from seeing: these are kernels for many particles.  Simulated sensors, which moving
 objects hide positions from too, use `in_view`, `behind_walls` and `behind_objects`.
 
-Where a target can be if no room says so: in what sensors see, drawn by the lines of sight of a first scan.
+Where a target can be without a room: in what sensors see, drawn by the lines of sight of a first scan.
 
 The prior is a mixture: for each sensor a wedge in which all directions and all distances up to a far limit are
 equally likely (its density falls with 1 / distance), and a box around the sensors.  Equal distances, not equal areas:
@@ -198,7 +198,7 @@ def behind_objects(origin: Floats, xy: Floats, others: Floats, diameter: float) 
 
     Args:
         origin: (2,) the sensor.
-        xy: (T, 2) points looked at, one a time.
+        xy: (T, 2) points, one a time.
         others: (T, m, 2) centres of the other objects; NaN hides nothing.
         diameter: of the objects.
 

@@ -221,15 +221,15 @@ def quantiles(blocks: Callable[[], Iterable[Floats]], count: int, shares: Sequen
         count: how many there are, > 0.
         shares: 0 to 1.
     """
-    places = [share * (count - 1) for share in shares]
-    wanted = sorted({min(int(place) + more, count - 1) for place in places for more in (0, 1)})
+    positions = [share * (count - 1) for share in shares]
+    wanted = sorted({min(int(position) + more, count - 1) for position in positions for more in (0, 1)})
     found = dict(zip(wanted, _ranked(blocks, np.array(wanted, dtype=np.int64)).tolist(), strict=True))
     out = []
-    for place in places:
-        low, high = found[int(place)], found[min(int(place) + 1, count - 1)]
-        part, apart = place - int(place), high - low
+    for position in positions:
+        low, high = found[int(position)], found[min(int(position) + 1, count - 1)]
+        part, difference = position - int(position), high - low
         # Rounded as NumPy rounds it: from the nearer end
-        out.append(low + apart * part if part < 0.5 else high - apart * (1.0 - part))
+        out.append(low + difference * part if part < 0.5 else high - difference * (1.0 - part))
     return out
 
 
@@ -277,10 +277,10 @@ def group_medians(blocks: Callable[[], Iterable[tuple[Ints, Floats]]], counts: I
             keys = _rising(values)
             digit = (keys >> np.uint64(shift)) & np.uint64((1 << digit_bits) - 1)
             above = keys >> np.uint64(shift + digit_bits) if shift + digit_bits < 64 else np.zeros_like(keys)
-            place = (group << digit_bits) + digit.astype(np.int64)
+            index = (group << digit_bits) + digit.astype(np.int64)
             for which in (0, 1):
                 mine = above == prefix[group, which]
-                np.add.at(found[which], place[mine], 1)
+                np.add.at(found[which], index[mine], 1)
         for which in (0, 1):
             below = np.cumsum(found[which].reshape(groups, 1 << digit_bits), axis=1)
             at = np.minimum((below <= left[:, which][:, None]).sum(axis=1), (1 << digit_bits) - 1)

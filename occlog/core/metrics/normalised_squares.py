@@ -39,12 +39,12 @@ class Ratio(NamedTuple):
     @classmethod
     def of_parts(cls, parts: Iterable[BatchMeans]) -> Ratio:
         """The ratio of all parts together, which are independent of one another."""
-        told = [p for p in parts if p.expected > 0.0]
-        expected = math.fsum(p.expected for p in told)
-        if not told:
+        informative = [p for p in parts if p.expected > 0.0]
+        expected = math.fsum(p.expected for p in informative)
+        if not informative:
             return cls(math.nan, math.inf)
-        error = math.sqrt(math.fsum((p.ratio.error * p.expected) ** 2 for p in told)) / expected
-        return cls(math.fsum(p.squares for p in told) / expected, error)
+        error = math.sqrt(math.fsum((p.ratio.error * p.expected) ** 2 for p in informative)) / expected
+        return cls(math.fsum(p.squares for p in informative) / expected, error)
 
     @property
     def degrees(self) -> float:

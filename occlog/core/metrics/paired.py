@@ -78,7 +78,7 @@ def subset_means(differences: Floats, weights: Floats, rng: np.random.Generator)
 
 
 def chance_above(means: Floats, margin: float) -> float:
-    """Probability of a difference at least as far above a margin, of parts whose differences lie about it evenly."""
+    """Probability of a difference at least as far above a margin, of parts with evenly distributed differences."""
     least = margin + ROUNDING * max(abs(margin), float(np.abs(means[[0, -1]]).max()))
     return float((np.searchsorted(means, least, side="right") + 1) / (len(means) + 1))
 

@@ -4,7 +4,7 @@ Positions are (..., 2); arrays of positions broadcast against each other.
 
 Collisions by aligned robot, obstacle and goal (CAROG), and the force that prevents them ([Lee] Sec. 5.2.2).
 
-A robot whose way to the goal leads straight through an obstacle is pulled and pushed along one line.  If the pull is
+A robot with a way to the goal straight through an obstacle is pulled and pushed along one line.  If the pull is
 the stronger one up to the last step before the obstacle, the robot drives into it: a constant step does not shrink.
 """
 
@@ -95,8 +95,8 @@ def aligned(p: Floats, obstacle: Floats, goal: Floats, tolerance: float) -> Bool
         goal: (..., 2) goals.
         tolerance: largest length of the difference of the two unit vectors; 0: they must be equal.
     """
-    apart = distance(direction(p, obstacle), direction(p, goal))
-    return np.asarray((apart <= tolerance) & (distance(p, goal) > distance(p, obstacle)))
+    angle = distance(direction(p, obstacle), direction(p, goal))
+    return np.asarray((angle <= tolerance) & (distance(p, goal) > distance(p, obstacle)))
 
 
 def within_reach(rho: Floats, reach: Floats) -> Bools:

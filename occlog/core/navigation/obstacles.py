@@ -120,27 +120,27 @@ class MovingObstacles(NamedTuple):
 class MovingObstacleTracks:
     """Obstacles with positions known at their own times, linear in between."""
 
-    def __init__(self, t_ns: Ints, ids: Ints32, places: Floats, clock: StepClock, limit_ns: int) -> None:
+    def __init__(self, t_ns: Ints, ids: Ints32, positions: Floats, clock: StepClock, limit_ns: int) -> None:
         """Gather the rows of each obstacle.
 
         Args:
             t_ns: (R,) times, rising.
             ids: (R,) numbers of the obstacles.
-            places: (R, 3) x, y and radius.
+            positions: (R, 3) x, y and radius.
             clock: times of the steps.
             limit_ns: longest gap between two rows of an obstacle that is bridged.
         """
         self.clock, self._limit_ns, self._first = clock, limit_ns, -BLOCK
         self.ids = np.unique(ids)
         own = [ids == name for name in self.ids.tolist()]
-        self._known = [(t_ns[rows], places[rows]) for rows in own]
+        self._known = [(t_ns[rows], positions[rows]) for rows in own]
         self._block = np.empty((0, len(own), 3))
 
     def at(self, step: int) -> MovingObstacles:
         """The obstacles at a step; quickest where steps are asked for in rising order."""
         if not self._first <= step < self._first + BLOCK:
             self._first = step
-            self._block = self._places(np.arange(step - 1, step + BLOCK + 1))
+            self._block = self._positions_at(np.arange(step - 1, step + BLOCK + 1))
         before, now, after = self._block[step - self._first : step - self._first + 3]
         return MovingObstacles(
             xy=now[:, :2],
@@ -150,8 +150,8 @@ class MovingObstacleTracks:
             move=np.nan_to_num(now[:, :2] - before[:, :2]),
         )
 
-    def _places(self, steps: Ints) -> Floats:
+    def _positions_at(self, steps: Ints) -> Floats:
         """(T, M, 3) x, y and radius of all obstacles at steps."""
         t_ns = self.clock.start_ns + np.rint(steps * (self.clock.step_s * NS)).astype(np.int64)
-        places = [interpolate_positions(t_ns, known, columns, self._limit_ns)[0] for known, columns in self._known]
-        return np.stack(places, axis=1) if places else np.empty((len(steps), 0, 3))
+        positions = [interpolate_positions(t_ns, known, columns, self._limit_ns)[0] for known, columns in self._known]
+        return np.stack(positions, axis=1) if positions else np.empty((len(steps), 0, 3))

@@ -6,7 +6,7 @@ those that stand in line with the goal, and the region in which a robot oscillat
 Oscillation of a robot before an obstacle: how it is recognised, and the angle of escape ([Lee] Sec. 5.2.2).
 
 csc is printed where arcsin is meant.  The largest angle is that of the *smallest* distance at which the robot can be,
-where the text says that the maximum of the distance should be considered.
+where the text states that the maximum of the distance should be considered.
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ def field_of(settings: FieldSettings) -> Field:
 
 
 def steps_of(settings: FieldSettings, way: float, radius: float) -> StepRules:
-    """The rules among the settings, for robots of a radius whose steps have a length."""
+    """The rules among the settings, for robots of a radius with steps of a length."""
     return StepRules(
         way=way,
         radius=radius,

@@ -51,9 +51,9 @@ def maximum_weight_matching(rows: Ints, columns: Ints, weights: Floats) -> Ints:
     n, m, top = len(left), len(right), float(np.max(weights[able]))
     # A row without a partner is paired with a column of its own, which weighs nothing; the library takes no cost of 0
     cost = np.concatenate([2.0 * top - weights[able], np.full(n, 2.0 * top)])
-    place = np.stack([np.concatenate([row, np.arange(n)]), np.concatenate([column, m + np.arange(n)])])
+    edges = np.stack([np.concatenate([row, np.arange(n)]), np.concatenate([column, m + np.arange(n)])])
     # SciPy before 1.15 takes no positions of 64 bits
-    graph = csr_array((cost, tuple(place.astype(np.int32))), shape=(n, m + n))
+    graph = csr_array((cost, tuple(edges.astype(np.int32))), shape=(n, m + n))
     made = min_weight_full_bipartite_matching(graph)[1]
     pairs: Ints = able[made[row] == column]
     return pairs[np.argsort(rows[pairs])]

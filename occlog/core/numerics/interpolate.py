@@ -92,11 +92,11 @@ def to_grid(t_ns: Ints, ids: NDArray[np.integer], target: Bools, xyz: Floats) ->
     """
     times, row = np.unique(t_ns, return_inverse=True)
     names, column = np.unique(ids, return_inverse=True)
-    places = np.full((len(times), len(names), 3), np.nan)
-    places[row, column] = xyz
+    positions = np.full((len(times), len(names), 3), np.nan)
+    positions[row, column] = xyz
     is_target = np.zeros(len(names), dtype=np.bool_)
     is_target[column[target]] = True
-    return TimeGrid(times, names.astype(np.int64), is_target, places)
+    return TimeGrid(times, names.astype(np.int64), is_target, positions)
 
 
 def frame_times(start_ns: int, after_ns: int, last_ns: int, rate_hz: float) -> tuple[Ints, int]:
@@ -160,5 +160,5 @@ def _joined(last: TimeGrid, chunk: TimeGrid) -> TimeGrid:
 def _places(grid: TimeGrid, times: Ints) -> Floats:
     n, k = grid.xyz.shape[1:]
     flat = grid.xyz.reshape(len(grid.t_ns), n * k)
-    places, _ = interpolate_positions(times, grid.t_ns, flat, int(NO_LIMIT))
-    return places.reshape(len(times), n, k)
+    positions, _ = interpolate_positions(times, grid.t_ns, flat, int(NO_LIMIT))
+    return positions.reshape(len(times), n, k)

@@ -75,9 +75,9 @@ class Stopwatch(event.Listener):  # type: ignore[misc]
     clock.  A thread that waits would need none, but numba keeps it from running.
     """
 
-    def __init__(self, told: Callable[[], None]) -> None:
-        """Call `told` whenever more than `PATIENCE_S` has been found to have passed."""
-        self._told = told
+    def __init__(self, notify: Callable[[], None]) -> None:
+        """Call `notify` whenever more than `PATIENCE_S` has been found to have passed."""
+        self._notify = notify
         self._depth = 0
         self._begin = 0.0
         self._before = 0.0
@@ -87,18 +87,18 @@ class Stopwatch(event.Listener):  # type: ignore[misc]
         if self._depth == 0:
             self._begin = time.perf_counter()
         self._depth += 1
-        self._look()
+        self._check_time()
 
     def on_end(self, event: event.Event) -> None:  # noqa: ARG002
         """A kernel is compiled."""
-        self._look()
+        self._check_time()
         self._depth -= 1
         if self._depth == 0:
             self._before += time.perf_counter() - self._begin
 
-    def _look(self) -> None:
+    def _check_time(self) -> None:
         if self._before + time.perf_counter() - self._begin > PATIENCE_S:
-            self._told()
+            self._notify()
 
 
 event.register("numba:compile", Stopwatch(log_compiling))

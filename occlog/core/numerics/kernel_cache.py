@@ -159,8 +159,8 @@ class KernelLocator:
         base = path.parents[depth]
         below = path.parent.relative_to(base)
         chosen = _chosen()
-        places = [*([chosen / below] if chosen is not None else []), path.parent / "__pycache__", _users() / below]
-        for folder in places:
+        folders = [*([chosen / below] if chosen is not None else []), path.parent / "__pycache__", _users() / below]
+        for folder in folders:
             if _usable(folder, trusted=folder.parent == path.parent):
                 return cls(function, str(base), folder)
         return None

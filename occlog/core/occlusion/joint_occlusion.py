@@ -35,7 +35,7 @@ def add_joint(
     a: Floats,
     b: Floats,
     assigned: Bools,
-    places: Floats,
+    positions: Floats,
     priors: Priors,
     exact: bool,
     form: int,
@@ -49,11 +49,11 @@ def add_joint(
     Args:
         total: (L,) log-likelihoods.
         xy: (L, 2) positions.
-        sensor: (n,) sensors of the looks.
+        sensor: (n,) sensors of the frames.
         a: (n, L) factors where no occluder hides the position.
         b: (n,) factors where one does.
-        assigned: (n, L) looks that count for a position; at most `MAX_CAMERAS` of them.
-        places: (S, 2) positions of the sensors.
+        assigned: (n, L) frames that count for a position; at most `MAX_CAMERAS` of them.
+        positions: (S, 2) positions of the sensors.
         priors: of the occluders.
         exact: without the assumption of Eq. 8.
         form: of q, if not exact.
@@ -65,7 +65,7 @@ def add_joint(
     rows = np.arange(L)
     for k in range(n):
         if not exact:
-            q[k] = blocking_probabilities(xy, rows, places[sensor[k], 0], places[sensor[k], 1], priors, form, far)
+            q[k] = blocking_probabilities(xy, rows, positions[sensor[k], 0], positions[sensor[k], 1], priors, form, far)
     for p in range(L):
         use = np.flatnonzero(assigned[:, p])
         if use.shape[0] == 0 or total[p] == -np.inf:
@@ -74,7 +74,7 @@ def add_joint(
             raise ValueError("too many cameras see a position for sums over their subsets; use likelihood=independent")
         if exact:
             # p_Q without the assumption of Eq. 8, then the sum over all Q
-            seen = clear_exact(xy[p, 0], xy[p, 1], places[sensor[use]], priors)
+            seen = clear_exact(xy[p, 0], xy[p, 1], positions[sensor[use]], priors)
             total[p] += math.log(over_subsets(seen, a[:, p][use], b[use], floor))
         else:
             # p_Q by Eq. 8, the sum by the recursion of Eq. 9
@@ -189,11 +189,11 @@ def by_weight(seeing: Floats, hidden: Floats) -> Ints:
     m = seeing.shape[0]
     order, key = np.empty(m, dtype=np.int64), np.empty(m)
     for i in range(m):
-        light, place = min(abs(seeing[i]), abs(hidden[i])), i
-        while place > 0 and key[place - 1] > light:
-            order[place], key[place] = order[place - 1], key[place - 1]
-            place -= 1
-        order[place], key[place] = i, light
+        light, index = min(abs(seeing[i]), abs(hidden[i])), i
+        while index > 0 and key[index - 1] > light:
+            order[index], key[index] = order[index - 1], key[index - 1]
+            index -= 1
+        order[index], key[index] = i, light
     return order
 
 

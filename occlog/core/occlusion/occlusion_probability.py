@@ -39,7 +39,7 @@ from .priors import Priors
 PRINTED, IMPROVED, QUADRATURE = 0, 1, 2
 ROOT_HALF = math.sqrt(0.5)
 ROUND = 1e-9
-"""A prior whose eigenvalues differ by less, relative, is isotropic."""
+"""A prior with eigenvalues that differ by less, relative, is isotropic."""
 
 
 class CameraRays(NamedTuple):

@@ -102,8 +102,8 @@ def without_own(priors: Priors, mean: Floats, covariance: Floats, gate: float) -
     spread = np.einsum("mi,mj->mij", axis, axis) * (priors.sigma**2)[:, None, None]
     spread += np.einsum("mi,mj->mij", side, side) * (priors.minor**2)[:, None, None]
     spread += covariance + np.eye(2) * (priors.radius**2)[:, None, None]
-    apart = priors.mean - mean
-    distance2 = np.einsum("mi,mi->m", apart, np.linalg.solve(spread, apart[:, :, None])[:, :, 0])
+    difference = priors.mean - mean
+    distance2 = np.einsum("mi,mi->m", difference, np.linalg.solve(spread, difference[:, :, None])[:, :, 0])
     return take_priors(priors, np.flatnonzero(distance2 > gate**2))
 
 

@@ -38,7 +38,7 @@ class DetectionCounts:
     """Counts and sums over observations with a known truth; they add up over sensors."""
 
     frames: int = 0  # of a sensor
-    looks: int = 0  # frame and target
+    n_frames: int = 0  # frame and target
     visible: int = 0  # observations in which the target should have been seen
     detected: int = 0  # of these, with a bearing within the gate
     detected_hidden: int = 0  # a bearing within the gate although the target should have been hidden
@@ -62,28 +62,28 @@ class DetectionCounts:
 
 def count(found: SensorObservationSet) -> DetectionCounts:
     """Counts of one sensor."""
-    looks = found.looks.take(found.looks.truth)
-    good = looks.visible & looks.hit
-    up = good & np.isfinite(looks.residual_elevation)
-    px = looks.residual_px[good & np.isfinite(looks.residual_px)]
-    away = looks.reported & ~looks.hit
+    observations = found.observations.take(found.observations.truth)
+    good = observations.visible & observations.hit
+    up = good & np.isfinite(observations.residual_elevation)
+    px = observations.residual_px[good & np.isfinite(observations.residual_px)]
+    away = observations.reported & ~observations.hit
     return DetectionCounts(
         frames=found.frames,
-        looks=len(looks.t_ns),
-        visible=int(np.count_nonzero(looks.visible)),
+        n_frames=len(observations.t_ns),
+        visible=int(np.count_nonzero(observations.visible)),
         detected=int(np.count_nonzero(good)),
-        detected_hidden=int(np.count_nonzero(looks.hit & ~looks.visible)),
+        detected_hidden=int(np.count_nonzero(observations.hit & ~observations.visible)),
         false_alarms=int(np.count_nonzero(away)) + found.stray,
-        correct_rejections=int(np.count_nonzero(~looks.visible & ~looks.reported)),
-        without_truth=int(np.count_nonzero(~found.looks.truth)),
+        correct_rejections=int(np.count_nonzero(~observations.visible & ~observations.reported)),
+        without_truth=int(np.count_nonzero(~found.observations.truth)),
         n_px=len(px),
         sum_px=float(px.sum()),
         square_px=float(np.sum(px**2)),
-        square_rad=float(np.sum(looks.residual[good] ** 2)),
-        square_normalised=float(np.sum(looks.normalised[good] ** 2)),
+        square_rad=float(np.sum(observations.residual[good] ** 2)),
+        square_normalised=float(np.sum(observations.normalised[good] ** 2)),
         n_elevation=int(np.count_nonzero(up)),
-        square_elevation=float(np.sum(looks.residual_elevation[up] ** 2)),
-        square_elevation_normalised=float(np.sum(looks.normalised_elevation[up] ** 2)),
+        square_elevation=float(np.sum(observations.residual_elevation[up] ** 2)),
+        square_elevation_normalised=float(np.sum(observations.normalised_elevation[up] ** 2)),
     )
 
 
@@ -114,9 +114,9 @@ class DetectionFigures:
         """Create an empty count of observations."""
         self._sensors: dict[str, dict[str, Sum]] = {}
 
-    def update(self, looks: Mapping[str, SensorObservationSet]) -> None:
+    def update(self, observations: Mapping[str, SensorObservationSet]) -> None:
         """Observations of further frames, by sensor."""
-        for name, found in looks.items():
+        for name, found in observations.items():
             own = self._sensors.setdefault(name, {f.name: Sum() for f in fields(DetectionCounts)})
             part = count(found)
             for f in fields(DetectionCounts):
@@ -143,27 +143,27 @@ def add_counts(parts: Iterable[DetectionCounts]) -> DetectionCounts:
     return DetectionCounts(**{f.name: sum(getattr(c, f.name) for c in rows) for f in fields(DetectionCounts)})
 
 
-def _figures(c: DetectionCounts, whose: str) -> Metrics:
+def _figures(c: DetectionCounts, suffix: str) -> Metrics:
     of_elevations = {
-        f"elevation_rms{whose}_mrad": 1e3 * math.sqrt(ratio_or_nan(c.square_elevation, c.n_elevation)),
-        f"elevation_nis{whose}": ratio_or_nan(c.square_elevation_normalised, c.n_elevation),
+        f"elevation_rms{suffix}_mrad": 1e3 * math.sqrt(ratio_or_nan(c.square_elevation, c.n_elevation)),
+        f"elevation_nis{suffix}": ratio_or_nan(c.square_elevation_normalised, c.n_elevation),
     }
     return (of_elevations if c.n_elevation else {}) | {
-        f"detection_frames{whose}": c.frames,
-        f"detection_looks{whose}": c.looks,
-        f"detection_looks_without_truth{whose}": c.without_truth,
-        f"visible{whose}": c.visible,
-        f"detected{whose}": c.detected,
-        f"missed{whose}": c.missed,
-        f"detected_hidden{whose}": c.detected_hidden,
-        f"correct_rejections{whose}": c.correct_rejections,
-        f"false_alarms{whose}": c.false_alarms,
-        f"false_alarms_per_frame{whose}": ratio_or_nan(c.false_alarms, c.frames),
-        f"detection_rate{whose}": ratio_or_nan(c.detected, c.visible),
-        f"bearing_rms{whose}_px": math.sqrt(ratio_or_nan(c.square_px, c.n_px)),
-        f"bearing_bias{whose}_px": ratio_or_nan(c.sum_px, c.n_px),
-        f"bearing_rms{whose}_mrad": 1e3 * math.sqrt(ratio_or_nan(c.square_rad, c.detected)),
-        f"bearing_nis{whose}": ratio_or_nan(c.square_normalised, c.detected),
+        f"detection_frames{suffix}": c.frames,
+        f"detection_looks{suffix}": c.n_frames,
+        f"detection_looks_without_truth{suffix}": c.without_truth,
+        f"visible{suffix}": c.visible,
+        f"detected{suffix}": c.detected,
+        f"missed{suffix}": c.missed,
+        f"detected_hidden{suffix}": c.detected_hidden,
+        f"correct_rejections{suffix}": c.correct_rejections,
+        f"false_alarms{suffix}": c.false_alarms,
+        f"false_alarms_per_frame{suffix}": ratio_or_nan(c.false_alarms, c.frames),
+        f"detection_rate{suffix}": ratio_or_nan(c.detected, c.visible),
+        f"bearing_rms{suffix}_px": math.sqrt(ratio_or_nan(c.square_px, c.n_px)),
+        f"bearing_bias{suffix}_px": ratio_or_nan(c.sum_px, c.n_px),
+        f"bearing_rms{suffix}_mrad": 1e3 * math.sqrt(ratio_or_nan(c.square_rad, c.detected)),
+        f"bearing_nis{suffix}": ratio_or_nan(c.square_normalised, c.detected),
     }
 
 
@@ -296,15 +296,15 @@ class _Results:
         self._squares.add(float(np.square(errors).sum()))
         self._sizes.add(np.abs(errors))
 
-    def figures(self, whose: str) -> Metrics:
+    def figures(self, suffix: str) -> Metrics:
         return {
-            f"views_frames{whose}": self._frames,
-            f"views_true_boxes{whose}": self._boxes,
-            f"views_matched{whose}": self._found,
-            f"views_false{whose}": self._views - self._found,
-            f"views_recall{whose}": ratio_or_nan(self._found, self._boxes),
-            f"views_precision{whose}": ratio_or_nan(self._found, self._views),
-            **self._errors(whose),
+            f"views_frames{suffix}": self._frames,
+            f"views_true_boxes{suffix}": self._boxes,
+            f"views_matched{suffix}": self._found,
+            f"views_false{suffix}": self._views - self._found,
+            f"views_recall{suffix}": ratio_or_nan(self._found, self._boxes),
+            f"views_precision{suffix}": ratio_or_nan(self._found, self._views),
+            **self._errors(suffix),
         }
 
     def figures_of_class(self, name: str) -> Metrics:
@@ -314,11 +314,11 @@ class _Results:
             **self._errors(f"_{name}"),
         }
 
-    def _errors(self, whose: str) -> Metrics:
+    def _errors(self, suffix: str) -> Metrics:
         return {
-            f"views_error_rms{whose}_px": math.sqrt(ratio_or_nan(self._squares.value, self._found)),
-            f"views_error_median{whose}_px": quantiles_of(self._sizes, (0.5,))[0],
-            f"views_error_bias{whose}_px": ratio_or_nan(self._sum.value, self._found),
+            f"views_error_rms{suffix}_px": math.sqrt(ratio_or_nan(self._squares.value, self._found)),
+            f"views_error_median{suffix}_px": quantiles_of(self._sizes, (0.5,))[0],
+            f"views_error_bias{suffix}_px": ratio_or_nan(self._sum.value, self._found),
         }
 
 
@@ -382,9 +382,9 @@ def _sets(found: Doa, truth: Doa, gap_ns: int) -> Iterator[Pairing | None]:
 
 def paired(found: Floats, truth: Floats) -> Pairing:
     """The pairing of (n,) estimates with (m,) true azimuths [rad] with the least sum of 1 - cos(error)."""
-    apart = (found[:, None] - truth[None, :] + np.pi) % (2.0 * np.pi) - np.pi
-    i, j = linear_sum_assignment(1.0 - np.cos(apart))
-    return Pairing(len(truth), len(found), np.asarray(apart[i, j], dtype=np.float64))
+    difference = (found[:, None] - truth[None, :] + np.pi) % (2.0 * np.pi) - np.pi
+    i, j = linear_sum_assignment(1.0 - np.cos(difference))
+    return Pairing(len(truth), len(found), np.asarray(difference[i, j], dtype=np.float64))
 
 
 def _errors(pairs: list[Pairing]) -> Floats:

@@ -198,12 +198,12 @@ class _SpilledFrames:
         rows = self._reported.rows(int(theirs["first"][0]), int(theirs["first"][-1] + theirs["reported"][-1]))
         slots = np.arange(max(1, int(theirs["reported"].max())))
         there = slots < theirs["reported"][:, None]
-        place = np.where(there, theirs["first"][:, None] - theirs["first"][0] + slots, 0)
-        rad, px = np.full(place.shape, np.nan), np.full(place.shape, np.nan)
+        index = np.where(there, theirs["first"][:, None] - theirs["first"][0] + slots, 0)
+        rad, px = np.full(index.shape, np.nan), np.full(index.shape, np.nan)
         rad[there] = wrap_angle(
-            rows["bearing"][place[there]] - np.broadcast_to(own["bearing"][:, None], place.shape)[there]
+            rows["bearing"][index[there]] - np.broadcast_to(own["bearing"][:, None], index.shape)[there]
         )
-        px[there] = rows["u_px"][place[there]] - np.broadcast_to(own["u_px"][:, None], place.shape)[there]
+        px[there] = rows["u_px"][index[there]] - np.broadcast_to(own["u_px"][:, None], index.shape)[there]
         nearest = np.argmin(np.where(np.isnan(rad), np.inf, np.abs(rad)), axis=1)[:, None]
         return HeldOutResiduals(
             np.take_along_axis(px, nearest, axis=1)[:, 0], np.take_along_axis(rad, nearest, axis=1)[:, 0]
@@ -238,21 +238,21 @@ class _Figures:
         self._squares_rad.add(float(np.sum(reported**2)))
         self._sum.add(float(px.sum()))
 
-    def result(self, whose: str) -> Metrics:
+    def result(self, suffix: str) -> Metrics:
         middle, high = quantiles_of(self._px, (0.5, 0.95))
         return {
-            f"held_out_frames{whose}": self._frames,
-            f"held_out_reported{whose}": self._rad.count,
-            f"held_out_share_within{whose}": ratio_or_nan(self._near, self._frames),
-            f"held_out_share_within_chance{whose}": ratio_or_nan(self._by_chance, self._chance),
-            f"held_out_median{whose}_px": middle,
-            f"held_out_median_chance{whose}_px": quantiles_of(self._chance_px, (0.5,))[0],
-            f"held_out_p95{whose}_px": high,
-            f"held_out_rms{whose}_px": _root(self._squares, self._px.count),
-            f"held_out_rms_within{whose}_px": _root(self._squares_within, self._within),
-            f"held_out_bias{whose}_px": ratio_or_nan(self._sum.value, self._px.count),
-            f"held_out_median{whose}_mrad": 1e3 * quantiles_of(self._rad, (0.5,))[0],
-            f"held_out_rms{whose}_mrad": 1e3 * _root(self._squares_rad, self._rad.count),
+            f"held_out_frames{suffix}": self._frames,
+            f"held_out_reported{suffix}": self._rad.count,
+            f"held_out_share_within{suffix}": ratio_or_nan(self._near, self._frames),
+            f"held_out_share_within_chance{suffix}": ratio_or_nan(self._by_chance, self._chance),
+            f"held_out_median{suffix}_px": middle,
+            f"held_out_median_chance{suffix}_px": quantiles_of(self._chance_px, (0.5,))[0],
+            f"held_out_p95{suffix}_px": high,
+            f"held_out_rms{suffix}_px": _root(self._squares, self._px.count),
+            f"held_out_rms_within{suffix}_px": _root(self._squares_within, self._within),
+            f"held_out_bias{suffix}_px": ratio_or_nan(self._sum.value, self._px.count),
+            f"held_out_median{suffix}_mrad": 1e3 * quantiles_of(self._rad, (0.5,))[0],
+            f"held_out_rms{suffix}_mrad": 1e3 * _root(self._squares_rad, self._rad.count),
         }
 
 
@@ -307,12 +307,12 @@ def held_out_box_metrics(tracks: PeopleTracks, boxes: Boxes | Views, scene: Scen
             raise InputError(
                 f"held out: camera {name!r} is not in the scene, or has no pose; the scene has: {', '.join(cameras)}"
             )
-        looks = frames_of_boxes(boxes, name)
-        if not len(looks.t_ns):
+        frames = frames_of_boxes(boxes, name)
+        if not len(frames.t_ns):
             raise InputError(f"views: no row of the held-out camera {name!r}; give boxes that include it")
-        own = tally(cameras[name], looks, walkers, config, 0)
-        steps = np.unique(np.rint(np.linspace(0.1, 0.9, CHANCE_SHIFTS) * len(looks.t_ns)).astype(int)).tolist()
-        other = [tally(cameras[name], looks, walkers, config, s) for s in steps if 0 < s < len(looks.t_ns)]
+        own = tally(cameras[name], frames, walkers, config, 0)
+        steps = np.unique(np.rint(np.linspace(0.1, 0.9, CHANCE_SHIFTS) * len(frames.t_ns)).astype(int)).tolist()
+        other = [tally(cameras[name], frames, walkers, config, s) for s in steps if 0 < s < len(frames.t_ns)]
         out |= _figures([own], other, f"_sensor_{name}")
         real.append(own)
         chance += other
@@ -346,9 +346,9 @@ def _walkers(tracks: PeopleTracks, height: float) -> list[Walker]:
     return out
 
 
-def tally(camera: Camera, looks: BoxFrames, walkers: list[Walker], config: EvaluateConfig, shift: int) -> HeldOutTally:
+def tally(camera: Camera, frames: BoxFrames, walkers: list[Walker], config: EvaluateConfig, shift: int) -> HeldOutTally:
     """Pair the boxes of each frame with the tracks of the frame that is `shift` frames later, one to one."""
-    times = np.roll(looks.t_ns, -shift)
+    times = np.roll(frames.t_ns, -shift)
     states = [interpolate_positions(times, w.t_ns, w.state, config.bridge_ns)[0] for w in walkers]
     # (F, K, 3) position of each track at each time, NaN where it is not
     state = np.stack(states, axis=1) if states else np.full((len(times), 0, 3), np.nan)
@@ -358,13 +358,13 @@ def tally(camera: Camera, looks: BoxFrames, walkers: list[Walker], config: Evalu
     below: list[float] = []
     inside = 0
     for f in range(len(times)):
-        rows = slice(int(looks.start[f]), int(looks.start[f + 1]))
+        rows = slice(int(frames.start[f]), int(frames.start[f + 1]))
         seen = _in_image(camera, middle[f])
         inside += int(np.count_nonzero(seen))
-        for found, box, expected in ((middles, looks.middle[rows], middle[f]), (below, looks.feet[rows], feet[f])):
+        for found, box, expected in ((middles, frames.middle[rows], middle[f]), (below, frames.feet[rows], feet[f])):
             away = np.hypot(*np.moveaxis(box[:, None] - expected[None, seen], 2, 0))
             found += [float(away[i, j]) for i, j in pair_within(away, config.held_out_gate_px)]
-    return HeldOutTally(int(looks.start[-1]), np.array(middles), np.array(below), inside)
+    return HeldOutTally(int(frames.start[-1]), np.array(middles), np.array(below), inside)
 
 
 def project(camera: Camera, state: Floats, share: float) -> Floats:
@@ -386,16 +386,16 @@ def _in_image(camera: Camera, pixels: Floats) -> Bools:
     return known & inside[:, 0] & inside[:, 1]
 
 
-def _figures(real: list[HeldOutTally], chance: list[HeldOutTally], whose: str) -> Metrics:
+def _figures(real: list[HeldOutTally], chance: list[HeldOutTally], suffix: str) -> Metrics:
     """Figures of some tallies together."""
     boxes, middles = sum(t.boxes for t in real), np.concatenate([np.zeros(0), *(t.middles for t in real)])
     feet = sum(len(t.feet) for t in real)
     other, met = sum(t.boxes for t in chance), sum(len(t.middles) for t in chance)
     return {
-        f"held_out_boxes{whose}": boxes,
-        f"held_out_boxes_share{whose}": ratio_or_nan(len(middles), boxes),
-        f"held_out_boxes_share_chance{whose}": ratio_or_nan(met, other),
-        f"held_out_boxes_feet_share{whose}": ratio_or_nan(feet, boxes),
-        f"held_out_boxes_precision{whose}": ratio_or_nan(len(middles), sum(t.expected for t in real)),
-        f"held_out_boxes_median{whose}_px": quantile(middles, 0.5),
+        f"held_out_boxes{suffix}": boxes,
+        f"held_out_boxes_share{suffix}": ratio_or_nan(len(middles), boxes),
+        f"held_out_boxes_share_chance{suffix}": ratio_or_nan(met, other),
+        f"held_out_boxes_feet_share{suffix}": ratio_or_nan(feet, boxes),
+        f"held_out_boxes_precision{suffix}": ratio_or_nan(len(middles), sum(t.expected for t in real)),
+        f"held_out_boxes_median{suffix}_px": quantile(middles, 0.5),
     }

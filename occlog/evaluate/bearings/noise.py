@@ -229,10 +229,10 @@ def _fitted(blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int, s
         for square, degree in blocks():
             density = (1.0 - false) * _density(square, degree, scale2)
             whole = density + false / reach
-            believed = density / whole
-            total.add(float(np.dot(believed, square)))
-            expected.add(float(np.dot(believed, degree)))
-            honest.add(float(believed.sum()))
+            inlier = density / whole
+            total.add(float(np.dot(inlier, square)))
+            expected.add(float(np.dot(inlier, degree)))
+            honest.add(float(inlier.sum()))
             fit.add(float(np.log(whole).sum()))
         before, scale2 = scale2, max(total.value / max(expected.value, TINY), TINY * start)
         false = float(np.clip(1.0 - honest.value / count, MIN_SHARE, 1.0 - MIN_SHARE))
@@ -362,10 +362,10 @@ class NoiseFromTruth:
         share = in_memory // max(len(scene.cameras), 1)
         self._residuals = {camera.name: Spool(share) for camera in scene.cameras}
 
-    def update(self, looks: Mapping[str, SensorObservationSet]) -> None:
+    def update(self, observations: Mapping[str, SensorObservationSet]) -> None:
         """Observations of further frames, by sensor."""
-        for name in looks.keys() & self._residuals.keys():
-            own = looks[name].looks
+        for name in observations.keys() & self._residuals.keys():
+            own = observations[name].observations
             use = own.truth & own.visible & own.reported & np.isfinite(own.residual_px)
             # Labelled observations and those of candidates come one after the other, each in the order of time
             order = np.argsort(own.t_ns[use], kind="stable")

@@ -160,7 +160,7 @@ class AgainstBearings:
         scene: Scene,
         config: EvaluateConfig,
         *,
-        places: bool = False,
+        with_positions: bool = False,
     ) -> None:
         """Create empty statistics.
 
@@ -170,7 +170,7 @@ class AgainstBearings:
             outlines: of the truth.
             scene: the sensors.
             config: gates, limits, bound.
-            places: whether noise is measured at known positions; there is a truth.
+            with_positions: whether noise is measured at known positions; there is a truth.
         """
         self._sources, self._known, self._outlines = sources, known, outlines
         self._scene, self._config = scene, config
@@ -181,7 +181,7 @@ class AgainstBearings:
         held_out = bool(config.held_out) and self._meeting is not None
         self._held_out = HeldOutFigures(scene, sorted(known.tracks), config) if held_out else None
         self._detections = DetectionFigures() if sees and sources.truth is not None else None
-        self._places = NoiseFromTruth(scene) if places else None
+        self._noise_from_truth = NoiseFromTruth(scene) if with_positions else None
         self._bound: Bounds | None = None
         self._labels: dict[int, int] = {}
         self._sight: SightEvidence | None = None
@@ -260,14 +260,14 @@ class AgainstBearings:
             self._sight.update(part.limits, part.sides[0], self._bearings, self._diagnostics)
         if self._bound is not None:
             targets, others = self._true_paths(part)
-            looks = self._looks(rows, targets, others)
+            observations = self._observe(rows, targets, others)
             if self._detections is not None:
-                self._detections.update(looks)
-            if self._places is not None:
-                self._places.update(looks)
+                self._detections.update(observations)
+            if self._noise_from_truth is not None:
+                self._noise_from_truth.update(observations)
             known = np.isin(rows.target_id, list(self._labels))
             self._unmatched += int(np.count_nonzero((rows.target_id >= 0) & ~known))
-            counted = {name: found for name, found in looks.items() if name not in config.held_out}
+            counted = {name: found for name, found in observations.items() if name not in config.held_out}
             measured = None if self._distances is None else self._distances.add(part.limits.of(self._measurements))
             self._bound.update(counted, self._sensors, errors, late, targets, measured)
 
@@ -288,7 +288,7 @@ class AgainstBearings:
         )
         return targets, others
 
-    def _looks(
+    def _observe(
         self, rows: Bearings, targets: Mapping[int, ObjectPath], others: Mapping[int, ObjectPath]
     ) -> dict[str, SensorObservationSet]:
         return {
@@ -320,10 +320,10 @@ class AgainstBearings:
         """Figures of detections and of the bound; none without a truth."""
         if self._bound is None:
             return {}
-        told: Metrics = {}
+        metrics: Metrics = {}
         if self._detections is not None:
-            told = {**self._detections.result(), "bearings_unmatched": self._unmatched}
-        return told | self._bound.result(self._scene.length_unit)
+            metrics = {**self._detections.result(), "bearings_unmatched": self._unmatched}
+        return metrics | self._bound.result(self._scene.length_unit)
 
     def settled_bound(self) -> Metrics:
         """Figures of the bound after the transient; none without a bound."""
@@ -344,7 +344,7 @@ class AgainstBearings:
         Raises:
             InputError: no camera has enough readings.
         """
-        return {} if self._places is None else self._places.noise()
+        return {} if self._noise_from_truth is None else self._noise_from_truth.noise()
 
     def note(self) -> str:
         """Why no track was compared with where lines of sight meet, and what to do."""

@@ -79,14 +79,14 @@ def runs_of(method: Path, truth: Path | None) -> dict[str, ComparedRun]:
 def _truth(truth: Path | None, folder: Path | None, name: str) -> Path:
     if truth is not None and truth.is_dir() and name:
         stem = Path(name).name
-        for place in dict.fromkeys((truth / name, truth / stem)):
-            if place.is_file():
-                return place
-            there = [path for path in sorted(place.parent.glob(f"{glob.escape(stem)}.*")) if path.is_file()]
+        for location in dict.fromkeys((truth / name, truth / stem)):
+            if location.is_file():
+                return location
+            there = [path for path in sorted(location.parent.glob(f"{glob.escape(stem)}.*")) if path.is_file()]
             there = [path for path in there if path.suffix.lower() in USUAL] or there
             if len(there) > 1:
                 names = " and ".join(path.name for path in there[:2])
-                raise InputError(f"{place.parent}: {names} are both named as the run {name}; keep one")
+                raise InputError(f"{location.parent}: {names} are both named as the run {name}; keep one")
             if there:
                 return there[0]
         raise InputError(f"{truth}: holds no truth of the run {name}: a file {stem}.mcap, .parquet or .csv")
@@ -253,8 +253,8 @@ def _sums(run: ComparedRun, first: ComparedRun, limit: float, unit: str) -> Floa
     if len(tracks) and len(times):
         _check_clocks(run, tracks.t_ns, times)
     config = MultiTargetConfig(match_distance=limit)
-    places = points_in_true_frames(tracks, truth, times, config, EvaluateConfig().limit_ns, unit)
-    return frame_sums(of_points(places.truth, places.tracks, limit), len(times), RULES[config.clear_rule])
+    points = points_in_true_frames(tracks, truth, times, config, EvaluateConfig().limit_ns, unit)
+    return frame_sums(of_points(points.truth, points.tracks, limit), len(times), RULES[config.clear_rule])
 
 
 def _check_clocks(run: ComparedRun, tracks: Ints, truth: Ints) -> None:

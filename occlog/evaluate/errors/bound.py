@@ -117,24 +117,24 @@ class BoundSums:
                 out._sums[name].add(value.value)
         return out
 
-    def result(self, unit: str, whose: str, *, with_errors: bool) -> Metrics:
+    def result(self, unit: str, suffix: str, *, with_errors: bool) -> Metrics:
         """Return the metrics of the bound, see `bound_metrics`; without errors those of the bound alone."""
         error, least, smoothed = (self._rms(name, self.rows) for name in ("error", *KINDS))
-        out: Metrics = {f"bound_rmse{whose}_{unit}": least}
+        out: Metrics = {f"bound_rmse{suffix}_{unit}": least}
         if with_errors:
-            out[f"bound_ratio{whose}"], out[f"bound_estimates{whose}"] = ratio_or_nan(error, least), self.rows
-        out[f"smoothed_bound_rmse{whose}_{unit}"] = smoothed
+            out[f"bound_ratio{suffix}"], out[f"bound_estimates{suffix}"] = ratio_or_nan(error, least), self.rows
+        out[f"smoothed_bound_rmse{suffix}_{unit}"] = smoothed
         if with_errors:
-            out[f"smoothed_bound_ratio{whose}"] = ratio_or_nan(error, smoothed)
+            out[f"smoothed_bound_ratio{suffix}"] = ratio_or_nan(error, smoothed)
         name, count = ("both", self._both) if self._both else ("alone", self._alone)
         if not count:
             return out
         for kind, begin in zip(KINDS, ("", "smoothed_"), strict=True):
-            out[f"{begin}bound_rmse_z{whose}_{unit}"] = self._rms(f"{kind} z {name}", count)
-            out[f"{begin}bound_rmse_space{whose}_{unit}"] = self._rms(f"{kind} {name}", count)
+            out[f"{begin}bound_rmse_z{suffix}_{unit}"] = self._rms(f"{kind} z {name}", count)
+            out[f"{begin}bound_rmse_space{suffix}_{unit}"] = self._rms(f"{kind} {name}", count)
         for begin in ("", "smoothed_") if self._both else ():
-            least = out[f"{begin}bound_rmse_space{whose}_{unit}"]
-            out[f"{begin}bound_ratio_space{whose}"] = ratio_or_nan(self._rms("error both", self._both), least)
+            least = out[f"{begin}bound_rmse_space{suffix}_{unit}"]
+            out[f"{begin}bound_ratio_space{suffix}"] = ratio_or_nan(self._rms("error both", self._both), least)
         return out
 
 
@@ -166,7 +166,7 @@ class Bounds:
         kinds += [("ground", "f8", (2, 2))] if ways.ground else []
         kinds += [("space", "f8", (3, 3))] if ways.space else []
         self._record = np.dtype(kinds)
-        self._told = Blocks(self._record, block)
+        self._information = Blocks(self._record, block)
         self.rows = 0
         """Rows of the bound, once it is made."""
         self._all: dict[int, BoundSums] = {}
@@ -175,7 +175,7 @@ class Bounds:
 
     def update(
         self,
-        looks: Mapping[str, SensorObservationSet],
+        observations: Mapping[str, SensorObservationSet],
         sensors: Mapping[str, SensorGeometry],
         errors: Errors,
         late: Bools,
@@ -185,14 +185,14 @@ class Bounds:
         """Add the tables of a further time interval.
 
         Args:
-            looks: observations of each sensor that counts, by its name.
+            observations: observations of each sensor that counts, by its name.
             sensors: of these names.
             errors: in the order of time.
             late: (N,) which of them are after the transient.
             targets: path of each target, or the part of it about the section.
             measured: distances.
         """
-        labels = [errors.target_id.astype(np.int64), *(found.looks.target for found in looks.values())]
+        labels = [errors.target_id.astype(np.int64), *(found.observations.target for found in observations.values())]
         labels += [] if measured is None else [measured.target]
         parts = [np.zeros(0, dtype=self._record)]
         for target in np.unique(np.concatenate(labels)).tolist():
@@ -201,14 +201,16 @@ class Bounds:
             known.errors += int(np.count_nonzero(own))
             known.late += int(np.count_nonzero(late[own]))
             known.in_space |= bool(space_errors(errors)[own].any())
-            parts.append(self._records(target, looks, sensors, errors.take(own), late[own], targets[target], measured))
+            parts.append(
+                self._records(target, observations, sensors, errors.take(own), late[own], targets[target], measured)
+            )
         rows = np.concatenate(parts)
-        self._told.append(rows[np.lexsort((rows["target"], rows["t_ns"]))])
+        self._information.append(rows[np.lexsort((rows["target"], rows["t_ns"]))])
 
     def _records(
         self,
         target: int,
-        looks: Mapping[str, SensorObservationSet],
+        observations: Mapping[str, SensorObservationSet],
         sensors: Mapping[str, SensorGeometry],
         errors: Errors,
         late: Bools,
@@ -217,18 +219,20 @@ class Bounds:
     ) -> Records:
         """A target's time steps of a section."""
         known = self._targets[target]
-        mine = {name: found.looks.take(found.looks.target == target) for name, found in looks.items()}
+        mine = {
+            name: found.observations.take(found.observations.target == target) for name, found in observations.items()
+        }
         ranged = np.zeros(0, np.int64) if measured is None else measured.t_ns[measured.target == target]
-        looked = np.unique(np.concatenate([ranged, *(m.t_ns for m in mine.values())]))
+        observed_ns = np.unique(np.concatenate([ranged, *(m.t_ns for m in mine.values())]))
         if known.first_ns is None:
-            if not len(looked):
+            if not len(observed_ns):
                 return np.zeros(0, dtype=self._record)
-            known.first_ns = int(looked[0])
+            known.first_ns = int(observed_ns[0])
         wanted = errors.t_ns >= known.first_ns
-        times = np.union1d(looked, errors.t_ns[wanted])
+        times = np.union1d(observed_ns, errors.t_ns[wanted])
         out = np.zeros(len(times), dtype=self._record)
         out["t_ns"], out["target"] = times, target
-        out["look"] = np.isin(times, looked)
+        out["look"] = np.isin(times, observed_ns)
         out["known"] = path.at(times, self._config.limit_ns)[1]
         out["error"] = out["error_space"] = np.nan
         at = np.searchsorted(times, errors.t_ns[wanted])
@@ -251,7 +255,7 @@ class Bounds:
         Raises:
             InputError: as `compute_bound`.
         """
-        self._told.end()
+        self._information.end()
         for target, known in sorted(self._targets.items()):
             if known.first_ns is None:
                 continue
@@ -263,50 +267,50 @@ class Bounds:
         n = most if self._config.motion == "waypoint" else 2 * most
         kinds: list[Any] = [("dt", "f8"), ("filtered", "f8", (n, n)), ("smoothed", "f8", (most, most))]
         made = Blocks(np.dtype(kinds), self._block)
-        for number in range(self._told.count):
-            made.put(number, self._forwards(self._told.get(number), np.dtype(kinds)))
+        for number in range(self._information.count):
+            made.put(number, self._forwards(self._information.get(number), np.dtype(kinds)))
         for known in self._targets.values():
             known.state = None
-        for number in reversed(range(self._told.count)):
-            made.put(number, self._backwards(self._told.get(number), made.get(number).copy()))
-        for number in range(self._told.count):
-            take(self._table(self._told.get(number), made.get(number)))
+        for number in reversed(range(self._information.count)):
+            made.put(number, self._backwards(self._information.get(number), made.get(number).copy()))
+        for number in range(self._information.count):
+            take(self._table(self._information.get(number), made.get(number)))
 
-    def _forwards(self, told: Records, record: np.dtype[Any]) -> Records:
+    def _forwards(self, information: Records, record: np.dtype[Any]) -> Records:
         """The bound of filtering of a block."""
-        out = np.zeros(len(told), dtype=record)
-        for target, rows in _by_target(told):
-            known, t_ns = self._targets[target], told["t_ns"][rows]
+        out = np.zeros(len(information), dtype=record)
+        for target, rows in _by_target(information):
+            known, t_ns = self._targets[target], information["t_ns"][rows]
             dt = np.diff(t_ns, prepend=t_ns[0] if known.last_ns is None else known.last_ns) / NS
             before = prior_of(known.d, self._scene, self._config) if known.state is None else known.state
-            filtered = crlb.posterior_bound(*self._steps(told, rows, dt, known.d), before)
+            filtered = crlb.posterior_bound(*self._steps(information, rows, dt, known.d), before)
             known.state, known.last_ns = filtered[-1], int(t_ns[-1])
             n = len(before)
             out["dt"][rows] = dt
             out["filtered"][rows[:, None, None], np.arange(n)[:, None], np.arange(n)] = filtered
         return out
 
-    def _backwards(self, told: Records, made: Records) -> Records:
+    def _backwards(self, information: Records, made: Records) -> Records:
         """The bounds of smoothing and of filtering."""
-        for target, rows in _by_target(told):
+        for target, rows in _by_target(information):
             known = self._targets[target]
             d, n = known.d, known.d if self._config.motion == "waypoint" else 2 * known.d
             later = np.zeros((n, n)) if known.state is None else known.state
-            steps = self._steps(told, rows, made["dt"][rows], d)
+            steps = self._steps(information, rows, made["dt"][rows], d)
             smoothed, known.state = crlb.smoothing_bound_before(made["filtered"][rows][:, :n, :n], *steps, later)
             made["smoothed"][rows[:, None, None], np.arange(d)[:, None], np.arange(d)] = smoothed[:, :d, :d]
         return made
 
-    def _steps(self, told: Records, rows: Ints, dt: Floats, d: int) -> tuple[Floats, Floats, Floats]:
-        information = np.ascontiguousarray(told["ground" if d == 2 else "space"][rows])
+    def _steps(self, records: Records, rows: Ints, dt: Floats, d: int) -> tuple[Floats, Floats, Floats]:
+        information = np.ascontiguousarray(records["ground" if d == 2 else "space"][rows])
         return motion_of(information, dt, self._scene, self._config)
 
-    def _table(self, told: Records, made: Records) -> Bound:
+    def _table(self, information: Records, made: Records) -> Bound:
         """Rows of the bound of a block, and their figures."""
         parts = []
-        for target, rows in _by_target(told):
+        for target, rows in _by_target(information):
             known = self._targets[target]
-            own = told[rows]
+            own = information[rows]
             keep = own["known"] & (own["estimate"] if known.errors else own["look"])
             rows, own, d = rows[keep], own[keep], known.d
             table = bound_table(
@@ -328,19 +332,22 @@ class Bounds:
     def result(self, unit: str, *, late: bool = False) -> Metrics:
         """Figures as `bound_metrics` has them, of all errors or of those after the transient."""
         counts = {k: known.late if late else known.errors for k, known in self._targets.items()}
-        beside = self._late if late else self._estimates
+        estimates = self._late if late else self._estimates
         if any(counts.values()):
-            out = BoundSums.together(beside.values()).result(unit, "", with_errors=True)
+            out = BoundSums.together(estimates.values()).result(unit, "", with_errors=True)
         else:
             out = BoundSums.together(self._all.values()).result(unit, "", with_errors=False)
         for target, own in sorted(self._all.items()):
             if own.rows:
                 with_errors = counts[target] > 0
-                figures = beside[target] if with_errors else own
+                figures = estimates[target] if with_errors else own
                 out |= figures.result(unit, f"_target_{target}", with_errors=with_errors)
         return out
 
 
-def _by_target(told: Records) -> list[tuple[int, Ints]]:
+def _by_target(information: Records) -> list[tuple[int, Ints]]:
     """Rows of each target of a block, by rising identity."""
-    return [(target, np.flatnonzero(told["target"] == target)) for target in np.unique(told["target"]).tolist()]
+    return [
+        (target, np.flatnonzero(information["target"] == target))
+        for target in np.unique(information["target"]).tolist()
+    ]

@@ -168,13 +168,13 @@ def bound_table(t_ns: Ints, target: int, covariance: Floats, smoothed: Floats, n
 
 
 def information_of(
-    times: Ints, looks: Mapping[str, SensorObservations], sensors: Mapping[str, SensorGeometry], d: int
+    times: Ints, observations: Mapping[str, SensorObservations], sensors: Mapping[str, SensorGeometry], d: int
 ) -> tuple[Floats, Ints]:
     """(T, d, d) information of all bearings at each time, and how many there were."""
     total, n_seen = np.zeros((len(times), d, d)), np.zeros(len(times), dtype=np.int64)
     of_sensor = space_information if d == 3 else ground_information
-    for name, all_looks in looks.items():
-        seen = all_looks.take(counted(all_looks))
+    for name, all_observations in observations.items():
+        seen = all_observations.take(counted(all_observations))
         at = np.searchsorted(times, seen.t_ns)
         np.add.at(total, at, of_sensor(sensors[name], seen))
         np.add.at(n_seen, at, 1)
@@ -200,9 +200,9 @@ def add_distances(
     np.add.at(n_seen, at, 1)
 
 
-def counted(looks: SensorObservations) -> Bools:
+def counted(observations: SensorObservations) -> Bools:
     """(N,) bool: reports that can be of the target."""
-    return looks.reported & (looks.in_view | looks.hit)
+    return observations.reported & (observations.in_view | observations.hit)
 
 
 def motion_of(information: Floats, dt: Floats, scene: Scene, config: EvaluateConfig) -> tuple[Floats, Floats, Floats]:
@@ -228,18 +228,18 @@ def motion_of(information: Floats, dt: Floats, scene: Scene, config: EvaluateCon
 
 def prior_of(d: int, scene: Scene, config: EvaluateConfig) -> Floats:
     """(n, n) covariance of the state at the first pass: a position as given, else of a point anywhere in the room."""
-    place = np.zeros((d, d))
+    position = np.zeros((d, d))
     if config.prior_covariance is None:
-        place[:2, :2] = crlb.polygon_covariance(scene.region)
+        position[:2, :2] = crlb.polygon_covariance(scene.region)
     else:
         xx, xy, yy = config.prior_covariance
-        place[:2, :2] = [[xx, xy], [xy, yy]]
+        position[:2, :2] = [[xx, xy], [xy, yy]]
     if d == 3:
-        place[2, 2] = scene.room_height**2 / 12.0 if config.prior_variance_z is None else config.prior_variance_z
+        position[2, 2] = scene.room_height**2 / 12.0 if config.prior_variance_z is None else config.prior_variance_z
     if config.motion == "waypoint":
-        return place
+        return position
     out = np.zeros((2 * d, 2 * d))
-    out[:d, :d], out[d:, d:] = place, config.sigma_initial_velocity**2 * np.eye(d)
+    out[:d, :d], out[d:, d:] = position, config.sigma_initial_velocity**2 * np.eye(d)
     return out
 
 

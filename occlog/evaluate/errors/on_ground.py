@@ -187,7 +187,7 @@ class PairSums:
     def __init__(self, known: EvaluationSurvey) -> None:
         """No estimate yet."""
         self._tracks, self._targets = list(known.tracks), list(known.targets)
-        self._place = {label: n for n, label in enumerate(self._targets)}
+        self._index_of = {label: n for n, label in enumerate(self._targets)}
         self._sums, self._worst = TargetTrackSums(len(self._targets), len(self._tracks), sums=3), 0.0
 
     def update(self, part: EvaluationChunk, config: EvaluateConfig) -> None:
@@ -204,7 +204,7 @@ class PairSums:
             square = np.sum((xy[begin:end][good] - true[good]) ** 2, axis=1)
             self._worst = max(self._worst, float(square.max()))
             track, which, shared = np.unique(number[begin:end][good], return_inverse=True, return_counts=True)
-            found.append((np.full(len(track), self._place[label]), track, shared, np.bincount(which, square)))
+            found.append((np.full(len(track), self._index_of[label]), track, shared, np.bincount(which, square)))
         if found:
             target, track, shared, more = (np.concatenate(column) for column in zip(*found, strict=True))
             # The rounding of each addition is kept with the sum (Neumaier 1974)

@@ -37,27 +37,27 @@ class Consistency:
     def __init__(self, limit: float) -> None:
         """No errors yet; `limit`: 95 % quantile of chi-square."""
         self._limit, self._sum = limit, Sum()
-        self.told = self.inside = self.rows = 0
+        self.n_finite = self.inside = self.rows = 0
 
     def update(self, nees: Floats) -> None:
         """Add values, NaN where the covariance is singular."""
-        told = nees[np.isfinite(nees)]
-        self._sum.add(float(told.sum()))
-        self.rows, self.told = self.rows + len(nees), self.told + len(told)
-        self.inside += int(np.count_nonzero(told <= self._limit))
+        finite = nees[np.isfinite(nees)]
+        self._sum.add(float(finite.sum()))
+        self.rows, self.n_finite = self.rows + len(nees), self.n_finite + len(finite)
+        self.inside += int(np.count_nonzero(finite <= self._limit))
 
     def merge(self, other: Consistency) -> None:
         """Add the errors of another sum."""
         self._sum.merge(other._sum)
-        self.told, self.inside = self.told + other.told, self.inside + other.inside
+        self.n_finite, self.inside = self.n_finite + other.n_finite, self.inside + other.inside
         self.rows += other.rows
 
-    def result(self, name: str, whose: str) -> Metrics:
+    def result(self, name: str, suffix: str) -> Metrics:
         """The figures, under names that begin with `name`."""
         return {
-            f"{name}_mean{whose}": ratio_or_nan(self._sum.value, self.told),
-            f"{name}_share_95{whose}": ratio_or_nan(self.inside, self.told),
-            f"{name}_singular{whose}": self.rows - self.told,
+            f"{name}_mean{suffix}": ratio_or_nan(self._sum.value, self.n_finite),
+            f"{name}_share_95{suffix}": ratio_or_nan(self.inside, self.n_finite),
+            f"{name}_singular{suffix}": self.rows - self.n_finite,
         }
 
 
@@ -77,15 +77,15 @@ class InSpace:
         self._squares_z.add(float(np.sum(np.square(high.error_z))))
         self._nees.update(high.nees_space)
 
-    def result(self, unit: str, whose: str) -> Metrics:
+    def result(self, unit: str, suffix: str) -> Metrics:
         """RMSE along z and in space and consistency there (mean NEES 3); nothing if no error in space is known."""
         if not self.rows:
             return {}
         return {
-            f"rmse_z{whose}_{unit}": float(np.sqrt(self._squares_z.value / self.rows)),
-            f"rmse_space{whose}_{unit}": float(np.sqrt(self._squares.value / self.rows)),
-            **self._nees.result("nees_space", whose),
-            f"estimates_space{whose}": self.rows,
+            f"rmse_z{suffix}_{unit}": float(np.sqrt(self._squares_z.value / self.rows)),
+            f"rmse_space{suffix}_{unit}": float(np.sqrt(self._squares.value / self.rows)),
+            **self._nees.result("nees_space", suffix),
+            f"estimates_space{suffix}": self.rows,
         }
 
 
@@ -217,9 +217,9 @@ class ErrorFigures:
         return out
 
 
-def _accuracy(sums: ErrorSums, unit: str, whose: str) -> Metrics:
+def _accuracy(sums: ErrorSums, unit: str, suffix: str) -> Metrics:
     return {
-        f"rmse{whose}_{unit}": sums.rmse,
-        f"rmse_x{whose}_{unit}": sums.rmse_x,
-        f"rmse_y{whose}_{unit}": sums.rmse_y,
+        f"rmse{suffix}_{unit}": sums.rmse,
+        f"rmse_x{suffix}_{unit}": sums.rmse_x,
+        f"rmse_y{suffix}_{unit}": sums.rmse_y,
     }

@@ -144,7 +144,7 @@ class TruthIntervals:
     def __init__(self, in_memory: int = NUMBERS_IN_MEMORY) -> None:
         """Create an empty list; `in_memory`: number kept in memory."""
         self._number: dict[int, int] = {}
-        self._steps, self._whose = Spool(in_memory), Spool(in_memory)
+        self._steps, self._owner = Spool(in_memory), Spool(in_memory)
         self._counts: list[int] = []
 
     def add(self, label: int, t_ns: Ints, last_ns: int | None) -> None:
@@ -155,7 +155,7 @@ class TruthIntervals:
         steps = np.diff(t_ns if last_ns is None else np.insert(t_ns, 0, last_ns)).astype(np.float64)
         self._counts[number] += len(steps)
         self._steps.add(steps)
-        self._whose.add(np.full(len(steps), float(number)))
+        self._owner.add(np.full(len(steps), float(number)))
 
     def usual_gaps_ns(self) -> dict[int, int]:
         """Of each object the widest gap that is bridged unless one is given."""
@@ -167,8 +167,8 @@ class TruthIntervals:
         return {label: math.inf if math.isnan(found[k]) else found[k] for label, k in self._number.items()}
 
     def _blocks(self) -> Iterator[tuple[Ints, Floats]]:
-        for whose, steps in zip(self._whose.blocks(), self._steps.blocks(), strict=True):
-            yield whose.astype(np.int64), steps
+        for owner, steps in zip(self._owner.blocks(), self._steps.blocks(), strict=True):
+            yield owner.astype(np.int64), steps
 
 
 class EvaluationChunk(NamedTuple):
@@ -215,7 +215,7 @@ def chunks_in_time(
     known: EvaluationSurvey,
     config: EvaluateConfig,
     track_gap_ns: int = 0,
-    beside: StretchTables | None = None,
+    companion: StretchTables | None = None,
 ) -> Iterator[EvaluationChunk]:
     """Go through tracks and truth side by side.
 
@@ -227,9 +227,9 @@ def chunks_in_time(
         known: of the same chunks.
         config: largest gap between samples.
         track_gap_ns: largest gap between samples of tracks, if larger.
-        beside: other tables, of which rows may be read with a section.
+        companion: other tables, of which rows may be read with a section.
     """
-    more = beside or StretchTables()
+    more = companion or StretchTables()
     limit = max(known.gaps_ns.values(), default=0) if config.limit_ns is None else config.limit_ns
     margin = max(limit, config.bridge_ns, track_gap_ns)
     ours, theirs = TableBuffer(tracks, Tracks), TableBuffer(truth, Truth)

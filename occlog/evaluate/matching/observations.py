@@ -116,8 +116,8 @@ def occluded_by_moving(
     rest = [path for k, path in everyone.items() if k != target]
     if config.occluder_diameter is None or sensor.camera is None or not rest:
         return np.zeros(len(t_ns), dtype=np.bool_)
-    places = np.stack([path.at(t_ns, config.limit_ns)[0] for path in rest], axis=1)
-    return behind_objects(sensor.ground, xy, places, config.occluder_diameter)
+    positions = np.stack([path.at(t_ns, config.limit_ns)[0] for path in rest], axis=1)
+    return behind_objects(sensor.ground, xy, positions, config.occluder_diameter)
 
 
 class Paired(NamedTuple):
@@ -140,7 +140,7 @@ class _SensorFrames(NamedTuple):
 def match_candidates(
     sensor: SensorGeometry,
     rows: Bearings,
-    told: Collection[tuple[int, int]],
+    labelled: Collection[tuple[int, int]],
     targets: Mapping[int, ObjectPath],
     everyone: Mapping[int, ObjectPath],
     config: EvaluateConfig,
@@ -152,7 +152,7 @@ def match_candidates(
     Args:
         sensor: sensor of these rows.
         rows: unlabelled rows of that sensor.
-        told: (time, target) of which a labelled row exists; they get no row here.
+        labelled: (time, target) of which a labelled row exists; they get no row here.
         targets: true paths of the targets.
         everyone: true paths of targets and occluders.
         config: gates, limits.
@@ -169,7 +169,7 @@ def match_candidates(
         found = _pair(frames.cost[start:end], frames.visible[n])
         stray += int(np.count_nonzero(rows.seen[start:end])) - len(found)
         for j in np.flatnonzero(present & is_target).tolist():
-            if (int(rows.t_ns[start]), names[j]) not in told:
+            if (int(rows.t_ns[start]), names[j]) not in labelled:
                 picked.append((start + found.get(j, 0), names[j], j in found))
     row, target, seen = (np.array(c) for c in zip(*picked, strict=True)) if picked else [np.zeros(0)] * 3
     chosen = _chosen(rows, row.astype(np.int64), seen.astype(np.bool_))
@@ -181,14 +181,14 @@ def _compare(
 ) -> _SensorFrames:
     times, first, frame = np.unique(rows.t_ns, return_index=True, return_inverse=True)
     shape = (len(times), len(everyone))
-    places, heights = np.full((*shape, 2), np.nan), np.full(shape, np.nan)
+    positions, heights = np.full((*shape, 2), np.nan), np.full(shape, np.nan)
     hidden = np.zeros(shape, dtype=np.bool_)
     for j, (k, path) in enumerate(everyone.items()):
-        places[:, j], _ = path.at(times, config.limit_ns)
+        positions[:, j], _ = path.at(times, config.limit_ns)
         heights[:, j] = path.height_at(times, config.limit_ns)
-        hidden[:, j] = occluded_by_moving(sensor, times, places[:, j], k, everyone, config)
-    present = np.isfinite(places[:, :, 0])
-    expected = sensor.expect(places.reshape(-1, 2), heights.ravel()).reshape(shape)
+        hidden[:, j] = occluded_by_moving(sensor, times, positions[:, j], k, everyone, config)
+    present = np.isfinite(positions[:, :, 0])
+    expected = sensor.expect(positions.reshape(-1, 2), heights.ravel()).reshape(shape)
     cost = inside_gate(residuals(rows, expected.take(frame), sensor), config)
     possible = present[frame] & rows.seen[:, None] & (cost <= 1.0)
     starts = [*first.tolist(), len(rows)]
@@ -245,7 +245,7 @@ class SensorObservations:
 class SensorObservationSet(NamedTuple):
     """All observations of one sensor, and the candidates that are of nothing in the truth."""
 
-    looks: SensorObservations
+    observations: SensorObservations
     frames: int  # with a known truth
     stray: int  # candidates in these frames that are near no true object
 
@@ -271,20 +271,20 @@ def observe(
     everyone = {**targets, **others}
     known = rows.take(np.isin(rows.target_id, list(labels)))
     target = np.array([labels[k] for k in known.target_id.tolist()], dtype=np.int64)
-    told = set(zip(known.t_ns.tolist(), target.tolist(), strict=True))
-    paired = match_candidates(sensor, rows.take(rows.target_id < 0), told, targets, everyone, config)
-    looks = _concat(
-        _looks(sensor, known, target, everyone, config),
-        _looks(sensor, paired.rows, paired.target, everyone, config),
+    labelled = set(zip(known.t_ns.tolist(), target.tolist(), strict=True))
+    paired = match_candidates(sensor, rows.take(rows.target_id < 0), labelled, targets, everyone, config)
+    observations = _concat(
+        _observations(sensor, known, target, everyone, config),
+        _observations(sensor, paired.rows, paired.target, everyone, config),
     )
-    return SensorObservationSet(looks, len(np.unique(looks.t_ns[looks.truth])), paired.stray)
+    return SensorObservationSet(observations, len(np.unique(observations.t_ns[observations.truth])), paired.stray)
 
 
 def _concat(a: SensorObservations, b: SensorObservations) -> SensorObservations:
     return SensorObservations(**{n: np.concatenate([getattr(a, n), getattr(b, n)]) for n in a.__dataclass_fields__})
 
 
-def _looks(
+def _observations(
     sensor: SensorGeometry, rows: Bearings, target: Ints, everyone: Mapping[int, ObjectPath], config: EvaluateConfig
 ) -> SensorObservations:
     xy, truth = np.full((len(rows), 2), np.nan), np.zeros(len(rows), dtype=np.bool_)

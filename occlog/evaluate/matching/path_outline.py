@@ -55,7 +55,7 @@ class _Outline:
         """(K,) times of the samples that are kept, not falling, and (K, 3) positions."""
         ends = [each for each in (self.last_high, self.last) if each is not None]
         t_ns = np.concatenate([*self.t_ns, np.array([t for t, _ in ends], dtype=np.int64)])
-        xyz = np.concatenate([*self.xyz, *(place for _, place in ends)])
+        xyz = np.concatenate([*self.xyz, *(position for _, position in ends)])
         order = np.argsort(t_ns, kind="stable")
         return t_ns[order], xyz[order]
 
@@ -124,6 +124,6 @@ class TruthOutlines:
             t_ns, far = self._kept[role, label]
             before, after = t_ns < limits[0], t_ns >= limits[1]
             at = np.concatenate([t_ns[before], near.t_ns[rows], t_ns[after]])
-            place = np.concatenate([far[before], xyz[rows], far[after]])
-            out[label] = ObjectPath(at, place[:, :2], place[:, 2], gaps_ns[label])
+            position = np.concatenate([far[before], xyz[rows], far[after]])
+            out[label] = ObjectPath(at, position[:, :2], position[:, 2], gaps_ns[label])
         return out

@@ -211,15 +211,15 @@ def own_targets_by(config: EvaluateConfig, *, numbered_itself: bool) -> str:
     return "label" if config.match == "id" else ("start" if numbered_itself else "best")
 
 
-def many_config(unit: str, own: str, told: Mapping[str, object]) -> tuple[MultiTargetConfig | None, str | None]:
+def many_config(unit: str, own: str, given: Mapping[str, object]) -> tuple[MultiTargetConfig | None, str | None]:
     """Options of many targets on the ground; or None, and a line on why there are no figures of them.
 
     Args:
         unit: of lengths.
         own: which target is a track's own, unless that was given.
-        told: options that were given.
+        given: options that were given.
     """
-    many = configure(MultiTargetConfig.in_unit(unit), {"assigned_target": own, **told})
+    many = configure(MultiTargetConfig.in_unit(unit), {"assigned_target": own, **given})
     if many.match_distance is None:
         return None, f"lengths are in {unit}: give --match-distance for the figures of many targets"
     return many, None

@@ -73,45 +73,45 @@ class MotFigures:
         self._hota.merge(other._hota)
         self._gospa.merge(other._gospa)
 
-    def result(self, cells: int, whose: str = "", unit: str = "") -> Metrics:
+    def result(self, cells: int, suffix: str = "", unit: str = "") -> Metrics:
         """The figures.
 
         Args:
             cells: number of frames, empty ones included, over which GOSPA is averaged.
-            whose: suffix of the names, such as `_sensor_NAME`.
+            suffix: suffix of the names, such as `_sensor_NAME`.
             unit: of the distance; empty: 1 - IoU.
         """
-        out = _clear(self._clear.result(), whose, unit) | _identity(self.identity.result(), whose)
+        out = _clear(self._clear.result(), suffix, unit) | _identity(self.identity.result(), suffix)
         named = {"hota": "hota", "det_a": "deta", "ass_a": "assa", "loc_a": "loca"}
         named |= {"det_re": "detre", "det_pr": "detpr", "ass_re": "assre", "ass_pr": "asspr"}
-        out |= {f"{named[name]}{whose}": value for name, value in self._hota.result().means().items()}
-        return out | self._gospa.result(cells, whose, unit)
+        out |= {f"{named[name]}{suffix}": value for name, value in self._hota.result().means().items()}
+        return out | self._gospa.result(cells, suffix, unit)
 
 
-def _clear(got: ClearMot, whose: str, unit: str) -> Metrics:
-    end = f"{whose}_{unit}" if unit else whose
+def _clear(got: ClearMot, suffix: str, unit: str) -> Metrics:
+    end = f"{suffix}_{unit}" if unit else suffix
     out: Metrics = {
-        f"objects{whose}": got.objects,
-        f"estimates_compared{whose}": got.estimates,
-        f"tp{whose}": got.tp,
-        f"fp{whose}": got.fp,
-        f"fn{whose}": got.fn,
-        f"id_switches{whose}": got.switches,
-        f"fragmentations{whose}": got.fragmentations,
-        f"mota{whose}": got.mota,
+        f"objects{suffix}": got.objects,
+        f"estimates_compared{suffix}": got.estimates,
+        f"tp{suffix}": got.tp,
+        f"fp{suffix}": got.fp,
+        f"fn{suffix}": got.fn,
+        f"id_switches{suffix}": got.switches,
+        f"fragmentations{suffix}": got.fragmentations,
+        f"mota{suffix}": got.mota,
         f"motp{end}": got.motp,
-        f"recall{whose}": got.recall,
-        f"precision{whose}": got.precision,
-        f"mostly_tracked{whose}": got.mostly_tracked,
-        f"partly_tracked{whose}": got.partly_tracked,
-        f"mostly_lost{whose}": got.mostly_lost,
+        f"recall{suffix}": got.recall,
+        f"precision{suffix}": got.precision,
+        f"mostly_tracked{suffix}": got.mostly_tracked,
+        f"partly_tracked{suffix}": got.partly_tracked,
+        f"mostly_lost{suffix}": got.mostly_lost,
     }
-    return out if unit else out | {f"motp_iou{whose}": got.motp_similarity}
+    return out if unit else out | {f"motp_iou{suffix}": got.motp_similarity}
 
 
-def _identity(got: Identity, whose: str) -> Metrics:
+def _identity(got: Identity, suffix: str) -> Metrics:
     names = ("idf1", "idp", "idr", "idtp", "idfp", "idfn")
-    return {f"{name}{whose}": getattr(got, name) for name in names}
+    return {f"{name}{suffix}": getattr(got, name) for name in names}
 
 
 class GospaFigures:
@@ -129,10 +129,10 @@ class GospaFigures:
         """Take in the frames of another recording."""
         self._sums.merge(other._sums)
 
-    def result(self, cells: int, whose: str, unit: str) -> Metrics:
+    def result(self, cells: int, suffix: str, unit: str) -> Metrics:
         """Mean over this many frames, in the unit of the distance, and its parts, in that unit to the power of p."""
         means = self._sums.means(max(cells, 1))
-        end = f"{whose}_{unit}" if unit else whose
+        end = f"{suffix}_{unit}" if unit else suffix
         power = power_of(self._config, unit)
         out = {f"gospa{end}": means["gospa"]}
         return out | {f"gospa_{name}{end}{power}": means[name] for name in ("localisation", "missed", "false")}
@@ -146,12 +146,12 @@ def power_of(config: MultiTargetConfig, unit: str) -> str:
 def of_view(side: Objects, view: int) -> Objects:
     """The objects of one view."""
     mine = np.zeros(len(side.frame), dtype=np.int64) == view if side.view is None else side.view == view
-    return Objects(side.frame[mine], side.label[mine], side.place[mine])
+    return Objects(side.frame[mine], side.label[mine], side.position[mine])
 
 
 def centres(side: Objects) -> Objects:
     """Middles of boxes in their stead."""
-    return side._replace(place=side.place[:, :2] + 0.5 * side.place[:, 2:])
+    return side._replace(position=side.position[:, :2] + 0.5 * side.position[:, 2:])
 
 
 class FailureCounts:
@@ -173,13 +173,13 @@ class FailureCounts:
         self._label, self._position = self._label + other._label, self._position + other._position
         self._total += other._total
 
-    def result(self, whose: str = "") -> Metrics:
+    def result(self, suffix: str = "") -> Metrics:
         """Failure rates over all true rows."""
         return {
-            f"fr_p{whose}": ratio_or_nan(self._position, self._total),
-            f"fr_l{whose}": ratio_or_nan(self._label, self._total),
-            f"position_failures{whose}": self._position,
-            f"label_failures{whose}": self._label,
+            f"fr_p{suffix}": ratio_or_nan(self._position, self._total),
+            f"fr_l{suffix}": ratio_or_nan(self._label, self._total),
+            f"position_failures{suffix}": self._position,
+            f"label_failures{suffix}": self._label,
         }
 
 

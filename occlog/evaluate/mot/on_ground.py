@@ -62,9 +62,9 @@ def evaluate_ground(
     """
     known = survey(iter([tracks]), iter([truth]))
     times = times_of(tracks, truth)
-    places = points_in_true_frames(tracks, truth, times, config, limit_ns, unit)
+    points = points_in_true_frames(tracks, truth, times, config, limit_ns, unit)
     found = GroundFigures.of(known, config, unit)
-    part = EvaluatedPart(places, 0, tracks, paths_of(truth, "target"))
+    part = EvaluatedPart(points, 0, tracks, paths_of(truth, "target"))
     found.prepare(part)
     counts, failures = found.update(part)
     return Evaluation(found.result(), failures=failures, counts=counts, notes=tuple(found.notes()))
@@ -73,7 +73,7 @@ def evaluate_ground(
 class EvaluatedPart(NamedTuple):
     """Frames of a part of a recording."""
 
-    places: PointTracks
+    points: PointTracks
     begin: int  # number of frames before it
     rows: Tracks  # rows of the tracks at the times of these frames, and perhaps others
     targets: Mapping[int, ObjectPath]  # true positions at these times, and perhaps others
@@ -142,37 +142,37 @@ class GroundFigures:
         return cls(targets, tracks, known.frames, config, unit)
 
     def _frames_of(self, part: EvaluatedPart) -> MatchedFrames:
-        found = of_points(part.places.truth, part.places.tracks, self._limit)
+        found = of_points(part.points.truth, part.points.tracks, self._limit)
         found = numbered(found, *self._keys)
         return found._replace(frame=found.frame + part.begin)
 
     def prepare(self, part: EvaluatedPart) -> None:
         """Learn what must be known of all frames; parts are in the order of time."""
-        places = part.places
-        self._labels[0].update(np.unique(places.truth.label).tolist())
-        self._labels[1].update(np.unique(places.tracks.label).tolist())
-        self._owners.update(places.truth, places.tracks, places.tau, places.times(places.tracks))
+        points = part.points
+        self._labels[0].update(np.unique(points.truth.label).tolist())
+        self._labels[1].update(np.unique(points.tracks.label).tolist())
+        self._owners.update(points.truth, points.tracks, points.tau, points.times(points.tracks))
         self._mot.prepare(self._frames_of(part))
 
     def update(self, part: EvaluatedPart) -> tuple[Counts, Failures]:
         """Add frames in the order of time; return counts of targets and tracks, and failures of trackers."""
-        places, frames = part.places, self._frames_of(part)
-        self._interpolated += _interpolated(places, part.targets)
+        points, frames = part.points, self._frames_of(part)
+        self._interpolated += _interpolated(points, part.targets)
         made = self._mot.update(frames)
         near = frames._replace(limit=self._moda_limit)
         self._moda.update(near, self._moda_matcher.update(near))
         self._ospa2.update(frames)
         if self._windows is not None:
-            ends = range(part.begin, part.begin + len(places.t_ns[0]))
+            ends = range(part.begin, part.begin + len(points.t_ns[0]))
             for each in self._windows.update(frames, ends):
                 self._window_sum.add(each.ospa2)
         self._trajectories.update(frames, part.begin, part.over)
-        self.pair_nees = self._pairs.update(frames, self._each_matcher.update(frames), places, part.rows)
-        counts = counts_over_time(frames, made, places, part.begin)
+        self.pair_nees = self._pairs.update(frames, self._each_matcher.update(frames), points, part.rows)
+        counts = counts_over_time(frames, made, points, part.begin)
         self._counts.update(counts)
-        found = find_failures(places, self._owners)
-        self._failures.update(found, found.frame >= 0, len(places.truth.frame))
-        return counts, failure_rows(found, places)
+        found = find_failures(points, self._owners)
+        self._failures.update(found, found.frame >= 0, len(points.truth.frame))
+        return counts, failure_rows(found, points)
 
     def merge(self, other: GroundFigures) -> None:
         """Take in another recording, with no target and no track in common; no frame is added after it.
@@ -252,19 +252,19 @@ class PairErrors:
         self._nees, self._pairs = Consistency(CHI2_95_2D), 0
 
     def update(
-        self, frames: MatchedFrames, made: MatchedPairs, places: PointTracks, tracks: Tracks
+        self, frames: MatchedFrames, made: MatchedPairs, points: PointTracks, tracks: Tracks
     ) -> tuple[Ints, Floats]:
         """Pairs of some more frames; (n,) target and (n,) NEES of those with a track that has a row at the time.
 
         Args:
             frames: truth and tracks.
             made: pairs of each frame alone.
-            places: from which the frames were made.
+            points: from which the frames were made.
             tracks: rows at their times.
         """
         true, ours = frames.truth_row[made.truth], frames.track_row[made.track]
-        error = places.tracks.place[ours] - places.truth.place[true]
-        times, labels = places.t_ns[0][places.tracks.frame[ours]], places.tracks.label[ours]
+        error = points.tracks.position[ours] - points.truth.position[true]
+        times, labels = points.t_ns[0][points.tracks.frame[ours]], points.tracks.label[ours]
         row = _rows_at(tracks, times, labels)
         own = row >= 0
         at = tracks.take(row[own])
@@ -275,7 +275,7 @@ class PairErrors:
         self._distances.update(distance)
         self._squares.add(float(np.sum(np.square(distance))))
         self._pairs += len(distance)
-        return places.truth.label[true[own]], nees
+        return points.truth.label[true[own]], nees
 
     def merge(self, other: PairErrors) -> None:
         """Take in the pairs of another recording."""
@@ -295,7 +295,7 @@ class PairErrors:
             f"pairs_error_p95_{unit}": spread[f"pairs_error_p95_{unit}"],
             "pairs_nees_mean": nees["pairs_nees_mean"],
             "pairs_nees_share_95": nees["pairs_nees_share_95"],
-            "pairs_nees_compared": self._nees.told,
+            "pairs_nees_compared": self._nees.n_finite,
         }
 
 
@@ -303,22 +303,22 @@ def _rows_at(tracks: Tracks, times: Ints, labels: Ints) -> Ints:
     """Row of each track at each time; -1 where it has none."""
     order = np.lexsort((tracks.target_id, tracks.t_ns))
     keys = list(zip(tracks.t_ns[order].tolist(), tracks.target_id[order].tolist(), strict=True))
-    place = dict(zip(keys, order.tolist(), strict=True))
+    index_of = dict(zip(keys, order.tolist(), strict=True))
     wanted = zip(times.tolist(), labels.tolist(), strict=True)
-    return np.array([place.get(key, -1) for key in wanted], dtype=np.int64)
+    return np.array([index_of.get(key, -1) for key in wanted], dtype=np.int64)
 
 
-def counts_over_time(frames: MatchedFrames, made: MatchedPairs, places: PointTracks, begin: int) -> Counts:
+def counts_over_time(frames: MatchedFrames, made: MatchedPairs, points: PointTracks, begin: int) -> Counts:
     """Count targets, tracks and pairs in each frame; see `GroundPart.begin`."""
-    cells = len(places.t_ns[0])
-    true = np.bincount(places.truth.frame, minlength=cells)
-    found = np.bincount(places.tracks.frame, minlength=cells)
+    cells = len(points.t_ns[0])
+    true = np.bincount(points.truth.frame, minlength=cells)
+    found = np.bincount(points.tracks.frame, minlength=cells)
     at = frames.frame - begin
     paired = np.bincount(at[made.frame], minlength=cells)
     switched = np.bincount(at[made.frame[made.switch]], minlength=cells)
     return Counts.of(
-        t_ns=places.t_ns[0],
-        frame=places.number[0],
+        t_ns=points.t_ns[0],
+        frame=points.number[0],
         targets=true,
         tracks=found,
         paired=paired,
@@ -363,10 +363,10 @@ class CountSums:
         }
 
 
-def _interpolated(places: PointTracks, paths: Mapping[int, ObjectPath]) -> int:
+def _interpolated(points: PointTracks, paths: Mapping[int, ObjectPath]) -> int:
     """True objects at times of which the truth has no row for them, but for others."""
-    times = places.t_ns[0]
-    mine = ((path, times[places.truth.frame[places.truth.label == k]]) for k, path in paths.items())
+    times = points.t_ns[0]
+    mine = ((path, times[points.truth.frame[points.truth.label == k]]) for k, path in paths.items())
     return sum(int(np.count_nonzero(~path.sampled(at))) for path, at in mine)
 
 
@@ -417,5 +417,5 @@ def _points(paths: Mapping[int, ObjectPath], times: Ints, limit_ns: int | None) 
         xy, good = path.at(times, limit_ns)
         rows = np.flatnonzero(good)
         parts.append((rows.astype(np.int64), np.full(len(rows), label, dtype=np.int64), xy[rows]))
-    frame, name, place = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return Objects(frame, name, place)
+    frame, name, position = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return Objects(frame, name, position)

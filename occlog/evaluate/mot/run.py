@@ -78,8 +78,8 @@ def evaluate_in_images(request: EvaluateRequest, job: Job) -> Evaluation:
     provenance = job.provenance(asdict(config), previous_losses(request.inputs))
     with job.tables(provenance, "m") as tables:
         result = compared.evaluate(None if request.failures is None else lambda rows: tables.write(failures=rows))
-    told = independent_id_note(request.tracks, config.assigned_target, _asked(request.multi_target))
-    notes = (*result.notes, *told, *other_video(request.tracks, [request.truth]))
+    note = independent_id_note(request.tracks, config.assigned_target, _asked(request.multi_target))
+    notes = (*result.notes, *note, *other_video(request.tracks, [request.truth]))
     result = replace(result, notes=notes, verdicts=provenance.judged)
     if request.mot is not None and request.tracks is not None:
         whole = joined([part for _, part in compared.parts()])
@@ -119,12 +119,12 @@ def compared_boxes(request: EvaluateRequest) -> tuple[ComparedBoxes, MultiTarget
     in_text = counted is None and _is_text(request.truth)
     check_counted(request.truth, counted, in_text, config)
     rule = _benchmark(request.truth, config, in_text)
-    looked = _strings(ours.provenance.parameters.get("cameras")) if ours is not None and ours.has(ViewTracks) else ()
+    cameras = _strings(ours.provenance.parameters.get("cameras")) if ours is not None and ours.has(ViewTracks) else ()
     with _named({"tracks": request.tracks, "truth": request.truth}):
         if ours is not None and counted is None and not in_text:
             theirs = open_input(request.truth)
             theirs.require(TruthBoxes)
-            return ComparedBoxes(_timed(ours, theirs), config, looked=looked), config, theirs.scene
+            return ComparedBoxes(_timed(ours, theirs), config, cameras=cameras), config, theirs.scene
         if counted is None:
             tracks, truth, scene = _read_both(request.tracks, request.truth, config, rule)
         else:
@@ -133,7 +133,7 @@ def compared_boxes(request: EvaluateRequest) -> tuple[ComparedBoxes, MultiTarget
         if rule in DISTRACTORS:
             adjust = partial(pedestrians, marks=read_marks(request.truth), distractors=DISTRACTORS[rule])
         sides: Sides = lambda: iter([(tracks, truth)])  # noqa: E731
-        compared = ComparedBoxes(sides, config, looked=looked, by_number=True, adjust=adjust)
+        compared = ComparedBoxes(sides, config, cameras=cameras, by_number=True, adjust=adjust)
     return compared, config, scene
 
 

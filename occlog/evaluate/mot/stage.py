@@ -212,8 +212,8 @@ class ImageTrackFigures:
             got = self._across.result()
             out |= {"idf1_across_views": got.idf1, "idp_across_views": got.idp, "idr_across_views": got.idr}
         for v, each in enumerate(self._each):
-            whose = f"_sensor_{self._views[v]}"
-            out |= each.result(frames[v], {f"frames{whose}": frames[v]}, whose)
+            suffix = f"_sensor_{self._views[v]}"
+            out |= each.result(frames[v], {f"frames{suffix}": frames[v]}, suffix)
         return {name: float(value) for name, value in out.items()}
 
     def notes(self) -> list[str]:
@@ -255,25 +255,25 @@ class _ImageFigures:
         if self._centres is not None and other._centres is not None:
             self._centres.merge(other._centres)
 
-    def result(self, cells: int, counts: Mapping[str, float], whose: str = "") -> Metrics:
-        out = self._failures.result(whose) | self.mot.result(cells, whose)
-        known: Metrics = {f"targets{whose}": self._sizes[0], f"tracks{whose}": self._sizes[1]}
-        out |= known | dict(counts) if whose else dict(counts) | known
-        return out if self._centres is None else out | self._centres.result(cells, whose, "px")
+    def result(self, cells: int, counts: Mapping[str, float], suffix: str = "") -> Metrics:
+        out = self._failures.result(suffix) | self.mot.result(cells, suffix)
+        known: Metrics = {f"targets{suffix}": self._sizes[0], f"tracks{suffix}": self._sizes[1]}
+        out |= known | dict(counts) if suffix else dict(counts) | known
+        return out if self._centres is None else out | self._centres.result(cells, suffix, "px")
 
 
 def _across_views(truth: Objects, tracks: Objects, labels: Sequence[Ints]) -> MatchedFrames:
     """Frames in which identities are the same in all views, as for several cameras of one position."""
     sides = []
     for side in (truth, tracks):
-        sides.append(Objects(side.frame + (_views_of(side) << 40), side.label, side.place))
+        sides.append(Objects(side.frame + (_views_of(side) << 40), side.label, side.position))
     keys = (np.column_stack([np.zeros(len(each), np.int64), each]) for each in labels)
     return numbered(of_boxes(*sides), *keys)
 
 
 def centres_and_limits(compared: TruthAndTracks, config: MultiTargetConfig) -> PointTracks:
     """Middles of the boxes; a target's radius is sqrt(half width * half height)."""
-    radius = 0.5 * np.sqrt(compared.truth.place[:, 2] * compared.truth.place[:, 3])
+    radius = 0.5 * np.sqrt(compared.truth.position[:, 2] * compared.truth.position[:, 3])
     tau = (
         config.distance_gate * radius
         if config.distance_gate_px is None
@@ -291,26 +291,26 @@ def centres_and_limits(compared: TruthAndTracks, config: MultiTargetConfig) -> P
     )
 
 
-def find_failures(places: PointTracks, owners: AssignedTargets) -> failure_rates.FailureRates:
+def find_failures(points: PointTracks, owners: AssignedTargets) -> failure_rates.FailureRates:
     """Failures of trackers, each of which has its own target or none."""
-    own = owners.of(places.tracks.label)
-    return failure_rates.failures(places.truth, places.tracks, places.tau, own)
+    own = owners.of(points.tracks.label)
+    return failure_rates.failures(points.truth, points.tracks, points.tau, own)
 
 
-def failure_rows(found: failure_rates.FailureRates, places: PointTracks) -> Failures:
+def failure_rows(found: failure_rates.FailureRates, points: PointTracks) -> Failures:
     """The table of failures, by time, camera and target."""
     view = found.view.astype(np.int64)
     at = Objects(found.frame, found.target, np.zeros((len(view), 2)), view)
-    names: Strings = np.array([*places.views, ""], dtype=np.str_)
+    names: Strings = np.array([*points.views, ""], dtype=np.str_)
     columns = {
-        "t_ns": places.times(at),
+        "t_ns": points.times(at),
         "sensor": names[view],
-        "frame": places.numbers(at),
+        "frame": points.numbers(at),
         "target_id": found.target.astype(np.int32),
         "kind": np.where(found.label, "label", "position"),
         "other_id": found.other.astype(np.int32),
-        "cause": np.array(found.causes(places.unit), dtype=np.str_),
-        "visible": _visible(at, places),
+        "cause": np.array(found.causes(points.unit), dtype=np.str_),
+        "visible": _visible(at, points),
     }
     order = np.lexsort([columns[name] for name in ("kind", *reversed(Failures.KEY))])
     return Failures.of(**{name: column[order] for name, column in columns.items()})
@@ -320,10 +320,10 @@ def _views_of(side: Objects) -> Ints:
     return np.zeros(len(side.frame), dtype=np.int64) if side.view is None else side.view
 
 
-def _visible(at: Objects, places: PointTracks) -> Floats:
+def _visible(at: Objects, points: PointTracks) -> Floats:
     """(n,) visible share of the target of each row; NaN where it is not known or not in the frame."""
-    known = zip(_views_of(places.truth).tolist(), places.truth.frame.tolist(), places.truth.label.tolist(), strict=True)
-    share = dict(zip(known, places.visible.tolist(), strict=True))
+    known = zip(_views_of(points.truth).tolist(), points.truth.frame.tolist(), points.truth.label.tolist(), strict=True)
+    share = dict(zip(known, points.visible.tolist(), strict=True))
     rows = zip(_views_of(at).tolist(), at.frame.tolist(), at.label.tolist(), strict=True)
     return np.array([share.get(row, np.nan) for row in rows], dtype=np.float64)
 
@@ -398,7 +398,7 @@ class ComparedBoxes:
         sides: Sides,
         config: MultiTargetConfig,
         *,
-        looked: Collection[str] = (),
+        cameras: Collection[str] = (),
         by_number: bool = False,
         adjust: Callable[[TruthAndTracks], TruthAndTracks] | None = None,
     ) -> None:
@@ -407,7 +407,7 @@ class ComparedBoxes:
         Args:
             sides: tracks and truth; rows of other cameras and frames than those asked for are skipped.
             config: options.
-            looked: cameras that are compared even if no track is in them.
+            cameras: cameras that are compared even if no track is in them.
             by_number: frames are the same when camera and number are; otherwise when camera and time are.
             adjust: change of each part, such as leaving out tracks of distractors.
 
@@ -415,7 +415,7 @@ class ComparedBoxes:
             InputError: nothing is to be compared, or an object has no identity, or the same one twice in a frame.
         """
         self._sides, self._config, self._by_number, self._adjust = sides, config, by_number, adjust
-        ours, theirs = _Side(cameras=set(looked), wanted=set(looked)), _Side()
+        ours, theirs = _Side(cameras=set(cameras), wanted=set(cameras)), _Side()
         for tracks, truth in sides():
             ours.update(tracks, config)
             theirs.update(truth, config)
@@ -434,7 +434,7 @@ class ComparedBoxes:
             self.tracks = np.unique(np.concatenate([self.tracks, keys_of(part.tracks)]), axis=0)
         self.frames: list[int] = frames.tolist()
         if counts.get("estimates_other_frames") and not counts["estimates_compared"]:
-            raise InputError(self._apart())
+            raise InputError(self._disjoint_note())
         del counts["estimates_compared"]
         self.counts = counts | {
             "frames": float(sum(self.frames)),
@@ -459,7 +459,7 @@ class ComparedBoxes:
             yield begin, part
             begin = [n + more for n, more in zip(begin, part.frames, strict=True)]
 
-    def _apart(self) -> str:
+    def _disjoint_note(self) -> str:
         """Why no track is in a frame of the truth."""
         found, true = (_first_of(rows) for rows in zip(*self._wanted(), strict=True))
         if self._by_number:

@@ -70,7 +70,7 @@ class TruthAndTracks(NamedTuple):
         return [len(times) for times in self.t_ns]
 
 
-def places(boxes: Boxes) -> Floats:
+def box_edges(boxes: Boxes) -> Floats:
     """(n, 4) left, top, width, height."""
     return np.column_stack([boxes.left_px, boxes.top_px, boxes.width_px, boxes.height_px])
 
@@ -108,8 +108,8 @@ def boxes_in_true_frames(
     }
     return TruthAndTracks(
         views=views,
-        truth=Objects(true_cell, there.target_id.astype(np.int64), places(there), true_view),
-        tracks=Objects(cell, found.target_id.astype(np.int64), places(found), view),
+        truth=Objects(true_cell, there.target_id.astype(np.int64), box_edges(there), true_view),
+        tracks=Objects(cell, found.target_id.astype(np.int64), box_edges(found), view),
         visible=there.visible,
         t_ns=times,
         number=numbers,
@@ -166,8 +166,8 @@ def _cells(boxes: Boxes, views: Sequence[str], keys: Sequence[Ints], key: str) -
         if not len(keys[v]):
             view[rows] = v
             continue
-        place = np.minimum(np.searchsorted(keys[v], values[rows]), len(keys[v]) - 1)
-        view[rows], cell[rows] = v, np.where(keys[v][place] == values[rows], place, -1)
+        index = np.minimum(np.searchsorted(keys[v], values[rows]), len(keys[v]) - 1)
+        view[rows], cell[rows] = v, np.where(keys[v][index] == values[rows], index, -1)
     return view, cell
 
 
@@ -217,17 +217,17 @@ def view_boxes(compared: TruthAndTracks, view: int) -> tuple[TruthBoxes, Boxes]:
 
 def _columns(side: Objects, t_ns: Ints, number: Ints, name: str) -> dict[str, object]:
     order = np.lexsort((side.label, side.frame))
-    frame, place, n = side.frame[order], side.place[order], len(order)
+    frame, position, n = side.frame[order], side.position[order], len(order)
     return {
         "t_ns": t_ns[frame],
         "sensor": np.full(n, name),
         "frame": number[frame],
         "box": np.arange(n, dtype=np.int32),
         "target_id": side.label[order].astype(np.int32),
-        "left_px": place[:, 0],
-        "top_px": place[:, 1],
-        "width_px": place[:, 2],
-        "height_px": place[:, 3],
+        "left_px": position[:, 0],
+        "top_px": position[:, 1],
+        "width_px": position[:, 2],
+        "height_px": position[:, 3],
         "confidence": np.full(n, np.nan),
     }
 
@@ -240,10 +240,10 @@ def frame_rate(compared: TruthAndTracks, view: int) -> float:
 
 def image_size(compared: TruthAndTracks, view: int) -> tuple[int, int]:
     """Width and height that hold the true boxes of a view; at least 1 x 1."""
-    place: Floats = of_view(compared.truth, view).place
-    if not len(place):
+    position: Floats = of_view(compared.truth, view).position
+    if not len(position):
         return 1, 1
-    far = np.ceil(np.max(place[:, :2] + place[:, 2:], axis=0))
+    far = np.ceil(np.max(position[:, :2] + position[:, 2:], axis=0))
     return max(int(far[0]), 1), max(int(far[1]), 1)
 
 
@@ -385,7 +385,7 @@ def _on(compared: TruthAndTracks, distractor: Bools) -> Bools:
         theirs = truth.get(frame)
         if theirs is None:
             continue
-        overlap = intersection_over_union(compared.truth.place[theirs], compared.tracks.place[ours])
+        overlap = intersection_over_union(compared.truth.position[theirs], compared.tracks.position[ours])
         overlap[overlap < IOU_THRESHOLD - EPS] = 0.0
         i, j = linear_sum_assignment(overlap, maximize=True)
         met = overlap[i, j] > EPS
@@ -402,4 +402,4 @@ def _by_frame(side: Objects) -> dict[int, Ints]:
 
 def _taken(side: Objects, keep: Bools) -> Objects:
     view = None if side.view is None else side.view[keep]
-    return Objects(side.frame[keep], side.label[keep], side.place[keep], view)
+    return Objects(side.frame[keep], side.label[keep], side.position[keep], view)

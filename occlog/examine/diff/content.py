@@ -85,8 +85,8 @@ class _JsonWalk(NamedTuple):
         if isinstance(a, Mapping) and isinstance(b, Mapping):
             for k in (*a, *(k for k in b if k not in a)):
                 if self.provenance or not (str(k).startswith("_") or k == "provenance"):
-                    place = f"{path}.{k}" if path else str(k)
-                    yield from self._entry(place, str(k), a.get(k, _ABSENT), b.get(k, _ABSENT))
+                    location = f"{path}.{k}" if path else str(k)
+                    yield from self._entry(location, str(k), a.get(k, _ABSENT), b.get(k, _ABSENT))
         elif _is_list(a) and _is_list(b):
             for n in range(max(len(a), len(b))):
                 value_a, value_b = (v[n] if n < len(v) else _ABSENT for v in (a, b))
@@ -114,11 +114,11 @@ class _JsonWalk(NamedTuple):
         table = self.name.rsplit("/", maxsplit=1)[-1].split(".")[0]
         limit = (self.limits.named(table, key) or Limit()) if whole else self.limits.of(table, key)
         # Whole numbers of JSON have any length: their difference is exact, and only then a float.
-        apart = _float(abs(a - b) if whole else abs(_float(a) - _float(b)))
+        difference = _float(abs(a - b) if whole else abs(_float(a) - _float(b)))
         allowed = limit.atol + limit.rtol * max(abs(_float(a)), abs(_float(b)))
-        if math.isfinite(apart) and apart <= allowed:
+        if math.isfinite(difference) and difference <= allowed:
             return "both"
-        return RowDifference("value", self.name, {"path": path}, key, a=a, b=b, difference=apart, limit=allowed)
+        return RowDifference("value", self.name, {"path": path}, key, a=a, b=b, difference=difference, limit=allowed)
 
 
 def _float(value: float) -> float:

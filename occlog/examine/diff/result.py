@@ -80,7 +80,7 @@ class RowDifference:
 
     Attributes:
         kind: `value`, `missing` (only in A), `added` (only in B), `schema` or `content`.
-        place: table, JSON path or file.
+        location: table, JSON path or file.
         key: key of the row, by column.
         column: column of the value, empty for whole rows.
         a, b: both values; None if missing.
@@ -90,7 +90,7 @@ class RowDifference:
     """
 
     kind: str
-    place: str
+    location: str
     key: Mapping[str, object] = field(default_factory=dict)
     column: str = ""
     a: Scalar = None
@@ -101,7 +101,7 @@ class RowDifference:
 
     def as_dict(self) -> dict[str, object]:
         """Return the fields as plain values for JSON, without empty ones."""
-        out: dict[str, object] = {"kind": self.kind, "place": self.place}
+        out: dict[str, object] = {"kind": self.kind, "place": self.location}
         out |= {"key": dict(self.key)} if self.key else {}
         out |= {"column": self.column} if self.column else {}
         out |= {"a": self.a, "b": self.b} if self.kind not in ("missing", "added") or self.a != self.b else {}
@@ -236,23 +236,23 @@ def _schema(found: RowDifference) -> str:
 
 def difference_words(found: RowDifference) -> str:
     """Write one difference with its position, both values, their distance and the limit."""
-    place = _key(found.key)
+    location = _key(found.key)
     if found.kind in ("missing", "added"):
         where, value = ("A", found.a) if found.kind == "missing" else ("B", found.b)
-        return f"only in {where}: {place}" + (f" = {value!r}" if value is not None else "")
+        return f"only in {where}: {location}" + (f" = {value!r}" if value is not None else "")
     if found.kind == "content":
         if found.a is None and found.b is None:
-            return f"at {place}"
-        return f"at {place}: {_line(found.a)} in A, {_line(found.b)} in B"
+            return f"at {location}"
+        return f"at {location}: {_line(found.a)} in A, {_line(found.b)} in B"
     column = f": {found.column}" if found.column and "path" not in found.key else ""
-    return f"{place}{column} is {found.a!r} in A, {found.b!r} in B{_apart(found)}"
+    return f"{location}{column} is {found.a!r} in A, {found.b!r} in B{_difference_text(found)}"
 
 
 def _line(text: Scalar) -> str:
     return "the end" if text is None else repr(text)
 
 
-def _apart(found: RowDifference) -> str:
+def _difference_text(found: RowDifference) -> str:
     if found.difference is None or math.isnan(found.difference):
         return ""
     unit = f" {found.unit}" if found.unit else ""

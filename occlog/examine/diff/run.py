@@ -75,12 +75,12 @@ def kind_of(path: Path) -> Content | str:
 def stage_order(names: Iterable[str]) -> list[str]:
     """Sort file names: those of earlier stages first, others after them by name."""
 
-    def place(name: str) -> tuple[int, str]:
+    def order_key(name: str) -> tuple[int, str]:
         stem = name.rsplit("/", maxsplit=1)[-1].split(".")[0].lower()
         found = [n for n, stage in enumerate(STAGES) if stage in stem]
         return (min(found) if found else len(STAGES), name)
 
-    return sorted(names, key=place)
+    return sorted(names, key=order_key)
 
 
 def _compare_folders(a: Path, b: Path, settings: DiffSettings) -> list[DiffResult]:

@@ -179,32 +179,32 @@ def _whole(a: NDArray[np.generic], b: NDArray[np.generic], limit: Limit) -> Valu
     wide_a, wide_b = a.astype(np.int64), b.astype(np.int64)
     # The difference of two 8-byte integers may overflow; taken as an unsigned number it is right.
     with np.errstate(over="ignore"):
-        apart = np.where(wide_a > wide_b, wide_a - wide_b, wide_b - wide_a).view(np.uint64).astype(np.float64)
+        difference = np.where(wide_a > wide_b, wide_a - wide_b, wide_b - wide_a).view(np.uint64).astype(np.float64)
     allowed = limit.atol + limit.rtol * np.maximum(np.abs(wide_a.astype(float)), np.abs(wide_b.astype(float)))
-    differ = (wide_a != wide_b) & ~(apart <= allowed)
-    return Values(differ, apart, allowed, np.zeros(len(a), np.int64))
+    differ = (wide_a != wide_b) & ~(difference <= allowed)
+    return Values(differ, difference, allowed, np.zeros(len(a), np.int64))
 
 
 def _fractional(a: Floats, b: Floats, limit: Limit, angle: bool) -> tuple[Bools, Floats, Floats]:
     same = (a == b) | (np.isnan(a) & np.isnan(b))
     with np.errstate(invalid="ignore", over="ignore"):
-        apart = np.abs(a - b)
+        difference = np.abs(a - b)
         if angle:
-            apart = apart % TURN
-            apart = np.minimum(apart, TURN - apart)
+            difference = difference % TURN
+            difference = np.minimum(difference, TURN - difference)
         allowed = limit.atol + limit.rtol * np.maximum(np.abs(a), np.abs(b))
-        near = np.isfinite(apart) & (apart <= allowed)
-    return ~(same | near), np.where(same, 0.0, apart), allowed
+        near = np.isfinite(difference) & (difference <= allowed)
+    return ~(same | near), np.where(same, 0.0, difference), allowed
 
 
-def _worst(differ: Bools, apart: Floats, allowed: Floats) -> Values:
+def _worst(differ: Bools, difference: Floats, allowed: Floats) -> Values:
     """Choose the entry of each row that is farthest apart; entries that differ go before those that do not."""
     if differ.ndim == 1:
-        return Values(differ, apart, allowed, np.zeros(len(differ), np.int64))
-    badness = np.where(differ, np.where(np.isnan(apart), np.inf, apart), -1.0)
+        return Values(differ, difference, allowed, np.zeros(len(differ), np.int64))
+    badness = np.where(differ, np.where(np.isnan(difference), np.inf, difference), -1.0)
     entry = np.argmax(badness, axis=1)
     rows = np.arange(len(differ))
-    return Values(np.asarray(differ.any(axis=1)), apart[rows, entry], allowed[rows, entry], entry)
+    return Values(np.asarray(differ.any(axis=1)), difference[rows, entry], allowed[rows, entry], entry)
 
 
 def _alike(
@@ -368,8 +368,8 @@ class _Tally:
 
     def _keep_largest(self, c: Column, a: ColumnTable, b: ColumnTable, found: Join, values: Values, rows: Ints) -> None:
         # NaN on one side alone counts as an infinite difference.
-        apart = np.where(np.isnan(values.difference[rows]), np.inf, values.difference[rows])
-        row = int(rows[np.argmax(apart)])
+        difference = np.where(np.isnan(values.difference[rows]), np.inf, values.difference[rows])
+        row = int(rows[np.argmax(difference)])
         before = self.largest.get(c.name)
         if before is None or _size(before.difference) < _size(float(values.difference[row])):
             self.largest[c.name] = self._difference(c, a, b, found, values, row)
@@ -387,7 +387,7 @@ class _Tally:
         labels = c.kind in ("U", "?")
         return RowDifference(
             kind="value",
-            place=self.kind.NAME,
+            location=self.kind.NAME,
             key=_key(a, row_a),
             column=name,
             a=value_a.item(),

@@ -85,16 +85,16 @@ class SensorTimes:
         steps = np.diff(whole.astype(np.float64)) if _is_wide(whole) else np.diff(whole)
         added = len(whole) - len(t_ns)
 
-        def where(place: int) -> str:
-            row = place + 1 - added
+        def where(index: int) -> str:
+            row = index + 1 - added
             return f"row {before + row}" if frame is None else f"frame {frame[row]}"
 
-        for place in np.flatnonzero(steps < 0).tolist():
+        for index in np.flatnonzero(steps < 0).tolist():
             self._back += 1
             if self._back == 1:
-                self._first_back = f"{where(place)}: {whole[place + 1]} ns after {whole[place]} ns"
-        for place in np.flatnonzero(steps == 0)[:1].tolist():
-            self._first_repeat = self._first_repeat or f"{where(place)}: {whole[place + 1]} ns"
+                self._first_back = f"{where(index)}: {whole[index + 1]} ns after {whole[index]} ns"
+        for index in np.flatnonzero(steps == 0)[:1].tolist():
+            self._first_repeat = self._first_repeat or f"{where(index)}: {whole[index + 1]} ns"
         self._repeats += int((steps == 0).sum())
         self._note_intervals(whole, steps, frame)
         low, high = int(t_ns.min()), int(t_ns.max())
@@ -121,8 +121,8 @@ class SensorTimes:
             numbers = np.concatenate([np.array(known, dtype=np.int64), frame])
             risen = np.diff(numbers)
             self._step = min([self._step or 2**62, *risen[risen > 0].tolist()])
-        for place in forward[np.argsort(steps[forward])[-KEPT_GAPS:]].tolist():
-            one = (int(steps[place]), int(whole[place]), int(numbers[place + 1] - numbers[place]))
+        for index in forward[np.argsort(steps[forward])[-KEPT_GAPS:]].tolist():
+            one = (int(steps[index]), int(whole[index]), int(numbers[index + 1] - numbers[index]))
             if len(self._longest) < KEPT_GAPS:
                 heapq.heappush(self._longest, one)
             else:
@@ -210,14 +210,14 @@ def check_clocks(clocks: Sequence[SensorTimes], findings: Findings) -> None:
     for clock in clocks:
         clock.judge(findings)
     # Whoever has times of another epoch is not late too
-    told = [clock for clock in clocks if clock.count]
-    apart = list(_disjoint_sensors(told))
-    for clock in apart:
-        others = [other for other in told if other not in apart]
+    counted = [clock for clock in clocks if clock.count]
+    disjoint = list(_disjoint_sensors(counted))
+    for clock in disjoint:
+        others = [other for other in counted if other not in disjoint]
         low, high = min(other.low for other in others), max(other.high for other in others)
         value = f"{utc(clock.low)} to {utc(clock.high)}; the others {utc(low)} to {utc(high)}"
         findings.add("clock-apart", clock.name, value)
-    for clock, late_ns in _late([clock for clock in told if clock not in apart]):
+    for clock, late_ns in _late([clock for clock in counted if clock not in disjoint]):
         limit = f"{GAP_INTERVALS * (clock.usual_ns or 0) / NS:.6g} s"
         value = f"by {late_ns / NS:.6g} s, which an offset of {-late_ns / NS:.6g}s takes out"
         findings.add("clock-late", clock.name, value, limit=limit)
@@ -227,12 +227,12 @@ def check_truth_times(
     truth: Iterable[tuple[str, SensorTimes]], sensors: Iterable[SensorTimes], findings: Findings
 ) -> None:
     """Note each truth without a time in common with the sensors: it cannot be compared."""
-    told = [sensor for sensor in sensors if sensor.count]
-    low, high = min((s.low for s in told), default=0), max((s.high for s in told), default=0)
-    for place, one in truth:
-        if told and one.count and (one.high < low or one.low > high):
+    counted = [sensor for sensor in sensors if sensor.count]
+    low, high = min((s.low for s in counted), default=0), max((s.high for s in counted), default=0)
+    for location, one in truth:
+        if counted and one.count and (one.high < low or one.low > high):
             value = f"{utc(one.low)} to {utc(one.high)}; the sensors {utc(low)} to {utc(high)}"
-            findings.add("truth-apart", place, value)
+            findings.add("truth-apart", location, value)
 
 
 def _disjoint_sensors(clocks: Sequence[SensorTimes]) -> Iterator[SensorTimes]:
@@ -291,12 +291,12 @@ class Restarts:
     def add(self, cells: TableCells) -> None:
         """Take the next rows; InputError for a time that cannot be."""
         t_ns = self._table.times_of(cells).tolist()
-        for row, (t, whose) in enumerate(zip(t_ns, self._table.whose(cells), strict=True)):
-            before = self._last.get(whose)
+        for row, (t, owner) in enumerate(zip(t_ns, self._table.owners(cells), strict=True)):
+            before = self._last.get(owner)
             if before is not None and t < before:
                 self._first = self._first if self._back else cells.fail(row, f"{t} ns after {before} ns")
                 self._back += 1
-            self._last[whose] = t
+            self._last[owner] = t
         self._rows += len(t_ns)
 
     def judge(self, findings: Findings) -> None:

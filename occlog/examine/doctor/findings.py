@@ -130,18 +130,18 @@ class Finding(NamedTuple):
     Attributes:
         kind: one of `KINDS`.
         file: the file, as it was named.
-        place: where in it: byte, line, row, sensor and time; empty: in the whole of it.
+        location: where in it: byte, line, row, sensor and time; empty: in the whole of it.
         value: value found.
         limit: what may be there; empty: that of the kind.
-        places: how many positions are like this one, itself included.
+        n_locations: how many positions are like this one, itself included.
     """
 
     kind: str
     file: str
-    place: str
+    location: str
     value: str
     limit: str = ""
-    places: int = 1
+    n_locations: int = 1
 
     @property
     def severity(self) -> Severity:
@@ -155,22 +155,22 @@ class Finding(NamedTuple):
             "severity": str(kind.severity),
             "kind": self.kind,
             "file": self.file,
-            "place": self.place or None,
+            "place": self.location or None,
             "what": kind.what,
             "value": self.value or None,
             "limit": self.limit or kind.limit or None,
             "remedy": kind.remedy.format(file=self.file) or None,
-            "count": self.places,
+            "count": self.n_locations,
         }
 
     def __str__(self) -> str:
         said = self.as_dict()
-        place = f" {self.place}:" if self.place else ""
-        more = f" (and {self.places - 1} more like it)" if self.places > 1 else ""
+        location = f" {self.location}:" if self.location else ""
+        more = f" (and {self.n_locations - 1} more like it)" if self.n_locations > 1 else ""
         limit = f"; limit: {said['limit']}" if said["limit"] else ""
         remedy = f"; {said['remedy']}" if said["remedy"] else ""
         value = f": {self.value}" if self.value else ""
-        return f"{self.severity}: {self.file}:{place} {said['what']}{value}{more}{limit}{remedy}"
+        return f"{self.severity}: {self.file}:{location} {said['what']}{value}{more}{limit}{remedy}"
 
 
 _PLACE = re.compile(r"^((?:among )?(?:line|rows?|entry|after line|byte) [\d andto]*\d)(?: \(from 0\))?: ")
@@ -186,35 +186,35 @@ class Findings:
         self._found: dict[tuple[str, str], Finding] = {}
         self._kinds: dict[str, int] = {}
 
-    def add(self, kind: str, place: str, value: str, *, limit: str = "", count: int = 1, alike: str = "") -> None:
+    def add(self, kind: str, location: str, value: str, *, limit: str = "", count: int = 1, alike: str = "") -> None:
         """Note a finding.
 
         Args:
             kind: one of `KINDS`.
-            place: where it is.
+            location: where it is.
             value: value found.
             limit: what may be there, if the kind does not state it.
             count: how many locations it represents.
             alike: what findings have in common that are counted as one; empty: each of the first `MAX_LISTED_FINDINGS`
                 is listed separately.
         """
-        key = (kind, alike or f"{place}\0{value}")
+        key = (kind, alike or f"{location}\0{value}")
         if key not in self._found and self._kinds.get(kind, 0) >= MAX_LISTED_FINDINGS:
             key = next(each for each in reversed(self._found) if each[0] == kind)
         known = self._found.get(key)
         if known is not None:
-            self._found[key] = known._replace(places=known.places + count)
+            self._found[key] = known._replace(n_locations=known.n_locations + count)
             return
         self._kinds[kind] = self._kinds.get(kind, 0) + 1
-        self._found[key] = Finding(kind, self._file, place, value, limit, count)
+        self._found[key] = Finding(kind, self._file, location, value, limit, count)
 
-    def refused(self, kind: str, error: Exception, *, place: str = "", count: int = 1) -> None:
+    def refused(self, kind: str, error: Exception, *, location: str = "", count: int = 1) -> None:
         """Note a reader's message on a position; equal messages on other positions are counted with it."""
         text = str(error).removeprefix(f"{self._file}: ")
         found = _PLACE.match(text)
         if found is not None:
-            place, text = found[1], text[found.end() :]
-        self.add(kind, place, text, count=count, alike=_VALUE.sub("#", text))
+            location, text = found[1], text[found.end() :]
+        self.add(kind, location, text, count=count, alike=_VALUE.sub("#", text))
 
     def join(self, others: Findings) -> None:
         """Take the findings of another file."""

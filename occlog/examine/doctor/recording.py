@@ -60,8 +60,8 @@ def check_bag(path: Path, findings: Findings) -> None:
         with open_bag([path]) as bag:
             topics = bag.topics()
             stamps = {name: _Stamps(name) for name, topic in topics.items() if kind_of(topic.kind) in TIMED}
-            for topic, t_ns, apart_s in _times(bag, set(stamps), findings):
-                stamps[topic].add(t_ns, apart_s)
+            for topic, t_ns, difference_s in _times(bag, set(stamps), findings):
+                stamps[topic].add(t_ns, difference_s)
             _check_indexes(bag, findings)
             for loss in bag.losses:
                 findings.add("damaged-bag", f"{loss.source}, {loss.place}", loss.what, count=max(loss.count, 1))
@@ -99,7 +99,7 @@ def _times(bag: Bag, wanted: set[str], findings: Findings) -> Iterator[tuple[str
             findings.add("undecoded", message.topic, str(error))
             stamp = 0
         except InputError as error:
-            findings.refused("lost-message", error, place=message.topic)
+            findings.refused("lost-message", error, location=message.topic)
             continue
         yield message.topic, stamp or message.log_ns, (message.log_ns - stamp) / 1e9 if stamp else None
 
@@ -112,10 +112,10 @@ class _Stamps:
         self._times: list[int] = []
         self._low = self._high = 0.0
 
-    def add(self, t_ns: int, apart_s: float | None) -> None:
+    def add(self, t_ns: int, difference_s: float | None) -> None:
         self._times.append(t_ns)
-        if apart_s is not None:
-            self._low, self._high = min(self._low, apart_s), max(self._high, apart_s)
+        if difference_s is not None:
+            self._low, self._high = min(self._low, difference_s), max(self._high, difference_s)
         if len(self._times) >= 4096:
             self._flush()
 
@@ -201,7 +201,7 @@ def check_recording(path: Path, recording: McapRecording | None, findings: Findi
         findings: receives the faults.
         seen: videos that have been checked; those that are linked to are added.
     """
-    look, fault = _RecordingScan(path, findings), None
+    scan, fault = _RecordingScan(path, findings), None
     if recording is not None:
         note_losses(recording.losses, findings)
         if not recording.indexed:
@@ -215,17 +215,17 @@ def check_recording(path: Path, recording: McapRecording | None, findings: Findi
         try:
             check_index(path)
             for message in _in_order(path):
-                look.take(message)
+                scan.take(message)
         except InputError as error:
             # Read on without the index, which reports all damage
             recording, fault = None, error
-            look = _RecordingScan(path, findings)
+            scan = _RecordingScan(path, findings)
     if recording is None:
         for message in _whole(path, findings):
-            look.take(message)
+            scan.take(message)
     if fault is not None and not findings.has("damaged-recording"):
         findings.refused("damaged-recording", InputError(str(fault).split(";")[0]))
-    look.finish()
+    scan.finish()
 
 
 def _in_order(path: Path) -> Iterator[_Message]:
@@ -314,7 +314,7 @@ class _RecordingScan:
                 self._frame(message)
         except InputError as error:
             text = str(error).removeprefix(f"{self._path}: ")
-            self._findings.refused("message", InputError(text), place=f"{message.topic}, message {message.number}")
+            self._findings.refused("message", InputError(text), location=f"{message.topic}, message {message.number}")
 
     def finish(self) -> None:
         """Judge the statistics when all messages have been seen."""
@@ -359,7 +359,7 @@ class _RecordingScan:
             try:
                 decode_apart(image, where)
             except InputError as error:
-                self._findings.refused("image", InputError(str(error).removeprefix(f"{where}: ")), place=where)
+                self._findings.refused("image", InputError(str(error).removeprefix(f"{where}: ")), location=where)
         times = self._times.setdefault(sensor, [])
         times.append((t_ns, message.number))
         if len(times) >= ROWS_PER_CHUNK:

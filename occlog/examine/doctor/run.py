@@ -21,7 +21,7 @@ from occlog.io.video.reader import read_container
 
 from .findings import Finding, Findings
 from .recording import check_bag, check_image_file, check_recording, check_video
-from .tables import check_table, look_at_others
+from .tables import check_others, check_table
 from .texts import check_text_file
 
 MAX_FILES = 10_000
@@ -126,7 +126,7 @@ def _by_content(path: Path, findings: Findings, seen: set[Path]) -> bool:
         if content is Content.TABLE and is_ours(path):
             check_table(path, findings)
         elif (source := find_source(path)) is not None:
-            return look_at_others(source, findings)
+            return check_others(source, findings)
     elif head[:4] in (b"RIFF", b"RF64") and head[8:12] == b"WAVE":
         sound = open_sound(path)
         for _ in sound.blocks():
@@ -148,11 +148,11 @@ def _by_content(path: Path, findings: Findings, seen: set[Path]) -> bool:
 def _mcap(path: Path, findings: Findings, seen: set[Path]) -> None:
     """A recording of occlog, perhaps damaged, or a bag."""
     with path.open("rb") as file:
-        says_occlog = b"occlog" in file.read(64)[len(RECORDING_MAGIC) :]
+        by_occlog = b"occlog" in file.read(64)[len(RECORDING_MAGIC) :]
     try:
         recording = open_recording(path)
     except (InputError, UsageError) as error:
-        if not says_occlog:
+        if not by_occlog:
             check_bag(path, findings)
             return
         findings.refused("unreadable", error)

@@ -22,7 +22,7 @@ from occlog.io.external.source import ColumnSource
 from occlog.io.external.table import ForeignTable, best_fit
 from occlog.io.files.tables.arrow import from_arrow
 from occlog.io.files.tables.parquet import arrow_batches, groups_of, read_header
-from occlog.io.files.texts.csv_rows import bad_lines_told_to
+from occlog.io.files.texts.csv_rows import report_bad_lines_to
 from occlog.io.files.utc import utc
 from occlog.records.columns import ColumnTable, repeated_rows
 from occlog.records.losses import Loss
@@ -91,8 +91,8 @@ class TableWatch:
         for kind, rows in (("repeated-row", copies), ("two-places" if table.ONCE else "double-key", double & ~copies)):
             for row in np.flatnonzero(rows)[:1].tolist():
                 key = ", ".join(f"{name} {getattr(table, name)[row]}" for name in table.KEY if name != "t_ns")
-                place = utc(int(_times(table)[row]))
-                self.findings.add(kind, place, key, count=int(rows.sum()), alike=kind)
+                location = utc(int(_times(table)[row]))
+                self.findings.add(kind, location, key, count=int(rows.sum()), alike=kind)
         t_ns, sensor, frame = _times(table), getattr(table, "sensor", None), getattr(table, "frame", None)
         if sensor is None:
             self._clock("times").add(t_ns)
@@ -143,7 +143,7 @@ def _bad(
 
 
 def drop_bad_rows(
-    rows: int, make: Callable[[int, int], ColumnTable], watch: TableWatch, place: Callable[[int], str] = lambda _: ""
+    rows: int, make: Callable[[int, int], ColumnTable], watch: TableWatch, location: Callable[[int], str] = lambda _: ""
 ) -> None:
     """Make rows a table, note those that cannot be, and let the others be watched.
 
@@ -151,12 +151,12 @@ def drop_bad_rows(
         rows: number of rows.
         make: gives the table of the rows start <= row < stop; InputError if one of them cannot be.
         watch: takes the table of the good ones.
-        place: words for a row, where the error has none.
+        location: words for a row, where the error has none.
     """
     good: list[ColumnTable] = []
     for row, error in bisect_bad_rows(rows, make, good):
         # What a table states about its only row, which it calls row 0
-        watch.findings.refused("row", InputError(str(error).replace(": row 0: ", ": ", 1)), place=place(row))
+        watch.findings.refused("row", InputError(str(error).replace(": row 0: ", ": ", 1)), location=location(row))
     try:
         watch.take(watch.table.merge(good))
     except InputError as error:
@@ -191,7 +191,7 @@ def check_table(path: Path, findings: Findings) -> None:
                     first += batch.num_rows
             except InputError as error:
                 what = InputError(str(error).replace(": damaged: ", ": ", 1))
-                findings.refused("damaged-table", what, place=f"rows {first} to {group.first + group.rows - 1}")
+                findings.refused("damaged-table", what, location=f"rows {first} to {group.first + group.rows - 1}")
     except InputError as error:
         if not findings.has("unreadable"):
             findings.refused("unreadable", error)
@@ -213,22 +213,22 @@ def _look_at_batch(batch: pa.RecordBatch, first: int, watch: TableWatch) -> None
     )
 
 
-def look_at_others(source: ColumnSource, findings: Findings) -> bool:
+def check_others(source: ColumnSource, findings: Findings) -> bool:
     """Check a table of another program; whether it is one that occlog knows."""
     try:
         foreign = ForeignTable(source, best_fit(source))
     except InputError as error:
         findings.refused("no-table", error)
         return False
-    look_at_foreign(foreign, findings)
+    check_external(foreign, findings)
     return True
 
 
-def look_at_foreign(foreign: ForeignTable, findings: Findings) -> None:
+def check_external(foreign: ForeignTable, findings: Findings) -> None:
     """Check a table of another program, row by row, which may be in any order."""
     watch = TableWatch(foreign.layout.table, findings)
     restarts = Restarts(foreign)
-    with bad_lines_told_to(partial(findings.refused, "row")):
+    with report_bad_lines_to(partial(findings.refused, "row")):
         try:
             for cells in foreign.cells():
                 drop_bad_rows(len(cells), _maker(foreign, cells), watch)

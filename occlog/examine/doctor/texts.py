@@ -16,7 +16,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.external.source import find_source
 from occlog.io.external.table import ForeignTable, best_fit
 from occlog.io.files.limits import read_configuration
-from occlog.io.files.texts.csv_rows import CsvRows, bad_lines_told_to
+from occlog.io.files.texts.csv_rows import CsvRows, report_bad_lines_to
 from occlog.io.files.texts.documents import MAX_JSON_BYTES, parse_json, parse_xml, toml_values
 from occlog.io.files.texts.formats import Probe
 from occlog.io.files.texts.yaml import yaml_documents
@@ -31,7 +31,7 @@ from occlog.io.formats.scenes.stations import read_stations
 
 from .clock import SensorTimes, check_clocks
 from .findings import Findings
-from .tables import bisect_bad_rows, look_at_foreign
+from .tables import bisect_bad_rows, check_external
 
 MAX_ROWS = 8_000_000
 """Rows among which copies are searched for: 16 bytes of each are kept."""
@@ -41,7 +41,7 @@ def check_boxes(source: BoxSource, findings: Findings) -> None:
     """Check every row of a file of boxes, for duplicate rows, and at the times of frames."""
     copies, cameras = _Copies(), list[str]()
     stamps: dict[str, dict[int, int]] = {}
-    with bad_lines_told_to(partial(findings.refused, "row")):
+    with report_bad_lines_to(partial(findings.refused, "row")):
         try:
             for rows in source.chunks:
                 _check(rows, cameras, source.first_number or 0, copies, stamps, findings)
@@ -100,11 +100,11 @@ class _Copies:
         if not self._rows:
             return
         marks, lines = np.concatenate(self._marks), np.concatenate(self._lines)
-        _, first, place = np.unique(marks, return_index=True, return_inverse=True)
-        copies = np.flatnonzero(first[place.reshape(-1)] != np.arange(len(marks)))
+        _, first, index = np.unique(marks, return_index=True, return_inverse=True)
+        copies = np.flatnonzero(first[index.reshape(-1)] != np.arange(len(marks)))
         if len(copies):
             row = int(copies[0])
-            value = f"as in line {lines[first[place.reshape(-1)[row]]]}"
+            value = f"as in line {lines[first[index.reshape(-1)[row]]]}"
             findings.add("repeated-row", f"line {lines[row]}", value, count=len(copies))
 
 
@@ -158,9 +158,9 @@ def _calibration(path: Path, findings: Findings) -> bool:
             return False
         findings.refused("unreadable", error)
         return True
-    for told in calibration.told:
-        if told.startswith("warning: "):
-            findings.add("doubt", "", told.removeprefix("warning: "))
+    for note in calibration.notes:
+        if note.startswith("warning: "):
+            findings.add("doubt", "", note.removeprefix("warning: "))
     return True
 
 
@@ -201,13 +201,13 @@ def _table(path: Path, findings: Findings) -> bool:
     try:
         source = find_source(path)
         if source is not None:
-            look_at_foreign(ForeignTable(source, best_fit(source)), findings)
+            check_external(ForeignTable(source, best_fit(source)), findings)
             return True
     except InputError as error:
         fault = error
     try:
         own = Findings(str(path))
-        with bad_lines_told_to(partial(own.refused, "row")):
+        with report_bad_lines_to(partial(own.refused, "row")):
             boxes = box_source(path)
         findings.join(own)
         check_boxes(boxes, findings)
@@ -233,7 +233,7 @@ def _times(path: Path, findings: Findings) -> None:
     """Check a table of time stamps."""
     clocks: dict[str, SensorTimes] = {}
     try:
-        with bad_lines_told_to(partial(findings.refused, "row")):
+        with report_bad_lines_to(partial(findings.refused, "row")):
             for rows, unit in iter_times(path):
                 _take_times(rows, unit, clocks, findings)
     except InputError as error:

@@ -193,8 +193,8 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
                 except InputError as error:
                     console.note(f"{info}: not written: {error}")
                 else:
-                    with open_output(info, request.overwrite, together) as beside:
-                        beside.write(about.text().encode())
+                    with open_output(info, request.overwrite, together) as companion:
+                        companion.write(about.text().encode())
                     summary["sequence"] = str(info)
     if missed:
         console.note(f"{request.output}: not held by {name}: {'; '.join(missed)}", request.quiet)
@@ -291,9 +291,9 @@ def _write_places(
         nonlocal count
         count = 0  # a document is read several times
         for piece in whole_times(opened.rows(table)):
-            places = places_of(piece, request.targets)
-            count += len(places.t_ns)
-            yield places
+            positions = places_of(piece, request.targets)
+            count += len(positions.t_ns)
+            yield positions
 
     if name == "geojson" and request.origin is not None:
         texts = geojson_texts(pieces, request.origin, unit)

@@ -92,10 +92,12 @@ def mot3d_text(pieces: Iterable[ExportedPositions]) -> Iterator[str]:
     A time is in one piece only.
     """
     first = 1
-    for places in pieces:
-        times, frame = np.unique(places.t_ns, return_inverse=True)
+    for positions in pieces:
+        times, frame = np.unique(positions.t_ns, return_inverse=True)
         numbers = (first + frame).tolist()
-        rows = zip(numbers, places.identity.tolist(), places.confidence.tolist(), places.xyz.tolist(), strict=True)
+        rows = zip(
+            numbers, positions.identity.tolist(), positions.confidence.tolist(), positions.xyz.tolist(), strict=True
+        )
         yield "".join(
             f"{f},{identity},-1,-1,-1,-1,{-1 if p != p else repr(p)},{x!r},{y!r},{z!r}\n"
             for f, identity, p, (x, y, z) in rows
@@ -110,11 +112,13 @@ def check_one_target(names: list[int]) -> None:
         raise UsageError(f"TUM text holds one target, and there are {few}; choose one (target)")
 
 
-def tum_text(places: ExportedPositions) -> str:
+def tum_text(positions: ExportedPositions) -> str:
     """Lines `t x y z qx qy qz qw` of one target [s]; it faces its direction of motion, or +x if unknown."""
-    heading = np.arctan2(places.velocity[:, 1], places.velocity[:, 0])
+    heading = np.arctan2(positions.velocity[:, 1], positions.velocity[:, 0])
     half = np.where(np.isnan(heading), 0.0, 0.5 * heading)
-    rows = zip(places.t_ns.tolist(), places.xyz.tolist(), np.sin(half).tolist(), np.cos(half).tolist(), strict=True)
+    rows = zip(
+        positions.t_ns.tolist(), positions.xyz.tolist(), np.sin(half).tolist(), np.cos(half).tolist(), strict=True
+    )
     return "".join(f"{_seconds(t_ns)} {x!r} {y!r} {z!r} 0 0 {qz!r} {qw!r}\n" for t_ns, (x, y, z), qz, qw in rows)
 
 
@@ -144,8 +148,8 @@ def geojson_texts(
     if length_unit not in METRES:
         raise InputError(f"lengths are in {length_unit}, of which the length in metres is not known")
     counts: Counter[int] = Counter()
-    for places in pieces():
-        names, rows = np.unique(places.identity, return_counts=True)
+    for positions in pieces():
+        names, rows = np.unique(positions.identity, return_counts=True)
         counts.update(dict(zip(names.tolist(), rows.tolist(), strict=True)))
     where = {ORIGIN: dict(zip(KEYS, origin, strict=True))}  # so that positions in the scene can be read again
     yield json.dumps({"type": COLLECTION, **where, "features": []})[:-2]
@@ -178,24 +182,25 @@ def _groups(counts: Mapping[int, int], most: int) -> Iterator[list[int]]:
 def _of_targets(pieces: Callable[[], Iterable[ExportedPositions]], names: Sequence[int]) -> ExportedPositions:
     """All positions of some targets."""
     found = [
-        ExportedPositions._make(column[np.isin(places.identity, names)] for column in places) for places in pieces()
+        ExportedPositions._make(column[np.isin(positions.identity, names)] for column in positions)
+        for positions in pieces()
     ]
     return ExportedPositions._make(np.concatenate(columns) for columns in zip(*found, strict=True))
 
 
-def _corners(places: ExportedPositions, rows: Ints, origin: Origin, length_unit: str) -> list[list[float]]:
-    degrees = degrees_of(places.xyz[rows, :2] * METRES[length_unit], origin)
+def _corners(positions: ExportedPositions, rows: Ints, origin: Origin, length_unit: str) -> list[list[float]]:
+    degrees = degrees_of(positions.xyz[rows, :2] * METRES[length_unit], origin)
     return [[round(lon, 9), round(lat, 9)] for lon, lat in degrees.tolist()]
 
 
-def _feature(name: int, places: ExportedPositions, rows: Ints, origin: Origin, length_unit: str) -> str:
-    corners = _corners(places, rows, origin, length_unit)
+def _feature(name: int, positions: ExportedPositions, rows: Ints, origin: Origin, length_unit: str) -> str:
+    corners = _corners(positions, rows, origin, length_unit)
     shape = (
         {"type": "LineString", "coordinates": corners}
         if len(corners) > 1
         else {"type": "Point", "coordinates": corners[0]}
     )
-    properties = {"target_id": name, "t_ns": places.t_ns[rows].tolist()}
+    properties = {"target_id": name, "t_ns": positions.t_ns[rows].tolist()}
     return json.dumps({"type": "Feature", "geometry": shape, "properties": properties})
 
 
@@ -207,10 +212,10 @@ def _long_feature(
     yield json.dumps(head)[:-3]
     for part in (0, 1):
         mark = ""
-        for places in pieces():
-            rows = np.flatnonzero(places.identity == name)
+        for positions in pieces():
+            rows = np.flatnonzero(positions.identity == name)
             if len(rows):
-                values = places.t_ns[rows].tolist() if part else _corners(places, rows, origin, length_unit)
+                values = positions.t_ns[rows].tolist() if part else _corners(positions, rows, origin, length_unit)
                 yield mark + json.dumps(values)[1:-1]
                 mark = ", "
         yield "]}}" if part else ']}, "properties": ' + json.dumps({"target_id": name, "t_ns": []})[:-2]
@@ -236,29 +241,29 @@ def trc_texts(pieces: Callable[[], Iterable[ExportedPositions]], length_unit: st
         raise InputError(f"lengths are in {length_unit}, of which the length in metres is not known")
     unit = length_unit if length_unit in ("m", "mm") else "mm"
     known: set[int] = set()
-    steps, last, start, moments = Spool(), None, 0, 0
-    for places in pieces():
-        times = np.unique(places.t_ns)
+    steps, last, start, n_steps = Spool(), None, 0, 0
+    for positions in pieces():
+        times = np.unique(positions.t_ns)
         if not len(times):
             continue
-        known.update(np.unique(places.identity).tolist())
+        known.update(np.unique(positions.identity).tolist())
         steps.add(np.diff(times if last is None else np.insert(times, 0, last)).astype(np.float64))
-        start, last, moments = int(times[0]) if last is None else start, int(times[-1]), moments + len(times)
+        start, last, n_steps = int(times[0]) if last is None else start, int(times[-1]), n_steps + len(times)
     names = np.array(sorted(known), dtype=np.int64)
     rate = NS / quantiles(steps.blocks, steps.count, [0.5])[0] if steps.count else 1.0
     yield "\n".join([
         f"PathFileType\t4\t(X/Y/Z)\t{name}",
         "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
-        f"{rate:g}\t{rate:g}\t{moments}\t{len(names)}\t{unit}\t{rate:g}\t1\t{moments}",
+        f"{rate:g}\t{rate:g}\t{n_steps}\t{len(names)}\t{unit}\t{rate:g}\t1\t{n_steps}",
         "Frame#\tTime\t" + "\t\t\t".join(f"target_{n}" for n in names.tolist()) + "\t\t",
         "\t\t" + "\t".join(f"{axis}{n + 1}" for n in range(len(names)) for axis in "XYZ"),
         "\n",
     ])  # fmt: skip
     first = 1
-    for places in pieces():
-        xyz = places.xyz * (METRES[length_unit] / METRES[unit])
-        times, frame = np.unique(places.t_ns, return_inverse=True)
-        marker = np.searchsorted(names, places.identity)
+    for positions in pieces():
+        xyz = positions.xyz * (METRES[length_unit] / METRES[unit])
+        times, frame = np.unique(positions.t_ns, return_inverse=True)
+        marker = np.searchsorted(names, positions.identity)
         cells = [["", "", ""] * len(names) for _ in times]
         for row, (f, m) in enumerate(zip(frame.tolist(), marker.tolist(), strict=True)):
             cells[f][3 * m : 3 * m + 3] = [repr(value) for value in xyz[row].tolist()]

@@ -145,8 +145,8 @@ def find_inputs(path: Path, recording: Path | None, scene: Path | None) -> Viewe
         raise InputError(f"{path}: holds nothing that viewers show: no images, tracks or other tables that they draw")
     if source is None and recording is not None:
         raise UsageError(f"{recording}: is no recording")
-    told = scene_in(scene) if scene is not None else (source.scene if source is not None else None)
-    return ViewerInputs(found, source, told, _unit(list(found.values()), told))
+    resolved = scene_in(scene) if scene is not None else (source.scene if source is not None else None)
+    return ViewerInputs(found, source, resolved, _unit(list(found.values()), resolved))
 
 
 def viewer_format_of(path: Path) -> str | None:

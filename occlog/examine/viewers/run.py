@@ -52,9 +52,9 @@ from .time_stream import (
     PARTICLES,
     ImageOverlay,
     LogLine,
-    Moment,
     Numbers,
     SceneDrawing,
+    StreamItem,
     Thinner,
     ViewerStream,
 )
@@ -108,8 +108,8 @@ def run_viewers(request: ViewerTask, *, quiet: bool = False) -> tuple[dict[str, 
         )
         with writer as out:
             sink = _Sink(out, inputs, request)
-            for moment in console.progress(_begun(story.moments(), sink, inputs), "write", quiet=quiet):
-                sink.write(moment)
+            for item in console.progress(_begun(story.items(), sink, inputs), "write", quiet=quiet):
+                sink.write(item)
             if not out.messages:
                 why = "tracks and boxes in images need --recording" if inputs.recording is None else "tables are empty"
                 raise InputError(f"{request.input}: there is nothing to show: {why}")
@@ -142,12 +142,12 @@ def _provenance(inputs: ViewerInputs, request: ViewerTask, losses: tuple[Loss, .
     return Provenance("export", made, None, hash_inputs(dict.fromkeys(paths)), losses)
 
 
-def _begun(moments: Iterator[Moment], sink: _Sink, inputs: ViewerInputs) -> Iterator[Moment]:
+def _begun(items: Iterator[StreamItem], sink: _Sink, inputs: ViewerInputs) -> Iterator[StreamItem]:
     """The time steps; before the first one everything that does not move is written, at its time."""
-    for n, moment in enumerate(moments):
+    for n, item in enumerate(items):
         if not n:
-            sink.begin(moment.frame.t_ns if isinstance(moment, ImageOverlay) else moment.t_ns, inputs)
-        yield moment
+            sink.begin(item.frame.t_ns if isinstance(item, ImageOverlay) else item.t_ns, inputs)
+        yield item
 
 
 class _Sink:
@@ -176,28 +176,28 @@ class _Sink:
         if shadows := static_shadows(inputs.scene, inputs.metres):
             self.write(SceneDrawing("/static_shadows", t_ns, shadows))
 
-    def write(self, moment: Moment) -> None:
+    def write(self, item: StreamItem) -> None:
         """Write one time step, unless its topic has had one in this time interval."""
-        if self._thinner is not None and not self._thinner.keeps(moment):
+        if self._thinner is not None and not self._thinner.keeps(item):
             return
-        if isinstance(moment, SceneDrawing) and moment.topic == PARTICLES:
-            data = point_cloud(moment.things, moment.t_ns, self._world)
-            self._message(moment.topic, PointCloud, moment.t_ns, data)
-        elif isinstance(moment, SceneDrawing):
+        if isinstance(item, SceneDrawing) and item.topic == PARTICLES:
+            data = point_cloud(item.things, item.t_ns, self._world)
+            self._message(item.topic, PointCloud, item.t_ns, data)
+        elif isinstance(item, SceneDrawing):
             if self._lines:
-                data = scene_update(moment.things, moment.t_ns, self._world)
-                self._message(moment.topic, SceneUpdate, moment.t_ns, data)
+                data = scene_update(item.things, item.t_ns, self._world)
+                self._message(item.topic, SceneUpdate, item.t_ns, data)
             if self._points:
-                data = point_cloud(moment.things, moment.t_ns, self._world)
-                self._message(self._second(moment.topic), PointCloud, moment.t_ns, data)
-        elif isinstance(moment, ImageOverlay):
-            self._over(moment)
-        elif isinstance(moment, Numbers):
-            self._numbers(moment)
+                data = point_cloud(item.things, item.t_ns, self._world)
+                self._message(self._second(item.topic), PointCloud, item.t_ns, data)
+        elif isinstance(item, ImageOverlay):
+            self._over(item)
+        elif isinstance(item, Numbers):
+            self._numbers(item)
         else:
-            message = Log(level=_LEVELS[moment.warns], message=moment.words, name=moment.source)
-            message.timestamp.FromNanoseconds(moment.t_ns)
-            self._message("/log", Log, moment.t_ns, message.SerializeToString(deterministic=True))
+            message = Log(level=_LEVELS[item.warns], message=item.words, name=item.source)
+            message.timestamp.FromNanoseconds(item.t_ns)
+            self._message("/log", Log, item.t_ns, message.SerializeToString(deterministic=True))
 
     def _second(self, topic: str) -> str:
         """The topic of what Rerun draws.
@@ -206,18 +206,18 @@ class _Sink:
         """
         return topic.removeprefix("/") if self._lines else topic
 
-    def _numbers(self, moment: Numbers) -> None:
-        series = moment.series
+    def _numbers(self, item: Numbers) -> None:
+        series = item.series
         if self._lines:
-            data = series.message(moment.values)
-            self._add(moment.topic, series.schema, lambda: series.descriptors, moment.t_ns, data)
+            data = series.message(item.values)
+            self._add(item.topic, series.schema, lambda: series.descriptors, item.t_ns, data)
         if self._points and series.name in MAIN:
-            names = self._plotted.setdefault(moment.topic, main_columns(series, moment.values))
-            data = main_numbers(series, names, moment.values)
-            self._add(self._second(moment.topic), SCHEMA, DEFINITION.encode, moment.t_ns, data, ROS2)
+            names = self._plotted.setdefault(item.topic, main_columns(series, item.values))
+            data = main_numbers(series, names, item.values)
+            self._add(self._second(item.topic), SCHEMA, DEFINITION.encode, item.t_ns, data, ROS2)
 
-    def _over(self, moment: ImageOverlay) -> None:
-        frame = moment.frame
+    def _over(self, item: ImageOverlay) -> None:
+        frame = item.frame
         try:
             data, kind, size, shrunk = self._image(frame)
         except InputError as error:
@@ -234,8 +234,8 @@ class _Sink:
             calibration = camera_calibration(camera, size, frame.t_ns)
             self._message(f"/camera/{frame.sensor}/calibration", CameraCalibration, frame.t_ns, calibration)
         begun = [layer for layer in LAYERS.values() if f"/camera/{frame.sensor}/image/{layer}" in self.topics]
-        for layer in dict.fromkeys([*begun, *moment.layers]):
-            things = [smaller(thing, shrunk) for thing in moment.layers.get(layer, [])]
+        for layer in dict.fromkeys([*begun, *item.layers]):
+            things = [smaller(thing, shrunk) for thing in item.layers.get(layer, [])]
             self._layer(f"/camera/{frame.sensor}/image/{layer}", frame, things, camera)
 
     def _layer(self, topic: str, frame: Frame, things: list[DrawingGroup], camera: Camera | None) -> None:

@@ -99,7 +99,7 @@ class LogLine(NamedTuple):
     words: str
 
 
-Moment = SceneDrawing | ImageOverlay | Numbers | LogLine
+StreamItem = SceneDrawing | ImageOverlay | Numbers | LogLine
 
 
 class ViewerStream:
@@ -113,17 +113,17 @@ class ViewerStream:
         scene = inputs.scene
         self._sight = None if scene is None else SightDrawing(scene, self._metres, self.palette, self.crowd)
         self._cameras: dict[str, Camera] = {} if scene is None else {c.name: c for c in scene.cameras}
-        self._told = DiagnosticsDrawing()
+        self._diagnostics_drawing = DiagnosticsDrawing()
         self._over: dict[str, dict[str, tuple[int, list[DrawingGroup]]]] = {}
         self._stands: dict[str, tuple[int, int]] = {}  # by topic when it was drawn, and until when that is valid
         self._selects = False  # whether cameras were ever selected
         self._next_shadows = -(1 << 62)
 
-    def moments(self) -> Iterator[Moment]:
+    def items(self) -> Iterator[StreamItem]:
         """Everything in the order of time."""
-        sources: list[Iterator[tuple[int, int, Callable[[], Iterator[Moment]]]]] = []
+        sources: list[Iterator[tuple[int, int, Callable[[], Iterator[StreamItem]]]]] = []
 
-        def add(order: int, rows: Iterator[object], show: Callable[..., Iterator[Moment]]) -> None:
+        def add(order: int, rows: Iterator[object], show: Callable[..., Iterator[StreamItem]]) -> None:
             sources.append(_timed(order, rows, show))
 
         pieces = self._inputs.pieces
@@ -144,35 +144,35 @@ class ViewerStream:
             add(8, self._inputs.recording.frames(), self._frame)
         for t_ns, _, show in heapq.merge(*sources, key=lambda entry: entry[:2]):
             yield from self._ended(t_ns)
-            for moment in show():
-                if isinstance(moment, SceneDrawing):
-                    self._note(moment)
-                yield moment
+            for item in show():
+                if isinstance(item, SceneDrawing):
+                    self._note(item)
+                yield item
 
-    def _note(self, moment: SceneDrawing) -> None:
+    def _note(self, item: SceneDrawing) -> None:
         """Keep until when the drawing is valid: as long as two and a half times it took to come, 1 s at least."""
-        before = self._stands.get(moment.topic)
-        apart = 0 if before is None else moment.t_ns - before[0]
-        self._stands[moment.topic] = (moment.t_ns, moment.t_ns + max(STALE_NS, 5 * apart // 2))
-        if not moment.things:
-            del self._stands[moment.topic]
+        before = self._stands.get(item.topic)
+        elapsed = 0 if before is None else item.t_ns - before[0]
+        self._stands[item.topic] = (item.t_ns, item.t_ns + max(STALE_NS, 5 * elapsed // 2))
+        if not item.things:
+            del self._stands[item.topic]
 
-    def _ended(self, t_ns: int) -> Iterator[Moment]:
+    def _ended(self, t_ns: int) -> Iterator[StreamItem]:
         """Clear topics that have ended by now; a viewer would show their last drawing forever."""
         for topic, (_, until) in list(self._stands.items()):
             if t_ns > until:
                 del self._stands[topic]
                 yield SceneDrawing(topic, until, [])
 
-    def _truth(self, rows: Truth) -> Iterator[Moment]:
+    def _truth(self, rows: Truth) -> Iterator[StreamItem]:
         yield SceneDrawing("/truth", int(rows.t_ns[0]), true_in_space(rows, self._metres))
 
-    def _diagnostics(self, rows: Diagnostics) -> Iterator[Moment]:
+    def _diagnostics(self, rows: Diagnostics) -> Iterator[StreamItem]:
         t_ns = int(rows.t_ns[0])
         yield from _numbers("/diagnostics", Series.of_table(Diagnostics), rows, rows.target_id.tolist())
-        before = dict(self._told.quality_flags)
-        self._told.add(rows)
-        for target, words in self._told.quality_flags.items():
+        before = dict(self._diagnostics_drawing.quality_flags)
+        self._diagnostics_drawing.add(rows)
+        for target, words in self._diagnostics_drawing.quality_flags.items():
             if words and words != before.get(target):
                 yield LogLine(t_ns, True, f"target {target}", words)
         chosen = sorted({name for text in rows.selected.tolist() for name in text.split(",") if name})
@@ -180,9 +180,9 @@ class ViewerStream:
             self._selects = True
             yield SceneDrawing("/selected", t_ns, self._sight.chosen(chosen))
 
-    def _tracks(self, rows: PeopleTracks) -> Iterator[Moment]:
+    def _tracks(self, rows: PeopleTracks) -> Iterator[StreamItem]:
         t_ns = int(rows.t_ns[0])
-        people = people_of(rows, self._metres, self._told)
+        people = people_of(rows, self._metres, self._diagnostics_drawing)
         for person in people:
             before = self.crowd.find(person.target)
             if person.quality_flags and not self._inputs.has(Diagnostics) and (before is None or before.quality_flags != person.quality_flags):
@@ -194,21 +194,21 @@ class ViewerStream:
             self._next_shadows = t_ns + SHADOWS_NS
             yield SceneDrawing("/shadows", t_ns, self._sight.shadows(t_ns))
 
-    def _particles(self, rows: Particles) -> Iterator[Moment]:
-        places = at_height(self._metres * np.column_stack([rows.x, rows.y]), 0.03)
+    def _particles(self, rows: Particles) -> Iterator[StreamItem]:
+        positions = at_height(self._metres * np.column_stack([rows.x, rows.y]), 0.03)
         things = []
         for target in np.unique(rows.target_id).tolist():
-            dots = Dots(places[rows.target_id == target], faded(self.palette(target), 0.6))
+            dots = Dots(positions[rows.target_id == target], faded(self.palette(target), 0.6))
             things.append(DrawingGroup(f"particles {target}", dots=[dots]))
         yield SceneDrawing(PARTICLES, int(rows.t_ns[0]), things)
 
-    def _occluders(self, rows: Occluders) -> Iterator[Moment]:
+    def _occluders(self, rows: Occluders) -> Iterator[StreamItem]:
         t_ns, rows = int(rows.t_ns[0]), rows.take(rows.occluder_id >= 0)
         covariances = np.stack([rows.cov_xx, rows.cov_xy, rows.cov_xy, rows.cov_yy], axis=1).reshape(-1, 2, 2)
         middles = np.column_stack([rows.x, rows.y])
         yield SceneDrawing("/occluders", t_ns, moving_occluders(middles, covariances, self._metres))
 
-    def _hulls(self, rows: Hulls) -> Iterator[Moment]:
+    def _hulls(self, rows: Hulls) -> Iterator[StreamItem]:
         things = []
         for number in np.unique(rows.occluder_id[rows.occluder_id >= 0]).tolist():
             own = rows.take(rows.occluder_id == number)
@@ -217,26 +217,26 @@ class ViewerStream:
             things.append(DrawingGroup(f"occluder {number}", lines=[line]))
         yield SceneDrawing("/occluders", int(rows.t_ns[0]), things)
 
-    def _bearings(self, rows: Bearings) -> Iterator[Moment]:
+    def _bearings(self, rows: Bearings) -> Iterator[StreamItem]:
         seen = np.where(rows.seen, rows.bearing, np.nan)
         yield from self._lines(str(rows.sensor[0]), int(rows.t_ns[0]), rows.target_id.tolist(), seen.tolist())
 
-    def _doa(self, rows: Doa) -> Iterator[Moment]:
-        nobody = [-1] * len(rows)
-        yield from self._lines(str(rows.sensor[0]), int(rows.t_ns[0]), nobody, rows.azimuth.tolist())
+    def _doa(self, rows: Doa) -> Iterator[StreamItem]:
+        unlabelled = [-1] * len(rows)
+        yield from self._lines(str(rows.sensor[0]), int(rows.t_ns[0]), unlabelled, rows.azimuth.tolist())
 
-    def _lines(self, sensor: str, t_ns: int, targets: list[int], azimuths: list[float]) -> Iterator[Moment]:
+    def _lines(self, sensor: str, t_ns: int, targets: list[int], azimuths: list[float]) -> Iterator[StreamItem]:
         things = None if self._sight is None else self._sight.lines(sensor, targets, azimuths)
         if things is not None:
             yield SceneDrawing(f"/sight_lines/{sensor}", t_ns, things)
 
-    def _errors(self, rows: Errors) -> Iterator[Moment]:
+    def _errors(self, rows: Errors) -> Iterator[StreamItem]:
         yield from _numbers("/errors", Series.of_table(Errors), rows, rows.target_id.tolist())
 
-    def _bound(self, rows: Bound) -> Iterator[Moment]:
+    def _bound(self, rows: Bound) -> Iterator[StreamItem]:
         yield from _numbers("/bound", Series.of_table(Bound), rows, rows.target_id.tolist())
 
-    def _events(self, rows: Events) -> Iterator[Moment]:
+    def _events(self, rows: Events) -> Iterator[StreamItem]:
         for kind, target, other, probability in zip(
             rows.kind.tolist(), rows.target_id.tolist(), rows.other_id.tolist(), rows.probability.tolist(), strict=True
         ):
@@ -244,12 +244,12 @@ class ViewerStream:
             sure = "" if math.isnan(probability) else f", probability {probability:.3g}"
             yield LogLine(int(rows.t_ns[0]), kind == "doubt", f"target {target}", f"{words}{sure}")
 
-    def _in_image(self, layer: str, rows: ViewTracks | Views | Boxes | TruthBoxes) -> Iterator[Moment]:
+    def _in_image(self, layer: str, rows: ViewTracks | Views | Boxes | TruthBoxes) -> Iterator[StreamItem]:
         things = tracked_in_image(rows, self.palette) if isinstance(rows, ViewTracks) else boxes_in_image(rows)
         self._over.setdefault(str(rows.sensor[0]), {})[layer] = (int(rows.t_ns[0]), things)
         yield from ()
 
-    def _frame(self, frame: Frame) -> Iterator[Moment]:
+    def _frame(self, frame: Frame) -> Iterator[StreamItem]:
         known = self._over.get(frame.sensor, {})
         layers = {name: things for name, (t_ns, things) in known.items() if t_ns == frame.t_ns}
         camera = self._cameras.get(frame.sensor)
@@ -259,15 +259,15 @@ class ViewerStream:
 
 
 def _timed(
-    order: int, rows: Iterator[object], show: Callable[..., Iterator[Moment]]
-) -> Iterator[tuple[int, int, Callable[[], Iterator[Moment]]]]:
+    order: int, rows: Iterator[object], show: Callable[..., Iterator[StreamItem]]
+) -> Iterator[tuple[int, int, Callable[[], Iterator[StreamItem]]]]:
     """The pieces of a source with their times and its position among others of the same time."""
     for piece in rows:
         times = piece.t_ns  # type: ignore[attr-defined]
         yield int(times if isinstance(times, int) else times[0]), order, partial(show, piece)
 
 
-def _numbers(topic: str, series: Series, rows: object, targets: list[int]) -> Iterator[Moment]:
+def _numbers(topic: str, series: Series, rows: object, targets: list[int]) -> Iterator[StreamItem]:
     """The numbers of rows of one time, on a topic for each target."""
     columns = [np.asarray(getattr(rows, name), dtype=np.float64).tolist() for name in series.fields]
     t_ns = int(rows.t_ns[0])  # type: ignore[attr-defined]
@@ -289,17 +289,17 @@ class Thinner:
         self._kept: dict[str, int] = {}
         self._shown: set[str] = set()  # topics with a last message that shows something
 
-    def keeps(self, moment: Moment) -> bool:
+    def keeps(self, item: StreamItem) -> bool:
         """Return whether a time step is written; time steps come in the order of time."""
-        if isinstance(moment, LogLine):
+        if isinstance(item, LogLine):
             return True
         topic, t_ns = (
-            (f"image of {moment.frame.sensor}", moment.frame.t_ns)
-            if isinstance(moment, ImageOverlay)
-            else (moment.topic, moment.t_ns)
+            (f"image of {item.frame.sensor}", item.frame.t_ns)
+            if isinstance(item, ImageOverlay)
+            else (item.topic, item.t_ns)
         )
         self._begin = t_ns if self._begin is None else self._begin
-        if isinstance(moment, SceneDrawing) and not moment.things:
+        if isinstance(item, SceneDrawing) and not item.things:
             # Nothing any more: the last drawing would stay forever
             shown = topic in self._shown
             self._shown.discard(topic)

@@ -23,7 +23,7 @@ NEAREST = 1e-9
 
 def azimuth(xy: Floats, at: StationPositions) -> tuple[Floats, Floats]:
     """Azimuths (..., m) [rad] of positions (..., m or 1, 2) about m stations, and their gradients (..., m, 2)."""
-    away = xy - at.place
+    away = xy - at.position
     square = np.maximum((away**2).sum(axis=-1), NEAREST)
     across = np.stack([-away[..., 1], away[..., 0]], axis=-1)
     return np.arctan2(away[..., 1], away[..., 0]), across / square[..., None]

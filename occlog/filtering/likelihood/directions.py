@@ -317,7 +317,7 @@ def log_likelihood_among(
         a=a,
         b=b,
         assigned=assigned,
-        places=sensors.xy,
+        positions=sensors.xy,
         priors=priors,
         exact=occlusion.probability == EXACT,
         form=occlusion.form,

@@ -164,7 +164,7 @@ class RangeMeasurements(NamedTuple):
     kind: Ints  # (m,) index of `MODELS`: RANGE, LOGARITHM, DIFFERENCE, ...
     value: Floats  # (m,) z
     sigma: Floats  # (m,) > 0
-    place: Floats  # (m, 2) of the station, p
+    position: Floats  # (m, 2) of the station, p
     rise2: Floats  # (m,) square of its height over the target
     other: Floats  # (m, 2) q of a difference; else that of the station
     other_rise2: Floats  # (m,)
@@ -175,13 +175,13 @@ class RangeMeasurements(NamedTuple):
 
     def take(self, rows: Bools | Ints | slice) -> RangeMeasurements:
         """Some of the measurements."""
-        own = (self.kind, self.value, self.sigma, self.place, self.rise2, self.other, self.other_rise2, self.station)
+        own = (self.kind, self.value, self.sigma, self.position, self.rise2, self.other, self.other_rise2, self.station)
         return RangeMeasurements._make((*(column[rows] for column in own), *self[COLUMNS:]))
 
     @property
     def geometry(self) -> StationPositions:
         """Positions of the stations."""
-        return StationPositions(self.place, self.rise2, self.other, self.other_rise2)
+        return StationPositions(self.position, self.rise2, self.other, self.other_rise2)
 
     @property
     def errors(self) -> DistanceErrors:
@@ -212,8 +212,8 @@ def concat(parts: list[RangeMeasurements]) -> RangeMeasurements:
 
 def no_measurements(bend: float, late: float = 0.0, detour: float = math.nan) -> RangeMeasurements:
     """No measurements."""
-    none, no_place, whole = np.empty(0), np.empty((0, 2)), np.empty(0, dtype=np.int64)
-    return RangeMeasurements(whole, none, none, no_place, none, no_place, none, whole, bend, late, detour)
+    none, no_position, whole = np.empty(0), np.empty((0, 2)), np.empty(0, dtype=np.int64)
+    return RangeMeasurements(whole, none, none, no_position, none, no_position, none, whole, bend, late, detour)
 
 
 def linearise(rows: RangeMeasurements, xy: Floats) -> LinearisedDistances:
@@ -265,23 +265,23 @@ def _residual(rows: RangeMeasurements, xy: Floats) -> tuple[Floats, Floats]:
 
 
 def _range(xy: Floats, at: StationPositions) -> tuple[Floats, Floats]:
-    return _distance(xy, at.place, at.rise2)
+    return _distance(xy, at.position, at.rise2)
 
 
 def _logarithm(xy: Floats, at: StationPositions) -> tuple[Floats, Floats]:
-    far, slope = _distance(xy, at.place, at.rise2)
+    far, slope = _distance(xy, at.position, at.rise2)
     return np.log(far), slope / far[..., None]
 
 
 def _difference(xy: Floats, at: StationPositions) -> tuple[Floats, Floats]:
-    far, slope = _distance(xy, at.place, at.rise2)
+    far, slope = _distance(xy, at.position, at.rise2)
     other, other_slope = _distance(xy, at.other, at.other_rise2)
     return far - other, slope - other_slope
 
 
-def _distance(xy: Floats, place: Floats, rise2: Floats) -> tuple[Floats, Floats]:
+def _distance(xy: Floats, position: Floats, rise2: Floats) -> tuple[Floats, Floats]:
     """Distances (..., m) of positions from m stations, and their gradients (..., m, 2)."""
-    away = xy - place
+    away = xy - position
     distance = np.sqrt(np.maximum(away[..., 0] ** 2 + away[..., 1] ** 2 + rise2, NEAREST))
     return distance, away / distance[..., None]
 

@@ -40,11 +40,11 @@ class LinearisedRows(NamedTuple):
         return LinearisedRows._make(column[which] for column in self)
 
 
-def rows_of(looks: PackedScan) -> LinearisedRows:
+def rows_of(packed: PackedScan) -> LinearisedRows:
     """The measurements of a scan."""
-    count = np.diff(looks.first)
-    sensor, labelled = np.repeat(looks.sensor, count), np.repeat(looks.labelled, count)
-    return LinearisedRows(sensor, looks.pixel, looks.value, looks.variance, labelled)
+    count = np.diff(packed.first)
+    sensor, labelled = np.repeat(packed.sensor, count), np.repeat(packed.labelled, count)
+    return LinearisedRows(sensor, packed.pixel, packed.value, packed.variance, labelled)
 
 
 def offsets(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tuple[Floats, Floats]:
@@ -111,7 +111,7 @@ def visible(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Bools:
 class StationPositions(NamedTuple):
     """Positions of the stations of m measurements."""
 
-    place: Floats  # (m, 2) of the station, p
+    position: Floats  # (m, 2) of the station, p
     rise2: Floats  # (m,) square of its height over the target
     other: Floats  # (m, 2) of the reference of a difference, q; else that of the station
     other_rise2: Floats  # (m,)

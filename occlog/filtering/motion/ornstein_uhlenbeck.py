@@ -40,9 +40,9 @@ class OrnsteinUhlenbeck(NamedTuple):
         u = dt / tau
         e, lost = math.exp(-u), -math.expm1(-u)
         series = u**3 * (2.0 / 3.0 - u / 2.0 + 7.0 * u**2 / 30.0)
-        place = series if u < SMALL else 2.0 * u - 3.0 + 4.0 * e - e * e
+        variance = series if u < SMALL else 2.0 * u - 3.0 + 4.0 * e - e * e
         F1 = np.array([[1.0, tau * lost], [0.0, e]])
         across = V * tau * lost**2
-        Q1 = np.array([[V * tau**2 * place + self.sigma_v**2 * dt, across], [across, -V * math.expm1(-2.0 * u)]])
+        Q1 = np.array([[V * tau**2 * variance + self.sigma_v**2 * dt, across], [across, -V * math.expm1(-2.0 * u)]])
         both = np.eye(2)
         return np.kron(F1, both), np.kron(Q1, both)

@@ -10,14 +10,14 @@ speeds are per second:
   MTD).  A particle so decides once a reference step on average, waits for a reference
   step on average, and changes its destination lambda times a reference step;
 * speed: s' = (1 - phi) s + phi |s T e + v| / T with e the direction and v the noise of
-  this step.  The noise of the speed is then phi v along e / T, whose variance grows with
+  this step.  The noise of the speed is then phi v along e / T, and its variance grows with
   dt as it should; the paper's |x' - x| / dt would diverge for short steps;
 * a destination is reached when it is less than s T away.
 
 With dt = T all of it is the paper's.  Longer steps must be split by the caller, since a
 particle can change its mind more than once in them.
 
-One thing is added to the paper.  A particle whose next step would lead into a static
+One thing is added to the paper.  A particle that would step next into a static
 occluder or out of the room decides as if it had reached its destination; the paper's
 own objects do that (Sec. 6).  Noise is added that the paper has not, all of it 0 in its model:
 
@@ -163,16 +163,16 @@ def gather(dt: float, motion: WaypointModel) -> tuple[float, float, float]:
         motion: parameters.
     """
     q = motion.sigma_velocity * motion.sigma_velocity
-    place = motion.sigma * motion.sigma * dt + q * dt**3 / 3.0
+    variance = motion.sigma * motion.sigma * dt + q * dt**3 / 3.0
     if q * dt == 0.0:
-        return place, motion.phi / motion.reference_s, 0.0
-    gain = 0.5 * q * dt * dt / place
-    return place, gain, max(q * dt - gain * gain * place, 0.0)
+        return variance, motion.phi / motion.reference_s, 0.0
+    gain = 0.5 * q * dt * dt / variance
+    return variance, gain, max(q * dt - gain * gain * variance, 0.0)
 
 
 @kernel
 def stands(regime: int, motion: WaypointModel) -> bool:
-    """Whether a particle of a regime creeps, as its destination says."""
+    """Whether a particle of a regime creeps, by its destination."""
     return regime == WAIT and motion.wait_s > 0.0
 
 
@@ -189,11 +189,11 @@ def waiting_noise(dt: float, motion: WaypointModel, stood: bool) -> tuple[float,
         stood: the target stood in the step before, too.
     """
     q = motion.sigma_creep * motion.sigma_creep
-    place = motion.sigma_waiting * motion.sigma_waiting * dt + (q * dt**3 / 3.0 if stood else q * dt * dt)
+    variance = motion.sigma_waiting * motion.sigma_waiting * dt + (q * dt**3 / 3.0 if stood else q * dt * dt)
     if q * dt == 0.0:
-        return place, 0.0, 0.0
-    gain = (0.5 * q * dt * dt if stood else q * dt) / place
-    return place, gain, max((q * dt if stood else q) - gain * gain * place, 0.0)
+        return variance, 0.0, 0.0
+    gain = (0.5 * q * dt * dt if stood else q * dt) / variance
+    return variance, gain, max((q * dt if stood else q) - gain * gain * variance, 0.0)
 
 
 @kernel
@@ -279,10 +279,10 @@ def move(
     """
     L = regime.shape[0]
     mean, xy, own = np.empty((L, 2)), np.empty((L, 2)), np.zeros((L, 2))
-    place, _, _ = gather(dt, motion)
+    variance, _, _ = gather(dt, motion)
     stopping, _, _ = waiting_noise(dt, motion, False)
     standing, _, _ = waiting_noise(dt, motion, True)
-    moving, stopping, standing = math.sqrt(place), math.sqrt(stopping), math.sqrt(standing)
+    moving, stopping, standing = math.sqrt(variance), math.sqrt(stopping), math.sqrt(standing)
     k = 0
     for i in range(L):
         spread, step = moving, particles.speed[i] * dt

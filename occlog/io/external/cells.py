@@ -145,7 +145,7 @@ class ArrowCells:
             return list(column.to_pylist())
         # Rows that have the same text have the same object
         values = column.dictionary.to_pylist()
-        return [None if place is None else values[place] for place in column.indices.to_pylist()]
+        return [None if index is None else values[index] for index in column.indices.to_pylist()]
 
     def fail(self, row: int, message: str) -> InputError:
         """An error that names the number of a row, from 0."""

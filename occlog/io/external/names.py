@@ -158,8 +158,8 @@ class TableLayout(NamedTuple):
     @property
     def length_unit(self) -> str | None:
         """Unit that names of lengths end in; None: they do not state one, or are missing."""
-        told = {s.unit for s in self.columns if s.column.unit in POWERS and s.unit}
-        return next(iter(told), None)
+        units = {s.unit for s in self.columns if s.column.unit in POWERS and s.unit}
+        return next(iter(units), None)
 
 
 def lay_out(names: Sequence[str], table: type[ColumnTable]) -> TableLayout:

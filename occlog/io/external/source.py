@@ -87,7 +87,7 @@ class _Table:
             raise ValueError("an offset leads out of the head of a message")
         return struct.unpack_from(form, self._data, at)[0]
 
-    def _place(self, field: int) -> int:
+    def _offset_of(self, field: int) -> int:
         """Return the offset of a field; 0: missing."""
         entry = 4 + 2 * field
         offset = self._number("<H", self._offsets + entry) if entry + 2 <= self._size else 0
@@ -95,24 +95,24 @@ class _Table:
 
     def number(self, field: int, form: str) -> int:
         """A number, 0 if it is not there."""
-        place = self._place(field)
-        return int(self._number(form, place)) if place else 0
+        index = self._offset_of(field)
+        return int(self._number(form, index)) if index else 0
 
     def table(self, field: int) -> _Table | None:
         """A table within, None if it is not there."""
-        place = self._place(field)
-        return _Table(self._data, place + self._number("<I", place)) if place else None
+        index = self._offset_of(field)
+        return _Table(self._data, index + self._number("<I", index)) if index else None
 
     def structs(self, field: int, form: str) -> list[tuple[int, ...]]:
         """The entries of a list of structures."""
-        place = self._place(field)
-        if not place:
+        index = self._offset_of(field)
+        if not index:
             return []
-        place += self._number("<I", place)
-        count, size = self._number("<I", place), struct.calcsize(form)
-        if count * size > len(self._data) - place - 4:
+        index += self._number("<I", index)
+        count, size = self._number("<I", index), struct.calcsize(form)
+        if count * size > len(self._data) - index - 4:
             raise ValueError("a list leads out of the head of a message")
-        return [struct.unpack_from(form, self._data, place + 4 + size * n) for n in range(count)]
+        return [struct.unpack_from(form, self._data, index + 4 + size * n) for n in range(count)]
 
 
 def _root(data: bytes) -> _Table:
@@ -162,8 +162,8 @@ def _message(file: _Bytes, at: int) -> ArrowMessageHeader:
     unpacked = 0
     if batch.table(COMPRESSION) is not None:
         # The size of each buffer precedes the packed data, -1 where it is not
-        places = [body + offset for offset, length in batch.structs(BUFFERS, "<qq") if length]
-        unpacked = sum(max(struct.unpack("<q", file.read(place, 8))[0], 0) for place in places)
+        offsets = [body + offset for offset, length in batch.structs(BUFFERS, "<qq") if length]
+        unpacked = sum(max(struct.unpack("<q", file.read(start, 8))[0], 0) for start in offsets)
     rows = batch.number(LENGTH, "<q") if kind == BATCH else 0
     if rows < 0:
         raise ValueError(f"the message at byte {at} has {rows} rows")
@@ -297,7 +297,7 @@ def _arrow_batches(path: Path, names: list[str]) -> Iterator[pa.RecordBatch]:
 
 
 def _validated(batch: pa.RecordBatch) -> pa.RecordBatch:
-    """A batch whose offsets and positions in dictionaries lead somewhere: the library follows them unchecked.
+    """A batch with offsets and dictionary indices that are valid: the library follows them unchecked.
 
     Its texts are UTF-8, too.
     """

@@ -198,7 +198,7 @@ class ForeignTable:
         time = next(s for s in self.layout.columns if s.column.name == TIME)
         return cells.times(time.name, time.unit)
 
-    def whose(self, cells: TableCells) -> list[tuple[object, ...]]:
+    def owners(self, cells: TableCells) -> list[tuple[object, ...]]:
         """(n,) sensor and identity of some cells, in the order of the file, if it has them."""
         names = [s.name for s in self.layout.columns if s.column.name in WHOSE]
         columns = ([repr(v) if isinstance(v, list | dict) else v for v in cells.raw(name)] for name in names)
@@ -259,9 +259,9 @@ def best_fit(source: ColumnSource, tables: Sequence[type[ColumnTable]] = ()) -> 
         InputError: it fits none; the message lists the missing columns of the nearest.
     """
     wanted = tuple(tables) or _every_table()
-    told = TABLES.get(source.table)
-    if told is not None and (not tables or told in wanted):
-        wanted = (told,)
+    declared = TABLES.get(source.table)
+    if declared is not None and (not tables or declared in wanted):
+        wanted = (declared,)
     layouts, faults = [], []
     for table in wanted:
         try:
@@ -329,8 +329,8 @@ class _FrameCount:
         out = np.zeros(len(t_ns), dtype=np.int64)
         for name in np.unique(sensor).tolist():
             own = np.flatnonzero(sensor == name)
-            _, place = np.unique(t_ns[own], return_inverse=True)
-            out[own] = self._known.get(name, 0) + place
+            _, index = np.unique(t_ns[own], return_inverse=True)
+            out[own] = self._known.get(name, 0) + index
             self._known[name] = int(out[own].max()) + 1
         return out
 
@@ -382,9 +382,9 @@ def _check(cells: TableCells, values: Mapping[str, NDArray[np.generic]], layout:
 
     def refuse(name: str, wrong: Callable[[Floats], Bools], limit: str) -> None:
         if name in values:
-            column, told = values[name].astype(np.float64), spelled[name]
-            shown = np.degrees(column) if told.unit == "deg" else column
-            what = f"{told.name} gives a {name.removesuffix('_px')} of" if told.edge else f"{told.name} is"
+            column, spelling = values[name].astype(np.float64), spelled[name]
+            shown = np.degrees(column) if spelling.unit == "deg" else column
+            what = f"{spelling.name} gives a {name.removesuffix('_px')} of" if spelling.edge else f"{spelling.name} is"
             with np.errstate(invalid="ignore"):
                 _refuse(cells, shown, wrong(column), what, f"; it must be {limit}")
 
@@ -411,18 +411,18 @@ def _check(cells: TableCells, values: Mapping[str, NDArray[np.generic]], layout:
 
 def _check_far_edge(cells: TableCells, s: Spelling, sizes: Floats, near: Floats) -> None:
     far = cells.floats(s.far, blank=True)
-    apart = disagree(sizes, near, far)
-    if apart.any():
-        row = int(np.flatnonzero(apart)[0])
+    disagreement = disagree(sizes, near, far)
+    if disagreement.any():
+        row = int(np.flatnonzero(disagreement)[0])
         raise cells.fail(row, both_sizes(s.name, float(sizes[row]), s.far, f"{far[row]:g}", float(near[row])))
 
 
 def _check_steps(cells: TableCells, s: Spelling) -> None:
     """InputError for lengths in floats too short for them, as float32 for northings of 5,000,000 m."""
     steps, unit = cells.steps(s.name), s.unit if s.unit in METRES else ""
-    told = f" {unit} only, and {COARSEST / METRES[unit]:g} {unit}" if unit else f" only, and {COARSEST}"
+    text = f" {unit} only, and {COARSEST / METRES[unit]:g} {unit}" if unit else f" only, and {COARSEST}"
     bad = steps * (METRES[unit] if unit else 1.0) > COARSEST
-    _refuse(cells, steps, bad, f"{s.name} is known to", f"{told} is the limit; write all digits (float64)")
+    _refuse(cells, steps, bad, f"{s.name} is known to", f"{text} is the limit; write all digits (float64)")
 
 
 def _refuse(cells: TableCells, values: Floats, bad: Bools, before: str, after: str) -> None:

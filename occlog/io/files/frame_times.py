@@ -32,7 +32,7 @@ class FrameTimes:
         start_ns: time of the origin of `table_ns`, or of frame 0.
         table_ns: (n,) times of frames 0..n-1 after the origin, strictly rising; None: the rate is used.
         rate: frames per second.
-        clock: clock of the camera, whose error is taken out of the times; None: they are world times.
+        clock: clock of the camera, with its error taken out of the times; None: they are world times.
     """
 
     source: str
@@ -70,8 +70,8 @@ class FrameTimes:
         """These times, read from a clock of the scene."""
         if clock is None:
             return self
-        told = f"{self.source}; clock {clock.name} taken out ({clock.offset_ns} ns, {clock.drift_ppm:g} ppm)"
-        return replace(self, source=told, clock=clock)
+        text = f"{self.source}; clock {clock.name} taken out ({clock.offset_ns} ns, {clock.drift_ppm:g} ppm)"
+        return replace(self, source=text, clock=clock)
 
     def same_as(self, other: FrameTimes) -> bool:
         """Whether every frame has the same time in the world."""
@@ -80,7 +80,7 @@ class FrameTimes:
         if self.table_ns is not None:
             frames = np.arange(len(self.table_ns))
         elif self.rate is not None:
-            # The drift of a clock is told by two frames that are far apart
+            # The drift of a clock follows from two frames that are far apart
             frames = np.array([0, min(10**6, int(MAX_SECONDS * float(self.rate)))])
         else:
             return self.start_ns == other.start_ns

@@ -123,7 +123,7 @@ def describe_unsupported(path: Path) -> str | None:
         head = file.read(ODAS_BYTES)
     if head.lstrip().startswith(b"{") and all(mark in head for mark in ODAS):
         return ODAS_BY_INGEST.format(name=path.name)
-    found = next((words for place, mark, words in _OTHERS if head[place:].startswith(mark)), None)
+    found = next((words for offset, mark, words in _OTHERS if head[offset:].startswith(mark)), None)
     return None if found is None else found.replace("{name}", path.name)
 
 

@@ -79,10 +79,10 @@ def coarse(ns: float) -> str:
 def _iso_ns(iso: re.Match[str], text: str) -> int:
     day, clock, fraction, zone = iso.groups()
     try:
-        moment = datetime.fromisoformat(f"{day}T{clock}" + (zone or "+00:00").replace("Z", "+00:00"))
+        instant = datetime.fromisoformat(f"{day}T{clock}" + (zone or "+00:00").replace("Z", "+00:00"))
     except ValueError as error:
         raise InputError(f"time {text!r}: {error}") from None
-    seconds = (moment - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds()
+    seconds = (instant - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds()
     ns = int(seconds) * 10**9 + int((fraction or "0").ljust(9, "0"))
     if abs(ns) > MAX_NS:
         raise InputError(f"time {text!r}: out of range; times from 1824 to 2115 can be held")

@@ -56,14 +56,14 @@ def read_readers(path: Path) -> tuple[TagReader, ...]:
     """
     found: dict[str, TagReader] = {}
     for part in read_format(path, READER_POSITIONS):
-        place = np.column_stack([part[axis] for axis in "xyz"])
+        position = np.column_stack([part[axis] for axis in "xyz"])
         for row, cell in enumerate(part["reader"].tolist()):
             name = safe_name(cell)
             if name in found:
                 raise part.rows.fail(row, f"reader {name} is there twice; give every reader its own name")
             power = float(part["power"][row])
             reach, known = float(part["range"][row]), None if math.isnan(power) else power
-            found[name] = TagReader(name, place[row], range=reach, power=known)
+            found[name] = TagReader(name, position[row], range=reach, power=known)
     return tuple(found.values())
 
 

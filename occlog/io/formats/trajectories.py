@@ -11,7 +11,7 @@ Which format of trajectories a text is of, and its rows under names that tables 
 
 TRC, OpenSim's table of markers: a line for each time, three columns for each marker.
 
-Markers must be targets, `target_N`, as `occlog export` calls them: others are points of a body, whose axes
+Markers must be targets, `target_N`, as `occlog export` calls them: others are points of a body, and its axes
 the file does not determine.  Times count from the first one of the recording; empty cells are markers that are not
 there.
 
@@ -129,8 +129,8 @@ def read_geojson(path: Path) -> Iterator[CsvRows]:
         yield CsvRows(path, np.full(len(t_ns), number), cells, "feature")
 
 
-def _origin(path: Path, told: object) -> Origin:
-    members: Mapping[str, Any] = told if isinstance(told, dict) else {}
+def _origin(path: Path, value: object) -> Origin:
+    members: Mapping[str, Any] = value if isinstance(value, dict) else {}
     values: list[Any] = [members.get(key, 0.0 if key == KEYS[2] else None) for key in KEYS]
     if not all(_is_number(v) for v in values):
         raise InputError(
@@ -145,27 +145,29 @@ def _origin(path: Path, told: object) -> Origin:
 
 def _feature(path: Path, number: int, feature: object) -> tuple[int, list[int], Floats]:
     """Identity, times and (n, 2) longitude and latitude of one feature."""
-    place = f"{path}: feature {number}"
+    location = f"{path}: feature {number}"
     properties = _member(feature, "properties")
     shape = _member(feature, "geometry")
-    kind, told = shape.get("type"), shape.get("coordinates")
+    kind, coordinates = shape.get("type"), shape.get("coordinates")
     if kind not in ("LineString", "Point"):
-        raise InputError(f"{place}: its geometry is {kind!r}; LineString or Point was expected")
-    corners = [told] if kind == "Point" else told
+        raise InputError(f"{location}: its geometry is {kind!r}; LineString or Point was expected")
+    corners = [coordinates] if kind == "Point" else coordinates
     good = isinstance(corners, list) and all(
         isinstance(corner, list) and len(corner) in (2, 3) and all(_is_number(v) for v in corner) for corner in corners
     )
     if not good or not isinstance(corners, list) or not corners:
-        raise InputError(f"{place}: its coordinates are no list of longitudes and latitudes")
+        raise InputError(f"{location}: its coordinates are no list of longitudes and latitudes")
     degrees = np.array([corner[:2] for corner in corners], dtype=np.float64)
     if (np.abs(degrees) > (180.0 + 1e-6, 90.0)).any():
-        raise InputError(f"{place}: a longitude is beyond 180 degrees, or a latitude beyond 90")
+        raise InputError(f"{location}: a longitude is beyond 180 degrees, or a latitude beyond 90")
     identity: Any = properties.get("target_id")
     t_ns: Any = properties.get("t_ns")
     if not _is_whole(identity):
-        raise InputError(f"{place}: has no whole number target_id among its properties")
+        raise InputError(f"{location}: has no whole number target_id among its properties")
     if not isinstance(t_ns, list) or len(t_ns) != len(corners) or not all(_is_whole(t) for t in t_ns):
-        raise InputError(f"{place}: requires t_ns, a list of whole numbers, one for each of its {len(corners)} corners")
+        raise InputError(
+            f"{location}: requires t_ns, a list of whole numbers, one for each of its {len(corners)} corners"
+        )
     return identity, t_ns, degrees
 
 
@@ -232,8 +234,8 @@ def _header(path: Path) -> list[str]:
 
 
 def _unit(path: Path, header: list[str]) -> str:
-    told = dict(zip(header[1].split("\t"), header[2].split("\t"), strict=False))
-    unit = told.get("Units", "").strip()
+    values = dict(zip(header[1].split("\t"), header[2].split("\t"), strict=False))
+    unit = values.get("Units", "").strip()
     if unit not in UNITS:
         raise InputError(f"{path}: line 3: Units are {unit!r}; {' or '.join(UNITS)} was expected")
     return unit
@@ -268,10 +270,10 @@ def _targets_of(path: Path, line: int, text: str, targets: list[str]) -> Iterato
         raise InputError(f"{path}: line {line}: {len(cells)} cells; {len(targets)} markers have {wanted}")
     cells += [""] * (wanted - len(cells))
     for n, target in enumerate(targets):
-        place = cells[2 + 3 * n : 5 + 3 * n]
-        if all(place):
-            yield cells[1], target, *place
-        elif any(place):
+        position = cells[2 + 3 * n : 5 + 3 * n]
+        if all(position):
+            yield cells[1], target, *position
+        elif any(position):
             raise InputError(
                 f"{path}: line {line}: target_{target} has a position with an empty cell; give all three or none"
             )

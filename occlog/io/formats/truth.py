@@ -185,10 +185,10 @@ def _tables(
     values = np.array(rows, dtype=np.float64).reshape(-1, 6)
     frame, identity = values[:, 0].astype(np.int64), values[:, 1].astype(np.int64)
     xc, yc, w, h = values[:, 2:].T
-    nobody, unknown = np.zeros(len(rows), dtype=np.int64), np.full(len(rows), np.nan)
+    unlabelled, unknown = np.zeros(len(rows), dtype=np.int64), np.full(len(rows), np.nan)
     boxes = FileBoxRows(
         frame=frame,
-        camera=nobody,
+        camera=unlabelled,
         target_id=identity,
         left=xc - w / 2,
         top=yc - h / 2,
@@ -242,11 +242,11 @@ def _objects(frame: Element, number_of_frame: int, where: str) -> list[Row]:
     rows: list[Row] = []
     for thing in frame.iter("object"):
         identity = _whole(thing, "id", where)
-        place = f"{where}: object {identity}"
-        box = required(thing, "box", place)
-        xc, yc, w, h = (number(box, name, place) for name in ("xc", "yc", "w", "h"))
+        location = f"{where}: object {identity}"
+        box = required(thing, "box", location)
+        xc, yc, w, h = (number(box, name, location) for name in ("xc", "yc", "w", "h"))
         if not (w > 0 and h > 0):
-            raise InputError(f"{place}: box of {w:g} x {h:g} px; both must be above 0")
+            raise InputError(f"{location}: box of {w:g} x {h:g} px; both must be above 0")
         rows.append((number_of_frame, identity, xc, yc, w, h))
     return rows
 

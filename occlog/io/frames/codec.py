@@ -104,14 +104,14 @@ def _sequence(data: bytes) -> int:
 def _pages(data: bytes) -> int:
     """Count the pages of a TIFF image without smaller copies and masks, up to two."""
     order, large = _ORDERS[data[:2]], b"+" in data[:4]
-    count, entry, place = ("Q", 20, "Q") if large else ("H", 12, "I")
-    (at,) = struct.unpack_from(order + place, data, 8 if large else 4)
+    count, entry, offset_format = ("Q", 20, "Q") if large else ("H", 12, "I")
+    (at,) = struct.unpack_from(order + offset_format, data, 8 if large else 4)
     seen, pages = set[int](), 0
     while at and at not in seen and pages < 2:
         seen.add(at)
         (n,) = struct.unpack_from(order + count, data, at)
         begin = at + struct.calcsize(order + count)
-        (at,) = struct.unpack_from(order + place, data, begin + n * entry)
+        (at,) = struct.unpack_from(order + offset_format, data, begin + n * entry)
         pages += not _is_copy(data, order, begin, n, entry)
     return pages
 
@@ -139,8 +139,8 @@ def _views(data: bytes) -> int:
         tag, _, size, at = struct.unpack_from(order + "HHII", data, begin + 2 + 12 * each)
         if tag == _LIST_OF_VIEWS:
             size = min(size, len(data) - base - at)
-            places = range(base + at, base + at + size - _VIEW_BYTES + 1, _VIEW_BYTES)
-            kinds = [struct.unpack_from(order + "I", data, place)[0] & 0xFFFFFF for place in places]
+            offsets = range(base + at, base + at + size - _VIEW_BYTES + 1, _VIEW_BYTES)
+            kinds = [struct.unpack_from(order + "I", data, offset)[0] & 0xFFFFFF for offset in offsets]
             others = [kind for kind in kinds[1:] if kind & 0xFF0000 == _VIEW or kind == _UNDEFINED]
             light = all(kind == _UNDEFINED for kind in others) and any(word in data for word in _LIGHT)
             return 1 + (0 if light else len(others))

@@ -90,8 +90,8 @@ class FrameLedger:
 
     def faults(self) -> Iterator[Loss]:
         """Faults of the container itself."""
-        for place, what in self._container.problems if self._container else ():
-            yield Loss(self._path.name, place, what)
+        for location, what in self._container.problems if self._container else ():
+            yield Loss(self._path.name, location, what)
 
     def check_any(self) -> None:
         """Raise InputError unless a frame of the range was delivered."""
@@ -101,7 +101,9 @@ class FrameLedger:
             raise InputError(
                 f"{self._path}: frames from {self._start} on are requested, but the video has only {self._frames}"
             )
-        faults = "".join(f"; {place}: {what}" for place, what in (self._container.problems if self._container else ()))
+        faults = "".join(
+            f"; {location}: {what}" for location, what in (self._container.problems if self._container else ())
+        )
         raise InputError(f"{self._path}: not one of the requested frames can be used{faults}; copy or repair the file")
 
     def report(self, lost: Callable[[Loss], None]) -> None:
@@ -155,12 +157,12 @@ def _stretches(source: str, frames: Ints, what: str) -> Iterable[Loss]:
     """One loss for each run of consecutive frame numbers."""
     runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1) if len(frames) else []
     for run in runs[:MAX_STRETCHES]:
-        place = f"frame {run[0]}" if len(run) == 1 else f"frames {run[0]}-{run[-1]}"
-        yield Loss(source, place, what, len(run))
+        location = f"frame {run[0]}" if len(run) == 1 else f"frames {run[0]}-{run[-1]}"
+        yield Loss(source, location, what, len(run))
     rest = runs[MAX_STRETCHES:]
     if rest:
-        place = f"{len(rest)} more sections in frames {rest[0][0]}-{rest[-1][-1]}"
-        yield Loss(source, place, what, sum(map(len, rest)))
+        location = f"{len(rest)} more sections in frames {rest[0][0]}-{rest[-1][-1]}"
+        yield Loss(source, location, what, sum(map(len, rest)))
 
 
 PATIENCE = 64
@@ -269,7 +271,7 @@ def _describe(
 
 
 def _faults(container: Container | None) -> str:
-    return "".join(f"; {place}: {what}" for place, what in container.problems) if container else ""
+    return "".join(f"; {location}: {what}" for location, what in container.problems) if container else ""
 
 
 def decode(
@@ -359,9 +361,9 @@ def _trusted(container: Container | None, pictures: Iterator[_Raw], misplaced: C
         head.append(raw)
         if len(head) == TRIAL:
             break
-    places = [_place(container, raw) for raw in head]
-    rising = all(b > a for a, b in pairwise(places) if a >= 0 and b >= 0)
-    listed = bool(head) and rising and _distinct(container) and sum(p >= 0 for p in places) * 2 >= len(head)
+    indices = [_place(container, raw) for raw in head]
+    rising = all(b > a for a, b in pairwise(indices) if a >= 0 and b >= 0)
+    listed = bool(head) and rising and _distinct(container) and sum(p >= 0 for p in indices) * 2 >= len(head)
     every = chain(head, pictures)
     if not listed or container is None:
         yield from every
@@ -393,8 +395,8 @@ def _lateness(container: Container | None, first: _Raw) -> int:
     """
     if container is None or container.packets is None or first.complaint:
         return 0
-    place = _place(container, first)
-    return place if 0 < place <= MAX_HELD and not container.broken[:place].any() and not container.problems else 0
+    index = _place(container, first)
+    return index if 0 < index <= MAX_HELD and not container.broken[:index].any() and not container.problems else 0
 
 
 def _distinct(container: Container | None) -> bool:

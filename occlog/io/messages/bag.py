@@ -121,14 +121,14 @@ class Bag:
                     yield message._replace(data=data)
         # Topics that are no longer needed were not read to the end.
         for topic in sorted(topics):
-            told, found = self.promised.get(topic), counts.get(topic, 0)
-            if told is None or told == found:
+            declared, found = self.promised.get(topic), counts.get(topic, 0)
+            if declared is None or declared == found:
                 continue
-            if told > found:
-                what = f"messages that it counts are not in the files (it counts {told}, and there are {found})"
-                self._losses.append(Loss(METADATA, topic, what, told - found))
+            if declared > found:
+                what = f"messages that it counts are not in the files (it counts {declared}, and there are {found})"
+                self._losses.append(Loss(METADATA, topic, what, declared - found))
             elif self.described:
-                what = f"{METADATA} counts {told} messages, and there are {found}, which were read"
+                what = f"{METADATA} counts {declared} messages, and there are {found}, which were read"
                 self.remarks[topic] = f"{what}; write it again: ros2 bag reindex"
 
     def __enter__(self) -> Self:
@@ -201,9 +201,9 @@ def open_bag(paths: Collection[Path]) -> Bag:
                 _add(bag, file)
             bag._losses += _left_out(path, listed)
         if not bag.files:
-            told = bag.losses[0] if bag.losses else None
+            loss = bag.losses[0] if bag.losses else None
             where = next(iter(paths))
-            raise InputError(f"{where}: {told}" if told else f"{where}: holds no .mcap or .db3 file")
+            raise InputError(f"{where}: {loss}" if loss else f"{where}: holds no .mcap or .db3 file")
         if len(bag.files) > 1:
             bag.files = _in_order(bag.files)
     except BaseException:

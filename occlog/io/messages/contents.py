@@ -356,9 +356,9 @@ def truth_rows(message: PoseMessage, t_ns: int, first: int, placed: FramePose) -
     """Positions of one message in the world; the targets are numbered from `first`."""
     if not np.isfinite(message.positions).all():
         raise InputError("a true position is not finite")
-    places = message.positions @ placed.rotation.T + placed.translation
-    n = len(places)
-    x, y, z = places.T
+    positions = message.positions @ placed.rotation.T + placed.translation
+    n = len(positions)
+    x, y, z = positions.T
     return Truth.of(
         t_ns=np.full(n, t_ns), target_id=first + np.arange(n), role=np.full(n, "target"), x=x, y=y, z=z.copy()
     )

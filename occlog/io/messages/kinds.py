@@ -260,8 +260,8 @@ def _foxglove_transforms(message: Any) -> Iterator[TransformMessage]:
         yield from _foxglove_transform(entry)
 
 
-def _positions(header: MessageStamp, places: list[Any]) -> PoseMessage:
-    return PoseMessage(header, np.array([_vector(place) for place in places]).reshape(-1, 3))
+def _positions(header: MessageStamp, positions: list[Any]) -> PoseMessage:
+    return PoseMessage(header, np.array([_vector(position) for position in positions]).reshape(-1, 3))
 
 
 def _vision(message: Any) -> BoxMessage:
@@ -271,7 +271,7 @@ def _vision(message: Any) -> BoxMessage:
 def _detection(entry: Any) -> BoxDetection:
     """A `vision_msgs/Detection2D` of any release: fields moved from one to the next."""
     centre = entry.bbox.center
-    place = getattr(centre, "position", centre)
+    position = getattr(centre, "position", centre)
     width, height = float(entry.bbox.size_x), float(entry.bbox.size_y)
     if float(getattr(centre, "theta", 0.0)):
         raise InputError(f"a box that is turned by {float(centre.theta):g} rad; upright ones were expected")
@@ -282,7 +282,7 @@ def _detection(entry: Any) -> BoxDetection:
         if not best[0] >= score:
             best = (score, str(getattr(hypothesis, "class_id", getattr(hypothesis, "id", ""))))
     identity = str(getattr(entry, "tracking_id", "") or getattr(entry, "id", ""))
-    left, top = float(place.x) - width / 2, float(place.y) - height / 2
+    left, top = float(position.x) - width / 2, float(position.y) - height / 2
     return BoxDetection(left=left, top=top, width=width, height=height, score=best[0], label=best[1], id=identity)
 
 
@@ -450,8 +450,8 @@ def _types(kind: str, language: str, definition: bytes) -> tuple[Any, bool]:
     elif definition:
         store.register(_checked(types.get_types_from_msg(text, kind)))
     store.get_msgdef(kind)
-    told = [field for _, fields in store.fielddefs.values() for _, field in fields] if definition else []
-    lists = [of for node, of in told if node == nodes.SEQUENCE]
+    field_types = [field for _, fields in store.fielddefs.values() for _, field in fields] if definition else []
+    lists = [of for node, of in field_types if node == nodes.SEQUENCE]
     listed = any(kind != nodes.BASE or of[0] == "string" for (kind, of), _ in lists)
     return store, listed
 
@@ -471,9 +471,9 @@ def _checked(found: Any) -> Any:
             raise ValueError(f"{name} has no fields")
         if any(isinstance(value, float) and not math.isfinite(value) for _, _, value in constants):
             raise ValueError(f"{name} has a constant that is no number")
-        for field, (node, told) in fields:
+        for field, (node, field_type) in fields:
             if node == nodes.ARRAY:
-                (kind, of), length = told
+                (kind, of), length = field_type
                 entries += length if kind != nodes.BASE or of[0] == "string" else 0
                 if length < 1 or entries > MAX_ENTRIES:
                     raise ValueError(f"{field}: {length} entries; 1 to {MAX_ENTRIES} can be")

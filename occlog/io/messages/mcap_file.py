@@ -148,8 +148,8 @@ class McapFile:
             messages=None if self._counts is None else int(self._counts.get(channel.id, 0)),
         )
 
-    def _lose(self, place: str, what: str, count: int = 0) -> None:
-        self.losses[Loss(self.name, place, what, count)] = None
+    def _lose(self, location: str, what: str, count: int = 0) -> None:
+        self.losses[Loss(self.name, location, what, count)] = None
 
     def _walk(self, topics: Collection[str] | None) -> Iterator[tuple[int, int, bytes]]:
         """(channel, time, data) of the messages of some topics, or of all of them."""
@@ -309,12 +309,12 @@ def unpack_frames(data: bytes, most: int) -> bytes:
     """Unpack all frames; zstandard.ZstdError where they are damaged, or come to more than this many bytes."""
     parts, left = list[bytes](), most
     for frame in _frames(data):
-        told = zstandard.frame_content_size(frame)  # -1: whoever packed it did not know
-        if told > left or left == 0:
-            raise zstandard.ZstdError(f"it would unpack to {most - left + max(told, 1)} bytes (limit {most})")
+        size = zstandard.frame_content_size(frame)  # -1: whoever packed it did not know
+        if size > left or left == 0:
+            raise zstandard.ZstdError(f"it would unpack to {most - left + max(size, 1)} bytes (limit {most})")
         parts.append(
             zstandard.ZstdDecompressor().decompress(frame, max_output_size=left, allow_extra_data=False)
-            if told
+            if size
             else b""
         )
         left -= len(parts[-1])

@@ -40,7 +40,7 @@ class SqliteFile:
                 self._topics = self._read_topics(base)
         except sqlite3.Error as error:
             raise InputError(f"{path}: not a ROS 2 bag that can be read ({error}); copy it again") from None
-        self._tell_beside()
+        self._note_side_files()
 
     def topics(self) -> list[BagTopic]:
         """The topics."""
@@ -74,10 +74,10 @@ class SqliteFile:
                     last = log_ns
                     yield BagMessage(self._topics[number].name, last, data)
         except (sqlite3.Error, ValueError) as error:
-            place = f"after {last} ns" if last else "first message"
-            self.losses[Loss(self.name, place, f"damaged SQLite file: the rest cannot be read ({error})")] = None
+            location = f"after {last} ns" if last else "first message"
+            self.losses[Loss(self.name, location, f"damaged SQLite file: the rest cannot be read ({error})")] = None
 
-    def _tell_beside(self) -> None:
+    def _note_side_files(self) -> None:
         """Report a log next to the file with writes that a recorder which ended early did not put into the file."""
         for ending, magics in _LOGS.items():
             log = self.path.with_name(self.path.name + ending)
@@ -126,8 +126,8 @@ class SqliteFile:
         out: dict[int, BagTopic] = {}
         for number, name, kind, encoding in base.execute("SELECT id, name, type, serialization_format FROM topics"):
             if not (isinstance(number, int) and all(isinstance(each, str) for each in (name, kind, encoding))):
-                told = ", ".join(f"{each!r:.40}" for each in (number, name, kind, encoding))
-                self.losses[Loss(self.name, "topics", f"a topic without a number, a name or a type ({told})")] = None
+                listed = ", ".join(f"{each!r:.40}" for each in (number, name, kind, encoding))
+                self.losses[Loss(self.name, "topics", f"a topic without a number, a name or a type ({listed})")] = None
                 continue
             language, text = definitions.get(kind, ("", ""))
             messages = None if counts is None else int(counts.get(number, 0))

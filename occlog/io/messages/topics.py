@@ -182,9 +182,9 @@ def _telling(topic: str) -> list[str]:
 def _info_of(image: str, infos: Sequence[str]) -> str | None:
     """The calibration next to the images, `/cam/camera_info` for `/cam/image_raw`, or the only one of its namespace."""
     space = base_of(image).rpartition("/")[0]
-    beside = [t for t in infos if t.rpartition("/")[0] == space]
-    exact = [t for t in beside if t.rpartition("/")[2] == "camera_info"]
-    return exact[0] if exact else (beside[0] if len(beside) == 1 else None)
+    same_namespace = [t for t in infos if t.rpartition("/")[0] == space]
+    exact = [t for t in same_namespace if t.rpartition("/")[2] == "camera_info"]
+    return exact[0] if exact else (same_namespace[0] if len(same_namespace) == 1 else None)
 
 
 def _named_by_path(topics: Sequence[str]) -> dict[str, str]:

@@ -111,9 +111,9 @@ def chunk_head(data: bytes) -> ChunkHead:
 
 def unpacked(data: bytes, compression: str, declared: int) -> bytes:
     """Unpacked records of a chunk; ValueError where they are more than is declared or may be."""
-    told = max(declared, stated_size(data, compression))
-    if told > MAX_CHUNK_BYTES:
-        raise ValueError(f"unpacks to {told} bytes; the limit is {MAX_CHUNK_BYTES}")
+    stated = max(declared, stated_size(data, compression))
+    if stated > MAX_CHUNK_BYTES:
+        raise ValueError(f"unpacks to {stated} bytes; the limit is {MAX_CHUNK_BYTES}")
     if not compression:
         return data
     if compression == "zstd":

@@ -64,9 +64,9 @@ def translate_mcap(path: Path, file: IO[bytes] | None = None) -> Iterator[None]:
         raise
     except _FAILURES as error:
         reason = " ".join(str(error).split())[:140] or "data ends early"
-        place = f"near byte {file.tell()}: " if file is not None and not file.closed else ""
+        location = f"near byte {file.tell()}: " if file is not None and not file.closed else ""
         raise InputError(
-            f"{path}: {place}damaged MCAP file ({type(error).__name__}: {reason}); "
+            f"{path}: {location}damaged MCAP file ({type(error).__name__}: {reason}); "
             f"copy it again, or salvage it: {SALVAGE.format(path=path)}"
         ) from error
 
@@ -124,9 +124,9 @@ def check_index(path: Path) -> None:
     assert made.statistics is not None
     led = {chunk.chunk_start_offset: chunk.message_index_offsets.keys() for chunk in summary.chunk_indexes}
     for number, has in made.statistics.channel_message_counts.items():
-        topic, says = made.channels[number].topic, summary.statistics.channel_message_counts.get(number, 0)
-        if says != has:
-            raise damaged_mcap(path, f"its index counts {says} messages of {topic}, and there are {has}")
+        topic, stated = made.channels[number].topic, summary.statistics.channel_message_counts.get(number, 0)
+        if stated != has:
+            raise damaged_mcap(path, f"its index counts {stated} messages of {topic}, and there are {has}")
         for chunk in made.chunk_indexes:
             at = chunk.chunk_start_offset
             if number in chunk.message_index_offsets and number not in led.get(at, ()):

@@ -79,7 +79,7 @@ def read_metadata(path: Path, summary: Summary) -> dict[str, dict[str, str]]:
 def damaged_metadata(records: Mapping[str, Mapping[str, str]]) -> list[str]:
     """Names of records that are missing, or differ from their digests; none without digests."""
     digests = records.get(DIGESTS, {})
-    return [name for name, told in digests.items() if name not in records or digest_of(name, records[name]) != told]
+    return [name for name, digest in digests.items() if name not in records or digest_of(name, records[name]) != digest]
 
 
 def wrong_metadata(path: Path, name: str, at: int) -> InputError:
@@ -107,32 +107,34 @@ def is_video_header(path: Path) -> bool:
     """Return whether the first bytes of a regular file are those of a video."""
     with path.open("rb") as file:
         head = file.read(HEAD)
-    return any(head[place:].startswith(mark) for place, mark in _VIDEOS)
+    return any(head[offset:].startswith(mark) for offset, mark in _VIDEOS)
 
 
-def leaves_folder(recording: Path, place: str) -> bool:
+def leaves_folder(recording: Path, location: str) -> bool:
     """Return whether a position that a recording states leads out of its folder, by its name or by symbolic links."""
-    lies = (recording.parent / place).resolve()
-    return ".." in PurePosixPath(place).parts or not lies.is_relative_to(recording.parent.resolve())
+    lies = (recording.parent / location).resolve()
+    return ".." in PurePosixPath(location).parts or not lies.is_relative_to(recording.parent.resolve())
 
 
-def linked_path(recording: Path, sensor: str, place: str) -> Path:
+def linked_path(recording: Path, sensor: str, location: str) -> Path:
     """The video file of a camera.
 
     Args:
         recording: file that has the link.
         sensor: name of the camera.
-        place: of the video as the recording states it, relative to the recording's folder.
+        location: of the video as the recording states it, relative to the recording's folder.
 
     Raises:
         InputError: if the position is absolute, if no regular file that can be read is there, or if it leads out of the
             folder and to a file that is no video.
     """
     where = f"{recording}: camera {sensor}"
-    if Path(place).is_absolute():
-        raise InputError(f"{where}: links to {place}, which is no relative path; ingest it again")
-    path = recording.parent / place
+    if Path(location).is_absolute():
+        raise InputError(f"{where}: links to {location}, which is no relative path; ingest it again")
+    path = recording.parent / location
     check_input(path, f"the video of camera {sensor} that {recording} links to")
-    if leaves_folder(recording, place) and not is_video_header(path):
-        raise InputError(f"{where}: links to {place}, which leads out of its folder and is no video; ingest it again")
+    if leaves_folder(recording, location) and not is_video_header(path):
+        raise InputError(
+            f"{where}: links to {location}, which leads out of its folder and is no video; ingest it again"
+        )
     return path

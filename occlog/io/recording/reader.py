@@ -180,16 +180,16 @@ class McapRecording:
         """(topic, log time, data, sequence) in the order of time."""
         if not topics:
             return
-        told, found = sum(t.messages for t in self.topics if t.name in topics), 0
+        declared, found = sum(t.messages for t in self.topics if t.name in topics), 0
         with open_mcap(self.path) as (reader, _):
             for _schema, channel, message in reader.iter_messages(topics=topics):
                 found += 1
                 check_recorded(message.log_time, self.path, channel.topic, message.sequence)
                 yield channel.topic, message.log_time, message.data, message.sequence
         # Of a chunk with an index that does not name their topics the library states nothing
-        if found != told:
+        if found != declared:
             names = ", ".join(sorted(topics))[:200]
-            raise damaged_mcap(self.path, f"its index counts {told} messages of {names}, and leads to {found}")
+            raise damaged_mcap(self.path, f"its index counts {declared} messages of {names}, and leads to {found}")
 
 
 def linked_videos(path: Path) -> tuple[Path, ...]:

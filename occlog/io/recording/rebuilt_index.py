@@ -100,22 +100,22 @@ def is_index_complete(file: IO[bytes], summary: Summary) -> bool:
 def _agrees_with_itself(summary: Summary) -> bool:
     if summary.statistics is None:
         return False
-    told, channels = summary.statistics, summary.channels
-    counted = {channel for channel, messages in told.channel_message_counts.items() if messages}
+    statistics, channels = summary.statistics, summary.channels
+    counted = {channel for channel, messages in statistics.channel_message_counts.items() if messages}
     return (
-        told.chunk_count == len(summary.chunk_indexes)
-        and told.attachment_count == len(summary.attachment_indexes)
-        and told.metadata_count == len(summary.metadata_indexes)
-        and told.message_count == sum(told.channel_message_counts.values())
+        statistics.chunk_count == len(summary.chunk_indexes)
+        and statistics.attachment_count == len(summary.attachment_indexes)
+        and statistics.metadata_count == len(summary.metadata_indexes)
+        and statistics.message_count == sum(statistics.channel_message_counts.values())
         and counted <= channels.keys()
         and all(channel.schema_id in {0, *summary.schemas} for channel in channels.values())
         # Readers omit a chunk with none of their topics
         and all(index.message_index_offsets for index in summary.chunk_indexes)
-        and (told.chunk_count > 0 or told.message_count == 0)
+        and (statistics.chunk_count > 0 or statistics.message_count == 0)
         # One record that is listed a thousand times would be read as often
         and all(
-            len(set(places)) == len(places)
-            for places in (
+            len(set(groups)) == len(groups)
+            for groups in (
                 [each.chunk_start_offset for each in summary.chunk_indexes],
                 [each.offset for each in summary.attachment_indexes],
                 [each.offset for each in summary.metadata_indexes],
@@ -144,8 +144,8 @@ def _agrees_with_chunks(file: IO[bytes], summary: Summary) -> bool:
                 return False
             counts[channel] += length // INDEX_ENTRY
             at += HEAD.size + HEAD.unpack_from(head)[1]
-    told = summary.statistics.channel_message_counts if summary.statistics else {}
-    return +counts == +Counter(told)
+    declared = summary.statistics.channel_message_counts if summary.statistics else {}
+    return +counts == +Counter(declared)
 
 
 def rebuild_index(path: Path, file: IO[bytes]) -> RebuiltIndex:
@@ -162,14 +162,14 @@ def rebuild_index(path: Path, file: IO[bytes]) -> RebuiltIndex:
     return _Pass(path, file).done()
 
 
-def check_index_statistics(path: Path, told: Summary | None, made: Summary) -> None:
+def check_index_statistics(path: Path, declared: Summary | None, made: Summary) -> None:
     """InputError unless a file holds as much as the statistics in its own index state, if it has any."""
-    if told is None or told.statistics is None:
+    if declared is None or declared.statistics is None:
         return
     for what in ("message", "attachment", "metadata"):
-        says, has = (getattr(each.statistics, f"{what}_count") for each in (told, made))
-        if says != has:
-            raise damaged_mcap(path, f"its index reports {says} records of the kind {what}, and there are {has}")
+        stated, has = (getattr(each.statistics, f"{what}_count") for each in (declared, made))
+        if stated != has:
+            raise damaged_mcap(path, f"its index reports {stated} records of the kind {what}, and there are {has}")
 
 
 class _Pass:
@@ -229,8 +229,8 @@ class _Pass:
             if end > size:
                 raise self._damaged(f"the record at byte {at} is stated to end at byte {end} of {size}")
             if code == Opcode.DATA_END and is_end_mark(code, length):
-                (told,) = struct.unpack_from("<I", self._read(at, length))
-                if told and told != self._crc:
+                (stated,) = struct.unpack_from("<I", self._read(at, length))
+                if stated and stated != self._crc:
                     raise self._damaged(f"the data before byte {at} have a wrong check sum")
                 self._check_end(at, size)
                 return
@@ -430,7 +430,7 @@ class _Given(SeekingReader):  # type: ignore[misc]
 
     def __init__(self, file: IO[bytes], summary: Summary) -> None:
         super().__init__(file, validate_crcs=True, record_size_limit=MAX_CHUNK_BYTES)
-        self._told = summary
+        self._declared = summary
 
     def get_summary(self) -> Summary:
-        return self._told
+        return self._declared

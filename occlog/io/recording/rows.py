@@ -123,8 +123,8 @@ class RowCollector(Generic[T]):
             )
         try:
             message = self._decoder.decode(data)
-            told = {name: values for name in self._columns if (values := getattr(message, name)) is not None}
-            (n,) = set(map(len, told.values()))
+            given = {name: values for name in self._columns if (values := getattr(message, name)) is not None}
+            (n,) = set(map(len, given.values()))
         except (msgspec.DecodeError, ValueError, RecursionError) as error:
             reason = " ".join(str(error).split())[:100]
             raise InputError(
@@ -136,9 +136,9 @@ class RowCollector(Generic[T]):
                 f"{self._source}: topic {topic}: more than {MAX_ROWS_AT_ONCE} rows of one time, up to "
                 f"{message.t_ns} ns; this many are not held at once"
             )
-        for name, values in told.items():
+        for name, values in given.items():
             self._lists[name].extend(values)
-        for name in self._columns.keys() - told.keys():  # an older recording
+        for name in self._columns.keys() - given.keys():  # an older recording
             self._lists[name].extend([self._columns[name]] * n)
         self._lists["t_ns"].extend([message.t_ns] * n)
         if self._has_sensor:

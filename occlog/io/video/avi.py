@@ -134,7 +134,7 @@ def _video_stream(data: mmap.mmap, header: ByteRange) -> _Stream:
 
 
 def _container(data: mmap.mmap, found: _AviScan, stream: _Stream) -> Container:
-    number, place, size = _numbered_chunks(data, found, f"{stream.number:02d}".encode()).T
+    number, offset, size = _numbered_chunks(data, found, f"{stream.number:02d}".encode()).T
     announced, rate = stream.announced, stream.rate
     last = int(number.max(initial=-1)) + 1
     if announced > max(MAX_FRAMES, last):
@@ -144,7 +144,7 @@ def _container(data: mmap.mmap, found: _AviScan, stream: _Stream) -> Container:
         found.problems.append(("header", "it was never completed (its recorder was stopped)"))
     n = max(announced, last)
     broken = np.ones(n, dtype=np.bool_)
-    broken[number] = place + size > len(data)
+    broken[number] = offset + size > len(data)
     # An empty chunk represents a frame that the recorder dropped: it takes its time, and has no picture.
     shown = np.ones(n, dtype=np.bool_)
     shown[number[size == 0]] = False
@@ -219,14 +219,14 @@ def _index(data: mmap.mmap, found: _AviScan, tag: bytes) -> tuple[Ints, Ints]:
         return none, none
     # Offsets count from the word `movi`, or in some files from the beginning.
     base = found.movies[0].start if table["place"][0] < found.movies[0].start else 0
-    place = table["place"].astype(np.int64) + base
-    number = np.flatnonzero(place + 8 <= len(data))
+    offset = table["place"].astype(np.int64) + base
+    number = np.flatnonzero(offset + 8 <= len(data))
     head = np.dtype([("name", "S4"), ("size", "<u4")])
-    there = np.ndarray(len(data) - 7, head, data, strides=1)[place[number]]  # a head may begin at any byte
+    there = np.ndarray(len(data) - 7, head, data, strides=1)[offset[number]]  # a head may begin at any byte
     number = number[_are_frames(there["name"], tag) & (there["size"] == table["size"][number])]
-    last = np.maximum.accumulate(place[number])
+    last = np.maximum.accumulate(offset[number])
     number = number[np.diff(last, prepend=-1) > 0]
-    return place[number], number
+    return offset[number], number
 
 
 def _are_frames(names: np.ndarray, tag: bytes) -> Bools:

@@ -68,25 +68,25 @@ class Faults:
     """(position, what) of faults that were found, in a bounded space."""
 
     def __init__(self) -> None:
-        self._told: list[tuple[str, str]] = []
+        self._reported: list[tuple[str, str]] = []
         self._more: list[str] = []  # positions of the first and the last of the others
         self._count = 0
 
     def append(self, fault: tuple[str, str]) -> None:
         """Add one."""
-        if len(self._told) < MAX_FAULTS:
-            self._told.append(fault)
+        if len(self._reported) < MAX_FAULTS:
+            self._reported.append(fault)
             return
         self._more[1:] = [fault[0]]
         self._count += 1
 
     def __bool__(self) -> bool:
         """Return whether there are any."""
-        return bool(self._told)
+        return bool(self._reported)
 
     def __iter__(self) -> Iterator[tuple[str, str]]:
         """The first ones, and the others in one."""
-        yield from self._told
+        yield from self._reported
         if self._more:
             yield f"{self._more[0]} to {self._more[-1]}", f"damaged in {self._count} more positions"
 

@@ -89,12 +89,12 @@ def element(data: mmap.mmap, at: int, stop: int) -> Element:
     if not first or width > 4 or at + width >= len(data):
         raise BrokenContainerError(at, "no element begins here")
     ident = int.from_bytes(data[at : at + width], "big")
-    place = at + width
-    length = 9 - data[place].bit_length()
-    if not data[place] or place + length > len(data):
+    offset = at + width
+    length = 9 - data[offset].bit_length()
+    if not data[offset] or offset + length > len(data):
         raise BrokenContainerError(at, "an element without a size")
-    size = int.from_bytes(data[place : place + length], "big") & ((1 << (7 * length)) - 1)
-    start = place + length
+    size = int.from_bytes(data[offset : offset + length], "big") & ((1 << (7 * length)) - 1)
+    start = offset + length
     return Element(ident, at, start, None if size == (1 << (7 * length)) - 1 else start + size)
 
 

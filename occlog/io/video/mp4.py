@@ -184,10 +184,10 @@ def _run(
         raise BrokenContainerError(trun.start, f"a fragment of {count} samples is longer than its box")
     if not (abs(clock) < LATEST and abs(offset) < LATEST):
         raise BrokenContainerError(trun.start, "samples of a fragment at a time or position beyond 2^62")
-    told = np.frombuffer(data, ">i4", len(fields) * count, at).reshape(count, len(fields)).astype(np.int64)
+    values = np.frombuffer(data, ">i4", len(fields) * count, at).reshape(count, len(fields)).astype(np.int64)
 
     def column(field: int, default: int) -> Ints:
-        return told[:, fields.index(field)] if field in fields else np.full(count, default, dtype=np.int64)
+        return values[:, fields.index(field)] if field in fields else np.full(count, default, dtype=np.int64)
 
     duration, size = column(0x100, defaults[0]), column(0x200, defaults[1])
     after, behind = clock + np.cumsum(duration), offset + np.cumsum(size)

@@ -131,14 +131,14 @@ def at_times(paths: dict[int, PersonPath], t_ns: Ints, limit_ns: int) -> PeopleA
     n, k = len(t_ns), len(identity)
     xy, heading = np.full((n, k, 2), np.nan), np.full((n, k, 2), np.nan)
     there = np.zeros((n, k), dtype=np.bool_)
-    for place, name in enumerate(identity.tolist()):
+    for index, name in enumerate(identity.tolist()):
         path = paths[name]
-        values, there[:, place] = interpolate_positions(
+        values, there[:, index] = interpolate_positions(
             t_ns, path.t_ns, np.column_stack([path.xy, path.heading]), limit_ns
         )
-        xy[:, place] = values[:, :2]
+        xy[:, index] = values[:, :2]
         with np.errstate(invalid="ignore", divide="ignore"):
-            heading[:, place] = values[:, 2:] / np.hypot(values[:, 2], values[:, 3])[:, None]
+            heading[:, index] = values[:, 2:] / np.hypot(values[:, 2], values[:, 3])[:, None]
     return PeopleAtTimes(identity, xy, heading, there)
 
 
@@ -309,10 +309,10 @@ def paths_of_boxes(
             t_ns.append(np.full(int(down.sum()), boxes.t_ns))
     key = np.stack([np.concatenate(identity).astype(np.int64), np.concatenate(t_ns)])
     different, code, count = np.unique(key, axis=1, return_inverse=True, return_counts=True)
-    place = np.zeros((different.shape[1], 2))
-    np.add.at(place, code.reshape(-1), np.concatenate(xy))
-    place /= count[:, None]
-    return _paths(different[0].astype(np.int32), different[1], place, np.full(place.shape, np.nan), config)
+    position = np.zeros((different.shape[1], 2))
+    np.add.at(position, code.reshape(-1), np.concatenate(xy))
+    position /= count[:, None]
+    return _paths(different[0].astype(np.int32), different[1], position, np.full(position.shape, np.nan), config)
 
 
 def _paths(identity: Ints32, t_ns: Ints, xy: Floats, velocity: Floats, config: SightingConfig) -> dict[int, PersonPath]:
@@ -402,16 +402,16 @@ def _seen_tracks(
         return identity, np.full(n, np.nan)
     states = at_times(paths, np.array([boxes.t_ns]), round(config.max_gap_s * NS))
     if own_identity:
-        place = np.minimum(np.searchsorted(states.identity, boxes.identity), len(states.identity) - 1)
-        place = np.where(states.identity[place] == boxes.identity, place, -1)
+        index = np.minimum(np.searchsorted(states.identity, boxes.identity), len(states.identity) - 1)
+        index = np.where(states.identity[index] == boxes.identity, index, -1)
         track = boxes.identity
     else:
-        place = tracks_of_boxes(
+        index = tracks_of_boxes(
             boxes.edges, expected_boxes(camera, states.xy[0], config.person_height), config.iou_threshold
         )
-        track = np.where(place >= 0, states.identity[place], np.int32(NO_ID))
-    angle = viewing_angles(states.xy[0, place], states.heading[0, place], camera.ground)
-    return track, np.where(place >= 0, angle, np.nan)
+        track = np.where(index >= 0, states.identity[index], np.int32(NO_ID))
+    angle = viewing_angles(states.xy[0, index], states.heading[0, index], camera.ground)
+    return track, np.where(index >= 0, angle, np.nan)
 
 
 class _Images:

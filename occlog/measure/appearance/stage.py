@@ -111,8 +111,8 @@ def match(sightings: Iterable[Sighting], sides: GalleryArrays, config: MatchConf
         rho, rho_corrected = np.full((2, n, n_targets), np.nan)
         for k in np.unique(column[decided.any(axis=1)]).tolist():
             rows, columns = np.flatnonzero((column == k) & decided.any(axis=1)), np.flatnonzero(sides.there[:, k])
-            place = np.ix_(rows, columns)
-            rho[place], rho_corrected[place] = corrected(
+            index = np.ix_(rows, columns)
+            rho[index], rho_corrected[index] = corrected(
                 each.density[rows], sides.density[columns, k], each.pixels[rows], sides.pixels[columns, k]
             )
         same = most_alike(rho_corrected, config.min_similarity)
@@ -186,8 +186,8 @@ class EvidenceTally:
         track, target = (np.unique(np.array([k[i] for k in self._sums], dtype=np.int32)) for i in (0, 1))
         likeness, boxes = np.zeros((len(track), len(target))), np.zeros((len(track), len(target)), dtype=np.int64)
         for (name, other), (total, n) in self._sums.items():
-            place = np.searchsorted(track, name), np.searchsorted(target, other)
-            likeness[place], boxes[place] = total, n
+            index = np.searchsorted(track, name), np.searchsorted(target, other)
+            likeness[index], boxes[index] = total, n
         return IdentityEvidence(track, target, likeness, boxes)
 
 

@@ -86,8 +86,8 @@ def _whole_times(chunks: Iterable[Bearings]) -> Iterator[Bearings]:
         starts = np.append(0, np.flatnonzero(np.diff(table.t_ns)) + 1)
         first = 0
         while first < starts[-1]:
-            place = int(np.searchsorted(starts, first + ROWS_PER_PART, side="right")) - 1
-            cut = int(starts[place]) if starts[place] > first else int(starts[place + 1])
+            index = int(np.searchsorted(starts, first + ROWS_PER_PART, side="right")) - 1
+            cut = int(starts[index]) if starts[index] > first else int(starts[index + 1])
             yield table.take(slice(first, cut))
             first = cut
         rest = table.take(slice(first, None))  # the last time may go on in the next chunk
@@ -141,10 +141,10 @@ def _label(table: Bearings, paths: _Paths, ground: dict[str, Floats], config: La
     first, frame = np.flatnonzero(fresh), np.cumsum(fresh) - 1
     # Interpolate the tracks at the frames' times
     states = paths.at(table.t_ns[first])
-    places = np.array([ground[name] for name in table.sensor[first].tolist()])
+    positions = np.array([ground[name] for name in table.sensor[first].tolist()])
     # Gate and assign: squared normalised differences of bearings, one to one in each frame
     rows = np.flatnonzero(table.seen & (table.target_id == UNLABELLED))
-    cost = _apart2(table, rows, frame[rows], states, places)
+    cost = _apart2(table, rows, frame[rows], states, positions)
     wanted = states.there & ~_labels_of(table, frame, len(first), states.target)
     picked, track = _assigned(cost, np.searchsorted(frame[rows], np.arange(len(first) + 1)), wanted, config.gate**2)
     target = table.target_id.copy()
@@ -183,13 +183,13 @@ def _assigned(cost: Floats, bounds: Ints, wanted: Bools, gate: float) -> tuple[I
 
 def _labels_of(table: Bearings, frame: Ints, frames: int, target: Ints32) -> Bools:
     """(frames, K) whether a frame has a row of a track already."""
-    told = np.zeros((frames, len(target)), dtype=np.bool_)
+    labelled = np.zeros((frames, len(target)), dtype=np.bool_)
     rows = np.flatnonzero(np.isin(table.target_id, target))
-    told[frame[rows], np.searchsorted(target, table.target_id[rows])] = True
-    return told
+    labelled[frame[rows], np.searchsorted(target, table.target_id[rows])] = True
+    return labelled
 
 
-def _apart2(table: Bearings, rows: Ints, frame: Ints, states: _States, places: Floats) -> Floats:
+def _apart2(table: Bearings, rows: Ints, frame: Ints, states: _States, positions: Floats) -> Floats:
     """(n, K) squared difference of bearings from those of the tracks, over the variance of both together.
 
     The track's variance is that of its position across the line of sight, over the squared
@@ -200,17 +200,17 @@ def _apart2(table: Bearings, rows: Ints, frame: Ints, states: _States, places: F
         rows: (n,) those to compare.
         frame: (n,) the frame of each.
         states: tracks at the times of the frames.
-        places: (frames, 2) sensors of the frames.
+        positions: (frames, 2) sensors of the frames.
     """
     x, y, cov_xx, cov_xy, cov_yy = np.moveaxis(states.values, 2, 0)
-    dx, dy = x - places[:, :1], y - places[:, 1:]
+    dx, dy = x - positions[:, :1], y - positions[:, 1:]
     r2 = dx**2 + dy**2
     across = dy**2 * cov_xx - 2 * dx * dy * cov_xy + dx**2 * cov_yy
     with np.errstate(divide="ignore", invalid="ignore"):
         variance = np.where(r2 > 0, np.minimum(across / r2**2, ANY_DIRECTION), ANY_DIRECTION)
     expected = np.arctan2(dy, dx)
-    apart = wrap_angle(table.bearing[rows, None] - expected[frame])
-    return np.where(states.there[frame], apart**2 / (variance[frame] + table.sigma[rows, None] ** 2), np.inf)
+    difference = wrap_angle(table.bearing[rows, None] - expected[frame])
+    return np.where(states.there[frame], difference**2 / (variance[frame] + table.sigma[rows, None] ** 2), np.inf)
 
 
 def missed_detections(rows: Bearings, target: Ints32) -> Bearings:

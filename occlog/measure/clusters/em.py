@@ -28,7 +28,7 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import kernel
 
-from .person_size import Prior, place, worth
+from .person_size import Prior, grid_cell, worth
 
 FAR2 = 40.0  # squared Mahalanobis distance from which a density counts as 0
 
@@ -285,8 +285,8 @@ def merge(groups: Floats, covs: Floats, entropy: Floats, prior: Prior) -> Floats
         for a in range(groups.shape[0]):
             for b in range(a):
                 if groups[a, 0] > 0.0 and groups[b, 0] > 0.0 and _near(groups[a], groups[b], covs[a], covs[b]):
-                    apart = worths[a] + worths[b] + entropy[a, b]
-                    gain = group_worth(union(groups[a], groups[b]), prior) - apart
+                    separate_worth = worths[a] + worths[b] + entropy[a, b]
+                    gain = group_worth(union(groups[a], groups[b]), prior) - separate_worth
                     if gain > best:
                         best, best_a, best_b = gain, a, b
         if best_a < 0:
@@ -322,7 +322,7 @@ def split(cells: Floats, labels: Ints, groups: Floats, prior: Prior) -> Floats:
     n_out = 0
     for k in range(groups.shape[0]):
         mine = cells[np.flatnonzero(labels == k)]
-        halves = _halves(mine, place(prior, groups[k, 1], groups[k, 2]), prior)
+        halves = _halves(mine, grid_cell(prior, groups[k, 1], groups[k, 2]), prior)
         for half in halves:
             out[n_out] = half
             n_out += 1

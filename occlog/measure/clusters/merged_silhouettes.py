@@ -29,7 +29,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints, Ints32
 from occlog.core.numerics.jit import kernel
 
-from .person_size import Prior, person_at, place
+from .person_size import Prior, grid_cell, person_at
 from .stage import Clusters
 
 CLUTTER_PROBABILITY = 0.03
@@ -79,7 +79,7 @@ OUTLINE = _outline()
 @kernel
 def expected_height(prior: Prior, x: float, y: float, side: int) -> float:
     """Height [cells] of a person with middle at a cell."""
-    return math.sqrt(12.0 * prior.cov[place(prior, (x + 0.5) * side - 0.5, (y + 0.5) * side - 0.5), 2]) / side
+    return math.sqrt(12.0 * prior.cov[grid_cell(prior, (x + 0.5) * side - 0.5, (y + 0.5) * side - 0.5), 2]) / side
 
 
 @kernel
@@ -129,8 +129,8 @@ def gain(foreground: Floats, free: Floats, x: float, y: float, height: float) ->
             share = foreground[row, column]
             total += (1.0 - share) * mine
             if share > 0.0:
-                nobody = (1.0 - CLUTTER_PROBABILITY) * math.exp(free[row, column])
-                total += share * (math.log1p(-nobody * math.exp(mine)) - math.log1p(-nobody))
+                clutter = (1.0 - CLUTTER_PROBABILITY) * math.exp(free[row, column])
+                total += share * (math.log1p(-clutter * math.exp(mine)) - math.log1p(-clutter))
     return total
 
 
@@ -261,7 +261,7 @@ class Crowds(NamedTuple):
 
 
 def split_silhouettes(
-    cells: Floats, corners: Ints, side: int, prior: Prior, clusters: Clusters, apart: SeparateSightings
+    cells: Floats, corners: Ints, side: int, prior: Prior, clusters: Clusters, separate: SeparateSightings
 ) -> Crowds:
     """Replace clusters by people where a silhouette is larger than one person, once several were seen separately.
 
@@ -271,7 +271,7 @@ def split_silhouettes(
         side: of the cells [px].
         prior: of the camera.
         clusters: of the frame.
-        apart: of the camera; updated.
+        separate: of the camera; updated.
     """
     column, row = (corners // side).T
     grid = np.zeros((-(-prior.height // side), -(-prior.width // side)))
@@ -291,9 +291,9 @@ def split_silhouettes(
     heights = [expected_height(prior, float(x), float(y), side) for x, y in middles]
     large = [k for k in range(1, count) if _may_be_several(boxes[k], heights[k], int(inside[:, k].sum()))]
     one = inside[:, np.setdiff1d(np.arange(1, count), large)] & (clusters.fill >= MIN_PIXEL_RATIO)[:, None]
-    apart.frames += int(one.any(axis=0).sum() > 1)
+    separate.frames += int(one.any(axis=0).sum() > 1)
     found: list[Floats] = []
-    for k in large if apart.several else ():
+    for k in large if separate.several else ():
         height, members = heights[k], np.flatnonzero(inside[:, k])
         if divided[k]:
             continue

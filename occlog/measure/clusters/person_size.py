@@ -204,7 +204,7 @@ def make_prior(sizes: SizeMap, strength: float, penalty: float, least: float) ->
 
 
 @kernel
-def place(prior: Prior, x: float, y: float) -> int:
+def grid_cell(prior: Prior, x: float, y: float) -> int:
     """Grid cell of the size map at a pixel; positions off the image take the nearest cell."""
     column = min(max(int((x + 0.5) * prior.columns / prior.width), 0), prior.columns - 1)
     row = min(max(int((y + 0.5) * prior.rows / prior.height), 0), prior.rows - 1)
@@ -216,7 +216,7 @@ def person_at(means: Floats, log_sizes: Floats, prior: Prior) -> tuple[Floats, F
     """Covariance (K, 3) and pixels (K,) of people at the means (K, 2), scaled by exp(log_sizes)."""
     covs, mass = np.empty((means.shape[0], 3)), np.empty(means.shape[0])
     for k in range(means.shape[0]):
-        at = place(prior, means[k, 0], means[k, 1])
+        at = grid_cell(prior, means[k, 0], means[k, 1])
         area = math.exp(2.0 * log_sizes[k])
         covs[k] = prior.cov[at] * area
         mass[k] = prior.mass[at] * area
@@ -267,7 +267,7 @@ def worth(n: float, x: float, y: float, cxx: float, cxy: float, cyy: float, prio
         cyy: see cxx.
         prior: of the camera.
     """
-    at = place(prior, x, y)
+    at = grid_cell(prior, x, y)
     area = math.exp(2.0 * best_size(n, cxx, cxy, cyy, at, prior))
     person = prior.mass[at] * area
     nu = prior.strength * person

@@ -17,7 +17,7 @@ from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import kernel
 
 from .em import EmStatistics, Mixture, groups_of, merge, run_em, shared_entropy, split
-from .person_size import Prior, SizeMap, best_size, person_at, place
+from .person_size import Prior, SizeMap, best_size, grid_cell, person_at
 
 MAX_STEPS = 12  # of EM between two changes
 TOLERANCE = 1e-3  # rise of J per pixel at which EM stops
@@ -154,7 +154,7 @@ def _sizes_of(groups: Floats, prior: Prior) -> Floats:
     out = np.empty(groups.shape[0])
     for k in range(groups.shape[0]):
         n, x, y, xx, xy, yy = groups[k]
-        out[k] = best_size(n, xx, xy, yy, place(prior, x, y), prior)
+        out[k] = best_size(n, xx, xy, yy, grid_cell(prior, x, y), prior)
     return out
 
 
@@ -227,7 +227,7 @@ def _integrate_into(integral: Floats, counts: Floats, corners: Ints, side: int) 
 @kernel
 def _window_mass(integral: Floats, x: float, y: float, side: int, prior: Prior) -> float:
     """Foreground within one standard deviation of a person's box around a position, in persons' pixels."""
-    at = place(prior, x, y)
+    at = grid_cell(prior, x, y)
     rx, ry = math.sqrt(prior.cov[at, 0]), math.sqrt(prior.cov[at, 2])
     rows, columns = integral.shape[0] - 1, integral.shape[1] - 1
     c0, c1 = max(int((x - rx) / side), 0), min(int((x + rx) / side) + 1, columns)
@@ -239,7 +239,7 @@ def _window_mass(integral: Floats, x: float, y: float, side: int, prior: Prior) 
 @kernel
 def _take_into(left: Floats, centre: Floats, cells: Floats, x: float, y: float, prior: Prior) -> None:
     """Take the foreground of a person at (x, y) out of `left`; write its mean to `centre`."""
-    xx, xy, yy = prior.cov[place(prior, x, y)]
+    xx, xy, yy = prior.cov[grid_cell(prior, x, y)]
     det = xx * yy - xy * xy
     n = sx = sy = 0.0
     for i in range(cells.shape[0]):

@@ -17,7 +17,7 @@ DETECTS, INSIDE, STAYS = "detections of each camera", "detections inside the ima
 """Names of checks."""
 FEWEST = 50
 """Of a camera with fewer frames nothing is reported."""
-LOOKS = 200
+N_COMPARED_FRAMES = 200
 """Frames of a camera in which detections are compared, evenly spread; at most twice as many are kept."""
 SAME, STAYING = 0.7, 0.9
 """Boxes with this intersection over union are at one position; one there in so large a share of all frames stays."""
@@ -58,7 +58,7 @@ class Checked:
         kept, every = self._kept.setdefault(name, []), self._every.setdefault(name, 1)
         if self._frames[name] % every == 0:
             kept.append(edges)
-            if len(kept) > 2 * LOOKS:
+            if len(kept) > 2 * N_COMPARED_FRAMES:
                 self._kept[name], self._every[name] = kept[::2], 2 * every
         self._frames[name] += 1
 

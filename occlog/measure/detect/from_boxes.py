@@ -209,11 +209,11 @@ def _bearings(camera: Camera, boxes: Boxes, good: Boxes, seen: RegionBearings, t
         row = int(np.flatnonzero(np.isnan(seen.bearing))[0])
         raise InputError(f"camera {camera.name}: frame {good.frame[row]}: the box's line of sight cannot be computed")
     empty = np.setdiff1d(boxes.t_ns, good.t_ns)
-    nothing, nobody = np.full(len(empty), np.nan), np.full(len(empty), UNLABELLED, dtype=np.int32)
+    nothing, unlabelled = np.full(len(empty), np.nan), np.full(len(empty), UNLABELLED, dtype=np.int32)
     return Bearings.merge(
         [
             _rows(camera, good.t_ns, True, seen, good.confidence, target),
-            _rows(camera, empty, False, RegionBearings(nothing, nothing, nothing, nothing), nothing, nobody),
+            _rows(camera, empty, False, RegionBearings(nothing, nothing, nothing, nothing), nothing, unlabelled),
         ]
     )
 

@@ -188,9 +188,9 @@ def _detections(
         return detect_boxes(left.watch_boxes(chunks), scene, config, labels), used
     if recording.has(Bearings):
         near, used = _near(request, config, scene.length_unit)
-        places = {c.name: c.ground for c in scene.cameras if c.placed}
+        positions = {c.name: c.ground for c in scene.cameras if c.placed}
         only = _sensors_of(request, [s.name for s in scene.sensors])
-        return _simulated_bearings(_rows_of(recording.tables(Bearings), only), near, places), {
+        return _simulated_bearings(_rows_of(recording.tables(Bearings), only), near, positions), {
             "input": "bearings",
             **used,
         }
@@ -238,11 +238,11 @@ def _near(
 
 
 def _simulated_bearings(
-    chunks: Iterator[Bearings], near: TrackFeedback | None, places: dict[str, Floats]
+    chunks: Iterator[Bearings], near: TrackFeedback | None, positions: dict[str, Floats]
 ) -> Iterator[Detections]:
     """Simulated bearings as they are, or near where targets are thought to be."""
     for chunk in chunks:
-        kept = chunk if near is None else limited(chunk, near, places)
+        kept = chunk if near is None else limited(chunk, near, positions)
         yield Detections(Views.empty(), kept, (), len(chunk), 0)
 
 
@@ -328,9 +328,9 @@ def _references(request: DetectRequest, recording: McapRecording) -> tuple[Targe
 def _box(text: str) -> TargetBox:
     """A target's box from `[ID:]CAM:FRAME:X,Y,W,H`; the target is 0 if it is not named."""
     try:
-        *head, frame, place = text.split(":")
+        *head, frame, location = text.split(":")
         target, sensor = (int(head[0]), head[1]) if len(head) == 2 else (0, head[0])
-        left, top, width, height = (float(v) for v in place.split(","))
+        left, top, width, height = (float(v) for v in location.split(","))
         return TargetBox(
             target_id=target,
             sensor=sensor,
@@ -359,7 +359,7 @@ def run_network(request: NetworkRequest, job: Job) -> tuple[dict[str, object], l
         embedder = open_embedder(request.embed, of_networks, request.threads) if request.embed is not None else None
         _note_assumed(detector, job)
         models = [detector.network.file.files, embedder.network.file.files if embedder is not None else ()]
-        beside = [path for path in (request.scene, request.names) if path is not None]
+        side_files = [path for path in (request.scene, request.names) if path is not None]
         parameters = {
             "cameras": list(request.cameras),
             "input": "images",
@@ -367,14 +367,14 @@ def run_network(request: NetworkRequest, job: Job) -> tuple[dict[str, object], l
             **(embedder.parameters() if embedder is not None else {}),
             **of_boxes(config),
         }
-        files = [request.recording, *(path for each in models for path in each), *beside]
+        files = [request.recording, *(path for each in models for path in each), *side_files]
         left = SkippedFrames()
         frames = left.watch(job.progress(opened.frames(sensors), "detect", frames_of(opened, sensors)))
         parts = detect_by_network(frames, scene, detector, embedder, config)
         losses, tally = write_detections(job, parts, parameters, opened.losses, left, scene, files)
     names = [detector.names.names.get(k, str(k)) for k in detector.wanted.tolist()]
-    told = {"head": detector.reading.head, "runtime": detector.parameters()["runtime"], "classes": names}
-    return figures(request, tally, **told), losses
+    details = {"head": detector.reading.head, "runtime": detector.parameters()["runtime"], "classes": names}
+    return figures(request, tally, **details), losses
 
 
 def of_boxes(config: DetectConfig) -> dict[str, object]:

@@ -76,6 +76,6 @@ class SkippedFrames:
 
     def parameters(self) -> dict[str, object]:
         """Provenance entries; empty if no number is skipped."""
-        told = {name: sorted({*self._without_steps(name), *self._lost.get(name, ())}) for name in sorted(self._last)}
-        told = {name: each for name, each in told.items() if 0 < len(each) <= MAX_STRETCHES}
-        return {LEFT_OUT: told} if told else {}
+        skipped = {name: sorted({*self._without_steps(name), *self._lost.get(name, ())}) for name in sorted(self._last)}
+        skipped = {name: each for name, each in skipped.items() if 0 < len(each) <= MAX_STRETCHES}
+        return {LEFT_OUT: skipped} if skipped else {}

@@ -90,21 +90,21 @@ def inside_gate(near: TrackFeedback, target: int, origin: Floats, t_ns: Ints, be
     return np.asarray(np.isnan(there.azimuth) | (off <= near.gate * np.hypot(sigma, there.sigma)))
 
 
-def limited(bearings: Bearings, near: TrackFeedback, places: dict[str, Floats]) -> Bearings:
+def limited(bearings: Bearings, near: TrackFeedback, positions: dict[str, Floats]) -> Bearings:
     """Bearings with labelled ones outside of their target's gate marked "not seen".
 
     Args:
-        bearings: of sensors in `places`; candidates without a label stay.
+        bearings: of sensors in `positions`; candidates without a label stay.
         near: the tracks.
-        places: (2,) of each sensor with a pose.
+        positions: (2,) of each sensor with a pose.
     """
     keep = np.ones(len(bearings), dtype=np.bool_)
     for sensor in np.unique(bearings.sensor).tolist():
         for target in near.paths:
             own = (bearings.sensor == sensor) & (bearings.target_id == target) & bearings.seen
-            if sensor in places and own.any():
+            if sensor in positions and own.any():
                 t_ns, bearing, sigma = bearings.t_ns[own], bearings.bearing[own], bearings.sigma[own]
-                keep[own] = inside_gate(near, target, places[sensor], t_ns, bearing, sigma)
+                keep[own] = inside_gate(near, target, positions[sensor], t_ns, bearing, sigma)
     gone = {name: np.where(keep, getattr(bearings, name), np.nan) for name in MEASURED}
     return replace(bearings, seen=bearings.seen & keep, **gone)
 

@@ -111,8 +111,8 @@ def sharpness(
     scale = np.trace(information)
     if np.linalg.det(information) > 1e-12 * scale**2:
         return np.asarray(np.linalg.inv(information), dtype=np.float64)
-    told = np.diag(information) > 1e-9 * scale
-    out[told, told] = 1.0 / np.diag(information)[told]
+    informed = np.diag(information) > 1e-9 * scale
+    out[informed, informed] = 1.0 / np.diag(information)[informed]
     return out
 
 

@@ -124,14 +124,14 @@ def _active(at: Locator, X: np.ndarray, quiet: deque[float]) -> Bools:
 def _table(heard: list[ArrayDirection], array: MicrophoneArray, t_ns: int) -> Doa:
     n = len(heard)
     own = np.array(heard, dtype=np.float64)
-    told = ~np.isnan(own[:, 1])
-    u = direction(own[:, 0], np.where(told, own[:, 1], 0.0)) @ array.rotation.T
+    located = ~np.isnan(own[:, 1])
+    u = direction(own[:, 0], np.where(located, own[:, 1], 0.0)) @ array.rotation.T
     return Doa.of(
         t_ns=np.full(n, t_ns, dtype=np.int64),
         sensor=np.full(n, array.name),
         source_id=np.full(n, -1, dtype=np.int32),
         azimuth=wrap_angle(np.arctan2(u[:, 1], u[:, 0])),
-        elevation=np.where(told, np.arcsin(np.clip(u[:, 2], -1.0, 1.0)), np.nan),
+        elevation=np.where(located, np.arcsin(np.clip(u[:, 2], -1.0, 1.0)), np.nan),
         sigma_azimuth=own[:, 2],
         sigma_elevation=own[:, 3],
         confidence=own[:, 4],

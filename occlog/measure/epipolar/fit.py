@@ -195,8 +195,8 @@ def _line_variance(matrix: Floats, tangents: Floats, spread: Floats, a: Floats, 
     length = np.hypot(raw[:, 0], raw[:, 1])
     total = 0.0
     for side in (-reach, reach):
-        place = homogeneous(foot + side * along)
-        change = np.einsum("ni,kij,nj->nk", place, tangents, homogeneous(a)) @ spread / length[:, None]
+        position = homogeneous(foot + side * along)
+        change = np.einsum("ni,kij,nj->nk", position, tangents, homogeneous(a)) @ spread / length[:, None]
         total += float((change**2).sum(axis=1).mean())
     return 0.5 * total
 

@@ -54,9 +54,9 @@ def known_geometry(
     name = file.name if file is not None else "recording"
     sources = {}
     for (a, one), (b, other) in combinations(enumerate(views), 2):
-        told = used is not None and used.find(one.name, other.name) is not None
+        described = used is not None and used.find(one.name, other.name) is not None
         poses = "poses" if np.isfinite(geometry.fundamental[a, b]).all() else "none"
-        sources[f"{one.name}-{other.name}"] = name if told else poses
+        sources[f"{one.name}-{other.name}"] = name if described else poses
     return KnownGeometry(geometry, sources, notes)
 
 

@@ -173,9 +173,9 @@ def matches_of_tracks(
     """
     sides = (-1, 1) if points == "ends" else (0,)
     samples: dict[tuple[str, str], _Sample] = {}
-    for moment in _moments(_times(chunks), window_ns):
-        for a, b in combinations(sorted(moment), 2):
-            both = [(moment[a][target], moment[b][target]) for target in moment[a] if target in moment[b]]
+    for step in _time_steps(_times(chunks), window_ns):
+        for a, b in combinations(sorted(step), 2):
+            both = [(step[a][target], step[b][target]) for target in step[a] if target in step[b]]
             if both:
                 block = [[xy + np.array([0.0, side * r]) for xy, r in pair] for pair in both for side in sides]
                 samples.setdefault((a, b), _Sample()).add(np.array(block))
@@ -218,28 +218,28 @@ class _Sample:
 
 Shown = dict[int, tuple[Floats, float]]
 """Centres of targets and how far they reach up and down."""
-Moment = dict[str, Shown]
+ViewDetections = dict[str, Shown]
 """Detections by view."""
 
 
-def _moments(times: Iterable[tuple[int, Moment]], window_ns: int) -> Iterator[Moment]:
+def _time_steps(times: Iterable[tuple[int, ViewDetections]], window_ns: int) -> Iterator[ViewDetections]:
     """Detections of the views at times at most a window apart, each view at one of them."""
-    moment: Moment = {}
+    step: ViewDetections = {}
     begin = 0
     for t_ns, shown in times:
-        if moment and (t_ns - begin > window_ns or moment.keys() & shown.keys()):
-            yield moment
-            moment = {}
-        if not moment:
+        if step and (t_ns - begin > window_ns or step.keys() & shown.keys()):
+            yield step
+            step = {}
+        if not step:
             begin = t_ns
-        moment = {**moment, **shown}
-    if moment:
-        yield moment
+        step = {**step, **shown}
+    if step:
+        yield step
 
 
-def _times(chunks: Iterable[ViewTracks] | Iterable[TruthBoxes]) -> Iterator[tuple[int, Moment]]:
+def _times(chunks: Iterable[ViewTracks] | Iterable[TruthBoxes]) -> Iterator[tuple[int, ViewDetections]]:
     """Each time with what the views show at it; where chunks are cut does not matter."""
-    shown: Moment = {}
+    shown: ViewDetections = {}
     last = 0
     for chunk in chunks:
         table = _boxes(chunk) if isinstance(chunk, TruthBoxes) else _ellipses(chunk)

@@ -4,7 +4,7 @@ One decision from the detections of several cameras, and what becomes of each ([
 
 All cameras search for one and the same object.  Arrays have N times and J cameras.  A local detection is a
 ground position; a NaN row states that the camera has a frame without a detection.  A camera that delivered no
-frame, or cannot see the position, is marked in `looked` and has no part in the decision.
+frame, or cannot see the position, is marked in `observing` and has no part in the decision.
 
 Lines of sight on the ground, some with a distance, against a position and its covariance.
 
@@ -122,7 +122,7 @@ def decision_value(
     prior: ArrayLike,
     p_miss: ArrayLike,
     p_false: ArrayLike,
-    looked: Bools | None = None,
+    observing: Bools | None = None,
     base: float = math.e,
     edge: float = EDGE,
 ) -> Floats:
@@ -138,12 +138,12 @@ def decision_value(
         prior: P_1, one number or (N,).
         p_miss: P_M, one number or (J,) or (N, J).
         p_false: P_F, likewise.
-        looked: (N, J) false = the camera has no part in it.  None: all observed.
+        observing: (N, J) false = the camera has no part in it.  None: all observed.
         base: of the logarithm; 10 for the values of the case studies.
         edge: distance kept from 0 and 1.
     """
     weight = _log_odds(np.where(detected, qualities, 0.5), edge)
-    return weighted_value(detected, weight, prior, p_miss, p_false, looked=looked, edge=edge) / math.log(base)
+    return weighted_value(detected, weight, prior, p_miss, p_false, observing=observing, edge=edge) / math.log(base)
 
 
 def weighted_value(
@@ -153,7 +153,7 @@ def weighted_value(
     p_miss: ArrayLike,
     p_false: ArrayLike,
     *,
-    looked: Bools | None = None,
+    observing: Bools | None = None,
     edge: float = EDGE,
 ) -> Floats:
     """(N,) prior log odds plus each camera's term, natural log; `weight` (N, J) is added to that of a detection.
@@ -164,8 +164,8 @@ def weighted_value(
     hit_term = np.log1p(-miss) - np.log(false) + weight
     miss_term = np.log(miss) - np.log1p(-false)
     term = np.where(detected, hit_term, miss_term)
-    if looked is not None:
-        term = np.where(looked, term, 0.0)
+    if observing is not None:
+        term = np.where(observing, term, 0.0)
     return np.asarray(_log_odds(np.asarray(prior, dtype=np.float64), edge) + term.sum(axis=-1))
 
 
@@ -176,7 +176,7 @@ def fuse(
     p_miss: ArrayLike,
     p_false: ArrayLike,
     gate: float,
-    looked: Bools | None = None,
+    observing: Bools | None = None,
     reach: float = math.inf,
 ) -> FusionDecisions:
     """Global decision of each time by [Lee] Eqs. 4.13 and 4.20-4.24, and what becomes of each local detection.
@@ -192,12 +192,12 @@ def fuse(
         p_miss: P_M, one number or (J,) or (N, J).
         p_false: P_F, likewise.
         gate: a detection farther than this from the global position of a declared object is removed [length].
-        looked: (N, J) false = the camera has no part in it, its positions neither.  None: all observed.
+        observing: (N, J) false = the camera has no part in it, its positions neither.  None: all observed.
         reach: a detection farther than this from the predicted position counts as missed in the decision and in
             the global position [length].  Infinite as in the thesis, where one far detection can outvote many
             good ones, because its log W/(1 - W) has no lower bound.
     """
-    took_part = np.ones(positions.shape[:2], dtype=np.bool_) if looked is None else looked
+    took_part = np.ones(positions.shape[:2], dtype=np.bool_) if observing is None else observing
     local = np.where(took_part[..., None], positions, np.nan)
     beyond = _distance(local, predicted[:, None, :]) > reach
     used = np.where(beyond[..., None], np.nan, local)
@@ -210,13 +210,13 @@ def fuse(
     return FusionDecisions(declared, value, xy, prior, qualities, _causes(local, xy, declared, took_part, gate))
 
 
-def _causes(positions: Floats, xy: Floats, declared: Bools, looked: Bools, gate: float) -> Codes:
+def _causes(positions: Floats, xy: Floats, declared: Bools, observing: Bools, gate: float) -> Codes:
     """(N, J) what becomes of each local detection, see CAUSES."""
     far = _distance(positions, xy[:, None, :]) > gate
     if_declared = np.where(_detected(positions), np.where(far, REMOVED_FAR, KEPT), RECOVERED)
     if_not = np.where(_detected(positions), REMOVED_FALSE, NOTHING)
     cause = np.where(declared[:, None], if_declared, if_not)
-    return np.where(looked, cause, NOT_LOOKING).astype(np.int8)
+    return np.where(observing, cause, NOT_LOOKING).astype(np.int8)
 
 
 def _log_odds(p: Floats, edge: float) -> Floats:
@@ -272,14 +272,14 @@ class PositionWithCovariance(NamedTuple):
     cov: Floats  # (2, 2)
 
 
-def deviations(sight: LocalDirections, place: PositionWithCovariance) -> tuple[Floats, Floats]:
+def deviations(sight: LocalDirections, position: PositionWithCovariance) -> tuple[Floats, Floats]:
     """Return distances of local detections from a position, and their variance without the position's own.
 
     Returns:
         (R, 2) offsets across and along each line; across is infinite for a line that points away, along is 0
         where the distance is not known.  (R, 2) variances of the two.
     """
-    away = place.xy - sight.origin
+    away = position.xy - sight.origin
     r = np.maximum(np.hypot(away[:, 0], away[:, 1]), NEAREST)
     residual = wrap_angle(sight.azimuth - np.arctan2(away[:, 1], away[:, 0]))
     ahead = np.abs(residual) < 0.5 * np.pi
@@ -290,15 +290,15 @@ def deviations(sight: LocalDirections, place: PositionWithCovariance) -> tuple[F
     return np.column_stack([across, along]), variance
 
 
-def misfit(sight: LocalDirections, place: PositionWithCovariance, extra: float = 0.0) -> Floats:
+def misfit(sight: LocalDirections, position: PositionWithCovariance, extra: float = 0.0) -> Floats:
     """(R,) squared distance of local detections from a position, in variances of both and `extra` [length^2].
 
     One degree of freedom for a line, two for one with known distance.
     """
-    offset, variance = deviations(sight, place)
+    offset, variance = deviations(sight, position)
     c, s = np.cos(sight.azimuth), np.sin(sight.azimuth)
     turn = np.stack([np.column_stack([-s, c]), np.column_stack([c, s])], axis=1)  # rows: across, along
-    both = turn @ (place.cov + extra * np.eye(2)) @ turn.transpose(0, 2, 1)
+    both = turn @ (position.cov + extra * np.eye(2)) @ turn.transpose(0, 2, 1)
     both[:, 0, 0] += variance[:, 0]
     both[:, 1, 1] += variance[:, 1]
     finite = np.isfinite(offset[:, 0])
@@ -348,16 +348,16 @@ class MotionEstimate(NamedTuple):
     cov: Floats  # (4, 4)
 
     @property
-    def place(self) -> PositionWithCovariance:
+    def position(self) -> PositionWithCovariance:
         """Its position."""
         return PositionWithCovariance(self.mean[:2], self.cov[:2, :2])
 
 
-def begin(t_ns: int, place: PositionWithCovariance, speed: float) -> MotionEstimate:
+def begin(t_ns: int, position: PositionWithCovariance, speed: float) -> MotionEstimate:
     """A target found at a position; each component of its velocity is 0 with standard deviation `speed`."""
     cov = np.zeros((4, 4))
-    cov[:2, :2], cov[2, 2], cov[3, 3] = place.cov, speed**2, speed**2
-    return MotionEstimate(t_ns, np.append(place.xy, [0.0, 0.0]), cov)
+    cov[:2, :2], cov[2, 2], cov[3, 3] = position.cov, speed**2, speed**2
+    return MotionEstimate(t_ns, np.append(position.xy, [0.0, 0.0]), cov)
 
 
 def ahead(motion: MotionEstimate, t_ns: int, acceleration: float) -> MotionEstimate:
@@ -369,15 +369,15 @@ def ahead(motion: MotionEstimate, t_ns: int, acceleration: float) -> MotionEstim
     return MotionEstimate(t_ns, step @ motion.mean, step @ motion.cov @ step.T + np.kron(noise, np.eye(2)))
 
 
-def corrected_by_place(motion: MotionEstimate, place: PositionWithCovariance) -> MotionEstimate:
+def corrected_by_place(motion: MotionEstimate, position: PositionWithCovariance) -> MotionEstimate:
     """The motion after its position was found by itself."""
-    return _corrected(motion, np.eye(2, 4), place.xy - motion.mean[:2], place.cov)
+    return _corrected(motion, np.eye(2, 4), position.xy - motion.mean[:2], position.cov)
 
 
 def corrected_by_line(motion: MotionEstimate, sight: LocalDirections) -> MotionEstimate:
     """The motion after one line, or several that are nearly parallel, passed by it; distances are not used."""
     for row in range(len(sight.azimuth)):
-        offset, variance = deviations(sight.take(np.array([row])), motion.place)
+        offset, variance = deviations(sight.take(np.array([row])), motion.position)
         away = motion.mean[:2] - sight.origin[row]
         beta = float(np.arctan2(away[1], away[0]))
         H = np.array([[-np.sin(beta), np.cos(beta), 0.0, 0.0]])

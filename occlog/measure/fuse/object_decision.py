@@ -57,23 +57,23 @@ class Decision(NamedTuple):
 
     declared: bool
     value: float  # of Eq. 4.13, natural log
-    place: PositionWithCovariance | None  # global position of a declared object; None: a lone line states no position
+    position: (
+        PositionWithCovariance | None
+    )  # global position of a declared object; None: a lone line states no position
     kept: Bools  # (R,) local detections that are kept
-    missed: (
-        Ints  # positions in `cameras` of the cameras that look, see the position, and have no detection that is kept
-    )
+    missed: Ints  # indices in `cameras` of those with a frame that see the position and have no kept detection
     memory: ObjectMemory
 
     @property
     def at(self) -> PositionWithCovariance:
         """The global position of a decision that has one, as every decision with missed cameras has."""
-        if self.place is None:
+        if self.position is None:
             raise ValueError("the decision states no position")
-        return self.place
+        return self.position
 
 
 def decide(
-    memory: ObjectMemory, t_ns: int, sight: LocalDirections, looked: Ints, cameras: PlacedCameras, config: FuseConfig
+    memory: ObjectMemory, t_ns: int, sight: LocalDirections, observing: Ints, cameras: PlacedCameras, config: FuseConfig
 ) -> Decision:
     """Decide whether an object is there, which detections of it are kept, and which cameras missed it.
 
@@ -81,7 +81,7 @@ def decide(
         memory: of the object.
         t_ns: the time step, after the memory's.
         sight: local detections of it, at most one a camera; `sensor` is a position in `cameras`.
-        looked: positions in `cameras` of the cameras that delivered a frame, rising.
+        observing: positions in `cameras` of the cameras that delivered a frame, rising.
         cameras: those with a pose.
         config: settings in the scene's unit.
     """
@@ -94,35 +94,35 @@ def decide(
     # Gate: detections far from the prediction count as missed.
     near = np.ones(len(sight.azimuth), dtype=np.bool_)
     if motion is not None:
-        off = misfit(sight, motion.place, sigma2)
+        off = misfit(sight, motion.position, sigma2)
         near = off <= config.detection_gate**2
     # Locate: the global position from the detections that agree.
     group = agreeing(sight, np.flatnonzero(near), motion, cameras, config)
     if not len(group) and motion is None:
-        return _single_line_updates(sight, looked, cameras, config)
-    place, after = _locate(motion, t_ns, sight.take(group), config)
+        return _single_line_updates(sight, observing, cameras, config)
+    position, after = _locate(motion, t_ns, sight.take(group), config)
     # Weigh: qualities W ([Lee] Eq. 4.20) and prior P_1 (Eqs. 4.23-4.24); 1/2 without a prediction.
-    sees = np.array([bool(cameras.sees(place.xy[None], i)[0]) for i in looked.tolist()])
+    sees = np.array([bool(cameras.sees(position.xy[None], i)[0]) for i in observing.tolist()])
     used = near if motion is not None else np.isin(np.arange(len(near)), group)
-    hit = np.isin(looked, sight.sensor[used])
-    quality = np.full(len(looked), 0.5)
+    hit = np.isin(observing, sight.sensor[used])
+    quality = np.full(len(observing), 0.5)
     prior = 0.5
     if motion is not None:
-        quality[np.searchsorted(looked, sight.sensor)] = np.exp(-0.5 * off)
-        prior = _prior(place, motion.place, sigma2)
+        quality[np.searchsorted(observing, sight.sensor)] = np.exp(-0.5 * off)
+        prior = _prior(position, motion.position, sigma2)
     # Decide ([Lee] Eq. 4.13) over the cameras that detected the object or can see the position.
-    p_miss, p_false = cameras.p_miss[looked], cameras.p_false[looked]
+    p_miss, p_false = cameras.p_miss[observing], cameras.p_false[observing]
     value = float(decision_value(hit[None], quality[None], prior, p_miss, p_false, (hit | sees)[None])[0])
     if not (value > 0.0 and len(group)):
         return _nothing(motion, memory, np.zeros(len(near), dtype=np.bool_), value, config)
     # Remove detections off the global position; cameras that see it and have none left missed the object.
-    kept = used & (_across(sight, place) <= config.gate)
-    missed = looked[sees & ~np.isin(looked, sight.sensor[kept])]
+    kept = used & (_across(sight, position) <= config.gate)
+    missed = observing[sees & ~np.isin(observing, sight.sensor[kept])]
     # Update the motion; an object that was not confirmed before is the same if it is within reach.
     met = memory.met + (len(group) > 1)
     if motion is None and held is not None:
-        after, met = _predicted_object(held, after, place, memory, config)
-    return Decision(True, value, place, kept, missed, ObjectMemory(after, 0, met))
+        after, met = _predicted_object(held, after, position, memory, config)
+    return Decision(True, value, position, kept, missed, ObjectMemory(after, 0, met))
 
 
 def agreeing(
@@ -135,11 +135,11 @@ def agreeing(
     """
     if len(rows) > 1:
         mine = sight.take(rows)
-        place = _meeting(mine, motion, cameras, config)
-        if place is not None:
-            return rows[_across(mine, place) <= config.gate]
+        position = _meeting(mine, motion, cameras, config)
+        if position is not None:
+            return rows[_across(mine, position) <= config.gate]
     if motion is not None and len(rows):
-        return rows[[int(np.argmin(misfit(sight.take(rows), motion.place)))]]
+        return rows[[int(np.argmin(misfit(sight.take(rows), motion.position)))]]
     known = rows[np.isfinite(sight.distance[rows])]
     best = known[:0]
     for xy, cov in zip(*points(sight.take(known)), strict=True):
@@ -157,9 +157,9 @@ def _meeting(
         sight.origin, sight.azimuth, sight.sigma, np.array([0, len(sight.azimuth)]), "gauss", crossing
     )
     if everything.status[0] == TRIANGULATED:
-        place = PositionWithCovariance(everything.xy[0], everything.covariance[0])
+        position = PositionWithCovariance(everything.xy[0], everything.covariance[0])
         if np.sum((everything.residual / sight.sigma) ** 2) <= config.gate**2 + len(sight.azimuth) - 2:
-            return place
+            return position
     known = NO_SOURCE if motion is None else motion.mean[None, :2]
     spread = np.empty((0, 2, 2)) if motion is None else motion.cov[None, :2, :2]
     lines = SourceDirections(sight.sensor, sight.origin, sight.azimuth, sight.sigma)
@@ -175,38 +175,42 @@ def _locate(
     motion: MotionEstimate | None, t_ns: int, sight: LocalDirections, config: FuseConfig
 ) -> tuple[PositionWithCovariance, MotionEstimate]:
     """Global position from the detections that make it, and the motion after it."""
-    place = meet(sight, math.radians(config.min_triangulation_angle_deg))
+    position = meet(sight, math.radians(config.min_triangulation_angle_deg))
     if motion is None:
-        if place is None:  # `agreeing` gives lines that meet, or distances
+        if position is None:  # `agreeing` gives lines that meet, or distances
             raise AssertionError("detections without a position")
-        return place, begin(t_ns, place, config.sigma_initial_velocity)
-    if place is None:
+        return position, begin(t_ns, position, config.sigma_initial_velocity)
+    if position is None:
         after = corrected_by_line(motion, sight)
-        return after.place, after
-    after = corrected_by_place(motion, place)
-    return (place if len(sight.azimuth) > 1 else after.place), after
+        return after.position, after
+    after = corrected_by_place(motion, position)
+    return (position if len(sight.azimuth) > 1 else after.position), after
 
 
 def _predicted_object(
-    held: MotionEstimate, new: MotionEstimate, place: PositionWithCovariance, memory: ObjectMemory, config: FuseConfig
+    held: MotionEstimate,
+    new: MotionEstimate,
+    position: PositionWithCovariance,
+    memory: ObjectMemory,
+    config: FuseConfig,
 ) -> tuple[MotionEstimate, int]:
     """Motion of an object met again that was not confirmed yet, or that of a new one, and how often it was met."""
-    away = place.xy - held.mean[:2]
-    spread = held.place.cov + place.cov + config.sigma_prediction**2 * np.eye(2)
+    away = position.xy - held.mean[:2]
+    spread = held.position.cov + position.cov + config.sigma_prediction**2 * np.eye(2)
     if away @ np.linalg.solve(spread, away) > config.detection_gate**2:
         return new, 1
-    return corrected_by_place(held, place), memory.met + 1
+    return corrected_by_place(held, position), memory.met + 1
 
 
-def _across(sight: LocalDirections, place: PositionWithCovariance) -> Floats:
+def _across(sight: LocalDirections, position: PositionWithCovariance) -> Floats:
     """(R,) standard deviations by which lines miss a position; distances are not used."""
     nothing = np.full(len(sight.azimuth), np.nan)
-    return np.sqrt(misfit(sight._replace(distance=nothing, sigma_distance=nothing), place))
+    return np.sqrt(misfit(sight._replace(distance=nothing, sigma_distance=nothing), position))
 
 
-def _prior(place: PositionWithCovariance, predicted: PositionWithCovariance, sigma2: float) -> float:
+def _prior(position: PositionWithCovariance, predicted: PositionWithCovariance, sigma2: float) -> float:
     """P_1 of [Lee] Eqs. 4.23-4.24, with the prediction's own covariance in the spread."""
-    away = place.xy - predicted.xy
+    away = position.xy - predicted.xy
     spread = predicted.cov + sigma2 * np.eye(2)
     return float(np.exp(-0.5 * away @ np.linalg.solve(spread, away)))
 
@@ -224,7 +228,9 @@ def _nothing(
     return Decision(False, value, None, kept, np.zeros(0, dtype=np.int64), after)
 
 
-def _single_line_updates(sight: LocalDirections, looked: Ints, cameras: PlacedCameras, config: FuseConfig) -> Decision:
+def _single_line_updates(
+    sight: LocalDirections, observing: Ints, cameras: PlacedCameras, config: FuseConfig
+) -> Decision:
     """The decision where no position is known: each line by the cameras that see at least half of it.
 
     Another camera's detection supports a line where the two come together.
@@ -234,10 +240,10 @@ def _single_line_updates(sight: LocalDirections, looked: Ints, cameras: PlacedCa
     for row in range(len(kept)):
         spots = cameras.along(sight.take(np.array([row])), SAMPLES)
         off = np.array([misfit(sight, PositionWithCovariance(xy, np.zeros((2, 2)))) for xy in spots])
-        hit = np.isin(looked, sight.sensor[(off <= config.gate**2).any(axis=0) | (np.arange(len(kept)) == row)])
-        sees = np.array([cameras.sees(spots, i).mean() >= 0.5 for i in looked.tolist()])
-        half = np.full((1, len(looked)), 0.5)
-        p_miss, p_false = cameras.p_miss[looked], cameras.p_false[looked]
+        hit = np.isin(observing, sight.sensor[(off <= config.gate**2).any(axis=0) | (np.arange(len(kept)) == row)])
+        sees = np.array([cameras.sees(spots, i).mean() >= 0.5 for i in observing.tolist()])
+        half = np.full((1, len(observing)), 0.5)
+        p_miss, p_false = cameras.p_miss[observing], cameras.p_false[observing]
         values[row] = decision_value(hit[None], half, 0.5, p_miss, p_false, (hit | sees)[None])[0]
         kept[row] = values[row] > 0.0
     return Decision(bool(kept.any()), float(values.max()), None, kept, np.zeros(0, dtype=np.int64), ObjectMemory())
@@ -248,7 +254,7 @@ class CandidateDecisions(NamedTuple):
 
     objects: list[ObjectMemory]  # those that stay tracked
     decisions: list[tuple[Decision, Ints]]  # with the rows of the candidates that each is about
-    nobody: Ints  # rows of candidates of no declared object
+    unassigned: Ints  # rows of candidates of no declared object
 
 
 def fuse_candidates(
@@ -256,7 +262,7 @@ def fuse_candidates(
     t_ns: int,
     sight: LocalDirections,
     rows: Ints,
-    looked: Ints,
+    observing: Ints,
     cameras: PlacedCameras,
     config: FuseConfig,
 ) -> CandidateDecisions:
@@ -269,7 +275,7 @@ def fuse_candidates(
         t_ns: the time step.
         sight: of all rows.
         rows: those of the time step's candidates.
-        looked: cameras that delivered a frame, rising.
+        observing: cameras that delivered a frame, rising.
         cameras: those with a pose.
         config: settings in the scene's unit.
     """
@@ -278,14 +284,14 @@ def fuse_candidates(
     followed: list[ObjectMemory] = []
     decisions: list[tuple[Decision, Ints]] = []
     for memory, mine in zip(objects, _shared_out(objects, t_ns, sight, rows, config), strict=True):
-        decision = decide(memory, t_ns, sight.take(mine), looked, cameras, config)
+        decision = decide(memory, t_ns, sight.take(mine), observing, cameras, config)
         decisions.append((decision, mine))
         free = free[~np.isin(free, mine[decision.kept])]
         if decision.memory.motion is not None:
             followed.append(decision.memory)
     # Group the rest, and decide about what each group may be of.
     for mine in _groups(sight, free, cameras, config):
-        decision = decide(ObjectMemory(), t_ns, sight.take(mine), looked, cameras, config)
+        decision = decide(ObjectMemory(), t_ns, sight.take(mine), observing, cameras, config)
         decisions.append((decision, mine))
         free = free[~np.isin(free, mine[decision.kept])]
         if decision.memory.motion is not None:
@@ -311,15 +317,15 @@ def _shared_out(
 def _off(memory: ObjectMemory, t_ns: int, sight: LocalDirections, config: FuseConfig) -> Floats:
     if memory.motion is None:  # objects that are tracked have one
         return np.full(len(sight.azimuth), np.inf)
-    place = ahead(memory.motion, t_ns, config.process_noise_density).place
-    return misfit(sight, place, config.sigma_prediction**2)
+    position = ahead(memory.motion, t_ns, config.process_noise_density).position
+    return misfit(sight, position, config.sigma_prediction**2)
 
 
 def _groups(sight: LocalDirections, rows: Ints, cameras: PlacedCameras, config: FuseConfig) -> Iterator[Ints]:
     """Candidates that may be of one object: those that meet, most first; those with feet at one position; the rest."""
     left = rows
-    for place in [*_meetings(sight.take(rows), cameras, config), *_standing(sight.take(rows))]:
-        mine = _nearest(sight, left, place, config.gate)
+    for position in [*_meetings(sight.take(rows), cameras, config), *_standing(sight.take(rows))]:
+        mine = _nearest(sight, left, position, config.gate)
         if len(mine):
             left = left[~np.isin(left, mine)]
             yield mine
@@ -343,9 +349,9 @@ def _standing(sight: LocalDirections) -> list[PositionWithCovariance]:
     ]
 
 
-def _nearest(sight: LocalDirections, rows: Ints, place: PositionWithCovariance, gate: float) -> Ints:
+def _nearest(sight: LocalDirections, rows: Ints, position: PositionWithCovariance, gate: float) -> Ints:
     """Rows near a position, of every camera the nearest."""
-    off = misfit(sight.take(rows), place)
+    off = misfit(sight.take(rows), position)
     out = []
     for camera in np.unique(sight.sensor[rows]).tolist():
         own = np.flatnonzero((sight.sensor[rows] == camera) & (off <= gate**2))

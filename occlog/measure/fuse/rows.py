@@ -32,7 +32,7 @@ class FusionPart:
     losses: Detections  # with them: losses and numbers of frames
 
 
-def whole_moments(parts: Iterable[Detections], window_ns: int) -> Iterator[FusionPart]:
+def whole_time_steps(parts: Iterable[Detections], window_ns: int) -> Iterator[FusionPart]:
     """Parts that never end amid a time step; where the input is cut does not matter to the time steps.
 
     Rows at most `window_ns` apart are of one time step, unless a sensor reports at two times.  Views go with the
@@ -44,7 +44,7 @@ def whole_moments(parts: Iterable[Detections], window_ns: int) -> Iterator[Fusio
     views, bearings = Views.empty(), Bearings.empty()
     for part in parts:
         views, bearings = _joined(views, part.views), _joined(bearings, part.bearings)
-        starts = moments(bearings, window_ns)
+        starts = time_step_rows(bearings, window_ns)
         cut = int(starts[-2]) if len(bearings) else 0  # the last time step may go on in the next part
         first_ns = int(bearings.t_ns[cut]) if len(bearings) else None
         over = len(views) if first_ns is None else int(np.searchsorted(views.t_ns, first_ns))
@@ -52,7 +52,7 @@ def whole_moments(parts: Iterable[Detections], window_ns: int) -> Iterator[Fusio
         yield FusionPart(views.take(slice(0, over)), bearings.take(slice(0, cut)), whole, part)
         views, bearings = views.take(slice(over, None)), bearings.take(slice(cut, None))
     nothing = Detections(Views.empty(), Bearings.empty(), (), 0, 0)
-    yield FusionPart(views, bearings, moments(bearings, window_ns), nothing)
+    yield FusionPart(views, bearings, time_step_rows(bearings, window_ns), nothing)
 
 
 def _joined(held: T, more: T) -> T:
@@ -61,7 +61,7 @@ def _joined(held: T, more: T) -> T:
     return type(held).concat([held, more.sorted()])
 
 
-def moments(bearings: Bearings, window_ns: int) -> Ints:
+def time_step_rows(bearings: Bearings, window_ns: int) -> Ints:
     """(M + 1,) first rows of the time steps, then the number of rows."""
     t = bearings.t_ns
     if not len(t):
@@ -130,13 +130,13 @@ class FusionRows:
         """These detections are of nothing."""
         self.cause[rows] = REMOVED
 
-    def recover(self, t_ns: int, camera: int, target: int, place: PositionWithCovariance, row: int | None) -> None:
+    def recover(self, t_ns: int, camera: int, target: int, position: PositionWithCovariance, row: int | None) -> None:
         """A camera that missed an object gets a detection at the global position, in a row that it has or a new one."""
-        self._new.append((t_ns, camera, target, place))
+        self._new.append((t_ns, camera, target, position))
         if target == UNLABELLED:
             self._fresh.add((t_ns, camera))
         if row is not None:
-            self._sight[row] = expected_sight(self.cameras.placed[camera], place)
+            self._sight[row] = expected_sight(self.cameras.placed[camera], position)
 
     def tidy_candidates(self, first: int, last: int) -> None:
         """One row "not seen" of a camera's candidates at most, and none if a candidate is kept.
@@ -199,13 +199,13 @@ class FusionRows:
 
     def _new_bearings(self) -> Bearings:
         """Recovered rows for which there was none."""
-        told = {
+        values = {
             (int(self.bearings.t_ns[r]), int(self.camera_of[r]), int(self.bearings.target_id[r])) for r in self._sight
         }
-        rows = [n for n in self._new if n[:3] not in told]
+        rows = [n for n in self._new if n[:3] not in values]
         if not rows:
             return Bearings.empty()
-        sights = np.array([expected_sight(self.cameras.placed[camera], place) for _, camera, _, place in rows])
+        sights = np.array([expected_sight(self.cameras.placed[camera], position) for _, camera, _, position in rows])
         n = len(rows)
         return Bearings.of(
             t_ns=np.array([r[0] for r in rows]),

@@ -97,13 +97,13 @@ class FuseTally:
         """Return whether the cameras agree on where targets are: detections with a label that the fusion removes."""
         removed = {name: own["removed"] for name, own in self._of_targets.items()}
         whole = {name: own.total() for name, own in self._of_targets.items()}
-        told = [name for name, count in whole.items() if count >= MIN_SAMPLES]
+        counted = [name for name, count in whole.items() if count >= MIN_SAMPLES]
         few = f"no camera has {MIN_SAMPLES} detections with a label; of those without one many may be false"
-        limits = {name: MAX_REMOVED + self._false[name] for name in told}
-        worst = max(told, key=lambda name: removed[name] / whole[name] - limits[name], default="")
-        share, limit = (removed[worst] / whole[worst], limits[worst]) if told else (math.nan, math.nan)
+        limits = {name: MAX_REMOVED + self._false[name] for name in counted}
+        worst = max(counted, key=lambda name: removed[name] / whole[name] - limits[name], default="")
+        share, limit = (removed[worst] / whole[worst], limits[worst]) if counted else (math.nan, math.nan)
         found: tuple[Check, ...] = ()
-        if told and exceeds_share(removed[worst], whole[worst], limit):
+        if counted and exceeds_share(removed[worst], whole[worst], limit):
             found = (
                 finding(
                     AGREE,
@@ -116,14 +116,14 @@ class FuseTally:
                     allowed=limit,
                 ),
             )
-        return outcome(AGREE, found, unless="" if told else few, share=share, allowed=limit)
+        return outcome(AGREE, found, unless="" if counted else few, share=share, allowed=limit)
 
     def warn(self, quiet: bool) -> None:
         """Print a note if at most time steps a single camera delivered a frame, so that there is nothing to fuse."""
-        alone, moments = self.totals["alone"], self.totals["moments"]
-        if 2 * alone > moments:
+        alone, n_steps = self.totals["alone"], self.totals["moments"]
+        if 2 * alone > n_steps:
             console.note(
-                f"warning: at {alone} of {moments} times only one camera delivered a frame; bring frames that are "
+                f"warning: at {alone} of {n_steps} times only one camera delivered a frame; bring frames that are "
                 f"close in time together with {option('window')} SECONDS (detect: {option('fuse_window')})",
                 quiet,
             )

@@ -24,7 +24,7 @@ from occlog.scans.grouping import nearest
 
 from .config import FuseConfig
 from .object_decision import Decision, ObjectMemory, decide, fuse_candidates
-from .rows import CAUSES, FusionPart, FusionRows, distances, whole_moments
+from .rows import CAUSES, FusionPart, FusionRows, distances, whole_time_steps
 from .views import PlacedCameras, feet, placed_cameras
 
 
@@ -85,15 +85,15 @@ def fuse(parts: Iterable[Detections], scene: Scene, config: FuseConfig | None = 
     """
     config = config or FuseConfig.in_unit(scene.length_unit)
     cameras = placed_cameras(scene, config)
-    places = {name: i for i, name in enumerate(cameras.names)}
+    index_of = {name: i for i, name in enumerate(cameras.names)}
     known = {*(c.name for c in scene.cameras), *(a.name for a in scene.arrays)}
     state = _FusionState()
-    for part in whole_moments(parts, round(config.window_s * 1e9)):
+    for part in whole_time_steps(parts, round(config.window_s * 1e9)):
         names, inverse = np.unique(part.bearings.sensor, return_inverse=True)
         for name in names.tolist():
             if name not in known:
                 raise InputError(f"bearings: no sensor {name!r} in the scene; {nearest(name, tuple(sorted(known)))}")
-        camera_of = np.array([places.get(name, -1) for name in names.tolist()], dtype=np.int64)[inverse]
+        camera_of = np.array([index_of.get(name, -1) for name in names.tolist()], dtype=np.int64)[inverse]
         yield _fuse_part(part, camera_of, cameras, state, config)
 
 
@@ -104,7 +104,7 @@ def _fuse_part(
     sight = sights_of(part.bearings, camera_of, cameras, distances(part, feet(part.views, cameras)))
     before = (state.moments, state.alone, state.declared, state.absent)
     for first, last in zip(part.starts[:-1].tolist(), part.starts[1:].tolist(), strict=True):
-        _fuse_moment(ledger, sight, first, last, state, config)
+        _fuse_step(ledger, sight, first, last, state, config)
     views, bearings = ledger.tables(state.frames)
     rows = ledger.counts().tolist()
     counts = {name: dict(zip(CAUSES, row, strict=True)) for name, row in zip(cameras.names, rows, strict=True)}
@@ -142,64 +142,64 @@ class _FusionStep(NamedTuple):
 
     t_ns: int
     rows: Ints  # of the bearings of cameras
-    looked: Ints  # cameras that delivered a frame, rising
+    observing: Ints  # cameras that delivered a frame, rising
     t_of: dict[int, int]  # camera to the time of its frame [ns]
 
 
-def _fuse_moment(
+def _fuse_step(
     ledger: FusionRows, sight: LocalDirections, first: int, last: int, state: _FusionState, config: FuseConfig
 ) -> None:
     """Decide about all targets and candidates in the rows from `first` to before `last`, which are of one time step."""
     rows = np.arange(first, last)[ledger.camera_of[first:last] >= 0]
-    looked = np.unique(ledger.camera_of[rows])
-    if not len(looked):
+    observing = np.unique(ledger.camera_of[rows])
+    if not len(observing):
         return
     state.moments += 1
-    state.alone += len(looked) == 1
+    state.alone += len(observing) == 1
     t_of = {int(ledger.camera_of[r]): int(ledger.bearings.t_ns[r]) for r in rows.tolist()}
-    moment = _FusionStep(int(ledger.bearings.t_ns[last - 1]), rows, looked, t_of)
+    step = _FusionStep(int(ledger.bearings.t_ns[last - 1]), rows, observing, t_of)
     target = ledger.bearings.target_id[rows]
     # Labelled detections: one decision a target.
     for name in np.unique(target[target != UNLABELLED]).tolist():
-        _fuse_target(ledger, sight, moment, name, state, config)
+        _fuse_target(ledger, sight, step, name, state, config)
     # Candidates: group them on the ground, then one decision an object.
     free = rows[target == UNLABELLED]
     if len(free) or state.objects:
         free = free[ledger.bearings.seen[free]]
-        found = fuse_candidates(state.objects, moment.t_ns, sight, free, looked, ledger.cameras, config)
+        found = fuse_candidates(state.objects, step.t_ns, sight, free, observing, ledger.cameras, config)
         state.objects = found.objects
         for decision, candidates in found.decisions:
             state.count(decision, len(candidates))
             ledger.keep(candidates[decision.kept])
             for camera in decision.missed.tolist():
-                ledger.recover(moment.t_of[camera], camera, UNLABELLED, decision.at, None)
-        ledger.remove(found.nobody)
+                ledger.recover(step.t_of[camera], camera, UNLABELLED, decision.at, None)
+        ledger.remove(found.unassigned)
         ledger.tidy_candidates(first, last)
 
 
 def _fuse_target(
     ledger: FusionRows,
     sight: LocalDirections,
-    moment: _FusionStep,
+    step: _FusionStep,
     target: int,
     state: _FusionState,
     config: FuseConfig,
 ) -> None:
     """Decide about one target at one time step; InputError where a camera has two rows for it."""
-    own = moment.rows[ledger.bearings.target_id[moment.rows] == target]
+    own = step.rows[ledger.bearings.target_id[step.rows] == target]
     row_of = {int(ledger.camera_of[r]): r for r in own.tolist()}
     if len(row_of) < len(own):
         twice = ledger.bearings.sensor[own[np.flatnonzero(np.diff(np.sort(ledger.camera_of[own])) == 0)[0]]]
         raise InputError(
-            f"bearings: sensor {str(twice)!r} has two rows for target {target} at {moment.t_ns} ns; a sensor has one "
+            f"bearings: sensor {str(twice)!r} has two rows for target {target} at {step.t_ns} ns; a sensor has one "
             "row a target and time (candidates that may be of any object have target_id -1)"
         )
     seen = own[ledger.bearings.seen[own]]
     memory = state.targets.get(target, ObjectMemory())
-    decision = decide(memory, moment.t_ns, sight.take(seen), moment.looked, ledger.cameras, config)
+    decision = decide(memory, step.t_ns, sight.take(seen), step.observing, ledger.cameras, config)
     state.targets[target] = decision.memory
     state.count(decision, len(seen))
     ledger.keep(seen[decision.kept])
     ledger.remove(seen[~decision.kept])
     for camera in decision.missed.tolist():
-        ledger.recover(moment.t_of[camera], camera, target, decision.at, row_of.get(camera))
+        ledger.recover(step.t_of[camera], camera, target, decision.at, row_of.get(camera))

@@ -99,16 +99,16 @@ def placed_cameras(scene: Scene, config: FuseConfig) -> PlacedCameras:
     )
 
 
-def expected_sight(camera: Camera, place: PositionWithCovariance) -> tuple[float, float, float, float]:
+def expected_sight(camera: Camera, position: PositionWithCovariance) -> tuple[float, float, float, float]:
     """Bearing, sigma [rad], u_px and sigma_px at which a camera would see a position.
 
     `sigma_px` is the uncertainty of the position across the line of sight; `sigma` has that of the camera's pose
     ([Ercan] Eq. 2) also.  There is no reading, so no reading noise.
     """
-    away = place.xy - camera.ground
+    away = position.xy - camera.ground
     bearing = float(np.arctan2(away[1], away[0]))
     focal = float(camera.focal_px[0])
-    h, d = planar_offsets(place.xy[None], camera.ground, camera.yaw)
+    h, d = planar_offsets(position.xy[None], camera.ground, camera.yaw)
     across = np.array([-away[1], away[0]]) / float(away @ away)
     slope = focal * (1.0 + float(h[0] / d[0]) ** 2)
     pose = float(
@@ -116,7 +116,7 @@ def expected_sight(camera: Camera, place: PositionWithCovariance) -> tuple[float
             h, d, focal_px=focal, sigma_position=camera.sigma_position, sigma_yaw=camera.sigma_yaw, sigma_read_px=0.0
         )[0]
     )
-    sigma_px = slope * float(np.sqrt(across @ place.cov @ across))
+    sigma_px = slope * float(np.sqrt(across @ position.cov @ across))
     u_px = float(azimuth_to_u(np.asarray(bearing), camera.yaw, focal))
     return float(wrap_angle(bearing)), float(np.hypot(sigma_px, np.sqrt(pose))) / slope, u_px, sigma_px
 
@@ -203,14 +203,14 @@ def recovered_views(
     if height is None:
         return Views.empty()
     rows = []
-    for t_ns, which, target, place in new:
+    for t_ns, which, target, position in new:
         camera = cameras.placed[which]
         key = (t_ns, camera.name)
         if key not in numbers:
             continue
         cluster = counts.get(key, 0)
         counts[key] = cluster + 1
-        rows.append(_view(t_ns, camera, numbers[key], cluster, target, place, height))
+        rows.append(_view(t_ns, camera, numbers[key], cluster, target, position, height))
     return Views.merge(rows)
 
 
@@ -218,27 +218,27 @@ def _numbers(
     views: Views, bearings: Bearings, frames: dict[str, int], counts: dict[tuple[int, str], int]
 ) -> dict[tuple[int, str], int]:
     """Number of each frame; clusters in each are counted into `counts`."""
-    told: dict[tuple[int, str], int] = {}
+    number_of: dict[tuple[int, str], int] = {}
     for t_ns, name, number in zip(views.t_ns.tolist(), views.sensor.tolist(), views.frame.tolist(), strict=True):
-        told[t_ns, name] = number
+        number_of[t_ns, name] = number
         counts[t_ns, name] = counts.get((t_ns, name), 0) + 1
     out: dict[tuple[int, str], int] = {}
-    for key in sorted({*told, *zip(bearings.t_ns.tolist(), bearings.sensor.tolist(), strict=True)}):
+    for key in sorted({*number_of, *zip(bearings.t_ns.tolist(), bearings.sensor.tolist(), strict=True)}):
         name = key[1]
-        if key in told or name in frames:
-            frames[name] = out[key] = told.get(key, frames.get(name, -1) + 1)
+        if key in number_of or name in frames:
+            frames[name] = out[key] = number_of.get(key, frames.get(name, -1) + 1)
     return out
 
 
 def _view(
-    t_ns: int, camera: Camera, frame: int, cluster: int, target: int, place: PositionWithCovariance, height: float
+    t_ns: int, camera: Camera, frame: int, cluster: int, target: int, position: PositionWithCovariance, height: float
 ) -> Views:
     """A person's box at a position."""
-    middle, spans = person_in_image(camera, place.xy[None], height)
+    middle, spans = person_in_image(camera, position.xy[None], height)
     x, y = middle[0].tolist()
     cov = np.einsum("ki,kj->ij", spans[0], spans[0]) / 12.0
     width, tall = np.abs(spans[0]).sum(axis=0).tolist()
-    bearing, sigma, u_px, sigma_px = expected_sight(camera, place)
+    bearing, sigma, u_px, sigma_px = expected_sight(camera, position)
     return Views.of(
         t_ns=[t_ns],
         sensor=[camera.name],

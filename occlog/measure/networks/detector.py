@@ -31,7 +31,7 @@ from .heads import (
     shapes,
     wanted_classes,
 )
-from .network import ImageNetwork, ImagePlacement, crop, fill, laid, place, ready, size_of
+from .network import ImageNetwork, ImagePlacement, crop, fill, image_placement, laid, ready, size_of
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ class NetworkDetector:
     def prepare(self, image: Image) -> Prepared:
         """Convert an image (height, width, 3) in BGR to the network's input."""
         size = self.network.size
-        where = place((image.shape[1], image.shape[0]), size, self.fit)
+        where = image_placement((image.shape[1], image.shape[0]), size, self.fit)
         numbers = np.empty((3, size[1], size[0]), dtype=np.float32)
         fill(numbers, laid(image, size, where, HEADS[self.reading.head].smooth), self.pixels)
         return Prepared(numbers, where)
@@ -238,11 +238,11 @@ def open_detector(
     metadata = network.file.metadata
     width, height = network.size
     try:
-        told = names_in(metadata)
+        declared = names_in(metadata)
         outputs = network.run(np.full((network.batch, 3, height, width), 0.5, dtype=np.float32))
-        count = None if told is None else len(told)
+        count = None if declared is None else len(declared)
         reading = recognise(outputs, network.size, count, config.head, metadata)
-        of_classes = names_of(reading.classes, told, names)
+        of_classes = names_of(reading.classes, declared, names)
     except InputError as error:
         raise error if str(names) in str(error) else InputError(f"{path}: {error}") from None
     return NetworkDetector(

@@ -134,20 +134,20 @@ def recognise(
     heads = [head] if head is not None else _candidates(outputs, size, names, more)
     if metadata.get("end2end") == "True" and END2END in heads:
         heads = [END2END]
-    told = [each for each in (_reading(outputs, name, names, more) for name in heads) if each is not None]
-    if head is not None and not told:
+    readings = [each for each in (_reading(outputs, name, names, more) for name in heads) if each is not None]
+    if head is not None and not readings:
         raise InputError(f"its outputs are not those of {head}: {shapes(outputs)}{_named_classes(names)}")
-    if len(told) != 1:
-        maybe = f"may be of {', '.join(each.head for each in told)}" if told else "are of no head that is known"
+    if len(readings) != 1:
+        maybe = f"may be of {', '.join(each.head for each in readings)}" if readings else "are of no head that is known"
         raise InputError(
             f"its outputs {maybe}: {shapes(outputs)}{_named_classes(names)}; state which head it has (head: "
             f"{', '.join(HEADS)})"
         )
-    if told[0].head in LOGITS and told[0].classes == PLAIN_DETR:
+    if readings[0].head in LOGITS and readings[0].classes == PLAIN_DETR:
         raise InputError(
             f"it is the first DETR, with scores that require a softmax; it cannot be used: {shapes(outputs)}"
         )
-    return told[0]
+    return readings[0]
 
 
 def _named_classes(names: int | None) -> str:
@@ -166,18 +166,24 @@ def _candidates(outputs: Outputs, size: tuple[int, int], names: int | None, more
         if _reading(outputs, head, names) is not None:
             return [head]
     rows, columns = next((each.shape[1:] for each in outputs.values() if each.ndim == 3), (0, 0))
-    places = {sum((size[0] // s) * (size[1] // s) for s in strides) for strides in STRIDES}
+    counts = {sum((size[0] // s) * (size[1] // s) for s in strides) for strides in STRIDES}
     # YOLOv5 has three anchors of boxes at each position.
-    looks = rows in {3 * n for n in places}
-    end2end = rows <= MAX_END2END and not looks and (columns == 6 or (more and columns > 6 and columns not in places))
+    anchored = rows in {3 * n for n in counts}
+    end2end = (
+        rows <= MAX_END2END and not anchored and (columns == 6 or (more and columns > 6 and columns not in counts))
+    )
     if names is None:
-        fitting = {YOLO: columns in places and not looks, YOLOV5: looks and columns not in places, END2END: end2end}
+        fitting = {
+            YOLO: columns in counts and not anchored,
+            YOLOV5: anchored and columns not in counts,
+            END2END: end2end,
+        }
     else:
         fitting = {
-            YOLO: rows == 4 + names or (more and rows > 4 + names and columns in places),
-            YOLOV5: columns == 5 + names and (looks or not end2end),
+            YOLO: rows == 4 + names or (more and rows > 4 + names and columns in counts),
+            YOLOV5: columns == 5 + names and (anchored or not end2end),
             END2END: end2end,
-            ULTRALYTICS_DETR: columns == 4 + names and not looks,
+            ULTRALYTICS_DETR: columns == 4 + names and not anchored,
         }
     return [head for head, fits in fitting.items() if fits]
 
@@ -394,12 +400,12 @@ def read_names(path: Path) -> dict[int, str]:
     return {k: line.strip() for k, line in enumerate(lines)}
 
 
-def names_of(count: int | None, told: Mapping[int, str] | None, file: Path | None) -> ClassNames:
+def names_of(count: int | None, declared: Mapping[int, str] | None, file: Path | None) -> ClassNames:
     """Names of a network's classes: the file's, else the network's own, else COCO's if their number fits.
 
     Args:
         count: classes that the head has; None: not known.
-        told: names in the network's metadata.
+        declared: names in the network's metadata.
         file: the user's names.
     """
     if file is not None:
@@ -407,12 +413,13 @@ def names_of(count: int | None, told: Mapping[int, str] | None, file: Path | Non
         if count is not None and len(names) != count:
             raise InputError(f"{file}: {len(names)} names, but the network has {count} classes")
         return ClassNames(names, file.name)
-    if told is not None:
-        if count is not None and max(told) >= count:
+    if declared is not None:
+        if count is not None and max(declared) >= count:
             raise InputError(
-                f"names its class {max(told)}, but has {count} classes; give their names in a file (names of classes)"
+                f"names its class {max(declared)}, but has {count} classes; give their names in a file "
+                "(names of classes)"
             )
-        return ClassNames(told, "the network")
+        return ClassNames(declared, "the network")
     if count == len(COCO) or count is None:
         return ClassNames(dict(enumerate(COCO)), "COCO" if count else "COCO, assumed")
     if count == max(COCO_91) + 1:

@@ -123,14 +123,14 @@ def _ports(ports: tuple[Port, ...] | list[Port]) -> str:
 
 def _whole_size(file: OnnxFile, wide: int | None, high: int | None, asked: tuple[int, int] | None) -> tuple[int, int]:
     """Width and height of a network's images: its own, else the requested size, else that of its metadata."""
-    told = asked
-    if told is None and (wide is None or high is None):
+    requested = asked
+    if requested is None and (wide is None or high is None):
         try:
             h, w = ast.literal_eval(file.metadata["imgsz"])
-            told = int(w), int(h)
+            requested = int(w), int(h)
         except (KeyError, ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
             raise UsageError(f"{file.path}: leaves the size of its images open; give it (size, in pixels)") from None
-    size = (wide or (told or (0, 0))[0], high or (told or (0, 0))[1])
+    size = (wide or (requested or (0, 0))[0], high or (requested or (0, 0))[1])
     if asked is not None and asked != size:
         raise UsageError(
             f"{file.path}: its images are {size[0]} x {size[1]} px, not {asked[0]} x {asked[1]}; leave the size out"
@@ -192,7 +192,7 @@ class ImagePlacement:
         return out
 
 
-def place(size: tuple[int, int], wanted: tuple[int, int], fit: str) -> ImagePlacement:
+def image_placement(size: tuple[int, int], wanted: tuple[int, int], fit: str) -> ImagePlacement:
     """Placement of an image in a network's.
 
     `LETTERBOX` is that of ultralytics (`LetterBox`, `scaleup`, centred): one scale for both axes, the size rounded,

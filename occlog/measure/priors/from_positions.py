@@ -96,12 +96,12 @@ def _filtered(
     state = _FilterState()
     held: list[_MeasurementStep] = []
     for chunk in chunks:
-        moments = list(_moments(chunk, measure))
-        if held and moments and held[-1].t_ns == moments[0].t_ns:
-            moments[0] = _joined(held.pop(), moments[0])
+        steps = list(_time_steps(chunk, measure))
+        if held and steps and held[-1].t_ns == steps[0].t_ns:
+            steps[0] = _joined(held.pop(), steps[0])
         # The last time may go on in the next chunk.
-        yield _table([*held, *moments[:-1]], state, config)
-        held = moments[-1:] if moments else held[:0]
+        yield _table([*held, *steps[:-1]], state, config)
+        held = steps[-1:] if steps else held[:0]
     if held:
         yield _table(held, state, config)
 
@@ -113,7 +113,7 @@ def _joined(a: _MeasurementStep, b: _MeasurementStep) -> _MeasurementStep:
     return _MeasurementStep(a.t_ns, identity[order], xy[order], noise[order])
 
 
-def _moments(chunk: Truth | Tracks, measure: Callable[..., tuple[Floats, Floats]]) -> Iterator[_MeasurementStep]:
+def _time_steps(chunk: Truth | Tracks, measure: Callable[..., tuple[Floats, Floats]]) -> Iterator[_MeasurementStep]:
     """The measurements by time; a time without a moving occluder has none."""
     if not len(chunk):
         return
@@ -185,10 +185,10 @@ def _add(state: _FilterState, m: _MeasurementStep, new: Bools, speed: float) -> 
     state.identity, state.measured_ns, state.walkers = identity[order], measured[order], select(walkers, order)
 
 
-def _table(moments: list[_MeasurementStep], state: _FilterState, config: PositionPriorConfig) -> Occluders:
+def _table(steps: list[_MeasurementStep], state: _FilterState, config: PositionPriorConfig) -> Occluders:
     parts: list[tuple[int, Ints32, Floats, Floats]] = []
     empty = []
-    for m in moments:
+    for m in steps:
         _step(state, m, config)
         if len(state.identity):
             parts.append((m.t_ns, state.identity, state.walkers.xy.copy(), state.walkers.cov.copy()))

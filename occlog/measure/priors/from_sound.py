@@ -18,7 +18,7 @@ from occlog.scans.occluder_priors import none_at
 
 from .config import AcousticConfig
 
-MOMENTS_PER_CHUNK = 256
+STEPS_PER_CHUNK = 256
 
 
 class _Sources(NamedTuple):
@@ -48,7 +48,7 @@ def acoustic_priors(chunks: Iterable[Doa], scene: Scene, config: AcousticConfig)
     followed = _Sources(nothing, nothing, nothing, initiate(np.empty((0, 2)), np.empty((0, 2, 2)), 1.0))
     before, fresh = 0, 0
     held: list[Occluders] = []
-    for t_ns, rows in _moments(chunks, round(config.window_s * 1e9)):
+    for t_ns, rows in _time_steps(chunks, round(config.window_s * 1e9)):
         # Predict; drop sources that fell silent
         followed = _aged(followed, t_ns, (t_ns - before) * 1e-9, config)
         # Locate: positions where directions of two arrays or more meet
@@ -65,14 +65,14 @@ def acoustic_priors(chunks: Iterable[Doa], scene: Scene, config: AcousticConfig)
         followed, fresh = _heard(followed, t_ns, found.xy, found.covariance, fresh, config)
         before = t_ns
         held.append(_table(followed, t_ns, config))
-        if len(held) >= MOMENTS_PER_CHUNK:
+        if len(held) >= STEPS_PER_CHUNK:
             yield Occluders.concat(held)
             held = []
     if held:
         yield Occluders.concat(held)
 
 
-def _moments(chunks: Iterable[Doa], window_ns: int) -> Iterator[tuple[int, Doa]]:
+def _time_steps(chunks: Iterable[Doa], window_ns: int) -> Iterator[tuple[int, Doa]]:
     """Directions of one time step; its time is that of the last of them."""
     rest: Doa | None = None
     for chunk in chunks:
@@ -92,11 +92,11 @@ def _moments(chunks: Iterable[Doa], window_ns: int) -> Iterator[tuple[int, Doa]]
 
 
 def _directions(rows: Doa, scene: Scene) -> SourceDirections:
-    places = {a.name: i for i, a in enumerate(scene.arrays)}
+    index_of = {a.name: i for i, a in enumerate(scene.arrays)}
     for name in np.unique(rows.sensor).tolist():
-        if name not in places:
-            raise InputError(f"doa: the scene has no array {name!r}; it has: {', '.join(places)}")
-    array = np.array([places[name] for name in rows.sensor.tolist()], dtype=np.int64)
+        if name not in index_of:
+            raise InputError(f"doa: the scene has no array {name!r}; it has: {', '.join(index_of)}")
+    array = np.array([index_of[name] for name in rows.sensor.tolist()], dtype=np.int64)
     positions = np.array([a.position[:2] for a in scene.arrays])
     sigmas = np.array([a.sigma for a in scene.arrays], dtype=np.float64)
     own = np.where(np.isnan(rows.sigma_azimuth), sigmas[array], rows.sigma_azimuth)

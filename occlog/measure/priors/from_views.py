@@ -33,7 +33,7 @@ from .hull import (
     track_polygons,
 )
 
-MOMENTS_PER_CHUNK = 256
+STEPS_PER_CHUNK = 256
 
 
 class HullPriors(NamedTuple):
@@ -41,7 +41,7 @@ class HullPriors(NamedTuple):
 
     hulls: Hulls  # the polygons
     occluders: Occluders  # Gaussians with their means and covariances
-    moments: int
+    n_steps: int
     candidates: int  # polygons before phantoms were skipped
 
 
@@ -79,15 +79,19 @@ def hull_priors(
     memory = HullMemory()
     held: list[tuple[int, list[ConfirmedPolygon]]] = []
     candidates = 0
-    for t_ns, moment in _moments(views, frames, scene, round(config.window_s * 1e9)):
+    for t_ns, step in _time_steps(views, frames, scene, round(config.window_s * 1e9)):
         # Cones of what each camera sees, then their visual hull
-        looks = [_camera_cones(f, cameras, scene, config) for f in moment]
-        found = hull(looks, scene.region, config.min_views, config.max_missed_views, config.min_area) if looks else []
+        camera_views = [_camera_cones(f, cameras, scene, config) for f in step]
+        found = (
+            hull(camera_views, scene.region, config.min_views, config.max_missed_views, config.min_area)
+            if camera_views
+            else []
+        )
         # Identities over time; phantoms are skipped
         memory, seen = track_polygons(memory, t_ns, found, rules)
         candidates += len(found)
         held.append((t_ns, seen))
-        if len(held) >= MOMENTS_PER_CHUNK:
+        if len(held) >= STEPS_PER_CHUNK:
             yield _on_map(_tables(held, candidates), origin)
             held, candidates = [], 0
     if held:
@@ -115,7 +119,7 @@ def _rules(config: HullConfig) -> HullRules:
     )
 
 
-def _moments(
+def _time_steps(
     views: Iterable[Views], frames: Iterable[Bearings] | None, scene: Scene, window_ns: int
 ) -> Iterator[tuple[int, list[_Frame]]]:
     """Frames of one time step, by camera; its time is that of the last of them."""
@@ -196,10 +200,10 @@ def _camera_cones(frame: _Frame, cameras: dict[str, HullCamera], scene: Scene, c
     return CameraCones(visible, others)
 
 
-def _tables(moments: list[tuple[int, list[ConfirmedPolygon]]], candidates: int) -> HullPriors:
-    empty = np.array([t for t, found in moments if not found], dtype=np.int64)
+def _tables(steps: list[tuple[int, list[ConfirmedPolygon]]], candidates: int) -> HullPriors:
+    empty = np.array([t for t, found in steps if not found], dtype=np.int64)
     none = none_at(empty)
-    rows = [(t, k, _corners(p)) for t, found in moments for k, p in found]
+    rows = [(t, k, _corners(p)) for t, found in steps for k, p in found]
     sizes = [len(c) for _, _, c in rows]
     t_ns = np.array([t for t, _, _ in rows], dtype=np.int64)
     identity: Ints32 = np.array([k for _, k, _ in rows], dtype=np.int32)
@@ -216,7 +220,7 @@ def _tables(moments: list[tuple[int, list[ConfirmedPolygon]]], candidates: int) 
         t_ns=empty, occluder_id=none.occluder_id, corner=np.zeros(len(empty), dtype=np.int32), x=none.x, y=none.y
     )
     gaussians = Occluders.merge([_gaussians(t_ns, identity, [c for _, _, c in rows]), none])
-    return HullPriors(Hulls.merge([hulls, no_hulls]), gaussians, len(moments), candidates)
+    return HullPriors(Hulls.merge([hulls, no_hulls]), gaussians, len(steps), candidates)
 
 
 def _corners(polygon: Polygon) -> Floats:

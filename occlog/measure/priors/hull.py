@@ -141,11 +141,11 @@ class _Cell(NamedTuple):
     missed: int
 
 
-def hull(looks: Sequence[CameraCones], room: Floats, least: int, misses: int, smallest: float) -> list[Polygon]:
+def hull(views: Sequence[CameraCones], room: Floats, least: int, misses: int, smallest: float) -> list[Polygon]:
     """The polygons of the hull, in an order that depends on the frames only.
 
     Args:
-        looks: frames of the cameras, at one time.
+        views: frames of the cameras, at one time.
         room: (K, 2).
         least: cameras that must have a run at a position.
         misses: cameras that may have none at a position that they can see.
@@ -153,14 +153,14 @@ def hull(looks: Sequence[CameraCones], room: Floats, least: int, misses: int, sm
     """
     # Hull of all cameras (N of N): positions that no camera contradicts
     whole = _Cell(shapely.Polygon(room), (), 0)
-    found = _polygons(_cells(looks, whole, 0), least, smallest)
+    found = _polygons(_cells(views, whole, 0), least, smallest)
     # Runs without such a position: positions that one more camera overlooked (N-1 of N)
     for allowed in range(1, misses + 1):
         explained = sorted({r for p in found for r in p.runs})
-        missing = [(i, b) for i, look in enumerate(looks) for b in range(len(look.cones)) if (i, b) not in explained]
+        missing = [(i, b) for i, view in enumerate(views) for b in range(len(view.cones)) if (i, b) not in explained]
         if not missing:
             break
-        more = _polygons(_cells(looks, whole, allowed), max(least, 2), smallest)
+        more = _polygons(_cells(views, whole, allowed), max(least, 2), smallest)
         wanted = [p for p in more if p.missed and any(r in missing for r in p.runs)]
         found += _best(wanted, missing)
     return found
@@ -176,25 +176,25 @@ def _best(candidates: list[Polygon], missing: list[Run]) -> list[Polygon]:
     return out
 
 
-def _cells(looks: Sequence[CameraCones], whole: _Cell, allowed: int) -> list[_Cell]:
+def _cells(views: Sequence[CameraCones], whole: _Cell, allowed: int) -> list[_Cell]:
     """The room cut up by what the cameras saw, without cells that more cameras than allowed contradict."""
     cells = [whole]
-    for i, look in enumerate(looks):
-        rest = _union(look.cones)
-        off = shapely.difference(look.visible, rest)
-        cells = [part for cell in cells for part in _cut(cell, i, look, off, allowed)]
+    for i, view in enumerate(views):
+        rest = _union(view.cones)
+        off = shapely.difference(view.visible, rest)
+        cells = [part for cell in cells for part in _cut(cell, i, view, off, allowed)]
     return cells
 
 
-def _cut(cell: _Cell, i: int, look: CameraCones, off: shapely.Geometry, allowed: int) -> Iterator[_Cell]:
-    shapes = np.array([*look.cones, off, cell.shape], dtype=object)
+def _cut(cell: _Cell, i: int, view: CameraCones, off: shapely.Geometry, allowed: int) -> Iterator[_Cell]:
+    shapes = np.array([*view.cones, off, cell.shape], dtype=object)
     meets = shapely.intersects(shapes, cell.shape)
-    for b in range(len(look.cones)):
+    for b in range(len(view.cones)):
         if meets[b]:
-            yield from _kept(shapely.intersection(cell.shape, look.cones[b]), (*cell.runs, (i, b)), cell.missed)
+            yield from _kept(shapely.intersection(cell.shape, view.cones[b]), (*cell.runs, (i, b)), cell.missed)
     if cell.missed < allowed and meets[-2]:
         yield from _kept(shapely.intersection(cell.shape, off), cell.runs, cell.missed + 1)
-    yield from _kept(shapely.difference(cell.shape, look.visible), cell.runs, cell.missed)
+    yield from _kept(shapely.difference(cell.shape, view.visible), cell.runs, cell.missed)
 
 
 def _kept(shape: shapely.Geometry, runs: tuple[Run, ...], missed: int) -> Iterator[_Cell]:
@@ -282,8 +282,8 @@ def track_polygons(
     newest = max([memory.next_identity, *(i + 1 for i in seen)])
     after = HullMemory(tuple(sorted([*current, *gone], key=lambda k: k.identity)), newest)
     held = [k for k in gone if _lately(k, t_ns, rules) and t_ns - k.last_ns <= rules.hold_ns]
-    believed = [k for k in _needed(current, t_ns, rules) + held if k.last_ns - k.first_ns >= rules.persist_ns]
-    return after, [ConfirmedPolygon(k.identity, k.polygon) for k in sorted(believed, key=lambda k: k.identity)]
+    confirmed = [k for k in _needed(current, t_ns, rules) + held if k.last_ns - k.first_ns >= rules.persist_ns]
+    return after, [ConfirmedPolygon(k.identity, k.polygon) for k in sorted(confirmed, key=lambda k: k.identity)]
 
 
 def evidence(polygons: Sequence[Polygon]) -> list[bool]:

@@ -112,20 +112,20 @@ def run_hull(request: HullRequest, job: Job) -> Result:
     used = cameras_of(request, scene)
     config = configure(HullConfig.in_unit(scene.length_unit), request.settings)
     views = _of_cameras(job.progress(source.chunks(Views), "hull"), used)
-    looked = None if request.bearings is None else TableStream(request.bearings, request.scene)
-    frames = None if looked is None else _of_cameras(looked.chunks(Bearings), used)
-    losses = input_losses([source.opened, None if looked is None else looked.opened])
+    observed = None if request.bearings is None else TableStream(request.bearings, request.scene)
+    frames = None if observed is None else _of_cameras(observed.chunks(Bearings), used)
+    losses = input_losses([source.opened, None if observed is None else observed.opened])
     provenance = job.provenance({"source": "hull", "cameras": used, **asdict(config)}, losses)
-    tally, candidates, moments = PriorsTally(), 0, 0
+    tally, candidates, n_steps = PriorsTally(), 0, 0
     with job.tables(provenance, scene.length_unit) as tables:
         for part in hull_priors(views, scene, config, frames):
             tables.write(output=part.occluders, hulls=part.hulls)
             tally.add(part.occluders)
-            candidates, moments = candidates + part.candidates, moments + part.moments
-        if not moments:
+            candidates, n_steps = candidates + part.candidates, n_steps + part.n_steps
+        if not n_steps:
             raise InputError(f"{path}: no row is of the chosen cameras; choose others")
     summary = {"occluders": str(request.output), "source": "hull", "cameras": len(used), **tally.summary()}
-    return {**summary, "candidates_a_moment": candidates / moments}, losses
+    return {**summary, "candidates_a_moment": candidates / n_steps}, losses
 
 
 def cameras_of(request: HullRequest, scene: Scene) -> list[str]:

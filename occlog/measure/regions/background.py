@@ -252,6 +252,6 @@ def _allow_line(feet: Floats, rows: int) -> bool:
 def _line(x: Floats, y: Floats) -> tuple[float, float]:
     """Theil-Sen slope in [0, 1] and intercept of y over x."""
     dx, dy = x[:, None] - x, y[:, None] - y
-    apart = dx > 1.0
-    slope = float(np.clip(np.median(dy[apart] / dx[apart]), 0.0, 1.0))
+    separated = dx > 1.0
+    slope = float(np.clip(np.median(dy[separated] / dx[separated]), 0.0, 1.0))
     return slope, float(np.median(y - slope * x))

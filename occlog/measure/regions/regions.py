@@ -29,7 +29,7 @@ from occlog.array_types import Bytes, Floats, Ints, Ints32
 from occlog.core.image import N_BINS, as_colour, pixel_bin
 from occlog.core.numerics.jit import kernel
 from occlog.measure.clusters.merged_silhouettes import SeparateSightings, split_silhouettes
-from occlog.measure.clusters.person_size import Prior, SizeMap, place
+from occlog.measure.clusters.person_size import Prior, SizeMap, grid_cell
 from occlog.measure.clusters.stage import Clusters, find_clusters
 
 
@@ -169,7 +169,7 @@ class ForegroundRegions(NamedTuple):
 
 
 def cluster_regions(
-    image: Bytes, mask: Bytes, side: int, prior: Prior, apart: SeparateSightings | None = None
+    image: Bytes, mask: Bytes, side: int, prior: Prior, separate: SeparateSightings | None = None
 ) -> ForegroundRegions:
     """The people-sized clusters of a frame by EM (`occlog.measure.clusters.stage`).
 
@@ -178,14 +178,14 @@ def cluster_regions(
         mask: (height, width), non-zero on the foreground.
         side: of the cells [px].
         prior: of the camera.
-        apart: state of the camera: people of a silhouette of several are found by their outlines
+        separate: state of the camera: people of a silhouette of several are found by their outlines
             (`occlog.measure.clusters.merged_silhouettes`); None: by EM alone.
     """
     cells, corners = gather(mask, side)
     clusters = find_clusters(cells, corners, side, prior)
     whole = np.full((len(clusters.mass), 4), np.nan)
-    if apart is not None:
-        clusters, whole = split_silhouettes(cells, corners, side, prior, clusters, apart)
+    if separate is not None:
+        clusters, whole = split_silhouettes(cells, corners, side, prior, clusters, separate)
     boxes, counts = _measure(as_colour(image), mask, corners, side, cells, clusters)
     boxes = np.where(np.isnan(whole), boxes, whole)
     return ForegroundRegions(
@@ -270,12 +270,12 @@ def component_regions(image: Bytes, mask: Bytes, width_px: float, prior: Prior) 
     joined = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8)) if side > 1 else mask
     _, labels, stats, centres = cv2.connectedComponentsWithStats(joined, connectivity=8)
     order = np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable") + 1
-    places = np.array([place(prior, *centres[k]) for k in order], dtype=np.int64)
-    enough = stats[order, cv2.CC_STAT_AREA] >= prior.least * prior.mass[places]
-    order, places = order[enough], places[enough]
+    indices = np.array([grid_cell(prior, *centres[k]) for k in order], dtype=np.int64)
+    enough = stats[order, cv2.CC_STAT_AREA] >= prior.least * prior.mass[indices]
+    order, indices = order[enough], indices[enough]
     edges = stats[order, :4].astype(np.int64)
     moments, counts = _measure_component(as_colour(image), mask, labels, order.astype(np.int64), edges)
-    return _regions(moments, counts, edges, prior.cov[places], prior.mass[places])
+    return _regions(moments, counts, edges, prior.cov[indices], prior.mass[indices])
 
 
 def _regions(moments: Floats, counts: Floats, edges: Ints, person: Floats, person_mass: Floats) -> ForegroundRegions:

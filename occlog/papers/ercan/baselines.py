@@ -42,9 +42,9 @@ def baselines(size: Size, execute: Execute) -> Table:
     sharp = room.replace("noise: {position: 1, yaw: 0.01, measurement_noise_px: 2}", SHARP_NOISE)
     for name in (APF, EKF):
         points.append(_point(f"{name}, {SHARP}", CAMERAS, sharp, size, FILTERS[name], simulate={"occluders": 0}))
-    told = {"detection_probability": 0.9, "false_alarm_probability": 0.05}
+    values = {"detection_probability": 0.9, "false_alarm_probability": 0.05}
     for name in (APF, EKF, UKF, IEKF):
-        settings = FILTERS[name] if name != APF else told
+        settings = FILTERS[name] if name != APF else values
         points.append(_point(f"{name}, {FALSE}", CAMERAS, room, size, settings, observe=DISTURBED))
     points.append(_point(f"{APF}, {PRIORS}", CAMERAS, room, size, FILTERS[APF], priors=kalman(8.0)))
     return run_points(points, size, execute)

@@ -80,12 +80,12 @@ class Recorded:
 
     scene: Scene
     bearings: Bearings  # of the target alone, labelled
-    places: Truth  # the stand-in for the truth, at every time of the bearings
+    positions: Truth  # the stand-in for the truth, at every time of the bearings
 
     @property
     def start(self) -> Floats:
         """(2,) first position."""
-        return np.array([self.places.x[0], self.places.y[0]])
+        return np.array([self.positions.x[0], self.positions.y[0]])
 
     @property
     def cameras(self) -> tuple[str, ...]:
@@ -114,8 +114,8 @@ def recorded_target(scene: Scene, bearings: Bearings) -> Recorded:
     found = set(mine.sensor[mine.seen].tolist())
     if len(found) < 2:
         raise InputError(f"{len(found)} cameras saw the target, expected at least 2")
-    places = stand_in(scene, mine, min(LINES, len(found)))
-    return Recorded(scene, mine.take(np.isin(mine.t_ns, places.t_ns)), places)
+    positions = stand_in(scene, mine, min(LINES, len(found)))
+    return Recorded(scene, mine.take(np.isin(mine.t_ns, positions.t_ns)), positions)
 
 
 def assign(scene: Scene, bearings: Bearings, tracks: Tracks) -> Bearings:
@@ -156,14 +156,14 @@ def stand_in(scene: Scene, mine: Bearings, lines: int) -> Truth:
     weight = 1.0 / np.sqrt(met.covariance[good, 0, 0] + met.covariance[good, 1, 1])
     times = np.unique(mine.t_ns)
     times = times[(times >= at[0]) & (times <= at[-1])]
-    places = smoothed(at, xy, weight, times)
+    positions = smoothed(at, xy, weight, times)
     n = len(times)
     return Truth.of(
         t_ns=times,
         target_id=np.full(n, TARGET),
         role=["target"] * n,
-        x=places[:, 0],
-        y=places[:, 1],
+        x=positions[:, 0],
+        y=positions[:, 1],
         z=np.full(n, np.nan),
     )
 
@@ -286,7 +286,7 @@ def crowd_size(scene: Scene) -> int:
 
 def occluders_of(recorded: Recorded, seed: int) -> Truth:
     """Draw virtual people, as dense and as thick as in the paper's lab, from the recording's first to its last time."""
-    t_ns, scene = recorded.places.t_ns, recorded.scene
+    t_ns, scene = recorded.positions.t_ns, recorded.scene
     span = int(t_ns[-1] - t_ns[0])
     # Steps of equal length, close to the median: people of a recording of constant rate have the times of its frames.
     steps = max(1, round(span / float(np.median(np.diff(t_ns)))))
@@ -304,11 +304,11 @@ def occluders_of(recorded: Recorded, seed: int) -> Truth:
 
 def hidden(recorded: Recorded, people: Truth, diameter: float = DIAMETER) -> Bools:
     """Return (n,) true for bearings with a line of sight to the target that a person crosses ([Ercan] Fig. 3, A(x))."""
-    bearings, places = recorded.bearings, recorded.places
+    bearings, positions = recorded.bearings, recorded.positions
     times = np.unique(people.t_ns)
     crowd = np.column_stack([people.x, people.y]).reshape(len(times), -1, 2)
     now = np.clip(np.searchsorted(times, bearings.t_ns, side="right") - 1, 0, None)
-    target = np.column_stack([places.x, places.y])[np.searchsorted(places.t_ns, bearings.t_ns)]
+    target = np.column_stack([positions.x, positions.y])[np.searchsorted(positions.t_ns, bearings.t_ns)]
     out = np.zeros(len(bearings), dtype=np.bool_)
     for camera in recorded.scene.cameras:
         rows = np.flatnonzero((bearings.sensor == camera.name) & bearings.seen)
@@ -352,7 +352,7 @@ def trial(
         `rmse` [m], `rmse_occ` [m] (of the priors' means; NaN without priors), and `hidden`, the share of
         the detections that are dropped.
     """
-    last = recorded.places.t_ns[min(size.steps, len(recorded.places)) - 1]
+    last = recorded.positions.t_ns[min(size.steps, len(recorded.positions)) - 1]
     table = recorded.bearings if kind == CLEAR else crowd.left
     used = (table.t_ns <= last) & np.isin(table.sensor, list(cameras))
     priors = crowd.priors.get(kind)
@@ -378,11 +378,11 @@ def settings_of(recorded: Recorded, size: Size, kind: str) -> ApfConfig:
 
 def _error(recorded: Recorded, tracks: Tracks) -> float:
     """Return the root mean square distance from the stand-in for the truth, without the first `SKIP` estimates."""
-    places, tracks = recorded.places, tracks.take(slice(SKIP, None))
+    positions, tracks = recorded.positions, tracks.take(slice(SKIP, None))
     if not len(tracks):
         raise InputError(f"no more than {SKIP} estimates, which are skipped; give more steps or more cameras")
-    row = np.searchsorted(places.t_ns, tracks.t_ns)
-    return float(np.sqrt(np.mean((tracks.x - places.x[row]) ** 2 + (tracks.y - places.y[row]) ** 2)))
+    row = np.searchsorted(positions.t_ns, tracks.t_ns)
+    return float(np.sqrt(np.mean((tracks.x - positions.x[row]) ** 2 + (tracks.y - positions.y[row]) ** 2)))
 
 
 def recorded_spec(source: RecordedFiles, size: Size, run: int, kind: str, cameras: list[str], **more: object) -> Spec:
@@ -432,8 +432,8 @@ def _crowd(source: RecordedFiles, seed: int) -> VirtualCrowd:
     return crowd_of(target_of(source), seed)
 
 
-NOBODY = "no occlusion"
-KINDS = {NONE: "none", PRIOR: "kalman", KNOWN: "known", NOBODY: CLEAR}
+NO_OCCLUSION = "no occlusion"
+KINDS = {NONE: "none", PRIOR: "kalman", KNOWN: "known", NO_OCCLUSION: CLEAR}
 ITEMS = ("fig14-recorded", "fig15-recorded")
 RUNS = 20
 EVERY = 1.0 / 7.5 * 5
@@ -443,7 +443,7 @@ Figures = dict[str, float]
 
 def recorded_experiments(source: RecordedFiles, recorded: Recorded) -> tuple[Experiment, Experiment]:
     """Make the two experiments on a recorded target; the full form uses all of its times."""
-    steps, names = len(recorded.places), recorded.cameras
+    steps, names = len(recorded.positions), recorded.cameras
     quick = (2, min(60, steps))
     note = (
         f"Recorded detections, M = {crowd_size(recorded.scene)} virtual people; "

@@ -47,7 +47,7 @@ class LikelihoodInput(NamedTuple):
     """Arguments of a likelihood at one step."""
 
     xy: Floats  # (L, 2) positions of the particles
-    looks: PackedScan
+    packed: PackedScan
     priors: dict[str, Priors]  # by series
 
 
@@ -105,11 +105,11 @@ def _steps(scene: Scene, truth: Truth, bearings: Bearings, n: int, size: Size) -
     rng = np.random.default_rng(size.seed)
     read = read_noise(scene)
     use = BearingRows(choose_sensors(scene, names(SQUARE_ORDER[:n])))
-    for place, group in enumerate(scans_of([bearings], scene, use)):
+    for index, group in enumerate(scans_of([bearings], scene, use)):
         scan, exact, prior = group.of_target(0), known.at(group.t_ns), guessed.at(group.t_ns)
         if scan is None or exact is None or prior is None:
             continue
-        middle = np.array([target.x[place], target.y[place]])
+        middle = np.array([target.x[index], target.y[index]])
         xy = middle + SCATTER * rng.standard_normal((size.particles, 2))
         yield LikelihoodInput(xy, pack_scan(scan, read, True), {KNOWN: exact, INDEPENDENT: prior, RECURSION: prior})
 
@@ -134,13 +134,13 @@ def _likelihood(scene: Scene, form: LikelihoodForm) -> Callable[[LikelihoodInput
         free = np.ones(len(step.xy), dtype=np.bool_)
         if not informed:
             return np.asarray(
-                log_likelihood(step.xy, step.looks, sensors=sensors, noise=noise, model=detection, free=free)
+                log_likelihood(step.xy, step.packed, sensors=sensors, noise=noise, model=detection, free=free)
             )
         priors = step.priors[form.series]
         occlusion = occlusion_of(form.config)._replace(far=OCCLUDER_SUPPORT_SIGMAS)
         return log_likelihood_among(
             step.xy,
-            step.looks,
+            step.packed,
             sensors=sensors,
             noise=noise,
             model=detection,

@@ -218,9 +218,9 @@ def _scene(
     if box is not None:
         lines += ["static_occluders:", f"- {{name: pillar, polygon: {_points(box)}}}"]
     lines.append("cameras:")
-    for n, (x, y, look) in enumerate(cameras, start=1):
+    for n, (x, y, direction) in enumerate(cameras, start=1):
         lines.append(
-            f"- {{name: cam{n}, position: [{x:g}, {y:g}], yaw_deg: {look:.6g}, focal_px: {focal:.6g}, "
+            f"- {{name: cam{n}, position: [{x:g}, {y:g}], yaw_deg: {direction:.6g}, focal_px: {focal:.6g}, "
             f"fov_deg: {fov:g}, noise: {{position: 1, yaw: {yaw:g}, measurement_noise_px: 2}}}}"
         )
     return "\n".join(lines) + "\n"

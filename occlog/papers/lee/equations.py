@@ -236,7 +236,7 @@ def _planes() -> dict[str, float]:
     """Order the first-order variances of scenario 4 at the true positions, of the three planes and two sensors."""
     w = world(4, INSTANTS)
     variance = np.array(
-        [[plane_variance(w.states[:, :3], at, np.eye(3), SIGMA, SIGMA, p) for p in range(3)] for at in w.places]
+        [[plane_variance(w.states[:, :3], at, np.eye(3), SIGMA, SIGMA, p) for p in range(3)] for at in w.positions]
     )
     sensor, plane = np.unravel_index(np.argsort(variance.reshape(6, INSTANTS), axis=0, kind="stable"), (2, 3))
     early = slice(0, FIRST_PLANES)

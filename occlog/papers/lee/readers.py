@@ -45,14 +45,14 @@ def errors(size: Size, execute: Execute) -> Table:  # noqa: ARG001
     """Draw `steps` tags in each run, and compute RMS errors of coarse positions and medians of all."""
     rows = []
     for readers, reach in SETTINGS:
-        places = grid(readers)
-        regions = virtual_sensors(places, np.full(readers, reach), ROOM)
+        positions = grid(readers)
+        regions = virtual_sensors(positions, np.full(readers, reach), ROOM)
         rms, medians = [], {form: list[float]() for form in (COARSE, *FORMS)}
         tails = {form: list[float]() for form in FORMS}
         for run in range(size.runs):
             rng = np.random.default_rng(np.random.SeedSequence(size.seed, spawn_key=(2009, 523, readers, run)))
             xy = rng.uniform(0.0, SIDE, (size.steps, 2))
-            inside = np.sqrt(((xy[:, None, :] - places) ** 2).sum(axis=2)) <= reach
+            inside = np.sqrt(((xy[:, None, :] - positions) ** 2).sum(axis=2)) <= reach
             xy, inside = xy[inside.any(axis=1)], inside[inside.any(axis=1)]
             coarse = locate(regions, inside, 1.0, 0.0)
             away = np.sqrt(((coarse.xy - xy) ** 2).sum(axis=1))
@@ -116,8 +116,8 @@ def counts(size: Size, execute: Execute) -> Table:  # noqa: ARG001
     angles = np.radians([90.0, 210.0, 330.0])
     three = len(virtual_sensors(np.column_stack([np.cos(angles), np.sin(angles)]), np.full(3, 1.5)).area)
     ring = np.radians(30.0 * np.arange(12))
-    places = 4.0 * np.column_stack([np.cos(ring), np.sin(ring)])
-    twelve = virtual_sensors(places, np.full(12, 1.5))
+    positions = 4.0 * np.column_stack([np.cos(ring), np.sin(ring)])
+    twelve = virtual_sensors(positions, np.full(12, 1.5))
     # Eight readers in two rows that are not quite even
     rng = np.random.default_rng(np.random.SeedSequence(size.seed, spawn_key=(2009, 531)))
     rows = np.array([(x, y) for y in (0.0, 2.0) for x in (0.0, 2.0, 4.0, 6.0)])

@@ -100,9 +100,9 @@ def _truth(boxes: TruthBoxes, names: Sequence[str]) -> tuple[Objects, Floats]:
     """Return the true boxes by view, and the radius of each [px]."""
     b = boxes.take(boxes.box >= 0)
     view = np.array([names.index(name) for name in b.sensor.tolist()], dtype=np.int64)
-    place = np.column_stack([b.left_px, b.top_px, b.width_px, b.height_px])
+    box = np.column_stack([b.left_px, b.top_px, b.width_px, b.height_px])
     radius = 0.5 * np.sqrt(b.width_px * b.height_px)
-    return Objects(b.frame, b.target_id.astype(np.int64), place, view), radius
+    return Objects(b.frame, b.target_id.astype(np.int64), box, view), radius
 
 
 def _followed(tracks: ViewTracks, names: Sequence[str]) -> TrackerOutput:

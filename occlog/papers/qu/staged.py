@@ -66,11 +66,11 @@ def video_of(config: BallsConfig, seed: int, staging: Staging) -> Iterator[Balls
 def staged_paths(config: BallsConfig, seed: int, scene: str) -> BallPaths:
     """Return the ways of the balls of a scene; their turns are those of the seed's own video."""
     rng = generator(seed, RandomStream.WORLD_MOTION, config.balls)
-    places = SCENES[scene](config, rng)
-    if places.shape[1] != config.balls:
-        raise InputError(f"trial: scene {scene} has {places.shape[1]} balls, not {config.balls}")
+    positions = SCENES[scene](config, rng)
+    if positions.shape[1] != config.balls:
+        raise InputError(f"trial: scene {scene} has {positions.shape[1]} balls, not {config.balls}")
     middle = np.array([0.0, 0.0, 0.5 * config.height])
-    return BallPaths(places + middle, ball_paths(config, seed).turns)
+    return BallPaths(positions + middle, ball_paths(config, seed).turns)
 
 
 def _together(config: BallsConfig, rng: Generator) -> Floats:
@@ -105,8 +105,8 @@ def _seen_in_first(middle: Floats, gap: Floats, rng: Generator) -> Floats:
     """Return (T, 2, 3) two balls with this middle and gap (T, 2) along y and z, that are separate in view 2."""
     side = rng.choice([-1.0, 1.0])
     x = np.broadcast_to([side * ASIDE, -side * ASIDE], (len(gap), 2))
-    places = np.stack([middle - 0.5 * gap, middle + 0.5 * gap], axis=1)
-    return np.concatenate([x[..., None], places], axis=2)
+    positions = np.stack([middle - 0.5 * gap, middle + 0.5 * gap], axis=1)
+    return np.concatenate([x[..., None], positions], axis=2)
 
 
 def _following(angle: float, *, across: bool = False, back: bool = False) -> Callable[[BallsConfig, Generator], Floats]:
@@ -118,7 +118,7 @@ def _following(angle: float, *, across: bool = False, back: bool = False) -> Cal
         back: whether the ball falls back, when it hides the other, instead of overtaking it.
     """
 
-    def places(config: BallsConfig, rng: Generator) -> Floats:
+    def positions(config: BallsConfig, rng: Generator) -> Floats:
         t = np.linspace(-0.5, 0.5, config.frames)
         turn = math.radians(angle + rng.uniform(-10.0, 10.0) * (angle > 0.0))
         along, normal = _unit(turn), _unit(turn + 0.5 * math.pi)
@@ -134,13 +134,13 @@ def _following(angle: float, *, across: bool = False, back: bool = False) -> Cal
         seen = np.stack([first, second], axis=1)
         return np.stack([seen[..., 0], y, seen[..., 1]], axis=2)
 
-    return places
+    return positions
 
 
 def _decoys(on_line: bool) -> Callable[[BallsConfig, Generator], Floats]:
     """Make the scene of four balls that never touch and go side by side: on one epipolar line, or in a column."""
 
-    def places(config: BallsConfig, rng: Generator) -> Floats:
+    def positions(config: BallsConfig, rng: Generator) -> Floats:
         t = np.linspace(-0.5, 0.5, config.frames)
         order, other = rng.permutation(4) - 1.5, rng.permutation(4) - 1.5
         gap = APART * config.radius
@@ -155,7 +155,7 @@ def _decoys(on_line: bool) -> Callable[[BallsConfig, Generator], Floats]:
             drift[2] *= 0.5
         return out + t[:, None, None] * drift
 
-    return places
+    return positions
 
 
 def _unit(angle: float) -> Floats:

@@ -40,17 +40,17 @@ def likelihood_seconds(
     model = weighing_model(state, arrival, local)
     order, sweeps = np.arange(len(state.views)), config.sweeps
     near = model.near
-    apart = Neighbours(busy=np.zeros_like(near.busy), touching=np.zeros_like(near.touching), ratio=near.ratio)
+    separate = Neighbours(busy=np.zeros_like(near.busy), touching=np.zeros_like(near.touching), ratio=near.ratio)
 
     def weigh(close: Neighbours, helper: Ints) -> Callable[[], object]:
         trial = model._replace(near=close, cameras=model.cameras._replace(helper=helper))
         return lambda: reweighted(local.particles, local.log_local, arrival.here, trial, order, sweeps)
 
-    nobody = np.full_like(model.cameras.helper, -1)
+    no_helper = np.full_like(model.cameras.helper, -1)
     parts = [
         locally,
-        weigh(apart, nobody),
-        weigh(near, nobody),
+        weigh(separate, no_helper),
+        weigh(near, no_helper),
         weigh(near, model.cameras.helper),
     ]
     whole, base, touching, helped = (_median_seconds(part, repeats) for part in parts)

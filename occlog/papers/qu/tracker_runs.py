@@ -26,7 +26,7 @@ from occlog.track.methods.images.methods.step import advance, initiate_trackers
 
 from .staged import Staging, video_of
 from .timing import likelihood_seconds
-from .world import FLYING, looks_of, truth_of, views_of
+from .world import FLYING, frame_set_of, truth_of, views_of
 
 
 class DivertedTracker(NamedTuple):
@@ -121,10 +121,10 @@ def follow(
     views = views_of(config)
     for frame in video_of(config, seed, staging):
         for label, r in runners.items():
-            looks = looks_of(frame, r.use)
+            frame_set = frame_set_of(frame, r.use)
             if not frames:
                 empty = initial_state(views[: r.use], r.geometry, r.config)
-                states[label] = initiate_trackers(empty, looks, r.births)
+                states[label] = initiate_trackers(empty, frame_set, r.births)
                 done[label].append(_first(r.births, r.use))
                 continue
             if r.exchange is not None and r.exchange[3] == frame.frame:
@@ -133,9 +133,9 @@ def follow(
                 states[label] = led_astray(states[label], r.astray)
             if r.timed and isinstance(r.config, BmctConfig) and frame.frame % EVERY == 1:
                 rng = np.random.default_rng(frame.frame)
-                parts[label].append(likelihood_seconds(states[label], r.config, looks, rng, REPEATS))
+                parts[label].append(likelihood_seconds(states[label], r.config, frame_set, rng, REPEATS))
             start = time.thread_time()
-            states[label], outlines = advance(states[label], looks, rngs[label])
+            states[label], outlines = advance(states[label], frame_set, rngs[label])
             seconds[label].append(time.thread_time() - start)
             done[label].append(outlines)
         if watch is not None:

@@ -56,15 +56,18 @@ def whereabouts(
     assert truth.view is not None
     frames = int(truth.frame.max()) + 1
     most = int(max(truth.label.max(), followed.target.max(), max(targets))) + 1
-    place, reach = np.full((frames, most, 2), np.nan), np.full((frames, most), np.nan)
+    position, reach = np.full((frames, most, 2), np.nan), np.full((frames, most), np.nan)
     rows = truth.view == view
-    middle = truth.place[:, :2] + 0.5 * truth.place[:, 2:]
-    place[truth.frame[rows], truth.label[rows]], reach[truth.frame[rows], truth.label[rows]] = middle[rows], tau[rows]
+    middle = truth.position[:, :2] + 0.5 * truth.position[:, 2:]
+    position[truth.frame[rows], truth.label[rows]], reach[truth.frame[rows], truth.label[rows]] = (
+        middle[rows],
+        tau[rows],
+    )
     tracked = np.full((frames, most, 2), np.nan)
     rows = (followed.view == view) & np.isin(followed.target, list(targets))
     tracked[followed.frame[rows], followed.target[rows]] = followed.ellipse[rows, :2]
     # Distances of the trackers from all targets; comparisons with NaN are false
-    away = np.linalg.norm(tracked[:, list(targets), None] - place[:, None], axis=-1)
+    away = np.linalg.norm(tracked[:, list(targets), None] - position[:, None], axis=-1)
     near = away <= reach[:, None]
     own = near[:, np.arange(len(targets)), list(targets)]
     modes = followed.mode[rows & (followed.mode >= 0)]
@@ -172,9 +175,9 @@ def on_own(truth: Objects, followed: TrackerOutput, tau: Floats) -> Bools:
     """Return (n,) whether each tracker is within tau of its own target."""
     f = followed
     assert truth.view is not None
-    place = {key: i for i, key in enumerate(zip(truth.frame, truth.view, truth.label, strict=True))}
-    rows = np.array([place.get(key, -1) for key in zip(f.frame, f.view, f.target, strict=True)], dtype=np.int64)
-    middle = truth.place[:, :2] + 0.5 * truth.place[:, 2:]
+    index_of = {key: i for i, key in enumerate(zip(truth.frame, truth.view, truth.label, strict=True))}
+    rows = np.array([index_of.get(key, -1) for key in zip(f.frame, f.view, f.target, strict=True)], dtype=np.int64)
+    middle = truth.position[:, :2] + 0.5 * truth.position[:, 2:]
     away = np.hypot(*(f.ellipse[:, :2] - middle[rows]).T)
     return np.asarray((rows >= 0) & (away <= tau[rows]))
 
@@ -326,8 +329,8 @@ def scores(truth: Objects, followed: TrackerOutput, tau: Floats) -> dict[str, fl
         tau: (n,) largest distance of a tracker on its target, for each true row [px].
     """
     f = followed
-    place = truth.place[:, :2] + 0.5 * truth.place[:, 2:]
-    failed = failures(truth._replace(place=place), Objects(f.frame, f.target, f.ellipse[:, :2], f.view), tau)
+    position = truth.position[:, :2] + 0.5 * truth.position[:, 2:]
+    failed = failures(truth._replace(position=position), Objects(f.frame, f.target, f.ellipse[:, :2], f.view), tau)
     boxes = of_boxes(truth, Objects(f.frame, f.target, boxes_of(f.ellipse), f.view))
     modes = {f"mode_{name}": float(np.mean(f.mode[f.mode >= 0] == k)) for k, name in enumerate(MODES)}
     return {

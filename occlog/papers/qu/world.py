@@ -102,7 +102,7 @@ def views_of(config: BallsConfig) -> tuple[TrackedView, ...]:
     return tuple(TrackedView(c.name, config.width, config.height) for c in ball_cameras(config))
 
 
-def looks_of(frame: BallsFrame, use: int) -> FrameSet:
+def frame_set_of(frame: BallsFrame, use: int) -> FrameSet:
     """Return the first views of a frame in the form that methods take."""
     return FrameSet(frame.frame * FRAME_NS, np.full(use, frame.frame, dtype=np.int64), frame.images[:use])
 
@@ -126,7 +126,7 @@ def of_views(truth: Objects, radius: Floats, use: int) -> tuple[Objects, Floats]
     """Return the rows of the first views from the output of `truth_of`."""
     assert truth.view is not None
     kept = truth.view < use
-    return Objects(truth.frame[kept], truth.label[kept], truth.place[kept], truth.view[kept]), radius[kept]
+    return Objects(truth.frame[kept], truth.label[kept], truth.position[kept], truth.view[kept]), radius[kept]
 
 
 def boxes_of(ellipses: Floats) -> Floats:

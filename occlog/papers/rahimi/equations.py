@@ -98,19 +98,19 @@ def judge(table: Table) -> list[StatementVerdict]:
     return out
 
 
-def open_dimensions(cameras: Floats, place: Floats, velocity: Floats, *, speed: bool) -> int:
+def open_dimensions(cameras: Floats, position: Floats, velocity: Floats, *, speed: bool) -> int:
     """Return how many of a target's four unknowns, position and velocity, its bearings leave open.
 
     Args:
         cameras: (C, 2) positions; each sees the target at `STEPS` times, one camera after the other.
-        place: (2,) of the target at the first time.
+        position: (2,) of the target at the first time.
         velocity: (2,) of the target [length per step], constant.
         speed: true: the length of the velocity is known.
     """
     rows = []
     for i, camera in enumerate(cameras):
         for t in range(i * STEPS, (i + 1) * STEPS):
-            away = place + t * velocity - camera
+            away = position + t * velocity - camera
             normal = np.array([-away[1], away[0]]) / (away @ away)
             rows.append(np.concatenate([normal, t * normal]))
     if speed:
@@ -123,10 +123,10 @@ def open_dimensions(cameras: Floats, place: Floats, velocity: Floats, *, speed: 
 def _undetermined(rng: np.random.Generator, targets: int) -> dict[str, float]:
     """Return the share of random targets for which each statement of Fig. 1 holds; cameras are those of Sec. 6."""
     held = dict.fromkeys((ALONE, SPEED_KNOWN, TWO, RADIAL), 0)
-    places, half = np.array(PLACES, dtype=np.float64), math.radians(0.5 * FOV_DEG)
+    positions, half = np.array(PLACES, dtype=np.float64), math.radians(0.5 * FOV_DEG)
     for _ in range(targets):
-        one, other = rng.choice(len(places), 2, replace=False)
-        cameras, yaws = places[[one, other], :2], np.radians(places[[one, other], 2])
+        one, other = rng.choice(len(positions), 2, replace=False)
+        cameras, yaws = positions[[one, other], :2], np.radians(positions[[one, other], 2])
         angle, distance = yaws + rng.uniform(-half, half, 2), rng.uniform(0.2, 1.0, 2) * RANGE
         sight = np.column_stack([np.cos(angle), np.sin(angle)])
         # It passes a point that the first camera sees, and is in the second one's view when that one observes

@@ -124,12 +124,12 @@ def with_false(bearings: Bearings, scene: Scene, share: float, rng: np.random.Ge
 
     Each measurement has its own draws, used or not, so that a larger share only adds to the false ones.
     """
-    chance, place = rng.random((2, len(bearings)))
+    chance, position = rng.random((2, len(bearings)))
     false = bearings.seen & (chance < share)
     if not false.any():
         return bearings
     half = FOCAL_PX * math.tan(math.radians(0.5 * FOV_DEG))
-    u = np.where(false, half * (2.0 * place - 1.0), bearings.u_px)
+    u = np.where(false, half * (2.0 * position - 1.0), bearings.u_px)
     bearing, sigma = bearings.bearing.copy(), bearings.sigma.copy()
     for camera in scene.cameras:
         rows = false & (bearings.sensor == camera.name)

@@ -190,7 +190,7 @@ def constraints_plan(size: Size) -> PlanFigure:
 
 def _behind(solved: Solved) -> int:
     at = sightings(solved.problem.bearings, solved.tracks.t_ns)
-    return int(np.count_nonzero(np.sum((solved.xy[at.state] - at.place) * at.axis, axis=1) <= 0.0))
+    return int(np.count_nonzero(np.sum((solved.xy[at.state] - at.position) * at.axis, axis=1) <= 0.0))
 
 
 FIG4 = Experiment(

@@ -54,13 +54,13 @@ def settled(values: Sequence[float]) -> int:
 
 def judge3(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 3, and those of Secs. 5 and 6 about the search."""
-    ray, distance, place = (np.array([r.values for r in v.series(table, n)]) for n in (RAY, DISTANCE, PLACE))
+    ray, distance, position = (np.array([r.values for r in v.series(table, n)]) for n in (RAY, DISTANCE, PLACE))
     runs = ray.shape[1]
     lined, placed = ([settled(column.tolist()) for column in x.T] for x in (ray, distance))
     rays = PaperRow(RAY, math.nan, tuple(map(float, lined)))
     distances = PaperRow(DISTANCE, math.nan, tuple(map(float, placed)))
     then = PaperRow(DISTANCE, math.nan, tuple(float(distance[k, i]) for i, k in enumerate(lined)))
-    end, start, best = (PaperRow("", math.nan, tuple(x.tolist())) for x in (distance[-1], place[0], place[-1]))
+    end, start, best = (PaperRow("", math.nan, tuple(x.tolist())) for x in (distance[-1], position[0], position[-1]))
     return [
         _start(table[0].extra["start_off"], runs),
         v.pairs(

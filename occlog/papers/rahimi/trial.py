@@ -67,7 +67,7 @@ class SparseMeasurements(NamedTuple):
     """The n measurements of a problem."""
 
     state: Ints  # (n,) time, from 0
-    place: Floats  # (n, 2) of the camera
+    position: Floats  # (n, 2) of the camera
     axis: Floats  # (n, 2) its optical axis
     reading: Floats  # (n,) f h/d, in units of f
 
@@ -193,7 +193,7 @@ def consistency(solved: Solved, at: SparseMeasurements) -> dict[str, float]:
     P = np.stack([t.cov_xx, t.cov_xy, t.cov_xy, t.cov_yy], axis=1).reshape(-1, 2, 2)
     nees = normalised_squared_errors(solved.xy - solved.true_xy, P)
     good = (solved.diagnostics.fallback == "") & np.isfinite(nees)
-    ray = solved.xy[at.state] - at.place
+    ray = solved.xy[at.state] - at.position
     d2 = np.sum(ray**2, axis=1)
     along2 = np.einsum("ni,nij,nj->n", ray, P[at.state], ray) / np.maximum(d2, 1e-300)
     known = good.copy()
@@ -213,7 +213,7 @@ def refinement(solved: Solved, at: SparseMeasurements) -> dict[str, float]:
     from the cameras, over seen states [m].  position: RMSE of all states [m].  start_off: largest distance of a state
     of the start from its position in the paper [m].
     """
-    true = np.sum((solved.true_xy[at.state] - at.place) * at.axis, axis=1)
+    true = np.sum((solved.true_xy[at.state] - at.position) * at.axis, axis=1)
     out = {}
     for k, xy in enumerate(solved.iterates):
         h, d = _across(at, xy), _depth(at, xy)
@@ -221,17 +221,17 @@ def refinement(solved: Solved, at: SparseMeasurements) -> dict[str, float]:
         out[f"distance_{k}"] = _root_mean((d - true) ** 2)
         out[f"place_{k}"] = _root_mean(np.sum((xy - solved.true_xy) ** 2, axis=1))
     stated = np.zeros_like(solved.xy)
-    stated[at.state] = at.place + at.axis
+    stated[at.state] = at.position + at.axis
     out["start_off"] = float(np.abs(solved.iterates[0] - stated).max())
     return out
 
 
 def _depth(at: SparseMeasurements, xy: Floats) -> Floats:
-    return np.asarray(np.sum((xy[at.state] - at.place) * at.axis, axis=1))
+    return np.asarray(np.sum((xy[at.state] - at.position) * at.axis, axis=1))
 
 
 def _across(at: SparseMeasurements, xy: Floats) -> Floats:
-    away = xy[at.state] - at.place
+    away = xy[at.state] - at.position
     return np.asarray(at.axis[:, 0] * away[:, 1] - at.axis[:, 1] * away[:, 0])
 
 

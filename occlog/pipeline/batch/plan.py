@@ -31,13 +31,13 @@ class BatchRecording(NamedTuple):
     Attributes:
         name: of its run folder, different from every other one, also where case does not count, or how accents are put.
         shown: its file name, with folders where these are needed to find it among the others; names no machine; text.
-        place: where it is.
+        location: where it is.
         fault: why it cannot be taken, as text after its name; empty: it may be.
     """
 
     name: str
     shown: str
-    place: str
+    location: str
     fault: str = ""
 
 
@@ -55,17 +55,17 @@ def sources_of(patterns: Sequence[str], results: str = "") -> list[BatchRecordin
     Raises:
         InputError: a file is missing, or a pattern finds none.
     """
-    places = _each_once(place for pattern in patterns for place in _places(pattern, results))
-    shown = _shown(places)
+    locations = _each_once(location for pattern in patterns for location in _places(pattern, results))
+    shown = _shown(locations)
     alike: dict[str, list[str]] = defaultdict(list)
-    for place in places:
-        alike[key_of_name(_stem(place))].append(place)
+    for location in locations:
+        alike[key_of_name(_stem(location))].append(location)
     taken = {stem for stem, group in alike.items() if len(group) == 1 and _fits(_stem(group[0]))}
     found = []
     for stem, group in alike.items():
-        for place in sorted(group, key=shown.__getitem__):
-            name = _stem(place) if stem in taken else _with_hash(_stem(place), shown[place], taken)
-            found.append(BatchRecording(name, in_text(shown[place]), place, _fault(place)))
+        for location in sorted(group, key=shown.__getitem__):
+            name = _stem(location) if stem in taken else _with_hash(_stem(location), shown[location], taken)
+            found.append(BatchRecording(name, in_text(shown[location]), location, _fault(location)))
     return sorted(found)
 
 
@@ -80,17 +80,17 @@ def in_line(text: str) -> str:
     return in_text(" ".join(text.split()))
 
 
-def _each_once(places: Iterable[str]) -> list[str]:
+def _each_once(locations: Iterable[str]) -> list[str]:
     """Of the ways to each recording the one over the fewest links, of these the first by name."""
     ways: dict[str, set[str]] = defaultdict(set)
-    for place in places:
-        ways[place if is_url(place) else os.path.realpath(place)].add(place)
+    for location in locations:
+        ways[location if is_url(location) else os.path.realpath(location)].add(location)
     return [min(each, key=lambda way: (_links(way), way)) if len(each) > 1 else each.pop() for each in ways.values()]
 
 
-def _links(place: str) -> int:
+def _links(location: str) -> int:
     """Number of symbolic links on the path to a file."""
-    return 0 if is_url(place) else sum(part.is_symlink() for part in (Path(place), *Path(place).parents))
+    return 0 if is_url(location) else sum(part.is_symlink() for part in (Path(location), *Path(location).parents))
 
 
 def _places(pattern: str, results: str) -> Iterable[str]:
@@ -127,16 +127,16 @@ def _may_be_file(name: str) -> bool:
         return True
 
 
-def _fault(place: str) -> str:
-    if is_url(place):
+def _fault(location: str) -> str:
+    if is_url(location):
         return ""
     try:
-        Path(place).stat()
+        Path(location).stat()
     except FileNotFoundError:
         return "is a symbolic link to a file that is not there; mend or remove it"
     except OSError as error:
         return f"cannot be accessed: {error.strerror}; repair or remove it"
-    name = Path(place).name
+    name = Path(location).name
     return "" if in_text(name) == name else "its name is not UTF-8, as names in tables have to be; rename it"
 
 
@@ -154,9 +154,9 @@ def _found(pattern: str, results: str) -> list[str]:
     return urls
 
 
-def _stem(place: str) -> str:
+def _stem(location: str) -> str:
     """The file's name without its ending, as text; with `_` for points where it has no more, as these name folders."""
-    stem = PurePosixPath(without_secrets(place) if is_url(place) else in_text(place)).stem
+    stem = PurePosixPath(without_secrets(location) if is_url(location) else in_text(location)).stem
     return stem if stem.strip(".") else "_" * len(stem)
 
 
@@ -164,12 +164,12 @@ def _fits(name: str) -> bool:
     return len(name.encode()) <= LONGEST_NAME
 
 
-def _shown(places: Sequence[str]) -> dict[str, str]:
+def _shown(locations: Sequence[str]) -> dict[str, str]:
     """Return the short name of each location: its path below the folder that all have in common."""
-    local = [place for place in places if not is_url(place)]
-    common = os.path.commonpath([str(Path(place).parent) for place in local]) if local else ""
-    files = {place: Path(place).relative_to(common).as_posix() for place in local}
-    return {place: without_secrets(place) if is_url(place) else files[place] for place in places}
+    local = [location for location in locations if not is_url(location)]
+    common = os.path.commonpath([str(Path(location).parent) for location in local]) if local else ""
+    files = {location: Path(location).relative_to(common).as_posix() for location in local}
+    return {location: without_secrets(location) if is_url(location) else files[location] for location in locations}
 
 
 def _with_hash(stem: str, shown: str, taken: set[str]) -> str:

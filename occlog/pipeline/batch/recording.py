@@ -99,31 +99,31 @@ def _mark() -> dict[str, object]:
 
 
 @contextmanager
-def run_folder(place: str, name: str, cache: Cache) -> Iterator[Path]:
+def run_folder(location: str, name: str, cache: Cache) -> Iterator[Path]:
     """Yield the folder of a run on this machine; new files of one at a URL is written there at the end."""
-    if not is_url(place):
-        yield Path(place)
+    if not is_url(location):
+        yield Path(location)
         return
     with cache.scratch() as folder:
         run = folder / name
-        names = names_in(place)
+        names = names_in(location)
         # Without its state the files of a run are unknown
-        fetch_files(place, names if STATE in names else (), run)
+        fetch_files(location, names if STATE in names else (), run)
         before = {path.name: hash_file(path) for path in run.iterdir()}
         yield run
         files = [path for path in run.glob("*") if path.is_file()]
         # What a stage made that the configuration no longer has would pass for the run's own
-        remove(f"{place}/{name}" for name in before.keys() - {path.name for path in files})
+        remove(f"{location}/{name}" for name in before.keys() - {path.name for path in files})
         for path in sorted(files, key=lambda path: path.name == STATE):
             if before.get(path.name) != hash_file(path):
-                put(path, f"{place}/{path.name}")
+                put(path, f"{location}/{path.name}")
 
 
-def fetch_files(place: str, names: Iterable[str], folder: Path) -> None:
+def fetch_files(location: str, names: Iterable[str], folder: Path) -> None:
     """Fetch files of a run into a folder, which is made if missing."""
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
-        fetch(f"{place}/{name}", folder / name)
+        fetch(f"{location}/{name}", folder / name)
 
 
 STATES = {ExitCode.DONE: "done", ExitCode.LOSSY: "lossy", ExitCode.THRESHOLD: "threshold"}
@@ -137,7 +137,7 @@ class Task:
 
     name: str
     shown: str  # what it is called in tables
-    place: str = field(repr=False)  # where it is; a URL may hold what opens it
+    location: str = field(repr=False)  # where it is; a URL may hold what opens it
     config: Config  # without a recording
     folder: str = field(repr=False)  # of its run; the same
     force: bool  # do every stage
@@ -221,8 +221,8 @@ class _Run:
 
     def _recording(self) -> AbstractContextManager[Path]:
         """The recording on this machine, while the block lasts."""
-        place = self._task.place
-        return self._task.cache.holding(place) if is_url(place) else nullcontext(Path(place))
+        location = self._task.location
+        return self._task.cache.holding(location) if is_url(location) else nullcontext(Path(location))
 
     def _do_stages(self, recording: Path, folder: Path) -> int:
         """Do the stages; the exit code of the run."""
@@ -245,9 +245,9 @@ class _Run:
     def _begin(self, stage: str) -> None:
         self._stage = stage
 
-    def _with_outputs(self, told: RecordingOutcome, folder: Path) -> RecordingOutcome:
+    def _with_outputs(self, outcome: RecordingOutcome, folder: Path) -> RecordingOutcome:
         """The outcome with what its files state."""
         made = tuple(name for step in self._steps for name in step.outputs)
-        redone = told.redone or any(step.what == "done" for step in self._steps)
+        redone = outcome.redone or any(step.what == "done" for step in self._steps)
         files = [folder / name for name in made]
-        return replace(told, outputs=made, redone=redone, losses=losses_of(files), verdicts=verdicts_of(files))
+        return replace(outcome, outputs=made, redone=redone, losses=losses_of(files), verdicts=verdicts_of(files))

@@ -96,8 +96,8 @@ def losses_of(outcomes: Sequence[RecordingOutcome]) -> tuple[Loss, ...]:
     """
     found = []
     for each in outcomes:
-        told, more = each.losses[:MAX_LOSSES], each.losses[MAX_LOSSES:]
-        found += [Loss(f"{each.name}: {loss.source}", loss.place, loss.what, loss.count) for loss in told]
+        shown, more = each.losses[:MAX_LOSSES], each.losses[MAX_LOSSES:]
+        found += [Loss(f"{each.name}: {loss.source}", loss.place, loss.what, loss.count) for loss in shown]
         if more:
             counts = [loss.count for loss in more]
             what = f"{len(more)} more losses; {RUNS_TABLE} lists them"
@@ -163,7 +163,7 @@ def _figures(runs: Path, outcomes: Sequence[RecordingOutcome]) -> Iterator[dict[
 
 TIMINGS = "timings.csv"
 """Files that differ from run to run; the other files have the same bytes each time."""
-TOLD = 20
+MAX_REPORTED = 20
 """This many recordings that failed are named; the table has all."""
 
 
@@ -210,15 +210,15 @@ def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool
     sources = sources_of(request.recordings, request.output)
     _check_config(config)
     _check_places(request, sources)
-    files = [request.config, *(Path(source.place) for source in sources if not is_url(source.place))]
+    files = [request.config, *(Path(source.location) for source in sources if not is_url(source.location))]
     note_files(files, [] if is_url(request.output) else [Path(request.output)])
     begin_work()
     results = (RUNS_TABLE, METRICS_TABLE, *(f"{table}.parquet" for table in request.tables), TIMINGS)
     with batch_folder(request.output, results, request.cache) as folder:
-        place = request.output if is_url(request.output) else str(folder)
-        outcomes = _outcomes(request, config, sources, place, quiet)
-        if is_url(place):
-            _fetch_gathered(place, folder / RUNS, outcomes, results)
+        location = request.output if is_url(request.output) else str(folder)
+        outcomes = _outcomes(request, config, sources, location, quiet)
+        if is_url(location):
+            _fetch_gathered(location, folder / RUNS, outcomes, results)
         gathered = gather(folder, folder / RUNS, outcomes, request.tables, config)
         times = [{"recording": o.name, "seconds": o.seconds, "cpu_seconds": o.cpu_seconds} for o in outcomes]
         write_bytes(folder / TIMINGS, to_csv(times), overwrite=True)
@@ -228,7 +228,7 @@ def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool
             console.note(f"warning: no run has made {name}, so that there is no table of all", quiet)
     for loss in gathered.losses:
         console.note(f"lost: {loss}")
-    console.echo_summary(_summary(public_url(place), outcomes, gathered.rows), as_json)
+    console.echo_summary(_summary(public_url(location), outcomes, gathered.rows), as_json)
     plausible = all(each.plausible is not False for each in outcomes)
     return console.strict_code(_code(outcomes, bool(gathered.losses)), plausible, strict)
 
@@ -244,7 +244,9 @@ def _check_config(config: Config) -> None:
 
 def _check_places(request: BatchRequest, sources: Sequence[BatchRecording]) -> None:
     """Refuse positions that other processes do not have."""
-    here = [p for p in (request.output, *(source.place for source in sources)) if is_url(p) and kind_of(p) == "memory"]
+    here = [
+        p for p in (request.output, *(source.location for source in sources)) if is_url(p) and kind_of(p) == "memory"
+    ]
     if here and (request.workers > 1 or request.scheduler is not None):
         raise UsageError(f"{here[0]}: is in the memory of this process; give {option('workers')} 1")
 
@@ -256,12 +258,12 @@ def _outcomes(
     # A worker of another machine may have another working folder
     config = replace(config, path=config.path.absolute())
     tasks = {
-        s.name: Task(s.name, s.shown, s.place, config, f"{folder}/{RUNS}/{s.name}", request.force, request.cache)
+        s.name: Task(s.name, s.shown, s.location, config, f"{folder}/{RUNS}/{s.name}", request.force, request.cache)
         for s in sources
         if not s.fault
     }
-    places = [folder, *(source.place for source in sources)]
-    isolated = not any(is_url(place) and kind_of(place) == "memory" for place in places)
+    locations = [folder, *(source.location for source in sources)]
+    isolated = not any(is_url(location) and kind_of(location) == "memory" for location in locations)
     jobs = None if is_url(folder) else Path(folder) / JOBS_FOLDER
     workers = max(1, min(request.workers, len(tasks)))
     executor = executor_of(workers, request.scheduler, request.jobs, jobs, isolated=isolated)
@@ -287,11 +289,11 @@ def _refused(source: BatchRecording) -> RecordingOutcome:
     )
 
 
-def _fetch_gathered(place: str, runs: Path, outcomes: Sequence[RecordingOutcome], results: Sequence[str]) -> None:
+def _fetch_gathered(location: str, runs: Path, outcomes: Sequence[RecordingOutcome], results: Sequence[str]) -> None:
     """Fetch what the tables over all are made of."""
     for each in outcomes:
         wanted = [name for name in each.outputs if name in METRICS_FILES or name in results]
-        fetch_files(f"{place}/{RUNS}/{each.name}", wanted, runs / each.name)
+        fetch_files(f"{location}/{RUNS}/{each.name}", wanted, runs / each.name)
 
 
 def _code(outcomes: Sequence[RecordingOutcome], lost: bool) -> int:
@@ -304,31 +306,31 @@ def _code(outcomes: Sequence[RecordingOutcome], lost: bool) -> int:
 
 def _from_here(source: BatchRecording) -> str:
     """Return the argument of a command for a recording: tables have its name without the folder."""
-    if is_url(source.place):
+    if is_url(source.location):
         return source.shown
-    place, here = Path(source.place), Path.cwd()
-    return in_text(str(place.relative_to(here) if place.is_relative_to(here) else place))
+    path, here = Path(source.location), Path.cwd()
+    return in_text(str(path.relative_to(here) if path.is_relative_to(here) else path))
 
 
 def _tell(outcomes: Sequence[RecordingOutcome], sources: Sequence[BatchRecording], quiet: bool) -> None:
     """Name recordings that failed or that are not reliable, on standard error."""
     failed = [(each, source) for each, source in zip(outcomes, sources, strict=True) if each.state == FAILED]
-    for each, source in failed[:TOLD]:
+    for each, source in failed[:MAX_REPORTED]:
         message = each.message.replace(in_line(each.shown), _from_here(source))
         line = " ".join(f"occlog: failed: {each.name}: {each.stage}: {message}".split())
         click.echo(shortened(line), err=True)
-    if len(failed) > TOLD:
-        click.echo(f"occlog: {len(failed) - TOLD} more have failed; {RUNS_TABLE} names them", err=True)
+    if len(failed) > MAX_REPORTED:
+        click.echo(f"occlog: {len(failed) - MAX_REPORTED} more have failed; {RUNS_TABLE} names them", err=True)
     lossy = [each for each in outcomes if each.losses]
     if lossy:
         click.echo(
             f"occlog: lost: input of {counted(len(lossy), 'recording')}; {RUNS_TABLE} lists it (losses)", err=True
         )
     doubted = [each for each in outcomes if each.plausible is False]
-    for each in doubted[:TOLD]:
+    for each in doubted[:MAX_REPORTED]:
         console.note(f"warning: {each.name}: plausible: {plausible_in_words(summary_of(each.verdicts))}", quiet)
-    if len(doubted) > TOLD:
-        console.note(f"warning: {len(doubted) - TOLD} more are not plausible; {RUNS_TABLE} names them", quiet)
+    if len(doubted) > MAX_REPORTED:
+        console.note(f"warning: {len(doubted) - MAX_REPORTED} more are not plausible; {RUNS_TABLE} names them", quiet)
 
 
 def _summary(folder: str, outcomes: Sequence[RecordingOutcome], rows: object) -> dict[str, object]:

@@ -30,10 +30,10 @@ def executor_of(
     """
     if scheduler in JOB_CLUSTERS:
         settings = dict(jobs)
-        place = settings.pop(JOB_FOLDER, None) or folder
-        if place is None:
+        location = settings.pop(JOB_FOLDER, None) or folder
+        if location is None:
             raise UsageError(f"--scheduler {scheduler}: give a folder that all machines see: --job {JOB_FOLDER}=PATH")
-        return Jobs(JOB_CLUSTERS[scheduler], Path(place), settings)
+        return Jobs(JOB_CLUSTERS[scheduler], Path(location), settings)
     if scheduler is not None:
         return RayCluster(scheduler) if scheduler.partition(":")[0] == "ray" else DaskCluster(scheduler)
     return Processes(workers) if isolated or workers > 1 else InThisProcess()

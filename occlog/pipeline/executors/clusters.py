@@ -181,11 +181,11 @@ class Jobs:
         Raises:
             UsageError: `jobs` is no number above 0.
         """
-        told = dict(settings)
-        count = told.pop("jobs", str(JOBS))
+        options = dict(settings)
+        count = options.pop("jobs", str(JOBS))
         if not count.isdecimal() or not int(count):
             raise UsageError(f"--job jobs={count}: expected a number above 0")
-        self._cluster, self._folder, self._count, self._settings = cluster, folder, int(count), told
+        self._cluster, self._folder, self._count, self._settings = cluster, folder, int(count), options
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
         """Iterate over the results as jobs end; `Lost` for every piece of a job that did not come to its end."""

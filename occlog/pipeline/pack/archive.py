@@ -102,10 +102,10 @@ def read_manifest(data: bytes, where: str) -> Manifest:
 
 def check_names(manifest: Manifest, where: str, so: str) -> None:
     """InputError, which ends with `so`, for names that no archive has, or two that some systems take for one."""
-    for place, files in ((INPUTS, manifest.inputs), (OUTPUTS, manifest.outputs)):
+    for folder, files in ((INPUTS, manifest.inputs), (OUTPUTS, manifest.outputs)):
         met: dict[str, str] = {}
         for file in files:
-            check_name(f"{place}/{file.path}", where, so)
+            check_name(f"{folder}/{file.path}", where, so)
             key = key_of_name(file.path)
             if key in met:
                 both = f"{met[key]!r} and {file.path!r}"
@@ -171,20 +171,20 @@ class Packer:
         """Add a small file."""
         self._zip.writestr(_info(name), data, compresslevel=6)
 
-    def file(self, name: str, path: Path, told: PackedFile) -> None:
+    def file(self, name: str, path: Path, entry: PackedFile) -> None:
         """Add a file; InputError if it changed since it was checked."""
         digest = hashlib.sha256()
         info = _info(name)
-        info.file_size = told.bytes
+        info.file_size = entry.bytes
         if info.compress_type == zipfile.ZIP_DEFLATED:
-            self._compressed += told.bytes
+            self._compressed += entry.bytes
             if self._compressed > FREE_BYTES // 2:  # more of it might not be unpacked again
                 info.compress_type = zipfile.ZIP_STORED
-        with path.open("rb") as source, self._zip.open(info, "w", force_zip64=told.bytes > zipfile.ZIP64_LIMIT) as out:
+        with path.open("rb") as source, self._zip.open(info, "w", force_zip64=entry.bytes > zipfile.ZIP64_LIMIT) as out:
             while part := source.read(_PART):
                 digest.update(part)
                 out.write(part)
-        if digest.hexdigest() != told.sha256:
+        if digest.hexdigest() != entry.sha256:
             raise InputError(f"{path}: changed while it was packed; pack the run again")
 
     def close(self) -> None:
@@ -241,9 +241,9 @@ def unpack(path: Path, folder: Path) -> Manifest:
         if not same:
             raise InputError(f"{path}: {LOCK} has other versions than {MANIFEST}; it is not unpacked")
         _check_space(path, members, folder)
-        for name, told in wanted.items():
+        for name, entry in wanted.items():
             with _guarded(path), archive.open(members[name]) as source:
-                _copy(source, folder / name, told, f"{path}: {name}")
+                _copy(source, folder / name, entry, f"{path}: {name}")
     return manifest
 
 
@@ -286,24 +286,24 @@ def _check_space(path: Path, members: Mapping[str, zipfile.ZipInfo], folder: Pat
 
 
 def _copy(
-    source: IO[bytes], target: Path, told: PackedFile, where: str, remedy: str = "copy the archive again"
+    source: IO[bytes], target: Path, entry: PackedFile, where: str, remedy: str = "copy the archive again"
 ) -> None:
     """Write a file of exactly the stated size and digest."""
     target.parent.mkdir(parents=True, exist_ok=True)
     digest, size = hashlib.sha256(), 0
     with target.open("xb") as out:
-        while part := source.read(min(_PART, told.bytes - size + 1)):
+        while part := source.read(min(_PART, entry.bytes - size + 1)):
             size += len(part)
-            if size > told.bytes:
+            if size > entry.bytes:
                 break
             digest.update(part)
             out.write(part)
-    if size != told.bytes or digest.hexdigest() != told.sha256:
+    if size != entry.bytes or digest.hexdigest() != entry.sha256:
         raise InputError(f"{where}: is not what {MANIFEST} states (size or SHA-256); {remedy}")
 
 
-def take(source: Path, target: Path, told: PackedFile) -> None:
+def take(source: Path, target: Path, entry: PackedFile) -> None:
     """Copy a file that is not in the archive; InputError unless it is the one that the manifest names."""
     check_input(source, "an input of the packed run")
     with source.open("rb") as file:
-        _copy(file, target, told, str(source), "give the folder that has the inputs of this run: --inputs FOLDER")
+        _copy(file, target, entry, str(source), "give the folder that has the inputs of this run: --inputs FOLDER")

@@ -34,13 +34,13 @@ def command(folder: Path, config: Path, output: Path, reference: bool, overwrite
 
     check_outputs([config], [output], overwrite)
     found = pack_run(folder, config, output, include=not reference, overwrite=overwrite)
-    told = found.manifest
+    manifest = found.manifest
     summary = {
         "archive": str(output),
         "bytes": found.size,
-        "inputs": len(told.inputs),
-        "inputs_included": sum(file.included for file in told.inputs),
-        "outputs": len(told.outputs),
+        "inputs": len(manifest.inputs),
+        "inputs_included": sum(file.included for file in manifest.inputs),
+        "outputs": len(manifest.outputs),
     }
     console.echo_summary(summary, as_json)
     return 0

@@ -69,8 +69,8 @@ def pack_run(folder: Path, config: Path, output: Path, *, include: bool, overwri
                 f"{folder}: stage {step.stage} is not as {config} makes it now{why}; do it again: {remedy}"
             )
     files = inputs_of(wanted, folder)
-    place = folder.resolve()
-    parents = [str(file.parent) for file in files] + ([str(place.parent)] if "ingest" in wanted.values else [])
+    path = folder.resolve()
+    parents = [str(file.parent) for file in files] + ([str(path.parent)] if "ingest" in wanted.values else [])
     root = Path(os.path.commonpath(parents))
     stages = {step.stage for step in steps}
     done = {name: outcome for name, outcome in outcomes(folder).items() if name in stages}
@@ -80,7 +80,7 @@ def pack_run(folder: Path, config: Path, output: Path, *, include: bool, overwri
         version=__version__,
         versions=installed_versions(),
         config=_name(files[0], root),
-        folder=_name(place, root) if "ingest" in wanted.values else MADE,
+        folder=_name(path, root) if "ingest" in wanted.values else MADE,
         inputs=[
             _packed(file, root, include or number == 0)
             for number, file in sorted(enumerate(files), key=lambda each: each[1])
@@ -93,11 +93,11 @@ def pack_run(folder: Path, config: Path, output: Path, *, include: bool, overwri
         packer = Packer(out)
         packer.bytes(MANIFEST, manifest_bytes(manifest))
         packer.bytes(LOCK, lock_text(manifest))
-        for told in manifest.inputs:
-            if told.included:
-                packer.file(f"{INPUTS}/{told.path}", root / told.path, told)
-        for told in manifest.outputs:
-            packer.file(f"{OUTPUTS}/{told.path}", folder / told.path, told)
+        for entry in manifest.inputs:
+            if entry.included:
+                packer.file(f"{INPUTS}/{entry.path}", root / entry.path, entry)
+        for entry in manifest.outputs:
+            packer.file(f"{OUTPUTS}/{entry.path}", folder / entry.path, entry)
         packer.close()
         size = out.tell()
     return Packed(manifest, size)
@@ -113,16 +113,16 @@ def inputs_of(config: Config, folder: Path) -> list[Path]:
                 if text in stage.output_paths:
                     continue
                 for file in files_of(text):
-                    place = Path(os.path.abspath(file))  # noqa: PTH100 -- links keep their names
-                    if own not in place.resolve().parents:
-                        found[place] = None
+                    location = Path(os.path.abspath(file))  # noqa: PTH100 -- links keep their names
+                    if own not in location.resolve().parents:
+                        found[location] = None
     return list(found)
 
 
 def _check_relative(config: Config) -> None:
     """InputError for a file that is named by an absolute path, which is elsewhere on another machine."""
     for text in _texts(config.values):
-        if any(place.is_absolute() for place in places_of(text)):
+        if any(path.is_absolute() for path in places_of(text)):
             raise InputError(
                 f"{config.path}: {text}: an absolute path, which another machine does not have; name it relative to "
                 "the configuration, run again, and pack"

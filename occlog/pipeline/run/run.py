@@ -182,9 +182,9 @@ def _drop_others(folder: Path, state: dict[str, StageOutcome], stages: Sequence[
 def _remove_outputs(folder: Path, older: StageOutcome, made: Collection[str]) -> None:
     """Remove outputs of a stage from another configuration, except those made now."""
     for file, digest in older.outputs.items():
-        place = folder / file
-        if file not in made and place.is_file() and hash_file(place) == digest:
-            place.unlink()
+        path = folder / file
+        if file not in made and path.is_file() and hash_file(path) == digest:
+            path.unlink()
 
 
 def _note_begin(stage: str, quiet: bool) -> None:
@@ -311,14 +311,14 @@ def outcomes(folder: Path) -> dict[str, StageOutcome]:
     return found
 
 
-def _is_outcome(told: StageOutcome, folder: Path) -> bool:
+def _is_outcome(outcome: StageOutcome, folder: Path) -> bool:
     """Return whether a state's report of a stage is possible: all its outputs are in the run folder."""
-    texts = [told.key, *told.outputs.keys(), *told.outputs.values()]
+    texts = [outcome.key, *outcome.outputs.keys(), *outcome.outputs.values()]
     return (
         all(isinstance(text, str) for text in texts)
-        and type(told.code) is int
-        and told.code in GOING_ON
-        and all((folder / name).parent.resolve().is_relative_to(folder) for name in told.outputs)
+        and type(outcome.code) is int
+        and outcome.code in GOING_ON
+        and all((folder / name).parent.resolve().is_relative_to(folder) for name in outcome.outputs)
     )
 
 

@@ -269,11 +269,11 @@ def _truth(config: Config, recording: Path, views: Path) -> dict[str, str]:
         return {"truth": str(given)}
     simulated = config.stage("simulate") if "simulate" in config.values else None
     if recording.is_file():
-        places, boxes = _held(recording)
+        with_truth, boxes = _held(recording)
     else:
-        places = simulated is not None or "truth" in config.stage("ingest")
+        with_truth = simulated is not None or "truth" in config.stage("ingest")
         boxes = bool(simulated and (simulated.get("render") or simulated.get("scene") in KINDS))
-    found = {"truth": str(recording)} if places or boxes else {}
+    found = {"truth": str(recording)} if with_truth or boxes else {}
     return {**found, "views": str(views)} if boxes else found
 
 

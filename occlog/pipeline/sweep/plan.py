@@ -80,9 +80,9 @@ def check_values(path: Path, spec: SweepSpec, settings: Sequence[Setting]) -> No
             if not isinstance(values, Mapping):
                 continue
             for name, value in values.items():
-                place, at = _place(spec, case, f"{part}.{name}", value)
+                location, at = _place(spec, case, f"{part}.{name}", value)
                 method = str(values.get("method", "apf")) if part == "track" else ""
-                key = f"{place} {method} {value!r}"
+                key = f"{location} {method} {value!r}"
                 if key in checked:
                     continue
                 checked.add(key)
@@ -90,9 +90,9 @@ def check_values(path: Path, spec: SweepSpec, settings: Sequence[Setting]) -> No
                 try:
                     _check_value(part, method, name, value)
                 except SettingError as error:
-                    raise InputError(f"{path}: {line}{place}: {value}: must be {error.limit}") from error
+                    raise InputError(f"{path}: {line}{location}: {value}: must be {error.limit}") from error
                 except UsageError as error:
-                    raise InputError(f"{path}: {line}{place}: {error}") from error
+                    raise InputError(f"{path}: {line}{location}: {error}") from error
 
 
 def _check_value(part: str, method: str, name: str, value: object) -> None:

@@ -169,21 +169,21 @@ def summarise(values: Sequence[float]) -> Summary:
 
 def trial_rows(settings: Sequence[Setting], results: Sequence[Mapping[str, float]]) -> list[Row]:
     """Make a row for each trial: the varied values, the run and the figures."""
-    rows, place = [], 0
+    rows, index = [], 0
     for setting in settings:
         for trial in setting.trials:
-            rows.append({**_label(setting), "run": trial["run"], **results[place]})
-            place += 1
+            rows.append({**_label(setting), "run": trial["run"], **results[index]})
+            index += 1
     return rows
 
 
 def summary_rows(settings: Sequence[Setting], results: Sequence[Mapping[str, float]]) -> list[SummaryRow]:
     """Make a row for each setting and figure: n, mean, sd, se and the 95 % confidence interval of the mean."""
     rows: list[SummaryRow] = []
-    place = 0
+    index = 0
     for setting in settings:
-        own = results[place : place + len(setting.trials)]
-        place += len(setting.trials)
+        own = results[index : index + len(setting.trials)]
+        index += len(setting.trials)
         rows += [SummaryRow(_label(setting), name, summarise([result[name] for result in own])) for name in own[0]]
     return rows
 

@@ -120,9 +120,9 @@ def _frozen(values: Values) -> Frozen:
 def _world(text: str, simulate: Frozen, measured: Frozen, seed: int) -> SimulatedWorld:
     scene = _scene(text)
     config: WorldConfig = configure(WorldConfig.in_unit(scene.length_unit), dict(simulate))
-    looks: ObserveConfig = configure(ObserveConfig(diameter=config.diameter), dict(measured))
+    observation: ObserveConfig = configure(ObserveConfig(diameter=config.diameter), dict(measured))
     truth = Truth.concat(list(simulate_truth(scene, config, seed)))
-    return SimulatedWorld(truth, Bearings.concat(list(observe(scene, [truth], looks, seed))))
+    return SimulatedWorld(truth, Bearings.concat(list(observe(scene, [truth], observation, seed))))
 
 
 def _priors(values: Values, truth: Truth, seed: int) -> Occluders | None:
@@ -155,10 +155,10 @@ def errors_of(tracks: Tracks, truth: Truth, scene: Scene, skip: int) -> dict[str
     """Compare the estimates of target 0 with the truth at their times, without the first `skip` of them."""
     true = truth.take(truth.target_id == 0)
     own = tracks.take(tracks.target_id == 0)
-    place = np.searchsorted(true.t_ns, own.t_ns)
-    if np.any(place >= len(true)) or not np.array_equal(true.t_ns[place], own.t_ns):
+    index = np.searchsorted(true.t_ns, own.t_ns)
+    if np.any(index >= len(true)) or not np.array_equal(true.t_ns[index], own.t_ns):
         raise InputError("trial: estimates at times that the truth does not have; give cameras no separate rate")
-    error = np.hypot(own.x - true.x[place], own.y - true.y[place])[skip:]
+    error = np.hypot(own.x - true.x[index], own.y - true.y[index])[skip:]
     if not len(error):
         raise InputError(f"trial: skip is {skip}, but there are {len(own)} estimates; skip fewer")
     far = 0.2 * float(np.hypot(*np.ptp(scene.surroundings, axis=0)))

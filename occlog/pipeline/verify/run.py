@@ -117,13 +117,13 @@ def _make_again(manifest: Manifest, folder: Path, made: Path, begin: Callable[[s
 
 
 def _compare(manifest: Manifest, packed: Path, made: Path) -> Verified:
-    told = {file.path: file for file in manifest.outputs}
+    declared = {file.path: file for file in manifest.outputs}
     same, alike, different = [], [], {}
-    for name in stage_order(told):
+    for name in stage_order(declared):
         old, new = packed / name, made / name
         if not new.is_file():
             different[name] = "was not made"
-        elif hash_file(new) == told[name].sha256:
+        elif hash_file(new) == declared[name].sha256:
             same.append(name)
         else:
             parts = [part for part in compare_files(old, new, name, DiffSettings(Tolerances())) if not part.same]
@@ -141,4 +141,4 @@ def _first(part: DiffResult) -> str:
     """The first difference of two files in words."""
     first = part.first or part.schema[0]
     values = f": {first.a} is now {first.b}" if first.a is not None or first.b is not None else ""
-    return f"{first.kind} {first.place}{values}" + (f" ({first.column})" if first.column else "")
+    return f"{first.kind} {first.location}{values}" + (f" ({first.column})" if first.column else "")

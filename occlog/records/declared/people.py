@@ -32,7 +32,7 @@ COASTING, SINGLE_VIEW, POSSIBLE_SWITCH, INCONSISTENT_VIEWS = "unseen", "one-view
 
 
 def words_of(mask: Bools, words: Sequence[str]) -> Strings:
-    """(N,) words whose columns of a mask (N, W) are set, separated by commas."""
+    """(N,) words of the columns that are set in a mask (N, W), separated by commas."""
     different, which = np.unique(mask, axis=0, return_inverse=True)
     texts = [",".join(w for w, has in zip(words, row, strict=True) if has) for row in different.tolist()]
     return np.array(texts, dtype=np.str_)[which.reshape(-1)]

@@ -129,10 +129,10 @@ class Bearings(ColumnTable):
                 f"Bearings: row {row}: bearing {self.bearing[row]:g} rad must be in [-pi, pi) "
                 f"and sigma {self.sigma[row]:g} rad above 0, at least {MIN_SIGMA_RAD:g}"
             )
-        told = np.isfinite(self.elevation)
-        bad = (told != np.isfinite(self.sigma_elevation)) | (told & ~self.seen)
+        finite = np.isfinite(self.elevation)
+        bad = (finite != np.isfinite(self.sigma_elevation)) | (finite & ~self.seen)
         with np.errstate(invalid="ignore"):
-            bad |= told & ~((np.abs(self.elevation) <= 0.5 * np.pi) & (self.sigma_elevation > 0))
+            bad |= finite & ~((np.abs(self.elevation) <= 0.5 * np.pi) & (self.sigma_elevation > 0))
         if bad.any():
             row = first_row(bad)
             raise InputError(
@@ -392,7 +392,7 @@ class Measurements(ColumnTable):
                 raise InputError(
                     f"Measurements: row {row}: has a {name} without a range; directions alone are bearings"
                 )
-        bad = np.asarray(~self.told.any(axis=1))
+        bad = np.asarray(~self.present.any(axis=1))
         if bad.any():
             row = first_row(bad)
             raise InputError(f"Measurements: row {row}: has none of {', '.join(VALUES)}; leave the row out")
@@ -406,6 +406,6 @@ class Measurements(ColumnTable):
             )
 
     @property
-    def told(self) -> Bools:
+    def present(self) -> Bools:
         """(N, 4) which of `VALUES` each row has."""
         return np.column_stack([np.isfinite(getattr(self, name)) for name in VALUES])

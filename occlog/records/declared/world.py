@@ -27,7 +27,7 @@ class Occluders(ColumnTable):
     A row holds everything that is known at its time: an occluder that has no row then is
     not there.  A time at which there is known to be none is one row with `occluder_id` = -1
     and NaN elsewhere, so that it is kept apart from a time at which nothing is known.
-    A covariance of 0 says that the position is known.
+    A covariance of 0 means that the position is known.
     """
 
     NAME: ClassVar[str] = "occluders"
@@ -89,7 +89,7 @@ class Hulls(ColumnTable):
 
 
 def _check_there(table: ColumnTable, identity: Ints32, there: Bools) -> None:
-    """InputError where an occluder has no position or a row that says "none" has one."""
+    """InputError where an occluder has no position or a row of "none" has one."""
     if (wrong := (identity >= 0) != there).any():
         row = first_row(wrong)
         raise InputError(

@@ -166,7 +166,7 @@ def summary_of(found: RunComparisonPage, request: RunComparisonRequest) -> dict[
     out |= {"heading": words.comparison_heading(found), "same": found.same, "frames": found.partings.frames}
     out |= {"frames_parted": found.partings.parted, "tolerance": found.tolerance, "length_unit": found.unit}
     if first is not None:
-        out["first_parting"] = {"kind": first[0], **_moment(found, first[1])}
+        out["first_parting"] = {"kind": first[0], **_step(found, first[1])}
     out["changes"] = {letter: len(each.changes) for letter, each in zip("ab", words.followed(found), strict=True)}
     if truth is not None:
         out["switches"] = dict(zip("ab", truth.switches, strict=True))
@@ -191,8 +191,8 @@ def _figure(row: ComparisonRow) -> dict[str, object]:
     return {name: value for name, value in values.items() if math.isfinite(value)} | {"verdict": row.verdict}
 
 
-def _moment(found: RunComparisonPage, moment: RunComparisonStep) -> dict[str, object]:
+def _step(found: RunComparisonPage, step: RunComparisonStep) -> dict[str, object]:
     """Values of a time step that are known."""
-    values: dict[str, object] = {"seconds": (moment.t_ns - found.time.start_ns) / NS, "t_ns": moment.t_ns}
-    values |= {name: label for name, label in (("a", moment.a), ("b", moment.b)) if label is not None}
-    return values | ({"distance": moment.distance} if math.isfinite(moment.distance) else {})
+    values: dict[str, object] = {"seconds": (step.t_ns - found.time.start_ns) / NS, "t_ns": step.t_ns}
+    values |= {name: label for name, label in (("a", step.a), ("b", step.b)) if label is not None}
+    return values | ({"distance": step.distance} if math.isfinite(step.distance) else {})

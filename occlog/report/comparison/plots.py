@@ -2,7 +2,7 @@
 
 What the script of a page of two runs is given: both plans in the same time steps, and who is whom.
 
-The rule: of the common frames every k-th is kept, with the smallest k by which not more than `MAX_MOMENTS` of them,
+The rule: of the common frames every k-th is kept, with the smallest k by which not more than `MAX_TIME_STEPS` of them,
 `MAX_SHOWN` estimates of both runs together and as many true positions are left; in addition those that the page leads
 to.
 """
@@ -21,7 +21,7 @@ from matplotlib.lines import Line2D
 
 from occlog.array_types import NS, Floats, Ints
 from occlog.records.tables import Tracks, Truth
-from occlog.report.content.downsampled import MAX_MOMENTS, MAX_SHOWN
+from occlog.report.content.downsampled import MAX_SHOWN, MAX_TIME_STEPS
 from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.report.drawing import COLOURS, Style, label, sensible_top, target_colour
 from occlog.report.plots.floorplan import plan_limits
@@ -90,9 +90,9 @@ def draw_errors(figure: FigureBase, time: TimeAxis, found: ErrorsOverTime, near:
 def draw_lives(figure: FigureBase, time: TimeAxis, lives: Sequence[PersonLifeline]) -> None:
     """Draw two bars for each person, of A above that of B; a bar changes its colour where the track changes."""
     axes = figure.add_subplot()
-    for place, life in enumerate(lives):
+    for index, life in enumerate(lives):
         for letter, pieces, offset in (("A", life.a, 0.21), ("B", life.b, -0.21)):
-            y = offset - float(place)
+            y = offset - float(index)
             _bar(axes, time, pieces[:MAX_PIECES], y)
             axes.text(-0.006, y, letter, transform=axes.get_yaxis_transform(), ha="right", va="center", fontsize=7.5)
     axes.set_yticks(-np.arange(len(lives), dtype=float), [label(life.name, 18) for life in lives])
@@ -174,14 +174,14 @@ def beside_replay(found: RunComparisonPage, led_to: list[int]) -> RunComparisonR
     truth = found.a.data.truth
     rows = len(found.a.laid.frame) + len(found.b.laid.frame)
     true = 0 if truth is None else len(truth)
-    every = max(1, -(-len(times) // MAX_MOMENTS), -(-rows // MAX_SHOWN), -(-true // MAX_SHOWN))
+    every = max(1, -(-len(times) // MAX_TIME_STEPS), -(-rows // MAX_SHOWN), -(-true // MAX_SHOWN))
     kept = np.union1d(times[::every], times[np.isin(times, led_to)])
     if len(kept) < 2:
         return None
     drawn = [_drawn(side, times, truth if letter == "A" else None) for letter, side in found.sides]
     limits = _both(plan_limits(drawn[0]), plan_limits(drawn[1]))
-    moments = [CommonMoments(data, limits, kept) for data in drawn]
-    parts = [plan_values(each.data, each)[::2] for each in moments]
+    steps = [CommonMoments(data, limits, kept) for data in drawn]
+    parts = [plan_values(each.data, each)[::2] for each in steps]
     colours = _colours(found)
     for (values, _), (letter, _), data in zip(parts, found.sides, drawn, strict=True):
         numbers = {label: k for k, person in enumerate(found.pairs.people) for label in getattr(person, letter.lower())}
@@ -194,14 +194,14 @@ def beside_replay(found: RunComparisonPage, led_to: list[int]) -> RunComparisonR
         "times": packed("f8", (kept - start) / NS),
         "a": parts[0][0],
         "b": parts[1][0],
-        "partner": _partners(found, moments[0]),
-        "apart": packed("f8", _most(found.partings.apart, frames).round(6)),
+        "partner": _partners(found, steps[0]),
+        "apart": packed("f8", _most(found.partings.distance, frames).round(6)),
         "alone": packed("u4", _most(found.partings.alone, frames).astype(np.int64)),
         "changes": _changes(found, start),
     }
     layers = list(dict.fromkeys([*parts[0][1], *parts[1][1]]))
     people = [(name_of(person), k, colours[k]) for k, person in enumerate(found.pairs.people[:MAX_BOXES])]
-    return RunComparisonReplay(safe_json(values), _words(found, kept, every, moments[0].step), people, layers)
+    return RunComparisonReplay(safe_json(values), _words(found, kept, every, steps[0].step), people, layers)
 
 
 def name_of(person: Any) -> str:
@@ -233,12 +233,12 @@ def _colours(found: RunComparisonPage) -> list[int]:
     return out
 
 
-def _partners(found: RunComparisonPage, moments: ReplaySteps) -> Any:
+def _partners(found: RunComparisonPage, steps: ReplaySteps) -> Any:
     """Index of the partner among B's targets of each of A's estimates at the kept time steps; NONE: no partner."""
     partner = np.full(len(found.a.laid.frame), MISSING, dtype=np.int64)
     targets = np.unique(found.b.laid.label)
     partner[found.pairs.a] = np.searchsorted(targets, found.b.laid.label[found.pairs.b])
-    rows, _ = moments.at(found.times[found.a.laid.frame])
+    rows, _ = steps.at(found.times[found.a.laid.frame])
     return packed("u2", partner[rows])
 
 

@@ -158,8 +158,8 @@ def run_beside(request: RunComparisonRequest, job: Job) -> JobResult:
     if request.markdown is not None:
         made[request.markdown] = as_bytes(build_markdown(found))
     write(made, overwrite=job.overwrite)
-    for whose, loss in found.losses:
-        job.note(f"lost earlier in {whose}: {loss}")
+    for owner, loss in found.losses:
+        job.note(f"lost earlier in {owner}: {loss}")
     for letter, side in found.sides:
         for stage, check in side.data.findings:
             job.note(f"{letter}: {check.severity}: {stage}: {check.text}")
@@ -183,8 +183,8 @@ def align_runs(
     assert tolerance is not None
     times = common_times(a.tracks, b.tracks)
     sides = [RunSide(run.name, run.data, run.tracks, align_estimates(run.tracks, times)) for run in (a, b)]
-    places = sides[0].laid, sides[1].laid
-    pairs = pairs_of(*places, near)
+    positions = sides[0].laid, sides[1].laid
+    pairs = pairs_of(*positions, near)
     against = None
     if truth is not None:
         path, table = truth
@@ -192,7 +192,7 @@ def align_runs(
         of_a, of_b, switches, errors = matched_by_truth(a.tracks, b.tracks, table, near, a.data.unit, lasting)
         against = TruthComparison(comparison, of_a, of_b, switches, errors)
         sides = [replace(side, data=replace(side.data, truth=table)) for side in sides]
-    in_b, in_a = mutual_matches(*places, pairs, times, lasting)
+    in_b, in_a = mutual_matches(*positions, pairs, times, lasting)
     return RunComparisonPage(
         title="",
         a=sides[0],
@@ -202,7 +202,7 @@ def align_runs(
         lasting_s=config.min_duration_s,
         times=times,
         pairs=pairs,
-        partings=divergences_of(*places, pairs, times, tolerance, (in_b, in_a)),
+        partings=divergences_of(*positions, pairs, times, tolerance, (in_b, in_a)),
         in_b=in_b,
         in_a=in_a,
         against_truth=against,

@@ -55,8 +55,8 @@ def matched_by_truth(
     pairs: list[Paired] = []
     switches = []
     for tracks in (a, b):
-        places = points_in_true_frames(tracks, truth, times, config, limit, unit)
-        frames = of_points(places.truth, places.tracks, near)
+        points = points_in_true_frames(tracks, truth, times, config, limit, unit)
+        frames = of_points(points.truth, points.tracks, near)
         pairs.append((frames, match(frames, EACH_FRAME)))
         switches.append(int(match(frames, RULES[config.clear_rule]).switch.sum()))
     of_a, of_b = (tracks_by_target(*each, times, lasting_ns) for each in pairs)
@@ -71,9 +71,9 @@ def notes_on_time(a: Tracks, b: Tracks, *, truth: bool) -> Iterator[str]:
     parts = []
     for letter, (own_start, own_end) in zip(("A", "B"), spans, strict=True):
         if start - own_start > step:
-            parts.append(f"{letter} begins {TimeAxis(own_start, start).told} earlier")
+            parts.append(f"{letter} begins {TimeAxis(own_start, start).duration} earlier")
         if own_end - end > step:
-            parts.append(f"{letter} goes on for {TimeAxis(end, own_end).told} longer")
+            parts.append(f"{letter} goes on for {TimeAxis(end, own_end).duration} longer")
     if parts:
         said = f"{' and '.join(parts)}: the runs are aligned in their common time"
         more = "; figures are of all true frames, in which a run that is not there misses its people" if truth else ""
@@ -82,8 +82,8 @@ def notes_on_time(a: Tracks, b: Tracks, *, truth: bool) -> Iterator[str]:
 
 def notes_on_truth(found: ErrorsOverTime, near: float, unit: str) -> Iterator[str]:
     """Runs that have tracks, none of which is ever on a true target."""
-    for letter, nobody in zip(("A", "B"), found.on_nobody, strict=True):
-        if nobody:
+    for letter, unmatched in zip(("A", "B"), found.on_unmatched, strict=True):
+        if unmatched:
             yield (
                 f"no track of {letter} is ever within {near:g} {unit} of a true target: is {letter} of the recording "
                 "that the truth is of?"
@@ -108,8 +108,8 @@ def notes_on_recordings(a: Mapping[str, str], b: Mapping[str, str]) -> Iterator[
         b: those of B.
     """
     if a and b and not set(a) & set(b):
-        told = (", ".join(f"{name} ({sha[:8]})" for sha, name in sorted(each.items())) for each in (a, b))
-        yield "A was made of {}, B of another recording, {}: differences may be those of the recordings".format(*told)
+        texts = (", ".join(f"{name} ({sha[:8]})" for sha, name in sorted(each.items())) for each in (a, b))
+        yield "A was made of {}, B of another recording, {}: differences may be those of the recordings".format(*texts)
 
 
 def notes_on_scenes(a: Scene | None, b: Scene | None) -> Iterator[str]:

@@ -131,7 +131,7 @@ class RunComparisonPage:
         for letter, side in self.sides:
             for loss in side.data.losses:
                 known[loss] = "both" if known.get(loss, letter) != letter else letter
-        return tuple((whose, loss) for loss, whose in known.items())
+        return tuple((owner, loss) for loss, owner in known.items())
 
 
 def lengths_of(config: RunComparisonConfig, unit: str) -> tuple[float, float]:
@@ -313,24 +313,24 @@ def first_divergence(found: RunComparisonPage) -> str:
             f"In {counted(found.partings.frames, 'common frame')} both have the same number of people at the same "
             f"positions: no partners are farther than {measure} from each other."
         )
-    kind, moment = first
+    kind, step = first
     share = f"{found.partings.parted} of {counted(found.partings.frames, 'frame')}"
     return (
-        f"They first diverge at {format_time(found, moment.t_ns)}: {_told(found, kind, moment)}. They differ in "
+        f"They first diverge at {format_time(found, step.t_ns)}: {_divergence_text(found, kind, step)}. They differ in "
         f"{share}: one "
         f"has a person whom the other has not, or partners are farther than {measure} from each other."
     )
 
 
-def _told(found: RunComparisonPage, kind: str, moment: RunComparisonStep) -> str:
-    away = f"{number(float(f'{moment.distance:.3g}'))} {found.unit}"
+def _divergence_text(found: RunComparisonPage, kind: str, step: RunComparisonStep) -> str:
+    away = f"{number(float(f'{step.distance:.3g}'))} {found.unit}"
     if kind == TOO_FAR_APART:
-        return f"track {moment.a} of A is {away} from track {moment.b} of B"
+        return f"track {step.a} of A is {away} from track {step.b} of B"
     if kind == OTHER:
-        return f"from here on track {moment.b} of B goes with track {moment.a} of A, which had another partner before"
-    letter, other, track = ("A", "B", moment.a) if kind == ONLY_IN_A else ("B", "A", moment.b)
-    nobody = not np.isfinite(moment.distance)
-    where = f"{other} has no track" if nobody else f"the nearest of {other} is {away} away"
+        return f"from here on track {step.b} of B goes with track {step.a} of A, which had another partner before"
+    letter, other, track = ("A", "B", step.a) if kind == ONLY_IN_A else ("B", "A", step.b)
+    unmatched = not np.isfinite(step.distance)
+    where = f"{other} has no track" if unmatched else f"the nearest of {other} is {away} away"
     return f"track {track} of {letter} has no partner within {number(found.near)} {found.unit}; {where}"
 
 
@@ -433,12 +433,12 @@ def parting_rows(found: RunComparisonPage) -> list[DivergenceRow]:
     return out
 
 
-def _row(found: RunComparisonPage, what: str, moment: RunComparisonStep | None, often: str) -> DivergenceRow:
-    if moment is None:
+def _row(found: RunComparisonPage, what: str, step: RunComparisonStep | None, often: str) -> DivergenceRow:
+    if step is None:
         return DivergenceRow(what, None, "", "", often)
-    who = " · ".join(f"{letter} {k}" for letter, k in (("A", moment.a), ("B", moment.b)) if k is not None)
-    away = "no other track" if np.isnan(moment.distance) else f"{number(float(f'{moment.distance:.3g}'))} {found.unit}"
-    return DivergenceRow(what, seconds(found, moment.t_ns), who, away, often)
+    who = " · ".join(f"{letter} {k}" for letter, k in (("A", step.a), ("B", step.b)) if k is not None)
+    away = "no other track" if np.isnan(step.distance) else f"{number(float(f'{step.distance:.3g}'))} {found.unit}"
+    return DivergenceRow(what, seconds(found, step.t_ns), who, away, often)
 
 
 def identity_rows(found: RunComparisonPage) -> tuple[list[IdentityRow], int]:
@@ -497,7 +497,7 @@ def _change(found: RunComparisonPage, run: str, who: str, change: TrackChange, a
 
 def consequence_of_change(found: RunComparisonPage) -> list[int]:
     """Times [ns] of common frames that the page leads to: a time step of the replay is there for each."""
-    moments = [kind.first.t_ns for kind in found.partings.kinds if kind.first is not None]
-    moments += [found.partings.farthest.t_ns] if found.partings.farthest is not None else []
-    moments += [stretch.start_ns for stretch in found.partings.stretches]
-    return moments + [c.t_ns for each in followed(found) for c in each.changes[:MAX_ROWS]]
+    steps = [kind.first.t_ns for kind in found.partings.kinds if kind.first is not None]
+    steps += [found.partings.farthest.t_ns] if found.partings.farthest is not None else []
+    steps += [stretch.start_ns for stretch in found.partings.stretches]
+    return steps + [c.t_ns for each in followed(found) for c in each.changes[:MAX_ROWS]]

@@ -37,7 +37,7 @@ class _Sums:
     rows: int = 0
     errors: Sum = field(default_factory=Sum)
     bounds: Sum = field(default_factory=Sum)
-    told: bool = False  # whether any bound of the kind is known
+    known: bool = False  # whether any bound of the kind is known
 
 
 @dataclass
@@ -82,7 +82,7 @@ class ErrorsAgainstBound:
         sums.errors.add(float(np.sum(found**2)))
         sums.bounds.add(float(np.sum(least**2)))
         rows = bound.target_id == target
-        sums.told = sums.told or bool(np.isfinite(getattr(bound, f"{kind}{where}")[rows]).any())
+        sums.known = sums.known or bool(np.isfinite(getattr(bound, f"{kind}{where}")[rows]).any())
 
     def figures(self, target: int | None = None, where: str = "", *, smoothed: bool = False) -> tuple[float, float]:
         """RMSE and root mean square bound over the times and targets that have both; NaN where none has.
@@ -93,7 +93,7 @@ class ErrorsAgainstBound:
             smoothed: the bound of smoothing, where it is known.
         """
         mine = {key: sums for key, sums in self._sums.items() if key[2] == where and target in (None, key[0])}
-        later = smoothed and any(sums.told for (_, kind, _), sums in mine.items() if kind == "smoothed")
+        later = smoothed and any(sums.known for (_, kind, _), sums in mine.items() if kind == "smoothed")
         own = [sums for (_, kind, _), sums in mine.items() if kind == ("smoothed" if later else "bound")]
         rows = sum(sums.rows for sums in own)
         if not rows:

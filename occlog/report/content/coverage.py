@@ -38,21 +38,21 @@ class SensorSightings:
     Attributes:
         sensor: its name.
         edges: (C + 1,) borders of the cells [ns].
-        looked: (C,) frames in each cell; 0 = no frame.
+        observed: (C,) frames in each cell; 0 = no frame.
         seen: (C,) frames in each cell that saw the target.
         any_object: whether they report candidates that may be of any object, not of a named target.
     """
 
     sensor: str
     edges: Ints
-    looked: Ints
+    observed: Ints
     seen: Ints
     any_object: bool = False
 
     @property
     def share(self) -> float:
         """Share of the frames that saw the target; NaN without frames."""
-        frames = int(self.looked.sum())
+        frames = int(self.observed.sum())
         return float(self.seen.sum()) / frames if frames else float("nan")
 
 
@@ -65,11 +65,11 @@ class _Cells:
 
     def __init__(self, first: int, end: int) -> None:
         self.edges = np.linspace(first, end, CELLS + 1).astype(np.int64)
-        self.looked, self.seen = np.zeros(CELLS, np.int64), np.zeros(CELLS, np.int64)
+        self.observed, self.seen = np.zeros(CELLS, np.int64), np.zeros(CELLS, np.int64)
 
     def add(self, times: Ints, seen: Bools) -> None:
         cell = np.searchsorted(self.edges, times, side="right") - 1
-        self.looked += np.bincount(cell, minlength=CELLS)[:CELLS]
+        self.observed += np.bincount(cell, minlength=CELLS)[:CELLS]
         self.seen += np.bincount(cell, seen, CELLS)[:CELLS].astype(np.int64)
 
 
@@ -126,7 +126,7 @@ class ObservationStreams:
         self._sensors: dict[str, tuple[int, int]] = {}
         self._pairs: dict[Pair, int] = {}
         self._ends: list[list[int]] = []  # of each pair: first time, last time, observations
-        self._told = Blocks(LOOK) if blocks is None else blocks
+        self._records = Blocks(LOOK) if blocks is None else blocks
 
     def add(self, bearings: Bearings) -> None:
         """Add bearings that end between two times."""
@@ -143,11 +143,11 @@ class ObservationStreams:
         starts = np.append(np.flatnonzero(np.diff(pair[order], prepend=-1)), len(order))
         parts = []
         for number, a, b in zip(numbers, starts[:-1].tolist(), starts[1:].tolist(), strict=True):
-            parts.append(self._looks(number, bearings.t_ns[order[a:b]], bearings.seen[order[a:b]]))
+            parts.append(self._frames(number, bearings.t_ns[order[a:b]], bearings.seen[order[a:b]]))
         if parts:
-            self._told.append(np.concatenate(parts))
+            self._records.append(np.concatenate(parts))
 
-    def _looks(self, number: int, t_ns: Ints, seen: Bools) -> Records:
+    def _frames(self, number: int, t_ns: Ints, seen: Bools) -> Records:
         """Observations of one pair: several candidates of one frame are one."""
         times, first = np.unique(t_ns, return_index=True)
         if number == len(self._ends):
@@ -173,7 +173,7 @@ class ObservationStreams:
 
     def finish(self, sensors: Iterable[str], targets: Iterable[int]) -> ObservationCoverage:
         """All that was collected, with the sightings of some sensors and targets."""
-        self._told.end()
+        self._records.end()
         wanted: dict[Pair, tuple[int, bool]] = {}
         named = {sensor for sensor, label in self._pairs if label != UNLABELLED}
         targets = tuple(targets)
@@ -184,19 +184,19 @@ class ObservationStreams:
                 if number is not None:
                     wanted[sensor, target] = number, free
         found = self._sightings({number for number, _ in wanted.values()})
-        told = {
+        series = {
             (sensor, target): SensorSightings(sensor, *found[number], free)
             for (sensor, target), (number, free) in wanted.items()
         }
         by_name = dict(sorted(self._sensors.items()))
-        return ObservationCoverage(self.rows, self._seen, by_name, self.labels, told)
+        return ObservationCoverage(self.rows, self._seen, by_name, self.labels, series)
 
     def _sightings(self, wanted: set[int]) -> dict[int, tuple[Ints, Ints, Ints]]:
         """Edges, observations and detections of pairs."""
 
         def steps() -> Iterator[tuple[Ints, np.ndarray]]:
-            for number in range(self._told.count):
-                rows = self._told.get(number)
+            for number in range(self._records.count):
+                rows = self._records.get(number)
                 rows = rows[np.isfinite(rows["step"])]
                 yield rows["pair"], rows["step"]
 
@@ -211,8 +211,8 @@ class ObservationStreams:
                 cells[n] = _Cells(first, last + period[n])
             else:
                 frames[n] = []
-        for number in range(self._told.count):
-            block = self._told.get(number)
+        for number in range(self._records.count):
+            block = self._records.get(number)
             for n in np.unique(block["pair"]).tolist():
                 if n in wanted:
                     own = block[block["pair"] == n]
@@ -220,7 +220,7 @@ class ObservationStreams:
                         cells[n].add(own["t_ns"], own["seen"])
                     else:
                         frames[n].append(own)
-        out = {n: (each.edges, each.looked, each.seen) for n, each in cells.items()}
+        out = {n: (each.edges, each.observed, each.seen) for n, each in cells.items()}
         for n, parts in frames.items():
             rows = np.concatenate(parts)
             out[n] = _frame_cells(rows["t_ns"], rows["seen"], period[n])
@@ -301,16 +301,16 @@ class SelectionStreams:
             own.expected.add(float(part.predicted_mse[chosen].sum()))
             own.last = int(part.t_ns[mine][-1])
 
-    def came_out(self, part: Diagnostics, beside: Errors | Tracks) -> None:
+    def came_out(self, part: Diagnostics, companion: Errors | Tracks) -> None:
         """Values of errors or tracks at the times of selections, both of a time interval."""
-        told = np.isfinite(part.predicted_mse)
-        for target in np.unique(part.target_id[told]).tolist():
-            at = np.isin(beside.t_ns, part.t_ns[told & (part.target_id == target)])
-            rows = at & (beside.target_id == target)
-            if isinstance(beside, Errors):
-                what, squares = "error", beside.error[rows] ** 2
+        finite = np.isfinite(part.predicted_mse)
+        for target in np.unique(part.target_id[finite]).tolist():
+            at = np.isin(companion.t_ns, part.t_ns[finite & (part.target_id == target)])
+            rows = at & (companion.target_id == target)
+            if isinstance(companion, Errors):
+                what, squares = "error", companion.error[rows] ** 2
             else:
-                what, squares = "stated spread", beside.cov_xx[rows] + beside.cov_yy[rows]
+                what, squares = "stated spread", companion.cov_xx[rows] + companion.cov_yy[rows]
             count, total = self._targets[target].found.setdefault(what, (0, Sum()))
             total.add(float(squares.sum()))
             self._targets[target].found[what] = count + len(squares), total

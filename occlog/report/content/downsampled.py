@@ -23,7 +23,7 @@ from occlog.records.tables import Errors, times, whole_times
 T = TypeVar("T", bound=ColumnTable)
 MAX_ROWS = 200_000
 """Rows of a table that are drawn whole."""
-MAX_MOMENTS = 10_000
+MAX_TIME_STEPS = 10_000
 """Time steps of a replay."""
 MAX_SHOWN = 45_000
 """Estimates, and true positions, of all time steps of a replay."""
@@ -84,12 +84,12 @@ def downsample(
     parts, numbers, known = [kind.empty()], [np.zeros(0, np.int64)], np.zeros(0, np.int64)
     last, last_at = kind.empty(), np.zeros(0, np.int64)
     drawn, steps, span = [np.zeros(0, np.int64)], Spool(), (0, 0)
-    count = moments = 0
+    count = n_steps = 0
     for piece in whole_times(chunks):
         t_ns, at = times(piece), count + np.arange(len(piece))
         first = np.append(True, np.diff(t_ns) != 0)
-        moment = moments - 1 + np.cumsum(first)
-        keep = moment % every == 0
+        step = n_steps - 1 + np.cumsum(first)
+        keep = step % every == 0
         drawn.append(t_ns[first & keep])
         steps.add(np.diff(t_ns[first] if not count else np.append(span[1], t_ns[first])).astype(np.float64))
         if also is not None:
@@ -98,7 +98,7 @@ def downsample(
             target = _targets(piece)
             keep[_firsts(target, known)] = True
             if isinstance(piece, Errors):
-                keep |= largest(piece.error, target, moment // every)
+                keep |= largest(piece.error, target, step // every)
             both, both_at = kind.concat([last, piece]), np.concatenate([last_at, at])
             final = np.sort(len(both) - 1 - np.unique(_targets(both)[::-1], return_index=True)[1])
             last, last_at = both.take(final), both_at[final]
@@ -106,9 +106,9 @@ def downsample(
         parts.append(piece.take(keep))
         numbers.append(at[keep])
         span = int(t_ns[0]) if not count else span[0], int(t_ns[-1])
-        count, moments = count + len(piece), int(moment[-1]) + 1
+        count, n_steps = count + len(piece), int(step[-1]) + 1
     whole = TableTotals(
-        count, moments, every, np.concatenate(drawn), median_of(steps) if steps.count else float(NS), span
+        count, n_steps, every, np.concatenate(drawn), median_of(steps) if steps.count else float(NS), span
     )
     table, found = _in_place(kind, [*parts, last], [*numbers, last_at])
     return DownsampledTable(table, found, whole)
@@ -128,7 +128,7 @@ def downsample_with(found: DownsampledTable[T], chunks: Iterable[T], pick: Calla
 
 def kept_steps(times: int, rows: Iterable[int]) -> int:
     """Every n-th time is shown of this many, of tables of this many rows."""
-    return max(1, -(-times // MAX_MOMENTS), *(-(-n // MAX_SHOWN) for n in rows))
+    return max(1, -(-times // MAX_TIME_STEPS), *(-(-n // MAX_SHOWN) for n in rows))
 
 
 def rows_before(kept: Ints, period_ns: float, t_ns: Ints) -> tuple[Ints, Ints]:
@@ -141,10 +141,10 @@ def rows_before(kept: Ints, period_ns: float, t_ns: Ints) -> tuple[Ints, Ints]:
     """
     if not len(kept):
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    moment = np.searchsorted(kept, t_ns)
-    inside = np.minimum(moment, len(kept) - 1)
-    rows = np.flatnonzero((moment < len(kept)) & (kept[inside] - t_ns < period_ns))
-    return rows, moment[rows]
+    step = np.searchsorted(kept, t_ns)
+    inside = np.minimum(step, len(kept) - 1)
+    rows = np.flatnonzero((step < len(kept)) & (kept[inside] - t_ns < period_ns))
+    return rows, step[rows]
 
 
 def every_nth(counts: Ints, most: int) -> int:
@@ -157,11 +157,11 @@ def every_nth(counts: Ints, most: int) -> int:
 
 def _in_place(kind: type[T], parts: list[T], numbers: list[Ints]) -> tuple[T, Ints]:
     """Join parts with overlapping times to one table, with the indices of its rows; each row once, by its number."""
-    found, place = np.unique(np.concatenate(numbers), return_index=True)
+    found, index = np.unique(np.concatenate(numbers), return_index=True)
     columns = {c.name: [getattr(part, c.name) for part in parts] for c in kind.columns()}
     # Column by column, so that no more than one is in memory twice
     parts.clear()
-    return kind(**{name: np.concatenate(columns.pop(name))[place] for name in list(columns)}), found
+    return kind(**{name: np.concatenate(columns.pop(name))[index] for name in list(columns)}), found
 
 
 def _targets(table: ColumnTable) -> Ints:

@@ -216,7 +216,7 @@ class MetricValue(NamedTuple):
     word: Word
     settled: bool
     kind: str  # "", "target", "sensor" or "box"
-    whose: str
+    subject: str
     value: Value
 
 
@@ -282,8 +282,8 @@ def _group(title: str, members: list[MetricValue], length_unit: str) -> MetricGr
 
 def _breakdown(kind: str, members: list[MetricValue], length_unit: str) -> Breakdown:
     words = list(dict.fromkeys(m.word for m in members))
-    names = list(dict.fromkeys(m.whose for m in members))
-    values = {(m.whose, m.word): _shown(m) for m in members}
+    names = list(dict.fromkeys(m.subject for m in members))
+    values = {(m.subject, m.word): _shown(m) for m in members}
     heads = tuple(f"{w.name} [{u}]" if (u := _unit(w, length_unit)) else w.name for w in words)
     rows = tuple((BOXES.get(n, n), tuple(values.get((n, w), "–") for w in words)) for n in names)
     return Breakdown({"box": "boxes"}.get(kind, kind), heads, rows)

@@ -68,7 +68,7 @@ class TimeAxis:
         return (self.end_ns - self.start_ns) / self.ns_per_unit
 
     @property
-    def told(self) -> str:
+    def duration(self) -> str:
         """Time from first to last row with its unit, in words."""
         return f"{self.length:.4g} {self.unit}"
 
@@ -84,10 +84,10 @@ class TimeAxis:
             return f"{self.start_ns / NS:.3f} s"
         whole, rest = divmod(self.start_ns, NS)
         try:
-            moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=whole)
+            instant = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=whole)
         except OverflowError:  # beyond the year 9999
             return f"{self.start_ns} ns"
-        return f"{moment:%Y-%m-%d %H:%M:%S}.{rest // 1_000_000:03d} UTC"
+        return f"{instant:%Y-%m-%d %H:%M:%S}.{rest // 1_000_000:03d} UTC"
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +222,7 @@ class ReportInput:
         """Words for bearings of a label, after a comma; empty where there are no others."""
         if target < 0:
             return ", any object"
-        if self.looked is None or len(self.looked.watched) == 1:
+        if self.coverage is None or len(self.coverage.watched) == 1:
             return ""
         return f", target {target}" if self.same_names else f", label {target}"
 
@@ -253,17 +253,17 @@ class ReportInput:
         return self.figures.residuals
 
     @property
-    def looked(self) -> ObservationCoverage | None:
+    def coverage(self) -> ObservationCoverage | None:
         """Summary of bearings; None without bearings."""
-        return self.figures.looked
+        return self.figures.coverage
 
     @property
     def strangers(self) -> tuple[str, ...]:
         """Sensors of bearings that the scene does not have, so that nothing of them is drawn."""
-        if self.scene is None or self.looked is None:
+        if self.scene is None or self.coverage is None:
             return ()
         known = {sensor.name for sensor in self.scene.sensors}
-        return tuple(name for name in self.looked.sensors if name not in known)
+        return tuple(name for name in self.coverage.sensors if name not in known)
 
     @property
     def people(self) -> PeopleStatistics | None:

@@ -75,12 +75,12 @@ class _VisibilityCells:
     def __init__(self, first: int, end: int, step: int) -> None:
         self._cells = max(min(CELLS, (end - first) // step), 1)
         self._edges = np.linspace(first, end, self._cells + 1).astype(np.int64)
-        self._looked = np.zeros(self._cells, np.int64)
+        self._observed = np.zeros(self._cells, np.int64)
         self._seen: dict[str, Ints] = {}
 
     def add(self, tracks: PeopleTracks, names: tuple[str, ...]) -> None:
         cell = np.clip(np.searchsorted(self._edges, tracks.t_ns, side="right") - 1, 0, self._cells - 1)
-        self._looked += np.bincount(cell, minlength=self._cells)
+        self._observed += np.bincount(cell, minlength=self._cells)
         for name in names:
             seen = np.bincount(cell, camera_has_box(tracks, name), self._cells).astype(np.int64)
             self._seen[name] = self._seen.get(name, np.zeros(self._cells, np.int64)) + seen
@@ -90,7 +90,7 @@ class _VisibilityCells:
         return set(self._seen)
 
     def sightings(self, name: str) -> SensorSightings:
-        return SensorSightings(name, self._edges, self._looked, self._seen[name])
+        return SensorSightings(name, self._edges, self._observed, self._seen[name])
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ class PeopleStreams:
 
     def __init__(self) -> None:
         """Create an empty summary of people."""
-        self._rows = self._times = self._people = self._most = self._seen = self._several = self._told = 0
+        self._rows = self._times = self._people = self._most = self._seen = self._several = self._with_existence = 0
         self._existence = Sum()
         self._identities: dict[int, list[int]] = {}  # first row, rows
         self._cameras: set[str] = set()
@@ -142,7 +142,7 @@ class PeopleStreams:
     @property
     def any(self) -> bool:
         """True if it is known of any person how probable it is that they are there."""
-        return self._told > 0
+        return self._with_existence > 0
 
     def add(self, tracks: PeopleTracks) -> None:
         """Add rows that end between two times."""
@@ -152,7 +152,7 @@ class PeopleStreams:
         self._most = max(self._most, int(found.people.max(initial=0)))
         self._seen += int(found.seen.sum())
         self._several += int(np.count_nonzero(np.char.find(tracks.seen_by, ",") >= 0))
-        self._told += int(np.count_nonzero(~np.isnan(tracks.existence_probability)))
+        self._with_existence += int(np.count_nonzero(~np.isnan(tracks.existence_probability)))
         self._existence.add(float(np.nansum(tracks.existence_probability)))
         ids, first, rows = np.unique(tracks.target_id, return_index=True, return_counts=True)
         for name, begin, count in zip(ids.tolist(), first.tolist(), rows.tolist(), strict=True):
@@ -181,7 +181,7 @@ class PeopleStreams:
             mean=ratio_or_nan(self._people, self._times),
             most=self._most,
             unseen=1.0 - ratio_or_nan(self._seen, self._people),
-            existence=ratio_or_nan(self._existence.value, self._told),
+            existence=ratio_or_nan(self._existence.value, self._with_existence),
             several=ratio_or_nan(self._several, self._rows),
             identities=len(names),
             drawn=_longest(names, first, rows),

@@ -56,10 +56,10 @@ def _hits(origin: Floats, direction: Floats, walls: Floats) -> Floats:
     cross = direction[:, :1] * along[:, 1] - direction[:, 1:] * along[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = (start[:, 0] * along[:, 1] - start[:, 1] * along[:, 0]) / cross
-        place = (start[:, 0] * direction[:, 1:] - start[:, 1] * direction[:, :1]) / cross
+        distance_along = (start[:, 0] * direction[:, 1:] - start[:, 1] * direction[:, :1]) / cross
     # A sensor may be mounted on the wall itself: such a wall does not hide anything from it.
     near = 1e-6 * (1.0 + np.abs(walls).max())
-    hit = (distance > near) & (place >= -1e-9) & (place <= 1.0 + 1e-9)
+    hit = (distance > near) & (distance_along >= -1e-9) & (distance_along <= 1.0 + 1e-9)
     return np.asarray(np.where(hit, distance, np.inf).min(axis=1))
 
 
@@ -68,7 +68,7 @@ def edges_of(polygon: Floats) -> Floats:
     return np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1)
 
 
-def places(scene: Scene) -> dict[str, Floats]:
+def sensor_positions(scene: Scene) -> dict[str, Floats]:
     """(2,) position on the ground of each sensor with known pose, by name."""
     cameras = {c.name: c.ground for c in scene.cameras if c.placed}
     return cameras | {a.name: a.position[:2] for a in scene.arrays}
@@ -101,14 +101,14 @@ class LabelledSightings:
     """Sightings of one label by sensors with known position, ordered by time."""
 
     t_ns: Ints  # (N,)
-    sensor: Ints  # (N,) index into the names of `places`
+    sensor: Ints  # (N,) index into the names of `sensor_positions`
     bearing: Floats  # (N,) rad
     sigma: Floats  # (N,) rad
 
 
 def sight_lines(bearings: Bearings, scene: Scene, labels: Iterable[int]) -> dict[int, LabelledSightings]:
     """Group sightings by label."""
-    sensor = _index(bearings.sensor, tuple(places(scene)))
+    sensor = _index(bearings.sensor, tuple(sensor_positions(scene)))
     seen, out = bearings.seen & (sensor >= 0), {}
     for label in labels:
         rows = np.flatnonzero((bearings.target_id == label) & seen)
@@ -123,7 +123,7 @@ def label_of(target: int, labels: Collection[int]) -> int:
 
 def distance_to_lines(lines: LabelledSightings, estimate: Floats, scene: Scene, *, nearest: bool) -> DirectionErrors:
     """Return distances of (N, 2) estimates from lines of sight; `nearest`: the nearest line per time and sensor."""
-    known = places(scene)
+    known = sensor_positions(scene)
     origins = np.array(list(known.values())).reshape(-1, 2)[lines.sensor]
     delta = estimate - origins
     value = wrap_angle(lines.bearing - np.arctan2(delta[:, 1], delta[:, 0]))
@@ -185,7 +185,7 @@ def scans(lines: LabelledSightings, period_ns: int | None, start_ns: int) -> tup
 
 def triangulate_scans(lines: LabelledSightings, rows: Ints, scan: Ints, scene: Scene) -> tuple[Ints, Floats]:
     """First row and meeting point of each scan with lines that meet; see `scans`."""
-    origins = np.array(list(places(scene).values())).reshape(-1, 2)[lines.sensor[rows]]
+    origins = np.array(list(sensor_positions(scene).values())).reshape(-1, 2)[lines.sensor[rows]]
     _, first = np.unique(scan, return_index=True)
     starts = np.append(first, len(rows))
     meeting = triangulate(origins, lines.bearing[rows], lines.sigma[rows], starts=starts, loss="huber")
@@ -283,7 +283,7 @@ class BearingResidualStreams:
         """
         self._scene, self._every, self._periods_ns = scene, every, periods_ns
         self._labels = {target: label_of(target, labels) for target in targets}
-        count = len(places(scene))
+        count = len(sensor_positions(scene))
         self._off = {target: _Off(np.zeros(count, np.int64), np.zeros((count, 2))) for target in self._labels}
         self._spools = {target: Spool(in_memory // len(periods_ns)) for target in periods_ns}
 
@@ -326,8 +326,8 @@ class BearingResidualStreams:
         rows, scan = scans(_part(lines, slice(0, over)), period, own.start_ns)
         first, xy = triangulate_scans(lines, rows, scan, self._scene)
         found = np.hypot(*(estimate[first] - xy).T)
-        told = np.isfinite(found)
-        t_ns, found = lines.t_ns[first][told], found[told]
+        finite = np.isfinite(found)
+        t_ns, found = lines.t_ns[first][finite], found[finite]
         number = own.scans + np.arange(len(found))
         so_far = np.sqrt((own.total.value + np.cumsum(found**2)) / (number + 1))
         keep = (number % self._every == 0) | largest(found, np.zeros(len(found), np.int64), number // self._every)
@@ -340,8 +340,8 @@ class BearingResidualStreams:
 
     def finish(self) -> tuple[dict[int, Residual], dict[int, TriangulationDistances]]:
         """Everything, by target."""
-        names = tuple(places(self._scene))
-        off, apart = {}, {}
+        names = tuple(sensor_positions(self._scene))
+        off, separate = {}, {}
         for target, own in self._off.items():
             empty = (np.zeros(0, np.int64), np.zeros(0, np.int64), names, np.zeros(0), np.zeros(0))
             parts = [DirectionErrors(*empty), *own.drawn]
@@ -355,10 +355,10 @@ class BearingResidualStreams:
                 if own.held is not None:
                     nothing = _part(own.held[0], slice(0, 0))
                     self._distances(target, nothing, np.zeros((0, 2)), last=True)
-                apart[target] = self._apart(own, self._spools[target])
-        return off, apart
+                separate[target] = self._separations(own, self._spools[target])
+        return off, separate
 
-    def _apart(self, own: _Off, spool: Spool) -> TriangulationDistances:
+    def _separations(self, own: _Off, spool: Spool) -> TriangulationDistances:
         count = own.scans
         (high,) = quantiles_of(spool, [0.95])
         return TriangulationDistances(

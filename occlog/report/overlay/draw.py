@@ -63,7 +63,7 @@ class FrameDrawing(NamedTuple):
     outlines: Sequence[Outline] = ()
     links: Sequence[Floats] = ()  # each (2, 2): centres of two that touch
     lines: Sequence[tuple[int, Floats]] = ()  # target and (k, 2) points of an epipolar line
-    places: Sequence[TruePosition] = ()
+    positions: Sequence[TruePosition] = ()
     boxed: bool = False  # true boxes instead of crosses
     notes: Sequence[str] = ()  # said at the bottom
     ways: Sequence[LineDrawing] = ()
@@ -104,8 +104,8 @@ def draw_shot(image: Bytes, shot: FrameDrawing, scale: float) -> Bytes:
         _path(picture, link, scale, WHITE, 2)
     for outline in shot.outlines:
         _estimate(picture, outline, scale, shot.colour(outline.target_id))
-    for place in shot.places:
-        (_true_box if shot.boxed else _true_cross)(picture, place, scale, shot.colour(place.target_id))
+    for position in shot.positions:
+        (_true_box if shot.boxed else _true_cross)(picture, position, scale, shot.colour(position.target_id))
     taken: list[Box] = []  # numbers are drawn on top
     for outline in shot.outlines:
         _tag(picture, outline, scale, taken, shot.colour(outline.target_id))
@@ -113,9 +113,9 @@ def draw_shot(image: Bytes, shot: FrameDrawing, scale: float) -> Bytes:
         if way.words:
             top = scale * (way.points[way.points[:, 1].argmin()] + 0.5) - 0.5
             label(picture, way.words, (float(top[0]), float(top[1]) - 2), shot.colour(way.target_id), taken)
-    for place in shot.places if shot.boxed else ():
-        x, y = (scale * (place.box[:2] + [0.5 * place.box[2], 0.0] + 0.5) - 0.5).tolist()
-        label(picture, str(place.target_id), (x, y - 2), shot.colour(place.target_id), taken)
+    for position in shot.positions if shot.boxed else ():
+        x, y = (scale * (position.box[:2] + [0.5 * position.box[2], 0.0] + 0.5) - 0.5).tolist()
+        label(picture, str(position.target_id), (x, y - 2), shot.colour(position.target_id), taken)
     for n, note in enumerate(reversed(shot.notes)):
         _note(picture, note, n)
     return np.vstack([bar(shot.title, size[0]), picture])
@@ -217,26 +217,26 @@ def _corners(box: Floats) -> Floats:
     return np.array([[left, top], [right, top], [right, bottom], [left, bottom], [left, top]])
 
 
-def _true_box(picture: Bytes, place: TruePosition, scale: float, colour: Colour) -> None:
+def _true_box(picture: Bytes, position: TruePosition, scale: float, colour: Colour) -> None:
     """The box, dashed where the target is hidden."""
-    corners, hidden = _corners(place.box), place.visible < HIDDEN
+    corners, hidden = _corners(position.box), position.visible < HIDDEN
     for part in _dashes(corners, scale) if hidden else [corners]:
         _path(picture, part, scale, colour, 2, halo=True)
 
 
-def _true_cross(picture: Bytes, place: TruePosition, scale: float, own: Colour) -> None:
+def _true_cross(picture: Bytes, position: TruePosition, scale: float, own: Colour) -> None:
     """A cross in the middle of the target, a ring too where it is hidden; in red around one without a tracker."""
-    middle, colour = place.box[:2] + 0.5 * place.box[2:], own if place.coloured else WHITE
+    middle, colour = position.box[:2] + 0.5 * position.box[2:], own if position.coloured else WHITE
     arms = [np.array([middle - arm, middle + arm]) for arm in 5.0 / scale * np.eye(2)]
     for paint, width in ((BLACK, 4), (colour, 2)):
         for arm in arms:
             _path(picture, arm, scale, paint, width)
-    if place.visible < HIDDEN:
+    if position.visible < HIDDEN:
         _path(picture, _rim(np.array([*middle, 8 / scale, 8 / scale, 0.0])), scale, colour, 1, halo=True)
-    if place.missed:
-        ring = np.array([*middle, 0.5 * place.box[2], 0.5 * place.box[3], 0.0])
+    if position.missed:
+        ring = np.array([*middle, 0.5 * position.box[2], 0.5 * position.box[3], 0.0])
         _path(picture, _rim(ring), scale, ALARM, 2, halo=True)
-        d = 0.7071 * 0.5 * place.box[2:]
+        d = 0.7071 * 0.5 * position.box[2:]
         for sign in (1.0, -1.0):
             cross = np.array([middle - d * [sign, 1.0], middle + d * [sign, 1.0]])
             _path(picture, cross, scale, ALARM, 2, halo=True)

@@ -60,9 +60,9 @@ class PlanRenderer:
             ranks: position of each target among all by identity.
         """
         self._ranks, self._metres = ranks, metres
-        places = [metres * sensor.position[:2] for sensor in placed(scene)]
-        corners = [metres * scene.surroundings] if scene.room is not None or len(places) < 2 else []
-        everything = np.vstack([*corners, *places])
+        positions = [metres * sensor.position[:2] for sensor in placed(scene)]
+        corners = [metres * scene.surroundings] if scene.room is not None or len(positions) < 2 else []
+        everything = np.vstack([*corners, *positions])
         low, high = everything.min(axis=0), everything.max(axis=0)
         free = (1.0 - 2.0 * MARGIN) * np.array(size)
         self._scale = float((free / np.maximum(high - low, 1e-9)).min())
@@ -91,8 +91,8 @@ class PlanRenderer:
             if np.isfinite(person.covariance).all():
                 ring = self._at(rim(person.xy, person.covariance))
                 draw_way(picture, LineDrawing(ring, person.target, 2, person.unsure), 1.0, colour)
-        for place in truth:
-            cv2.drawMarker(picture, _pixel(self._at(place)), WHITE, cv2.MARKER_TILTED_CROSS, 9, 1, cv2.LINE_AA)
+        for position in truth:
+            cv2.drawMarker(picture, _pixel(self._at(position)), WHITE, cv2.MARKER_TILTED_CROSS, 9, 1, cv2.LINE_AA)
         for person in people:
             colour = colour_of(self._ranks.get(person.target, person.target))
             x, y = self._at(person.xy).tolist()
@@ -189,7 +189,7 @@ class GroundTrackPositions:
         tracks, diagnostics, truth, unit = sources
         self._tracks = Latest(tracks, PeopleTracks, unit)
         self._diagnostics = None if diagnostics is None else Latest(diagnostics, Diagnostics, unit)
-        self._told = DiagnosticsDrawing()
+        self._diagnostics_drawing = DiagnosticsDrawing()
         self._truth = Latest(truth, Truth, unit) if truth is not None and open_input(truth).has(Truth) else None
         self._metres, self._trail_ns = metres, round(trail_s * NS)
         self.crowd = PeopleDrawing(Palette(ranks), self._trail_ns)
@@ -203,9 +203,9 @@ class GroundTrackPositions:
     def move(self, t_ns: int) -> None:
         """Go on to a time."""
         for said in self._diagnostics.until(t_ns) if self._diagnostics is not None else ():
-            self._told.add(said)
+            self._diagnostics_drawing.add(said)
         for rows in self._tracks.until(t_ns):
-            self.crowd.add(people_of(rows, self._metres, self._told))
+            self.crowd.add(people_of(rows, self._metres, self._diagnostics_drawing))
         for true in self._truth.until(t_ns) if self._truth is not None else ():
             own = true.role == "target"
             self.true = list(self._metres * np.column_stack([true.x[own], true.y[own]]))
@@ -237,21 +237,21 @@ class Trails:
     def __init__(self, trail_s: float) -> None:
         """Keep the last seconds."""
         self._keep_ns = round(trail_s * NS)
-        self._places: dict[int, deque[tuple[int, Floats]]] = {}
+        self._positions: dict[int, deque[tuple[int, Floats]]] = {}
 
     def ways(self, rows: ViewTracks, t_ns: int) -> list[LineDrawing]:
         """Take the rows of a frame; the trails of those who are in it."""
         ellipses = np.column_stack([rows.x_px, rows.y_px, rows.a_px, rows.b_px, rows.rho])
         for target, foot in zip(rows.target_id.tolist(), anchors(ellipses, True), strict=True):
-            self._places.setdefault(target, deque()).append((t_ns, foot))
+            self._positions.setdefault(target, deque()).append((t_ns, foot))
         out = []
-        for target, places in list(self._places.items()):
-            while places and places[0][0] < t_ns - self._keep_ns:
-                places.popleft()
-            if not places:
-                del self._places[target]
-            elif len(places) > 1 and places[-1][0] == t_ns:
-                out.append(LineDrawing(np.array([place for _, place in places]), target, 1))
+        for target, positions in list(self._positions.items()):
+            while positions and positions[0][0] < t_ns - self._keep_ns:
+                positions.popleft()
+            if not positions:
+                del self._positions[target]
+            elif len(positions) > 1 and positions[-1][0] == t_ns:
+                out.append(LineDrawing(np.array([position for _, position in positions]), target, 1))
         return out
 
 

@@ -59,14 +59,14 @@ def frame_shot(view: int, frame: int, rows: Sequence[OverlayFrameRows], rig: Ove
     tracks, truth, failures = rows[view]
     labels = _label_failures(failures) if rig.numbered else {}
     missed = _missed(failures)
-    places = [] if truth is None else _places(truth, missed, rig.numbered or tracks is None)
-    drawn = {place.target_id for place in places}
+    positions = [] if truth is None else _places(truth, missed, rig.numbered or tracks is None)
+    drawn = {position.target_id for position in positions}
     return FrameDrawing(
         title=f"{rig.views[view].name}   frame {frame}",
         outlines=[] if tracks is None else _outlines(tracks, labels),
         links=[] if tracks is None else _links(tracks),
         lines=[] if tracks is None or rig.geometry is None else _lines(view, tracks, rows, rig, rig.geometry),
-        places=places,
+        positions=positions,
         boxed=tracks is None,
         notes=[f"target {target}: no tracker" for target in sorted(missed - drawn)] + _others(failures, rig.numbered),
     )

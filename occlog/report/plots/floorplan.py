@@ -22,7 +22,7 @@ from occlog.records.columns import rows_by_label
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Hulls, Occluders, Tracks, Truth
 from occlog.report.content.model import ReportInput
-from occlog.report.content.sight import edges_of, places, visible_area
+from occlog.report.content.sight import edges_of, sensor_positions, visible_area
 from occlog.report.drawing import COLOURS, Style, broken, label, target_colour, thin_path
 
 FONT_SIZE = 8.5
@@ -198,7 +198,7 @@ def _tip(camera: Camera, limits: Floats) -> Floats:
 def name_sensors(axes: Axes, scene: Scene, limits: Floats, bar: Floats) -> None:
     """Write the names of all sensors, clear of arrows and of the scale bar's box."""
     names: dict[tuple[float, float], list[str]] = {}
-    for name, xy in places(scene).items():
+    for name, xy in sensor_positions(scene).items():
         names.setdefault((float(xy[0]), float(xy[1])), []).append(label(name, 16))
     texts = [label(", ".join(group), 40) for group in names.values()]
     arrows = [np.sort([c.ground, _tip(c, limits)], axis=0) for c in scene.cameras if c.placed]
@@ -244,7 +244,7 @@ MAX_CAMERA_DISTANCE_ROOMS = 10.0
 LONG = 15.0
 RECENT = 6.0
 """A path longer than `LONG` times the plan's diagonal is drawn faint but for its last `RECENT` diagonals."""
-MOMENTS = 8
+MAX_DRAWN_TIMES = 8
 """Times at which priors are drawn; more hide each other."""
 
 
@@ -277,7 +277,7 @@ def plan_limits(data: ReportInput) -> Floats:
     if data.scene is not None:
         points += [data.scene.room] if data.scene.room is not None else []
         points += [o.polygon for o in data.scene.occluders]
-        points += [p[None] for p in places(near_scene(data.scene)[0]).values()]
+        points += [p[None] for p in sensor_positions(near_scene(data.scene)[0]).values()]
     paths = [t for t in (data.tracks, data.truth) if t is not None and len(t)]
     for xy in (np.column_stack([table.x, table.y]) for table in paths):
         points.append(np.percentile(xy, [0.5, 99.5], axis=0) if len(xy) > 200 else xy)
@@ -445,7 +445,7 @@ def draw_priors(axes: Axes, priors: Occluders | Hulls) -> list[Line2D | Patch]:
     if not len(there):
         return []
     style: Style = {"facecolor": COLOURS["moving"], "edgecolor": COLOURS["moving"], "linewidth": 0.6}
-    shown = there.take(np.isin(there.t_ns, moments(there.t_ns)))
+    shown = there.take(np.isin(there.t_ns, drawn_times(there.t_ns)))
     if isinstance(shown, Hulls):
         kind, patches = "hull of a moving occluder", _polygons(shown, style)
     else:
@@ -456,12 +456,12 @@ def draw_priors(axes: Axes, priors: Occluders | Hulls) -> list[Line2D | Patch]:
     return [Patch(label=kind, alpha=0.3, **style)]
 
 
-def moments(t_ns: Ints) -> Ints:
+def drawn_times(t_ns: Ints) -> Ints:
     """The times at which priors are drawn."""
     times = np.unique(t_ns)
     if not len(times):
         return times
-    some: Ints = times[np.unique(np.linspace(0, len(times) - 1, MOMENTS).round().astype(int))]
+    some: Ints = times[np.unique(np.linspace(0, len(times) - 1, MAX_DRAWN_TIMES).round().astype(int))]
     return some
 
 

@@ -340,22 +340,22 @@ HEIGHT = 0.72
 
 def watched(data: ReportInput) -> tuple[int, ...]:
     """Targets that bearings are labelled with; -1 (any object) last and only if there is no other."""
-    return () if data.looked is None else data.looked.watched
+    return () if data.coverage is None else data.coverage.watched
 
 
 def sensors(data: ReportInput) -> tuple[str, ...]:
     """Names of all sensors, in the scene's order, then those that only the bearings know."""
-    return scene_order(data.scene, [] if data.looked is None else data.looked.sensors)
+    return scene_order(data.scene, [] if data.coverage is None else data.coverage.sensors)
 
 
 def draw_visibility(
-    figure: FigureBase, data: ReportInput, looked: ObservationCoverage, target: int, most: int = MAX_SENSORS
+    figure: FigureBase, data: ReportInput, coverage: ObservationCoverage, target: int, most: int = MAX_SENSORS
 ) -> None:
     """Draw the rows of all sensors, or of the first `most`, for one target; the first sensor is on top."""
     axes = figure.add_subplot()
     names = sensors(data)[:most]
-    cells = max(CELLS_OF_ALL // max(len(names) * min(len(looked.watched), MAX_TARGETS), 1), MIN_CELLS)
-    rows = [coarser(looked.sightings(name, target), cells) for name in names]
+    cells = max(CELLS_OF_ALL // max(len(names) * min(len(coverage.watched), MAX_TARGETS), 1), MIN_CELLS)
+    rows = [coarser(coverage.sightings(name, target), cells) for name in names]
     draw_rows(axes, data.time, rows, [label(n, 18) for n in names])
     kinds = (("seen", "target seen"), ("hidden", "frame, target not seen"), ("absent", "no frame"))
     handles = [Patch(facecolor=COLOURS[colour], label=text) for colour, text in kinds]
@@ -364,12 +364,12 @@ def draw_visibility(
 
 def coarser(found: SensorSightings, most: int) -> SensorSightings:
     """Merge neighbouring frames into at most a given number of cells."""
-    together = -(-len(found.looked) // most)
+    together = -(-len(found.observed) // most)
     if together <= 1:
         return found
-    first = np.arange(0, len(found.looked), together)
-    looked, seen = (np.add.reduceat(each, first) for each in (found.looked, found.seen))
-    return replace(found, edges=np.append(found.edges[first], found.edges[-1]), looked=looked, seen=seen)
+    first = np.arange(0, len(found.observed), together)
+    observed, seen = (np.add.reduceat(each, first) for each in (found.observed, found.seen))
+    return replace(found, edges=np.append(found.edges[first], found.edges[-1]), observed=observed, seen=seen)
 
 
 def draw_rows(axes: Axes, time: TimeAxis, rows: Sequence[SensorSightings], names: Sequence[str]) -> None:
@@ -377,8 +377,8 @@ def draw_rows(axes: Axes, time: TimeAxis, rows: Sequence[SensorSightings], names
     shares = []
     for row, found in enumerate(rows):
         _bar(axes, time, found, -float(row))
-        whose = "any" if found.any_object else "seen"
-        shares.append("no frame" if np.isnan(found.share) else f"{_percent(found.share)} {whose}")
+        kind = "any" if found.any_object else "seen"
+        shares.append("no frame" if np.isnan(found.share) else f"{_percent(found.share)} {kind}")
     label_rows(axes, names, shares)
     axes.set_xlim(0.0, max(time.length, 1e-9))
     axes.set_xlabel(time.label)
@@ -409,7 +409,7 @@ def _bar(axes: Axes, time: TimeAxis, found: SensorSightings, y: float) -> None:
     """Grey where there is no frame, orange where the sensor observed, blue from below for the share of detections."""
     low = y - HEIGHT / 2
     axes.fill_between([0.0, time.length], low, low + HEIGHT, color=COLOURS["absent"], linewidth=0)
-    if not len(found.looked):
+    if not len(found.observed):
         return
     edges, share = _merged(found)
     at = time.of(edges)
@@ -421,7 +421,7 @@ def _bar(axes: Axes, time: TimeAxis, found: SensorSightings, y: float) -> None:
 
 def _merged(found: SensorSightings) -> tuple[Ints, Floats]:
     """Borders of the cells and share seen (NaN without frames), neighbours of the same share as one cell."""
-    share = np.where(found.looked > 0, found.seen / np.maximum(found.looked, 1), -1.0)
+    share = np.where(found.observed > 0, found.seen / np.maximum(found.observed, 1), -1.0)
     first = np.concatenate([[True], np.diff(share) != 0])
     edges = np.append(found.edges[:-1][first], found.edges[-1])
     return edges, np.where(share[first] < 0, np.nan, share[first])
@@ -438,8 +438,8 @@ def draw_crowd(figure: FigureBase, data: ReportInput, tracks: PeopleTracks, foun
     people, events = found.drawn, data.events
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.3, max(0.16 * len(people), 0.6)))
     _counts(above, data, found.crowd)
-    for place, identity in enumerate(people.tolist()):
-        _life(below, data.time, tracks.take(tracks.target_id == identity), -float(place))
+    for index, identity in enumerate(people.tolist()):
+        _life(below, data.time, tracks.take(tracks.target_id == identity), -float(index))
     _doubts(below, data.time, people, events)
     below.set_yticks(-np.arange(len(people), dtype=float), [str(i) for i in people.tolist()])
     below.tick_params(axis="y", length=0, labelsize=min(8.0, 330.0 / max(len(people), 1) ** 0.95))
@@ -486,8 +486,8 @@ def _life(axes: Axes, time: TimeAxis, own: PeopleTracks, y: float) -> None:
     # Neighbours of one kind are one piece
     first = np.concatenate([[True], (np.diff(kind) != 0) | (own.t_ns[1:] > ends[:-1])])
     begins, stops, kinds = own.t_ns[first], ends[np.append(first[1:], True)], kind[first]
-    for place, colour in enumerate((SEEN, SINGLE_VIEW, COASTING)):
-        mine = kinds == place
+    for index, colour in enumerate((SEEN, SINGLE_VIEW, COASTING)):
+        mine = kinds == index
         spans = np.column_stack([time.of(begins[mine]), time.of(stops[mine]) - time.of(begins[mine])])
         axes.broken_barh(spans.tolist(), (y - HEIGHT / 2, HEIGHT), facecolor=COLOURS[colour], linewidth=0)
 
@@ -497,8 +497,8 @@ def _doubts(axes: Axes, time: TimeAxis, people: Ints, events: Events | None) -> 
     if events is None:
         return
     doubts = events.take((events.kind == "doubt") & np.isin(events.target_id, people))
-    place = {identity: row for row, identity in enumerate(people.tolist())}
-    rows = [-float(place[i]) for i in doubts.target_id.tolist()]
+    index_of = {identity: row for row, identity in enumerate(people.tolist())}
+    rows = [-float(index_of[i]) for i in doubts.target_id.tolist()]
     axes.plot(time.of(doubts.t_ns), rows, "x", color=COLOURS["t5"], markersize=4.5, markeredgewidth=1.4)
 
 

@@ -58,10 +58,10 @@ def _point(position: Floats) -> str:
 
 def _counts(data: ReportInput, name: str) -> tuple[str, str, str]:
     """Observations, detections, and their share."""
-    if data.looked is None:
+    if data.coverage is None:
         return "–", "–", "–"
-    looks, seen = data.looked.sensors.get(name, (0, 0))
-    return number(looks), number(seen), number(round(100.0 * seen / looks, 1)) if looks else "–"
+    observed, seen = data.coverage.sensors.get(name, (0, 0))
+    return number(observed), number(seen), number(round(100.0 * seen / observed, 1)) if observed else "–"
 
 
 def _fits(data: ReportInput) -> dict[str, tuple[str, str]]:

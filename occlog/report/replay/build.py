@@ -38,7 +38,7 @@ class Peak:
     """A large error: of whom, in words, how large, when [s since the start]."""
 
     target: int
-    whose: str
+    kind: str
     error: float
     seconds: float
 
@@ -67,20 +67,20 @@ class Replay:
 def replay(data: ReportInput, images: Thumbnails | None = None) -> Replay | None:
     """The time steps of a run; None where nothing moves."""
     limits = plan_limits(data)
-    moments = ReplaySteps(data, limits)
-    if len(moments.kept) < 2:
+    steps = ReplaySteps(data, limits)
+    if len(steps.kept) < 2:
         return None
-    tables, every, layers = plan_values(data, moments)
+    tables, every, layers = plan_values(data, steps)
     values: dict[str, Any] = {
         "second": data.time.ns_per_unit / NS,
-        "times": packed("f8", moments.seconds),
+        "times": packed("f8", steps.seconds),
         **tables,
         "events": _events(data),
         "images": [] if images is None else images.packed(data.time.start_ns),
     }
     return Replay(
         safe_json(values),
-        _words(moments, every, images),
+        _words(steps, every, images),
         [(target, k) for k, target in enumerate(data.targets[:MAX_BOXES])],
         layers,
         _peaks(data),
@@ -88,25 +88,25 @@ def replay(data: ReportInput, images: Thumbnails | None = None) -> Replay | None
     )
 
 
-def plan_values(data: ReportInput, moments: ReplaySteps) -> tuple[dict[str, Any], int, list[Layer]]:
+def plan_values(data: ReportInput, steps: ReplaySteps) -> tuple[dict[str, Any], int, list[Layer]]:
     """Return the plan's data at each time step, the interval of those with lines of sight, and the layers."""
-    sensors = [] if data.scene is None else _sensors(near_scene(data.scene)[0], moments.limits)
+    sensors = [] if data.scene is None else _sensors(near_scene(data.scene)[0], steps.limits)
     metres = METRES.get(data.unit, 1.0)
     seen, doubts = Words(), Words()
-    size, sigma = LARGEST / metres / 255, _sigma_step(data, moments)
-    sight, sight_every = moments.sight([s["name"] for s in sensors])
-    priors, priors_every = moments.priors()
-    tables = {"tracks": moments.tracks(seen, doubts, size, sigma), "truth": moments.truth()}
+    size, sigma = LARGEST / metres / 255, _sigma_step(data, steps)
+    sight, sight_every = steps.sight([s["name"] for s in sensors])
+    priors, priors_every = steps.priors()
+    tables = {"tracks": steps.tracks(seen, doubts, size, sigma), "truth": steps.truth()}
     values: dict[str, Any] = {
         "unit": data.unit,
-        "limits": _rounded(moments.limits),
+        "limits": _rounded(steps.limits),
         "room": None if data.scene is None or data.scene.room is None else _rounded(data.scene.room),
         "occluders": [] if data.scene is None else [_rounded(o.polygon) for o in data.scene.occluders],
         "sensors": sensors,
         "targets": list(data.targets),
-        "compared": moments.same or bool(moments.pairs),
+        "compared": steps.same or bool(steps.pairs),
         "ellipse": CHI2_95_2D,
-        "step": moments.step,
+        "step": steps.step,
         "sigma": sigma,
         "size": size,
         "body": [WIDTH / metres, HEIGHT / metres],
@@ -130,9 +130,9 @@ def _rounded(points: Floats) -> list[Any]:
     return list(np.round(points, 6).tolist())
 
 
-def _sigma_step(data: ReportInput, moments: ReplaySteps) -> float:
+def _sigma_step(data: ReportInput, steps: ReplaySteps) -> float:
     """Step of standard deviations: the largest, up to twice the plan, fits 16 bits."""
-    most = 2.0 * float((moments.limits[1] - moments.limits[0]).max())
+    most = 2.0 * float((steps.limits[1] - steps.limits[0]).max())
     tracks = data.tracks
     if tracks is not None and len(tracks):
         variance = np.concatenate([tracks.cov_xx, tracks.cov_yy])
@@ -173,10 +173,10 @@ def _peaks(data: ReportInput) -> list[Peak]:
     if errors is None or not len(errors):
         return out
     seconds = (errors.t_ns - data.time.start_ns) / NS
-    apart = MIN_PEAK_SEPARATION * max(float(np.ptp(seconds)), 1e-9)
+    separation = MIN_PEAK_SEPARATION * max(float(np.ptp(seconds)), 1e-9)
     for k in np.argsort(-errors.error, kind="stable")[:20_000]:
         target = int(errors.target_id[k])
-        if all(peak.target != target or abs(peak.seconds - seconds[k]) > apart for peak in out):
+        if all(peak.target != target or abs(peak.seconds - seconds[k]) > separation for peak in out):
             out.append(Peak(target, data.whose_errors(target), float(errors.error[k]), round(float(seconds[k]), 6)))
             if len(out) == PEAKS:
                 break
@@ -197,21 +197,19 @@ def _layers(truth: object, sight: object, priors: object, sensors: list[dict[str
     return [(name, words, on) for name, words, on, there in every if there]
 
 
-def _words(moments: ReplaySteps, sight_every: int, images: Thumbnails | None) -> str:
-    count, all_of = len(moments.kept), moments.count
+def _words(steps: ReplaySteps, sight_every: int, images: Thumbnails | None) -> str:
+    count, all_of = len(steps.kept), steps.count
     said = [
-        f"{count:,} of {all_of:,} time steps: every {moments.every}-th."
-        if moments.every > 1
-        else f"{count:,} time steps."
+        f"{count:,} of {all_of:,} time steps: every {steps.every}-th." if steps.every > 1 else f"{count:,} time steps."
     ]
     if sight_every > 1:
         said.append(f"Lines of sight are those of every {sight_every}-th of them.")
     said.append("A dashed ring is a target that no sensor sees, or of which something is uncertain.")
-    said += ["A cross is where one truly is."] if moments.truth() else []
-    said.append(f"Positions are rounded to {moments.step:.1g} {moments.data.unit}.")
-    if not moments.same:
+    said += ["A cross is where one truly is."] if steps.truth() else []
+    said.append(f"Positions are rounded to {steps.step:.1g} {steps.data.unit}.")
+    if not steps.same:
         said.append("Identities are the tracker's own, not those of the truth.")
-        said += ["Errors are from the true target that a track is paired with."] if moments.pairs else []
+        said += ["Errors are from the true target that a track is paired with."] if steps.pairs else []
     if images is not None:
         said.append(images.words)
     return " ".join(filter(None, said))

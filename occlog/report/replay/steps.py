@@ -56,9 +56,9 @@ def placed(values: Floats, middle: float, step: float) -> Ints:
     return np.asarray(np.clip(steps, -MAX_INT16, MAX_INT16).astype(np.int64))
 
 
-def starts(moment: Ints, moments: int) -> Packed:
+def starts(step: Ints, n_steps: int) -> Packed:
     """First row of each time step and the end, of rows in the order of their time steps."""
-    return packed("u4", np.searchsorted(moment, np.arange(moments + 1)))
+    return packed("u4", np.searchsorted(step, np.arange(n_steps + 1)))
 
 
 class Words:
@@ -121,7 +121,7 @@ class ReplaySteps:
     @cached_property
     def kept(self) -> Ints:
         """(M,) the times that are kept."""
-        return self.data.figures.moments
+        return self.data.figures.times
 
     @property
     def period_ns(self) -> float:
@@ -151,12 +151,12 @@ class ReplaySteps:
 
     def at(self, t_ns: Ints) -> tuple[Ints, Ints]:
         """Rows at times that are kept, and the time step of each."""
-        moment = np.searchsorted(self.kept, t_ns)
-        inside = np.minimum(moment, len(self.kept) - 1)
-        rows = np.flatnonzero((moment < len(self.kept)) & (self.kept[inside] == t_ns))
-        return rows, moment[rows]
+        step = np.searchsorted(self.kept, t_ns)
+        inside = np.minimum(step, len(self.kept) - 1)
+        rows = np.flatnonzero((step < len(self.kept)) & (self.kept[inside] == t_ns))
+        return rows, step[rows]
 
-    def place(self, table: Tracks | Truth | Hulls, rows: Ints) -> dict[str, Packed]:
+    def pack_positions(self, table: Tracks | Truth | Hulls, rows: Ints) -> dict[str, Packed]:
         """Positions of rows."""
         middle = self.limits.mean(axis=0)
         xs, ys = (np.where(np.isfinite(v[rows]), v[rows], np.inf) for v in (table.x, table.y))
@@ -187,7 +187,7 @@ class ReplaySteps:
         tracks = self.data.tracks
         if tracks is None:
             return {}
-        rows, moment = self.at(tracks.t_ns)
+        rows, step = self.at(tracks.t_ns)
         people = tracks if isinstance(tracks, PeopleTracks) else None
         names, known, doubt = self._said(tracks, rows)
         sx, sy = np.sqrt(np.maximum(tracks.cov_xx[rows], 0)), np.sqrt(np.maximum(tracks.cov_yy[rows], 0))
@@ -196,9 +196,9 @@ class ReplaySteps:
         nothing = np.full(len(rows), np.nan)
         existence = nothing if people is None else people.existence_probability[rows]
         return {
-            "first": starts(moment, len(self.kept)),
+            "first": starts(step, len(self.kept)),
             "target": packed("u2", np.searchsorted(self.data.targets, tracks.target_id[rows])),
-            **self.place(tracks, rows),
+            **self.pack_positions(tracks, rows),
             "sx": packed("u2", _steps(sx, sigma, MISSING)),
             "sy": packed("u2", _steps(sy, sigma, MISSING)),
             "rho": packed("i1", np.round(127 * np.clip(rho, -1, 1))),
@@ -240,7 +240,7 @@ class ReplaySteps:
         if truth is None:
             return {}
         who = truth.target_id.astype(np.int64) * 2 + (truth.role == "target")
-        rows, moment = self._latest(truth.t_ns, np.unique(who, return_inverse=True)[1])
+        rows, step = self._latest(truth.t_ns, np.unique(who, return_inverse=True)[1])
         true = truth.role[rows] == "target"
         names, number = np.unique(truth.target_id[rows], return_inverse=True)
         number = number + TRUE_FROM
@@ -251,39 +251,43 @@ class ReplaySteps:
             its = np.array([pairs.get(name, -1) for name in names.tolist()], dtype=np.int64)[number - TRUE_FROM]
             number = np.where(true & (its >= 0), np.searchsorted(self.data.targets, its), number)
         target = np.where(true, np.minimum(number, MISSING - 1), MISSING)
-        return {"first": starts(moment, len(self.kept)), "target": packed("u2", target), **self.place(truth, rows)}
+        return {
+            "first": starts(step, len(self.kept)),
+            "target": packed("u2", target),
+            **self.pack_positions(truth, rows),
+        }
 
     def sight(self, sensors: list[str]) -> tuple[dict[str, Packed], int]:
         """Directions in which sensors saw something at each time step, and every how manieth time step has them."""
         bearings = self.data.bearings
         if bearings is None or not len(bearings) or not len(self.kept):
             return {}, 1
-        rows, moment, number = self._looks(bearings, sensors)
+        rows, step, number = self._observations(bearings, sensors)
         every = max(-(-len(rows) // MAX_OBSERVATIONS), 1) * self.data.figures.sight_every
-        some = moment % every == 0
-        rows, moment, number = rows[some], moment[some], number[some]
+        some = step % every == 0
+        rows, step, number = rows[some], step[some], number[some]
         targets = np.array(self.data.targets, dtype=np.int64)
         own = np.searchsorted(targets, bearings.target_id[rows])
         known = np.isin(bearings.target_id[rows], targets) & self.same
         turns = np.round(bearings.bearing[rows] / (2 * np.pi) * (MAX_UINT16 + 1)).astype(np.int64) % (MAX_UINT16 + 1)
         table = {
-            "first": starts(moment, len(self.kept)),
+            "first": starts(step, len(self.kept)),
             "sensor": packed("u2", number),
             "target": packed("u2", np.where(known, own, MISSING)),
             "angle": packed("u2", turns),
         }
         return table, every
 
-    def _looks(self, bearings: Bearings, sensors: list[str]) -> tuple[Ints, Ints, Ints]:
+    def _observations(self, bearings: Bearings, sensors: list[str]) -> tuple[Ints, Ints, Ints]:
         """Rows with a detection in each sensor's latest frame before each time step; their time steps and sensors."""
         names, which = np.unique(bearings.sensor, return_inverse=True)
-        place = {name: k for k, name in enumerate(sensors)}
-        number = np.array([place.get(str(name), -1) for name in names], dtype=np.int64)[which]
+        index_of = {name: k for k, name in enumerate(sensors)}
+        number = np.array([index_of.get(str(name), -1) for name in names], dtype=np.int64)[which]
         own = np.flatnonzero(number >= 0)
-        rows, moment = self._latest(bearings.t_ns[own], number[own])
+        rows, step = self._latest(bearings.t_ns[own], number[own])
         rows = own[rows]
         seen = bearings.seen[rows]
-        return rows[seen], moment[seen], number[rows[seen]]
+        return rows[seen], step[seen], number[rows[seen]]
 
     def _latest(self, t_ns: Ints, who: Ints) -> tuple[Ints, Ints]:
         """Rows of each one's latest time since the previous kept time step, and their time steps, ascending.
@@ -292,25 +296,29 @@ class ReplaySteps:
             t_ns: (N,) times.
             who: (N,) numbers >= 0.
         """
-        rows, moment = rows_before(self.kept, self.period_ns, t_ns)
-        groups, group = np.unique(moment * (int(who.max(initial=0)) + 1) + who[rows], return_inverse=True)
+        rows, step = rows_before(self.kept, self.period_ns, t_ns)
+        groups, group = np.unique(step * (int(who.max(initial=0)) + 1) + who[rows], return_inverse=True)
         latest = np.full(len(groups), np.iinfo(np.int64).min)
         np.maximum.at(latest, group, t_ns[rows])
         last = t_ns[rows] == latest[group]
-        rows, moment = rows[last], moment[last]
-        order = np.argsort(moment, kind="stable")
-        return rows[order], moment[order]
+        rows, step = rows[last], step[last]
+        order = np.argsort(step, kind="stable")
+        return rows[order], step[order]
 
     def priors(self) -> tuple[dict[str, Packed], int]:
         """Occluder priors at each time step as polygons, and the interval of time steps that have them."""
         hulls = _as_hulls(self.data.occluders)
         if hulls is None or not len(self.kept):
             return {}, 1
-        rows, moment = self.at(hulls.t_ns)
+        rows, step = self.at(hulls.t_ns)
         every = max(-(-len(rows) // MAX_PRIORS), 1) * self.data.figures.priors_every
-        rows, moment = rows[moment % every == 0], moment[moment % every == 0]
+        rows, step = rows[step % every == 0], step[step % every == 0]
         corner = np.minimum(hulls.corner[rows], 255)
-        table = {"first": starts(moment, len(self.kept)), "corner": packed("u1", corner), **self.place(hulls, rows)}
+        table = {
+            "first": starts(step, len(self.kept)),
+            "corner": packed("u1", corner),
+            **self.pack_positions(hulls, rows),
+        }
         return table, every
 
 

@@ -1,7 +1,7 @@
 """Small images of the cameras next to the plan, with tracks drawn over them.
 
 The rule: images of evenly spaced time steps, this many that all together stay below a limit that the user gives, judged
-by those of the first time step; not more than `MAX_MOMENTS`.
+by those of the first time step; not more than `MAX_TIME_STEPS`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from .steps import packed
 WIDTH = 240
 """Of an image [px]."""
 QUALITY = 70
-MAX_MOMENTS = 2000
+MAX_TIME_STEPS = 2000
 MARGIN = 0.85
 """Share of the limit that images of the size of the first ones may fill: later ones may be larger."""
 BASE64 = 4 / 3
@@ -43,20 +43,20 @@ class Thumbnails:
 
     Attributes:
         cameras: names, with the times [ns] and the JPEG of each image.
-        moments: time steps that were asked for.
+        n_steps: time steps that were asked for.
         of: times of frames there are.
         losses: frames of these time steps that cannot be decoded, of which there is no image.
     """
 
     cameras: dict[str, list[tuple[int, bytes]]] = field(default_factory=dict)
-    moments: int = 0
+    n_steps: int = 0
     of: int = 0
     losses: tuple[Loss, ...] = ()
 
     @property
     def words(self) -> str:
         """Description of the images in a sentence."""
-        return f"Images: {self.moments:,} of {self.of:,} time steps." if self.of > self.moments else ""
+        return f"Images: {self.n_steps:,} of {self.of:,} time steps." if self.of > self.n_steps else ""
 
     def packed(self, start_ns: int) -> list[dict[str, Any]]:
         """Return the data of the script."""
@@ -95,10 +95,10 @@ def thumbnails(recording: Path, sources: OverlayTables | None, targets: Sequence
     size = _size(opened, known, sources, targets) * BASE64
     if not size:
         raise InputError(f"{recording}: no image of it can be decoded; omit {option('images')}")
-    count = max(min(int(MARGIN * limit // size), MAX_MOMENTS, len(times)), 1)
-    moments = times[np.unique(np.linspace(0, len(times) - 1, count).round().astype(np.int64))]
-    chosen = {name: _before(np.array(own, dtype=np.int64), moments) for name, own in known.items()}
-    out = Thumbnails({name: [] for name in sorted(known)}, len(moments), len(times))
+    count = max(min(int(MARGIN * limit // size), MAX_TIME_STEPS, len(times)), 1)
+    chosen_ns = times[np.unique(np.linspace(0, len(times) - 1, count).round().astype(np.int64))]
+    chosen = {name: _before(np.array(own, dtype=np.int64), chosen_ns) for name, own in known.items()}
+    out = Thumbnails({name: [] for name in sorted(known)}, len(chosen_ns), len(times))
     lost = LostFrames()
     for name, t_ns, data in _drawn(opened, chosen, sources, targets, lost):
         out.cameras[name].append((t_ns, data))
@@ -120,9 +120,9 @@ def _size(
     return size
 
 
-def _before(times: Ints, moments: Ints) -> set[int]:
+def _before(times: Ints, chosen_ns: Ints) -> set[int]:
     """The last of some times before each time step, or at it."""
-    at = np.searchsorted(times, moments, side="right") - 1
+    at = np.searchsorted(times, chosen_ns, side="right") - 1
     return set(times[at[at >= 0]].tolist())
 
 

@@ -1,1 +1,1 @@
-"""Balls that look similar, rendered for several cameras."""
+"""Similar balls, rendered for several cameras."""

@@ -170,25 +170,25 @@ def _folded(way: Floats, reach: Floats) -> Floats:
 
 def _bounce(config: BallsConfig, start: Floats, velocity: Floats, reach: Floats) -> Floats:
     """(T, n, 3) positions of balls of equal mass that also bounce off each other, in steps of a tenth of a radius."""
-    place, v = start.copy(), velocity.copy()
+    position, v = start.copy(), velocity.copy()
     steps = max(1, math.ceil(1.5 * config.ball_speed / (0.1 * config.radius)))
     out = np.empty((config.frames, *start.shape))
     for t in range(config.frames):
-        out[t] = place
+        out[t] = position
         for _ in range(steps):
-            place += v / steps
-            outside = np.abs(place) > reach
-            v = np.where(outside, -np.sign(place) * np.abs(v), v)
-            place = np.clip(place, -reach, reach)
-            _collide(place, v, 2.0 * config.radius)
+            position += v / steps
+            outside = np.abs(position) > reach
+            v = np.where(outside, -np.sign(position) * np.abs(v), v)
+            position = np.clip(position, -reach, reach)
+            _collide(position, v, 2.0 * config.radius)
     return out
 
 
-def _collide(place: Floats, v: Floats, diameter: float) -> None:
+def _collide(position: Floats, v: Floats, diameter: float) -> None:
     """Change the velocities of the balls that meet: each pair exchanges what it has along the line of centres."""
-    for i in range(len(place)):
-        for j in np.flatnonzero(np.linalg.norm(place[i + 1 :] - place[i], axis=1) < diameter) + i + 1:
-            along = place[j] - place[i]
+    for i in range(len(position)):
+        for j in np.flatnonzero(np.linalg.norm(position[i + 1 :] - position[i], axis=1) < diameter) + i + 1:
+            along = position[j] - position[i]
             along /= max(float(np.linalg.norm(along)), 1e-12)
             closing = (v[i] - v[j]) @ along
             if closing > 0.0:

@@ -216,15 +216,15 @@ def walking(grids: Iterable[TimeGrid], metre: float) -> Iterator[TimeGrid]:
     last: TimeGrid | None = None
     for grid in grids:
         out = np.concatenate([grid.xyz[..., :2], np.zeros((*grid.xyz.shape[:2], 3))], axis=-1)
-        place, velocity, phase = _start(last, grid, metre)
+        position, velocity, phase = _start(last, grid, metre)
         before = int(grid.t_ns[0]) if last is None else int(last.t_ns[-1])
         for k, t in enumerate(grid.t_ns.tolist()):
             dt = (t - before) * 1e-9
             if dt > 0:
-                seen = (out[k, :, :2] - place) / (metre * dt)
+                seen = (out[k, :, :2] - position) / (metre * dt)
                 velocity = velocity - np.expm1(-dt / LAG_S) * np.nan_to_num(seen - velocity)
                 phase = phase + 2 * np.pi * dt * np.hypot(*velocity.T) / STRIDE
-            place, before = out[k, :, :2], t
+            position, before = out[k, :, :2], t
             out[k, :, 2:4], out[k, :, 4] = velocity, phase
         last = grid._replace(xyz=out)
         yield last
@@ -232,17 +232,17 @@ def walking(grids: Iterable[TimeGrid], metre: float) -> Iterator[TimeGrid]:
 
 def _start(last: TimeGrid | None, grid: TimeGrid, metre: float) -> tuple[Floats, Floats, Floats]:
     """Position, velocity and phase of each object before the first time of a chunk."""
-    place = grid.xyz[0, :, :2].copy()
-    velocity = np.zeros_like(place)
+    position = grid.xyz[0, :, :2].copy()
+    velocity = np.zeros_like(position)
     velocity[:, 0] = 1e-6
     if len(grid.t_ns) > 1:
         dt = (int(grid.t_ns[1]) - int(grid.t_ns[0])) * 1e-9
-        velocity += np.nan_to_num(grid.xyz[1, :, :2] - place) / (metre * dt)
+        velocity += np.nan_to_num(grid.xyz[1, :, :2] - position) / (metre * dt)
     phase: Floats = 2.4 * np.arange(len(grid.ids), dtype=np.float64)  # not in step
     if last is not None:
         _, old, new = np.intersect1d(last.ids, grid.ids, return_indices=True)
-        place[new], velocity[new], phase[new] = last.xyz[-1, old, :2], last.xyz[-1, old, 2:4], last.xyz[-1, old, 4]
-    return place, velocity, phase
+        position[new], velocity[new], phase[new] = last.xyz[-1, old, :2], last.xyz[-1, old, 2:4], last.xyz[-1, old, 4]
+    return position, velocity, phase
 
 
 def poses(rows: Floats) -> Poses:

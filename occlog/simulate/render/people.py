@@ -146,17 +146,19 @@ def _clothes(ids: NDArray[np.int64], target: NDArray[np.bool_], config: RenderCo
         if config.identical_targets and model in targets:
             model = targets[0]
         rank = targets.index(model) if model in targets else -1
-        look = dress(rank, rank >= 0, generator(seed, RandomStream.RENDER_CLOTHES, model), two_sided=config.two_sided)
-        worn.append(look)
+        appearance = dress(
+            rank, rank >= 0, generator(seed, RandomStream.RENDER_CLOTHES, model), two_sided=config.two_sided
+        )
+        worn.append(appearance)
     return clothes_of(worn)
 
 
 def _jobs(found: list[SensorFrames], ids: NDArray[np.int64], clothes: Clothes) -> list[RenderJob]:
     """The frames of a chunk, by time and then by camera."""
     jobs = [
-        RenderJob(int(t), number, look.first + k, look.xyz[k], ids, clothes)
-        for number, look in enumerate(found)
-        for k, t in enumerate(look.t_ns)
+        RenderJob(int(t), number, appearance.first + k, appearance.xyz[k], ids, clothes)
+        for number, appearance in enumerate(found)
+        for k, t in enumerate(appearance.t_ns)
     ]
     return sorted(jobs, key=lambda job: (job.t_ns, job.number))
 
@@ -231,10 +233,10 @@ def reference_appearances(
     numbers = list(targets)
     for rank, target in enumerate(numbers):
         model, hue = (numbers[0], 0) if config.identical_targets else (target, rank)
-        look = dress(hue, True, generator(seed, RandomStream.RENDER_CLOTHES, model), two_sided=config.two_sided)
+        appearance = dress(hue, True, generator(seed, RandomStream.RENDER_CLOTHES, model), two_sided=config.two_sided)
         counts = np.zeros(N_BINS)
         for side, view in enumerate(views):
-            _add_into(counts, view, clothes_of([look]), 2 * math.pi * side / SIDES)
+            _add_into(counts, view, clothes_of([appearance]), 2 * math.pi * side / SIDES)
         found.append({"target_id": int(target), "appearance": normalised(counts).tolist()})
     return found
 
@@ -242,24 +244,24 @@ def reference_appearances(
 def _view(scene: Scene, metre: float, angle: float) -> tuple[Canvas, Floats]:
     """A camera at a distance that points at the position under the first lamp, and that position (2,)."""
     lights = lamps(scene.surroundings, scene.room_height)
-    place = lights[0, :2]
+    position = lights[0, :2]
     width, height = SIZE
     away = DISTANCE * metre * np.array([math.cos(angle), math.sin(angle)])
     camera = Camera(
         "reference",
-        np.array([*(place - away), 0.5 * STATURE * metre]),
+        np.array([*(position - away), 0.5 * STATURE * metre]),
         rotation_from_angles(angle, 0.0, 0.0),
         np.array([FOCAL_PX, FOCAL_PX]),
         np.array([0.5 * (width - 1), 0.5 * (height - 1)]),
         image_size=SIZE,
     )
-    return bare_canvas(camera, lights, metre), place
+    return bare_canvas(camera, lights, metre), position
 
 
 def _add_into(counts: Floats, view: tuple[Canvas, Floats], clothes: Clothes, phase: float) -> None:
     """Add the pixels of one body, walking along x, to a histogram."""
-    sheet, place = view
-    rows = np.array([[*place, WALKING, 0.0, phase]])
+    sheet, position = view
+    rows = np.array([[*position, WALKING, 0.0, phase]])
     image = draw(
         c=sheet, rows=rows, clothes=clothes, gain=1.0, sigmas=(0.0, 0.0), shadows=False, rng=np.random.default_rng(0)
     ).image

@@ -94,8 +94,8 @@ def merge_near(to: Floats, known: Bools, heard: Bools, resolution: float, planar
     merged = [_merge(to[b], known[b], heard[b], resolution, planar) for b in blocks]
     if not merged:
         return to, known, heard
-    places, heights, stands = zip(*merged, strict=True)
-    return np.concatenate(places), np.concatenate(heights), np.concatenate(stands)
+    positions, heights, stands = zip(*merged, strict=True)
+    return np.concatenate(positions), np.concatenate(heights), np.concatenate(stands)
 
 
 def _merge(to: Floats, known: Bools, heard: Bools, resolution: float, planar: bool) -> tuple[Floats, Bools, Bools]:
@@ -141,7 +141,7 @@ class SimulatedArray(NamedTuple):
     noise: np.random.Generator  # of the directions
     chance: np.random.Generator  # of misses
     false_numbers: np.random.Generator  # how many false directions there are
-    false_places: np.random.Generator  # where they are
+    false_positions: np.random.Generator  # where they are
 
 
 def observe_arrays(
@@ -180,10 +180,10 @@ def observe_arrays(
         columns = np.flatnonzero(grid.target)
         sounding = sounding or Sounding(silent or {}, sound.sound_and_silence_s, int(grid.t_ns[0]), seed)
         parts = []
-        for sensor, look in zip(listening, found, strict=True):
-            sounds = sounding.at(look.t_ns, grid.ids[columns])
+        for sensor, frames in zip(listening, found, strict=True):
+            sounds = sounding.at(frames.t_ns, grid.ids[columns])
             parts.append(
-                _report(sensor, look, columns, ids=grid.ids, sounds=sounds, miss=config.miss_probability, sound=sound)
+                _report(sensor, frames, columns, ids=grid.ids, sounds=sounds, miss=config.miss_probability, sound=sound)
             )
         yield Doa.merge(parts)
 
@@ -200,7 +200,7 @@ def _simulated_array(array: MicrophoneArray, number: int, seed: int) -> Simulate
         noise=generator(seed, RandomStream.ARRAY_NOISE, number),
         chance=generator(seed, RandomStream.ARRAY_CHANCE, number),
         false_numbers=generator(seed, RandomStream.ARRAY_FALSE, number, 0),
-        false_places=generator(seed, RandomStream.ARRAY_FALSE, number, 1),
+        false_positions=generator(seed, RandomStream.ARRAY_FALSE, number, 1),
     )
 
 
@@ -211,7 +211,7 @@ def _vertical(array: MicrophoneArray) -> bool:
 
 def _report(
     sensor: SimulatedArray,
-    look: SensorFrames,
+    frames: SensorFrames,
     columns: NDArray[np.intp],
     ids: Ints,
     sounds: Bools,
@@ -222,7 +222,7 @@ def _report(
 
     Args:
         sensor: the array.
-        look: T times with the positions of all objects.
+        frames: T times with the positions of all objects.
         columns: (n,) which of the objects are targets.
         ids: numbers of all objects.
         sounds: (T, n) whether each target sounds.
@@ -230,10 +230,10 @@ def _report(
         sound: false directions, labels.
     """
     array = sensor.array
-    shape = (len(look.t_ns), len(columns))
+    shape = (len(frames.t_ns), len(columns))
     noise = sensor.noise.standard_normal((*shape, 2))
     chance = sensor.chance.random(shape)
-    to = look.xyz[:, columns] - array.position
+    to = frames.xyz[:, columns] - array.position
     # Range, in space where the height is known
     known = ~np.isnan(to[..., 2])
     to[..., 2] = np.where(known, to[..., 2], 0.0)
@@ -248,12 +248,12 @@ def _report(
     # Measure: azimuth and polar angle about the array's own axes, each with its noise
     azimuth, elevation = _noisy(array, to[heard], noise[heard])
     elevation[~known[heard] | array.planar] = np.nan
-    t_ns, source = np.repeat(look.t_ns, len(columns)), np.tile(ids[columns], len(look.t_ns))
+    t_ns, source = np.repeat(frames.t_ns, len(columns)), np.tile(ids[columns], len(frames.t_ns))
     if not sound.label_doa:
         source = np.full(len(source), UNLABELLED)
     # Add directions without a source
     real = (t_ns[heard.ravel()], source[heard.ravel()], azimuth, elevation)
-    false = _false(sensor, look.t_ns, sound)
+    false = _false(sensor, frames.t_ns, sound)
     return _rows(array, *(np.concatenate(pair) for pair in zip(real, false, strict=True)))
 
 
@@ -289,11 +289,16 @@ def _false(sensor: SimulatedArray, t_ns: Ints, sound: SoundConfig) -> tuple[Ints
     """Directions without a source: their number is Poisson, and they are even over the sphere (or all azimuths)."""
     period_s = 1.0 / sensor.array.rate_hz if sensor.array.rate_hz else sound.step_s
     numbers = sensor.false_numbers.poisson(sound.false_alarm_rate * period_s, len(t_ns))
-    places = sensor.false_places.random((int(numbers.sum()), 2))
-    elevation = np.arcsin(2.0 * places[:, 1] - 1.0)
+    positions = sensor.false_positions.random((int(numbers.sum()), 2))
+    elevation = np.arcsin(2.0 * positions[:, 1] - 1.0)
     if sensor.array.planar or not sound.known_heights:
-        elevation = np.full(len(places), np.nan)
-    return np.repeat(t_ns, numbers), np.full(len(places), UNLABELLED), np.pi * (2.0 * places[:, 0] - 1.0), elevation
+        elevation = np.full(len(positions), np.nan)
+    return (
+        np.repeat(t_ns, numbers),
+        np.full(len(positions), UNLABELLED),
+        np.pi * (2.0 * positions[:, 0] - 1.0),
+        elevation,
+    )
 
 
 def _rows(array: MicrophoneArray, t_ns: Ints, source: Ints, azimuth: Floats, elevation: Floats) -> Doa:

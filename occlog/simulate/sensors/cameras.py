@@ -57,7 +57,7 @@ def observe(
     sensors = [_simulated_camera(scene, c, i, config, seed) for i, c in enumerate(scene.cameras) if c.placed]
     rates = [s.camera.rate_hz for s in sensors]
     for grid, found in frames_at(map(truth_grid, truth_chunks), rates):
-        parts = [_report(s, look, grid, config) for s, look in zip(sensors, found, strict=True)]
+        parts = [_report(s, frames, grid, config) for s, frames in zip(sensors, found, strict=True)]
         yield Bearings.merge(parts)
 
 
@@ -92,13 +92,15 @@ def visible(camera: Camera, walls: tuple[Floats, ...], xyz: Floats, k: int, diam
     return seen
 
 
-def _report(sensor: SimulatedCamera, look: SensorFrames, grid: TimeGrid, config: ObserveConfig) -> Bearings:
+def _report(sensor: SimulatedCamera, sensor_frames: SensorFrames, grid: TimeGrid, config: ObserveConfig) -> Bearings:
     """One camera's rows for all targets; random numbers are drawn for every frame and target, used or not."""
-    frames, targets = len(look.t_ns), np.flatnonzero(grid.target)
+    frames, targets = len(sensor_frames.t_ns), np.flatnonzero(grid.target)
     noise = sensor.noise.standard_normal((frames, len(targets)))
     chance = sensor.chance.random((frames, len(targets), 3))
     parts = [
-        _report_target(sensor, look, k, target=int(grid.ids[k]), noise=noise[:, j], chance=chance[:, j], config=config)
+        _report_target(
+            sensor, sensor_frames, k, target=int(grid.ids[k]), noise=noise[:, j], chance=chance[:, j], config=config
+        )
         for j, k in enumerate(targets.tolist())
     ]
     return Bearings.merge(parts)
@@ -106,7 +108,7 @@ def _report(sensor: SimulatedCamera, look: SensorFrames, grid: TimeGrid, config:
 
 def _report_target(
     sensor: SimulatedCamera,
-    look: SensorFrames,
+    frames: SensorFrames,
     k: int,
     target: int,
     noise: Floats,
@@ -117,7 +119,7 @@ def _report_target(
 
     Args:
         sensor: the camera.
-        look: T times with the positions of all objects.
+        frames: T times with the positions of all objects.
         k: column of the object among those positions.
         target: its number.
         noise: (T,) standard normal numbers.
@@ -125,10 +127,10 @@ def _report_target(
         config: noise and losses.
     """
     camera = sensor.camera
-    xy, f = look.xyz[:, k, :2], float(camera.focal_px[0])
+    xy, f = frames.xyz[:, k, :2], float(camera.focal_px[0])
     h, d = planar_offsets(xy, camera.ground, camera.yaw)
     true_h, true_d = planar_offsets(xy, sensor.true_ground, sensor.true_yaw)
-    seen = visible(camera, sensor.walls, look.xyz, k, diameter=config.diameter) & (true_d > 0)
+    seen = visible(camera, sensor.walls, frames.xyz, k, diameter=config.diameter) & (true_d > 0)
     # Miss
     miss = config.miss_probability if camera.detection is None else 1.0 - camera.detection
     seen &= chance[:, 0] >= miss
@@ -144,7 +146,7 @@ def _report_target(
     false = ~seen & (chance[:, 1] < false_alarm) & np.isfinite(h)
     half = f * math.tan(0.5 * min(camera.fov, math.radians(170.0)))
     z[false] = half * (2.0 * chance[false, 2] - 1.0)
-    return _rows(camera, look.t_ns, target, seen=seen | false, z=z, distance=np.hypot(h, d))
+    return _rows(camera, frames.t_ns, target, seen=seen | false, z=z, distance=np.hypot(h, d))
 
 
 def _variance(camera: Camera, h: Floats, d: Floats) -> Floats:

@@ -85,18 +85,20 @@ def observe_readers(
         columns = np.flatnonzero(grid.target)
         yield Reads.merge(
             [
-                _read(own, look, look.xyz[:, columns], grid.ids[columns], metre, config)
-                for own, look in zip(reading, found, strict=True)
+                _read(own, frames, frames.xyz[:, columns], grid.ids[columns], metre, config)
+                for own, frames in zip(reading, found, strict=True)
             ]
         )
 
 
-def _read(own: SimulatedReader, look: SensorFrames, xyz: Floats, ids: Ints, metre: float, config: ReadConfig) -> Reads:
+def _read(
+    own: SimulatedReader, frames: SensorFrames, xyz: Floats, ids: Ints, metre: float, config: ReadConfig
+) -> Reads:
     """One reader's rows.
 
     Args:
         own: the reader.
-        look: its T times.
+        frames: its T times.
         xyz: (T, n, 3) positions of the targets at these times; NaN: not there.
         ids: (n,) their numbers.
         metre: in units of length.
@@ -104,7 +106,7 @@ def _read(own: SimulatedReader, look: SensorFrames, xyz: Floats, ids: Ints, metr
     """
     reader, shape = own.reader, xyz.shape[:2]
     noise, chance = own.noise.standard_normal(shape), own.chance.random(shape)
-    shadow = own.shadowing(look.t_ns, ids, config)
+    shadow = own.shadowing(frames.t_ns, ids, config)
     to = xyz - reader.position
     # Range, on the floor
     floor = np.hypot(to[..., 0], to[..., 1])
@@ -124,7 +126,7 @@ def _read(own: SimulatedReader, look: SensorFrames, xyz: Floats, ids: Ints, metr
         read &= rssi >= config.min_rssi_dbm
     step, column = np.nonzero(read)
     return Reads.of(
-        t_ns=look.t_ns[step],
+        t_ns=frames.t_ns[step],
         sensor=np.full(len(step), reader.name),
         tag=ids[column].astype(str),
         target_id=ids[column].astype(np.int32),
@@ -136,7 +138,7 @@ class Station(NamedTuple):
     """A sensor with a position that measures distances, and its own random numbers."""
 
     name: str
-    place: Floats  # (3,)
+    position: Floats  # (3,)
     noise: np.random.Generator  # of ranges, differences, strengths
     chance: np.random.Generator  # of misses, false readings and detours
     signal: SimulatedReader  # the shadowing of each target
@@ -148,17 +150,17 @@ def stations_of(scene: Scene, seed: int) -> list[Station]:
     return [
         Station(
             name,
-            np.asarray(place, dtype=np.float64),
+            np.asarray(position, dtype=np.float64),
             noise=generator(seed, RandomStream.STATION_NOISE, i),
             chance=generator(seed, RandomStream.STATION_CHANCE, i),
             signal=SimulatedReader(
-                TagReader(name, place),
+                TagReader(name, position),
                 noise=generator(seed, RandomStream.STATION_NOISE, i, 1),
                 chance=generator(seed, RandomStream.STATION_CHANCE, i, 1),
                 shadow=generator(seed, RandomStream.STATION_SHADOW, i),
             ),
         )
-        for i, (name, place) in enumerate(named)
+        for i, (name, position) in enumerate(named)
     ]
 
 
@@ -182,24 +184,24 @@ def observe_stations(
     """
     stations = stations_of(scene, seed)
     metre = 1.0 / METRES.get(scene.length_unit, 1.0)
-    places = np.array([s.place for s in stations])
-    corners = np.concatenate([scene.surroundings, places[:, :2]])
+    positions = np.array([s.position for s in stations])
+    corners = np.concatenate([scene.surroundings, positions[:, :2]])
     reach = float(np.hypot(*np.ptp(corners, axis=0)))
-    for grid, (look,) in frames_at(map(truth_grid, truth_chunks), [config.measure_rate_hz]):
+    for grid, (frames,) in frames_at(map(truth_grid, truth_chunks), [config.measure_rate_hz]):
         columns = np.flatnonzero(grid.target)
-        xyz = look.xyz[:, columns]
+        xyz = frames.xyz[:, columns]
         ids = grid.ids[columns]
         parts = []
         for n, own in enumerate(stations):
-            reference = (stations[0].name, places[0] if "difference" in config.kinds and n else None)
-            parts.append(_measured(own, reference, look, xyz, ids, reach, metre, config, radio))
+            reference = (stations[0].name, positions[0] if "difference" in config.kinds and n else None)
+            parts.append(_measured(own, reference, frames, xyz, ids, reach, metre, config, radio))
         yield Measurements.merge(parts)
 
 
 def _measured(
     own: Station,
     reference: tuple[str, Floats | None],
-    look: SensorFrames,
+    frames: SensorFrames,
     xyz: Floats,
     ids: Ints,
     reach: float,
@@ -212,7 +214,7 @@ def _measured(
     Args:
         own: the station.
         reference: name of the first station, and its position (3,); None: no difference to it is measured.
-        look: its T times.
+        frames: its T times.
         xyz: (T, n, 3) positions of the targets at these times; NaN: not there.
         ids: (n,) their numbers.
         reach: largest distance in the scene, up to which false ranges are drawn.
@@ -222,23 +224,23 @@ def _measured(
     """
     shape = xyz.shape[:2]
     there: Bools = np.isfinite(xyz[..., 0])
-    distance = _distance(xyz, own.place)
+    distance = _distance(xyz, own.position)
     # The same random numbers are drawn whatever is measured, so that a kind more changes no other
     noise, chance = own.noise.standard_normal((*shape, 3)), own.chance.random((*shape, 10))
-    shadow = own.signal.shadowing(look.t_ns, ids, radio)
+    shadow = own.signal.shadowing(frames.t_ns, ids, radio)
     detours = -config.nlos_bias * np.log1p(-chance[..., 6:8]) * (chance[..., 8:10] < config.nlos_probability)
     missing = np.full(shape, np.nan)
     range_, difference, rssi = missing, missing, missing
-    first, place = reference
+    first, position = reference
     if "range" in config.kinds:
         true = distance + config.range_noise * noise[..., 0] + detours[..., 0]
         range_ = np.where(
             chance[..., 0] < config.measure_outlier_probability, reach * chance[..., 1], np.maximum(true, 0.0)
         )
-    if place is not None:
+    if position is not None:
         longer = detours[..., 0] - detours[..., 1]
-        true = distance - _distance(xyz, place) + config.range_difference_noise * noise[..., 1] + longer
-        base = float(np.linalg.norm(own.place - place))
+        true = distance - _distance(xyz, position) + config.range_difference_noise * noise[..., 1] + longer
+        base = float(np.linalg.norm(own.position - position))
         difference = np.where(
             chance[..., 2] < config.measure_outlier_probability, base * (2.0 * chance[..., 3] - 1.0), true
         )
@@ -258,7 +260,7 @@ def _measured(
     step, column = np.nonzero(np.isfinite(values).any(axis=0))
     ranged, differs, strength = values[:, step, column]
     return Measurements.of(
-        t_ns=look.t_ns[step],
+        t_ns=frames.t_ns[step],
         sensor=np.full(len(step), own.name),
         target_id=ids[column].astype(np.int32),
         range=ranged,
@@ -271,7 +273,7 @@ def _measured(
     )
 
 
-def _distance(xyz: Floats, place: Floats) -> Floats:
+def _distance(xyz: Floats, position: Floats) -> Floats:
     """(T, n) distances in space of (T, n, 3) positions; those without a height are on the floor."""
-    up = np.where(np.isnan(xyz[..., 2]), 0.0, xyz[..., 2]) - place[2]
-    return np.asarray(np.sqrt((xyz[..., 0] - place[0]) ** 2 + (xyz[..., 1] - place[1]) ** 2 + up**2))
+    up = np.where(np.isnan(xyz[..., 2]), 0.0, xyz[..., 2]) - position[2]
+    return np.asarray(np.sqrt((xyz[..., 0] - position[0]) ** 2 + (xyz[..., 1] - position[1]) ** 2 + up**2))

@@ -108,30 +108,30 @@ def people_apart(scene: Scene, people: int, seed: int) -> Floats:
     """
     rng = generator(seed, RandomStream.WORLD_START)
     for _ in range(TRIES):
-        places = rng.uniform(CLEARANCE, SIDE - CLEARANCE, (DRAWN, 2))
-        boxes = np.stack([_image_boxes(camera, places) for camera in scene.cameras], axis=1)
+        positions = rng.uniform(CLEARANCE, SIDE - CLEARANCE, (DRAWN, 2))
+        boxes = np.stack([_image_boxes(camera, positions) for camera in scene.cameras], axis=1)
         free, kept = np.arange(DRAWN), [0]
         while len(kept) < people and len(free := free[_clear(boxes[kept[-1]], boxes[free])]):
             kept.append(int(free[0]))
         if len(kept) == people:
-            return places[kept]
+            return positions[kept]
     raise InputError(
         f"people: no positions of {people} people without occlusions in {len(scene.cameras)} cameras; "
         "take fewer of either, or let them overlap in the first frame"
     )
 
 
-def _image_boxes(camera: Camera, places: Floats) -> Floats:
+def _image_boxes(camera: Camera, positions: Floats) -> Floats:
     """(n, 4) left, top, right, bottom of bodies at positions (n, 2)."""
-    corners = np.column_stack([places, np.zeros(len(places))])[:, None] + BODY
-    pixels = camera.project(corners.reshape(-1, 3)).reshape(len(places), len(BODY), 2)
+    corners = np.column_stack([positions, np.zeros(len(positions))])[:, None] + BODY
+    pixels = camera.project(corners.reshape(-1, 3)).reshape(len(positions), len(BODY), 2)
     return np.concatenate([pixels.min(axis=1), pixels.max(axis=1)], axis=1)
 
 
 def _clear(box: Floats, others: Floats) -> Bools:
     """(m,) whether others' boxes (m, V, 4) overlap with none of a body's (V, 4)."""
-    apart = (box[:, :2] > others[..., 2:]) | (others[..., :2] > box[:, 2:])
-    return np.asarray(apart.any(axis=-1).all(axis=-1))
+    disjoint = (box[:, :2] > others[..., 2:]) | (others[..., :2] > box[:, 2:])
+    return np.asarray(disjoint.any(axis=-1).all(axis=-1))
 
 
 class Avoidance(NamedTuple):
@@ -178,7 +178,7 @@ def walk_avoiding(
     """
     path = np.empty(draws.noise.shape)
     low = ground.room.min(axis=0)
-    places = low + (ground.room.max(axis=0) - low) * draws.places
+    positions = low + (ground.room.max(axis=0) - low) * draws.positions
     for t in range(len(path)):
         # Change of destination: on arrival, by chance, or where the object does not get nearer ([Ercan] Sec. 6)
         to_go = distance(world.destination, world.xy)
@@ -188,17 +188,17 @@ def walk_avoiding(
         change = (to_go < motion.step) | (draws.chance[t] < motion.redirect) | (waited > rules.patience)
         destination = world.destination.copy()
         for i in np.flatnonzero(change):
-            if (found := _free(places[t, i], ground)) is not None:
+            if (found := _free(positions[t, i], ground)) is not None:
                 destination[i], nearest[i], waited[i] = found, math.inf, 0
         # Forces, prevention and escape ([Lee] Eqs. 5.11 to 5.34)
-        moment = None if rules.people is None else rules.people.at(world.step)
-        around = _around(world.xy, ground, motion, rules, moment)
+        obstacles = None if rules.people is None else rules.people.at(world.step)
+        around = _around(world.xy, ground, motion, rules, obstacles)
         steering = steer(world.xy, destination, around, rules.field, rules.steps, world.total)
         # Step: constant speed along the total force, plus noise
         length = np.hypot(steering.total[:, 0], steering.total[:, 1])[:, None]
         heading = np.where(length > 0.0, steering.total / np.where(length > 0.0, length, 1.0), 0.0)
         step = motion.step * heading + motion.sigma * draws.noise[t]
-        xy = _moved(world.xy, step, first=world.step, ground=ground, diameter=motion.diameter, moment=moment)
+        xy = _moved(world.xy, step, first=world.step, ground=ground, diameter=motion.diameter, obstacles=obstacles)
         world = AvoidingState(xy, destination, steering.total, nearest, waited, step=world.step + 1)
         path[t] = xy
     return world, path
@@ -206,20 +206,20 @@ def walk_avoiding(
 
 def _free(candidates: Floats, ground: Ground) -> Floats | None:
     """The first of (K, 2) positions where an object can be; None if missing."""
-    for place in candidates:
-        if place_free(place[0], place[1], ground):
-            return np.asarray(place)
+    for position in candidates:
+        if place_free(position[0], position[1], ground):
+            return np.asarray(position)
     return None
 
 
 def _around(
-    xy: Floats, ground: Ground, motion: WaypointMotion, rules: Avoidance, moment: MovingObstacles | None
+    xy: Floats, ground: Ground, motion: WaypointMotion, rules: Avoidance, obstacles: MovingObstacles | None
 ) -> NearbyObstacles:
     """Obstacles as (n, 2) objects meet them: each other, people, static occluders and walls."""
     n, radius = len(xy), 0.5 * motion.diameter
     others = np.array([[j for j in range(n) if j != i] for i in range(n)], dtype=np.int64).reshape(n, max(n - 1, 0))
-    people = np.empty((0, 2)) if moment is None else moment.xy[np.isfinite(moment.xy[:, 0])]
-    ways = np.zeros(0) if moment is None else np.hypot(*moment.move[np.isfinite(moment.xy[:, 0])].T)
+    people = np.empty((0, 2)) if obstacles is None else obstacles.xy[np.isfinite(obstacles.xy[:, 0])]
+    ways = np.zeros(0) if obstacles is None else np.hypot(*obstacles.move[np.isfinite(obstacles.xy[:, 0])].T)
     fixed = [nearest_on_polygons(xy, *rules.occluders), nearest_on_segments(xy, edges(ground.room))]
     bodies = [nearest_on_discs(xy, xy[others], np.full(others.shape[1], radius))]
     bodies.append(nearest_on_discs(xy, people, np.full(len(people), radius)))
@@ -234,11 +234,11 @@ def _around(
 
 
 def _moved(
-    xy: Floats, step: Floats, *, first: int, ground: Ground, diameter: float, moment: MovingObstacles | None
+    xy: Floats, step: Floats, *, first: int, ground: Ground, diameter: float, obstacles: MovingObstacles | None
 ) -> Floats:
     """(n, 2) positions after steps (n, 2); each object in turn moves first, and none where it is not free."""
     n, out = len(xy), xy.copy()
-    people = np.empty((0, 2)) if moment is None else np.concatenate([moment.xy, moment.after])
+    people = np.empty((0, 2)) if obstacles is None else np.concatenate([obstacles.xy, obstacles.after])
     people = people[np.isfinite(people[:, 0])]
     for m in range(n):
         i = (m + first) % n

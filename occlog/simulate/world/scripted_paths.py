@@ -56,21 +56,21 @@ def simulate_paths(
     paths = [_follow(t, steps, step_s, z, generator(seed, RandomStream.PATH_NOISE, t.id)) for t in script.targets]
     for first in range(0, steps, CHUNK_STEPS):
         count = min(CHUNK_STEPS, steps - first)
-        places = np.stack([np.array(list(itertools.islice(p, count))) for p in paths], axis=1)
-        yield TimeGrid(start_ns + step_times(first, count, step_s), ids, target, places)
+        positions = np.stack([np.array(list(itertools.islice(p, count))) for p in paths], axis=1)
+        yield TimeGrid(start_ns + step_times(first, count, step_s), ids, target, positions)
 
 
 def grid_truth(grid: TimeGrid) -> Truth:
     """The table of the positions on a grid; an object that is not there has no row."""
     step, column = np.nonzero(~np.isnan(grid.xyz[..., 0]))
-    places = grid.xyz[step, column]
+    positions = grid.xyz[step, column]
     return Truth.of(
         t_ns=grid.t_ns[step],
         target_id=grid.ids[column].astype(np.int32),
         role=np.where(grid.target[column], "target", "occluder"),
-        x=places[:, 0],
-        y=places[:, 1],
-        z=places[:, 2],
+        x=positions[:, 0],
+        y=positions[:, 1],
+        z=positions[:, 2],
     )
 
 
@@ -87,13 +87,13 @@ def check_inside(scene: Scene, grid: TimeGrid, start_ns: int) -> None:
     """InputError for an object that leaves the room or is in a static occluder: people cannot be drawn there."""
     for column, number in enumerate(grid.ids.tolist()):
         there = np.flatnonzero(~np.isnan(grid.xyz[:, column, 0]))
-        places = np.ascontiguousarray(grid.xyz[there, column, :2])
-        wrong = [(~inside_polygon(places, scene.surroundings), "outside the room")]
-        wrong += [(inside_polygon(places, o.polygon), f"inside {o.name}") for o in scene.occluders]
+        positions = np.ascontiguousarray(grid.xyz[there, column, :2])
+        wrong = [(~inside_polygon(positions, scene.surroundings), "outside the room")]
+        wrong += [(inside_polygon(positions, o.polygon), f"inside {o.name}") for o in scene.occluders]
         for bad, what in wrong:
             if bad.any():
                 k = int(np.flatnonzero(bad)[0])
-                at_s, (x, y) = (int(grid.t_ns[there[k]]) - start_ns) * 1e-9, places[k]
+                at_s, (x, y) = (int(grid.t_ns[there[k]]) - start_ns) * 1e-9, positions[k]
                 raise InputError(
                     f"target {number} is {what} at {at_s:g} s, at ({x:.4g}, {y:.4g}); "
                     "paths in video must stay on the free floor"
@@ -174,5 +174,5 @@ def truth_grid(truth: Truth | TimeGrid) -> TimeGrid:
     """The (C, n, 3) positions x, y, z in a table of truth; NaN where an object has no row.  A grid stays as it is."""
     if isinstance(truth, TimeGrid):
         return truth
-    places = np.column_stack([truth.x, truth.y, truth.z])
-    return to_grid(truth.t_ns, truth.target_id, truth.role == "target", places)
+    positions = np.column_stack([truth.x, truth.y, truth.z])
+    return to_grid(truth.t_ns, truth.target_id, truth.role == "target", positions)

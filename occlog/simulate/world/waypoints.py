@@ -240,7 +240,7 @@ class WaypointNoise(NamedTuple):
 
     noise: Floats  # (C, n, 2) standard normal
     chance: Floats  # (C, n) uniform in [0, 1)
-    places: Floats  # (C, n, CANDIDATES, 2) uniform in [0, 1)
+    positions: Floats  # (C, n, CANDIDATES, 2) uniform in [0, 1)
 
 
 def populate(n: int, ground: Ground, diameter: float, rng: np.random.Generator) -> WaypointState:
@@ -259,10 +259,10 @@ def populate(n: int, ground: Ground, diameter: float, rng: np.random.Generator) 
 def _free_place(ground: Ground, taken: Floats, diameter: float, rng: np.random.Generator) -> Floats:
     low, size = _bounds(ground.room)
     for _ in range(ATTEMPTS):
-        place: Floats = low + size * rng.random(2)
-        far = not len(taken) or bool(np.min(np.sum((taken - place) ** 2, axis=1)) >= diameter**2)
-        if far and place_free(place[0], place[1], ground):
-            return place
+        position: Floats = low + size * rng.random(2)
+        far = not len(taken) or bool(np.min(np.sum((taken - position) ** 2, axis=1)) >= diameter**2)
+        if far and place_free(position[0], position[1], ground):
+            return position
     raise ValueError(f"no free position found after {len(taken)} objects of diameter {diameter:g}")
 
 
@@ -291,7 +291,7 @@ def walk(
         destination=destination,
         noise=motion.sigma * draws.noise,
         chance=draws.chance,
-        candidates=low + size * draws.places,
+        candidates=low + size * draws.positions,
         first_step=world.step,
         ground=ground,
         motion=motion,

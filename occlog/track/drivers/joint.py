@@ -33,7 +33,7 @@ def track_joint(
 ) -> Iterator[TrackChunk]:
     """Tracks of all targets that arrays hear, chunk by chunk; see `occlog.track.drivers.stage.track`.
 
-    Rows of cameras are only looked at when the method asks for them.  There is a row for each
+    Rows of cameras are used only when the method asks for them.  There is a row for each
     confirmed target and time at which an array listened, in vain or not.
 
     Raises:
@@ -53,7 +53,7 @@ def track_joint(
     later = backward_smoother(method.smoothing, config, tracking.seed)
     rows: list[EstimateRow] = []
     requests: list[tuple[int, CameraRequest]] = []
-    heard, told, offered = False, 0, 0  # frames offered up to the last chunk, and up to the last row
+    heard, reported, offered = False, 0, 0  # frames offered up to the last chunk, and up to the last row
     for scan in scans_of(bearings, scene, use, tracking.window_ns):
         cameras.put(scan)
         heard = heard or bool((scan.sensor >= len(scene.cameras)).any())
@@ -79,8 +79,8 @@ def track_joint(
             if later is not None:
                 rows += later.settled(sounds.t_ns)
         if len(rows) + len(requests) >= ROWS_PER_CHUNK:
-            yield _tracked(rows, requests, cameras.offered - told, names)
-            rows, requests, told = [], [], cameras.offered
+            yield _tracked(rows, requests, cameras.offered - reported, names)
+            rows, requests, reported = [], [], cameras.offered
     if not heard:
         raise InputError(
             "bearings: no row is of a microphone array of the scene, which this method needs; give directions of "
@@ -88,7 +88,7 @@ def track_joint(
         )
     if later is not None:
         rows += later.rest()
-    yield _tracked(rows, requests, cameras.offered - told, names)
+    yield _tracked(rows, requests, cameras.offered - reported, names)
 
 
 def _tracked(
@@ -103,7 +103,7 @@ def cooperation_of(requests: list[tuple[int, CameraRequest]]) -> Cooperation:
     if not ordered:
         return Cooperation.empty()
     nothing = np.full(2, np.nan)
-    xy = np.array([nothing if r.answer.place is None else r.answer.place for _, r in ordered])
+    xy = np.array([nothing if r.answer.position is None else r.answer.position for _, r in ordered])
     none = np.full((2, 2), np.nan)
     cov = np.array([none if r.answer.covariance is None else r.answer.covariance for _, r in ordered])
     return Cooperation.of(
@@ -112,7 +112,7 @@ def cooperation_of(requests: list[tuple[int, CameraRequest]]) -> Cooperation:
         cause=np.array([",".join(r.answer.ask.causes) for _, r in ordered], dtype=np.str_),
         cameras=np.array([",".join(r.cameras) for _, r in ordered], dtype=np.str_),
         frames=np.array([r.frames for _, r in ordered], dtype=np.int32),
-        answered=np.array([r.answer.place is not None for _, r in ordered], dtype=np.bool_),
+        answered=np.array([r.answer.position is not None for _, r in ordered], dtype=np.bool_),
         x=xy[:, 0],
         y=xy[:, 1],
         cov_xx=cov[:, 0, 0],

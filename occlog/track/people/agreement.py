@@ -34,7 +34,7 @@ MIN_DETECTION_RATE = 0.25
 MAX_DUPLICATE_SHARE = 0.2
 """Share of boxes that are reported twice that a user must know."""
 MAX_LATERAL_BIAS_HEIGHTS, MIN_BIAS_SIGNIFICANCE = 0.05, 3.3
-"""Boxes so many heights of people beside where the cameras together find them are those of another pose, if their mean
+"""Boxes so many heights of people off the position from all cameras are those of another pose, if their mean
 is so many standard errors off: by chance in one of a thousand."""
 MAX_OUTSIDE_SHARE = 0.01
 """Share of boxes outside the image that a user must know."""
@@ -57,29 +57,29 @@ class CameraAgreement:
         self.met = np.zeros(n)
         self.used = np.zeros(n)
 
-    def add(self, moment: TrackSnapshot, looks: Sequence[FrameDetectionsWithIds]) -> None:
+    def add(self, snapshot: TrackSnapshot, frames: Sequence[FrameDetectionsWithIds]) -> None:
         """Count a time step."""
         # A box of two people who touch stands in the rows of both: each takes half of it
-        support = moment.support
+        support = snapshot.support
         np.add.at(self.used, support.camera, support.probability - 0.5 * support.joint)
-        by = detection_probability_by_camera(moment, len(self.names)) >= MIN_MAP_PROBABILITY
-        self._delays.add(moment, looks, by)
-        if not len(moment.ids):
+        by = detection_probability_by_camera(snapshot, len(self.names)) >= MIN_MAP_PROBABILITY
+        self._delays.add(snapshot, frames, by)
+        if not len(snapshot.ids):
             return
-        looked = [each.look.camera for each in looks]
+        cameras = [each.detections.camera for each in frames]
         others = by.sum(axis=1)[:, None] - by >= self.fewest
         with np.errstate(invalid="ignore"):
-            due = (moment.visibility >= MIN_VISIBILITY) & others
-        self._leans.add(moment, looks, due & by)
-        for c in looked:
+            due = (snapshot.visibility >= MIN_VISIBILITY) & others
+        self._leans.add(snapshot, frames, due & by)
+        for c in cameras:
             self.expected[c] += np.count_nonzero(due[:, c])
             self.met[c] += np.count_nonzero(due[:, c] & by[:, c])
 
     @property
     def shares(self) -> Floats:
         """(C,) share of the people seen elsewhere and plainly visible that each camera sees; NaN: too few to tell."""
-        told = self.expected >= MIN_EXPECTED_DETECTIONS
-        return np.where(told, self.met / np.maximum(self.expected, 1.0), np.nan)
+        enough = self.expected >= MIN_EXPECTED_DETECTIONS
+        return np.where(enough, self.met / np.maximum(self.expected, 1.0), np.nan)
 
     def checks(self, tally: BoxStatistics) -> tuple[Check, ...]:
         """Checks of the cameras with their findings."""
@@ -104,7 +104,7 @@ class CameraAgreement:
             ),
             *outcome(
                 TIMES,
-                self._apart(tally.first_ns, tally.last_ns),
+                self._disjoint_clocks(tally.first_ns, tally.last_ns),
                 unless="" if np.count_nonzero(tally.first_ns >= 0) > 1 else "there is one camera",
             ),
             *outcome(BOXES, self._boxes(tally), unless="" if whole.any() else "there are no boxes"),
@@ -142,20 +142,21 @@ class CameraAgreement:
     def _unexplained(self, tally: BoxStatistics) -> Iterator[Check]:
         """Find whether most boxes are clutter: the extrinsics are wrong, or the boxes are of other objects."""
         boxes = int(tally.boxes.sum())
-        nobodys = boxes - round(float(self.used.sum()))
-        if boxes < FEWEST_BOXES or not exceeds_share(nobodys, boxes, MAX_UNASSOCIATED_SHARE):
+        unassociated = boxes - round(float(self.used.sum()))
+        if boxes < FEWEST_BOXES or not exceeds_share(unassociated, boxes, MAX_UNASSOCIATED_SHARE):
             return
-        buried = [name for name, place in zip(self.names, self.heights, strict=True) if place < 0.0]
+        buried = [name for name, height in zip(self.names, self.heights, strict=True) if height < 0.0]
         yield finding(
             EXPLAINED,
             "warning",
             "boxes-unexplained",
-            f"{nobodys / boxes:.0%} of {boxes} boxes are explained by no track (allowed: {MAX_UNASSOCIATED_SHARE:.0%})"
+            f"{unassociated / boxes:.0%} of {boxes} boxes are explained by no track "
+            f"(allowed: {MAX_UNASSOCIATED_SHARE:.0%})"
             + (f", and {', '.join(buried)} would be below the ground (z < 0)" if buried else "")
             + ": the cameras may not stand as the scene says: check which way is up, where the ground is, the unit of "
             "the calibration, and that each camera has its own boxes; or the boxes are not of people on the ground",
             sensors=buried,
-            share=nobodys / boxes,
+            share=unassociated / boxes,
             allowed=MAX_UNASSOCIATED_SHARE,
         )
 
@@ -191,9 +192,9 @@ class CameraAgreement:
     def _leaning(self) -> Iterator[Check]:
         """Find the camera with the most biased boxes, if the bias is large: tracks are pulled towards it."""
         leans, errors = self._leans.medians()
-        told = np.where(np.abs(errors) > MIN_BIAS_SIGNIFICANCE, np.abs(leans), 0.0)  # of NaN: false
-        c = int(np.argmax(told))
-        if told[c] <= MAX_LATERAL_BIAS_HEIGHTS:
+        significant = np.where(np.abs(errors) > MIN_BIAS_SIGNIFICANCE, np.abs(leans), 0.0)  # of NaN: false
+        c = int(np.argmax(significant))
+        if significant[c] <= MAX_LATERAL_BIAS_HEIGHTS:
             return
         yield finding(
             LEANS,
@@ -210,7 +211,7 @@ class CameraAgreement:
             standard_errors=float(errors[c]),
         )
 
-    def _apart(self, first_ns: Ints, last_ns: Ints) -> Iterator[Check]:
+    def _disjoint_clocks(self, first_ns: Ints, last_ns: Ints) -> Iterator[Check]:
         """Find cameras without a time in common with another camera."""
         there = np.flatnonzero(first_ns >= 0)
         for c in there.tolist():

@@ -56,18 +56,18 @@ class ClockOffsetSearch:
         # This is most of what a run keeps for minutes, so it is kept small
         self._people: list[NDArray[np.float32]] = []  # (m, 4) x, y, height, width
         self._by: list[Bytes] = []  # (m, C / 8) who has a box of them
-        self._looks = [_Spread() for _ in cameras]
+        self._frames = [_Spread() for _ in cameras]
 
-    def add(self, moment: TrackSnapshot, looks: Sequence[FrameDetectionsWithIds], by: Bools) -> None:
+    def add(self, snapshot: TrackSnapshot, frames: Sequence[FrameDetectionsWithIds], by: Bools) -> None:
         """Keep a time step; `by` (m, C) masks the cameras with a box of each person."""
         if len(self._t_ns) >= MAX_STEPS:
             return
-        self._t_ns.append(moment.t_ns)
-        self._people.append(moment.mean[:, BODY].astype(np.float32))
+        self._t_ns.append(snapshot.t_ns)
+        self._people.append(snapshot.mean[:, BODY].astype(np.float32))
         self._by.append(np.packbits(by, axis=1))
-        for look in (each.look for each in looks):
-            if len(look.boxes):
-                self._looks[look.camera].add(look.t_ns, 0.5 * (look.boxes[:, :2] + look.boxes[:, 2:]))
+        for frame in (each.detections for each in frames):
+            if len(frame.boxes):
+                self._frames[frame.camera].add(frame.t_ns, 0.5 * (frame.boxes[:, :2] + frame.boxes[:, 2:]))
 
     def late(self, camera: int, fewest: int) -> float:
         """Find by how many seconds what a camera shows is old; below 0: it is ahead; NaN: no other offset is better.
@@ -76,14 +76,14 @@ class ClockOffsetSearch:
             camera: its position.
             fewest: other cameras that must see a person who counts.
         """
-        looks = self._looks[camera].kept
-        if len(looks) < MIN_FRAMES or len(self._t_ns) < MIN_FRAMES:
+        frames = self._frames[camera].kept
+        if len(frames) < MIN_FRAMES or len(self._t_ns) < MIN_FRAMES:
             return float("nan")
-        looks = [looks[k] for k in np.unique(np.linspace(0, len(looks) - 1, MAX_FRAMES).astype(np.int64))]
+        frames = [frames[k] for k in np.unique(np.linspace(0, len(frames) - 1, MAX_FRAMES).astype(np.int64))]
         times = np.array(self._t_ns, dtype=np.int64)
         step = max(int(np.median(np.diff(times))), 1)
         people, heights = self._expected(camera, fewest)
-        boxes, looked = _padded([b for _, b in looks]), np.array([t for t, _ in looks], dtype=np.int64)
+        boxes, frame_ns = _padded([b for _, b in frames]), np.array([t for t, _ in frames], dtype=np.int64)
         span = int(times[-1] - times[0]) // step
         offsets = np.arange(-span, span + 1)
         shares, fits = np.full((2, len(offsets)), np.nan)
@@ -92,16 +92,16 @@ class ClockOffsetSearch:
             if shares[span] > 1.0 - MIN_SHARE_GAIN:
                 return float("nan")
             offset = int(offsets[k])
-            asked = looked - offset * step
+            asked = frame_ns - offset * step
             near = np.clip(np.searchsorted(times, asked - step // 2), 0, len(times) - 1)
             good = np.abs(times[near] - asked) <= step
             if np.count_nonzero(good) >= MIN_FRAMES:
                 shares[k], fits[k] = _explained(boxes[good], people[near[good]], heights[near[good]])
-        told = np.flatnonzero(np.isfinite(shares))
-        if not len(told):
+        finite = np.flatnonzero(np.isfinite(shares))
+        if not len(finite):
             return float("nan")
-        best = told[np.argmax(fits[told])]
-        usual = np.nanmax([np.median(shares[told]), shares[span]])
+        best = finite[np.argmax(fits[finite])]
+        usual = np.nanmax([np.median(shares[finite]), shares[span]])
         if shares[best] < max(MIN_ASSOCIATED_SHARE, float(usual) + MIN_SHARE_GAIN):
             return float("nan")
         return float(offsets[best]) * step / NS

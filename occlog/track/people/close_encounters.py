@@ -75,52 +75,52 @@ class CloseEncounters:
         self._width, self._manoeuvre = config.person_width, config.manoeuvre_noise_density
         self._going_on: dict[tuple[int, int], _Encounter] = {}
 
-    def add(self, moment: TrackSnapshot) -> tuple[Event, ...]:
+    def add(self, snapshot: TrackSnapshot) -> tuple[Event, ...]:
         """Add a time step; return two events for each pair that separates and may have been exchanged."""
-        n = len(moment.ids)
-        near = _pairs(moment.mean[:, [X, Y]], PARTING_DISTANCE_WIDTHS * self._width)
-        now = {(int(moment.ids[i]), int(moment.ids[j])): (i, j) for i, j in near}
-        at = {int(k): i for i, k in enumerate(moment.ids)}
+        n = len(snapshot.ids)
+        near = _pairs(snapshot.mean[:, [X, Y]], PARTING_DISTANCE_WIDTHS * self._width)
+        now = {(int(snapshot.ids[i]), int(snapshot.ids[j])): (i, j) for i, j in near}
+        at = {int(k): i for i, k in enumerate(snapshot.ids)}
         events: list[Event] = []
         for pair in [p for p in self._going_on if p not in now]:
             meeting = self._going_on.pop(pair)
             if meeting.near and not meeting.named and pair[0] in at and pair[1] in at:
-                self._compare(meeting, moment, [at[k] for k in pair])
+                self._compare(meeting, snapshot, [at[k] for k in pair])
                 events += _doubts(pair, switch_probability(meeting.distance, meeting.ratio))
-        doubted = {(min(e.id, e.other), max(e.id, e.other)) for e in moment.events if e.kind == "doubt"}
-        alone = _alone(moment.support, n) if now else np.zeros((n, 0))
+        doubted = {(min(e.id, e.other), max(e.id, e.other)) for e in snapshot.events if e.kind == "doubt"}
+        alone = _alone(snapshot.support, n) if now else np.zeros((n, 0))
         for pair, (i, j) in now.items():
             both = [i, j]
-            apart = float(np.hypot(*(moment.mean[i] - moment.mean[j])[[X, Y]]))
+            distance = float(np.hypot(*(snapshot.mean[i] - snapshot.mean[j])[[X, Y]]))
             if pair not in self._going_on:
-                self._going_on[pair] = _Encounter(moment.t_ns, moment.mean[both], moment.covariance[both])
+                self._going_on[pair] = _Encounter(snapshot.t_ns, snapshot.mean[both], snapshot.covariance[both])
             meeting = self._going_on[pair]
-            spread = np.sqrt(0.5 * np.trace(moment.covariance[both][:, :2, :2], axis1=1, axis2=2).sum())
-            meeting.distance = min(meeting.distance, apart / spread)
-            meeting.near |= apart < ENCOUNTER_DISTANCE_WIDTHS * self._width
+            spread = np.sqrt(0.5 * np.trace(snapshot.covariance[both][:, :2, :2], axis1=1, axis2=2).sum())
+            meeting.distance = min(meeting.distance, distance / spread)
+            meeting.near |= distance < ENCOUNTER_DISTANCE_WIDTHS * self._width
             meeting.named |= pair in doubted
             if (
-                apart > RESOLUTION_WIDTHS * self._width
+                distance > RESOLUTION_WIDTHS * self._width
                 and np.minimum(alone[i], alone[j]).sum() >= MIN_SEPARATE_DETECTIONS
             ):
-                self._compare(meeting, moment, both)
+                self._compare(meeting, snapshot, both)
         return tuple(events)
 
-    def _compare(self, meeting: _Encounter, moment: TrackSnapshot, both: list[int]) -> None:
+    def _compare(self, meeting: _Encounter, snapshot: TrackSnapshot, both: list[int]) -> None:
         """Compare the tracks of two who are distinguished again with the exchanged ones."""
-        means, covariances = moment.mean[both], moment.covariance[both]
-        passed = (moment.t_ns - meeting.t_ns) / NS
+        means, covariances = snapshot.mean[both], snapshot.covariance[both]
+        passed = (snapshot.t_ns - meeting.t_ns) / NS
         if passed > 0:
             ratio = log_ratio(meeting.means, meeting.covariances, means, covariances, passed, self._manoeuvre)
             meeting.ratio = min(meeting.ratio, ratio)
-        meeting.t_ns, meeting.means, meeting.covariances = moment.t_ns, means, covariances
+        meeting.t_ns, meeting.means, meeting.covariances = snapshot.t_ns, means, covariances
 
 
-def _pairs(places: Floats, apart: float) -> list[tuple[int, int]]:
+def _pairs(positions: Floats, distance: float) -> list[tuple[int, int]]:
     """Find pairs of (m, 2) positions within a distance, i < j, in the order of i and j."""
-    if len(places) < 2:
+    if len(positions) < 2:
         return []
-    found = cKDTree(places).query_pairs(apart, output_type="ndarray")
+    found = cKDTree(positions).query_pairs(distance, output_type="ndarray")
     return sorted((int(i), int(j)) for i, j in found)
 
 
@@ -158,14 +158,14 @@ def log_ratio(
         mean, cov = before[i].copy(), cov_before[i].copy()
         # Walk on: F cov F^T + Q for each axis
         step = np.eye(STATE_SIZE)
-        for place, speed in ((X, VX), (Y, VY)):
-            step[place, speed] = passed
+        for component, speed in ((X, VX), (Y, VY)):
+            step[component, speed] = passed
         mean = step @ mean
         cov = step @ cov @ step.T
-        for place, speed in ((X, VX), (Y, VY)):
-            cov[place, place] += manoeuvre * passed**3 / 3.0
-            cov[place, speed] += manoeuvre * passed**2 / 2.0
-            cov[speed, place] += manoeuvre * passed**2 / 2.0
+        for component, speed in ((X, VX), (Y, VY)):
+            cov[component, component] += manoeuvre * passed**3 / 3.0
+            cov[component, speed] += manoeuvre * passed**2 / 2.0
+            cov[speed, component] += manoeuvre * passed**2 / 2.0
             cov[speed, speed] += manoeuvre * passed
         for j in range(2):
             spread = cov + cov_after[j]

@@ -30,7 +30,7 @@ SHORTEST_NS = 100_000
 class FrameDetectionsWithIds(NamedTuple):
     """Detections of a frame, with the frame number and box numbers of the tables."""
 
-    look: FrameDetections
+    detections: FrameDetections
     frame: int  # number in the camera's stream
     box: Ints  # (n,) numbers of the boxes in the frame
 
@@ -78,7 +78,7 @@ def rows_of_views(chunks: Iterable[Views]) -> Iterator[DetectionFrameRows]:
             edges=_edges(c),
             score=c.confidence,
             tracklet_id=c.tracklet_id,
-            # How a network describes those in the boxes says more than their colours.
+            # Network embeddings are more informative than colours.
             appearance=(c.embedding if c.embedding.shape[1] else c.appearance).astype(np.float64),
         )
 
@@ -116,9 +116,9 @@ class FrameNumbers:
     pairs: int = 0
     left_out: int = 0
 
-    def add(self, apart: int) -> None:
+    def add(self, step: int) -> None:
         """Count a frame by the increment of its number."""
-        self.step = math.gcd(self.step, apart)
+        self.step = math.gcd(self.step, step)
         self.pairs += 1
 
     @property
@@ -160,11 +160,11 @@ def frames_without_boxes(
             last[sensor] = (t_ns, frame)
     steps = {cameras[sensor]: each.counted_in for sensor, each in found.items()}
     gaps = [gap._replace(step=steps[gap.camera]) for gap in gaps if gap.last > gap.first + steps[gap.camera]]
-    names = {place: name for name, place in cameras.items()}
+    names = {index: name for name, index in cameras.items()}
     for gap in gaps:
         found[names[gap.camera]].left_out += 1
-        apart = (gap.end_ns - gap.start_ns) * gap.step / (gap.last - gap.first)
-        if apart < SHORTEST_NS:
+        interval = (gap.end_ns - gap.start_ns) * gap.step / (gap.last - gap.first)
+        if interval < SHORTEST_NS:
             raise InputError(
                 f"boxes: camera {names[gap.camera]}: frames {gap.first} and {gap.last} are "
                 f"{(gap.end_ns - gap.start_ns) / NS:g} s apart, too near for the frames between them (a frame in "
@@ -204,7 +204,7 @@ def _until(
         following = frame + gaps[n].step
         if following < gaps[n].last:
             heappush(waiting, (gaps[n].time(following), following, n))
-        look = FrameDetections(
+        detections = FrameDetections(
             t_ns=t_ns,
             camera=gaps[n].camera,
             boxes=nothing,
@@ -213,7 +213,7 @@ def _until(
             appearance=np.zeros((0, APPEARANCE_BINS)),
             row=none,
         )
-        yield FrameDetectionsWithIds(look, frame, none)
+        yield FrameDetectionsWithIds(detections, frame, none)
 
 
 @dataclass
@@ -221,11 +221,11 @@ class BoxStatistics:
     """Counts of frames and boxes over a stream, by index of the camera in use.
 
     Attributes:
-        frames: looks.
+        frames: frames of detections.
         boxes: of them all.
         outside: omitted: the box lies outside the image.
         twice: omitted: another box of the frame is the same.
-        first_ns, last_ns: times of the first and the last look; -1: none.
+        first_ns, last_ns: times of the first and the last frame; -1: none.
     """
 
     frames: Ints
@@ -241,13 +241,13 @@ class BoxStatistics:
         zero = np.zeros(cameras, dtype=np.int64)
         return cls(zero, zero.copy(), zero.copy(), zero.copy(), zero - 1, zero - 1)
 
-    def saw(self, look: FrameDetections) -> None:
+    def saw(self, frame: FrameDetections) -> None:
         """Count a frame."""
-        c = look.camera
+        c = frame.camera
         self.frames[c] += 1
-        self.boxes[c] += len(look.boxes)
-        self.first_ns[c] = look.t_ns if self.first_ns[c] < 0 else self.first_ns[c]
-        self.last_ns[c] = look.t_ns
+        self.boxes[c] += len(frame.boxes)
+        self.first_ns[c] = frame.t_ns if self.first_ns[c] < 0 else self.first_ns[c]
+        self.last_ns[c] = frame.t_ns
 
 
 def frame_detections(
@@ -266,13 +266,13 @@ def frame_detections(
     Raises:
         InputError: a camera that is not known, or times that go back.
     """
-    place = {camera.name: c for c, camera in enumerate(cameras)}
+    index_of = {camera.name: c for c, camera in enumerate(cameras)}
     seen = 0
     for part in _whole_times(chunks):
         names, code = np.unique(part.sensor, return_inverse=True)
         if unknown := [name for name in names.tolist() if name not in known]:
             raise InputError(f"boxes: no camera {unknown[0]!r} in the scene; {nearest(unknown[0], tuple(known))}")
-        numbers = np.array([place.get(name, -1) for name in names.tolist()], dtype=np.int64)[code.reshape(-1)]
+        numbers = np.array([index_of.get(name, -1) for name in names.tolist()], dtype=np.int64)[code.reshape(-1)]
         order = np.lexsort((part.number, numbers, part.t_ns))
         rows, camera = part.take(order), numbers[order]
         row = seen + order
@@ -317,7 +317,7 @@ def _detections_of_frame(
     kept = kept[~twice]
     tally.outside[c] += int(outside.sum())
     tally.twice[c] += int(twice.sum())
-    look = FrameDetections(
+    frame = FrameDetections(
         t_ns=int(rows.t_ns[0]),
         camera=c,
         boxes=rows.edges[kept],
@@ -326,8 +326,8 @@ def _detections_of_frame(
         appearance=rows.appearance[kept],
         row=row[kept],
     )
-    tally.saw(look)
-    return FrameDetectionsWithIds(look, int(rows.frame[0]), rows.number[kept].astype(np.int64))
+    tally.saw(frame)
+    return FrameDetectionsWithIds(frame, int(rows.frame[0]), rows.number[kept].astype(np.int64))
 
 
 def _outside(edges: Floats, camera: Camera) -> Bools:
@@ -357,20 +357,22 @@ def duplicate_boxes(edges: Floats, score: Floats) -> Bools:
     return out
 
 
-def group_time_steps(looks: Iterable[FrameDetectionsWithIds], window_ns: int) -> Iterator[list[FrameDetectionsWithIds]]:
+def group_time_steps(
+    frames: Iterable[FrameDetectionsWithIds], window_ns: int
+) -> Iterator[list[FrameDetectionsWithIds]]:
     """Group frames within the window after the first one, at most one of each camera, into a time step."""
     held: list[FrameDetectionsWithIds] = []
     cameras: set[int] = set()
-    for each in looks:
-        if held and (each.look.t_ns - held[0].look.t_ns > window_ns or each.look.camera in cameras):
+    for each in frames:
+        if held and (each.detections.t_ns - held[0].detections.t_ns > window_ns or each.detections.camera in cameras):
             yield held
             held, cameras = [], set()
         held.append(each)
-        cameras.add(each.look.camera)
+        cameras.add(each.detections.camera)
     if held:
         yield held
 
 
 def in_order(*streams: Iterable[FrameDetectionsWithIds]) -> Iterator[FrameDetectionsWithIds]:
     """Merge time-ordered streams of frames in the order of time, then of cameras."""
-    return merge(*streams, key=lambda each: (each.look.t_ns, each.look.camera))
+    return merge(*streams, key=lambda each: (each.detections.t_ns, each.detections.camera))

@@ -55,14 +55,16 @@ IMPOSSIBLE_HEIGHT_RATIO = 10.0
 """Maximum ratio of any height to the usual height of people, including children and tall machines."""
 
 
-def person_heights(looks: Sequence[FrameDetectionsWithIds], cameras: Sequence[Camera]) -> Floats:
+def person_heights(frames: Sequence[FrameDetectionsWithIds], cameras: Sequence[Camera]) -> Floats:
     """(C,) median height of people by the boxes of each camera, in the scene's unit; NaN: too few boxes.
 
     The feet are at the middle of the lower edge, on the floor; the head is above them, in the row of the upper edge.
     """
     out = np.full(len(cameras), np.nan)
     for c, camera in enumerate(cameras):
-        boxes = np.concatenate([np.zeros((0, 4)), *(each.look.boxes for each in looks if each.look.camera == c)])
+        boxes = np.concatenate(
+            [np.zeros((0, 4)), *(each.detections.boxes for each in frames if each.detections.camera == c)]
+        )
         heights = _statures(boxes, camera)
         if len(heights) >= MIN_BOXES:
             out[c] = np.median(heights)
@@ -70,7 +72,7 @@ def person_heights(looks: Sequence[FrameDetectionsWithIds], cameras: Sequence[Ca
 
 
 def _statures(boxes: Floats, camera: Camera) -> Floats:
-    """(k,) heights of the k boxes whose feet are on the floor and that no border cuts."""
+    """(k,) heights of the k boxes with feet on the ground that no border cuts."""
     left, top, right, bottom = boxes.T
     if camera.image_size is not None:
         whole = (bottom < camera.image_size[1] - 1 - BORDER_PX) & (top > BORDER_PX)
@@ -86,8 +88,8 @@ def _statures(boxes: Floats, camera: Camera) -> Floats:
 
 def median_height(heights: Floats) -> float:
     """Median over the cameras with an estimate; NaN: no estimate."""
-    told = heights[np.isfinite(heights)]
-    return float(np.median(told)) if len(told) else float("nan")
+    finite = heights[np.isfinite(heights)]
+    return float(np.median(finite)) if len(finite) else float("nan")
 
 
 def inconsistent_cameras(heights: Floats) -> Mapping[int, float]:
@@ -147,15 +149,15 @@ class PeopleInput:
         self.cameras = self._cameras()
         self.tally = BoxStatistics.of(len(self.cameras))
         self.numbers: dict[str, FrameNumbers] = {}
-        looks = self._looks()
-        first = list(islice(looks, FIRST_FRAMES * len(self.cameras)))
+        frames = self._frames()
+        first = list(islice(frames, FIRST_FRAMES * len(self.cameras)))
         self.heights = person_heights(first, self.cameras)
-        self.metre, self.config = self._config(any(len(each.look.boxes) for each in first))
-        scores = np.concatenate([np.zeros(0), *(each.look.score for each in first)])
+        self.metre, self.config = self._config(any(len(each.detections.boxes) for each in first))
+        scores = np.concatenate([np.zeros(0), *(each.detections.score for each in first)])
         regions = len(scores) > 0 and bool(np.isnan(scores).all()) and self.opened.has(Views)
         self.regions_smoothed = regions and self.config.smoothed
         self.window_ns = request.window_ns if request.window_ns is not None else default_window(first)
-        self.moments: Iterator[list[FrameDetectionsWithIds]] = group_time_steps(chain(first, looks), self.window_ns)
+        self.time_steps: Iterator[list[FrameDetectionsWithIds]] = group_time_steps(chain(first, frames), self.window_ns)
 
     @property
     def losses(self) -> tuple[Loss, ...]:
@@ -208,7 +210,7 @@ class PeopleInput:
             )
         return tuple(used)
 
-    def _looks(self) -> Iterator[FrameDetectionsWithIds]:
+    def _frames(self) -> Iterator[FrameDetectionsWithIds]:
         """Generate the frames of all cameras; a table of regions has no rows for frames without detections."""
         known = [c.name for c in self.scene.cameras]
         boxes, foreign = self.opened.has(Boxes), self.opened.foreign
@@ -217,17 +219,17 @@ class PeopleInput:
         # Our boxes have a row for each frame without any; others tell of such frames by leaving numbers out
         if boxes and (foreign is None or not foreign.fits(RegionFrameTimes)):
             return found
-        place = {camera.name: c for c, camera in enumerate(self.cameras)}
-        return in_order(found, self._empty(place))
+        index_of = {camera.name: c for c, camera in enumerate(self.cameras)}
+        return in_order(found, self._empty(index_of))
 
-    def _empty(self, place: Mapping[str, int]) -> Iterator[FrameDetectionsWithIds]:
-        """Frames of a table of regions, or of boxes of others, in which nobody was detected, counted."""
+    def _empty(self, index_of: Mapping[str, int]) -> Iterator[FrameDetectionsWithIds]:
+        """Frames of a table of regions, or of external boxes, without a detection, counted."""
         if self.opened.recording is not None:
             return
         lost = gaps_of(self.opened.provenance.parameters)
-        for each in frames_without_boxes(self.opened.rows(RegionFrameTimes), place, self.numbers):
-            if not inside(lost.get(self.cameras[each.look.camera].name, []), each.frame):
-                self.tally.saw(each.look)
+        for each in frames_without_boxes(self.opened.rows(RegionFrameTimes), index_of, self.numbers):
+            if not inside(lost.get(self.cameras[each.detections.camera].name, []), each.frame):
+                self.tally.saw(each.detections)
                 yield each
 
     def _directions(self) -> Opened | None:
@@ -243,16 +245,16 @@ class PeopleInput:
         """Directions of arrival, those of an array at one time together, in the order of time."""
         if self._doa is None:
             return
-        place = {array.name: k for k, array in enumerate(self.scene.arrays)}
+        index_of = {array.name: k for k, array in enumerate(self.scene.arrays)}
         last: Bearings | None = None
         for chunk in bearings_of_doa(self._doa.rows(Doa), self.scene):
             rows = chunk if last is None else Bearings.concat([last, chunk])
             # The last time may go on in the next chunk
             cut = int(np.searchsorted(rows.t_ns, rows.t_ns[-1])) if len(rows) else 0
-            yield from _by_array(rows.take(slice(0, cut)), place)
+            yield from _by_array(rows.take(slice(0, cut)), index_of)
             last = rows.take(slice(cut, None))
         if last is not None:
-            yield from _by_array(last, place)
+            yield from _by_array(last, index_of)
 
     def _config(self, anybody: bool) -> tuple[float, JipdaConfig]:
         """How many units are a metre, and the settings; InputError where people would be giants or dwarfs.
@@ -305,14 +307,14 @@ class PeopleInput:
         return metre, configure(in_units_of(JipdaConfig(), metre), given)
 
 
-def _by_array(rows: Bearings, place: Mapping[str, int]) -> Iterator[DirectionsOfArrival]:
+def _by_array(rows: Bearings, index_of: Mapping[str, int]) -> Iterator[DirectionsOfArrival]:
     """Directions of whole times, by time and array."""
     table = rows.sorted()
     starts = np.flatnonzero(np.append(True, (np.diff(table.t_ns) != 0) | (table.sensor[1:] != table.sensor[:-1])))
     for first, stop in pairwise([*starts.tolist(), len(table)] if len(table) else []):
         yield DirectionsOfArrival(
             t_ns=int(table.t_ns[first]),
-            sensor=place[str(table.sensor[first])],
+            sensor=index_of[str(table.sensor[first])],
             bearing=table.bearing[first:stop],
             sigma=table.sigma[first:stop],
             row=np.arange(first, stop),
@@ -326,11 +328,11 @@ def _remedy(opened: Opened) -> str:
     return "give a recording with boxes of a detector, made by `occlog ingest`, or views of `occlog detect`"
 
 
-def default_window(looks: list[FrameDetectionsWithIds]) -> int:
+def default_window(frame_detections: list[FrameDetectionsWithIds]) -> int:
     """The widest window [ns] below half the shortest frame period; 0 if no camera has two frames."""
     times: dict[int, list[tuple[int, int]]] = {}
-    for each in looks:
-        times.setdefault(each.look.camera, []).append((each.look.t_ns, each.frame))
+    for each in frame_detections:
+        times.setdefault(each.detections.camera, []).append((each.detections.t_ns, each.frame))
     periods = []
     for frames in times.values():
         steps = [(b[0] - a[0]) / max(b[1] - a[1], 1) for a, b in pairwise(frames) if b[0] > a[0]]

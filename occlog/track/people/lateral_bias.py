@@ -33,29 +33,29 @@ class LateralBias:
         self._kept: list[list[Floats]] = [[] for _ in cameras]  # of each frame, (k,) in heights of the expected boxes
         self._every, self._count = [1] * len(cameras), [0] * len(cameras)
 
-    def add(self, moment: TrackSnapshot, looks: Sequence[FrameDetectionsWithIds], counts: Bools) -> None:
+    def add(self, snapshot: TrackSnapshot, frames: Sequence[FrameDetectionsWithIds], counts: Bools) -> None:
         """Keep a time step; `counts` (m, C) masks the people and cameras with boxes."""
         views = None
-        for look in (each.look for each in looks):
-            c = look.camera
+        for frame in (each.detections for each in frames):
+            c = frame.camera
             due, self._count[c] = self._count[c] % self._every[c] == 0, self._count[c] + 1
-            if not due or not len(look.row):
+            if not due or not len(frame.row):
                 continue
-            s = moment.support
+            s = snapshot.support
             mine = (
                 (s.camera == c)
                 & (s.probability >= MIN_ASSOCIATION_PROBABILITY)
                 & (s.joint <= 1.0 - MIN_ASSOCIATION_PROBABILITY)
-                & np.isin(s.row, look.row)
+                & np.isin(s.row, frame.row)
             )
             mine &= counts[s.person, c]
             if not mine.any():
                 continue
             views = pack_views(self._cameras) if views is None else views
             found = np.zeros((int(mine.sum()), 8))
-            project(views, c, moment.mean[s.person[mine]], np.zeros((len(found), STATE_SIZE, STATE_SIZE)), 0.0, found)
-            order = np.argsort(look.row)
-            boxes = look.boxes[order[np.searchsorted(look.row, s.row[mine], sorter=order)]]
+            project(views, c, snapshot.mean[s.person[mine]], np.zeros((len(found), STATE_SIZE, STATE_SIZE)), 0.0, found)
+            order = np.argsort(frame.row)
+            boxes = frame.boxes[order[np.searchsorted(frame.row, s.row[mine], sorter=order)]]
             off = 0.5 * (boxes[:, 0] + boxes[:, 2] - found[:, 0] - found[:, 2])
             self._kept[c].append((off / (found[:, 3] - found[:, 1]))[found[:, 7] > 0.0])
             if len(self._kept[c]) > 2 * MAX_FRAMES:

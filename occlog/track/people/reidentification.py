@@ -49,7 +49,7 @@ class TrackSplit(NamedTuple):
 
     track: int
     t_ns: int  # of the first frame after it
-    other: int  # whose they may have taken the position of
+    other: int  # target from which they may have taken over
 
 
 class TrackFragments(NamedTuple):
@@ -65,9 +65,9 @@ class TrackFragments(NamedTuple):
 
     def of(self, track: Ints32, t_ns: Ints) -> Ints:
         """(n,) piece of each row; -1: of no track."""
-        place = np.minimum(np.searchsorted(self.tracks, track), max(len(self.tracks) - 1, 0))
-        known = self.tracks[place] == track if len(self.tracks) else np.zeros(len(track), dtype=np.bool_)
-        code = place * (len(self.cuts) + 1) + np.searchsorted(self.cuts, t_ns, side="right")
+        index = np.minimum(np.searchsorted(self.tracks, track), max(len(self.tracks) - 1, 0))
+        known = self.tracks[index] == track if len(self.tracks) else np.zeros(len(track), dtype=np.bool_)
+        code = index * (len(self.cuts) + 1) + np.searchsorted(self.cuts, t_ns, side="right")
         return np.where(known, np.searchsorted(self.code, code, side="right") - 1, -1)
 
 
@@ -83,15 +83,15 @@ def split_tracks(track: Ints32, t_ns: Ints, cuts: Sequence[TrackSplit]) -> Track
     n = len(times) + 1
     partners: dict[int, list[int]] = {}
     for cut in cuts:
-        place = int(np.searchsorted(tracks, cut.track))
-        if place < len(tracks) and tracks[place] == cut.track:
-            partners.setdefault(place * n + int(np.searchsorted(times, cut.t_ns)) + 1, []).append(cut.other)
+        index = int(np.searchsorted(tracks, cut.track))
+        if index < len(tracks) and tracks[index] == cut.track:
+            partners.setdefault(index * n + int(np.searchsorted(times, cut.t_ns)) + 1, []).append(cut.other)
     code = np.unique(np.array([*(np.arange(len(tracks)) * n).tolist(), *partners], dtype=np.int64))
     out = TrackFragments(tracks[code // n], code, code, (), tracks, times, code)
     first, last = np.full(len(code), np.iinfo(np.int64).max), np.full(len(code), np.iinfo(np.int64).min)
-    whose = out.of(track, t_ns)
-    np.minimum.at(first, whose, t_ns)
-    np.maximum.at(last, whose, t_ns)
+    owner = out.of(track, t_ns)
+    np.minimum.at(first, owner, t_ns)
+    np.maximum.at(last, owner, t_ns)
     return out._replace(first_ns=first, last_ns=last, partners=tuple(tuple(partners.get(c, ())) for c in code.tolist()))
 
 
@@ -120,18 +120,18 @@ def reidentify_fragments(
         least_boxes: fewest of them.
     """
     overlap = (pieces.first_ns[:, None] <= pieces.last_ns) & (pieces.first_ns <= pieces.last_ns[:, None])
-    told = identities(evidence, overlap[np.ix_(evidence.track, evidence.track)], least_likeness, least_boxes)
+    identified = identities(evidence, overlap[np.ix_(evidence.track, evidence.track)], least_likeness, least_boxes)
     probability = np.full(len(pieces.track), np.nan)
     for row, piece in enumerate(evidence.track.tolist()):
-        if piece in told:
-            probable = name_probability(evidence, row, told[piece], least_likeness, least_boxes)
+        if piece in identified:
+            probable = name_probability(evidence, row, identified[piece], least_likeness, least_boxes)
             if probable < MIN_NAME_PROBABILITY:
-                del told[piece]
+                del identified[piece]
             else:
                 probability[piece] = probable
-    names = dict(told)
+    names = dict(identified)
     # A name is passed on if no other track has it in between
-    for piece in sorted(set(range(len(pieces.track))) - set(told), key=lambda p: (pieces.first_ns[p], p)):
+    for piece in sorted(set(range(len(pieces.track))) - set(identified), key=lambda p: (pieces.first_ns[p], p)):
         for name in _offers(pieces, piece, names):
             if not any(overlap[piece, p] for p, taken in names.items() if taken == name):
                 names[piece] = name
@@ -196,9 +196,9 @@ def named_events(events: Events, pieces: TrackFragments, names: FragmentNames) -
         after = [int(own[row]), int(other[row])]
         before = [p - 1 for p in after]
         if all(p >= 0 and pieces.track[p] == pieces.track[a] for p, a in zip(before, after, strict=True)):
-            told = names.probability[[*before, *after]]
-            if np.isfinite(told).all():
-                left[row] = 1.0 - np.prod(told)
+            probability = names.probability[[*before, *after]]
+            if np.isfinite(probability).all():
+                left[row] = 1.0 - np.prod(probability)
     named = replace(
         events,
         target_id=np.where(own >= 0, names.name[own], events.target_id).astype(np.int32),
@@ -211,7 +211,7 @@ def named_events(events: Events, pieces: TrackFragments, names: FragmentNames) -
 def reidentification_events(
     pieces: TrackFragments, names: FragmentNames, first_ns: int, last_ns: int
 ) -> list[tuple[int, str, int, int, float]]:
-    """Rows of `events` for the pieces that begin within these times and whose boxes tell who they are."""
+    """Rows of `events` for the pieces that begin within these times and have boxes that identify them."""
     now = (pieces.first_ns >= first_ns) & (pieces.first_ns <= last_ns) & np.isfinite(names.probability)
     return [
         (int(pieces.first_ns[p]), REIDENTIFICATION_EVENT, int(names.name[p]), -1, float(names.probability[p]))
@@ -243,7 +243,7 @@ class _TrackRows(NamedTuple):
     frame: Ints  # of a box that is more probably of a person than not
     camera: Ints32
     box: Ints32
-    whose: Ints32
+    owner: Ints32
 
 
 class GalleryReidentification:
@@ -291,15 +291,15 @@ class GalleryReidentification:
         cuts: list[TrackSplit] = []
         with tempfile.TemporaryFile() as spool:
             count = 0
-            place = {name: c for c, name in enumerate(self._inputs.names)}
+            index_of = {name: c for c, name in enumerate(self._inputs.names)}
             for seen, part in parts:
                 pickle.dump(part, spool, pickle.HIGHEST_PROTOCOL)
                 count += 1
-                kept.append(_rows(part, place))
+                kept.append(_rows(part, index_of))
                 cuts += [
-                    TrackSplit(event.id, min(look.look.t_ns for look in each.looks), event.other)
+                    TrackSplit(event.id, min(frame.detections.t_ns for frame in each.frames), event.other)
                     for each in seen
-                    for event in each.moment.events
+                    for event in each.snapshot.events
                     if event.kind == SWITCH_EVENT
                 ]
             if not count:
@@ -344,14 +344,14 @@ class GalleryReidentification:
         names = reidentify_fragments(
             pieces, tally.evidence(), people, self._config.min_similarity, self._naming.min_boxes
         )
-        told = np.isfinite(names.probability)
+        finite = np.isfinite(names.probability)
         self._figures = {
             "tracks": len(pieces.tracks),
-            "tracks_named": len(np.unique(pieces.track[told])),
+            "tracks_named": len(np.unique(pieces.track[finite])),
             "pieces": len(pieces.track),
-            "pieces_named": int(told.sum()),
-            "people_named": len(np.unique(names.name[told])),
-            **({"least_probability": float(names.probability[told].min())} if told.any() else {}),
+            "pieces_named": int(finite.sum()),
+            "people_named": len(np.unique(names.name[finite])),
+            **({"least_probability": float(names.probability[finite].min())} if finite.any() else {}),
         }
         return names
 
@@ -361,8 +361,8 @@ def _images(inputs: PeopleInput) -> Opened | None:
     if not inputs.opened.has(Boxes):
         return None
     scene = inputs.request.scene
-    beside = None if scene is None or scene.suffix != ".mcap" else open_input(scene)
-    for opened in (inputs.opened, beside):
+    recording = None if scene is None or scene.suffix != ".mcap" else open_input(scene)
+    for opened in (inputs.opened, recording):
         if opened is not None and opened.recording is not None and opened.recording.cameras:
             return opened
     raise InputError(
@@ -371,16 +371,16 @@ def _images(inputs: PeopleInput) -> Opened | None:
     )
 
 
-def _rows(part: SnapshotTables, place: dict[str, int]) -> _TrackRows:
+def _rows(part: SnapshotTables, index_of: dict[str, int]) -> _TrackRows:
     tracks, support = part.tracks, part.support.take(part.support.probability > MIN_MAP_PROBABILITY)
     return _TrackRows(
         t_ns=tracks.t_ns,
         target_id=tracks.target_id,
         state=np.column_stack([tracks.x, tracks.y, tracks.vx, tracks.vy]).astype(np.float32),
         frame=support.frame,
-        camera=np.array([place[name] for name in support.sensor.tolist()], dtype=np.int32),
+        camera=np.array([index_of[name] for name in support.sensor.tolist()], dtype=np.int32),
         box=support.box,
-        whose=support.target_id,
+        owner=support.target_id,
     )
 
 
@@ -398,16 +398,16 @@ def _owned(frames: Iterable[FrameBoxes], rows: _TrackRows, names: tuple[str, ...
     order = np.lexsort((rows.frame, rows.camera))
     camera, frame = rows.camera[order], rows.frame[order]
     starts = np.searchsorted(camera, np.arange(len(names) + 1))
-    place = {name: c for c, name in enumerate(names)}
+    index_of = {name: c for c, name in enumerate(names)}
     for each in frames:
-        if each.sensor not in place:
+        if each.sensor not in index_of:
             continue
-        c = place[each.sensor]
+        c = index_of[each.sensor]
         here = frame[starts[c] : starts[c + 1]]
         at = starts[c] + np.arange(*np.searchsorted(here, [each.frame, each.frame + 1]))
-        mine = dict(zip(rows.box[order[at]].tolist(), rows.whose[order[at]].tolist(), strict=True))
-        whose = [mine.get(box, NO_ID) for box in each.box.tolist()]
-        yield each._replace(identity=np.array(whose, dtype=np.int32))
+        mine = dict(zip(rows.box[order[at]].tolist(), rows.owner[order[at]].tolist(), strict=True))
+        owner = [mine.get(box, NO_ID) for box in each.box.tolist()]
+        yield each._replace(identity=np.array(owner, dtype=np.int32))
 
 
 def _renamed(
@@ -415,7 +415,7 @@ def _renamed(
 ) -> SnapshotTables:
     """A part under new names, with the pieces that begin at its times."""
     events = named_events(part.events, pieces, names)
-    told = Events.of_rows(reidentification_events(pieces, names, first_ns, last_ns))
+    named = Events.of_rows(reidentification_events(pieces, names, first_ns, last_ns))
     support, views = part.support, part.views
     own = names.name[pieces.of(support.target_id, support.t_ns)]
     if views is not None:
@@ -423,6 +423,6 @@ def _renamed(
     return SnapshotTables(
         tracks=named_tracks(part.tracks, events, pieces, names),
         support=replace(support, target_id=own).sorted(),
-        events=Events.merge([events, told]),
+        events=Events.merge([events, named]),
         views=views,
     )

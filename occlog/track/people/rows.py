@@ -38,8 +38,8 @@ COVARIANCES = {
 class SnapshotWithDetections(NamedTuple):
     """Tracks after a time step, and the frames of that step."""
 
-    moment: TrackSnapshot
-    looks: Sequence[FrameDetectionsWithIds]
+    snapshot: TrackSnapshot
+    frames: Sequence[FrameDetectionsWithIds]
 
 
 class SnapshotTables(NamedTuple):
@@ -51,33 +51,33 @@ class SnapshotTables(NamedTuple):
     views: PeopleViews | None
 
 
-def detection_probability_by_camera(moment: TrackSnapshot, cameras: int) -> Floats:
+def detection_probability_by_camera(snapshot: TrackSnapshot, cameras: int) -> Floats:
     """(m, C) probability that a camera has a box of a person."""
-    seen = np.zeros((len(moment.ids), cameras))
-    np.add.at(seen, (moment.support.person, moment.support.camera), moment.support.probability)
+    seen = np.zeros((len(snapshot.ids), cameras))
+    np.add.at(seen, (snapshot.support.person, snapshot.support.camera), snapshot.support.probability)
     return np.minimum(seen, 1.0)
 
 
 def tracks_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]) -> PeopleTracks:
     """A row for each person at each time step."""
-    moments = [each.moment for each in seen if len(each.moment.ids)]
-    if not moments:
+    snapshots = [each.snapshot for each in seen if len(each.snapshot.ids)]
+    if not snapshots:
         return PeopleTracks.empty()
-    by = np.concatenate([detection_probability_by_camera(m, len(names)) >= MIN_MAP_PROBABILITY for m in moments])
-    mean = np.concatenate([m.mean for m in moments])
-    covariance = np.concatenate([m.covariance for m in moments])
-    exchanged = [np.isin(m.ids, [e.id for e in m.events if e.kind == "doubt"]) for m in moments]
+    by = np.concatenate([detection_probability_by_camera(m, len(names)) >= MIN_MAP_PROBABILITY for m in snapshots])
+    mean = np.concatenate([m.mean for m in snapshots])
+    covariance = np.concatenate([m.covariance for m in snapshots])
+    exchanged = [np.isin(m.ids, [e.id for e in m.events if e.kind == "doubt"]) for m in snapshots]
     # With one camera there is no other that could see them
     alone = (by.sum(axis=1) == 1) & (len(names) > 1)
     return PeopleTracks.of(
-        t_ns=np.repeat([m.t_ns for m in moments], [len(m.ids) for m in moments]),
-        target_id=np.concatenate([m.ids for m in moments]).astype(np.int32),
+        t_ns=np.repeat([m.t_ns for m in snapshots], [len(m.ids) for m in snapshots]),
+        target_id=np.concatenate([m.ids for m in snapshots]).astype(np.int32),
         x=mean[:, X],
         y=mean[:, Y],
         vx=mean[:, VX],
         vy=mean[:, VY],
         **{name: covariance[:, i, j] for name, (i, j) in COVARIANCES.items()},
-        existence=np.concatenate([m.existence for m in moments]),
+        existence=np.concatenate([m.existence for m in snapshots]),
         height=mean[:, HEIGHT],
         width=mean[:, WIDTH],
         sd_height=np.sqrt(covariance[:, HEIGHT, HEIGHT]),
@@ -89,15 +89,15 @@ def tracks_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]) -> P
 
 def associations_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]) -> Support:
     """Return a row for each associated box."""
-    parts = [each for each in seen if len(each.moment.support.row)]
+    parts = [each for each in seen if len(each.snapshot.support.row)]
     if not parts:
         return Support.empty()
     numbers = [_numbers(each) for each in parts]
-    supports = [each.moment.support for each in parts]
+    supports = [each.snapshot.support for each in parts]
     probability = np.concatenate([s.probability for s in supports])
     table = Support.of(
-        t_ns=np.repeat([each.moment.t_ns for each in parts], [len(s.row) for s in supports]),
-        target_id=np.concatenate([each.moment.ids[each.moment.support.person] for each in parts]).astype(np.int32),
+        t_ns=np.repeat([each.snapshot.t_ns for each in parts], [len(s.row) for s in supports]),
+        target_id=np.concatenate([each.snapshot.ids[each.snapshot.support.person] for each in parts]).astype(np.int32),
         sensor=np.array(names, dtype=np.str_)[np.concatenate([s.camera for s in supports])],
         frame=np.concatenate([frame for frame, _ in numbers]),
         box=np.concatenate([box for _, box in numbers]).astype(np.int32),
@@ -108,16 +108,16 @@ def associations_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]
 
 def _numbers(each: SnapshotWithDetections) -> tuple[Ints, Ints]:
     """Frame and number of the box of each row of a time step's support."""
-    row = np.concatenate([e.look.row for e in each.looks])
-    frame = np.repeat([e.frame for e in each.looks], [len(e.box) for e in each.looks])
+    row = np.concatenate([e.detections.row for e in each.frames])
+    frame = np.repeat([e.frame for e in each.frames], [len(e.box) for e in each.frames])
     order = np.argsort(row)
-    at = order[np.searchsorted(row, each.moment.support.row, sorter=order)]
-    return frame[at], np.concatenate([e.box for e in each.looks])[at]
+    at = order[np.searchsorted(row, each.snapshot.support.row, sorter=order)]
+    return frame[at], np.concatenate([e.box for e in each.frames])[at]
 
 
 def events_of(seen: Sequence[SnapshotWithDetections]) -> Events:
     """A row for each event."""
-    return Events.of_rows((each.moment.t_ns, *event) for each in seen for event in each.moment.events)
+    return Events.of_rows((each.snapshot.t_ns, *event) for each in seen for event in each.snapshot.events)
 
 
 class ViewRows(NamedTuple):
@@ -143,7 +143,9 @@ class TracksInViews:
 
     def table(self, seen: Sequence[SnapshotWithDetections]) -> PeopleViews:
         """A row for each person and frame of the time steps, where the person's position is in the image."""
-        parts = [self._in_look(each.moment, look) for each in seen if len(each.moment.ids) for look in each.looks]
+        parts = [
+            self._in_frame(each.snapshot, frame) for each in seen if len(each.snapshot.ids) for frame in each.frames
+        ]
         if not parts:
             return PeopleViews.empty()
         rows = ViewRows._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
@@ -174,25 +176,25 @@ class TracksInViews:
         )
         return table.sorted()
 
-    def _in_look(self, moment: TrackSnapshot, each: FrameDetectionsWithIds) -> ViewRows:
+    def _in_frame(self, snapshot: TrackSnapshot, each: FrameDetectionsWithIds) -> ViewRows:
         """Project all tracks into one frame."""
-        look, c = each.look, each.look.camera
-        there = np.flatnonzero(np.isfinite(moment.visibility[:, c]))
+        frame, c = each.detections, each.detections.camera
+        there = np.flatnonzero(np.isfinite(snapshot.visibility[:, c]))
         # Project the people on the floor to the time of the frame
         found = np.zeros((len(there), 8))
-        delay = (look.t_ns - moment.t_ns) / NS
-        project(self._views, c, moment.mean[there], moment.covariance[there], delay, found)
+        delay = (frame.t_ns - snapshot.t_ns) / NS
+        project(self._views, c, snapshot.mean[there], snapshot.covariance[there], delay, found)
         # Take the camera's own boxes where it has some, as far as people are visible: a cover cuts the boxes of others
-        box, visible = _map_boxes(moment, look.row, c)[there], moment.visibility[there, c]
+        box, visible = _map_boxes(snapshot, frame.row, c)[there], snapshot.visibility[there, c]
         own = box >= 0
-        found[own, :4] += visible[own, None] * (look.boxes[box[own]] - found[own, :4])
+        found[own, :4] += visible[own, None] * (frame.boxes[box[own]] - found[own, :4])
         good = np.flatnonzero(found[:, 7] > 0.0)
         n, there, found = len(good), there[good], found[good]
         return ViewRows(
-            t_ns=np.full(n, look.t_ns, dtype=np.int64),
+            t_ns=np.full(n, frame.t_ns, dtype=np.int64),
             camera=np.full(n, c, dtype=np.int64),
             frame=np.full(n, each.frame, dtype=np.int64),
-            id=moment.ids[there],
+            id=snapshot.ids[there],
             box=found[:, :4],
             spread=found[:, 4:7],
             own=own[good],
@@ -200,10 +202,10 @@ class TracksInViews:
         )
 
 
-def _map_boxes(moment: TrackSnapshot, row: Ints, camera: int) -> Ints:
+def _map_boxes(snapshot: TrackSnapshot, row: Ints, camera: int) -> Ints:
     """(m,) index in a frame of the box that is more probably than not each person's alone; -1: no box."""
-    out = np.full(len(moment.ids), -1, dtype=np.int64)
-    s = moment.support
+    out = np.full(len(snapshot.ids), -1, dtype=np.int64)
+    s = snapshot.support
     mine = np.flatnonzero((s.camera == camera) & (s.probability - s.joint >= MIN_MAP_PROBABILITY))
     if len(mine):
         order = np.argsort(row)

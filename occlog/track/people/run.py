@@ -64,7 +64,7 @@ class PeopleSummary:
 
         people, rows: of the tracks.  people_at_a_time: mean, of the times that have any.  unseen: share of the rows of
         whom no camera has a box.  exchanges_expected: of identities, the sum of the doubts' probabilities.  boxes: of
-        each camera, those in use, those that people explain, and those that nobody does; expected numbers, where a box
+        each camera, those in use, those that tracks explain, and clutter; expected numbers, where a box
         of two people who touch is one box.  sees: share of the people whom another camera sees and the camera should
         see plainly that it does see.
         """
@@ -117,20 +117,20 @@ class PeopleSummary:
             ),
             *outcome(FRAMES, self._numbers(), unless="" if self.inputs.numbers else "frames are not numbered"),
             *outcome(SMOOTHED, self._smoothed()),
-            *outcome(FOUND, self._nobody(), people=len(self.people), rows=self.rows),
+            *outcome(FOUND, self._no_tracks(), people=len(self.people), rows=self.rows),
         )
 
     def _smoothed(self) -> Iterator[Check]:
         """Errors that go on from frame to frame, smoothed."""
         if self.inputs.regions_smoothed and self.rows:
-            says = (
+            text = (
                 "the boxes are regions of video, whose errors go on from frame to frame: where people meet, "
                 "covariances of what the future smooths are too small (mean NEES of rendered rooms: 1.4 to 4.3 "
                 "instead of 2, and 8 in one)"
             )
-            yield finding(SMOOTHED, "note", "regions-smoothed", says)
+            yield finding(SMOOTHED, "note", "regions-smoothed", text)
 
-    def _nobody(self) -> Iterator[Check]:
+    def _no_tracks(self) -> Iterator[Check]:
         """No tracks at all."""
         if not self.rows:
             yield finding(FOUND, "note", "nobody", "no person was found: the tracks are empty")
@@ -158,7 +158,7 @@ class PeopleSummary:
                 )
 
     def _numbers(self) -> Iterator[Check]:
-        """Cameras whose numbers of frames are hardly ever successive, so that most frames would have no box."""
+        """Cameras with frame numbers that are hardly ever successive, so that most frames would have no box."""
         for name, each in sorted(self.inputs.numbers.items()):
             successive = each.pairs - each.left_out
             if each.pairs >= MIN_PAIRS and successive < MIN_SUCCESSIVE_SHARE * each.pairs:
@@ -214,8 +214,8 @@ def run_track_people(request: TrackPeopleRequest, job: Job) -> tuple[dict[str, o
         job.note(line)
     names = None if request.gallery is None else GalleryReidentification(request.gallery, inputs)
     follower: PeopleTracker[object, object] = load(METHODS[request.method].method)
-    moments = job.progress(inputs.moments, "track")
-    seen = track_people(moments, inputs.scene, inputs.cameras, inputs.config, follower, request.seed, inputs.heard())
+    steps = job.progress(inputs.time_steps, "track")
+    seen = track_people(steps, inputs.scene, inputs.cameras, inputs.config, follower, request.seed, inputs.heard())
     tabulator = Tabulator(inputs.cameras, in_images=request.view_tracks is not None)
     parameters = {
         "method": request.method,
@@ -241,5 +241,5 @@ def run_track_people(request: TrackPeopleRequest, job: Job) -> tuple[dict[str, o
     console.note_findings(texts_of(made.judged, "track"), job.quiet)
     names_of = {"output": "tracks"}
     written = {names_of.get(name, name): str(path) for name, path in request.files(output=True).items()}
-    told = {} if names is None else names.figures()
-    return {**written, "method": request.method, **summary.figures(), **summary_of(made.judged), **told}, losses
+    metrics = {} if names is None else names.figures()
+    return {**written, "method": request.method, **summary.figures(), **summary_of(made.judged), **metrics}, losses

@@ -59,7 +59,7 @@ JIPDA: PeopleTracker[joint_filter.JipdaState, window.SmoothingWindow] = PeopleTr
 
 
 def track_people(
-    moments: Iterable[Sequence[FrameDetectionsWithIds]],
+    time_steps: Iterable[Sequence[FrameDetectionsWithIds]],
     scene: Scene,
     cameras: Sequence[Camera],
     config: JipdaConfig,
@@ -70,9 +70,9 @@ def track_people(
     """Track all people, in chunks of time steps with few rows, so that memory does not grow.
 
     Args:
-        moments: in the order of time; none is empty.
+        time_steps: in the order of time; none is empty.
         scene: where.
-        cameras: those that look, in the order of their places in the looks.
+        cameras: those with frames, in the order of their indices in the frames.
         config: settings; with `smooth` or a lag time steps wait for what comes after them.
         follower: the method.
         seed: of the random numbers that the future is searched with.
@@ -84,14 +84,14 @@ def track_people(
     origin = map_origin(cameras)
     near = scene_from(scene, origin)
     state = follower.begin(near, [camera_from(c, origin) for c in cameras], config)
-    steps = _steps(moments, near, state, follower, heard)
+    steps = _steps(time_steps, near, state, follower, heard)
     for said in _reported(steps, follower, config, seed):
-        doubts = meetings.add(said.moment)
-        told = said.moment._replace(events=(*said.moment.events, *doubts))
-        each = said._replace(moment=told._replace(mean=told.mean + np.append(origin, np.zeros(4))))
+        doubts = meetings.add(said.snapshot)
+        snapshot = said.snapshot._replace(events=(*said.snapshot.events, *doubts))
+        each = said._replace(snapshot=snapshot._replace(mean=snapshot.mean + np.append(origin, np.zeros(4))))
         held.append(each)
-        # Even a time step without any person is kept with its looks
-        rows += 1 + len(each.moment.support.row) + len(each.moment.ids) * (1 + len(each.looks))
+        # Even a time step without any person is kept with its frames
+        rows += 1 + len(each.snapshot.support.row) + len(each.snapshot.ids) * (1 + len(each.frames))
         if rows >= ROWS_PER_PART:
             yield held
             held, rows = [], 0
@@ -100,7 +100,7 @@ def track_people(
 
 
 def _steps(
-    moments: Iterable[Sequence[FrameDetectionsWithIds]],
+    steps: Iterable[Sequence[FrameDetectionsWithIds]],
     scene: Scene,
     state: State,
     follower: PeopleTracker[State, Window],
@@ -109,13 +109,13 @@ def _steps(
     """Filter each time step, after the directions heard since the previous one."""
     sounds = iter(heard)
     sound = next(sounds, None)
-    for looks in moments:
-        while sound is not None and sound.t_ns <= looks[-1].look.t_ns:
+    for frames in steps:
+        while sound is not None and sound.t_ns <= frames[-1].detections.t_ns:
             if follower.hear is not None:
                 state = follower.hear(state, sound, scene.arrays[sound.sensor])
             sound = next(sounds, None)
-        state, moment = follower.step(state, [each.look for each in looks])
-        yield state, SnapshotWithDetections(moment, looks)
+        state, snapshot = follower.step(state, [each.detections for each in frames])
+        yield state, SnapshotWithDetections(snapshot, frames)
 
 
 def _reported(
@@ -132,9 +132,9 @@ def _reported(
     waiting: deque[Sequence[FrameDetectionsWithIds]] = deque()
     last: State | None = None
     for last, seen in steps:
-        waiting.append(seen.looks)
-        bare = [each.look for each in seen.looks]
-        window, ready = follower.future.add(window, last, bare, seen.moment)
+        waiting.append(seen.frames)
+        bare = [each.detections for each in seen.frames]
+        window, ready = follower.future.add(window, last, bare, seen.snapshot)
         yield from (SnapshotWithDetections(found, waiting.popleft()) for found in ready)
     if last is not None:
         yield from (SnapshotWithDetections(found, waiting.popleft()) for found in follower.future.finish(window, last))
@@ -152,7 +152,7 @@ class Tabulator:
     def tables(self, seen: Sequence[SnapshotWithDetections]) -> SnapshotTables:
         """The rows of some time steps."""
         for each in seen:
-            self.agreement.add(each.moment, each.looks)
+            self.agreement.add(each.snapshot, each.frames)
         return SnapshotTables(
             tracks=tracks_of(seen, self._names),
             support=associations_of(seen, self._names),

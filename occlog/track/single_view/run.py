@@ -42,14 +42,14 @@ def run_track_single_view(request: SingleViewRequest, job: Job) -> tuple[dict[st
         seen.add(camera)
         return (not request.cameras or camera in request.cameras) and camera not in request.without
 
-    told = chosen.provenance(unit)
+    recorded = chosen.provenance(unit)
     parameters = {
         "method": request.method,
         "births": "detections",
         "only": list(request.cameras),
         "without": list(request.without),
-        "plugin": told.pop("package"),
-        **told,
+        "plugin": recorded.pop("package"),
+        **recorded,
     }
     provenance = job.provenance(parameters, opened.losses, request.seed)
     trackers = CameraTrackers(chosen.plugin, make)
@@ -63,15 +63,15 @@ def run_track_single_view(request: SingleViewRequest, job: Job) -> tuple[dict[st
         if not trackers.cameras:
             raise InputError(f"{request.bearings}: no camera is left to track in; use at least one")
         none = f"method {request.method} found nobody: the tracks are empty"
-        nobody = () if trackers.numbers else (finding(FOUND, "note", "nobody", none),)
-        tables.annotate(job.judged(provenance, outcome(FOUND, nobody, people=len(trackers.numbers))))
+        no_track = () if trackers.numbers else (finding(FOUND, "note", "nobody", none),)
+        tables.annotate(job.judged(provenance, outcome(FOUND, no_track, people=len(trackers.numbers))))
     summary: dict[str, object] = {
         "tracks": str(request.output),
         "method": request.method,
         "plugin": chosen.plugin.origin,
     }
     summary |= {"cameras": trackers.cameras, "frames": trackers.frames, "boxes": trackers.boxes}
-    return summary | {"left_out": trackers.of_nobody, "identities": len(trackers.numbers)}, opened.losses
+    return summary | {"left_out": trackers.unassigned, "identities": len(trackers.numbers)}, opened.losses
 
 
 def _plugin(method: str) -> Plugin:

@@ -27,7 +27,7 @@ class CameraTrackers:
         self._plugin, self._make = plugin, make
         self._own: dict[str, ViewTracker] = {}
         self.numbers: dict[tuple[str, int], int] = {}
-        self.frames = self.boxes = self.of_nobody = 0
+        self.frames = self.boxes = self.unassigned = 0
 
     @property
     def cameras(self) -> list[str]:
@@ -49,7 +49,7 @@ class CameraTrackers:
             raise PluginError(f"{self._plugin.label}: camera {camera}: frame {found.frame}: {wrong}")
         found_ids = np.array([self._number(camera, k) for k in np.asarray(ids).tolist()], dtype=np.int64)
         self.frames, self.boxes = self.frames + 1, self.boxes + len(found_ids)
-        self.of_nobody += int(np.count_nonzero(found_ids < 0))
+        self.unassigned += int(np.count_nonzero(found_ids < 0))
         return found_ids
 
     def _number(self, camera: str, own: int) -> int:
@@ -83,7 +83,7 @@ def follow(
 ) -> Iterator[Boxes]:
     """Boxes with the identities that trackers give them; those of no person are omitted.
 
-    A frame without any other has a row that says that nobody is there.
+    A frame without any other has a row of no detection.
 
     Args:
         chunks: in the order of time.

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from shapely.geometry import LineString, Point, Polygon
 
-from occlog.core.plane import beside, nearest_edge, offset, route, separate, spread_along
+from occlog.core.plane import nearest_edge, offset, offset_point, route, separate, spread_along
 
 SQUARE = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
 L_SHAPE = np.array([[0.0, 0], [4, 0], [4, 1], [1, 1], [1, 3], [0, 3]])
@@ -137,7 +137,7 @@ def test_the_nearest_edge_and_the_place_beside_it() -> None:
     k, xy = nearest_edge(SQUARE, np.array([3.0, 0.25]), 0.1)
     assert k == 1
     np.testing.assert_allclose(xy, [1.1, 0.25])
-    np.testing.assert_allclose(beside(SQUARE, 2, np.array([0.5, 1.0]), 0.1), [0.5, 1.1])
+    np.testing.assert_allclose(offset_point(SQUARE, 2, np.array([0.5, 1.0]), 0.1), [0.5, 1.1])
 
 
 @pytest.mark.parametrize("corners", [SQUARE, L_SHAPE], ids=["square", "L"])

@@ -73,7 +73,7 @@ def test_a_value_is_named_with_its_key_difference_and_limit() -> None:
     assert list(found.columns) == ["x", "y"]
     assert found.columns["x"].rows == found.columns["y"].rows == 1
     assert found.first is not None
-    assert (found.first.kind, found.first.place, found.first.column) == ("value", "tracks", "y")
+    assert (found.first.kind, found.first.location, found.first.column) == ("value", "tracks", "y")
     assert found.first.key == {"t_ns": 100, "target_id": 1}
     assert (found.first.a, found.first.b) == (a.y[3], b.y[3])
     assert found.first.difference == pytest.approx(0.5)

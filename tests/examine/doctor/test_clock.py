@@ -45,7 +45,7 @@ def test_a_gap_begins_above_two_and_a_half_intervals() -> None:
     assert judged(clock(with_interval(limit))) == []
     (found,) = judged(clock(with_interval(limit + 1)))
     assert found.kind == "gap"
-    assert found.place == "cam1: after 2023-11-14T22:13:21.900Z"
+    assert found.location == "cam1: after 2023-11-14T22:13:21.900Z"
     assert found.value == "for 0.25 s, where 0.1 s are usual"
     assert found.limit == "0.25 s"
 
@@ -117,7 +117,7 @@ def test_times_before_1970_and_after_2100() -> None:
 def test_a_sensor_of_another_day_is_apart() -> None:
     others = [clock(regular(100), name) for name in ("cam1", "cam2")]
     (found,) = judged(*others, clock(regular(100, start=START - 86400 * NS), "cam3"))
-    assert (found.kind, found.place) == ("clock-apart", "cam3")
+    assert (found.kind, found.location) == ("clock-apart", "cam3")
     (late,) = judged(*others, clock(regular(100, start=START + 30 * NS), "cam3"))
     assert late.kind == "clock-late"
 
@@ -126,7 +126,7 @@ def test_a_sensor_that_is_late_by_a_constant() -> None:
     others = [clock(regular(100, start=START + n * NS // 30), f"cam{n}") for n in range(3)]
     assert judged(*others) == []
     (late,) = judged(*others, clock(regular(100, start=START + 4 * STEP), "cam3"))
-    assert (late.kind, late.place) == ("clock-late", "cam3")
+    assert (late.kind, late.location) == ("clock-late", "cam3")
     (early,) = judged(*others, clock(regular(100, start=START - 4 * STEP), "cam3"))
     assert early.value.startswith("by -0.4")
     # A camera that was switched on later has fewer frames, and its clock is right
@@ -137,7 +137,7 @@ def test_several_rows_of_one_time_count_once_as_of_a_sensor_that_is_late() -> No
     t_ns = regular(100)
     boxes = np.repeat(t_ns, 1 + np.arange(100) % 3)  # one to three people in each frame
     (late,) = judged(clock(boxes, "left", sorted=True), clock(t_ns + 4 * STEP, "right", sorted=True))
-    assert (late.kind, late.place, late.value) == (
+    assert (late.kind, late.location, late.value) == (
         "clock-late",
         "right",
         "by 0.4 s, which an offset of -0.4s takes out",

@@ -122,7 +122,7 @@ def kinds_of(path: Path) -> list[str]:
 def test_tables(tmp_path: Path, change: Callable[[pa.Table], pa.Table], kind: str, place: str, value: str) -> None:
     (found,) = found_in(table(tmp_path / "b.parquet", change))
     assert found.kind == kind
-    assert found.place.startswith(place)
+    assert found.location.startswith(place)
     assert value in found.value
 
 
@@ -131,7 +131,7 @@ def test_every_bad_row_of_a_table_is_found(tmp_path: Path) -> None:
         return put("target_id", 3, -7)(put("target_id", 30, -9)(put("sigma", 20, float("nan"))(t)))
 
     found = found_in(table(tmp_path / "b.parquet", change))
-    assert [(f.place, f.places) for f in found] == [("row 3", 2), ("row 20", 1)]
+    assert [(f.location, f.n_locations) for f in found] == [("row 3", 2), ("row 20", 1)]
 
 
 def test_a_damaged_group_does_not_hide_the_others(tmp_path: Path) -> None:
@@ -145,7 +145,7 @@ def test_a_damaged_group_does_not_hide_the_others(tmp_path: Path) -> None:
     data[last.dictionary_page_offset + last.total_compressed_size - 2] ^= 4
     path.write_bytes(data)
     found = found_in(path)
-    assert [(f.kind, f.place) for f in found] == [("row", "row 3"), ("damaged-table", "rows 20 to 39")]
+    assert [(f.kind, f.location) for f in found] == [("row", "row 3"), ("damaged-table", "rows 20 to 39")]
     assert str(found[1]).count("again") == 1, "the reader says what to do"
 
 
@@ -196,19 +196,19 @@ def test_texts(tmp_path: Path, name: str) -> None:
     path.write_text(text)
     found = found_in(tmp_path)
     assert [f.kind for f in found] == kind.split()
-    assert found[0].place.startswith(place)
+    assert found[0].location.startswith(place)
 
 
 def test_many_bad_rows_are_counted_and_not_listed(tmp_path: Path) -> None:
     rows = "".join(f"{n},a,{'x' * (n % 40 + 1)},2,3,4\n" if n % 100 == 0 else f"{n},a,1,2,3,4\n" for n in range(5000))
     (tmp_path / "a.csv").write_text("frame,camera,left,top,right,bottom\n" + rows)
     (found,) = found_in(tmp_path)
-    assert (found.kind, found.place, found.places) == ("row", "line 2", 50)
+    assert (found.kind, found.location, found.n_locations) == ("row", "line 2", 50)
 
 
 def test_recordings_that_are_whole_have_their_losses_alone(tmp_path: Path) -> None:
     (note,) = found_in(recording(tmp_path / "r.mcap"))
-    assert (note.kind, note.place, note.value) == ("losses", "cam1.avi, frame 3", "gone (1 lost)")
+    assert (note.kind, note.location, note.value) == ("losses", "cam1.avi, frame 3", "gone (1 lost)")
 
 
 def test_recordings_with_flipped_bits_are_read_on(tmp_path: Path) -> None:
@@ -244,7 +244,9 @@ def test_images_that_cannot_be_decoded(tmp_path: Path) -> None:
     images = [image] * 20
     images[3] = images[9] = bytes(broken)
     found = found_in(recording(tmp_path / "r.mcap", images=images))
-    assert [(f.kind, f.place, f.places) for f in found if f.kind != "losses"] == [("image", "camera cam1: frame 3", 2)]
+    assert [(f.kind, f.location, f.n_locations) for f in found if f.kind != "losses"] == [
+        ("image", "camera cam1: frame 3", 2)
+    ]
     (tmp_path / "f0.png").write_bytes(broken)
     assert kinds_of(tmp_path / "f0.png") == ["image"]
 
@@ -252,7 +254,7 @@ def test_images_that_cannot_be_decoded(tmp_path: Path) -> None:
 @pytest.mark.parametrize("true_from", [0, START - 20 * STEP, START + 20 * STEP])
 def test_truth_of_none_of_the_times_of_a_recording(tmp_path: Path, true_from: int) -> None:
     _, found = found_in(recording(tmp_path / "r.mcap", true_from=true_from))
-    assert (found.kind, found.place) == ("truth-apart", "/truth, times")
+    assert (found.kind, found.location) == ("truth-apart", "/truth, times")
     assert found.value.endswith("; the sensors 2023-11-14T22:13:20.000Z to 2023-11-14T22:13:21.900Z")
 
 
@@ -376,7 +378,7 @@ def test_a_clock_that_restarts_is_named_in_tables_of_others(tmp_path: Path) -> N
     path = tmp_path / "d.csv"
     path.write_text(_log(0, 1, 2, 3, 0.5, 1.5, 2.5))
     (found,) = found_in(path)
-    assert (found.kind, found.place, found.places) == ("restart", "line 10", 2)
+    assert (found.kind, found.location, found.n_locations) == ("restart", "line 10", 2)
     assert found.value == "500000000 ns after 3000000000 ns"
     # One behind another, each in its order; and in no order
     path.write_text("time,id,x,y\n" + "".join(f"{t},{who},{t},1\n" for who in (1, 2) for t in range(6)))

@@ -46,7 +46,7 @@ def poses(late_s: float, count: int = 12) -> list[ros.Row]:
 def test_bags_recorded_at_other_times_than_their_stamps(tmp_path: Path, late_s: float, kinds: list[str]) -> None:
     found = found_in(ros.write_mcap(tmp_path / "b.mcap", poses(late_s)))
     assert [f.kind for f in found] == kinds
-    assert all(f.place == "/p" and f"{late_s:.3g}" in f.value for f in found)
+    assert all(f.location == "/p" and f"{late_s:.3g}" in f.value for f in found)
 
 
 def test_recordings_without_an_index(tmp_path: Path) -> None:
@@ -69,7 +69,7 @@ def test_bags_whose_metadata_count_too_few(tmp_path: Path) -> None:
     ros.write_mcap(tmp_path / "b.mcap", poses(0.0, 3))
     ros.write_metadata(tmp_path, ["b.mcap"], {"/p": 2})
     found = one_of(tmp_path)
-    assert (found.kind, found.place) == ("miscounted", "/p")
+    assert (found.kind, found.location) == ("miscounted", "/p")
 
 
 def test_messages_of_bags_that_are_not_of_their_type(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_messages_of_bags_that_are_not_of_their_type(tmp_path: Path) -> None:
         base.execute("UPDATE messages SET data = substr(data, 1, 40) WHERE id = 6")
         base.commit()
     found = found_in(path)
-    assert [(f.kind, f.place) for f in found] == [("lost-message", "/p")]
+    assert [(f.kind, f.location) for f in found] == [("lost-message", "/p")]
 
 
 def test_messages_of_which_the_times_of_recording_alone_are_known(
@@ -87,7 +87,7 @@ def test_messages_of_which_the_times_of_recording_alone_are_known(
     path = ros.write_mcap(tmp_path / "b.mcap", poses(0.0))
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
     found = one_of(path)
-    assert (found.kind, found.place) == ("undecoded", "/p")
+    assert (found.kind, found.location) == ("undecoded", "/p")
     assert "rosbags" in found.value
 
 
@@ -99,7 +99,7 @@ def test_sounds_that_were_cut(tmp_path: Path) -> None:
     assert found_in(path) == []
     path.write_bytes(whole[:-200])
     found = one_of(path)
-    assert (found.kind, found.places, found.value) == ("sound", 100, "the file ends too early")
+    assert (found.kind, found.n_locations, found.value) == ("sound", 100, "the file ends too early")
 
 
 @pytest.mark.parametrize(("shift_ms", "kinds"), [(0, []), (4, []), (20, ["uneven-video"])])

@@ -9,8 +9,8 @@ from occlog.measure.clusters.person_size import (
     SizeMap,
     cell_centres,
     constant_sizes,
+    grid_cell,
     make_prior,
-    place,
     sizes_from_camera,
 )
 from occlog.measure.regions.background import observed_sizes, person_like_blobs
@@ -32,7 +32,7 @@ def camera(z: float, pitch_deg: float, roll_deg: float = 0.0) -> Camera:
 
 
 def at(sizes: SizeMap, pixel: np.ndarray) -> int:
-    return place(make_prior(sizes, 1, 0, 0.1), *pixel)
+    return grid_cell(make_prior(sizes, 1, 0, 0.1), *pixel)
 
 
 @pytest.mark.parametrize("distance", [8.0, 12.0, 18.0])
@@ -90,8 +90,8 @@ def test_cell_centres_cover_the_image_evenly() -> None:
     assert (rows, columns) == (18, 24)
     np.testing.assert_allclose(centres.mean(axis=0), [319.5, 239.5])
     prior = make_prior(constant_sizes((640, 480), 100), 1, 0, 0.1)
-    assert [place(prior, *c) for c in centres] == list(range(rows * columns))
-    assert place(prior, -50.0, 1e6) == (rows - 1) * columns
+    assert [grid_cell(prior, *c) for c in centres] == list(range(rows * columns))
+    assert grid_cell(prior, -50.0, 1e6) == (rows - 1) * columns
 
 
 def scene_of_walkers(n: int) -> tuple[list[np.ndarray], np.ndarray]:

@@ -114,7 +114,7 @@ def test_a_detection_beyond_the_gate_of_the_global_position_is_removed() -> None
 def test_a_lone_line_that_three_cameras_could_confirm_is_not_declared() -> None:
     got = decision(ObjectMemory(), sight([0]))
     assert not got.declared
-    assert got.place is None
+    assert got.position is None
     assert got.kept.tolist() == [False]
 
 

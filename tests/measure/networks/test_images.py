@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from occlog.measure.networks.config import CORNER, IMAGENET, IMAGENET_BGR, LETTERBOX, PAD, RAW, STRETCH, UNIT
-from occlog.measure.networks.network import ImagePlacement, crop, fill, laid, place
+from occlog.measure.networks.network import ImagePlacement, crop, fill, image_placement, laid
 
 SIZES = [(1920, 1080), (1080, 1920), (640, 480), (641, 359), (333, 500), (64, 64), (100, 3), (3, 100), (1, 1)]
 RNG = np.random.default_rng(0)
@@ -32,13 +32,13 @@ def letterboxed(image: np.ndarray, wanted: tuple[int, int]) -> np.ndarray:
 @pytest.mark.parametrize("size", SIZES)
 def test_a_letterbox_is_that_of_ultralytics(size: tuple[int, int], wanted: tuple[int, int]) -> None:
     image = picture(size)
-    where = place(size, wanted, LETTERBOX)
+    where = image_placement(size, wanted, LETTERBOX)
     assert_array_equal(laid(image, wanted, where, smooth=False), letterboxed(image, wanted))
 
 
 def test_a_corner_letterbox_has_its_border_at_the_right_and_below() -> None:
     image = picture((100, 50))
-    out = laid(image, (64, 64), place((100, 50), (64, 64), CORNER), smooth=False)
+    out = laid(image, (64, 64), image_placement((100, 50), (64, 64), CORNER), smooth=False)
     assert (out[32:] == PAD).all()
     assert_array_equal(out[:32], cv2.resize(image, (64, 32), interpolation=cv2.INTER_LINEAR))
 
@@ -46,7 +46,7 @@ def test_a_corner_letterbox_has_its_border_at_the_right_and_below() -> None:
 @pytest.mark.parametrize("fit", [LETTERBOX, CORNER, STRETCH])
 @pytest.mark.parametrize("size", SIZES)
 def test_places_come_back_where_they_were(size: tuple[int, int], fit: str) -> None:
-    where = place(size, (320, 192), fit)
+    where = image_placement(size, (320, 192), fit)
     corners = np.array([[0.0, 0.0, *size], [0.25 * size[0], 0.5 * size[1], 0.75 * size[0], 0.875 * size[1]]])
     scale = np.array([where.x_scale, where.y_scale] * 2)
     there = corners * scale + np.array([where.left, where.top] * 2)

@@ -80,7 +80,7 @@ def test_filters_are_told_of_the_people_who_hide() -> None:
     """Known positions at a frame are those by which its detections are dropped; priors are near them."""
     recorded = small()
     crowd = crowd_of(recorded, 3)
-    times = recorded.places.t_ns
+    times = recorded.positions.t_ns
     np.testing.assert_array_equal(np.unique(crowd.people.t_ns), times)
     known, vague = (OccluderFeed([crowd.priors[k]], DIAMETER, 10**9) for k in ("known", "kalman"))
     for t in times.tolist():

@@ -64,7 +64,7 @@ def test_truth_is_every_target_in_every_frame_and_view_with_its_radius() -> None
     truth, radius, _ = made_up(frames=3, views=2, targets=2)
     assert len(truth.frame) == 12
     np.testing.assert_allclose(radius, 10.0)
-    np.testing.assert_allclose(truth.place[:2], [[-10, -10, 20, 20], [40, -10, 20, 20]])
+    np.testing.assert_allclose(truth.position[:2], [[-10, -10, 20, 20], [40, -10, 20, 20]])
 
 
 def test_boxes_hold_their_ellipses() -> None:
@@ -202,7 +202,7 @@ def test_exchanged_trackers_are_in_each_others_place() -> None:
     runner = runner_of(config, {"seed": 5}, {"method": "bmct", "wrong": [1, 0, 2, 3]})
     frame = next(render_balls(config, 5))
     state = initial_state(views_world.views_of(config), runner.geometry, runner.config)
-    state = initiate_trackers(state, views_world.looks_of(frame, 2), runner.births)
+    state = initiate_trackers(state, views_world.frame_set_of(frame, 2), runner.births)
     assert runner.exchange == (1, 0, 2, 3)
     t, after = state.trackers, follow.exchanged(state, 1, 0, 2).trackers
     np.testing.assert_array_equal(after.target, t.target)

@@ -72,7 +72,7 @@ def test_measurements_have_the_stated_noise() -> None:
     for n in range(10):
         problem = example(0, n, 200)
         at = sightings(problem.bearings, problem.truth.t_ns)
-        away = np.column_stack([problem.truth.x, problem.truth.y])[at.state] - at.place
+        away = np.column_stack([problem.truth.x, problem.truth.y])[at.state] - at.position
         d, h = np.sum(away * at.axis, axis=1), at.axis[:, 0] * away[:, 1] - at.axis[:, 1] * away[:, 0]
         assert (np.hypot(d, h) <= 3.5).all()
         residuals.append(at.reading - h / d)

@@ -103,7 +103,7 @@ def test_a_folder_above_a_linked_one_is_the_one_that_the_system_means(tmp_path: 
     touch(tmp_path, "one/deep/hall.mcap", "one/yard.mcap", "yard.mcap")
     (tmp_path / "link").symlink_to("one/deep")
     (found,) = sources_of([str(tmp_path / "link/../yard.mcap")])
-    assert found.place == str(tmp_path.resolve() / "one" / "yard.mcap")
+    assert found.location == str(tmp_path.resolve() / "one" / "yard.mcap")
 
 
 def test_names_of_points_are_no_folders_above(tmp_path: Path) -> None:

@@ -481,6 +481,6 @@ def update(
                     merges[l] += r[a] * r[b] * np.array([merged, min(merged + apart, 1.0)])
     return {
         "mean": m, "covariance": P, "information": J.sum(axis=0), "vector": h.sum(axis=0),
-        "existence": 1.0 / (1.0 + np.exp(-odds)), "visible": visible, "detection": detection, "share": share,
+        "existence": 1.0 / (1.0 + np.exp(-odds)), "visible": visible, "detection": detection, "beta": share,
         "joint": joint, "free": free, "owner": owner, "cuts": cuts, "odd": odd, "wrong": wrong, "merges": merges,
     }  # fmt: skip

@@ -42,7 +42,7 @@ def plain_cost(problem: TrajectoryProblem, X) -> float:
         total += 0.5 * nu @ np.linalg.inv(s.sigma[kind]) @ nu
     for n, t in enumerate(lines.step):
         along, across = lines.axis[n], np.array([-lines.axis[n, 1], lines.axis[n, 0]])
-        away = X[t, [0, 2]] - lines.place[n]
+        away = X[t, [0, 2]] - lines.position[n]
         d, h = along @ away, across @ away
         if lines.direction[n]:
             r = math.atan2(h, d) / math.sqrt(lines.c0[n])

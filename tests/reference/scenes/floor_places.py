@@ -28,7 +28,7 @@ def places_at(moment, at, worth, looks=None, sums=None):
     h = np.einsum("nij,nj->ni", J, state)
     c = np.asarray(worth) - 0.5 * np.einsum("ni,ni->n", h, state)
     return TrackletNodes(
-        moment=np.asarray(moment),
+        step=np.asarray(moment),
         time=0.5 * np.asarray(moment),
         at=np.asarray(at, dtype=float),
         J=J,

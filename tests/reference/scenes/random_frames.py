@@ -39,7 +39,7 @@ class Scene(NamedTuple):
                     int(b.camera[k]),
                     float(b.delay[k]),
                     b.box[here],
-                    b.believed[here],
+                    b.usable[here],
                     b.clutter[here],
                     self.features[:, here],
                 )
@@ -71,7 +71,7 @@ def random_scene(seed: int, people: int = 5, cameras: int = 3) -> Scene:
     ]  # fmt: skip
     rates = DetectorModel(
         detection=np.array([d.detection for d in detectors]), curve=curve, cut=cut, wrong=wrong,
-        bias=np.array([d.bias for d in detectors]), noise=noise, sway=sway,
+        bias=np.array([d.bias for d in detectors]), noise=noise, gait_variance=sway,
         lasting=np.array([d.lasting for d in detectors]), merge=np.array([d.merge for d in detectors]), slow=slow,
     )  # fmt: skip
     where = rng.uniform([1.5, 1.5], [5.5, 4.5], (people, 2))

@@ -42,8 +42,8 @@ def test_looks_are_the_same_in_chunks_of_any_length(rows: int, block: int) -> No
         for target in (0, 1, -1):
             got, wanted = found.sightings(name, target), whole.sightings(name, target)
             assert (got.sensor, got.any_object) == (name, wanted.any_object)
-            for column in ("edges", "looked", "seen"):
+            for column in ("edges", "observed", "seen"):
                 np.testing.assert_array_equal(getattr(got, column), getattr(wanted, column))
-            frames.add(min(int(wanted.looked.sum()), CELLS + 1))
+            frames.add(min(int(wanted.observed.sum()), CELLS + 1))
     # No frame at all, frames drawn one by one, and cells of several frames
     assert {0, CELLS + 1} < frames

@@ -48,7 +48,7 @@ def test_figures_are_the_same_in_chunks_of_any_length(rows: int) -> None:
     np.testing.assert_array_equal(found.drawn, ids[sorted(longest, key=lambda k: first[k])])
     for camera in ("a", "ab", "b"):
         got = found.sightings(camera)
-        assert got.looked.sum() == len(tracks)
+        assert got.observed.sum() == len(tracks)
         assert got.share == pytest.approx(np.mean([camera in text.split(",") for text in tracks.seen_by.tolist()]))
 
 

@@ -51,16 +51,16 @@ def test_dashes_leave_gaps_and_help_makes_lines_thick():
 
 def test_true_places_are_crosses_or_boxes_and_missed_ones_red():
     box = np.array([40.0, 30.0, 20.0, 40.0])
-    picture = draw_shot(GREY, FrameDrawing("a", places=[TruePosition(box, 1)]), 1.0)
+    picture = draw_shot(GREY, FrameDrawing("a", positions=[TruePosition(box, 1)]), 1.0)
     assert near(picture, 50, 50, colour_of(1), 1)
     assert not near(picture, 40, 50, colour_of(1))
     assert near(
-        draw_shot(GREY, FrameDrawing("a", places=[TruePosition(box, 1)], boxed=True), 1.0), 40, 50, colour_of(1), 1
+        draw_shot(GREY, FrameDrawing("a", positions=[TruePosition(box, 1)], boxed=True), 1.0), 40, 50, colour_of(1), 1
     )
     assert near(
-        draw_shot(GREY, FrameDrawing("a", places=[TruePosition(box, 1, 1.0, True)]), 1.0), 40, 50, draw.ALARM, 1
+        draw_shot(GREY, FrameDrawing("a", positions=[TruePosition(box, 1, 1.0, True)]), 1.0), 40, 50, draw.ALARM, 1
     )
-    seen, hidden = (drawn(FrameDrawing("a", places=[TruePosition(box, 1, v)], boxed=True)).sum() for v in (1.0, 0.1))
+    seen, hidden = (drawn(FrameDrawing("a", positions=[TruePosition(box, 1, v)], boxed=True)).sum() for v in (1.0, 0.1))
     assert hidden < 0.9 * seen
 
 

@@ -139,14 +139,14 @@ def test_failures_and_truth():
     first = OverlayFrameRows(tracks(scene.cameras[0], ["", "", ""], ["", "", ""]), boxes, failures)
     shot = frame_shot(0, 7, [first, OverlayFrameRows(None, None, None)], rig(scene))
     assert [o.wrong for o in shot.outlines] == ["on 2", "", ""]
-    assert [(p.target_id, p.missed) for p in shot.places] == [(1, True), (2, False)]
-    assert np.isnan(shot.places[0].visible)
+    assert [(p.target_id, p.missed) for p in shot.positions] == [(1, True), (2, False)]
+    assert np.isnan(shot.positions[0].visible)
     assert shot.notes == ["target 5: no tracker"]
     assert not shot.boxed
     own = frame_shot(0, 7, [first, OverlayFrameRows(None, None, None)], rig(scene)._replace(numbered=False))
     assert [o.wrong for o in own.outlines] == ["", "", ""]
     assert own.notes == ["target 5: no tracker", "a tracker of target 0 is on target 2"]
-    assert [p.coloured for p in own.places] == [False, False]
+    assert [p.coloured for p in own.positions] == [False, False]
     alone = frame_shot(0, 7, [OverlayFrameRows(None, boxes, None), OverlayFrameRows(None, None, None)], rig(scene))
     assert alone.boxed
     assert alone.outlines == alone.lines == alone.links == []
@@ -169,4 +169,4 @@ def test_a_frame_without_any_target_draws_nothing():
     )
     empty = tracks(scene.cameras[0], [], [], ())
     shot = frame_shot(0, 7, [OverlayFrameRows(empty, nobody, None), OverlayFrameRows(None, None, None)], rig(scene))
-    assert shot.places == shot.outlines == []
+    assert shot.positions == shot.outlines == []

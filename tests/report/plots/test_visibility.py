@@ -36,7 +36,7 @@ def sightings(table: Bearings, sensor: str, target: int) -> SensorSightings:
 
 def test_each_frame_lasts_to_the_next_and_a_gap_is_no_frame() -> None:
     found = sightings(looks([0, 10, 20, 100, 110], [True, False, True, True, False]), "a", 0)
-    state = [(int(e), int(n), int(s)) for e, n, s in zip(found.edges, found.looked, found.seen, strict=False)]
+    state = [(int(e), int(n), int(s)) for e, n, s in zip(found.edges, found.observed, found.seen, strict=False)]
     assert state == [(0, 1, 1), (10, 1, 0), (20, 1, 1), (35, 0, 0), (100, 1, 1), (110, 1, 0)]
     assert found.edges[-1] == 120
     assert found.share == pytest.approx(3 / 5)
@@ -44,14 +44,14 @@ def test_each_frame_lasts_to_the_next_and_a_gap_is_no_frame() -> None:
 
 def test_candidates_of_one_frame_are_one_look() -> None:
     found = sightings(looks([0, 0, 10, 20], [True, False, False, False], target=-1), "a", -1)
-    assert found.looked.tolist() == [1, 1, 1]
+    assert found.observed.tolist() == [1, 1, 1]
     assert found.seen.tolist() == [1, 0, 0]
 
 
 def test_a_single_frame_and_no_frame() -> None:
     assert sightings(looks([5], [True]), "a", 0).seen.tolist() == [1]
     nothing = sightings(looks([5], [True]), "b", 0)
-    assert len(nothing.looked) == 0
+    assert len(nothing.observed) == 0
     assert np.isnan(nothing.share)
 
 
@@ -60,8 +60,8 @@ def test_long_recordings_keep_their_counts() -> None:
     n = 20_000
     seen = rng.random(n) < 0.3
     found = sightings(looks(list(range(0, 10 * n, 10)), seen.tolist()), "a", 0)
-    assert len(found.looked) == CELLS
-    assert found.looked.sum() == n
+    assert len(found.observed) == CELLS
+    assert found.observed.sum() == n
     assert found.seen.sum() == seen.sum()
 
 
@@ -88,7 +88,7 @@ def test_a_sensor_that_names_no_target_has_its_candidates_counted() -> None:
 @pytest.mark.parametrize(("next_ns", "frames"), [(35, [1, 1, 1, 1, 1]), (36, [1, 1, 1, 0, 1, 1])])
 def test_a_frame_lasts_at_most_half_as_long_again_as_usual(next_ns: int, frames: list[int]) -> None:
     t_ns = [0, 10, 20, next_ns, next_ns + 10]
-    assert sightings(looks(t_ns, [True] * 5), "a", 0).looked.tolist() == frames
+    assert sightings(looks(t_ns, [True] * 5), "a", 0).observed.tolist() == frames
 
 
 @pytest.mark.parametrize(
@@ -100,10 +100,10 @@ def test_fewer_cells_have_the_same_frames_and_borders(cells: int, most: int, lef
     edges = np.cumsum(rng.integers(1, 9, cells + 1))
     fine = SensorSightings("a", edges, looked, rng.integers(0, looked + 1))
     coarse = coarser(fine, most)
-    assert len(coarse.looked) == len(coarse.seen) == len(coarse.edges) - 1 == left
+    assert len(coarse.observed) == len(coarse.seen) == len(coarse.edges) - 1 == left
     assert (coarse.edges[0], coarse.edges[-1]) == (edges[0], edges[-1])
     for k, (start, stop) in enumerate(itertools.pairwise(coarse.edges.tolist())):
         own = (edges[:-1] >= start) & (edges[:-1] < stop)
-        assert coarse.looked[k] == looked[own].sum()
+        assert coarse.observed[k] == looked[own].sum()
         assert coarse.seen[k] == fine.seen[own].sum()
     assert coarse.share == fine.share

@@ -54,7 +54,7 @@ def brightness(data: bytes) -> float:
 
 def test_all_moments_are_there_where_they_fit(recording: Path) -> None:
     found = thumbnails(recording, None, [], 10**7)
-    assert (found.moments, found.of, found.words) == (FRAMES, FRAMES, "")
+    assert (found.n_steps, found.of, found.words) == (FRAMES, FRAMES, "")
     assert [t for t, _ in found.cameras["cam1"]] == [n * STEP for n in range(FRAMES)]
     assert [t for t, _ in found.cameras["cam2"]] == [n * STEP for n in range(0, FRAMES, 2)]
     for t, data in found.cameras["cam2"]:
@@ -66,8 +66,8 @@ def test_a_limit_is_kept_and_moments_are_evenly_spaced(recording: Path) -> None:
     limit = 5 * whole
     found = thumbnails(recording, None, [], limit)
     assert sum(len(text) for each in found.packed(0) for text in each["data"]) <= limit
-    assert 3 <= found.moments <= 5
-    assert found.words == f"Images: {found.moments} of {FRAMES} time steps."
+    assert 3 <= found.n_steps <= 5
+    assert found.words == f"Images: {found.n_steps} of {FRAMES} time steps."
     assert np.ptp(np.diff([t for t, _ in found.cameras["cam1"]])) <= STEP
     times = np.frombuffer(base64.b64decode(found.packed(STEP)[0]["times"][1]))
     np.testing.assert_allclose(times, [t / 1e9 - 0.1 for t, _ in found.cameras["cam1"]])

@@ -84,7 +84,7 @@ def test_fixed_errors_are_found_and_make_the_track_better(mode):
         belief = state.calibration.belief
         miss = (belief.mean - true_errors(scene, seed)).ravel()
         squares.append(miss @ np.linalg.solve(belief.covariance, miss) / miss.size)
-        assert state.calibration.believed
+        assert state.calibration.converged
         assert found[-1].calibration.mean == pytest.approx(belief.mean)
     assert np.mean(ratios) < 0.97
     # 54 squares of normal deviates: their mean is 1 +- 0.19.
@@ -97,7 +97,7 @@ def test_white_noise_is_not_taken_for_errors_that_stay():
     _, scans, xy = recorded(scene, "white", 1, 200)
     plain = run(scene, scans)[1]
     state, found = run(scene, scans, calibrate="joint")
-    assert not state.calibration.believed
+    assert not state.calibration.converged
     assert state.calibration.belief.log_odds < 0.0
     assert rmse(found, xy, 20) < 1.05 * rmse(plain, xy, 20)
 

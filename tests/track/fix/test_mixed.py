@@ -32,7 +32,7 @@ def measured(
         kind=np.full(n, kind),
         value=np.zeros(n),
         sigma=np.full(n, sigma),
-        place=own,
+        position=own,
         rise2=np.full(n, rise2),
         other=np.tile(places[0], (n, 1)) if kind == DIFFERENCE else own,
         other_rise2=np.full(n, rise2),
@@ -78,7 +78,7 @@ def test_one_false_range_of_five_is_found() -> None:
     rows.value[1] += 2.0  # a reflection
     found = modes_of(NO_LINES, rows)
     np.testing.assert_allclose(found.xy[0], [3.0, 4.0], atol=1e-6)
-    assert (found.believed[0] > 0.5).tolist() == [True, False, True, True, True]
+    assert (found.inlier_probability[0] > 0.5).tolist() == [True, False, True, True, True]
 
 
 def test_one_range_tells_no_place_and_neither_does_nothing() -> None:
@@ -190,7 +190,9 @@ def test_with_a_false_range_of_four_rows_that_nothing_contests_are_near_the_boun
         found = modes_of(NO_LINES, rows)
         squares.append(((found.xy[0] - xy) ** 2).sum())
         flags.append(
-            has_rival_mode(found) or (found.believed[0] >= 0.5).sum() <= 2 or found.probability[1:2].sum() > 0.05
+            has_rival_mode(found)
+            or (found.inlier_probability[0] >= 0.5).sum() <= 2
+            or found.probability[1:2].sum() > 0.05
         )
         true = np.delete(np.arange(4), trial % 4)
         bounds.append(np.trace(np.linalg.inv(information(rows.take(true), np.tile(xy, (3, 1))).sum(axis=0))))

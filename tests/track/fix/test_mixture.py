@@ -28,7 +28,7 @@ def test_exact_bearings_give_the_place(n: int) -> None:
     xy = np.array([3.0, 5.0])
     found = modes(PLACES[:n], towards(PLACES[:n], xy), np.full(n, 0.01), BEND)
     assert_allclose(found.xy[0], xy, atol=1e-8)
-    assert_allclose(found.believed[0], 1.0, atol=2e-3)
+    assert_allclose(found.inlier_probability[0], 1.0, atol=2e-3)
     away = xy - PLACES[:n]
     across = np.column_stack([-away[:, 1], away[:, 0]]) / (away**2).sum(axis=1)[:, None]
     assert_allclose(found.covariance[0], 0.01**2 * np.linalg.inv(across.T @ across), rtol=5e-3)
@@ -42,7 +42,7 @@ def test_the_bearing_that_disagrees_with_the_others_is_false(liar: int) -> None:
     bearings[liar] += 0.4
     found = modes(PLACES[:4], bearings, sigma, BEND)
     assert np.hypot(*(found.xy[0] - xy)) < 0.15
-    assert (found.believed[0] < 0.5).tolist() == [k == liar for k in range(4)]
+    assert (found.inlier_probability[0] < 0.5).tolist() == [k == liar for k in range(4)]
     assert found.probability[0] > 0.8
 
 

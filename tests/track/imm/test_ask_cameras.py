@@ -37,7 +37,7 @@ def ask(number, place, *, label=-1, sigma=1.0, cause="spread"):
 def test_the_best_pair_is_asked_and_finds_the_target():
     (request,) = requests(standing()).ask([ask(0, HERE)], [], 0)
     assert request.frames == 2
-    np.testing.assert_allclose(request.answer.place, HERE, atol=1e-9)
+    np.testing.assert_allclose(request.answer.position, HERE, atol=1e-9)
     assert request.answer.label == 0
     # The same by the Fisher information of every pair
     best = min((("c1", "c2"), ("c1", "c3"), ("c2", "c3")), key=lambda p: variance(p, HERE))
@@ -69,32 +69,32 @@ def test_frames_of_one_time_are_counted_once():
 def test_whom_else_the_frames_show_is_told_too():
     found = requests(standing()).ask([ask(0, HERE)], [ask(4, THERE, cause="shared")], 0)
     assert [(r.answer.ask.number, r.frames) for r in found] == [(0, 2), (4, 0)]
-    np.testing.assert_allclose(found[1].answer.place, THERE, atol=1e-9)
+    np.testing.assert_allclose(found[1].answer.position, THERE, atol=1e-9)
     nobody = requests(standing(places=(HERE,))).ask([ask(0, HERE)], [ask(4, THERE, cause="shared")], 0)
     assert [r.answer.ask.number for r in nobody] == [0]
 
 
 def test_labels_go_before_distance():
     found = requests(standing()).ask([ask(0, THERE, label=0), ask(1, HERE, label=1)], [], 0)
-    np.testing.assert_allclose(found[0].answer.place, HERE, atol=1e-9)
-    np.testing.assert_allclose(found[1].answer.place, THERE, atol=1e-9)
+    np.testing.assert_allclose(found[0].answer.position, HERE, atol=1e-9)
+    np.testing.assert_allclose(found[1].answer.position, THERE, atol=1e-9)
 
 
 def test_another_ones_label_is_nobody_elses_place():
     found = requests(standing(places=(HERE,))).ask([ask(1, HERE), ask(0, THERE, label=0)], [], 0)
-    assert found[0].answer.place is None
-    np.testing.assert_allclose(found[1].answer.place, HERE, atol=1e-9)
+    assert found[0].answer.position is None
+    np.testing.assert_allclose(found[1].answer.position, HERE, atol=1e-9)
 
 
 def test_candidates_without_labels_are_matched_by_distance():
     found = requests(standing(labels=False)).ask([ask(0, (12.3, 8.7)), ask(1, (8.8, 6.3))], [], 0)
-    np.testing.assert_allclose(found[0].answer.place, THERE, atol=1e-9)
-    np.testing.assert_allclose(found[1].answer.place, HERE, atol=1e-9)
+    np.testing.assert_allclose(found[0].answer.position, THERE, atol=1e-9)
+    np.testing.assert_allclose(found[1].answer.position, HERE, atol=1e-9)
 
 
 def test_nobody_near_is_no_answer():
     (request,) = requests(standing(labels=False)).ask([ask(0, (3.0, 13.0), sigma=0.3)], [], 0)
-    assert request.answer.place is None
+    assert request.answer.position is None
     assert request.frames == 2
 
 
@@ -102,7 +102,7 @@ def test_nobody_near_is_no_answer():
 def test_old_frames_are_none(age_s, frames):
     (request,) = requests(standing()).ask([ask(0, HERE)], [], round(age_s * NS))
     assert request.frames == frames
-    assert (request.answer.place is not None) == (frames == 2)
+    assert (request.answer.position is not None) == (frames == 2)
 
 
 def test_older_frames_tell_a_place_less_well():
@@ -112,13 +112,13 @@ def test_older_frames_tell_a_place_less_well():
 
 def test_with_one_camera_nothing_is_asked():
     (request,) = requests(standing(only=("c1",))).ask([ask(0, HERE)], [], 0)
-    assert (request.cameras, request.frames, request.answer.place) == ((), 0, None)
+    assert (request.cameras, request.frames, request.answer.position) == ((), 0, None)
 
 
 def test_who_is_found_twice_is_the_first_ones():
     looks = [(0, c.name, 3, math.atan2(HERE[1] - c.position[1], HERE[0] - c.position[0]), 0.01) for c in SCENE.cameras]
     found = requests(table(looks)).ask([ask(0, HERE), ask(1, (9.2, 6.1))], [], 0)
-    assert [r.answer.place is not None for r in found].count(True) == 1
+    assert [r.answer.position is not None for r in found].count(True) == 1
 
 
 def deviation_ratio(place):
@@ -144,7 +144,7 @@ def test_answers_that_take_their_time_are_about_older_frames():
     now = int(moving.t_ns[-1])
     (late,) = requests(moving, config=slow).ask([ask(0, HERE, label=0)], [], now)
     (early,) = requests(moving).ask([ask(0, HERE, label=0)], [], now)
-    np.testing.assert_allclose(early.answer.place - late.answer.place, [1.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose(early.answer.position - late.answer.position, [1.0, 0.0], atol=1e-6)
     # ... whose covariance is widened by what the target may have walked since
     assert late.answer.covariance[0, 0] > early.answer.covariance[0, 0] + 0.5 * CONFIG.sigma_initial_velocity**2
 
@@ -152,5 +152,5 @@ def test_answers_that_take_their_time_are_about_older_frames():
 def test_nothing_is_known_before_the_first_answer_could_have_come():
     slow = replace(CONFIG, answer_delay_s=1.0)
     (request,) = requests(standing(), config=slow).ask([ask(0, HERE)], [], 0)
-    assert request.answer.place is None
+    assert request.answer.position is None
     assert request.frames == 0

@@ -129,7 +129,7 @@ def test_association_any_is_the_filter_of_the_kernel():
     world = make_world(SCENE, config)
     moved = move_track(world, state.tracks[0], 1.0, np.random.default_rng(2))
     prior = imm.prior_weights(cloud.models, 3, None)
-    weights = imm.update_weights(moved.predicted, prior, heard.bearing, heard.sigma, world.places[0])
+    weights = imm.update_weights(moved.predicted, prior, heard.bearing, heard.sigma, world.positions[0])
     expected = imm.moments(moved.predicted, weights.total)
     np.testing.assert_allclose(report.beliefs[0].estimate.mean, expected.mean, rtol=1e-12)
 
@@ -143,7 +143,7 @@ def test_existence_and_sound_follow_bayes(unheard):
     states = track.cloud.states[None]
     none = np.empty(0)
     silent = bearing_fit(
-        states, np.full((1, 1000), 1e-3), bearing=none, sigma=none, position=world.places[0], reach=9.0
+        states, np.full((1, 1000), 1e-3), bearing=none, sigma=none, position=world.positions[0], reach=9.0
     )
     d = 0.9 * silent.reached
     states = {"none": 0.4, "silent": 0.6 * 0.3, "missed": 0.6 * 0.7 * (1 - d)}
@@ -161,7 +161,7 @@ def test_births_are_on_the_sight_line_in_range_and_room():
     track = track_on_bearing(
         world, 0, math.radians(30.0), math.radians(1.0), 5, UNLABELLED_TRACK, np.random.default_rng(0)
     )
-    xy = track.cloud.states[:, ::2] - world.places[0]
+    xy = track.cloud.states[:, ::2] - world.positions[0]
     assert len(xy) == 6000
     np.testing.assert_allclose(np.degrees(np.arctan2(xy[:, 1], xy[:, 0])), 30.0, atol=5.0)
     far = np.hypot(*xy.T)

@@ -94,7 +94,7 @@ def test_more_bearings_than_targets_ask_who_is_there():
     state = state._replace(world=state.world._replace(config=replace(state.world.config, triggers="count")))
     found, _ = requests_after_scan(state, report, RequestMemory(), RNG(0))
     assert [a.number for a in found] == [0, TENTATIVE]
-    away = found[1].place - SCENE.arrays[0].position[:2]
+    away = found[1].position - SCENE.arrays[0].position[:2]
     assert math.degrees(math.atan2(away[1], away[0])) == pytest.approx(10.0, abs=3.0)
 
 

@@ -59,7 +59,7 @@ def test_hints_go_with_the_person_who_had_them() -> None:
     people, none = two(), np.zeros((2, 0))
     seen = [look(np.nan, [5, 6], none)]
     cues = update_features(
-        empty_features(1), people, seen, 0, share=np.eye(2), free=np.zeros(2), sure=np.ones(2, dtype=bool)
+        empty_features(1), people, seen, 0, beta=np.eye(2), free=np.zeros(2), sure=np.ones(2, dtype=bool)
     )
     added, _ = log_feature_ratios(cues, people, [look(np.nan, [6, 9], none)], 0)
     np.testing.assert_allclose(added, [[LOG_RATIO_OTHER_TRACKLET, 0.0], [LOG_RATIO_SAME_TRACKLET, 0.0]])
@@ -73,7 +73,7 @@ def test_appearance_counts_once_it_tells_people_apart() -> None:
         colours = np.abs(np.array([[0.8, 0.1, 0.1], [0.1, 0.1, 0.8]]) + rng.normal(0.0, 0.02, (2, 3)))
         seen = [look(0.9, [NO_ID, NO_ID], colours)]
         added, anybody = log_feature_ratios(cues, people, seen, 3)
-        cues = update_features(cues, people, seen, 3, share=np.eye(2), free=np.zeros(2), sure=np.ones(2, dtype=bool))
+        cues = update_features(cues, people, seen, 3, beta=np.eye(2), free=np.zeros(2), sure=np.ones(2, dtype=bool))
     assert added[0, 0] > 1.0
     assert added[0, 1] < -1.0
     np.testing.assert_array_equal(anybody, 0.0)

@@ -48,7 +48,7 @@ def look_at(count: int) -> PackedDetections:
     """One look with so many boxes."""
     return PackedDetections(
         camera=np.zeros(1, dtype=np.int64), delay=np.zeros(1), first=np.array([0, count]), box=np.zeros((count, 4)),
-        believed=np.ones((count, 4), dtype=bool), clutter=np.zeros(count),
+        usable=np.ones((count, 4), dtype=bool), clutter=np.zeros(count),
     )  # fmt: skip
 
 
@@ -58,7 +58,7 @@ def seen(visible: float, found: int) -> JipdaResult:
     share = np.eye(N)[:, :found]
     return JipdaResult(
         mean=zero, covariance=np.zeros((N, 6, 6)), information=np.zeros((N, 6, 6)), vector=zero,
-        existence=np.full(N, 0.99), visible=np.full((1, N), visible), detection=np.full((1, N), 0.8), share=share,
+        existence=np.full(N, 0.99), visible=np.full((1, N), visible), detection=np.full((1, N), 0.8), beta=share,
         joint=np.zeros_like(share), free=1.0 - share.sum(axis=0), owner=np.arange(found), cuts=np.array([1.0, 1.0]),
         odd=np.zeros(found), wrong=np.array([0.0, found]), merges=np.zeros((1, 2)),
     )  # fmt: skip

@@ -224,7 +224,7 @@ def test_people_are_kept_apart_once_in_a_while_however_often_cameras_look() -> N
         2 * EXCLUSION_INTERVAL_NS,
     ):
         state, _ = step(state, [look._replace(t_ns=t_ns) for look in made.moments[0]])
-        kept.append(state.apart_ns)
+        kept.append(state.exclusion_ns)
     assert kept == [0, 0, EXCLUSION_INTERVAL_NS, EXCLUSION_INTERVAL_NS, 2 * EXCLUSION_INTERVAL_NS]
     state = initial_state(made.scene, made.scene.cameras, JipdaConfig(exclusion_radius=0.0))
-    assert step(state, made.moments[0])[0].apart_ns is None
+    assert step(state, made.moments[0])[0].exclusion_ns is None

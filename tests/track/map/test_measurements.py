@@ -83,7 +83,7 @@ def test_residuals_vanish_at_the_place_that_was_seen() -> None:
     assert_allclose(residuals(lines, states(xy)), 0.0, atol=1e-9)
     c = ~lines.direction
     h_d = lines.reading[c] / FOCAL
-    away = xy[lines.step[c]] - lines.place[c]
+    away = xy[lines.step[c]] - lines.position[c]
     d = np.einsum("ni,ni->n", away, lines.axis[c])
     want = FOCAL**2 * (1 + h_d**2) ** 2 * 0.01**2 + FOCAL**2 * (1 + h_d**2) * 0.1**2 / d**2 + 0.5**2
     assert_allclose(lines.c0[c] + lines.c1[c] / d**2, want)
@@ -162,7 +162,7 @@ def test_the_pocket_of_an_l_shaped_room_is_a_wall() -> None:
     assert (open_.hull, open_.walls, open_.blockers) == (None, (), ((),))
     moved = stations(scene, np.array([100.0, 7.0]), wall_constraints=True)
     assert_allclose(moved.walls[0], pocket - [100.0, 7.0])
-    assert_allclose(moved.place, at.place - [100.0, 7.0])
+    assert_allclose(moved.position, at.position - [100.0, 7.0])
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -39,13 +39,13 @@ def some(*rows: tuple[str, int, int, float, float, float, float]) -> Boxes:
 
 def test_every_frame_is_a_look_also_one_without_boxes() -> None:
     found = looks(some(("a", 0, 0, 10, 10, 20, 60), ("a", 0, 1, 90, 10, 20, 60), ("b", 0, -1, 0, 0, 0, 0)))
-    assert [(each.look.t_ns, each.look.camera, each.frame, each.box.tolist()) for each in found] == [
+    assert [(each.detections.t_ns, each.detections.camera, each.frame, each.box.tolist()) for each in found] == [
         (0, 0, 0, [0, 1]),
         (0, 1, 0, []),
     ]
-    assert found[0].look.boxes.tolist() == [[10, 10, 30, 70], [90, 10, 110, 70]]
-    assert found[0].look.tracklet_id.tolist() == [7, 7]
-    assert found[0].look.row.tolist() == [0, 1]
+    assert found[0].detections.boxes.tolist() == [[10, 10, 30, 70], [90, 10, 110, 70]]
+    assert found[0].detections.tracklet_id.tolist() == [7, 7]
+    assert found[0].detections.row.tolist() == [0, 1]
 
 
 def test_where_chunks_are_cut_does_not_matter() -> None:
@@ -55,9 +55,13 @@ def test_where_chunks_are_cut_does_not_matter() -> None:
         parts = looks(*(whole.take(slice(k, k + cut)) for k in range(0, len(whole), cut)))
         assert len(parts) == len(once)
         for one, other in zip(once, parts, strict=True):
-            assert (one.look.t_ns, one.look.camera, one.frame) == (other.look.t_ns, other.look.camera, other.frame)
-            np.testing.assert_array_equal(one.look.boxes, other.look.boxes)
-            np.testing.assert_array_equal(one.look.row, other.look.row)
+            assert (one.detections.t_ns, one.detections.camera, one.frame) == (
+                other.detections.t_ns,
+                other.detections.camera,
+                other.frame,
+            )
+            np.testing.assert_array_equal(one.detections.boxes, other.detections.boxes)
+            np.testing.assert_array_equal(one.detections.row, other.detections.row)
 
 
 def test_a_box_outside_the_image_is_left_out_and_one_at_its_border_is_not() -> None:
@@ -107,7 +111,7 @@ def test_frames_that_a_table_leaves_out_are_looks_at_nobody() -> None:
         frame=np.array([3, 0, 1, 6, 10]),
     )
     found = list(frames_without_boxes([times.take(slice(0, 2)), times.take(slice(2, None))], {"a": 0, "b": 1}))
-    assert [(e.look.t_ns / MS, e.look.camera, e.frame) for e in found] == [
+    assert [(e.detections.t_ns / MS, e.detections.camera, e.frame) for e in found] == [
         (80, 1, 2),
         (100, 0, 4),
         (120, 1, 3),
@@ -119,7 +123,7 @@ def test_frames_that_a_table_leaves_out_are_looks_at_nobody() -> None:
         (320, 1, 8),
         (360, 1, 9),
     ]
-    assert all(not len(e.look.boxes) for e in found)
+    assert all(not len(e.detections.boxes) for e in found)
     assert list(frames_without_boxes([times], {"c": 0})) == []
 
 
@@ -143,7 +147,7 @@ def look_at(t_ns: int, c: int) -> FrameDetectionsWithIds:
 
 
 def replace_time(found: FrameDetectionsWithIds, t_ns: int, c: int) -> FrameDetectionsWithIds:
-    return found._replace(look=found.look._replace(t_ns=t_ns, camera=c))
+    return found._replace(detections=found.detections._replace(t_ns=t_ns, camera=c))
 
 
 @pytest.mark.parametrize(("window", "sizes"), [(0, [1, 1, 1, 1]), (9, [1, 1, 2]), (10, [2, 2])])
@@ -154,16 +158,16 @@ def test_looks_within_the_window_are_one_moment(window: int, sizes: list[int]) -
 
 def test_a_camera_looks_once_in_a_moment() -> None:
     stream = [look_at(0, 0), look_at(1, 0), look_at(2, 1)]
-    assert [[e.look.t_ns for e in m] for m in group_time_steps(stream, 100)] == [[0], [1, 2]]
+    assert [[e.detections.t_ns for e in m] for m in group_time_steps(stream, 100)] == [[0], [1, 2]]
 
 
 def test_streams_are_put_in_the_order_of_time() -> None:
     found = in_order([look_at(0, 1), look_at(20, 1)], [look_at(0, 0), look_at(10, 0)])
-    assert [(e.look.t_ns, e.look.camera) for e in found] == [(0, 0), (0, 1), (10, 0), (20, 1)]
+    assert [(e.detections.t_ns, e.detections.camera) for e in found] == [(0, 0), (0, 1), (10, 0), (20, 1)]
 
 
 def test_identities_are_hints() -> None:
     whole = boxes(hall("ab"), 0.2, miss=0.0)
     plain = replace(whole, target_id=np.full(len(whole), -1, dtype=np.int32))
-    assert all((each.look.tracklet_id == -1).all() for each in looks(plain))
-    assert {h for each in looks(whole) for h in each.look.tracklet_id.tolist()} == {0, 1, 2, 3}
+    assert all((each.detections.tracklet_id == -1).all() for each in looks(plain))
+    assert {h for each in looks(whole) for h in each.detections.tracklet_id.tolist()} == {0, 1, 2, 3}

@@ -27,4 +27,4 @@ def test_what_is_kept_of_a_crowd_is_bounded_and_small():
     owned = {id(a if a.base is None else a.base): a if a.base is None else a.base for a in kept}.values()
     assert len(delays._people) == MAX_STEPS
     assert sum(a.nbytes for a in owned) <= 20 * people * MAX_STEPS
-    assert max(len(each.kept) for each in delays._looks) <= 2 * MAX_FRAMES
+    assert max(len(each.kept) for each in delays._frames) <= 2 * MAX_FRAMES

@@ -150,9 +150,12 @@ def test_people_without_a_box_stand_where_the_floor_lets_expect_them(seen: list[
 
 def test_a_later_look_shows_people_where_they_walk_on(seen: list[SnapshotWithDetections]) -> None:
     each = seen[0]
-    moment = each.moment._replace(mean=each.moment.mean.copy())
+    moment = each.snapshot._replace(mean=each.snapshot.mean.copy())
     moment.mean[1, 2:4] = 1.0, 0.0
-    late = [FrameDetectionsWithIds(e.look._replace(t_ns=e.look.t_ns + STEP_NS), e.frame, e.box) for e in each.looks]
+    late = [
+        FrameDetectionsWithIds(e.detections._replace(t_ns=e.detections.t_ns + STEP_NS), e.frame, e.box)
+        for e in each.frames
+    ]
     rows = Tabulator(CAMERAS, in_images=True).tables([SnapshotWithDetections(moment, late)]).views
     assert rows is not None
     x, y = place(1, 0.0)

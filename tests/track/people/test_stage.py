@@ -67,7 +67,7 @@ def test_coordinates_of_maps_cost_no_digits() -> None:
     def followed(at: Floats) -> Floats:
         scene, none = scene_from(made.scene, -at), np.zeros((0, 6))
         parts = track_people(seen, scene, scene.cameras, JipdaConfig(), JIPDA)
-        return np.concatenate([none, *(each.moment.mean - [*at, 0, 0, 0, 0] for part in parts for each in part)])
+        return np.concatenate([none, *(each.snapshot.mean - [*at, 0, 0, 0, 0] for part in parts for each in part)])
 
     near, far = followed(np.zeros(2)), followed(np.array([500_000.0, 4_000_000.0]))
     assert len(near) > 40

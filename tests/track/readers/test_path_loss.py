@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 from occlog.track.methods.readers.rssi import PathLoss, no_shadowing, predict_shadowing, update_shadowing
 
 MODEL = PathLoss(
-    places=np.array([[0.0, 0.0, 1.0], [30.0, 0.0, 1.0]]),
+    positions=np.array([[0.0, 0.0, 1.0], [30.0, 0.0, 1.0]]),
     power=np.array([-60.0, -50.0]),
     exponent=2.0,
     noise_db=4.0,
@@ -41,7 +41,7 @@ def test_the_filter_has_the_likelihood_of_the_joint_gaussian() -> None:
     t, count = np.array([0.0, 1.0, 2.5, 9.0]), np.array([1, 3, 2, 1])
     rssi = -70.0 + 5.0 * rng.standard_normal(4)
     # One hypothesis, one reader: residuals have the covariance of an Ornstein-Uhlenbeck process plus noise
-    model = MODEL._replace(places=MODEL.places[:1], power=MODEL.power[:1])
+    model = MODEL._replace(positions=MODEL.positions[:1], power=MODEL.power[:1])
     expected = np.full((1, 1), -72.0)
     known, total = no_shadowing(model, 1), 0.0
     for k in range(4):

@@ -14,7 +14,7 @@ from occlog.track.methods.readers.rssi import PathLoss, TagEstimate, TagFilterMo
 ROOM = np.array([[0.0, 0.0], [12.0, 0.0], [12.0, 12.0], [0.0, 12.0]])
 PLACES = np.array([[x, y, 1.0] for x in (1.0, 6.0, 11.0) for y in (1.0, 6.0, 11.0)])
 MODEL = PathLoss(
-    places=PLACES,
+    positions=PLACES,
     power=np.full(9, -60.0),
     exponent=2.0,
     noise_db=4.0,

@@ -57,7 +57,7 @@ def test_identities_are_of_one_camera_and_chunks_do_not_matter(cuts: tuple[int, 
     assert np.isnan(found.width_px[4:]).all()
     assert [len(each.boxes) for each in own["a"].seen] == [2, 2, 0]
     assert [len(each.boxes) for each in own["b"].seen] == [1, 1]
-    assert (trackers.frames, trackers.boxes, trackers.of_nobody) == (5, 6, 2)
+    assert (trackers.frames, trackers.boxes, trackers.unassigned) == (5, 6, 2)
     assert trackers.cameras == ["a", "b"]
 
 

@@ -1,7 +1,7 @@
 """CLEAR-MOT: misses, false positives, identity switches and what follows from them.
 
 Bernardin and Stiefelhagen 2008, "Evaluating multiple object tracking performance: the CLEAR MOT
-metrics".  Programs differ in how they pair targets and tracks in a frame; `ClearRule` says how.
+metrics".  Programs differ in how they pair targets and tracks in a frame; `ClearRule` states how.
 """
 
 from __future__ import annotations

@@ -72,7 +72,7 @@ def failures(truth: Objects, trackers: Objects, tau: Floats | float, own: Ints |
 
     Args:
         truth: (n, 2) centres of the targets in each frame and view, hidden ones included; labels >= 0.
-        trackers: (m, 2) centres of the estimates.  A row whose position is not finite is a tracker
+        trackers: (m, 2) centres of the estimates.  A row with a position that is not finite is a tracker
             without an estimate.
         tau: largest distance from a target at which a tracker is on it, >= 0; (n,) for each true
             row, such as the radius of the target, or one for all.
@@ -86,40 +86,40 @@ def failures(truth: Objects, trackers: Objects, tau: Floats | float, own: Ints |
     reach = np.broadcast_to(lengths, len(truth.frame))
     if not (lengths >= 0).all():
         raise ValueError("tau must be at least 0")
-    whose = trackers.label if own is None else own
-    given = np.isfinite(trackers.place).all(axis=1)
+    assigned = trackers.label if own is None else own
+    given = np.isfinite(trackers.position).all(axis=1)
     views = None if trackers.view is None else trackers.view[given]
-    known = Objects(trackers.frame[given], trackers.label[given], trackers.place[given], views)
+    known = Objects(trackers.frame[given], trackers.label[given], trackers.position[given], views)
     frames = of_points(truth, known, 1.0)
     return _failures(
-        frames, _match_frame(frames, reach[frames.truth_row], whose[given][frames.track_row].astype(np.int64))
+        frames, _match_frame(frames, reach[frames.truth_row], assigned[given][frames.track_row].astype(np.int64))
     )
 
 
 class _FrameMatches(NamedTuple):
     """Each tracker's row against the true rows of its frame (M), and each true row against its own trackers (N)."""
 
-    whose: Ints  # (M,) label of its own target
+    assigned: Ints  # (M,) label of its own target
     on: Ints  # (M,) true row that it is on; -1: none
     far: Floats  # (M,) distance from there; NaN: on none
     tracker: Ints  # (N,) row of the nearest of the target's own trackers; -1: none in the frame
     away: Floats  # (N,) its distance; NaN: none
 
 
-def _match_frame(frames: MatchedFrames, reach: Floats, whose: Ints) -> _FrameMatches:
+def _match_frame(frames: MatchedFrames, reach: Floats, assigned: Ints) -> _FrameMatches:
     """Find the target that each tracker is on, and the nearest own tracker of each target.
 
     Args:
         frames: N true rows and M rows of trackers.
         reach: (N,) tau of each true row.
-        whose: (M,) label of each tracker's own target.
+        assigned: (M,) label of each tracker's own target.
     """
     on, far = np.full(len(frames.track), -1, dtype=np.int64), np.full(len(frames.track), np.nan)
     tracker, away = np.full(len(frames.truth), -1, dtype=np.int64), np.full(len(frames.truth), np.nan)
     for t in frames.meeting():
         left, right = frames.rows(t)
         distance = frames.compare(t)[0]
-        mine = frames.truth_key[frames.truth[left], 1][:, None] == whose[right][None, :]
+        mine = frames.truth_key[frames.truth[left], 1][:, None] == assigned[right][None, :]
         within = np.where(distance <= reach[left, None], distance, np.inf)
         # A tracker is on its own target if that is within tau, else on the nearest target within tau
         order = np.where(mine & np.isfinite(within), -1.0, within)
@@ -132,30 +132,37 @@ def _match_frame(frames: MatchedFrames, reach: Floats, whose: Ints) -> _FrameMat
         has = mine.any(axis=1)
         tracker[left] = np.where(has, right.start + nearest, -1)
         away[left] = np.where(has, distance[np.arange(len(nearest)), nearest], np.nan)
-    return _FrameMatches(whose, on, far, tracker, away)
+    return _FrameMatches(assigned, on, far, tracker, away)
 
 
-def _failures(frames: MatchedFrames, looks: _FrameMatches) -> FailureRates:
+def _failures(frames: MatchedFrames, matches: _FrameMatches) -> FailureRates:
     """Collect the failures of both kinds as rows, and divide their numbers by that of the true rows."""
     # Targets that a tracker is on
     found = np.zeros(len(frames.truth), dtype=np.bool_)
-    found[looks.on[looks.on >= 0]] = True
+    found[matches.on[matches.on >= 0]] = True
     # One element more at the end, so that index -1 gives no target
     label = np.append(frames.truth_key[frames.truth, 1], NO_TARGET)
     # Position failures (rows of the truth) and label failures (rows of trackers), the numerators of [Qu] Eq. 9
-    lost, wrong = np.flatnonzero(~found), np.flatnonzero((looks.on >= 0) & (looks.whose != label[looks.on]))
+    lost, wrong = np.flatnonzero(~found), np.flatnonzero((matches.on >= 0) & (matches.assigned != label[matches.on]))
     t = np.arange(len(frames.frame))
     of_truth, of_track = np.repeat(t, np.diff(frames.truth_start)), np.repeat(t, np.diff(frames.track_start))
-    astray = label[np.append(looks.on, -1)[looks.tracker[lost]]]
+    astray = label[np.append(matches.on, -1)[matches.tracker[lost]]]
     none = np.full(max(len(lost), len(wrong)), NO_TARGET, dtype=np.int64)
     sides = (
-        (of_truth[lost], label[:-1][lost], none[: len(lost)], np.zeros(len(lost), np.bool_), looks.away[lost], astray),
+        (
+            of_truth[lost],
+            label[:-1][lost],
+            none[: len(lost)],
+            np.zeros(len(lost), np.bool_),
+            matches.away[lost],
+            astray,
+        ),
         (
             of_track[wrong],
-            looks.whose[wrong],
-            label[looks.on[wrong]],
+            matches.assigned[wrong],
+            label[matches.on[wrong]],
             np.ones(len(wrong), np.bool_),
-            looks.far[wrong],
+            matches.far[wrong],
             none[: len(wrong)],
         ),
     )

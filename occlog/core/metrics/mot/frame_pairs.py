@@ -34,13 +34,13 @@ class Objects(NamedTuple):
     Attributes:
         frame: (n,) number of the frame.
         label: (n,) identity; no two rows of a frame and view have the same.
-        place: (n, 4) box left, top, width, height with sizes above 0, or (n, d) point.
+        position: (n, 4) box left, top, width, height with sizes above 0, or (n, d) point.
         view: (n,) number of the view; None: there is one view.
     """
 
     frame: Ints
     label: Ints
-    place: Floats
+    position: Floats
     view: Ints | None = None
 
 
@@ -58,8 +58,8 @@ class MatchedFrames(NamedTuple):
         track: (M,) number of each row's track, 0 to K - 1.
         truth_start: (T + 1,) first row of each frame in `truth`.
         track_start: (T + 1,) first row of each frame in `track`.
-        truth_place: (N, d) positions.
-        track_place: (M, d) positions.
+        truth_position: (N, d) positions.
+        track_position: (M, d) positions.
         truth_key: (G, 2) view and label of each target.
         track_key: (K, 2) view and label of each track.
         truth_row: (N,) position of each true row in the input.
@@ -73,8 +73,8 @@ class MatchedFrames(NamedTuple):
     track: Ints
     truth_start: Ints
     track_start: Ints
-    truth_place: Floats
-    track_place: Floats
+    truth_position: Floats
+    track_position: Floats
     truth_key: Ints
     track_key: Ints
     truth_row: Ints
@@ -95,7 +95,7 @@ class MatchedFrames(NamedTuple):
     def compare(self, t: int) -> tuple[Floats, Floats]:
         """(n, m) distance >= 0 and similarity in [0, 1] of all pairs of frame t."""
         left, right = self.rows(t)
-        a, b = self.truth_place[left], self.track_place[right]
+        a, b = self.truth_position[left], self.track_position[right]
         if np.isnan(self.limit):
             similarity = _overlaps(a, b)
             return 1.0 - similarity, similarity
@@ -127,8 +127,8 @@ def numbered(part: MatchedFrames, truth_key: Ints, track_key: Ints) -> MatchedFr
     """
     found = []
     for own, every in ((part.truth_key, truth_key), (part.track_key, track_key)):
-        place = {key: n for n, key in enumerate(map(tuple, every.tolist()))}
-        found.append(np.array([place[key] for key in map(tuple, own.tolist())], dtype=np.int64))
+        index_of = {key: n for n, key in enumerate(map(tuple, every.tolist()))}
+        found.append(np.array([index_of[key] for key in map(tuple, own.tolist())], dtype=np.int64))
     return part._replace(
         truth=found[0][part.truth], track=found[1][part.track], truth_key=truth_key, track_key=track_key
     )
@@ -142,7 +142,7 @@ def of_boxes(truth: Objects, tracks: Objects) -> MatchedFrames:
             only one side has views.
     """
     for side in (truth, tracks):
-        if side.place.shape[1:] != (4,) or not (side.place[:, 2:] > 0).all():
+        if side.position.shape[1:] != (4,) or not (side.position[:, 2:] > 0).all():
             raise ValueError("boxes must be (n, 4): left, top, width, height with sizes above 0")
     return _frames(truth, tracks, np.nan)
 
@@ -170,7 +170,7 @@ def reaches(similarity: Floats, threshold: float) -> Bools:
 
 
 def _frames(truth: Objects, tracks: Objects, limit: float) -> MatchedFrames:
-    if truth.place.ndim != 2 or truth.place.shape[1:] != tracks.place.shape[1:]:
+    if truth.position.ndim != 2 or truth.position.shape[1:] != tracks.position.shape[1:]:
         raise ValueError("places of both sides must have as many columns")
     n = len(truth.frame)
     if n and len(tracks.frame) and (truth.view is None) != (tracks.view is None):
@@ -189,8 +189,8 @@ def _frames(truth: Objects, tracks: Objects, limit: float) -> MatchedFrames:
         track=track[track_row],
         truth_start=truth_start,
         track_start=track_start,
-        truth_place=_rows_of(truth, truth_row),
-        track_place=_rows_of(tracks, track_row),
+        truth_position=_rows_of(truth, truth_row),
+        track_position=_rows_of(tracks, track_row),
         truth_key=truth_key,
         track_key=track_key,
         truth_row=truth_row,
@@ -200,11 +200,11 @@ def _frames(truth: Objects, tracks: Objects, limit: float) -> MatchedFrames:
 
 
 def _rows_of(side: Objects, rows: Ints) -> Floats:
-    return np.ascontiguousarray(side.place[rows], dtype=np.float64)
+    return np.ascontiguousarray(side.position[rows], dtype=np.float64)
 
 
 def _views(side: Objects) -> Ints:
-    if not np.isfinite(side.place).all():
+    if not np.isfinite(side.position).all():
         raise ValueError("places must be finite; omit objects without one")
     return np.zeros(len(side.frame), dtype=np.int64) if side.view is None else side.view.astype(np.int64)
 
@@ -305,11 +305,11 @@ class TargetTrackSums:
             return np.asarray(self._matrix[:, target, track])
         self._settle()
         keys = target * max(self._tracks, 1) + track
-        place = np.searchsorted(self._keys, keys)
-        place[place == len(self._keys)] = 0
+        index = np.searchsorted(self._keys, keys)
+        index[index == len(self._keys)] = 0
         out = np.zeros((self._sums, len(keys)))
-        known = self._keys[place] == keys if len(self._keys) else np.zeros(len(keys), dtype=np.bool_)
-        out[:, known] = self._values[:, place[known]]
+        known = self._keys[index] == keys if len(self._keys) else np.zeros(len(keys), dtype=np.bool_)
+        out[:, known] = self._values[:, index[known]]
         return out
 
     def all(self) -> tuple[Ints, Ints, Floats]:
@@ -336,8 +336,8 @@ class TargetTrackSums:
             return
         keys = np.concatenate([self._keys, *(key for key, _ in self._pending)])
         values = np.concatenate([self._values, *(value for _, value in self._pending)], axis=1)
-        self._keys, place = np.unique(keys, return_inverse=True)
-        self._values = np.stack([np.bincount(place, each, minlength=len(self._keys)) for each in values])
+        self._keys, index = np.unique(keys, return_inverse=True)
+        self._values = np.stack([np.bincount(index, each, minlength=len(self._keys)) for each in values])
         some = self._values.any(axis=0)
         self._keys, self._values = self._keys[some], self._values[:, some]
         self._pending, self._waiting = [], 0

@@ -187,7 +187,7 @@ class _FrameCounts(NamedTuple):
     frame: int
     truth: Ints
     track: Ints
-    apart: Floats
+    distance: Floats
 
 
 class Ospa2Sums:
@@ -210,19 +210,19 @@ class Ospa2Sums:
     def seen(self, frames: MatchedFrames, t: int) -> _FrameCounts:
         """What frame t adds."""
         left, right = frames.rows(t)
-        truth, track, apart = frames.truth[left], frames.track[right], np.zeros((0, 0))
+        truth, track, distance = frames.truth[left], frames.track[right], np.zeros((0, 0))
         if len(truth) and len(track):
-            apart = np.minimum(frames.compare(t)[0], self._cutoff) ** self._p
-        return _FrameCounts(int(frames.frame[t]), truth, track, apart)
+            distance = np.minimum(frames.compare(t)[0], self._cutoff) ** self._p
+        return _FrameCounts(int(frames.frame[t]), truth, track, distance)
 
     def count(self, seen: _FrameCounts, sign: int) -> None:
         """Add a frame (sign 1), or take it away again (-1)."""
         # No label comes twice in a frame, so nothing is added to twice.
         self._truth[seen.truth] += sign
         self._track[seen.track] += sign
-        if seen.apart.size:
-            n, m = seen.apart.shape
-            together = np.stack([np.ones(n * m), seen.apart.reshape(-1)])
+        if seen.distance.size:
+            n, m = seen.distance.shape
+            together = np.stack([np.ones(n * m), seen.distance.reshape(-1)])
             self._couples.add(np.repeat(seen.truth, m), np.tile(seen.track, n), sign * together)
 
     def merge(self, other: Ospa2Sums) -> None:
@@ -237,12 +237,12 @@ class Ospa2Sums:
         n, m, c = np.count_nonzero(self._truth), np.count_nonzero(self._track), self._cutoff**self._p
         if not n and not m:
             return Ospa2(0.0, 0.0, 0.0)
-        target, track, (both, apart) = self._couples.all()
+        target, track, (both, separation) = self._couples.all()
         together = both > 0
-        target, track, both, apart = target[together], track[together], both[together], apart[together]
+        target, track, both, separation = target[together], track[together], both[together], separation[together]
         each = self._truth[target] + self._track[track]
         # Base distance of each pair: mean over the frames in which one of them is there; c of those never together
-        base = (np.maximum(apart, 0.0) + c * (each - 2 * both)) / (each - both)
+        base = (np.maximum(separation, 0.0) + c * (each - 2 * both)) / (each - both)
         made = maximum_weight_matching(target, track, c - base)
         total = float(base[made].sum()) + c * (min(n, m) - len(made))
         # Cardinality: c^p for each trajectory without a partner

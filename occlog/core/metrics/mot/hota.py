@@ -116,16 +116,16 @@ class HotaCounts:
         both = np.union1d(self._couples, couple)
         counts = np.zeros((len(both), len(self._alphas)), dtype=np.int64)
         counts[np.searchsorted(both, self._couples)] = self._tpa
-        place = np.searchsorted(both, couple)
+        index = np.searchsorted(both, couple)
         for a, alpha in enumerate(self._alphas):
             # True positives: pairs that are similar enough
             good = similarity >= alpha - EPS
-            counts[:, a] += np.bincount(place[good], minlength=len(both))
+            counts[:, a] += np.bincount(index[good], minlength=len(both))
             self._similarity[a].add(float(np.sum(similarity[good])))
         self._couples, self._tpa = both, counts
 
     def merge(self, other: HotaCounts) -> None:
-        """Take in another recording, whose targets and tracks get the numbers behind these; no frame is added after it.
+        """Add another recording; its targets and tracks get the numbers behind these; no frame is added after it.
 
         Both have the same thresholds.
         """
@@ -234,7 +234,7 @@ def _assigned(frames: MatchedFrames, known: Alignment) -> tuple[Ints, Ints, Ints
     that are as near the one that agrees with the target over all frames is taken.
     """
     none = np.zeros(0, dtype=np.int64)
-    places, targets, tracks, similarities = [none], [none], [none], [np.zeros(0)]
+    indices, targets, tracks, similarities = [none], [none], [none], [np.zeros(0)]
     for t in frames.meeting():
         left, right = frames.rows(t)
         truth, track = frames.truth[left], frames.track[right]
@@ -242,11 +242,11 @@ def _assigned(frames: MatchedFrames, known: Alignment) -> tuple[Ints, Ints, Ints
         worth, (near, by) = np.zeros_like(similarity), np.nonzero(similarity)
         worth[near, by] = similarity[near, by] * known.of(truth[near], track[by])
         i, j = linear_sum_assignment(worth, maximize=True)
-        places.append(np.full(len(i), t, dtype=np.int64))
+        indices.append(np.full(len(i), t, dtype=np.int64))
         targets.append(truth[i])
         tracks.append(track[j])
         similarities.append(similarity[i, j])
-    return np.concatenate(places), np.concatenate(targets), np.concatenate(tracks), np.concatenate(similarities)
+    return np.concatenate(indices), np.concatenate(targets), np.concatenate(tracks), np.concatenate(similarities)
 
 
 class Identity(NamedTuple):

@@ -155,14 +155,14 @@ class FixedStretches(NamedTuple):
         )
 
 
-def sure_stretches(pairs: TrajectoryPairs, most: float, switch: float, told: Ints | None = None) -> FixedStretches:
+def sure_stretches(pairs: TrajectoryPairs, most: float, switch: float, known: Ints | None = None) -> FixedStretches:
     """Rows in which a pair is sure, in every solution in whole numbers.
 
     Args:
         pairs: rows that meet.
         most: c^p.
         switch: gamma^p.
-        told: (n,) of rows of which it is known already 1 or 0, of the others -1; None: of all.
+        known: (n,) of rows of which it is known already 1 or 0, of the others -1; None: of all.
     """
     n = len(pairs.time)
     goes_on, alone = np.ones(n, dtype=bool), np.ones(n, dtype=bool)
@@ -184,7 +184,7 @@ def sure_stretches(pairs: TrajectoryPairs, most: float, switch: float, told: Int
     rest = np.bincount(run, gain, minlength=len(start))[run] - so_far + gain
     enough = enough_gain(switch)
     sure = alone & (np.minimum(so_far, rest) >= enough)
-    sure = sure if told is None else np.where(told < 0, sure, told > 0)
+    sure = sure if known is None else np.where(known < 0, sure, known > 0)
     first = sure & ~(goes_on & np.append(False, sure[:-1])[:n])
     last = sure & ~np.append(goes_on[1:] & sure[1:], False)[:n]
     return FixedStretches(np.flatnonzero(first), np.flatnonzero(last), sure, alone, ~goes_on, so_far)
@@ -257,13 +257,13 @@ def _code(truth: Ints, track: Ints) -> Ints:
 def delimiters(pieces: TrajectoryPieces, pins: FixedPairs) -> Bools:
     """(n,) which pins are the last before pieces or the first behind them, of their targets and tracks."""
     needed = np.zeros(len(pins.first), dtype=np.bool_)
-    for key, whose in ((pins.truth, pieces.target), (pins.track, pieces.partner)):
+    for key, owner in ((pins.truth, pieces.target), (pins.track, pieces.partner)):
         own = pins.by(key)
-        for who in np.unique(whose).tolist():
+        for who in np.unique(owner).tolist():
             mine = own.get(who)
             if mine is None:
                 continue
-            at = np.searchsorted(pins.last[mine], pieces.begin[whose == who])
+            at = np.searchsorted(pins.last[mine], pieces.begin[owner == who])
             needed[mine[at[at < len(mine)]]] = True
             needed[mine[at[at > 0] - 1]] = True
     return needed
@@ -472,10 +472,10 @@ class TrajectoryCosts:
         )
         order = np.lexsort((rows.time, rows.track, rows.truth))
         known = np.append(self._sure, np.full(len(order) - len(self._sure), -1))[order]
-        rows, told = rows.take(order), known >= 0
+        rows, decided = rows.take(order), known >= 0
         sure = sure_stretches(rows, self._most, self._switch, known)
         # A segment that begins with a row that was output before goes on with the pin of the pair that is the last one
-        goes_on = told[sure.first]
+        goes_on = decided[sure.first]
         found = sure.pins(rows)
         pins = self._pins
         by_pair: dict[tuple[int, int], int] = {}
@@ -485,7 +485,7 @@ class TrajectoryCosts:
         for k in np.flatnonzero(goes_on).tolist():
             pins.last[by_pair[int(found.truth[k]), int(found.track[k])]] = found.last[k]
         self._pins = FixedPairs._make(np.concatenate([a, b[~goes_on]]) for a, b in zip(pins, found, strict=True))
-        certain = sure.rows & ~told
+        certain = sure.rows & ~decided
         self._cost.add(float(rows.cost[certain].sum()))
         self._weight.add(float(np.count_nonzero(certain)))
         # A run goes on where its last row is the last one of both, which meet no other in it and have rows to come
@@ -496,9 +496,9 @@ class TrajectoryCosts:
             latest &= rows.time == last[key]
         run = np.cumsum(sure.begins) - 1
         may = np.isin(run, run[latest])
-        later = may & ~sure.rows & ~told & (sure.gained >= enough_gain(self._switch))
+        later = may & ~sure.rows & ~decided & (sure.gained >= enough_gain(self._switch))
         self._later = rows.take(later)
-        self._loose = self._loose.joined(rows.take(~sure.rows & ~told & ~later))
+        self._loose = self._loose.joined(rows.take(~sure.rows & ~decided & ~later))
         # Of each run that may go on the last row that is output, which represents all before it
         keep = may & ~later
         keep[:-1] &= ~(keep[1:] & (run[1:] == run[:-1])) if len(keep) else True

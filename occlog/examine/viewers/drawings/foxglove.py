@@ -61,8 +61,8 @@ def scene_update(things: Iterable[DrawingGroup], t_ns: int, frame: str) -> bytes
     return data
 
 
-def _colour(place: object, colour: Rgba) -> None:
-    place.r, place.g, place.b, place.a = colour  # type: ignore[attr-defined]
+def _colour(target: object, colour: Rgba) -> None:
+    target.r, target.g, target.b, target.a = colour  # type: ignore[attr-defined]
 
 
 def _place(pose: Pose, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> None:

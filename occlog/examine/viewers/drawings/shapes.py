@@ -222,8 +222,8 @@ def _at(groups: Sequence[EqualLengthPolylines], wanted: Floats, counts: Ints) ->
     out, begins = np.empty((len(wanted), groups[0].points.shape[2])), np.cumsum(counts) - counts
     for group in groups:
         own = counts[group.which]
-        place = np.repeat(begins[group.which], own) + _from_zero(own)
-        out[place] = _between(group, own, wanted[place])
+        index = np.repeat(begins[group.which], own) + _from_zero(own)
+        out[index] = _between(group, own, wanted[index])
     return out
 
 

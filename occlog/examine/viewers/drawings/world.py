@@ -66,8 +66,8 @@ def frame_transforms(scene: Scene, t_ns: int, metres: float) -> bytes:
     for sensor in placed(scene):
         entry = message.transforms.add(parent_frame_id=world_of(scene), child_frame_id=sensor.name)
         entry.timestamp.FromNanoseconds(t_ns)
-        place, turn = entry.translation, entry.rotation
-        place.x, place.y, place.z = (metres * sensor.position).tolist()
+        position, turn = entry.translation, entry.rotation
+        position.x, position.y, position.z = (metres * sensor.position).tolist()
         turn.x, turn.y, turn.z, turn.w = quaternion(sensor.rotation).tolist()
     data: bytes = message.SerializeToString(deterministic=True)
     return data
@@ -138,10 +138,10 @@ def plan(scene: Scene, metres: float) -> list[DrawingGroup]:
         things.append(DrawingGroup("room", lines=[_outline(room, 0.0)], fills=[Fill(triangles(room, 0.0), FLOOR)]))
     things += [_prism(occluder, metres) for occluder in scene.occluders]
     for sensor in placed(scene):
-        place = metres * sensor.position
-        foot = np.array([[*place[:2], 0.0], place])
-        lines = [Polyline(foot, GREY, 1.0, dashed=True)] if place[2] > 0 else []
-        name = Text(place + np.array([0.0, 0.0, NAME_SIZE]), sensor.name, NAME_SIZE, WALL)
+        position = metres * sensor.position
+        foot = np.array([[*position[:2], 0.0], position])
+        lines = [Polyline(foot, GREY, 1.0, dashed=True)] if position[2] > 0 else []
+        name = Text(position + np.array([0.0, 0.0, NAME_SIZE]), sensor.name, NAME_SIZE, WALL)
         things.append(DrawingGroup(f"sensor {sensor.name}", lines=lines, texts=[name]))
     return things
 

@@ -143,8 +143,8 @@ def to_arrow(table: ColumnTable, schema: pa.Schema) -> pa.Table:
 
 def from_arrow(batch: pa.RecordBatch | pa.Table, table: type[T]) -> T:
     """Record of an Arrow batch with columns that have been checked; optional ones may be skipped."""
-    told = [c for c in table.columns() if c.name in batch.schema.names]
-    return table.of(**{c.name: _column_from_arrow(c, batch.column(c.name)) for c in told})
+    columns = [c for c in table.columns() if c.name in batch.schema.names]
+    return table.of(**{c.name: _column_from_arrow(c, batch.column(c.name)) for c in columns})
 
 
 def _column_from_arrow(c: Column, values: pa.Array | pa.ChunkedArray) -> NDArray[np.generic]:

@@ -74,7 +74,7 @@ BAD_LINES: ContextVar[Callable[[InputError], None] | None] = ContextVar("BAD_LIN
 
 
 @contextmanager
-def bad_lines_told_to(listener: Callable[[InputError], None]) -> Iterator[None]:
+def report_bad_lines_to(listener: Callable[[InputError], None]) -> Iterator[None]:
     """Report lines that are no rows to a callback, and continue reading meanwhile."""
     token = BAD_LINES.set(listener)
     try:
@@ -93,7 +93,7 @@ def _refuse(error: InputError) -> None:
 
 @dataclass(frozen=True)
 class CsvRows:
-    """Rows of a table: cells as text by column, and the line (or `place` of another kind) of each row.
+    """Rows of a table: cells as text by column, and the line (or `location` of another kind) of each row.
 
     `files` has the file of each row where `path` is a folder; else it is empty.
     """
@@ -101,7 +101,7 @@ class CsvRows:
     path: Path
     lines: Ints
     cells: Mapping[str, Strings]
-    place: str = "line"
+    location: str = "line"
     files: tuple[Path, ...] = ()
 
     def __len__(self) -> int:
@@ -119,7 +119,7 @@ class CsvRows:
     def fail(self, row: int, message: str) -> InputError:
         """An InputError that names the file and the line of a row."""
         path = self.files[row] if self.files else self.path
-        return InputError(f"{path}: {self.place} {int(self.lines[row])}: {message}")
+        return InputError(f"{path}: {self.location} {int(self.lines[row])}: {message}")
 
     def floats(self, name: str, *, blank: bool = False) -> Floats:
         """(n,) numbers; empty cells and `nan` give NaN where `blank` allows it, else InputError."""
@@ -132,13 +132,13 @@ class CsvRows:
         except ValueError:
             row = next(n for n, cell in enumerate(cells) if not _is_number(cell, blank))
             raise self.fail(
-                row, f"{name} is {str(cells[row])!r}; a number was expected; correct this {self.place}"
+                row, f"{name} is {str(cells[row])!r}; a number was expected; correct this {self.location}"
             ) from None
         bad = np.isinf(values) if blank else ~np.isfinite(values)
         if bad.any():
             row = int(np.flatnonzero(bad)[0])
             raise self.fail(
-                row, f"{name} is {str(cells[row])!r}; a finite number was expected; correct this {self.place}"
+                row, f"{name} is {str(cells[row])!r}; a finite number was expected; correct this {self.location}"
             )
         return values
 
@@ -172,7 +172,7 @@ class CsvRows:
         if bad.any():
             row = int(np.flatnonzero(bad)[0])
             raise self.fail(
-                row, f"{name} is {str(cells[row])!r}; a whole number was expected; correct this {self.place}"
+                row, f"{name} is {str(cells[row])!r}; a whole number was expected; correct this {self.location}"
             )
         return values.astype(np.int64)
 
@@ -191,7 +191,7 @@ class CsvRows:
         slips = np.char.find(cells, "_") >= 0
         if slips.any():
             row = int(np.flatnonzero(slips)[0])
-            raise self.fail(row, f"{name} is {str(cells[row])!r}; a number was expected; correct this {self.place}")
+            raise self.fail(row, f"{name} is {str(cells[row])!r}; a number was expected; correct this {self.location}")
         return cells
 
     def has(self, name: str) -> bool:
@@ -397,18 +397,18 @@ def _chunks(
     lines: Iterator[tuple[int, list[str]]],
     names: Sequence[str | None],
     rows: int,
-    place: str = "line",
+    location: str = "line",
 ) -> Iterator[CsvRows]:
-    whole = ((line, cells) for line, cells in lines if _is_row(path, place, line, cells, len(names)))
+    whole = ((line, cells) for line, cells in lines if _is_row(path, location, line, cells, len(names)))
     while chunk := list(islice(whole, rows)):
         turned = zip(*(cells for _, cells in chunk), strict=True)
         cells_of = {
             n: np.array(column, dtype=np.str_) for n, column in zip(names, turned, strict=True) if n is not None
         }
-        yield CsvRows(path, np.array([line for line, _ in chunk], dtype=np.int64), cells_of, place)
+        yield CsvRows(path, np.array([line for line, _ in chunk], dtype=np.int64), cells_of, location)
 
 
-def _is_row(path: Path, place: str, line: int, cells: list[str], columns: int) -> bool:
+def _is_row(path: Path, location: str, line: int, cells: list[str], columns: int) -> bool:
     """Return whether a line has a cell for each column, none of them too long; if not, it is refused."""
     fault = ""
     if len(cells) != columns:
@@ -416,5 +416,5 @@ def _is_row(path: Path, place: str, line: int, cells: list[str], columns: int) -
     elif max(map(len, cells)) > MAX_CELL:
         fault = f"a cell of more than {MAX_CELL} characters"
     if fault:
-        _refuse(InputError(f"{path}: {place} {line}: {fault}; correct this {place}"))
+        _refuse(InputError(f"{path}: {location} {line}: {fault}; correct this {location}"))
     return not fault

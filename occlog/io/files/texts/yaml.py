@@ -117,10 +117,10 @@ def _check_nodes(root: yaml.Node, where: Path | str) -> None:
 
 def _check_scalar(node: yaml.ScalarNode, where: Path | str) -> None:
     """InputError for half of a character, and for a number that is too long to be one."""
-    place = f"{where}: line {node.start_mark.line + 1}"
-    check_text(node.value, place)
+    location = f"{where}: line {node.start_mark.line + 1}"
+    check_text(node.value, location)
     if node.tag in _NUMBERS and len(node.value) > LONGEST_NUMBER:
-        raise InputError(f"{place}: a number of {len(node.value)} characters; at most {LONGEST_NUMBER} are read")
+        raise InputError(f"{location}: a number of {len(node.value)} characters; at most {LONGEST_NUMBER} are read")
 
 
 class _Unknowing(BoundedLoader):
@@ -273,69 +273,69 @@ def _yaml_problem(error: yaml.YAMLError) -> str:
     return f"line {mark.line + 1}: not valid YAML: {problem}" if mark else f"not valid YAML: {problem}"
 
 
-def _lines(node: yaml.Node, place: str, source: str) -> Iterator[tuple[str, int]]:
+def _lines(node: yaml.Node, location: str, source: str) -> Iterator[tuple[str, int]]:
     """(path, line) of every node; repeated keys are errors."""
-    yield place, node.start_mark.line + 1
+    yield location, node.start_mark.line + 1
     if isinstance(node, yaml.MappingNode):
         seen: set[str] = set()
         for key, value in node.value:
             if key.value in seen:
                 raise InputError(f"{source}: line {key.start_mark.line + 1}: key {key.value!r} appears twice; keep one")
             seen.add(key.value)
-            yield from _lines(value, f"{place}.{key.value}", source)
+            yield from _lines(value, f"{location}.{key.value}", source)
     elif isinstance(node, yaml.SequenceNode):
         for index, value in enumerate(node.value):
-            yield from _lines(value, f"{place}[{index}]", source)
+            yield from _lines(value, f"{location}[{index}]", source)
 
 
-def _check_finite(raw: object, place: str, lines: dict[str, int], source: str) -> None:
+def _check_finite(raw: object, location: str, lines: dict[str, int], source: str) -> None:
     """NaN and infinity parse as numbers, but no key of ours means them."""
     if isinstance(raw, float) and not math.isfinite(raw):
-        line = f"line {lines[place]}: " if place in lines else ""
-        raise InputError(f"{source}: {line}{place.removeprefix('$.')}: {raw} is not a finite number")
+        line = f"line {lines[location]}: " if location in lines else ""
+        raise InputError(f"{source}: {line}{location.removeprefix('$.')}: {raw} is not a finite number")
     items = raw.items() if isinstance(raw, dict) else enumerate(raw) if isinstance(raw, list) else ()
     for key, value in items:
-        _check_finite(value, f"{place}.{key}" if isinstance(raw, dict) else f"{place}[{key}]", lines, source)
+        _check_finite(value, f"{location}.{key}" if isinstance(raw, dict) else f"{location}[{key}]", lines, source)
 
 
 def _explain(message: str, raw: object, lines: dict[str, int], kind: type[T]) -> str:
     """The library's message with line, readable position and the nearest valid key."""
     match = re.fullmatch(r"(.*?)(?: - at `(?:key in )?(\$.*)`)?", message, re.DOTALL)
-    text, place = (match.group(1), match.group(2) or "$") if match else (message, "$")
+    text, location = (match.group(1), match.group(2) or "$") if match else (message, "$")
     unknown = re.search(r"unknown field `([^`]*)`", text)
     if unknown:
-        return _unknown_key(unknown.group(1), place, lines, kind)
-    line = f"line {lines[place]}: " if place in lines else ""
-    shown = place.removeprefix("$").removeprefix(".")
-    value = _value_at(raw, place)
+        return _unknown_key(unknown.group(1), location, lines, kind)
+    line = f"line {lines[location]}: " if location in lines else ""
+    shown = location.removeprefix("$").removeprefix(".")
+    value = _value_at(raw, location)
     if text.startswith("Invalid enum value"):
-        info = _type_at(kind, place)
+        info = _type_at(kind, location)
         known = info.values if isinstance(info, msgspec.inspect.LiteralType) else ()
         return f"{line}{shown}: {value!r} is none of {', '.join(map(str, known))}"
     got = f", got {value!r}" if isinstance(value, str | int | float | bool) else ""
     return f"{line}{shown + ': ' if shown else ''}{text[:1].lower() + text[1:]}{got}"
 
 
-def _unknown_key(key: str, place: str, lines: dict[str, int], kind: type[T]) -> str:
-    line = lines.get(f"{place}.{key}")
-    valid = _valid_keys(kind, place)
+def _unknown_key(key: str, location: str, lines: dict[str, int], kind: type[T]) -> str:
+    line = lines.get(f"{location}.{key}")
+    valid = _valid_keys(kind, location)
     near = nearest(key, valid, cutoff=0.5)
     hint = f"did you mean {near[0]!r}?" if near else f"valid keys: {', '.join(valid)}"
-    shown = place.removeprefix("$").removeprefix(".")
+    shown = location.removeprefix("$").removeprefix(".")
     where = f" in {shown}" if shown else ""
     return f"{f'line {line}: ' if line else ''}unknown key {key!r}{where}; {hint}"
 
 
-def _valid_keys(kind: type[T], place: str) -> list[str]:
+def _valid_keys(kind: type[T], location: str) -> list[str]:
     """Keys allowed at a path."""
-    info = _type_at(kind, place)
+    info = _type_at(kind, location)
     return sorted(f.encode_name for f in info.fields) if isinstance(info, msgspec.inspect.StructType) else []
 
 
-def _type_at(kind: type[T], place: str) -> msgspec.inspect.Type:
+def _type_at(kind: type[T], location: str) -> msgspec.inspect.Type:
     """The type of the value at a path, found by walking the declared types."""
     info = _strip(msgspec.inspect.type_info(kind))
-    for part in re.findall(r"\.([^.\[\]]+)|\[[^\]]*\]", place.removeprefix("$")):
+    for part in re.findall(r"\.([^.\[\]]+)|\[[^\]]*\]", location.removeprefix("$")):
         info = _strip(_step(info, part))
     return info
 
@@ -362,8 +362,8 @@ def _step(info: msgspec.inspect.Type, part: str) -> msgspec.inspect.Type:
     return info.value_type if isinstance(info, msgspec.inspect.DictType) else info
 
 
-def _value_at(raw: Any, place: str) -> object:
-    for name, index in re.findall(r"\.([^.\[\]]+)|\[(\d+)\]", place.removeprefix("$")):
+def _value_at(raw: Any, location: str) -> object:
+    for name, index in re.findall(r"\.([^.\[\]]+)|\[(\d+)\]", location.removeprefix("$")):
         try:
             raw = raw[name] if name else raw[int(index)]
         except (KeyError, IndexError, TypeError):

@@ -116,13 +116,15 @@ def check_columns(rows: CsvRows, camera: str | None) -> CsvRows:
     return rows
 
 
-def rows_of(path: Path, records: Sequence[tuple[int, Mapping[str, str]]], place: str, files: Sequence[Path]) -> CsvRows:
+def rows_of(
+    path: Path, records: Sequence[tuple[int, Mapping[str, str]]], location: str, files: Sequence[Path]
+) -> CsvRows:
     """Rows of records with one text a column; what a record lacks is blank.
 
     Args:
         path: the file or folder.
         records: number of each in its file, from 1, and its cells by column.
-        place: what is numbered: `line`, `entry`.
+        location: what is numbered: `line`, `entry`.
         files: the file of each record; empty: all are in `path`.
 
     Raises:
@@ -130,12 +132,12 @@ def rows_of(path: Path, records: Sequence[tuple[int, Mapping[str, str]]], place:
     """
     for n, (line, cells) in enumerate(records):
         if max(map(len, cells.values()), default=0) > MAX_CELL:
-            where = f"{files[n] if files else path}: {place} {line}"
-            raise InputError(f"{where}: a cell of more than {MAX_CELL} characters; correct this {place}")
+            where = f"{files[n] if files else path}: {location} {line}"
+            raise InputError(f"{where}: a cell of more than {MAX_CELL} characters; correct this {location}")
     names = dict.fromkeys(name for _, cells in records for name in cells)
     columns = {name: np.array([cells.get(name, "") for _, cells in records], dtype=np.str_) for name in names}
     lines = np.array([line for line, _ in records], dtype=np.int64)
-    return CsvRows(path, lines, columns, place, tuple(files))
+    return CsvRows(path, lines, columns, location, tuple(files))
 
 
 MOT_COLUMNS = ("frame", "id", "left", "top", "width", "height", "confidence")

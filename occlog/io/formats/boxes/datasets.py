@@ -399,10 +399,10 @@ def names_of_classes(folder: Path) -> Path | None:
 
 def _class_names(folder: Path) -> dict[str, str]:
     """Names of classes by number; empty if missing."""
-    place = names_of_classes(folder)
-    if place is None:
+    path = names_of_classes(folder)
+    if path is None:
         return {}
-    names = place.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+    names = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
     return {str(n): name.strip() for n, name in enumerate(names)}
 
 

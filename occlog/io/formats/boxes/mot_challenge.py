@@ -127,11 +127,11 @@ def write_sequence_list(path: Path, names: Sequence[str], *, overwrite: bool = F
 
 def _lines(boxes: Boxes, kind: Kind) -> list[str]:
     columns = (boxes.left_px, boxes.top_px, boxes.width_px, boxes.height_px)
-    places = [[repr(value) for value in column.tolist()] for column in columns]
+    cells = [[repr(value) for value in column.tolist()] for column in columns]
     labels = [UNLABELLED] * len(boxes) if kind == "detections" else boxes.target_id.tolist()
     sure = ["-1" if np.isnan(value) else repr(value) for value in boxes.confidence.tolist()]
     tails = ["1,1,1"] * len(boxes) if kind == "truth" else [f"{value},-1,-1,-1" for value in sure]
-    rows = zip((boxes.frame + 1).tolist(), labels, *places, tails, strict=True)
+    rows = zip((boxes.frame + 1).tolist(), labels, *cells, tails, strict=True)
     return [",".join(map(str, row)) + "\n" for row in rows]
 
 
@@ -196,9 +196,9 @@ def write_layout(folder: Path, tracker: str, sequences: Sequence[MotSequence], *
         raise OutputError(f"{folder}: is a file; name a folder")
     if not folder.parent.is_dir():
         raise OutputError(f"{folder}: the folder {folder.parent} does not exist; make it first")
-    with folder_beside(folder) as beside:
-        _fill(beside, tracker, sequences)
-        _move(beside, folder, overwrite)
+    with folder_beside(folder) as temporary:
+        _fill(temporary, tracker, sequences)
+        _move(temporary, folder, overwrite)
 
 
 def _fill(folder: Path, tracker: str, sequences: Sequence[MotSequence]) -> None:
@@ -212,13 +212,13 @@ def _fill(folder: Path, tracker: str, sequences: Sequence[MotSequence]) -> None:
     write_sequence_list(folder / "gt" / "seqmaps" / f"{BENCHMARK}.txt", [s.info.name for s in sequences])
 
 
-def _move(beside: Path, folder: Path, overwrite: bool) -> None:
+def _move(temporary: Path, folder: Path, overwrite: bool) -> None:
     """Move new or changed files; none if one may not be replaced."""
-    files = sorted(path for path in beside.rglob("*") if path.is_file())
+    files = sorted(path for path in temporary.rglob("*") if path.is_file())
     new = []
     with translate_write_errors(folder):
         for path in files:
-            target = folder / path.relative_to(beside)
+            target = folder / path.relative_to(temporary)
             same = target.is_file() and target.read_bytes() == path.read_bytes()
             if target.exists() and not same and not overwrite:
                 raise OutputExistsError(f"{target}: exists with another content")

@@ -181,12 +181,12 @@ def _coco(path: Path, value: Record, camera: str | None) -> BoxSource:
     names = _categories(path, value.get("categories") or [])
     records = []
     for n, annotation in enumerate(annotations, start=1):
-        whose = annotation.get("image_id") if isinstance(annotation, dict) else None
-        if not isinstance(whose, int | str) or whose not in images:
+        owner = annotation.get("image_id") if isinstance(annotation, dict) else None
+        if not isinstance(owner, int | str) or owner not in images:
             raise InputError(f"{path}: annotation {n}: its image_id is that of no image; correct it")
         if annotation.get("iscrowd"):
             continue
-        records.append((n, _annotation(path, n, annotation, names) | images[whose]))
+        records.append((n, _annotation(path, n, annotation, names) | images[owner]))
     listed: Ints = np.unique(np.array([int(cells["frame"]) for cells in images.values()], dtype=np.int64))
     cameras = tuple(dict.fromkeys(cells["camera"] for cells in images.values() if "camera" in cells))
     return BoxSource(_chunks(path, records), "COCO", listed if len(listed) else None, cameras)
@@ -255,9 +255,9 @@ def _check_origin(path: Path, n: int, image: Record, camera: str | None, first: 
     """InputError where an image comes from elsewhere than the first one of its camera."""
     if _origin(image) == first:
         return
-    whose = f"camera {camera or _camera_of(image)}"
+    owner = f"camera {camera or _camera_of(image)}"
     raise InputError(
-        f"{path}: image {n}: is of {_origin(image)}, and the first image of {whose} of {first}; "
+        f"{path}: image {n}: is of {_origin(image)}, and the first image of {owner} of {first}; "
         + (f"omit {camera}=, so that each has its own, or " if camera is not None else "")
         + "give every image a key camera"
     )

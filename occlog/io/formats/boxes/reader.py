@@ -484,13 +484,13 @@ def _matched(
         return list(labels)
     foreign = [label for label in labels if means_none(label, known)]
     if foreign and not options.others:
-        told = ", ".join(repr(label) for label in foreign)
+        text = ", ".join(repr(label) for label in foreign)
         one = len(foreign) == 1
         remedy = "give them equal names"
         if file.path.is_dir():
             remedy = f"give each folder with its camera (CAMERA={file.path / foreign[0]})"
         raise InputError(
-            f"{file.path}: {'camera' if one else 'cameras'} {told} {'is' if one else 'are'} none of "
+            f"{file.path}: {'camera' if one else 'cameras'} {text} {'is' if one else 'are'} none of "
             f"{', '.join(known)}; {remedy}, calibrate {'it' if one else 'them'}, or allow uncalibrated cameras"
         )
     names = [label if label in foreign else match_sensor(label, known, str(file.path)) for label in labels]
@@ -549,9 +549,9 @@ def _size(rows: CsvRows, size: str, far: str, near: Floats) -> Floats:
         return rows.floats(far) - near
     sizes = rows.floats(size)
     if rows.has(far):
-        apart = disagree(sizes, near, rows.floats(far, blank=True))
-        if apart.any():
-            row = int(np.flatnonzero(apart)[0])
+        disagreement = disagree(sizes, near, rows.floats(far, blank=True))
+        if disagreement.any():
+            row = int(np.flatnonzero(disagreement)[0])
             raise rows.fail(row, both_sizes(size, float(sizes[row]), far, str(rows.cells[far][row]), float(near[row])))
     return sizes
 

@@ -193,12 +193,12 @@ def _blocks(
     first: int,
     stop: int,
     times: Mapping[str, FrameTimes],
-    looked: tuple[int, int],
+    size: tuple[int, int],
 ) -> Iterator[B]:
     for start in range(first, stop, FRAMES_PER_CHUNK):
         end = min(start + FRAMES_PER_CHUNK, stop)
         low, high = np.searchsorted(rows.frame, [start, end])
-        yield _table(rows.pick(np.arange(low, high)), table, cameras, start, end, times, looked)
+        yield _table(rows.pick(np.arange(low, high)), table, cameras, start, end, times, size)
 
 
 def _table(
@@ -208,13 +208,13 @@ def _table(
     first: int,
     stop: int,
     times: Mapping[str, FrameTimes],
-    looked: tuple[int, int],
+    size: tuple[int, int],
 ) -> B:
-    """One table of the frames first <= frame < stop; `looked` is a processed frame, and the step to the next."""
+    """One table of the frames first <= frame < stop; `size` is a processed frame, and the step to the next."""
     cell = (rows.frame - first) * len(cameras) + rows.camera
     counts = np.bincount(cell, minlength=(stop - first) * len(cameras))
     empty = np.flatnonzero(counts == 0)
-    empty = empty[(first + empty // len(cameras) - looked[0]) % looked[1] == 0]
+    empty = empty[(first + empty // len(cameras) - size[0]) % size[1] == 0]
     frame = np.concatenate([rows.frame, first + empty // len(cameras)])
     camera = np.concatenate([rows.camera, empty % len(cameras)])
     # Rows are sorted by cell, so the position within a cell is the distance from its first row.

@@ -100,12 +100,12 @@ class CalibrationOptions:
     Attributes:
         unit: length unit of the file, `m`, `cm` or `mm`; None: the format's own, else metres.
         image_size: width and height [px]; None: as stated in the file.
-        told: importers add their assumptions, as notes for users.
+        notes: importers add their assumptions, as notes for users.
     """
 
     unit: str | None = None
     image_size: tuple[int, int] | None = None
-    told: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +163,7 @@ def lens_pose(
     coefficients, model = np.asarray(lens.coefficients, dtype=np.float64), lens.model
     if model == "rational" and (focal > 0).all():
         coefficients, off = fit_rational(coefficients, size, focal, principal, where)
-        options.told.append(f"{name}: rational lens, fitted by Brown's within {off:.2g} px")
+        options.notes.append(f"{name}: rational lens, fitted by Brown's within {off:.2g} px")
         model = "brown"
     return Pose(
         name=name,

@@ -43,8 +43,8 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
         raise InputError(f"{paths[1]}: a second camera chain; the relative poses of the two are unknown")
     values = yaml_values(read_text(paths[0]), paths[0])
     cameras = {key: table for key, table in values.items() if _CAMERA.match(key) and isinstance(table, dict)}
-    places = _places(paths[0], cameras, options)
-    return tuple(_camera(paths[0], key, table, places[key], options) for key, table in cameras.items())
+    positions = _places(paths[0], cameras, options)
+    return tuple(_camera(paths[0], key, table, positions[key], options) for key, table in cameras.items())
 
 
 def _places(path: Path, cameras: Mapping[str, Mapping[str, object]], options: CalibrationOptions) -> dict[str, Floats]:
@@ -53,15 +53,15 @@ def _places(path: Path, cameras: Mapping[str, Mapping[str, object]], options: Ca
     if names != [f"cam{n}" for n in range(len(names))]:
         raise InputError(f"{path}: has {', '.join(names)}; a chain has cam0, cam1, ... without a gap")
     if all("T_cn_cnm1" in cameras[name] for name in names[1:]):
-        options.told.append("the world is the frame of cam0: x to its right, y down, z forward")
+        options.notes.append("the world is the frame of cam0: x to its right, y down, z forward")
         if any("T_cam_imu" in table for table in cameras.values()):
-            options.told.append("T_cam_imu is not used: the cameras are placed by T_cn_cnm1")
+            options.notes.append("T_cam_imu is not used: the cameras are placed by T_cn_cnm1")
         out = {names[0]: np.eye(4)}
         for before, name in pairwise(names):
             out[name] = _transform(cameras[name], "T_cn_cnm1", f"{path}: {name}") @ out[before]
         return out
     if all("T_cam_imu" in cameras[name] for name in names):
-        options.told.append("the world is the frame of the IMU")
+        options.notes.append("the world is the frame of the IMU")
         return {name: _transform(cameras[name], "T_cam_imu", f"{path}: {name}") for name in names}
     lacking = next(name for name in names[1:] if "T_cn_cnm1" not in cameras[name])
     raise InputError(f"{path}: {lacking}: has no T_cn_cnm1, so that its position is not known; calibrate all together")
@@ -74,7 +74,9 @@ def _transform(table: Mapping[str, object], key: str, where: str) -> Floats:
     return matrix
 
 
-def _camera(path: Path, name: str, table: Mapping[str, object], place: Floats, options: CalibrationOptions) -> Camera:
+def _camera(
+    path: Path, name: str, table: Mapping[str, object], position: Floats, options: CalibrationOptions
+) -> Camera:
     where = f"{path}: camera {name}"
     model, lens = str(table.get("camera_model")), str(table.get("distortion_model", "none"))
     if model != "pinhole":
@@ -96,8 +98,8 @@ def _camera(path: Path, name: str, table: Mapping[str, object], place: Floats, o
         principal=intrinsics[2:],
         size=options.image_size or (int(size[0]), int(size[1])),
         lens=Lens(kind, given[:count]),
-        rotation=place[:3, :3],
-        translation=place[:3, 3] * scale_of(options, "m"),
+        rotation=position[:3, :3],
+        translation=position[:3, 3] * scale_of(options, "m"),
         options=options,
         where=where,
     )

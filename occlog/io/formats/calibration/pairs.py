@@ -38,12 +38,12 @@ _MARK = re.compile(r"^(intr|extr)(insics?|insic)?[_-]|[_-]?(intr|extr)(insics?|i
 
 def folder_files(path: Path) -> list[Path] | None:
     """The files of a folder with `extrinsic` and `intrinsic_zero` (or another of `FOLDERS`); else None."""
-    places = path / "extrinsic"
+    poses_folder = path / "extrinsic"
     lenses = next((path / name for name in FOLDERS if (path / name).is_dir()), None)
-    if lenses is None or not places.is_dir():
+    if lenses is None or not poses_folder.is_dir():
         return None
     kept = (".xml", ".yml", ".yaml", ".json")
-    return sorted(p for folder in (places, lenses) for p in folder.iterdir() if p.suffix.lower() in kept)
+    return sorted(p for folder in (poses_folder, lenses) for p in folder.iterdir() if p.suffix.lower() in kept)
 
 
 def detect(text: str) -> bool:
@@ -61,16 +61,16 @@ def detect(text: str) -> bool:
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
     """One camera a pair of files."""
     lenses: dict[str, Path] = {}
-    places: dict[str, Path] = {}
+    extrinsics: dict[str, Path] = {}
     for path in paths:
         values = storage_values(read_text(path), path)
-        found = lenses if any(name in values for name in MATRIX) else places
+        found = lenses if any(name in values for name in MATRIX) else extrinsics
         name = _MARK.sub("", path.stem) or path.stem
         if name in found:
             raise InputError(f"{path}: a second file of camera {name}, next to {found[name]}; keep one")
         found[name] = path
-    for name in sorted(lenses.keys() ^ places.keys()):
-        path, lacks = (lenses[name], "extrinsic") if name in lenses else (places[name], "intrinsic")
+    for name in sorted(lenses.keys() ^ extrinsics.keys()):
+        path, lacks = (lenses[name], "extrinsic") if name in lenses else (extrinsics[name], "intrinsic")
         raise InputError(
             f"{path}: camera {name} has no {lacks} file; give both, with names as {_example(lacks, name)}; where one "
             f"file has both, the matrix is called {', '.join(MATRIX)}, the position {' or '.join(ROTATION[::3])} and "
@@ -79,8 +79,8 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
     wildtrack = set(lenses) <= WILDTRACK.keys()
     if wildtrack:
         said = ", ".join(f"{WILDTRACK[name]} = {name}" for name in sorted(lenses))
-        options.told.append(f"WILDTRACK: lengths are cm, images of 1920 x 1080 px, {said}")
-    return tuple(_camera(name, lenses[name], places[name], wildtrack, options) for name in sorted(lenses))
+        options.notes.append(f"WILDTRACK: lengths are cm, images of 1920 x 1080 px, {said}")
+    return tuple(_camera(name, lenses[name], extrinsics[name], wildtrack, options) for name in sorted(lenses))
 
 
 def unit_of(paths: list[Path]) -> str:
@@ -92,9 +92,9 @@ def _example(kind: str, name: str) -> str:
     return f"{kind[:4]}_{name}.xml"
 
 
-def _camera(name: str, lens: Path, place: Path, wildtrack: bool, options: CalibrationOptions) -> Camera:
-    where = f"{place}: camera {name}"
-    values, of_place = storage_values(read_text(lens), lens), storage_values(read_text(place), place)
+def _camera(name: str, lens: Path, path: Path, wildtrack: bool, options: CalibrationOptions) -> Camera:
+    where = f"{path}: camera {name}"
+    values, of_place = storage_values(read_text(lens), lens), storage_values(read_text(path), path)
     matrix = matrix_of(values, MATRIX, f"{lens}: camera {name}")
     rotation, translation = extrinsics_of(of_place, where)
     size = options.image_size or size_of(values) or (WILDTRACK_SIZE if wildtrack else None)

@@ -59,7 +59,7 @@ class CalibrationFile(NamedTuple):
     cameras: tuple[Camera, ...]
     format: str
     unit: str
-    told: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def read_calibration(
@@ -92,7 +92,7 @@ def read_calibration(
     if (double := first_double([c.name for c in cameras])) is not None:
         raise InputError(f"{files[0]}: two cameras are named {double!r}; their names must differ")
     unit = options.unit or (pairs.unit_of(files) if name == "opencv-pairs" else IMPORTERS[name].assumed)
-    return CalibrationFile(cameras, name, unit, (*options.told, *_doubts(cameras)))
+    return CalibrationFile(cameras, name, unit, (*options.notes, *_doubts(cameras)))
 
 
 def _doubts(cameras: Sequence[Camera]) -> list[str]:

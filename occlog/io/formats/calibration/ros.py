@@ -78,7 +78,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
         raise InputError(
             f"{paths[-1]}: the transforms hang from {', '.join(sorted(roots))}; join them, the world must be one frame"
         )
-    options.told.append(f"the world is the frame {roots.pop()}, lenses are those of raw images")
+    options.notes.append(f"the world is the frame {roots.pop()}, lenses are those of raw images")
     return tuple(_camera(name, *lenses[name], tree, options) for name in lenses)
 
 
@@ -158,11 +158,11 @@ def _camera(
             f"{where}: the transforms ({', '.join(tree)}) have no frame {name}_optical_frame; add it: images need the "
             "optical frame (x right, y down, z forward)"
         )
-    rotation, place = np.eye(3), np.zeros(3)
+    rotation, position = np.eye(3), np.zeros(3)
     frame = names[0]
     while frame in tree:
         step = tree[frame]
-        rotation, place = step.rotation @ rotation, step.rotation @ place + step.translation
+        rotation, position = step.rotation @ rotation, step.rotation @ position + step.translation
         frame = step.parent
     matrix = _matrix(part, ("camera_matrix", "k", "K"), f"{where}: camera matrix")
     if matrix.size != 9:
@@ -188,7 +188,7 @@ def _camera(
         size=options.image_size or (int(str(size[0])), int(str(size[1]))),
         lens=Lens(LENSES[model], given),
         rotation=rotation.T,
-        translation=-rotation.T @ place * scale_of(options, "m"),
+        translation=-rotation.T @ position * scale_of(options, "m"),
         options=options,
         where=where,
     )

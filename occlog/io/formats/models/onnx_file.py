@@ -91,26 +91,26 @@ def read_onnx(path: Path) -> OnnxFile:
     if not walk.inputs or not walk.outputs:
         raise InputError(f"{path}: not an ONNX model: it has no graph with an input and an output; export it again")
     inputs = tuple(p for p in walk.inputs if p.name not in walk.given)
-    return OnnxFile(path, inputs, tuple(walk.outputs), walk.metadata, _beside(path, walk.places))
+    return OnnxFile(path, inputs, tuple(walk.outputs), walk.metadata, _beside(path, walk.locations))
 
 
-def _beside(path: Path, places: list[str]) -> tuple[Path, ...]:
+def _beside(path: Path, locations: list[str]) -> tuple[Path, ...]:
     """The files of weights that a model names; InputError for one that is not in its folder."""
     folder = path.resolve().parent
     found = []
-    for place in dict.fromkeys(places):
-        beside = folder / place
+    for location in dict.fromkeys(locations):
+        external = folder / location
         # The target of a link counts, not its location.
         try:
-            inside = beside.resolve().is_relative_to(folder) and not Path(place).is_absolute()
+            inside = external.resolve().is_relative_to(folder) and not Path(location).is_absolute()
         except (OSError, ValueError):
             inside = False
         if not inside:
             raise InputError(
-                f"{path}: weights in {place!r} are outside the model's folder; put them next to "
+                f"{path}: weights in {location!r} are outside the model's folder; put them next to "
                 "the model and export it again"
             )
-        found.append(check_input(beside, f"weights of {path.name}"))
+        found.append(check_input(external, f"weights of {path.name}"))
     total = sum(each.stat().st_size for each in found)
     if total > MAX_WEIGHTS:
         raise InputError(f"{path}: its weights have {total} bytes; at most {MAX_WEIGHTS} are read")
@@ -129,7 +129,7 @@ class _OnnxWalk:
     outputs: list[Port] = field(default_factory=list)
     metadata: dict[str, str] = field(default_factory=dict)
     given: set[str] = field(default_factory=set)
-    places: list[str] = field(default_factory=list)
+    locations: list[str] = field(default_factory=list)
     fields: int = 0
 
     def model(self, data: memoryview) -> None:
@@ -196,7 +196,7 @@ class _OnnxWalk:
     def _tensor(self, data: memoryview) -> None:
         """TensorProto: its name, and where its values are if not here."""
         sides: list[int] = []
-        kind, name, raw, typed, beside = 0, "", 0, 0, False
+        kind, name, raw, typed, external = 0, "", 0, 0, False
         for number, value in self._fields(data):
             if isinstance(value, int):
                 if number == 1:
@@ -204,7 +204,7 @@ class _OnnxWalk:
                 elif number == 2:
                     kind = value
                 elif number == 14:
-                    beside = value == 1
+                    external = value == 1
                 typed += number in TYPED
             elif number == 1:
                 sides.extend(_varints(value))
@@ -216,14 +216,14 @@ class _OnnxWalk:
             elif number == 13:
                 key, text = self._entry(value)
                 if key == "location":
-                    self.places.append(text)
+                    self.locations.append(text)
             elif number in TYPED:
                 typed += _count(value, TYPED[number])
         if any(side > LONGEST_SIDE for side in sides):
             raise _DamageError(f"weights {name[:40]!r} with a dimension beyond {LONGEST_SIDE}")
         wanted = math.prod(sides)
         there = typed if typed else raw * 8 // BITS.get(kind, 1)
-        if kind in BITS and not beside and there != wanted:
+        if kind in BITS and not external and there != wanted:
             raise _DamageError(f"weights {name[:40]!r} have {there} values where {wanted} were expected")
 
     def _entry(self, data: memoryview) -> tuple[str, str]:
@@ -240,10 +240,10 @@ class _OnnxWalk:
             elif number == 2:  # TypeProto
                 for part, tensor in self._messages(value):
                     if part == 1:  # TypeProto.Tensor
-                        for place, what in self._fields(tensor):
-                            if place == 1 and isinstance(what, int):
+                        for index, what in self._fields(tensor):
+                            if index == 1 and isinstance(what, int):
                                 kind = what
-                            elif place == 2 and isinstance(what, memoryview):
+                            elif index == 2 and isinstance(what, memoryview):
                                 shape = tuple(self._dim(dim) for part, dim in self._messages(what) if part == 1)
         return Port(name, KINDS.get(kind, ""), shape)
 
@@ -262,50 +262,50 @@ class _OnnxWalk:
 
     def _fields(self, data: memoryview) -> Iterator[tuple[int, int | memoryview]]:
         """Numbers and values of fields: a whole number, or bytes."""
-        place, end = 0, len(data)
-        while place < end:
+        index, end = 0, len(data)
+        while index < end:
             self.fields += 1
             if self.fields > MAX_FIELDS:
                 raise _DamageError(f"more than {MAX_FIELDS} fields")
-            key, place = _varint(data, place)
+            key, index = _varint(data, index)
             number, wire = key >> 3, key & 7
             if number == 0:
                 raise _DamageError("a field has the number 0")
             value: int | memoryview
             if wire == 0:
-                value, place = _varint(data, place)
+                value, index = _varint(data, index)
             elif wire == 2:
-                length, place = _varint(data, place)
-                value, place = data[place : place + length], place + length
+                length, index = _varint(data, index)
+                value, index = data[index : index + length], index + length
             elif wire in (1, 5):
                 length = 8 if wire == 1 else 4
-                value, place = 0, place + length
+                value, index = 0, index + length
             else:
                 raise _DamageError(f"wire type {wire}")
-            if place > end:
+            if index > end:
                 raise _DamageError("it ends within a field")
             yield number, value
 
 
-def _varint(data: memoryview, place: int) -> tuple[int, int]:
+def _varint(data: memoryview, offset: int) -> tuple[int, int]:
     """A whole number of up to 64 bits, and the position after it."""
     value = 0
     for shift in range(0, 70, 7):
-        if place >= len(data):
+        if offset >= len(data):
             raise _DamageError("it ends within a number")
-        byte = data[place]
-        place += 1
+        byte = data[offset]
+        offset += 1
         value |= (byte & 0x7F) << shift
         if byte < 0x80:
-            return value, place
+            return value, offset
     raise _DamageError("a number has more than 64 bits")
 
 
 def _varints(data: memoryview) -> Iterator[int]:
     """Iterate over consecutive variable-length integers."""
-    place = 0
-    while place < len(data):
-        value, place = _varint(data, place)
+    offset = 0
+    while offset < len(data):
+        value, offset = _varint(data, offset)
         yield value
 
 

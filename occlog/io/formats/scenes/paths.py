@@ -125,22 +125,22 @@ def _segments(spec: TargetSpec, flat: bool, where: str) -> tuple[Segment, ...]:
     """Segments with their ends filled in; InputError where they overlap or state two things at once."""
     done: list[Segment] = []
     for i, s in enumerate(spec.segments):
-        place, before = f"{where}: segments[{i}]", done[-1].until_s if done else spec.from_s
+        location, before = f"{where}: segments[{i}]", done[-1].until_s if done else spec.from_s
         start = before if s.from_s is None else s.from_s
         if math.isinf(start):
-            raise InputError(f"{place}: give from_s, or until_s of the segment before")
+            raise InputError(f"{location}: give from_s, or until_s of the segment before")
         if math.isinf(before):
             before = done[-1].from_s
         if start < before:
             what = "the segment before ends" if i else "the target starts"
-            raise InputError(f"{place}: starts at {start:g} s, but {what} at {before:g} s")
+            raise InputError(f"{location}: starts at {start:g} s, but {what} at {before:g} s")
         end = s.until_s
         if end is None:
             following = spec.segments[i + 1].from_s if i + 1 < len(spec.segments) else None
             end = math.inf if following is None else following
         if not end > start:
-            raise InputError(f"{place}: ends at {end:g} s, must be after its start at {start:g} s")
-        done.append(_segment(s, start, end, flat, place))
+            raise InputError(f"{location}: ends at {end:g} s, must be after its start at {start:g} s")
+        done.append(_segment(s, start, end, flat, location))
     return tuple(done)
 
 

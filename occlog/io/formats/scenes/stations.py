@@ -32,8 +32,8 @@ def holds_stations(path: Path) -> bool:
         header = {cell.lower() for cell in first_line(path, WHAT)}
     except InputError:
         return False
-    places = {name for name in header if name in COLUMNS and name[0] in "xy"}
-    return is_header(list(header)) and bool(header & set(NAMES)) and len(places) >= 2
+    columns = {name for name in header if name in COLUMNS and name[0] in "xy"}
+    return is_header(list(header)) and bool(header & set(NAMES)) and len(columns) >= 2
 
 
 def read_stations(path: Path) -> Scene:
@@ -60,7 +60,7 @@ def read_stations(path: Path) -> Scene:
         if len(units) > 1:
             raise InputError(f"{path}: positions are in {' and '.join(sorted(units))}; state all in one unit")
         unit = units.pop()
-        place = np.column_stack([_numbers(rows, spelled[axis]) for axis in "xyz"])
+        position = np.column_stack([_numbers(rows, spelled[axis]) for axis in "xyz"])
         sigma = rows.floats("sigma_deg") if rows.has("sigma_deg") else None
         for row, cell in enumerate(rows.cells["name"].tolist()):
             if not cell.strip():
@@ -71,9 +71,9 @@ def read_stations(path: Path) -> Scene:
             if sigma is not None and not MIN_SIGMA_DEG <= sigma[row] <= MAX_SIGMA_DEG:
                 limits = f"above 0, from {MIN_SIGMA_DEG:g} to {MAX_SIGMA_DEG:g}"
                 raise rows.fail(row, f"sigma_deg of station {name} is {sigma[row]:g}; it must be {limits}")
-            if (far := float(np.abs(place[row]).max())) > MAX_COORDINATE:
+            if (far := float(np.abs(position[row]).max())) > MAX_COORDINATE:
                 raise rows.fail(row, f"station {name} is {far:g} away; it must be within {MAX_COORDINATE:g}")
-            station = MicrophoneArray(name, place[row], planar=spelled["z"] is None)
+            station = MicrophoneArray(name, position[row], planar=spelled["z"] is None)
             found[name] = station if sigma is None else replace(station, sigma=math.radians(float(sigma[row])))
     return Scene(arrays=tuple(found.values()), length_unit=unit)
 

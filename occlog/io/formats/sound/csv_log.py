@@ -62,12 +62,12 @@ class DoaRows(NamedTuple):
 def azimuths_only(line: Ints, t_ns: Ints, sensor: Strings, azimuth: Floats) -> DoaRows:
     """Rows of a log that gives nothing but azimuths."""
     unknown = np.full(len(line), np.nan)
-    nobody = np.full(len(line), -1, dtype=np.int64)
+    unlabelled = np.full(len(line), -1, dtype=np.int64)
     return DoaRows(
         line=line,
         t_ns=t_ns,
         sensor=sensor,
-        source_id=nobody,
+        source_id=unlabelled,
         azimuth=azimuth,
         elevation=unknown,
         sigma_azimuth=unknown,

@@ -76,9 +76,9 @@ def read_doa(
     last: dict[str, int] = {}
     first: dict[str, int] = {}
     meant: dict[str, str] = {}
-    told: list[Loss] = [] if losses is None else losses
+    collected: list[Loss] = [] if losses is None else losses
     tilted = {a.name: a for a in arrays if not a.upright}
-    for rows in entry.read(path, options, told):
+    for rows in entry.read(path, options, collected):
         unique, inverse = np.unique(rows.sensor, return_inverse=True)
         matched = [match_sensor(str(label), names, str(path), what="array") for label in unique]
         for label, name in zip(unique.tolist(), matched, strict=True):
@@ -92,8 +92,8 @@ def read_doa(
         if convention == "array" and tilted:
             azimuth, rows = _untilted(rows, sensor, azimuth, tilted)
         yield _table(rows, sensor, azimuth)
-    if losses is None and told:
-        raise InputError(f"{told[0]}; repair the log")
+    if losses is None and collected:
+        raise InputError(f"{collected[0]}; repair the log")
 
 
 def _format(path: Path, options: DoaOptions) -> str:

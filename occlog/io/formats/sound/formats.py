@@ -74,18 +74,18 @@ def read_array(path: Path, name: str | None) -> MicrophoneArray:
     if missing or not numbers:
         raise InputError(f"{path}: has no column {(missing or ['mic1_x'])[0]}; {LOCATA_TABLE} of an array was expected")
     parts = list(_locata_rows(path, (*PLACE, *ROTATION, *columns)))
-    places = np.concatenate([_values(rows, PLACE) for rows in parts])
+    positions = np.concatenate([_values(rows, PLACE) for rows in parts])
     turns = np.concatenate([_values(rows, ROTATION) for rows in parts]).reshape(-1, 3, 3)
-    heard = np.concatenate([_values(rows, columns) for rows in parts]).reshape(len(places), -1, 3)
+    heard = np.concatenate([_values(rows, columns) for rows in parts]).reshape(len(positions), -1, 3)
     lines = np.concatenate([part.rows.lines for part in parts])
     _check_rotations(path, turns, lines)
-    _check_still(path, places, turns, lines)
+    _check_still(path, positions, turns, lines)
     # Microphones in the array's frame are p = R^T (m - c), as LOCATA's own programs have it.
-    own = np.einsum("nji,nmj->nmi", turns, heard - places[:, None]).mean(axis=0)
+    own = np.einsum("nji,nmj->nmi", turns, heard - positions[:, None]).mean(axis=0)
     u, _, vt = np.linalg.svd(turns.mean(axis=0))
     yaw, pitch, roll = _angles(u @ vt)
     called = name or safe_name(path.stem.removeprefix("position_array_"))
-    return MicrophoneArray(called, places.mean(axis=0), yaw=yaw, microphones=own, pitch=pitch, roll=roll)
+    return MicrophoneArray(called, positions.mean(axis=0), yaw=yaw, microphones=own, pitch=pitch, roll=roll)
 
 
 def read_source(path: Path) -> Truth:
@@ -95,7 +95,7 @@ def read_source(path: Path) -> Truth:
     """
     number = _LAST_NUMBER.search(path.stem)
     times: list[Ints] = []
-    places: list[Floats] = []
+    positions: list[Floats] = []
     for part in _locata_rows(path, PLACE):
         t_ns = _times(part)
         last = times[-1][-1:] if times else t_ns[:1]
@@ -103,9 +103,9 @@ def read_source(path: Path) -> Truth:
         if len(back):
             raise part.rows.fail(int(back[0]), "its time is before that of the row above; sort the rows by time")
         times.append(t_ns)
-        places.append(_values(part, PLACE))
+        positions.append(_values(part, PLACE))
     t_ns, first = np.unique(np.concatenate(times), return_index=True)
-    x, y, z = np.concatenate(places)[first].T
+    x, y, z = np.concatenate(positions)[first].T
     n = len(t_ns)
     target = np.full(n, int(number[1]) if number else 0)
     with naming(path):
@@ -134,14 +134,14 @@ def _times(part: TextPart) -> Ints:
     minutes: dict[tuple[int, ...], int] = {}
     out = np.empty(len(part), dtype=np.int64)
     parts = zip(*(part[name].tolist() for name in TIMES[:5]), strict=True)
-    for row, (moment, second) in enumerate(zip(parts, part["second"].tolist(), strict=True)):
+    for row, (instant, second) in enumerate(zip(parts, part["second"].tolist(), strict=True)):
         try:
-            if moment not in minutes:
-                minutes[moment] = int(datetime(*moment, tzinfo=UTC).timestamp()) * NS  # type: ignore[misc]
+            if instant not in minutes:
+                minutes[instant] = int(datetime(*instant, tzinfo=UTC).timestamp()) * NS  # type: ignore[misc]
             seconds = Decimal(second)
             if not 0 <= seconds < 60:
                 raise ValueError(f"second {second}")
-            out[row] = minutes[moment] + round(seconds * NS)
+            out[row] = minutes[instant] + round(seconds * NS)
         except (ValueError, OverflowError, InvalidOperation, TypeError) as error:
             raise part.rows.fail(row, f"not a date and time ({error}); correct this line") from None
     return out
@@ -155,9 +155,9 @@ def _check_rotations(path: Path, turns: Floats, lines: Ints) -> None:
         raise InputError(f"{path}: line {lines[bad[0]]}: rotation_11 to rotation_33 are not a rotation")
 
 
-def _check_still(path: Path, places: Floats, turns: Floats, lines: Ints) -> None:
+def _check_still(path: Path, positions: Floats, turns: Floats, lines: Ints) -> None:
     """Raise InputError where the array moves."""
-    moved = np.linalg.norm(places - places[0], axis=1)
+    moved = np.linalg.norm(positions - positions[0], axis=1)
     cosine = (np.einsum("ij,nij->n", turns[0], turns) - 1) / 2
     turned = np.arccos(np.clip(cosine, -1.0, 1.0))
     bad = np.flatnonzero((moved > STILL_M) | (turned > STILL_RAD))
@@ -263,12 +263,12 @@ def _animals(cells: Strings) -> Ints:
 
 def _moment(path: Path, line: int, day: str, clock: str) -> int:
     try:
-        moment = datetime.strptime(f"{day} {clock}", "%m/%d/%y %H:%M:%S").replace(tzinfo=UTC)
+        instant = datetime.strptime(f"{day} {clock}", "%m/%d/%y %H:%M:%S").replace(tzinfo=UTC)
     except ValueError:
         raise InputError(
             f"{path}: line {line}: {day} {clock} is not a date and time (month/day/year hour:minute:second)"
         ) from None
-    return int(moment.timestamp()) * NS
+    return int(instant.timestamp()) * NS
 
 
 def read_arrays(path: Path, name: str | None = None) -> tuple[MicrophoneArray, ...]:
@@ -292,9 +292,9 @@ def read_arrays(path: Path, name: str | None = None) -> tuple[MicrophoneArray, .
         raise InputError(f"{path}: {count} rows; positions of at most {MAX_ARRAYS} direction finders were expected")
     if len(plain[0].cells) not in (2, 3):
         raise InputError(f"{path}: {len(plain[0].cells)} columns; x and y of direction finders were expected")
-    places = np.concatenate([np.column_stack([rows.floats(c) for c in rows.cells]) for rows in plain])
-    places = np.column_stack([places, np.zeros((len(places), 3 - places.shape[1]))])
-    return tuple(MicrophoneArray(f"{name or 'tower'}{n}", xyz) for n, xyz in enumerate(places, start=1))
+    positions = np.concatenate([np.column_stack([rows.floats(c) for c in rows.cells]) for rows in plain])
+    positions = np.column_stack([positions, np.zeros((len(positions), 3 - positions.shape[1]))])
+    return tuple(MicrophoneArray(f"{name or 'tower'}{n}", xyz) for n, xyz in enumerate(positions, start=1))
 
 
 READ_BYTES = 1 << 18

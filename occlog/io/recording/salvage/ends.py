@@ -96,16 +96,16 @@ def index_of(file: IO[bytes], begin: int, size: int) -> tuple[int, bytes] | None
     Returns:
         Where the index begins in the file, and its records; None: no complete one.
     """
-    places = [size - FOOTER_BYTES - len(RECORDING_MAGIC)] if begin == 0 else []
+    offsets = [size - FOOTER_BYTES - len(RECORDING_MAGIC)] if begin == 0 else []
     at: int | None = begin + len(RECORDING_MAGIC)
     while at is not None and (at := _find(file, _FOOTER_OR_BEGIN, at, size)) is not None:
         file.seek(at)
         if file.read(len(BEGIN)) == BEGIN:
             break
-        places.append(at)
+        offsets.append(at)
         at += 1
-    for place in places:
-        found = _index_before(file, begin, place)
+    for offset in offsets:
+        found = _index_before(file, begin, offset)
         if found is not None:
             return found
     return None
@@ -117,8 +117,8 @@ def _index_before(file: IO[bytes], begin: int, at: int) -> tuple[int, bytes] | N
     footer = file.read(FOOTER_BYTES + len(RECORDING_MAGIC))
     if not (footer.startswith(_FOOTER_HEAD) and footer[FOOTER_BYTES:] == RECORDING_MAGIC):
         return None
-    told, _, crc = _FOOTER.unpack(footer[HEAD.size : FOOTER_BYTES])
-    start = begin + told
+    stated, _, crc = _FOOTER.unpack(footer[HEAD.size : FOOTER_BYTES])
+    start = begin + stated
     if not begin < start < at <= start + MAX_CHUNK_BYTES:
         return None
     file.seek(start)
@@ -211,17 +211,17 @@ class SalvagedRecording:
                 there.add(found)
                 self._runs[topic] = [[0, 0]]
                 return False
-        place = bisect_right(runs, [number, number])
-        near = runs[place - 1] if place else [0, -1]
-        if near[0] <= number <= near[1] or (place < len(runs) and runs[place][0] == number):
+        index = bisect_right(runs, [number, number])
+        near = runs[index - 1] if index else [0, -1]
+        if near[0] <= number <= near[1] or (index < len(runs) and runs[index][0] == number):
             if t_ns > latest:
                 return False  # numbers of recordings that were brought together begin again
             self.copies[topic] = self.copies.get(topic, 0) + 1
             return True
-        if place and near[1] == number - 1:
+        if index and near[1] == number - 1:
             near[1] = number
         else:
-            runs.insert(place, [number, number])
+            runs.insert(index, [number, number])
         return False
 
     def latest(self) -> dict[str, int]:
@@ -238,8 +238,8 @@ class SalvagedRecording:
         """Topic, time and number of messages that are lost; None: unknown whether there were any."""
         counts = self.counts if self.counts is not None else dict.fromkeys(self.channels)
         return [
-            (self.channels[channel_id].topic, place, messages)
+            (self.channels[channel_id].topic, location, messages)
             for channel_id, count in sorted(counts.items())
             if channel_id in self.channels
-            for place, messages in self.tallies.get(channel_id, ChannelTally(channel_id, self.damage)).lost(count)
+            for location, messages in self.tallies.get(channel_id, ChannelTally(channel_id, self.damage)).lost(count)
         ]

@@ -35,7 +35,7 @@ class Gap(NamedTuple):
     whole: bool
 
     @property
-    def place(self) -> str:
+    def location(self) -> str:
         """When it is."""
         if self.before is None:
             return "all of it" if self.after is None else f"before {utc(self.after)}"
@@ -46,19 +46,19 @@ class Damage:
     """Damage of a recording so far, for all topics."""
 
     def __init__(self) -> None:
-        self.places = 0
+        self.n_locations = 0
         """Number of damaged positions."""
         self.unknown = 0
         """Number of damaged positions without an index of a chunk."""
         self.counted: dict[int, int] = {}
         """Messages of each channel that indexes of damaged chunks count."""
-        self._behind = self._told = False
+        self._behind = self._reported = False
 
     def begin(self) -> None:
         """Damage begins."""
-        self.places += 1
+        self.n_locations += 1
         self.unknown += 1
-        self._behind, self._told = True, False
+        self._behind, self._reported = True, False
 
     def end(self) -> None:
         """A whole message: indexes that follow are of whole chunks."""
@@ -68,9 +68,9 @@ class Damage:
         """An index of the messages of a channel in the chunk before it."""
         if not self._behind:
             return
-        if not self._told:
+        if not self._reported:
             self.unknown -= 1
-            self._told = True
+            self._reported = True
         self.counted[channel] = self.counted.get(channel, 0) + messages
 
 
@@ -88,7 +88,7 @@ class ChannelTally:
 
     def add(self, number: int, t_ns: int) -> None:
         """Count a message."""
-        if self._damage.places > self._seen[0]:
+        if self._damage.n_locations > self._seen[0]:
             self._gaps.append(self._gap(t_ns, number))
         elif self._last is not None and self._rising is not False:
             self._rising = number == self._last[0] + 1
@@ -102,20 +102,20 @@ class ChannelTally:
             count: messages of the channel, by the statistics of the index; None: they are lost.
         """
         gaps = list(self._gaps)
-        if self._damage.places > self._seen[0]:
+        if self._damage.n_locations > self._seen[0]:
             gaps.append(self._gap(None, 0))
         found = [self._missing(gap) for gap in gaps]
         if count is None:
-            return [(gap.place, n) for gap, n in zip(gaps, found, strict=True) if n != 0]
+            return [(gap.location, n) for gap, n in zip(gaps, found, strict=True) if n != 0]
         missing = count - self.messages
         open_gaps, rest = [n for n in found if n is None], missing - sum(n or 0 for n in found)
         if missing <= 0 or not gaps:
-            return [] if missing <= 0 else [(self._gap(None, 0).place, missing)]
+            return [] if missing <= 0 else [(self._gap(None, 0).location, missing)]
         if rest < 0 or (rest and len(open_gaps) != 1):  # how many are in which gap is not known
             first, last = gaps[0], gaps[-1]
-            return [(first._replace(after=last.after).place, missing)]
-        told = [rest if n is None else n for n in found]
-        return [(gap.place, n) for gap, n in zip(gaps, told, strict=True) if n]
+            return [(first._replace(after=last.after).location, missing)]
+        counts = [rest if n is None else n for n in found]
+        return [(gap.location, n) for gap, n in zip(gaps, counts, strict=True) if n]
 
     def _missing(self, gap: Gap) -> int | None:
         """Messages that are lost in a gap; None: not known."""
@@ -130,7 +130,7 @@ class ChannelTally:
         return Gap(before, after, jump, counted, not unknown)
 
     def _now(self) -> tuple[int, int, int]:
-        return self._damage.places, self._damage.unknown, self._damage.counted.get(self._channel, 0)
+        return self._damage.n_locations, self._damage.unknown, self._damage.counted.get(self._channel, 0)
 
 
 class Written:

@@ -75,12 +75,12 @@ def _cut_block(frame: bytes) -> bytes | None:
     at = _HEAD + (8 if flags & 0x08 else 0) + (4 if flags & 0x01 else 0)
     sum_bytes = 4 if flags & 0x10 else 0
     while at + _LENGTH.size <= len(frame):
-        (told,) = _LENGTH.unpack_from(frame, at)
-        begin, size = at + _LENGTH.size, told & ~_PLAIN
+        (stated,) = _LENGTH.unpack_from(frame, at)
+        begin, size = at + _LENGTH.size, stated & ~_PLAIN
         if not size:
             return None
         if begin + size + sum_bytes > len(frame):
-            return None if told & _PLAIN else frame[begin : begin + size]
+            return None if stated & _PLAIN else frame[begin : begin + size]
         at = begin + size + sum_bytes
     return None
 
@@ -273,8 +273,8 @@ def _kind(file: IO[bytes], code: int, length: int, before: int) -> int:
     """
     data = file.read(min(INDEX_HEAD.size, length)) if length <= MAX_CHUNK_BYTES else b""
     if before in (Opcode.CHUNK, Opcode.MESSAGE_INDEX) and len(data) >= INDEX_HEAD.size:
-        _, told = INDEX_HEAD.unpack_from(data)
-        if told == length - INDEX_HEAD.size and told % INDEX_ENTRY == 0:
+        _, stated = INDEX_HEAD.unpack_from(data)
+        if stated == length - INDEX_HEAD.size and stated % INDEX_ENTRY == 0:
             return int(Opcode.MESSAGE_INDEX)
     if code not in (Opcode.CHUNK, Opcode.HEADER) and data and _is_chunk(data + file.read(length - len(data))):
         return int(Opcode.CHUNK)
@@ -283,20 +283,20 @@ def _kind(file: IO[bytes], code: int, length: int, before: int) -> int:
 
 def _own_length(file: IO[bytes], at: int, code: int, size: int) -> int | None:
     """The length of a record at a byte by what it holds, whatever its head states; None: that does not determine."""
-    place = at + HEAD.size
+    offset = at + HEAD.size
     for part in _PARTS.get(code, ()):
         if part < 0:
             number = struct.Struct(_SIZES[-part])
-            file.seek(place)
-            told = file.read(number.size)
-            if len(told) < number.size:
+            file.seek(offset)
+            stated = file.read(number.size)
+            if len(stated) < number.size:
                 return None
-            place += number.size + number.unpack(told)[0]
+            offset += number.size + number.unpack(stated)[0]
         else:
-            place += part
-        if place > size:
+            offset += part
+        if offset > size:
             return None
-    return place - at - HEAD.size if code in _PARTS else None
+    return offset - at - HEAD.size if code in _PARTS else None
 
 
 def _begins_at(file: IO[bytes], at: int, size: int) -> bool:
@@ -429,8 +429,8 @@ def _next_begin(file: IO[bytes], at: int, size: int) -> int | None:
             if found[0] == BEGIN:
                 return start
             file.seek(start)
-            code, told = HEAD.unpack(file.read(HEAD.size))
-            if code == Opcode.CHUNK and start + HEAD.size + told <= size:
+            code, stated = HEAD.unpack(file.read(HEAD.size))
+            if code == Opcode.CHUNK and start + HEAD.size + stated <= size:
                 return start
         begin += length
         length = min(2 * length, _BLOCK)

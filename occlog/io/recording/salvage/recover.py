@@ -129,8 +129,8 @@ class _Salvage:
                 if record.code != Opcode.STATISTICS:
                     self.take(record)
                     continue
-                told = records.Statistics.read(_stream(record)).channel_message_counts
-                self._part.counts = {int(k): int(n) for k, n in told.items()}
+                declared = records.Statistics.read(_stream(record)).channel_message_counts
+                self._part.counts = {int(k): int(n) for k, n in declared.items()}
 
     def _define(self, found: records.Schema | records.Channel, at: int) -> None:
         if self._part.contradicts(found):  # another recording, with a beginning that is lost
@@ -151,34 +151,34 @@ class _Salvage:
             part.metadata.pop(name, None)
             self._lose(name, "metadata with a wrong digest are skipped")
         for topic, copies in sorted(part.copies.items()):
-            told = "message that is stored" if copies == 1 else "messages that are stored"
-            self._losses[Loss(_source_of(topic), "copies", f"{copies} {told} in the file twice, and count once")] = None
+            noun = "message that is stored" if copies == 1 else "messages that are stored"
+            self._losses[Loss(_source_of(topic), "copies", f"{copies} {noun} in the file twice, and count once")] = None
         if part is not self._first:
             self._tell_of_other(part)
             if not self._belongs(part):
                 return
         self._names |= {schema.name for schema in part.schemas.values()}
-        for topic, place, count in part.lost():
+        for topic, location, count in part.lost():
             what = (
                 f"messages of {topic}, if there were more" if count is None else f"messages of {topic} in damaged parts"
             )
-            self._losses[Loss(_source_of(topic), place, what, count or 0)] = None
+            self._losses[Loss(_source_of(topic), location, what, count or 0)] = None
         self._before += self._provenance_before(part).losses
 
     def _tell_of_other(self, part: SalvagedRecording) -> None:
         """List a recording that follows another one, and its skipped parts."""
-        place = f"from byte {part.at} on"
+        location = f"from byte {part.at} on"
         if not self._belongs(part):
             what = "messages of another recording, which has another scene or none, are skipped; split the file there"
-            self._losses[Loss(self._source.name, place, what, part.left_out)] = None
+            self._losses[Loss(self._source.name, location, what, part.left_out)] = None
             return
-        self._lose(place, "another recording, of the same scene; its messages follow those of the first")
+        self._lose(location, "another recording, of the same scene; its messages follow those of the first")
         if part.early:
             what = "messages of another recording that are not later than those before it are skipped; split the file"
-            self._losses[Loss(self._source.name, place, f"{what} there", part.early)] = None
+            self._losses[Loss(self._source.name, location, f"{what} there", part.early)] = None
         if part.left_out:
             what = "frames of linked videos of another recording are skipped; split the file there"
-            self._losses[Loss(self._source.name, place, what, part.left_out)] = None
+            self._losses[Loss(self._source.name, location, what, part.left_out)] = None
 
     def _belongs(self, part: SalvagedRecording) -> bool:
         """Return whether messages of a recording mean what those of the first one do."""
@@ -244,10 +244,10 @@ class _Salvage:
             schema = part.schemas.get(channel.schema_id)
             if schema is None:
                 raise ValueError(f"the schema of {channel.topic} is lost")
-            told = schema.name, schema.encoding, schema.data
-            if told not in self._written_schemas:
-                self._written_schemas[told] = self._writer.register_schema(*told)
-            number = self._written_schemas[told]
+            described = schema.name, schema.encoding, schema.data
+            if described not in self._written_schemas:
+                self._written_schemas[described] = self._writer.register_schema(*described)
+            number = self._written_schemas[described]
         own = dict(channel.metadata)
         key = channel.topic, channel.message_encoding, number, json.dumps(own, sort_keys=True)
         if key not in self._written_channels:
@@ -279,8 +279,8 @@ class _Salvage:
         with suppress(InputError):
             before = provenance_from_json(part.metadata.get(OURS, {}).get("provenance", ""), self._source)
         if before.command == "unknown":
-            place = "its end" if part is self._first else f"the end of what begins at byte {part.at}"
-            self._lose(place, "how it was made, and the losses then, is not known any more")
+            location = "its end" if part is self._first else f"the end of what begins at byte {part.at}"
+            self._lose(location, "how it was made, and the losses then, is not known any more")
         return before
 
     def _links(self, videos: Mapping[str, Path]) -> dict[str, dict[str, str]]:
@@ -291,8 +291,8 @@ class _Salvage:
             if name.startswith(VIDEO_METADATA)
         }
         for camera, video in sorted(videos.items()):
-            place = Path(os.path.relpath(video.resolve(), self._path.resolve().parent)).as_posix()
-            links[VIDEO_METADATA + camera] = {"path": place, "sha256": hash_file(video)}
+            location = Path(os.path.relpath(video.resolve(), self._path.resolve().parent)).as_posix()
+            links[VIDEO_METADATA + camera] = {"path": location, "sha256": hash_file(video)}
         for channel_id in self._first.written:
             camera = sensor_of(self._first.channels[channel_id].topic)
             if self._first.schema_of(channel_id) == VIDEO_FRAME and VIDEO_METADATA + camera not in links:
@@ -302,8 +302,8 @@ class _Salvage:
                 )
         return links
 
-    def _lose(self, place: str, what: str) -> None:
-        self._losses[Loss(self._source.name, place, what)] = None
+    def _lose(self, location: str, what: str) -> None:
+        self._losses[Loss(self._source.name, location, what)] = None
 
 
 def _source_of(topic: str) -> str:

@@ -186,7 +186,7 @@ class CameraState:
     setup: CameraSetup | None = None
     seen: int = 0  # frames given to the background model
     memory: TargetMemory = field(default_factory=TargetMemory)
-    apart: SeparateSightings = field(default_factory=SeparateSightings)
+    separate: SeparateSightings = field(default_factory=SeparateSightings)
     near: TrackFeedback | None = None  # where targets are thought to be; None: they are searched for everywhere
 
 
@@ -256,8 +256,8 @@ def _regions_of_frame(
         return f"foreground covers more than {MAX_FOREGROUND:.0%} of the image (light, or the camera moved)", None
     # Find people-sized regions
     if c.method in ("em", "outlines"):
-        apart = state.apart if c.method == "outlines" else None
-        regions = cluster_regions(image, mask, setup.side, setup.prior, apart)
+        separate = state.separate if c.method == "outlines" else None
+        regions = cluster_regions(image, mask, setup.side, setup.prior, separate)
     else:
         regions = component_regions(image, mask, setup.sizes.width_px, setup.prior)
     return "", enlarge(regions, setup.shrink)
@@ -384,8 +384,8 @@ def stretches(sensor: str, lost: list[tuple[int, str]]) -> tuple[Loss, ...]:
     # Index minus position is constant in a run of consecutive frames.
     for (what, _), group in groupby(enumerate(lost), key=lambda item: (item[1][1], item[1][0] - item[0])):
         numbers = [index for _, (index, _) in group]
-        place = f"frame {numbers[0]}" if len(numbers) == 1 else f"frames {numbers[0]} to {numbers[-1]}"
-        losses.append(Loss(sensor, place, what, len(numbers)))
+        location = f"frame {numbers[0]}" if len(numbers) == 1 else f"frames {numbers[0]} to {numbers[-1]}"
+        losses.append(Loss(sensor, location, what, len(numbers)))
     return tuple(losses)
 
 

@@ -104,7 +104,7 @@ def _compared(
     first: PeopleTracks, second: PeopleTracks, error: float, gate: float, span_s: float
 ) -> tuple[Ints, Ints, Floats]:
     """Rows of both groups at one time step, of tracks that are ever near each other, and the mean squared distance."""
-    places = GroundPositions.of(first), GroundPositions.of(second)
+    positions = GroundPositions.of(first), GroundPositions.of(second)
     rows_of = [{i: np.flatnonzero(g.target_id == i) for i in np.unique(g.target_id).tolist()} for g in (first, second)]
     none = np.zeros(0, dtype=np.int64)
     parts: list[tuple[Ints, Ints, Floats]] = [(none, none, np.zeros(0))]
@@ -112,7 +112,9 @@ def _compared(
         mine, theirs = rows_of[0][a], rows_of[1][b]
         _, i, j = np.intersect1d(first.t_ns[mine], second.t_ns[theirs], assume_unique=True, return_indices=True)
         mine, theirs = mine[i], theirs[j]
-        far = np.minimum(distances(places[0].take(mine), places[1].take(theirs), error), MAX_DISTANCE_GATES * gate**2)
+        far = np.minimum(
+            distances(positions[0].take(mine), positions[1].take(theirs), error), MAX_DISTANCE_GATES * gate**2
+        )
         parts.append((mine, theirs, _windowed(far, first.t_ns[mine], round(0.5 * span_s * NS))))
     a_rows, b_rows, cost = zip(*parts, strict=True)
     return np.concatenate(a_rows), np.concatenate(b_rows), np.concatenate(cost)
@@ -120,7 +122,7 @@ def _compared(
 
 def _ever_near(first: PeopleTracks, second: PeopleTracks, error: float, gate: float) -> list[tuple[int, int]]:
     """Pairs of identities that are within the gate at some time step."""
-    places = GroundPositions.of(first), GroundPositions.of(second)
+    positions = GroundPositions.of(first), GroundPositions.of(second)
     near: set[tuple[int, int]] = set()
     times, start, number = np.unique(second.t_ns, return_index=True, return_counts=True)
     asked, begin, people = np.unique(first.t_ns, return_index=True, return_counts=True)
@@ -128,7 +130,7 @@ def _ever_near(first: PeopleTracks, second: PeopleTracks, error: float, gate: fl
     for a, b in zip(at.tolist(), where.tolist(), strict=True):
         mine = np.repeat(np.arange(begin[a], begin[a] + people[a]), number[b])
         theirs = np.tile(np.arange(start[b], start[b] + number[b]), people[a])
-        close = distances(places[0].take(mine), places[1].take(theirs), error) <= gate**2
+        close = distances(positions[0].take(mine), positions[1].take(theirs), error) <= gate**2
         mine, theirs = mine[close], theirs[close]
         near.update(zip(first.target_id[mine].tolist(), second.target_id[theirs].tolist(), strict=True))
     return sorted(near)
@@ -169,32 +171,32 @@ class IdentityMatcher:
         self.doubts = []
         taken: dict[int, int] = {}
         # The oldest identity goes first, to those with tracks that have had it all along
-        for identity, place in self._claims(people):
-            if identity not in taken and place not in taken.values():
-                taken[identity] = place
-        given = {place: identity for identity, place in taken.items()}
-        for place, members in enumerate(people):
-            identity = given.get(place, NO_ID)
+        for identity, index in self._claims(people):
+            if identity not in taken and index not in taken.values():
+                taken[identity] = index
+        given = {index: identity for identity, index in taken.items()}
+        for index, members in enumerate(people):
+            identity = given.get(index, NO_ID)
             if identity == NO_ID:
-                identity = given[place] = self._again(members, taken)
-                taken[identity] = place
+                identity = given[index] = self._again(members, taken)
+                taken[identity] = index
             before = {self._held[m] for m in members if m in self._held} - {identity}
             self.doubts += [(identity, other) for other in sorted(before)]
             for member in members:
                 self._held[member] = identity
                 self._own.setdefault(member, identity)
-        return [given[place] for place in range(len(people))]
+        return [given[index] for index in range(len(people))]
 
     def _claims(self, people: list[tuple[Member, ...]]) -> Iterator[tuple[int, int]]:
         """Identities and who claims them, the oldest first; tracks that had one from the start come first."""
         claims = [
-            (self._held[m], self._own[m] != self._held[m], m, place)
-            for place, members in enumerate(people)
+            (self._held[m], self._own[m] != self._held[m], m, index)
+            for index, members in enumerate(people)
             for m in members
             if m in self._held
         ]
-        for identity, _, _, place in sorted(claims):
-            yield identity, place
+        for identity, _, _, index in sorted(claims):
+            yield identity, index
 
     def _again(self, members: tuple[Member, ...], taken: dict[int, int]) -> int:
         """The identity that a track had before it was taken for another one's; else a new one."""

@@ -54,12 +54,12 @@ def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGro
     """
     several = np.char.count(fused.tracks.source_ids, "-") < len(groups) - 1 if len(fused.tracks) else np.zeros(0)
     by_group: dict[str, object] = {}
-    for place, (path, group) in enumerate(zip(paths, groups, strict=True)):
+    for index, (path, group) in enumerate(zip(paths, groups, strict=True)):
         said: dict[str, object] = {"people": len(np.unique(group.target_id))}
-        if place:
-            agreement = fused.agreements[place - 1]
+        if index:
+            agreement = fused.agreements[index - 1]
             said |= {"in_common": agreement.pairs}
-            said |= {"apart": agreement.apart} if agreement.pairs else {}
+            said |= {"apart": agreement.distance} if agreement.pairs else {}
         by_group[path.name if path.name not in by_group else str(path)] = said
     return {
         "people": len(np.unique(fused.tracks.target_id)),
@@ -90,15 +90,15 @@ def _apart(
     for path, group, agreement in zip(paths[1:], groups[1:], fused.agreements, strict=True):
         if not len(group):
             continue
-        if not agreement.moments:
+        if not agreement.n_common:
             text = "no person is present at any time at which the tracks before it have one; check its clock"
             yield finding(AGREE, "warning", "group-at-other-times", f"{path}: {text}")
         elif not agreement.pairs:
-            text = f"none of its people is one of those before it, though there are some at {agreement.moments} times"
+            text = f"none of its people is one of those before it, though there are some at {agreement.n_common} times"
             remedy = "if the groups of cameras see the same positions, check their poses and clocks"
             yield finding(AGREE, "warning", "group-of-others", f"{path}: {text}; {remedy}")
         elif _beside(agreement, config):
-            x, y = agreement.beside
+            x, y = agreement.offset
             yield finding(
                 AGREE,
                 "warning",
@@ -111,4 +111,4 @@ def _apart(
 
 
 def _beside(agreement: GroupConsistency, config: TrackFusionConfig) -> bool:
-    return math.hypot(*agreement.beside) > MAX_SEPARATION_RATIO * config.sigma_registration > 0.0
+    return math.hypot(*agreement.offset) > MAX_SEPARATION_RATIO * config.sigma_registration > 0.0

@@ -46,7 +46,7 @@ def default_window(groups: Sequence[PeopleTracks]) -> int:
     return int(JUST_UNDER * min(periods)) if periods else 0
 
 
-def moments_of(groups: Sequence[PeopleTracks], window_ns: int) -> Ints:
+def step_times(groups: Sequence[PeopleTracks], window_ns: int) -> Ints:
     """(T,) the common time steps [ns]: the first of all times that are at most a window after it."""
     times = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(g.t_ns for g in groups)]))
     starts: list[int] = []
@@ -57,7 +57,7 @@ def moments_of(groups: Sequence[PeopleTracks], window_ns: int) -> Ints:
     return np.array(starts, dtype=np.int64)
 
 
-def at_moments(tracks: PeopleTracks, moments: Ints, window_ns: int, gap_ns: int) -> PeopleTracks:
+def at_times(tracks: PeopleTracks, times: Ints, window_ns: int, gap_ns: int) -> PeopleTracks:
     """Rows of all tracks at the time steps at which they are there, ordered by time and identity.
 
     A row at a time step stays as it is.  Between rows that are at most `gap_ns` apart lies a straight line; a row that
@@ -66,16 +66,14 @@ def at_moments(tracks: PeopleTracks, moments: Ints, window_ns: int, gap_ns: int)
     order = np.lexsort((tracks.t_ns, tracks.target_id))
     starts = np.flatnonzero(np.diff(tracks.target_id[order], prepend=-1)) if len(order) else np.zeros(0, dtype=np.int64)
     parts = [
-        _one_at_moments(tracks.take(rows), moments, window_ns, gap_ns)
-        for rows in np.split(order, starts[1:])
-        if len(rows)
+        _one_at_times(tracks.take(rows), times, window_ns, gap_ns) for rows in np.split(order, starts[1:]) if len(rows)
     ]
     return PeopleTracks.merge(parts)
 
 
-def _one_at_moments(track: PeopleTracks, moments: Ints, window_ns: int, gap_ns: int) -> PeopleTracks:
+def _one_at_times(track: PeopleTracks, times: Ints, window_ns: int, gap_ns: int) -> PeopleTracks:
     t = track.t_ns
-    asked = moments[np.searchsorted(moments, t[0] - window_ns) : np.searchsorted(moments, t[-1] + window_ns, "right")]
+    asked = times[np.searchsorted(times, t[0] - window_ns) : np.searchsorted(times, t[-1] + window_ns, "right")]
     # The rows before and after each time step; at the ends of the track the same row twice
     before = np.clip(np.searchsorted(t, asked, side="right") - 1, 0, len(t) - 1)
     after = np.clip(np.searchsorted(t, asked, side="left"), 0, len(t) - 1)
@@ -89,8 +87,8 @@ def _one_at_moments(track: PeopleTracks, moments: Ints, window_ns: int, gap_ns: 
     share[before == after] = 0.0
     delay = np.where(before == after, (asked - t[before]) / NS, 0.0)
     values = {name: _line(getattr(track, name), before, after, share) for name in STRAIGHT}
-    for place, speed in (("x", "vx"), ("y", "vy")):
-        values[place] = values[place] + np.where(np.isfinite(values[speed]), delay * values[speed], 0.0)
+    for coordinate, speed in (("x", "vx"), ("y", "vy")):
+        values[coordinate] = values[coordinate] + np.where(np.isfinite(values[speed]), delay * values[speed], 0.0)
     columns = {c.name: getattr(track, c.name)[nearest] for c in PeopleTracks.columns()}
     return PeopleTracks(**{**columns, **values, "t_ns": asked})
 
@@ -118,10 +116,10 @@ NOT_THERE = "-"
 class GroupConsistency(NamedTuple):
     """Consistency of a group of cameras with those before it."""
 
-    moments: int  # at which both have a person
+    n_common: int  # at which both have a person
     pairs: int  # rows of one person, at these time steps
-    beside: tuple[float, float]  # mean of the later group's position minus that of those before; NaN without pairs
-    apart: float  # median distance; NaN without pairs
+    offset: tuple[float, float]  # mean of the later group's position minus that of those before; NaN without pairs
+    distance: float  # median distance; NaN without pairs
 
 
 class FusedGroupTracks(NamedTuple):
@@ -152,19 +150,19 @@ def fuse_tracks(groups: Sequence[PeopleTracks], config: TrackFusionConfig) -> Fu
         if np.isfinite(group.z).any():
             raise InputError("tracks in space cannot be fused; give tracks on the ground")
     window_ns = default_window(groups) if config.window_s is None else round(config.window_s * 1e9)
-    moments = moments_of(groups, window_ns)
-    first, *later = (at_moments(group, moments, window_ns, round(config.max_gap_s * 1e9)) for group in groups)
+    times = step_times(groups, window_ns)
+    first, *later = (at_times(group, times, window_ns, round(config.max_gap_s * 1e9)) for group in groups)
     joined, doubts, agreements = _alone(first), list[_Doubt](), list[GroupConsistency]()
     for number, second in enumerate(later, start=1):
         after, more, agreement = _join(joined, second, number, config)
         doubts = [*_renamed(doubts, joined, after), *more]
         joined = after
         agreements.append(agreement)
-    return FusedGroupTracks(joined, _events(joined, doubts, moments), agreements)
+    return FusedGroupTracks(joined, _events(joined, doubts, times), agreements)
 
 
 def _alone(tracks: PeopleTracks) -> JoinedTracks:
-    """The tracks of the first group, whose identities stay as they are until another group joins."""
+    """The tracks of the first group; their identities stay until another group joins."""
     columns = {c.name: getattr(tracks, c.name) for c in PeopleTracks.columns()}
     return JoinedTracks(**columns, source_ids=tracks.target_id.astype(np.str_))
 
@@ -238,14 +236,16 @@ def _fuse_matched(mine: JoinedTracks, theirs: PeopleTracks, config: TrackFusionC
         values[f"sd_{name}"] = np.where(less, b, a)
     values["existence_probability"] = np.fmax(mine.existence_probability, theirs.existence_probability)
     seen_by = [_united(a, b) for a, b in zip(mine.seen_by.tolist(), theirs.seen_by.tolist(), strict=True)]
-    apart = distances(GroundPositions.of(mine), GroundPositions.of(theirs), config.sigma_registration) > config.gate**2
+    too_far = (
+        distances(GroundPositions.of(mine), GroundPositions.of(theirs), config.sigma_registration) > config.gate**2
+    )
     one = np.array([bool(text) and "," not in text for text in seen_by], dtype=np.bool_)
     doubted = np.column_stack(
         [
             has_word(mine.quality_flags, COASTING) & has_word(theirs.quality_flags, COASTING),
             one & (has_word(mine.quality_flags, SINGLE_VIEW) | has_word(theirs.quality_flags, SINGLE_VIEW)),
             has_word(mine.quality_flags, POSSIBLE_SWITCH) | has_word(theirs.quality_flags, POSSIBLE_SWITCH),
-            has_word(mine.quality_flags, INCONSISTENT_VIEWS) | apart,
+            has_word(mine.quality_flags, INCONSISTENT_VIEWS) | too_far,
         ]
     )
     columns = {c.name: getattr(mine, c.name) for c in JoinedTracks.columns()} | values
@@ -279,12 +279,12 @@ def _with(texts: Strings, more: Strings) -> Strings:
 
 
 def _agreement(first: PeopleTracks, second: PeopleTracks, mine: PeopleTracks, theirs: PeopleTracks) -> GroupConsistency:
-    moments = len(np.intersect1d(first.t_ns, second.t_ns))
+    n_common = len(np.intersect1d(first.t_ns, second.t_ns))
     if not len(mine):
-        return GroupConsistency(moments, 0, (np.nan, np.nan), np.nan)
+        return GroupConsistency(n_common, 0, (np.nan, np.nan), np.nan)
     dx, dy = theirs.x - mine.x, theirs.y - mine.y
     return GroupConsistency(
-        moments, len(mine), (float(dx.mean()), float(dy.mean())), float(np.median(np.hypot(dx, dy)))
+        n_common, len(mine), (float(dx.mean()), float(dy.mean())), float(np.median(np.hypot(dx, dy)))
     )
 
 
@@ -308,18 +308,18 @@ def _renamed(doubts: list[_Doubt], before: JoinedTracks, after: JoinedTracks) ->
     return [_Doubt(d.t_ns, name(d.identity, d.t_ns), name(d.other, d.t_ns)) for d in doubts]
 
 
-def _events(tracks: JoinedTracks, doubts: list[_Doubt], moments: Ints) -> Events:
+def _events(tracks: JoinedTracks, doubts: list[_Doubt], times: Ints) -> Events:
     """Track initiations (first row of an identity), terminations (time step after the last) and possible switches."""
     ids, first = np.unique(tracks.target_id, return_index=True)
     last = len(tracks) - 1 - np.unique(tracks.target_id[::-1], return_index=True)[1]
-    ended = np.searchsorted(moments, tracks.t_ns[last], side="right")
-    gone = ended < len(moments)
+    ended = np.searchsorted(times, tracks.t_ns[last], side="right")
+    gone = ended < len(times)
     births = [
         (int(tracks.t_ns[row]), "birth", int(i), NO_ID, float(tracks.existence_probability[row]))
         for i, row in zip(ids, first, strict=True)
     ]
     deaths = [
-        (int(moments[end]), "death", int(i), NO_ID, float(tracks.existence_probability[row]))
+        (int(times[end]), "death", int(i), NO_ID, float(tracks.existence_probability[row]))
         for i, end, row in zip(ids[gone], ended[gone], last[gone], strict=True)
     ]
     doubtful = [(d.t_ns, "doubt", d.identity, d.other, np.nan) for d in doubts]

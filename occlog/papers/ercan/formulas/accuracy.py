@@ -30,13 +30,13 @@ def fig17(size: Size, execute: Execute) -> Table:  # noqa: ARG001
     worst = dict.fromkeys(FORMS, 0.0)
     for run in range(size.runs):
         rng = np.random.default_rng(np.random.SeedSequence(size.seed, spawn_key=(run, 17)))
-        places, priors = _random(size.steps, rng)
-        counted = _monte_carlo(places, priors, draws, rng)
-        exact = _diagonal(places, priors, FORMS.index("quadrature"))
+        positions, priors = _random(size.steps, rng)
+        counted = _monte_carlo(positions, priors, draws, rng)
+        exact = _diagonal(positions, priors, FORMS.index("quadrature"))
         # Binomial standard deviation, at least that of one draw: near 0 and 1 it would vanish
         sigma = np.sqrt(np.maximum(exact * (1.0 - exact), 1.0 / draws) / draws)
         for form, name in enumerate(FORMS):
-            q = exact if name == "quadrature" else _diagonal(places, priors, form)
+            q = exact if name == "quadrature" else _diagonal(positions, priors, form)
             worst[name] = max(worst[name], float(np.max(np.abs(q - exact))))
             for k in TOLERANCES:
                 shares[name, k].append(float(np.mean(np.abs(q - counted) <= k * sigma)))
@@ -49,15 +49,15 @@ def fig17(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 def _random(n: int, rng: np.random.Generator) -> tuple[Floats, Priors]:
     """Draw positions (n, 2), 5 to 30 units from the camera at the origin, each with a prior near its line of sight."""
     angle, distance = rng.uniform(-math.pi, math.pi, n), rng.uniform(5.0, 30.0, n)
-    places = distance[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    positions = distance[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     along, across = rng.uniform(-0.1, 1.2, n), rng.uniform(-6.0, 6.0, n)
     normal = np.column_stack([-np.sin(angle), np.cos(angle)])
-    mean = along[:, None] * places + across[:, None] * normal
+    mean = along[:, None] * positions + across[:, None] * normal
     turn = rng.uniform(0.0, math.pi, n)
     e = np.column_stack([np.cos(turn), np.sin(turn)])
     f = np.column_stack([-np.sin(turn), np.cos(turn)])
     covariance = SIGMA**2 * (e[:, :, None] * e[:, None] + f[:, :, None] * f[:, None] / ALPHA)
-    return places, gaussian_priors(mean, covariance, DIAMETER)
+    return positions, gaussian_priors(mean, covariance, DIAMETER)
 
 
 def _one(priors: Priors, j: int) -> Priors:
@@ -71,21 +71,23 @@ def _covariances(priors: Priors) -> Floats:
     return np.asarray(s**2 * e[:, :, None] * e[:, None] + m**2 * f[:, :, None] * f[:, None])
 
 
-def _diagonal(places: Floats, priors: Priors, form: int) -> Floats:
+def _diagonal(positions: Floats, priors: Priors, form: int) -> Floats:
     """Return (n,) the probability that occluder i hides position i."""
     camera = np.zeros(2)
-    return np.array([blocking(places[i : i + 1], camera, _one(priors, i), form)[0, 0] for i in range(len(places))])
+    return np.array(
+        [blocking(positions[i : i + 1], camera, _one(priors, i), form)[0, 0] for i in range(len(positions))]
+    )
 
 
-def _monte_carlo(places: Floats, priors: Priors, draws: int, rng: np.random.Generator) -> Floats:
+def _monte_carlo(positions: Floats, priors: Priors, draws: int, rng: np.random.Generator) -> Floats:
     """Return (n,) the share of drawn occluders with centre in the rectangle from the camera to the position."""
-    out = np.empty(len(places))
+    out = np.empty(len(positions))
     e = priors.axis
-    for i, place in enumerate(places):
+    for i, position in enumerate(positions):
         z = rng.standard_normal((draws, 2)) * (priors.sigma[i], priors.minor[i])
         xy = priors.mean[i] + z[:, :1] * e[i] + z[:, 1:] * (-e[i, 1], e[i, 0])
-        length = math.hypot(*place)
-        unit = place / length
+        length = math.hypot(*position)
+        unit = position / length
         along, across = xy @ unit, xy @ np.array([-unit[1], unit[0]])
         out[i] = np.mean((along >= 0.0) & (along <= length) & (np.abs(across) <= 0.5 * DIAMETER))
     return out

@@ -64,15 +64,15 @@ def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
     return [PaperRow(name, x, tuple(values)) for (name, x), values in rows.items()]
 
 
-def _noise(rng: np.random.Generator, places: int) -> dict[tuple[str, float], float]:
+def _noise(rng: np.random.Generator, n_points: int) -> dict[tuple[str, float], float]:
     """Return the mean of Eq. 2, with the square and without, over the variance of readings by drawn cameras.
 
     Without noise of the readout, which is in both as it is.
     """
-    d = rng.uniform(*DEPTHS, places)
+    d = rng.uniform(*DEPTHS, n_points)
     h = d * math.tan(0.5 * FOV)
-    yaw = SIGMA_YAW * rng.standard_normal((DRAWS, places))
-    shift = SIGMA_POSITION * rng.standard_normal((2, DRAWS, places))
+    yaw = SIGMA_YAW * rng.standard_normal((DRAWS, n_points))
+    shift = SIGMA_POSITION * rng.standard_normal((2, DRAWS, n_points))
     # The camera, at the origin with its axis along x, is moved by `shift` and turned by `yaw`
     x, y, c, s = d - shift[0], h - shift[1], np.cos(yaw), np.sin(yaw)
     z = FOCAL * (c * y - s * x) / (c * x + s * y)
@@ -86,9 +86,9 @@ def _noise(rng: np.random.Generator, places: int) -> dict[tuple[str, float], flo
     }
 
 
-def _occlusions(rng: np.random.Generator, places: int) -> dict[tuple[str, float], float]:
+def _occlusions(rng: np.random.Generator, n_points: int) -> dict[tuple[str, float], float]:
     """Return distances from the exact p(eta), and how two close cameras depend on each other."""
-    xy, priors = rng.uniform(0.0, SIDE, (places, 2)), _priors(rng)
+    xy, priors = rng.uniform(0.0, SIDE, (n_points, 2)), _priors(rng)
     ground = np.array([SQUARE[n - 1][:2] for n in SQUARE_ORDER], dtype=np.float64)
     out = {}
     for n in COUNTS:
@@ -96,9 +96,9 @@ def _occlusions(rng: np.random.Generator, places: int) -> dict[tuple[str, float]
         exact = patterns(seen_exactly(xy, ground[:n], priors))
         for name, found in ((RECURSION, patterns(seen_by_recursion(q))), (INDEPENDENT, _independent(q))):
             out[name, float(n)] = float(np.mean(0.5 * np.abs(found - exact).sum(axis=1)))
-    beside = np.array([[0.5 * (SIDE - APART), 0.0], [0.5 * (SIDE + APART), 0.0]])
+    positions = np.array([[0.5 * (SIDE - APART), 0.0], [0.5 * (SIDE + APART), 0.0]])
     away = np.column_stack([xy[:, 0], FAR + (SIDE - FAR) / SIDE * xy[:, 1]])
-    p = patterns(seen_exactly(away, beside, priors))  # columns: neither sees it, the first, the second, both
+    p = patterns(seen_exactly(away, positions, priors))  # columns: neither sees it, the first, the second, both
     first, second = p[:, 0] + p[:, 2], p[:, 0] + p[:, 1]  # hidden from it
     out[CLOSE_PAIR, math.nan] = float(np.mean(p[:, 0] / np.maximum(first, 1e-12) - second))
     return out
@@ -117,9 +117,9 @@ def _independent(q: Floats) -> Floats:
     return out
 
 
-def _cameras(rng: np.random.Generator, places: int) -> dict[tuple[str, float], float]:
+def _cameras(rng: np.random.Generator, n_points: int) -> dict[tuple[str, float], float]:
     """Return what cameras of Fig. 5 see of the empty room, and the error of two of them without occlusions."""
-    xy = rng.uniform(0.0, SIDE, (places, 2))
+    xy = rng.uniform(0.0, SIDE, (n_points, 2))
     share = {n: float(np.mean(_in_view(xy, SQUARE[n - 1]))) for n in SQUARE_ORDER}
     return {
         (VERTICES, math.nan): float(np.mean([share[n] for n in SQUARE_ORDER[:4]])),
@@ -129,8 +129,8 @@ def _cameras(rng: np.random.Generator, places: int) -> dict[tuple[str, float], f
     }
 
 
-def _in_view(xy: Floats, place: Place) -> Floats:
-    h, d = planar_offsets(xy, np.array(place[:2], dtype=np.float64), math.radians(place[2]))
+def _in_view(xy: Floats, position: Place) -> Floats:
+    h, d = planar_offsets(xy, np.array(position[:2], dtype=np.float64), math.radians(position[2]))
     return np.asarray(in_view(h, d, FOV + 1e-9, math.inf), dtype=np.float64)
 
 

@@ -68,8 +68,8 @@ def coefficient_trial(spec: Spec) -> dict[str, float]:
 def _histogram(grey: Floats, bins: int, shift: float) -> Floats:
     """(bins + 1,) or (bins,) density of grey levels in equal bins over 0 to 256, moved by a share of their width."""
     width = GREY / bins
-    place = np.floor((grey + shift * width) / width).astype(np.int64)
-    return density(np.bincount(place, minlength=bins + (shift > 0)))
+    index = np.floor((grey + shift * width) / width).astype(np.int64)
+    return density(np.bincount(index, minlength=bins + (shift > 0)))
 
 
 def _rho(a: Floats, b: Floats) -> float:

@@ -63,7 +63,7 @@ def people_of(kind: str, rng: np.random.Generator) -> Clothes:
 
 
 def studio() -> Canvas:
-    """A canvas of the position where heads are seen, by a camera that looks along the x axis."""
+    """A canvas of the position where heads are seen, by a camera that points along the x axis."""
     width, height = IMAGE
     camera = Camera(
         "studio",
@@ -146,19 +146,19 @@ def faces_trial(spec: Spec) -> dict[str, float]:
         step = math.pi / (ANGLES - 1)
         stored = [head_counts(canvas, people, a * step, rng, 1.0, levels) for a in range(ANGLES)]
         seen: list[list[Floats]] = []
-        place: list[int] = []
+        indices: list[int] = []
         for a in range(ANGLES):
             for _ in range(probes):
                 # Anywhere in the bin, on either side of the person
                 off = rng.uniform(-0.5, 0.5) * step
                 angle = rng.choice([-1.0, 1.0]) * abs(a * step + off)
                 seen.append(head_counts(canvas, people, angle, rng, 1.0 + rng.uniform(-GAIN, GAIN), levels))
-                place.append(a)
+                indices.append(a)
         for i, level in enumerate(levels):
             gallery = np.stack([s[i] for s in stored], axis=1)  # (P, A, m)
             candidates = np.concatenate([s[i] for s in seen])  # (probes, m), person after person
             owner = np.tile(np.arange(PEOPLE), len(seen))
-            at = np.repeat(place, PEOPLE)
+            at = np.repeat(indices, PEOPLE)
             full = likeness(gallery, candidates, at)
             out[f"rank1-{kind}-bins-{bins_of(level)}"] = rank_one(full, owner)
             out[f"auc-{kind}-bins-{bins_of(level)}"] = area_under_curve(full, owner)

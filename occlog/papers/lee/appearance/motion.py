@@ -41,13 +41,13 @@ STILL = 0.25
 
 def camera_of(number: int) -> Camera:
     """A camera that points at the middle from its side."""
-    side, beside = PLACES[number]
+    side, lateral = PLACES[number]
     angle = math.radians(side)
     out, across = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
-    place = DISTANCE * out + beside * across
+    position = DISTANCE * out + lateral * across
     return Camera(
         f"camera{number}",
-        np.array([*place, HEIGHT]),
+        np.array([*position, HEIGHT]),
         rotation_from_angles(angle + math.pi, 0.0, 0.0),
         np.array([500.0, 500.0]),
         np.array([319.5, 239.5]),
@@ -76,7 +76,7 @@ def motion_trial(spec: Spec) -> dict[str, float]:
 
     Returns:
         `DIRECTION-CAMERA` for the printed statements; `alike`, share of cameras in which two people who walk the same
-        way, in any direction, show the same signs; `apart`, the same of two who walk opposite ways.
+        way, in any direction, show the same signs; `opposite_signs`, the same of two who walk opposite ways.
     """
     rng = np.random.default_rng(np.random.SeedSequence(int(spec["seed"]), spawn_key=(int(spec["run"]),)))
     start = rng.uniform(-AROUND, AROUND, (2 * int(spec["people"]), 2))
@@ -97,8 +97,10 @@ def motion_trial(spec: Spec) -> dict[str, float]:
     diagonal = ("NE", "SE", "NW", "SW")
     opposite = dict(zip(diagonal, ("SW", "NW", "SE", "NE"), strict=True))
     alike = [(signs[d, c][:, :n] == signs[d, c][:, n:]).all(axis=0) for d in diagonal for c in PLACES]
-    apart = [(signs[d, c][:, :n] == signs[opposite[d], c][:, n:]).all(axis=0) for d in diagonal for c in PLACES]
-    return out | {"alike": float(np.mean(alike)), "apart": float(np.mean(apart))}
+    opposite_signs = [
+        (signs[d, c][:, :n] == signs[opposite[d], c][:, n:]).all(axis=0) for d in diagonal for c in PLACES
+    ]
+    return out | {"alike": float(np.mean(alike)), "apart": float(np.mean(opposite_signs))}
 
 
 def _holds(change: Floats, sign: int, full: float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

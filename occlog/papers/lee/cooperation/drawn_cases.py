@@ -145,8 +145,8 @@ def _objects(case: HearingChange, rng: Generator) -> tuple[Floats, Floats]:
     if case.close:
         course[case.close[1] - 1] = course[case.close[0] - 1]
     velocity = SPEED * np.column_stack([np.cos(course), np.sin(course)])
-    places = distance[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-    return places - BEFORE * velocity, velocity
+    positions = distance[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    return positions - BEFORE * velocity, velocity
 
 
 def _track(config: ImmConfig, start: Floats, velocity: Floats, group: tuple[int, ...], rng: Generator) -> Track:
@@ -156,9 +156,9 @@ def _track(config: ImmConfig, start: Floats, velocity: Floats, group: tuple[int,
     return confirmed_track(config, group[0], state, 0, rng)
 
 
-def _scan(k: int, places: Floats, heard: Sequence[tuple[int, ...]], rng: Generator) -> Scan:
+def _scan(k: int, positions: Floats, heard: Sequence[tuple[int, ...]], rng: Generator) -> Scan:
     """Draw the array's bearings at step k; a group is heard in the middle of its members."""
-    at = np.arctan2(places[:, 1], places[:, 0])
+    at = np.arctan2(positions[:, 1], positions[:, 0])
     middle = [math.atan2(*(sum(f(at[n - 1]) for n in group) for f in (math.sin, math.cos))) for group in heard]
     bearing = np.array(middle) + SIGMA * rng.standard_normal(len(heard))
     order = np.argsort(bearing)

@@ -168,13 +168,16 @@ def environment(name: str, seed: int, run: int, variance: float | None = None) -
     while True:
         script = paths_from_yaml(paths or _drawn_paths(rng), name)
         grids = list(simulate_paths(script, *_steps(script), HEIGHT, 0, own))
-        places = np.concatenate([g.xyz for g in grids])
-        if paths or _within(scene, places):
+        positions = np.concatenate([g.xyz for g in grids])
+        if paths or _within(scene, positions):
             break
-    truth = TimeGrid(np.concatenate([g.t_ns for g in grids]), grids[0].ids, grids[0].target, places)
+    truth = TimeGrid(np.concatenate([g.t_ns for g in grids]), grids[0].ids, grids[0].target, positions)
     silent = silences(script, 0)
-    looks = ObserveConfig(diameter=0.0)
-    cameras, sounds = observe(scene, grids, looks, own), observe_arrays(scene, grids, looks, own, silent=silent)
+    observation = ObserveConfig(diameter=0.0)
+    cameras, sounds = (
+        observe(scene, grids, observation, own),
+        observe_arrays(scene, grids, observation, own, silent=silent),
+    )
     bearings = Bearings.concat(list(within_times([list(cameras), list(bearings_of_doa(sounds, scene))])))
     return Environment(scene, truth, bearings, _heard(scene, truth, silent))
 
@@ -201,9 +204,9 @@ def _drawn_paths(rng: np.random.Generator) -> str:
     return "\n".join(lines)
 
 
-def _within(scene: Scene, places: Floats) -> bool:
+def _within(scene: Scene, positions: Floats) -> bool:
     """Return whether all positions (T, K, 3) are in the scene's room."""
-    flat = np.ascontiguousarray(places[..., :2].reshape(-1, 2))
+    flat = np.ascontiguousarray(positions[..., :2].reshape(-1, 2))
     return bool(inside_polygon(flat, scene.surroundings).all())
 
 

@@ -126,8 +126,8 @@ def trials(
         extra["limit"] = float(settings.get("request_sigma", math.nan))
         extra |= {f"frames_{k}": r["frames"] for k, r in enumerate(own)}
         each = {f"alone_{c}": tuple(r[f"alone_{c}"] for r in own) for c in CONDITIONS}
-        place = extra["frames"] if math.isnan(x) else x
-        rows.append(PaperRow(series, place, tuple(r["rmse"] for r in own), extra, each=each))
+        x_value = extra["frames"] if math.isnan(x) else x
+        rows.append(PaperRow(series, x_value, tuple(r["rmse"] for r in own), extra, each=each))
     return rows
 
 

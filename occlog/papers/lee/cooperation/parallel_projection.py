@@ -42,9 +42,9 @@ def projection_trial(spec: Spec) -> dict[str, float]:
     sights, normals, out = sights_of(scene.cameras, bearing, sigma), rng.standard_normal((DRAWS, 2)), {}
     for spread in SPREADS:
         reference = xy + spread * normals
-        places = {way: projected(reference, sights, p) for way, p in PROJECTIONS.items()}
-        places |= {LINES: crossed(sights), REFERENCE: (reference, np.ones(DRAWS, dtype=np.bool_))}
-        for way, (found, good) in places.items():
+        projections = {way: projected(reference, sights, p) for way, p in PROJECTIONS.items()}
+        projections |= {LINES: crossed(sights), REFERENCE: (reference, np.ones(DRAWS, dtype=np.bool_))}
+        for way, (found, good) in projections.items():
             error = np.hypot(*(found - xy).T)
             out[f"{way}_{spread:g}"] = float(np.median(np.where(good, error, np.inf)))
     return out
@@ -53,9 +53,9 @@ def projection_trial(spec: Spec) -> dict[str, float]:
 def errors(size: Size, execute: Execute) -> Table:
     """Compute medians of positions by the references' spread, and RMS errors of tracks with the printed triggers."""
     runs = range(size.runs)
-    places = execute([{"what": "places", "paper": "lee322", "seed": size.seed, "run": r} for r in runs])
+    position_rows = execute([{"what": "places", "paper": "lee322", "seed": size.seed, "run": r} for r in runs])
     rows = [
-        PaperRow(way, spread, tuple(p[f"{way}_{spread:g}"] for p in places))
+        PaperRow(way, spread, tuple(p[f"{way}_{spread:g}"] for p in position_rows))
         for way in (REFERENCE, *PROJECTIONS, LINES)
         for spread in SPREADS
     ]

@@ -49,15 +49,15 @@ def projected(reference: Floats, sights: TagSightings, way: Projection) -> tuple
 def crossed(sights: TagSightings) -> tuple[Floats, Bools]:
     """Return the positions (N, 2) where the lines of two cameras cross, and whether they do (N,)."""
     n = len(sights.bearing)
-    origins = np.tile(sights.place, (n, 1))
+    origins = np.tile(sights.position, (n, 1))
     met = triangulate(origins, sights.bearing.ravel(), sights.sigma.ravel(), 2 * np.arange(n + 1))
     return met.xy, met.status == TRIANGULATED
 
 
 def sights_of(cameras: tuple[Camera, ...], bearing: Floats, sigma: float) -> TagSightings:
     """Return the (N, C) bearings of cameras with one standard deviation [rad]."""
-    place = np.array([c.ground for c in cameras])
-    return TagSightings(place, np.array([c.yaw for c in cameras]), bearing, np.full(bearing.shape, sigma))
+    position = np.array([c.ground for c in cameras])
+    return TagSightings(position, np.array([c.yaw for c in cameras]), bearing, np.full(bearing.shape, sigma))
 
 
 def relocated(request: CameraRequest, scene: Scene, way: Projection) -> CameraRequest:
@@ -67,12 +67,12 @@ def relocated(request: CameraRequest, scene: Scene, way: Projection) -> CameraRe
     of the crossing.  Where the model has no position, the request is in vain.
     """
     answer = request.answer
-    if answer.place is None or len(request.cameras) != 2:
+    if answer.position is None or len(request.cameras) != 2:
         return request
     cameras = tuple(scene.camera(name) for name in request.cameras)
-    away = answer.place - np.array([c.ground for c in cameras])
+    away = answer.position - np.array([c.ground for c in cameras])
     sights = sights_of(cameras, np.arctan2(away[:, 1], away[:, 0])[None], 1e-3)
-    xy, found = projected(answer.ask.place[None], sights, way)
+    xy, found = projected(answer.ask.position[None], sights, way)
     if not found[0]:
-        return request._replace(answer=answer._replace(place=None, covariance=None))
-    return request._replace(answer=answer._replace(place=xy[0]))
+        return request._replace(answer=answer._replace(position=None, covariance=None))
+    return request._replace(answer=answer._replace(position=xy[0]))

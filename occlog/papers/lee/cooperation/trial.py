@@ -151,7 +151,7 @@ def cooperation_trial(spec: Spec) -> dict[str, float]:
         rows = heard[:, k] & np.isfinite(error2[:, k])
         out[f"rmse_{number}"] = float(np.sqrt(error2[rows, k].mean())) if rows.any() else float("nan")
         out[f"final_{number}"] = float(np.sqrt(error2[-1, k])) if heard[-1, k] else float("nan")
-    fixes = sum(r.answer.place is not None for r in output.requests)
+    fixes = sum(r.answer.position is not None for r in output.requests)
     shares = {
         f"share_{n}": float(output.asked[n * BIN : (n + 1) * BIN].mean()) for n in range(len(output.asked) // BIN)
     }
@@ -183,14 +183,14 @@ def follow(made: Environment, spec: Spec) -> FilterOutput:
     out = FilterOutput(np.full((T, K, 2), np.nan), np.zeros(T), [])
     state, memory = init(scene, config, rng), RequestMemory()
     listener, desk = ArrayScans(scene, 1e6), CameraRequests(scene, config)
-    place = {int(t): n for n, t in enumerate(made.truth.t_ns[:T].tolist())}
+    index_of = {int(t): n for n, t in enumerate(made.truth.t_ns[:T].tolist())}
     for scan in scans_of([made.bearings], scene, use):
         if scan.t_ns > made.truth.t_ns[T - 1]:
             break
         desk.put(scan)
         for sounds in listener.scans(scan):
             t_ns = sounds.t_ns
-            n = place[min(place, key=lambda t: abs(t - t_ns))] if t_ns not in place else place[t_ns]
+            n = index_of[min(index_of, key=lambda t: abs(t - t_ns))] if t_ns not in index_of else index_of[t_ns]
             state, report = step(state, sounds, rng)
             asked, memory = requests_after_scan(state, report, memory, helping)
             # Requests for new tracks (numbers below 0) are dropped: the roster starts all tracks.

@@ -53,10 +53,10 @@ def fusion_trial(spec: Spec) -> dict[str, float]:
     world = {"steps": int(spec["steps"]), "occluders": int(spec["occluders"]), "diameter": DIAMETER}
     config: WorldConfig = configure(WorldConfig.in_unit(scene.length_unit), world)
     truth = Truth.concat(list(simulate_truth(scene, config, seed)))
-    looks = ObserveConfig(
+    observation = ObserveConfig(
         diameter=DIAMETER, miss_probability=float(spec["miss"]), false_alarm_probability=float(spec["false"])
     )
-    raw = Bearings.concat(list(observe(scene, [truth], looks, seed)))
+    raw = Bearings.concat(list(observe(scene, [truth], observation, seed)))
     raw = raw.take(np.isin(raw.sensor, list(spec["cameras"])))
     options: dict[str, object] = {
         "miss_probability": float(spec["miss"]),
@@ -84,7 +84,7 @@ def _counts(bearings: Bearings, truth: Truth, scene: Scene) -> DetectionCounts:
 
 
 def _rates(c: DetectionCounts, when: str) -> dict[str, float]:
-    hidden = c.looks - c.visible
+    hidden = c.n_frames - c.visible
     return {
         f"detection_{when}": ratio_or_nan(c.detected, c.visible),
         f"false_{when}": ratio_or_nan(c.false_alarms, c.frames),

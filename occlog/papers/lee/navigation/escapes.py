@@ -71,11 +71,11 @@ def escapes(size: Size, execute: Execute) -> Table:
 
 def _fared(step: str, radius: float, angle: float, robots: Drive) -> Table:
     """Rows of one drive; an angle of NaN is the printed one, the largest of its range."""
-    apart = float(robots.clearance[0]) + 2.0 * radius
+    distance = float(robots.clearance[0]) + 2.0 * radius
     tried = not math.isnan(angle)
     kind = "" if tried else ", printed angle"
     extra = {DONE: float(robots.steps[0]), REACHED: float(robots.end[0] == End.REACHED)}
-    return [PaperRow(name_of(step, radius) + kind, angle, (apart,), extra, plotted=tried)]
+    return [PaperRow(name_of(step, radius) + kind, angle, (distance,), extra, plotted=tried)]
 
 
 def escape_trial(spec: Mapping[str, Any]) -> dict[str, float]:
@@ -87,7 +87,7 @@ def escape_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     rng = np.random.default_rng(np.random.SeedSequence(spec["seed"], spawn_key=(*SPAWN, 29, spec["run"])))
     lines = random_lines(int(spec["lines"]), rng)
     hits, escaped = dict.fromkeys(STEPS, 0), dict.fromkeys(STEPS, 0)
-    within, looked = 0, 0
+    within, checked = 0, 0
     for radius in (0.1, 0.2, 0.5):
         disc = Disc(0.0, 0.0, radius)
         for name, config in STEPS.items():
@@ -103,9 +103,9 @@ def escape_trial(spec: Mapping[str, Any]) -> dict[str, float]:
             if step.steering is not None:
                 rows = step.steering.recognised & prevented[step.active]
                 d = distance(step.xy[rows], np.zeros(2))
-                within, looked = within + int((d <= far.high * (1.0 + 1e-9)).sum()), looked + int(rows.sum())
+                within, checked = within + int((d <= far.high * (1.0 + 1e-9)).sum()), checked + int(rows.sum())
     shares = {HIT[name]: hits[name] / escaped[name] for name in STEPS if escaped[name]}
-    return shares | ({RANGES: within / looked} if looked else {})
+    return shares | ({RANGES: within / checked} if checked else {})
 
 
 def judge_escapes(table: Table) -> list[StatementVerdict]:

@@ -200,7 +200,7 @@ def judge_original(table: Table) -> list[StatementVerdict]:
     off = np.arange(0.25, 4.0, 0.25)
     pulls = [diagonal(GOAL[0] + sign * off)[ATTRACTION] for sign in (1.0, -1.0)]
     pushes = [diagonal(OBSTACLE[0] + sign * off)[REPULSION] for sign in (1.0, -1.0)]
-    places = [row.mean for row in v.series(table, PLACE)]
+    positions = [row.mean for row in v.series(table, PLACE)]
     expected = [12.0, 11.0, 10.0, 9.0]
     return [
         v.printed("fig5.26-zero", "The total force is zero at (8.9, 8.9).", 8.9, zero),
@@ -229,15 +229,17 @@ def judge_original(table: Table) -> list[StatementVerdict]:
         shown(
             "fig5.26-path",
             "The robot moves toward the obstacle from (12,12), and passes (11,11), (10,10) and (9,9).",
-            np.allclose(places[:4], expected, atol=EXACT),
-            float(np.abs(np.subtract(places[:4], expected)).max()),
+            np.allclose(positions[:4], expected, atol=EXACT),
+            float(np.abs(np.subtract(positions[:4], expected)).max()),
             "largest deviation: 0",
         ),
         shown(
             "fig5.26-collision",
             "From (9,9) it continuously moves toward the obstacle and collides with it at (8,8).",
-            len(places) == 5 and abs(places[4] - 8.0) < EXACT and printed_drive(ORIGINAL)[1].end[0] == End.COLLIDED,
-            places[-1],
+            len(positions) == 5
+            and abs(positions[4] - 8.0) < EXACT
+            and printed_drive(ORIGINAL)[1].end[0] == End.COLLIDED,
+            positions[-1],
             "the path ends by a collision at (8,8)",
             paper=8.0,
         ),
@@ -273,9 +275,9 @@ def prevention_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     hits, tried, endless, held = 0, 0, 0, 0
     for radius in (0.1, 0.2, 0.5, 1.0):
         config = NavigateConfig(force="prevent", escape="none", radius=radius)
-        apart = distance(lines.starts, np.zeros(2)) > 2.0 * radius
-        wide = driven(lines.starts[apart], lines.goals[apart], Disc(0.0, 0.0, radius), config)[1]
-        hits, tried = hits + int(collided(wide).sum()), tried + int(apart.sum())
+        separate = distance(lines.starts, np.zeros(2)) > 2.0 * radius
+        wide = driven(lines.starts[separate], lines.goals[separate], Disc(0.0, 0.0, radius), config)[1]
+        hits, tried = hits + int(collided(wide).sum()), tried + int(separate.sum())
         prevented = wide.states[:, SteeringState.PREVENT] > 0
         endless, held = endless + int((wide.end[prevented] == End.ENDLESS).sum()), held + int(prevented.sum())
     exact = aligned(lines.starts, np.zeros(2), lines.goals, 0.0)
@@ -299,23 +301,23 @@ def prevented_forces(size: Size, execute: Execute) -> Table:
 
 def judge_prevention(table: Table) -> list[StatementVerdict]:
     """Judge what Sec. 5.2.2 states about the modified force, Fig. 5-27 and the oscillation after it."""
-    places = [row.mean for row in v.series(table, PLACE)]
+    positions = [row.mean for row in v.series(table, PLACE)]
     robots = printed_drive(PREVENTION)[1]
-    back = [9.0, 10.0, 9.0, 10.0][: len(places) - 3]
+    back = [9.0, 10.0, 9.0, 10.0][: len(positions) - 3]
     return [
         shown(
             "fig5.27-back",
             "When the robot moves from (10,10) to (9,9), it moves back to (10,10), and the collision is avoided.",
-            abs(places[4] - 10.0) < EXACT and not collided(robots)[0],
-            places[4],
+            abs(positions[4] - 10.0) < EXACT and not collided(robots)[0],
+            positions[4],
             "the position after (9,9) is (10,10), without a collision",
             paper=10.0,
         ),
         shown(
             "fig5.27-oscillation",
             "It moves back and forth between (9,9) and (10,10) and never reaches the goal.",
-            robots.end[0] == End.ENDLESS and np.allclose(places[3:], back, atol=EXACT),
-            float(np.abs(np.subtract(places[3:], back)).max()),
+            robots.end[0] == End.ENDLESS and np.allclose(positions[3:], back, atol=EXACT),
+            float(np.abs(np.subtract(positions[3:], back)).max()),
             "position and force come back exactly; largest deviation of positions: 0",
         ),
         shown(

@@ -65,20 +65,20 @@ class Course:
     bordered: bool
     ahead: float
 
-    def moment(self, step: int) -> MovingObstacles:
+    def obstacles_at(self, step: int) -> MovingObstacles:
         """Moving obstacles at a step; none without people."""
         if self.moving is None:
             none, flat = np.empty((0, 2)), np.empty(0)
             return MovingObstacles(none, flat, after=none, radius_after=flat, move=none)
         return self.moving.at(step)
 
-    def around(self, xy: Floats, moment: MovingObstacles) -> NearbyObstacles:
+    def around(self, xy: Floats, obstacles: MovingObstacles) -> NearbyObstacles:
         """Obstacles as robots at (N, 2) positions meet them."""
-        there = np.isfinite(moment.xy[:, 0])
+        there = np.isfinite(obstacles.xy[:, 0])
         # People are where they come nearest within the time ahead, on their course of the last step
-        soon = moment.xy[there] + self.ahead * moment.move[there]
-        people = nearest_on_segments(xy, np.stack([moment.xy[there], soon], axis=1))
-        circles, own = self.circles, moment.radius[there]
+        soon = obstacles.xy[there] + self.ahead * obstacles.move[there]
+        people = nearest_on_segments(xy, np.stack([obstacles.xy[there], soon], axis=1))
+        circles, own = self.circles, obstacles.radius[there]
         core = self.discs[:, 2] * self.bordered, own * self.bordered
         nearest = [
             nearest_on_discs(xy, self.discs[:, :2], core[0]),
@@ -90,7 +90,7 @@ class Course:
         ]
         walls = np.zeros(nearest[2].shape[1])
         fixed = np.zeros(nearest[0].shape[1] + nearest[1].shape[1] + len(walls))
-        way = np.hypot(moment.move[there, 0], moment.move[there, 1])
+        way = np.hypot(obstacles.move[there, 0], obstacles.move[there, 1])
         return NearbyObstacles(
             nearest=np.concatenate(nearest, axis=1),
             radius=np.concatenate([self.discs[:, 2] - core[0], np.zeros(len(circles)), walls, own - core[1]]),
@@ -98,7 +98,7 @@ class Course:
             way=np.concatenate([fixed, way]),
         )
 
-    def clearance(self, start: Floats, end: Floats, radius: float, moment: MovingObstacles) -> Floats:
+    def clearance(self, start: Floats, end: Floats, radius: float, obstacles: MovingObstacles) -> Floats:
         """(N, K) least distance, border to border, of robots from each obstacle in `names` during a step.
 
         A robot that runs into a polygon or a wall has minus its radius; infinite where a person is not there.
@@ -107,11 +107,11 @@ class Course:
             start: (N, 2) positions before the step.
             end: (N, 2) positions after it.
             radius: of the robots.
-            moment: people at the start and the end of the step.
+            obstacles: people at the start and the end of the step.
         """
-        first = np.where(np.isfinite(moment.xy), moment.xy, moment.after)
-        last = np.where(np.isfinite(moment.after), moment.after, moment.xy)
-        wide = np.fmax(moment.radius, moment.radius_after)
+        first = np.where(np.isfinite(obstacles.xy), obstacles.xy, obstacles.after)
+        last = np.where(np.isfinite(obstacles.after), obstacles.after, obstacles.xy)
+        wide = np.fmax(obstacles.radius, obstacles.radius_after)
         people = least_to_points(start, end, first, last) - wide
         parts = [
             least_to_points(start, end, self.discs[:, :2], self.discs[:, :2]) - self.discs[:, 2],
@@ -121,7 +121,7 @@ class Course:
         ]
         return np.concatenate(parts, axis=1) - radius
 
-    def check_place(self, what: str, xy: Floats, config: NavigateConfig) -> None:
+    def check_position(self, what: str, xy: Floats, config: NavigateConfig) -> None:
         """InputError unless a robot can be at a (2,) position, the start or the goal, without touching anything."""
         at = f"the {what} ({xy[0]:g}, {xy[1]:g})"
         here = xy[None]
@@ -130,7 +130,7 @@ class Course:
                 raise InputError(f"{at} is inside {name}; give a position on the floor")
         if len(self.walls) and not inside_polygon(here, self.walls[:, 0])[0]:
             raise InputError(f"{at} is outside the room; give a position on the floor")
-        gaps = self.clearance(here, here, config.radius, self.moment(0))[0]
+        gaps = self.clearance(here, here, config.radius, self.obstacles_at(0))[0]
         if what == "goal":
             gaps = gaps[: len(gaps) - (0 if self.moving is None else len(self.moving.ids))]
         worst = int(np.argmin(gaps)) if len(gaps) else 0
@@ -142,9 +142,9 @@ class Course:
                 f"{at} is {away:.4g} from {self.names[worst]}; expected more than the robot's radius {config.radius:g}"
             )
         if self.round_shapes and len(self.circles):
-            apart = distance(here, self.circles[:, :2]) - self.circles[:, 2]
-            if apart.min() <= 0.0:
-                name = self.names[len(self.discs) + int(np.argmin(apart))]
+            separation = distance(here, self.circles[:, :2]) - self.circles[:, 2]
+            if separation.min() <= 0.0:
+                name = self.names[len(self.discs) + int(np.argmin(separation))]
                 raise InputError(f"{at} is inside the circle about {name}, which repels robots; take shape polygon")
 
 

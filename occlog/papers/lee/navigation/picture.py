@@ -112,12 +112,12 @@ def _people(axes: Axes, what: PathPicture) -> list[Line2D | Patch]:
     moving = what.course.moving
     style: Style = {"color": COLOURS["moving"], "linewidth": 0.8, "alpha": 0.6, "zorder": 2.2}
     assert moving is not None
-    moments = [moving.at(step) for step in range(len(what.path))]
-    xy = np.stack([m.xy for m in moments])
+    obstacle_steps = [moving.at(step) for step in range(len(what.path))]
+    xy = np.stack([m.xy for m in obstacle_steps])
     for person in range(xy.shape[1]):
         axes.plot(xy[:, person, 0], xy[:, person, 1], **style)
     step = _nearest_row(what.path)
-    for (x, y), radius in zip(moments[step].xy, moments[step].radius, strict=True):
+    for (x, y), radius in zip(obstacle_steps[step].xy, obstacle_steps[step].radius, strict=True):
         if np.isfinite(x):
             axes.add_patch(Circle((x, y), radius, facecolor=COLOURS["moving"], alpha=0.5, edgecolor="none", zorder=2.3))
     return [

@@ -139,8 +139,8 @@ def run_navigate(request: NavigateRequest, job: Job) -> tuple[dict[str, object],
         None if opened is None else moving_people(opened, scene.length_unit, request.start_delay_s, people_of(config))
     )
     course = course_of(scene, discs, moving, config)
-    for what, place in (("start", request.start), ("goal", request.goal)):
-        course.check_place(what, np.array(place), config)
+    for what, position in (("start", request.start), ("goal", request.goal)):
+        course.check_position(what, np.array(position), config)
     parameters = asdict(config) | {
         "start": list(request.start),
         "goal": list(request.goal),

@@ -115,9 +115,9 @@ def drive(robots: Drive, goals: Floats, course: Course, config: NavigateConfig) 
     steps, field = steps_of(config, config.way, config.radius), field_of(config)
     total = np.full_like(robots.xy, np.nan)
     watch = _Watch(robots.xy)
-    moment = course.moment(0)
+    obstacles = course.obstacles_at(0)
     active = np.arange(len(robots.xy))
-    gaps = course.clearance(robots.xy, robots.xy, config.radius, _standing(moment))
+    gaps = course.clearance(robots.xy, robots.xy, config.radius, _standing(obstacles))
     for number in range(config.max_steps + 1):
         clearance, nearest = _least(gaps)
         _note_clearance(robots, active, clearance, nearest)
@@ -139,13 +139,13 @@ def drive(robots: Drive, goals: Floats, course: Course, config: NavigateConfig) 
         if not going.any():
             yield RobotStep(number, active, xy, clearance, nearest, None)
             return
-        moment = course.moment(number)
-        steering = steer(xy, goals[active], course.around(xy, moment), field, steps, total[active])
+        obstacles = course.obstacles_at(number)
+        steering = steer(xy, goals[active], course.around(xy, obstacles), field, steps, total[active])
         # Step: of constant length along the total force
         length = np.hypot(steering.total[:, 0], steering.total[:, 1])[:, None]
         move = config.way * np.where(length > 0.0, steering.total / np.where(length > 0.0, length, 1.0), 0.0)
         if config.collision_guard:
-            move, state = _guarded(xy, move, steering.state, goals[active], course, moment, config)
+            move, state = _guarded(xy, move, steering.state, goals[active], course, obstacles, config)
             steering = steering._replace(state=state)
         yield RobotStep(number, active, xy, clearance, nearest, steering)
         active, before, moved = active[going], xy[going], Steering(*(part[going] for part in steering))
@@ -156,7 +156,7 @@ def drive(robots: Drive, goals: Floats, course: Course, config: NavigateConfig) 
         robots.recognised[active] += moved.recognised
         total[active] = moved.total
         watch.see(robots.xy, active, moved.state == SteeringState.PREVENT)
-        gaps = course.clearance(before, robots.xy[active], config.radius, moment)
+        gaps = course.clearance(before, robots.xy[active], config.radius, obstacles)
 
 
 def _guarded(
@@ -165,7 +165,7 @@ def _guarded(
     state: Ints,
     goals: Floats,
     course: Course,
-    moment: MovingObstacles,
+    obstacles: MovingObstacles,
     config: NavigateConfig,
 ) -> tuple[Floats, Ints]:
     """Steps (A, 2) of robots at (A, 2) positions that do not collide if people go on as they did, and their states.
@@ -173,7 +173,7 @@ def _guarded(
     A step that would collide is turned by as little as will do, of two equal angles to the side on which the goal is
     nearer; where no direction is free, the one of the greatest clearance is taken, which may be no motion.
     """
-    expected = moment.expected()
+    expected = obstacles.expected()
     clearance = _least(course.clearance(xy, xy + move, config.radius, expected))[0]
     rows = np.flatnonzero(clearance <= GUARD * config.way)
     if not len(rows):
@@ -199,9 +199,9 @@ def _guarded(
     return move, state
 
 
-def _standing(moment: MovingObstacles) -> MovingObstacles:
+def _standing(obstacles: MovingObstacles) -> MovingObstacles:
     """The moving obstacles as if they stood where they are at the start."""
-    return moment._replace(after=moment.xy, radius_after=moment.radius)
+    return obstacles._replace(after=obstacles.xy, radius_after=obstacles.radius)
 
 
 def _least(gaps: Floats) -> tuple[Floats, Ints]:
@@ -298,12 +298,13 @@ class PathRows:
             yield self._table(part)
 
     def _table(self, steps: Sequence[RobotStep]) -> RobotPath:
-        told = [LAST if s.steering is None else s.steering for s in steps]
+        decisions = [LAST if s.steering is None else s.steering for s in steps]
         seconds = np.array([s.number for s in steps]) * self._step_s
         xy = np.concatenate([s.xy for s in steps])
         clearance: Floats = np.concatenate([s.clearance for s in steps])
         attractive, repulsive, total = (
-            np.concatenate(part) for part in zip(*((s.attractive, s.repulsive, s.total) for s in told), strict=True)
+            np.concatenate(part)
+            for part in zip(*((s.attractive, s.repulsive, s.total) for s in decisions), strict=True)
         )
         return RobotPath.of(
             t_ns=self._start_ns + np.rint(seconds * NS).astype(np.int64),
@@ -315,8 +316,8 @@ class PathRows:
             repulsive_y=repulsive[:, 1],
             total_x=total[:, 0],
             total_y=total[:, 1],
-            state=np.array(PATH_STATES)[np.concatenate([s.state for s in told])],
-            recognised=np.concatenate([s.recognised for s in told]),
+            state=np.array(PATH_STATES)[np.concatenate([s.state for s in decisions])],
+            recognised=np.concatenate([s.recognised for s in decisions]),
             clearance=np.where(np.isfinite(clearance), clearance, np.nan),
             obstacle=np.array(self._names)[np.concatenate([s.nearest for s in steps])],
         )

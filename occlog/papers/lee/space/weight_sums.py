@@ -44,10 +44,10 @@ def weight_trial(spec: Spec) -> dict[str, float]:
     """
     rng = np.random.default_rng(np.random.SeedSequence(spec["seed"], spawn_key=(spec["run"], 2009, 27)))
     w = world(SCENARIO, spec["steps"])
-    places, T = w.states[:, :3], len(w.states)
-    cloud = places[:, None] + w.prior[0] * rng.standard_normal((T, PARTICLES, 3))
+    positions, T = w.states[:, :3], len(w.states)
+    cloud = positions[:, None] + w.prior[0] * rng.standard_normal((T, PARTICLES, 3))
     normals = rng.standard_normal((T, 2))
-    theta, phi = sight_angles(places, np.zeros(3), np.eye(3))
+    theta, phi = sight_angles(positions, np.zeros(3), np.eye(3))
     own = [a.reshape(T, PARTICLES) for a in sight_angles(cloud.reshape(-1, 3), np.zeros(3), np.eye(3))]
     out = {}
     for variance in VARIANCES:

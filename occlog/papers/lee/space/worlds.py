@@ -65,7 +65,7 @@ class SpaceWorld(NamedTuple):
 
     states: Floats  # (T, 6) x, y, z [m], then their velocities [m/s]
     dt: Floats  # (T,) time since the instant before [s]; the first is 0
-    places: Floats  # (S, 3) of the arrays [m]
+    positions: Floats  # (S, 3) of the arrays [m]
     prior: tuple[float, float]  # standard deviations of a position [m] and of a velocity [m/s]
 
     @property
@@ -76,7 +76,7 @@ class SpaceWorld(NamedTuple):
     @property
     def sensors(self) -> tuple[Floats, Floats]:
         """Positions (S, 3) and rotations (S, 3, 3) of the arrays."""
-        return self.places, np.tile(np.eye(3), (len(self.places), 1, 1))
+        return self.positions, np.tile(np.eye(3), (len(self.positions), 1, 1))
 
 
 def world(scenario: int, steps: int) -> SpaceWorld:
@@ -86,8 +86,8 @@ def world(scenario: int, steps: int) -> SpaceWorld:
     dt = np.full(steps, STEP_S)
     dt[0] = 0.0
     states = accelerated_path(np.array(STARTS[scenario]), np.tile(ACCELERATION, (steps, 1)), dt)
-    places = [(0.0, 0.0, 0.0), SECOND_ARRAY] if scenario == 4 else [(0.0, 0.0, 0.0)]
-    return SpaceWorld(states, dt, np.array(places), PRIOR)
+    positions = [(0.0, 0.0, 0.0), SECOND_ARRAY] if scenario == 4 else [(0.0, 0.0, 0.0)]
+    return SpaceWorld(states, dt, np.array(positions), PRIOR)
 
 
 def _table_world(steps: int) -> SpaceWorld:
@@ -105,8 +105,8 @@ def _table_world(steps: int) -> SpaceWorld:
 
 def scans(w: SpaceWorld, rng: Generator) -> list[Scan]:
     """Draw the arrays' reports: both angles with noise, labelled, at every instant."""
-    T, S = len(w.states), len(w.places)
-    angles = [sight_angles(w.states[:, :3], p, np.eye(3)) for p in w.places]
+    T, S = len(w.states), len(w.positions)
+    angles = [sight_angles(w.states[:, :3], p, np.eye(3)) for p in w.positions]
     theta = np.stack([a for a, _ in angles], axis=1) + SIGMA * rng.standard_normal((T, S))
     phi = np.stack([p for _, p in angles], axis=1) + SIGMA * rng.standard_normal((T, S))
     times, sigma = np.rint(1e9 * np.cumsum(w.dt)).astype(np.int64), np.full(S, SIGMA)
@@ -126,7 +126,7 @@ def scans(w: SpaceWorld, rng: Generator) -> list[Scan]:
 
 def scene_of(w: SpaceWorld) -> Scene:
     """Return a scene of the arrays, without a room."""
-    arrays = tuple(MicrophoneArray(f"array{i}", p, sigma=SIGMA) for i, p in enumerate(w.places))
+    arrays = tuple(MicrophoneArray(f"array{i}", p, sigma=SIGMA) for i, p in enumerate(w.positions))
     return Scene(arrays=arrays, length_unit="m")
 
 
@@ -157,8 +157,8 @@ def space_trial(spec: Spec) -> dict[str, float]:
     rng = np.random.default_rng(np.random.SeedSequence(spec["seed"], spawn_key=(*key, FILTER)))
     spread = np.sqrt(np.diag(w.P0))
     start = tuple((w.states[0] + spread * noise.standard_normal(6)).tolist()) + tuple(spread.tolist())
-    places, pairs = _track(w, scans(w, noise), start, spec, rng)
-    square = (places - w.states[:, :3]) ** 2
+    positions, pairs = _track(w, scans(w, noise), start, spec, rng)
+    square = (positions - w.states[:, :3]) ** 2
     out = {f"{a}_{k}": float(square[k, i]) for i, a in enumerate(AXIS_NAMES) for k in range(len(square))}
     return {**out, "xy_yz": float(np.mean([sorted(p) == [XY, YZ] for p in pairs])) if pairs else math.nan}
 
@@ -185,12 +185,12 @@ def _track(
 
 
 def _track_directly(w: SpaceWorld, given: list[Scan], config: Direct3dConfig, rng: Generator) -> Floats:
-    state, places = direct3d.init(scene_of(w), config, rng), np.empty((len(given), 3))
+    state, positions = direct3d.init(scene_of(w), config, rng), np.empty((len(given), 3))
     for k, scan in enumerate(given):
         state, estimate = direct3d.step(state, scan, rng)
         assert estimate.height is not None
-        places[k] = *estimate.xy, estimate.height.z
-    return places
+        positions[k] = *estimate.xy, estimate.height.z
+    return positions
 
 
 def _track_by_planes(
@@ -201,16 +201,16 @@ def _track_by_planes(
     rng: Generator,
 ) -> tuple[Floats, list[list[int]]]:
     """Run PPS; `models`: each plane's motion up to every instant, None: that of the settings."""
-    state, places = projected_planes.init(scene_of(w), config, rng), np.empty((len(given), 3))
+    state, positions = projected_planes.init(scene_of(w), config, rng), np.empty((len(given), 3))
     pairs = []
     for k, scan in enumerate(given):
         if models is not None:
             state = state._replace(motions=models[k])
         state, estimate = projected_planes.step(state, scan, rng)
         assert estimate.height is not None
-        places[k] = *estimate.xy, estimate.height.z
+        positions[k] = *estimate.xy, estimate.height.z
         pairs.append([p for _, p in state.pair])
-    return places, pairs
+    return positions, pairs
 
 
 def _table_motions(w: SpaceWorld, k: int, wrong: bool) -> tuple[AccelerationModel, ...]:
@@ -237,7 +237,7 @@ def bounds(scenario: int, steps: int) -> tuple[Floats, Floats]:
         rows = plane_axes(p)
         each = plane_bound(xyz, dt=w.dt, sensors=w.sensors, sigmas=sigmas, P0=w.P0[np.ix_(rows, rows)], plane=p)
         own[p][:, list(axes)] = each[:, range(2), range(2)]
-        of_arrays = [plane_variance(xyz, at, np.eye(3), *sigmas, p) for at in w.places]
+        of_arrays = [plane_variance(xyz, at, np.eye(3), *sigmas, p) for at in w.positions]
         variance[:, p] = np.min(of_arrays, axis=0)
     chosen = np.argsort(variance, axis=1, kind="stable")[:, :2]
     flat = np.min(own[chosen.T, np.arange(steps)], axis=0)

@@ -53,12 +53,12 @@ def decoys(size: Size, execute: Execute) -> Table:
 def _spec(size: Size, run: int, scene: str) -> Spec:
     balls = {"frames": size.steps, "balls": BALLS}
     config, seed, frame = configure(BallsConfig(), balls), seed_of(size, run), max(1, round(AT * size.steps))
-    places = ball_cameras(config)[0].project(staged_paths(config, seed, scene).centres[frame])
-    away = places[1:] - places[0]
+    positions = ball_cameras(config)[0].project(staged_paths(config, seed, scene).centres[frame])
+    away = positions[1:] - positions[0]
     near = away[int(np.argmin(np.linalg.norm(away, axis=1)))]
     # Towards the middle of the image
     aside = ASIDE * np.array([-near[1], near[0]])
-    put = places[0] + NEARER * near
+    put = positions[0] + NEARER * near
     middle = np.array([0.5 * config.width, 0.5 * config.height])
     put = put + (aside if aside @ (middle - put) > 0.0 else -aside)
     astray = {"view": 0, "target": 0, "frame": frame, "x": float(put[0]), "y": float(put[1])}

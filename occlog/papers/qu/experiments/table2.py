@@ -95,7 +95,7 @@ def _exponential(rows: Sequence[PaperRow]) -> StatementVerdict:
     x = np.array([row.x for row in rows])
     for k in range(rows[0].runs if len(rows) >= 3 else 0):
         y = np.log([row.values[k] for row in rows])
-        by_factor, by_power = (np.polyfit(places, y, 1, full=True)[1].item() for places in (x, np.log(x)))
+        by_factor, by_power = (np.polyfit(abscissa, y, 1, full=True)[1].item() for abscissa in (x, np.log(x)))
         left.append(by_factor / by_power if by_power > 0.0 else math.nan)
     return v.judge("table2-sir-exponential", said, sample(left), v.below(1.0), rule=rule)
 

@@ -67,7 +67,7 @@ class Divergences:
         parted: in how many of them the runs have parted.
         stretches: the longest, the longest first.
         farthest: the pair of largest distance; None: no pair.
-        apart: (T,) largest distance of partners in each frame, 0 without any.
+        distance: (T,) largest distance of partners in each frame, 0 without any.
         alone: (T,) how many have no partner.
     """
 
@@ -76,7 +76,7 @@ class Divergences:
     parted: int
     stretches: tuple[DivergenceStretch, ...]
     farthest: RunComparisonStep | None
-    apart: Floats
+    distance: Floats
     alone: Ints
 
     @property
@@ -116,20 +116,20 @@ def divergences_of(
         _exchanges(a, b, pairs, times, partners),
     )
     count = len(times)
-    apart = np.zeros(count)
-    np.maximum.at(apart, pairs.frame, pairs.distance)
+    distance = np.zeros(count)
+    np.maximum.at(distance, pairs.frame, pairs.distance)
     alone = np.bincount(a.frame[pairs.alone_a], minlength=count) + np.bincount(b.frame[pairs.alone_b], minlength=count)
-    parted = (apart > tolerance) | (alone > 0)
+    parted = (distance > tolerance) | (alone > 0)
     farthest = None if not len(pairs.distance) else _of_pair(a, b, pairs, times, int(np.argmax(pairs.distance)))
     stretches = tuple(_stretch(a, b, pairs, times, each) for each in _longest(parted, times))
-    return Divergences(kinds, count, int(parted.sum()), stretches, farthest, apart, alone)
+    return Divergences(kinds, count, int(parted.sum()), stretches, farthest, distance, alone)
 
 
-def _kind(name: str, frames: Ints, moment: Callable[[int], RunComparisonStep]) -> DivergenceKind:
-    """A kind by the frames of its rows, one of which is `moment`."""
+def _kind(name: str, frames: Ints, step_at: Callable[[int], RunComparisonStep]) -> DivergenceKind:
+    """A kind by the frames of its rows, one of which is `step_at`."""
     if not len(frames):
         return DivergenceKind(name, None, 0, 0)
-    return DivergenceKind(name, moment(int(np.argmin(frames))), len(np.unique(frames)), len(frames))
+    return DivergenceKind(name, step_at(int(np.argmin(frames))), len(np.unique(frames)), len(frames))
 
 
 def _exchanges(
@@ -213,11 +213,11 @@ class ErrorsOverTime:
     objects: int
 
     @property
-    def on_nobody(self) -> tuple[bool, bool]:
+    def on_unmatched(self) -> tuple[bool, bool]:
         """True if a run, A or B, has tracks, but never one that is on a target."""
-        return self._nobody(self.missed_a, self.false_a), self._nobody(self.missed_b, self.false_b)
+        return self._mostly_unmatched(self.missed_a, self.false_a), self._mostly_unmatched(self.missed_b, self.false_b)
 
-    def _nobody(self, missed: Ints, false: Ints) -> bool:
+    def _mostly_unmatched(self, missed: Ints, false: Ints) -> bool:
         return bool(false.any()) and int(missed.sum()) == self.objects
 
     @property

@@ -57,8 +57,8 @@ def common_times(a: Tracks, b: Tracks) -> Ints:
     spans = [(int(each.t_ns[0]), int(each.t_ns[-1])) for each in (a, b)]
     start, end = max(s for s, _ in spans), min(e for _, e in spans)
     if start > end:
-        told = " and ".join(f"{s / NS:.3f} s to {e / NS:.3f} s" for s, e in spans)
-        raise InputError(f"the runs have no time in common: {told}; name two runs of one recording")
+        text = " and ".join(f"{s / NS:.3f} s to {e / NS:.3f} s" for s, e in spans)
+        raise InputError(f"the runs have no time in common: {text}; name two runs of one recording")
     times = np.union1d(a.t_ns, b.t_ns)
     found: Ints = times[(times >= start) & (times <= end)]
     return found
@@ -70,10 +70,10 @@ def align_estimates(tracks: Tracks, times: Ints) -> AlignedEstimates:
     At a run's own times the people with a row are present.  At times of the other run alone positions are interpolated,
     over gaps of a usual step of the person's rows (`Path.usual_gap_ns`).
     """
-    place = np.searchsorted(times, tracks.t_ns)
-    inside = np.minimum(place, len(times) - 1)
-    rows = np.flatnonzero((place < len(times)) & (times[inside] == tracks.t_ns))
-    frames, places = [place[rows]], [np.column_stack([tracks.x, tracks.y])[rows]]
+    index = np.searchsorted(times, tracks.t_ns)
+    inside = np.minimum(index, len(times) - 1)
+    rows = np.flatnonzero((index < len(times)) & (times[inside] == tracks.t_ns))
+    frames, positions = [index[rows]], [np.column_stack([tracks.x, tracks.y])[rows]]
     sources, labels = [rows], [tracks.target_id[rows].astype(np.int64)]
     others = np.flatnonzero(~np.isin(times, tracks.t_ns))
     order = np.argsort(tracks.target_id, kind="stable")
@@ -84,12 +84,12 @@ def align_estimates(tracks: Tracks, times: Ints) -> AlignedEstimates:
         t_ns = tracks.t_ns[own]
         xy, good = Way(t_ns, np.column_stack([tracks.x[own], tracks.y[own]])).at(times[others], None)
         frames.append(others[good])
-        places.append(xy[good])
+        positions.append(xy[good])
         sources.append(own[np.searchsorted(t_ns, times[others[good]], side="right") - 1])
         labels.append(np.full(int(good.sum()), name, dtype=np.int64))
     frame, label = np.concatenate(frames), np.concatenate(labels)
     sort = np.lexsort((label, frame))
-    return AlignedEstimates(frame[sort], np.concatenate(sources)[sort], np.concatenate(places)[sort], label[sort])
+    return AlignedEstimates(frame[sort], np.concatenate(sources)[sort], np.concatenate(positions)[sort], label[sort])
 
 
 EACH_FRAME = ClearRule(memory=0)

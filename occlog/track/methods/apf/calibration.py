@@ -5,7 +5,7 @@ the filter weighs its particles with corrected cameras, and with what is still u
 them instead of `sigma_position` and `sigma_yaw`.  `initial`: the first `calibration_s` seconds
 are tracked as without, then all their bearings are solved at once, and that stays.
 
-Both compare errors that stay with errors resampled for every scan, which is what Eq. 2 says
+Both compare errors that stay with errors resampled for every scan, which is what Eq. 2 states
 (`Belief.log_odds`), and correct nothing while the latter explains the bearings better.
 
 What cannot be observed (where all cameras together are) is an error of the track that more
@@ -60,7 +60,7 @@ class StatedSensors(NamedTuple):
     scene: Scene
     sensors: Sensors
     noise: MeasurementNoise
-    places: Floats  # (S, 2)
+    positions: Floats  # (S, 2)
     yaw: Floats  # (S,)
     focal_px: Floats  # (S,) 0: not a camera
     read_px: Floats  # (S,)
@@ -71,7 +71,7 @@ class InitialPhase(NamedTuple):
 
     until_ns: int | None  # None: not begun
     scans: tuple[LabelledBearings, ...]
-    places: tuple[Floats, ...]
+    positions: tuple[Floats, ...]
 
 
 class PoseCalibration(NamedTuple):
@@ -86,7 +86,7 @@ class PoseCalibration(NamedTuple):
     follows: Floats  # (2, 3 S) how much of each error is in the estimate
 
     @property
-    def believed(self) -> bool:
+    def converged(self) -> bool:
         """Whether cameras are corrected: something was learned, and errors that stay explain it better than noise."""
         return self.phase is None and self.belief.log_odds > MIN_LOG_ODDS
 
@@ -119,14 +119,14 @@ def corrected(calibration: PoseCalibration, xy: Floats, weights: Floats) -> tupl
     the yaw's position, for any covariance of the errors; elsewhere Eq. 2 has the greatest
     variance of position in any direction.
     """
-    if not calibration.believed:
+    if not calibration.converged:
         return calibration.stated.sensors, calibration.stated.noise
     mean, covariance = mean_and_covariance(weights, xy)
     belief = calibration.belief
     everyone = np.arange(len(belief.mean))
-    away = np.hypot(*(mean - calibration.stated.places).T)
+    away = np.hypot(*(mean - calibration.stated.positions).T)
     near_together = np.sqrt(np.trace(covariance)) < MAX_CLOUD_ANGLE * away
-    angle2 = spread(mean, everyone, calibration.stated.places, belief) if away.min() > 0 else np.zeros(len(away))
+    angle2 = spread(mean, everyone, calibration.stated.positions, belief) if away.min() > 0 else np.zeros(len(away))
     blocks = belief.blocks
     position2 = np.linalg.eigvalsh(blocks[:, :2, :2])[:, -1]
     left = calibration.stated.noise._replace(
@@ -136,19 +136,19 @@ def corrected(calibration: PoseCalibration, xy: Floats, weights: Floats) -> tupl
     return calibration.sensors, left
 
 
-def corrected_scan(calibration: PoseCalibration, looks: PackedScan) -> PackedScan:
+def corrected_scan(calibration: PoseCalibration, packed: PackedScan) -> PackedScan:
     """PackedScan with bearings turned by the errors of yaw, and readings as noisy as they turned out to be."""
-    if not calibration.believed:
-        return looks
-    sensor = np.repeat(looks.sensor, np.diff(looks.first))
-    turn = np.where(looks.pixel, 0.0, calibration.packed[sensor, 2])  # pixels are read from the corrected axis
-    return looks._replace(value=looks.value + turn, variance=looks.variance * calibration.belief.scale)
+    if not calibration.converged:
+        return packed
+    sensor = np.repeat(packed.sensor, np.diff(packed.first))
+    turn = np.where(packed.pixel, 0.0, calibration.packed[sensor, 2])  # pixels are read from the corrected axis
+    return packed._replace(value=packed.value + turn, variance=packed.variance * calibration.belief.scale)
 
 
 def updated_calibration(
     calibration: PoseCalibration, scan: Scan, estimate: Estimate, seconds: float
 ) -> tuple[PoseCalibration, Estimate]:
-    """What a scan says about the sensors' errors, and the estimate with what they add to its covariance.
+    """Update of the sensors' errors by a scan, and the estimate with what they add to its covariance.
 
     Args:
         calibration: before the scan.
@@ -161,9 +161,9 @@ def updated_calibration(
     if after.phase is not None:
         after = _gather(after, sights, scan.t_ns, estimate.xy, seconds)
     elif not after.fixed:
-        after = _packed(after._replace(belief=update(after.belief, sights, after.stated.places, estimate.xy)))
+        after = _packed(after._replace(belief=update(after.belief, sights, after.stated.positions, estimate.xy)))
     follows, belief, covariance = after.follows, after.belief, estimate.covariance
-    if after.believed:
+    if after.converged:
         covariance = covariance + follows @ belief.covariance @ follows.T
     deviation = np.sqrt(np.maximum(np.diag(belief.covariance), 0.0)).reshape(belief.mean.shape)
     return after, estimate._replace(covariance=covariance, calibration=SensorErrors(belief.mean, deviation))
@@ -175,12 +175,12 @@ def _gather(
     """The calibration with one more scan in its initial phase, solved when that is over."""
     phase = calibration.phase or InitialPhase(None, (), ())
     until = t_ns + round(seconds * NS) if phase.until_ns is None else phase.until_ns
-    phase = InitialPhase(until, (*phase.scans, sights), (*phase.places, xy))
+    phase = InitialPhase(until, (*phase.scans, sights), (*phase.positions, xy))
     if len(phase.scans) > MAX_INITIAL_SCANS:
-        phase = phase._replace(scans=phase.scans[::2], places=phase.places[::2])
+        phase = phase._replace(scans=phase.scans[::2], positions=phase.positions[::2])
     if t_ns < until:
         return calibration._replace(phase=phase)
-    belief = solve(calibration.belief, phase.scans, calibration.stated.places, np.array(phase.places))
+    belief = solve(calibration.belief, phase.scans, calibration.stated.positions, np.array(phase.positions))
     return _packed(calibration._replace(belief=belief, phase=None, fixed=True))
 
 
@@ -190,13 +190,13 @@ def _follow(calibration: PoseCalibration, sights: LabelledBearings, estimate: Es
     The gain of the particle filter is taken to be that of a Kalman filter with its covariance;
     bearings that miss the estimate by far are taken to have had no weight.
     """
-    belief, places = calibration.belief, calibration.stated.places
-    if not len(sights.sensor) or np.hypot(*(estimate.xy - places[sights.sensor]).T).min() == 0.0:
+    belief, positions = calibration.belief, calibration.stated.positions
+    if not len(sights.sensor) or np.hypot(*(estimate.xy - positions[sights.sensor]).T).min() == 0.0:
         return calibration
-    by_target, by_error = jacobians(estimate.xy, places[sights.sensor])
-    variance = sights.variance * belief.scale + spread(estimate.xy, sights.sensor, places, belief)
+    by_target, by_error = jacobians(estimate.xy, positions[sights.sensor])
+    variance = sights.variance * belief.scale + spread(estimate.xy, sights.sensor, positions, belief)
     about = variance + np.einsum("ni,ij,nj->n", by_target, estimate.covariance, by_target)
-    miss = residuals(estimate.xy, sights, places, calibration.packed)
+    miss = residuals(estimate.xy, sights, positions, calibration.packed)
     weight = np.where(miss**2 < GATE_SIGMAS**2 * about, 1.0 / variance, 0.0)
     gain = estimate.covariance @ (by_target * weight[:, None]).T
     taken = gain @ by_target

@@ -85,7 +85,7 @@ def step(state: ApfState, scan: Scan, rng: Generator) -> tuple[ApfState, Estimat
     """
     base = model = state.model
     config = model.config
-    looks = pack_scan(scan, model.read_px, config.use_score)
+    packed = pack_scan(scan, model.read_px, config.use_score)
     if scan.measured is not None:
         model = model._replace(measured=scan.measured.distances)
         state = state._replace(model=model)
@@ -94,7 +94,7 @@ def step(state: ApfState, scan: Scan, rng: Generator) -> tuple[ApfState, Estimat
     if calibration is not None:
         sensors, noise = corrected(calibration, state.particles.xy, state.weights)
         model = model._replace(sensors=sensors, noise=noise)
-        state, looks = state._replace(model=model), corrected_scan(calibration, looks)
+        state, packed = state._replace(model=model), corrected_scan(calibration, packed)
     # Moving occluders: their priors at this time ([Ercan] Sec. 4.2)
     if scan.occluders is not None:
         model = _with_occluder_priors(model, scan.occluders, state)
@@ -104,12 +104,12 @@ def step(state: ApfState, scan: Scan, rng: Generator) -> tuple[ApfState, Estimat
         elapsed(state.t_ns, scan.t_ns),
         config.max_gap_s,
         known=state.t_ns is not None or model.views is None or config.start is not None,
-        initiate=lambda reason: _begin(model, looks, reason, rng),
-        update=lambda dt: _updated(state, looks, dt, rng),
-        loss=lambda taken: _track_loss(state, taken[0], looks),
+        initiate=lambda reason: _begin(model, packed, reason, rng),
+        update=lambda dt: _updated(state, packed, dt, rng),
+        loss=lambda taken: _track_loss(state, taken[0], packed),
     )
     # Estimate: weighted mean and covariance ([Ercan] Alg. 3, last line)
-    estimate = _estimate(model, draw, looks)
+    estimate = _estimate(model, draw, packed)
     # Calibrate: learn the errors of the poses
     if calibration is not None:
         calibration, estimate = updated_calibration(calibration, scan, estimate, config.calibration_s)
@@ -144,12 +144,12 @@ def predict(state: ApfState, t_ns: int, rng: Generator) -> ParticleSet:
     return ParticleSet(drift(state.model, state.particles, dt, rng).xy, state.weights)
 
 
-def _updated(state: ApfState, looks: PackedScan, dt: float, rng: Generator) -> tuple[ProposedParticles, Trace] | None:
+def _updated(state: ApfState, packed: PackedScan, dt: float, rng: Generator) -> tuple[ProposedParticles, Trace] | None:
     """Weighted particles at the time of a scan, a time dt [s] after the last one; None where no particle agrees."""
     model = state.model
     if state.t_ns is None:
         start = model.config.start
-        draw = select_initial_particles(model, state.particles, None if start is None else start[2], looks, rng)
+        draw = select_initial_particles(model, state.particles, None if start is None else start[2], packed, rng)
         return draw, _last(model, draw, 0.0)
     # Predict without measurements, as far as one step does not reach
     particles, weights, parts = state.particles, state.weights, parts_of(dt, model)
@@ -159,7 +159,7 @@ def _updated(state: ApfState, looks: PackedScan, dt: float, rng: Generator) -> t
         if model.config.smoothed:
             links = (*links, record_particles(particles, weights, None, dt / parts, model))
     # Take the scan in
-    draw = auxiliary_step(model, particles, weights, looks, dt / parts, rng)
+    draw = auxiliary_step(model, particles, weights, packed, dt / parts, rng)
     return (draw, links + _last(model, draw, dt / parts)) if math.isfinite(draw.log_likelihood) else None
 
 
@@ -170,13 +170,13 @@ def _last(model: ApfModel, draw: ProposedParticles, dt: float) -> Trace:
     return (record_particles(draw.particles, draw.weights, draw.parents, dt, model, draw.sharpness),)
 
 
-def _begin(model: ApfModel, looks: PackedScan, reason: str, rng: Generator) -> tuple[ProposedParticles, Trace]:
-    """Particles resampled: all over the floor, or, without a room, where the scan says."""
-    draw = reinitialise(model, looks, rng)._replace(fallback=reason)
+def _begin(model: ApfModel, packed: PackedScan, reason: str, rng: Generator) -> tuple[ProposedParticles, Trace]:
+    """Particles resampled: all over the ground, or, without a room, from the scan."""
+    draw = reinitialise(model, packed, rng)._replace(fallback=reason)
     return draw, _last(model, draw, 0.0)
 
 
-def _track_loss(state: ApfState, draw: ProposedParticles, looks: PackedScan) -> tuple[int, bool]:
+def _track_loss(state: ApfState, draw: ProposedParticles, packed: PackedScan) -> tuple[int, bool]:
     """The track-loss counter after a scan, and whether the track is lost.
 
     A report speaks against it if the target should be elsewhere; a scan counts for two
@@ -184,7 +184,7 @@ def _track_loss(state: ApfState, draw: ProposedParticles, looks: PackedScan) -> 
     people who hide the target seldom has two at once.  False reports come seldom enough in
     a row not to add up.
     """
-    reports = looks.labelled & (np.diff(looks.first) > 0)
+    reports = packed.labelled & (np.diff(packed.first) > 0)
     # Gate: which reports agree with the likeliest particle
     count = int(np.count_nonzero(reports))
     model = state.model
@@ -194,7 +194,7 @@ def _track_loss(state: ApfState, draw: ProposedParticles, looks: PackedScan) -> 
         return state.astray, False
     best = int(np.argmax(draw.weights))
     here = draw.particles.xy[best : best + 1]
-    agree = likely_inliers(here, looks, model.sensors, model.noise, model.detection)
+    agree = likely_inliers(here, packed, model.sensors, model.noise, model.detection)
     against = int(np.count_nonzero(reports & ~agree))
     if model.measured is not None:
         against += int(
@@ -204,16 +204,16 @@ def _track_loss(state: ApfState, draw: ProposedParticles, looks: PackedScan) -> 
     return (0, True) if is_lost(after, model.config.track_loss_count) else (after, False)
 
 
-def _estimate(model: ApfModel, draw: ProposedParticles, looks: PackedScan) -> Estimate:
+def _estimate(model: ApfModel, draw: ProposedParticles, packed: PackedScan) -> Estimate:
     mean, covariance = mean_and_covariance(draw.weights, draw.particles.xy)
     size, fallback = min(effective_sample_size(draw.weights), draw.effective), draw.fallback
     if size < MIN_EFFECTIVE_SAMPLE_SIZE:
         # A few particles look more certain than they are: at least what they were drawn from is open, too
         covariance = covariance * (size / (size - 1.0) if size > 1.5 else 3.0) + draw.sharpness * np.eye(2)
         fallback = fallback or "depleted"
-    seen = np.diff(looks.first) > 0
-    seen &= looks.labelled | likely_inliers(mean[None], looks, model.sensors, model.noise, model.detection)
-    estimate = _as_estimate(draw, mean, covariance, size, fallback, looks, seen)
+    seen = np.diff(packed.first) > 0
+    seen &= packed.labelled | likely_inliers(mean[None], packed, model.sensors, model.noise, model.detection)
+    estimate = _as_estimate(draw, mean, covariance, size, fallback, packed, seen)
     return estimate if model.measured is None else with_distances(estimate, model.measured)
 
 
@@ -223,7 +223,7 @@ def _as_estimate(
     covariance: Floats,
     size: float,
     fallback: str,
-    looks: PackedScan,
+    packed: PackedScan,
     seen: Bools,
 ) -> Estimate:
     """The estimate, with the sensors that contributed."""
@@ -233,11 +233,11 @@ def _as_estimate(
         covariance=covariance,
         ess=size,
         log_likelihood=draw.log_likelihood if math.isfinite(draw.log_likelihood) else math.nan,
-        n_observing=len(looks.sensor),
+        n_observing=len(packed.sensor),
         n_detected=int(np.count_nonzero(seen)),
         fallback=fallback,
-        used=tuple(looks.sensor.tolist()),
-        seen_by=tuple(looks.sensor[seen].tolist()),
+        used=tuple(packed.sensor.tolist()),
+        seen_by=tuple(packed.sensor[seen].tolist()),
     )
 
 

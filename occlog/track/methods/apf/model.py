@@ -2,7 +2,7 @@
 
 A scene and a scan as the arrays that the likelihood kernels want.
 
-Particles in a scene without a room: where a scan says that the target is, within what sensors can see.
+Particles in a scene without a room: drawn from the first scan, within what sensors can see.
 
 In a room particles begin all over the floor.  Without one they may be as far as sensors see, and so few of them would
 be near the target that the filter's first estimate would be a draw of chance.
@@ -52,14 +52,14 @@ def pack_sensors(scene: Scene, walls: Sequence[Sequence[Floats]] | None = None) 
 
     Args:
         scene: cameras and arrays.
-        walls: what hides things from each camera; None: what the scene says of the camera's position.
+        walls: what hides things from each camera; None: by the camera's position in the scene.
     """
     cameras, arrays = scene.cameras, scene.arrays
     if walls is None:
         walls = [scene.blockers(c.ground) for c in cameras]
-    places = [c.position[:2] for c in cameras] + [a.position[:2] for a in arrays]
+    positions = [c.position[:2] for c in cameras] + [a.position[:2] for a in arrays]
     return make_sensors(
-        np.array(places, dtype=np.float64).reshape(-1, 2),
+        np.array(positions, dtype=np.float64).reshape(-1, 2),
         np.array([c.yaw for c in cameras] + [a.yaw for a in arrays], dtype=np.float64),
         np.array([c.fov for c in cameras] + [math.nan] * len(arrays), dtype=np.float64),
         np.array([c.range for c in cameras] + [a.range for a in arrays], dtype=np.float64),
@@ -145,24 +145,24 @@ def pack_detection(scene: Scene, config: ApfConfig, *, informed: bool) -> Detect
 
 
 def with_distances(estimate: Estimate, measured: RangeMeasurements) -> Estimate:
-    """The estimate with what it says of measurements of distances."""
-    told = linearise(measured, estimate.xy[None])
-    residual, gradient = told.residual[0], told.gradient[0]
+    """The estimate with its residuals of distance measurements."""
+    linearised = linearise(measured, estimate.xy[None])
+    residual, gradient = linearised.residual[0], linearised.gradient[0]
     spread = np.einsum("ni,ij,nj->n", gradient, estimate.covariance, gradient)
-    believed = inlier_probability(residual / np.sqrt(1.0 + spread), measured.errors.widened(1.0 + spread))
-    looked = np.unique([*estimate.used, *measured.station.tolist()])
-    saw = np.unique([*(estimate.seen_by or ()), *measured.station[believed >= 0.5].tolist()])
+    inlier = inlier_probability(residual / np.sqrt(1.0 + spread), measured.errors.widened(1.0 + spread))
+    observing = np.unique([*estimate.used, *measured.station.tolist()])
+    saw = np.unique([*(estimate.seen_by or ()), *measured.station[inlier >= 0.5].tolist()])
     return estimate._replace(
-        n_observing=len(looked),
+        n_observing=len(observing),
         n_detected=len(saw),
-        used=tuple(looked.astype(int).tolist()),
+        used=tuple(observing.astype(int).tolist()),
         seen_by=tuple(saw.astype(int).tolist()),
         fit=BearingResiduals(
             row=np.zeros(len(residual), dtype=np.int64),
             sensor=measured.station,
             residual=residual,
             expected_variance=np.maximum(1.0 - spread, 0.0),
-            inlier_probability=believed,
+            inlier_probability=inlier,
         ),
     )
 
@@ -181,18 +181,18 @@ def max_destination_distance(scene: Scene, speed: float) -> float:
 
 
 def sight_lines(
-    looks: PackedScan, sensors: Sensors, noise: MeasurementNoise, prior: ViewPrior
+    packed: PackedScan, sensors: Sensors, noise: MeasurementNoise, prior: ViewPrior
 ) -> ScanDirectionsInPlane:
     """The directions of a scan's measurements, with the errors of reading, yaw and position ([Ercan] Eq. 2)."""
-    i = np.repeat(looks.sensor, np.diff(looks.first))
-    f, yaw = np.where(looks.pixel, noise.focal_px[i], 1.0), np.arctan2(sensors.axis[i, 1], sensors.axis[i, 0])
-    reading = np.sqrt(looks.variance)
-    sigma = np.where(looks.pixel, np.hypot(reading * f / (f**2 + looks.value**2), noise.sigma_yaw[i]), reading)
+    i = np.repeat(packed.sensor, np.diff(packed.first))
+    f, yaw = np.where(packed.pixel, noise.focal_px[i], 1.0), np.arctan2(sensors.axis[i, 1], sensors.axis[i, 0])
+    reading = np.sqrt(packed.variance)
+    sigma = np.where(packed.pixel, np.hypot(reading * f / (f**2 + packed.value**2), noise.sigma_yaw[i]), reading)
     return ScanDirectionsInPlane(
         origin=sensors.xy[i],
-        azimuth=np.where(looks.pixel, yaw + np.arctan2(looks.value, f), looks.value),
+        azimuth=np.where(packed.pixel, yaw + np.arctan2(packed.value, f), packed.value),
         sigma=sigma,
-        sigma_origin=np.where(looks.pixel, noise.sigma_position[i], 0.0),
+        sigma_origin=np.where(packed.pixel, noise.sigma_position[i], 0.0),
         far=prior.far[i],
         sensor=i,
     )
@@ -267,30 +267,35 @@ def occlusion_of(config: ApfConfig) -> Occlusion:
 
 
 def likelihood(
-    model: ApfModel, xy: Floats, looks: PackedScan, far: float = OCCLUDER_SUPPORT_SIGMAS, *, anywhere: bool = False
+    model: ApfModel,
+    xy: Floats,
+    packed_scan: PackedScan,
+    far: float = OCCLUDER_SUPPORT_SIGMAS,
+    *,
+    anywhere: bool = False,
 ) -> Floats:
     """(L,) log f(Z|u) at (L, 2) positions ([Ercan] Eq. 6).
 
     Args:
         model: scene and settings.
         xy: (L, 2) positions.
-        looks: the scan.
+        packed_scan: the scan.
         far: standard deviations at which a prior of an occluder counts as over.
         anywhere: positions that are not on the floor are possible, too.
     """
     free = np.ones(len(xy), dtype=np.bool_) if anywhere else on_floor(xy, *model.floor)
-    packed = looks, model.sensors, model.noise, model.detection, free
+    packed = packed_scan, model.sensors, model.noise, model.detection, free
     if model.priors is None:
-        told = np.asarray(log_likelihood(xy, *packed))
+        log_density = np.asarray(log_likelihood(xy, *packed))
     else:
-        told = log_likelihood_among(xy, *packed, model.priors, model.occlusion._replace(far=far))
+        log_density = log_likelihood_among(xy, *packed, model.priors, model.occlusion._replace(far=far))
     # Radio and sound go past what hides targets
-    return told if model.measured is None else told + distances.log_likelihood(model.measured, xy)
+    return log_density if model.measured is None else log_density + distances.log_likelihood(model.measured, xy)
 
 
-def evidence(model: ApfModel, looks: PackedScan) -> tuple[Ints, Floats]:
+def evidence(model: ApfModel, packed: PackedScan) -> tuple[Ints, Floats]:
     """Sensor reports and measurements of a scan for the importance density; see `kernels.importance.adapt`."""
-    rows = importance.measurements(looks, model.sensors, model.noise, model.detection)
+    rows = importance.measurements(packed, model.sensors, model.noise, model.detection)
     if model.measured is None:
-        return looks.first, rows
-    return importance.with_distances(looks.first, rows, model.measured)
+        return packed.first, rows
+    return importance.with_distances(packed.first, rows, model.measured)

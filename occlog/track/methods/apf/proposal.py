@@ -2,9 +2,9 @@
 
 Two importance densities:
 
-* `motion`, [Ercan]'s: a particle moves as the model says, whatever the scan says.  Stage 1 chooses parents by the
+* `motion`, [Ercan]'s: a particle moves by the model alone, without the scan.  Stage 1 chooses parents by the
   likelihood at their expected positions.  Where bearings are sharper than the motion is certain nearly all particles
-  miss what the scan says, and the few that do not are taken for certainty;
+  miss the scan's likelihood, and the few that do not are taken for certainty;
 * `scan`: for every particle there are three hypotheses, that it goes on, changes its destination, or waits.  The
   Laplace approximation of each one's posterior (`occlog.track.methods.apf.kernels.importance`) gives the predictive
   likelihood by which stage 1 chooses among the hypotheses of all particles, and the density from which the position is
@@ -59,7 +59,7 @@ class ProposedParticles(NamedTuple):
 
 
 def auxiliary_step(
-    model: ApfModel, particles: WaypointParticles, weights: Floats, looks: PackedScan, dt: float, rng: Generator
+    model: ApfModel, particles: WaypointParticles, weights: Floats, packed: PackedScan, dt: float, rng: Generator
 ) -> ProposedParticles:
     """One step of the filter over a time of at most one reference step.
 
@@ -67,7 +67,7 @@ def auxiliary_step(
         model: scene and settings.
         particles: L of them, a time dt before the scan.
         weights: (L,) sum 1.
-        looks: the scan.
+        packed: the scan.
         dt: [s], > 0.
         rng: draws.
 
@@ -75,12 +75,12 @@ def auxiliary_step(
         Particles at the time of the scan; their log-likelihood is -inf if none agrees with it.
     """
     if model.config.proposal == "scan" and dt > 0.0:
-        return _adapted_step(model, particles, weights, looks, dt, rng)
-    return _bootstrap_step(model, particles, weights, looks, dt, rng)
+        return _adapted_step(model, particles, weights, packed, dt, rng)
+    return _bootstrap_step(model, particles, weights, packed, dt, rng)
 
 
 def _bootstrap_step(
-    model: ApfModel, particles: WaypointParticles, weights: Floats, looks: PackedScan, dt: float, rng: Generator
+    model: ApfModel, particles: WaypointParticles, weights: Floats, packed: PackedScan, dt: float, rng: Generator
 ) -> ProposedParticles:
     """[Ercan] Alg. 1 as it is printed, but for the parent's weight in stage 2."""
     config = model.config
@@ -88,7 +88,7 @@ def _bootstrap_step(
     arrived = waypoint.reached(particles, model.motion, model.floor)
     kappa = waypoint.expected_xy(particles, arrived, dt, model.motion)
     first, fallback = _stage_1(
-        log_of(weights) + likelihood(model, kappa, looks, OCCLUDER_SUPPORT_SIGMAS_STAGE1),
+        log_of(weights) + likelihood(model, kappa, packed, OCCLUDER_SUPPORT_SIGMAS_STAGE1),
         weights,
         config.defensive_fraction,
     )
@@ -101,29 +101,29 @@ def _bootstrap_step(
     # Propose: draw from the importance density f(u(t)|u_pi(t-1)) ([Ercan] Sec. 4.1)
     particles = move(model, particles, arrived, dt, rng)
     # Stage 2, weigh: f(Z|u_l) over the stage-1 weight of the parent
-    weights, log_sum = normalise_log_weights(log_of(ratio) + likelihood(model, particles.xy, looks))
+    weights, log_sum = normalise_log_weights(log_of(ratio) + likelihood(model, particles.xy, packed))
     return ProposedParticles(particles, weights, log_sum, fallback, parents)
 
 
 def _adapted_step(
-    model: ApfModel, particles: WaypointParticles, weights: Floats, looks: PackedScan, dt: float, rng: Generator
+    model: ApfModel, particles: WaypointParticles, weights: Floats, packed: PackedScan, dt: float, rng: Generator
 ) -> ProposedParticles:
     """[Ercan] Alg. 1 with hypotheses of the motion and the Laplace approximation of each."""
     config, L, n = model.config, len(weights), model.config.particles
     # Hypotheses: go on (MTD), change the destination (CD), wait (W)
     arrived = waypoint.reached(particles, model.motion, model.floor)
-    places = destinations(model, particles.xy, rng)
-    chance, mean, variance = waypoint.hypotheses(particles, arrived, places, dt, model.motion)
+    positions = destinations(model, particles.xy, rng)
+    chance, mean, variance = waypoint.hypotheses(particles, arrived, positions, dt, model.motion)
     prior = (chance * weights).reshape(-1)  # (3 L,)
     mean, variance = mean.reshape(-1, 2), variance.reshape(-1)
     # Approximate each one's posterior, and the predictive likelihood of the scan
-    first_row, rows = evidence(model, looks)
+    first_row, rows = evidence(model, packed)
     near = importance.adapt(mean, variance, prior > 0.0, first_row, rows)
     log_first = (log_of(prior) + near.log_volume + near.log_factors).reshape(3, L)
     # What the approximation omits, at the mode of each particle's best hypothesis
     best = np.argmax(log_first, axis=0) * L + np.arange(L)
     log_first += (
-        likelihood(model, near.mode[best], looks, OCCLUDER_SUPPORT_SIGMAS_STAGE1, anywhere=True)
+        likelihood(model, near.mode[best], packed, OCCLUDER_SUPPORT_SIGMAS_STAGE1, anywhere=True)
         - near.log_factors[best]
     )
     # Stage 1, weigh the hypotheses, and resample: systematic
@@ -147,7 +147,7 @@ def _adapted_step(
     moved = waypoint.arrive(
         waypoint.select(particles, parents),
         regime,
-        places[parents],
+        positions[parents],
         expected,
         xy,
         rng.standard_normal((n, 2)),
@@ -156,7 +156,7 @@ def _adapted_step(
     )
     # Stage 2, weigh: prior and likelihood over stage 1 and the importance density
     log_ratio += log_of(prior[chosen]) - np.log(first[chosen]) - math.log(n)
-    weights, log_sum = normalise_log_weights(log_ratio + likelihood(model, xy, looks))
+    weights, log_sum = normalise_log_weights(log_ratio + likelihood(model, xy, packed))
     sharpness = float(0.5 * np.mean(np.sum(near.root[chosen] ** 2, axis=1)))
     return ProposedParticles(moved, weights, log_sum, fallback, parents, sharpness)
 
@@ -171,7 +171,7 @@ def _stage_1(log_weights: Floats, prior: Floats, defensive: float) -> tuple[Floa
 
 
 def _even_weights(weights: Floats, chance: Floats) -> Floats:
-    """(3 L,) weights (L,) of particles, shared evenly among those hypotheses of each whose chance (3, L) is above 0."""
+    """(3 L,) weights (L,) of particles, shared evenly among the hypotheses of each with a chance (3, L) above 0."""
     possible = chance > 0.0
     return np.where(possible, weights / possible.sum(axis=0), 0.0).reshape(-1)
 
@@ -194,8 +194,8 @@ def move(model: ApfModel, particles: WaypointParticles, arrived: Bools, dt: floa
     """Draw from the importance density of [Ercan] Sec. 4.1; `arrived` is from `waypoint.reached`."""
     L = len(particles.speed)
     regime = waypoint.choose_regimes(particles, arrived, dt, model.motion, rng.random(L))
-    places = destinations(model, particles.xy[regime == waypoint.CHANGE], rng)
-    return waypoint.move(particles, regime, places, rng.standard_normal((L, 4)), dt, model.motion)
+    positions = destinations(model, particles.xy[regime == waypoint.CHANGE], rng)
+    return waypoint.move(particles, regime, positions, rng.standard_normal((L, 4)), dt, model.motion)
 
 
 def destinations(model: ApfModel, xy: Floats, rng: Generator) -> Floats:
@@ -227,28 +227,28 @@ def _particles_at(model: ApfModel, xy: Floats, rng: Generator) -> WaypointPartic
     return particles if model.views is None else particles._replace(destination=destinations(model, xy, rng))
 
 
-def reinitialise(model: ApfModel, looks: PackedScan, rng: Generator) -> ProposedParticles:
-    """Particles resampled: all over the floor, or, without a room, where the scan says."""
+def reinitialise(model: ApfModel, packed: PackedScan, rng: Generator) -> ProposedParticles:
+    """Particles resampled: all over the ground, or, without a room, from the scan."""
     if model.views is None or model.measured is not None:
-        return select_initial_particles(model, initial_particles(model, None, rng), None, looks, rng)
+        return select_initial_particles(model, initial_particles(model, None, rng), None, packed, rng)
     n = model.config.particles * model.config.initial_particle_factor
-    lines = sight_lines(looks, model.sensors, model.noise, model.views)
+    lines = sight_lines(packed, model.sensors, model.noise, model.views)
     xy, log_ratio = initial_positions(n, lines, model.views, rng)
-    return _chosen(model, _particles_at(model, xy, rng), log_ratio - math.log(n), 0.0, looks, rng)
+    return _chosen(model, _particles_at(model, xy, rng), log_ratio - math.log(n), 0.0, packed, rng)
 
 
 def select_initial_particles(
-    model: ApfModel, particles: WaypointParticles, sigma: float | None, looks: PackedScan, rng: Generator
+    model: ApfModel, particles: WaypointParticles, sigma: float | None, packed: PackedScan, rng: Generator
 ) -> ProposedParticles:
     """As many of fresh particles as the filter has, drawn by how well they agree with the scan.
 
-    With the density `scan` each of them represents a kernel about its position, which looks at the scan as in a step.
+    With the density `scan` each of them represents a kernel about its position, weighted by the scan as in a step.
 
     Args:
         model: scene and settings.
         particles: from `initial_particles`.
         sigma: standard deviation of the start; None: they are all over the floor.
-        looks: the scan.
+        packed: the scan.
         rng: draws.
     """
     config, many = model.config, len(particles.speed)
@@ -257,7 +257,7 @@ def select_initial_particles(
         # The kernels' width: what lies between the positions of the floor, or a share of the start's
         width2 = abs(signed_area(model.floor.room)) / many if sigma is None else (START_KERNEL_RATIO * sigma) ** 2
         variance = np.full(many, width2)
-        first_row, rows = evidence(model, looks)
+        first_row, rows = evidence(model, packed)
         near = importance.adapt(particles.xy, variance, np.ones(many, dtype=np.bool_), first_row, rows)
         xy, log_ratio = importance.draw(
             particles.xy,
@@ -270,7 +270,7 @@ def select_initial_particles(
         )
         particles, log_prior = particles._replace(xy=xy), log_prior + log_ratio
         sharpness = float(0.5 * np.mean(np.sum(near.root**2, axis=1)))
-    return _chosen(model, particles, log_prior, sharpness, looks, rng)
+    return _chosen(model, particles, log_prior, sharpness, packed, rng)
 
 
 def _chosen(
@@ -278,11 +278,11 @@ def _chosen(
     particles: WaypointParticles,
     log_prior: Floats,
     sharpness: float,
-    looks: PackedScan,
+    packed: PackedScan,
     rng: Generator,
 ) -> ProposedParticles:
     """As many of the particles as the filter has, drawn by their weights (L,) and the likelihood of a scan."""
-    weights, log_sum = normalise_log_weights(log_prior + likelihood(model, particles.xy, looks))
+    weights, log_sum = normalise_log_weights(log_prior + likelihood(model, particles.xy, packed))
     n = model.config.particles
     drawn = systematic_ancestors(weights, n, rng.random())
     even = np.full(n, 1.0 / n)

@@ -179,7 +179,7 @@ def _thin(cloud: ParticleSet) -> ParticleSet:
 
 
 PRIOR_VISIBILITY = 0.8
-"""Probability that a camera whose view holds the target has it in plain view, of which nothing is known yet."""
+"""Initial probability that a camera with the target in its field of view has it in plain view."""
 MAX_DETECTION_PROBABILITY = 0.9
 """Limit of the detection probability of a missed detection."""
 RESTART_FALLBACKS = ("restart", "gap")
@@ -198,9 +198,9 @@ class Selected(NamedTuple):
 
 
 class ObservedVisibility(NamedTuple):
-    """What a target's cameras saw of it lately, beyond what the scene says of views."""
+    """What a target's cameras saw of it lately, in addition to the views in the scene."""
 
-    clear: Floats  # (C,) probability that each camera of the scene has the target in plain view, if the scene says so
+    clear: Floats  # (C,) probability that each camera of the scene has the target in plain view, if in its view
     t_ns: int
     unseen: int  # scans in a row in which too few of the selected cameras saw the target
     found: bool  # enough cameras have seen it at once since the filter began
@@ -216,7 +216,7 @@ class TargetFilter(NamedTuple, Generic[State]):
     selected: Selected | None = None
     offered: int = 0  # frames of scans that are in no row yet
     mse: float = math.nan  # metric of a selection that is in no row yet
-    in_view: ObservedVisibility | None = None  # None: nothing was looked at yet
+    in_view: ObservedVisibility | None = None  # None: nothing was observed yet
 
 
 class Selector(Generic[State, Config]):
@@ -233,7 +233,7 @@ class Selector(Generic[State, Config]):
         """Pack the scene; UsageError for a selection that does not fit it.
 
         Args:
-            prediction: how the method says where a target will be.
+            prediction: the method's prediction of a target.
             config: settings of the method.
             scene: the cameras.
             selection: how to select.
@@ -275,7 +275,7 @@ class Selector(Generic[State, Config]):
     def learned(self, own: TargetFilter[State], scan: Scan, estimate: Estimate) -> TargetFilter[State]:
         """The filter with what its cameras saw in a scan.
 
-        A camera that looked in vain less probably has the target in plain view, by Bayes' rule: a person or something
+        A camera without a detection less probably has the target in plain view, by Bayes' rule: a person or something
         hides it there.  The probability goes back to `PRIOR_VISIBILITY` within the time between selections.  With
         priors of the moving occluders these say who hides the target, and nothing is learned.
         """

@@ -53,7 +53,7 @@ class FixConfig(Settings):
         return BENDS.get(self.estimator, BENDS["huber"]) if self.loss_threshold is None else self.loss_threshold
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """A mixture is of bearings whose standard deviations are stated."""
+        """A mixture is of bearings with stated standard deviations."""
         yield (
             "covariance",
             self.estimator != MIXTURE or self.covariance != "residuals",

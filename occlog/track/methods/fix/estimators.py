@@ -19,9 +19,9 @@ A position from bearings of which some may be false: the modes of a mixture like
 Each bearing is true, with a Gaussian error of its stated standard deviation, or false, and then from anywhere; at
 `loss_threshold` standard deviations both are as likely.  The likelihood of a position has a mode wherever enough
 bearings agree.
-All of them are looked for, from where each two lines cross, by Gauss and Newton with reweighting.  The estimate is the
+All of them are searched, from where each two lines cross, by Gauss and Newton with reweighting.  The estimate is the
 highest mode.  Its covariance is the second moment of all modes about it, by their heights, so that it is wide where
-it cannot be told which bearing is false.  (Volumes do not count: lines that are next to parallel would meet at
+it cannot be decided which bearing is false.  (Volumes do not count: lines that are next to parallel would meet at
 infinity.)
 
 Few residuals tell little of the errors' scale: they are pooled with what is stated, which counts as much as
@@ -49,7 +49,7 @@ class Folded(NamedTuple):
     covariance: Floats  # (2, 2) of that mean
 
 
-def crossings(places: Floats, bearings: Floats) -> Floats:
+def crossings(positions: Floats, bearings: Floats) -> Floats:
     """(n, n, 2) where line i is crossed by line j, if that is ahead of i; NaN elsewhere.
 
     Ahead of j it need not be: Lenth's published figures come out only if the half-line of the
@@ -58,42 +58,42 @@ def crossings(places: Floats, bearings: Floats) -> Floats:
     towards = np.column_stack([np.cos(bearings), np.sin(bearings)])
     dx, dy = towards[:, 0], towards[:, 1]
     across = dx[:, None] * dy[None, :] - dy[:, None] * dx[None, :]
-    apart = places[None, :, :] - places[:, None, :]
-    top = apart[:, :, 0] * dy[None, :] - apart[:, :, 1] * dx[None, :]
+    difference = positions[None, :, :] - positions[:, None, :]
+    top = difference[:, :, 0] * dy[None, :] - difference[:, :, 1] * dx[None, :]
     meets = np.abs(across) > PARALLEL
     along = np.where(meets, top / np.where(meets, across, 1.0), np.nan)
-    points: Floats = places[:, None, :] + along[:, :, None] * towards[:, None, :]
+    points: Floats = positions[:, None, :] + along[:, :, None] * towards[:, None, :]
     points[~(along > 0.0)] = np.nan
     return points
 
 
-def repeated_median(places: Floats, bearings: Floats) -> Floats | None:
+def repeated_median(positions: Floats, bearings: Floats) -> Floats | None:
     """(2,) median over the lines of the median of each line's crossings; None without any.
 
     Args:
-        places: (n, 2) where the bearings were taken.
+        positions: (n, 2) where the bearings were taken.
         bearings: (n,) [rad].
     """
-    points = crossings(places, bearings)
+    points = crossings(positions, bearings)
     lines = [own[~np.isnan(own[:, 0])] for own in points]
     middle = [np.median(own, axis=0) for own in lines if len(own)]
     return np.median(np.array(middle), axis=0) if middle else None
 
 
-def repeated_median_jackknife(places: Floats, bearings: Floats) -> Folded | None:
+def repeated_median_jackknife(positions: Floats, bearings: Floats) -> Folded | None:
     """The jackknife of the repeated median; None if it is not defined without some bearing.
 
     Args:
-        places: (n, 2), n >= 3.
+        positions: (n, 2), n >= 3.
         bearings: (n,) [rad].
     """
     n = len(bearings)
-    whole = repeated_median(places, bearings)
+    whole = repeated_median(positions, bearings)
     if whole is None or n < 3:
         return None
     pseudo = np.empty((n, 2))
     for i in range(n):
-        rest = repeated_median(np.delete(places, i, axis=0), np.delete(bearings, i))
+        rest = repeated_median(np.delete(positions, i, axis=0), np.delete(bearings, i))
         if rest is None:
             return None
         pseudo[i] = n * whole - (n - 1) * rest
@@ -122,7 +122,7 @@ class _Equations(NamedTuple):
 
 
 def fix(
-    places: Floats,
+    positions: Floats,
     bearings: Floats,
     sigma: Floats,
     estimator: str,
@@ -132,7 +132,7 @@ def fix(
     """The position that a set of bearings points at; None if undetermined.
 
     Args:
-        places: (n, 2) where the bearings were taken, n >= 2.
+        positions: (n, 2) where the bearings were taken, n >= 2.
         bearings: (n,) [rad].
         sigma: (n,) stated standard deviations [rad], above 0.
         estimator: one of `ESTIMATORS`.
@@ -147,10 +147,10 @@ def fix(
     share = precision / stated
     learned = estimated and len(bearings) > 2
     if estimator in ("rmr", "jrmr"):
-        found = _median(places, bearings, share, stated, estimator == "jrmr", learned)
+        found = _median(positions, bearings, share, stated, estimator == "jrmr", learned)
     else:
-        found = _m_estimate(places, bearings, share, stated, _psi(estimator, bend), learned)
-    return found if found is not None and _ahead(places, bearings, found) else None
+        found = _m_estimate(positions, bearings, share, stated, _psi(estimator, bend), learned)
+    return found if found is not None and _ahead(positions, bearings, found) else None
 
 
 def _psi(estimator: str, bend: float) -> Callable[[Floats], Floats]:
@@ -169,18 +169,18 @@ def inverse_kappa(mean_cosine: float) -> float:
 
 
 def _m_estimate(
-    places: Floats, bearings: Floats, share: Floats, stated: float, psi: Callable[[Floats], Floats], learned: bool
+    positions: Floats, bearings: Floats, share: Floats, stated: float, psi: Callable[[Floats], Floats], learned: bool
 ) -> Fix | None:
     """From the least-squares point; where that does not settle, from the repeated median."""
-    for start in (None, repeated_median(places, bearings)):
-        found = _iterate(places, bearings, share, stated, psi, learned, start)
+    for start in (None, repeated_median(positions, bearings)):
+        found = _iterate(positions, bearings, share, stated, psi, learned, start)
         if found is not None:
             return found
     return None
 
 
 def _iterate(
-    places: Floats,
+    positions: Floats,
     bearings: Floats,
     share: Floats,
     stated: float,
@@ -194,18 +194,18 @@ def _iterate(
     for iteration in range(ITERATIONS):
         # Concentration kappa from the residuals, and the M-estimate's weights
         if xy is not None and (iteration or start is not None):
-            cosine = np.cos(bearings - _directions(places, xy))
+            cosine = np.cos(bearings - _directions(positions, xy))
             if learned:
                 kappa = 1.0 / inverse_kappa(float(np.average(cosine, weights=weights * share)))
             # The first weights would be those of a bad start.
             weights = psi(np.sqrt(2.0 * kappa * share * (1.0 - cosine))) if iteration > 1 else weights
         # Solve the estimating equations, linear in the position for fixed distances
-        equations = _equations(places, bearings, weights * share, xy)
+        equations = _equations(positions, bearings, weights * share, xy)
         new = _solved(equations)
         if new is None:
             return None
         # Converged: the position hardly moves
-        scale = 1.0 + float(np.abs(places - new).max())
+        scale = 1.0 + float(np.abs(positions - new).max())
         if xy is not None and iteration > 2 and float(np.abs(new - xy).max()) < RELATIVE_TOLERANCE * scale:
             return _fix_at(new, equations, weights, kappa, learned)
         xy = new
@@ -220,20 +220,20 @@ def _fix_at(xy: Floats, equations: _Equations, weights: Floats, kappa: float, le
     return Fix(xy, np.asarray(np.linalg.inv(information) / kappa, np.float64), weights, kappa, learned)
 
 
-def _directions(places: Floats, xy: Floats) -> Floats:
-    return np.asarray(np.arctan2(xy[1] - places[:, 1], xy[0] - places[:, 0]), np.float64)
+def _directions(positions: Floats, xy: Floats) -> Floats:
+    return np.asarray(np.arctan2(xy[1] - positions[:, 1], xy[0] - positions[:, 0]), np.float64)
 
 
-def _equations(places: Floats, bearings: Floats, weights: Floats, xy: Floats | None) -> _Equations:
+def _equations(positions: Floats, bearings: Floats, weights: Floats, xy: Floats | None) -> _Equations:
     """The equations at a position; None: for sensors that are all equally far away."""
     s, c = np.sin(bearings), np.cos(bearings)
     # Relative to the sensors' centre, or large coordinates of maps would cost digits.
-    centre = places.mean(axis=0)
-    z = s * (places[:, 0] - centre[0]) - c * (places[:, 1] - centre[1])
+    centre = positions.mean(axis=0)
+    z = s * (positions[:, 0] - centre[0]) - c * (positions[:, 1] - centre[1])
     if xy is None:
         rise, run = s, c
     else:
-        away = xy - places
+        away = xy - positions
         cubed = np.maximum(np.hypot(away[:, 0], away[:, 1]), 1e-12) ** 3
         rise, run = away[:, 1] / cubed, away[:, 0] / cubed
     w = weights
@@ -252,33 +252,33 @@ def _solved(equations: _Equations) -> Floats | None:
 
 
 def _median(
-    places: Floats, bearings: Floats, share: Floats, stated: float, jackknife: bool, learned: bool
+    positions: Floats, bearings: Floats, share: Floats, stated: float, jackknife: bool, learned: bool
 ) -> Fix | None:
     """Repeated median; its covariance is that of the jackknife, or from the stated standard deviations."""
-    xy = repeated_median(places, bearings)
+    xy = repeated_median(positions, bearings)
     if xy is None:
         return None
-    folded = repeated_median_jackknife(places, bearings) if learned or jackknife else None
+    folded = repeated_median_jackknife(positions, bearings) if learned or jackknife else None
     ones = np.ones(len(bearings))
     if jackknife and folded is not None:
         xy = folded.xy
     if learned and folded is not None:
-        cosine = np.cos(bearings - _directions(places, xy))
+        cosine = np.cos(bearings - _directions(positions, xy))
         return Fix(xy, folded.covariance, ones, 1.0 / inverse_kappa(float(cosine.mean())), True)
-    return _fix_at(xy, _fisher(places, xy, share), ones, stated, False)
+    return _fix_at(xy, _fisher(positions, xy, share), ones, stated, False)
 
 
-def _fisher(places: Floats, xy: Floats, share: Floats) -> _Equations:
+def _fisher(positions: Floats, xy: Floats, share: Floats) -> _Equations:
     """Information about a position for kappa 1."""
-    away = xy - places
+    away = xy - positions
     squared = np.maximum((away**2).sum(axis=1), 1e-24)
     across = np.column_stack([-away[:, 1], away[:, 0]]) / squared[:, None]
     return _Equations((across * share[:, None]).T @ across, np.zeros(2))
 
 
-def _ahead(places: Floats, bearings: Floats, found: Fix) -> bool:
+def _ahead(positions: Floats, bearings: Floats, found: Fix) -> bool:
     """Whether it is in front of most of the sensors that count, two of them at least."""
-    ahead: Bools = np.cos(bearings - _directions(places, found.xy)) > 0.0
+    ahead: Bools = np.cos(bearings - _directions(positions, found.xy)) > 0.0
     counted = found.weights[ahead].sum()
     finite = bool(np.isfinite(found.covariance).all() and np.isfinite(found.xy).all())
     return finite and int(ahead.sum()) >= 2 and bool(counted > 0.5 * found.weights.sum())
@@ -294,7 +294,7 @@ MODE_MERGE_DISTANCE = 1e-4
 MIN_MODE_PROBABILITY = 0.01
 """Modes less probable than this do not count."""
 MIN_INFORMATION_RATIO = 1e-9
-"""Modes whose information differs by a smaller factor along and across are no positions."""
+"""Modes with information that differs by a smaller factor along and across are no positions."""
 
 
 class Modes(NamedTuple):
@@ -302,7 +302,7 @@ class Modes(NamedTuple):
 
     xy: Floats  # (M, 2)
     covariance: Floats  # (M, 2, 2) with the stated standard deviations
-    believed: Floats  # (M, n) probability that each bearing is true
+    inlier_probability: Floats  # (M, n) probability that each bearing is true
     residual: Floats  # (M, n) in standard deviations
     probability: Floats  # (M,) sum 1
     elsewhere: float = 0.0  # share of the likelihood, volumes and rare modes included, that is not about the first
@@ -319,33 +319,31 @@ def pooled_factor(squares: float, freedom: float) -> float:
     return (PRIOR_RESIDUALS + squares) / degrees * degrees / (degrees - 2.0)
 
 
-def modes(places: Floats, bearings: Floats, sigma: Floats, bend: float) -> Modes | None:
+def modes(positions: Floats, bearings: Floats, sigma: Floats, bend: float) -> Modes | None:
     """The modes of the likelihood of a position; None if undetermined.
 
     Args:
-        places: (n, 2) where the bearings were taken, n >= 2.
+        positions: (n, 2) where the bearings were taken, n >= 2.
         bearings: (n,) [rad].
         sigma: (n,) standard deviations [rad], above 0.
         bend: standard deviations at which a bearing is as likely false as true.
     """
-    points = crossings(places, bearings)
+    points = crossings(positions, bearings)
     both = np.isfinite(points[:, :, 0]) & np.isfinite(points[:, :, 0].T)  # in front of both
     i, j = np.nonzero(np.triu(both))
     if not len(i):
         return None
-    xy = _climbed(points[i, j], places, bearings, sigma, bend)
-    residual, believed, across = _at(xy, places, bearings, sigma, bend)
-    information = np.einsum("mn,mni,mnj->mij", believed, across, across)
+    xy = _climbed(points[i, j], positions, bearings, sigma, bend)
+    residual, inlier, across = _at(xy, positions, bearings, sigma, bend)
+    information = np.einsum("mn,mni,mnj->mij", inlier, across, across)
     size = np.linalg.eigvalsh(information)
-    good = (
-        np.isfinite(xy).all(axis=1) & (size[:, 0] > MIN_INFORMATION_RATIO * size[:, 1]) & (believed.sum(axis=1) > 1.5)
-    )
+    good = np.isfinite(xy).all(axis=1) & (size[:, 0] > MIN_INFORMATION_RATIO * size[:, 1]) & (inlier.sum(axis=1) > 1.5)
     if not good.any():
         return None
-    xy, residual, believed, information = xy[good], residual[good], believed[good], information[good]
+    xy, residual, inlier, information = xy[good], residual[good], inlier[good], information[good]
     log = -_cost(residual, bend)
     order = np.argsort(-log, kind="stable")
-    scale = np.hypot(*(places - places.mean(axis=0)).T).max() + 1e-300
+    scale = np.hypot(*(positions - positions.mean(axis=0)).T).max() + 1e-300
     kept: list[int] = []
     for m in order.tolist():
         if all(np.hypot(*(xy[m] - xy[k])) > MODE_MERGE_DISTANCE * scale for k in kept):
@@ -353,46 +351,46 @@ def modes(places: Floats, bearings: Floats, sigma: Floats, bend: float) -> Modes
     weight = np.exp(log[kept] - log[kept[0]])
     chosen = np.array(kept)[weight / weight.sum() >= MIN_MODE_PROBABILITY]
     weight = weight[: len(chosen)]
-    covariance = _with_distances(xy[chosen], np.linalg.inv(information[chosen]), believed[chosen], places, sigma)
-    return Modes(xy[chosen], covariance, believed[chosen], residual[chosen], weight / weight.sum())
+    covariance = _with_distances(xy[chosen], np.linalg.inv(information[chosen]), inlier[chosen], positions, sigma)
+    return Modes(xy[chosen], covariance, inlier[chosen], residual[chosen], weight / weight.sum())
 
 
-def _with_distances(xy: Floats, covariance: Floats, believed: Floats, places: Floats, sigma: Floats) -> Floats:
+def _with_distances(xy: Floats, covariance: Floats, inlier: Floats, positions: Floats, sigma: Floats) -> Floats:
     """(M, 2, 2) covariances that know how uncertain the distance of each sensor is.
 
-    An error of the bearing puts the target aside by that times the distance, whose mean square is the estimate's plus
+    An error of the bearing puts the target aside by that times the distance, with a mean square of the estimate's plus
     its variance along the line of sight.  Where that is large, as for lines of sight that are nearly parallel, a mode
     next to a sensor would else seem sharp, since little is between them.
     """
-    away = xy[:, None, :] - places[None]
+    away = xy[:, None, :] - positions[None]
     squared = np.maximum((away**2).sum(axis=2), 1e-24)
     along = away / np.sqrt(squared)[..., None]
     wide = squared + np.einsum("mni,mij,mnj->mn", along, covariance, along)
     across = np.stack([-along[..., 1], along[..., 0]], axis=2) / (np.sqrt(wide) * sigma)[..., None]
-    return np.asarray(np.linalg.inv(np.einsum("mn,mni,mnj->mij", believed, across, across)))
+    return np.asarray(np.linalg.inv(np.einsum("mn,mni,mnj->mij", inlier, across, across)))
 
 
 def spread_of(found: Modes, *, pooled: bool) -> Floats:
     """(2, 2) second moment of all modes about the first, with scales that are pooled or as stated."""
     factor = np.ones(len(found.xy))
     if pooled:
-        squares = np.einsum("mn,mn->m", found.believed, np.minimum(found.residual**2, 1e6))
-        freedom = np.maximum(found.believed.sum(axis=1) - 2.0, 0.0)
+        squares = np.einsum("mn,mn->m", found.inlier_probability, np.minimum(found.residual**2, 1e6))
+        freedom = np.maximum(found.inlier_probability.sum(axis=1) - 2.0, 0.0)
         factor = np.array([pooled_factor(s, f) for s, f in zip(squares.tolist(), freedom.tolist(), strict=True)])
     away = found.xy - found.xy[0]
     each = factor[:, None, None] * found.covariance + away[:, :, None] * away[:, None, :]
     return np.asarray(np.einsum("m,mij->ij", found.probability, each))
 
 
-def _at(xy: Floats, places: Floats, bearings: Floats, sigma: Floats, bend: float) -> tuple[Floats, Floats, Floats]:
+def _at(xy: Floats, positions: Floats, bearings: Floats, sigma: Floats, bend: float) -> tuple[Floats, Floats, Floats]:
     """Residuals (M, n), beliefs (M, n) and gradients (M, n, 2) of the predicted bearings, in standard deviations."""
-    away = xy[:, None, :] - places[None]
+    away = xy[:, None, :] - positions[None]
     off = bearings - np.arctan2(away[..., 1], away[..., 0])
     residual = ((off + np.pi) % (2.0 * np.pi) - np.pi) / sigma
-    believed = 1.0 / (1.0 + np.exp(np.minimum(0.5 * (residual**2 - bend**2), 700.0)))
+    inlier = 1.0 / (1.0 + np.exp(np.minimum(0.5 * (residual**2 - bend**2), 700.0)))
     squared = np.maximum((away**2).sum(axis=2), 1e-24)
     across = np.stack([-away[..., 1], away[..., 0]], axis=2) / (squared * sigma)[..., None]
-    return residual, believed, across
+    return residual, inlier, across
 
 
 def _cost(residual: Floats, bend: float) -> Floats:
@@ -400,21 +398,21 @@ def _cost(residual: Floats, bend: float) -> Floats:
     return np.asarray(-np.logaddexp(-0.5 * residual**2, -0.5 * bend**2).sum(axis=1))
 
 
-def _climbed(xy: Floats, places: Floats, bearings: Floats, sigma: Floats, bend: float) -> Floats:
+def _climbed(xy: Floats, positions: Floats, bearings: Floats, sigma: Floats, bend: float) -> Floats:
     """(M, 2) modes that starts lead to: Gauss and Newton with reweighting, and steps halved until the cost falls."""
     xy = xy.copy()
-    scale = np.hypot(*(places - places.mean(axis=0)).T).max() + 1e-300
+    scale = np.hypot(*(positions - positions.mean(axis=0)).T).max() + 1e-300
     for _ in range(MAX_EM_ITERATIONS):
-        residual, believed, across = _at(xy, places, bearings, sigma, bend)
-        information = np.einsum("mn,mni,mnj->mij", believed, across, across)
+        residual, inlier, across = _at(xy, positions, bearings, sigma, bend)
+        information = np.einsum("mn,mni,mnj->mij", inlier, across, across)
         # A little of the trace keeps what only one line holds from flying off.
         ridge = 1e-9 * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(2) + 1e-300 * np.eye(2)
-        slope = np.einsum("mn,mn,mni->mi", believed, residual, across)
+        slope = np.einsum("mn,mn,mni->mi", inlier, residual, across)
         step = np.linalg.solve(information + ridge, slope[..., None])[..., 0]
         here = _cost(residual, bend)
         share = np.ones(len(xy))
         for _ in range(HALVINGS):
-            worse = _cost(_at(xy + share[:, None] * step, places, bearings, sigma, bend)[0], bend) > here + 1e-12
+            worse = _cost(_at(xy + share[:, None] * step, positions, bearings, sigma, bend)[0], bend) > here + 1e-12
             if not worse.any():
                 break
             share[worse] *= 0.5

@@ -66,7 +66,7 @@ is accepted whose sum of squares is passed with a smaller probability than this.
 class BearingLines(NamedTuple):
     """n lines of sight."""
 
-    places: Floats  # (n, 2) where they were taken
+    positions: Floats  # (n, 2) where they were taken
     bearings: Floats  # (n,) [rad]
     sigma: Floats  # (n,) standard deviations [rad]
     bend: float  # standard deviations at which one is as likely false as true
@@ -97,19 +97,19 @@ def modes_of(lines: BearingLines, distances: RangeMeasurements, room: Floats | N
     xy = _climbed(np.concatenate([exact, grid]), lines, distances, errors, scale)
     at = measured_at(lines, distances, xy)
     there = score_and_information(at.residual, errors)
-    believed = there.direct
+    inlier = there.direct
     information = np.einsum("mn,mni,mnj->mij", there.weight, at.gradient, at.gradient)
     size = np.linalg.eigvalsh(information)
     near = np.abs(xy - _middle(lines, distances)).max(axis=1) < (1.0 + 2.0 * GRID_REACH_EXTENTS) * scale
     good = (
         np.isfinite(xy).all(axis=1)
         & (size[:, 0] > MIN_INFORMATION_RATIO * size[:, 1])
-        & (believed.sum(axis=1) > 1.5)
+        & (inlier.sum(axis=1) > 1.5)
         & near
     )
     if not good.any():
         return None
-    xy, residual, believed, information = xy[good], at.residual[good], believed[good], information[good]
+    xy, residual, inlier, information = xy[good], at.residual[good], inlier[good], information[good]
     log = log_density(residual, errors).sum(axis=1) + _log_inside(xy, information, room, errors)
     kept: list[int] = []
     for m in np.argsort(-log, kind="stable").tolist():
@@ -122,8 +122,8 @@ def modes_of(lines: BearingLines, distances: RangeMeasurements, room: Floats | N
     volume = log[kept] - 0.5 * np.linalg.slogdet(information[kept])[1]
     elsewhere = 1.0 - 1.0 / float(np.exp(np.minimum(volume - volume[0], MAX_EXPONENT)).sum())
     moments = zip(xy[chosen], narrow, strict=True)
-    covariance = np.array([_moment(lines, distances, errors, place, c) for place, c in moments])
-    return Modes(xy[chosen], covariance, believed[chosen], residual[chosen], weight / weight.sum(), elsewhere)
+    covariance = np.array([_moment(lines, distances, errors, position, c) for position, c in moments])
+    return Modes(xy[chosen], covariance, inlier[chosen], residual[chosen], weight / weight.sum(), elsewhere)
 
 
 def has_rival_mode(found: Modes) -> bool:
@@ -132,23 +132,23 @@ def has_rival_mode(found: Modes) -> bool:
     Two tests: whether other positions, at which fewer agree, are possible; and the sum of squares of the residuals,
     which is chi-squared with a degree of freedom for each measurement that is accepted but the two that fix a position.
     """
-    believed = found.believed[0] >= 0.5
-    spare = int(np.count_nonzero(believed)) - 2
-    squares = float((found.residual[0, believed] ** 2).sum())
-    most = MIN_SECOND_MODE_PROBABILITY if believed.all() else MIN_RIVAL_LIKELIHOOD
+    inlier = found.inlier_probability[0] >= 0.5
+    spare = int(np.count_nonzero(inlier)) - 2
+    squares = float((found.residual[0, inlier] ** 2).sum())
+    most = MIN_SECOND_MODE_PROBABILITY if inlier.all() else MIN_RIVAL_LIKELIHOOD
     return found.elsewhere >= most or (spare > 0 and float(chdtrc(spare, squares)) < MIN_SCATTER_SIGNIFICANCE)
 
 
 def measured_at(lines: BearingLines, distances: RangeMeasurements, xy: Floats) -> LineAndDistanceResiduals:
     """Residuals and gradients of lines, then of distances, at (M, 2) positions."""
-    away = xy[:, None, :] - lines.places[None]
+    away = xy[:, None, :] - lines.positions[None]
     off = lines.bearings - np.arctan2(away[..., 1], away[..., 0])
     turned = ((off + np.pi) % (2.0 * np.pi) - np.pi) / lines.sigma
     squared = np.maximum((away**2).sum(axis=2), 1e-24)
     across = np.stack([-away[..., 1], away[..., 0]], axis=2) / (squared * lines.sigma)[..., None]
-    told = linearise(distances, xy)
+    linearised = linearise(distances, xy)
     return LineAndDistanceResiduals(
-        np.concatenate([turned, told.residual], axis=1), np.concatenate([across, told.gradient], axis=1)
+        np.concatenate([turned, linearised.residual], axis=1), np.concatenate([across, linearised.gradient], axis=1)
     )
 
 
@@ -157,11 +157,11 @@ def _moment(
 ) -> Floats:
     """(2, 2) second moment about a mode of the likelihood of what is not false there, by a grid.
 
-    The grid is even in the coordinates of the Gaussian of the mode, whose covariance is `narrow`.  Where circles touch,
+    The grid is even in the coordinates of the Gaussian of the mode, with covariance `narrow`.  Where circles touch,
     that Gaussian is much longer than the likelihood, of which the grid would see one row: then it is made shorter.
     """
-    told = measured_at(lines, distances, xy[None]).residual[0]
-    believed = 1.0 - np.exp(np.minimum(-0.5 * errors.bend**2 - log_density(told, errors), 0.0))
+    at_point = measured_at(lines, distances, xy[None]).residual[0]
+    inlier = 1.0 - np.exp(np.minimum(-0.5 * errors.bend**2 - log_density(at_point, errors), 0.0))
     true = errors._replace(bend=np.full_like(errors.bend, np.inf))
     size, axes = np.linalg.eigh(narrow)
     reach = np.sqrt(size)
@@ -169,7 +169,7 @@ def _moment(
     grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
     for _ in range(MAX_REFINEMENTS):
         away = grid * reach @ axes.T
-        log = log_density(measured_at(lines, distances, xy + away).residual, true) @ believed
+        log = log_density(measured_at(lines, distances, xy + away).residual, true) @ inlier
         weight = np.exp(log - log.max())
         weight /= weight.sum()
         seen = np.sqrt(weight @ grid**2)
@@ -194,8 +194,8 @@ def _starts(
     ring: Bools = ((distances.kind == RANGE) | (distances.kind == LOGARITHM)) & (radius > 0.0)
     parts = [
         _line_crossings(lines),
-        _circle_crossings(distances.place[ring], flat[ring]),
-        _leaving(lines, distances.place[ring], flat[ring]),
+        _circle_crossings(distances.position[ring], flat[ring]),
+        _leaving(lines, distances.position[ring], flat[ring]),
     ]
     # A grid, with standard deviations that are no narrower than its cells; the best local minima
     side = np.linspace(-(0.5 + GRID_REACH_EXTENTS), 0.5 + GRID_REACH_EXTENTS, GRID) * scale
@@ -207,19 +207,19 @@ def _starts(
     best = _local_minima(_cost(soft, errors.widened(variance)).reshape(GRID, GRID), MAX_STARTS)
     differs = np.concatenate([np.zeros(len(lines.sigma), dtype=np.bool_), distances.kind == DIFFERENCE])
     met = [(pair, _meetings(soft[:, pair])) for pair in _pairs(differs)]
-    own = np.zeros((len(best) + sum(len(places) for _, places in met), len(errors.bend)), dtype=np.bool_)
+    own = np.zeros((len(best) + sum(len(positions) for _, positions in met), len(errors.bend)), dtype=np.bool_)
     own[: len(best)] = True
     first = len(best)
-    for pair, places in met:
-        own[first : first + len(places), pair] = True
-        first += len(places)
-    return np.concatenate(parts), grid[np.concatenate([best, *(places for _, places in met)])], float(cell), own
+    for pair, positions in met:
+        own[first : first + len(positions), pair] = True
+        first += len(positions)
+    return np.concatenate(parts), grid[np.concatenate([best, *(positions for _, positions in met)])], float(cell), own
 
 
 def _pairs(differs: Bools) -> list[list[int]]:
     """Pairs of measurements of which one at least is a difference: where they meet has no closed form here."""
     n = len(differs)
-    every = ([i, i + apart] for apart in range(1, n) for i in range(n - apart))
+    every = ([i, i + offset] for offset in range(1, n) for i in range(n - offset))
     return [pair for pair in every if differs[pair].any()][:PAIRS]
 
 
@@ -247,7 +247,7 @@ def _line_crossings(lines: BearingLines) -> Floats:
     """(K, 2) where lines cross ahead of both sensors."""
     if len(lines.sigma) < 2:
         return np.empty((0, 2))
-    points = crossings(lines.places, lines.bearings)
+    points = crossings(lines.positions, lines.bearings)
     both = np.isfinite(points[:, :, 0]) & np.isfinite(points[:, :, 0].T)
     i, j = np.nonzero(np.triu(both))
     return np.asarray(points[i, j])
@@ -257,12 +257,12 @@ def _circle_crossings(centre: Floats, radius: Floats) -> Floats:
     """(K, 2) where each two of m circles meet: two positions; where they do not, twice the position between them."""
     i, j = np.triu_indices(len(radius), 1)
     to = centre[j] - centre[i]
-    apart = np.hypot(*to.T)
-    there = apart > 1e-12
-    i, j, to, apart = i[there], j[there], to[there], apart[there]
-    along = (apart**2 + radius[i] ** 2 - radius[j] ** 2) / (2.0 * apart)
+    distance = np.hypot(*to.T)
+    there = distance > 1e-12
+    i, j, to, distance = i[there], j[there], to[there], distance[there]
+    along = (distance**2 + radius[i] ** 2 - radius[j] ** 2) / (2.0 * distance)
     aside = np.sqrt(np.maximum(radius[i] ** 2 - along**2, 0.0))
-    ahead = to / apart[:, None]
+    ahead = to / distance[:, None]
     left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
     middle = centre[i] + np.clip(along, -radius[i], radius[i])[:, None] * ahead
     return np.concatenate([middle + aside[:, None] * left, middle - aside[:, None] * left])
@@ -271,11 +271,11 @@ def _circle_crossings(centre: Floats, radius: Floats) -> Floats:
 def _leaving(lines: BearingLines, centre: Floats, radius: Floats) -> Floats:
     """(K, 2) where half-lines meet circles, or come nearest to them."""
     ahead = np.column_stack([np.cos(lines.bearings), np.sin(lines.bearings)])[:, None, :]
-    to = centre[None] - lines.places[:, None, :]
+    to = centre[None] - lines.positions[:, None, :]
     along = np.einsum("nki,nki->nk", to, np.broadcast_to(ahead, to.shape))
     half = np.sqrt(np.maximum(radius**2 - (to**2).sum(axis=2) + along**2, 0.0))
     reach = np.stack([along - half, along + half])
-    points = lines.places[None, :, None, :] + np.maximum(reach, 0.0)[..., None] * ahead[None]
+    points = lines.positions[None, :, None, :] + np.maximum(reach, 0.0)[..., None] * ahead[None]
     return np.asarray(points.reshape(-1, 2))
 
 
@@ -353,17 +353,17 @@ def _cost(residual: Floats, errors: DistanceErrors) -> Floats:
 
 
 def _places(lines: BearingLines, distances: RangeMeasurements) -> Floats:
-    return np.concatenate([lines.places, distances.place, distances.other])
+    return np.concatenate([lines.positions, distances.position, distances.other])
 
 
 def _middle(lines: BearingLines, distances: RangeMeasurements) -> Floats:
-    places = _places(lines, distances)
-    return np.asarray(0.5 * (places.min(axis=0) + places.max(axis=0)))
+    positions = _places(lines, distances)
+    return np.asarray(0.5 * (positions.min(axis=0) + positions.max(axis=0)))
 
 
 def _extent(lines: BearingLines, distances: RangeMeasurements) -> float:
     """Size of the position: of the sensors' box, or of the largest circle if that is more."""
-    places = _places(lines, distances)
-    size = float(np.ptp(places, axis=0).max())
+    positions = _places(lines, distances)
+    size = float(np.ptp(positions, axis=0).max())
     ranges = distances.value[distances.kind == RANGE]
     return max(size, float(ranges.max()) if len(ranges) else 0.0, 1e-9)

@@ -35,14 +35,14 @@ class FixState(NamedTuple):
     """Settings and positions of the sensors; nothing is carried from scan to scan."""
 
     config: FixConfig
-    places: Floats  # (S, 2), as in `sensor_names`
+    positions: Floats  # (S, 2), as in `sensor_names`
     room: Floats | None  # (K, 2) corners
 
 
 def init(scene: Scene, config: FixConfig, rng: Generator) -> FixState:  # noqa: ARG001
     """Places of the sensors."""
-    places = [c.ground for c in scene.cameras] + [a.position[:2] for a in scene.arrays]
-    return FixState(config, np.array(places, dtype=np.float64).reshape(-1, 2), scene.room)
+    positions = [c.ground for c in scene.cameras] + [a.position[:2] for a in scene.arrays]
+    return FixState(config, np.array(positions, dtype=np.float64).reshape(-1, 2), scene.room)
 
 
 def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimate | None]:  # noqa: ARG001
@@ -55,38 +55,38 @@ def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimat
     if len(rows) < 2:
         return state, None
     # Estimate ([Lenth] 1981)
-    places, bearings, sigma = state.places[scan.sensor[rows]], scan.bearing[rows], scan.sigma[rows]
-    found = _estimated(config, places, bearings, sigma)
+    positions, bearings, sigma = state.positions[scan.sensor[rows]], scan.bearing[rows], scan.sigma[rows]
+    found = _estimated(config, positions, bearings, sigma)
     if found is None:
         return state, None
     # Score: log-likelihood of the bearings at the estimate
-    off = _wrapped(bearings - np.arctan2(found.xy[1] - places[:, 1], found.xy[0] - places[:, 0]))
+    off = _wrapped(bearings - np.arctan2(found.xy[1] - positions[:, 1], found.xy[0] - positions[:, 0]))
     score = -0.5 * (off / sigma) ** 2 - np.log(sigma * math.sqrt(2.0 * math.pi))
-    looked, used = np.unique(scan.sensor), np.unique(scan.sensor[rows])
-    # Two lines leave no residuals from which their spread could be told, and none of them can be false.
+    observing, used = np.unique(scan.sensor), np.unique(scan.sensor[rows])
+    # Two lines leave no residuals from which their spread could be estimated, and none of them can be false.
     scarce = PAIR if len(rows) == 2 else STATED
-    told = "" if found.estimated or (config.covariance != "residuals" and len(rows) > 2) else scarce
+    cause = "" if found.estimated or (config.covariance != "residuals" and len(rows) > 2) else scarce
     if config.covariance == "stated":
-        told = ""
-    believed = found.weights if config.estimator == MIXTURE else _inlier_probabilities(off / sigma)
-    saw = np.unique(scan.sensor[rows][believed >= 0.5])
+        cause = ""
+    inlier = found.weights if config.estimator == MIXTURE else _inlier_probabilities(off / sigma)
+    saw = np.unique(scan.sensor[rows][inlier >= 0.5])
     return state, Estimate(
         xy=found.xy,
         velocity=np.full(2, np.nan),
         covariance=found.covariance,
         ess=math.nan,
         log_likelihood=float(score.sum()),
-        n_observing=len(looked),
+        n_observing=len(observing),
         n_detected=len(used),
-        fallback=told,
+        fallback=cause,
         used=tuple(used.tolist()),
         seen_by=tuple(saw.tolist()),
         fit=BearingResiduals(
             np.zeros(len(rows), dtype=np.int64),
             scan.sensor[rows],
             off / sigma,
-            _expected(places, sigma, found),
-            believed,
+            _expected(positions, sigma, found),
+            inlier,
         ),
     )
 
@@ -101,16 +101,16 @@ def _mixed(state: FixState, scan: Scan, rows: Ints, distances: RangeMeasurements
         raise UsageError(f"estimator {config.estimator} takes bearings alone; with measurements use {MIXTURE}")
     if len(rows) + len(distances.kind) < 2:
         return None
-    lines = BearingLines(state.places[scan.sensor[rows]], scan.bearing[rows], scan.sigma[rows], config.bent)
+    lines = BearingLines(state.positions[scan.sensor[rows]], scan.bearing[rows], scan.sigma[rows], config.bent)
     found = modes_of(lines, distances, state.room)
     if found is None:
         return None
     spread = spread_of(found, pooled=config.covariance == "pooled")
     # Residuals, and their variance: 1 less the leverage
     at = measured_at(lines, distances, found.xy[:1])
-    believed, gradient = found.believed[0], at.gradient[0]
-    information = (gradient * believed[:, None]).T @ gradient
-    leverage = believed * np.einsum("ni,ij,nj->n", gradient, np.linalg.pinv(information), gradient)
+    inlier, gradient = found.inlier_probability[0], at.gradient[0]
+    information = (gradient * inlier[:, None]).T @ gradient
+    leverage = inlier * np.einsum("ni,ij,nj->n", gradient, np.linalg.pinv(information), gradient)
     sigma = np.concatenate([lines.sigma, distances.sigma])
     score = -0.5 * found.residual[0] ** 2 - np.log(sigma * math.sqrt(2.0 * math.pi))
     sensor = np.concatenate([scan.sensor[rows], distances.station])
@@ -125,13 +125,13 @@ def _mixed(state: FixState, scan: Scan, rows: Ints, distances: RangeMeasurements
         n_detected=len(used),
         fallback=_fallback(found, config.covariance),
         used=tuple(used.tolist()),
-        seen_by=tuple(np.unique(sensor[believed >= 0.5]).tolist()),
+        seen_by=tuple(np.unique(sensor[inlier >= 0.5]).tolist()),
         fit=BearingResiduals(
             row=np.zeros(len(sensor), dtype=np.int64),
             sensor=sensor,
             residual=found.residual[0],
             expected_variance=np.clip(1.0 - leverage, 0.0, 1.0),
-            inlier_probability=believed,
+            inlier_probability=inlier,
         ),
     )
 
@@ -140,30 +140,30 @@ def _fallback(found: Modes, spread: str) -> str:
     """What is to be said of a position: several fit, two measurements alone tell it, or one of more may be false."""
     if len(found.xy) > 1 and found.probability[1] >= MIN_SECOND_MODE_PROBABILITY:
         return AMBIGUOUS
-    believed = found.believed[0]
-    if len(believed) == 2:
+    inlier = found.inlier_probability[0]
+    if len(inlier) == 2:
         return PAIR if spread != "stated" else ""
-    if np.count_nonzero(believed >= 0.5) <= 2:
+    if np.count_nonzero(inlier >= 0.5) <= 2:
         return UNCHECKED
     return CONTESTED if has_rival_mode(found) else ""
 
 
-def _estimated(config: FixConfig, places: Floats, bearings: Floats, sigma: Floats) -> Fix | None:
+def _estimated(config: FixConfig, positions: Floats, bearings: Floats, sigma: Floats) -> Fix | None:
     """The position by the estimator of the settings; its weights are those of the bearings."""
     if config.estimator == MIXTURE:
-        found = modes(places, bearings, sigma, config.bent)
+        found = modes(positions, bearings, sigma, config.bent)
         if found is None:
             return None
         spread = spread_of(found, pooled=config.covariance == "pooled")
-        return Fix(found.xy[0], spread, found.believed[0], float((1.0 / sigma**2).mean()), estimated=False)
+        return Fix(found.xy[0], spread, found.inlier_probability[0], float((1.0 / sigma**2).mean()), estimated=False)
     pooled, median = config.covariance == "pooled", config.estimator in ("rmr", "jrmr")
     learned = config.covariance == "residuals" or (pooled and not median)
-    fixed = fix(places, bearings, sigma, config.estimator, config.bent, learned)
+    fixed = fix(positions, bearings, sigma, config.estimator, config.bent, learned)
     if fixed is None or not pooled:
         return fixed
     # As stated, then scaled by what residuals and statement say together
     stated = float((1.0 / sigma**2).mean())
-    off = _wrapped(bearings - np.arctan2(fixed.xy[1] - places[:, 1], fixed.xy[0] - places[:, 0])) / sigma
+    off = _wrapped(bearings - np.arctan2(fixed.xy[1] - positions[:, 1], fixed.xy[0] - positions[:, 0])) / sigma
     factor = pooled_factor(float(fixed.weights @ off**2), max(float(fixed.weights.sum()) - 2.0, 0.0))
     return fixed._replace(covariance=factor * fixed.kappa / stated * fixed.covariance, estimated=False)
 
@@ -173,9 +173,9 @@ def _inlier_probabilities(residual: Floats) -> Floats:
     return np.asarray(1.0 / (1.0 + np.exp(np.minimum(0.5 * (residual**2 - BENDS[MIXTURE] ** 2), 700.0))))
 
 
-def _expected(places: Floats, sigma: Floats, found: Fix) -> Floats:
+def _expected(positions: Floats, sigma: Floats, found: Fix) -> Floats:
     """Variance of each residual of a true bearing: 1 less its leverage."""
-    away = found.xy - places
+    away = found.xy - positions
     squared = np.maximum((away**2).sum(axis=1), 1e-24)
     across = np.column_stack([-away[:, 1], away[:, 0]]) / (squared * sigma)[:, None]
     information = (across * found.weights[:, None]).T @ across
@@ -200,14 +200,14 @@ def _agreed(state: FixState, scan: Scan, rows: Ints) -> Ints:
         keep = np.lexsort((scan.sigma[rows], ~scan.labelled[rows]))[: int(MAX_PAIRS**0.5)]
         rows = rows[np.sort(keep)]
     sensor, bearings, sigma = scan.sensor[rows], scan.bearing[rows], scan.sigma[rows]
-    places, gate = state.places[sensor], state.config.gate
-    ahead = crossings(places, bearings)
+    positions, gate = state.positions[sensor], state.config.gate
+    ahead = crossings(positions, bearings)
     both = np.isfinite(ahead[:, :, 0]) & np.isfinite(ahead[:, :, 0].T)  # in front of the two sensors
     i, j = np.nonzero(np.triu(both & (sensor[:, None] != sensor[None, :])))
     best, chosen = math.inf, np.empty(0, dtype=np.int64)
     members = [np.flatnonzero(sensor == s) for s in np.unique(sensor)]
     for point in ahead[i, j]:
-        off = _wrapped(bearings - np.arctan2(point[1] - places[:, 1], point[0] - places[:, 0])) / sigma
+        off = _wrapped(bearings - np.arctan2(point[1] - positions[:, 1], point[0] - positions[:, 0])) / sigma
         nearest = np.array([own[np.argmin(np.abs(off[own]))] for own in members])
         cost = float(np.minimum(off[nearest] ** 2, gate**2).sum())
         if cost < best:

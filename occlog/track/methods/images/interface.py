@@ -43,7 +43,7 @@ class FrameSet(NamedTuple):
     t_ns: int
     number: Ints  # (V,) number of each view's frame; -1: none
     images: tuple[Image | None, ...]  # (V,) None: the view has no frame at this time
-    regions: tuple[Floats | None, ...] = ()  # (V,) a detector's ellipses (K, 5); None: it did not look; (): no detector
+    regions: tuple[Floats | None, ...] = ()  # (V,) a detector's ellipses (K, 5); None: not processed; (): no detector
     masks: tuple[Image | None, ...] = ()  # (V,) (H, W), 0 on the background; None or (): not known
 
 
@@ -59,5 +59,5 @@ class TrackerOutlines(NamedTuple):
     likelihood_mode: Ints  # (n,) place in `MODES`
     counterpart: Ints  # (n,) `NONE`, `BAD` or `GOOD`; 0: not checked
     touching: Bools  # (n, n) which of them touch; false between views
-    assisting_views: Bools  # (n, V) views whose trackers of the same target helped
+    assisting_views: Bools  # (n, V) views with trackers of the same target that helped
     lifecycle: Ints  # (n,) `LEFT` and `TERMINATED` trackers have ended with this frame; 0: none

@@ -1,6 +1,6 @@
 """Joint association of one array's bearings with several targets.
 
-An event says for every target whether the array heard it, and with which bearing.  A bearing
+An event states for every target whether the array heard it, and with which bearing.  A bearing
 is of one target, of two that are nearer to each other than the array can tell apart (they are
 heard as one), or of no target (clutter).  All events are enumerated; targets that share no bearing are
 independent and are enumerated separately.
@@ -24,7 +24,7 @@ from occlog.core.numerics.jit import kernel
 MAX_JOINT_EVENTS = 50_000
 """Of targets that share bearings at most so many events are summed; then the least likely bearings are omitted."""
 MIN_DENSITY_TO_CLUTTER_RATIO = 1e-9
-"""A bearing whose density for a target is below this share of the clutter's cannot be the target's: without this
+"""A bearing with a density for a target below this share of the clutter's cannot be the target's: without this
 gate all targets would share all bearings."""
 NEAR_SIGMAS = 3.0
 """Two targets' bearings further apart than this, beyond the resolution, are not heard as one."""
@@ -137,7 +137,7 @@ def merge_probability(off: Floats, sigma: float, limit: float) -> Floats:
 
 
 def joint_data_association(
-    alone: Floats, unheard: Floats, shared: Floats, apart: Floats, clutter: Floats
+    alone: Floats, unheard: Floats, shared: Floats, separate: Floats, clutter: Floats
 ) -> BearingAssociation:
     """Association probabilities of bearings and targets.
 
@@ -145,7 +145,7 @@ def joint_data_association(
         alone: (K, N) density of bearing i and that target k is heard with it [1/rad]; 0: impossible.
         unheard: (K,) probability that target k is not heard.
         shared: (K, K, N) density of bearing i and that both targets are heard with it, symmetric.
-        apart: (K, K) probability that two targets that are both heard are heard apart, symmetric.
+        separate: (K, K) probability that two targets that are both heard are heard apart, symmetric.
         clutter: (N,) density of bearing i if it is clutter [1/rad], > 0.
     """
     K, N = alone.shape
@@ -158,7 +158,7 @@ def joint_data_association(
             alone[group] / clutter,
             unheard[group],
             shared[some] / clutter,
-            apart[some],
+            separate[some],
             own,
         )
         out.alone[group], out.unheard[group], out.shared[some] = a, u, s
@@ -209,7 +209,7 @@ def _groups(possible: Bools, ratio: Floats) -> list[tuple[Ints, Bools]]:
 
 @kernel
 def _all_events(
-    alone: Floats, unheard: Floats, shared: Floats, apart: Floats, possible: Bools
+    alone: Floats, unheard: Floats, shared: Floats, separate: Floats, possible: Bools
 ) -> tuple[Floats, Floats, Floats, float]:
     """Sums over all events, `alone` and `shared` in units of the clutter; see `BearingAssociation`."""
     K, N = alone.shape
@@ -217,7 +217,7 @@ def _all_events(
     choice = np.full(K, -1, dtype=np.int64)  # bearing of each target; -1: unheard
     total = 0.0
     while True:
-        weight = _event(choice, alone, unheard, shared, apart)
+        weight = _event(choice, alone, unheard, shared, separate)
         if weight > 0.0:
             total += weight
             for k in range(K):
@@ -259,7 +259,7 @@ def _partner(choice: Ints, k: int) -> int:
 
 
 @kernel
-def _event(choice: Ints, alone: Floats, unheard: Floats, shared: Floats, apart: Floats) -> float:
+def _event(choice: Ints, alone: Floats, unheard: Floats, shared: Floats, separate: Floats) -> float:
     """Weight of one event; 0 if three targets have one bearing."""
     K = choice.shape[0]
     weight = 1.0
@@ -277,7 +277,7 @@ def _event(choice: Ints, alone: Floats, unheard: Floats, shared: Floats, apart: 
             weight *= alone[k, choice[k]]
             for b in range(k):
                 if choice[b] >= 0 and _partner(choice, b) < 0:
-                    weight *= apart[k, b]
+                    weight *= separate[k, b]
         elif other < k:
             weight *= shared[k, other, choice[k]]
         if weight == 0.0:

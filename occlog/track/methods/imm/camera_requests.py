@@ -4,7 +4,7 @@ A position that cameras found as a measurement of particles, and the variance th
 
 [Lee] Sec. 3.2.2 puts the position found in the place of the estimate's and keeps the velocity;
 `moved_to` does so with the particles.  `updated` takes the position for a measurement: a particle's
-position and velocity follow as far as the cloud's covariance says that they go together.
+position and velocity follow by their correlation in the cloud's covariance.
 
 States are [x, vx, y, vy].
 
@@ -13,7 +13,7 @@ When the filter asks cameras where its targets are, and what their answers do ([
 periodic  every so many seconds, for all targets.
 printed   whenever [Lee] Eq. 3.14 (count), 3.15 (bearing) or 3.16 (ellipse) holds.
 count     when the number of an array's bearings is another than in its scan before: Eq. 3.14 at its edges.
-spread    for each target whose position's standard deviation is above a limit.
+spread    for each target with a standard deviation of the position above a limit.
 
 Where an array has more bearings than there are targets in its range, cameras are also asked what else
 is there.
@@ -49,21 +49,21 @@ PLACE = (0, 2)
 """Rows of the position in a state."""
 
 
-def moved_to(states: Floats, place: Floats, covariance: Floats, normals: Floats) -> Floats:
+def moved_to(states: Floats, position: Floats, covariance: Floats, normals: Floats) -> Floats:
     """(L, 4) states at positions drawn about the position, with their velocities as they were.
 
     Args:
         states: (L, 4).
-        place: (2,) that cameras found.
+        position: (2,) that cameras found.
         covariance: (2, 2) of it, positive semi-definite.
         normals: (L, 2) standard normal draws.
     """
     out = states.copy()
-    out[:, PLACE] = place + normals @ root(covariance).T
+    out[:, PLACE] = position + normals @ root(covariance).T
     return out
 
 
-def updated(states: Floats, place: Floats, covariance: Floats, normals: Floats) -> Floats:
+def updated(states: Floats, position: Floats, covariance: Floats, normals: Floats) -> Floats:
     """(L, 4) states after the position was measured: each particle is moved by the gain of the cloud's covariance.
 
     This is the ensemble form of the Kalman filter: every particle has a measurement of its
@@ -78,7 +78,7 @@ def updated(states: Floats, place: Floats, covariance: Floats, normals: Floats) 
     gain = P[:, PLACE] @ np.linalg.pinv(S, hermitian=True)
     # Draws without mean: the ensemble's mean is then the Kalman filter's.
     noise = (normals - normals.mean(axis=0)) @ root(covariance).T
-    return np.asarray(states + (place + noise - states[:, PLACE]) @ gain.T)
+    return np.asarray(states + (position + noise - states[:, PLACE]) @ gain.T)
 
 
 def root(covariance: Floats) -> Floats:
@@ -87,15 +87,15 @@ def root(covariance: Floats) -> Floats:
     return np.asarray((axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T)
 
 
-def expected_variance(place: Floats, origins: Floats, sigmas: Floats) -> float:
+def expected_variance(position: Floats, origins: Floats, sigmas: Floats) -> float:
     """Trace of the covariance with which two lines of sight would tell a position; inf where they do not cross.
 
     Args:
-        place: (2,).
+        position: (2,).
         origins: (2, 2) of the two cameras.
         sigmas: (2,) of their bearings [rad], > 0.
     """
-    away = place - origins
+    away = position - origins
     r2 = np.maximum((away**2).sum(axis=1), 1e-300)
     g = np.column_stack([-away[:, 1], away[:, 0]]) / (r2 * sigmas)[:, None]
     information = g.T @ g
@@ -123,15 +123,15 @@ class CameraQuestion(NamedTuple):
     number: int  # UNNUMBERED: a target that is not known yet
     causes: tuple[str, ...]
     label: int
-    place: Floats  # (2,) where it is thought to be
+    position: Floats  # (2,) where it is thought to be
     covariance: Floats  # (2, 2)
 
 
 class CameraAnswer(NamedTuple):
-    """What the cameras found; `place` None: nothing."""
+    """What the cameras found; `position` None: nothing."""
 
     ask: CameraQuestion
-    place: Floats | None  # (2,)
+    position: Floats | None  # (2,)
     covariance: Floats | None  # (2, 2)
     label: int
 
@@ -198,7 +198,7 @@ def _own_causes(state: ImmState, report: ImmStepResult, belief: TrackPosterior) 
     if "printed" in config.policies and "bearing" in config.printed:
         arrays = ((sensor - state.world.cameras, heard) for sensor, heard in report.scan.by_sensor())
         if any(
-            imm.outside_ranges(estimate.mean, heard.bearing, heard.sigma, state.world.places[a])
+            imm.outside_ranges(estimate.mean, heard.bearing, heard.sigma, state.world.positions[a])
             for a, heard in arrays
             if _reaches(state, a, belief)
         ):
@@ -213,7 +213,7 @@ def _own_causes(state: ImmState, report: ImmStepResult, belief: TrackPosterior) 
 
 
 def _reaches(state: ImmState, array: int, belief: TrackPosterior) -> bool:
-    away = belief.estimate.mean[::2] - state.world.places[array]
+    away = belief.estimate.mean[::2] - state.world.positions[array]
     return math.hypot(*away) <= float(state.world.reach[array])
 
 
@@ -254,7 +254,7 @@ def apply_answer(
     for answer in answers:
         number = answer.ask.number
         # In vain: not asked again at once
-        if answer.place is None or answer.covariance is None:
+        if answer.position is None or answer.covariance is None:
             refused[number] = t_ns
             continue
         refused.pop(number, None)
@@ -262,7 +262,7 @@ def apply_answer(
         if number == TENTATIVE:
             number = _number(answer.label, tracks, free)
             free = max(free, number + 1)
-            new = track_at_position(state.world, answer.place, answer.covariance, number, answer.label, t_ns, rng)
+            new = track_at_position(state.world, answer.position, answer.covariance, number, answer.label, t_ns, rng)
             tracks = [t for t in tracks if not _same_lead(t, answer)] + [new]
             continue
         # A known target: its particles are updated with the position, or moved there
@@ -270,10 +270,10 @@ def apply_answer(
         tracks[k] = _fixed(config, tracks[k], answer, t_ns, rng)
         beliefs[number] = beliefs[number]._replace(estimate=_moments(tracks[k]))
     tracks.sort(key=lambda t: (t.number == TENTATIVE, t.number))
-    told = tuple(beliefs[n] for n in sorted(beliefs))
+    updated = tuple(beliefs[n] for n in sorted(beliefs))
     return (
         state._replace(tracks=tuple(tracks), free=free),
-        report._replace(beliefs=told),
+        report._replace(beliefs=updated),
         memory._replace(refused={n: at for n, at in refused.items() if n in {TENTATIVE, *(t.number for t in tracks)}}),
     )
 
@@ -285,16 +285,16 @@ def _number(label: int, tracks: list[Track], free: int) -> int:
 
 def _same_lead(track: Track, answer: CameraAnswer) -> bool:
     """Whether a track that is not confirmed is the one that the answer is about."""
-    return track.number == TENTATIVE and bool(np.array_equal(_middle(track)[0], answer.ask.place))
+    return track.number == TENTATIVE and bool(np.array_equal(_middle(track)[0], answer.ask.position))
 
 
 def _fixed(config: ImmConfig, track: Track, answer: CameraAnswer, t_ns: int, rng: Generator) -> Track:
     """The track once cameras found it."""
-    assert answer.place is not None
+    assert answer.position is not None
     assert answer.covariance is not None
     change = moved_to if config.camera_fix == "replace" else updated
     normals = rng.standard_normal((len(track.cloud.states), 2))
-    states = change(track.cloud.states, answer.place, answer.covariance, normals)
+    states = change(track.cloud.states, answer.position, answer.covariance, normals)
     label = track.label if answer.label == UNLABELLED_TRACK else answer.label
     return track._replace(cloud=track.cloud._replace(states=states), exists=1.0, met_ns=t_ns, label=label)
 
@@ -333,7 +333,7 @@ class _CameraFix(NamedTuple):
 
 
 class CameraRequests:
-    """The cameras' frames, of which only those that are asked for are looked at."""
+    """The cameras' frames, of which only those that are asked for are processed."""
 
     def __init__(self, scene: Scene, config: ImmConfig) -> None:
         """No frames yet."""
@@ -383,9 +383,9 @@ class CameraRequests:
             found = self._match([asks[n] for n in mine], [others[k] for k in rest], self._cross(pair, t_ns))
             answers |= zip(mine, found[: len(mine)], strict=True)
             for k, answer in zip(rest, found[len(mine) :], strict=True):
-                if answer.place is not None:
+                if answer.position is not None:
                     more[k] = CameraRequest(answer, self._names(pair), 0)
-        # Count every frame that was looked at once
+        # Count every processed frame once
         out, used = [], set[int]()
         for n, (ask, cameras) in enumerate(zip(asks, pairs, strict=True)):
             new = set(cameras or ()) - used
@@ -398,11 +398,11 @@ class CameraRequests:
         return tuple(self._cameras[c].name for c in cameras)
 
     def _pair(self, ask: CameraQuestion, fresh: list[int], asked: list[Pair]) -> Pair | None:
-        """The two cameras whose lines of sight should tell the position best, of those that can see it, or else of all.
+        """The two cameras that should determine the position best, of those that can see it, or else of all.
 
         Two that are asked already will do if they tell it nearly as well.
         """
-        ranks = {pair: self._rank(ask.place, pair) for pair in combinations(fresh, 2)}
+        ranks = {pair: self._rank(ask.position, pair) for pair in combinations(fresh, 2)}
         if not ranks:
             return None
         best = min(ranks, key=lambda p: (ranks[p], p))
@@ -411,16 +411,16 @@ class CameraRequests:
                 return pair
         return best
 
-    def _rank(self, place: Floats, pair: Pair) -> tuple[int, float]:
+    def _rank(self, position: Floats, pair: Pair) -> tuple[int, float]:
         """How many of two cameras cannot see a position, and the variance with which they would tell it."""
         assert self._sensors is not None
-        at = np.ascontiguousarray(place[None])
+        at = np.ascontiguousarray(position[None])
         blind = sum(not seen_from(at, c, self._sensors)[0] for c in pair)
         origins = np.array([self._cameras[c].position[:2] for c in pair])
-        return blind, expected_variance(place, origins, np.array([self._sigma(c) for c in pair]))
+        return blind, expected_variance(position, origins, np.array([self._sigma(c) for c in pair]))
 
     def _sigma(self, camera: int) -> float:
-        """Noise that the camera is known to have: nothing of the frame is looked at before it is asked for."""
+        """Noise that the camera is known to have: nothing of the frame is used before it is asked for."""
         c = self._cameras[camera]
         sigma = math.hypot(c.sigma_yaw, c.sigma_read_px / float(c.focal_px[0]))
         return sigma if sigma > 0.0 else DEFAULT_BEARING_SIGMA_RAD
@@ -467,11 +467,11 @@ class CameraRequests:
         unknown = [n for n, a in enumerate(asks) if a.number == TENTATIVE]
         # Match the rest by distance, at the least cost within the gate
         for part in ([*first, *range(len(asks), len(everyone))], unknown):
-            rows, columns = [n for n in part if answers[n].place is None], np.flatnonzero(free)
+            rows, columns = [n for n in part if answers[n].position is None], np.flatnonzero(free)
             if not rows or not len(columns):
                 continue
             known, spread = (
-                np.array([everyone[n].place for n in rows]),
+                np.array([everyone[n].position for n in rows]),
                 np.array([everyone[n].covariance for n in rows]),
             )
             cost = distance2(found.xy[columns], found.covariance[columns] + MIN_VARIANCE * np.eye(2), known, spread).T
@@ -492,10 +492,10 @@ def _once(requests: list[CameraRequest]) -> list[CameraRequest]:
     seen: set[tuple[float, ...]] = set()
     out = []
     for request in requests:
-        place = request.answer.place
-        key = () if place is None else tuple(place.tolist())
+        position = request.answer.position
+        key = () if position is None else tuple(position.tolist())
         if key in seen:
-            request = request._replace(answer=request.answer._replace(place=None, covariance=None))
+            request = request._replace(answer=request.answer._replace(position=None, covariance=None))
         elif key:
             seen.add(key)
         out.append(request)

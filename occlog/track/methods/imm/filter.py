@@ -159,7 +159,7 @@ def step(state: ImmState, scan: Scan, rng: Generator) -> tuple[ImmState, ImmStep
 def _rests_on(track: Track, lineage: Genealogy, estimate: imm.ModelEstimates, config: ImmConfig) -> tuple[Track, float]:
     """The track, and how many families of particles its covariance rests on; infinity where these are enough.
 
-    Families are counted anew once the motion's noise has made up for those that were lost.
+    Families are counted again once the motion's noise has made up for those that were lost.
     """
     families = lineage.effective()
     if families >= MIN_EFFECTIVE_SAMPLE_SIZE:
@@ -173,7 +173,7 @@ def _in_range(world: ImmWorld, moved: Moved, array: int) -> bool:
     """Whether the middle of a track is in an array's range."""
     if math.isinf(world.reach[array]):
         return True
-    x, y = np.einsum("ml,mlc->c", moved.weights, moved.predicted)[::2] - world.places[array]
+    x, y = np.einsum("ml,mlc->c", moved.weights, moved.predicted)[::2] - world.positions[array]
     return math.hypot(x, y) <= float(world.reach[array])
 
 
@@ -189,7 +189,7 @@ def _update_by_array(world: ImmWorld, moved: list[Moved], array: int, heard: Sca
 
 def _fits(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> list[BearingFit]:
     """How an array's bearings fit each track."""
-    position, reach = world.places[array], float(world.reach[array])
+    position, reach = world.positions[array], float(world.reach[array])
     return [
         bearing_fit(m.predicted, m.weights, bearing=heard.bearing, sigma=heard.sigma, position=position, reach=reach)
         for m in moved
@@ -237,13 +237,13 @@ def _associate_jointly(
     # Likelihood that bearing i is of track k alone, and that track k is not heard
     alone = (exists * chance)[:, None] * fit * allowed
     unheard = 1.0 - exists * chance * np.array([f.reached for f in fits])
-    # A track whose label is among the bearings was heard.
+    # A track with its label among the bearings was heard.
     unheard = np.where((allowed & heard.labelled).any(axis=1), 1e-6 * unheard, unheard)
     # Likelihood that two tracks nearer than the array's resolution are heard as one
-    shared, apart, pairs = _merged_densities(world, moved, array, heard, fits)
+    shared, separate, pairs = _merged_densities(world, moved, array, heard, fits)
     shared *= (exists * chance)[:, None, None] * (exists * chance)[:, None] * allowed[:, None] * allowed
     # Joint association: marginals over all events
-    found = joint_data_association(alone, unheard, shared, apart, _clutter(world, heard.bearing))
+    found = joint_data_association(alone, unheard, shared, separate, _clutter(world, heard.bearing))
     # Weigh each track's particles by its share of every bearing
     out = []
     for k, m in enumerate(moved):
@@ -258,10 +258,10 @@ def _merged_densities(
 ) -> tuple[Floats, Floats, dict[tuple[int, int], Floats]]:
     """Two targets heard as one: (K, K, N) densities, (K, K) probabilities to be heard apart, and those by particle."""
     K, N, resolution = len(moved), len(heard.bearing), float(world.resolution[array])
-    shared, apart = np.zeros((K, K, N)), np.ones((K, K))
+    shared, separate = np.zeros((K, K, N)), np.ones((K, K))
     pairs: dict[tuple[int, int], Floats] = {}
     if K < 2 or not N or resolution <= 0.0:
-        return shared, apart, pairs
+        return shared, separate, pairs
     at = [direction(f, m.weights) for f, m in zip(fits, moved, strict=True)]
     for k, b in permutations(range(K), 2):
         each = merged_bearing_density(
@@ -272,8 +272,8 @@ def _merged_densities(
             mean = 0.5 * np.einsum("nml,ml->n", each, moved[k].weights)  # the two ways to see it are averaged
             shared[k, b] += mean
             shared[b, k] += mean
-            apart[k, b] = apart[b, k] = _resolution_probability(at[k], at[b], resolution)
-    return shared, apart, pairs
+            separate[k, b] = separate[b, k] = _resolution_probability(at[k], at[b], resolution)
+    return shared, separate, pairs
 
 
 def _resolution_probability(one: Direction, other: Direction, resolution: float) -> float:
@@ -286,9 +286,9 @@ def _resolution_probability(one: Direction, other: Direction, resolution: float)
 def _associate_any(
     world: ImmWorld, moved: list[Moved], array: int, heard: Scan, allowed: Bools
 ) -> tuple[BearingAssociation, list[Moved]]:
-    """Every track takes any bearing, [Lee] Eq. 3.6; silence says nothing of where it is."""
+    """Every track takes any bearing, [Lee] Eq. 3.6; silence does not constrain its position."""
     K, N, config = len(moved), len(heard.bearing), world.config
-    position, reach = world.places[array], float(world.reach[array])
+    position, reach = world.positions[array], float(world.reach[array])
     alone, unheard, out, evidence = np.zeros((K, N)), np.ones(K), [], 0.0
     for k, m in enumerate(moved):
         some = np.flatnonzero(allowed[k])
@@ -379,9 +379,9 @@ def _estimate(belief: TrackPosterior, report: ImmStepResult, cameras: int) -> Es
     )
 
 
-def trace(told: tuple[ImmState, int]) -> TrackTrace:
+def trace(result: tuple[ImmState, int]) -> TrackTrace:
     """What the last step leaves of a target for the way back."""
-    state, number = told
+    state, number = result
     assert state.t_ns is not None
     return trace_of(next(track for track in state.tracks if track.number == number), state.t_ns)
 
@@ -466,7 +466,7 @@ class ArrayScans:
         spoke = {sensor - self._cameras for sensor in rows.sensor.tolist()}
         for a in spoke:
             self._clocks[a].heard(scan.t_ns)
-        # Others whose next scan is now: not before its time, for a row of theirs may be about to come.
+        # Others with their next scan now: not before its time, for a row of theirs may be about to come.
         silent = []
         for a, clock in enumerate(self._clocks):
             period = clock.period_ns

@@ -8,7 +8,7 @@ particle l of model m for bearing i, normalised over all three, the estimate is
 
 not that of Eqs. 3.7-3.11 as printed, which are no average of x.  Bearings are atan2 about
 the sensor and differences are wrapped.  Every bearing is taken to be of this target: the
-caller omits those of other targets and echoes, and `log_evidence` says how well the
+caller omits those of other targets and echoes, and `log_evidence` measures how well the
 rest fits.
 
 States are [x, vx, y, vy]; models are rows of `turns`.
@@ -165,7 +165,7 @@ def _log_weights(at: Floats, prior: Floats, angle: Floats, sigma: Floats, scale:
     """(N, J, L) log likelihoods, up to a constant, and the largest; angles in [-pi, pi].
 
     They are -inf where the prior is 0: what cannot be must not set the scale, all others
-    might vanish beside it.
+    might vanish next to it.
     """
     N, (J, L) = angle.shape[0], prior.shape
     each = np.empty((N, J, L))

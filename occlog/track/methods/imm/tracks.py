@@ -10,7 +10,7 @@ Smoothing of targets with several motion models: trajectories drawn back through
 
 A particle after a step has the model under which it moved there.  On the way back that model moves it back, and the
 model before it is drawn along with its state: of two particles that are as likely to have led to a state that one
-counts more whose model changes seldom into the later one (`model_sojourn_s`).  See `occlog.filtering.kernel_density`.
+counts more if its model seldom changes into the later one (`model_sojourn_s`).  See `occlog.filtering.kernel_density`.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def new_genealogy(particles: int) -> Genealogy:
 
 
 def is_rejuvenated(lineage: Genealogy, covariance: Floats, sigma_v: float) -> bool:
-    """Whether the noise of the motion alone spreads particles as far as their covariance says, or nearly.
+    """Whether the noise of the motion alone spreads particles as far as their covariance, or nearly.
 
     White acceleration gives a position the variance sigma_v^2 t^3 / 3 per axis.
 
@@ -110,7 +110,7 @@ class ImmWorld(NamedTuple):
 
     config: ImmConfig
     models: Floats  # (3, 3) of `turns`
-    places: Floats  # (A, 2) of the arrays
+    positions: Floats  # (A, 2) of the arrays
     reach: Floats  # (A,)
     resolution: Floats  # (A,) [rad]
     region: Floats  # (P, 2) where new targets can be
@@ -122,14 +122,14 @@ class ImmWorld(NamedTuple):
 def make_world(scene: Scene, config: ImmConfig) -> ImmWorld:
     """The scene's arrays and room, for the filter."""
     arrays = scene.arrays
-    places = np.array([a.position[:2] for a in arrays], dtype=np.float64).reshape(-1, 2)
+    positions = np.array([a.position[:2] for a in arrays], dtype=np.float64).reshape(-1, 2)
     region = np.ascontiguousarray(scene.region)
-    corners = np.concatenate([region, places])
+    corners = np.concatenate([region, positions])
     longest = float(np.hypot(*(corners.max(axis=0) - corners.min(axis=0))))
     return ImmWorld(
         config=config,
         models=three_models(config.turn_acceleration),
-        places=places,
+        positions=positions,
         reach=np.array([_reach(a.range, float(a.position[2]), config.source_height) for a in arrays], dtype=np.float64),
         resolution=np.array([a.resolution for a in arrays], dtype=np.float64),
         region=region,
@@ -153,7 +153,7 @@ def initial_tracks(config: ImmConfig, t_ns: int, rng: Generator) -> tuple[Track,
 
 
 def confirmed_track(config: ImmConfig, number: int, start: Sequence[float], t_ns: int, rng: Generator) -> Track:
-    """A confirmed track of a target whose state X, Y, SIGMA, VX, VY, SIGMA_V is known."""
+    """A confirmed track of a target with a known state X, Y, SIGMA, VX, VY, SIGMA_V."""
     x, y, s, vx, vy, sv = start
     states = np.array([x, vx, y, vy]) + rng.standard_normal((config.particles, 4)) * np.array([s, sv, s, sv])
     return _confirmed(config, number, UNLABELLED_TRACK, states, t_ns)
@@ -178,7 +178,7 @@ def track_on_bearing(
     xy, count = np.empty((0, 2)), 0
     for _ in range(MAX_DRAWS):
         r, at = longest * rng.random(n), angle + sigma * rng.standard_normal(n)
-        new = world.places[array] + np.column_stack([r * np.cos(at), r * np.sin(at)])
+        new = world.positions[array] + np.column_stack([r * np.cos(at), r * np.sin(at)])
         good = new[inside_polygon(new, world.region)]
         xy, count = np.concatenate([xy, good]), count + len(good)
         if count >= n or not count:
@@ -195,12 +195,12 @@ def track_on_bearing(
 
 
 def track_at_position(
-    world: ImmWorld, place: Floats, covariance: Floats, number: int, label: int, t_ns: int, rng: Generator
+    world: ImmWorld, position: Floats, covariance: Floats, number: int, label: int, t_ns: int, rng: Generator
 ) -> Track:
     """A confirmed track of a new target at a position that cameras found."""
     config = world.config
     n = config.particles
-    xy = rng.multivariate_normal(place, covariance, n, method="eigh")
+    xy = rng.multivariate_normal(position, covariance, n, method="eigh")
     velocity = config.sigma_initial_velocity * rng.standard_normal((n, 2))
     states = np.column_stack([xy[:, 0], velocity[:, 0], xy[:, 1], velocity[:, 1]])
     return _confirmed(config, number, label, states, t_ns)

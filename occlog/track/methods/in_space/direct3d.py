@@ -158,7 +158,7 @@ def _updated(state: Direct3dState, heard: ScanDirections, dt: float, rng: Genera
 
 
 def begin(space: SpaceModel[C], heard: ScanDirections, reason: str, rng: Generator) -> ScanUpdate:
-    """Many particles where the scan says."""
+    """Many particles drawn from the scan."""
     cloud, log_weights = particles_from_scan(
         space, heard, space.config.particles * space.config.initial_particle_factor, rng
     )
@@ -171,7 +171,7 @@ def is_contradicted(astray: Ints, good: Bools, heard: ScanDirections, config: Sp
 
     It is lost when one sensor has contradicted it `track_loss_count` times more.  Every sensor counts by
     itself, since one direction alone agrees with many wrong positions.  A sensor that has made
-    the filter start anew has to contradict it several times as often to do so again:
+    the filter restart has to contradict it several times as often to do so again:
     it may be the sensor that is wrong.
 
     Args:

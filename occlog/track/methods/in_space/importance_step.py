@@ -17,7 +17,7 @@ Smoothing of tracks in space: what was seen afterwards tells of a state as well.
 `direct3d` draws trajectories back through the kernel densities of its particles
 (`occlog.filtering.kernel_density`), the same densities from which its particles were drawn.
 `pps` has no density in space; its combined estimates are smoothed as Gaussians (Rauch, Tung and Striebel 1965).
-A filter that began anew forgot what it knew before: states before such a time are smoothed with what follows up to it
+A filter that restarted forgot what it knew before: states before such a time are smoothed with what follows up to it
 alone.
 """
 
@@ -104,8 +104,8 @@ def update_by_scan(
     # Propose: draw from the transition density ([Lee] Eq. 2.4), and weigh (Eq. 2.5)
     ahead = moved(cloud, way.motion, way.dt, rng, way.jump) if way.dt > 0.0 else cloud
     before = log_weights if log_going is None else log_weights + log_going(cloud[:d], ahead[:d])
-    told = log_likelihood(ahead[:d])
-    weights, log_sum = normalise_log_weights(before + told)
+    log_density = log_likelihood(ahead[:d])
+    weights, log_sum = normalise_log_weights(before + log_density)
     if effective_sample_size(weights) >= config.resampling_threshold * len(weights) and math.isfinite(log_sum):
         return ahead, weights, log_sum
     if config.proposal == "scan":
@@ -123,7 +123,7 @@ def update_by_scan(
         weights, log_sum = update_weights(found.log_prior, found.log_likelihood, least)
         if math.isfinite(log_sum):
             return found.cloud, weights, log_sum
-    return ahead, *update_weights(before, told, least)
+    return ahead, *update_weights(before, log_density, least)
 
 
 def process_noise(motion: AccelerationModel, dt: float) -> Floats:
@@ -205,16 +205,18 @@ def propose(
 
 def _conditional(C: Floats, d: int, least: float) -> tuple[Floats, Floats, Floats]:
     """Lower root (3, 3) of the position, regression (d, d) of the velocity on y, and root of the remainder."""
-    place = C[:d, :d] + least**2 * np.eye(d)
+    position_covariance = C[:d, :d] + least**2 * np.eye(d)
     root = np.eye(3)
-    root[:d, :d] = np.linalg.cholesky(place)
+    root[:d, :d] = np.linalg.cholesky(position_covariance)
     gain = np.asarray(np.linalg.solve(root[:d, :d], C[:d, d:]).T, dtype=np.float64)
     return root, gain, root_of(C[d:, d:] - gain @ gain.T)
 
 
-def _in_space(places: Floats) -> Floats:
+def _in_space(positions: Floats) -> Floats:
     """(3, n) of (2, n) or (3, n) positions, row by row in memory."""
-    return np.ascontiguousarray(places if len(places) == 3 else np.vstack([places, np.zeros(places.shape[1])]))
+    return np.ascontiguousarray(
+        positions if len(positions) == 3 else np.vstack([positions, np.zeros(positions.shape[1])])
+    )
 
 
 def sight_lines(heard: ScanDirections, chances: ReportProbabilities) -> ScanRows:

@@ -7,7 +7,7 @@ particles of a plane are weighed (`log_likelihood`), and the two planes' estimat
 Errors of the three planes' estimates, and how they go together.
 
 Each plane's filter knows its own covariance, but not what its errors share with the others': all three began
-from one prior, move by one target's acceleration, and hear one noise, whose projected angles are
+from one prior, move by one target's acceleration, and hear one noise, with projected angles that are
 correlated (`occlog.core.geometry.projected_planes.projected_covariance`).  An estimate that is combined of two planes
 has the covariance of the combination, for which their cross-covariance is needed.  It obeys the recursion
 of Bar-Shalom (1981) for two tracks,
@@ -64,12 +64,12 @@ def moved_errors(errors: Floats, motion: AccelerationModel, dt: float) -> Floats
     return np.asarray(F @ errors @ F.T + initial_errors(process_noise(motion, dt)))
 
 
-def measured_errors(errors: Floats, places: Floats, sensor: Floats, angles: Floats, used: Bools) -> Floats:
+def measured_errors(errors: Floats, positions: Floats, sensor: Floats, angles: Floats, used: Bools) -> Floats:
     """(12, 12) errors after the directions of one sensor, by the gain that each plane has of its own.
 
     Args:
         errors: (12, 12) before.
-        places: (3, 2) of the target on each plane's axes.
+        positions: (3, 2) of the target on each plane's axes.
         sensor: (3,) its position.
         angles: (3, 3) covariance of its projected angles.
         used: (3,) the planes that took it in.
@@ -77,7 +77,7 @@ def measured_errors(errors: Floats, places: Floats, sensor: Floats, angles: Floa
     K, H = np.zeros((12, 3)), np.zeros((3, 12))
     for p in np.flatnonzero(used):
         rows = PLANE_ROWS[p]
-        a, b = places[p] - sensor[list(AXES[p])]
+        a, b = positions[p] - sensor[list(AXES[p])]
         square = a * a + b * b
         if square > 0.0:
             h = np.array([-b, a, 0.0, 0.0]) / square
@@ -88,7 +88,7 @@ def measured_errors(errors: Floats, places: Floats, sensor: Floats, angles: Floa
 
 
 def rescaled(errors: Floats, covariances: dict[int, Floats]) -> Floats:
-    """(12, 12) errors whose blocks of some planes are the given (4, 4) covariances.
+    """(12, 12) errors with the given (4, 4) covariances as blocks of some planes.
 
     The errors of a plane are mapped by the symmetric matrix that changes Gaussians of the one covariance into those
     of the other with the least motion (Olkin and Pukelsheim 1982), so that correlations are changed as little.
@@ -118,9 +118,9 @@ def combination_of(planes: tuple[int, int], shared: int, shares: Floats) -> Floa
     """
     W = np.zeros((6, 12))
     for n, p in enumerate(planes):
-        for place, k in enumerate(AXES[p]):
+        for index, k in enumerate(AXES[p]):
             for part in range(2):
-                W[k + 3 * part, 4 * p + place + 2 * part] = shares[n, part] if k == shared else 1.0
+                W[k + 3 * part, 4 * p + index + 2 * part] = shares[n, part] if k == shared else 1.0
     return W
 
 
@@ -205,7 +205,7 @@ class ProjectedAngles(NamedTuple):
     angle: Floats  # (R, 3) [rad]
     sigma: Floats  # (R, 3) [rad]
     covariance: Floats  # (R, 3, 3) of a row's three angles; what is blind is not to be read
-    blind: Bools  # (R, 3) planes in which a row tells nothing, or not what its sigma says
+    blind: Bools  # (R, 3) planes in which a row is uninformative, or its sigma does not hold
     toward: Floats  # (R, 3) unit vectors in the world
 
 
@@ -248,11 +248,11 @@ def choose_pair(rule: str, heard: ScanDirections, angles: ProjectedAngles, near:
 def _printed(heard: ScanDirections, rows: Ints, before: Pair) -> Pair:
     """By polar angles alone; a sensor without them is not asked."""
     phi = np.where(rows >= 0, heard.sights.phi[rows], np.nan)
-    told = np.flatnonzero(~np.isnan(phi))
-    if not len(told):
+    finite = np.flatnonzero(~np.isnan(phi))
+    if not len(finite):
         return _filled([(int(np.flatnonzero(rows >= 0)[0]), XY)], before)
-    (s, p), (t, q) = select_as_printed(phi[told])
-    return (int(told[s]), int(p)), (int(told[t]), int(q))
+    (s, p), (t, q) = select_as_printed(phi[finite])
+    return (int(finite[s]), int(p)), (int(finite[t]), int(q))
 
 
 def _filled(found: list[tuple[int, int]], before: Pair) -> Pair:
@@ -278,7 +278,7 @@ class PlaneSights(NamedTuple):
 
     rows: Bools  # (R,) of the scan
     first: Ints  # (N + 1,) rows of each sensor among those that count
-    place: Floats  # (K, 2) of their sensors on the plane's axes
+    position: Floats  # (K, 2) of their sensors on the plane's axes
     angle: Floats  # (K,) [rad]
     sigma: Floats  # (K,) [rad]
 
@@ -303,8 +303,8 @@ def sights_in_plane(plane: int, heard: ScanDirections, angles: ProjectedAngles, 
         usable &= np.arange(len(counts)) == only
     rows = usable[of]
     first = np.concatenate([[0], np.cumsum(np.where(usable, counts, 0))])
-    place = np.ascontiguousarray(s.position[rows][:, list(AXES[plane])])
-    return PlaneSights(rows, first, place, angles.angle[rows, plane], angles.sigma[rows, plane])
+    position = np.ascontiguousarray(s.position[rows][:, list(AXES[plane])])
+    return PlaneSights(rows, first, position, angles.angle[rows, plane], angles.sigma[rows, plane])
 
 
 def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances: ReportProbabilities) -> Floats:
@@ -319,19 +319,19 @@ def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances:
     if not len(own.angle):
         return np.zeros(ab.shape[1])
     s = heard.sights
-    each = log_in_plane(ab, own.place, own.angle, own.sigma, s.reach[own.rows], chances.soften)
+    each = log_in_plane(ab, own.position, own.angle, own.sigma, s.reach[own.rows], chances.soften)
     uniform = np.full(len(each), UNIFORM_AZIMUTH)
     return scan_log_likelihood(each, own.first, s.labelled, s.share[own.rows], uniform, chances)
 
 
 def lines_in_plane(own: PlaneSights, heard: ScanDirections, chances: ReportProbabilities) -> ScanRows:
-    """Measurement of a scan in a plane as azimuths in a space whose third axis nothing depends on."""
+    """Measurement of a scan in a plane as azimuths in a space with a third axis that nothing depends on."""
     none, c, s = np.zeros(len(own.angle)), np.cos(own.angle), np.sin(own.angle)
     share = heard.sights.share[own.rows]
     scale, rival = factors(heard, own.first, share, np.full(len(share), UNIFORM_AZIMUTH), chances)
     return ScanRows(
         first=own.first,
-        position=np.column_stack([own.place, none]),
+        position=np.column_stack([own.position, none]),
         along=np.column_stack([c, s, none]),
         left=np.column_stack([-s, c, none]),
         above=np.column_stack([none, none, none + 1.0]),
@@ -354,20 +354,20 @@ def errors_after(
     within `GATE_SIGMAS` standard deviations.
     """
     s = heard.sights
-    places = np.zeros((3, 2))
+    positions = np.zeros((3, 2))
     for p, f in flats.items():
-        places[p] = f.mean[:2]
+        positions[p] = f.mean[:2]
     for a, b in pairwise(s.first.tolist()):
         if a == b:
             continue
         off = np.full((b - a, 3), np.inf)
         for p, found in own.items():
             if found.rows[a]:
-                to = places[p] - s.position[a, list(AXES[p])]
+                to = positions[p] - s.position[a, list(AXES[p])]
                 gap = angles.angle[a:b, p] - math.atan2(to[1], to[0])
                 off[:, p] = np.abs(np.remainder(gap + math.pi, 2.0 * math.pi) - math.pi) / angles.sigma[a:b, p]
         row = int(np.argmin(off.min(axis=1)))
         used = off[row] < GATE_SIGMAS
         if used.any():
-            errors = measured_errors(errors, places, s.position[a], angles.covariance[a + row], used)
+            errors = measured_errors(errors, positions, s.position[a], angles.covariance[a + row], used)
     return rescaled(errors, {p: f.covariance for p, f in flats.items()})

@@ -1,7 +1,7 @@
 """Method `pps`: projected planes selection of [Lee] Sec. 2.2 (Alg. 1), filters in the planes xy, yz and zx.
 
 Each plane has a SIR filter of its own on (a, b, va, vb), fed with the projected angles of all
-sensors; the two planes whose angles have the least variances make the estimate.  Departures from
+sensors; the two planes with the least variances of angles make the estimate.  Departures from
 the thesis, each with its reason:
 
 * angles and variances are those of world planes for a sensor of any pose (`occlog.core.geometry.projected_planes`),
@@ -153,14 +153,14 @@ def _updated(
     """The planes at the time of a scan, a time dt [s] after the last one."""
     space, config = state.space, state.space.config
     assert state.joined is not None
-    # Select the two planes whose angles vary least, about where the target should be by now
+    # Select the two planes with the least variance of angles, about where the target should be by now
     ahead = state.joined.mean[:3] + dt * state.joined.mean[3:]
     pair = choose_pair(config.selection, heard, angles, ahead, state.pair)
     # Propose, weigh and resample in each plane (Eqs. 2.9-2.11 by particles)
     state = _woken(state, pair, rng)
-    clouds, flats, told = _taken_in(state, dt, pair, heard, angles, rng)
+    clouds, flats, likelihoods = _taken_in(state, dt, pair, heard, angles, rng)
     # What the planes' errors have in common
-    errors = errors_after(moved_errors(state.errors, space.motion, dt), heard, angles, told, flats)
+    errors = errors_after(moved_errors(state.errors, space.motion, dt), heard, angles, likelihoods, flats)
     # Combine the two planes to one state in space (Eqs. 2.17-2.21)
     used = flats[pair[0][1]], flats[pair[1][1]]
     joined = combine((pair[0][1], pair[1][1]), used, config.combining, errors)
@@ -189,7 +189,7 @@ def trace(state: PpsState) -> GaussianTrace:
 
 
 def _first(state: PpsState, heard: ScanDirections, rng: Generator) -> ScanUpdate:
-    """Particles in space around the start, weighed by the first scan, or where that says."""
+    """Particles in space around the start, weighed by the first scan, or drawn from it."""
     space, config = state.space, state.space.config
     if config.start is None:
         return begin(space, heard, "", rng)
@@ -264,20 +264,20 @@ def _turned(state: PpsState, plane: int, dt: float) -> Floats | None:
         return None
     velocity = state.joined.mean[3:][list(motion.axes)]
     change, jump = turn_jump(velocity, motion.turn, dt), np.zeros(4)
-    for place, k in enumerate(axes):
+    for index, k in enumerate(axes):
         if k in motion.axes:
             at = motion.axes.index(k)
-            jump[[place, place + 2]] = change[[at, at + 2]]
+            jump[[index, index + 2]] = change[[at, at + 2]]
     return jump
 
 
 def _taken_in(
     state: PpsState, dt: float, pair: Pair, heard: ScanDirections, angles: ProjectedAngles, rng: Generator
 ) -> tuple[Clouds, dict[int, PlanePosterior], dict[int, PlaneSights]]:
-    """The running planes' particles after the scan, what they know, and what the scan told them."""
+    """The running planes' particles after the scan, their posteriors, and the scan's likelihoods."""
     config, n, chances = state.space.config, state.space.config.particles, state.space.chances
     best = {p: s for s, p in pair}
-    new, flats, told = list(state.clouds), {}, {}
+    new, flats, likelihoods = list(state.clouds), {}, {}
     for p in _running(state, pair):
         cloud, log_weights = state.clouds[p]
         own = sights_in_plane(p, heard, angles, best.get(p) if config.per_plane == "best" else None)
@@ -291,14 +291,14 @@ def _taken_in(
             rng=rng,
         )
         mean, covariance = moments(cloud, weights)
-        flats[p], told[p] = PlanePosterior(mean, covariance, log_sum, effective_sample_size(weights)), own
+        flats[p], likelihoods[p] = PlanePosterior(mean, covariance, log_sum, effective_sample_size(weights)), own
         if config.proposal == "motion" and flats[p].ess < config.resampling_threshold * n:
             cloud = resample_with_kernel(
                 cloud, weights, mean, covariance, n, config.kernel_bandwidth * silverman_bandwidth(n, 4), rng
             )
             weights = np.full(n, 1.0 / n)
         new[p] = (cloud, log_of(weights))
-    return tuple(new), flats, told
+    return tuple(new), flats, likelihoods
 
 
 def _estimate(

@@ -122,19 +122,19 @@ def _with_pose(sigma: Floats, sensor: Ints, ears: ArrayGeometry, near: Floats) -
     return np.maximum(np.sqrt(sigma**2 + ears.sigma_yaw[sensor] ** 2 + shift**2), MIN_SIGMA_RAD)
 
 
-def agrees(places: Floats, heard: ScanDirections, gate: float) -> Bools:
+def agrees(positions: Floats, heard: ScanDirections, gate: float) -> Bools:
     """(K, N) whether a sensor has a direction within `gate` standard deviations of each position; False for none.
 
     Args:
-        places: (K, 3).
+        positions: (K, 3).
         heard: the scan.
         gate: of each angle, and of the line of sight where its azimuth means little (near the pole).
     """
     s = heard.sights
     counts = np.diff(s.first)
     if not len(s.phi):
-        return np.zeros((len(places), len(counts)), dtype=np.bool_)
-    to = places[:, None, :, None] - s.position[:, :, None]
+        return np.zeros((len(positions), len(counts)), dtype=np.bool_)
+    to = positions[:, None, :, None] - s.position[:, :, None]
     local = (s.frame @ to)[..., 0]
     ground = np.hypot(local[..., 0], local[..., 1])
     off = np.abs(np.arctan2(local[..., 1], local[..., 0]))
@@ -143,7 +143,7 @@ def agrees(places: Floats, heard: ScanDirections, gate: float) -> Bools:
     arc = np.abs(2.0 * np.sin(0.5 * off)) * np.sin(phi)
     good = (off <= gate * s.sigma_theta) | (arc <= gate * s.sigma_theta * spread)
     good &= heard.flat | (np.abs(phi - s.phi) <= gate * s.sigma_phi)
-    out = np.zeros((len(places), len(counts)), dtype=np.bool_)
+    out = np.zeros((len(positions), len(counts)), dtype=np.bool_)
     some = counts > 0
     out[:, some] = np.logical_or.reduceat(good, s.first[:-1][some], axis=1)
     return out
@@ -263,7 +263,7 @@ def particles_around(space: SpaceModel[C], start: tuple[float, ...], n: int, rng
 
 
 def particles_from_scan(space: SpaceModel[C], heard: ScanDirections, n: int, rng: Generator) -> tuple[Floats, Floats]:
-    """(6, n) particles where a scan says that the target is, and their log weights.
+    """(6, n) particles drawn from a scan, and their log weights.
 
     Positions are drawn along the lines of sight of all candidates, out to where they leave the
     box, and some anywhere in it.  The weights are those of a target that is as likely in any part of
@@ -280,8 +280,8 @@ def particles_from_scan(space: SpaceModel[C], heard: ScanDirections, n: int, rng
     if R:
         density += volume * each / n * np.sum(np.exp(log_product(xyz, s, 1.0) - _log_volume(xyz, s, space)), axis=0)
     inside = np.all((xyz >= space.low[:, None]) & (xyz <= space.high[:, None]), axis=0)
-    told = log_likelihood(xyz, heard, space) + log_room_factor(None, xyz, space)
-    weights = np.where(inside, told - np.log(density), -math.inf)
+    log_density = log_likelihood(xyz, heard, space) + log_room_factor(None, xyz, space)
+    weights = np.where(inside, log_density - np.log(density), -math.inf)
     if space.far is not None:
         weights = weights + np.log(volume) + _log_prior(xyz, space.ears.position, space.far)
     speeds = _speeds(space)[:, None] * rng.standard_normal((3, n))
@@ -314,10 +314,10 @@ def _along(space: SpaceModel[C], s: ScanDirectionSet, r: int, n: int, rng: Gener
     own = np.stack([np.cos(theta) * np.sin(phi), np.sin(theta) * np.sin(phi), np.cos(phi)])
     line = s.frame[r].T @ own
     far = np.minimum(_way_out(space, s.position[r], line, flat), s.reach[r])
-    places = s.position[r][:, None] + far * rng.random(n) * line
+    positions = s.position[r][:, None] + far * rng.random(n) * line
     if flat:
-        places[2] = space.low[2] + (space.high[2] - space.low[2]) * rng.random(n)
-    return np.asarray(places)
+        positions[2] = space.low[2] + (space.high[2] - space.low[2]) * rng.random(n)
+    return np.asarray(positions)
 
 
 def _log_volume(xyz: Floats, s: ScanDirectionSet, space: SpaceModel[C]) -> Floats:

@@ -75,7 +75,7 @@ class FeatureLikelihood(NamedTuple):
 
 
 def feature_likelihood(sums: Floats) -> FeatureLikelihood:
-    """The distributions of values whose counts, sums and sums of squares are (2, 3)."""
+    """The distributions of values from their counts, sums and sums of squares (2, 3)."""
     count = np.maximum(sums[:, 0], 1.0)
     mean = sums[:, 1] / count
     deviation = np.sqrt(np.maximum(sums[:, 2] / count - mean**2, MIN_FEATURE_SIGMA**2))
@@ -140,30 +140,30 @@ def similarity(gallery: Floats, boxes: Floats) -> Floats:
 
 
 def log_feature_ratios(
-    cues: AssociationFeatures, people: TargetSet, looks: list[FrameDetections], dimension: int
+    cues: AssociationFeatures, people: TargetSet, frames: list[FrameDetections], dimension: int
 ) -> tuple[Floats, Floats]:
     """(N, M) log likelihood ratios of boxes for people, and (M,) of boxes against clutter, by the features.
 
     Args:
         cues: features of the people in `Cues.key`.
         people: N people, the same or more.
-        looks: of the time step.
+        frames: of the time step.
         dimension: K of the boxes' appearance; 0: boxes have no appearance.
     """
-    M = sum(len(look.boxes) for look in looks)
+    M = sum(len(frame.boxes) for frame in frames)
     hint, gallery = _features_of(cues, people, dimension)
-    score = np.concatenate([look.score for look in looks]) if looks else np.zeros(0)
+    score = np.concatenate([frame.score for frame in frames]) if frames else np.zeros(0)
     out = np.zeros((len(people.key), M))
     start = 0
-    for look in looks:
-        stop = start + len(look.boxes)
-        mine = hint[:, look.camera, None] == look.tracklet_id
+    for frame in frames:
+        stop = start + len(frame.boxes)
+        mine = hint[:, frame.camera, None] == frame.tracklet_id
         taken = mine.any(axis=0)
         out[:, start:stop] += np.where(
-            look.tracklet_id < 0, 0.0, np.where(mine, LOG_RATIO_SAME_TRACKLET, np.where(taken, LOG_RATIO_OTHER_TRACKLET, 0.0))
+            frame.tracklet_id < 0, 0.0, np.where(mine, LOG_RATIO_SAME_TRACKLET, np.where(taken, LOG_RATIO_OTHER_TRACKLET, 0.0))
         )
         if dimension:
-            out[:, start:stop] += log_ratio(cues.likeness, similarity(gallery, appearance_of(look, dimension)))
+            out[:, start:stop] += log_ratio(cues.likeness, similarity(gallery, appearance_of(frame, dimension)))
         start = stop
     return out, log_ratio(cues.score, score)
 
@@ -171,10 +171,10 @@ def log_feature_ratios(
 def update_features(
     cues: AssociationFeatures,
     people: TargetSet,
-    looks: list[FrameDetections],
+    frames: list[FrameDetections],
     dimension: int,
     *,
-    share: Floats,
+    beta: Floats,
     free: Floats,
     sure: Bools,
 ) -> AssociationFeatures:
@@ -183,25 +183,25 @@ def update_features(
     Args:
         cues: before.
         people: N people after the update.
-        looks: of the time step.
+        frames: of the time step.
         dimension: K of the boxes' appearance.
-        share: (N, M) probabilities that boxes are of people.
+        beta: (N, M) probabilities that boxes are of people.
         free: (M,) that they are of none.
         sure: (N,) people who surely exist.
     """
     hint, gallery = _features_of(cues, people, dimension)
     score, alike = cues.score.copy(), cues.likeness.copy()
     start = 0
-    for look in looks:
-        stop = start + len(look.boxes)
-        mine = (share[:, start:stop] > MIN_ASSOCIATION_TO_LEARN) & sure[:, None]
-        _add(score[SAME_TARGET], look.score[mine.any(axis=0)])
-        _add(score[OTHER_TARGET], look.score[free[start:stop] > MIN_CLUTTER_TO_LEARN])
+    for frame in frames:
+        stop = start + len(frame.boxes)
+        mine = (beta[:, start:stop] > MIN_ASSOCIATION_TO_LEARN) & sure[:, None]
+        _add(score[SAME_TARGET], frame.score[mine.any(axis=0)])
+        _add(score[OTHER_TARGET], frame.score[free[start:stop] > MIN_CLUTTER_TO_LEARN])
         person, box = np.nonzero(mine)
-        named = look.tracklet_id[box] >= 0
-        hint[person[named], look.camera] = look.tracklet_id[box[named]]
+        named = frame.tracklet_id[box] >= 0
+        hint[person[named], frame.camera] = frame.tracklet_id[box[named]]
         if dimension:
-            seen = appearance_of(look, dimension)
+            seen = appearance_of(frame, dimension)
             like = similarity(gallery, seen)
             _add(alike[SAME_TARGET], like[mine])
             # Others: the boxes that are surely of another person
@@ -227,11 +227,11 @@ def _features_of(cues: AssociationFeatures, people: TargetSet, dimension: int) -
     return hint, appearance
 
 
-def appearance_of(look: FrameDetections, dimension: int) -> Floats:
+def appearance_of(frame: FrameDetections, dimension: int) -> Floats:
     """(n, K) appearance of a frame's boxes; NaN where the frame has none."""
-    if look.appearance.shape[1] == dimension:
-        return look.appearance
-    return np.full((len(look.boxes), dimension), np.nan)
+    if frame.appearance.shape[1] == dimension:
+        return frame.appearance
+    return np.full((len(frame.boxes), dimension), np.nan)
 
 
 def _add(sums: Floats, values: Floats) -> None:

@@ -11,7 +11,7 @@ against the filter's prediction, which hold its own lag:
 * biases of each camera, by a scalar Kalman filter each;
 * the part that lasts, s^2 exp(-t / LASTS_S), from the products of a person's disagreements in successive frames of a
   camera;
-* sway, an error of the position that all cameras share and that is new at every time step: with z the positions that
+* gait noise, an error of the position common to all cameras and new at every time step: with z the positions that
 time steps
   alone say, at equal intervals, and d_k = z_k - 2 z_{k-1} + z_{k-2}, white acceleration leaves d_k and d_{k-2}
   uncorrelated, so that E d_k d_{k-2} is the variance of the error of z_{k-2}.
@@ -50,9 +50,9 @@ PRIOR_CHANGES = 200.0
 MAX_NOISE_CORRELATION = 0.9
 MAX_CORRELATED_NOISE = 0.06
 GAIT_SIGMA_RANGE = (0.03, 0.12)
-"""Range of the gait noise: feet and head sway about the position [m]."""
+"""Range of the gait noise: feet and head move about the position [m]."""
 MAX_CHANGE_PRODUCT_M2 = 0.2
-"""Products of changes count at most so much [m^2]: an exchange of people is not their sway."""
+"""Products of changes count at most so much [m^2]: an identity switch is not gait noise."""
 MIN_KEPT_SHARE = 0.3
 OUTLIER_CHI2 = 12.0
 """Clipping of squared residuals, in variances."""
@@ -72,7 +72,7 @@ class EdgeErrorStatistics:
     normal: Floats  # (4, 2, 2) normal equations of the noise
     right: Floats  # (4, 2) right-hand sides
     lasting: Floats  # (2,) sums of products and of their weights
-    sway: Floats  # (2,) the same
+    gait_variance: Floats  # (2,) the same
     before: dict[tuple[int, int], tuple[int, Floats]]  # by person and camera: time, last disagreement of middles
     path: dict[
         int, tuple[tuple[int, Floats, float], ...]
@@ -97,7 +97,7 @@ def prior_edge_errors(cameras: int, metre: float, config: JipdaConfig) -> EdgeEr
         normal=np.einsum("an,bn,kn->kab", x, x, weight),
         right=np.einsum("an,kn,kn->ka", x, y, weight),
         lasting=PRIOR_CORRELATED_PAIRS / USUAL_CORRELATED_NOISE**4 * np.array([PRIOR_CORRELATED_NOISE**2, 1.0]),
-        sway=PRIOR_GAIT_PAIRS * np.array([(PRIOR_GAIT_SIGMA * metre) ** 2, 1.0]),
+        gait_variance=PRIOR_GAIT_PAIRS * np.array([(PRIOR_GAIT_SIGMA * metre) ** 2, 1.0]),
         before={},
         path={},
         changes=np.full(2, PRIOR_CHANGES),
@@ -126,7 +126,9 @@ def correlated_noise(edges: EdgeErrorStatistics) -> float:
 
 def gait_variance(edges: EdgeErrorStatistics) -> float:
     """Return the gait variance: that of the observed position about the walk."""
-    return float(np.clip(edges.sway[0] / edges.sway[1], *(np.array(GAIT_SIGMA_RANGE) * edges.metre) ** 2))
+    return float(
+        np.clip(edges.gait_variance[0] / edges.gait_variance[1], *(np.array(GAIT_SIGMA_RANGE) * edges.metre) ** 2)
+    )
 
 
 def correlated_noise_factor(edges: EdgeErrorStatistics, between: float = 1.0) -> float:
@@ -199,7 +201,7 @@ def _noise_and_bias(
 def _changes(
     edges: EdgeErrorStatistics, t_ns: int, used: Ints, camera: Ints, found: BoxDisagreement, key: Ints
 ) -> EdgeErrorStatistics:
-    """Compare changes over two looks with those over one: 1 - r^2 to 1 - r, whatever stays for longer."""
+    """Compare changes over two frames with those over one: 1 - r^2 to 1 - r, whatever stays for longer."""
     noise, sums = edge_noise_variance(edges), edges.changes.copy()
     noise[MIDDLES, 1] += correlated_noise(edges)
     last = {k: v for k, v in edges.last.items() if t_ns - v[-1][0] < 2 * NS}
@@ -208,15 +210,15 @@ def _changes(
         deviation = np.sqrt((noise[:, 0] + noise[:, 1] * size**2) * np.maximum(kept, MIN_KEPT_SHARE))
         now = np.where(kept > MIN_KEPT_SHARE, found.residual[row] / deviation, np.nan)
         at = (person, int(camera[row]))
-        looks = (*last.get(at, ()), (t_ns, now))[-3:]
-        last[at] = looks
-        if len(looks) == 3:
-            first, second = looks[1][0] - looks[0][0], looks[2][0] - looks[1][0]
+        changes = (*last.get(at, ()), (t_ns, now))[-3:]
+        last[at] = changes
+        if len(changes) == 3:
+            first, second = changes[1][0] - changes[0][0], changes[2][0] - changes[1][0]
             if max(first, second) > (1.0 + INTERVAL_TOLERANCE) * min(first, second):
                 continue
-            two = np.minimum((now - looks[0][1]) ** 2, OUTLIER_CHI2)
-            one = 0.5 * np.minimum((now - looks[1][1]) ** 2, OUTLIER_CHI2)
-            one += 0.5 * np.minimum((looks[1][1] - looks[0][1]) ** 2, OUTLIER_CHI2)
+            two = np.minimum((now - changes[0][1]) ** 2, OUTLIER_CHI2)
+            one = 0.5 * np.minimum((now - changes[1][1]) ** 2, OUTLIER_CHI2)
+            one += 0.5 * np.minimum((changes[1][1] - changes[0][1]) ** 2, OUTLIER_CHI2)
             fine = np.isfinite(two) & np.isfinite(one)
             sums += (two[fine].sum(), one[fine].sum())
     return replace(edges, changes=sums, last=last)
@@ -249,11 +251,11 @@ def _correlated_noise(
 
 
 def _gait_variance(edges: EdgeErrorStatistics, t_ns: int, found: BoxDisagreement, key: Ints) -> EdgeErrorStatistics:
-    sums, path = edges.sway.copy(), {}
+    sums, path = edges.gait_variance.copy(), {}
     most = MAX_CHANGE_PRODUCT_M2 * edges.metre**2
-    for i in np.flatnonzero(np.isfinite(found.place[:, 0])).tolist():
+    for i in np.flatnonzero(np.isfinite(found.position[:, 0])).tolist():
         k = int(key[i])
-        now = (*edges.path.get(k, ()), (t_ns, found.place[i], float(found.variance[i])))[-5:]
+        now = (*edges.path.get(k, ()), (t_ns, found.position[i], float(found.variance[i])))[-5:]
         if len(now) > 1 and now[-1][0] - now[-2][0] > 2 * NS:
             now = now[-1:]
         path[k] = now
@@ -266,28 +268,28 @@ def _gait_variance(edges: EdgeErrorStatistics, t_ns: int, found: BoxDisagreement
             product = float(np.mean(np.clip(late * early, -most, most)))
             sums += (product - now[2][2], 1.0)
     # People who were not seen well at this time step start again
-    return replace(edges, sway=sums, path=path)
+    return replace(edges, gait_variance=sums, path=path)
 
 
 def reliable_boxes(
-    boxes: PackedDetections, owner: Ints, share: Floats, visible: Floats, sure: Bools, least: float
+    boxes: PackedDetections, owner: Ints, beta: Floats, visible: Floats, sure: Bools, least: float
 ) -> Bools:
     """Select (M,) boxes for learning: whole, surely of a person who surely exists and is in plain view.
 
     Args:
         boxes: M boxes of L frames.
         owner: (M,) likeliest person; negative: clutter.
-        share: (N, M) probability that a box is of a person.
+        beta: (N, M) probability that a box is of a person.
         visible: (L, N) visible shares; NaN: outside the image.
         sure: (N,) people who surely exist.
         least: visible share that is plain view.
     """
     box = np.arange(len(boxes.box))
-    look = np.repeat(np.arange(len(boxes.camera)), np.diff(boxes.first))
-    good = (owner >= 0) & boxes.believed.all(axis=1)
+    frame = np.repeat(np.arange(len(boxes.camera)), np.diff(boxes.first))
+    good = (owner >= 0) & boxes.usable.all(axis=1)
     mine, at = owner[good], box[good]
     good[good] = (
-        sure[mine] & (share[mine, at] > MIN_ASSOCIATION_TO_LEARN) & (np.nan_to_num(visible[look[good], mine]) > least)
+        sure[mine] & (beta[mine, at] > MIN_ASSOCIATION_TO_LEARN) & (np.nan_to_num(visible[frame[good], mine]) > least)
     )
     return good
 
@@ -336,7 +338,7 @@ class DetectorStatistics:
     detected: Floats  # (C, 2) people in plain view: detected, all
     clutter: Floats  # (C, 2) clutter boxes, frames
     curve: Floats  # (K, 2) detected, expected in plain view
-    cuts: Floats  # (2,) boxes that end where the cover of the feet begins, boxes of people whose feet are covered
+    cuts: Floats  # (2,) boxes that end where the cover of the feet begins, boxes of people with covered feet
     merges: Floats  # (C, 2) pairs who touch in the image: in one box, of whom there is a box
     wrong: Floats  # (2,) boxes with a wrong edge, all boxes
     again: Floats  # (C, 2) clutter boxes that persist in the next frame, clutter boxes
@@ -382,8 +384,8 @@ def detector_model(
         wrong=float(counts.wrong[0] / counts.wrong[1]),
         bias=edges.bias,
         noise=edge_noise_variance(edges),
-        sway=correlated_noise(edges),
-        # White noise that is worth as much as one whose correlation falls as exp(-t / LASTS_S)
+        gait_variance=correlated_noise(edges),
+        # White noise equivalent to noise with a correlation that falls as exp(-t / LASTS_S)
         lasting=1.0 / np.tanh(0.5 * interval / NOISE_CORRELATION_S),
         merge=np.minimum(counts.merges[:, 0] / counts.merges[:, 1], MAX_MERGE_PROBABILITY),
         slow=correlated_noise_factor(edges, between),
@@ -443,8 +445,8 @@ def persistent_clutter_density(
         (M,) expected number of such boxes, as `exp(Boxes.clutter)` is that of clutter boxes anywhere.
     """
     out = np.zeros(len(boxes.box))
-    for look, c in enumerate(boxes.camera.tolist()):
-        here = slice(boxes.first[look], boxes.first[look + 1])
+    for frame, c in enumerate(boxes.camera.tolist()):
+        here = slice(boxes.first[frame], boxes.first[frame + 1])
         old, now = before[c].box, boxes.box[here]
         if not len(old) or not len(now):
             continue
@@ -493,22 +495,22 @@ def update_statistics(
     sure = people.existence > MIN_EXISTENCE_TO_LEARN
     last = len(curve) - 1
     blind = blind_frames(boxes, people.existence, result.detection)
-    for look, c in enumerate(boxes.camera.tolist()):
-        if blind[look]:
+    for frame, c in enumerate(boxes.camera.tolist()):
+        if blind[frame]:
             continue
-        visible = result.visible[look]
-        here = slice(boxes.first[look], boxes.first[look + 1])
-        hit, apart = result.share[:, here].sum(axis=1), 1.0 - np.minimum(result.joint[:, here].sum(axis=1), 1.0)
+        visible = result.visible[frame]
+        here = slice(boxes.first[frame], boxes.first[frame + 1])
+        hit, unmerged = result.beta[:, here].sum(axis=1), 1.0 - np.minimum(result.joint[:, here].sum(axis=1), 1.0)
         plain = sure & (visible > MIN_VISIBILITY_TO_LEARN)
-        detected[c] += (hit[plain].sum(), apart[plain].sum())
-        merges[c] += result.merges[look]
+        detected[c] += (hit[plain].sum(), unmerged[plain].sum())
+        merges[c] += result.merges[frame]
         # The curve, with each person's weight between two of its nodes
         seen = np.flatnonzero(sure & (visible > 0.0))
         at = visible[seen] * last
         k = np.minimum(at.astype(np.int64), last - 1)
-        for place, weight in ((k, 1.0 - (at - k)), (k + 1, at - k)):
-            np.add.at(curve[:, 0], place, weight * hit[seen])
-            np.add.at(curve[:, 1], place, weight * apart[seen] * rates.detection[c])
+        for knot, weight in ((k, 1.0 - (at - k)), (k + 1, at - k)):
+            np.add.at(curve[:, 0], knot, weight * hit[seen])
+            np.add.at(curve[:, 1], knot, weight * unmerged[seen] * rates.detection[c])
     # As many begin as end: the time spent in manoeuvres over how long one takes
     model = dt * people.model[sure].sum(axis=0)
     turned = counts.turned + np.array([model[MANOEUVRE] / config.manoeuvre_duration_s, model[CONSTANT_VELOCITY]])

@@ -53,19 +53,19 @@ def update_by_directions(state: JipdaState, heard: DirectionsOfArrival, array: M
     slope[:, X], slope[:, Y] = -away[:, 1] / square, away[:, 0] / square
     slope[:, VX], slope[:, VY] = delay * slope[:, X], delay * slope[:, Y]
     spread = np.einsum("ni,nij,nj->n", slope, people.covariance, slope)
-    apart = wrap_angle(heard.bearing[None] - np.arctan2(away[:, 1], away[:, 0])[:, None])
+    difference = wrap_angle(heard.bearing[None] - np.arctan2(away[:, 1], away[:, 0])[:, None])
     variance = spread[:, None] + heard.sigma[None] ** 2
     # Gate, and associate: odds that the direction is the person's against clutter
-    density = np.exp(-0.5 * apart**2 / variance) / np.sqrt(2.0 * np.pi * variance)
+    density = np.exp(-0.5 * difference**2 / variance) / np.sqrt(2.0 * np.pi * variance)
     there = np.hypot(away[:, 0], away[:, 1]) < array.range
     odds = SPEECH_PROBABILITY / (1.0 - SPEECH_PROBABILITY) * density / (DOA_CLUTTER_RATE / (2.0 * np.pi))
-    odds = np.where((apart**2 < GATE_SIGMAS**2 * variance) & there[:, None], odds, 0.0)
+    odds = np.where((difference**2 < GATE_SIGMAS**2 * variance) & there[:, None], odds, 0.0)
     r = people.existence[:, None]
     weight = r * odds / (1.0 - r + r * (1.0 - SPEECH_PROBABILITY)) * (1.0 - SPEECH_PROBABILITY)
     share = weight * box_messages(weight)
     share /= 1.0 + share.sum(axis=1, keepdims=True)
     # Update: each direction is a Gaussian factor of the state, as strong as it is probably the person's
-    residual = apart + (slope * people.mean).sum(axis=1)[:, None]
+    residual = difference + (slope * people.mean).sum(axis=1)[:, None]
     strength = share / heard.sigma[None] ** 2
     information = np.einsum("nm,ni,nj->nij", strength, slope, slope)
     vector = np.einsum("nm,ni->ni", strength * residual, slope)

@@ -105,11 +105,11 @@ class JipdaState:
     counts: DetectorStatistics
     edges: EdgeErrorStatistics
     next_key: int
-    looked: Ints  # (C,) time of each camera's last frame; -1: no frame
+    last_frame_ns: Ints  # (C,) time of each camera's last frame; -1: no frame
     cues: AssociationFeatures
-    places: BirthIntensityMap
-    nobodys: tuple[Clutter, ...]  # of each camera's last frame
-    apart_ns: int | None  # time of the last exclusion update; None: never
+    birth_map: BirthIntensityMap
+    clutter: tuple[Clutter, ...]  # of each camera's last frame
+    exclusion_ns: int | None  # time of the last exclusion update; None: never
 
 
 def initial_state(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) -> JipdaState:
@@ -138,61 +138,61 @@ def initial_state(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) 
         counts=prior_statistics(len(cameras), config),
         edges=prior_edge_errors(len(cameras), metre, config),
         next_key=0,
-        looked=np.full(len(cameras), -1),
+        last_frame_ns=np.full(len(cameras), -1),
         cues=empty_features(len(cameras)),
-        places=empty_map(metre),
-        nobodys=(no_clutter(),) * len(cameras),
-        apart_ns=None,
+        birth_map=empty_map(metre),
+        clutter=(no_clutter(),) * len(cameras),
+        exclusion_ns=None,
     )
 
 
-def step(state: JipdaState, looks: Sequence[FrameDetections]) -> tuple[JipdaState, TrackSnapshot]:
+def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaState, TrackSnapshot]:
     """Update all tracks with the frames of one time step.
 
     Args:
         state: after the time step before; it stays as it is.
-        looks: at least one frame; their times may differ by little, and the latest is the time step's.
+        frames: at least one frame; their times may differ by little, and the latest is the time step's.
     """
     config = state.config
-    t_ns = max(look.t_ns for look in looks)
+    t_ns = max(frame.t_ns for frame in frames)
     dt = 0.0 if state.t_ns is None else min((t_ns - state.t_ns) / NS, MAX_PREDICTION_S)
     # Predict
     people = predict(
         state.people,
         t_ns,
         dt=dt,
-        leaving=termination_rate_at(state.places, state.people.mean[:, :2], termination_rate(state.counts)),
+        leaving=termination_rate_at(state.birth_map, state.people.mean[:, :2], termination_rate(state.counts)),
         turning=manoeuvre_rate(state.counts),
         bending=posture_change_rate(state.counts),
         config=config,
     )
-    apart_ns = state.apart_ns
-    if config.exclusion_radius > 0.0 and (apart_ns is None or t_ns - apart_ns >= EXCLUSION_INTERVAL_NS):
-        people, apart_ns = apply_exclusion_prior(people, config.exclusion_radius), t_ns
+    exclusion_ns = state.exclusion_ns
+    if config.exclusion_radius > 0.0 and (exclusion_ns is None or t_ns - exclusion_ns >= EXCLUSION_INTERVAL_NS):
+        people, exclusion_ns = apply_exclusion_prior(people, config.exclusion_radius), t_ns
     # Associate and update
-    boxes = pack_detections(state, looks, t_ns)
-    looked, interval = state.looked.copy(), np.full(len(state.looked), np.inf)
-    for look in looks:
-        if look.t_ns > looked[look.camera] >= 0:
-            interval[look.camera] = min((look.t_ns - looked[look.camera]) / NS, MAX_PREDICTION_S)
-        looked[look.camera] = look.t_ns
+    boxes = pack_detections(state, frames, t_ns)
+    last_frame_ns, interval = state.last_frame_ns.copy(), np.full(len(state.last_frame_ns), np.inf)
+    for frame in frames:
+        if frame.t_ns > last_frame_ns[frame.camera] >= 0:
+            interval[frame.camera] = min((frame.t_ns - last_frame_ns[frame.camera]) / NS, MAX_PREDICTION_S)
+        last_frame_ns[frame.camera] = frame.t_ns
     rates = detector_model(state.counts, state.edges, config, interval)
-    sway = gait_variance(state.edges)
-    dimension = max(state.cues.appearance.shape[1], *(look.appearance.shape[1] for look in looks))
-    for_people, for_anybody = log_feature_ratios(state.cues, people, list(looks), dimension)
+    gait = gait_variance(state.edges)
+    dimension = max(state.cues.appearance.shape[1], *(frame.appearance.shape[1] for frame in frames))
+    for_people, for_anybody = log_feature_ratios(state.cues, people, list(frames), dimension)
     before = persistent_clutter_density(
-        boxes, state.nobodys, persistent_clutter_rate(state.counts), rates.noise, state.views.size
+        boxes, state.clutter, persistent_clutter_rate(state.counts), rates.noise, state.views.size
     )
     anywhere = np.exp(boxes.clutter)
     boxes = boxes._replace(clutter=boxes.clutter - for_anybody)
     for_people = for_people - np.log1p(before / anywhere) * (people.id == NO_ID)[:, None]
     N = len(people.key)
     result = update_targets(
-        people.mean, with_gait_variance(people, sway), people.existence, state.views, boxes, rates,
+        people.mean, with_gait_variance(people, gait), people.existence, state.views, boxes, rates,
         for_people, UNTRACKED_TO_CLUTTER_RATIO, GATE_CHI2,
     )  # fmt: skip
-    people = update(people, result.information, result.vector, sway, config)
-    explained = (result.share + result.joint).sum(axis=1)
+    people = update(people, result.information, result.vector, gait, config)
+    explained = (result.beta + result.joint).sum(axis=1)
     detected = (explained > 0.5)[:, None]
     people = replace(
         people,
@@ -205,7 +205,7 @@ def step(state: JipdaState, looks: Sequence[FrameDetections]) -> tuple[JipdaStat
     good = reliable_boxes(
         boxes,
         result.owner,
-        result.share,
+        result.beta,
         result.visible,
         people.existence > MIN_EXISTENCE_TO_LEARN,
         MIN_VISIBILITY_TO_LEARN,
@@ -224,13 +224,13 @@ def step(state: JipdaState, looks: Sequence[FrameDetections]) -> tuple[JipdaStat
         ]
     )
     everywhere, at = birth_intensity(
-        state.places, BIRTH_DENSITY_PER_M2 / state.metre**2 / BIRTH_RENEWAL_S, BIRTH_RENEWAL_S
+        state.birth_map, BIRTH_DENSITY_PER_M2 / state.metre**2 / BIRTH_RENEWAL_S, BIRTH_RENEWAL_S
     )
     since = BIRTH_RENEWAL_S if state.t_ns is None else min(dt, BIRTH_RENEWAL_S)
     arrival = BirthIntensity(
         everywhere * since,
         MAX_BIRTHS_PER_IMAGE * since / BIRTH_RENEWAL_S,
-        state.places.centre,
+        state.birth_map.centre,
         at * since,
         SMOOTHING_SIGMA_M * state.metre,
     )
@@ -240,26 +240,26 @@ def step(state: JipdaState, looks: Sequence[FrameDetections]) -> tuple[JipdaStat
         GATE_CHI2, math.log(MIN_EXISTENCE_TO_INITIATE),
     )  # fmt: skip
     existence = 1.0 / (1.0 + np.exp(-odds))
-    covariance[:, [X, Y], [X, Y]] += sway
-    mean[:, 2:4], covariance[:, 2:4, 2:4] = birth_velocity(state.places, mean[:, :2], config.sigma_initial_velocity)
+    covariance[:, [X, Y], [X, Y]] += gait
+    mean[:, 2:4], covariance[:, 2:4, 2:4] = birth_velocity(state.birth_map, mean[:, :2], config.sigma_initial_velocity)
     K = len(odds)
-    share, left_free = (
-        np.concatenate([result.share, used]),
+    beta, left_free = (
+        np.concatenate([result.beta, used]),
         result.free * np.prod(1.0 - existence[:, None] * used, axis=0),
     )
-    counts = _update_clutter(counts, boxes, left_free, before / (anywhere + before), state.nobodys)
-    nobodys = list(state.nobodys)
+    counts = _update_clutter(counts, boxes, left_free, before / (anywhere + before), state.clutter)
+    clutter = list(state.clutter)
     for k, c in enumerate(boxes.camera.tolist()):
         here = slice(boxes.first[k], boxes.first[k + 1])
         may = np.flatnonzero(left_free[here] > MIN_CLUTTER_PROBABILITY)
-        nobodys[c] = Clutter(boxes.box[here][may], left_free[here][may])
+        clutter[c] = Clutter(boxes.box[here][may], left_free[here][may])
     people = concat(people, tentative_targets(mean, covariance, existence, used.sum(axis=1), state.next_key, t_ns))
     cues = update_features(
         state.cues,
         people,
-        list(looks),
+        list(frames),
         dimension,
-        share=share,
+        beta=beta,
         free=left_free,
         sure=people.existence > config.confirmation_threshold,
     )
@@ -276,8 +276,8 @@ def step(state: JipdaState, looks: Sequence[FrameDetections]) -> tuple[JipdaStat
     age = (t_ns - people.born_ns) / NS
     sure = people.id != NO_ID
     grown = sure & (age >= VELOCITY_SETTLING_S) & (age - dt < VELOCITY_SETTLING_S)
-    places = update_map(
-        state.places, dt, people=people.mean[sure, :2], existence=people.existence[sure], left=people.last[left],
+    birth_map = update_map(
+        state.birth_map, dt, people=people.mean[sure, :2], existence=people.existence[sure], left=people.last[left],
         came=people.first[grown], velocity=people.mean[grown, 2:4],
     )  # fmt: skip
     rows = np.flatnonzero(stays)
@@ -286,16 +286,16 @@ def step(state: JipdaState, looks: Sequence[FrameDetections]) -> tuple[JipdaStat
     shown = np.flatnonzero((kept.id != NO_ID) & (kept.existence > MIN_EXISTENCE_TO_REPORT))
     visible = np.full((len(state.views.size), len(people.key)), np.nan)
     visible[boxes.camera, :N] = result.visible
-    share = share[rows[shown]] * kept.existence[shown, None]
+    beta = beta[rows[shown]] * kept.existence[shown, None]
     joint = np.concatenate([result.joint, np.zeros_like(used)])[rows[shown]] * kept.existence[shown, None]
-    moment = TrackSnapshot(
+    snapshot = TrackSnapshot(
         t_ns=t_ns,
         ids=kept.id[shown],
         mean=kept.mean[shown],
         covariance=kept.covariance[shown],
         existence=kept.existence[shown],
         visibility=np.ascontiguousarray(visible[:, rows[shown]].T),
-        support=associations_of(share, joint, boxes, looks),
+        support=associations_of(beta, joint, boxes, frames),
         events=tuple(events),
     )
     next_key = state.next_key + K
@@ -306,28 +306,28 @@ def step(state: JipdaState, looks: Sequence[FrameDetections]) -> tuple[JipdaStat
         counts=counts,
         edges=edges,
         next_key=next_key,
-        looked=looked,
+        last_frame_ns=last_frame_ns,
         cues=cues,
-        places=places,
-        nobodys=tuple(nobodys),
-        apart_ns=apart_ns,
-    ), moment
+        birth_map=birth_map,
+        clutter=tuple(clutter),
+        exclusion_ns=exclusion_ns,
+    ), snapshot
 
 
-def pack_detections(state: JipdaState, looks: Sequence[FrameDetections], t_ns: int) -> PackedDetections:
+def pack_detections(state: JipdaState, frames: Sequence[FrameDetections], t_ns: int) -> PackedDetections:
     """Pack the frames of a time step for the kernels."""
-    box = np.concatenate([look.boxes for look in looks]).reshape(-1, 4).astype(np.float64)
-    camera = np.array([look.camera for look in looks], dtype=np.int64)
-    count = [len(look.boxes) for look in looks]
+    box = np.concatenate([frame.boxes for frame in frames]).reshape(-1, 4).astype(np.float64)
+    camera = np.array([frame.camera for frame in frames], dtype=np.int64)
+    count = [len(frame.boxes) for frame in frames]
     each = np.repeat(camera, count)
     w, h = state.views.size[each].T
     border = np.column_stack([np.zeros_like(w), np.zeros_like(h), w - 1.0, h - 1.0])
     return PackedDetections(
         camera=camera,
-        delay=np.array([(look.t_ns - t_ns) / NS for look in looks]),
+        delay=np.array([(frame.t_ns - t_ns) / NS for frame in frames]),
         first=np.concatenate([[0], np.cumsum(count)]).astype(np.int64),
         box=box,
-        believed=np.abs(box - border) > BORDER_PX,
+        usable=np.abs(box - border) > BORDER_PX,
         clutter=np.log(clutter_rate(state.counts)[each]),
     )
 
@@ -345,19 +345,19 @@ def _update_clutter(
         last: clutter boxes of each camera's last frame.
     """
     clutter, again = counts.clutter.copy(), counts.again.copy()
-    for look, c in enumerate(boxes.camera.tolist()):
-        here = slice(boxes.first[look], boxes.first[look + 1])
+    for frame, c in enumerate(boxes.camera.tolist()):
+        here = slice(boxes.first[frame], boxes.first[frame + 1])
         clutter[c] += (free[here].sum(), 1.0)
         again[c] += ((free[here] * before[here]).sum(), last[c].free.sum())
     return replace(counts, clutter=clutter, again=again)
 
 
 def associations_of(
-    share: Floats, joint: Floats, boxes: PackedDetections, looks: Sequence[FrameDetections]
+    beta: Floats, joint: Floats, boxes: PackedDetections, frames: Sequence[FrameDetections]
 ) -> BoxAssociations:
     """Return the boxes associated with each person, with probabilities alone and as merged detections."""
-    person, box = np.nonzero(share + joint > MIN_ASSOCIATION_PROBABILITY)
+    person, box = np.nonzero(beta + joint > MIN_ASSOCIATION_PROBABILITY)
     camera = np.repeat(boxes.camera, np.diff(boxes.first))
-    row = np.concatenate([look.row for look in looks])
+    row = np.concatenate([frame.row for frame in frames])
     both = joint[person, box]
-    return BoxAssociations(person, camera[box], row[box], share[person, box] + both, both)
+    return BoxAssociations(person, camera[box], row[box], beta[person, box] + both, both)

@@ -53,7 +53,7 @@ class TargetSet:
     seen_ns: Ints  # (N,) when a camera last showed the position
     boxes: Floats  # (N,) expected number of boxes that spoke for them
     born_ns: Ints  # (N,)
-    apart_ns: Ints  # (N,) when they last stood apart from all other people
+    separated_ns: Ints  # (N,) when they last stood apart from all other people
     first: Floats  # (N, 2) where they were detected first
     last: Floats  # (N, 2) where they were detected last
     model: Floats  # (N, 3) probabilities of the models
@@ -75,7 +75,7 @@ def tentative_targets(
         seen_ns=np.full(K, t_ns, dtype=np.int64),
         boxes=boxes,
         born_ns=np.full(K, t_ns, dtype=np.int64),
-        apart_ns=np.full(K, t_ns, dtype=np.int64),
+        separated_ns=np.full(K, t_ns, dtype=np.int64),
         first=mean[:, :2].copy(),
         last=mean[:, :2].copy(),
         model=np.tile(np.eye(len(MODELS))[CONSTANT_VELOCITY], (K, 1)),
@@ -122,16 +122,16 @@ def predict(
     model = joint.sum(axis=2)
     weight = joint / np.maximum(model, 1e-300)[..., None]
     means = np.einsum("nab,nbi->nai", weight, people.means)
-    apart = people.means[:, None, :, :] - means[:, :, None, :]
+    difference = people.means[:, None, :, :] - means[:, :, None, :]
     covariances = np.einsum("nab,nbij->naij", weight, people.covariances)
-    covariances += np.einsum("nab,nabi,nabj->naij", weight, apart, apart)
+    covariances += np.einsum("nab,nabi,nabj->naij", weight, difference, difference)
     # White acceleration, integrated (Bar-Shalom, Li and Kirubarajan 2001, Sec. 6.2.2)
     F, Q = np.eye(STATE_SIZE), np.zeros((len(MODELS), STATE_SIZE, STATE_SIZE))
     q = np.array([config.process_noise_density, config.manoeuvre_noise_density, config.manoeuvre_noise_density])
-    for place, velocity in ((0, 2), (1, 3)):
-        F[place, velocity] = dt
-        Q[:, place, place], Q[:, velocity, velocity] = q * dt**3 / 3.0, q * dt
-        Q[:, place, velocity] = Q[:, velocity, place] = q * dt**2 / 2.0
+    for component, velocity in ((0, 2), (1, 3)):
+        F[component, velocity] = dt
+        Q[:, component, component], Q[:, velocity, velocity] = q * dt**3 / 3.0, q * dt
+        Q[:, component, velocity] = Q[:, velocity, component] = q * dt**2 / 2.0
     Q[:, HEIGHT, HEIGHT] = (
         np.array([SIZE_NOISE_PER_ROOT_S, SIZE_NOISE_PER_ROOT_S, POSTURE_HEIGHT_NOISE]) * config.person_height
     ) ** 2 * dt
@@ -152,17 +152,19 @@ def predict(
     return _mixture_moments(people)
 
 
-def update(people: TargetSet, information: Floats, vector: Floats, sway: float, config: JipdaConfig) -> TargetSet:
+def update(
+    people: TargetSet, information: Floats, vector: Floats, gait_variance: float, config: JipdaConfig
+) -> TargetSet:
     """The people after a Gaussian factor of each state, exp(-x' I x / 2 + x' v).
 
     Args:
         people: predicted.
         information: (N, 6, 6) I.
         vector: (N, 6) v.
-        sway: variance of the position that a body shows about the one where it walks; the factor is of the former.
+        gait_variance: variance of the visible body about the walking position; the factor is of the visible body.
         config: how large people are: no body is smaller than the share `MIN_SIZE_RATIO` of it.
     """
-    information, vector = _without_gait_variance(information, vector, sway)
+    information, vector = _without_gait_variance(information, vector, gait_variance)
     # Each model: information filter; evidence: the ratio of the normalisations before and after
     before = np.linalg.inv(people.covariances)
     covariances = np.linalg.inv(before + information[:, None])
@@ -179,23 +181,23 @@ def update(people: TargetSet, information: Floats, vector: Floats, sway: float, 
     return _mixture_moments(replace(people, model=model, means=means, covariances=covariances))
 
 
-def _without_gait_variance(information: Floats, vector: Floats, sway: float) -> tuple[Floats, Floats]:
-    """The factors (N, 6, 6) and (N, 6) of states whose positions are off by a Gaussian of variance `sway`.
+def _without_gait_variance(information: Floats, vector: Floats, gait_variance: float) -> tuple[Floats, Floats]:
+    """The factors (N, 6, 6) and (N, 6) of states with positions off by a Gaussian of variance `gait_variance`.
 
     A Gaussian factor convolved with W on the position, B W B': I - I B (W^-1 + B' I B)^-1 B' I (Woodbury).
     """
-    if sway <= 0.0:
+    if gait_variance <= 0.0:
         return information, vector
     across = information[:, :, :2]
-    inner = np.linalg.inv(np.eye(2) / sway + information[:, :2, :2])
+    inner = np.linalg.inv(np.eye(2) / gait_variance + information[:, :2, :2])
     gain = across @ inner
     return information - gain @ across.swapaxes(1, 2), vector - np.einsum("nij,nj->ni", gain, vector[:, :2])
 
 
-def with_gait_variance(people: TargetSet, sway: float) -> Floats:
+def with_gait_variance(people: TargetSet, gait_variance: float) -> Floats:
     """(N, 6, 6) covariances of the states that bodies show at a time step."""
     out = people.covariance.copy()
-    out[:, [X, Y], [X, Y]] += sway
+    out[:, [X, Y], [X, Y]] += gait_variance
     return out
 
 
@@ -209,8 +211,8 @@ def apply_exclusion_prior(people: TargetSet, s: float) -> TargetSet:
     if len(people.key) < 2:
         return people
     model, means, covariances = people.model.copy(), people.means.copy(), people.covariances.copy()
-    place, spread = people.mean[:, [X, Y]], people.covariance[:, :2, :2].copy()
-    apply_exclusion(means, covariances, model, place, spread, people.existence, s)
+    position, spread = people.mean[:, [X, Y]], people.covariance[:, :2, :2].copy()
+    apply_exclusion(means, covariances, model, position, spread, people.existence, s)
     model /= model.sum(axis=1, keepdims=True)
     return _mixture_moments(replace(people, model=model, means=means, covariances=covariances))
 
@@ -245,9 +247,9 @@ def _two_states(dt: float, begin: float, end: float) -> Floats:
 def _mixture_moments(people: TargetSet) -> TargetSet:
     """Merge the motion models of each person: mean and covariance of the mixture."""
     mean = np.einsum("na,nai->ni", people.model, people.means)
-    apart = people.means - mean[:, None]
+    difference = people.means - mean[:, None]
     covariance = np.einsum("na,naij->nij", people.model, people.covariances)
-    covariance += np.einsum("na,nai,naj->nij", people.model, apart, apart)
+    covariance += np.einsum("na,nai,naj->nij", people.model, difference, difference)
     return replace(people, mean=mean, covariance=covariance)
 
 
@@ -261,20 +263,20 @@ def duplicate_tracks(people: TargetSet, t_ns: int) -> tuple[TargetSet, Bools]:
         at once, the younger of two confirmed people when they have been together for `DUPLICATE_TIME_S`.
     """
     out = np.zeros(len(people.key), dtype=np.bool_)
-    apart = people.mean[:, None, :2] - people.mean[None, :, :2]
-    near = np.hypot(apart[..., 0], apart[..., 1]) < DUPLICATE_DISTANCE_WIDTHS * people.mean[:, None, WIDTH]
+    difference = people.mean[:, None, :2] - people.mean[None, :, :2]
+    near = np.hypot(difference[..., 0], difference[..., 1]) < DUPLICATE_DISTANCE_WIDTHS * people.mean[:, None, WIDTH]
     near |= near.T
     np.fill_diagonal(near, False)
     known = people.id != NO_ID
     together = near & known[:, None] & known
-    since = np.where(together.any(axis=1), people.apart_ns, t_ns)
+    since = np.where(together.any(axis=1), people.separated_ns, t_ns)
     long = t_ns - since >= DUPLICATE_TIME_S * NS
     for a, b in np.argwhere(np.triu(near, 1)):
         if not (known[a] and known[b]):
             out[b if known[a] or people.existence[a] >= people.existence[b] else a] = True
         elif long[a] and long[b] and not (out[a] or out[b]):
             out[a if people.existence[a] < DUPLICATE_EXISTENCE_RATIO * people.existence[b] else b] = True
-    return replace(people, apart_ns=since), out
+    return replace(people, separated_ns=since), out
 
 
 CELL_SIZE_M, SMOOTHING_SIGMA_M = 0.5, 1.0
@@ -329,10 +331,10 @@ def update_map(
         came: (m, 2) where people were first detected who are sure by now.
         velocity: (m, 2) theirs.
     """
-    places = np.concatenate([people, left, came])
+    positions = np.concatenate([people, left, came])
     rows, cells = dict(known.row), []
     at = []
-    for x, y in np.floor(places / (CELL_SIZE_M * known.metre)).astype(np.int64).tolist():
+    for x, y in np.floor(positions / (CELL_SIZE_M * known.metre)).astype(np.int64).tolist():
         if (x, y) not in rows:
             rows[x, y] = len(rows)
             cells.append((x, y))
@@ -353,9 +355,9 @@ def update_map(
     )
 
 
-def termination_rate_at(known: BirthIntensityMap, places: Floats, overall: float) -> Floats:
+def termination_rate_at(known: BirthIntensityMap, positions: Floats, overall: float) -> Floats:
     """(n,) rates [1/s] at which people leave at (n, 2) positions, where `overall` is the rate of all."""
-    near = _near(known, places)
+    near = _near(known, positions)
     return np.asarray((near @ known.left + PRIOR_TERMINATIONS) / (near @ known.spent + PRIOR_TERMINATIONS / overall))
 
 
@@ -372,19 +374,19 @@ def birth_intensity(known: BirthIntensityMap, first: float, worth_s: float) -> t
     return max(worth_s / seconds, MIN_BIRTH_RATIO) * first, known.came / (smooth * seconds)
 
 
-def birth_velocity(known: BirthIntensityMap, places: Floats, deviation: float) -> tuple[Floats, Floats]:
+def birth_velocity(known: BirthIntensityMap, positions: Floats, deviation: float) -> tuple[Floats, Floats]:
     """Mean (n, 2) and covariance (n, 2, 2) of the velocities of people who arrive at (n, 2) positions."""
-    near = _near(known, places)
+    near = _near(known, positions)
     count = (near @ known.came + PRIOR_VELOCITY)[:, None]
     mean = near @ known.velocity / count
     square = np.einsum("ng,gij->nij", near, known.square) + PRIOR_VELOCITY * deviation**2 * np.eye(2)
     return mean, square / count[..., None] - mean[:, :, None] * mean[:, None, :]
 
 
-def _near(known: BirthIntensityMap, places: Floats) -> Floats:
+def _near(known: BirthIntensityMap, positions: Floats) -> Floats:
     """(n, G) weights of the cells for positions."""
-    apart = places[:, None] - known.centre[None]
-    return np.asarray(np.exp(-0.5 * np.sum(apart**2, axis=2) / (SMOOTHING_SIGMA_M * known.metre) ** 2))
+    difference = positions[:, None] - known.centre[None]
+    return np.asarray(np.exp(-0.5 * np.sum(difference**2, axis=2) / (SMOOTHING_SIGMA_M * known.metre) ** 2))
 
 
 def _added(sums: Floats, new: int, rows: Ints, values: Floats) -> Floats:

@@ -110,28 +110,28 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
     """The state after a scan of labelled rows, and the estimate of every object; ValueError for an earlier scan."""
     config, L = state.config, state.config.particles
     dt = elapsed(state.t_ns, scan.t_ns)
-    looks = {}
+    reports = {}
     for target in sorted(set(scan.target_id.tolist()).union(state.objects)):
         packed = pack_scan(scan.take(scan.target_id == target), state.read_px, use_score=False)
-        looks[target] = ObjectReports(packed, rows_of(packed))
+        reports[target] = ObjectReports(packed, rows_of(packed))
     # Begin: an object has a state from the first scan on in which a sensor sees it
-    begun = [t for t in looks if t not in state.objects and len(looks[t].rows.sensor)]
+    begun = [t for t in reports if t not in state.objects and len(reports[t].rows.sensor)]
     objects = (*state.objects, *begun)
     lost = [
         t
         for t, astray in zip(state.objects, state.astray, strict=True)
-        if is_lost(astray, config.track_loss_count) and len(looks[t].rows.sensor)
+        if is_lost(astray, config.track_loss_count) and len(reports[t].rows.sensor)
     ]
     # Propose object by object, and weigh by what was linearised
     particles, log_weights = np.empty((L, len(objects), 4)), np.zeros(L)
     gap = dt > config.max_gap_s
-    anew = dict.fromkeys(lost, "restart") | dict.fromkeys(begun, "")
+    restarted = dict.fromkeys(lost, "restart") | dict.fromkeys(begun, "")
     if gap:
-        anew |= dict.fromkeys(state.objects, "gap")
+        restarted |= dict.fromkeys(state.objects, "gap")
     astray = dict(zip(state.objects, state.astray, strict=True))
     for j, target in enumerate(objects):
-        rows = looks[target].rows
-        if target in anew:
+        rows = reports[target].rows
+        if target in restarted:
             particles[:, j], corrected = _placed(rows, state, rng)
             log_weights += corrected
             astray[target] = 0
@@ -143,12 +143,12 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
         particles[:, j], corrected = _proposed(before, rows.take(inside), dt, state, rng)
         log_weights += corrected
     # Weigh: who hides whom is certain in a particle ([Ercan] Fig. 3)
-    log_weights += log_factors(particles[:, :, :2], [looks[t] for t in objects], state.world, state.chances, config)
+    log_weights += log_factors(particles[:, :, :2], [reports[t] for t in objects], state.world, state.chances, config)
     if not objects:
         return state._replace(t_ns=scan.t_ns), []
     weights, log_likelihood = normalise_log_weights(log_weights)
     estimates = [
-        (t, _estimate(particles[:, j], weights, looks[t], anew.get(t, ""), log_likelihood))
+        (t, _estimate(particles[:, j], weights, reports[t], restarted.get(t, ""), log_likelihood))
         for j, t in enumerate(objects)
     ]
     # Resample: systematic
@@ -232,7 +232,7 @@ def occlusion_by_others(xy: Floats, camera: Floats, diameter: float) -> Bools:
 
 def log_factors(
     xy: Floats,
-    looks: list[ObjectReports],
+    reports: list[ObjectReports],
     world: MeasurementWorld,
     chances: DetectionProbabilities,
     config: JointConfig,
@@ -243,23 +243,23 @@ def log_factors(
     "not seen" has 1 - P_D and 1 - P_F.  W is the width of the image.
     """
     total = np.zeros(len(xy))
-    sensors = sorted({int(i) for look in looks for i in look.packed.sensor})
+    sensors = sorted({int(i) for report in reports for i in report.packed.sensor})
     cameras = [i for i in sensors if world.sensors.cos2[i] >= 0.0]
     hidden = {i: occlusion_by_others(xy, world.sensors.xy[i], config.occluder_diameter) for i in cameras}
-    for j, look in enumerate(looks):
-        place = np.ascontiguousarray(xy[:, j])
-        expected, _ = measured(place, look.rows, world)
-        _, variance = linearised(place.mean(axis=0), look.rows, world)
-        for k, sensor in enumerate(look.packed.sensor.tolist()):
-            seen = seen_from(place, sensor, world.sensors)
+    for j, report in enumerate(reports):
+        position = np.ascontiguousarray(xy[:, j])
+        expected, _ = measured(position, report.rows, world)
+        _, variance = linearised(position.mean(axis=0), report.rows, world)
+        for k, sensor in enumerate(report.packed.sensor.tolist()):
+            seen = seen_from(position, sensor, world.sensors)
             if sensor in hidden:
                 seen &= ~hidden[sensor][:, j]
-            first, last = int(look.packed.first[k]), int(look.packed.first[k + 1])
+            first, last = int(report.packed.first[k]), int(report.packed.first[k + 1])
             detection, false = float(chances.detection[sensor]), float(chances.false[sensor])
             if first == last:
                 total += np.log(np.where(seen, 1.0 - detection, 1.0 - false))
                 continue
-            row = look.rows.take(np.arange(first, first + 1))
+            row = report.rows.take(np.arange(first, first + 1))
             off = residuals(expected[:, first : first + 1], row)[:, 0]
             density = np.exp(-0.5 * off**2 / variance[first]) / math.sqrt(2.0 * math.pi * variance[first])
             widths = world.noise.width_px if row.pixel[0] else world.noise.width
@@ -268,21 +268,21 @@ def log_factors(
     return total
 
 
-def _estimate(own: Floats, weights: Floats, look: ObjectReports, fallback: str, log_likelihood: float) -> Estimate:
+def _estimate(own: Floats, weights: Floats, report: ObjectReports, fallback: str, log_likelihood: float) -> Estimate:
     mean, covariance = mean_and_covariance(weights, own)
     size = effective_sample_size(weights)
-    seen = np.diff(look.packed.first) > 0
+    seen = np.diff(report.packed.first) > 0
     return Estimate(
         xy=mean[:2],
         velocity=mean[2:],
         covariance=np.ascontiguousarray(covariance[:2, :2]),
         ess=size,
         log_likelihood=log_likelihood if math.isfinite(log_likelihood) else math.nan,
-        n_observing=len(look.packed.sensor),
+        n_observing=len(report.packed.sensor),
         n_detected=int(np.count_nonzero(seen)),
         fallback=fallback or ("depleted" if size < MIN_EFFECTIVE_SAMPLE_SIZE else ""),
-        used=tuple(look.packed.sensor.tolist()),
-        seen_by=tuple(look.packed.sensor[seen].tolist()),
+        used=tuple(report.packed.sensor.tolist()),
+        seen_by=tuple(report.packed.sensor[seen].tolist()),
     )
 
 

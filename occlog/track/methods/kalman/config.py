@@ -12,7 +12,7 @@ from occlog.track.smoothing_and_lag import LagConfig
 ALL, VISIBLE = "all", "visible"
 """Which sigma points count."""
 IGNORE, DESCENT, STARTS = "ignore", "descent", "starts"
-"""How the MAP estimate is looked for."""
+"""Search for the MAP estimate."""
 
 
 @dataclass(frozen=True)

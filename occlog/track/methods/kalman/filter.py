@@ -86,14 +86,14 @@ def world_of(scene: Scene) -> MeasurementWorld:
 def anywhere_of(scene: Scene, world: MeasurementWorld, config: WalkConfig, rng: Generator) -> Gaussian:
     """Mean and covariance of where a target can be before anything was seen; InputError without free floor."""
     try:
-        places = (
+        positions = (
             sample_floor(INITIAL_SAMPLES, world.floor, rng)
             if scene.views is None
             else draw(INITIAL_SAMPLES, scene.views, rng)
         )
     except ValueError as error:
         raise InputError(f"scene: {error}; make the room larger") from error
-    return gaussian_of(places.mean(axis=0), np.cov(places.T), config)
+    return gaussian_of(positions.mean(axis=0), np.cov(positions.T), config)
 
 
 def motion_of(config: WalkConfig) -> OrnsteinUhlenbeck:
@@ -118,8 +118,8 @@ def stepper(
 
     def step(state: KalmanState[K], scan: Scan, rng: Generator) -> tuple[KalmanState[K], Estimate]:  # noqa: ARG001
         config, world = state.config, state.world
-        looks = pack_scan(scan, state.read_px, use_score=False)
-        rows = rows_of(looks)
+        packed = pack_scan(scan, state.read_px, use_score=False)
+        rows = rows_of(packed)
         dt = elapsed(state.t_ns, scan.t_ns)
         distances = None if scan.measured is None or by_stations is None else scan.measured.distances
         stations = 0 if distances is None else len(distances.kind)
@@ -127,9 +127,9 @@ def stepper(
         def initiate(reason: str) -> KalmanUpdate:
             if distances is not None:
                 first, used = first_position(state.anywhere, rows, distances, world, config.gate)
-                return KalmanUpdate(Updated(first, math.nan, reason), used, begun=True, anew=True)
+                return KalmanUpdate(Updated(first, math.nan, reason), used, begun=True, restarted=True)
             done, used = initial_position(state.anywhere, rows, world, config.gate)
-            return KalmanUpdate(done._replace(fallback=reason), used, begun=True, anew=True)
+            return KalmanUpdate(done._replace(fallback=reason), used, begun=True, restarted=True)
 
         def predict_and_update(dt: float) -> KalmanUpdate:
             known = predicted(state.known, *motion_of(config).transition(dt))
@@ -153,17 +153,19 @@ def stepper(
             return KalmanUpdate(Updated(known, 0.0), used, begun)
 
         def loss(taken: KalmanUpdate) -> tuple[int, bool]:
-            count = 0 if taken.anew else _track_loss(state.astray, looks, taken, stations)
-            lost = not taken.anew and (is_lost(count, config.track_loss_count) or left_scene(taken.done.state, world))
+            count = 0 if taken.restarted else _track_loss(state.astray, packed, taken, stations)
+            lost = not taken.restarted and (
+                is_lost(count, config.track_loss_count) or left_scene(taken.done.state, world)
+            )
             return (0, True) if lost else (count, False)
 
         known = state.t_ns is not None or config.start is not None
-        (done, used, begun, anew, _), astray = advance(
+        (done, used, begun, restarted, _), astray = advance(
             dt, config.max_gap_s, known=known, initiate=initiate, update=predict_and_update, loss=loss
         )
-        link = PosteriorRecord(done.state, 0.0 if anew else dt, begun=begun)
+        link = PosteriorRecord(done.state, 0.0 if restarted else dt, begun=begun)
         state = state._replace(known=done.state, t_ns=scan.t_ns, astray=astray, link=link)
-        estimate = _estimate(done, looks, used)
+        estimate = _estimate(done, packed, used)
         return state, estimate if distances is None else with_distances(estimate, distances)
 
     return step
@@ -175,7 +177,7 @@ class KalmanUpdate(NamedTuple):
     done: Updated
     used: Ints
     begun: bool
-    anew: bool = False  # from the scan alone
+    restarted: bool = False  # from the scan alone
     against: int = 0  # measurements of stations outside the gate
 
 
@@ -186,7 +188,7 @@ def _most_outside_gate(rows: LinearisedRows, inside: Bools) -> bool:
 
 
 def _inflated(known: Gaussian, config: KalmanConfig) -> Gaussian:
-    """A prediction as wide as a target gets away in `INFLATION_TIME_S`, whose velocity is not known."""
+    """A prediction as wide as a target of unknown velocity moves in `INFLATION_TIME_S`."""
     away = (config.rms_speed * INFLATION_TIME_S) ** 2 * np.eye(2)
     return gaussian_of(known.mean[:2], known.covariance[:2, :2] + away, config)
 
@@ -207,25 +209,25 @@ def initial_position(
     """
     rows = rows.take(np.sort(np.argsort(rows.variance, kind="stable")[:MAX_INITIAL_MEASUREMENTS]))
     starts = np.vstack([anywhere.mean[None, :2], bearing_intersections(rows, world)])
-    _, costs = zip(*(_gated_rows(place, anywhere, rows, world, gate) for place in starts), strict=True)
+    _, costs = zip(*(_gated_rows(position, anywhere, rows, world, gate) for position in starts), strict=True)
     kept, _ = _gated_rows(starts[int(np.argmin(costs))], anywhere, rows, world, gate)
     rows = rows.take(kept)
     if not len(rows.sensor):
         return Updated(anywhere, 0.0), rows.sensor
-    place, _, _ = gauss_newton(starts[int(np.argmin(costs))], anywhere, rows, world, INITIAL_SEARCH_CONFIG)
-    return linear(anywhere, place, rows, world), rows.sensor
+    position, _, _ = gauss_newton(starts[int(np.argmin(costs))], anywhere, rows, world, INITIAL_SEARCH_CONFIG)
+    return linear(anywhere, position, rows, world), rows.sensor
 
 
 def _gated_rows(
-    place: Floats, anywhere: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float
+    position: Floats, anywhere: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float
 ) -> tuple[Ints, float]:
     """Inliers of a position, one per sensor, and its cost; a sensor that disagrees costs the gate."""
-    expected, ahead = measured(place[None], rows, world)
-    _, variance = linearised(place, rows, world)
+    expected, ahead = measured(position[None], rows, world)
+    _, variance = linearised(position, rows, world)
     off = np.where(ahead[0], residuals(expected[0], rows) ** 2 / variance, np.inf)
     nearest = [own[np.argmin(off[own])] for s in np.unique(rows.sensor) for own in [np.flatnonzero(rows.sensor == s)]]
     chosen = np.array(nearest, dtype=np.int64)
-    away = place - anywhere.mean[:2]
+    away = position - anywhere.mean[:2]
     cost = 0.5 * float(np.minimum(off[chosen], gate**2).sum())
     cost += 0.5 * float(away @ np.linalg.solve(anywhere.covariance[:2, :2], away))
     return chosen[off[chosen] <= gate**2], cost
@@ -245,27 +247,27 @@ def bearing_intersections(rows: LinearisedRows, world: MeasurementWorld) -> Floa
     return np.asarray(origin[i][ahead] + along_i[ahead, None] * e[i][ahead])
 
 
-def _track_loss(before: int, looks: PackedScan, taken: KalmanUpdate, measured: int) -> int:
+def _track_loss(before: int, packed: PackedScan, taken: KalmanUpdate, measured: int) -> int:
     """The track-loss counter after a scan with so many measurements of stations also its labelled reports."""
-    reports = looks.sensor[looks.labelled & (np.diff(looks.first) > 0)]
+    reports = packed.sensor[packed.labelled & (np.diff(packed.first) > 0)]
     against = int(np.count_nonzero(~np.isin(reports, taken.used))) + taken.against
     return track_loss_count(before, against, len(reports) + measured)
 
 
-def _estimate(done: Updated, looks: PackedScan, agree: Ints) -> Estimate:
-    seen = np.diff(looks.first) > 0
-    seen &= looks.labelled | np.isin(looks.sensor, agree)
+def _estimate(done: Updated, packed: PackedScan, agree: Ints) -> Estimate:
+    seen = np.diff(packed.first) > 0
+    seen &= packed.labelled | np.isin(packed.sensor, agree)
     return Estimate(
         xy=done.state.mean[:2],
         velocity=done.state.mean[2:],
         covariance=np.ascontiguousarray(done.state.covariance[:2, :2]),
         ess=math.nan,
         log_likelihood=done.score,
-        n_observing=len(looks.sensor),
+        n_observing=len(packed.sensor),
         n_detected=int(np.count_nonzero(seen)),
         fallback=done.fallback,
-        used=tuple(looks.sensor.tolist()),
-        seen_by=tuple(looks.sensor[seen].tolist()),
+        used=tuple(packed.sensor.tolist()),
+        seen_by=tuple(packed.sensor[seen].tolist()),
     )
 
 

@@ -30,7 +30,7 @@ StationUpdate = Callable[[Gaussian, RangeMeasurements], tuple[Gaussian, float]]
 
 
 def inside_gate(state: Gaussian, rows: RangeMeasurements, gate: float) -> Bools:
-    """(m,) measurements whose innovation is within the gate of the state."""
+    """(m,) measurements with an innovation within the gate of the state."""
     found = linearise(rows, state.mean[None, :2])
     H, off = found.gradient[0], found.residual[0]
     return np.asarray(off**2 <= gate**2 * (np.einsum("mi,ij,mj->m", H, state.covariance[:2, :2], H) + 1.0))
@@ -59,7 +59,7 @@ def first_position(
 ) -> tuple[Gaussian, Ints]:
     """Most probable state by the measurements of one scan alone, and the sensors of the readings and bearings used.
 
-    The best position of a grid says which measurements agree; the search by Gauss and Newton for the maximum a
+    The best position of a grid decides which measurements agree; the search by Gauss and Newton for the maximum a
     posteriori goes on from there with these.
     """
 

@@ -1,6 +1,6 @@
 """How the three filters take measurements in: linearised, by sigma points, and at the most probable position.
 
-Each update is that of a state with mean m and covariance P by rows whose noise is independent.  Only the position is
+Each update is that of a state with mean m and covariance P by rows with independent noise.  Only the position is
 measured; what is learned of it moves the velocity by their covariance.
 
 Update by the rows of one sensor, in polar coordinates about it.
@@ -83,7 +83,7 @@ HALVINGS = 12
 STEP_SIGMA_TOLERANCE = 1e-6
 """The search ends where a step is shorter than this share of the standard deviation of the prediction."""
 MAX_RELATIVE_DISTANCE_SIGMA = 1.0
-"""A position is beside a sensor if the standard deviation of its distance is larger than this share of it."""
+"""A position is close to a sensor if the standard deviation of its distance is larger than this share of it."""
 MIN_SQUARE = 1e-30
 """The same of a squared distance, so that nothing is divided by 0."""
 INFEASIBLE, NO_SIGMA_POINTS = "stuck", "discarded"
@@ -99,7 +99,7 @@ class Updated(NamedTuple):
 
 
 def gated_rows(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float) -> Bools:
-    """(R,) rows whose innovation is within the gate; of a sensor's candidates the nearest one alone."""
+    """(R,) rows with an innovation within the gate; of a sensor's candidates the nearest one alone."""
     at = state.mean[:2]
     expected, ahead = measured(at[None], rows, world)
     H, R = linearised(at, rows, world)
@@ -130,9 +130,9 @@ def linear(state: Gaussian, at: Floats, rows: LinearisedRows, world: Measurement
 
 
 def _near_sensor_inflation(at: Floats, rows: LinearisedRows, world: MeasurementWorld, covariance: Floats) -> Floats:
-    """(R,) by how much larger variances are beside a sensor, where the position's distance is not known.
+    """(R,) by how much larger variances are close to a sensor, where the position's distance is not known.
 
-    A line of sight's error across is its angle times the distance r, whose second moment is r^2 + v; linearised at
+    A line of sight's error across is its angle times the distance r, with second moment r^2 + v; linearised at
     the position it is taken for r alone, and next to a sensor the line would have no width.  Elsewhere the form is the
     usual one.
     """
@@ -218,17 +218,17 @@ def iekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config:
         tried = tried[visible(tried, rows, world).all(axis=1)]
         if not len(tried):
             return linear(state, first[0], rows, world)._replace(fallback=INFEASIBLE)
-    found = [gauss_newton(place, state, rows, world, config) for place in tried]
+    found = [gauss_newton(position, state, rows, world, config) for position in tried]
     best = min(found, key=lambda one: one[1])
     return linear(state, best[0], rows, world)._replace(fallback=INFEASIBLE if best[2] else "")
 
 
-def map_cost(places: Floats, state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Floats:
+def map_cost(positions: Floats, state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Floats:
     """(L,) negative log of prior times likelihood at (L, 2) positions, without constants; infinite behind a camera."""
-    away = places - state.mean[:2]
+    away = positions - state.mean[:2]
     cost = 0.5 * np.einsum("li,li->l", away, np.linalg.solve(state.covariance[:2, :2], away.T).T)
-    expected, ahead = measured(places, rows, world)
-    variance = linearised(places, rows, world)[1]
+    expected, ahead = measured(positions, rows, world)
+    variance = linearised(positions, rows, world)[1]
     terms = 0.5 * residuals(expected, rows) ** 2 / variance + 0.5 * np.log(variance)
     return np.asarray(np.where(ahead.all(axis=1), cost + np.where(ahead, terms, 0.0).sum(axis=1), np.inf))
 

@@ -26,7 +26,7 @@ def obstacles(
     """The obstacles of a record of T states.
 
     Walls are there if the configuration has them.  A view is an obstacle at the states at which its
-    camera looked and did not see the target, where the probability of detection P_D is known; a
+    camera had a frame and did not detect the target, where the probability of detection P_D is known; a
     target inside costs - log(1 - P_D) there.
     """
     always, nowhere = np.ones(T, dtype=np.bool_), np.zeros(2)
@@ -42,7 +42,7 @@ def _unseen(record: TargetRecord, at: SensorStations, config: MapConfig, T: int)
         if at.focal_px[s] > 0.0 and not math.isnan(_detection(s, at, config)):
             when = np.zeros(T, dtype=np.bool_)
             when[record.state[unseen & (record.rows.sensor == s)]] = True
-            # Among moving occluders `occlog.track.methods.map.occlusion` says what "not seen" tells
+            # Among moving occluders `occlog.track.methods.map.occlusion` models "not seen"
             when[[t for t, priors in enumerate(record.occluders) if priors is not None]] = False
             found.append((s, when))
     return found
@@ -61,9 +61,9 @@ def _view(s: int, when: Bools, at: SensorStations, config: MapConfig, extent: fl
     price = -math.log(missed) if missed > 0.0 else math.inf
     unsure = BORDER * max(float(at.sigma_yaw[s]), float(at.read_px[s] / at.focal_px[s]))
     fov = max(float(at.fov[s]) - 2.0 * unsure, 0.1 * float(at.fov[s]))
-    corners = view_polygon(at.place[s], float(at.yaw[s]), fov, min(float(at.range[s]), 2.0 * extent))
-    hiding = tuple(_wider(piece, at.place[s], unsure) for w in at.blockers[s] for piece in convex_pieces(w))
-    return Obstacle(corners, tuple(convex_pieces(corners)), hiding, at.place[s], when, price)
+    corners = view_polygon(at.position[s], float(at.yaw[s]), fov, min(float(at.range[s]), 2.0 * extent))
+    hiding = tuple(_wider(piece, at.position[s], unsure) for w in at.blockers[s] for piece in convex_pieces(w))
+    return Obstacle(corners, tuple(convex_pieces(corners)), hiding, at.position[s], when, price)
 
 
 def _wider(wall: Floats, eye: Floats, angle: float) -> Floats:
@@ -71,11 +71,11 @@ def _wider(wall: Floats, eye: Floats, angle: float) -> Floats:
     return offset(wall, angle * float(np.hypot(*(wall - eye).T).max()))
 
 
-def view_polygon(place: Floats, yaw: float, fov: float, reach: float) -> Floats:
+def view_polygon(position: Floats, yaw: float, fov: float, reach: float) -> Floats:
     """(K, 2) counter-clockwise polygon inside a field of view: the camera and an arc.
 
     Args:
-        place: (2,) of the camera.
+        position: (2,) of the camera.
         yaw: azimuth of its axis [rad].
         fov: full field of view [rad]; at most 2 pi.
         reach: farthest distance.
@@ -83,5 +83,5 @@ def view_polygon(place: Floats, yaw: float, fov: float, reach: float) -> Floats:
     half = 0.5 * min(fov, 2.0 * math.pi - 1e-3)
     n = max(1, math.ceil(2.0 * half / ARC))
     angle = yaw + np.linspace(-half, half, n + 1)
-    arc = place + reach * np.column_stack([np.cos(angle), np.sin(angle)])
-    return np.vstack([place[None], arc])
+    arc = position + reach * np.column_stack([np.cos(angle), np.sin(angle)])
+    return np.vstack([position[None], arc])

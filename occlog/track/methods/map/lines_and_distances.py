@@ -1,4 +1,4 @@
-"""Ranges, signal strengths and differences in a trajectory's cost, beside lines of sight or without any.
+"""Ranges, signal strengths and differences in a trajectory's cost, with or without lines of sight.
 
 1. *Start.* Extended Kalman filters run along the record, one from each position that the first measurements fit best;
 they
@@ -68,10 +68,10 @@ def mixed_search(
     X = filtered_start(problem, record, pending, here)
     trust = inlier_weights(config, 1.0)
     lines = problem.lines
-    believed = np.ones(len(lines.step), dtype=np.bool_)
+    inlier = np.ones(len(lines.step), dtype=np.bool_)
     if config.loss != "square" and len(lines.step):
-        believed = line_beliefs(lines, X, trust) >= 0.5
-    found = _settled(here, ConsensusPath(X, believed, 0.0), pending, record, around, watch)
+        inlier = line_beliefs(lines, X, trust) >= 0.5
+    found = _settled(here, ConsensusPath(X, inlier, 0.0), pending, record, around, watch)
     if config.loss == "square" or not _lost(here, found.mode.solution.X[record.measured_state]):
         return found
     # Where a filter went astray nothing pulls it back: again, with measurements that reach as far as it may be
@@ -111,12 +111,12 @@ def _once(
     """One search with terms about a path, with measurements that are blunter by an error of the position."""
     square = pending.config.loss == "square"
     hints = terms(rows, record.measured_state, path.X, square=square, wide=wide)
-    told = OccluderHints(np.zeros(len(path.agree)), hints)
-    return search_from(pending, record, around, watch, path, (1.0, 1.0), among=told)
+    occlusion = OccluderHints(np.zeros(len(path.agree)), hints)
+    return search_from(pending, record, around, watch, path, (1.0, 1.0), among=occlusion)
 
 
 def _path(found: RobustSearchResult) -> ConsensusPath:
-    return ConsensusPath(found.mode.solution.X, found.used if found.believed is None else found.believed, 0.0)
+    return ConsensusPath(found.mode.solution.X, found.used if found.inlier is None else found.inlier, 0.0)
 
 
 def _lost(rows: RangeMeasurements, X: Floats) -> bool:
@@ -128,16 +128,16 @@ def _lost(rows: RangeMeasurements, X: Floats) -> bool:
 
 def _cost(rows: RangeMeasurements, state: Ints, found: RobustSearchResult) -> float:
     """What a search minimises: its own cost, in which terms are replaced by what they represent."""
-    assert found.told is not None
-    assert found.told.hints is not None
+    assert found.hints is not None
+    assert found.hints.hints is not None
     X = found.mode.solution.X
     own = log_density(residuals_at_own_position(rows, X[state][:, ::2])[0], rows.errors)
-    return float(found.mode.solution.cost - hints_cost(found.told.hints, X) - own.sum())
+    return float(found.mode.solution.cost - hints_cost(found.hints.hints, X) - own.sum())
 
 
 def local(rows: RangeMeasurements, origin: Floats) -> RangeMeasurements:
     """The measurements in coordinates about an origin (2,)."""
-    return rows._replace(place=rows.place - origin, other=rows.other - origin)
+    return rows._replace(position=rows.position - origin, other=rows.other - origin)
 
 
 def terms(rows: RangeMeasurements, state: Ints, X: Floats, *, square: bool, wide: float = 0.0) -> QuadraticPriors:
@@ -177,16 +177,16 @@ def with_distances(
     residual, gradient = residuals_at_own_position(rows, X[state][:, ::2])
     # Residuals, and their variance: 1 less the leverage
     spread = covariance(found.problem, X)[:keep][:, ::2, ::2][state]
-    believed = inlier_probability(residual, rows.errors)
-    leverage = believed * np.einsum("ni,nij,nj->n", gradient, spread, gradient)
-    fit = BearingResiduals(state, rows.station, residual, np.clip(1.0 - leverage, 0.0, 1.0), believed)
+    inlier = inlier_probability(residual, rows.errors)
+    leverage = inlier * np.einsum("ni,nij,nj->n", gradient, spread, gradient)
+    fit = BearingResiduals(state, rows.station, residual, np.clip(1.0 - leverage, 0.0, 1.0), inlier)
     if out.fit is not None:
         joined = BearingResiduals._make(np.concatenate(both) for both in zip(out.fit, fit, strict=True))
         fit = BearingResiduals._make(column[np.argsort(joined.row, kind="stable")] for column in joined)
     used, saw = [set(u) for u in out.used], [set(s) for s in out.seen_by]
-    for t, station, told in zip(state.tolist(), rows.station.tolist(), believed.tolist(), strict=True):
+    for t, station, weight in zip(state.tolist(), rows.station.tolist(), inlier.tolist(), strict=True):
         used[t].add(station)
-        if told >= 0.5:
+        if weight >= 0.5:
             saw[t].add(station)
     score = np.bincount(state, weights=-0.5 * residual**2 - np.log(np.sqrt(2.0 * np.pi) * rows.sigma), minlength=keep)
     there = np.bincount(state, minlength=keep) > 0

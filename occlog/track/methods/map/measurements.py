@@ -27,7 +27,7 @@ BESIDE_WALL = 4.0
 class SensorStations(NamedTuple):
     """All sensors of a scene, in the order of `sensor_names`."""
 
-    place: Floats  # (S, 2)
+    position: Floats  # (S, 2)
     yaw: Floats  # (S,)
     focal_px: Floats  # (S,) 0: not a camera
     read_px: Floats  # (S,)
@@ -61,9 +61,9 @@ def stations(scene: Scene, origin: Floats, *, walls: bool) -> SensorStations:
         [c.fov for c in cameras] + [math.nan] * len(arrays),
         [math.nan if c.detection is None else c.detection for c in cameras] + [math.nan] * len(arrays),
     )
-    places = np.array([c.position[:2] for c in cameras] + [a.position[:2] for a in arrays], dtype=np.float64)
-    places = places.reshape(-1, 2)
-    blockers: list[tuple[Floats, ...]] = [()] * len(places)
+    positions = np.array([c.position[:2] for c in cameras] + [a.position[:2] for a in arrays], dtype=np.float64)
+    positions = positions.reshape(-1, 2)
+    blockers: list[tuple[Floats, ...]] = [()] * len(positions)
     if walls:
         blockers[: len(cameras)] = [tuple(b - origin for b in scene.blockers(c.ground)) for c in cameras]
     hull = convex_hull(scene.room) - origin if walls and scene.room is not None else None
@@ -73,7 +73,7 @@ def stations(scene: Scene, origin: Floats, *, walls: bool) -> SensorStations:
         solid = tuple(o.polygon - origin for o in scene.occluders)
         solid += () if scene.room is None else tuple(p - origin for p in pockets(scene.room))
     return SensorStations(
-        place=places - origin,
+        position=positions - origin,
         yaw=yaw,
         focal_px=focal,
         read_px=read,
@@ -112,7 +112,7 @@ def sight_lines(record: TargetRecord, at: SensorStations) -> BearingLinesByStep:
     place2 = np.where(pixel, f**2 * ratio2 * at.sigma_position[sensor] ** 2, 0.0)
     return BearingLinesByStep(
         step=record.state[record.rows.seen],
-        place=np.ascontiguousarray(at.place[sensor]),
+        position=np.ascontiguousarray(at.position[sensor]),
         axis=np.column_stack([np.cos(angle), np.sin(angle)]),
         focal=f,
         reading=z,
@@ -130,7 +130,7 @@ def constraints(
     at: SensorStations,
     config: MapConfig,
     T: int,
-    believed: Bools | None = None,
+    inlier: Bools | None = None,
 ) -> HalfPlanes:
     """Half-planes of a trajectory: in front of every camera that saw the target, within its range, in the room.
 
@@ -142,13 +142,13 @@ def constraints(
         at: the sensors.
         config: which constraints there are.
         T: number of states.
-        believed: (N,) which lines of sight constrain the trajectory; None: all.
+        inlier: (N,) which lines of sight constrain the trajectory; None: all.
     """
     seen = record.rows.take(record.rows.seen)
-    if believed is not None:
-        lines, seen = some_lines(lines, believed), seen.take(believed)
-    along = np.einsum("ni,ni->n", lines.axis, lines.place)
-    # A direction says which side the target is on, whatever is known of cameras.
+    if inlier is not None:
+        lines, seen = some_lines(lines, inlier), seen.take(inlier)
+    along = np.einsum("ni,ni->n", lines.axis, lines.position)
+    # A direction determines the side of the target, whatever is known of cameras.
     ahead = lines.direction | config.in_front_constraint
     parts = [HalfPlanes(lines.step[ahead], lines.axis[ahead], along[ahead] + config.min_depth)]
     if config.in_front_constraint:
@@ -170,7 +170,7 @@ def constraints(
 def _before_walls(lines: BearingLinesByStep, seen: Scan, at: SensorStations) -> HalfPlanes:
     """Half-planes on the camera's side of the first wall that each line of sight meets.
 
-    A line of sight that may also pass beside that wall, by its standard deviation, says nothing.
+    A line of sight that may also pass next to that wall, by its standard deviation, is uninformative.
     """
     focal2 = lines.focal * (1.0 + (lines.reading / lines.focal) ** 2)
     away = BESIDE_WALL * np.maximum(np.sqrt(lines.c0) / focal2, seen.sigma)
@@ -178,14 +178,14 @@ def _before_walls(lines: BearingLinesByStep, seen: Scan, at: SensorStations) -> 
     for s in np.unique(seen.sensor).tolist():
         if at.blockers[s]:
             own = np.flatnonzero(seen.sensor == s)
-            kept, normal, offset = _before(at.place[s], seen.bearing[own], away[own], at.blockers[s])
+            kept, normal, offset = _before(at.position[s], seen.bearing[own], away[own], at.blockers[s])
             rows.append(own[kept])
             normals.append(normal)
             offsets.append(offset)
     return HalfPlanes(lines.step[np.concatenate(rows)], np.vstack(normals), np.concatenate(offsets))
 
 
-def _before(place: Floats, bearing: Floats, away: Floats, walls: tuple[Floats, ...]) -> tuple[Ints, Floats, Floats]:
+def _before(position: Floats, bearing: Floats, away: Floats, walls: tuple[Floats, ...]) -> tuple[Ints, Floats, Floats]:
     """Which of n lines of sight from one position meet a wall for certain, and half-planes (normal, offset) before it.
 
     Where they are sure to meet one edge it is this edge's; around a corner of a convex wall what is before it is
@@ -195,36 +195,36 @@ def _before(place: Floats, bearing: Floats, away: Floats, walls: tuple[Floats, .
     edge = np.vstack([np.roll(w, -1, axis=0) for w in walls]) - start
     which = np.repeat(np.arange(len(walls)), [len(w) for w in walls])
     bulges = np.array([len(convex_pieces(w)) == 1 for w in walls], dtype=np.bool_)
-    left, middle, right = (first_hit(place, bearing + k * away, start, edge) for k in (-1, 0, 1))
+    left, middle, right = (first_hit(position, bearing + k * away, start, edge) for k in (-1, 0, 1))
     one = (left == middle) & (right == middle)
     same = (which[left] == which[middle]) & (which[right] == which[middle]) & bulges[which[middle]]
     met = (np.minimum(np.minimum(left, middle), right) >= 0) & (away < 0.5 * math.pi)
     kept = np.flatnonzero(met & (one | same))
     left, middle, right, one = left[kept], middle[kept], right[kept], one[kept]
     outward = np.column_stack([edge[:, 1], -edge[:, 0]]) / np.hypot(*edge.T)[:, None]
-    outward *= np.sign(np.einsum("ki,ki->k", outward, place - start))[:, None]
+    outward *= np.sign(np.einsum("ki,ki->k", outward, position - start))[:, None]
     support = np.einsum("ki,ki->k", outward, start)
     back = -np.column_stack([np.cos(bearing[kept]), np.sin(bearing[kept])])
     reach = np.zeros(len(kept))
     for k, hit in ((-1, left), (1, right)):
         angle = bearing[kept] + k * away[kept]
         ray = np.column_stack([np.cos(angle), np.sin(angle)])
-        distance = (support[hit] - outward[hit] @ place) / np.einsum("ni,ni->n", outward[hit], ray)
+        distance = (support[hit] - outward[hit] @ position) / np.einsum("ni,ni->n", outward[hit], ray)
         reach = np.maximum(reach, distance * np.cos(away[kept]))
-    return kept, np.where(one[:, None], outward[middle], back), np.where(one, support[middle], back @ place - reach)
+    return kept, np.where(one[:, None], outward[middle], back), np.where(one, support[middle], back @ position - reach)
 
 
-def first_hit(place: Floats, bearing: Floats, start: Floats, edge: Floats) -> Ints:
+def first_hit(position: Floats, bearing: Floats, start: Floats, edge: Floats) -> Ints:
     """(n,) which of E edges lines of sight from one position meet first; -1 for none.
 
     Args:
-        place: (2,)
+        position: (2,)
         bearing: (n,) [rad]
         start: (E, 2) one end of each edge.
         edge: (E, 2) from there to the other end.
     """
     ray = np.column_stack([np.cos(bearing), np.sin(bearing)])[:, None, :]
-    to = (start - place)[None]
+    to = (start - position)[None]
     cross = ray[..., 0] * edge[None, :, 1] - ray[..., 1] * edge[None, :, 0]
     safe = np.where(np.abs(cross) > 1e-12, cross, np.inf)
     distance = (to[..., 0] * edge[None, :, 1] - to[..., 1] * edge[None, :, 0]) / safe

@@ -12,10 +12,10 @@ and the cameras' ranges are constraints also.
 Fixed lag (`--lag`): which states of a trajectory have seen enough of what comes after them to be given out.
 
 With a lag, the driver hands a target's scans over in blocks (`occlog.track.drivers.batch`).  After each block the
-whole record that is held is solved anew; states that lie at least the lag before its end are settled: they are given
+whole record that is held is solved again; states that lie at least the lag before its end are settled: they are given
 out and forgotten, but for what they say of the states after them.  Memory does not grow with the recording.
 
-What an estimate says of its bearings: which are accepted, and whether residuals are what was stated.
+Residuals of an estimate's bearings: which are accepted, and whether residuals are what was stated.
 """
 
 from __future__ import annotations
@@ -85,24 +85,26 @@ def residuals_and_noise_scales(
     behind = (depths(stated, X) <= 0.0) & ~stated.direction
     off[behind] = _angles(stated, record, pending, X)[behind]
     # Belief with the variances that were used
-    if sought.told is not None:
-        stated = stated._replace(lean=sought.told.lean)
+    if sought.hints is not None:
+        stated = stated._replace(lean=sought.hints.lean)
     scaled = stated._replace(c0=stated.c0 * sought.scales[0], c1=stated.c1 * sought.scales[0])
-    believed = np.where(
+    inlier = np.where(
         sought.used, inlier_probabilities(scaled, X, inlier_weights(pending.config, sought.scales[0])), 0.0
     )
     expected = np.ones(len(off))
     shares = leverages(problem.lines, X, problem.loss, problem.k, spread)
     expected[sought.used] = np.clip(1.0 - shares, 0.0, 1.0)
-    told = evidence(problem, X, spread)
-    noise = NoiseScales(told.lines_scale * sought.scales[0], told.steps_scale * sought.scales[1])
-    return BearingResiduals(stated.step, record.rows.sensor[record.rows.seen], off, expected, believed), noise
+    residual_evidence = evidence(problem, X, spread)
+    noise = NoiseScales(
+        residual_evidence.lines_scale * sought.scales[0], residual_evidence.steps_scale * sought.scales[1]
+    )
+    return BearingResiduals(stated.step, record.rows.sensor[record.rows.seen], off, expected, inlier), noise
 
 
 def _angles(lines: BearingLinesByStep, record: TargetRecord, pending: Pending, X: Floats) -> Floats:
     """(N,) angles between lines of sight and the states, in standard deviations."""
     rays = rays_of(lines, record, pending.at)
-    away = X[lines.step, ::2] - lines.place
+    away = X[lines.step, ::2] - lines.position
     angle = np.arctan2(away[:, 1], away[:, 0]) - np.arctan2(rays.direction[:, 1], rays.direction[:, 0])
     sigma = np.sqrt(np.maximum(rays.a + rays.b / np.maximum(np.sum(away**2, axis=1), 1e-300), 1e-300))
     return np.asarray(np.minimum(np.abs(wrap_angle(angle)), math.pi) / sigma)
@@ -211,7 +213,7 @@ def _smoothed(
     """The first states, as many as there are covariances, as they are given out."""
     X = solution.X
     T, keep = len(X), len(spread)
-    looked, seen = np.bincount(record.state, minlength=T), np.bincount(record.state[record.rows.seen], minlength=T)
+    observing, seen = np.bincount(record.state, minlength=T), np.bincount(record.state[record.rows.seen], minlength=T)
     sigma = np.sqrt(np.linalg.eigvalsh(spread[:, ::2, ::2])[:, -1])
     vague = sigma > pending.config.max_position_sigma * pending.extent
     fit, noise = judged
@@ -234,7 +236,7 @@ def _smoothed(
         velocity=X[:keep, 1::2],
         covariance=spread[:, order[:, None], order],
         log_likelihood=_scores(problem, X)[:keep],
-        n_observing=looked[:keep],
+        n_observing=observing[:keep],
         n_detected=seen[:keep],
         fallback=tuple(flags.tolist()),
         used=tuple(tuple(sensors[a:b]) for a, b in pairwise(bounds)),
@@ -252,7 +254,7 @@ def _smoothed(
 def _scores(problem: TrajectoryProblem, X: Floats) -> Floats:
     """(T,) log likelihood of the measurements of each state: of Gaussian errors, by the loss."""
     lines = problem.lines
-    away = X[lines.step, ::2] - lines.place
+    away = X[lines.step, ::2] - lines.position
     d2 = np.maximum(np.einsum("ni,ni->n", away, lines.axis) ** 2, 1e-300)
     variance = lines.c0 + lines.c1 / d2
     each = -losses(lines, X, problem.loss, problem.k) - 0.5 * np.log(2.0 * np.pi * variance)

@@ -6,11 +6,11 @@ detection.
 
 * A bearing is the less probably the target's, the smaller P_i is where the target is thought to be: log P_i, averaged
   over where it may be, is added to the log odds of true and false bearings.
-* A bearing that is accepted says that the target is in plain view, with the likelihood P_i(x); a camera that looked
-  and did not see the target says that it is hidden or out of view, with 1 - D P_i(x).
+* An accepted bearing means that the target is in plain view, with the likelihood P_i(x); a camera that had a frame
+  and did not detect the target means that it is hidden or out of view, with 1 - D P_i(x).
 
 The latter are neither smooth (at borders of views and behind walls) nor convex.  They are replaced by a quadratic
-term of each state: the Gaussian factor that has, with what all else says of the state, the mean and covariance that
+term of each state: the Gaussian factor that has, with all other information on the state, the mean and covariance that
 the product with the likelihood has (expectation propagation: Minka 2001, UAI, pp. 362-369), but for curvature below
 0.  As that depends on the trajectory, search and terms alternate.
 
@@ -39,9 +39,9 @@ OCCLUDER_SUPPORT_SIGMAS = 5.5
 NODES = 7
 """Points of the quadrature for each axis."""
 MAX_RELATIVE_SIGMA = 0.04
-"""A state known worse than this, as a share of the position's extent, is told nothing: it is no Gaussian."""
+"""A state known worse than this, as a share of the position's extent, gets no term: it is no Gaussian."""
 MIN_CAVITY_SHARE = 1e-6
-"""Nothing is told either where all else says less than this share of what is known of the state."""
+"""There is no term either where all else contributes less than this share of the information on the state."""
 
 
 class OccluderHints(NamedTuple):
@@ -52,7 +52,7 @@ class OccluderHints(NamedTuple):
 
 
 def occlusion_terms(
-    pending: Pending, record: TargetRecord, X: Floats, spread: Floats, believed: Bools, before: OccluderHints | None
+    pending: Pending, record: TargetRecord, X: Floats, spread: Floats, inlier: Bools, before: OccluderHints | None
 ) -> OccluderHints:
     """What occluders say along a trajectory.
 
@@ -61,11 +61,11 @@ def occlusion_terms(
         record: its record, of T states.
         X: (T, 4) the trajectory.
         spread: (T, 4, 4) its covariances, with what occluders said before.
-        believed: (N,) which lines of sight count as the target's.
+        inlier: (N,) which lines of sight count as the target's.
         before: what they said before, along a trajectory nearby; the terms go half of the way from there.
     """
     rows, config = record.rows, pending.config
-    lean, line = np.zeros(len(believed)), np.cumsum(rows.seen) - 1
+    lean, line = np.zeros(len(inlier)), np.cumsum(rows.seen) - 1
     camera = pending.at.focal_px > 0.0
     nodes, weights = quadrature()
     bounds = np.searchsorted(record.state, np.arange(len(X) + 1))
@@ -78,7 +78,7 @@ def occlusion_terms(
         if priors is None or not len(own):
             continue
         temper = 1.0 if not priors.sigma.any() else config.occlusion_tempering
-        # What all else says of the state
+        # All other information on the state
         said = None if before is None or t not in old else _term(before.hints, old[t])
         rest = cavity_distribution(X[t, ::2], spread[t, ::2, ::2], said)
         if rest is None or math.sqrt(np.linalg.eigvalsh(rest[1])[-1]) > MAX_RELATIVE_SIGMA * pending.extent:
@@ -93,7 +93,7 @@ def occlusion_terms(
             clear = visibility_probability(xy, np.arange(len(xy)), x0, y0, priors, IMPROVED, OCCLUDER_SUPPORT_SIGMAS)
             if rows.seen[r]:
                 lean[line[r]] = temper * math.log(max(float(weights @ clear), MIN_PROBABILITY))
-                if believed[line[r]]:
+                if inlier[line[r]]:
                     total += np.log(np.maximum(clear, MIN_PROBABILITY))
             else:
                 total += np.log(
@@ -126,24 +126,24 @@ def quadrature() -> tuple[Floats, Floats]:
 
 
 def cavity_distribution(
-    place: Floats, covariance: Floats, term: tuple[Floats, Floats, Floats] | None
+    position: Floats, covariance: Floats, term: tuple[Floats, Floats, Floats] | None
 ) -> tuple[Floats, Floats] | None:
     """Mean (2,) and covariance (2, 2) of a position without a term that it has; None: little is left.
 
     Args:
-        place: (2,) mean with the term.
+        position: (2,) mean with the term.
         covariance: (2, 2) with it.
         term: centre (2,), slope (2,) and curvature (2, 2); None: missing.
     """
     if term is None:
-        return place, covariance
+        return position, covariance
     centre, slope, bend = term
     precision = np.linalg.inv(covariance)
     rest = precision - bend
     if not np.linalg.eigvalsh(rest)[0] > MIN_CAVITY_SHARE * np.linalg.eigvalsh(precision)[0]:
         return None
     left = np.linalg.inv(rest)
-    return place + left @ (slope + bend @ (place - centre)), np.asarray(left, dtype=np.float64)
+    return position + left @ (slope + bend @ (position - centre)), np.asarray(left, dtype=np.float64)
 
 
 def matched(points: Floats, weights: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, Floats, Floats]:
@@ -180,7 +180,7 @@ def _between(a: tuple[Floats, Floats, Floats], b: tuple[Floats, Floats, Floats])
 def _term(hints: QuadraticPriors, m: int) -> tuple[Floats, Floats, Floats]:
     """Centre, slope and curvature (2, 2) of a quadratic term."""
     xx, xy, yy = hints.bend[m]
-    return hints.place[m], hints.slope[m], np.array([[xx, xy], [xy, yy]])
+    return hints.position[m], hints.slope[m], np.array([[xx, xy], [xy, yy]])
 
 
 def _hints(made: list[tuple[int, Floats, Floats, Floats]]) -> QuadraticPriors:

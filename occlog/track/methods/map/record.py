@@ -46,11 +46,11 @@ def record_of(scans: Sequence[Scan]) -> TargetRecord:
     t_ns = np.array([scan.t_ns for scan in scans], dtype=np.int64)
     rows, occluders = concat([EMPTY.rows, *scans]), tuple(scan.occluders for scan in scans)
     record = TargetRecord(t_ns, np.repeat(np.arange(len(scans)), counts), rows, _occluder_priors_of(occluders))
-    told = [(t, scan.measured.distances) for t, scan in enumerate(scans) if scan.measured is not None]
-    if not told:
+    measured = [(t, scan.measured.distances) for t, scan in enumerate(scans) if scan.measured is not None]
+    if not measured:
         return record
-    state = np.repeat([t for t, _ in told], [len(rows.kind) for _, rows in told])
-    return record._replace(measured=distances.concat([rows for _, rows in told]), measured_state=state)
+    state = np.repeat([t for t, _ in measured], [len(rows.kind) for _, rows in measured])
+    return record._replace(measured=distances.concat([rows for _, rows in measured]), measured_state=state)
 
 
 def join(a: TargetRecord, b: TargetRecord) -> TargetRecord:

@@ -31,7 +31,7 @@ from .virtual_sensors import ReaderRegions, virtual_sensors
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """W observations of tags by R readers, in the order of time; a tag that nobody read in a window has none."""
+    """W observations of tags by R readers, in the order of time; a tag that no reader read in a window has none."""
 
     t_ns: Ints  # (W,) mean time of the reads
     target_id: Ints  # (W,)
@@ -90,8 +90,8 @@ def _gathered(rows: Reads, readers: Sequence[str], first: int, window_ns: int) -
     if not len(rows):
         none = np.zeros(0, dtype=np.int64)
         return Windows(none, none, np.zeros((0, n), dtype=np.int64), np.zeros((0, n)))
-    place = {name: k for k, name in enumerate(readers)}
-    reader = np.array([place[name] for name in rows.sensor.tolist()], dtype=np.int64)
+    index_of = {name: k for k, name in enumerate(readers)}
+    reader = np.array([index_of[name] for name in rows.sensor.tolist()], dtype=np.int64)
     number = (rows.t_ns - first) // window_ns
     pairs = np.column_stack([number, rows.target_id.astype(np.int64)])
     unique, group = np.unique(pairs, axis=0, return_inverse=True)
@@ -99,9 +99,9 @@ def _gathered(rows: Reads, readers: Sequence[str], first: int, window_ns: int) -
     size = len(unique)
     cell = group * n + reader
     count = np.bincount(cell, minlength=size * n)
-    told = np.isfinite(rows.rssi)
-    heard = np.bincount(cell[told], minlength=size * n)
-    total = np.bincount(cell[told], weights=rows.rssi[told], minlength=size * n)
+    finite = np.isfinite(rows.rssi)
+    heard = np.bincount(cell[finite], minlength=size * n)
+    total = np.bincount(cell[finite], weights=rows.rssi[finite], minlength=size * n)
     mean = np.where(heard > 0, total / np.maximum(heard, 1), np.nan)
     # Mean times, relative to the first read: float64 cannot hold ns since 1970 exactly
     away = np.bincount(group, weights=(rows.t_ns - first).astype(np.float64), minlength=size)
@@ -189,22 +189,22 @@ class ReadsInput:
         """Settings of method `virtual`, its virtual sensors, and the (R,) strengths from which a read counts [dBm]."""
         given = dict(self.request.settings)
         config = configure(VirtualConfig.in_unit(self.scene.length_unit), given)
-        places = np.array([r.position for r in self.readers])
+        positions = np.array([r.position for r in self.readers])
         if self._known is not None:
             refuse_twice(given, ("reader_range", "min_rssi_dbm", "detection_probability", "false_alarm_probability"))
             reach = self._known.coverage.range
             covers = self._known.coverage
-            told = {"detection_probability": covers.detection, "false_alarm_probability": covers.stray}
-            config = configure(config, {**told, "reader_range": reach})
+            values = {"detection_probability": covers.detection, "false_alarm_probability": covers.stray}
+            config = configure(config, {**values, "reader_range": reach})
             thresholds = path_loss_of(self._known, self.readers).strength_at(reach)
-            ranges = np.full(len(places), reach)
+            ranges = np.full(len(positions), reach)
         else:
             ranges = np.array([self._range(r, config.reader_range) for r in self.readers])
-            thresholds = np.full(len(places), -np.inf if config.min_rssi_dbm is None else config.min_rssi_dbm)
-        return config, virtual_sensors(places[:, :2], ranges, self.scene.room), thresholds
+            thresholds = np.full(len(positions), -np.inf if config.min_rssi_dbm is None else config.min_rssi_dbm)
+        return config, virtual_sensors(positions[:, :2], ranges, self.scene.room), thresholds
 
     def _range(self, reader: TagReader, usual: float | None) -> float:
-        """How far a reader reads; InputError where nothing says it."""
+        """Reading range of a reader; InputError where it is not known."""
         if np.isfinite(reader.range):
             return reader.range
         if usual is None:
@@ -221,12 +221,12 @@ class ReadsInput:
         if self._known is not None:
             spec = self._known
             refuse_twice(given, ("power", *FITTED.values()))
-            told = {setting: getattr(spec, name) for name, setting in FITTED.items()}
-            config = configure(config, told)
+            values = {setting: getattr(spec, name) for name, setting in FITTED.items()}
+            config = configure(config, values)
             model = path_loss_of(spec, self.readers)
         else:
             model = PathLoss(
-                places=np.array([r.position for r in self.readers]),
+                positions=np.array([r.position for r in self.readers]),
                 power=np.array([config.power if r.power is None else r.power for r in self.readers]),
                 exponent=config.path_loss_exponent,
                 noise_db=config.noise_db,
@@ -308,7 +308,7 @@ FITTED = {
 
 
 def refuse_twice(given: Mapping[str, object], names: tuple[str, ...]) -> None:
-    """UsageError for a setting that the file of path losses says, too."""
+    """UsageError for a setting that is also in the file of path losses."""
     if (twice := next((n for n in names if n in given), None)) is not None:
         raise UsageError(f"the file of path losses and the setting {twice} say the same; give one of them")
 
@@ -317,7 +317,7 @@ def path_loss_of(spec: PathLossSpec, readers: tuple[TagReader, ...]) -> PathLoss
     """The model of a file, for these readers."""
     power = {r.name: r.power for r in spec.readers}
     return PathLoss(
-        places=np.array([r.position for r in readers]),
+        positions=np.array([r.position for r in readers]),
         power=np.array([power[r.name] for r in readers]),
         exponent=spec.exponent,
         noise_db=spec.noise_db,

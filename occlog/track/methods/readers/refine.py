@@ -25,13 +25,13 @@ ITERATIONS = 40
 FIRST_DAMPING = 1e-3
 """As a share of the trace of the information."""
 NEAREST = 1e-6
-"""Depth below which a camera says nothing of a position; lines of sight more parallel than this do not cross."""
+"""Depth below which a camera does not constrain a position; lines of sight more parallel than this do not cross."""
 
 
 class TagSightings(NamedTuple):
     """What C cameras see of a tag in N windows; NaN: nothing."""
 
-    place: Floats  # (C, 2) of the cameras on the ground
+    position: Floats  # (C, 2) of the cameras on the ground
     yaw: Floats  # (C,) azimuth of their axes [rad]
     bearing: Floats  # (N, C) azimuths of the lines of sight [rad]
     sigma: Floats  # (N, C) their standard deviations [rad]
@@ -68,7 +68,7 @@ def _by_rays(xy: Floats, covariance: Floats, sights: TagSightings, seen: Bools) 
 
     def residuals(at: Floats) -> tuple[Floats, Floats, Floats]:
         """Away from the cameras (N, C, 2), bearings less those of the positions (N, C), and the cost (N,)."""
-        away = at[:, None, :] - sights.place
+        away = at[:, None, :] - sights.position
         off = _wrapped(bearing - np.arctan2(away[..., 1], away[..., 0]))
         moved = at - xy
         cost = (weight * off**2).sum(axis=1) + np.einsum("ni,nij,nj->n", moved, prior, moved)
@@ -111,7 +111,7 @@ def _by_planes(xy: Floats, covariance: Floats, sights: TagSightings, seen: Bools
     across = np.stack([-axis[..., 1], axis[..., 0]], axis=2)
     bearing = np.where(seen, sights.bearing, 0.0)[rows, first]
     slope = np.tan(_wrapped(bearing - sights.yaw[first]))
-    away = xy[:, None, :] - sights.place[first]
+    away = xy[:, None, :] - sights.position[first]
     depth = np.einsum("nci,nci->nc", axis, away)
     # Displacement on the object plane through the coarse position: du = tan(beta) d - offset
     shift = slope * depth - np.einsum("nci,nci->nc", across, away)
@@ -164,8 +164,8 @@ class RefineBearings:
                 found = self._choose(k, camera, tracks, row)
                 if found is not None:
                     bearing[row, k], sigma[row, k] = found
-        places = np.array([camera.ground for camera in self.cameras]).reshape(-1, 2)
-        return TagSightings(places, np.array([camera.yaw for camera in self.cameras]), bearing, sigma)
+        positions = np.array([camera.ground for camera in self.cameras]).reshape(-1, 2)
+        return TagSightings(positions, np.array([camera.yaw for camera in self.cameras]), bearing, sigma)
 
     def _choose(self, k: int, camera: Camera, tracks: TagTracks, row: int) -> tuple[float, float] | None:
         """The line of sight of a camera for a row, and its standard deviation; None: it has none."""

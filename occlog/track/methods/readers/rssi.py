@@ -34,7 +34,7 @@ class PathLoss(NamedTuple):
     Shadowing is a stationary Ornstein-Uhlenbeck process of each reader; noise is white.
     """
 
-    places: Floats  # (R, 3)
+    positions: Floats  # (R, 3)
     power: Floats  # (R,) strength at 1 m [dBm]
     exponent: float
     noise_db: float  # standard deviation of the noise of a read
@@ -45,8 +45,8 @@ class PathLoss(NamedTuple):
 
     def expected(self, xy: Floats) -> Floats:
         """(N, R) strength without shadowing and noise [dBm] of tags at (N, 2)."""
-        across = ((xy[:, None, :] - self.places[None, :, :2]) ** 2).sum(axis=2)
-        distance = np.sqrt(across + (self.places[:, 2] - self.height) ** 2) / self.metre
+        across = ((xy[:, None, :] - self.positions[None, :, :2]) ** 2).sum(axis=2)
+        distance = np.sqrt(across + (self.positions[:, 2] - self.height) ** 2) / self.metre
         return received_power(self.power, self.exponent, distance)
 
     def strength_at(self, distance: float) -> Floats:
@@ -92,12 +92,12 @@ def update_shadowing(
     Returns:
         What is known afterwards, and the (N,) log-likelihood of the strengths.
     """
-    told: Bools = np.isfinite(rssi)
+    finite: Bools = np.isfinite(rssi)
     # Innovation, its variance, gain
-    innovation = np.where(told, np.where(told, rssi, 0.0) - expected - known.mean, 0.0)
+    innovation = np.where(finite, np.where(finite, rssi, 0.0) - expected - known.mean, 0.0)
     spread = known.variance + model.noise_db**2 / np.maximum(count, 1)
-    gain = np.where(told, known.variance / spread, 0.0)
-    log_likelihood = -0.5 * (innovation**2 / spread + np.where(told, np.log(2.0 * np.pi * spread), 0.0)).sum(axis=1)
+    gain = np.where(finite, known.variance / spread, 0.0)
+    log_likelihood = -0.5 * (innovation**2 / spread + np.where(finite, np.log(2.0 * np.pi * spread), 0.0)).sum(axis=1)
     return ShadowingState(known.mean + gain * innovation, (1.0 - gain) * known.variance), log_likelihood
 
 
@@ -111,7 +111,7 @@ class TagFilterModel(NamedTuple):
     """What does not change while a tag is tracked."""
 
     model: PathLoss
-    ranges: Floats  # (R,) infinite: not known, so that no read says nothing
+    ranges: Floats  # (R,) infinite: not known, so that a missing read is uninformative
     room: Floats  # (K, 2) polygon in which tags are
     particles: int
     speed: float  # standard deviation of each axis' velocity
@@ -165,7 +165,7 @@ def step(
         cloud: of the window before, or from `begin`.
         t_ns: time of the window, not before that of the cloud.
         count: (R,) reads of each reader.
-        rssi: (R,) their mean strength [dBm]; NaN: not told.
+        rssi: (R,) their mean strength [dBm]; NaN: not known.
         rng: random numbers.
     """
 
@@ -228,8 +228,8 @@ def _coverage(rules: TagFilterModel, xy: Floats, read: Bools) -> Floats:
     known = np.isfinite(rules.ranges)
     if not known.any():
         return np.zeros(len(xy))
-    reach, places = rules.ranges[known], rules.model.places[known, :2]
-    distance = np.sqrt(((xy[:, None, :] - places) ** 2).sum(axis=2))
+    reach, positions = rules.ranges[known], rules.model.positions[known, :2]
+    distance = np.sqrt(((xy[:, None, :] - positions) ** 2).sum(axis=2))
     inside = 0.5 * (1.0 + np.tanh((reach - distance) / (EDGE * reach)))
     probability = rules.stray + (rules.detection - rules.stray) * inside
     return np.asarray(np.log(np.where(read[known], probability, 1.0 - probability)).sum(axis=1))

@@ -35,17 +35,17 @@ class ReaderRegions(NamedTuple):
     covariance: Floats  # (V, 2, 2) of a position that is even over the region
 
 
-def virtual_sensors(places: Floats, ranges: Floats, room: Floats | None = None) -> ReaderRegions:
+def virtual_sensors(positions: Floats, ranges: Floats, room: Floats | None = None) -> ReaderRegions:
     """Cut the floor by the discs of the readers.
 
     A region may be of several pieces; a part of the floor that no reader covers is no virtual sensor.
 
     Args:
-        places: (R, 2) of the readers.
+        positions: (R, 2) of the readers.
         ranges: (R,) radii of the discs, finite, > 0.
         room: (K, 2) polygon outside of which there is no tag; None: there are no walls.
     """
-    discs = [_disc(place, float(reach)) for place, reach in zip(places, ranges, strict=True)]
+    discs = [_disc(position, float(reach)) for position, reach in zip(positions, ranges, strict=True)]
     floor: BaseGeometry = shapely.union_all(discs) if room is None else shapely.Polygon(room)
     least = MIN_SHARE * math.pi * float(np.min(ranges)) ** 2
     cut: list[tuple[BaseGeometry, tuple[int, ...]]] = [(floor, ())]
@@ -120,11 +120,11 @@ def _ring(ring: BaseGeometry, middle: Floats, sign: float) -> Floats:
     return sign * math.copysign(1.0, found[0]) * found
 
 
-def _disc(place: Floats, radius: float) -> BaseGeometry:
+def _disc(position: Floats, radius: float) -> BaseGeometry:
     """Approximate a disc by a polygon of its area."""
     corners = 4 * QUARTER
     share = math.sin(2.0 * math.pi / corners) * corners / (2.0 * math.pi)
-    return shapely.Point(place).buffer(radius / math.sqrt(share), quad_segs=QUARTER)
+    return shapely.Point(position).buffer(radius / math.sqrt(share), quad_segs=QUARTER)
 
 
 class CoarsePositions(NamedTuple):
@@ -141,7 +141,7 @@ def locate(sensors: ReaderRegions, detected: Bools, detection: float, stray: flo
     P(detected | virtual sensor v) = prod over readers of `detection` or 1 - `detection` where v is in their range, and
     of `stray` or 1 - `stray` where it is not; the prior is the area.  With detection 1 and stray 0 the position is the
     reference point of the one virtual sensor of these readers ([Lee] Sec. 5.2.3).  Where no region has a probability
-    above 0, those count whose readers differ in the fewest.
+    above 0, those count with readers that differ in the fewest.
 
     Args:
         sensors: the V virtual sensors of R readers.

@@ -124,7 +124,7 @@ def test_views_are_pooled(boxes: bool) -> None:
         parts = [plain.objects(scene, k, view) for view, scene in enumerate(scenes)]
         whole = Objects(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
         sides.append(whole)
-        long.append(Objects(whole.frame + 100 * whole.view, whole.label + 1000 * whole.view, whole.place))
+        long.append(Objects(whole.frame + 100 * whole.view, whole.label + 1000 * whole.view, whole.position))
     one, other = (of_boxes(*s) if boxes else of_points(*s, LIMIT) for s in (sides, long))
     for rule in (CLASSIC, CHALLENGE):
         a, b = clear_mot(one, rule), clear_mot(other, rule)

@@ -162,7 +162,7 @@ def test_a_track_at_the_cutoff_is_a_missed_target_and_a_false_track() -> None:
 @pytest.mark.parametrize("length", [1e-9, 1e-5, 1e-3, 1e6])
 def test_it_grows_with_the_unit_of_lengths(length: float) -> None:
     frames = random_frames(1, 3, 3, 6)
-    same = frames._replace(truth_place=frames.truth_place * length, track_place=frames.track_place * length)
+    same = frames._replace(truth_position=frames.truth_position * length, track_position=frames.track_position * length)
     got, want = trajectory_gospa(same, 0.8 * length, 0.4 * length), trajectory_gospa(frames, 0.8, 0.4)
     assert np.array(got[:5]) / length**2 == pytest.approx(np.array(want[:5]), rel=1e-9, abs=1e-12)
 
@@ -305,8 +305,8 @@ def test_windows_end_where_they_are_told_and_are_cut_at_the_beginning() -> None:
         )
         in_truth, in_track = (truth >= low) & (truth <= end), (track >= low) & (track <= end)
         part = of_points(
-            Objects(truth[in_truth], frames.truth[in_truth], frames.truth_place[in_truth]),
-            Objects(track[in_track], frames.track[in_track], frames.track_place[in_track]),
+            Objects(truth[in_truth], frames.truth[in_truth], frames.truth_position[in_truth]),
+            Objects(track[in_track], frames.track[in_track], frames.track_position[in_track]),
             1.0,
         )
         assert value.ospa2 == pytest.approx(ospa2(part, 0.9, 1.0).ospa2)
@@ -329,8 +329,8 @@ def part_of(frames: MatchedFrames, first: int, stop: int) -> MatchedFrames:
         track=frames.track[right],
         truth_start=frames.truth_start[first : stop + 1] - left.start,
         track_start=frames.track_start[first : stop + 1] - right.start,
-        truth_place=frames.truth_place[left],
-        track_place=frames.track_place[right],
+        truth_position=frames.truth_position[left],
+        track_position=frames.track_position[right],
         truth_row=frames.truth_row[left],
         track_row=frames.track_row[right],
     )

@@ -249,7 +249,7 @@ def test_a_thousand_frames_of_twenty_targets_take_less_than_a_second() -> None:
     frame, label = np.repeat(np.arange(n), k), np.tile(np.arange(k), n)
     place = rng.uniform(0, 20, (1, k, 2)) + np.cumsum(rng.normal(0, 0.3, (n, k, 2)), axis=0)
     truth = Objects(frame, label, place.reshape(-1, 2))
-    tracks = truth._replace(place=truth.place + rng.normal(0, 0.3, truth.place.shape))
+    tracks = truth._replace(position=truth.position + rng.normal(0, 0.3, truth.position.shape))
     took = []
     for _ in range(5):
         start = time.process_time()

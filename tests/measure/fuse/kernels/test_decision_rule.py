@@ -181,7 +181,7 @@ def test_missed_detection_is_recovered() -> None:
 
 def test_camera_that_did_not_look_has_no_part() -> None:
     near = [(0.1, 0.0), (-0.1, 0.2), (0.0, 0.1)]
-    with_blind = found([*near, (0.2, 0.2), GONE], looked=np.array([[True, True, True, False, False]]))
+    with_blind = found([*near, (0.2, 0.2), GONE], observing=np.array([[True, True, True, False, False]]))
     assert with_blind.value == pytest.approx(found(near).value, rel=1e-12)
     np.testing.assert_allclose(with_blind.xy, found(near).xy, rtol=1e-12)
     assert with_blind.cause[0, 3:].tolist() == [NOT_LOOKING, NOT_LOOKING]

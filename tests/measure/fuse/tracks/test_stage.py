@@ -40,7 +40,7 @@ def test_people_whom_both_groups_follow_are_one_and_others_stay() -> None:
     assert both.cov_xx == pytest.approx(0.01, rel=1e-6)  # what they have in common is not known
     assert fused.events.kind.tolist() == ["birth"] * 3
     assert fused.agreements[0].pairs == len(TIMES)
-    assert fused.agreements[0].apart == pytest.approx(np.hypot(0.05, 0.05))
+    assert fused.agreements[0].distance == pytest.approx(np.hypot(0.05, 0.05))
 
 
 def test_an_identity_goes_over_from_group_to_group() -> None:

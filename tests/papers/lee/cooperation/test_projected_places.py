@@ -39,9 +39,9 @@ def test_an_answer_is_moved_from_the_estimate_and_one_in_vain_stays_in_vain():
     request = CameraRequest(CameraAnswer(ask, np.array([25.0, 25.0]), np.eye(2), 1), ("cam1", "cam2"), 2)
     found = relocated(request, scene, PROJECTIONS["Eq. 5.39"])
     sights = seen(scene.cameras, np.array([[25.0, 25.0]]))
-    expected, _ = projected(ask.place[None], sights, PROJECTIONS["Eq. 5.39"])
-    np.testing.assert_allclose(found.answer.place, expected[0])
-    in_vain = request._replace(answer=request.answer._replace(place=None, covariance=None))
+    expected, _ = projected(ask.position[None], sights, PROJECTIONS["Eq. 5.39"])
+    np.testing.assert_allclose(found.answer.position, expected[0])
+    in_vain = request._replace(answer=request.answer._replace(position=None, covariance=None))
     assert relocated(in_vain, scene, PROJECTIONS["Eq. 5.40"]) is in_vain
 
 
@@ -50,7 +50,7 @@ def test_parallel_cameras_have_no_place_by_projection():
     scene = environment("field", 0, 0).scene
     ask = CameraQuestion(1, ("count",), 1, np.array([27.0, 24.0]), np.eye(2))
     request = CameraRequest(CameraAnswer(ask, np.array([25.5, 25.0]), np.eye(2), 1), ("cam2", "cam3"), 2)
-    assert relocated(request, scene, PROJECTIONS["Eq. 5.39"]).answer.place is None
+    assert relocated(request, scene, PROJECTIONS["Eq. 5.39"]).answer.position is None
 
 
 def test_projection_and_sight_lines_are_judged_side_by_side():

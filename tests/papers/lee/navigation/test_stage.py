@@ -240,15 +240,15 @@ def test_places_where_no_robot_can_be_are_refused(what: str, place: tuple[float,
     config = NavigateConfig.in_unit("m")
     course = course_of(Scene(room=ROOM, occluders=(PILLAR,)), (Disc(1.0, 1.0, 0.3),), None, config)
     with pytest.raises(InputError, match=words):
-        course.check_place(what, np.array(place), config)
+        course.check_position(what, np.array(place), config)
 
 
 def test_a_place_farther_from_a_wall_than_the_robots_radius_is_free():
     config = NavigateConfig.in_unit("m")
     course = course_of(Scene(room=ROOM), (), None, config)
-    course.check_place("start", np.array([0.2501, 3.0]), config)
+    course.check_position("start", np.array([0.2501, 3.0]), config)
     with pytest.raises(InputError, match="more than the robot's radius"):
-        course.check_place("start", np.array([0.25, 3.0]), config)  # it touches, which counts as a collision
+        course.check_position("start", np.array([0.25, 3.0]), config)  # it touches, which counts as a collision
 
 
 def test_a_goal_within_the_circle_about_an_occluder_is_free_where_the_polygon_repels():
@@ -257,9 +257,9 @@ def test_a_goal_within_the_circle_about_an_occluder_is_free_where_the_polygon_re
         config[shape] = configure(NavigateConfig.in_unit("m"), {"shape": shape, "radius": 0.05})
         course[shape] = course_of(Scene(room=ROOM, occluders=(PILLAR,)), (), None, config[shape])
     beside = np.array([3.4, 3.0])
-    course["polygon"].check_place("goal", beside, config["polygon"])
+    course["polygon"].check_position("goal", beside, config["polygon"])
     with pytest.raises(InputError, match="inside the circle about static occluder pillar, which repels"):
-        course["circle"].check_place("goal", beside, config["circle"])
+        course["circle"].check_position("goal", beside, config["circle"])
 
 
 @pytest.mark.parametrize("place", [(1.0, 3.0), (1.0, 1.0), (4.0, 5.5), (7.5, 5.5)])

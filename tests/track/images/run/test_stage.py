@@ -15,7 +15,7 @@ from occlog.track.methods.images.initiation.regions import DetectorRegions, Regi
 from occlog.track.methods.images.interface import FrameSet
 from occlog.track.methods.images.methods.config import BmctConfig, MipfConfig
 from occlog.track.methods.images.run.frame_synchronisation import FrameSetImages
-from occlog.track.methods.images.run.stage import MOMENTS, Start, TrackingSetup, track_views
+from occlog.track.methods.images.run.stage import STEPS_PER_PART, Start, TrackingSetup, track_views
 
 VIEWS = (TrackedView("b", 80, 60), TrackedView("a", 80, 60))
 BLIND = ViewGeometry(np.full((2, 2, 3, 3), np.nan), (None, None))
@@ -87,7 +87,7 @@ def test_a_view_without_a_frame_has_no_row():
 
 
 def test_rows_are_in_order_by_camera_and_target_and_parts_are_cut_between_moments():
-    n = MOMENTS + 3
+    n = STEPS_PER_PART + 3
     parts, table = tracked(n, [start(v, 0, t, 10 + 20 * t) for v in (0, 1) for t in (2, 0, 1)])
     assert len(parts) == 2
     keys = rows(table, "t_ns", "sensor", "target_id")

@@ -24,7 +24,7 @@ from occlog.track.methods.jipda.target_set import CONSTANT_VELOCITY, MANOEUVRE, 
 
 def all_states(places, looked):
     """Every association and its log probability."""
-    n = len(places.moment)
+    n = len(places.step)
     options = [[NO_NODE, *(j for j in range(n) if can_link(places, WALK, i, j))] for i in range(n)]
     out = {}
     for after in itertools.product(*options):

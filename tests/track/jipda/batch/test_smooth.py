@@ -12,7 +12,7 @@ from occlog.settings import configure
 from occlog.track.methods.jipda.batch.smooth import (
     SmoothingWindow,
     add,
-    at_moments,
+    at_steps,
     finish,
     frames_between,
     independent_steps,
@@ -85,11 +85,11 @@ def span_of_looks(time, looks):
 def test_moments_are_linked_that_are_apart_for_some_camera():
     fast = span_of_looks(np.arange(50) / 25.0, np.ones((50, 2)))
     assert independent_steps(fast).tolist() == [0, 10, 20, 30, 40]
-    apart = at_moments(fast, independent_steps(fast))
-    assert apart.looked[-1].tolist() == [5.0, 5.0]
+    apart = at_steps(fast, independent_steps(fast))
+    assert apart.frame_counts[-1].tolist() == [5.0, 5.0]
     assert frames_between(fast, apart) == 10.0
     assert frames_between(fast, fast) == 1.0
-    assert frames_between(fast, at_moments(fast, np.array([], dtype=np.int64))) == 1.0
+    assert frames_between(fast, at_steps(fast, np.array([], dtype=np.int64))) == 1.0
     # Cameras that look in turn are each looked at as often
     in_turn = span_of_looks(np.arange(20) / 10.0, np.eye(4)[np.arange(20) % 4])
     assert independent_steps(in_turn).tolist() == list(range(20))
@@ -173,7 +173,7 @@ def through(lag_ns):
     for state, looks, moment in zip(states, scene.moments, moments, strict=True):
         window, part = add(window, state, looks, moment)
         out += part
-        most = max(most, len(window.moments))
+        most = max(most, len(window.snapshots))
     return out + finish(window, states[-1]), most
 
 

@@ -49,13 +49,13 @@ def test_a_state_is_that_of_least_squares_without_the_place_of_its_moment():
     places, chain = track()
     at = np.arange(8)
     rows = states(places, WALK, chain, TIME, at, at)
-    assert rows.moment.tolist() == [1, 2, 3, 4, 5, 6]
-    assert rows.place.tolist() == [0, 1, NO_NODE, NO_NODE, 2, 3]
+    assert rows.step.tolist() == [1, 2, 3, 4, 5, 6]
+    assert rows.node.tolist() == [0, 1, NO_NODE, NO_NODE, 2, 3]
     assert rows.last.tolist() == [NO_NODE, 0, 1, 1, 1, 2]
     assert rows.next.tolist() == [1, 2, 2, 2, 3, NO_NODE]
     # The first moment is left to the next test: there the prior of somebody new and the walk back meet
     for k in range(1, 6):
-        mean, covariance = least_squares(places, rows.moment[k])
+        mean, covariance = least_squares(places, rows.step[k])
         block = slice(6 * k, 6 * k + 6)
         np.testing.assert_allclose(rows.mean[k], mean[k], atol=1e-5)
         np.testing.assert_allclose(rows.covariance[k], covariance[block, block], atol=1e-5)
@@ -65,7 +65,7 @@ def test_beyond_its_ends_a_track_walks_on_and_is_less_certain():
     places, chain = track()
     at = np.arange(8)
     rows = states(places, WALK, chain, TIME, np.maximum(at - 1, 0), np.minimum(at + 1, 7))
-    assert rows.moment.tolist() == list(range(8))
+    assert rows.step.tolist() == list(range(8))
     assert rows.inside.tolist() == [False, True, True, True, True, True, True, False]
     assert rows.mean[7, 0] == pytest.approx(rows.mean[6, 0] + 0.2, abs=0.4)
     assert rows.covariance[7, 0, 0] > rows.covariance[5, 0, 0]

@@ -30,7 +30,7 @@ def test_a_common_shift_is_no_disagreement_and_noise_is_found_by_its_share() -> 
         found = camera_disagreement(believed, covariance, VIEWS, made, RATES, owner, owner == 0)
         squares.append(found.residual**2)
         kept.append(found.kept)
-        places.append(found.place[0])
+        places.append(found.position[0])
     # The filter is 0.36 m off, and the noise is still that of the edges
     share = np.mean(kept, axis=(0, 1))
     np.testing.assert_allclose(np.mean(squares, axis=(0, 1)) / share, [4.5, 18.0, 4.5, 18.0], rtol=0.25)
@@ -45,4 +45,4 @@ def test_boxes_that_are_not_good_say_nothing() -> None:
     mean, covariance = np.array([[5.0, 4.0, 0.0, 0.0, 1.7, 0.5]]), np.eye(6)[None]
     found = camera_disagreement(mean, covariance, VIEWS, made, RATES, np.zeros(4, dtype=np.int64), none)
     assert not found.kept.any()
-    assert np.isnan(found.place).all()
+    assert np.isnan(found.position).all()

@@ -36,7 +36,7 @@ def rates(detection: float = 0.9, merge: float = 0.0, wrong: float = 0.0, slow: 
         wrong=wrong,
         bias=np.zeros((1, 4)),
         noise=NOISE,
-        sway=0.0,
+        gait_variance=0.0,
         lasting=np.ones(1),
         merge=np.array([merge]),
         slow=slow,
@@ -72,7 +72,7 @@ def test_one_person_and_one_box_are_a_kalman_filter() -> None:
     edge_noise(box, rates(), 1.0, R)
     result = after(boxes(z))
     K = P[0] @ H.T @ np.linalg.inv(H @ P[0] @ H.T + R)
-    assert result.share[0, 0] > 0.999
+    assert result.beta[0, 0] > 0.999
     np.testing.assert_allclose(result.mean[0], MEAN[0] + K @ (z - box), atol=2e-3)
     np.testing.assert_allclose(result.covariance[0], P[0] - K @ H @ P[0], atol=2e-4)
 
@@ -85,7 +85,7 @@ def test_a_miss_lowers_existence_by_bayes_rule_and_moves_nobody() -> None:
 
 def test_a_box_that_is_far_away_is_nobodys() -> None:
     result = after(boxes(np.array([1100.0, 100.0, 1150.0, 250.0])))
-    assert result.share[0, 0] == 0.0
+    assert result.beta[0, 0] == 0.0
     assert result.free[0] == 1.0
 
 
@@ -94,9 +94,9 @@ def test_a_box_with_one_edge_that_is_something_elses_is_of_the_person_and_its_ot
     z, R = box + np.array([6.0, -4.0, 9.0, 5.0]), np.empty((4, 4))
     edge_noise(box, rates(), 1.0, R)
     z[1] -= 150.0
-    assert after(boxes(z)).share[0, 0] == 0.0
+    assert after(boxes(z)).beta[0, 0] == 0.0
     result = after(boxes(z), known=rates(wrong=0.02))
-    assert result.share[0, 0] > 0.99
+    assert result.beta[0, 0] > 0.99
     assert result.odd[0] > 0.9
     R[1, :] = R[:, 1] = 0.0
     R[1, 1] = 1e10
@@ -136,7 +136,7 @@ def test_two_boxes_of_two_people_who_touch_are_of_one_each() -> None:
     for k in range(2):
         box_and_slope(pack_views([VIEW]).lens[0], PAIR[k], 0.0, both[k], np.zeros((4, 6)))
     result = after(boxes(*both), known=rates(merge=0.3), mean=PAIR)
-    assert (np.diag(result.share) > 0.9).all()
+    assert (np.diag(result.beta) > 0.9).all()
     assert result.joint.max() < 0.1
     assert result.merges[0, 0] < 0.1 * result.merges[0, 1]
 

@@ -114,7 +114,7 @@ def test_a_body_is_the_most_probable_one_with_laplaces_approximation(c: int, bel
     camera, use = cameras_around(4, 10.0, 8.0)[c], np.array(believed, dtype=bool)
     made = boxes(PLACES[:1])
     z = made.box[c] + np.array([2.0, -3.0, 4.0, 1.0])
-    made = made._replace(box=z[None].repeat(4, axis=0), believed=use[None].repeat(4, axis=0))
+    made = made._replace(box=z[None].repeat(4, axis=0), usable=use[None].repeat(4, axis=0))
     mean, covariance = np.empty(6), np.empty((6, 6))
     arrival = BirthIntensity(0.02, 1e9, PLACES[:1] + np.array([[0.5, 0.0]]), np.array([0.01]), 0.7)
     got = state_from_box(VIEWS, made, RATES, BODY, arrival, c, c, mean, covariance)

@@ -265,7 +265,7 @@ def test_the_update_is_expectation_propagation_by_its_equations(seed: int) -> No
 def test_frames_without_any_boxes_are_blind_together() -> None:
     s = random_scene(0)
     none = s.boxes._replace(first=np.zeros(4, dtype=np.int64), box=np.zeros((0, 4)), clutter=np.zeros(0),
-                            believed=np.zeros((0, 4), dtype=np.bool_))  # fmt: skip
+                            usable=np.zeros((0, 4), dtype=np.bool_))  # fmt: skip
     agree(s._replace(boxes=none, features=np.zeros((len(s.mean), 0)), existence=np.full(len(s.mean), 0.97)))
 
 

@@ -29,7 +29,7 @@ def rays(step, sensor, place, angle, a=1e-4, b=0.0, reach=math.inf) -> BearingHa
     return BearingHalfLines(
         step=np.array(step, dtype=np.int64),
         sensor=np.array(sensor, dtype=np.int64),
-        place=np.array(place, dtype=float).reshape(-1, 2),
+        position=np.array(place, dtype=float).reshape(-1, 2),
         direction=np.column_stack([np.cos(angle), np.sin(angle)]),
         a=np.full(n, a),
         b=np.full(n, b),
@@ -72,9 +72,9 @@ def filter_cost(made: BearingHalfLines, first, steps, believed) -> float:
             c, s = made.direction[n]
             H = np.array([-s, 0.0, c, 0.0])
             along = np.array([c, 0.0, s, 0.0])
-            forth = along @ x - np.array([c, s]) @ made.place[n]
+            forth = along @ x - np.array([c, s]) @ made.position[n]
             R = made.a[n] * (forth**2 + along @ P @ along) + made.b[n]
-            e = H @ x - np.array([-s, c]) @ made.place[n]
+            e = H @ x - np.array([-s, c]) @ made.position[n]
             S = H @ P @ H + R
             total += e * e / S + math.log(S / R)
             gain = P @ H / S
@@ -172,7 +172,7 @@ def test_a_target_that_is_elsewhere_all_at_once_is_found_again() -> None:
     made, first, seconds, steps, truth = walk(40, np.random.default_rng(2))
     truth[20:] += [4.0, 2.0]
     rng = np.random.default_rng(3)
-    angle = towards(made.place, truth[made.step]) + 0.01 * rng.standard_normal(len(made.step))
+    angle = towards(made.position, truth[made.step]) + 0.01 * rng.standard_normal(len(made.step))
     made = made._replace(direction=np.column_stack([np.cos(angle), np.sin(angle)]))
     _, believed, _ = agreed_path(made, first, seconds, steps, GROUND, K)
     assert believed[made.step < 20].mean() > 0.9

@@ -118,7 +118,7 @@ def quadratic(problem: TrajectoryProblem):
     """P and q of the cost 1/2 X'PX - q.X + c of places measured on both axes."""
     P = dense_chain(problem.steps)
     q, c = P[:, :4] @ problem.steps.mean, 0.5 * problem.steps.mean @ P[:4, :4] @ problem.steps.mean
-    for t, xy in zip(problem.lines.step[::2], problem.lines.place[::2], strict=True):
+    for t, xy in zip(problem.lines.step[::2], problem.lines.position[::2], strict=True):
         for i, value in zip((4 * t, 4 * t + 2), xy, strict=True):
             P[i, i] += 1 / CRISP**2
             q[i] += value / CRISP**2

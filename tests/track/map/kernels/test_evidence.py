@@ -38,7 +38,7 @@ def fixed(T: int, per: int, rng, *, noise: float, acceleration: float) -> Trajec
         steps,
         BearingLinesByStep(
             step=step,
-            place=np.ascontiguousarray(place),
+            position=np.ascontiguousarray(place),
             axis=axis,
             focal=np.ones(n),
             reading=np.zeros(n),

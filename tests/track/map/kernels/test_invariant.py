@@ -25,7 +25,7 @@ def problem(seed: int, T: int = 6, kinds=("pixel", "direction")):
     rng = np.random.default_rng(seed)
     X = rng.normal(size=(T, 4))
     lines = random_lines(rng, X, 1.5, kinds)
-    planes = HalfPlanes(lines.step, lines.axis, np.einsum("ni,ni->n", lines.axis, lines.place) + 0.05)
+    planes = HalfPlanes(lines.step, lines.axis, np.einsum("ni,ni->n", lines.axis, lines.position) + 0.05)
     return TrajectoryProblem(random_steps(rng, T), lines, planes, 0, 1.0), X
 
 
@@ -39,7 +39,7 @@ def test_volume_is_part_of_the_cost_and_its_derivatives(seed: int) -> None:
     p, X = problem(seed)
     volume = np.random.default_rng(seed).uniform(0.0, 1.0, len(p.lines.step))
     q = p._replace(lines=p.lines._replace(volume=volume))
-    d = np.einsum("ni,ni->n", X[p.lines.step][:, ::2] - p.lines.place, p.lines.axis)
+    d = np.einsum("ni,ni->n", X[p.lines.step][:, ::2] - p.lines.position, p.lines.axis)
     assert cost(q, X) == pytest.approx(plain_cost(q, X), rel=1e-11)
     (g0, H0), (g, H) = derivatives(p, X, 1.0), derivatives(q, X, 1.0)
     want_g, want_H = np.zeros_like(g), np.zeros_like(H)

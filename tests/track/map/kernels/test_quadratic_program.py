@@ -25,7 +25,7 @@ def small(seed: int, kinds, T: int = 6):
     steps = random_steps(rng, T)
     X = rng.normal(scale=2.0, size=(T, 4))
     lines = random_lines(rng, X, 1.5, kinds)
-    front = HalfPlanes(lines.step, lines.axis, np.einsum("ni,ni->n", lines.axis, lines.place) + 0.3)
+    front = HalfPlanes(lines.step, lines.axis, np.einsum("ni,ni->n", lines.axis, lines.position) + 0.3)
     return TrajectoryProblem(steps, lines, join_planes(front, random_planes(rng, X, 5, 1.0)), 0, 1.0), X
 
 

@@ -31,14 +31,14 @@ def test_start_of_the_paper() -> None:
     moved = start_on_axes(p.lines, p.T, np.array([3.0, -2.0]), 0.25)
     assert np.array_equal(moved[~seen][:, ::2], np.tile([3.0, -2.0], ((~seen).sum(), 1)))
     assert not moved[:, 1::2].any()
-    assert_allclose(np.hypot(*(moved[p.lines.step][:, ::2] - p.lines.place).T), 0.25)
+    assert_allclose(np.hypot(*(moved[p.lines.step][:, ::2] - p.lines.position).T), 0.25)
 
 
 def test_start_without_sight_lines_and_of_one_that_two_saw() -> None:
     p, _, _ = example(0)
     assert np.array_equal(start_on_axes(some_lines(p.lines, slice(0, 0)), 3, np.ones(2), 1.0), [[1, 0, 1, 0]] * 3)
     two = some_lines(p.lines, slice(0, 2))._replace(step=np.zeros(2, np.int64))
-    assert_allclose(start_on_axes(two, 1, np.zeros(2), 2.0)[0, ::2], two.place[1] + 2.0 * two.axis[1])
+    assert_allclose(start_on_axes(two, 1, np.zeros(2), 2.0)[0, ::2], two.position[1] + 2.0 * two.axis[1])
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -48,7 +48,7 @@ def test_linear_residuals_are_those_of_the_problem_at_their_distance(seed: int) 
     X = rng.normal(size=(8, 4))
     lines = random_lines(rng, X, 2.0, ("pixel", "distance"))
     p = TrajectoryProblem(random_steps(rng, 8), lines, NO_PLANES, 2, 0.5)
-    d = np.einsum("ni,ni->n", X[lines.step][:, ::2] - lines.place, lines.axis)
+    d = np.einsum("ni,ni->n", X[lines.step][:, ::2] - lines.position, lines.axis)
     flat = linear_problem(p, d)
     assert flat.loss == 0
     assert_allclose(residuals(flat.lines, X), residuals(lines, X), rtol=1e-10, atol=1e-12)
@@ -59,7 +59,7 @@ def test_linear_residual_of_a_direction_is_the_sine_of_its_error_for_the_distanc
     X = rng.normal(size=(8, 4))
     lines = random_lines(rng, X, 2.0, ("direction",))
     p = TrajectoryProblem(random_steps(rng, 8), lines, NO_PLANES, 0, 1.0)
-    away = X[lines.step][:, ::2] - lines.place
+    away = X[lines.step][:, ::2] - lines.position
     flat = linear_problem(p, np.hypot(*away.T))
     assert_allclose(
         residuals(flat.lines, X), np.sin(residuals(lines, X) * np.sqrt(lines.c0)) / np.sqrt(lines.c0), atol=1e-10

@@ -18,7 +18,7 @@ line of W is the paper's, the others are of targets that stand (`mean_wait_s`); 
 creep then, and the speed that they remember is integrated out.
 
 No density of a position is narrower than the kernel of the cloud's positions, nor is that of the velocity of one that
-stands narrower than the kernel of the velocities.  Where bearings are blunt the cloud is wide beside the noise of a
+stands narrower than the kernel of the velocities.  Where bearings are blunt the cloud is wide against the noise of a
 step, so that next to no other particle could have led to a given one; trajectories then would share a few ancestors,
 and their spread would be too small.
 
@@ -102,11 +102,11 @@ def parents_of(
             weights[k] = 0.0
             dx, dy = x - states[i, X], y - states[i, Y]
             if stands(r, motion):
-                place, pull, rest, scale = standing if was[i] == WAIT else stopping
+                variance, pull, rest, scale = standing if was[i] == WAIT else stopping
                 bx, by = (states[i, VX], states[i, VY]) if was[i] == WAIT else (0.0, 0.0)
                 dx, dy = dx - bx * dt, dy - by * dt
                 fx, fy = cx - bx - pull * dx, cy - by - pull * dy
-                half = 0.5 * (dx * dx + dy * dy) / place + 0.5 * (fx * fx + fy * fy) / rest
+                half = 0.5 * (dx * dx + dy * dy) / variance + 0.5 * (fx * fx + fy * fy) / rest
                 if half < TOO_FAR:
                     weights[k] = chances[i, WAIT] * scale * math.exp(-half)
             elif r == WAIT:
@@ -146,6 +146,6 @@ def _standing(
     dt: float, motion: WaypointModel, stood: bool, width2: tuple[float, float]
 ) -> tuple[float, float, float, float]:
     """Variance, gain and variance left of `waiting_noise`, above 0, and the factor of the densities of both axes."""
-    place, gain, left = waiting_noise(dt, motion, stood)
-    place, left = max(place, width2[0], MIN_STEP_VARIANCE), max(left, width2[1], MIN_STEP_VARIANCE)
-    return place, gain, left, 1.0 / (place * left)
+    variance, gain, left = waiting_noise(dt, motion, stood)
+    variance, left = max(variance, width2[0], MIN_STEP_VARIANCE), max(left, width2[1], MIN_STEP_VARIANCE)
+    return variance, gain, left, 1.0 / (variance * left)

@@ -57,7 +57,7 @@ BEARING, PIXEL, RANGE, LOG_RANGE, DIFFERENCE = range(5)
 def measurements(scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel) -> Floats:
     """(m, 12) what counts of each measurement of a scan, side by side in one array.
 
-    The factor of a look that is assigned to a position is the sum of SCALE times the density of its measurements,
+    The factor of a frame that is assigned to a position is the sum of SCALE times the density of its measurements,
     plus RIVAL, what is not the target; see `occlog.filtering.likelihood.directions`.
     """
     out = np.empty((scan.value.shape[0], 12))
@@ -134,7 +134,7 @@ def with_distances(first: Ints, rows: Floats, measured: RangeMeasurements) -> tu
     errors = measured.errors
     tail = errors.late + errors.early
     out[:, VALUE], out[:, READING_NOISE], out[:, SCALE] = measured.value, measured.sigma**2, 1.0 - tail
-    out[:, [X0, Y0]], out[:, [X1, Y1]] = measured.place, measured.other
+    out[:, [X0, Y0]], out[:, [X1, Y1]] = measured.position, measured.other
     out[:, RISE2], out[:, OTHER_RISE2] = measured.rise2, measured.other_rise2
     # The tail of late signals counts as if it were flat: what that omits is in the weights
     rival = np.exp(-0.5 * errors.bend**2) / ROOT_2PI + tail * errors.rate
@@ -162,7 +162,7 @@ def adapt(mean: Floats, variance: Floats, wanted: Bools, first: Ints, rows: Floa
         first: (K + 1,) measurements of report k are rows first[k] to first[k + 1] - 1.
         rows: (M, 12) from `measurements`.
     """
-    n, looks, count = mean.shape[0], first.shape[0] - 1, rows.shape[0]
+    n, packed, count = mean.shape[0], first.shape[0] - 1, rows.shape[0]
     mode, root = mean.copy(), np.zeros((n, 3))
     log_volume, log_factors = np.zeros(n), np.zeros(n)
     density, terms = np.empty(count), np.empty((count, 4))
@@ -180,7 +180,7 @@ def adapt(mean: Floats, variance: Floats, wanted: Bools, first: Ints, rows: Floa
             # Root (a b; 0 c) of the information, and its right side: the motion first
             a, b, c = 1.0 / spread, 0.0, 1.0 / spread
             e, f = (x0 - x) / spread, (y0 - y) / spread
-            for k in range(looks):
+            for k in range(packed):
                 total = 0.0
                 for m in range(first[k], first[k + 1]):
                     # Expect: the probability that the measurement is the target's
@@ -221,7 +221,7 @@ def adapt(mean: Floats, variance: Floats, wanted: Bools, first: Ints, rows: Floa
         # Laplace: the motion at the mode, and the volume of the approximation
         log_volume[p] = -math.log(variance[p] * a * c) - 0.5 * ((x - x0) ** 2 + (y - y0) ** 2) / variance[p]
         product = 1.0
-        for k in range(looks):
+        for k in range(packed):
             total = 0.0
             for m in range(first[k], first[k + 1]):
                 r, _, _, v = linearise(x, y, rows[m])
@@ -255,14 +255,14 @@ def draw(
         (n, 2) positions and (n,) log N(x; m0, p0 I) - log q(x).
     """
     n = mean.shape[0]
-    places, ratio = np.empty((n, 2)), np.empty(n)
+    positions, ratio = np.empty((n, 2)), np.empty(n)
     for p in range(n):
         a, b, c, spread = root[p, 0], root[p, 1], root[p, 2], math.sqrt(variance[p])
         if u[p] < defensive:
             x, y = mean[p, 0] + spread * noise[p, 0], mean[p, 1] + spread * noise[p, 1]
         else:
             x, y = mode[p, 0] + a * noise[p, 0] + b * noise[p, 1], mode[p, 1] + c * noise[p, 1]
-        places[p, 0], places[p, 1] = x, y
+        positions[p, 0], positions[p, 1] = x, y
         # Both densities without their common 1 / (2 pi)
         log_prior = -0.5 * ((x - mean[p, 0]) ** 2 + (y - mean[p, 1]) ** 2) / variance[p] - math.log(variance[p])
         second = (y - mode[p, 1]) / c
@@ -275,4 +275,4 @@ def draw(
             top = max(one, two)
             log_q = top + math.log(math.exp(one - top) + math.exp(two - top))
         ratio[p] = log_prior - log_q
-    return places, ratio
+    return positions, ratio

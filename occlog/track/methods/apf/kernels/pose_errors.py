@@ -84,50 +84,50 @@ def prior_belief(sigma_position: Floats, sigma_yaw: Floats) -> PoseErrorBelief:
     )
 
 
-def jacobians(xy: Floats, places: Floats) -> tuple[Floats, Floats]:
+def jacobians(xy: Floats, positions: Floats) -> tuple[Floats, Floats]:
     """(n, 2) and (n, 3): how bearings change with the target's position, and with each sensor's errors.
 
     Args:
         xy: (2,) the target.
-        places: (n, 2) the sensors.
+        positions: (n, 2) the sensors.
     """
-    away = xy - places
+    away = xy - positions
     r2 = np.einsum("ij,ij->i", away, away)
     by_target = np.column_stack([-away[:, 1], away[:, 0]]) / r2[:, None]
-    return by_target, np.column_stack([-by_target, np.full(len(places), -1.0)])
+    return by_target, np.column_stack([-by_target, np.full(len(positions), -1.0)])
 
 
-def residuals(xy: Floats, sights: LabelledBearings, places: Floats, mean: Floats) -> Floats:
+def residuals(xy: Floats, sights: LabelledBearings, positions: Floats, mean: Floats) -> Floats:
     """(n,) reported minus expected bearings [-pi, pi) for a target at (2,), given (S, 3) errors."""
     error = mean[sights.sensor]
-    away = xy - places[sights.sensor] - error[:, :2]
+    away = xy - positions[sights.sensor] - error[:, :2]
     difference = sights.bearing + error[:, 2] - np.arctan2(away[:, 1], away[:, 0])
     return np.asarray((difference + math.pi) % (2.0 * math.pi) - math.pi)
 
 
-def spread(xy: Floats, which: Ints, places: Floats, belief: PoseErrorBelief) -> Floats:
+def spread(xy: Floats, which: Ints, positions: Floats, belief: PoseErrorBelief) -> Floats:
     """(n,) variance [rad^2] of bearings to (2,) that comes from the errors of sensors `which`: J C J^T.
 
     This is [Ercan] Eq. 2's calibration part for any covariance, in angles.
     """
-    by_error = jacobians(xy, places[which])[1]
+    by_error = jacobians(xy, positions[which])[1]
     return np.asarray(np.einsum("ni,nij,nj->n", by_error, belief.blocks[which], by_error))
 
 
-def meeting_point(sights: LabelledBearings, places: Floats, mean: Floats, start: Floats) -> Floats | None:
+def meeting_point(sights: LabelledBearings, positions: Floats, mean: Floats, start: Floats) -> Floats | None:
     """(2,) position that agrees best with the bearings, by Gauss-Newton from `start`; None if missing near.
 
     It must be in front of every sensor and not much nearer to one of them than to the others.
     """
     root = 1.0 / np.sqrt(sights.variance)
-    centres = places[sights.sensor] + mean[sights.sensor, :2]
+    centres = positions[sights.sensor] + mean[sights.sensor, :2]
     xy = start.copy()
     for _ in range(MAX_ITERATIONS):
         away = np.hypot(*(xy - centres).T)
         if away.min() < MIN_DISTANCE_RATIO * away.max():
             return None
         by_target = jacobians(xy, centres)[0] * root[:, None]
-        move = np.linalg.lstsq(by_target, residuals(xy, sights, places, mean) * root, rcond=1e-9)[0]
+        move = np.linalg.lstsq(by_target, residuals(xy, sights, positions, mean) * root, rcond=1e-9)[0]
         # Long steps leave the range in which the bearings are linear.
         length, most = math.hypot(*move), 0.5 * float(away.min())
         xy = xy + move * min(1.0, most / length if length > 0 else 1.0)
@@ -136,16 +136,16 @@ def meeting_point(sights: LabelledBearings, places: Floats, mean: Floats, start:
     else:
         return None
     near = np.hypot(*(xy - centres).T)
-    facing = np.abs(residuals(xy, sights, places, mean)) < 0.5 * math.pi
+    facing = np.abs(residuals(xy, sights, positions, mean)) < 0.5 * math.pi
     return xy if facing.all() and near.min() >= MIN_DISTANCE_RATIO * near.max() else None
 
 
-def evidence(sights: LabelledBearings, places: Floats, mean: Floats, start: Floats) -> tuple[Floats, Floats] | None:
+def evidence(sights: LabelledBearings, positions: Floats, mean: Floats, start: Floats) -> tuple[Floats, Floats] | None:
     """What bearings say about errors, whatever the target's position: y = G (e - mean) + unit noise.
 
     Args:
         sights: n bearings.
-        places: (S, 2) stated positions.
+        positions: (S, 2) stated positions.
         mean: (S, 3) errors to linearise at.
         start: (2,) roughly where the target is.
 
@@ -154,20 +154,20 @@ def evidence(sights: LabelledBearings, places: Floats, mean: Floats, start: Floa
     """
     if len(sights.sensor) < MIN_BEARINGS:
         return None
-    xy = meeting_point(sights, places, mean, start)
+    xy = meeting_point(sights, positions, mean, start)
     if xy is None:
         return None
     # Whiten, and project away what a shift of the target could explain
     root = 1.0 / np.sqrt(sights.variance)
-    by_target, by_error = jacobians(xy, places[sights.sensor])
+    by_target, by_error = jacobians(xy, positions[sights.sensor])
     across = np.linalg.qr(by_target * root[:, None], mode="complete")[0][:, 2:].T
-    y = across @ (residuals(xy, sights, places, mean) * root)
+    y = across @ (residuals(xy, sights, positions, mean) * root)
     G = np.zeros((len(y), *mean.shape))
     G[:, sights.sensor] = across[:, :, None] * (by_error * root[:, None])
     return y, G.reshape(len(y), -1)
 
 
-def update(belief: PoseErrorBelief, sights: LabelledBearings, places: Floats, start: Floats) -> PoseErrorBelief:
+def update(belief: PoseErrorBelief, sights: LabelledBearings, positions: Floats, start: Floats) -> PoseErrorBelief:
     """The belief after the bearings of one scan; unchanged where they say nothing or are not to be accepted.
 
     An extended Kalman update with `evidence`, and the odds of the two models by how well they
@@ -177,10 +177,10 @@ def update(belief: PoseErrorBelief, sights: LabelledBearings, places: Floats, st
     Args:
         belief: before.
         sights: bearings of one time.
-        places: (S, 2) stated positions of the sensors.
+        positions: (S, 2) stated positions of the sensors.
         start: (2,) roughly where the target is.
     """
-    found = evidence(sights, places, belief.mean, start)
+    found = evidence(sights, positions, belief.mean, start)
     if found is None:
         return belief
     # Innovation covariance
@@ -218,29 +218,29 @@ def _log_density(y: Floats, covariance: Floats) -> float:
 def solve(
     belief: PoseErrorBelief,
     scans: Sequence[LabelledBearings],
-    places: Floats,
+    positions: Floats,
     starts: Floats,
     rounds: int = MAX_ITERATIONS,
 ) -> PoseErrorBelief:
     """The belief after many scans at once: trajectory and errors by Gauss-Newton, the trajectory eliminated.
 
     Every position of the trajectory is free (flat prior); errors have `belief` as their prior.
-    Scans are linearised again in every round, and those whose bearings cannot be the target's are omitted.
+    Scans are linearised again in every round, and those with bearings that cannot be the target's are omitted.
 
     Args:
         belief: prior, of mean 0 and independent errors (`prior_belief`).
         scans: T scans.
-        places: (S, 2) stated positions.
+        positions: (S, 2) stated positions.
         starts: (T, 2) roughly where the target was.
         rounds: at most.
     """
     deviation = np.sqrt(belief.prior)  # errors in units of their prior: also right where it is 0
     one_by_one = belief
     for sights, start in zip(scans, starts, strict=True):
-        one_by_one = update(one_by_one, sights, places, start)
+        one_by_one = update(one_by_one, sights, positions, start)
     now = belief
     for _ in range(rounds):
-        after = _round(now, scans, places, starts, deviation)
+        after = _round(now, scans, positions, starts, deviation)
         moved = np.abs(after.mean - now.mean).ravel()
         settled = abs(after.scale - now.scale) < CONVERGENCE_SIGMAS and bool(
             np.all(moved <= CONVERGENCE_SIGMAS * deviation)
@@ -252,13 +252,13 @@ def solve(
 
 
 def _round(
-    now: PoseErrorBelief, scans: Sequence[LabelledBearings], places: Floats, starts: Floats, deviation: Floats
+    now: PoseErrorBelief, scans: Sequence[LabelledBearings], positions: Floats, starts: Floats, deviation: Floats
 ) -> PoseErrorBelief:
     """One round of Gauss-Newton from the belief of the round before."""
     information, pull = np.eye(len(deviation)), np.zeros(len(deviation))
     excess, count = 0.0, 0.0
     for sights, start in zip(scans, starts, strict=True):
-        found = evidence(sights, places, now.mean, start)
+        found = evidence(sights, positions, now.mean, start)
         if found is None:
             continue
         y, G = found

@@ -84,9 +84,9 @@ class GroundSummary:
 
     def _why(self) -> str:
         """Reasons for times without a position, with their numbers."""
-        return ", ".join(f"{k.replace('_', ' ')} {n}" for k, n in self._no_place().items() if n)
+        return ", ".join(f"{k.replace('_', ' ')} {n}" for k, n in self._not_triangulated().items() if n)
 
-    def _no_place(self) -> dict[str, int]:
+    def _not_triangulated(self) -> dict[str, int]:
         """Times without a position, by the reason."""
         return {name: self.counts[name] for name in ("one_view", "parallel", "behind", "contradict")}
 
@@ -104,6 +104,6 @@ class GroundSummary:
             "rows": sum(views.values()),
             "views": views,
             "left_out": self.counts["left_out"],
-            "no_place": self._no_place(),
+            "no_place": self._not_triangulated(),
             **self.verdict.figures(),
         }

@@ -168,7 +168,7 @@ def ground_tracks(
 
 
 def _wanted(chunk: ViewTracks, cameras: Sequence[str]) -> Bools:
-    """(R,) rows of these cameras whose tracker is on its target."""
+    """(R,) rows of these cameras with the tracker on its target."""
     wanted = ~np.isin(chunk.lifecycle, ("left", "lost"))
     return wanted & np.isin(chunk.sensor, list(cameras)) if cameras else wanted
 
@@ -203,9 +203,9 @@ def _part(
     """Find the positions of all targets at the times that begin at the rows `starts`."""
     if not len(table):
         return GroundTracksPart(FusedTracks.empty(), Counter(), 0.0, 0)
-    moment = np.searchsorted(starts, np.arange(len(table)), side="right") - 1
+    step = np.searchsorted(starts, np.arange(len(table)), side="right") - 1
     t_ns = table.t_ns[np.append(starts[1:], len(table)) - 1]
-    keys, point = np.unique(np.column_stack([moment, table.target_id]), axis=0, return_inverse=True)
+    keys, point = np.unique(np.column_stack([step, table.target_id]), axis=0, return_inverse=True)
     names, view = np.unique(table.sensor, return_inverse=True)
     cameras = [scene.camera(str(name)) for name in names]
     sights = _sights(table, point.reshape(-1), view, len(keys), cameras, config.centre_error_share)
@@ -343,7 +343,7 @@ def _tracks(met: GroundPosition, t_ns: Ints, target: Ints, names: Sequence[str],
     good = np.flatnonzero(met.status == MET)
     nan = np.full(len(good), np.nan)
     cov = met.covariance[good]
-    (x, y, z), places = met.xyz[good].T, ((0, 0, "xx"), (0, 1, "xy"), (1, 1, "yy"), (0, 2, "xz"), (1, 2, "yz"))
+    (x, y, z), entries = met.xyz[good].T, ((0, 0, "xx"), (0, 1, "xy"), (1, 1, "yy"), (0, 2, "xz"), (1, 2, "yz"))
     return FusedTracks.of(
         t_ns=t_ns[good],
         target_id=target[good].astype(np.int32),
@@ -352,7 +352,7 @@ def _tracks(met: GroundPosition, t_ns: Ints, target: Ints, names: Sequence[str],
         z=z,
         vx=nan,
         vy=nan,
-        **{f"cov_{name}": cov[:, i, j] for i, j, name in places},
+        **{f"cov_{name}": cov[:, i, j] for i, j, name in entries},
         cov_zz=cov[:, 2, 2],
         seen_by=_joined(met.used[good], names),
         doubt=_joined(doubts[good], (SINGLE_VIEW, INCONSISTENT_VIEWS, POSSIBLE_SWITCH)),
@@ -360,7 +360,7 @@ def _tracks(met: GroundPosition, t_ns: Ints, target: Ints, names: Sequence[str],
 
 
 def _joined(mask: Bools, words: Sequence[str]) -> Strings:
-    """(N,) words whose columns of a mask (N, W) are set, separated by commas."""
+    """(N,) words of the columns that are set in a mask (N, W), separated by commas."""
     return np.array([",".join(w for w, has in zip(words, row, strict=True) if has) for row in mask.tolist()], np.str_)
 
 

@@ -6,7 +6,7 @@ the camera's axes.  Residuals are weighted by the inverse covariances of the cen
 view alone has a position only with a prior on its height.  `triangulate_in_space` omits single views
 whose tracker is on something else.
 
-Covariances of positions whose views may contradict each other.
+Covariances of positions from views that may contradict each other.
 
 Each view is on the target or on another person, at even odds unless set otherwise.  A hypothesis
 is the set of views that are on the target.  Its weight is the marginal likelihood of all
@@ -187,7 +187,7 @@ def _refine(start: Floats, problem: LeastSquares) -> tuple[Floats, Floats, Float
         )
         # Line search
         xyz[moving], cost[moving] = _shortened(here, step, cost[moving], some)
-        # Points whose cost would still fall by enough go on
+        # Points go on as long as their cost would still fall by enough
         moving = moving[(step * slope).sum(axis=1) > RELATIVE_COST_TOLERANCE * (1.0 + cost[moving])]
     return xyz, information, cost
 
@@ -280,16 +280,16 @@ def triangulate_in_space(
         if not len(again):
             break
         met = _replaced(met, again, _without_one(sights.take(again), met.used[again], rig, np.sin(min_crossing)))
-    apart = _bad(met, limits)
+    inconsistent = _bad(met, limits)
     return met._replace(
-        xyz=np.where(apart[:, None], np.nan, met.xyz),
-        covariance=np.where(apart[:, None, None], np.nan, met.covariance),
-        status=np.where(apart & (met.status == MET), DISAGREEING, met.status),
+        xyz=np.where(inconsistent[:, None], np.nan, met.xyz),
+        covariance=np.where(inconsistent[:, None, None], np.nan, met.covariance),
+        status=np.where(inconsistent & (met.status == MET), DISAGREEING, met.status),
     )
 
 
 def _bad(met: GroundPosition, limits: Floats) -> Bools:
-    """Points whose views do not agree, or meet behind one of them."""
+    """Points with views that do not agree, or that meet behind one of them."""
     bad: Bools = (met.status == BEHIND) | ((met.status == MET) & (met.misfit > limits[met.used.sum(axis=1)]))
     return bad
 

@@ -96,7 +96,7 @@ class BirthCandidates:
     candidates: tuple[tuple[Candidate, ...], ...]  # of each view
     trails: Mapping[TrackerKey, Trail] = field(default_factory=dict)  # of trackers
     unsupported: Mapping[TrackerKey, int] = field(default_factory=dict)  # frames in a row without a region at a tracker
-    moment: int = 0
+    step: int = 0
 
 
 def empty_candidates(n_views: int, next_id: int = 0) -> BirthCandidates:
@@ -118,7 +118,7 @@ def initiate_and_terminate(
 
     Args:
         state: from the time step before.
-        regions: (K, 5) of each view; None: the detector did not look.
+        regions: (K, 5) of each view; None: frame not processed by the detector.
         trackers: ellipses of all trackers after this time step's frames, of all views.
         views: V views.
         geometry: between them.
@@ -127,15 +127,15 @@ def initiate_and_terminate(
         gone: trackers that ended in this time step; their targets do not restart in that view before the next one.
     """
     # Lengthen the trails of trackers
-    now = state.moment
+    now = state.step
     keep = max(config.confirmation_frames, 1)
     trails = {key: _extended(state.trails.get(key, ()), now, ellipse, keep) for key, ellipse in trackers.items()}
-    state = replace(state, trails=trails, moment=now + 1)
+    state = replace(state, trails=trails, step=now + 1)
     # Follow the regions that no tracker explains as candidates
     waiting = []
     for v, found in enumerate(regions):
         mine = [ellipse for (view, _), ellipse in trackers.items() if view == v]
-        if found is None:  # candidates wait for the next frame at which the detector looks
+        if found is None:  # candidates wait for the next frame that the detector processes
             waiting.append(state.candidates[v])
             continue
         free = _unexplained(_birth_sized(found, views[v], config), mine, config.birth_min_distance)
@@ -167,12 +167,12 @@ def _birth_sized(regions: Floats, view: TrackedView, config: ViewsConfig) -> Flo
     return np.asarray(regions[good])
 
 
-def _unexplained(regions: Floats, trackers: Sequence[Floats], apart: float) -> Floats:
-    """The regions (K, 5) that are farther than `apart` sums of radii from all trackers."""
+def _unexplained(regions: Floats, trackers: Sequence[Floats], separation: float) -> Floats:
+    """The regions (K, 5) that are farther than `separation` sums of radii from all trackers."""
     if not trackers or not len(regions):
         return regions
     near = nearness(np.vstack([regions, *trackers]))[: len(regions), len(regions) :]
-    return np.asarray(regions[near.min(axis=1) > apart])
+    return np.asarray(regions[near.min(axis=1) > separation])
 
 
 def _followed(before: Sequence[Candidate], regions: Floats, now: int, keep: int) -> tuple[Candidate, ...]:
@@ -264,15 +264,15 @@ def _births_in(
     return replace(state, candidates=rest, trails=trails, next_id=next_id), births
 
 
-def _without_doubles(candidates: Sequence[Candidate], apart: float) -> tuple[Candidate, ...]:
-    """The candidates without those that lie at most `apart` sums of radii from a longer-lived one."""
+def _without_doubles(candidates: Sequence[Candidate], separation: float) -> tuple[Candidate, ...]:
+    """The candidates without those that lie at most `separation` sums of radii from a longer-lived one."""
     order = sorted(range(len(candidates)), key=lambda c: -candidates[c].count)
     if len(order) < 2:
         return tuple(candidates)
     near = nearness(np.array([c.ellipse for c in candidates]))
     kept: list[int] = []
     for c in order:
-        if all(near[c, k] > apart for k in kept):
+        if all(near[c, k] > separation for k in kept):
             kept.append(c)
     return tuple(candidates[c] for c in sorted(kept))
 

@@ -36,7 +36,7 @@ class DetectorRegions(NamedTuple):
     t_ns: Ints  # (N,)
     sensor: Strings  # (N,)
     ellipse: Floats  # (N, 5) see `occlog.core.image`
-    there: Bools  # (N,) false: the row is no region, and says only that the detector looked at the frame
+    there: Bools  # (N,) false: the row is no region: the detector processed the frame
 
 
 def inscribed(left: Floats, top: Floats, width: Floats, height: Floats) -> Floats:
@@ -46,7 +46,7 @@ def inscribed(left: Floats, top: Floats, width: Floats, height: Floats) -> Float
 
 
 def regions_of_boxes(chunks: Iterable[Boxes], min_confidence: float) -> Iterator[DetectorRegions]:
-    """Read boxes of a detector; the detector did not look at frames without a row."""
+    """Read boxes of a detector; the detector did not process frames without a row."""
     for c in chunks:
         there = (c.box >= 0) & ~(c.confidence < min_confidence)
         yield DetectorRegions(c.t_ns, c.sensor, inscribed(c.left_px, c.top_px, c.width_px, c.height_px), there)
@@ -65,7 +65,7 @@ class RegionStream:
 
     Attributes:
         chunks: regions in the order of time.
-        sparse: the detector looked at frames without a row too, and found no region there.
+        sparse: the detector processed frames without a row too, and found no region there.
         met: number of regions of the time of a frame.
         read: number of regions read.
     """
@@ -79,7 +79,7 @@ class RegionStream:
     _done: bool = False  # all rows are read
 
     def at(self, names: Sequence[str], t_ns: Ints) -> list[Floats | None]:
-        """Take the (K, 5) regions of each view's frame; None: it has no frame, or the detector did not look at it.
+        """Take the (K, 5) regions of each view's frame; None: it has no frame, or the detector did not process it.
 
         Args:
             names: of the views.
@@ -171,20 +171,20 @@ def blob_sizes(frames: Iterable[Frame], empty: Mapping[str, Image], views: Seque
     Args:
         frames: in the order of time.
         empty: images of the empty scene, may be shrunk.
-        views: whose sizes are wanted; a view without blobs gets none.
+        views: views of the wanted sizes; a view without blobs gets none.
     """
     heights: dict[str, list[float]] = {view.name: [] for view in views}
-    looked = dict.fromkeys(heights, 0)
+    n_frames = dict.fromkeys(heights, 0)
     for frame in frames:
-        if frame.sensor not in heights or looked[frame.sensor] == SAMPLES:
+        if frame.sensor not in heights or n_frames[frame.sensor] == SAMPLES:
             continue
-        looked[frame.sensor] += 1
+        n_frames[frame.sensor] += 1
         try:
             image = plain_image(frame.decode(), None)
         except InputError:
             continue
         heights[frame.sensor] += _heights(image, empty[frame.sensor])
-        if all(n == SAMPLES for n in looked.values()):
+        if all(n == SAMPLES for n in n_frames.values()):
             break
     return {
         view.name: constant_sizes((view.width, view.height), float(np.median(heights[view.name])))
@@ -248,7 +248,7 @@ def foreground_mask(model: BackgroundModel | None, image: Image, number: int) ->
     """(H, W) 255 on what is not background, 0 elsewhere; None without a model, or where it does not fit the image.
 
     Args:
-        model: of the camera, whose frames must come in order; None: no model.
+        model: of the camera, with frames in order; None: no model.
         image: (H, W, 3) BGR or (H, W) grey.
         number: of the frame.
     """

@@ -114,7 +114,7 @@ def colours_in(bins: Bytes, ellipses: Floats, split: Bools, step: int) -> Floats
         bins: (H, W) bin number of each pixel, all below `N_BINS` but those of pixels that belong to no target.
         ellipses: (n, 5).
         split: (n,) whether the upper and the lower half have a histogram each.
-        step: only pixels whose column and row are multiples of it count; 1: all.
+        step: only pixels with column and row that are multiples of it count; 1: all.
 
     Returns:
         (n, WIDTH), each summing to the share of its weight that is on the image: 1 for an ellipse inside

@@ -199,7 +199,7 @@ def reweighted(
     Args:
         particles: (n, N, 5).
         log_local: (n, N) logarithms of the local likelihood.
-        here: (n,) trackers whose view has a frame; the estimate of the others is where their particles are.
+        here: (n,) trackers with a frame of their view; the estimate of the others is where their particles are.
         model: what else counts.
         order: (V,) in which views are worked out.
         sweeps: >= 1.
@@ -256,7 +256,7 @@ def collaborate(
         i: the tracker.
         particles: (N, 5) of it.
         estimate: (n, 5).
-        ready: (n,) whose estimates can be used.
+        ready: (n,) trackers with usable estimates.
         near: neighbours.
         cameras: of the views.
     """

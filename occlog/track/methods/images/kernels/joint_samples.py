@@ -57,14 +57,14 @@ def crowding(ellipse: Floats, pool: Floats, held: Ints, i: int) -> float:
 
 @kernel
 def run_chain(
-    pool: Floats, whose: Ints, log_likelihood: Floats, log_u: Floats, strength: float, burn: int, thin: int
+    pool: Floats, owner: Ints, log_likelihood: Floats, log_u: Floats, strength: float, burn: int, thin: int
 ) -> Ints:
     """Metropolis-Hastings over the joint state, one target a move.
 
     Args:
         pool: (n + S, 5) ellipses: where targets 0 to n - 1 start, then what S moves propose; drawn
             from the prediction of their target.
-        whose: (S,) target that a move changes, 0 to n - 1.
+        owner: (S,) target that a move changes, 0 to n - 1.
         log_likelihood: (n + S,) of each of the pool for its target, finite.
         log_u: (S,) logarithms of draws from U(0, 1].
         strength: >= 0 of the prior against overlap.
@@ -74,11 +74,11 @@ def run_chain(
     Returns:
         ((S - burn) // thin, n) rows of the pool: where each target is in each sample.
     """
-    n = pool.shape[0] - whose.shape[0]
+    n = pool.shape[0] - owner.shape[0]
     held = np.arange(n)
-    out = np.empty((max(whose.shape[0] - burn, 0) // thin, n), dtype=np.int64)
-    for s in range(whose.shape[0]):
-        i, new = whose[s], n + s
+    out = np.empty((max(owner.shape[0] - burn, 0) // thin, n), dtype=np.int64)
+    for s in range(owner.shape[0]):
+        i, new = owner[s], n + s
         # Acceptance ratio: likelihoods and prior; the proposal cancels
         gain = log_likelihood[new] - log_likelihood[held[i]]
         if strength > 0.0:

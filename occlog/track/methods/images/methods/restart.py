@@ -71,7 +71,7 @@ def check_loops(state: VisualState, config: LoopCheckConfig, fresh: Bools) -> Im
     Args:
         state: after the frame.
         config: settings.
-        fresh: (n,) trackers whose estimate is new enough to be compared.
+        fresh: (n,) trackers with an estimate new enough to be compared.
     """
     t = state.trackers
     check = _check(state, config, fresh)
@@ -113,7 +113,7 @@ def counterpart_status(t: ImageTrackers) -> Ints:
 
 
 def assisting_views(t: ImageTrackers, fresh: Bools) -> Ints:
-    """(n, V) rows of the trackers that may help: good counterparts whose estimates are fresh (n,); -1: none."""
+    """(n, V) rows of the trackers that may help: good counterparts with fresh estimates (n,); -1: none."""
     return np.where(t.good & (t.counterpart >= 0) & fresh[t.counterpart], t.counterpart, -1)
 
 
@@ -129,7 +129,7 @@ OCCLUSION_RADII = 0.75
 STEP_PX = 2.0
 """Distance of the positions on a line that are tried."""
 EVERY = 5
-"""Places are tried in frames whose number is a multiple of this: mostly none is good, and the next frame is alike."""
+"""Positions are tried in every n-th frame: mostly none is good, and the next frame is similar."""
 
 
 def restart_one(state: VisualState, config: BmctConfig, frames: FrameSet) -> VisualState:
@@ -151,9 +151,9 @@ def restart_one(state: VisualState, config: BmctConfig, frames: FrameSet) -> Vis
         guides = [j for j in t.counterpart[i].tolist() if j >= 0 and clear[j] and _views_agree(t, i, j)]
         if not guides or frames.number[t.view[i]] % EVERY:
             continue
-        place = _best_place(state, config, i, guides[0], frames)
-        if place is not None:
-            return state._replace(trackers=_moved_to(t, i, place))
+        position = _best_place(state, config, i, guides[0], frames)
+        if position is not None:
+            return state._replace(trackers=_moved_to(t, i, position))
     return state
 
 
@@ -199,10 +199,10 @@ def _places_on_line(state: VisualState, config: BmctConfig, i: int, guide: int) 
     return out
 
 
-def _moved_to(t: ImageTrackers, i: int, place: Floats) -> ImageTrackers:
+def _moved_to(t: ImageTrackers, i: int, position: Floats) -> ImageTrackers:
     """Put tracker i in another position, at rest; its counterparts stay bad until checks in a row say otherwise."""
     out = ImageTrackers._make(field.copy() for field in t)
-    out.particles[i], out.estimate[i] = place, place
+    out.particles[i], out.estimate[i] = position, position
     out.velocity[i], out.path[i], out.weak[i] = 0.0, 0.0, 0
     others = t.counterpart[i][t.counterpart[i] >= 0]
     for field in (out.good, out.streak):
@@ -258,7 +258,7 @@ def adapt_colours(state: VisualState, c: CmctConfig, here: Bools) -> ImageTracke
     Args:
         state: after the frame.
         c: settings.
-        here: (n,) trackers whose view has a frame; the others keep their colours.
+        here: (n,) trackers with a frame of their view; the others keep their colours.
     """
     t = state.trackers
     colours = t.colours.copy()

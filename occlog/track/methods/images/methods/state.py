@@ -68,7 +68,7 @@ def learn_appearance(
         appearance: models so far.
         kept: trackers that go on.
         frames: in which the targets of the births are.
-        births: new trackers; one whose view has no frame gets no model.
+        births: new trackers; one without a frame of its view gets no model.
         config: settings.
     """
     if config.model != "pca":
@@ -119,7 +119,7 @@ def mask_outside(bins: Bytes, boxes: Ints, frames: FrameSet, view: int) -> None:
         bins: (H, W) changed in place, inside the boxes only.
         boxes: (n, 4) left, top, right, bottom, half-open.
         frames: with the masks and regions.
-        view: whose map it is.
+        view: owner of the map.
     """
     regions = frames.regions[view] if frames.regions else None
     mask = frames.masks[view] if frames.masks else None
@@ -207,11 +207,11 @@ def log_region_likelihood(ellipses: Floats, own: OwnRegions, owner: Ints, spread
 
 
 INTERVALS = 9
-"""Last intervals between frames of a view from whose median its frame period is taken."""
+"""Last intervals between frames of a view; their median is its frame period."""
 LONGEST = 10.0
 """A gap [frames] longer than this counts as this one."""
 LEAST = 1e-9
-"""A histogram whose sum is below this is empty."""
+"""A histogram with a sum below this is empty."""
 NO_APPEARANCE: AppearanceModels = {}
 
 
@@ -249,7 +249,7 @@ class VisualState(NamedTuple):
     geometry: ViewGeometry
     config: MipfConfig
     clock: FrameClock
-    bins: tuple[Bytes, ...]  # (V,) maps of bins (H, W); only what the latest frame's trackers look at is up to date
+    bins: tuple[Bytes, ...]  # (V,) maps of bins (H, W); up to date where the latest frame's trackers use it
     trackers: ImageTrackers
     appearance: AppearanceModels = NO_APPEARANCE  # models of the targets' patches; empty for `model=colour`
 
@@ -302,7 +302,7 @@ def _at_rest(
 
 
 def add_trackers(state: VisualState, frames: FrameSet, births: Sequence[Birth]) -> VisualState:
-    """Add trackers whose colours are those in the frames; one of the same view and target is replaced.
+    """Add trackers with the colours in the frames; one of the same view and target is replaced.
 
     Raises:
         ValueError: the view of a birth has no frame.
@@ -424,7 +424,7 @@ def ages(clock: FrameClock, t_ns: int) -> Floats:
 def with_geometry(state: VisualState, geometry: ViewGeometry) -> VisualState:
     """Replace the geometry by one of the same views with fewer matrices.
 
-    Counterparts in views whose matrices are gone in both directions are neither good nor checked any more.
+    Counterparts in views without matrices in either direction are neither good nor checked any more.
     """
     known: Bools = np.asarray(np.isfinite(geometry.fundamental).all(axis=(2, 3)))
     t = state.trackers

@@ -6,7 +6,7 @@
     update       velocity, path, loop check of the views, colours
     end          targets that left the image or were lost; restart on an epipolar line
 
-The class of a method's settings says which parts it has, see `occlog.track.methods.images.methods.config`.
+The class of a method's settings states which parts it has, see `occlog.track.methods.images.methods.config`.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def advance_with(
     # Learn appearance
     if isinstance(config, CmctConfig):
         state = state._replace(trackers=adapt_colours(state, config, here))
-    # Decide whose target left the image or was lost: target tracker killing ([Qu] Sec. 3.4.3)
+    # Decide which targets left the image or were lost: target tracker killing ([Qu] Sec. 3.4.3)
     size = np.array([(view.width, view.height) for view in state.views], dtype=np.float64)[state.trackers.view]
     event = np.where(here, end_events(state.trackers, size, config), 0)
     outlines = _outlines(state, here, samples, event)
@@ -129,7 +129,7 @@ def end_events(t: ImageTrackers, size: Floats, config: MipfConfig) -> Ints:
 
 
 def _outlines(state: VisualState, here: Bools, samples: TrackerParticles, event: Ints) -> TrackerOutlines:
-    """Rows of the trackers whose views had a frame."""
+    """Rows of the trackers in views that had a frame."""
     t, rows, checked = state.trackers, np.flatnonzero(here), isinstance(state.config, LoopCheckConfig)
     return TrackerOutlines(
         view=t.view[rows],

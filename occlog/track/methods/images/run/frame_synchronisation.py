@@ -70,7 +70,7 @@ def survey(
     Args:
         name: of the camera.
         frames: its frames; no more are read than are needed.
-        camera: of the scene, whose image size must fit; None: it is not in the scene.
+        camera: of the scene, with the image size of the video; None: it is not in the scene.
         wanted: numbers of frames that must be there.
         bits: significant bits of 16-bit images.
 
@@ -132,31 +132,31 @@ def in_step(
     Raises:
         InputError: the time of a frame is before that of the one before.
     """
-    place = {view.name: v for v, view in enumerate(views)}
+    index_of = {view.name: v for v, view in enumerate(views)}
     size = sum(3 * view.width * view.height for view in views)
     ahead = int(np.clip(READ_AHEAD_BYTES // max(size, 1), 1, MAX_AHEAD))
     last: dict[str, Future[list[MaskedImage | str]]] = {}
     waiting: deque[tuple[tuple[dict[str, Frame], ...], dict[str, Future[list[MaskedImage | str]]]]] = deque()
     with ThreadPoolExecutor(max(1, min(workers, len(views)))) as pool:
         try:
-            groups = _groups(frames, place, window_ns)
+            groups = _groups(frames, index_of, window_ns)
             while batch := tuple(islice(groups, ahead)):
                 jobs = {}
-                for name, v in place.items():
+                for name, v in index_of.items():
                     mine = [group[name] for group in batch if name in group]
                     model = background[v] if background else None
                     if mine:
                         jobs[name] = last[name] = pool.submit(_decode, mine, views[v], bits, last.get(name), model)
                 waiting.append((batch, jobs))
                 if len(waiting) > 1:
-                    yield from _moments(*waiting.popleft(), place)
+                    yield from _frame_sets(*waiting.popleft(), index_of)
             while waiting:
-                yield from _moments(*waiting.popleft(), place)
+                yield from _frame_sets(*waiting.popleft(), index_of)
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _groups(frames: Iterable[Frame], place: dict[str, int], window_ns: int) -> Iterator[dict[str, Frame]]:
+def _groups(frames: Iterable[Frame], index_of: dict[str, int], window_ns: int) -> Iterator[dict[str, Frame]]:
     """Group frames into time steps, by camera."""
     group: dict[str, Frame] = {}
     first = last = None
@@ -167,7 +167,7 @@ def _groups(frames: Iterable[Frame], place: dict[str, int], window_ns: int) -> I
                 "read before it; frames must come in the order of time"
             )
         last = frame.t_ns
-        if frame.sensor not in place:
+        if frame.sensor not in index_of:
             continue
         if group and (frame.sensor in group or frame.t_ns - (first or 0) > window_ns):
             yield group
@@ -186,7 +186,7 @@ def _decode(
     before: Future[list[MaskedImage | str]] | None,
     model: BackgroundModel | None,
 ) -> list[MaskedImage | str]:
-    """Decode a camera's frames, after those `before`; a text instead of an image says why it cannot be used."""
+    """Decode a camera's frames, after those `before`; a text instead of an image states why it cannot be used."""
     if before is not None:
         before.exception()  # waits; the error itself is raised where the result is taken
     images = ((frame.index, _image(frame.decode, view, bits)) for frame in frames)
@@ -197,7 +197,7 @@ def _decode(
 
 
 def _image(decode: Callable[[], Image], view: TrackedView, bits: int | None) -> Image | str:
-    """Decode a frame; a text says why it cannot be used."""
+    """Decode a frame; a text states why it cannot be used."""
     try:
         decoded = decode()
     except InputError as error:
@@ -213,22 +213,24 @@ def _image(decode: Callable[[], Image], view: TrackedView, bits: int | None) -> 
     return image
 
 
-def _moments(
-    groups: Sequence[dict[str, Frame]], jobs: dict[str, Future[list[MaskedImage | str]]], place: dict[str, int]
+def _frame_sets(
+    groups: Sequence[dict[str, Frame]], jobs: dict[str, Future[list[MaskedImage | str]]], index_of: dict[str, int]
 ) -> Iterator[FrameSetImages]:
     """Yield the time steps of a batch when its frames are decoded."""
     decoded = {name: iter(job.result()) for name, job in jobs.items()}
     for group in groups:
-        yield _moment(group, {name: next(decoded[name]) for name in place if name in group}, place)
+        yield _frame_set(group, {name: next(decoded[name]) for name in index_of if name in group}, index_of)
 
 
-def _moment(group: dict[str, Frame], decoded: dict[str, MaskedImage | str], place: dict[str, int]) -> FrameSetImages:
-    """Put the frames of one time step in the order of the views; `place` is the number of each camera's view."""
-    number, t_ns = np.full(len(place), -1), np.full(len(place), -1, dtype=np.int64)
-    images: list[Image | None] = [None] * len(place)
-    masks: list[Image | None] = [None] * len(place)
+def _frame_set(
+    group: dict[str, Frame], decoded: dict[str, MaskedImage | str], index_of: dict[str, int]
+) -> FrameSetImages:
+    """Put the frames of one time step in the order of the views; `index_of` is the number of each camera's view."""
+    number, t_ns = np.full(len(index_of), -1), np.full(len(index_of), -1, dtype=np.int64)
+    images: list[Image | None] = [None] * len(index_of)
+    masks: list[Image | None] = [None] * len(index_of)
     lost = []
-    for name, v in place.items():
+    for name, v in index_of.items():
         seen = decoded.get(name)
         if isinstance(seen, str):
             lost.append((v, group[name].index, seen))
@@ -241,6 +243,6 @@ def _moment(group: dict[str, Frame], decoded: dict[str, MaskedImage | str], plac
     return FrameSetImages(frames, t_ns, tuple(lost))
 
 
-def there(moment: FrameSetImages) -> Bools:
+def there(frame_set: FrameSetImages) -> Bools:
     """(V,) views that have a frame."""
-    return np.array([image is not None for image in moment.frames.images])
+    return np.array([image is not None for image in frame_set.frames.images])

@@ -114,8 +114,8 @@ class ViewsInput:
         self._initial = open_if_ours(self.request.initial_ellipses)
         if self._initial is None:
             self._check_frames(given)  # tables may be of a longer recording
-        place = {name: v for v, name in enumerate(self.names)}
-        starts = [Start(place[g.sensor], max(g.frame, 0), g.target_id, g.ellipse) for g in given]
+        index_of = {name: v for v, name in enumerate(self.names)}
+        starts = [Start(index_of[g.sensor], max(g.frame, 0), g.target_id, g.ellipse) for g in given]
         starts.sort(key=lambda s: (s.frame, s.view, s.target_id))
         self.given = len(starts)
         return tuple(starts), first_free([s.target_id for s in starts])
@@ -228,7 +228,7 @@ def video_provenance(tracks: Path | None) -> Provenance | None:
 
 
 def initiated_from_detections(tracks: Path | None) -> bool:
-    """Whether trackers came from detections, perhaps beside those that were given."""
+    """Whether trackers came from detections, perhaps in addition to those that were given."""
     made = video_provenance(tracks)
     return made is not None and made.parameters["births"] != "initial"
 
@@ -255,7 +255,7 @@ def other_video(tracks: Path | None, recordings: Iterable[Path | None]) -> list[
 
     Args:
         tracks: the tracks; tables that `occlog track` did not make from video are not judged.
-        recordings: files that belong to the tracks, as the user says; those without video are passed over.
+        recordings: files that belong to the tracks, as given by the user; those without video are passed over.
     """
     made = video_provenance(tracks)
     if made is None or not made.inputs:

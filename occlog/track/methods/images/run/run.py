@@ -66,7 +66,7 @@ class ViewsSummary:
         self.failed = np.zeros((n, n), dtype=np.int64)
         self.distances = {pair: np.zeros(BINS, dtype=np.int64) for pair in combinations(range(n), 2)}
         self.dropped: list[tuple[int, int]] = []
-        self.places: Counter[str] = Counter()
+        self.triangulation: Counter[str] = Counter()
         self.verdict = GroundConsistency()
         self.particles = EffectiveSampleSizes()
         self.rows_of: Counter[str] = Counter()
@@ -118,7 +118,11 @@ class ViewsSummary:
             "lost_trackers": self.events["lost"],
             "modes": {mode: n / total for mode, n in sorted(self.modes.items())},
             "loop_checks": checks,
-            **({"places": dict(sorted(self.places.items())), **self.verdict.figures()} if self.places else {}),
+            **(
+                {"places": dict(sorted(self.triangulation.items())), **self.verdict.figures()}
+                if self.triangulation
+                else {}
+            ),
         }
 
     def checks(self) -> tuple[Check, ...]:
@@ -126,7 +130,7 @@ class ViewsSummary:
         pairs = sum(int(each.sum()) >= MIN_LOOP_CHECKS for each in self.distances.values())
         uncounted = "" if self._uses_regions else "trackers do not begin from what moves in the images"
         depleted = "" if self.particles.rows else "the method has no particles"
-        places = "" if self.places else "no places in the world were asked for"
+        note = "" if self.triangulation else "no places in the world were asked for"
         return (
             *outcome(NUMBER, self._none(), targets=len(self.targets), rows=self.rows),
             *outcome(
@@ -152,8 +156,8 @@ class ViewsSummary:
             ),
             *outcome(
                 PLACES,
-                () if places else (finding(PLACES, "note", "places", line) for line in self.verdict.warnings()),
-                unless=places,
+                () if note else (finding(PLACES, "note", "places", line) for line in self.verdict.warnings()),
+                unless=note,
             ),
         )
 
@@ -245,7 +249,7 @@ class ViewsSummary:
                 yield finding(ENDS, "note", "view-ends-early", text, sensors=[s.view.name])
 
     def _misfits(self) -> list[tuple[int, int]]:
-        """Pairs of views whose fundamental matrix most loop checks contradict."""
+        """Pairs of views with a fundamental matrix that most loop checks contradict."""
         most = [
             pair
             for pair, distances in self.distances.items()
@@ -299,8 +303,10 @@ def run_track_views(request: ViewsRequest, job: Job) -> tuple[dict[str, object],
         job.note(f"no {option('initial_ellipses')} and no {option('detections')}: trackers begin from {source}")
     window = request.window_ns if request.window_ns is not None else inputs.window_ns
     frames = job.progress(inputs.recording.frames(inputs.names), "track", inputs.frames)
-    moments = in_step(frames, inputs.views, window, threads_by_default(), stage.bit_depth, inputs.background(job.quiet))
-    parts = track_views(moments, setup, request.seed, stream)
+    frame_sets = in_step(
+        frames, inputs.views, window, threads_by_default(), stage.bit_depth, inputs.background(job.quiet)
+    )
+    parts = track_views(frame_sets, setup, request.seed, stream)
     parameters = {
         "method": request.method,
         "births": request.births,
@@ -318,7 +324,7 @@ def run_track_views(request: ViewsRequest, job: Job) -> tuple[dict[str, object],
         if request.ground_tracks is not None:
             for part in inputs.on_ground(passed, window):
                 tables.write(world=part.tracks)
-                summary.places += part.counts
+                summary.triangulation += part.counts
                 summary.verdict.add(part)
         for _ in passed:
             pass

@@ -126,7 +126,7 @@ def _checks(
     """Check each target in each pair of views; with `born` only those with a tracker in it."""
     parts = []
     known = np.isfinite(geometry.fundamental).all(axis=(2, 3))
-    for a, b in zip(*(places.tolist() for places in np.nonzero(np.triu(known, 1))), strict=True):
+    for a, b in zip(*(indices.tolist() for indices in np.nonzero(np.triu(known, 1))), strict=True):
         shared = [t for v, t in rows if v == a and (b, t) in rows]
         if born is not None:
             shared = [t for t in shared if (a, t) in born or (b, t) in born]
@@ -167,8 +167,8 @@ def drop_contradicted(
     return geometry._replace(fundamental=matrices) if dropped else geometry, after, tuple(dropped)
 
 
-MOMENTS = 64
-"""Moments in a part."""
+STEPS_PER_PART = 64
+"""Time steps in a part."""
 START_VARIANCE = 1.0
 """Variance of a centre that was given or detected [px^2], each axis."""
 MAX_COMPARISON_AGE_PERIODS = 1.5
@@ -176,7 +176,7 @@ MAX_COMPARISON_AGE_PERIODS = 1.5
 
 
 class Start(NamedTuple):
-    """A tracker to begin in the first usable frame whose number is at least `frame`."""
+    """A tracker to begin in the first usable frame from number `frame` on."""
 
     view: int
     frame: int
@@ -226,7 +226,7 @@ class ViewsPart(NamedTuple):
     lost: tuple[tuple[int, int, str], ...]  # (view, frame, why) of the others
     checks: Checks  # loop checks of targets that touch no other
     start_checks: Checks  # the same of the ellipses that trackers started with
-    dropped: tuple[tuple[int, int], ...]  # pairs of views whose fundamental matrix is not used any more
+    dropped: tuple[tuple[int, int], ...]  # pairs of views with a fundamental matrix that is not used any more
 
 
 @dataclass(frozen=True)
@@ -245,7 +245,7 @@ class _RunState:
 class _MomentResult(NamedTuple):
     """What one time step gave."""
 
-    moment: FrameSetImages
+    frame_set: FrameSetImages
     outlines: TrackerOutlines | None
     births: tuple[Birth, ...]
     ended: tuple[TrackerKey, ...]
@@ -255,7 +255,7 @@ class _MomentResult(NamedTuple):
 
 
 def track_views(
-    moments: Iterable[FrameSetImages], setup: TrackingSetup, seed: int, stream: RegionStream | None = None
+    frame_sets: Iterable[FrameSetImages], setup: TrackingSetup, seed: int, stream: RegionStream | None = None
 ) -> Iterator[ViewsPart]:
     """Track, and yield view tracks in the order of time, with what happened.
 
@@ -264,7 +264,7 @@ def track_views(
     used: the views are tracked without each other's help.
 
     Args:
-        moments: frames of the views.
+        frame_sets: frames of the views.
         setup: method, views and starts.
         seed: of all random numbers.
         stream: regions of a detector, from which trackers begin too and by which they are ended.
@@ -280,10 +280,10 @@ def track_views(
         trackers={},
     )
     results: list[_MomentResult] = []
-    for moment in moments:
-        run, result = _advance(run, moment, setup, rng, stream)
+    for frame_set in frame_sets:
+        run, result = _advance(run, frame_set, setup, rng, stream)
         results.append(result)
-        if len(results) == MOMENTS:
+        if len(results) == STEPS_PER_PART:
             yield _part(results, setup.views)
             results = []
     if results:
@@ -291,25 +291,29 @@ def track_views(
 
 
 def _advance(
-    run: _RunState, moment: FrameSetImages, setup: TrackingSetup, rng: np.random.Generator, stream: RegionStream | None
+    run: _RunState,
+    frame_set: FrameSetImages,
+    setup: TrackingSetup,
+    rng: np.random.Generator,
+    stream: RegionStream | None,
 ) -> tuple[_RunState, _MomentResult]:
     """Take in the frames of one time step."""
     outlines, checks, gone = None, no_checks(), frozenset[TrackerKey]()
     found: tuple[Floats | None, ...] = ()
     if stream is not None:
-        found = tuple(stream.at([view.name for view in setup.views], moment.t_ns))
-        moment = moment._replace(frames=moment.frames._replace(regions=found))
-    run = replace(run, last_ns=np.where(there(moment), moment.t_ns, run.last_ns))
+        found = tuple(stream.at([view.name for view in setup.views], frame_set.t_ns))
+        frame_set = frame_set._replace(frames=frame_set.frames._replace(regions=found))
+    run = replace(run, last_ns=np.where(there(frame_set), frame_set.t_ns, run.last_ns))
     # Step of the method
-    if run.state is not None and run.trackers and there(moment).any():
-        state, outlines = advance(run.state, moment.frames, rng)
+    if run.state is not None and run.trackers and there(frame_set).any():
+        state, outlines = advance(run.state, frame_set.frames, rng)
         survivors = _survivors(run.trackers, outlines)
         gone = frozenset(run.trackers) - frozenset(survivors)
         run = replace(run, state=state, trackers=survivors)
         if setup.views_help:
             checks = check_outlines(outlines, setup.geometry, setup.bottom)
     # Births that were given, and births and ends by regions
-    run, births = _due(run, moment.frames, gone)
+    run, births = _due(run, frame_set.frames, gone)
     ended: tuple[TrackerKey, ...] = ()
     if stream is not None:
         trackers = {**run.trackers, **{(b.view, b.target_id): b.ellipse for b in births}}
@@ -326,10 +330,10 @@ def _advance(
         births, run = (*births, *born), replace(run, candidates=candidates)
         ended = tuple(key for key in ended if key in run.trackers)
     # Drop matrices that births contradict, then begin and end
-    start_checks = check_births(births, setup.geometry, _recent(run, moment, setup), setup.bottom)
+    start_checks = check_births(births, setup.geometry, _recent(run, frame_set, setup), setup.bottom)
     run, dropped = _without_contradicted(run, start_checks, setup)
-    run = _begun(run, moment.frames, births, ended, setup)
-    return run, _MomentResult(moment, outlines, births, ended, checks, start_checks, dropped)
+    run = _begun(run, frame_set.frames, births, ended, setup)
+    return run, _MomentResult(frame_set, outlines, births, ended, checks, start_checks, dropped)
 
 
 def _survivors(trackers: Mapping[TrackerKey, Floats], outlines: TrackerOutlines) -> dict[TrackerKey, Floats]:
@@ -347,9 +351,9 @@ def _survivors(trackers: Mapping[TrackerKey, Floats], outlines: TrackerOutlines)
 
 
 def _due(run: _RunState, frames: FrameSet, gone: frozenset[TrackerKey]) -> tuple[_RunState, tuple[Birth, ...]]:
-    """The starts whose frame has come, or was lost, as births; none where the target has a tracker in the view.
+    """The starts with a frame that has come, or was lost, as births; none where the target has a tracker in the view.
 
-    A start whose tracker has ended in this frame waits for the next: a frame has one row of a target.
+    A start with a tracker that has ended in this frame waits for the next: a frame has one row of a target.
     """
     here = [s for s in run.waiting if frames.images[s.view] is not None and frames.number[s.view] >= s.frame]
     due = [s for s in here if (s.view, s.target_id) not in gone]
@@ -359,7 +363,7 @@ def _due(run: _RunState, frames: FrameSet, gone: frozenset[TrackerKey]) -> tuple
     return replace(run, waiting=tuple(s for s in run.waiting if s not in due)), births
 
 
-def _recent(run: _RunState, moment: FrameSetImages, setup: TrackingSetup) -> dict[TrackerKey, Floats]:
+def _recent(run: _RunState, frame_set: FrameSetImages, setup: TrackingSetup) -> dict[TrackerKey, Floats]:
     """Ellipses of trackers with which births of other views may be compared.
 
     There are none without collaboration: the trackers of two views may then be on different
@@ -368,8 +372,8 @@ def _recent(run: _RunState, moment: FrameSetImages, setup: TrackingSetup) -> dic
     if not setup.views_help:
         return {}
     period = np.array(setup.period_ns or (0,) * len(setup.views))
-    age = moment.t_ns.max() - run.last_ns
-    fresh = there(moment) | ((run.last_ns >= 0) & (age <= MAX_COMPARISON_AGE_PERIODS * period))
+    age = frame_set.t_ns.max() - run.last_ns
+    fresh = there(frame_set) | ((run.last_ns >= 0) & (age <= MAX_COMPARISON_AGE_PERIODS * period))
     return {(view, target): ellipse for (view, target), ellipse in run.trackers.items() if fresh[view]}
 
 
@@ -406,13 +410,13 @@ def _begun(
 
 def _part(results: Sequence[_MomentResult], views: Sequence[TrackedView]) -> ViewsPart:
     """What some time steps gave, in one."""
-    seen = np.array([there(result.moment) for result in results])
-    times = np.array([result.moment.t_ns for result in results])
+    seen = np.array([there(result.frame_set) for result in results])
+    times = np.array([result.frame_set.t_ns for result in results])
     return ViewsPart(
         tracks=ViewTracks.concat([_table(result, views) for result in results]),
         frames=seen.sum(axis=0),
         last_ns=times.max(axis=0),
-        lost=tuple(lost for result in results for lost in result.moment.lost),
+        lost=tuple(lost for result in results for lost in result.frame_set.lost),
         checks=gather([result.checks for result in results]),
         start_checks=gather([result.start_checks for result in results]),
         dropped=tuple(pair for result in results for pair in result.dropped),
@@ -421,20 +425,20 @@ def _part(results: Sequence[_MomentResult], views: Sequence[TrackedView]) -> Vie
 
 def _table(result: _MomentResult, views: Sequence[TrackedView]) -> ViewTracks:
     """Rows of one time step: the births, and the outlines of the trackers there were."""
-    parts = [] if result.outlines is None else [_tracked(result.outlines, result.moment, views, result.ended)]
+    parts = [] if result.outlines is None else [_tracked(result.outlines, result.frame_set, views, result.ended)]
     if result.births:
-        parts.append(_born(result.births, result.moment, views))
+        parts.append(_born(result.births, result.frame_set, views))
     return ViewTracks.merge(parts)
 
 
-def _born(births: Sequence[Birth], moment: FrameSetImages, views: Sequence[TrackedView]) -> ViewTracks:
+def _born(births: Sequence[Birth], frame_set: FrameSetImages, views: Sequence[TrackedView]) -> ViewTracks:
     """Rows of births."""
     n = len(births)
     view = np.array([birth.view for birth in births])
     ellipse = np.array([birth.ellipse for birth in births])
     nothing = np.full(n, "")
     return ViewTracks.of(
-        **_places(view, np.array([birth.target_id for birth in births]), ellipse, moment, views),
+        **_places(view, np.array([birth.target_id for birth in births]), ellipse, frame_set, views),
         cov_xx_px=np.full(n, START_VARIANCE),
         cov_xy_px=np.zeros(n),
         cov_yy_px=np.full(n, START_VARIANCE),
@@ -449,14 +453,14 @@ def _born(births: Sequence[Birth], moment: FrameSetImages, views: Sequence[Track
 
 
 def _tracked(
-    o: TrackerOutlines, moment: FrameSetImages, views: Sequence[TrackedView], ended: Sequence[TrackerKey]
+    o: TrackerOutlines, frame_set: FrameSetImages, views: Sequence[TrackedView], ended: Sequence[TrackerKey]
 ) -> ViewTracks:
     """Rows of outlines; trackers that regions ended are lost."""
     keys = list(zip(o.view.tolist(), o.target_id.tolist(), strict=True))
     event = np.where(np.array([key in ended for key in keys], dtype=np.bool_), TERMINATED, o.lifecycle)
     names = np.array([view.name for view in views])
     return ViewTracks.of(
-        **_places(o.view, o.target_id, o.ellipse, moment, views),
+        **_places(o.view, o.target_id, o.ellipse, frame_set, views),
         cov_xx_px=o.covariance[:, 0],
         cov_xy_px=o.covariance[:, 1],
         cov_yy_px=o.covariance[:, 2],
@@ -471,14 +475,14 @@ def _tracked(
 
 
 def _places(
-    view: Ints, target: Ints, ellipse: Floats, moment: FrameSetImages, views: Sequence[TrackedView]
+    view: Ints, target: Ints, ellipse: Floats, frame_set: FrameSetImages, views: Sequence[TrackedView]
 ) -> dict[str, NDArray[np.generic]]:
     """Columns of time, camera, frame, target and ellipse."""
     rho = (ellipse[:, 4] + 0.5 * np.pi) % np.pi - 0.5 * np.pi
     return {
-        "t_ns": moment.t_ns[view],
+        "t_ns": frame_set.t_ns[view],
         "sensor": np.array([v.name for v in views])[view],
-        "frame": moment.frames.number[view],
+        "frame": frame_set.frames.number[view],
         "target_id": target.astype(np.int32),
         "x_px": ellipse[:, 0],
         "y_px": ellipse[:, 1],

@@ -15,7 +15,7 @@ at any distance, so that the iteration hardly bends.  Which sights are accepted 
 variance of each residual begins with what the motion leaves open, and that part falls in steps (`ANNEALING_FACTOR`); a
 sight counts by the probability that it is the target's and not a false report or another object's.
 
-The angles of one plane count as azimuths in a space whose third axis nothing depends on.
+The angles of one plane count as azimuths in a space with a third axis that nothing depends on.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def adapt(mean: Floats, root: Floats, lines: ScanRows) -> tuple[Floats, Floats, 
         (6, n) lower Cholesky factors L of the precisions P^-1 = L L^T: 11, 21, 22, 31, 32, 33.
         (n,) logarithms of N(m; 0, I) (2 pi)^(3/2) sqrt(det P), the part of the motion in the predictive likelihood.
     """
-    n, looks, count = mean.shape[1], lines.first.shape[0] - 1, lines.scale.shape[0]
+    n, frames, count = mean.shape[1], lines.first.shape[0] - 1, lines.scale.shape[0]
     modes, factors, volume = np.zeros((3, n)), np.zeros((6, n)), np.zeros(n)
     turned = np.empty((count, 3, 3))  # along, left and above in the coordinates y
     base, density = np.empty((count, 3)), np.empty(count)
@@ -96,7 +96,7 @@ def adapt(mean: Floats, root: Floats, lines: ScanRows) -> tuple[Floats, Floats, 
             a11 = a22 = a33 = 1.0
             a21 = a31 = a32 = 0.0
             b0, b1, b2 = -y0, -y1, -y2
-            for k in range(looks):
+            for k in range(frames):
                 total = 0.0
                 for r in range(lines.first[k], lines.first[k + 1]):
                     # Expect: the probability that the sight is the target's
@@ -183,7 +183,7 @@ def draw(
         (3, n) positions y, and (n,) log N(y; 0, I) - log q(y).
     """
     n = chosen.shape[0]
-    places, ratio = np.empty((3, n)), np.empty(n)
+    positions, ratio = np.empty((3, n)), np.empty(n)
     for i in range(n):
         p = chosen[i]
         l11, l21, l22 = factors[0, p], factors[1, p], factors[2, p]
@@ -196,7 +196,7 @@ def draw(
             d1 = (noise[1, i] - l32 * d2) / l22
             d0 = (noise[0, i] - l21 * d1 - l31 * d2) / l11
             y0, y1, y2 = m0 + d0, m1 + d1, m2 + d2
-        places[0, i], places[1, i], places[2, i] = y0, y1, y2
+        positions[0, i], positions[1, i], positions[2, i] = y0, y1, y2
         # Both densities without their common (2 pi)^(-3/2)
         log_prior = -0.5 * (y0 * y0 + y1 * y1 + y2 * y2)
         e0, e1, e2 = y0 - m0, y1 - m1, y2 - m2
@@ -205,4 +205,4 @@ def draw(
         far = math.log(defensive) + log_prior
         top = max(near, far)
         ratio[i] = log_prior - top - math.log(math.exp(near - top) + math.exp(far - top))
-    return places, ratio
+    return positions, ratio

@@ -156,23 +156,25 @@ def _log_cone(
     return out
 
 
-def log_in_plane(ab: Floats, place: Floats, angle: Floats, sigma: Floats, reach: Floats, soften: float) -> Floats:
+def log_in_plane(ab: Floats, position: Floats, angle: Floats, sigma: Floats, reach: Floats, soften: float) -> Floats:
     """(R, L) log densities [1/rad] of R angles of one plane for (2, L) particles on the plane's axes.
 
     Args:
         ab: particles.
-        place: (R, 2) of the sensors on the plane's axes.
+        position: (R, 2) of the sensors on the plane's axes.
         angle: (R,) measured, projected [rad].
         sigma: (R,) standard deviations [rad].
         reach: (R,) ranges; a particle that is farther in the plane alone gets the factor `soften`.
         soften: in (0, 1].
     """
     along = np.column_stack([np.cos(angle), np.sin(angle)])
-    return _log_in_plane(ab, place, along, sigma, reach, math.log(soften))
+    return _log_in_plane(ab, position, along, sigma, reach, math.log(soften))
 
 
 @array_kernel
-def _log_in_plane(ab: Floats, place: Floats, along: Floats, sigma: Floats, reach: Floats, log_soften: float) -> Floats:
+def _log_in_plane(
+    ab: Floats, position: Floats, along: Floats, sigma: Floats, reach: Floats, log_soften: float
+) -> Floats:
     R, L = sigma.shape[0], ab.shape[1]
     out = np.empty((R, L))
     for r in range(R):
@@ -180,7 +182,7 @@ def _log_in_plane(ab: Floats, place: Floats, along: Floats, sigma: Floats, reach
         far2, a = reach[r] * reach[r], 0.5 / (sigma[r] * sigma[r])
         level = -0.5 * math.log(2.0 * math.pi) - math.log(sigma[r])
         for l in range(L):  # noqa: E741
-            x, y = ab[0, l] - place[r, 0], ab[1, l] - place[r, 1]
+            x, y = ab[0, l] - position[r, 0], ab[1, l] - position[r, 1]
             t = fast_atan2(c * y - s * x, c * x + s * y)
             log_p = level - a * t * t
             out[r, l] = log_p + log_soften if x * x + y * y > far2 else log_p

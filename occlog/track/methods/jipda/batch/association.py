@@ -40,13 +40,13 @@ class AssociatedPeople(NamedTuple):
     track: Ints  # (N,) track that predicted them; NONE: no track did
     mean: Floats  # (N, 6)
     given: Ints  # (L, N) box in each frame; NONE: no box
-    J: Floats  # (N, 6, 6) factor of the state, as in `places`
+    J: Floats  # (N, 6, 6) factor of the state, as in `nodes`
     h: Floats  # (N, 6)
     c: Floats  # (N,)
     miss: Floats  # (N, C) log of the probability that a camera misses the person
     hint: Ints  # (N, 2 C) identity of the box of each camera by a tracker in its images, then by the filter; NONE
-    look: Floats  # (N, K) sum of the appearance vectors of the boxes
-    looks: Floats  # (N,) boxes of that sum
+    appearance: Floats  # (N, K) sum of the appearance vectors of the boxes
+    n_vectors: Floats  # (N,) boxes of that sum
 
 
 class PredictedPeople(NamedTuple):
@@ -62,16 +62,16 @@ class AssociatedBoxes(NamedTuple):
     """The same after the boxes; M boxes."""
 
     people: PredictedPeople
-    share: Floats  # (N, M) probability that they are there and the box is theirs alone
+    beta: Floats  # (N, M) probability that they are there and the box is theirs alone
     joint: Floats  # (N, M) the same, with a neighbour
     visible: Floats  # (L, N)
 
     def without(self, far: Ints) -> AssociatedBoxes:
         """The others."""
-        stay = np.setdiff1d(np.arange(len(self.share)), far)
+        stay = np.setdiff1d(np.arange(len(self.beta)), far)
         p = self.people
         people = PredictedPeople(p.track[stay], p.mean[stay], p.covariance[stay], p.existence[stay])
-        return AssociatedBoxes(people, self.share[stay], self.joint[stay], self.visible[:, stay])
+        return AssociatedBoxes(people, self.beta[stay], self.joint[stay], self.visible[:, stay])
 
 
 def associate(
@@ -84,7 +84,7 @@ def associate(
     )  # fmt: skip
     who = PredictedPeople(people.track, after.mean, after.covariance, after.existence)
     there = after.existence[:, None]
-    return AssociatedBoxes(who, there * after.share, there * after.joint, after.visible)
+    return AssociatedBoxes(who, there * after.beta, there * after.joint, after.visible)
 
 
 def assign_boxes(
@@ -105,7 +105,7 @@ def assign_boxes(
         appearance: (M, K) vectors of length 1; NaN: none.
         seen: who are accepted to be there, after the boxes.
     """
-    people, share, joint = seen.people, seen.share, seen.joint
+    people, beta, joint = seen.people, seen.beta, seen.joint
     c = state.config
     body = np.array(
         [c.person_height, c.sigma_person_height, c.person_width, c.sigma_person_width, c.sigma_initial_velocity]
@@ -118,12 +118,12 @@ def assign_boxes(
         at=np.zeros(0),
         smooth=state.metre,
     )
-    free = np.clip(1.0 - share.sum(axis=0) - 0.5 * joint.sum(axis=0), 0.0, 1.0)
+    free = np.clip(1.0 - beta.sum(axis=0) - 0.5 * joint.sum(axis=0), 0.0, 1.0)
     mean, covariance, odds, used = initiate_targets(
         state.views, boxes, rates, body, arrival, people.mean, spread,
         people.existence, free, GATE_CHI2, math.log(MIN_EXISTENCE_TO_INITIATE),
     )  # fmt: skip
-    given = np.concatenate([best_boxes(boxes, share), best_boxes(boxes, used)], axis=1)
+    given = np.concatenate([best_boxes(boxes, beta), best_boxes(boxes, used)], axis=1)
     track = np.concatenate([people.track, np.full(len(odds), NO_NODE)])
     mean, covariance = np.concatenate([people.mean, mean]), np.concatenate([people.covariance, covariance])
     _join_doubles(mean, given, len(people.track))
@@ -131,9 +131,9 @@ def assign_boxes(
     there = np.concatenate([people.existence, 0.5 / (1.0 + np.exp(-odds))])
     _, feet, detection = frame_visibilities(state.views, boxes, rates, mean, covariance, there)
     # Who is in one box with a neighbour was not missed
-    for look in range(len(boxes.camera)):
-        here = slice(boxes.first[look], boxes.first[look + 1])
-        detection[look, : len(joint)] *= 1.0 - np.minimum(joint[:, here].sum(axis=1), 1.0)
+    for frame in range(len(boxes.camera)):
+        here = slice(boxes.first[frame], boxes.first[frame + 1])
+        detection[frame, : len(joint)] *= 1.0 - np.minimum(joint[:, here].sum(axis=1), 1.0)
     rows = np.flatnonzero((given >= 0).any(axis=0))
     mean, given = mean[rows], np.ascontiguousarray(given[:, rows])
     J, h, constant = factors(
@@ -145,19 +145,19 @@ def assign_boxes(
         return assign_boxes(state, boxes, rates, hint, appearance, seen.without(far))
     # Who hides a person hides them for a while: they are missed at least as probably near it as at it
     miss = missed_detection_log_probabilities(state.views, rates, mean)
-    for look, camera in enumerate(boxes.camera.tolist()):
-        miss[:, camera] = np.maximum(miss[:, camera], np.log1p(-detection[look, rows]))
+    for frame, camera in enumerate(boxes.camera.tolist()):
+        miss[:, camera] = np.maximum(miss[:, camera], np.log1p(-detection[frame, rows]))
     named = np.full((len(rows), 2, len(state.views.size)), NO_NODE)
-    for look, camera in enumerate(boxes.camera.tolist()):
-        has = np.flatnonzero(given[look] >= 0)
-        named[has, :, camera] = hint[given[look, has]]
+    for frame, camera in enumerate(boxes.camera.tolist()):
+        has = np.flatnonzero(given[frame] >= 0)
+        named[has, :, camera] = hint[given[frame, has]]
     assign_shared_boxes(named[:, 1], rows, joint, given, boxes)
     # Appearance of the boxes that have one
     shows = np.append(np.isfinite(appearance).all(axis=1) & (appearance.shape[1] > 0), False)[given]
     vectors = np.append(np.nan_to_num(appearance), np.zeros((1, appearance.shape[1])), axis=0)[given]
-    look, looks = (vectors * shows[..., None]).sum(axis=0), shows.sum(axis=0, dtype=np.float64)
+    frame, n_vectors = (vectors * shows[..., None]).sum(axis=0), shows.sum(axis=0, dtype=np.float64)
     names = named.reshape(len(rows), 2 * len(state.views.size))
-    return AssociatedPeople(track[rows], mean, given, J, h, constant, miss, names, look, looks)
+    return AssociatedPeople(track[rows], mean, given, J, h, constant, miss, names, frame, n_vectors)
 
 
 def best_fit(J: Floats, h: Floats, c: Floats) -> Floats:
@@ -177,9 +177,9 @@ def assign_shared_boxes(followed: Ints, rows: Ints, joint: Floats, given: Ints, 
     """
     for k in np.flatnonzero((rows < len(joint)) & (followed != NO_NODE).any(axis=1)).tolist():
         names, often = np.unique(followed[k][followed[k] != NO_NODE], return_counts=True)
-        for look, camera in enumerate(boxes.camera.tolist()):
-            here = slice(boxes.first[look], boxes.first[look + 1])
-            if given[look, k] == NO_NODE and joint[rows[k], here].sum() > MIN_ASSOCIATION_PROBABILITY:
+        for frame, camera in enumerate(boxes.camera.tolist()):
+            here = slice(boxes.first[frame], boxes.first[frame + 1])
+            if given[frame, k] == NO_NODE and joint[rows[k], here].sum() > MIN_ASSOCIATION_PROBABILITY:
                 followed[k, camera] = names[np.argmax(often)]
 
 
@@ -192,30 +192,30 @@ def _join_doubles(mean: Floats, given: Ints, known: int) -> None:
         known: how many are not new.
     """
     for j in range(known, len(mean)):
-        apart = np.hypot(*(mean[:j, :2] - mean[j, :2]).T)
-        apart[(given[:, :j] == NO_NODE).all(axis=0)] = np.inf
-        i = int(np.argmin(apart)) if j else j
-        if i < j and apart[i] < DUPLICATE_DISTANCE_WIDTHS * mean[i, WIDTH]:
+        separation = np.hypot(*(mean[:j, :2] - mean[j, :2]).T)
+        separation[(given[:, :j] == NO_NODE).all(axis=0)] = np.inf
+        i = int(np.argmin(separation)) if j else j
+        if i < j and separation[i] < DUPLICATE_DISTANCE_WIDTHS * mean[i, WIDTH]:
             given[:, i] = np.where(given[:, i] == NO_NODE, given[:, j], given[:, i])
             given[:, j] = NO_NODE
 
 
-def best_boxes(boxes: PackedDetections, share: Floats) -> Ints:
+def best_boxes(boxes: PackedDetections, beta: Floats) -> Ints:
     """(L, N) the most probable box of each person in each frame.
 
     NONE where no association probability (N, M) is above `MIN_ASSOCIATION_PROBABILITY`.
     """
-    out = np.full((len(boxes.camera), len(share)), NO_NODE)
-    if not len(share):
+    out = np.full((len(boxes.camera), len(beta)), NO_NODE)
+    if not len(beta):
         return out
-    for look in range(len(boxes.camera)):
-        first, stop = boxes.first[look], boxes.first[look + 1]
+    for frame in range(len(boxes.camera)):
+        first, stop = boxes.first[frame], boxes.first[frame + 1]
         if first == stop:
             continue
-        here = share[:, first:stop]
+        here = beta[:, first:stop]
         best = np.argmax(here, axis=1)
         # Each person and each box has at most one best partner
         who = np.arange(len(here))
         own = np.flatnonzero((here[who, best] > MIN_ASSOCIATION_PROBABILITY) & (np.argmax(here, axis=0)[best] == who))
-        out[look, own] = first + best[own]
+        out[frame, own] = first + best[own]
     return out

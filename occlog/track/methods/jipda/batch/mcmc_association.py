@@ -50,14 +50,14 @@ the chain does not see."""
 class TrackletNodes(NamedTuple):
     """n positions, in the order of their time steps; C cameras."""
 
-    moment: Ints  # (n,) index of the time step
+    step: Ints  # (n,) index of the time step
     time: Floats  # (n,) [s]
     at: Floats  # (n, 2) on the floor
     J: Floats  # (n, 6, 6) information about the state
     h: Floats  # (n, 6)
     c: Floats  # (n,) log likelihood ratio to clutter, with the rates of detection
     miss: Floats  # (n, C) log of the probability that the camera does not detect a person there
-    birth: Floats  # (n,) log of the density of a new target, whose first position it is, a unit of area
+    birth: Floats  # (n,) log of the density of a new target that begins at it, a unit of area
     death: Floats  # (n,) log of the probability that it is a person's last position
     hint: Ints  # (n, 2 C) identities by a tracker in the camera's images, then by the filter; NONE: none
     life: Floats  # (I, 2) first and last time of each identity of the filter [s]
@@ -84,8 +84,8 @@ class LinkCandidates(NamedTuple):
     next: Ints
     first_last: Ints  # (n + 1,)
     last: Ints
-    first_beside: Ints  # (n + 1,)
-    beside: Ints
+    first_neighbour: Ints  # (n + 1,)
+    neighbours: Ints
 
 
 class LinkCache(NamedTuple):
@@ -120,21 +120,21 @@ class MarkovChainState(NamedTuple):
 
 
 @kernel
-def can_link(places: TrackletNodes, walk: WalkModel, i: int, j: int) -> bool:
+def can_link(nodes: TrackletNodes, walk: WalkModel, i: int, j: int) -> bool:
     """Return whether position j can be the next of position i's track."""
-    gap = places.moment[j] - places.moment[i]
+    gap = nodes.step[j] - nodes.step[i]
     if gap < 1 or gap > walk.reach:
         return False
-    far = walk.speed * (places.time[j] - places.time[i]) + walk.slack
-    dx, dy = places.at[j, 0] - places.at[i, 0], places.at[j, 1] - places.at[i, 1]
+    far = walk.speed * (nodes.time[j] - nodes.time[i]) + walk.slack
+    dx, dy = nodes.at[j, 0] - nodes.at[i, 0], nodes.at[j, 1] - nodes.at[i, 1]
     return bool(dx * dx + dy * dy <= far * far)
 
 
 @kernel
-def candidates(places: TrackletNodes, walk: WalkModel, beside: float) -> LinkCandidates:
-    """List candidate links, and positions of one time step that are nearer to each other than `beside`."""
-    n = places.moment.shape[0]
-    first_next, first_last, first_beside = (
+def candidates(nodes: TrackletNodes, walk: WalkModel, neighbour_distance: float) -> LinkCandidates:
+    """List candidate links, and positions of one time step that are nearer to each other than `neighbour_distance`."""
+    n = nodes.step.shape[0]
+    first_next, first_last, first_neighbour = (
         np.zeros(n + 1, np.int64),
         np.zeros(n + 1, np.int64),
         np.zeros(n + 1, np.int64),
@@ -146,15 +146,15 @@ def candidates(places: TrackletNodes, walk: WalkModel, beside: float) -> LinkCan
             for k in range(n):
                 first_next[k + 1] += first_next[k]
                 first_last[k + 1] += first_last[k]
-                first_beside[k + 1] += first_beside[k]
+                first_neighbour[k + 1] += first_neighbour[k]
             following, preceding = np.empty(first_next[n], np.int64), np.empty(first_last[n], np.int64)
-            neighbour = np.empty(first_beside[n], np.int64)
+            neighbour = np.empty(first_neighbour[n], np.int64)
         count_last = np.zeros(n, np.int64)
         for i in range(n):
-            count, count_beside = 0, 0
+            count, n_neighbours = 0, 0
             j = i + 1
-            while j < n and places.moment[j] - places.moment[i] <= walk.reach:
-                if can_link(places, walk, i, j):
+            while j < n and nodes.step[j] - nodes.step[i] <= walk.reach:
+                if can_link(nodes, walk, i, j):
                     if fill == 1:
                         following[first_next[i] + count] = j
                         preceding[first_last[j] + count_last[j]] = i
@@ -163,19 +163,19 @@ def candidates(places: TrackletNodes, walk: WalkModel, beside: float) -> LinkCan
                 j += 1
             for step in (-1, 1):
                 j = i + step
-                while 0 <= j < n and places.moment[j] == places.moment[i]:
-                    dx, dy = places.at[j, 0] - places.at[i, 0], places.at[j, 1] - places.at[i, 1]
-                    if dx * dx + dy * dy < beside * beside:
+                while 0 <= j < n and nodes.step[j] == nodes.step[i]:
+                    dx, dy = nodes.at[j, 0] - nodes.at[i, 0], nodes.at[j, 1] - nodes.at[i, 1]
+                    if dx * dx + dy * dy < neighbour_distance * neighbour_distance:
                         if fill == 1:
-                            neighbour[first_beside[i] + count_beside] = j
-                        count_beside += 1
+                            neighbour[first_neighbour[i] + n_neighbours] = j
+                        n_neighbours += 1
                     j += step
             if fill == 0:
-                first_next[i + 1], first_beside[i + 1] = count, count_beside
+                first_next[i + 1], first_neighbour[i + 1] = count, n_neighbours
         if fill == 0:
             for i in range(n):
                 first_last[i + 1] = count_last[i]
-    return LinkCandidates(first_next, following, first_last, preceding, first_beside, neighbour)
+    return LinkCandidates(first_next, following, first_last, preceding, first_neighbour, neighbour)
 
 
 def empty_link_cache(listed: LinkCandidates) -> LinkCache:
@@ -186,23 +186,23 @@ def empty_link_cache(listed: LinkCandidates) -> LinkCache:
 
 
 @kernel
-def log_dwell_probability(places: TrackletNodes, walk: WalkModel, looked: Floats, i: int, j: int) -> float:
+def log_dwell_probability(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, i: int, j: int) -> float:
     """Log probability of survival from position i to j with missed detections between, with tracklet ids."""
-    total: float = -(places.time[j] - places.time[i]) / walk.stay
-    a, b = places.moment[i] + 1, places.moment[j]
+    total: float = -(nodes.time[j] - nodes.time[i]) / walk.stay
+    a, b = nodes.step[i] + 1, nodes.step[j]
     if b > a:
-        for c in range(looked.shape[1]):
-            count = looked[b, c] - looked[a, c]
+        for c in range(frame_counts.shape[1]):
+            count = frame_counts[b, c] - frame_counts[a, c]
             if count > 0.0:
-                total += count * 0.5 * (places.miss[i, c] + places.miss[j, c])
-    for c in range(places.hint.shape[1]):
-        if places.hint[i, c] != NO_NODE and places.hint[j, c] != NO_NODE:
-            one, other = places.hint[i, c], places.hint[j, c]
-            if c < looked.shape[1]:
+                total += count * 0.5 * (nodes.miss[i, c] + nodes.miss[j, c])
+    for c in range(nodes.hint.shape[1]):
+        if nodes.hint[i, c] != NO_NODE and nodes.hint[j, c] != NO_NODE:
+            one, other = nodes.hint[i, c], nodes.hint[j, c]
+            if c < frame_counts.shape[1]:
                 total += LOG_RATIO_SAME_TRACKLET if one == other else LOG_RATIO_OTHER_TRACKLET
             elif one == other:
                 total += LOG_RATIO_SAME_FILTER_ID
-            elif places.life[one, 0] <= places.life[other, 1] and places.life[other, 0] <= places.life[one, 1]:
+            elif nodes.life[one, 0] <= nodes.life[other, 1] and nodes.life[other, 0] <= nodes.life[one, 1]:
                 # Who begins after the other has ended may be the same person, whom the filter lost
                 total += LOG_RATIO_OTHER_FILTER_ID
     return total
@@ -210,7 +210,7 @@ def log_dwell_probability(places: TrackletNodes, walk: WalkModel, looked: Floats
 
 @kernel
 def joined(
-    places: TrackletNodes, walk: WalkModel, looked: Floats, i: int, mean: Floats, covariance: Floats, past: float,
+    nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, i: int, mean: Floats, covariance: Floats, past: float,
     j: int, J: Floats, h: Floats, future: float,
 ) -> tuple[float, int]:  # fmt: skip
     """Log probability of a track from the forward message of i and the backward one of j, and the motion model.
@@ -218,7 +218,7 @@ def joined(
     Between the two the person walks on, manoeuvres or bends, whichever is most probable.
     """
     m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
-    dt = places.time[j] - places.time[i]
+    dt = nodes.time[j] - nodes.time[i]
     most, best = -np.inf, CONSTANT_VELOCITY
     for model in range(walk.often.shape[0]):
         if model != CONSTANT_VELOCITY and walk.often[model] == 0.0:
@@ -227,7 +227,7 @@ def joined(
         value = log_integral(m, P, J, h, future) + log_of_model(walk, dt, model)
         if value > most:
             most, best = value, model
-    return past + log_dwell_probability(places, walk, looked, i, j) + most, best
+    return past + log_dwell_probability(nodes, walk, frame_counts, i, j) + most, best
 
 
 @kernel
@@ -240,7 +240,7 @@ def log_of_model(walk: WalkModel, dt: float, model: int) -> float:
 
 @kernel
 def log_link_probability(
-    places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState, i: int, j: int
+    nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, chain: MarkovChainState, i: int, j: int
 ) -> float:
     """Log probability of the track in which j follows i; NONE: a beginning or an end; 0 for neither."""
     if i == NO_NODE and j == NO_NODE:
@@ -248,11 +248,11 @@ def log_link_probability(
     if i == NO_NODE:
         m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
         begun = initial_density(walk.prior, walk.mean, chain.J[j], chain.h[j], chain.future[j], m, P)
-        return float(places.birth[j] + begun)
+        return float(nodes.birth[j] + begun)
     if j == NO_NODE:
-        return float(chain.past[i] + places.death[i])
+        return float(chain.past[i] + nodes.death[i])
     value, _ = joined(
-        places, walk, looked, i, chain.mean[i], chain.covariance[i], chain.past[i],
+        nodes, walk, frame_counts, i, chain.mean[i], chain.covariance[i], chain.past[i],
         j, chain.J[j], chain.h[j], chain.future[j],
     )  # fmt: skip
     return value
@@ -260,9 +260,9 @@ def log_link_probability(
 
 @kernel
 def cached_link(
-    places: TrackletNodes,
+    nodes: TrackletNodes,
     walk: WalkModel,
-    looked: Floats,
+    frame_counts: Floats,
     listed: LinkCandidates,
     known: LinkCache,
     chain: MarkovChainState,
@@ -271,10 +271,10 @@ def cached_link(
 ) -> float:
     """Return `log_link_probability`, cached for links of listed nodes until one of their messages changes."""
     if j == NO_NODE:
-        return log_link_probability(places, walk, looked, chain, i, j)
+        return log_link_probability(nodes, walk, frame_counts, chain, i, j)
     if i == NO_NODE:
         if known.first[j] != chain.later[j]:
-            known.begun[j] = log_link_probability(places, walk, looked, chain, i, j) - chain.future[j]
+            known.begun[j] = log_link_probability(nodes, walk, frame_counts, chain, i, j) - chain.future[j]
             known.first[j] = chain.later[j]
         return float(known.begun[j] + chain.future[j])
     # Bisection: the positions that may follow one rise
@@ -286,16 +286,16 @@ def cached_link(
         else:
             high = middle
     if known.earlier[low] != chain.earlier[i] or known.later[low] != chain.later[j]:
-        known.link[low] = log_link_probability(places, walk, looked, chain, i, j) - chain.past[i] - chain.future[j]
+        known.link[low] = log_link_probability(nodes, walk, frame_counts, chain, i, j) - chain.past[i] - chain.future[j]
         known.earlier[low], known.later[low] = chain.earlier[i], chain.later[j]
     return float(chain.past[i] + known.link[low] + chain.future[j])
 
 
 @kernel
 def forward_of(
-    places: TrackletNodes,
+    nodes: TrackletNodes,
     walk: WalkModel,
-    looked: Floats,
+    frame_counts: Floats,
     chain: MarkovChainState,
     i: int,
     k: int,
@@ -305,35 +305,35 @@ def forward_of(
 ) -> float:
     """Write the forward message of position k after position i (or NONE), and give its log likelihood."""
     if i == NO_NODE:
-        begun = initial_density(walk.prior, walk.mean, places.J[k], places.h[k], places.c[k], mean, P)
-        return float(places.birth[k] + begun)
-    dt = places.time[k] - places.time[i]
+        begun = initial_density(walk.prior, walk.mean, nodes.J[k], nodes.h[k], nodes.c[k], mean, P)
+        return float(nodes.birth[k] + begun)
+    dt = nodes.time[k] - nodes.time[i]
     predict(chain.mean[i], chain.covariance[i], dt, walk.drift[model], mean, P)
-    past = chain.past[i] + log_dwell_probability(places, walk, looked, i, k) + log_of_model(walk, dt, model)
-    return float(past + multiply_factor(mean, P, places.J[k], places.h[k], places.c[k]))
+    past = chain.past[i] + log_dwell_probability(nodes, walk, frame_counts, i, k) + log_of_model(walk, dt, model)
+    return float(past + multiply_factor(mean, P, nodes.J[k], nodes.h[k], nodes.c[k]))
 
 
 @kernel
 def log_insertion_probability(
-    places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState, i: int, k: int, j: int
+    nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, chain: MarkovChainState, i: int, k: int, j: int
 ) -> float:
     """Log probability of the track in which position k lies between i and j (each may be NONE)."""
     m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
     model = CONSTANT_VELOCITY
     if i != NO_NODE:
         _, model = joined(
-            places, walk, looked, i, chain.mean[i], chain.covariance[i], chain.past[i],
-            k, places.J[k], places.h[k], places.c[k],
+            nodes, walk, frame_counts, i, chain.mean[i], chain.covariance[i], chain.past[i],
+            k, nodes.J[k], nodes.h[k], nodes.c[k],
         )  # fmt: skip
-    past = forward_of(places, walk, looked, chain, i, k, model, m, P)
+    past = forward_of(nodes, walk, frame_counts, chain, i, k, model, m, P)
     if j == NO_NODE:
-        return float(past + places.death[k])
-    value, _ = joined(places, walk, looked, k, m, P, past, j, chain.J[j], chain.h[j], chain.future[j])
+        return float(past + nodes.death[k])
+    value, _ = joined(nodes, walk, frame_counts, k, m, P, past, j, chain.J[j], chain.h[j], chain.future[j])
     return value
 
 
 @kernel
-def choose_motion(places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState, i: int) -> None:
+def choose_motion(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, chain: MarkovChainState, i: int) -> None:
     """Choose the motion model between position i and its successor, if it has one."""
     if i == NO_NODE:
         return
@@ -342,14 +342,19 @@ def choose_motion(places: TrackletNodes, walk: WalkModel, looked: Floats, chain:
         chain.model[i] = CONSTANT_VELOCITY
     else:
         _, chain.model[i] = joined(
-            places, walk, looked, i, chain.mean[i], chain.covariance[i], chain.past[i],
+            nodes, walk, frame_counts, i, chain.mean[i], chain.covariance[i], chain.past[i],
             j, chain.J[j], chain.h[j], chain.future[j],
         )  # fmt: skip
 
 
 @kernel
 def update_messages(
-    places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState, forward_at: int, backward_at: int
+    nodes: TrackletNodes,
+    walk: WalkModel,
+    frame_counts: Floats,
+    chain: MarkovChainState,
+    forward_at: int,
+    backward_at: int,
 ) -> None:
     """Update forward messages from a position on, and backward ones from another one, until nothing changes."""
     m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
@@ -357,7 +362,7 @@ def update_messages(
     while k != NO_NODE:
         i = chain.before[k]
         past = forward_of(
-            places, walk, looked, chain, i, k, chain.model[i] if i != NO_NODE else CONSTANT_VELOCITY, m, P
+            nodes, walk, frame_counts, chain, i, k, chain.model[i] if i != NO_NODE else CONSTANT_VELOCITY, m, P
         )
         same = True
         for a in range(STATE_SIZE):
@@ -378,16 +383,18 @@ def update_messages(
     while k != NO_NODE:
         j = chain.after[k]
         if j == NO_NODE:
-            J[:], h[:] = places.J[k], places.h[k]
-            future = places.c[k] + places.death[k]
+            J[:], h[:] = nodes.J[k], nodes.h[k]
+            future = nodes.c[k] + nodes.death[k]
         else:
-            dt = places.time[j] - places.time[k]
+            dt = nodes.time[j] - nodes.time[k]
             future = predict_backwards(chain.J[j], chain.h[j], chain.future[j], dt, walk.drift[chain.model[k]], J, h)
             future += (
-                places.c[k] + log_dwell_probability(places, walk, looked, k, j) + log_of_model(walk, dt, chain.model[k])
+                nodes.c[k]
+                + log_dwell_probability(nodes, walk, frame_counts, k, j)
+                + log_of_model(walk, dt, chain.model[k])
             )
-            J += places.J[k]
-            h += places.h[k]
+            J += nodes.J[k]
+            h += nodes.h[k]
         same = True
         for a in range(STATE_SIZE):
             if not abs(J[a, a] - chain.J[k, a, a]) <= MESSAGE_TOLERANCE_SIGMAS * J[a, a]:
@@ -405,19 +412,19 @@ def update_messages(
 
 
 @kernel
-def insert_node(places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState, k: int) -> None:
+def insert_node(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, chain: MarkovChainState, k: int) -> None:
     """Make and renew the messages of a track that position k has entered."""
     i, j = chain.before[k], chain.after[k]
     if i != NO_NODE:
         # As if it were the last position, then with what follows
         _, chain.model[i] = joined(
-            places, walk, looked, i, chain.mean[i], chain.covariance[i], chain.past[i],
-            k, places.J[k], places.h[k], places.c[k],
+            nodes, walk, frame_counts, i, chain.mean[i], chain.covariance[i], chain.past[i],
+            k, nodes.J[k], nodes.h[k], nodes.c[k],
         )  # fmt: skip
     chain.past[k] = forward_of(
-        places,
+        nodes,
         walk,
-        looked,
+        frame_counts,
         chain,
         i,
         k,
@@ -426,44 +433,44 @@ def insert_node(places: TrackletNodes, walk: WalkModel, looked: Floats, chain: M
         chain.covariance[k],
     )
     chain.earlier[k] += 1
-    choose_motion(places, walk, looked, chain, k)
+    choose_motion(nodes, walk, frame_counts, chain, k)
     if j != NO_NODE:
-        update_messages(places, walk, looked, chain, j, NO_NODE)
+        update_messages(nodes, walk, frame_counts, chain, j, NO_NODE)
     chain.J[k] = np.nan
-    update_messages(places, walk, looked, chain, NO_NODE, k)
+    update_messages(nodes, walk, frame_counts, chain, NO_NODE, k)
 
 
 @kernel
-def update_all_messages(places: TrackletNodes, walk: WalkModel, looked: Floats, chain: MarkovChainState) -> None:
+def update_all_messages(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, chain: MarkovChainState) -> None:
     """Renew all messages of all tracks, and reselect the motion models, by the messages as they were."""
-    for k in range(places.moment.shape[0]):
+    for k in range(nodes.step.shape[0]):
         if chain.used[k] and not math.isnan(chain.mean[k, 0]) and not math.isnan(chain.J[k, 0, 0]):
-            choose_motion(places, walk, looked, chain, k)
+            choose_motion(nodes, walk, frame_counts, chain, k)
     chain.mean[:] = np.nan
     chain.J[:] = np.nan
-    for k in range(places.moment.shape[0]):
+    for k in range(nodes.step.shape[0]):
         if chain.used[k] and chain.before[k] == NO_NODE:
-            update_messages(places, walk, looked, chain, k, NO_NODE)
-            sum_up(places.alike, chain.sums, chain.before, chain.after, k)
+            update_messages(nodes, walk, frame_counts, chain, k, NO_NODE)
+            sum_up(nodes.alike, chain.sums, chain.before, chain.after, k)
         if chain.used[k] and chain.after[k] == NO_NODE:
-            update_messages(places, walk, looked, chain, NO_NODE, k)
+            update_messages(nodes, walk, frame_counts, chain, NO_NODE, k)
 
 
 @kernel
-def log_posterior(places: TrackletNodes, chain: MarkovChainState) -> float:
+def log_posterior(nodes: TrackletNodes, chain: MarkovChainState) -> float:
     """Log probability of the state, up to a constant."""
     value = 0.0
-    for k in range(places.moment.shape[0]):
+    for k in range(nodes.step.shape[0]):
         if chain.used[k] and chain.after[k] == NO_NODE:
-            value += chain.past[k] + places.death[k] + log_ratio_joined(places.alike, chain.sums, k, NO_NODE, NO_NODE)
+            value += chain.past[k] + nodes.death[k] + log_ratio_joined(nodes.alike, chain.sums, k, NO_NODE, NO_NODE)
     return value
 
 
 @kernel
 def sweep(
-    places: TrackletNodes,
+    nodes: TrackletNodes,
     walk: WalkModel,
-    looked: Floats,
+    frame_counts: Floats,
     listed: LinkCandidates,
     known: LinkCache,
     chain: MarkovChainState,
@@ -471,27 +478,27 @@ def sweep(
     drawn: Floats,
 ) -> int:
     """Propose moves, one for each row of `drawn` (k, 4), uniform in [0, 1); give how many were accepted."""
-    n = places.moment.shape[0]
+    n = nodes.step.shape[0]
     accepted = 0
     for row in range(drawn.shape[0]):
         k = min(int(drawn[row, 1] * n), n - 1)
         log_u = temperature * math.log(max(drawn[row, 3], 1e-300))
         if drawn[row, 0] < MOVE_THRESHOLDS[0]:
-            accepted += propose_successor(places, walk, looked, listed, known, chain, k, drawn[row, 2], log_u)
+            accepted += propose_successor(nodes, walk, frame_counts, listed, known, chain, k, drawn[row, 2], log_u)
         elif drawn[row, 0] < MOVE_THRESHOLDS[1]:
             accepted += propose_insertion(
-                places, walk, looked, listed, known, chain, k, drawn[row, 2], log_u, temperature
+                nodes, walk, frame_counts, listed, known, chain, k, drawn[row, 2], log_u, temperature
             )
         else:
-            accepted += propose_swap(places, walk, looked, listed, known, chain, k, drawn[row, 2], log_u)
+            accepted += propose_swap(nodes, walk, frame_counts, listed, known, chain, k, drawn[row, 2], log_u)
     return accepted
 
 
 @kernel_part
 def propose_successor(
-    places: TrackletNodes,
+    nodes: TrackletNodes,
     walk: WalkModel,
-    looked: Floats,
+    frame_counts: Floats,
     listed: LinkCandidates,
     known: LinkCache,
     chain: MarkovChainState,
@@ -511,19 +518,19 @@ def propose_successor(
     if j == a:
         return 0
     b = chain.before[j] if j != NO_NODE else NO_NODE
-    if b != NO_NODE and a != NO_NODE and not can_link(places, walk, b, a):
+    if b != NO_NODE and a != NO_NODE and not can_link(nodes, walk, b, a):
         return 0
-    now = cached_link(places, walk, looked, listed, known, chain, i, a)
+    now = cached_link(nodes, walk, frame_counts, listed, known, chain, i, a)
     if j != NO_NODE:
-        now += cached_link(places, walk, looked, listed, known, chain, b, j)
-    then = cached_link(places, walk, looked, listed, known, chain, i, j)
+        now += cached_link(nodes, walk, frame_counts, listed, known, chain, b, j)
+    then = cached_link(nodes, walk, frame_counts, listed, known, chain, i, j)
     if not (b == NO_NODE and a == NO_NODE):
-        then += cached_link(places, walk, looked, listed, known, chain, b, a)
-    then += log_ratio_joined(places.alike, chain.sums, i, NO_NODE, j) + log_ratio_joined(
-        places.alike, chain.sums, b, NO_NODE, a
+        then += cached_link(nodes, walk, frame_counts, listed, known, chain, b, a)
+    then += log_ratio_joined(nodes.alike, chain.sums, i, NO_NODE, j) + log_ratio_joined(
+        nodes.alike, chain.sums, b, NO_NODE, a
     )
-    now += log_ratio_joined(places.alike, chain.sums, i, NO_NODE, a) + log_ratio_joined(
-        places.alike, chain.sums, b, NO_NODE, j
+    now += log_ratio_joined(nodes.alike, chain.sums, i, NO_NODE, a) + log_ratio_joined(
+        nodes.alike, chain.sums, b, NO_NODE, j
     )
     if not then - now > log_u:
         return 0
@@ -534,18 +541,18 @@ def propose_successor(
         chain.before[a] = b
     if b != NO_NODE:
         chain.after[b] = a
-    choose_motion(places, walk, looked, chain, i)
-    choose_motion(places, walk, looked, chain, b)
-    update_messages(places, walk, looked, chain, j, i)
-    update_messages(places, walk, looked, chain, a, b)
-    sum_up(places.alike, chain.sums, chain.before, chain.after, i)
-    sum_up(places.alike, chain.sums, chain.before, chain.after, a if a != NO_NODE else b)
+    choose_motion(nodes, walk, frame_counts, chain, i)
+    choose_motion(nodes, walk, frame_counts, chain, b)
+    update_messages(nodes, walk, frame_counts, chain, j, i)
+    update_messages(nodes, walk, frame_counts, chain, a, b)
+    sum_up(nodes.alike, chain.sums, chain.before, chain.after, i)
+    sum_up(nodes.alike, chain.sums, chain.before, chain.after, a if a != NO_NODE else b)
     return 1
 
 
 @kernel_part
 def propose_insertion(
-    places: TrackletNodes, walk: WalkModel, looked: Floats, listed: LinkCandidates, known: LinkCache,
+    nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, listed: LinkCandidates, known: LinkCache,
     chain: MarkovChainState, k: int, u: float,
     log_u: float, temperature: float,
 ) -> int:  # fmt: skip
@@ -555,12 +562,12 @@ def propose_insertion(
     log_options = temperature * math.log(before + after + 1.0)
     if chain.used[k]:
         i, j = chain.before[k], chain.after[k]
-        if i != NO_NODE and j != NO_NODE and not can_link(places, walk, i, j):
+        if i != NO_NODE and j != NO_NODE and not can_link(nodes, walk, i, j):
             return 0
-        now = cached_link(places, walk, looked, listed, known, chain, i, k)
-        then = cached_link(places, walk, looked, listed, known, chain, i, j)
-        now += log_ratio_joined(places.alike, chain.sums, i, k, j)
-        then += log_ratio_joined(places.alike, chain.sums, i, NO_NODE, j)
+        now = cached_link(nodes, walk, frame_counts, listed, known, chain, i, k)
+        then = cached_link(nodes, walk, frame_counts, listed, known, chain, i, j)
+        now += log_ratio_joined(nodes.alike, chain.sums, i, k, j)
+        then += log_ratio_joined(nodes.alike, chain.sums, i, NO_NODE, j)
         if not then - now - log_options > log_u:
             return 0
         chain.used[k], chain.before[k], chain.after[k] = False, NO_NODE, NO_NODE
@@ -572,16 +579,16 @@ def propose_insertion(
             if not chain.used[i]:
                 return 0
             j = chain.after[i]
-            if j != NO_NODE and not can_link(places, walk, k, j):
+            if j != NO_NODE and not can_link(nodes, walk, k, j):
                 return 0
         elif pick < before + after:
             j = listed.next[listed.first_next[k] + pick - before]
             if not chain.used[j] or chain.before[j] != NO_NODE:
                 return 0
-        now = cached_link(places, walk, looked, listed, known, chain, i, j)
-        then = log_insertion_probability(places, walk, looked, chain, i, k, j)
-        now += log_ratio_joined(places.alike, chain.sums, i, NO_NODE, j)
-        then += log_ratio_joined(places.alike, chain.sums, i, k, j)
+        now = cached_link(nodes, walk, frame_counts, listed, known, chain, i, j)
+        then = log_insertion_probability(nodes, walk, frame_counts, chain, i, k, j)
+        now += log_ratio_joined(nodes.alike, chain.sums, i, NO_NODE, j)
+        then += log_ratio_joined(nodes.alike, chain.sums, i, k, j)
         if not then - now + log_options > log_u:
             return 0
         chain.used[k], chain.before[k], chain.after[k] = True, i, j
@@ -590,19 +597,19 @@ def propose_insertion(
     if j != NO_NODE:
         chain.before[j] = k if chain.used[k] else i
     if chain.used[k]:
-        insert_node(places, walk, looked, chain, k)
+        insert_node(nodes, walk, frame_counts, chain, k)
     else:
-        choose_motion(places, walk, looked, chain, i)
-        update_messages(places, walk, looked, chain, j, i)
-    sum_up(places.alike, chain.sums, chain.before, chain.after, k if chain.used[k] else (i if i != NO_NODE else j))
+        choose_motion(nodes, walk, frame_counts, chain, i)
+        update_messages(nodes, walk, frame_counts, chain, j, i)
+    sum_up(nodes.alike, chain.sums, chain.before, chain.after, k if chain.used[k] else (i if i != NO_NODE else j))
     return 1
 
 
 @kernel_part
 def propose_swap(
-    places: TrackletNodes,
+    nodes: TrackletNodes,
     walk: WalkModel,
-    looked: Floats,
+    frame_counts: Floats,
     listed: LinkCandidates,
     known: LinkCache,
     chain: MarkovChainState,
@@ -611,26 +618,26 @@ def propose_swap(
     log_u: float,
 ) -> int:
     """Propose that position k and one of the same time step change roles."""
-    count = listed.first_beside[k + 1] - listed.first_beside[k]
+    count = listed.first_neighbour[k + 1] - listed.first_neighbour[k]
     if count == 0:
         return 0
-    m = listed.beside[listed.first_beside[k] + min(int(u * count), count - 1)]
+    m = listed.neighbours[listed.first_neighbour[k] + min(int(u * count), count - 1)]
     if not (chain.used[k] or chain.used[m]):
         return 0
     for one, other in ((k, m), (m, k)):
         i, j = chain.before[one], chain.after[one]
-        if i != NO_NODE and not can_link(places, walk, i, other):
+        if i != NO_NODE and not can_link(nodes, walk, i, other):
             return 0
-        if j != NO_NODE and not can_link(places, walk, other, j):
+        if j != NO_NODE and not can_link(nodes, walk, other, j):
             return 0
     now, then = 0.0, 0.0
     for one, other in ((k, m), (m, k)):
         if chain.used[one]:
             i, j = chain.before[one], chain.after[one]
-            now += cached_link(places, walk, looked, listed, known, chain, i, one)
-            then += log_insertion_probability(places, walk, looked, chain, i, other, j)
-            now += log_ratio_joined(places.alike, chain.sums, i, one, j)
-            then += log_ratio_joined(places.alike, chain.sums, i, other, j)
+            now += cached_link(nodes, walk, frame_counts, listed, known, chain, i, one)
+            then += log_insertion_probability(nodes, walk, frame_counts, chain, i, other, j)
+            now += log_ratio_joined(nodes.alike, chain.sums, i, one, j)
+            then += log_ratio_joined(nodes.alike, chain.sums, i, other, j)
     if not then - now > log_u:
         return 0
     ik, jk, im, jm = chain.before[k], chain.after[k], chain.before[m], chain.after[m]
@@ -645,6 +652,6 @@ def propose_swap(
             chain.before[j] = one
     for one in (k, m):
         if chain.used[one]:
-            insert_node(places, walk, looked, chain, one)
-            sum_up(places.alike, chain.sums, chain.before, chain.after, one)
+            insert_node(nodes, walk, frame_counts, chain, one)
+            sum_up(nodes.alike, chain.sums, chain.before, chain.after, one)
     return 1

@@ -70,8 +70,8 @@ MIN_EXISTENCE_COMPLEMENT = 1e-3
 
 def smooth(
     state: JipdaState,
-    looks: Sequence[Sequence[FrameDetections]],
-    moments: Sequence[TrackSnapshot],
+    frames: Sequence[Sequence[FrameDetections]],
+    snapshots: Sequence[TrackSnapshot],
     generator: np.random.Generator,
 ) -> list[TrackSnapshot]:
     """Smooth all people at the same time steps, from the detections before and after each.
@@ -80,68 +80,70 @@ def smooth(
 
     Args:
         state: of the filter after the last time step: cameras, settings, and what it learned of the detectors.
-        looks: of each time step, as they were given to the filter.
-        moments: what the filter said, in the order of time.
+        frames: of each time step, as they were given to the filter.
+        snapshots: what the filter said, in the order of time.
         generator: of the Markov chain; the same one gives the same result.
     """
-    if not moments:
+    if not snapshots:
         return []
-    packed = [_scored(state, group, moment.t_ns) for group, moment in zip(looks, moments, strict=True)]
-    span = span_of(state, packed, moments)
+    packed = [_scored(state, group, snapshot.t_ns) for group, snapshot in zip(frames, snapshots, strict=True)]
+    span = span_of(state, packed, snapshots)
     rates = _rates(state, span)
     # Blind frames do not count
-    packed = [_seeing(boxes, rates, moment) for boxes, moment in zip(packed, moments, strict=True)]
-    span = span_of(state, packed, moments)
+    packed = [_seeing(boxes, rates, snapshot) for boxes, snapshot in zip(packed, snapshots, strict=True)]
+    span = span_of(state, packed, snapshots)
     chosen = independent_steps(span)
-    apart = at_moments(span, chosen)
+    subset = at_steps(span, chosen)
     # Errors of boxes that are farther apart in time are less correlated: those of the chosen time steps count for more
-    rates_apart = _rates(state, apart, frames_between(span, apart))
+    subset_rates = _rates(state, subset, frames_between(span, subset))
     # The filter's tracks through time steps that the chain skips carry links that it need not find again
-    followed = len(chosen) < len(moments)
-    hints = [_identities(group, moment, followed) for group, moment in zip(looks, moments, strict=True)]
-    appearance, law = _appearances(looks), feature_likelihood(state.cues.likeness)
-    seen = {k: _filtered(packed[k], looks[k], moments[k]) for k in chosen.tolist()}
+    followed = len(chosen) < len(snapshots)
+    hints = [_identities(group, snapshot, followed) for group, snapshot in zip(frames, snapshots, strict=True)]
+    appearance, law = _appearances(frames), feature_likelihood(state.cues.likeness)
+    seen = {k: _filtered(packed[k], frames[k], snapshots[k]) for k in chosen.tolist()}
     square = (INITIAL_SCALE_M * state.metre) ** 2
-    for hottest, coming in zip(INITIAL_TEMPERATURES, (chosen, np.arange(len(moments))), strict=True):
-        found = [assign_boxes(state, packed[k], rates_apart, hints[k], appearance[k], seen[k]) for k in chosen.tolist()]
-        tracks = tracks_from(found, apart, state.config, state.places, square, free=True, law=law)
+    for hottest, coming in zip(INITIAL_TEMPERATURES, (chosen, np.arange(len(snapshots))), strict=True):
+        found = [
+            assign_boxes(state, packed[k], subset_rates, hints[k], appearance[k], seen[k]) for k in chosen.tolist()
+        ]
+        tracks = tracks_from(found, subset, state.config, state.birth_map, square, free=True, law=law)
         if not (followed and rates.slow > CORRELATED_NOISE_LIMIT):
-            anneal(tracks, apart, generator, hottest)
-        bridge(tracks, apart)
-        tracks = tracks._replace(places=tracks.places._replace(moment=chosen[tracks.places.moment]))
+            anneal(tracks, subset, generator, hottest)
+        bridge(tracks, subset)
+        tracks = tracks._replace(nodes=tracks.nodes._replace(step=chosen[tracks.nodes.step]))
         own, square = _scattered(tracks, span, square, state.metre)
         seen = _reassociate(state, packed, rates, hints, appearance, tracks, span, own, square, coming)
     # Smooth: the scatter and the walk follow from each other
-    found = [assign_boxes(state, packed[k], rates, hints[k], appearance[k], seen[k]) for k in range(len(moments))]
-    tracks = tracks_from(found, span, state.config, state.places, square, free=False, law=law)
+    found = [assign_boxes(state, packed[k], rates, hints[k], appearance[k], seen[k]) for k in range(len(snapshots))]
+    tracks = tracks_from(found, span, state.config, state.birth_map, square, free=False, law=law)
     for _ in range(REFINEMENTS):
         own, square = _scattered(tracks, span, square, state.metre)
-        tracks = tracks_from(found, span, state.config, state.places, own, free=False, law=law)
+        tracks = tracks_from(found, span, state.config, state.birth_map, own, free=False, law=law)
     walk = _states(tracks, span, track_extension(span))
     wide = widening(state.views, rates, packed, found, walk, span)
-    return _moments(tracks, span, packed, looks, moments, seen, own, square, walk, wide)
+    return _smoothed_snapshots(tracks, span, packed, frames, snapshots, seen, own, square, walk, wide)
 
 
 def _scored(state: JipdaState, group: Sequence[FrameDetections], t_ns: int) -> PackedDetections:
     """Pack the frames of a time step for the kernels; likelihoods of scores are those of the whole recording."""
     boxes = pack_detections(state, group, t_ns)
-    scores = np.concatenate([look.score for look in group])
+    scores = np.concatenate([frame.score for frame in group])
     return boxes._replace(clutter=boxes.clutter - log_ratio(state.cues.score, scores))
 
 
-def span_of(state: JipdaState, packed: Sequence[PackedDetections], moments: Sequence[TrackSnapshot]) -> WindowSpan:
+def span_of(state: JipdaState, packed: Sequence[PackedDetections], snapshots: Sequence[TrackSnapshot]) -> WindowSpan:
     """Collect the time steps, the cameras with frames, and the density of people."""
-    looked = np.zeros((len(moments) + 1, len(state.views.size)))
+    frame_counts = np.zeros((len(snapshots) + 1, len(state.views.size)))
     for k, boxes in enumerate(packed):
-        looked[k + 1] = looked[k]
-        np.add.at(looked[k + 1], boxes.camera, 1.0)
-    places = np.concatenate([m.mean[:, :2] for m in moments]) / state.metre
-    area = max(len(np.unique(np.floor(places), axis=0)), 10) * state.metre**2
+        frame_counts[k + 1] = frame_counts[k]
+        np.add.at(frame_counts[k + 1], boxes.camera, 1.0)
+    positions = np.concatenate([m.mean[:, :2] for m in snapshots]) / state.metre
+    area = max(len(np.unique(np.floor(positions), axis=0)), 10) * state.metre**2
     return WindowSpan(
-        time=np.array([(m.t_ns - moments[0].t_ns) / NS for m in moments]),
-        looked=looked,
+        time=np.array([(m.t_ns - snapshots[0].t_ns) / NS for m in snapshots]),
+        frame_counts=frame_counts,
         area=area,
-        people=max(len(places) / len(moments), 0.5),
+        people=max(len(positions) / len(snapshots), 0.5),
         stay=1.0 / termination_rate(state.counts),
         turning=manoeuvre_rate(state.counts),
         bending=posture_change_rate(state.counts),
@@ -149,12 +151,12 @@ def span_of(state: JipdaState, packed: Sequence[PackedDetections], moments: Sequ
     )
 
 
-def _seeing(boxes: PackedDetections, rates: DetectorModel, moment: TrackSnapshot) -> PackedDetections:
+def _seeing(boxes: PackedDetections, rates: DetectorModel, snapshot: TrackSnapshot) -> PackedDetections:
     """Return the boxes without blind frames, judged by the filter's people."""
-    visible = np.nan_to_num(moment.visibility[:, boxes.camera].T)
-    places = np.linspace(0.0, 1.0, len(rates.curve))
-    detection = rates.detection[boxes.camera, None] * np.interp(visible, places, rates.curve)
-    keep = ~blind_frames(boxes, moment.existence, np.where(visible > 0.0, detection, 0.0))
+    visible = np.nan_to_num(snapshot.visibility[:, boxes.camera].T)
+    knots = np.linspace(0.0, 1.0, len(rates.curve))
+    detection = rates.detection[boxes.camera, None] * np.interp(visible, knots, rates.curve)
+    keep = ~blind_frames(boxes, snapshot.existence, np.where(visible > 0.0, detection, 0.0))
     first = np.concatenate([[0], np.cumsum(np.diff(boxes.first)[keep])])
     return boxes._replace(camera=boxes.camera[keep], delay=boxes.delay[keep], first=first)
 
@@ -163,97 +165,98 @@ def _rates(state: JipdaState, span: WindowSpan, between: float = 1.0) -> Detecto
     """Return the detector rates, given the number of a camera's frames per frame that counts."""
     # Mean frame period of each camera
     with np.errstate(divide="ignore", invalid="ignore"):
-        interval = span.gaps.sum() / (span.looked[-1] - 1.0)
+        interval = span.gaps.sum() / (span.frame_counts[-1] - 1.0)
     return detector_model(state.counts, state.edges, state.config, np.where(interval > 0.0, interval, np.inf), between)
 
 
-def frames_between(span: WindowSpan, apart: WindowSpan) -> float:
+def frames_between(span: WindowSpan, subset: WindowSpan) -> float:
     """Return the number of a camera's frames per independent time step, at least 1."""
-    looked = apart.looked[-1] > 0.0
-    if not looked.any():
+    frame_counts = subset.frame_counts[-1] > 0.0
+    if not frame_counts.any():
         return 1.0
-    return max(float(np.min(span.looked[-1, looked] / apart.looked[-1, looked])), 1.0)
+    return max(float(np.min(span.frame_counts[-1, frame_counts] / subset.frame_counts[-1, frame_counts])), 1.0)
 
 
 def independent_steps(span: WindowSpan) -> Ints:
     """Choose time steps with a frame of a camera without one at a chosen step for `INDEPENDENT_AFTER_S`."""
-    looks = np.diff(span.looked, axis=0) > 0.0
-    chosen, last = [], np.full(looks.shape[1], -np.inf)
+    delivered = np.diff(span.frame_counts, axis=0) > 0.0
+    chosen, last = [], np.full(delivered.shape[1], -np.inf)
     for k, t in enumerate(span.time.tolist()):
-        if (t - last[looks[k]] >= INDEPENDENT_AFTER_S * (1.0 - ROUNDING)).any():
+        if (t - last[delivered[k]] >= INDEPENDENT_AFTER_S * (1.0 - ROUNDING)).any():
             chosen.append(k)
-            last[looks[k]] = t
+            last[delivered[k]] = t
     return np.array(chosen, dtype=np.int64)
 
 
-def at_moments(span: WindowSpan, chosen: Ints) -> WindowSpan:
+def at_steps(span: WindowSpan, chosen: Ints) -> WindowSpan:
     """Return the chosen time steps."""
-    looks = np.diff(span.looked, axis=0)[chosen]
-    looked = np.concatenate([np.zeros((1, looks.shape[1])), np.cumsum(looks, axis=0)])
-    return span._replace(time=span.time[chosen], looked=looked)
+    delivered = np.diff(span.frame_counts, axis=0)[chosen]
+    frame_counts = np.concatenate([np.zeros((1, delivered.shape[1])), np.cumsum(delivered, axis=0)])
+    return span._replace(time=span.time[chosen], frame_counts=frame_counts)
 
 
-def _appearances(looks: Sequence[Sequence[FrameDetections]]) -> list[Floats]:
+def _appearances(frames: Sequence[Sequence[FrameDetections]]) -> list[Floats]:
     """(M, K) vectors of length 1 of the boxes of each time step; NaN: no appearance."""
-    every = [look for group in looks for look in group]
-    dimension = max((look.appearance.shape[1] for look in every), default=0)
-    histograms = are_histograms(*(look.appearance for look in every))
+    every = [frame for group in frames for frame in group]
+    dimension = max((frame.appearance.shape[1] for frame in every), default=0)
+    histograms = are_histograms(*(frame.appearance for frame in every))
     return [
-        unit_vectors(np.concatenate([appearance_of(look, dimension) for look in group]), histograms) for group in looks
+        unit_vectors(np.concatenate([appearance_of(frame, dimension) for frame in group]), histograms)
+        for group in frames
     ]
 
 
-def _likeness(tracks: ChainTracks, head: Ints, place: Ints, boxes: Floats) -> Floats:
+def _likeness(tracks: ChainTracks, head: Ints, node: Ints, boxes: Floats) -> Floats:
     """(N, M) similarity of boxes (M, K) to those of tracks at other time steps; NaN: one of them has no appearance.
 
     Args:
         tracks: of the positions.
         head: (N,) first positions of tracks.
-        place: (N,) position at the time step; NONE.
+        node: (N,) position at the time step; NONE.
         boxes: vectors of length 1.
     """
-    look = tracks.chain.sums.later[head]
-    has = place != NO_NODE
-    look[has] -= tracks.places.alike.total[place[has]]
-    if not look.shape[1]:
-        return np.full((len(look), len(boxes)), np.nan)
-    return np.asarray(unit_vectors(look, histograms=False) @ boxes.T)
+    appearance = tracks.chain.sums.later[head]
+    has = node != NO_NODE
+    appearance[has] -= tracks.nodes.alike.total[node[has]]
+    if not appearance.shape[1]:
+        return np.full((len(appearance), len(boxes)), np.nan)
+    return np.asarray(unit_vectors(appearance, histograms=False) @ boxes.T)
 
 
-def _identities(group: Sequence[FrameDetections], moment: TrackSnapshot, followed: bool) -> Ints:
+def _identities(group: Sequence[FrameDetections], snapshot: TrackSnapshot, followed: bool) -> Ints:
     """(M, 2) identities of boxes: those of trackers in the images and, where it is `followed`, the filter's; NOBODY."""
-    by_tracker = np.concatenate([look.tracklet_id for look in group]).astype(np.int64)
+    by_tracker = np.concatenate([frame.tracklet_id for frame in group]).astype(np.int64)
     by_filter = np.full(len(by_tracker), NO_ID)
     if followed:
-        mine = moment.support.probability > MIN_ASSOCIATION_PROBABILITY
-        by_filter[_supporting(group, moment)[mine]] = moment.ids[moment.support.person[mine]]
+        mine = snapshot.support.probability > MIN_ASSOCIATION_PROBABILITY
+        by_filter[_supporting(group, snapshot)[mine]] = snapshot.ids[snapshot.support.person[mine]]
     return np.column_stack([by_tracker, by_filter])
 
 
-def _filtered(boxes: PackedDetections, group: Sequence[FrameDetections], moment: TrackSnapshot) -> AssociatedBoxes:
+def _filtered(boxes: PackedDetections, group: Sequence[FrameDetections], snapshot: TrackSnapshot) -> AssociatedBoxes:
     """The filter's people, their boxes, and those that they share with a neighbour."""
-    share = np.zeros((len(moment.ids), len(boxes.box)))
-    joint = np.zeros_like(share)
-    says, box = moment.support, _supporting(group, moment)
-    share[says.person, box], joint[says.person, box] = says.probability - says.joint, says.joint
-    people = PredictedPeople(moment.ids, moment.mean, moment.covariance, moment.existence)
-    return AssociatedBoxes(people, share, joint, moment.visibility[:, boxes.camera].T)
+    beta = np.zeros((len(snapshot.ids), len(boxes.box)))
+    joint = np.zeros_like(beta)
+    supported, box = snapshot.support, _supporting(group, snapshot)
+    beta[supported.person, box], joint[supported.person, box] = supported.probability - supported.joint, supported.joint
+    people = PredictedPeople(snapshot.ids, snapshot.mean, snapshot.covariance, snapshot.existence)
+    return AssociatedBoxes(people, beta, joint, snapshot.visibility[:, boxes.camera].T)
 
 
-def _supporting(group: Sequence[FrameDetections], moment: TrackSnapshot) -> Ints:
+def _supporting(group: Sequence[FrameDetections], snapshot: TrackSnapshot) -> Ints:
     """(k,) index of the time step's box for each row of its support."""
-    keys = ((look.camera, row) for look in group for row in look.row.tolist())
-    place = {key: k for k, key in enumerate(keys)}
-    says = moment.support
-    rows = zip(says.camera.tolist(), says.row.tolist(), strict=True)
-    return np.array([place[at] for at in rows], dtype=np.int64)
+    keys = ((frame.camera, row) for frame in group for row in frame.row.tolist())
+    index_of = {key: k for k, key in enumerate(keys)}
+    supported = snapshot.support
+    rows = zip(supported.camera.tolist(), supported.row.tolist(), strict=True)
+    return np.array([index_of[at] for at in rows], dtype=np.int64)
 
 
 def _scattered(tracks: ChainTracks, span: WindowSpan, square: float, metre: float) -> tuple[Floats, float]:
     """Variance of each position (n,) about its track's walk, and its scale; without a track, the scale."""
     walk = _states(tracks, span, 0.0)
-    rows = np.flatnonzero(walk.place != NO_NODE)
-    k = walk.place[rows]
+    rows = np.flatnonzero(walk.node != NO_NODE)
+    k = walk.node[rows]
     own, square = gait_variances(tracks.J[k], tracks.h[k], walk.mean[rows], walk.covariance[rows], square, metre)
     out = np.full(len(tracks.J), square)
     out[k] = own
@@ -269,7 +272,7 @@ def _states(tracks: ChainTracks, span: WindowSpan, extend: float) -> States:
     """States without the position of the time step, in the order of time steps, for a time beyond each track [s]."""
     early = np.searchsorted(span.time, span.time - extend)
     late = np.searchsorted(span.time, span.time + extend, side="right") - 1
-    return states(tracks.places, tracks.walk, tracks.chain, span.time, early, late)
+    return states(tracks.nodes, tracks.walk, tracks.chain, span.time, early, late)
 
 
 def _reassociate(
@@ -282,16 +285,16 @@ def _reassociate(
     span: WindowSpan,
     own: Floats,
     square: float,
-    moments: Ints,
+    steps: Ints,
 ) -> dict[int, AssociatedBoxes]:
     """Associate the boxes of some time steps again."""
     walk = _states(tracks, span, track_extension(span))
     # The position varies about the walk with the estimated variance
-    spread = np.where(walk.place != NO_NODE, own[walk.place] if len(own) else 0.0, square)
+    spread = np.where(walk.node != NO_NODE, own[walk.node] if len(own) else 0.0, square)
     walk.covariance[:, [0, 1], [0, 1]] += spread[:, None]
-    bounds = np.searchsorted(walk.moment, np.arange(len(packed) + 1))
+    bounds = np.searchsorted(walk.step, np.arange(len(packed) + 1))
     out = {}
-    for k in moments.tolist():
+    for k in steps.tolist():
         rows = slice(bounds[k], bounds[k + 1])
         people = PredictedPeople(
             walk.track[rows],
@@ -300,7 +303,7 @@ def _reassociate(
             np.where(walk.inside[rows], PRESENCE_WITHIN_TRACK, PRESENCE_OUTSIDE_TRACK),
         )
         bonus = _feature_ratios(packed[k], hints[k][:, 0], tracks, walk.last[rows], walk.next[rows])
-        bonus += log_ratio(state.cues.likeness, _likeness(tracks, walk.head[rows], walk.place[rows], appearance[k]))
+        bonus += log_ratio(state.cues.likeness, _likeness(tracks, walk.head[rows], walk.node[rows], appearance[k]))
         out[k] = associate(state, packed[k], rates, people, bonus)
     return out
 
@@ -311,19 +314,19 @@ def _feature_ratios(boxes: PackedDetections, hint: Ints, tracks: ChainTracks, la
     if (hint == NO_ID).all():
         return out
     camera = np.repeat(boxes.camera, np.diff(boxes.first))
-    for beside in (last, following):
-        known = np.where(beside[:, None] != NO_NODE, tracks.places.hint[beside][:, camera], NO_ID)
+    for neighbour in (last, following):
+        known = np.where(neighbour[:, None] != NO_NODE, tracks.nodes.hint[neighbour][:, camera], NO_ID)
         both = (known != NO_ID) & (hint != NO_ID)
         out += np.where(both, np.where(known == hint, LOG_RATIO_SAME_TRACKLET, LOG_RATIO_OTHER_TRACKLET), 0.0)
     return out
 
 
-def _moments(
+def _smoothed_snapshots(
     tracks: ChainTracks,
     span: WindowSpan,
     packed: Sequence[PackedDetections],
-    looks: Sequence[Sequence[FrameDetections]],
-    moments: Sequence[TrackSnapshot],
+    frames: Sequence[Sequence[FrameDetections]],
+    snapshots: Sequence[TrackSnapshot],
     seen: dict[int, AssociatedBoxes],
     own: Floats,
     square: float,
@@ -337,22 +340,22 @@ def _moments(
     odds = np.zeros(walk.track.max(initial=-1) + 1)
     ends = np.flatnonzero(tracks.chain.used & (tracks.chain.after == NO_NODE))
     number = np.full(len(own), NO_NODE)
-    has = walk.place != NO_NODE
-    number[walk.place[has]] = walk.track[has]
-    odds[number[ends]] = tracks.chain.past[ends] + tracks.places.death[ends]
+    has = walk.node != NO_NODE
+    number[walk.node[has]] = walk.track[has]
+    odds[number[ends]] = tracks.chain.past[ends] + tracks.nodes.death[ends]
     odds[number[ends]] += [
-        log_ratio_joined(tracks.places.alike, tracks.chain.sums, k, NO_NODE, NO_NODE) for k in ends.tolist()
+        log_ratio_joined(tracks.nodes.alike, tracks.chain.sums, k, NO_NODE, NO_NODE) for k in ends.tolist()
     ]
     existence = np.clip(1.0 / (1.0 + np.exp(-np.clip(odds, -50.0, 50.0))), 0.0, 1.0 - MIN_EXISTENCE_COMPLEMENT)
     identity = np.where(odds > 0.0, np.cumsum(odds > 0.0) - 1, NO_ID)
     exchanged = possible_switches(tracks, span, number, identity)
-    begins, ceases = np.full(len(odds), len(moments)), np.full(len(odds), -1)
-    np.minimum.at(begins, walk.track, walk.moment)
-    np.maximum.at(ceases, walk.track, walk.moment)
-    bounds = np.searchsorted(walk.moment, np.arange(len(moments) + 1))
-    earlier = [np.flatnonzero((ceases == k - 1) & (identity != NO_ID)) for k in range(len(moments))]
+    begins, ceases = np.full(len(odds), len(snapshots)), np.full(len(odds), -1)
+    np.minimum.at(begins, walk.track, walk.step)
+    np.maximum.at(ceases, walk.track, walk.step)
+    bounds = np.searchsorted(walk.step, np.arange(len(snapshots) + 1))
+    earlier = [np.flatnonzero((ceases == k - 1) & (identity != NO_ID)) for k in range(len(snapshots))]
     out = []
-    for k, moment in enumerate(moments):
+    for k, snapshot in enumerate(snapshots):
         rows = np.arange(bounds[k], bounds[k + 1])
         rows = rows[identity[walk.track[rows]] != NO_ID]
         rows = rows[np.argsort(identity[walk.track[rows]], kind="stable")]
@@ -361,10 +364,10 @@ def _moments(
         events = [Event("birth", int(identity[t]), NO_ID, float(existence[t])) for t in new]
         events += [Event("death", int(identity[t]), NO_ID, float(existence[t])) for t in earlier[k]]
         events += exchanged.get(k, [])
-        support, visible = _seen_by(tracks, walk, rows, packed[k], looks[k], seen[k], len(span.looked[0]))
+        support, visible = _seen_by(tracks, walk, rows, packed[k], frames[k], seen[k], len(span.frame_counts[0]))
         out.append(
             TrackSnapshot(
-                t_ns=moment.t_ns,
+                t_ns=snapshot.t_ns,
                 ids=identity[track],
                 mean=mean[rows],
                 covariance=covariance[rows],
@@ -383,8 +386,8 @@ def _with_places(walk: States, tracks: ChainTracks, own: Floats, square: float, 
     The means weigh walks and positions as the smoother does; the covariances are those of the walk, inflated by
     as `wide`.
     """
-    has = walk.place != NO_NODE
-    spread = np.where(has, own[walk.place] if len(own) else 0.0, square)
+    has = walk.node != NO_NODE
+    spread = np.where(has, own[walk.node] if len(own) else 0.0, square)
     inverses = []
     for times in (1.0, wide):
         P = times * walk.covariance
@@ -392,8 +395,8 @@ def _with_places(walk: States, tracks: ChainTracks, own: Floats, square: float, 
         information = np.linalg.inv(P)
         if times == 1.0:
             vector = np.einsum("nij,nj->ni", information, walk.mean)
-            vector[has] += tracks.h[walk.place[has]]
-        information[has] += tracks.J[walk.place[has]]
+            vector[has] += tracks.h[walk.node[has]]
+        information[has] += tracks.J[walk.node[has]]
         inverses.append(np.linalg.inv(information))
     mean = np.einsum("nij,nj->ni", inverses[0], vector)
     covariance = inverses[1]
@@ -413,16 +416,16 @@ def _seen_by(
 ) -> tuple[BoxAssociations, Floats]:
     """Return the boxes associated with the people of some rows, and their visibility (m, C)."""
     visible = np.full((len(rows), cameras), np.nan)
-    share = np.zeros((len(rows), len(boxes.box)))
-    joint = np.zeros_like(share)
+    beta = np.zeros((len(rows), len(boxes.box)))
+    joint = np.zeros_like(beta)
     # The last association knows people by the number of the track that led to it; it did not predict some people who
     # are there before their first position or after their last one
     label = tracks.label[walk.head[rows]]
     expected = np.flatnonzero(np.isin(label, seen.people.track))
     k = np.searchsorted(seen.people.track, label[expected])
-    share[expected], joint[expected] = seen.share[k], seen.joint[k]
+    beta[expected], joint[expected] = seen.beta[k], seen.joint[k]
     visible[np.ix_(expected, boxes.camera)] = seen.visible[:, k].T
-    return associations_of(share, joint, boxes, group), visible
+    return associations_of(beta, joint, boxes, group), visible
 
 
 MAX_STEPS_PER_REPORT = 4096
@@ -439,33 +442,33 @@ class SmoothingWindow:
 
     lag_ns: int | None  # minimum time of data after a time step; None: all data
     generator: np.random.Generator
-    looks: tuple[Sequence[FrameDetections], ...] = ()
-    moments: tuple[TrackSnapshot, ...] = ()
+    frames: tuple[Sequence[FrameDetections], ...] = ()
+    snapshots: tuple[TrackSnapshot, ...] = ()
     reported: int = 0  # number of time steps that were reported
     last: TrackSnapshot | None = None  # the last one that was reported
     next_id: int = 0
 
 
 def add(
-    window: SmoothingWindow, state: JipdaState, looks: Sequence[FrameDetections], moment: TrackSnapshot
+    window: SmoothingWindow, state: JipdaState, frames: Sequence[FrameDetections], snapshot: TrackSnapshot
 ) -> tuple[SmoothingWindow, list[TrackSnapshot]]:
     """Add the filter's output of a time step, and return the time steps older than the lag.
 
     Args:
         window: before.
         state: of the filter after the time step.
-        looks: of the time step, as they were given to the filter.
-        moment: what the filter said.
+        frames: of the time step, as they were given to the filter.
+        snapshot: what the filter said.
     """
-    window = replace(window, looks=(*window.looks, looks), moments=(*window.moments, moment))
-    waiting = len(window.moments) - window.reported
+    window = replace(window, frames=(*window.frames, frames), snapshots=(*window.snapshots, snapshot))
+    waiting = len(window.snapshots) - window.reported
     if waiting >= 2 * MAX_STEPS_PER_REPORT:
         return _report(window, state, window.reported + MAX_STEPS_PER_REPORT)
     if window.lag_ns is None:
         return window, []
     # Ready: time steps older than the lag
-    t_ns = np.array([m.t_ns for m in window.moments])
-    ready = int(np.searchsorted(t_ns, moment.t_ns - window.lag_ns, side="right"))
+    t_ns = np.array([m.t_ns for m in window.snapshots])
+    ready = int(np.searchsorted(t_ns, snapshot.t_ns - window.lag_ns, side="right"))
     if ready - window.reported < max(MIN_STEPS_PER_REPORT, waiting - (ready - window.reported)):
         return window, []
     return _report(window, state, ready)
@@ -473,25 +476,25 @@ def add(
 
 def finish(window: SmoothingWindow, state: JipdaState) -> list[TrackSnapshot]:
     """Return the remaining time steps at the end of the input."""
-    return _report(window, state, len(window.moments))[1]
+    return _report(window, state, len(window.snapshots))[1]
 
 
 def _report(window: SmoothingWindow, state: JipdaState, stop: int) -> tuple[SmoothingWindow, list[TrackSnapshot]]:
     """Smooth the window, give the time steps before `stop` that were not given yet, and move on."""
     if stop <= window.reported:
         return window, []
-    smoothed = smooth(state, window.looks, window.moments, window.generator)
+    smoothed = smooth(state, window.frames, window.snapshots, window.generator)
     coming = smoothed[window.reported : stop]
     number, next_id = _window_identities(window, coming, smoothed[max(window.reported - 1, 0)], state.metre)
     out = [_renamed(m, number) for m in coming]
     out[0] = _first(out[0], window.last)
     # As much as waits stays before it, so that tracks do not begin at the window's edge
-    keep = max(2 * stop - len(window.moments), 0) if stop < len(window.moments) else stop
+    keep = max(2 * stop - len(window.snapshots), 0) if stop < len(window.snapshots) else stop
     keep = min(max(keep, stop - MAX_STEPS_PER_REPORT), max(stop - MIN_STEPS_PER_REPORT, 0))
     window = replace(
         window,
-        looks=window.looks[keep:],
-        moments=window.moments[keep:],
+        frames=window.frames[keep:],
+        snapshots=window.snapshots[keep:],
         reported=stop - keep,
         last=out[-1],
         next_id=next_id,
@@ -505,46 +508,46 @@ def _window_identities(
     """What the identities of this window are called: as before, where they were; and the next free one."""
     number: dict[int, int] = {}
     if window.last is not None and len(window.last.ids) and len(joint.ids):
-        apart = np.hypot(*(joint.mean[:, None, :2] - window.last.mean[None, :, :2]).transpose(2, 0, 1))
-        rows, columns = linear_sum_assignment(np.minimum(apart, SAME_TARGET_DISTANCE * metre))
+        separation = np.hypot(*(joint.mean[:, None, :2] - window.last.mean[None, :, :2]).transpose(2, 0, 1))
+        rows, columns = linear_sum_assignment(np.minimum(separation, SAME_TARGET_DISTANCE * metre))
         for a, b in zip(rows, columns, strict=True):
-            if apart[a, b] < SAME_TARGET_DISTANCE * metre:
+            if separation[a, b] < SAME_TARGET_DISTANCE * metre:
                 number[int(joint.ids[a])] = int(window.last.ids[b])
     next_id = window.next_id
-    for moment in coming:
-        for each in moment.ids.tolist():
+    for snapshot in coming:
+        for each in snapshot.ids.tolist():
             if each not in number:
                 number[each] = next_id
                 next_id += 1
     return number, next_id
 
 
-def _renamed(moment: TrackSnapshot, number: dict[int, int]) -> TrackSnapshot:
+def _renamed(snapshot: TrackSnapshot, number: dict[int, int]) -> TrackSnapshot:
     """Renumber the identities of a time step, ascending."""
-    ids: Ints = np.array([number[k] for k in moment.ids.tolist()], dtype=np.int64)
+    ids: Ints = np.array([number[k] for k in snapshot.ids.tolist()], dtype=np.int64)
     order = np.argsort(ids, kind="stable")
-    place = np.empty(len(order), dtype=np.int64)
-    place[order] = np.arange(len(order))
+    index = np.empty(len(order), dtype=np.int64)
+    index[order] = np.arange(len(order))
     events = tuple(
         Event(e.kind, number[e.id], e.other if e.other == NO_ID else number[e.other], e.probability)
-        for e in moment.events
+        for e in snapshot.events
         if e.id in number and (e.other == NO_ID or e.other in number)
     )
-    return moment._replace(
+    return snapshot._replace(
         ids=ids[order],
-        mean=moment.mean[order],
-        covariance=moment.covariance[order],
-        existence=moment.existence[order],
-        visibility=moment.visibility[order],
-        support=moment.support._replace(person=place[moment.support.person]),
+        mean=snapshot.mean[order],
+        covariance=snapshot.covariance[order],
+        existence=snapshot.existence[order],
+        visibility=snapshot.visibility[order],
+        support=snapshot.support._replace(person=index[snapshot.support.person]),
         events=events,
     )
 
 
-def _first(moment: TrackSnapshot, last: TrackSnapshot | None) -> TrackSnapshot:
+def _first(snapshot: TrackSnapshot, last: TrackSnapshot | None) -> TrackSnapshot:
     """Return the first time step of a part, with initiations and terminations since the last reported one."""
     before = {} if last is None else dict(zip(last.ids.tolist(), last.existence.tolist(), strict=True))
-    now = dict(zip(moment.ids.tolist(), moment.existence.tolist(), strict=True))
+    now = dict(zip(snapshot.ids.tolist(), snapshot.existence.tolist(), strict=True))
     events = [Event("birth", k, NO_ID, p) for k, p in now.items() if k not in before]
     events += [Event("death", k, NO_ID, p) for k, p in before.items() if k not in now]
-    return moment._replace(events=(*events, *(e for e in moment.events if e.kind == "doubt")))
+    return snapshot._replace(events=(*events, *(e for e in snapshot.events if e.kind == "doubt")))

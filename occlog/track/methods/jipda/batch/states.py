@@ -26,9 +26,9 @@ class States(NamedTuple):
     """States of tracks at time steps; K rows, in the order of time steps, then of tracks."""
 
     track: Ints  # (K,) number of the track, in the order of first positions
-    moment: Ints  # (K,)
+    step: Ints  # (K,)
     head: Ints  # (K,) first position of the track
-    place: Ints  # (K,) position at the time step; NONE
+    node: Ints  # (K,) position at the time step; NONE
     last: Ints  # (K,) position before the time step; NONE
     next: Ints  # (K,) position after it; NONE
     mean: Floats  # (K, 6) by all positions but that of the time step
@@ -41,47 +41,47 @@ class States(NamedTuple):
     @property
     def inside(self) -> Bools:
         """(K,) mask: the time step is neither before the first nor after the last position of the track."""
-        return np.asarray((self.place != NO_NODE) | ((self.last != NO_NODE) & (self.next != NO_NODE)))
+        return np.asarray((self.node != NO_NODE) | ((self.last != NO_NODE) & (self.next != NO_NODE)))
 
 
 def states(
-    places: TrackletNodes, walk: WalkModel, chain: MarkovChainState, time: Floats, first: Ints, last: Ints
+    nodes: TrackletNodes, walk: WalkModel, chain: MarkovChainState, time: Floats, first: Ints, last: Ints
 ) -> States:
     """States of all tracks at all time steps, and before and after them for a while.
 
     Args:
-        places: n positions.
+        nodes: n positions.
         walk: of people.
         chain: with messages.
         time: (T,) time steps [s].
         first: (T,) time step from which a track that begins at a time step is wanted.
         last: (T,) time step to which one that ends there is.
     """
-    rows = States(*_states(places, walk, chain, time, first, last))
-    order = np.lexsort((rows.track, rows.moment))
+    rows = States(*_states(nodes, walk, chain, time, first, last))
+    order = np.lexsort((rows.track, rows.step))
     return rows.taken(order)
 
 
 @kernel
-def _count_states(places: TrackletNodes, chain: MarkovChainState, first: Ints, last: Ints) -> int:
+def _count_states(nodes: TrackletNodes, chain: MarkovChainState, first: Ints, last: Ints) -> int:
     count = 0
-    for k in range(places.moment.shape[0]):
+    for k in range(nodes.step.shape[0]):
         if chain.used[k] and chain.before[k] == NO_NODE:
             j = k
             while chain.after[j] != NO_NODE:
                 j = chain.after[j]
-            count += last[places.moment[j]] - first[places.moment[k]] + 1
+            count += last[nodes.step[j]] - first[nodes.step[k]] + 1
     return count
 
 
 @kernel
 def _states(
-    places: TrackletNodes, walk: WalkModel, chain: MarkovChainState, time: Floats, first: Ints, last: Ints
+    nodes: TrackletNodes, walk: WalkModel, chain: MarkovChainState, time: Floats, first: Ints, last: Ints
 ) -> tuple[Ints, Ints, Ints, Ints, Ints, Ints, Floats, Floats]:
     """The parts of `States`, track by track."""
-    K = _count_states(places, chain, first, last)
-    track, moment, heads = np.empty(K, np.int64), np.empty(K, np.int64), np.empty(K, np.int64)
-    place, past, coming = np.empty(K, np.int64), np.empty(K, np.int64), np.empty(K, np.int64)
+    K = _count_states(nodes, chain, first, last)
+    track, step, heads = np.empty(K, np.int64), np.empty(K, np.int64), np.empty(K, np.int64)
+    node, past, coming = np.empty(K, np.int64), np.empty(K, np.int64), np.empty(K, np.int64)
     mean, covariance = np.empty((K, STATE_SIZE)), np.empty((K, STATE_SIZE, STATE_SIZE))
     m, P, J, h = (
         np.empty(STATE_SIZE),
@@ -91,16 +91,16 @@ def _states(
     )
     information, vector = np.empty((STATE_SIZE, STATE_SIZE)), np.empty(STATE_SIZE)
     row, count = 0, 0
-    for head in range(places.moment.shape[0]):
+    for head in range(nodes.step.shape[0]):
         if not (chain.used[head] and chain.before[head] == NO_NODE):
             continue
         tail = head
         while chain.after[tail] != NO_NODE:
             tail = chain.after[tail]
         i, j = NO_NODE, head  # the last position before the time step, the next one at or after it
-        for t in range(first[places.moment[head]], last[places.moment[tail]] + 1):
+        for t in range(first[nodes.step[head]], last[nodes.step[tail]] + 1):
             here = NO_NODE
-            if j != NO_NODE and places.moment[j] == t:
+            if j != NO_NODE and nodes.step[j] == t:
                 here = j
                 j = chain.after[j]
             # Forward: the filter's prediction; before the first position the prior of a new target
@@ -108,7 +108,7 @@ def _states(
             vector[:] = 0.0
             if i != NO_NODE:
                 drift = walk.drift[chain.model[i]]
-                predict(chain.mean[i], chain.covariance[i], time[t] - places.time[i], drift, m, P)
+                predict(chain.mean[i], chain.covariance[i], time[t] - nodes.time[i], drift, m, P)
                 invert(P, information)
                 vector[:] = information @ m
             else:
@@ -118,22 +118,22 @@ def _states(
                 # Anywhere within reach of the maximum speed in a thousand seconds
                 for a in range(2):
                     information[a, a] = 1e-6 / (walk.speed * walk.speed)
-                    vector[a] = information[a, a] * places.at[head, a]
+                    vector[a] = information[a, a] * nodes.at[head, a]
             # Backward: the information of everything after the time step
             if j != NO_NODE:
                 drift = walk.drift[chain.model[i] if i != NO_NODE else CONSTANT_VELOCITY]
-                predict_backwards(chain.J[j], chain.h[j], 0.0, places.time[j] - time[t], drift, J, h)
+                predict_backwards(chain.J[j], chain.h[j], 0.0, nodes.time[j] - time[t], drift, J, h)
                 information += J
                 vector += h
-            track[row], moment[row], heads[row] = count, t, head
-            place[row], past[row], coming[row] = here, i, j
+            track[row], step[row], heads[row] = count, t, head
+            node[row], past[row], coming[row] = here, i, j
             invert(information, covariance[row])
             mean[row] = covariance[row] @ vector
             if here != NO_NODE:
                 i = here
             row += 1
         count += 1
-    return track, moment, heads, place, past, coming, mean, covariance
+    return track, step, heads, node, past, coming, mean, covariance
 
 
 MIN_MISS_PROBABILITY = 1e-4
@@ -144,14 +144,14 @@ MIN_TERMINATION_RATE = 1e-9
 
 @kernel
 def dwell_times(
-    time: Floats, looked: Floats, moment: Ints, miss: Floats, rate: Floats, step: int
+    time: Floats, frame_counts: Floats, step_index: Ints, miss: Floats, rate: Floats, step: int
 ) -> tuple[Floats, Floats]:
     """Expected time [s] that people are there, and missed in all frames, before or after the time step of a position.
 
     Args:
         time: (T,) time steps [s].
-        looked: (T + 1, C) number of frames of each camera before each time step.
-        moment: (n,) of each position.
+        frame_counts: (T + 1, C) number of frames of each camera before each time step.
+        step_index: (n,) of each position.
         miss: (n, C) log of the probability that a camera misses a person there.
         rate: (n,) at which people leave, or, back in time, have come [1/s].
         step: -1: before the time step; 1: after it.
@@ -159,18 +159,18 @@ def dwell_times(
     Returns:
         The time (n,), and the probability (n,) that they are there, and missed, as long as the recording goes.
     """
-    n, T = moment.shape[0], time.shape[0]
+    n, T = step_index.shape[0], time.shape[0]
     total, rest = np.zeros(n), np.zeros(n)
     for k in range(n):
         leaves = max(rate[k], MIN_TERMINATION_RATE)
-        t, there = moment[k], 1.0
+        t, there = step_index[k], 1.0
         while 0 <= t + step < T:
             gone = -math.expm1(-leaves * abs(time[t + step] - time[t]))
             total[k] += there * gone / leaves
             t += step
             log = 0.0
             for c in range(miss.shape[1]):
-                log += miss[k, c] * (looked[t + 1, c] - looked[t, c])
+                log += miss[k, c] * (frame_counts[t + 1, c] - frame_counts[t, c])
             there *= (1.0 - gone) * math.exp(log)
             if there < MIN_MISS_PROBABILITY:
                 there = 0.0

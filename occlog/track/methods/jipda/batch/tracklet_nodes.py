@@ -7,7 +7,7 @@ where it did not, and is divided by the density of clutter.
 
 Gait noise of the observed position about a smooth walk: Student's t with estimated scale.
 
-People sway, bend, start and stop; cameras are calibrated with small differences.  The position is therefore that of
+People walk, bend, start and stop; cameras are calibrated with small differences.  The position is thus that of
 the walk plus e, which has a Student's t distribution with `NU` degrees of freedom: given a weight w it is normal with
 the variance s^2 / w on each axis.  The weights and s^2 are found by expectation maximisation (Lange, Little and Taylor
 1989, Eqs. 4 and 5) with the walk as it follows from all other positions.
@@ -145,8 +145,8 @@ def factors(
             edge_noise(drawn, rates, rates.lasting[camera] / rates.slow, lasting)
             lasting *= rates.slow
             off = boxes.box[j] - drawn
-            use[:] = boxes.believed[j]
-            nobody = log_clutter(boxes.box[j], use, views.size[camera, 0], views.size[camera, 1]) + boxes.clutter[j]
+            use[:] = boxes.usable[j]
+            clutter = log_clutter(boxes.box[j], use, views.size[camera, 0], views.size[camera, 1]) + boxes.clutter[j]
             log_box = log_of(off, use, noise, W)
             cut = rates.cut * (1.0 - feet[l, i])
             log_box += math.log(1.0 - rates.wrong)
@@ -172,15 +172,15 @@ def factors(
             HW = slope.T @ W
             J[i] += HW @ slope
             h[i] += HW @ z
-            # The density at s: that at the mean, whose exponent is taken out, and the quadratic form at s = 0
+            # The density at s: that at the mean, with its exponent taken out, and the quadratic form at s = 0
             c[i] += log_box + 0.5 * (off @ W @ off) - 0.5 * (z @ W @ z)
-            c[i] += math.log(max(detection[l, i], 1e-6)) - nobody
+            c[i] += math.log(max(detection[l, i], 1e-6)) - clutter
     return J, h, c
 
 
 @kernel
 def log_of(off: Floats, use: Bools, noise: Floats, W: Floats) -> float:
-    """Log density of the edges in use, whose precision W (4, 4) is written."""
+    """Log density of the edges in use; writes their precision W (4, 4)."""
     W[:] = 0.0
     add_precision(noise, use, 1.0, W)
     value = 0.0
@@ -199,19 +199,21 @@ def log_of(off: Floats, use: Bools, noise: Floats, W: Floats) -> float:
 
 
 @kernel
-def widen_by_gait(J: Floats, h: Floats, c: Floats, sway: Floats, out_J: Floats, out_h: Floats, out_c: Floats) -> None:
-    """Write the factors (n) of the walk of people whose position is about it with variance `sway` (n,), per axis.
+def widen_by_gait(
+    J: Floats, h: Floats, c: Floats, gait_variance: Floats, out_J: Floats, out_h: Floats, out_c: Floats
+) -> None:
+    """Write the factors (n) of the walk of people with positions about it with `gait_variance` (n,), per axis.
 
     With e ~ N(0, S) added to the position, the factor's mean over e is, with A the columns of J for x and y and
     M = (S^-1 + J_xy)^-1: J - A M A', h - A M h_xy and c + (h_xy' M h_xy - log|I + S J_xy|) / 2.
     """
     for k in range(c.shape[0]):
-        a, b, d = 1.0 / sway[k] + J[k, 0, 0], J[k, 0, 1], 1.0 / sway[k] + J[k, 1, 1]
+        a, b, d = 1.0 / gait_variance[k] + J[k, 0, 0], J[k, 0, 1], 1.0 / gait_variance[k] + J[k, 1, 1]
         det = a * d - b * b
         m00, m01, m11 = d / det, -b / det, a / det
         h0, h1 = h[k, 0], h[k, 1]
         g0, g1 = m00 * h0 + m01 * h1, m01 * h0 + m11 * h1
-        out_c[k] = c[k] + 0.5 * (h0 * g0 + h1 * g1) - 0.5 * math.log(det * sway[k] * sway[k])
+        out_c[k] = c[k] + 0.5 * (h0 * g0 + h1 * g1) - 0.5 * math.log(det * gait_variance[k] * gait_variance[k])
         for i in range(J.shape[1]):
             out_h[k, i] = h[k, i] - J[k, i, 0] * g0 - J[k, i, 1] * g1
             f0, f1 = J[k, i, 0] * m00 + J[k, i, 1] * m01, J[k, i, 0] * m01 + J[k, i, 1] * m11

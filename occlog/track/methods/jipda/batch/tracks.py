@@ -67,7 +67,7 @@ class WindowSpan(NamedTuple):
     """The time steps: T of them, C cameras."""
 
     time: Floats  # (T,) [s]
-    looked: Floats  # (T + 1, C) number of frames of each camera before each time step
+    frame_counts: Floats  # (T + 1, C) number of frames of each camera before each time step
     area: float  # of the floor on which people are
     people: float  # at a time
     stay: float  # how long people stay on average [s]
@@ -94,7 +94,7 @@ class WindowSpan(NamedTuple):
 class ChainTracks(NamedTuple):
     """Positions in a chain, and their factors without the scatter about the walk."""
 
-    places: TrackletNodes
+    nodes: TrackletNodes
     walk: WalkModel
     chain: MarkovChainState
     J: Floats  # (n, 6, 6)
@@ -106,7 +106,7 @@ def walk_of(config: JipdaConfig, span: WindowSpan, reach: int, free: bool) -> Wa
     """How people walk, by the settings.
 
     While links are to be found (`free`), they walk on or manoeuvre.  Once they are, turns that are too slight to be
-    told one by one count, too: the acceleration is the mean over both.
+    given one by one count, too: the acceleration is the mean over both.
     """
     often = span.turning * config.manoeuvre_duration_s / (1.0 + span.turning * config.manoeuvre_duration_s)
     mean = (1.0 - often) * config.process_noise_density + often * config.manoeuvre_noise_density
@@ -160,7 +160,7 @@ def tracks_from(
         law: likelihood of similarities of boxes.
     """
     counts = [len(f.track) for f in found]
-    moment = np.repeat(np.arange(len(found)), counts)
+    step = np.repeat(np.arange(len(found)), counts)
     mean, miss = np.concatenate([f.mean for f in found]), np.concatenate([f.miss for f in found])
     raw_J, raw_h = np.concatenate([f.J for f in found]), np.concatenate([f.h for f in found])
     c = np.concatenate([f.c for f in found])
@@ -168,15 +168,15 @@ def tracks_from(
     widen_by_gait(raw_J, raw_h, c, np.broadcast_to(scatter, c.shape).astype(np.float64), J, h, constant)
     # Arrivals before the first position or at the beginning of the recording; departures, or presence at its end
     T = len(span.time)
-    unseen = np.exp(miss @ (span.looked[-1] / T))
+    unseen = np.exp(miss @ (span.frame_counts[-1] / T))
     leaving = _leaving(known, mean[:, :2], span)
-    coming, early = dwell_times(span.time, span.looked, moment, miss, np.full(len(moment), 1.0 / span.stay), -1)
-    going, late = dwell_times(span.time, span.looked, moment, miss, leaving, 1)
-    hint, life = _lives(np.concatenate([f.hint for f in found]), span.time[moment])
+    coming, early = dwell_times(span.time, span.frame_counts, step, miss, np.full(len(step), 1.0 / span.stay), -1)
+    going, late = dwell_times(span.time, span.frame_counts, step, miss, leaving, 1)
+    hint, life = _lives(np.concatenate([f.hint for f in found]), span.time[step])
     arrivals = span.people / span.area / span.stay
-    places = TrackletNodes(
-        moment=moment,
-        time=span.time[moment],
+    nodes = TrackletNodes(
+        step=step,
+        time=span.time[step],
         at=np.ascontiguousarray(mean[:, :2]),
         J=J,
         h=h,
@@ -186,17 +186,19 @@ def tracks_from(
         death=np.log(np.minimum(going * leaving + late, 1.0)),
         hint=hint,
         life=life,
-        alike=AppearanceVectors(np.concatenate([f.look for f in found]), np.concatenate([f.looks for f in found]), law),
+        alike=AppearanceVectors(
+            np.concatenate([f.appearance for f in found]), np.concatenate([f.n_vectors for f in found]), law
+        ),
     )
     often = float(np.mean(1.0 - unseen)) if len(unseen) else 1.0
     reach = int(min(np.ceil(LINK_DETECTIONS / max(often, 1e-3)), MAX_LINK_STEPS)) if free else T
     walk = walk_of(config, span, reach, free)
     label = np.concatenate([f.track for f in found])
-    chain = _chain(places, walk, label, free)
+    chain = _chain(nodes, walk, label, free)
     # Once as if all walked on calmly, then with manoeuvres where these are more probable
     for _ in range(2):
-        update_all_messages(places, walk, span.looked, chain)
-    return ChainTracks(places, walk, chain, raw_J, raw_h, label)
+        update_all_messages(nodes, walk, span.frame_counts, chain)
+    return ChainTracks(nodes, walk, chain, raw_J, raw_h, label)
 
 
 def _lives(hint: Ints, time: Floats) -> tuple[Ints, Floats]:
@@ -204,29 +206,29 @@ def _lives(hint: Ints, time: Floats) -> tuple[Ints, Floats]:
     C = hint.shape[1] // 2
     hint = hint.copy()
     own = hint[:, C:]
-    place, camera = np.nonzero(own != NO_NODE)
-    number, code = np.unique(own[place, camera], return_inverse=True)
-    own[place, camera] = code
+    node, camera = np.nonzero(own != NO_NODE)
+    number, code = np.unique(own[node, camera], return_inverse=True)
+    own[node, camera] = code
     life = np.column_stack([np.full(len(number), np.inf), np.full(len(number), -np.inf)])
-    np.minimum.at(life[:, 0], code, time[place])
-    np.maximum.at(life[:, 1], code, time[place])
+    np.minimum.at(life[:, 0], code, time[node])
+    np.maximum.at(life[:, 1], code, time[node])
     return hint, life
 
 
-def _leaving(known: BirthIntensityMap, places: Floats, span: WindowSpan) -> Floats:
+def _leaving(known: BirthIntensityMap, positions: Floats, span: WindowSpan) -> Floats:
     """(n,) rates [1/s] at which people leave at (n, 2) positions, by the cells that these are in."""
     side = CELL_SIZE_M * known.metre
-    cells, cell = np.unique(np.floor(places / side), axis=0, return_inverse=True)
+    cells, cell = np.unique(np.floor(positions / side), axis=0, return_inverse=True)
     return termination_rate_at(known, (cells + 0.5) * side, 1.0 / span.stay)[cell.reshape(-1)]
 
 
-def _chain(places: TrackletNodes, walk: WalkModel, track: Ints, free: bool) -> MarkovChainState:
+def _chain(nodes: TrackletNodes, walk: WalkModel, track: Ints, free: bool) -> MarkovChainState:
     """The state in which positions of one track follow each other."""
     n = len(track)
     after, before = np.full(n, NO_NODE), np.full(n, NO_NODE)
     order = np.lexsort((np.arange(n), track))
     for i, j in zip(order[:-1].tolist(), order[1:].tolist(), strict=True):
-        if track[i] == track[j] != NO_NODE and (not free or can_link(places, walk, i, j)):
+        if track[i] == track[j] != NO_NODE and (not free or can_link(nodes, walk, i, j)):
             after[i], before[j] = j, i
     return MarkovChainState(
         after=after,
@@ -241,13 +243,13 @@ def _chain(places: TrackletNodes, walk: WalkModel, track: Ints, free: bool) -> M
         future=np.zeros(n),
         earlier=np.zeros(n, dtype=np.int64),
         later=np.zeros(n, dtype=np.int64),
-        sums=no_sums(places.alike),
+        sums=no_sums(nodes.alike),
     )
 
 
 def anneal(tracks: ChainTracks, span: WindowSpan, generator: np.random.Generator, hottest: float) -> None:
     """Run the Markov chain, hot initially and cold at the end, in place."""
-    n = len(tracks.places.moment)
+    n = len(tracks.nodes.step)
     if n == 0:
         return
     listed = listed_of(tracks, span)
@@ -255,14 +257,14 @@ def anneal(tracks: ChainTracks, span: WindowSpan, generator: np.random.Generator
     each = max(PROPOSALS * n // TEMPERATURES, 1)
     for temperature in np.geomspace(hottest, FINAL_TEMPERATURE, TEMPERATURES):
         drawn = generator.random((each, 4))
-        sweep(tracks.places, tracks.walk, span.looked, listed, known, tracks.chain, float(temperature), drawn)
+        sweep(tracks.nodes, tracks.walk, span.frame_counts, listed, known, tracks.chain, float(temperature), drawn)
         # Rounding and the tolerance of renewals do not add up
-        update_all_messages(tracks.places, tracks.walk, span.looked, tracks.chain)
+        update_all_messages(tracks.nodes, tracks.walk, span.frame_counts, tracks.chain)
 
 
 def listed_of(tracks: ChainTracks, span: WindowSpan) -> LinkCandidates:
     """List the candidate successors of each position."""
-    return candidates(tracks.places, tracks.walk, SWAP_DISTANCE_M * span.metre)
+    return candidates(tracks.nodes, tracks.walk, SWAP_DISTANCE_M * span.metre)
 
 
 def bridge(tracks: ChainTracks, span: WindowSpan) -> None:
@@ -270,25 +272,25 @@ def bridge(tracks: ChainTracks, span: WindowSpan) -> None:
 
     Two tracks are the same person if a walk without detections between them is likely.
     """
-    places, walk, chain = tracks.places, tracks.walk, tracks.chain
+    nodes, walk, chain = tracks.nodes, tracks.walk, tracks.chain
     ends = np.flatnonzero(chain.used & (chain.after == NO_NODE))
     heads = np.flatnonzero(chain.used & (chain.before == NO_NODE))
     gain = np.zeros((len(ends), len(heads)))
     for a, i in enumerate(ends.tolist()):
-        wait = places.time[heads] - places.time[i]
-        apart = np.hypot(*(places.at[heads] - places.at[i]).T)
-        near = (wait > 0.0) & (wait <= MAX_BRIDGE_S) & (apart <= walk.speed * wait + walk.slack)
+        wait = nodes.time[heads] - nodes.time[i]
+        separation = np.hypot(*(nodes.at[heads] - nodes.at[i]).T)
+        near = (wait > 0.0) & (wait <= MAX_BRIDGE_S) & (separation <= walk.speed * wait + walk.slack)
         if not near.any():
             continue
-        alone = log_link_probability(places, walk, span.looked, chain, i, NO_NODE)
+        alone = log_link_probability(nodes, walk, span.frame_counts, chain, i, NO_NODE)
         for b in np.flatnonzero(near).tolist():
             j = int(heads[b])
-            joint = log_link_probability(places, walk, span.looked, chain, i, j)
-            gain[a, b] = joint - alone - log_link_probability(places, walk, span.looked, chain, NO_NODE, j)
+            joint = log_link_probability(nodes, walk, span.frame_counts, chain, i, j)
+            gain[a, b] = joint - alone - log_link_probability(nodes, walk, span.frame_counts, chain, NO_NODE, j)
             for one, other, sign in ((i, j, 1.0), (i, NO_NODE, -1.0), (NO_NODE, j, -1.0)):
-                gain[a, b] += sign * log_ratio_joined(places.alike, chain.sums, one, NO_NODE, other)
+                gain[a, b] += sign * log_ratio_joined(nodes.alike, chain.sums, one, NO_NODE, other)
     rows, columns = linear_sum_assignment(-np.maximum(gain, 0.0))
     for a, b in zip(rows.tolist(), columns.tolist(), strict=True):
         if gain[a, b] > 0.0:
             chain.after[ends[a]], chain.before[heads[b]] = heads[b], ends[a]
-    update_all_messages(places, walk, span.looked, chain)
+    update_all_messages(nodes, walk, span.frame_counts, chain)

@@ -58,7 +58,7 @@ def possible_switches(tracks: ChainTracks, span: WindowSpan, number: Ints, ident
     """
     walk = tracks.walk._replace(reach=min(tracks.walk.reach, 4))
     listed = listed_of(tracks._replace(walk=walk), span)
-    i, j, probability = _exchanges(tracks.places, walk, span.looked, listed, tracks.chain, number)
+    i, j, probability = _exchanges(tracks.nodes, walk, span.frame_counts, listed, tracks.chain, number)
     named: dict[tuple[int, int], list[tuple[float, int]]] = {}
     out: dict[int, list[Event]] = {}
     # The most probable first
@@ -66,29 +66,29 @@ def possible_switches(tracks: ChainTracks, span: WindowSpan, number: Ints, ident
         one, other = int(identity[number[i[k]]]), int(identity[number[j[k]]])
         if NO_ID in (one, other):
             continue
-        moment = int(tracks.places.moment[j[k]])
-        time = float(span.time[moment])
+        step = int(tracks.nodes.step[j[k]])
+        time = float(span.time[step])
         pair = (min(one, other), max(one, other))
         if any(abs(time - t) < SWITCH_WINDOW_S for t, _ in named.get(pair, [])):
             continue
-        named.setdefault(pair, []).append((time, moment))
+        named.setdefault(pair, []).append((time, step))
         for a, b in (pair, pair[::-1]):
-            out.setdefault(moment, []).append(Event("doubt", a, b, float(probability[k])))
+            out.setdefault(step, []).append(Event("doubt", a, b, float(probability[k])))
     return out
 
 
 @kernel
 def _exchanges(
-    places: TrackletNodes,
+    nodes: TrackletNodes,
     walk: WalkModel,
-    looked: Floats,
+    frame_counts: Floats,
     listed: LinkCandidates,
     chain: MarkovChainState,
     number: Ints,
 ) -> tuple[Ints, Ints, Floats]:
     """Nodes i and j with a switch, the other tails linked too, of probability `MIN_SWITCH_PROBABILITY` or more."""
     before, after, probability = [0], [0], [0.0]
-    for i in range(places.moment.shape[0]):
+    for i in range(nodes.step.shape[0]):
         a = chain.after[i]
         if not chain.used[i] or a == NO_NODE:
             continue
@@ -97,20 +97,20 @@ def _exchanges(
             if not chain.used[j] or number[j] == number[i]:
                 continue
             b = chain.before[j]
-            if b == NO_NODE or not can_link(places, walk, b, a):
+            if b == NO_NODE or not can_link(nodes, walk, b, a):
                 continue
-            now = log_link_probability(places, walk, looked, chain, i, a) + log_link_probability(
-                places, walk, looked, chain, b, j
+            now = log_link_probability(nodes, walk, frame_counts, chain, i, a) + log_link_probability(
+                nodes, walk, frame_counts, chain, b, j
             )
-            then = log_link_probability(places, walk, looked, chain, i, j) + log_link_probability(
-                places, walk, looked, chain, b, a
+            then = log_link_probability(nodes, walk, frame_counts, chain, i, j) + log_link_probability(
+                nodes, walk, frame_counts, chain, b, a
             )
             sums = chain.sums
-            now += log_ratio_joined(places.alike, sums, i, NO_NODE, a) + log_ratio_joined(
-                places.alike, sums, b, NO_NODE, j
+            now += log_ratio_joined(nodes.alike, sums, i, NO_NODE, a) + log_ratio_joined(
+                nodes.alike, sums, b, NO_NODE, j
             )
-            then += log_ratio_joined(places.alike, sums, i, NO_NODE, j) + log_ratio_joined(
-                places.alike, sums, b, NO_NODE, a
+            then += log_ratio_joined(nodes.alike, sums, i, NO_NODE, j) + log_ratio_joined(
+                nodes.alike, sums, b, NO_NODE, a
             )
             p = 1.0 / (1.0 + np.exp(min(now - then, 50.0)))
             if p >= MIN_SWITCH_PROBABILITY:
@@ -148,29 +148,29 @@ def widening(
         rates: of the detectors, for all frames.
         packed: boxes of each time step.
         found: people of each time step with their boxes.
-        walk: states of tracks whose positions are these people, in the order of time steps.
+        walk: states of the tracks of these people, in the order of time steps.
         span: the time steps.
     """
-    key, look, error, held = _errors(views, rates, packed, found, walk, span)
+    key, frame, error, held = _errors(views, rates, packed, found, walk, span)
     worst = 1.0
     for axis in range(2):
         fine = np.isfinite(error[:, axis])
         if fine.sum() >= MIN_DISAGREEMENTS:
-            measured = long_run_variance(key[fine], look[fine], error[fine, axis], _most_looks(span))
+            measured = long_run_variance(key[fine], frame[fine], error[fine, axis], _max_frames(span))
             worst = max(worst, measured / float(np.mean(held[fine, axis])))
     return 1.0 + NOISE_SHARE * (worst - 1.0)
 
 
-def _most_looks(span: WindowSpan) -> int:
+def _max_frames(span: WindowSpan) -> int:
     """Return the number of frames of a camera in `ERROR_CORRELATION_S`."""
-    looks = float(span.looked[-1].max())
-    return round(ERROR_CORRELATION_S * max(looks - 1.0, 0.0) / max(float(span.gaps.sum()), ERROR_CORRELATION_S))
+    n_frames = float(span.frame_counts[-1].max())
+    return round(ERROR_CORRELATION_S * max(n_frames - 1.0, 0.0) / max(float(span.gaps.sum()), ERROR_CORRELATION_S))
 
 
-def long_run_variance(key: Ints, look: Ints, error: Floats, most: int) -> float:
+def long_run_variance(key: Ints, frame: Ints, error: Floats, most: int) -> float:
     """Return the long-run variance of errors of series `key` (n,) in the frames (n,), up to a maximum lag in frames."""
     # Rows of one series lie side by side, with a gap to those of the next one
-    at = key * (int(look.max()) + most + 1) + look
+    at = key * (int(frame.max()) + most + 1) + frame
     order = np.argsort(at)
     at, error = at[order], error[order]
     total = float(np.mean(error**2))
@@ -194,15 +194,15 @@ def _errors(
 
     Returns:
         key: (n,) series, of a person in a camera.
-        look: (n,) number of the camera's frame.
+        frame: (n,) number of the camera's frame.
         error: (n, 2) across and down, in standard deviations of one frame; NaN: not known.
         held: (n, 2) long-run variance of these that positions hold.
     """
     first = np.cumsum([0, *(len(f.track) for f in found)])
     row = np.full(first[-1], NO_NODE)
-    has = np.flatnonzero(walk.place != NO_NODE)
-    row[walk.place[has]] = has
-    C = span.looked.shape[1]
+    has = np.flatnonzero(walk.node != NO_NODE)
+    row[walk.node[has]] = has
+    C = span.frame_counts.shape[1]
     parts = []
     for k, (boxes, of) in enumerate(zip(packed, found, strict=True)):
         rows = row[first[k] : first[k + 1]]
@@ -210,24 +210,26 @@ def _errors(
         owner = np.full(len(boxes.box), NO_NODE)
         for given in of.given[:, who]:
             owner[given[given != NO_NODE]] = np.flatnonzero(given != NO_NODE)
-        whole = (owner != NO_NODE) & boxes.believed.all(axis=1)
+        whole = (owner != NO_NODE) & boxes.usable.all(axis=1)
         if not whole.any():
             continue
         rows = rows[who]
-        apart = camera_disagreement(walk.mean[rows], walk.covariance[rows], views, boxes, rates, owner, whole)
+        disagreement = camera_disagreement(walk.mean[rows], walk.covariance[rows], views, boxes, rates, owner, whole)
         box = np.flatnonzero(whole)
         camera = np.repeat(boxes.camera, np.diff(boxes.first))[box]
-        size, kept = apart.size[box][:, MIDDLES] ** 2, apart.kept[box][:, MIDDLES]
-        new, sway = rates.noise[MIDDLES, 0] + rates.noise[MIDDLES, 1] * size, rates.sway * size
-        error = apart.residual[box][:, MIDDLES] / np.sqrt((new + sway) * np.maximum(kept, MIN_KEPT_SHARE))
+        size, kept = disagreement.size[box][:, MIDDLES] ** 2, disagreement.kept[box][:, MIDDLES]
+        new, gait_variance = rates.noise[MIDDLES, 0] + rates.noise[MIDDLES, 1] * size, rates.gait_variance * size
+        error = disagreement.residual[box][:, MIDDLES] / np.sqrt(
+            (new + gait_variance) * np.maximum(kept, MIN_KEPT_SHARE)
+        )
         error = np.clip(error, -MAX_ERROR_SIGMAS, MAX_ERROR_SIGMAS)
-        held = (rates.slow * new + rates.lasting[camera, None] * sway) / (new + sway)
-        key, look = walk.track[rows[owner[box]]] * C + camera, span.looked[k, camera].astype(np.int64)
-        parts.append((key, look, np.where(kept > MIN_KEPT_SHARE, error, np.nan), held))
+        held = (rates.slow * new + rates.lasting[camera, None] * gait_variance) / (new + gait_variance)
+        key, frame = walk.track[rows[owner[box]]] * C + camera, span.frame_counts[k, camera].astype(np.int64)
+        parts.append((key, frame, np.where(kept > MIN_KEPT_SHARE, error, np.nan), held))
     if not parts:
         return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2))
-    key, look, error, held = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return key, look, error, held
+    key, frame, error, held = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return key, frame, error, held
 
 
 def existence_at(tracks: ChainTracks, span: WindowSpan, walk: States) -> Floats:
@@ -239,19 +241,23 @@ def existence_at(tracks: ChainTracks, span: WindowSpan, walk: States) -> Floats:
     out = np.ones(len(walk.track))
     for ends, step in ((walk.last, 1), (walk.next, -1)):
         rows = np.flatnonzero(~walk.inside & (ends != NO_NODE))
-        for place in np.unique(ends[rows]).tolist():
-            of = rows[ends[rows] == place]
-            out[of] = _still(tracks, span, place, step)[np.abs(walk.moment[of] - tracks.places.moment[place])]
+        for node in np.unique(ends[rows]).tolist():
+            of = rows[ends[rows] == node]
+            out[of] = _still(tracks, span, node, step)[np.abs(walk.step[of] - tracks.nodes.step[node])]
     return out
 
 
-def _still(tracks: ChainTracks, span: WindowSpan, place: int, step: int) -> Floats:
+def _still(tracks: ChainTracks, span: WindowSpan, node: int, step: int) -> Floats:
     """Existence probabilities 0, 1, .. time steps after a last position (step 1) or before a first one (-1)."""
-    here = tracks.places.moment[place]
+    here = tracks.nodes.step[node]
     at = np.arange(here, len(span.time)) if step > 0 else np.arange(here, -1, -1)
-    looked = span.looked[at + 1] - span.looked[here + 1] if step > 0 else span.looked[here] - span.looked[at]
+    delivered = (
+        span.frame_counts[at + 1] - span.frame_counts[here + 1]
+        if step > 0
+        else span.frame_counts[here] - span.frame_counts[at]
+    )
     away = np.abs(span.time[at] - span.time[here])
-    missed = np.exp(looked @ tracks.places.miss[place] - away / span.stay)
+    missed = np.exp(delivered @ tracks.nodes.miss[node] - away / span.stay)
     # Leaving between a time step and the next; after the last one no person leaves
     weight = missed * np.append(-np.expm1(-np.diff(away) / span.stay), 1.0)
     return np.asarray(np.cumsum(weight[::-1])[::-1] / weight.sum())

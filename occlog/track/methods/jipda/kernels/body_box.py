@@ -56,7 +56,7 @@ class PackedCameras(NamedTuple):
 
 
 def pack_views(cameras: Sequence[Camera], occluders: Sequence[tuple[Floats, float]] = ()) -> PackedCameras:
-    """Pack cameras whose poses are known in space, and static occluders: polygon (K, 2) and height of each."""
+    """Pack cameras with known poses in space, and static occluders: polygon (K, 2) and height of each."""
     size = [c.image_size if c.image_size is not None else (UNOBSERVED_SIZE_PX, UNOBSERVED_SIZE_PX) for c in cameras]
     return PackedCameras(
         position=np.array([c.position for c in cameras], dtype=np.float64).reshape(-1, 3),

@@ -26,7 +26,7 @@ class BoxDisagreement(NamedTuple):
     residual: Floats  # (M, 4) of the boxes that were used [px]; 0: not used
     kept: Floats  # (M, 4) share of the noise's variance that a residual keeps; 0: not used
     size: Floats  # (M, 4) in which shares of its noise count [px]
-    place: Floats  # (N, 2) as the time step's boxes alone say; NaN: too few
+    position: Floats  # (N, 2) as the time step's boxes alone say; NaN: too few
     variance: Floats  # (N,) of it, mean of both axes, from the detectors' noise that does not last
 
 
@@ -53,12 +53,12 @@ def camera_disagreement(
     """
     N, M = mean.shape[0], boxes.box.shape[0]
     residual, kept, size = np.zeros((M, 4)), np.zeros((M, 4)), np.ones((M, 4))
-    place, variance = np.full((N, 2), np.nan), np.zeros(N)
+    position, variance = np.full((N, 2), np.nan), np.zeros(N)
     slopes, noise, rows = np.zeros((M, 4, 4)), np.ones((M, 4)), np.empty(M, dtype=np.int64)
     box, slope, drawn, inverse = np.empty(4), np.zeros((4, 6)), np.empty(4), np.empty((4, 4))
-    look = np.zeros(M, dtype=np.int64)
+    frame = np.zeros(M, dtype=np.int64)
     for l in range(boxes.camera.shape[0]):  # noqa: E741 - a frame
-        look[boxes.first[l] : boxes.first[l + 1]] = l
+        frame[boxes.first[l] : boxes.first[l + 1]] = l
     for i in range(N):
         n = 0
         A, b = np.zeros((4, 4)), np.zeros(4)
@@ -66,8 +66,8 @@ def camera_disagreement(
         for j in range(M):
             if owner[j] != i or not good[j]:
                 continue
-            c = boxes.camera[look[j]]
-            if box_and_slope(views.lens[c], mean[i], boxes.delay[look[j]], box, slope) < 0.0:
+            c = boxes.camera[frame[j]]
+            if box_and_slope(views.lens[c], mean[i], boxes.delay[frame[j]], box, slope) < 0.0:
                 continue
             biased(box, rates.bias[c], drawn)
             width, height = drawn[2] - drawn[0], drawn[3] - drawn[1]
@@ -98,6 +98,6 @@ def camera_disagreement(
                 residual[j, e] -= fitted
                 kept[j, e] = max(1.0 - leverage, 0.0)
         if n >= 2:
-            place[i, 0], place[i, 1] = mean[i, 0] + shift[0], mean[i, 1] + shift[1]
+            position[i, 0], position[i, 1] = mean[i, 0] + shift[0], mean[i, 1] + shift[1]
             variance[i] = 0.5 * (inverse[0, 0] + inverse[1, 1])
-    return BoxDisagreement(residual, kept, size, place, variance)
+    return BoxDisagreement(residual, kept, size, position, variance)

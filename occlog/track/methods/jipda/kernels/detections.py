@@ -1,6 +1,6 @@
 """Detections of one time step, the error model of the detectors, and the densities of boxes.
 
-The edges of a box are modelled by the centre and the size of each axis, whose errors are independent: left = centre -
+The edges of a box are modelled by the centre and the size of each axis, with independent errors: left = centre -
 width / 2.  Edges that are not observed (cut by the border of the image, hidden, or an outlier) are marginalised.
 """
 
@@ -31,7 +31,7 @@ class PackedDetections(NamedTuple):
     delay: Floats  # (L,) later than the time step [s]
     first: Ints  # (L + 1,) boxes of frame l are first[l] to first[l + 1] - 1
     box: Floats  # (M, 4) left, top, right, bottom [px]
-    believed: Bools  # (M, 4) edges that the border of the image does not cut
+    usable: Bools  # (M, 4) edges that the border of the image does not cut
     clutter: Floats  # (M,) log of the expected number of false alarms like it in score, in the frame
 
 
@@ -44,7 +44,7 @@ class DetectorModel(NamedTuple):
     wrong: float  # probability that one edge of a box, any of the four, is an outlier
     bias: Floats  # (C, 4) centre and width across, centre and height down, in heights, widths, heights, heights
     noise: Floats  # (4, 2) variances of the same: constant [px^2], and share of the size, squared
-    sway: float  # variance of either centre also, in heights squared; its errors last
+    gait_variance: float  # variance of either centre also, in heights squared; its errors last
     lasting: Floats  # (C,) factor of it in an update
     merge: Floats  # (C,) probability that two people who touch in the image are detected as one box
     slow: float  # factor of the noise in an update, since errors are correlated from frame to frame
@@ -68,10 +68,10 @@ def axis_noise(rates: DetectorModel, axis: int, width: float, height: float, las
         axis: 0: across, 1: down.
         width: of the box.
         height: of the box.
-        lasting: factor of the sway of bodies.
+        lasting: factor of the gait variance.
     """
     size = width if axis == 0 else height
-    centre = rates.noise[2 * axis, 0] + (rates.noise[2 * axis, 1] + lasting * rates.sway) * height * height
+    centre = rates.noise[2 * axis, 0] + (rates.noise[2 * axis, 1] + lasting * rates.gait_variance) * height * height
     return centre, rates.noise[2 * axis + 1, 0] + rates.noise[2 * axis + 1, 1] * size * size
 
 
@@ -79,7 +79,7 @@ def axis_noise(rates: DetectorModel, axis: int, width: float, height: float, las
 def edge_noise(box: Floats, rates: DetectorModel, lasting: float, noise: Floats) -> None:
     """Write the covariance (4, 4) of the edges of a box that is expected at `box` (4,).
 
-    The sway of bodies counts `lasting` times.
+    The gait variance counts `lasting` times.
     """
     width, height = box[2] - box[0], box[3] - box[1]
     noise[:] = 0.0

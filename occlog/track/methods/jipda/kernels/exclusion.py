@@ -23,7 +23,7 @@ EXCLUSION_GATE_CHI2 = 16.0
 
 @kernel
 def apply_exclusion(
-    mean: Floats, covariance: Floats, weight: Floats, place: Floats, spread: Floats, existence: Floats, s: float
+    mean: Floats, covariance: Floats, weight: Floats, position: Floats, spread: Floats, existence: Floats, s: float
 ) -> None:
     """Multiply the densities of states by the probability that no other person is there; in place.
 
@@ -31,36 +31,36 @@ def apply_exclusion(
         mean: (N, A, 6) states of N people by A models, position (x, y) first.
         covariance: (N, A, 6, 6).
         weight: (N, A) factors, multiplied by the share of the density that is left.
-        place: (N, 2) of the same people, of all models together.
+        position: (N, 2) of the same people, of all models together.
         spread: (N, 2, 2) its covariance.
         existence: (N,) probability that a person is there, < 1.
         s: standard deviation of the distance at which two people do not stand, > 0; in the unit of the positions.
     """
     s2 = s * s
-    for i in range(place.shape[0]):
-        for j in range(place.shape[0]):
-            square = (place[i, 0] - place[j, 0]) ** 2 + (place[i, 1] - place[j, 1]) ** 2
+    for i in range(position.shape[0]):
+        for j in range(position.shape[0]):
+            square = (position[i, 0] - position[j, 0]) ** 2 + (position[i, 1] - position[j, 1]) ** 2
             variance = spread[i, 0, 0] + spread[i, 1, 1] + spread[j, 0, 0] + spread[j, 1, 1] + s2
             if i == j or square > EXCLUSION_GATE_CHI2 * variance:
                 continue
             for a in range(mean.shape[1]):
-                weight[i, a] *= _without(mean[i, a], covariance[i, a], place[j], spread[j], existence[j], s2)
+                weight[i, a] *= _without(mean[i, a], covariance[i, a], position[j], spread[j], existence[j], s2)
 
 
 @kernel
-def _without(mean: Floats, covariance: Floats, place: Floats, spread: Floats, existence: float, s2: float) -> float:
+def _without(mean: Floats, covariance: Floats, position: Floats, spread: Floats, existence: float, s2: float) -> float:
     """Multiply one state's density by 1 - p exp(-d^2 / (2 s^2)), d the distance to another; return what is left.
 
     Args:
         mean: (6,), changed in place.
         covariance: (6, 6), changed in place.
-        place: (2,) of the other.
+        position: (2,) of the other.
         spread: (2, 2) its covariance.
         existence: p, probability that the other is there.
         s2: square of s.
     """
     # r = x_i - x_j has mean (x, y) and covariance P; times exp(-r^2 / 2 s^2): s^2 G r and s^2 G P, G = (P + s^2)^-1
-    x, y = mean[0] - place[0], mean[1] - place[1]
+    x, y = mean[0] - position[0], mean[1] - position[1]
     xx, xy, yy = (
         covariance[0, 0] + spread[0, 0],
         covariance[0, 1] + spread[0, 1],

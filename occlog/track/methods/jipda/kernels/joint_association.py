@@ -79,7 +79,7 @@ class MapHypothesis(NamedTuple):
 class StepStatistics(NamedTuple):
     """Expected counts of a time step, from which detectors are learned; L frames, M boxes."""
 
-    cuts: Floats  # (2,) boxes that end where the cover of the feet begins, and boxes of people whose feet are covered
+    cuts: Floats  # (2,) boxes that end where the cover of the feet begins, and boxes of people with covered feet
     wrong: Floats  # (2,) boxes with an outlier edge, and all boxes
     odd: Floats  # (M,) probability that an edge of the box is an outlier or cut, given its owner
     merges: Floats  # (L, 2) pairs who touch and are one box, and all pairs who touch and are detected
@@ -95,7 +95,7 @@ class JipdaResult(NamedTuple):
     existence: Floats  # (N,)
     visible: Floats  # (L, N) visible share; NaN: outside the image
     detection: Floats  # (L, N) probability of detection that was used; 0 outside the image
-    share: Floats  # (N, M) association probability of person and box, given that they exist
+    beta: Floats  # (N, M) association probability of person and box, given that they exist
     joint: Floats  # (N, M) the same of the person and a neighbour together
     free: Floats  # (M,) probability that the box is of none of the people
     owner: Ints  # (M,) likeliest person; -1: none
@@ -259,7 +259,7 @@ def map_hypothesis(beta: Floats, pair: Ints, joint: Floats) -> MapHypothesis:
 
 @kernel_part
 def marginal_probabilities(
-    existence: Floats, found: BoxAssociation, pair: Ints, share: Floats, joint: Floats, free: Floats, owner: Ints
+    existence: Floats, found: BoxAssociation, pair: Ints, beta: Floats, joint: Floats, free: Floats, owner: Ints
 ) -> None:
     """Write a frame's association probabilities by person and box, and the unassigned probability and MAP person.
 
@@ -267,18 +267,18 @@ def marginal_probabilities(
         existence: (N,) before the frame.
         found: association of the frame.
         pair: (K, 2).
-        share: (N, m) written: boxes of the person alone.
+        beta: (N, m) written: boxes of the person alone.
         joint: (N, m) written: with a neighbour.
         free: (m,) written: of none of the people.
         owner: (m,) written; -1: none.
     """
-    N, M = share.shape
-    share[:], joint[:], free[:], owner[:] = found.beta, 0.0, 1.0, -1
+    N, M = beta.shape
+    beta[:], joint[:], free[:], owner[:] = found.beta, 0.0, 1.0, -1
     largest = np.zeros(M)
     for i in range(N):
         posterior = existence[i] * found.ratio[i] / (1.0 - existence[i] + existence[i] * found.ratio[i])
         for j in range(M):
-            p = posterior * share[i, j]
+            p = posterior * beta[i, j]
             free[j] -= p
             if p > largest[j]:
                 largest[j], owner[j] = p, i
@@ -342,7 +342,7 @@ def expectation_propagation_site(
     predicted: PredictedBoxes,
     i: int,
     box: Floats,
-    believed: Bools,
+    usable: Bools,
     whole: Floats,
     outlier: Ints,
     beta: Floats,
@@ -362,7 +362,7 @@ def expectation_propagation_site(
         predicted: people in the frame, from the cavity.
         i: person.
         box: (m, 4) [px].
-        believed: (m, 4) edges that are observed.
+        usable: (m, 4) edges that are observed.
         whole: (m,) probability that no edge of a box is an outlier.
         outlier: (m,) the edge that may be one.
         beta: (m,) association probabilities of boxes of the person alone, given existence.
@@ -381,10 +381,10 @@ def expectation_propagation_site(
         if beta[j] > MIN_ASSOCIATION:
             missed -= beta[j]
             W[:] = 0.0
-            add_precision(noise, believed[j], 1.0, W)
+            add_precision(noise, usable[j], 1.0, W)
             add_hypothesis(precision, H, W, off, beta[j] * whole[j], d, second)
             if whole[j] < 1.0:
-                use = believed[j].copy()
+                use = usable[j].copy()
                 use[outlier[j]] = False
                 W[:] = 0.0
                 add_precision(noise, use, 1.0, W)
@@ -394,7 +394,7 @@ def expectation_propagation_site(
                 if pair[k, s] == i and joint[k, s, j] > MIN_ASSOCIATION:
                     missed -= joint[k, s, j]
                     W[:] = 0.0
-                    add_edges_of_one(noise, believed[j], own[k], s == 0, 1.0, W)
+                    add_edges_of_one(noise, usable[j], own[k], s == 0, 1.0, W)
                     add_hypothesis(precision, H, W, off, joint[k, s, j], d, second)
     if missed > 1.0 - MIN_ASSOCIATION:
         information[:], vector[:] = 0.0, 0.0
@@ -424,7 +424,7 @@ def count_edges(
         j, p = best.box[i], best.probability[i] * best.probability[i]
         off = p * (1.0 - likelihoods.whole[i, j])
         ends = likelihoods.outlier[i, j] == BOTTOM and boxes.box[start + j, BOTTOM] < predicted.box[i, BOTTOM]
-        if boxes.believed[start + j, BOTTOM] and predicted.covered[i] > 0.5:
+        if boxes.usable[start + j, BOTTOM] and predicted.covered[i] > 0.5:
             counts.cuts[0] += off if ends else 0.0
             counts.cuts[1] += p * predicted.covered[i]
         if not (ends and predicted.covered[i] > 0.1):
@@ -440,9 +440,9 @@ def count_merges(existence: Floats, found: BoxAssociation, pair: Ints, merges: F
         a, b = pair[k]
         certain = existence[a] * existence[b]
         merged = 0.5 * (found.joint[k, 0].sum() + found.joint[k, 1].sum())
-        apart = max(found.beta[a].sum(), found.beta[b].sum())
+        separate = max(found.beta[a].sum(), found.beta[b].sum())
         merges[0] += certain * merged
-        merges[1] += certain * min(merged + apart, 1.0)
+        merges[1] += certain * min(merged + separate, 1.0)
 
 
 @kernel
@@ -479,7 +479,7 @@ def update_targets(
     site, site_vector = np.zeros((L, N, 6, 6)), np.zeros((L, N, 6))
     log_odds, site_odds = np.log(existence) - np.log1p(-existence), np.zeros((L, N))
     visible, detection = np.full((L, N), np.nan), np.zeros((L, N))
-    share, joint, free, owner = np.zeros((N, M)), np.zeros((N, M)), np.ones(M), np.full(M, -1)
+    beta, joint, free, owner = np.zeros((N, M)), np.zeros((N, M)), np.ones(M), np.full(M, -1)
     counts = StepStatistics(cuts=np.zeros(2), wrong=np.zeros(2), odd=np.zeros(M), merges=np.zeros((L, 2)))
     predicted = PredictedBoxes(
         mean=np.empty((N, 6)),
@@ -531,7 +531,7 @@ def update_targets(
             found = associate_frame(predicted.existence, detection[l], likelihoods.ratio, pair, pair_ratio, new)
             marginal_probabilities(
                 predicted.existence, found, pair,
-                share[:, start:stop], joint[:, start:stop], free[start:stop], owner[start:stop],
+                beta[:, start:stop], joint[:, start:stop], free[start:stop], owner[start:stop],
             )  # fmt: skip
             # Measurement update by all boxes
             best = map_hypothesis(found.beta, pair, found.joint)
@@ -542,7 +542,7 @@ def update_targets(
                 information[i] -= site[l, i]
                 vector[i] -= site_vector[l, i]
                 expectation_propagation_site(
-                    predicted, i, boxes.box[start:stop], boxes.believed[start:stop], likelihoods.whole[i],
+                    predicted, i, boxes.box[start:stop], boxes.usable[start:stop], likelihoods.whole[i],
                     likelihoods.outlier[i], found.beta[i], pair, found.joint, own, site[l, i], site_vector[l, i],
                 )  # fmt: skip
                 information[i] += site[l, i]
@@ -560,7 +560,7 @@ def update_targets(
         existence=1.0 / (1.0 + np.exp(-log_odds)),
         visible=visible,
         detection=detection,
-        share=share,
+        beta=beta,
         joint=joint,
         free=free,
         owner=owner,

@@ -21,7 +21,7 @@ from .detections import DetectorModel, PackedDetections, log_clutter, log_densit
 MIN_DETECTION = 1e-4
 """People with a lower probability of detection are not associated."""
 MIN_COVERED_SHARE = 0.01
-"""Boxes of people whose feet are covered with a lower probability do not end early."""
+"""Boxes of people with feet covered with a lower probability do not end early."""
 TRUNCATED_EXTENT, OUTLIER_EXTENT = 0.8, 2.0
 """Range of the lower edge of a box that ends early, and of an outlier, in sizes of the box."""
 OUTLIER_CHI2 = 4.0
@@ -99,7 +99,7 @@ def association_likelihood_ratios(
             far, used = 0, 0
             for e in range(4):
                 off[e] = boxes.box[j, e] - box[i, e]
-                use[e] = boxes.believed[j, e]
+                use[e] = boxes.usable[j, e]
                 used += 1 if use[e] else 0
                 if use[e] and off[e] * off[e] > EDGE_GATE * gate * (spread[i, e, e] + noise[i, e, e]):
                     far += 1

@@ -29,7 +29,7 @@ from .marginals import CONVERGED, MAX_ITERATIONS
 from .visibility import normal_cdf
 
 MIN_PAIR_EXISTENCE = 0.2
-"""Pairs are looked at if both exist with at least this probability."""
+"""Pairs are considered if both exist with at least this probability."""
 MAX_PAIR_GAP = 0.1
 """Maximum gap between the boxes of people who touch, as a share of the narrower box."""
 MIN_EDGE_OWNERSHIP = 0.5
@@ -92,8 +92,8 @@ def merged_box(
     """
     for e in range(4):
         sign = -1.0 if e < 2 else 1.0
-        apart = math.sqrt(noise[a, e, e] + noise[b, e, e] + spread[a, e, e] + spread[b, e, e] + 1e-12)
-        own[e] = normal_cdf(sign * (drawn[a, e] - drawn[b, e]) / apart)
+        deviation = math.sqrt(noise[a, e, e] + noise[b, e, e] + spread[a, e, e] + spread[b, e, e] + 1e-12)
+        own[e] = normal_cdf(sign * (drawn[a, e] - drawn[b, e]) / deviation)
         box[e] = drawn[a, e] if own[e] >= 0.5 else drawn[b, e]
     for e in range(4):
         one = a if own[e] >= 0.5 else b
@@ -151,7 +151,7 @@ def pair_likelihoods(
             near = True
             for e in range(4):
                 off[e] = boxes.box[j, e] - union[e]
-                use[e] = boxes.believed[j, e]
+                use[e] = boxes.usable[j, e]
                 if use[e] and off[e] * off[e] > EDGE_GATE * gate * (union_spread[e, e] + union_noise[e, e]):
                     near = False
             if not near:
@@ -164,7 +164,7 @@ def pair_likelihoods(
 
 
 @kernel
-def add_edges_of_one(noise: Floats, use: Bools, own: Floats, first: bool, share: float, out: Floats) -> None:
+def add_edges_of_one(noise: Floats, use: Bools, own: Floats, first: bool, beta: float, out: Floats) -> None:
     """Add to (4, 4) `out` the inverse covariance of the edges of an outline that are a person's.
 
     Args:
@@ -172,15 +172,15 @@ def add_edges_of_one(noise: Floats, use: Bools, own: Floats, first: bool, share:
         use: (4,) edges in use.
         own: (4,) probabilities that the edges are the first person's of the pair.
         first: the person is the first; else the second.
-        share: how far the outline counts.
+        beta: how far the outline counts.
         out: (4, 4) changed.
     """
     for axis in range(2):
         a, b = axis, axis + 2
         of_a, of_b = own[a] if first else 1.0 - own[a], own[b] if first else 1.0 - own[b]
         low, high = use[a] and of_a > MIN_EDGE_OWNERSHIP, use[b] and of_b > MIN_EDGE_OWNERSHIP
-        both = share * math.sqrt(of_a * of_b)
-        add_axis_precision(noise, axis, low, high, share * of_a, share * of_b, both, out)
+        both = beta * math.sqrt(of_a * of_b)
+        add_axis_precision(noise, axis, low, high, beta * of_a, beta * of_b, both, out)
 
 
 @kernel

@@ -57,7 +57,7 @@ class BirthIntensity(NamedTuple):
 
 
 @kernel
-def ground_point(views: PackedCameras, c: int, u: float, v: float, z: float, place: Floats) -> bool:
+def ground_point(views: PackedCameras, c: int, u: float, v: float, z: float, position: Floats) -> bool:
     """Write the position (2,) at height z that pixel (u, v) of camera c shows; False where missing ahead.
 
     The lens's distortion is omitted: the position is where an iteration begins.
@@ -71,8 +71,8 @@ def ground_point(views: PackedCameras, c: int, u: float, v: float, z: float, pla
     along = (z - views.position[c, 2]) / up
     if along <= 0.0:
         return False
-    place[0] = views.position[c, 0] + along * (R[0, 0] * x + R[0, 1] * y + R[0, 2])
-    place[1] = views.position[c, 1] + along * (R[1, 0] * x + R[1, 1] * y + R[1, 2])
+    position[0] = views.position[c, 0] + along * (R[0, 0] * x + R[0, 1] * y + R[0, 2])
+    position[1] = views.position[c, 1] + along * (R[1, 0] * x + R[1, 1] * y + R[1, 2])
     return True
 
 
@@ -92,20 +92,20 @@ def state_from_box(
 
     The density is that of the box and the number of new people; NaN: no person can make it.
     """
-    box, believed = boxes.box[j], boxes.believed[j]
-    place = np.empty(2)
+    box, usable = boxes.box[j], boxes.usable[j]
+    position = np.empty(2)
     middle = 0.5 * (box[0] + box[2])
     found = False
-    if believed[3]:
-        found = ground_point(views, c, middle, box[3], 0.0, place)
-    elif believed[1]:
-        found = ground_point(views, c, middle, box[1], body[0], place)
-    if not found or not (believed[0] or believed[2]):
+    if usable[3]:
+        found = ground_point(views, c, middle, box[3], 0.0, position)
+    elif usable[1]:
+        found = ground_point(views, c, middle, box[1], body[0], position)
+    if not found or not (usable[0] or usable[2]):
         return math.nan
-    distance = math.hypot(place[0] - views.position[c, 0], place[1] - views.position[c, 1])
+    distance = math.hypot(position[0] - views.position[c, 0], position[1] - views.position[c, 1])
     if distance > views.range[c]:
         return math.nan
-    mean[0], mean[1], mean[2], mean[3], mean[4], mean[5] = place[0], place[1], 0.0, 0.0, body[0], body[2]
+    mean[0], mean[1], mean[2], mean[3], mean[4], mean[5] = position[0], position[1], 0.0, 0.0, body[0], body[2]
     expected, slope, noise, drawn = np.empty(4), np.zeros((4, 6)), np.empty((4, 4)), np.empty(4)
     prior = np.array([0.0, 0.0, 1.0 / body[4] ** 2, 1.0 / body[4] ** 2, 1.0 / body[1] ** 2, 1.0 / body[3] ** 2])
     at = np.array([0.0, 0.0, 0.0, 0.0, body[0], body[2]])
@@ -116,7 +116,7 @@ def state_from_box(
         biased(expected, rates.bias[c], drawn)
         edge_noise(drawn, rates, 1.0, noise)
         W[:] = 0.0
-        add_precision(noise, believed, 1.0, W)
+        add_precision(noise, usable, 1.0, W)
         information = slope.T @ W @ slope
         vector = slope.T @ W @ (box - drawn + slope @ mean)
         for k in range(6):
@@ -132,7 +132,7 @@ def state_from_box(
     biased(expected, rates.bias[c], drawn)
     # Density of the box at the best body times that of the body, and Laplace's volume without the velocity
     inverse = np.empty((4, 4))
-    log_box, _ = log_density(box - drawn, inverse, believed, noise, np.zeros((4, 4)))
+    log_box, _ = log_density(box - drawn, inverse, usable, noise, np.zeros((4, 4)))
     high, wide = (mean[4] - body[0]) / body[1], (mean[5] - body[2]) / body[3]
     log_body = -0.5 * (high * high + wide * wide) - math.log(body[1] * body[3]) - LOG_2PI
     total: float = log_box + log_body + 2.0 * LOG_2PI - 0.5 * (log_determinant + 4.0 * math.log(body[4]))
@@ -142,9 +142,9 @@ def state_from_box(
     expected_new = arrival.everywhere
     for g in range(arrival.centre.shape[0]):
         dx, dy = mean[0] - arrival.centre[g, 0], mean[1] - arrival.centre[g, 1]
-        apart = (dx * dx + dy * dy) / (arrival.smooth * arrival.smooth)
-        if arrival.at[g] > 0.0 and apart < 16.0:
-            expected_new += arrival.at[g] * math.exp(-0.5 * apart)
+        distance2 = (dx * dx + dy * dy) / (arrival.smooth * arrival.smooth)
+        if arrival.at[g] > 0.0 and distance2 < 16.0:
+            expected_new += arrival.at[g] * math.exp(-0.5 * distance2)
     return total + math.log(min(expected_new, arrival.in_image * area) + 1e-300)
 
 
@@ -152,7 +152,7 @@ def state_from_box(
 def predicted_targets(
     views: PackedCameras, boxes: PackedDetections, people: Floats, spread: Floats, existence: Floats
 ) -> TrackedPeople:
-    """The people (N, 6), whose positions have the standard deviations (N,) `spread`, as predicted in each frame."""
+    """The people (N, 6), with positions of standard deviations (N,) `spread`, as predicted in each frame."""
     L, N = boxes.camera.shape[0], people.shape[0]
     box, depth, across = np.empty((L, N + 1, 4)), np.empty((L, N + 1)), np.empty((L, N + 1))
     deep, there, slope = np.empty(N + 1), np.ones(N + 1), np.zeros((4, 6))
@@ -175,7 +175,7 @@ def propose_track(
     arrival: BirthIntensity,
     tracked: TrackedPeople,
     free: Floats,
-    look: int,
+    frame: int,
     seed: int,
     gate: float,
     mean: Floats,
@@ -192,20 +192,20 @@ def propose_track(
         arrival: expected numbers of new people.
         tracked: those who are tracked.
         free: (M,) probability that a box is of none of them.
-        look: of the box that proposes.
+        frame: of the box that proposes.
         seed: that box.
         gate: greatest squared Mahalanobis distance.
         mean: (6,) written.
         covariance: (6, 6) written.
         used: (M,) written: share with which a box is theirs.
     """
-    c = boxes.camera[look]
+    c = boxes.camera[frame]
     used[:] = 0.0
     log_seed = state_from_box(views, boxes, rates, body, arrival, c, seed, mean, covariance)
     if math.isnan(log_seed) or mean[4] > body[0] + 4.0 * body[1] or mean[4] < body[0] - 5.0 * body[1]:
         return -math.inf
     width, height = views.size[c]
-    false = log_clutter(boxes.box[seed], boxes.believed[seed], width, height) + boxes.clutter[seed]
+    false = log_clutter(boxes.box[seed], boxes.usable[seed], width, height) + boxes.clutter[seed]
     N = tracked.deep.shape[0] - 1
     total = log_seed + math.log(max(free[seed], 1e-6)) - false
     used[seed] = 1.0
@@ -226,7 +226,7 @@ def propose_track(
         deep[N] = math.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1])) + 0.1 * mean[5]
         visible = visibility(views, c, mean, N, box, depth, across, deep, tracked.existence, cells)
         detection = rates.detection[c] * interpolate(rates.curve, visible)
-        if l == look:
+        if l == frame:
             total += math.log(max(detection, 1e-6))
             continue
         biased(box[N], rates.bias[c], drawn)
@@ -238,10 +238,10 @@ def propose_track(
             off = boxes.box[j] - drawn
             if abs(off[0] + off[2]) > 4.0 * math.sqrt(gate * (across[N] * across[N] + noise[0, 0])):
                 continue
-            log_ratio, distance = log_density(off, inverse, boxes.believed[j], noise, P)
+            log_ratio, distance = log_density(off, inverse, boxes.usable[j], noise, P)
             if distance > gate:
                 continue
-            log_ratio -= log_clutter(boxes.box[j], boxes.believed[j], views.size[c, 0], views.size[c, 1])
+            log_ratio -= log_clutter(boxes.box[j], boxes.usable[j], views.size[c, 0], views.size[c, 1])
             ratio = free[j] * math.exp(log_ratio - boxes.clutter[j])
             summed += ratio
             if ratio > best:
@@ -252,7 +252,7 @@ def propose_track(
             used[best_j] = p
             if p > 0.5:
                 W[:] = 0.0
-                add_precision(noise, boxes.believed[best_j], p, W)
+                add_precision(noise, boxes.usable[best_j], p, W)
                 HW = slope.T @ W
                 information += HW @ slope
                 vector += HW @ (boxes.box[best_j] - drawn + slope @ mean)
@@ -292,9 +292,9 @@ def initiate_targets(
     """
     M, L = boxes.box.shape[0], boxes.camera.shape[0]
     open_share = free.copy()
-    look_of = np.empty(M, dtype=np.int64)
+    frame_of = np.empty(M, dtype=np.int64)
     for l in range(L):  # noqa: E741 - a frame
-        look_of[boxes.first[l] : boxes.first[l + 1]] = l
+        frame_of[boxes.first[l] : boxes.first[l + 1]] = l
     mean, covariance = np.zeros((M, 6)), np.zeros((M, 6, 6))
     odds, used = np.full(M, -np.inf), np.zeros((M, M))
     stale = np.zeros(M, dtype=np.bool_)
@@ -302,7 +302,7 @@ def initiate_targets(
     for j in range(M):
         if open_share[j] > MIN_UNASSIGNED_PROBABILITY:
             odds[j] = propose_track(
-                views, boxes, rates, body, arrival, tracked, open_share, look_of[j], j, gate,
+                views, boxes, rates, body, arrival, tracked, open_share, frame_of[j], j, gate,
                 mean[j], covariance[j], used[j],
             )  # fmt: skip
     taken, final = np.zeros(M, dtype=np.int64), np.zeros(M)
@@ -317,7 +317,7 @@ def initiate_targets(
             odds[j] = -np.inf
             if open_share[j] > MIN_UNASSIGNED_PROBABILITY:
                 odds[j] = propose_track(
-                    views, boxes, rates, body, arrival, tracked, open_share, look_of[j], j, gate,
+                    views, boxes, rates, body, arrival, tracked, open_share, frame_of[j], j, gate,
                     mean[j], covariance[j], used[j],
                 )  # fmt: skip
             continue

@@ -2,7 +2,7 @@
 
 For a line of sight to one position, [Ercan] Eq. 7 gives P = prod_j (1 - q_j), q_j the probability that occluder j's
 centre lies in the rectangle around the line of sight.  Here the same product is formed in the image for a grid of
-positions of a body, so that it says which part is covered: q_j is the probability that person j exists, is nearer to
+positions of a body, so that it states which part is covered: q_j is the probability that person j exists, is nearer to
 the camera, and that j's box holds the position, with the spread of both people's positions across the line of sight
 and along it.
 """
@@ -120,8 +120,8 @@ def cells_unoccluded_by(
         if boxes[j, 0] > right + reach or boxes[j, 2] < left - reach or boxes[j, 1] > bottom or boxes[j, 3] < top:
             continue
         # Nearer than i, by the normal distribution of the difference of depths
-        apart = math.sqrt(spread_depth[i] ** 2 + spread_depth[j] ** 2)
-        nearer = existence[j] * normal_cdf((depth[i] - depth[j]) / apart)
+        depth_deviation = math.sqrt(spread_depth[i] ** 2 + spread_depth[j] ** 2)
+        nearer = existence[j] * normal_cdf((depth[i] - depth[j]) / depth_deviation)
         if nearer < 1e-3:
             continue
         for column in range(COLUMNS):

@@ -139,7 +139,7 @@ def e_step(problem: FitProblem, theta: Floats) -> tuple[float, SmootherSums]:
 
 
 def m_step(shape: Shape, theta: Floats, sums: SmootherSums, iterations: int = 15) -> Floats:
-    """Parameters whose expected log-likelihood is higher, or the same if missing."""
+    """Parameters with a higher expected log-likelihood, or the same parameters if there are none."""
     theta = regression(shape, theta, sums)
     size = 1.0 / max(1, sums.n + sums.m)
 

@@ -24,7 +24,7 @@ from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
 SAME = 1e-9
-"""Steps whose lengths differ by a smaller share are of one length."""
+"""Steps with lengths that differ by a smaller share are of one length."""
 SMALL = 0.1
 """Largest norm of B h at which the series of exp is summed; longer steps are made by doubling."""
 TERMS = 12

@@ -16,12 +16,12 @@ The Newton system of a trajectory in time and memory linear in its length.
 
 The Hessian of the cost is block-tridiagonal: the chain couples neighbours, all else adds a
 2 x 2 block in the position of each state.  It is factored as R' R, R upper block-bidiagonal
-with blocks R_t on the diagonal and N_t beside them, in one of two ways:
+with blocks R_t on the diagonal and N_t next to them, in one of two ways:
 
 * `factor_sum` sums the Hessian and takes the Cholesky factor of its blocks: quick, and the
   only way for a Hessian that is the difference of large terms.  It fails where the Hessian is
-  not positive definite, or so badly scaled that it cannot be told (steps far below a millisecond);
-* `factor_rows` makes R by Householder reflections of the rows whose squares the Hessian is the sum of, and
+  not positive definite, or so badly scaled that it cannot be decided (steps far below a millisecond);
+* `factor_rows` makes R by Householder reflections of the rows with squares that sum to the Hessian, and
   never forms it, so that twice as many digits are left.  It never fails, and is about three times as slow.
 """
 
@@ -173,7 +173,7 @@ def _cholesky(S: Floats, R: Floats) -> bool:
 
 @kernel
 def factor_sum(steps: ChainSteps, H: Floats, R: Floats, N: Floats) -> bool:
-    """R and N by Cholesky; false if the Hessian is not positive definite as far as can be told.
+    """R and N by Cholesky; false if the Hessian is not positive definite numerically.
 
     Args:
         steps: the chain.

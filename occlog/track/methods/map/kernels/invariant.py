@@ -2,7 +2,7 @@
 
 The mode of a posterior density is drawn towards where its volume is small.  Seen by one camera, a
 trajectory near the camera takes less room than the same one farther off, since a bearing
-leaves a strip whose width grows with the distance; the mode gives this no weight, and where the
+leaves a strip that widens with the distance; the mode gives this no weight, and where the
 distance follows from the motion alone it often ends right before the camera, with a
 covariance that is far too small.  The remedy is to divide the density by that of the Fisher information, the square
 root of det H: then the point that is found is the same in all coordinates (Druilhet and Marin 2007),

@@ -104,10 +104,10 @@ def sandwich(problem: TrajectoryProblem, X: Floats, spread: Floats) -> Floats:
         X: (T, 4) its minimum.
         spread: (T, 4, 4) C.
     """
-    told = evidence(problem, X, spread)
+    residual_evidence = evidence(problem, X, spread)
     s2, m2 = (
-        min(max(told.lines_scale, MIN_VARIANCE_SCALE), MAX_VARIANCE_SCALE),
-        min(max(told.steps_scale, 1.0), MAX_VARIANCE_SCALE),
+        min(max(residual_evidence.lines_scale, MIN_VARIANCE_SCALE), MAX_VARIANCE_SCALE),
+        min(max(residual_evidence.steps_scale, 1.0), MAX_VARIANCE_SCALE),
     )
     by_lines = (covariance(rescaled(problem, 1.0 + STEP, 1.0), X) - spread) / STEP
     by_lines = between(by_lines, spread)

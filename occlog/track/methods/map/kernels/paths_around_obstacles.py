@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.plane import beside, route, separate, spread_along
+from occlog.core.plane import offset_point, route, separate, spread_along
 
 from .interior_point import Options, Solution, cost, minimise, move_inside
 from .problem import NO_PLANES, BearingLinesByStep, HalfPlanes, TrajectoryProblem, join_lines, join_planes
@@ -106,8 +106,8 @@ def guesses(
         first, last = a, b
         guess = None
         while guess is None:
-            places = route(o.corners, X[first, ::2], X[last, ::2], away, ccw=ccw)
-            guess = spread_along(X[first, ::2], places, X[last, ::2], last - first)
+            positions = route(o.corners, X[first, ::2], X[last, ::2], away, ccw=ccw)
+            guess = spread_along(X[first, ::2], positions, X[last, ::2], last - first)
             if guess is None:
                 if first == 0 and last == T - 1:
                     break
@@ -126,14 +126,14 @@ def _within(xy: Floats, o: Obstacle) -> Bools:
 
 
 def _to_edges(X: Floats, o: Obstacle, a: int, b: int, away: float) -> Iterator[Floats]:
-    """Trajectories whose states a + 1 .. b - 1 are beside one of the edges; for segments at the start or the end."""
+    """Trajectories with states a + 1 .. b - 1 next to one of the edges; for segments at the start or the end."""
     K = len(o.corners)
     for k in range(K):
         edge = o.corners[(k + 1) % K] - o.corners[k]
         Y = X.copy()
         xy = X[a + 1 : b, ::2]
         share = np.clip((xy - o.corners[k]) @ edge / (edge @ edge), 0.0, 1.0)
-        Y[a + 1 : b, ::2] = beside(o.corners, k, o.corners[k] + share[:, None] * edge, away)
+        Y[a + 1 : b, ::2] = offset_point(o.corners, k, o.corners[k] + share[:, None] * edge, away)
         yield Y
 
 
@@ -213,7 +213,7 @@ def find_paths_around(
                 ways.append(way)
         if not added:
             break
-        # Solve the whole with all ways; of ways that disturb each other half are looked for anew
+        # Solve the whole with all ways; of ways that disturb each other half are searched again
         found = None
         while found is None and added:
             found = settle(problem, ways[len(added) - 1], obstacles, (*held, *added), *space)
@@ -287,11 +287,11 @@ def _pinned(problem: TrajectoryProblem, X: Floats, first: int, last: int, extent
         return local
     # The last two positions hold still, and with them the velocity there.
     rows = np.array([last - first - 2, last - first - 1]).repeat(2)
-    place = X[first:last][rows, ::2]
+    position = X[first:last][rows, ::2]
     axis = np.tile(np.eye(2), (2, 1))
     still = BearingLinesByStep(
         step=rows,
-        place=place,
+        position=position,
         axis=axis,
         focal=np.ones(4),
         reading=np.zeros(4),

@@ -4,7 +4,7 @@ The negative log posterior of the states x_1 .. x_T, [u u' v v'] each, is up to 
 
     E(X) = 1/2 |x_1 - m|^2_P0 + 1/2 sum |x_t+1 - A_t x_t|^2_Sigma_t + sum loss(r_n(x_t)) + log w_n
 
-([Rahimi] Sec. 5, whose cost has -log J in place of the constraints), subject to n.(u, v) >= b for
+([Rahimi] Sec. 5, with -log J in the cost in place of the constraints), subject to n.(u, v) >= b for
 every half-plane.  The residual r of a line of sight of a camera at p with optical axis (c, s) is
 
     r = (f h - z d) / sqrt(c0 d^2 + c1),  d = c dx + s dy,  h = -s dx + c dy
@@ -49,7 +49,7 @@ class BearingLinesByStep(NamedTuple):
     """N measured lines of sight, by rising step."""
 
     step: Ints  # (N,) which state is seen, from 0
-    place: Floats  # (N, 2) of the sensor
+    position: Floats  # (N, 2) of the sensor
     axis: Floats  # (N, 2) unit vector: optical axis, or the measured direction
     focal: Floats  # (N,) f [px]
     reading: Floats  # (N,) z [px], to the left
@@ -57,7 +57,7 @@ class BearingLinesByStep(NamedTuple):
     c1: Floats  # (N,) variance of the reading times distance squared; 0 for directions
     direction: Bools  # (N,) a direction, not a reading
     volume: Floats  # (N,) weight of - log d in the cost, >= 0; see `occlog.track.methods.map.kernels.invariant`
-    lean: Floats  # (N,) added to the log odds that a line of sight is true, of the mixture's loss; 0: as its k says
+    lean: Floats  # (N,) added to the log odds that a line of sight is true, of the mixture's loss; 0: by its k alone
 
 
 class HalfPlanes(NamedTuple):
@@ -72,7 +72,7 @@ class QuadraticPriors(NamedTuple):
     """K quadratic terms of positions, by rising step: g . (x - p) + 1/2 (x - p)' H (x - p), H never negative."""
 
     step: Ints  # (K,) which state
-    place: Floats  # (K, 2) p
+    position: Floats  # (K, 2) p
     slope: Floats  # (K, 2) g
     bend: Floats  # (K, 3) H: xx, xy, yy
 
@@ -206,7 +206,7 @@ def start_on_axes(lines: BearingLinesByStep, T: int, centre: Floats, depth: floa
     """
     X = np.zeros((T, 4))
     X[:, ::2] = centre
-    X[lines.step, ::2] = lines.place + depth * lines.axis
+    X[lines.step, ::2] = lines.position + depth * lines.axis
     return X
 
 

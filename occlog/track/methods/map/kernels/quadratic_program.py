@@ -49,7 +49,7 @@ def program(problem: TrajectoryProblem, X: Floats) -> Program:
 
 
 def _chain_rows(problem: TrajectoryProblem) -> sparse.csc_matrix:
-    """(4 T, 4 T) G of Eq. 3: the rows whose squares the chain's cost is the sum of."""
+    """(4 T, 4 T) G of Eq. 3: the rows with squares that sum to the chain's cost."""
     steps, T = problem.steps, problem.T
     after = steps.whiten[steps.kind]
     before = -np.einsum("tij,tjk->tik", after, steps.A[steps.kind])

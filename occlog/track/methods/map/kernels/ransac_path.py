@@ -38,7 +38,7 @@ NEIGHBOUR_TIME_S = 3.0
 MIN_CROSSING_SINE = 1e-3
 """Lines of sight at a smaller angle do not cross."""
 MERGE_DISTANCE_SIGMAS = 0.3
-"""Hypotheses all of whose coordinates differ by less than so many standard deviations are the same."""
+"""Hypotheses that differ in all coordinates by less than so many standard deviations are the same."""
 JUMP_COST_OUTLIERS = 2.0
 """A target that is lost and found elsewhere costs as much as so many false lines of sight, and the new position."""
 BITS = 62
@@ -50,7 +50,7 @@ class BearingHalfLines(NamedTuple):
 
     step: Ints  # (N,)
     sensor: Ints  # (N,) lines of one sensor do not cross
-    place: Floats  # (N, 2)
+    position: Floats  # (N, 2)
     direction: Floats  # (N, 2) unit vectors
     a: Floats  # (N,) [rad^2]
     b: Floats  # (N,) squared length
@@ -58,7 +58,7 @@ class BearingHalfLines(NamedTuple):
 
 
 class HypothesisBeam(NamedTuple):
-    """Hypotheses at one state; those whose cost is inf are none."""
+    """Hypotheses at one state; a cost of inf marks unused ones."""
 
     x: Floats  # (BEAM, 4)
     P: Floats  # (BEAM, 4, 4)
@@ -80,7 +80,7 @@ def off_line2(rays: BearingHalfLines, n: int, x: float, y: float, extra: float) 
         y: of the position.
         extra: variance of the position across the line of sight.
     """
-    dx, dy = x - rays.place[n, 0], y - rays.place[n, 1]
+    dx, dy = x - rays.position[n, 0], y - rays.position[n, 1]
     along = rays.direction[n, 0] * dx + rays.direction[n, 1] * dy
     if along <= 0.0 or along > rays.reach[n]:
         return math.inf, 0.0
@@ -109,12 +109,12 @@ def crossing(rays: BearingHalfLines, i: int, j: int, moved2: float) -> tuple[flo
     sine = rays.direction[i, 0] * rays.direction[j, 1] - rays.direction[i, 1] * rays.direction[j, 0]
     if abs(sine) < MIN_CROSSING_SINE:
         return 0.0, 0.0, math.inf, math.inf
-    dx, dy = rays.place[j, 0] - rays.place[i, 0], rays.place[j, 1] - rays.place[i, 1]
+    dx, dy = rays.position[j, 0] - rays.position[i, 0], rays.position[j, 1] - rays.position[i, 1]
     far_i = (dx * rays.direction[j, 1] - dy * rays.direction[j, 0]) / sine
     far_j = (dx * rays.direction[i, 1] - dy * rays.direction[i, 0]) / sine
     if far_i <= 0.0 or far_j <= 0.0 or far_i > rays.reach[i] or far_j > rays.reach[j]:
         return 0.0, 0.0, math.inf, math.inf
-    x, y = rays.place[i, 0] + far_i * rays.direction[i, 0], rays.place[i, 1] + far_i * rays.direction[i, 1]
+    x, y = rays.position[i, 0] + far_i * rays.direction[i, 0], rays.position[i, 1] + far_i * rays.direction[i, 1]
     var_i = rays.a[i] * far_i * far_i + rays.b[i]
     var_j = rays.a[j] * far_j * far_j + rays.b[j] + moved2
     return x, y, math.sqrt(var_i + var_j) / abs(sine), math.sqrt(var_i * var_j) / abs(sine)
@@ -151,7 +151,7 @@ def candidates(
         seconds: (T,) times of the states.
         t: the state.
         speed: typical speed of the target.
-        widest: standard deviation beyond which a crossing says nothing.
+        widest: standard deviation beyond which a crossing is uninformative.
         k2: most that a line of sight costs.
         out: changed in place.
     """
@@ -216,7 +216,7 @@ def _predict(beam: HypothesisBeam, A: Floats, sigma: Floats) -> None:
 def inlier_cost(rays: BearingHalfLines, n: int, x: Floats, P: Floats) -> tuple[float, float, float]:
     """Cost of believing a line of sight, the distance from it, and the variance of that; inf behind or out of reach."""
     c, s = rays.direction[n, 0], rays.direction[n, 1]
-    dx, dy = x[0] - rays.place[n, 0], x[2] - rays.place[n, 1]
+    dx, dy = x[0] - rays.position[n, 0], x[2] - rays.position[n, 1]
     along = c * dx + s * dy
     vague = c * c * P[0, 0] + 2.0 * c * s * P[0, 2] + s * s * P[2, 2]
     if along <= 0.0 or along > rays.reach[n] + 3.0 * math.sqrt(vague):
@@ -305,7 +305,7 @@ def _births(
         t: the state.
         price: cost of beginning here.
         parent: hypothesis before; -1: none.
-        ground: (3,) typical speed, standard deviation at which a crossing says nothing, and extent of the position.
+        ground: (3,) typical speed, standard deviation at which a crossing is uninformative, and extent of the position.
         k2: cost of a false line of sight.
     """
     found, spread = np.empty((MAX_CROSSINGS, 7)), np.empty(3)
@@ -331,7 +331,7 @@ def _births(
             spread[1] = c * s * (along - across)
             spread[2] = s * s * along + c * c * across
             rare = 2.0 * math.log(max(extent2 / math.sqrt(max(along * across, 1e-300)), 1.0))
-            x, y = rays.place[i, 0] + d * c, rays.place[i, 1] + d * s
+            x, y = rays.position[i, 0] + d * c, rays.position[i, 1] + d * s
             _begin(beam, x, y, spread, speed, price + rare, np.int64(1) << min(i - first[t], BITS), parent)
 
 
@@ -363,12 +363,12 @@ def agreed_path(
         first: (T + 1,) the first line of sight of each state, N at the end.
         seconds: (T,) times of the states.
         steps: the chain.
-        ground: (3,) typical speed, standard deviation beyond which a crossing says nothing, and extent of the position.
+        ground: (3,) typical speed, standard deviation beyond which a crossing is unused, and extent of the position.
         k: standard deviations beyond which a line of sight counts as false.
     """
     T, k2 = seconds.shape[0], k * k
     parent, bits = np.full((T, BEAM_WIDTH), -1, dtype=np.int8), np.zeros((T, BEAM_WIDTH), dtype=np.int64)
-    places = np.zeros((T, BEAM_WIDTH, 4), dtype=np.float32)
+    positions = np.zeros((T, BEAM_WIDTH, 4), dtype=np.float32)
     beam, spare = empty_beam(), empty_beam()
     beam.x[0], beam.P[0], beam.cost[0] = steps.mean, steps.spread, 0.0
     skipped = 0.0
@@ -387,9 +387,9 @@ def agreed_path(
                 _split(beam, rays, n, n - first[t], k2, spare)
             _merge(beam)
             skipped += k2 * (first[t + 1] - first[t])
-        parent[t], bits[t], places[t] = beam.parent, beam.bits, beam.x
+        parent[t], bits[t], positions[t] = beam.parent, beam.bits, beam.x
     # Follow the most probable hypothesis back
-    X, believed = np.zeros((T, 4)), np.zeros(rays.step.shape[0], dtype=np.bool_)
+    X, inlier = np.zeros((T, 4)), np.zeros(rays.step.shape[0], dtype=np.bool_)
     m = int(np.argmin(beam.cost))
     least = beam.cost[m]
     for back in range(T):
@@ -397,8 +397,8 @@ def agreed_path(
         if m < 0:
             X[t] = X[t + 1]
             continue
-        X[t] = places[t, m]
+        X[t] = positions[t, m]
         for n in range(first[t], min(first[t + 1], first[t] + BITS)):
-            believed[n] = (bits[t, m] >> (n - first[t])) & 1 == 1
+            inlier[n] = (bits[t, m] >> (n - first[t])) & 1 == 1
         m = parent[t, m]
-    return X, believed, least
+    return X, inlier, least

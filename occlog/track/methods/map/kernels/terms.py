@@ -64,7 +64,7 @@ def loss_slopes(r: float, loss: int, k: float) -> tuple[float, float, float]:
 def in_camera(lines: BearingLinesByStep, n: int, X: Floats) -> tuple[float, float]:
     """Offset to the left of the axis, h, and distance along it, d, of the state that line of sight n is of."""
     t = lines.step[n]
-    dx, dy = X[t, 0] - lines.place[n, 0], X[t, 2] - lines.place[n, 1]
+    dx, dy = X[t, 0] - lines.position[n, 0], X[t, 2] - lines.position[n, 1]
     c, s = lines.axis[n, 0], lines.axis[n, 1]
     return c * dy - s * dx, c * dx + s * dy
 
@@ -191,7 +191,7 @@ def hints_cost(hints: QuadraticPriors, X: Floats) -> float:
     total = 0.0
     for m in range(hints.step.shape[0]):
         t = hints.step[m]
-        dx, dy = X[t, 0] - hints.place[m, 0], X[t, 2] - hints.place[m, 1]
+        dx, dy = X[t, 0] - hints.position[m, 0], X[t, 2] - hints.position[m, 1]
         bent = hints.bend[m, 0] * dx * dx + 2.0 * hints.bend[m, 1] * dx * dy + hints.bend[m, 2] * dy * dy
         total += hints.slope[m, 0] * dx + hints.slope[m, 1] * dy + 0.5 * bent
     return total
@@ -202,7 +202,7 @@ def add_hints(hints: QuadraticPriors, X: Floats, g: Floats, H: Floats) -> None:
     """Add the quadratic terms' derivatives to `g` (T, 4) and, by position, to `H` (T, 3)."""
     for m in range(hints.step.shape[0]):
         t = hints.step[m]
-        dx, dy = X[t, 0] - hints.place[m, 0], X[t, 2] - hints.place[m, 1]
+        dx, dy = X[t, 0] - hints.position[m, 0], X[t, 2] - hints.position[m, 1]
         g[t, 0] += hints.slope[m, 0] + hints.bend[m, 0] * dx + hints.bend[m, 1] * dy
         g[t, 2] += hints.slope[m, 1] + hints.bend[m, 1] * dx + hints.bend[m, 2] * dy
         for i in range(3):

@@ -41,7 +41,7 @@ FORGET_EXTENTS = 1000.0
 """Where the motion alone spreads positions by so many times the extent of the position, what was before says
 nothing."""
 LONGEST_S = 1e9
-"""No longer pause is looked at."""
+"""Longer pauses are not considered."""
 
 
 class Pending(NamedTuple):
@@ -81,12 +81,12 @@ def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
     origin = 0.5 * (low + high) if _moves_freely(config) else np.zeros(2)
     # Without a room a target can be as far as sensors see.
     farthest = scene.region.max(axis=0) - scene.region.min(axis=0)
-    place, sigma = 0.5 * (low + high), float(np.hypot(*farthest))
+    position, sigma = 0.5 * (low + high), float(np.hypot(*farthest))
     # After a gap the given start no longer holds: the target may be anywhere in the room.
     if config.start is not None and not returned:
-        place, sigma = np.array(config.start[:2]), config.start[2]
+        position, sigma = np.array(config.start[:2]), config.start[2]
     mean = np.zeros(4)
-    mean[::2] = place - origin
+    mean[::2] = position - origin
     spread = np.diag([sigma**2, config.sigma_initial_velocity**2, sigma**2, config.sigma_initial_velocity**2])
     at = stations(scene, origin, walls=config.wall_constraints)
     return Pending(
@@ -104,7 +104,7 @@ def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
 def memory_ns(scene: Scene, config: MapConfig) -> int | None:
     """The pause [ns] after which a target may be anywhere by its motion, to a factor of 2; None: missing.
 
-    A chain over a longer one would only have variances that 64 bits do not hold beside those of bearings.
+    A chain over a longer one would only have variances that 64 bits do not hold together with those of bearings.
     """
     model, extent = motion_of(config), _extent(scene)
     try:
@@ -128,13 +128,13 @@ def _moves_freely(config: MapConfig) -> bool:
     return bool(np.allclose(motion_of(config).A[:, ::2], np.eye(4)[:, ::2], rtol=0.0, atol=1e-12))
 
 
-def problem_of(pending: Pending, record: TargetRecord, believed: Bools | None = None) -> TrajectoryProblem:
+def problem_of(pending: Pending, record: TargetRecord, inlier: Bools | None = None) -> TrajectoryProblem:
     """What is minimised for a record ([Rahimi] Eq. 8).
 
     Args:
         pending: the target.
         record: its record.
-        believed: (N,) which of the rows that saw it constrain it; None: all.
+        inlier: (N,) which of the rows that saw it constrain it; None: all.
 
     Raises:
         InputError: the motion model does not fit the times of the record.
@@ -148,7 +148,7 @@ def problem_of(pending: Pending, record: TargetRecord, believed: Bools | None = 
     # Likelihood: a residual for each bearing (Eq. 4)
     lines = sight_lines(record, pending.at)
     # Constraints: half-planes in front of the cameras (Eq. 9), and in the room
-    planes = constraints(lines, record, pending.at, config, len(record.t_ns), believed)
+    planes = constraints(lines, record, pending.at, config, len(record.t_ns), inlier)
     return TrajectoryProblem(steps, lines, planes, LOSS[config.loss], bend_of(config))
 
 
@@ -158,7 +158,7 @@ def bend_of(config: MapConfig) -> float:
 
 
 def start_of(pending: Pending, problem: TrajectoryProblem) -> tuple[Floats, Bools]:
-    """Where the search begins, inside the constraints; and the states whose constraints contradict each other.
+    """Where the search begins, inside the constraints; and the states with contradictory constraints.
 
     States that a camera saw begin on its optical axis, the others in the centre of the room ([Rahimi] Sec. 6);
     states that were found before begin there.
@@ -173,4 +173,4 @@ def start_of(pending: Pending, problem: TrajectoryProblem) -> tuple[Floats, Bool
 
 def _centre(pending: Pending) -> Floats:
     hull = pending.at.hull
-    return np.asarray(pending.at.place.mean(axis=0) if hull is None else 0.5 * (hull.min(axis=0) + hull.max(axis=0)))
+    return np.asarray(pending.at.position.mean(axis=0) if hull is None else 0.5 * (hull.min(axis=0) + hull.max(axis=0)))

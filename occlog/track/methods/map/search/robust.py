@@ -1,6 +1,6 @@
 """Search among false bearings: start from consensus, bend the loss step by step, forget what false bearings demand.
 
-A false bearing does harm in two ways: it pulls, and it says that the target is in front of its camera.  The first is
+A false bearing does harm in two ways: it pulls, and it puts the target in front of its camera.  The first is
 what robust losses are for.  These have several minima, so that the search begins with the most probable choice of
 true bearings (`occlog.track.methods.map.kernels.ransac_path`) and a loss that is next to convex, and then takes the
 loss itself with all bearings (graduated non-convexity in two steps).  Against the second, only lines of sight that are
@@ -61,7 +61,7 @@ ROUGH = 1e-3
 """Windows that only start the whole are solved to this tolerance, as a share of the room's extent."""
 APART, MU = 1e-4, 1e-4
 """Distance to the constraints, as a share of the room's extent, and weight of their barrier where the whole begins."""
-LOOKS = 3
+N_LINEAR_PROBLEMS = 3
 """Linear problems solved in turn, each with the distances of the one before."""
 
 Watch = Callable[[Iterate], None] | None
@@ -70,9 +70,9 @@ Watch = Callable[[Iterate], None] | None
 def linear_start(problem: TrajectoryProblem, X: Floats, config: MapConfig, extent: float) -> Floats:
     """The minimum of linear problems: first with all targets at one distance, then at those found."""
     distance = np.full(len(problem.lines.step), 0.3 * extent)
-    for _ in range(LOOKS):
+    for _ in range(N_LINEAR_PROBLEMS):
         X = minimise(linear_problem(problem, distance), X, Options(ROUGH * extent, config.max_iterations)).X
-        away = X[problem.lines.step, ::2] - problem.lines.place
+        away = X[problem.lines.step, ::2] - problem.lines.position
         distance = np.maximum(np.einsum("ni,ni->n", away, problem.lines.axis), 0.01 * extent)
     return X
 
@@ -180,14 +180,14 @@ class RobustSearchResult(NamedTuple):
 
     problem: TrajectoryProblem  # without the half-planes of detours
     mode: PathsAroundObstacles
-    stuck: Bools  # (T,) states whose constraints contradict each other
+    stuck: Bools  # (T,) states with constraints that contradict each other
     used: Bools  # (N,) which lines of sight the problem has
     scales: Scales
     score: float = math.nan  # cost with that of the lines of sight that the problem does not have
-    believed: Bools | None = None  # (N,) more probably true than false; None: all
+    inlier: Bools | None = None  # (N,) more probably true than false; None: all
     chance: Bools | None = None  # (N,) of these, met by chance alone; None: none
     careful: PathsAroundObstacles | None = None  # the minimum without those; None: missing
-    told: OccluderHints | None = None  # what moving occluders say; None: nothing
+    hints: OccluderHints | None = None  # what moving occluders say; None: nothing
 
 
 def plain_search(
@@ -207,18 +207,18 @@ def plain_search(
         # Far from the minimum the loss itself is flat.
         start, _ = roughly(problem._replace(loss=HUBER, k=INITIAL_HUBER_K), start, config, pending.extent)
     mode = search_around(problem, start, around, config, pending.extent, watch)
-    told: OccluderHints | None = None
+    hints: OccluderHints | None = None
     # Among moving occluders: again with what they say there
     for _ in range(MAX_OCCLUDER_ROUNDS if record.occluders else 0):
         before = mode.solution.X
-        told = occlusion_terms(pending, record, before, covariance(mode.problem, before), used, told)
-        lean = told.lean[used]
-        problem = problem._replace(lines=problem.lines._replace(lean=lean), hints=told.hints)
+        hints = occlusion_terms(pending, record, before, covariance(mode.problem, before), used, hints)
+        lean = hints.lean[used]
+        problem = problem._replace(lines=problem.lines._replace(lean=lean), hints=hints.hints)
         start, _ = move_inside(before, problem.planes, APART * pending.extent)
         mode = search_around(problem, start, around, config, pending.extent, watch, mu=MU)
         if has_converged(before, mode):
             break
-    return RobustSearchResult(problem, mode, stuck, used, (1.0, 1.0), told=told)
+    return RobustSearchResult(problem, mode, stuck, used, (1.0, 1.0), hints=hints)
 
 
 def robust_search(
@@ -228,17 +228,17 @@ def robust_search(
     found = _most_probable(pending, record, around, watch)
     # Among moving occluders: again with what they say there
     for _ in range(MAX_OCCLUDER_ROUNDS if record.occluders else 0):
-        before, believed = found.mode.solution.X, found.used if found.believed is None else found.believed
+        before, inlier = found.mode.solution.X, found.used if found.inlier is None else found.inlier
         spread = covariance(found.mode.problem, before)
-        told = occlusion_terms(pending, record, before, spread, believed, found.told)
-        path = ConsensusPath(before, believed, 0.0)
-        found = search_from(pending, record, around, watch, path, found.scales, among=told)
+        hints = occlusion_terms(pending, record, before, spread, inlier, found.hints)
+        path = ConsensusPath(before, inlier, 0.0)
+        found = search_from(pending, record, around, watch, path, found.scales, among=hints)
         if has_converged(before, found.mode):
             break
-    if found.chance is None or found.believed is None or not found.chance.any():
+    if found.chance is None or found.inlier is None or not found.chance.any():
         return found
-    path = ConsensusPath(found.mode.solution.X, found.believed & ~found.chance, 0.0)
-    other = search_from(pending, record, around, None, path, found.scales, careful=True, among=found.told)
+    path = ConsensusPath(found.mode.solution.X, found.inlier & ~found.chance, 0.0)
+    other = search_from(pending, record, around, None, path, found.scales, careful=True, among=found.hints)
     return found._replace(careful=other.mode)
 
 
@@ -254,10 +254,10 @@ def _most_probable(
     whole = problem_of(pending, record)
 
     def path(scales: Scales) -> ConsensusPath:
-        told = ransac_path(
+        agreed = ransac_path(
             rescaled(whole, *scales), record, pending.at, config, pending.extent, inlier_weights(config, scales[0])
         )
-        return told._replace(cost=told.cost + len(told.agree) * float(np.log(scales[0])))
+        return agreed._replace(cost=agreed.cost + len(agreed.agree) * float(np.log(scales[0])))
 
     # Start: what agrees with what is stated
     first = path(pending.scales)
@@ -307,9 +307,14 @@ def _from_axes(pending: Pending, whole: TrajectoryProblem, trust: float) -> Cons
 
 def _plausible(found: RobustSearchResult, path: ConsensusPath) -> bool:
     """Whether nearly all lines of sight are accepted, and residuals are what is stated."""
-    told = evidence(found.mode.problem, found.mode.solution.X, covariance(found.mode.problem, found.mode.solution.X))
+    residual_evidence = evidence(
+        found.mode.problem, found.mode.solution.X, covariance(found.mode.problem, found.mode.solution.X)
+    )
     doubted = float(np.mean(~path.agree)) if len(path.agree) else 0.0
-    return max(told.lines_scale, told.steps_scale) < MIN_RESIDUAL_FACTOR and doubted < MIN_OUTLIER_SHARE
+    return (
+        max(residual_evidence.lines_scale, residual_evidence.steps_scale) < MIN_RESIDUAL_FACTOR
+        and doubted < MIN_OUTLIER_SHARE
+    )
 
 
 def inlier_weights(config: MapConfig, lines2: float) -> float:
@@ -346,7 +351,7 @@ def search_from(
     (X, kept, _), iterations, learn = path, 0, scales != pending.scales and not careful
     banned = np.zeros(len(kept), dtype=np.bool_)
     for number in range(ROUNDS):
-        # Constrain by what is accepted; drop what says nothing in front of its camera
+        # Constrain by what is accepted; drop what has no effect in front of its camera
         trust = inlier_weights(config, scales[0])
         problem = rescaled(problem_of(pending, record, kept), *scales)
         if config.loss == "mixture":
@@ -370,26 +375,29 @@ def search_from(
         iterations += mode.solution.iterations
         # Believe what agrees with the trajectory, and refine the scales
         X = mode.solution.X
-        believed, chance = used, np.zeros_like(used)
+        inlier, chance = used, np.zeros_like(used)
         if config.loss == "square":
             break
-        believed = used & (inlier_probabilities(lines, X, trust) >= 0.5)
+        inlier = used & (inlier_probabilities(lines, X, trust) >= 0.5)
         spread = covariance(mode.problem, X)
-        chance = believed & _overfits(lines, X, spread, trust)
+        chance = inlier & _overfits(lines, X, spread, trust)
         if careful:
-            banned, believed = banned | chance, believed & ~chance
-        settled = bool((believed == kept)[~stuck[lines.step]].all())
+            banned, inlier = banned | chance, inlier & ~chance
+        settled = bool((inlier == kept)[~stuck[lines.step]].all())
         if learn:
-            told = evidence(mode.problem, X, spread)
+            residual_evidence = evidence(mode.problem, X, spread)
             before = scales
-            scales = max(scales[0] * told.lines_scale, 1.0), max(scales[1] * told.steps_scale, 1.0)
+            scales = (
+                max(scales[0] * residual_evidence.lines_scale, 1.0),
+                max(scales[1] * residual_evidence.steps_scale, 1.0),
+            )
             settled = settled and bool(np.abs(np.log(scales) - np.log(before)).max() < LOG_FACTOR_TOLERANCE)
         if settled:
             break
-        kept = believed
+        kept = inlier
     mode = mode._replace(solution=mode.solution._replace(iterations=iterations))
     score = mode.solution.cost + 0.5 * trust**2 * float(np.count_nonzero(~used))
-    return RobustSearchResult(problem, mode, stuck, used, scales, score, believed, chance, told=among)
+    return RobustSearchResult(problem, mode, stuck, used, scales, score, inlier, chance, hints=among)
 
 
 def has_converged(before: Floats, mode: PathsAroundObstacles) -> bool:
@@ -402,7 +410,7 @@ def has_converged(before: Floats, mode: PathsAroundObstacles) -> bool:
 def _overfits(lines: BearingLinesByStep, X: Floats, spread: Floats, trust: float) -> Bools:
     """(N,) lines of sight that are met by chance alone: the others make it less probable than that they are false.
 
-    Next to a camera a trajectory meets whatever the camera says.  With h the leverage of a line of sight, the others
+    Next to a camera a trajectory fits any measurement of it.  With h the leverage of a line of sight, the others
     predict it with 1/(1 - h) times its variance, so that believing it costs r^2/(1 - h) - log(1 - h), as in
     `occlog.track.methods.map.kernels.ransac_path`.
     """

@@ -4,7 +4,7 @@ Where a search with measurements of distances begins: Kalman filters from many p
 
 A likelihood of ranges has several modes, and the first measurements may leave open which is the target's.  An extended
 Kalman filter runs along the record from each position of a grid that the first measurements fit better than positions
-beside it.  It passes over measurements that are more probably false; filters that become improbable end.
+next to it.  It passes over measurements that are more probably false; filters that become improbable end.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def rays_of(lines: BearingLinesByStep, record: TargetRecord, at: SensorStations)
     return BearingHalfLines(
         step=lines.step,
         sensor=sensor,
-        place=lines.place,
+        position=lines.position,
         direction=np.ascontiguousarray(direction),
         a=lines.c0 * to_angle,
         # c1 belongs to the distance along the axis.
@@ -121,7 +121,7 @@ def filtered_start(
     """
     T, steps = len(record.t_ns), problem.steps
     rays = rays_of(problem.lines, record, pending.at)
-    lines = np.column_stack([rays.place, rays.direction, rays.a, rays.b])
+    lines = np.column_stack([rays.position, rays.direction, rays.a, rays.b])
     every = np.arange(T + 1)
     state = record.measured_state
     rows = SearchMeasurements(lines, np.searchsorted(rays.step, every), distances, np.searchsorted(state, every))
@@ -158,8 +158,8 @@ def _begun(rows: SearchMeasurements, record: TargetRecord, pending: Pending) -> 
     before, extent = pending.before, pending.extent
     if np.sqrt(np.linalg.eigvalsh(before.spread[::2, ::2])[-1]) < MAX_RELATIVE_START_SIGMA * extent:
         return FilterBank(before.mean[None].copy(), before.spread[None].copy(), np.zeros(1))
-    places = np.concatenate([rows.lines[:, :2], rows.distances.place, rows.distances.other])
-    low, high = places.min(axis=0), places.max(axis=0)
+    positions = np.concatenate([rows.lines[:, :2], rows.distances.position, rows.distances.other])
+    low, high = positions.min(axis=0), positions.max(axis=0)
     size = max(float((high - low).max()), extent)
     side = np.linspace(-1.0, 1.0, GRID) * size
     grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2) + 0.5 * (low + high)
@@ -177,8 +177,8 @@ def _begun(rows: SearchMeasurements, record: TargetRecord, pending: Pending) -> 
         cost -= log_density(residual / np.sqrt(wide), errors.widened(wide)).sum(axis=1)
         counted += residual.shape[1]
     padded = np.pad(cost.reshape(GRID, GRID), 1, constant_values=np.inf)
-    beside = [(i, j) for i in (0, 1, 2) for j in (0, 1, 2) if (i, j) != (1, 1)]
-    around = np.min([padded[i : i + GRID, j : j + GRID] for i, j in beside], axis=0).reshape(-1)
+    neighbours = [(i, j) for i in (0, 1, 2) for j in (0, 1, 2) if (i, j) != (1, 1)]
+    around = np.min([padded[i : i + GRID, j : j + GRID] for i, j in neighbours], axis=0).reshape(-1)
     low_ones = np.flatnonzero(cost <= around)
     chosen = low_ones[np.argsort(cost[low_ones], kind="stable")][:MAX_FILTERS]
     x = np.zeros((len(chosen), 4))
@@ -190,20 +190,20 @@ def _begun(rows: SearchMeasurements, record: TargetRecord, pending: Pending) -> 
 def _seen(rows: SearchMeasurements, t: int, xy: Floats) -> tuple[Floats, Floats, DistanceErrors]:
     """What is measured at a state: residuals (H, n), gradients (H, n, 2) at (H, 2) positions, and how these n err."""
     own = rows.distances.take(slice(*rows.distance_first[t : t + 2].tolist()))
-    told = linearise(own, xy)
+    linearised = linearise(own, xy)
     lines = rows.lines[slice(*rows.line_first[t : t + 2].tolist())]
     if not len(lines):
-        return told.residual, told.gradient, own.errors
+        return linearised.residual, linearised.gradient, own.errors
     away = xy[:, None] - lines[:, :2]
     across = lines[:, 2] * away[..., 1] - lines[:, 3] * away[..., 0]
     along = lines[:, 2] * away[..., 0] + lines[:, 3] * away[..., 1]
     d2 = np.maximum((away**2).sum(axis=2), 1e-12)
     sigma = np.sqrt(lines[:, 4] + lines[:, 5] / d2)
     gradient = np.stack([-away[..., 1], away[..., 0]], axis=2) / (d2 * sigma)[..., None]
-    residual = np.concatenate([-np.arctan2(across, along) / sigma, told.residual], axis=1)
+    residual = np.concatenate([-np.arctan2(across, along) / sigma, linearised.residual], axis=1)
     sights = without_detours(np.full(len(lines), BEND["mixture"]))
     errors = DistanceErrors(*(np.concatenate(both) for both in zip(sights, own.errors, strict=True)))
-    return residual, np.concatenate([gradient, told.gradient], axis=1), errors
+    return residual, np.concatenate([gradient, linearised.gradient], axis=1), errors
 
 
 def _predicted(bank: FilterBank, A: Floats, sigma: Floats) -> FilterBank:

@@ -1,1 +1,1 @@
-"""Verb: learn path losses, shadowing and coverage of readers from reads of tags whose positions are known."""
+"""Verb: learn path losses, shadowing and coverage of readers from reads of tags at known positions."""

@@ -39,7 +39,7 @@ class TagWindows(NamedTuple):
 
 
 class Coverage(NamedTuple):
-    """The range whose virtual sensors have the least error, with their probabilities."""
+    """The range that gives virtual sensors the least error, with their probabilities."""
 
     range: float
     detection: float
@@ -115,26 +115,26 @@ def choose_range(
 ) -> Coverage:
     """Choose the range with the least RMS error of the virtual sensors over windows with true positions.
 
-    A reader detects a tag whose mean strength is at least that expected at the range.  The probabilities that it does
+    A reader detects a tag with a mean strength of at least that expected at the range.  The probabilities that it does
     so in range and out of it are shares over the windows (each with one success and one failure more, so that none
     is 0 or 1).
     """
     xy = np.concatenate([s.xy for s in sequences])
     count, rssi = np.concatenate([s.reads for s in sequences]), np.concatenate([s.rssi for s in sequences])
-    places = model.places[:, :2]
-    away = np.sqrt(((xy[:, None, :] - places) ** 2).sum(axis=2))
+    positions = model.positions[:, :2]
+    away = np.sqrt(((xy[:, None, :] - positions) ** 2).sum(axis=2))
     best: Coverage | None = None
     for reach in ranges:
         detected: Bools = (count > 0) & (np.where(np.isnan(rssi), np.inf, rssi) >= model.strength_at(reach))
         inside = away <= reach
         detection = _share(detected[inside])
         stray = _share(detected[~inside])
-        regions = virtual_sensors(places, np.full(len(places), reach), room)
+        regions = virtual_sensors(positions, np.full(len(positions), reach), room)
         kept = detected.any(axis=1)
         if not kept.any():
             continue
         found = locate(regions, detected[kept], detection, stray)
-        # Windows in which nobody detects the tag have the mean of the places in range as an estimate
+        # Windows in which no reader detects the tag have the mean of the places in range as an estimate
         middle = regions.area @ regions.centroid / regions.area.sum()
         estimate = np.broadcast_to(middle, xy.shape).copy()
         estimate[kept] = found.xy
@@ -150,11 +150,11 @@ def _share(detected: Bools) -> float:
     return float((np.count_nonzero(detected) + 1) / (detected.size + 2))
 
 
-def usual_ranges(places: Floats) -> Floats:
+def usual_ranges(positions: Floats) -> Floats:
     """(10,) ranges from half of the median distance of (R, 2) readers to their nearest neighbours to twice it."""
-    if len(places) < 2:
+    if len(positions) < 2:
         raise ValueError("one reader alone does not tell how far readers read; state ranges to try")
-    away = np.sqrt(((places[:, None, :] - places[None, :, :]) ** 2).sum(axis=2))
+    away = np.sqrt(((positions[:, None, :] - positions[None, :, :]) ** 2).sum(axis=2))
     np.fill_diagonal(away, np.inf)
     usual = float(np.median(away.min(axis=1)))
     if not usual > 0.0:

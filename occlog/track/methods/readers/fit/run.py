@@ -57,28 +57,28 @@ class _FitSamples:
             own, path = reads.take(reads.target_id == target), truth.take(truth.target_id == target)
             if not len(path):
                 raise InputError(f"{opened.path}: the truth has no target {target}, of which there are reads; add it")
-            places = np.column_stack([path.x, path.y])
-            self._strengths(own, *interpolate_positions(own.t_ns, path.t_ns, places, gap_ns))
-            self._windows(own, path, places, gap_ns)
+            positions = np.column_stack([path.x, path.y])
+            self._strengths(own, *interpolate_positions(own.t_ns, path.t_ns, positions, gap_ns))
+            self._windows(own, path, positions, gap_ns)
 
     def _strengths(self, reads: Reads, xy: Floats, good: np.ndarray) -> None:
         """Strengths of single reads, with the distance of the true position."""
-        told = good & np.isfinite(reads.rssi)
-        place = {r.name: k for k, r in enumerate(self.readers)}
-        number = np.array([place[name] for name in reads.sensor[told].tolist()], dtype=np.int64)
+        usable = good & np.isfinite(reads.rssi)
+        index_of = {r.name: k for k, r in enumerate(self.readers)}
+        number = np.array([index_of[name] for name in reads.sensor[usable].tolist()], dtype=np.int64)
         at = np.array([r.position for r in self.readers])[number]
         drop = at[:, 2] - self.config.tag_height
-        distance = np.sqrt(((xy[told] - at[:, :2]) ** 2).sum(axis=1) + drop**2)
+        distance = np.sqrt(((xy[usable] - at[:, :2]) ** 2).sum(axis=1) + drop**2)
         self.reader.append(number)
         self.distance.append(distance / self.metre)
-        self.rssi.append(reads.rssi[told])
+        self.rssi.append(reads.rssi[usable])
         self.without += int(np.count_nonzero(~good))
 
-    def _windows(self, reads: Reads, truth: Truth, places: Floats, gap_ns: int) -> None:
+    def _windows(self, reads: Reads, truth: Truth, positions: Floats, gap_ns: int) -> None:
         """Windows of a tag with true positions."""
         names = [r.name for r in self.readers]
         for part in windows_of([reads], names, round(self.config.window_s * NS)):
-            xy, good = interpolate_positions(part.t_ns, truth.t_ns, places, gap_ns)
+            xy, good = interpolate_positions(part.t_ns, truth.t_ns, positions, gap_ns)
             if good.any():
                 kept = part.take(good)
                 seconds = (kept.t_ns - kept.t_ns[0]) / NS
@@ -102,13 +102,13 @@ def run_fit_readers(request: FitReadersRequest, job: Job) -> tuple[dict[str, obj
         raise InputError(
             f"{where}: {windows} windows have a true position, want {MIN_WINDOWS}; give more, or bridge longer gaps"
         )
-    places = np.array([r.position for r in scene.readers])
+    positions = np.array([r.position for r in scene.readers])
     reader, rssi = np.concatenate(gathered.reader), np.concatenate(gathered.rssi)
     try:
         # Path losses by least squares over single reads
-        losses = fit_losses(reader, np.concatenate(gathered.distance), rssi, len(places))
+        losses = fit_losses(reader, np.concatenate(gathered.distance), rssi, len(positions))
         model = PathLoss(
-            places=places,
+            positions=positions,
             power=losses.power,
             exponent=losses.exponent,
             noise_db=losses.residual_db,
@@ -120,11 +120,11 @@ def run_fit_readers(request: FitReadersRequest, job: Job) -> tuple[dict[str, obj
         # Shadowing by maximum likelihood over windows
         model = fit_shadowing(model, gathered.stretches)
         # Range of the virtual sensors by the least error
-        ranges = usual_ranges(places[:, :2]) if config.ranges is None else np.asarray(config.ranges)
+        ranges = usual_ranges(positions[:, :2]) if config.ranges is None else np.asarray(config.ranges)
         coverage = choose_range(model, gathered.stretches, ranges.tolist(), scene.room)
     except ValueError as error:
         raise InputError(f"{where}: {error}") from error
-    reads = np.bincount(reader, minlength=len(places))
+    reads = np.bincount(reader, minlength=len(positions))
     figures: dict[str, object] = {
         "reads": len(rssi),
         "windows": windows,

@@ -44,7 +44,7 @@ def small(seed: int, T: int = 8, loss: int = 0, k: float = 1.0, kinds=("pixel", 
     for t, kind in enumerate(steps.kind):
         X[t + 1] = steps.A[kind] @ X[t] + 0.5 * np.linalg.cholesky(steps.sigma[kind]) @ rng.normal(size=4)
     lines = random_lines(rng, X, 1.5, kinds)
-    front = HalfPlanes(lines.step, lines.axis, np.einsum("ni,ni->n", lines.axis, lines.place) + 0.3)
+    front = HalfPlanes(lines.step, lines.axis, np.einsum("ni,ni->n", lines.axis, lines.position) + 0.3)
     return TrajectoryProblem(steps, lines, front, loss, k), X
 
 
