@@ -261,7 +261,9 @@ class SensorDisagreement:
                 against[rows] = _against(diagnostics.t_ns[rows], known.take(known.target_id == target))
         if not against.any():
             return diagnostics
-        doubt = [",".join(filter(None, (old, INCONSISTENT_SENSOR))) for old in diagnostics.quality_flags[against].tolist()]
+        doubt = [
+            ",".join(filter(None, (old, INCONSISTENT_SENSOR))) for old in diagnostics.quality_flags[against].tolist()
+        ]
         every = diagnostics.quality_flags.astype(object)
         every[against] = doubt
         return replace(diagnostics, quality_flags=every.astype(np.str_))

@@ -161,7 +161,13 @@ class Bounds:
         self._scene, self._config, self._high, self._ways = scene, config, high, ways
         self._block = block
         self._targets: dict[int, _BoundTarget] = {}
-        kinds: list[Any] = [("t_ns", "i8"), ("target", "i8"), ("n_detected", "i8"), ("error", "f8"), ("error_space", "f8")]
+        kinds: list[Any] = [
+            ("t_ns", "i8"),
+            ("target", "i8"),
+            ("n_detected", "i8"),
+            ("error", "f8"),
+            ("error_space", "f8"),
+        ]
         kinds += [(name, "?") for name in ("look", "estimate", "late", "known")]
         kinds += [("ground", "f8", (2, 2))] if ways.ground else []
         kinds += [("space", "f8", (3, 3))] if ways.space else []

@@ -185,7 +185,11 @@ class ViewerStream:
         people = people_of(rows, self._metres, self._diagnostics_drawing)
         for person in people:
             before = self.crowd.find(person.target)
-            if person.quality_flags and not self._inputs.has(Diagnostics) and (before is None or before.quality_flags != person.quality_flags):
+            if (
+                person.quality_flags
+                and not self._inputs.has(Diagnostics)
+                and (before is None or before.quality_flags != person.quality_flags)
+            ):
                 yield LogLine(t_ns, True, f"target {person.target}", person.quality_flags)
         self.crowd.add(people)
         yield SceneDrawing("/targets", t_ns, self.crowd.in_space(t_ns))

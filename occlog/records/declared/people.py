@@ -50,7 +50,9 @@ def has_word(texts: Strings, word: str) -> Bools:
 class PeopleTracks(Tracks):
     """Tracks of all people on the ground plane; every command reads them as `Tracks`."""
 
-    existence_probability: Floats = column("f8", "1", "probability that the person is there", nan="not known", optional=True)
+    existence_probability: Floats = column(
+        "f8", "1", "probability that the person is there", nan="not known", optional=True
+    )
     height: Floats = column("f8", "m", "of the person", nan="not known", optional=True)
     width: Floats = column("f8", "m", "of the person, seen from any side", nan="not known", optional=True)
     sd_height: Floats = column("f8", "m", "standard deviation of the height", nan="not known", optional=True)

@@ -242,7 +242,9 @@ class Residuals(ColumnTable):
     expected_variance: Floats = column(
         "f8", "1", "variance that the residual has if the bearing is true: below 1, since the estimate follows it"
     )
-    inlier_probability: Floats = column("f8", "1", "probability that the bearing is true, given the estimate; 0 behind a camera")
+    inlier_probability: Floats = column(
+        "f8", "1", "probability that the bearing is true, given the estimate; 0 behind a camera"
+    )
 
     def check(self) -> None:
         """Times in order, probabilities and variances in their range."""

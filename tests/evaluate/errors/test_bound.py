@@ -232,7 +232,7 @@ def test_a_filter_told_the_drift_stays_above_the_bound(seed: int) -> None:
     assert 1 - 3 * error_bar < per_run.mean() < 1.15 + 3 * error_bar
 
 
-def extended_kalman(u: dict[str, np.ndarray], drift: np.ndarray, process_noise_position: float) -> np.ndarray:
+def extended_kalman(u: dict[str, np.ndarray], drift: np.ndarray, sigma_v: float) -> np.ndarray:
     x, P, out = np.array([10.0, 10.0]), np.eye(2), []
     for k in range(len(drift)):
         x, P = x + drift[k], P + (sigma_v**2 * np.eye(2) if k else 0.0)

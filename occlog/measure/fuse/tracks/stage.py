@@ -193,7 +193,8 @@ def _join(
     rows, here, also = JoinedTracks(**columns), here[order], also[order]
     identity, doubts, exchanged = _identities(rows.t_ns, here, also)
     doubted = words_of(
-        np.column_stack([has_word(rows.quality_flags, word) for word in DOUBTS]) | _keep_flags(POSSIBLE_SWITCH, exchanged),
+        np.column_stack([has_word(rows.quality_flags, word) for word in DOUBTS])
+        | _keep_flags(POSSIBLE_SWITCH, exchanged),
         DOUBTS,
     )
     rows = replace(rows, target_id=identity, quality_flags=doubted).sorted()

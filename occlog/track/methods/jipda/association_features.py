@@ -160,7 +160,9 @@ def log_feature_ratios(
         mine = hint[:, frame.camera, None] == frame.tracklet_id
         taken = mine.any(axis=0)
         out[:, start:stop] += np.where(
-            frame.tracklet_id < 0, 0.0, np.where(mine, LOG_RATIO_SAME_TRACKLET, np.where(taken, LOG_RATIO_OTHER_TRACKLET, 0.0))
+            frame.tracklet_id < 0,
+            0.0,
+            np.where(mine, LOG_RATIO_SAME_TRACKLET, np.where(taken, LOG_RATIO_OTHER_TRACKLET, 0.0)),
         )
         if dimension:
             out[:, start:stop] += log_ratio(cues.likeness, similarity(gallery, appearance_of(frame, dimension)))

@@ -91,9 +91,9 @@ def test_a_robot_on_its_goal_has_reached_it_without_a_step():
     assert verdict.figures()["length"] == 0.0
 
 
-@pytest.mark.parametrize(("goal_tolerance", "max_steps"), [(2.0, 4), (1.999, 5)])
-def test_the_goal_is_reached_within_the_distance_that_is_asked_for(goal_tolerance: float, steps: int):
-    _, robots, _ = driven(discs=(), start=(6.0, 0.0), goal=(0.0, 0.0), goal_tolerance=arrive, speed=1.0)
+@pytest.mark.parametrize(("reach", "steps"), [(2.0, 4), (1.999, 5)])
+def test_the_goal_is_reached_within_the_distance_that_is_asked_for(reach: float, steps: int):
+    _, robots, _ = driven(discs=(), start=(6.0, 0.0), goal=(0.0, 0.0), goal_tolerance=reach, speed=1.0)
     assert robots.steps[0] == steps
 
 
