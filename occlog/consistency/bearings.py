@@ -108,7 +108,7 @@ MIN_STEPS, MAX_STEPS = 10, 500
 MAX_MISFIT_RATIO, MIN_MISFIT_RAD2 = 0.1, 0.05
 """A median square misfit [rad^2] below this share of the other one's, where that is above `MIN_MISFIT_RAD2`, is much
 better."""
-CONVENTION = "convention of angles"
+CONVENTION = "angle convention"
 """Name of the check."""
 MAX_LINE_MISFIT_RAD2 = 1.0
 """Misfits of single lines count at most as this [rad^2]: false ones are not to decide."""
@@ -178,7 +178,7 @@ def misfit(places: Floats, bearings: Floats) -> float:
     return float(np.minimum(off**2, MAX_LINE_MISFIT_RAD2).mean())
 
 
-STATED = "stated noise of the bearings"
+STATED = "stated measurement noise"
 """Name of the check."""
 MIN_SIGMA_RAD = 1e-7
 """Smallest standard deviation that is accepted: 0.02 seconds of arc."""

@@ -56,15 +56,15 @@ MAX_PERSISTENT_CANDIDATE_SHARE = 0.5
 """Share of frames with a candidate that stays and that no track explains that matters."""
 MAX_NAMED = 20
 """Targets of one finding that are listed."""
-PARTICLES, RESTARTED, TIME_GAPS = "effective number of particles", "restarts of the filter", "gaps between rows"
-NEVER_SEEN, SELECTED, FLAGGED = "targets that no sensor sees", "views of the selected cameras", "flags of the rows"
+PARTICLES, RESTARTED, TIME_GAPS = "effective sample size", "track loss", "time gaps"
+NEVER_SEEN, SELECTED, FLAGGED = "targets never detected", "coverage by the selected cameras", "quality flags"
 REJECTED_MEASUREMENTS, CONFIRMED, NIS = (
     "rejected measurements",
-    "measurements of one sensor at a time",
+    "single-sensor measurements",
     "residuals (NIS)",
 )
-MOTION, ROOM, WALLS = "motion noise", "positions outside the room", "lines of sight through walls"
-UNASSOCIATED_CANDIDATES = "candidates that no track explains"
+MOTION, ROOM, WALLS = "process noise", "positions outside the room", "detections through walls"
+UNASSOCIATED_CANDIDATES = "unassociated candidates"
 """Names of checks."""
 ROWS = {
     "contradiction": "no position holds all constraints, and what was seen there was omitted; check poses and labels",

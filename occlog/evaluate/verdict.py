@@ -40,7 +40,7 @@ from .errors.sums import median_of, space_errors
 from .mot.config import MultiTargetConfig
 from .mot.figures import independent_ids
 
-COVARIANCES, IDENTITY = "covariances against the truth (NEES)", "truth and bearings of one target"
+COVARIANCES, IDENTITY = "covariances against the truth (NEES)", "truth matches bearings"
 DETECTIONS, BOUND = "detection rate at the true positions", "errors against the bound"
 """Names of checks."""
 NEES_HIGH, NEES_LOW = 2.0, 0.2

@@ -12,7 +12,7 @@ from occlog.records.columns import ColumnTable
 from occlog.records.tables import Boxes, Doa, Truth, TruthBoxes
 from occlog.records.verdicts import Check, finding, outcome
 
-SENSORS, FRAMES, TRUE = "times of the sensors", "intervals of the frames", "times of the truth"
+SENSORS, FRAMES, TRUE = "sensor clocks", "frame intervals", "truth times"
 """Names of checks."""
 FRAMES_APART_NS, ROWS_APART_NS = 60 * NS, 3600 * NS
 """Gap above which a sensor's times count as disjoint, if also above the others' duration; rows are only where

@@ -21,7 +21,7 @@ MAX_FINDINGS = 20
 class Check(Struct, frozen=True, omit_defaults=True):
     """A check of a stage's results."""
 
-    name: Annotated[str, Meta(description="What was checked, as words of a list: `restarts of the filter`.")]
+    name: Annotated[str, Meta(description="What was checked, as words of a list: `track loss`.")]
     status: Annotated[
         Status,
         Meta(description="`failed`: the results are not plausible; `not applicable`: could not be checked."),

@@ -55,7 +55,7 @@ def test_what_cannot_be_asked_is_not_applicable() -> None:
     assert not findings(made)
     status = {check.name: check.status for check in made}
     assert status["covariances against the truth (NEES)"] == "passed"
-    assert status["effective number of particles"] == "not applicable"
+    assert status["effective sample size"] == "not applicable"
 
 
 @pytest.mark.parametrize(("factor", "said"), [(0.22, []), (0.18, ["nees-small"]), (1.0, []), (1.4, [])])

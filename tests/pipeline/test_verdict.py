@@ -80,8 +80,8 @@ def test_track_stores_what_it_checked_with_its_tracks(done: Path) -> None:
     assert all(each.plausible for each in before)
     assert (verdict.stage, verdict.plausible) == ("track", False)
     status = {check.name: check.status for check in verdict.checks}
-    assert status["offsets between the cameras"] == "failed"
-    assert status["times of the cameras"] == "passed"
+    assert status["camera bias"] == "failed"
+    assert status["camera clocks"] == "passed"
     metadata = pq.read_metadata(done / "tracks.parquet").metadata
     jsonschema.validate(json.loads(metadata[b"occlog.provenance"])["verdicts"][-1], verdict_schema())
 
@@ -103,7 +103,7 @@ def test_the_page_has_the_verdict_at_its_top_and_says_what_was_checked(done: Pat
     verdict = page[page.index('<section class="lost" aria-labelledby="verdict">') :]
     verdict = verdict[: verdict.index("</section>")]
     assert f"<strong>camera-leans</strong> (track): camera {CROOKED} " in verdict
-    assert "offsets between the cameras" in verdict
+    assert "camera bias" in verdict
     assert "particles" not in verdict, "what was not checked is not said to have been"
     assert page.index('id="verdict"') < page.index("<figure")
 

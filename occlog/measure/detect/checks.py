@@ -13,7 +13,7 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Views
 from occlog.records.verdicts import Check, finding, outcome
 
-DETECTS, INSIDE, STAYS = "detections of each camera", "detections inside the images", "detections that stay in place"
+DETECTS, INSIDE, STAYS = "detections per camera", "detections inside the images", "static detections"
 """Names of checks."""
 FEWEST = 50
 """Of a camera with fewer frames nothing is reported."""

@@ -12,7 +12,7 @@ from occlog.records.verdicts import Check, finding, outcome
 
 from .stage import DoaTally
 
-SOUND, SCALE, APART, HEARD = "sound of each microphone", "full scale", "their own microphones", "directions"
+SOUND, SCALE, APART, HEARD = "microphone levels", "clipping", "distinct microphones", "directions"
 """Names of checks."""
 SILENT = 0.01
 """A microphone with less than this share of the usual level of its array has none: 40 dB below."""

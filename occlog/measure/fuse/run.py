@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
 
-AGREE = "agreement of the cameras"
+AGREE = "camera agreement"
 """Name of the check."""
 MAX_REMOVED = 0.2
 """Share of a camera's detections of targets that the fusion removes that matters, beyond its stated false ones."""

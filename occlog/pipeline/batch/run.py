@@ -38,7 +38,7 @@ from .plan import BatchRecording, in_line, in_text, sources_of
 from .recording import FAILED, RUNS, RecordingOutcome, Task, batch_folder, fetch_files, process
 
 RUNS_TABLE, METRICS_TABLE = "runs.parquet", "metrics.parquet"
-VERDICTS = "verdicts of the recordings"
+VERDICTS = "recording verdicts"
 """Name of the check of a batch."""
 METRICS_FILES = ("metrics.json", "metrics_in_images.json")
 MAX_LOSSES = 20

@@ -18,8 +18,8 @@ from .frame_detections import BoxStatistics, FrameDetectionsWithIds
 from .lateral_bias import LateralBias
 from .rows import MIN_MAP_PROBABILITY, detection_probability_by_camera
 
-EXPLAINED, AGREES, LEANS = "boxes explained by tracks", "detection rates of the cameras", "offsets between the cameras"
-TIMES, BOXES = "times of the cameras", "boxes of the cameras"
+EXPLAINED, AGREES, LEANS = "associated boxes", "detection rates of the cameras", "camera bias"
+TIMES, BOXES = "camera clocks", "camera boxes"
 """Names of checks."""
 MIN_VISIBILITY = 0.8
 """A person so probably visible should be detected."""

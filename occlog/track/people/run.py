@@ -24,8 +24,8 @@ from .reidentification import GalleryReidentification
 from .rows import SnapshotTables
 from .stage import PeopleTracker, Tabulator, track_people
 
-OUTSIDE, SIZES, IDENTITIES = "boxes left out at ingest", "sizes of people", "expected identity switches"
-FRAMES, SMOOTHED, FOUND = "numbers of the frames", "errors of regions", "number of people"
+OUTSIDE, SIZES, IDENTITIES = "boxes skipped at ingest", "person heights per camera", "expected identity switches"
+FRAMES, SMOOTHED, FOUND = "frame numbering", "region error correlation", "number of people"
 """Names of checks."""
 UNSIZED = "too few boxes are whole to compare cameras"
 SWITCHES_PER_TARGET_NOTE, SWITCHES_PER_TARGET_WARNING = 0.2, 0.5

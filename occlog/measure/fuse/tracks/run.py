@@ -21,7 +21,7 @@ from occlog.settings import configure
 from .config import TrackFusionConfig
 from .stage import FusedGroupTracks, GroupConsistency, fuse_tracks
 
-FOUND, AGREE = "number of people", "agreement of the groups of cameras"
+FOUND, AGREE = "number of people", "camera group agreement"
 """Names of checks."""
 MAX_SEPARATION_RATIO = 2.0
 """Groups with positions that differ by more than this many times the expected error, on average, are stated to."""

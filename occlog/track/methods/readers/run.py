@@ -65,10 +65,10 @@ class ReadsSummary:
         """Checks of the tracks with their findings."""
         shares = {name: n / self.rows for name, n in sorted(self.doubts.items())}
         return outcome(
-            "doubts of the rows",
+            "quality flags",
             (
                 finding(
-                    "doubts of the rows",
+                    "quality flags",
                     "warning",
                     name,
                     f"{share:.0%} of the rows have the doubt {name} (limit {MAX_FLAGGED_SHARE:.0%}): {REMEDIES[name]}",

@@ -34,9 +34,9 @@ from .frame_synchronisation import in_step
 from .inputs import ViewsInput
 from .stage import Checks, TrackingSetup, ViewsPart, track_views
 
-NUMBER, AT_ONCE, PARTICLES = "number of targets", "targets at a time", "effective number of particles"
-FIRST, SHARED, ENDS = "first ellipses", "views that help one another", "ends of the views"
-GEOMETRY, PLACES = "fundamental matrices", "places in the world"
+NUMBER, AT_ONCE, PARTICLES = "number of targets", "targets per frame", "effective sample size"
+FIRST, SHARED, ENDS = "first ellipses", "view collaboration", "end of each view"
+GEOMETRY, PLACES = "fundamental matrices", "ground positions"
 """Names of checks."""
 MAX_TARGETS_PER_FRAME = 30.0
 """Targets in a frame that regions can be: one man without a calibration gives 72, the rendered balls of [Qu] 8.8."""
@@ -126,7 +126,7 @@ class ViewsSummary:
         pairs = sum(int(each.sum()) >= MIN_LOOP_CHECKS for each in self.distances.values())
         uncounted = "" if self._uses_regions else "trackers do not begin from what moves in the images"
         depleted = "" if self.particles.rows else "the method has no particles"
-        places = "" if self.places else "no places in the world were asked for"
+        places = "" if self.places else "no ground positions were requested"
         return (
             *outcome(NUMBER, self._none(), targets=len(self.targets), rows=self.rows),
             *outcome(
