@@ -210,7 +210,7 @@ class SmallNoiseCheck:
             finding(
                 STATED,
                 "note",
-                "noise-tiny",
+                "measurement-noise-small",
                 f"{sum(self._found.values())} bearings of {', '.join(sorted(self._found)[:3])} state a standard "
                 f"deviation down to {self._least:.2g} rad (allowed: {MIN_SIGMA_RAD:g}): no sensor is so exact, and "
                 "filters by particles find no position that fits them: estimates may be as wide as without detections; "

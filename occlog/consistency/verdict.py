@@ -241,7 +241,7 @@ class ConsistencyEvidence:
             yield finding(
                 PARTICLES,
                 "warning",
-                "depleted",
+                "particles-depleted",
                 f"{few / rows:.0%} of the rows rest on fewer than {MIN_EFFECTIVE_SAMPLE_SIZE:.0f} effective "
                 "particles (median "
                 f"{self.particles.median:.0f}; allowed in {most:.0%} of the rows): {whose} too "
@@ -257,7 +257,7 @@ class ConsistencyEvidence:
             yield finding(
                 RESTARTED,
                 "warning",
-                "restarts",
+                "track-loss",
                 f"the target was lost and searched again in {restarts} of {self.rows} rows (allowed: "
                 f"{MAX_RESTART_SHARE:.0%}); "
                 "the motion or the noise that is stated is wrong, or the bearings are not of one target",
@@ -289,7 +289,7 @@ class ConsistencyEvidence:
             yield finding(
                 NEVER_SEEN,
                 "note",
-                "never-seen",
+                "targets-never-detected",
                 f"{counted(len(unseen), 'target')} of {len(self.targets)}, the first {unseen[0]}, no sensor saw at any "
                 "time: the rows say where targets can be, and their covariances are as wide; add sensors, or leave "
                 "out who was not seen",
@@ -302,7 +302,7 @@ class ConsistencyEvidence:
             yield finding(
                 SELECTED,
                 "warning",
-                "selection",
+                "selection-without-view",
                 f"in {self.blind} of {self.selected} rows (allowed: {MAX_BLIND_SHARE:.0%}) fewer than two sensors "
                 "see the "
                 "target, although more cameras were selected: the selection is for longer than the target stays in "
@@ -340,7 +340,7 @@ class ConsistencyEvidence:
                 yield finding(
                     REJECTED_MEASUREMENTS,
                     "warning",
-                    "not-believed",
+                    "measurements-rejected",
                     f"{name}: {own.doubted:.0%} of {own.bearings} {self.what} are rejected (allowed: "
                     f"{MAX_REJECTED_SHARE:.0%}); its pose, its clock or its labels may be wrong, or the target "
                     "was lost",
@@ -360,7 +360,7 @@ class ConsistencyEvidence:
             yield finding(
                 CONFIRMED,
                 "warning",
-                "unconfirmed",
+                "measurements-unconfirmed",
                 f"{alone.share:.0%} of {alone.bearings} {self.what} are rejected (allowed: "
                 f"{MAX_UNCONFIRMED_REJECTED_SHARE:.0%} where "
                 f"one sensor at a time sees the target): the motion alone distinguishes false {self.what} from true "
@@ -389,7 +389,7 @@ class ConsistencyEvidence:
                 yield finding(
                     MOTION,
                     "warning",
-                    "motion",
+                    "process-noise-small",
                     f"target {target} moves {math.sqrt(factor):.1f} times as irregularly as the settings of its motion "
                     f"say (allowed: {math.sqrt(MAX_MOTION_VARIANCE_FACTOR):.0f} times); state a larger acceleration",
                     targets=[target],
@@ -420,7 +420,7 @@ class ConsistencyEvidence:
                 yield finding(
                     WALLS,
                     "warning",
-                    "through-wall",
+                    "detection-through-wall",
                     f"in {hidden} of {saw} rows (allowed: {MAX_FLAGGED_SHARE:.0%}) {name} sees the target, "
                     "although it is behind "
                     "a wall or static occluder of the scene where the bearings meet; the track avoids the wall and is "

@@ -132,7 +132,7 @@ def _truth_of_another_target(found: ConsistencyEvidence, metrics: Mapping[str, o
         yield finding(
             IDENTITY,
             "warning",
-            "something-else",
+            "truth-of-another-target",
             f"the bearings agree with the tracks (NIS {nis.value:.2g}) and not with the truth (NIS {there:.2g}, "
             f"allowed up to {MAX_BEARING_NIS:.0f}); the truth is of another object, clock or frame; compare with the "
             "truth of the detected target",
@@ -303,7 +303,7 @@ def _not_detected(metrics: Mapping[str, object]) -> Iterator[Check]:
         yield finding(
             DETECTIONS,
             "warning",
-            "not-detected",
+            "low-detection-rate",
             f"only {rate:.0%} of the visible targets were detected at their position (expected at least "
             f"{MIN_DETECTION_RATE:.0%}); check that bearings and truth are of the same targets, the clocks and the "
             "calibration",
@@ -319,7 +319,7 @@ def _far_from_bound(metrics: Mapping[str, object]) -> Iterator[Check]:
         yield finding(
             BOUND,
             "note",
-            "far-from-bound",
+            "error-far-above-bound",
             f"the RMSE is {ratio:.1f} times the Cramer-Rao bound (usual: up to {MAX_BOUND_RATIO:.0f}): the bearings "
             "would allow more, or the motion given to the bound has too little noise",
             ratio=ratio,

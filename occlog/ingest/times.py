@@ -104,7 +104,7 @@ class Times:
                 yield finding(
                     FRAMES,
                     "note",
-                    "times-jump",
+                    "clock-jump",
                     f"camera {name}: its times jump by {own.longest / NS:.6g} s at {utc(own.before)}, which is longer "
                     f"than the rest of its {own.count} frames: was its clock set, or the recording interrupted?",
                     sensors=[name],
@@ -120,7 +120,7 @@ class Times:
             yield finding(
                 TRUE,
                 "warning",
-                "truth-at-other-times",
+                "truth-times-disjoint",
                 f"the truth ({self.true}) and the measurements ({measured}) have no time in common; is the start "
                 "time, the unit of times or the clock another?",
             )
@@ -157,7 +157,7 @@ def _apart(times: dict[str, IngestFrameTimes] | dict[str, TimeSpanNs], least: in
             yield finding(
                 SENSORS,
                 "warning",
-                "sensor-at-other-times",
+                "sensor-times-disjoint",
                 f"{name} measures at no time at which another sensor does: its times are {own}, {far / NS:.6g} s from "
                 "the others'; check its clock, its start time and the unit of its times",
                 sensors=[name],

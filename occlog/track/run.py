@@ -117,7 +117,7 @@ class TrackSummary:
             text = (
                 "no target was heard often enough to be reported; see the settings of births (birth, confirm, clutter)"
             )
-            return (finding(NUMBER, "note", "no-target", text),)
+            return (finding(NUMBER, "note", "no-tracks", text),)
         found = self.evidence.checks(one_target=not self.joint, smoothed=self.smoothed)
         number = outcome(NUMBER, (), targets=len(self.targets))
         return (*number, *self.sharp.checks(), *self.compass.checks(), *found)

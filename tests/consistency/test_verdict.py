@@ -103,16 +103,20 @@ def test_chance_may_break_a_limit_with_one_run_in_a_thousand() -> None:
     assert not exceeds_share(0, 0, 0.25)
 
 
-@pytest.mark.parametrize(("share", "code"), [(MAX_DEPLETED_SHARE, "depleted"), (MAX_RESTART_SHARE, "restarts")])
+@pytest.mark.parametrize(
+    ("share", "code"), [(MAX_DEPLETED_SHARE, "particles-depleted"), (MAX_RESTART_SHARE, "track-loss")]
+)
 def test_shares_of_rows_are_said_beyond_their_limit(share: float, code: str) -> None:
     def made(count: int) -> Diagnostics:
-        return fared(few=count) if code == "depleted" else fared(fallback=("restart", count))
+        return fared(few=count) if code == "particles-depleted" else fared(fallback=("restart", count))
 
     assert codes(diagnostics=made(round(share * N))) == []
     assert codes(diagnostics=made(round(2 * share * N))) == [code]
 
 
-@pytest.mark.parametrize(("blind", "found"), [(MAX_BLIND_SHARE, []), (MAX_BLIND_SHARE + 0.05, ["selection"])])
+@pytest.mark.parametrize(
+    ("blind", "found"), [(MAX_BLIND_SHARE, []), (MAX_BLIND_SHARE + 0.05, ["selection-without-view"])]
+)
 def test_cameras_that_were_selected_in_vain_are_said_beyond_half_of_the_rows(blind: float, found: list[str]) -> None:
     rows = fared()
     saw = np.where(np.arange(N) < blind * N, 1, 2).astype(np.int32)
@@ -148,7 +152,7 @@ def test_an_honest_covariance_needs_care_and_is_plausible() -> None:
 
 def test_a_target_that_no_sensor_ever_saw_is_told() -> None:
     (found,) = said(diagnostics=fared(seen=0))
-    assert (found.id, found.severity) == ("never-seen", "note")
+    assert (found.id, found.severity) == ("targets-never-detected", "note")
     assert found.text.startswith("1 target of 1, the first 0, no sensor saw at any time: ")
 
 
@@ -178,13 +182,13 @@ def test_more_than_a_quarter_not_believed_is_said_of_the_sensor() -> None:
 
     assert codes(parts=two(N, round(MAX_REJECTED_SHARE * N))) == []
     (found,) = said(parts=two(N, round(0.35 * N)))
-    assert found.id == "not-believed"
+    assert found.id == "measurements-rejected"
     assert found.text.startswith("cam1: 35% of 2000 bearings are rejected (allowed: 25%)")
     assert codes(parts=two(MIN_SAMPLES - 1, MIN_SAMPLES - 1)) == []
-    assert codes(parts=two(MIN_SAMPLES, MIN_SAMPLES)) == ["not-believed"]
+    assert codes(parts=two(MIN_SAMPLES, MIN_SAMPLES)) == ["measurements-rejected"]
 
 
-@pytest.mark.parametrize(("doubted", "said_of_it"), [(0.02, []), (0.05, ["unconfirmed"])])
+@pytest.mark.parametrize(("doubted", "said_of_it"), [(0.02, []), (0.05, ["measurements-unconfirmed"])])
 def test_bearings_not_believed_are_said_sooner_where_one_sensor_at_a_time_sees_the_target(
     doubted: float, said_of_it: list[str]
 ) -> None:
@@ -249,4 +253,4 @@ def test_smoothed_rows_suffer_from_fewer_depleted_ones(few: int, smoothed: bool,
     found = ConsistencyEvidence()
     found.particles.add(np.where(np.arange(200) < few, 3.0, 900.0))
     codes = [f.id for f in findings(found.checks(one_target=False, smoothed=smoothed))]
-    assert codes == (["depleted"] if warns else [])
+    assert codes == (["particles-depleted"] if warns else [])

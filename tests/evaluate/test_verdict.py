@@ -95,7 +95,9 @@ def test_singular_covariances_are_said() -> None:
     assert codes(np.full_like(nees, np.nan)) == ["singular"]
 
 
-@pytest.mark.parametrize(("rate", "said"), [(MIN_DETECTION_RATE, []), (MIN_DETECTION_RATE - 0.1, ["not-detected"])])
+@pytest.mark.parametrize(
+    ("rate", "said"), [(MIN_DETECTION_RATE, []), (MIN_DETECTION_RATE - 0.1, ["low-detection-rate"])]
+)
 def test_bearings_that_are_not_of_the_truth_are_said(rate: float, said: list[str]) -> None:
     assert codes(detection_rate=rate, visible=500.0) == said
     assert codes(detection_rate=rate, visible=2.0) == []
@@ -116,10 +118,12 @@ def test_bearings_that_agree_with_the_tracks_and_not_with_the_truth_are_of_somet
     monkeypatch.setattr(ResidualStatistics, "nis", Ratio(own, 0.1))
     monkeypatch.setattr(ResidualStatistics, "doubted", 0.0)
     found = judge(chi_square(nees), {"bearing_nis": there})
-    assert ("something-else" in {f.id for f in found}) == said
+    assert ("truth-of-another-target" in {f.id for f in found}) == said
 
 
-@pytest.mark.parametrize(("ratio", "said"), [(MAX_BOUND_RATIO, []), (MAX_BOUND_RATIO + 0.01, ["far-from-bound"])])
+@pytest.mark.parametrize(
+    ("ratio", "said"), [(MAX_BOUND_RATIO, []), (MAX_BOUND_RATIO + 0.01, ["error-far-above-bound"])]
+)
 def test_an_error_far_above_the_bound_is_a_note(ratio: float, said: list[str]) -> None:
     assert codes(bound_ratio=ratio, bound_estimates=float(MIN_SAMPLES)) == said
     assert codes(bound_ratio=ratio, bound_estimates=MIN_SAMPLES - 1.0) == []

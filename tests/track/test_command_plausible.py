@@ -178,7 +178,7 @@ def test_a_camera_that_is_turned_is_named(tmp_path, capsys) -> None:
 def test_too_few_particles_are_said(tmp_path, capsys) -> None:
     files = record(tmp_path, stated_px=0.5, true_px=0.5)
     found = told(capsys, [*files.track, "--particles", "8"])
-    assert "depleted" in found.warnings
+    assert "particles-depleted" in found.warnings
 
 
 @pytest.mark.jit
@@ -223,7 +223,7 @@ def test_the_truth_of_somebody_else_is_said(tmp_path, capsys) -> None:
     table = Truth.of(t_ns=t_ns, target_id=np.zeros(T, np.int32), **columns)
     write_table(other, table, Provenance("test", {}, None, (), ()), length_unit="m")
     found = told(capsys, files._replace(truth=other).evaluate)
-    assert {"nees-large", "not-detected"} <= set(found.warnings)
+    assert {"nees-large", "low-detection-rate"} <= set(found.warnings)
 
 
 @pytest.mark.jit

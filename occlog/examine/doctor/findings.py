@@ -51,7 +51,7 @@ KINDS: dict[str, FindingKind] = {
     "unreadable": FindingKind(E, "cannot be read"),
     "unknown": FindingKind(W, "is no file that occlog knows", remedy="name a recording, a table, a scene or a video"),
     "no-table": FindingKind(N, "fits none of occlog's tables"),
-    "not-looked-at": FindingKind(W, "not checked", remedy="name the files, or a folder with fewer"),
+    "not-checked": FindingKind(W, "not checked", remedy="name the files, or a folder with fewer"),
     "damaged-recording": FindingKind(E, "damaged", remedy="salvage it: occlog recover {file} -o OUT.mcap"),
     "no-index": FindingKind(
         N,
@@ -62,12 +62,12 @@ KINDS: dict[str, FindingKind] = {
     "damaged-bag": FindingKind(
         W, "lost, as `occlog ingest` will list it", remedy="copy it again, if it is whole elsewhere"
     ),
-    "miscounted": FindingKind(N, "more messages than its metadata count; `occlog ingest` reads all"),
+    "message-count-mismatch": FindingKind(N, "more messages than its metadata count; `occlog ingest` reads all"),
     "message": FindingKind(E, "a message that is not of its type", remedy="make the recording again"),
     "row": FindingKind(E, "a row that cannot be"),
-    "repeated-row": FindingKind(E, "duplicate rows", "once", "remove the copies"),
-    "two-places": FindingKind(E, "a person in two positions at one time", "one row", "keep one of them"),
-    "double-key": FindingKind(W, "rows of one key with different values", "one row", "keep one of them"),
+    "duplicate-row": FindingKind(E, "duplicate rows", "once", "remove the copies"),
+    "two-positions": FindingKind(E, "a person in two positions at one time", "one row", "keep one of them"),
+    "duplicate-key": FindingKind(W, "rows of one key with different values", "one row", "keep one of them"),
     "order": FindingKind(E, "a time that goes back", "each after the one before", "sort by time"),
     "restart": FindingKind(
         W,
@@ -75,8 +75,10 @@ KINDS: dict[str, FindingKind] = {
         "each after the one before",
         "rows are read in the order of time: if a clock was set or restarted, give each run its own file",
     ),
-    "repeated-time": FindingKind(E, "a time that repeats", "each after the one before", "give each frame its own time"),
-    "left-out": FindingKind(
+    "duplicate-time": FindingKind(
+        E, "a time that repeats", "each after the one before", "give each frame its own time"
+    ),
+    "skipped-stamp": FindingKind(
         W, "a header stamp that repeats or goes back", "each after the one before", "`occlog ingest` leaves it out"
     ),
     "lost-message": FindingKind(W, "a message that is not of its type", remedy="`occlog ingest` leaves it out"),
@@ -85,10 +87,10 @@ KINDS: dict[str, FindingKind] = {
     "image": FindingKind(W, "an image that cannot be decoded", remedy="its frame is lost; ingest the source again"),
     "video-frames": FindingKind(W, "frames that are lost", remedy="copy or repair the file"),
     "sound": FindingKind(W, "samples that are lost", remedy="copy or repair the file"),
-    "uneven-video": FindingKind(
+    "variable-frame-rate": FindingKind(
         N, "frames at uneven times", remedy="keep its time stamps: give no frame rate (ingest --fps) for it"
     ),
-    "doubt": FindingKind(W, "may be wrong"),
+    "suspect": FindingKind(W, "may be wrong"),
     "losses": FindingKind(N, "lost when it was made"),
     "epoch-unit": FindingKind(
         W, "times in another unit than is stated", remedy="name the column after its unit, or multiply"
@@ -103,10 +105,10 @@ KINDS: dict[str, FindingKind] = {
         f"{GAP_INTERVALS:g} usual intervals",
         "take the times of another clock",
     ),
-    "clock-apart": FindingKind(
+    "clock-disjoint": FindingKind(
         W, "times that do not meet those of the other sensors", remedy="give an offset (ingest --offset)"
     ),
-    "truth-apart": FindingKind(
+    "truth-disjoint": FindingKind(
         W,
         "a truth of none of the times of the sensors",
         remedy="ingest it again with times of the same origin (ingest --start-time)",

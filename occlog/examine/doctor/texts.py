@@ -105,7 +105,7 @@ class _Copies:
         if len(copies):
             row = int(copies[0])
             value = f"as in line {lines[first[place.reshape(-1)[row]]]}"
-            findings.add("repeated-row", f"line {lines[row]}", value, count=len(copies))
+            findings.add("duplicate-row", f"line {lines[row]}", value, count=len(copies))
 
 
 ANY_SIZE = (1920, 1080)
@@ -160,7 +160,7 @@ def _calibration(path: Path, findings: Findings) -> bool:
         return True
     for told in calibration.told:
         if told.startswith("warning: "):
-            findings.add("doubt", "", told.removeprefix("warning: "))
+            findings.add("suspect", "", told.removeprefix("warning: "))
     return True
 
 

@@ -99,7 +99,7 @@ class Checked:
                 yield finding(
                     INSIDE,
                     "warning",
-                    "boxes-outside",
+                    "boxes-outside-image",
                     f"camera {name}: {self._outside[name]} of {count} boxes are outside the image (allowed: "
                     f"{OUTSIDE:.0%}); check the image size of the calibration, and the camera of the boxes",
                     sensors=[name],
@@ -120,7 +120,7 @@ class Checked:
                 yield finding(
                     STAYS,
                     "note",
-                    "detection-stays",
+                    "static-detection",
                     f"camera {name}: detection at about ({0.5 * (left + right):.0f}, {0.5 * (top + bottom):.0f}) px in "
                     f"{share:.0%} of its frames (noted from {STAYING:.0%}): a motionless person or persistent "
                     "clutter; exclude it if it is clutter",

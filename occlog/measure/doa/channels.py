@@ -112,7 +112,7 @@ def _alike(channels: Mapping[str, Channels]) -> Iterator[Check]:
             yield finding(
                 APART,
                 "warning",
-                "microphones-alike",
+                "microphones-identical",
                 f"array {name}: microphones {_listed(same)} have the very same samples, so that directions are wrong: "
                 "check how the channels were recorded and in which order they are given",
                 sensors=[name],

@@ -108,7 +108,7 @@ class FuseTally:
                 finding(
                     AGREE,
                     "warning",
-                    "removed-many",
+                    "many-detections-rejected",
                     f"camera {worst}: {removed[worst]} of {whole[worst]} detections contradict the other cameras and "
                     f"are removed (allowed: {limit:.0%}); check its pose, clock and labels, or exclude {worst}",
                     sensors=[worst],

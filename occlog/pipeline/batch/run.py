@@ -126,7 +126,10 @@ def _checks(outcomes: Sequence[RecordingOutcome]) -> tuple[Check, ...]:
     judged = [each for each in outcomes if each.plausible is not None]
     doubted = (
         finding(
-            VERDICTS, "warning", "recording-doubtful", f"{each.name}: {each.warnings[0]}; {RUNS_TABLE} has them all"
+            VERDICTS,
+            "warning",
+            "recording-not-plausible",
+            f"{each.name}: {each.warnings[0]}; {RUNS_TABLE} has them all",
         )
         for each in judged
         if not each.plausible

@@ -120,7 +120,7 @@ class CameraAgreement:
                 yield finding(
                     BOXES,
                     "warning",
-                    "boxes-twice",
+                    "boxes-duplicated",
                     f"camera {name} reports people more than once: {tally.twice[c]} of its {whole[c]} boxes repeat "
                     "another one of the same frame, and are omitted",
                     sensors=[name],
@@ -131,7 +131,7 @@ class CameraAgreement:
                 yield finding(
                     BOXES,
                     "warning",
-                    "boxes-outside",
+                    "boxes-outside-image",
                     f"camera {name}: {tally.outside[c]} of {whole[c]} boxes lie outside the image, and are omitted; "
                     "is the calibration for another size of the image, or are the boxes another camera's?",
                     sensors=[name],
@@ -149,7 +149,7 @@ class CameraAgreement:
         yield finding(
             EXPLAINED,
             "warning",
-            "boxes-unexplained",
+            "boxes-unassociated",
             f"{nobodys / boxes:.0%} of {boxes} boxes are explained by no track (allowed: {MAX_UNASSOCIATED_SHARE:.0%})"
             + (f", and {', '.join(buried)} would be below the ground (z < 0)" if buried else "")
             + ": the cameras may not stand as the scene says: check which way is up, where the ground is, the unit of "
@@ -178,7 +178,7 @@ class CameraAgreement:
                 yield finding(
                     AGREES,
                     "warning",
-                    "camera-disagrees",
+                    "camera-inconsistent",
                     f"camera {name} sees {shares[c]:.0%} of the people whom other cameras see and it should see plainly"
                     + (f" (the others: {float(np.median(others)):.0%})" if len(others) else "")
                     + f"; {_remedy(late)}, or leave {name} out",
@@ -198,7 +198,7 @@ class CameraAgreement:
         yield finding(
             LEANS,
             "warning",
-            "camera-leans",
+            "camera-biased",
             f"camera {self.names[c]} has people {abs(leans[c]):.2g} of their height to the "
             f"{'right' if leans[c] > 0 else 'left'} of where the cameras find them together (allowed: "
             f"{MAX_LATERAL_BIAS_HEIGHTS:g}; it is "
@@ -219,7 +219,7 @@ class CameraAgreement:
                 yield finding(
                     TIMES,
                     "warning",
-                    "camera-at-other-times",
+                    "camera-times-disjoint",
                     f"camera {self.names[c]} looks at no time at which another camera does: its first frame is "
                     f"{(first_ns[c] - first_ns[others].min()) / 1e9:+.3g} s from the others'; check its clock",
                     sensors=[self.names[c]],

@@ -128,12 +128,12 @@ class PeopleSummary:
                 "covariances of what the future smooths are too small (mean NEES of rendered rooms: 1.4 to 4.3 "
                 "instead of 2, and 8 in one)"
             )
-            yield finding(SMOOTHED, "note", "regions-smoothed", says)
+            yield finding(SMOOTHED, "note", "correlated-region-errors", says)
 
     def _nobody(self) -> Iterator[Check]:
         """No tracks at all."""
         if not self.rows:
-            yield finding(FOUND, "note", "nobody", "no person was found: the tracks are empty")
+            yield finding(FOUND, "note", "no-tracks", "no person was found: the tracks are empty")
 
     def _lost(self) -> Iterator[Check]:
         """Cameras of which many boxes were omitted when the recording was made."""
@@ -147,7 +147,7 @@ class PeopleSummary:
                 yield finding(
                     OUTSIDE,
                     "warning",
-                    "boxes-outside",
+                    "boxes-outside-image",
                     f"camera {name}: {lost} of {whole} boxes lie outside the image, and were omitted when the "
                     f"recording was made (allowed: {MAX_SKIPPED_SHARE:.0%}); is the calibration for another size "
                     "of the image, or "
@@ -165,7 +165,7 @@ class PeopleSummary:
                 yield finding(
                     FRAMES,
                     "warning",
-                    "frames-between",
+                    "frame-numbers-sparse",
                     f"camera {name}: {successive} of {each.pairs} frames with boxes follow the one numbered before "
                     f"them (allowed: {MIN_SUCCESSIVE_SHARE:.0%} and more): in the frames numbered between, the "
                     "camera is taken to have "
@@ -182,7 +182,7 @@ class PeopleSummary:
             yield finding(
                 IDENTITIES,
                 "warning" if each >= SWITCHES_PER_TARGET_WARNING else "note",
-                "identities-doubtful",
+                "identity-switches-likely",
                 f"where people met identities may have been exchanged, some {self.exchanges:.1f} times ({each:.2f} for "
                 f"each person who is there at a time; a warning from {SWITCHES_PER_TARGET_WARNING:g} on): positions "
                 "hold, who is who may "
@@ -199,7 +199,7 @@ class PeopleSummary:
             yield finding(
                 SIZES,
                 "warning",
-                "calibration-contradicts",
+                "calibration-inconsistent",
                 f"camera {self.inputs.names[c]}: by its boxes and its pose people are {height:.3g} {unit} tall, not as "
                 "in the other cameras; check its calibration, or leave it out",
                 sensors=[self.inputs.names[c]],

@@ -190,7 +190,7 @@ def test_a_camera_that_is_turned_is_named(tmp_path, capsys, px, args):
     moved = replace(found, left_px=found.left_px + np.where(found.sensor == "b", px, 0.0))
     assert track(tmp_path, moved, SCENE, *args) == ExitCode.DONE
     summary, noted = said(capsys)
-    assert [warning["code"] for warning in summary["warnings"]] == (["camera-leans"] if px else [])
+    assert [warning["code"] for warning in summary["warnings"]] == (["camera-biased"] if px else [])
     assert not px or re.search(r"camera b has people 0\.\d+ of their height to the left of where", noted)
 
 
@@ -204,7 +204,7 @@ def test_a_camera_that_is_turned_is_named_after_10_s_with_rough_boxes(tmp_path, 
     found = boxes(replace(scene, cameras=stood), 10.0, px=4.0, people=2, seed=seed)
     assert track(tmp_path, found, scene) == ExitCode.DONE
     summary, noted = said(capsys)
-    assert [warning["code"] for warning in summary["warnings"]] == (["camera-leans"] if degrees else [])
+    assert [warning["code"] for warning in summary["warnings"]] == (["camera-biased"] if degrees else [])
     assert not degrees or f"to the {'right' if degrees > 0 else 'left'} of where" in noted
 
 
@@ -215,7 +215,7 @@ def test_a_camera_that_is_late_is_named(tmp_path, capsys):
     assert "occlog: warning: camera b sees " in noted
     assert "check its clock and its pose, or leave b out" in noted
     assert not summary["plausible"]
-    assert [warning["code"] for warning in summary["warnings"]] == ["camera-disagrees"]
+    assert [warning["code"] for warning in summary["warnings"]] == ["camera-inconsistent"]
     assert track(tmp_path, found, SCENE, "-q", "--strict") == ExitCode.THRESHOLD
 
 
@@ -255,7 +255,7 @@ def test_boxes_outside_the_image_are_left_out_and_told(walk, tmp_path, capsys):
 
 def test_boxes_that_the_recording_has_lost_to_a_wrong_image_size_speak_against_the_tracks(walk, tmp_path, capsys):
     kept = int(np.count_nonzero((walk.sensor == "c") & (walk.box >= 0)))
-    for lost, found in ((kept // 4, []), (kept, ["boxes-outside"])):
+    for lost, found in ((kept // 4, []), (kept, ["boxes-outside-image"])):
         losses = (
             Loss("c", "boxes", f"{OUTSIDE_IMAGE} of 640 x 480 px", lost),
             Loss("c.mp4", "frame 3", "damaged", 9999),
@@ -318,7 +318,7 @@ def test_a_world_upside_down_in_which_nobody_is_found_is_not_plausible(walk, tmp
     assert track(tmp_path, walk, scene) == ExitCode.DONE
     summary, noted = said(capsys)
     assert (summary["people"], summary["plausible"]) == (0, False)
-    assert "boxes-unexplained" in [warning["code"] for warning in summary["warnings"]]
+    assert "boxes-unassociated" in [warning["code"] for warning in summary["warnings"]]
     assert "a, b, c, d would be below the ground (z < 0): the cameras may not stand as the scene says" in noted
     assert track(tmp_path, walk, scene, "-q", "--strict") == ExitCode.THRESHOLD
 
@@ -357,7 +357,7 @@ def test_a_camera_whose_calibration_contradicts_is_named(walk, tmp_path, capsys)
     cameras = (SCENE.cameras[0], low, *SCENE.cameras[2:])
     assert track(tmp_path, walk, replace(SCENE, cameras=cameras)) == ExitCode.DONE
     summary, _ = said(capsys)
-    assert {"calibration-contradicts", "camera-disagrees"} & {each["code"] for each in summary["warnings"]}
+    assert {"calibration-inconsistent", "camera-inconsistent"} & {each["code"] for each in summary["warnings"]}
 
 
 def test_a_recording_without_boxes_is_refused_with_the_remedy(tmp_path, capsys):

@@ -76,7 +76,7 @@ def _checks(
     """Checks of the inputs with their findings."""
     anybody = any(len(group) for group in groups)
     empty = (
-        finding(FOUND, "note", "nobody", f"{path}: contains no people")
+        finding(FOUND, "note", "no-tracks", f"{path}: contains no people")
         for path, group in zip(paths, groups, strict=True)
         if not len(group)
     )
@@ -92,17 +92,17 @@ def _apart(
             continue
         if not agreement.moments:
             text = "no person is present at any time at which the tracks before it have one; check its clock"
-            yield finding(AGREE, "warning", "group-at-other-times", f"{path}: {text}")
+            yield finding(AGREE, "warning", "group-times-disjoint", f"{path}: {text}")
         elif not agreement.pairs:
             text = f"none of its people is one of those before it, though there are some at {agreement.moments} times"
             remedy = "if the groups of cameras see the same positions, check their poses and clocks"
-            yield finding(AGREE, "warning", "group-of-others", f"{path}: {text}; {remedy}")
+            yield finding(AGREE, "warning", "group-without-common-targets", f"{path}: {text}; {remedy}")
         elif _beside(agreement, config):
             x, y = agreement.beside
             yield finding(
                 AGREE,
                 "warning",
-                "group-beside",
+                "group-misaligned",
                 f"{path}: offset from the tracks before it: ({x:.3g}, {y:.3g}) {unit} in the mean (allowed: "
                 f"{MAX_SEPARATION_RATIO * config.error:.3g} {unit}); check poses and clocks",
                 beside=math.hypot(x, y),

@@ -152,7 +152,9 @@ class ViewsSummary:
             ),
             *outcome(
                 PLACES,
-                () if places else (finding(PLACES, "note", "places", line) for line in self.verdict.warnings()),
+                ()
+                if places
+                else (finding(PLACES, "note", "ground-tracks-flagged", line) for line in self.verdict.warnings()),
                 unless=places,
             ),
         )
@@ -174,7 +176,7 @@ class ViewsSummary:
             text = (
                 f"no target was found; give the first ellipses ({option('initial')}) or better {option('detections')}"
             )
-            yield finding(NUMBER, "note", "no-target", text)
+            yield finding(NUMBER, "note", "no-tracks", text)
 
     def _too_many(self) -> Iterator[Check]:
         """Views with more targets at a time than silhouettes of people can be distinguished in."""
@@ -183,7 +185,7 @@ class ViewsSummary:
                 yield finding(
                     AT_ONCE,
                     "warning",
-                    "targets-many",
+                    "too-many-targets",
                     f"view {name}: {count:.0f} targets in a frame on average (allowed: "
                     f"{MAX_TARGETS_PER_FRAME:.0f}): regions "
                     "that move are not people; state how tall people are in the images (--person-height-px of `occlog "
@@ -200,7 +202,7 @@ class ViewsSummary:
             yield finding(
                 PARTICLES,
                 "note",
-                "depleted",
+                "particles-depleted",
                 f"{few / rows:.0%} of the rows rest on fewer than {MIN_EFFECTIVE_SAMPLE_SIZE:.0f} effective "
                 "particles (median "
                 f"{self.particles.median:.0f}; allowed in {MAX_DEPLETED_SHARE:.0%} of the rows): use more particles",
@@ -212,7 +214,7 @@ class ViewsSummary:
         """First ellipses that begin no tracker, and views without one."""
         if (late := self.inputs.given - self.events["start"]) > 0:
             text = f"{late} of {self.inputs.given} first ellipses began no tracker: the video ends before them"
-            yield finding(FIRST, "note", "ellipses-unused", text)
+            yield finding(FIRST, "note", "initial-ellipses-unused", text)
         bare = [name for name in self.inputs.names if name not in self.begun]
         if self.begun and bare and self.inputs.request.births == "initial":
             text = (
@@ -220,7 +222,7 @@ class ViewsSummary:
                 "is helped from there; give some, or omit what is not wanted "
                 f"({option('without')} {','.join(bare)})"
             )
-            yield finding(FIRST, "note", "view-untracked", text, sensors=bare)
+            yield finding(FIRST, "note", "view-without-tracks", text, sensors=bare)
 
     def _alone(self) -> Iterator[Check]:
         """Views that cannot help each other."""
@@ -230,13 +232,13 @@ class ViewsSummary:
         does = f"{option('method')} {self.method} {config.ALONE}"
         if len(self.inputs.views) == 1:
             text = f"there is one view, {self.inputs.names[0]}, and none to help it: {does}"
-            yield finding(SHARED, "note", "one-view", text)
+            yield finding(SHARED, "note", "single-view", text)
         elif not np.isfinite(self.inputs.geometry.fundamental).any():
             text = (
                 f"nothing tells how the views see the same point, so none helps another: {does}; give fundamental "
                 f"matrices ({option('fundamental')}), or a scene with the cameras' poses"
             )
-            yield finding(SHARED, "note", "views-apart", text)
+            yield finding(SHARED, "note", "views-without-links", text)
 
     def _ends(self) -> Iterator[Check]:
         """Views that end before the others."""
