@@ -534,7 +534,7 @@ class ResidualStatistics:
         whole = self.nis
         return {
             "bearings": self.bearings,
-            "bearings_not_believed": self.bearings - sum(a.believed for a in self.sensors.values()),
+            "rejected_bearings": self.bearings - sum(a.believed for a in self.sensors.values()),
             **({"nis": whole.value, "nis_error": whole.error} if math.isfinite(whole.value) else {}),
         }
 

@@ -160,12 +160,12 @@ class ConsistencyEvidence:
         """Figures of a summary."""
         found: dict[str, object] = {}
         if self.particles.rows:
-            found["median_effective_particles"] = self.particles.median
-            found["share_depleted"] = self.particles.few / self.particles.rows
+            found["median_effective_sample_size"] = self.particles.median
+            found["depleted_share"] = self.particles.few / self.particles.rows
         told = self.agreements.figures()
         found |= {name.replace("bearings", self.what): value for name, value in told.items()}
         if self.crowd.frames:
-            found["candidates_unexplained_per_frame"] = self.crowd.unexplained
+            found["unassociated_candidates_per_frame"] = self.crowd.unexplained
         return found
 
     @property

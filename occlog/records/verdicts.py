@@ -181,14 +181,14 @@ def texts_of(verdicts: Sequence[Verdict], own: str) -> tuple[str, ...]:
 
 
 def summary_of(verdicts: Sequence[Verdict]) -> dict[str, object]:
-    """The verdict for a summary: `plausible`, and `warnings` with stage, id (`code`), sentence and who is affected."""
+    """The verdict for a summary: `plausible`, and `warnings` with stage, id (`id`), sentence and who is affected."""
     if not verdicts:
         return {}
     warnings = [
         {
             "stage": stage,
-            "code": check.id,
-            "sentence": check.text,
+            "id": check.id,
+            "message": check.text,
             **({"sensors": list(check.sensors)} if check.sensors else {}),
             **({"targets": list(check.targets)} if check.targets else {}),
         }

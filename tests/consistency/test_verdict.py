@@ -244,7 +244,7 @@ def test_candidates_that_stay_cannot_be_one_target() -> None:
 
 def test_a_summary_has_the_warnings_and_not_the_notes() -> None:
     made = (finding("x", "note", "a", "care"), finding("y", "warning", "b", "wrong", sensors=["cam"]))
-    warning = {"stage": "track", "code": "b", "sentence": "wrong", "sensors": ["cam"]}
+    warning = {"stage": "track", "id": "b", "message": "wrong", "sensors": ["cam"]}
     assert summary_of([Verdict.of("track", made)]) == {"plausible": False, "warnings": [warning]}
 
 

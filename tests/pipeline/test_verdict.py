@@ -94,7 +94,7 @@ def test_a_strict_run_names_the_stage_the_finding_and_the_camera(done: Path, fol
     assert f"warning: track: camera {CROOKED} " in told.err
     assert run([*args, "--json"]) == ExitCode.THRESHOLD
     summary = json.loads(capsys.readouterr().out)
-    warning = next(each for each in summary["warnings"] if each["code"] == "camera-biased")
+    warning = next(each for each in summary["warnings"] if each["id"] == "camera-biased")
     assert (warning["stage"], warning["sensors"]) == ("track", [CROOKED])
 
 
@@ -116,7 +116,7 @@ def test_with_a_truth_the_camera_is_named_too(folder: Path, capsys: Any) -> None
         assert ("track", (CROOKED,)) in leans(found_by_stage(verdicts_of_file(folder / "with" / name)))
     figures = json.loads((folder / "with/metrics.json").read_text())
     assert figures["plausible"] is False
-    assert "camera-biased" in {each["code"] for each in figures["warnings"]}
+    assert "camera-biased" in {each["id"] for each in figures["warnings"]}
 
 
 def test_a_batch_names_it_and_its_tables_carry_it(done: Path, folder: Path, capsys: Any) -> None:

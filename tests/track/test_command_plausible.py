@@ -134,7 +134,7 @@ def told(capsys: pytest.CaptureFixture[str], args: list[str]) -> Told:
     code = run([*args, "--json"])
     summary = json.loads(capsys.readouterr().out)
     assert summary["plausible"] is (not summary["warnings"])
-    return Told(code, {w["code"]: w["sentence"] for w in summary["warnings"]}, summary)
+    return Told(code, {w["id"]: w["message"] for w in summary["warnings"]}, summary)
 
 
 METHODS = (["--method", "apf"], ["--method", "map"], ["--method", "fix"])

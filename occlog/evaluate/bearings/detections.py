@@ -150,8 +150,8 @@ def _figures(c: DetectionCounts, whose: str) -> Metrics:
     }
     return (of_elevations if c.n_elevation else {}) | {
         f"detection_frames{whose}": c.frames,
-        f"detection_looks{whose}": c.looks,
-        f"detection_looks_without_truth{whose}": c.without_truth,
+        f"detection_opportunities{whose}": c.looks,
+        f"detection_opportunities_without_truth{whose}": c.without_truth,
         f"visible{whose}": c.visible,
         f"detected{whose}": c.detected,
         f"missed{whose}": c.missed,

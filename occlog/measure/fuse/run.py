@@ -89,7 +89,8 @@ class FuseTally:
         whole: Counter[str] = Counter()
         for counts in self.cameras.values():
             whole.update(counts)
-        out: dict[str, object] = {k: self.totals[k] for k in ("moments", "declared", "not_declared")}
+        out: dict[str, object] = {"time_steps": self.totals["moments"]}
+        out |= {k: self.totals[k] for k in ("declared", "not_declared")}
         out |= {k: whole[k] for k in ("kept", "recovered", "removed")}
         return out | {"cameras": {name: dict(counts) for name, counts in self.cameras.items()}}
 

@@ -62,20 +62,20 @@ class PeopleSummary:
     def figures(self) -> dict[str, object]:
         """The figures.
 
-        people, rows: of the tracks.  people_at_a_time: mean, of the times that have any.  unseen: share of the rows of
-        whom no camera has a box.  exchanges_expected: of identities, the sum of the doubts' probabilities.  boxes: of
-        each camera, those in use, those that people explain, and those that nobody does; expected numbers, where a box
-        of two people who touch is one box.  sees: share of the people whom another camera sees and the camera should
-        see plainly that it does see.
+        people, rows: of the tracks.  mean_people: at the times that have any.  coasting_share: share of the rows
+        without a box of any camera.  expected_switches: the sum of the probabilities of the possible identity
+        switches.  boxes: of each camera, those in use, associated and unassociated; expected numbers, where a box of
+        two people who touch is one box.  detection_rates: of each camera, the share of the people seen by another
+        camera, and plainly visible to this one, that it detects.
         """
         tally, used = self.inputs.tally, self.agreement.used
         boxes = {
             name: {
                 "boxes": int(tally.boxes[c]),
-                "explained": round(float(used[c]), 1),
-                "not_explained": round(float(tally.boxes[c] - used[c]), 1),
-                **({"outside": int(tally.outside[c])} if tally.outside[c] else {}),
-                **({"twice": int(tally.twice[c])} if tally.twice[c] else {}),
+                "associated": round(float(used[c]), 1),
+                "unassociated": round(float(tally.boxes[c] - used[c]), 1),
+                **({"outside_image": int(tally.outside[c])} if tally.outside[c] else {}),
+                **({"duplicates": int(tally.twice[c])} if tally.twice[c] else {}),
             }
             for c, name in enumerate(self.inputs.names)
         }
@@ -87,15 +87,19 @@ class PeopleSummary:
         return {
             "people": len(self.people),
             "rows": self.rows,
-            **({"people_at_a_time": self.rows / self.times} if self.times else {}),
-            **({"mean_existence": self.existence / self.rows, "unseen": self.unseen / self.rows} if self.rows else {}),
-            "births": self.events["birth"],
-            "deaths": self.events["death"],
-            "doubts": self.events["doubt"],
-            "exchanges_expected": round(self.exchanges, 1),
+            **({"mean_people": self.rows / self.times} if self.times else {}),
+            **(
+                {"mean_existence_probability": self.existence / self.rows, "coasting_share": self.unseen / self.rows}
+                if self.rows
+                else {}
+            ),
+            "initiated": self.events["birth"],
+            "terminated": self.events["death"],
+            "possible_switches": self.events["doubt"],
+            "expected_switches": round(self.exchanges, 1),
             "frames": dict(zip(self.inputs.names, self.inputs.tally.frames.tolist(), strict=True)),
             "boxes": boxes,
-            **({"sees": sees} if sees else {}),
+            **({"detection_rates": sees} if sees else {}),
         }
 
     def checks(self) -> tuple[Check, ...]:

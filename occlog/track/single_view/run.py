@@ -71,7 +71,7 @@ def run_track_single_view(request: SingleViewRequest, job: Job) -> tuple[dict[st
         "plugin": chosen.plugin.origin,
     }
     summary |= {"cameras": trackers.cameras, "frames": trackers.frames, "boxes": trackers.boxes}
-    return summary | {"left_out": trackers.of_nobody, "identities": len(trackers.numbers)}, opened.losses
+    return summary | {"skipped": trackers.of_nobody, "identities": len(trackers.numbers)}, opened.losses
 
 
 def _plugin(method: str) -> Plugin:

@@ -78,7 +78,7 @@ def test_every_method_follows_the_balls(balls, tmp_path, capsys, method):
     summary = json.loads(capsys.readouterr().out)
     table = result(tmp_path)
     assert summary["frames"] == {"view1": FRAMES, "view2": FRAMES}
-    assert (summary["targets"], summary["started"], summary["rows"]) == (3, 6, len(table))
+    assert (summary["targets"], summary["initiated"], summary["rows"]) == (3, 6, len(table))
     assert len(table) == 2 * 3 * FRAMES
     assert (table.event[table.frame == 0] == "start").all()
     assert np.mean(misses(table) < 1.0) > 0.9
@@ -417,7 +417,7 @@ def test_world_tracks(balls, tmp_path, capsys):
     summary = json.loads(capsys.readouterr().out)
     table = read_table(out, Tracks)
     assert summary["world"] == str(out)
-    assert summary["places"]["times"] == 3 * FRAMES
+    assert summary["triangulation"]["times"] == 3 * FRAMES
     assert len(table) > 2.5 * FRAMES
     assert np.isfinite(table.z).all()
 

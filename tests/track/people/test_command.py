@@ -62,7 +62,7 @@ def test_everybody_is_followed_and_the_tables_agree(walk, tmp_path, capsys):
     assert track(tmp_path, walk, SCENE) == ExitCode.DONE
     summary, noted = said(capsys)
     assert noted == ""
-    assert (summary["people"], summary["births"], summary["plausible"]) == (PEOPLE, PEOPLE, True)
+    assert (summary["people"], summary["initiated"], summary["plausible"]) == (PEOPLE, PEOPLE, True)
     rows = tracks(tmp_path)
     assert summary["rows"] == len(rows)
     # Everybody is where somebody is, within 0.2 m
@@ -114,7 +114,7 @@ def test_frames_that_were_lost_are_no_looks_at_nobody(walk, tmp_path, capsys):
     capsys.readouterr()
     assert follow(tmp_path, str(views), *scene) == ExitCode.DONE
     summary, _ = said(capsys)
-    assert (summary["births"], summary["deaths"]) == (PEOPLE, 0)
+    assert (summary["initiated"], summary["terminated"]) == (PEOPLE, 0)
     assert summary["frames"] == dict.fromkeys("abcd", 22)
 
 
@@ -190,7 +190,7 @@ def test_a_camera_that_is_turned_is_named(tmp_path, capsys, px, args):
     moved = replace(found, left_px=found.left_px + np.where(found.sensor == "b", px, 0.0))
     assert track(tmp_path, moved, SCENE, *args) == ExitCode.DONE
     summary, noted = said(capsys)
-    assert [warning["code"] for warning in summary["warnings"]] == (["camera-biased"] if px else [])
+    assert [warning["id"] for warning in summary["warnings"]] == (["camera-biased"] if px else [])
     assert not px or re.search(r"camera b has people 0\.\d+ of their height to the left of where", noted)
 
 
@@ -204,7 +204,7 @@ def test_a_camera_that_is_turned_is_named_after_10_s_with_rough_boxes(tmp_path, 
     found = boxes(replace(scene, cameras=stood), 10.0, px=4.0, people=2, seed=seed)
     assert track(tmp_path, found, scene) == ExitCode.DONE
     summary, noted = said(capsys)
-    assert [warning["code"] for warning in summary["warnings"]] == (["camera-biased"] if degrees else [])
+    assert [warning["id"] for warning in summary["warnings"]] == (["camera-biased"] if degrees else [])
     assert not degrees or f"to the {'right' if degrees > 0 else 'left'} of where" in noted
 
 
@@ -215,7 +215,7 @@ def test_a_camera_that_is_late_is_named(tmp_path, capsys):
     assert "occlog: warning: camera b sees " in noted
     assert "check its clock and its pose, or leave b out" in noted
     assert not summary["plausible"]
-    assert [warning["code"] for warning in summary["warnings"]] == ["camera-inconsistent"]
+    assert [warning["id"] for warning in summary["warnings"]] == ["camera-inconsistent"]
     assert track(tmp_path, found, SCENE, "-q", "--strict") == ExitCode.THRESHOLD
 
 
@@ -239,7 +239,7 @@ def test_a_camera_that_reports_everything_twice_is_named_and_counts_once(walk, t
     assert track(tmp_path, twice, SCENE) == ExitCode.DONE
     summary, noted = said(capsys)
     assert f"camera b reports people more than once: {len(again)} of its {2 * len(again)} boxes repeat" in noted
-    assert summary["boxes"]["b"]["twice"] == len(again)
+    assert summary["boxes"]["b"]["duplicates"] == len(again)
     np.testing.assert_array_equal(tracks(tmp_path).x, once.x)
 
 
@@ -264,7 +264,7 @@ def test_boxes_that_the_recording_has_lost_to_a_wrong_image_size_speak_against_t
             out.table(walk)
         assert follow(tmp_path, str(tmp_path / "r.mcap")) == ExitCode.LOSSY
         summary, noted = said(capsys)
-        assert [warning["code"] for warning in summary["warnings"]] == found
+        assert [warning["id"] for warning in summary["warnings"]] == found
         assert summary["plausible"] is not bool(found)
         assert (f"camera c: {lost} of {lost + kept} boxes lie outside the image" in noted) is bool(found)
 
@@ -318,7 +318,7 @@ def test_a_world_upside_down_in_which_nobody_is_found_is_not_plausible(walk, tmp
     assert track(tmp_path, walk, scene) == ExitCode.DONE
     summary, noted = said(capsys)
     assert (summary["people"], summary["plausible"]) == (0, False)
-    assert "boxes-unassociated" in [warning["code"] for warning in summary["warnings"]]
+    assert "boxes-unassociated" in [warning["id"] for warning in summary["warnings"]]
     assert "a, b, c, d would be below the ground (z < 0): the cameras may not stand as the scene says" in noted
     assert track(tmp_path, walk, scene, "-q", "--strict") == ExitCode.THRESHOLD
 
@@ -357,7 +357,7 @@ def test_a_camera_whose_calibration_contradicts_is_named(walk, tmp_path, capsys)
     cameras = (SCENE.cameras[0], low, *SCENE.cameras[2:])
     assert track(tmp_path, walk, replace(SCENE, cameras=cameras)) == ExitCode.DONE
     summary, _ = said(capsys)
-    assert {"calibration-inconsistent", "camera-inconsistent"} & {each["code"] for each in summary["warnings"]}
+    assert {"calibration-inconsistent", "camera-inconsistent"} & {each["id"] for each in summary["warnings"]}
 
 
 def test_a_recording_without_boxes_is_refused_with_the_remedy(tmp_path, capsys):

@@ -48,9 +48,10 @@ def run_fuse_tracks(request: TrackFusionRequest, job: Job) -> tuple[dict[str, ob
 def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGroupTracks) -> dict[str, object]:
     """Figures of the summary.
 
-    people, rows: of the output.  in_several: share of the rows of people that several groups track at that time.
-    doubts: how often two identities may have been exchanged.  groups: of each input the identities; of each but the
-    first the rows that it has in common with those before, and the median distance of their positions.
+    people, rows: of the output.  multi_group_share: share of the rows of people that several groups track at that time.
+    possible_switches: how often two identities may have been exchanged.  groups: of each input the identities; of
+    each but the first the rows that it shares with those before (matched_pairs), and the median distance of their
+    positions (median_separation).
     """
     several = np.char.count(fused.tracks.made_of, "-") < len(groups) - 1 if len(fused.tracks) else np.zeros(0)
     by_group: dict[str, object] = {}
@@ -58,14 +59,14 @@ def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGro
         said: dict[str, object] = {"people": len(np.unique(group.target_id))}
         if place:
             agreement = fused.agreements[place - 1]
-            said |= {"in_common": agreement.pairs}
-            said |= {"apart": agreement.apart} if agreement.pairs else {}
+            said |= {"matched_pairs": agreement.pairs}
+            said |= {"median_separation": agreement.apart} if agreement.pairs else {}
         by_group[path.name if path.name not in by_group else str(path)] = said
     return {
         "people": len(np.unique(fused.tracks.target_id)),
         "rows": len(fused.tracks),
-        **({"in_several": float(several.mean())} if len(several) else {}),
-        "doubts": int(np.count_nonzero(fused.events.kind == "doubt")),
+        **({"multi_group_share": float(several.mean())} if len(several) else {}),
+        "possible_switches": int(np.count_nonzero(fused.events.kind == "doubt")),
         "groups": by_group,
     }
 

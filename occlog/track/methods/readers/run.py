@@ -57,8 +57,8 @@ class ReadsSummary:
             "tags": len(self.tags),
             "rows": self.rows,
             **({"refined": self.refined} if self.refined else {}),
-            "mean_spread": self.spread / self.rows if self.rows else float("nan"),
-            **({"doubts": dict(sorted(self.doubts.items()))} if self.doubts else {}),
+            "mean_sigma": self.spread / self.rows if self.rows else float("nan"),
+            **({"quality_flags": dict(sorted(self.doubts.items()))} if self.doubts else {}),
         }
 
     def checks(self) -> tuple[Check, ...]:

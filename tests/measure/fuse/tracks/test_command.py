@@ -31,8 +31,12 @@ def test_tracks_of_two_groups_become_tracks_that_every_command_reads(tmp_path, c
     given = ["fuse", east, "--with", west, "-o", str(out), "--events", str(events), "--gate", "3", "--json"]
     assert run(given) == ExitCode.DONE
     summary = json.loads(capsys.readouterr().out)
-    assert (summary["people"], summary["rows"], summary["in_several"]) == (1, 40, 1.0)
-    assert summary["groups"]["west.parquet"] == {"people": 1, "in_common": 40, "apart": pytest.approx(0.02)}
+    assert (summary["people"], summary["rows"], summary["multi_group_share"]) == (1, 40, 1.0)
+    assert summary["groups"]["west.parquet"] == {
+        "people": 1,
+        "matched_pairs": 40,
+        "median_separation": pytest.approx(0.02),
+    }
     assert set(read_table(out, JoinedTracks).made_of.tolist()) == {"0,3"}
     assert len(read_table(out, Tracks)) == 40
     assert read_table(events, Events).kind.tolist() == ["birth"]

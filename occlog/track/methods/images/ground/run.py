@@ -88,7 +88,7 @@ class GroundSummary:
 
     def _no_place(self) -> dict[str, int]:
         """Times without a position, by the reason."""
-        return {name: self.counts[name] for name in ("one_view", "parallel", "behind", "contradict")}
+        return {name: self.counts[name] for name in ("single_view", "parallel", "behind", "inconsistent")}
 
     def summary(self) -> dict[str, object]:
         """The figures of the summary.
@@ -103,7 +103,7 @@ class GroundSummary:
             "times": self.counts["times"],
             "rows": sum(views.values()),
             "views": views,
-            "left_out": self.counts["left_out"],
-            "no_place": self._no_place(),
+            "skipped": self.counts["skipped"],
+            "not_triangulated": self._no_place(),
             **self.verdict.figures(),
         }

@@ -107,7 +107,7 @@ def spread_over_others(xyz: Floats, covariance: Floats, exchanged: Floats) -> Fl
     return np.asarray(covariance + exchanged[:, None, None] * spread)
 
 
-WHY = {TOO_FEW: "one_view", NEAR_PARALLEL: "parallel", BEHIND: "behind", DISAGREEING: "contradict"}
+WHY = {TOO_FEW: "single_view", NEAR_PARALLEL: "parallel", BEHIND: "behind", DISAGREEING: "inconsistent"}
 """Names in `GroundPart.counts` of the reasons why a target has no position at a time."""
 
 SINGLE_VIEW, INCONSISTENT_VIEWS, POSSIBLE_SWITCH = "one-view", "contradiction", "exchange"
@@ -119,7 +119,7 @@ MIN_SWITCH_PROBABILITY = 0.25
 class GroundTracksPart(NamedTuple):
     """Tracks of some times, and their counts.
 
-    `counts` has `times`, at which a target has a tracker; `views_N`, positions by N views; `left_out`,
+    `counts` has `times`, at which a target has a tracker; `views_N`, positions by N views; `skipped`,
     views that did not agree with the others; and the reasons of `WHY` for times without a position.
     """
 
@@ -360,7 +360,7 @@ def _counts(met: GroundPosition, sights: CentresInViews) -> Counter[str]:
     counts: Counter[str] = Counter(times=len(good))
     for views in met.used.sum(axis=1)[good].tolist():
         counts[f"views_{views}"] += 1
-    counts["left_out"] = int((sights.there & ~met.used)[good].sum())
+    counts["skipped"] = int((sights.there & ~met.used)[good].sum())
     for status, why in WHY.items():
         counts[why] = int((met.status == status).sum())
     return counts
@@ -403,8 +403,8 @@ class GroundConsistency:
     def figures(self) -> dict[str, object]:
         """Rows by doubt, targets that one view supports, and the mean of the squared standardised residuals."""
         return {
-            "doubts": {word: self._doubts[word] for word in WORDS if self._doubts[word]},
-            "one_view_targets": self._one_view(),
+            "quality_flags": {word: self._doubts[word] for word in WORDS if self._doubts[word]},
+            "single_view_targets": self._one_view(),
             **({"nis_per_freedom": self._nis / self._freedom} if self._freedom else {}),
         }
 

@@ -113,12 +113,12 @@ class ViewsSummary:
             "targets": len(self.targets),
             "rows": self.rows,
             "frames": dict(zip(names, self.frames.tolist(), strict=True)),
-            "started": self.events["start"],
-            "left": self.events["left"],
-            "lost_trackers": self.events["lost"],
+            "initiated": self.events["start"],
+            "left_image": self.events["left"],
+            "terminated": self.events["lost"],
             "modes": {mode: n / total for mode, n in sorted(self.modes.items())},
             "loop_checks": checks,
-            **({"places": dict(sorted(self.places.items())), **self.verdict.figures()} if self.places else {}),
+            **({"triangulation": dict(sorted(self.places.items())), **self.verdict.figures()} if self.places else {}),
         }
 
     def checks(self) -> tuple[Check, ...]:
