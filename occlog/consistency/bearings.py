@@ -141,12 +141,10 @@ class AngleConventionCheck:
         return (
             finding(
                 CONVENTION,
-                "warning",
                 "compass",
-                "the bearings fit one another much better as those of a compass, clockwise from north (+y): then the "
-                f"lines of a time step miss one position by {np.degrees(np.sqrt(other)):.2g} degrees (median of "
-                f"{len(self._misfits)} time steps), and by {np.degrees(np.sqrt(plain)):.2g} as given, from +x towards "
-                "+y; name the column compass_deg, or ingest with the convention compass",
+                misfit_deg=float(np.degrees(np.sqrt(other))),
+                given_deg=float(np.degrees(np.sqrt(plain))),
+                steps=len(self._misfits),
             ),
         )
 
@@ -209,13 +207,9 @@ class SmallNoiseCheck:
         return (
             finding(
                 STATED,
-                "note",
                 "measurement-noise-small",
-                f"{sum(self._found.values())} bearings of {', '.join(sorted(self._found)[:3])} state a standard "
-                f"deviation down to {self._least:.2g} rad (allowed: {MIN_SIGMA_RAD:g}): no sensor is so exact, and "
-                "filters by particles find no position that fits them: estimates may be as wide as without detections; "
-                "state the noise that they have",
                 sensors=sorted(self._found),
+                count=sum(self._found.values()),
                 least_rad=self._least,
                 allowed=MIN_SIGMA_RAD,
             ),

@@ -114,10 +114,7 @@ class TrackSummary:
     def checks(self) -> tuple[Check, ...]:
         """What was checked of the estimates, and what was found."""
         if not self.evidence.rows:
-            text = (
-                "no target was heard often enough to be reported; see the settings of births (birth, confirm, clutter)"
-            )
-            return (finding(NUMBER, "note", "no-tracks", text),)
+            return (finding(NUMBER, "no-tracks"),)
         found = self.evidence.checks(one_target=not self.joint, smoothed=self.smoothed)
         number = outcome(NUMBER, (), targets=len(self.targets))
         return (*number, *self.sharp.checks(), *self.compass.checks(), *found)

@@ -91,7 +91,7 @@ def test_a_strict_run_names_the_stage_the_finding_and_the_camera(done: Path, fol
     assert run(args) == ExitCode.THRESHOLD
     told = capsys.readouterr()
     assert f"plausible: no (track: camera-biased {CROOKED}" in " ".join(told.out.split())
-    assert f"warning: track: camera {CROOKED} " in told.err
+    assert f"warning: track: camera {CROOKED}: " in told.err
     assert run([*args, "--json"]) == ExitCode.THRESHOLD
     summary = json.loads(capsys.readouterr().out)
     warning = next(each for each in summary["warnings"] if each["id"] == "camera-biased")
@@ -102,7 +102,7 @@ def test_the_page_has_the_verdict_at_its_top_and_says_what_was_checked(done: Pat
     page = (done / "report.html").read_text()
     verdict = page[page.index('<section class="lost" aria-labelledby="verdict">') :]
     verdict = verdict[: verdict.index("</section>")]
-    assert f"<strong>camera-biased</strong> (track): camera {CROOKED} " in verdict
+    assert f"<strong>camera-biased</strong> (track): camera {CROOKED}: " in verdict
     assert "camera bias" in verdict
     assert "particles" not in verdict, "what was not checked is not said to have been"
     assert page.index('id="verdict"') < page.index("<figure")
@@ -111,7 +111,7 @@ def test_the_page_has_the_verdict_at_its_top_and_says_what_was_checked(done: Pat
 def test_with_a_truth_the_camera_is_named_too(folder: Path, capsys: Any) -> None:
     args = ["run", str(folder / "truth.yaml"), "-o", str(folder / "with"), "--strict"]
     assert run(args) == ExitCode.THRESHOLD
-    assert f"warning: track: camera {CROOKED} " in capsys.readouterr().err
+    assert f"warning: track: camera {CROOKED}: " in capsys.readouterr().err
     for name in ("tracks.parquet", "errors.parquet", "metrics.json"):
         assert ("track", (CROOKED,)) in leans(found_by_stage(verdicts_of_file(folder / "with" / name)))
     figures = json.loads((folder / "with/metrics.json").read_text())
@@ -128,7 +128,7 @@ def test_a_batch_names_it_and_its_tables_carry_it(done: Path, folder: Path, caps
     assert f"plausible: no (track: camera-biased {CROOKED}" in told.err
     (row,) = pq.read_table(out / "runs.parquet").to_pylist()
     assert row["plausible"] is False
-    assert any(text.startswith(f"track: camera-biased: camera {CROOKED} ") for text in row["warnings"])
+    assert any(text.startswith(f"track: camera-biased: camera {CROOKED}: ") for text in row["warnings"])
     assert all_plausible(verdicts_of_file(out / "tracks.parquet")) is False
     assert all_plausible(verdicts_of_file(out / "runs.parquet")) is False
 
@@ -176,7 +176,7 @@ def test_diff_and_export_say_that_tracks_are_not_plausible(done: Path, tmp_path:
     assert f"'camera-biased {CROOKED}' in A, '' in B" in said
     for name in ("tracks.csv", "view.mcap"):
         assert run(["export", str(tracks), "-o", str(tmp_path / name)]) == ExitCode.DONE
-        assert f"warning: track: camera {CROOKED} " in capsys.readouterr().err
+        assert f"warning: track: camera {CROOKED}: " in capsys.readouterr().err
 
 
 def test_compare_says_of_which_method_the_tracks_are_not_plausible(

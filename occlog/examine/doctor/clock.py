@@ -19,8 +19,9 @@ from occlog.errors import InputError
 from occlog.io.external.cells import TableCells
 from occlog.io.external.table import ForeignTable
 from occlog.io.files.utc import utc
+from occlog.records.messages import GAP_INTERVALS
 
-from .findings import GAP_INTERVALS, Findings
+from .findings import Findings
 
 MIN_INTERVALS = 10
 """Fewer intervals determine no usual one."""

@@ -108,11 +108,10 @@ class FuseTally:
             found = (
                 finding(
                     AGREE,
-                    "warning",
                     "many-detections-rejected",
-                    f"camera {worst}: {removed[worst]} of {whole[worst]} detections contradict the other cameras and "
-                    f"are removed (allowed: {limit:.0%}); check its pose, clock and labels, or exclude {worst}",
                     sensors=[worst],
+                    count=removed[worst],
+                    detections=whole[worst],
                     share=share,
                     allowed=limit,
                 ),

@@ -127,9 +127,10 @@ def _checks(outcomes: Sequence[RecordingOutcome]) -> tuple[Check, ...]:
     doubted = (
         finding(
             VERDICTS,
-            "warning",
             "recording-not-plausible",
-            f"{each.name}: {each.warnings[0]}; {RUNS_TABLE} has them all",
+            recording=each.name,
+            warning=": ".join(each.warnings[0].split(": ")[:2]),
+            warnings=len(each.warnings),
         )
         for each in judged
         if not each.plausible

@@ -127,17 +127,12 @@ class PeopleSummary:
     def _smoothed(self) -> Iterator[Check]:
         """Errors that go on from frame to frame, smoothed."""
         if self.inputs.regions_smoothed and self.rows:
-            says = (
-                "the boxes are regions of video, whose errors go on from frame to frame: where people meet, "
-                "covariances of what the future smooths are too small (mean NEES of rendered rooms: 1.4 to 4.3 "
-                "instead of 2, and 8 in one)"
-            )
-            yield finding(SMOOTHED, "note", "correlated-region-errors", says)
+            yield finding(SMOOTHED, "correlated-region-errors")
 
     def _nobody(self) -> Iterator[Check]:
         """No tracks at all."""
         if not self.rows:
-            yield finding(FOUND, "note", "no-tracks", "no person was found: the tracks are empty")
+            yield finding(FOUND, "no-tracks")
 
     def _lost(self) -> Iterator[Check]:
         """Cameras of which many boxes were omitted when the recording was made."""
@@ -150,13 +145,10 @@ class PeopleSummary:
             if lost > MAX_SKIPPED_SHARE * whole:
                 yield finding(
                     OUTSIDE,
-                    "warning",
-                    "boxes-outside-image",
-                    f"camera {name}: {lost} of {whole} boxes lie outside the image, and were omitted when the "
-                    f"recording was made (allowed: {MAX_SKIPPED_SHARE:.0%}); is the calibration for another size "
-                    "of the image, or "
-                    "are the boxes another camera's?",
+                    "boxes-skipped",
                     sensors=[name],
+                    count=lost,
+                    boxes=whole,
                     share=lost / whole,
                     allowed=MAX_SKIPPED_SHARE,
                 )
@@ -168,13 +160,10 @@ class PeopleSummary:
             if each.pairs >= MIN_PAIRS and successive < MIN_SUCCESSIVE_SHARE * each.pairs:
                 yield finding(
                     FRAMES,
-                    "warning",
                     "frame-numbers-sparse",
-                    f"camera {name}: {successive} of {each.pairs} frames with boxes follow the one numbered before "
-                    f"them (allowed: {MIN_SUCCESSIVE_SHARE:.0%} and more): in the frames numbered between, the "
-                    "camera is taken to have "
-                    "seen no person; where there are no such frames, number frames one after the other",
                     sensors=[name],
+                    count=successive,
+                    frames=each.pairs,
                     share=successive / each.pairs,
                     allowed=MIN_SUCCESSIVE_SHARE,
                 )
@@ -185,12 +174,8 @@ class PeopleSummary:
         if each >= SWITCHES_PER_TARGET_NOTE:
             yield finding(
                 IDENTITIES,
-                "warning" if each >= SWITCHES_PER_TARGET_WARNING else "note",
                 "identity-switches-likely",
-                f"where people met identities may have been exchanged, some {self.exchanges:.1f} times ({each:.2f} for "
-                f"each person who is there at a time; a warning from {SWITCHES_PER_TARGET_WARNING:g} on): positions "
-                "hold, who is who may "
-                "not; --events lists the people, times and probabilities",
+                "warning" if each >= SWITCHES_PER_TARGET_WARNING else "note",
                 switches=round(self.exchanges, 1),
                 per_person=each,
                 allowed=SWITCHES_PER_TARGET_WARNING,
@@ -200,15 +185,8 @@ class PeopleSummary:
         """Cameras in which people are taller or shorter than in the others."""
         unit = self.inputs.scene.length_unit
         for c, height in inconsistent_cameras(self.inputs.heights).items():
-            yield finding(
-                SIZES,
-                "warning",
-                "calibration-inconsistent",
-                f"camera {self.inputs.names[c]}: by its boxes and its pose people are {height:.3g} {unit} tall, not as "
-                "in the other cameras; check its calibration, or leave it out",
-                sensors=[self.inputs.names[c]],
-                height=height,
-            )
+            name = self.inputs.names[c]
+            yield finding(SIZES, "calibration-inconsistent", sensors=[name], height=height, unit=unit)
 
 
 def run_track_people(request: TrackPeopleRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:

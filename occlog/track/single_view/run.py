@@ -62,9 +62,8 @@ def run_track_single_view(request: SingleViewRequest, job: Job) -> tuple[dict[st
                 raise UsageError(f"no camera {name!r} in {request.bearings}; there are {', '.join(sorted(seen))}")
         if not trackers.cameras:
             raise InputError(f"{request.bearings}: no camera is left to track in; use at least one")
-        none = f"method {request.method} found nobody: the tracks are empty"
-        nobody = () if trackers.numbers else (finding(FOUND, "note", "no-tracks", none),)
-        tables.annotate(job.judged(provenance, outcome(FOUND, nobody, people=len(trackers.numbers))))
+        empty = () if trackers.numbers else (finding(FOUND, "no-tracks"),)
+        tables.annotate(job.judged(provenance, outcome(FOUND, empty, people=len(trackers.numbers))))
     summary: dict[str, object] = {
         "tracks": str(request.output),
         "method": request.method,

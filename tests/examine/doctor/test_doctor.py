@@ -17,7 +17,7 @@ from places import ROOT
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.examine.doctor.findings import EXIT_CODES, KINDS, Finding, Findings, finding_schema
+from occlog.examine.doctor.findings import EXIT_CODES, Finding, Findings, finding_schema
 from occlog.examine.doctor.recording import check_recording
 from occlog.examine.doctor.run import check_files
 from occlog.io.files.provenance import Provenance
@@ -26,6 +26,7 @@ from occlog.io.frames.codec import encode_image
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.losses import Loss
+from occlog.records.messages import DOCTOR
 from occlog.records.tables import Bearings, Truth
 
 START, STEP = 1_700_000_000_000_000_000, 100_000_000
@@ -347,7 +348,7 @@ def test_the_command_says_it_in_lines_and_in_json(tmp_path: Path, capsys: pytest
     assert run(["doctor", str(gap), str(whole)]) == ExitCode.LOSSY
     told = capsys.readouterr()
     assert told.out.count("\n") == 1
-    assert told.out.startswith(f"warning: {gap}: sensor cam1: after 2023-11-14T22:13:20.900Z: nothing came: for 1.1 s")
+    assert told.out.startswith(f"warning: {gap}: sensor cam1: after 2023-11-14T22:13:20.900Z: no data: for 1.1 s")
     assert told.err == "occlog: 2 files: 1 warning\n"
     (tmp_path / "scene.yaml").write_text("occlog_scene: 2\n")
     assert run(["doctor", str(tmp_path), "--json"]) == ExitCode.BAD_INPUT
@@ -367,7 +368,7 @@ def test_a_file_of_an_unknown_kind_is_told_where_it_was_named(tmp_path: Path) ->
 
 def test_every_severity_has_its_exit_code() -> None:
     assert sorted(EXIT_CODES.values()) == [ExitCode.DONE, ExitCode.LOSSY, ExitCode.BAD_INPUT]
-    assert {kind.severity for kind in KINDS.values()} == set(EXIT_CODES)
+    assert {kind.severity for kind in DOCTOR.values()} == set(EXIT_CODES)
 
 
 def _log(*times: float) -> str:

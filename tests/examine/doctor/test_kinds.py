@@ -17,10 +17,11 @@ from unindexed import unindexed
 from video_samples import write_video
 
 from occlog.examine.doctor import run
-from occlog.examine.doctor.findings import KINDS, Finding
+from occlog.examine.doctor.findings import Finding
 from occlog.examine.doctor.run import check_files
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
+from occlog.records.messages import DOCTOR
 from occlog.records.tables import Truth
 
 POSE = "geometry_msgs/msg/PoseStamped"
@@ -140,4 +141,4 @@ def test_folders_with_more_files_than_are_looked_at(tmp_path: Path, monkeypatch:
 
 def test_every_kind_of_finding_has_a_test() -> None:
     tests = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests/examine/doctor").glob("*.py"))
-    assert [kind for kind in KINDS if f'"{kind}"' not in tests] == []
+    assert [kind for kind in DOCTOR if f'"{kind}"' not in tests] == []

@@ -77,7 +77,7 @@ def _checks(
     """Checks of the inputs with their findings."""
     anybody = any(len(group) for group in groups)
     empty = (
-        finding(FOUND, "note", "no-tracks", f"{path}: contains no people")
+        finding(FOUND, "group-without-tracks", file=str(path))
         for path, group in zip(paths, groups, strict=True)
         if not len(group)
     )
@@ -92,21 +92,19 @@ def _apart(
         if not len(group):
             continue
         if not agreement.moments:
-            text = "no person is present at any time at which the tracks before it have one; check its clock"
-            yield finding(AGREE, "warning", "group-times-disjoint", f"{path}: {text}")
+            yield finding(AGREE, "group-times-disjoint", file=str(path))
         elif not agreement.pairs:
-            text = f"none of its people is one of those before it, though there are some at {agreement.moments} times"
-            remedy = "if the groups of cameras see the same positions, check their poses and clocks"
-            yield finding(AGREE, "warning", "group-without-common-targets", f"{path}: {text}; {remedy}")
+            yield finding(AGREE, "group-without-common-targets", file=str(path), steps=agreement.moments)
         elif _beside(agreement, config):
             x, y = agreement.beside
             yield finding(
                 AGREE,
-                "warning",
                 "group-misaligned",
-                f"{path}: offset from the tracks before it: ({x:.3g}, {y:.3g}) {unit} in the mean (allowed: "
-                f"{MAX_SEPARATION_RATIO * config.error:.3g} {unit}); check poses and clocks",
-                beside=math.hypot(x, y),
+                file=str(path),
+                offset=math.hypot(x, y),
+                x=x,
+                y=y,
+                unit=unit,
                 allowed=MAX_SEPARATION_RATIO * config.error,
             )
 

@@ -43,8 +43,8 @@ def run_ground(request: GroundRequest, job: Job) -> tuple[dict[str, object], tup
             tables.write(output=part.tracks)
             summary.add(part)
         summary.check(str(request.view_tracks))
-    for line in summary.verdict.warnings():
-        job.note(f"warning: {line}")
+    for found in summary.verdict.findings("ground positions"):
+        job.note(f"warning: {found.text}")
     return {"tracks": str(request.output), **summary.summary()}, view_tracks.losses
 
 

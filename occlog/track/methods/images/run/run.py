@@ -13,8 +13,8 @@ from itertools import combinations
 
 import numpy as np
 
-from occlog.consistency.estimates import MIN_EFFECTIVE_SAMPLE_SIZE, EffectiveSampleSizes
-from occlog.consistency.verdict import MAX_DEPLETED_SHARE, exceeds_share
+from occlog.consistency.estimates import EffectiveSampleSizes
+from occlog.consistency.verdict import MAX_DEPLETED_SHARE, depleted_particles
 from occlog.console.notes import threads_by_default
 from occlog.errors import InputError, UsageError, option
 from occlog.measure.detect.by_background.one_camera import stretches
@@ -138,7 +138,7 @@ class ViewsSummary:
             ),
             *outcome(
                 PARTICLES,
-                self._depleted(),
+                depleted_particles(PARTICLES, self.particles, MAX_DEPLETED_SHARE, "note"),
                 unless=depleted,
                 median=self.particles.median,
             ),
@@ -152,9 +152,7 @@ class ViewsSummary:
             ),
             *outcome(
                 PLACES,
-                ()
-                if places
-                else (finding(PLACES, "note", "ground-tracks-flagged", line) for line in self.verdict.warnings()),
+                () if places else self.verdict.findings(PLACES),
                 unless=places,
             ),
         )
@@ -173,80 +171,41 @@ class ViewsSummary:
     def _none(self) -> Iterator[Check]:
         """No target at all."""
         if not self.rows:
-            text = (
-                f"no target was found; give the first ellipses ({option('initial')}) or better {option('detections')}"
-            )
-            yield finding(NUMBER, "note", "no-tracks", text)
+            yield finding(NUMBER, "no-view-tracks")
 
     def _too_many(self) -> Iterator[Check]:
         """Views with more targets at a time than silhouettes of people can be distinguished in."""
         for name, count in self._at_a_time().items():
             if count > MAX_TARGETS_PER_FRAME:
                 yield finding(
-                    AT_ONCE,
-                    "warning",
-                    "too-many-targets",
-                    f"view {name}: {count:.0f} targets in a frame on average (allowed: "
-                    f"{MAX_TARGETS_PER_FRAME:.0f}): regions "
-                    "that move are not people; state how tall people are in the images (--person-height-px of `occlog "
-                    "detect`), give a calibration, or boxes of a detector",
-                    sensors=[name],
-                    per_frame=count,
-                    allowed=MAX_TARGETS_PER_FRAME,
+                    AT_ONCE, "too-many-targets", sensors=[name], per_frame=count, allowed=MAX_TARGETS_PER_FRAME
                 )
-
-    def _depleted(self) -> Iterator[Check]:
-        """Particles that ran out."""
-        few, rows = self.particles.few, self.particles.rows
-        if exceeds_share(few, rows, MAX_DEPLETED_SHARE):
-            yield finding(
-                PARTICLES,
-                "note",
-                "particles-depleted",
-                f"{few / rows:.0%} of the rows rest on fewer than {MIN_EFFECTIVE_SAMPLE_SIZE:.0f} effective "
-                "particles (median "
-                f"{self.particles.median:.0f}; allowed in {MAX_DEPLETED_SHARE:.0%} of the rows): use more particles",
-                share=few / rows,
-                allowed=MAX_DEPLETED_SHARE,
-            )
 
     def _first(self) -> Iterator[Check]:
         """First ellipses that begin no tracker, and views without one."""
         if (late := self.inputs.given - self.events["start"]) > 0:
-            text = f"{late} of {self.inputs.given} first ellipses began no tracker: the video ends before them"
-            yield finding(FIRST, "note", "initial-ellipses-unused", text)
+            yield finding(FIRST, "initial-ellipses-unused", count=late, given=self.inputs.given)
         bare = [name for name in self.inputs.names if name not in self.begun]
         if self.begun and bare and self.inputs.request.births == "initial":
-            text = (
-                f"no first ellipse began a tracker in {', '.join(bare)}: nothing is tracked there, and no other view "
-                "is helped from there; give some, or omit what is not wanted "
-                f"({option('without')} {','.join(bare)})"
-            )
-            yield finding(FIRST, "note", "view-without-tracks", text, sensors=bare)
+            yield finding(FIRST, "view-without-tracks", sensors=bare)
 
     def _alone(self) -> Iterator[Check]:
         """Views that cannot help each other."""
         config = CONFIGS[self.method]
         if not issubclass(config, LoopCheckConfig):
             return
-        does = f"{option('method')} {self.method} {config.ALONE}"
         if len(self.inputs.views) == 1:
-            text = f"there is one view, {self.inputs.names[0]}, and none to help it: {does}"
-            yield finding(SHARED, "note", "single-view", text)
+            yield finding(SHARED, "single-view", method=self.method, does=config.ALONE)
         elif not np.isfinite(self.inputs.geometry.fundamental).any():
-            text = (
-                f"nothing tells how the views see the same point, so none helps another: {does}; give fundamental "
-                f"matrices ({option('fundamental')}), or a scene with the cameras' poses"
-            )
-            yield finding(SHARED, "note", "views-without-links", text)
+            yield finding(SHARED, "views-without-links", method=self.method, does=config.ALONE)
 
     def _ends(self) -> Iterator[Check]:
         """Views that end before the others."""
         latest = int(self.last_ns.max(initial=-1))
         for s, last, n in zip(self.inputs.surveyed, self.last_ns.tolist(), self.frames.tolist(), strict=True):
             if last >= 0 and latest - last > EARLY_PERIODS * max(s.period_ns, 2 * self.inputs.window_ns):
-                text = f"view {s.view.name} ends {(latest - last) / 1e9:.3g} s before the others, after {n} frames"
-                yield finding(ENDS, "note", "view-ends-early", text, sensors=[s.view.name])
+                early_s = (latest - last) / 1e9
+                yield finding(ENDS, "view-ends-early", sensors=[s.view.name], early_s=early_s, frames=n)
 
     def _misfits(self) -> list[tuple[int, int]]:
         """Pairs of views whose fundamental matrix most loop checks contradict."""
@@ -263,20 +222,14 @@ class ViewsSummary:
         n = int(distances.sum())
         median = BIN_PX * (int(np.searchsorted(np.cumsum(distances), 0.5 * n)) + 0.5)
         names = self.inputs.names
-        unused = "; trackers did without it" if (a, b) in self.dropped else ""
-        text = (
-            f"views {names[a]} and {names[b]}: the fundamental matrix does not fit: {self.failed[a, b] / n:.0%} of "
-            f"{n} loop checks fail, median distance {median:.0f} px{unused}; give another "
-            f"({option('fundamental')}), or leave "
-            f"one view out ({option('without')})"
-        )
         return finding(
             GEOMETRY,
-            "warning",
             "fundamental-misfit",
-            text,
             sensors=[names[a], names[b]],
             share=self.failed[a, b] / n if n else float("nan"),
+            checks=n,
+            median_px=median,
+            dropped=float((a, b) in self.dropped),
             allowed=0.5,
         )
 
