@@ -35,19 +35,6 @@ from occlog.scans.grouping import sensor_names
 
 REGION_EDGE, SINGLE_SENSOR, OUT_OF_VIEW, INCONSISTENT_SENSOR = "edge", "one-sensor", "out-of-view", "sensor-disagrees"
 """Values of the column `doubt`, in the order of the column."""
-WORDS = {
-    REGION_EDGE: "the target may be at the edge of where targets can be, which was guessed from what the sensors see; "
-    "add `room` to the scene",
-    SINGLE_SENSOR: "one sensor alone saw the target for long, which says nothing of its distance; add another "
-    "sensor, or "
-    "track in images and find the target on the ground (occlog ground)",
-    OUT_OF_VIEW: "the target is where sensors that report it cannot see; check the calibration, the region "
-    "and the choice of the target",
-    INCONSISTENT_SENSOR: "most of what one sensor measured of the target in the last second is rejected; "
-    "check the clock, "
-    "the pose and the labels of that sensor (the residuals say which), or leave it out",
-}
-"""What each means and what to do."""
 EDGE_SIGMAS = 2.0
 """Distance from the edge below which an estimate is at the edge, in standard deviations."""
 VIEW_SIGMAS = 3.0

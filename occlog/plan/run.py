@@ -174,12 +174,12 @@ def _summary(request: PlanRequest, planned: PreparedPlan, table: PlanMap, rankin
     summary |= {
         "sensors": len(sensors_of(planned.scene)),
         "people": planned.walked.people.shape[1] - 1,
-        "places": len(table),
+        "cells": len(table),
         f"rmse_{unit}": rmse,
         f"rmse_error_{unit}": float(np.sqrt(np.sum((weight * table.rmse * table.rmse_error) ** 2))) / rmse,
         f"mean_{unit}": float(weight @ table.rmse),
         f"worst_{unit}": float(table.rmse[worst]),
-        "worst_place": [float(table.x[worst]), float(table.y[worst])],
+        "worst_position": [float(table.x[worst]), float(table.y[worst])],
     }
     if planned.config.max_expected_error is not None:
         summary |= {

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.consistency.estimates import WORDS, QualityFlags, near_edge, outside_view, without_distance
+from occlog.consistency.estimates import QualityFlags, near_edge, outside_view, without_distance
+from occlog.consistency.verdict import QUALITY_FLAGS
 from occlog.records.scene import Camera, Scene, camera_rotation
 from occlog.records.tables import Diagnostics, Tracks
 
@@ -143,5 +144,5 @@ def test_a_smoothed_track_is_not_doubted_for_one_sensor_or_the_edge(scene):
 
 
 def test_every_doubt_has_its_words_and_no_rows_no_doubts():
-    assert set(WORDS) == {"edge", "one-sensor", "out-of-view", "sensor-disagrees"}
+    assert set(QUALITY_FLAGS) == {"edge", "one-sensor", "out-of-view", "sensor-disagrees"}
     assert doubts(OPEN, (Tracks.empty(), Diagnostics.empty())) == []

@@ -55,7 +55,7 @@ def test_misses_and_false_alarms_come_back_as_rates() -> None:
     n = m["visible"]
     # Some false alarms fall into the gate by chance, and the gate cuts a little noise: 2 % each
     assert abs(m["detection_rate"] - 0.9) < 0.02 + 4 * math.sqrt(0.09 / n)
-    unseen = m["detection_looks"] - m["detected"]
+    unseen = m["detection_opportunities"] - m["detected"]
     assert abs(m["false_alarms"] / unseen - 0.2) < 0.03 + 4 * math.sqrt(0.16 / unseen)
 
 

@@ -90,7 +90,7 @@ def test_bearings_become_tracks_and_diagnostics(folder, capsys):
     captured = capsys.readouterr()
     summary = json.loads(captured.out)
     assert (summary["targets"], summary["rows"], summary["method"]) == (2, 2 * STEPS, "apf")
-    assert 1 <= summary["mean_effective_particles"] <= 100
+    assert 1 <= summary["mean_effective_sample_size"] <= 100
     assert summary["losses"][0]["place"] == "frame 7"
     tracks = read_table(folder / "tracks.parquet", Tracks)
     diagnostics = read_table(folder / "diagnostics.parquet", Diagnostics)

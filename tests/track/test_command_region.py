@@ -36,7 +36,7 @@ def test_two_of_the_shipped_cameras_find_the_man_where_their_sight_lines_meet(tm
     assert set(read_table(Path(diagnostics), Diagnostics).quality_flags.tolist()) == {""}
     assert run(["evaluate", tracks, "--bearings", bearings, "--scene", walk, "--json"]) == ExitCode.DONE
     # 0.05 to 0.06 m over seeds; 1.5 m where targets were confined to the box around the cameras
-    assert json.loads(capsys.readouterr().out)["sight_lines_distance_median_m"] < 0.1
+    assert json.loads(capsys.readouterr().out)["triangulation_distance_median_m"] < 0.1
 
 
 def labelled(boxes: Boxes, scene: Scene) -> Bearings:

@@ -237,13 +237,14 @@ class NetworkTraffic:
         return self.reports * REPORT_BYTES + self.orders * ORDER_BYTES
 
     def summary(self) -> dict[str, float | int]:
-        """The figures; those of the selection only where there was one."""
-        counts: dict[str, float | int] = {"messages": self.reports + self.orders, "bytes": self.bytes}
-        if self.selections:
-            whole = self.offered * REPORT_BYTES
-            counts |= {
-                "selections": self.selections,
-                "bytes_of_all_cameras": whole,
-                "bytes_saved": 1.0 - self.bytes / whole if whole else 0.0,
-            }
-        return counts
+        """The figures; none where no cameras were selected."""
+        if not self.selections:
+            return {}
+        whole = self.offered * REPORT_BYTES
+        return {
+            "messages": self.reports + self.orders,
+            "bytes": self.bytes,
+            "selections": self.selections,
+            "bytes_all_cameras": whole,
+            "share_saved": 1.0 - self.bytes / whole if whole else 0.0,
+        }

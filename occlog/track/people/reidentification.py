@@ -273,7 +273,7 @@ class GalleryReidentification:
 
     def notes(self) -> Iterator[str]:
         """Warnings for the user."""
-        if self._figures and not self._figures["tracks_named"]:
+        if self._figures and not self._figures["tracks_reidentified"]:
             seen = self._decisions
             why = ", ".join(f"{name} {count}" for name, count in sorted(seen.reasons.items())) or "none"
             yield (
@@ -347,10 +347,10 @@ class GalleryReidentification:
         finite = np.isfinite(names.probability)
         self._figures = {
             "tracks": len(pieces.tracks),
-            "tracks_named": len(np.unique(pieces.track[finite])),
-            "pieces": len(pieces.track),
-            "pieces_named": int(finite.sum()),
-            "people_named": len(np.unique(names.name[finite])),
+            "tracks_reidentified": len(np.unique(pieces.track[finite])),
+            "fragments": len(pieces.track),
+            "fragments_reidentified": int(finite.sum()),
+            "people_reidentified": len(np.unique(names.name[finite])),
             **({"least_probability": float(names.probability[finite].min())} if finite.any() else {}),
         }
         return names

@@ -88,9 +88,9 @@ def test_rows_and_figures_of_a_run(made: Path, capsys) -> None:
     assert track(made, "--json", "--seed", "3") == ExitCode.DONE
     summary = json.loads(capsys.readouterr().out)
     assert (summary["targets"], summary["rows"], summary["method"]) == (2, 2 * STEPS, "map")
-    assert (summary["searches"], summary["unfinished"], summary["fallbacks"]) == (2, 0, {})
+    assert (summary["searches"], summary["not_converged"], summary["fallbacks"]) == (2, 0, {})
     assert set(summary["iterations"]) == {"0", "1"}
-    assert "mean_effective_particles" not in summary
+    assert "mean_effective_sample_size" not in summary
     tracks, how = tracks_of(made), read_table(made / "diagnostics.parquet", Diagnostics)
     assert same(tracks, tracks_of(made, "tracks.parquet"))  # whatever the seed: nothing is drawn
     assert np.array_equal(tracks.t_ns, how.t_ns)
@@ -110,7 +110,7 @@ def test_a_table_says_of_each_bearing_whether_it_is_believed(made: Path, capsys)
         summary = json.loads(capsys.readouterr().out)
         found, how = read_table(out, Residuals), read_table(made / "diagnostics.parquet", Diagnostics)
         assert len(found) == summary["bearings"] == int(how.n_detected.sum())
-        assert int((found.inlier_probability < 0.5).sum()) == summary["bearings_not_believed"] < 0.02 * len(found)
+        assert int((found.inlier_probability < 0.5).sum()) == summary["rejected_bearings"] < 0.02 * len(found)
         assert found.inlier_probability @ found.residual**2 / (
             found.inlier_probability @ found.expected_variance
         ) == pytest.approx(summary["nis"])
