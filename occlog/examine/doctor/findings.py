@@ -49,71 +49,71 @@ GAP_INTERVALS = 2.5
 """An interval of more than this many usual ones is a gap."""
 KINDS: dict[str, FindingKind] = {
     "unreadable": FindingKind(E, "cannot be read"),
-    "unknown": FindingKind(W, "is no file that occlog knows", remedy="name a recording, a table, a scene or a video"),
+    "unknown": FindingKind(W, "not a file that occlog can read", remedy="name a recording, a table, a scene or a video"),
     "no-table": FindingKind(N, "fits none of occlog's tables"),
     "not-looked-at": FindingKind(W, "not checked", remedy="name the files, or a folder with fewer"),
     "damaged-recording": FindingKind(E, "damaged", remedy="salvage it: occlog recover {file} -o OUT.mcap"),
     "no-index": FindingKind(
         N,
-        "no index, or not of all that it holds: each command makes one in a pass through the file",
+        "no index, or an incomplete one: each command rebuilds it in a pass through the file",
         remedy="write one: occlog recover {file} -o OUT.mcap",
     ),
-    "damaged-table": FindingKind(E, "rows that are damaged"),
+    "damaged-table": FindingKind(E, "damaged rows"),
     "damaged-bag": FindingKind(
-        W, "lost, as `occlog ingest` will list it", remedy="copy it again, if it is whole elsewhere"
+        W, "lost; `occlog ingest` lists it", remedy="copy it again, if it is whole elsewhere"
     ),
     "miscounted": FindingKind(N, "more messages than its metadata count; `occlog ingest` reads all"),
-    "message": FindingKind(E, "a message that is not of its type", remedy="make the recording again"),
-    "row": FindingKind(E, "a row that cannot be"),
+    "message": FindingKind(E, "a message that does not match its type", remedy="make the recording again"),
+    "row": FindingKind(E, "invalid row"),
     "repeated-row": FindingKind(E, "duplicate rows", "once", "remove the copies"),
     "two-places": FindingKind(E, "a person in two positions at one time", "one row", "keep one of them"),
     "double-key": FindingKind(W, "rows of one key with different values", "one row", "keep one of them"),
-    "order": FindingKind(E, "a time that goes back", "each after the one before", "sort by time"),
+    "order": FindingKind(E, "a time before the preceding one", "increasing times", "sort by time"),
     "restart": FindingKind(
         W,
-        "times of a sensor or an identity that go back, in the order of the file",
-        "each after the one before",
+        "times of a sensor or an identity that go back, in file order",
+        "increasing times",
         "rows are read in the order of time: if a clock was set or restarted, give each run its own file",
     ),
-    "repeated-time": FindingKind(E, "a time that repeats", "each after the one before", "give each frame its own time"),
+    "repeated-time": FindingKind(E, "a repeated time", "increasing times", "give each frame its own time"),
     "left-out": FindingKind(
-        W, "a header stamp that repeats or goes back", "each after the one before", "`occlog ingest` leaves it out"
+        W, "a header stamp that repeats or goes back", "increasing times", "`occlog ingest` skips it"
     ),
-    "lost-message": FindingKind(W, "a message that is not of its type", remedy="`occlog ingest` leaves it out"),
-    "undecoded": FindingKind(N, "messages of which only the times of recording were checked"),
+    "lost-message": FindingKind(W, "a message that does not match its type", remedy="`occlog ingest` skips it"),
+    "undecoded": FindingKind(N, "messages that were not decoded: only their recording times were checked"),
     "linked-video": FindingKind(E, "its video cannot be used"),
     "image": FindingKind(W, "an image that cannot be decoded", remedy="its frame is lost; ingest the source again"),
-    "video-frames": FindingKind(W, "frames that are lost", remedy="copy or repair the file"),
-    "sound": FindingKind(W, "samples that are lost", remedy="copy or repair the file"),
+    "video-frames": FindingKind(W, "lost frames", remedy="copy or repair the file"),
+    "sound": FindingKind(W, "lost samples", remedy="copy or repair the file"),
     "uneven-video": FindingKind(
         N, "frames at uneven times", remedy="keep its time stamps: give no frame rate (ingest --fps) for it"
     ),
     "doubt": FindingKind(W, "may be wrong"),
     "losses": FindingKind(N, "lost when it was made"),
     "epoch-unit": FindingKind(
-        W, "times in another unit than is stated", remedy="name the column after its unit, or multiply"
+        W, "times in another unit than stated", remedy="name the column after its unit, or multiply"
     ),
     "epoch": FindingKind(W, "times outside 1970 to 2100", remedy="give the origin of the times"),
     "gap": FindingKind(
-        W, "nothing came", f"{GAP_INTERVALS:g} usual intervals", "expect no estimates of this time by this sensor"
+        W, "no data", f"{GAP_INTERVALS:g} usual intervals", "expect no estimates of this time by this sensor"
     ),
     "jump": FindingKind(
         W,
-        "a clock that jumps: the frames are numbered on",
+        "a clock jump: the frame numbers continue",
         f"{GAP_INTERVALS:g} usual intervals",
         "take the times of another clock",
     ),
     "clock-apart": FindingKind(
-        W, "times that do not meet those of the other sensors", remedy="give an offset (ingest --offset)"
+        W, "times far from those of the other sensors", remedy="give an offset (ingest --offset)"
     ),
     "truth-apart": FindingKind(
         W,
-        "a truth of none of the times of the sensors",
+        "a truth without a time in common with the sensors",
         remedy="ingest it again with times of the same origin (ingest --start-time)",
     ),
     "clock-late": FindingKind(
         W,
-        "begins and ends later (or earlier, below 0) than the others, by the same time",
+        "starts and ends later than the others by the same time (earlier, if negative)",
         f"{GAP_INTERVALS:g} usual intervals",
         "if its clock is off, give an offset (ingest --offset)",
     ),

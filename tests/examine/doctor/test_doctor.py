@@ -343,7 +343,7 @@ def test_the_command_says_it_in_lines_and_in_json(tmp_path: Path, capsys: pytest
     assert run(["doctor", str(gap), str(whole)]) == ExitCode.LOSSY
     told = capsys.readouterr()
     assert told.out.count("\n") == 1
-    assert told.out.startswith(f"warning: {gap}: sensor cam1: after 2023-11-14T22:13:20.900Z: nothing came: for 1.1 s")
+    assert told.out.startswith(f"warning: {gap}: sensor cam1: after 2023-11-14T22:13:20.900Z: no data: for 1.1 s")
     assert told.err == "occlog: 2 files: 1 warning\n"
     (tmp_path / "scene.yaml").write_text("occlog_scene: 2\n")
     assert run(["doctor", str(tmp_path), "--json"]) == ExitCode.BAD_INPUT
