@@ -371,7 +371,7 @@ class SightEvidence:
         bearings: TableBuffer[Bearings],
         diagnostics: TableBuffer[Diagnostics] | None,
     ) -> None:
-        """Another section; `diagnostics` are of the same rows as the tracks (`in_rows_of`)."""
+        """Add a section; `diagnostics` are of the same rows as the tracks (`in_rows_of`)."""
         window_ns, before = self._made.window_ns, Limits(limits.begin, limits.end)
         ours, its = before.about(tracks, window_ns, 0), before.about(bearings, window_ns, 0)
         fared = None if diagnostics is None else before.about(diagnostics, window_ns, 0)

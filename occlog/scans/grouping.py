@@ -28,7 +28,7 @@ class ScanMeasurements(NamedTuple):
     distances: RangeMeasurements  # m measurements
 
     def of_target(self, target: int) -> ScanMeasurements | None:
-        """Those of a target; None for nothing."""
+        """Measurements of a target; None without any."""
         own = self.target_id == target
         return ScanMeasurements(self.target_id[own], self.distances.take(own)) if own.any() else None
 

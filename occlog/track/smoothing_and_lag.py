@@ -51,7 +51,7 @@ class LagConfig(Settings):
 
 @dataclass(frozen=True)
 class SmoothingConfig(LagConfig):
-    """The same for filters whose particles are smoothed by trajectories drawn backwards."""
+    """Smoothing settings of particle filters with backward simulation of trajectories."""
 
     trajectories: int = setting(
         200,

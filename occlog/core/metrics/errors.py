@@ -190,7 +190,7 @@ class Sum:
     """A sum of parts with the rounding of each addition kept separately (Neumaier 1974), so that parts may be any."""
 
     def __init__(self) -> None:
-        """Nothing yet."""
+        """Start at 0."""
         self._total = self._lost = 0.0
 
     def add(self, value: float) -> None:

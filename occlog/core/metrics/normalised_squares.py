@@ -80,7 +80,7 @@ class BatchMeans:
     """
 
     def __init__(self) -> None:
-        """Nothing yet."""
+        """Start without squares."""
         self.count = 0
         self.squares = self.expected = 0.0
         self._size = 1

@@ -119,7 +119,7 @@ class Spread:
 
     @property
     def mean(self) -> float:
-        """Their mean."""
+        """Mean of the distances; NaN without any."""
         return ratio_or_nan(self._sum.value, self._values.count)
 
     def update(self, values: Floats) -> None:

@@ -49,7 +49,9 @@ GAP_INTERVALS = 2.5
 """An interval of more than this many usual ones is a gap."""
 KINDS: dict[str, FindingKind] = {
     "unreadable": FindingKind(E, "cannot be read"),
-    "unknown": FindingKind(W, "not a file that occlog can read", remedy="name a recording, a table, a scene or a video"),
+    "unknown": FindingKind(
+        W, "not a file that occlog can read", remedy="name a recording, a table, a scene or a video"
+    ),
     "no-table": FindingKind(N, "fits none of occlog's tables"),
     "not-looked-at": FindingKind(W, "not checked", remedy="name the files, or a folder with fewer"),
     "damaged-recording": FindingKind(E, "damaged", remedy="salvage it: occlog recover {file} -o OUT.mcap"),
@@ -59,9 +61,7 @@ KINDS: dict[str, FindingKind] = {
         remedy="write one: occlog recover {file} -o OUT.mcap",
     ),
     "damaged-table": FindingKind(E, "damaged rows"),
-    "damaged-bag": FindingKind(
-        W, "lost; `occlog ingest` lists it", remedy="copy it again, if it is whole elsewhere"
-    ),
+    "damaged-bag": FindingKind(W, "lost; `occlog ingest` lists it", remedy="copy it again, if it is whole elsewhere"),
     "miscounted": FindingKind(N, "more messages than its metadata count; `occlog ingest` reads all"),
     "message": FindingKind(E, "a message that does not match its type", remedy="make the recording again"),
     "row": FindingKind(E, "invalid row"),

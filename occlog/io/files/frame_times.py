@@ -67,7 +67,7 @@ class FrameTimes:
         return t_ns if self.clock is None else to_world_time(t_ns, self.clock, self.start_ns + first)
 
     def by(self, clock: Clock | None) -> FrameTimes:
-        """These times, read from a clock of the scene."""
+        """Frame times, converted to world time from a clock of the scene; None: unchanged."""
         if clock is None:
             return self
         told = f"{self.source}; clock {clock.name} taken out ({clock.offset_ns} ns, {clock.drift_ppm:g} ppm)"

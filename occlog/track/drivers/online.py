@@ -42,7 +42,7 @@ class BackwardSmoother(Generic[State, Config]):
     """Holds the rows of all targets until enough was seen after them, and smooths them then."""
 
     def __init__(self, smoothing: Smoothing[State, Config], config: Config, seed: int) -> None:
-        """Nothing waits yet.
+        """Start without buffered rows.
 
         Args:
             smoothing: the method's.

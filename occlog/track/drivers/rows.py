@@ -213,7 +213,7 @@ class NetworkTraffic:
     """Counts over the chunks of the diagnostics."""
 
     def __init__(self) -> None:
-        """Nothing yet."""
+        """Start all counts at 0."""
         self.reports = 0
         self.offered = 0
         self.orders = 0

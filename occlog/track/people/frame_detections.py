@@ -237,7 +237,7 @@ class BoxStatistics:
 
     @classmethod
     def of(cls, cameras: int) -> BoxStatistics:
-        """Nothing yet."""
+        """Statistics of a number of cameras, before the first frame."""
         zero = np.zeros(cameras, dtype=np.int64)
         return cls(zero, zero.copy(), zero.copy(), zero.copy(), zero - 1, zero - 1)
 

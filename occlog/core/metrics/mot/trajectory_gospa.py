@@ -50,7 +50,7 @@ class TrajectoryPairs(NamedTuple):
         return TrajectoryPairs._make(column[rows] for column in self)
 
     def joined(self, more: TrajectoryPairs) -> TrajectoryPairs:
-        """These and others, sorted."""
+        """Union with other pairs, sorted by truth, track and time."""
         both = TrajectoryPairs._make(np.concatenate(columns) for columns in zip(self, more, strict=True))
         return both.take(np.lexsort((both.time, both.track, both.truth)))
 

@@ -56,7 +56,7 @@ MODE_GRID_SIZE, MODE_GRID_SIGMAS = 25, 5.0
 MAX_REFINEMENTS = 8
 """How often such a grid is tried, each time with a quarter of the length where it is too coarse."""
 MIN_SECOND_MODE_PROBABILITY = 0.05
-"""Another mode at least so probable makes a position ambiguous."""
+"""Minimum probability of a second mode that makes a position ambiguous."""
 MIN_RIVAL_LIKELIHOOD, MIN_SCATTER_SIGNIFICANCE = 0.005, 0.01
 """Where a measurement is rejected others may be false, too: other positions with at least this share of the
 likelihood contest a position (where all are accepted, with `MIN_SECOND_MODE_PROBABILITY`), and so do residuals of what

@@ -251,7 +251,7 @@ def _all_events(
 
 @kernel
 def _partner(choice: Ints, k: int) -> int:
-    """The other target with the same bearing, or -1."""
+    """Index of the target that shares target k's bearing in an association event, or -1."""
     for other in range(choice.shape[0]):
         if other != k and choice[other] == choice[k]:
             return other

@@ -417,7 +417,7 @@ class ListeningTimes:
         return min(self._gaps) if len(self._gaps) >= MIN_INTERVALS else None
 
     def heard(self, t_ns: int) -> None:
-        """It has a row at this time."""
+        """Record a row of the array at a time."""
         if self._row_ns is not None:
             self._gaps.append(t_ns - self._row_ns)
         self._row_ns = self.last_ns = t_ns

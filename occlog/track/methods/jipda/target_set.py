@@ -303,7 +303,7 @@ class BirthIntensityMap:
 
 
 def empty_map(metre: float) -> BirthIntensityMap:
-    """Nothing was seen."""
+    """Birth intensity map before the first observation; `metre`: length units per metre."""
     none = np.zeros(0)
     return BirthIntensityMap(metre, {}, np.zeros((0, 2)), none, none, none, np.zeros((0, 2)), np.zeros((0, 2, 2)), 0.0)
 

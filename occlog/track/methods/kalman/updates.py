@@ -83,9 +83,9 @@ HALVINGS = 12
 STEP_SIGMA_TOLERANCE = 1e-6
 """The search ends where a step is shorter than this share of the standard deviation of the prediction."""
 MAX_RELATIVE_DISTANCE_SIGMA = 1.0
-"""A position is beside a sensor if the standard deviation of its distance is larger than this share of it."""
+"""A position is close to a sensor if the standard deviation of its distance exceeds this multiple of the distance."""
 MIN_SQUARE = 1e-30
-"""The same of a squared distance, so that nothing is divided by 0."""
+"""Lower bound of a squared distance, to avoid division by 0."""
 INFEASIBLE, NO_SIGMA_POINTS = "stuck", "discarded"
 """Values of `fallback`: the search ended at the border of the feasible set; no sigma point was left."""
 

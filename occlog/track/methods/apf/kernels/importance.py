@@ -83,7 +83,7 @@ def measurements(scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, mo
 
 @kernel
 def linearise_distance(x: float, y: float, z: Floats) -> tuple[float, float, float, float]:
-    """The same as `linearise` for a range, a logarithm of one, or a difference; the variance is never -1."""
+    """Linearise a range, a log range or a range difference, as `linearise` does bearings; the variance is never -1."""
     dx, dy = x - z[X0], y - z[Y0]
     d = math.sqrt(max(dx * dx + dy * dy + z[RISE2], CLOSEST))
     if z[KIND] == LOG_RANGE:

@@ -384,7 +384,7 @@ class GroundConsistency:
     """Counts quality flags over a stream of chunks."""
 
     def __init__(self) -> None:
-        """Nothing was seen yet."""
+        """Start all counts at 0."""
         self._doubts: Counter[str] = Counter()
         self._rows: Counter[int] = Counter()
         self._alone: Counter[int] = Counter()

@@ -67,7 +67,7 @@ def motion_of(config: MapConfig) -> GaussMarkov:
 
 
 def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
-    """Nothing known but where a target can be.
+    """Initial problem of a target: the prior of its position, without measurements.
 
     Args:
         scene: room and sensors.
