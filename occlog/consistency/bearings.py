@@ -188,7 +188,7 @@ class SmallNoiseCheck:
     """Counts the bearings that pass by with so small a standard deviation."""
 
     def __init__(self) -> None:
-        """None passed yet."""
+        """Start without data."""
         self._found: Counter[str] = Counter()
         self._least = np.inf
 

@@ -296,7 +296,7 @@ class EffectiveSampleSizes:
         self._counts = np.zeros(BINS * DECADES + 1, dtype=np.int64)
 
     def add(self, ess: Floats) -> None:
-        """Some more rows; those without particles (NaN) do not count."""
+        """Add rows; those without particles (NaN) do not count."""
         ess = ess[np.isfinite(ess)]
         self.rows += len(ess)
         self.few += int(np.count_nonzero(ess < MIN_EFFECTIVE_SAMPLE_SIZE))

@@ -184,7 +184,7 @@ class CovarianceConsistency:
     """Collects errors in streaming mode: whether covariances state how large they are."""
 
     def __init__(self, made: TrackProvenance, scene: Scene | None) -> None:
-        """No errors yet; how the tracks were made, and the scene of which they are."""
+        """Start without errors; how the tracks were made, and the scene of which they are."""
         self.rows = self._high = 0
         self._own_numbers, self._scene = made.own_numbers, scene
         self._ground, self._space = _Nees(2, CHI2_95_2D), _Nees(3, CHI2_95_3D)

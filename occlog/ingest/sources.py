@@ -156,7 +156,7 @@ class Copies:
     """
 
     def __init__(self, *, several: bool) -> None:
-        """No log yet; `several`: there is more than one, so that a row may be in one before."""
+        """Start without logs; `several`: there is more than one, so that a row may be in one before."""
         self._several = several
         self._before: dict[str, list[Uints]] = {}
 

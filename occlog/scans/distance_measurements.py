@@ -58,12 +58,12 @@ class RangeDifferenceCheck:
     """Counts differences that are longer than their stations are apart, while measurements come by."""
 
     def __init__(self) -> None:
-        """None yet."""
+        """Start without data."""
         self._all = self._beyond = 0
         self._first = ""
 
     def add(self, table: Measurements, row: Ints, packed: RangeMeasurements) -> None:
-        """Some more measurements; see `check_plausible`."""
+        """Add measurements; see `check_plausible`."""
         differs = packed.kind == DIFFERENCE
         rise = np.sqrt(packed.rise2) + np.sqrt(packed.other_rise2)
         apart = np.hypot(*(packed.place - packed.other).T) + rise

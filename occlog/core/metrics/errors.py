@@ -194,7 +194,7 @@ class Sum:
         self._total = self._lost = 0.0
 
     def add(self, value: float) -> None:
-        """One more part."""
+        """Add a part."""
         total = self._total + value
         large, small = (self._total, value) if abs(self._total) >= abs(value) else (value, self._total)
         self._lost += (large - total) + small

@@ -91,7 +91,7 @@ class TriangulationFigures:
     """Accumulates distances of tracks from triangulated positions over a stream of scans."""
 
     def __init__(self, unit: str, config: EvaluateConfig, in_memory: int = NUMBERS_IN_MEMORY) -> None:
-        """No scan yet.
+        """Start without scans.
 
         Args:
             unit: of lengths.

@@ -151,7 +151,7 @@ class ImageTrackFigures:
     """
 
     def __init__(self, views: tuple[str, ...], targets: Ints, tracks: Ints, config: MultiTargetConfig) -> None:
-        """No frame yet.
+        """Start without frames.
 
         Args:
             views: names of the cameras.

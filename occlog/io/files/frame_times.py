@@ -20,7 +20,7 @@ MAX_SECONDS = 9e9
 MAX_RATE_DENOMINATOR = 1001
 """29.97 fps is 30000/1001; no frame rate that a file rounds has a larger denominator."""
 MAX_RATE_NUMERATOR = 10**9
-"""With it the product of a frame number within `MAX_SECONDS` and the denominator is one of 64 bits."""
+"""Maximum numerator of a frame rate: frame numbers within `MAX_SECONDS` times the denominator fit into 64 bits."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,7 +55,7 @@ class BackwardSmoother(Generic[State, Config]):
         self._ready: list[EstimateRow] = []
 
     def add(self, row: EstimateRow, state: State) -> None:
-        """One more row of a target, and its filter's state after it."""
+        """Add a row of a target, and its filter's state after it."""
         if row.target not in self._waiting:
             rng = generator(self._seed, RandomStream.SMOOTH, row.target)
             self._waiting[row.target] = PendingRows([], [], rng)

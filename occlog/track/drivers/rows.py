@@ -66,7 +66,7 @@ class Solve(NamedTuple):
 
 
 class TrackChunk(NamedTuple):
-    """Some more rows of a track and how the filter fared, equal in number, and what it learned of the sensors."""
+    """Add rows of a track and how the filter fared, equal in number, and what it learned of the sensors."""
 
     tracks: Tracks
     diagnostics: Diagnostics

@@ -34,8 +34,8 @@ MIN_DETECTION_RATE = 0.25
 MAX_DUPLICATE_SHARE = 0.2
 """Share of duplicate boxes above which a warning is given."""
 MAX_LATERAL_BIAS_HEIGHTS, MIN_BIAS_SIGNIFICANCE = 0.05, 3.3
-"""Lateral bias of a camera's boxes, in heights of people, and its significance in standard errors, from which its pose is
-reported as wrong; by chance once in a thousand."""
+"""Lateral bias of a camera's boxes, in heights of people, and its significance in standard errors, from which its
+pose is reported as wrong; by chance once in a thousand."""
 MAX_OUTSIDE_SHARE = 0.01
 """Share of boxes outside the image above which a warning is given."""
 MAX_UNASSOCIATED_SHARE = 0.5

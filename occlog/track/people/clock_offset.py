@@ -32,7 +32,7 @@ class _Spread:
     """Evenly spaced subset of a camera's frames."""
 
     def __init__(self) -> None:
-        """None yet."""
+        """Start without data."""
         self.kept: list[tuple[int, Floats]] = []  # times [ns], (n, 2) middles of boxes [px]
         self._every, self._count = 1, 0
 

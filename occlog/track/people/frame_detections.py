@@ -24,7 +24,7 @@ DUPLICATE_IOU = 0.9
 MIN_FRAME_PAIRS = 10
 """Minimum number of successive frames that determine the step of frame numbers."""
 SHORTEST_NS = 100_000
-"""No camera has frames that are nearer to each other in time."""
+"""Minimum interval between frames of a camera."""
 
 
 class FrameDetectionsWithIds(NamedTuple):

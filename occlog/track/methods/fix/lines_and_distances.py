@@ -50,7 +50,7 @@ climbed."""
 COARSE = (0.5, 0.125, 0.03)
 """Shares of the grid's step that standard deviations hold also, while positions of the grid are climbed."""
 PAIRS, START_GATE_SIGMAS = 45, 2.0
-"""Of at most so many pairs, meetings on the grid are starts: where both measurements are within so many deviations."""
+"""Maximum number of pairs of measurements that give starts on the grid, and the gate of both measurements there."""
 MODE_GRID_SIZE, MODE_GRID_SIGMAS = 25, 5.0
 """Places a side of the grid over a mode, and how many standard deviations it reaches."""
 MAX_REFINEMENTS = 8

@@ -394,7 +394,7 @@ METHOD = Joint(
 INTERVALS = 15
 """Intervals of which the shortest counts as an array's period."""
 MIN_INTERVALS = 3
-"""With fewer intervals than this an array's rate is not known."""
+"""Minimum number of intervals from which an array's rate is estimated."""
 LATE_PERIOD_SHARE = 0.5
 """A row may be late by this share of the period before it counts as missing."""
 

@@ -23,7 +23,7 @@ from .updates import WEIGHTS, by_sigma_points, sigma_points
 GRID = 32
 """Number of grid positions per side, over the floor, for the search of the initial position."""
 MAX_ITERATIONS, HALVINGS, STEP_CHI2_TOLERANCE = 30, 12, 1e-9
-"""Of the Gauss-Newton search: most steps, most halvings of a step, squared length of the last one in variances."""
+"""Gauss-Newton search: maximum steps, maximum halvings of a step, squared length of the last one in variances."""
 
 StationUpdate = Callable[[Gaussian, RangeMeasurements], tuple[Gaussian, float]]
 """State and log-likelihood after measurements of stations that are within the gate."""

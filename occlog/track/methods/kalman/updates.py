@@ -77,7 +77,7 @@ def _outwards(azimuth: float, distance: float) -> Floats:
 SIGMA_POINT_SPREAD = math.sqrt(3.0)
 """Distance of sigma points in standard deviations: n + kappa = 3, which suits a Gaussian's fourth moment."""
 WEIGHTS = np.array([1.0 / 3.0, *[1.0 / 6.0] * 4])
-"""Of the mean and of the four points about it."""
+"""Weights of the mean and of the four sigma points about it."""
 HALVINGS = 12
 """A step of the search is halved at most so often."""
 STEP_SIGMA_TOLERANCE = 1e-6

@@ -62,7 +62,7 @@ class SwitchProbabilities:
     """Probability that each target was exchanged, carried from time to time."""
 
     def __init__(self, rate: float, alone: float, start: float) -> None:
-        """No target was seen yet.
+        """Start without targets.
 
         Args:
             rate: of exchanges where views contradict each other [1/s].

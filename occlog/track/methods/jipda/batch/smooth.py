@@ -65,7 +65,7 @@ with the poses of cameras and with bodies."""
 ROUNDING = 1e-6
 """Relative tolerance of the minimum interval between time steps."""
 MIN_EXISTENCE_COMPLEMENT = 1e-3
-"""No track exists more surely than but for this probability."""
+"""Minimum probability that a track does not exist."""
 
 
 def smooth(

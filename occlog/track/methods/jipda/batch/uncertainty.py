@@ -44,7 +44,7 @@ from .tracks import ChainTracks, WindowSpan, listed_of
 MIN_SWITCH_PROBABILITY = 0.05
 """Less probable exchanges are not named."""
 SWITCH_WINDOW_S = 4.0
-"""Of exchanges of the same two people within so long, the most probable one is named."""
+"""Interval within which only the most probable switch of the same two people is reported."""
 
 
 def possible_switches(tracks: ChainTracks, span: WindowSpan, number: Ints, identity: Ints) -> dict[int, list[Event]]:

@@ -41,7 +41,7 @@ FORGET_EXTENTS = 1000.0
 """Where the motion alone spreads positions by so many times the extent of the position, what was before says
 nothing."""
 LONGEST_S = 1e9
-"""No longer pause is looked at."""
+"""Maximum pause that is considered."""
 
 
 class Pending(NamedTuple):
