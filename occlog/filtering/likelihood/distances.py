@@ -65,7 +65,7 @@ class DistanceErrors(NamedTuple):
         return bool(self.late.any() or self.early.any())
 
     def widened(self, variance: Floats) -> DistanceErrors:
-        """Error model of residuals that are divided by the root of a variance (..., m): noise plus that of the position."""
+        """Error model of residuals in units of the root of a variance (..., m): noise plus that of the position."""
         return self._replace(rate=self.rate * np.sqrt(variance))
 
 

@@ -74,7 +74,7 @@ class ClearMot(NamedTuple):
         tp: rows paired, switches included.
         fp: track rows not paired.
         fn: true rows not paired.
-        switches: pairs of a target with another track than it had last.
+        switches: identity switches: pairs of a target with another track than its last one.
         fragmentations: times that a target, over the frames it is in, is tracked again after a gap: segments of frames
             in which it is paired, without the first one of each target.
         mota: 1 - (fn + fp + switches) / objects.

@@ -32,7 +32,7 @@ ROOT_2PI = math.sqrt(2.0 * math.pi)
 
 
 class BearingFit(NamedTuple):
-    """How the bearings of an array fit the particles of one target."""
+    """Densities of an array's bearings for the particles of one target."""
 
     each: Floats  # (N, J, L) density of each bearing for each particle [1/rad]; 0 out of the array's range
     within: Bools  # (J, L) in range
@@ -42,7 +42,7 @@ class BearingFit(NamedTuple):
 
 
 class Direction(NamedTuple):
-    """Where an array would hear a target, taken for a Gaussian."""
+    """Predicted bearing of a target at an array, as a Gaussian."""
 
     centre: float  # circular mean of the particles' bearings [rad]
     spread: float  # standard deviation of them [rad]
@@ -60,7 +60,7 @@ class BearingAssociation(NamedTuple):
 def bearing_fit(
     predicted: Floats, weights: Floats, *, bearing: Floats, sigma: Floats, position: Floats, reach: float
 ) -> BearingFit:
-    """How one array's bearings fit one target.
+    """Compute the densities of an array's bearings for the particles of one target (`BearingFit`).
 
     Args:
         predicted: (J, L, 4) particles [x, vx, y, vy].

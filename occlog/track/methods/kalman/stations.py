@@ -29,8 +29,8 @@ StationUpdate = Callable[[Gaussian, RangeMeasurements], tuple[Gaussian, float]]
 """State and log-likelihood after measurements of stations that are within the gate."""
 
 
-def inside_gate(state: Gaussian, rows: RangeMeasurements, gate: float) -> Bools:
-    """(m,) measurements whose innovation is within the gate of the state."""
+def innovation_gate(state: Gaussian, rows: RangeMeasurements, gate: float) -> Bools:
+    """(m,) mask of the measurements with a normalised innovation within the gate."""
     found = linearise(rows, state.mean[None, :2])
     H, off = found.gradient[0], found.residual[0]
     return np.asarray(off**2 <= gate**2 * (np.einsum("mi,ij,mj->m", H, state.covariance[:2, :2], H) + 1.0))

@@ -99,7 +99,7 @@ class Updated(NamedTuple):
 
 
 def gated_rows(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float) -> Bools:
-    """(R,) rows whose innovation is within the gate; of a sensor's candidates the nearest one alone."""
+    """(R,) mask of the rows with a normalised innovation within the gate; only the nearest of a sensor's candidates."""
     at = state.mean[:2]
     expected, ahead = measured(at[None], rows, world)
     H, R = linearised(at, rows, world)
@@ -130,7 +130,7 @@ def linear(state: Gaussian, at: Floats, rows: LinearisedRows, world: Measurement
 
 
 def _near_sensor_inflation(at: Floats, rows: LinearisedRows, world: MeasurementWorld, covariance: Floats) -> Floats:
-    """(R,) by how much larger variances are beside a sensor, where the position's distance is not known.
+    """(R,) inflation factors of variances close to a sensor, where the distance of the position is uncertain.
 
     A line of sight's error across is its angle times the distance r, whose second moment is r^2 + v; linearised at
     the position it is taken for r alone, and next to a sensor the line would have no width.  Elsewhere the form is the

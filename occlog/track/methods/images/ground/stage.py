@@ -213,7 +213,7 @@ def _part(
     odds = ViewOdds(config.right, _agreement(config), _areas(cameras))
     contest = covariances_with_contradiction(met, sights, rig, height, odds, float(np.sin(angle)))
     times, targets = t_ns[keys[:, 0]], keys[:, 1]
-    covariance, exchanged = _possible_switches(exchanges, keys, times, met, contest, sights)
+    covariance, exchanged = _possible_identity_switches(exchanges, keys, times, met, contest, sights)
     met = met._replace(covariance=covariance)
     doubts = np.column_stack(
         [
@@ -242,7 +242,7 @@ def _areas(cameras: Sequence[Camera]) -> Floats:
     return np.array([max(float(w * h), 1.0) for w, h in sizes])
 
 
-def _possible_switches(
+def _possible_identity_switches(
     exchanges: SwitchProbabilities,
     keys: Ints,
     t_ns: Ints,

@@ -327,8 +327,8 @@ def _replaced(met: GroundPosition, rows: Ints, others: GroundPosition) -> Ground
 
 
 ALL_SUBSETS = 5
-"""Maximum number of views of which all subsets are hypotheses; with more views, only single views, pairs and subsets that
-omit at most two."""
+"""Maximum number of views of which all subsets are hypotheses; with more views, only single views, pairs and subsets
+that omit at most two."""
 HEIGHTS = 30.0
 """Heights of positions that several views find are uniform over so many standard deviations of the height."""
 

@@ -179,15 +179,15 @@ def candidates(places: TrackletNodes, walk: WalkModel, beside: float) -> LinkCan
 
 
 def empty_link_cache(listed: LinkCandidates) -> LinkCache:
-    """No link was asked."""
+    """Empty cache of link probabilities."""
     pairs, n = len(listed.next), len(listed.first_next) - 1
     stamp = np.full(pairs, NO_NODE)
     return LinkCache(np.zeros(pairs), stamp, stamp.copy(), np.zeros(n), np.full(n, NO_NODE))
 
 
 @kernel
-def log_dwell_probability(places: TrackletNodes, walk: WalkModel, looked: Floats, i: int, j: int) -> float:
-    """Log probability of survival from position i to j with missed detections between, with tracklet ids."""
+def log_link_prior(places: TrackletNodes, walk: WalkModel, looked: Floats, i: int, j: int) -> float:
+    """Log prior of a link from node i to node j: survival, missed detections, tracklet ids; without the motion."""
     total: float = -(places.time[j] - places.time[i]) / walk.stay
     a, b = places.moment[i] + 1, places.moment[j]
     if b > a:
@@ -227,7 +227,7 @@ def joined(
         value = log_integral(m, P, J, h, future) + log_of_model(walk, dt, model)
         if value > most:
             most, best = value, model
-    return past + log_dwell_probability(places, walk, looked, i, j) + most, best
+    return past + log_link_prior(places, walk, looked, i, j) + most, best
 
 
 @kernel
@@ -309,7 +309,7 @@ def forward_of(
         return float(places.birth[k] + begun)
     dt = places.time[k] - places.time[i]
     predict(chain.mean[i], chain.covariance[i], dt, walk.drift[model], mean, P)
-    past = chain.past[i] + log_dwell_probability(places, walk, looked, i, k) + log_of_model(walk, dt, model)
+    past = chain.past[i] + log_link_prior(places, walk, looked, i, k) + log_of_model(walk, dt, model)
     return float(past + multiply_factor(mean, P, places.J[k], places.h[k], places.c[k]))
 
 
@@ -383,9 +383,7 @@ def update_messages(
         else:
             dt = places.time[j] - places.time[k]
             future = predict_backwards(chain.J[j], chain.h[j], chain.future[j], dt, walk.drift[chain.model[k]], J, h)
-            future += (
-                places.c[k] + log_dwell_probability(places, walk, looked, k, j) + log_of_model(walk, dt, chain.model[k])
-            )
+            future += places.c[k] + log_link_prior(places, walk, looked, k, j) + log_of_model(walk, dt, chain.model[k])
             J += places.J[k]
             h += places.h[k]
         same = True

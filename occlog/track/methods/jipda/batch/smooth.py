@@ -38,7 +38,7 @@ from .mcmc_association import LOG_RATIO_OTHER_TRACKLET, LOG_RATIO_SAME_TRACKLET,
 from .states import States, states
 from .tracklet_nodes import INITIAL_SCALE_M, gait_variances
 from .tracks import ChainTracks, WindowSpan, anneal, bridge, tracks_from
-from .uncertainty import existence_at, possible_switches, widening
+from .uncertainty import existence_at, possible_identity_switches, widening
 
 INITIAL_TEMPERATURES = (3.0, 1.5)
 """Temperature at which each run of the chain begins."""
@@ -345,7 +345,7 @@ def _moments(
     ]
     existence = np.clip(1.0 / (1.0 + np.exp(-np.clip(odds, -50.0, 50.0))), 0.0, 1.0 - MIN_EXISTENCE_COMPLEMENT)
     identity = np.where(odds > 0.0, np.cumsum(odds > 0.0) - 1, NO_ID)
-    exchanged = possible_switches(tracks, span, number, identity)
+    exchanged = possible_identity_switches(tracks, span, number, identity)
     begins, ceases = np.full(len(odds), len(moments)), np.full(len(odds), -1)
     np.minimum.at(begins, walk.track, walk.moment)
     np.maximum.at(ceases, walk.track, walk.moment)

@@ -47,7 +47,9 @@ SWITCH_WINDOW_S = 4.0
 """Interval within which only the most probable switch of the same two people is reported."""
 
 
-def possible_switches(tracks: ChainTracks, span: WindowSpan, number: Ints, identity: Ints) -> dict[int, list[Event]]:
+def possible_identity_switches(
+    tracks: ChainTracks, span: WindowSpan, number: Ints, identity: Ints
+) -> dict[int, list[Event]]:
     """Find possible identity switches, by the time step from which the identities may be wrong.
 
     Args:
