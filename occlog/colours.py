@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 TARGETS = ("#0173b2", "#b0488f", "#028e74", "#a85d00", "#5a60c8", "#ca3542")
-"""In the order of identities; they repeat after six."""
+"""Colours of targets in the order of identities, on a light ground; they repeat after six."""
 TARGETS_DARK = ("#4aa8e8", "#e08cc4", "#3cc4a6", "#e0a050", "#a0a6ff", "#ff7f88")
-"""The same, lighter, on dark ground and over video."""
+"""Lighter colours of targets in the order of identities, for dark ground and video."""
 
 
 def target_rgb(index: int, dark: bool = False) -> tuple[int, int, int]:

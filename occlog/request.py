@@ -253,7 +253,7 @@ class RequestEntry(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Its name among the values of a command: that of the field, of a setting in a group under a name with it."""
+        """Name of the value in a command: the field's name, with the prefix of its group."""
         prefix = "" if self.group is None else self.group.prefix
         return prefix + _under(self.under, self.of.name)
 

@@ -245,7 +245,7 @@ class CallInputs:
     """
 
     def __init__(self, arguments: Mapping[str, str] | None = None) -> None:
-        """No input yet.
+        """Start without inputs.
 
         Args:
             arguments: names of arguments by those of what a request takes, where they differ.

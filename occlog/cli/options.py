@@ -29,9 +29,9 @@ from .startup import remember_quiet
 
 F = TypeVar("F", bound=Callable[..., object])
 PATH = click.Path(path_type=Path)
-"""Of an output, a folder or a configuration."""
+"""Parameter type of the path of an output, a folder or a configuration."""
 INPUT = Input()
-"""Of an input; `-` is standard input."""
+"""Parameter type of an input; `-` is standard input."""
 
 overwrite_opt = click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 json_opt = click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")

@@ -15,7 +15,7 @@ from .faults import FIRST, BrokenError, Check, bytes_left, manners, words
 from .samples import FEW, PLAIN, SIGMA_RAD, WALK_STEPS, SampleWalk, blind, later, without_sensors
 
 SETTLED = WALK_STEPS // 2
-"""From this time step on a filter has had time to find the target."""
+"""Time step from which a filter must have found the target."""
 FARTHEST_M = 3.0
 """Root mean square error [m] of a filter that has found it; lines of sight alone determine it to about 0.6 m."""
 MAX_NEES = 20.0
@@ -23,7 +23,7 @@ MAX_NEES = 20.0
 GROWTH_BYTES = 150
 """Memory that a step may leave behind."""
 SAME = 3.0
-"""In standard deviations: positions of the same walk that are this near to each other are the same."""
+"""Tolerance between positions of the same walk [standard deviations]."""
 
 
 Of = type[Filter]

@@ -17,7 +17,7 @@ START_NS = 1_790_000_000 * NS
 STEP_NS = NS // 25
 FRAMES = 40
 SETTLED = 10
-"""From this frame on a tracker has had time to confirm a person."""
+"""Frame from which a tracker must have confirmed a person."""
 GROWTH_BYTES = 300
 """Memory that a frame may leave behind."""
 

@@ -118,12 +118,12 @@ class AngleConventionCheck:
     """Tries both meanings of the bearings of stations in a stream; cameras' bearings are never of a compass."""
 
     def __init__(self, scene: Scene) -> None:
-        """Nothing was seen yet."""
+        """Start with the stations of a scene and no scans."""
         self._positions = {a.name: np.asarray(a.position[:2], dtype=np.float64) for a in scene.arrays}
         self._misfits: list[tuple[float, float]] = []
 
     def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
-        """The same chunks."""
+        """Pass chunks on unchanged, and check them."""
         for chunk in chunks:
             if len(self._positions) > 1 and len(self._misfits) < MAX_STEPS:
                 self._check_chunk(chunk)
@@ -186,12 +186,12 @@ class SmallNoiseCheck:
     """Counts the bearings that pass by with so small a standard deviation."""
 
     def __init__(self) -> None:
-        """None passed yet."""
+        """Start without data."""
         self._found: Counter[str] = Counter()
         self._least = np.inf
 
     def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
-        """The same chunks."""
+        """Pass chunks on unchanged, and count bearings with tiny standard deviations."""
         for chunk in chunks:
             # Of those with pixels the noise is that of the reading
             small = chunk.seen & (chunk.sigma < MIN_SIGMA_RAD) & ~np.isfinite(chunk.u_px)
@@ -274,7 +274,7 @@ class BearingConsistency:
     """Compares bearings with tracks, chunk by chunk."""
 
     def __init__(self, scene: Scene, window_ns: int = 0) -> None:
-        """Nothing was seen yet.
+        """Start the comparison with the sensors of a scene.
 
         Args:
             scene: its sensors; arrays that are not upright are omitted, as their azimuths have errors of elevations.
@@ -415,7 +415,7 @@ class BearingBuffer:
     """Keeps bearings that pass by until their estimates come out, and compares both."""
 
     def __init__(self, scene: Scene, window_ns: int, *, unlabelled: bool) -> None:
-        """Nothing passed yet.
+        """Start with an empty buffer.
 
         Args:
             scene: see `BearingConsistency`.
@@ -536,7 +536,7 @@ class ResidualStatistics:
 
 
 def pose_shares(tracks: Tracks, scene: Scene) -> dict[str, float]:
-    """Of each camera the share of a bearing's variance that errors of its pose make, at the median distance of tracks.
+    """Share of the pose errors in a bearing's variance, for each camera, at the median distance of tracks.
 
     [Ercan] Eq. 2 on the optical axis: f^2 sigma_yaw^2 + f^2 sigma_position^2 / d^2 of it, in addition to the reading's.
     """
@@ -549,7 +549,7 @@ def pose_shares(tracks: Tracks, scene: Scene) -> dict[str, float]:
 
 
 def pose_share(camera: Camera, distance: float) -> float:
-    """The same of one camera at one distance."""
+    """Share of the pose errors in the measurement variance of one camera at one distance ([Ercan] Eq. 2)."""
     pose = float(camera.focal_px[0]) ** 2 * (camera.sigma_yaw**2 + (camera.sigma_position / max(distance, 1e-9)) ** 2)
     return pose / (pose + camera.sigma_read_px**2)
 

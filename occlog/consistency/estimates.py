@@ -122,7 +122,7 @@ class QualityFlags:
     """Finds quality flags of a run's rows, chunk by chunk, with the last detections of each target."""
 
     def __init__(self, scene: Scene, *, online: bool, started: bool, distances: bool = False) -> None:
-        """Nothing was seen yet.
+        """Start without rows.
 
         Args:
             scene: the sensors.
@@ -231,7 +231,7 @@ class SensorDisagreement:
     """Adds these flags to a run's rows, chunk by chunk, with the last residuals."""
 
     def __init__(self) -> None:
-        """Nothing was compared yet."""
+        """Start without residuals."""
         self._kept: list[Residuals] = []
 
     def judged(self, diagnostics: Diagnostics, residuals: Residuals) -> Diagnostics:
@@ -279,13 +279,13 @@ class EffectiveSampleSizes:
     """Counts effective numbers of particles in bins of equal ratio."""
 
     def __init__(self) -> None:
-        """Nothing yet."""
+        """Start with empty bins."""
         self.rows = self.few = 0
         self._sum = 0.0
         self._counts = np.zeros(BINS * DECADES + 1, dtype=np.int64)
 
     def add(self, ess: Floats) -> None:
-        """Some more rows; those without particles (NaN) do not count."""
+        """Add rows; those without particles (NaN) do not count."""
         ess = ess[np.isfinite(ess)]
         self.rows += len(ess)
         self.few += int(np.count_nonzero(ess < MIN_EFFECTIVE_SAMPLE_SIZE))

@@ -40,7 +40,8 @@ MIN_SAMPLES = 20
 MAX_DEPLETED_SHARE = 0.25
 """Share of rows with too few effective particles that matters."""
 MAX_DEPLETED_SHARE_SMOOTHED = 0.02
-"""The same where estimates are smoothed: all before a depleted row come from its few particles, too."""
+"""Share of rows with too few effective particles that matters for smoothed estimates: earlier rows descend from the
+particles of a depleted row, too."""
 MAX_GAP_SHARE, MIN_GAPS = 0.8, 3
 """Share of rows after a gap from which nothing is filtered, and the minimum number of such rows for the check."""
 MAX_RESTART_SHARE = 0.01

@@ -179,7 +179,7 @@ def signed_area(polygon: Floats) -> float:
 
 
 def counter_clockwise(polygon: Floats) -> Floats:
-    """The same polygon with counter-clockwise winding."""
+    """Polygon (n, 2) with its corners in counter-clockwise order."""
     return polygon if signed_area(polygon) >= 0 else polygon[::-1].copy()
 
 

@@ -70,7 +70,7 @@ class CooperationCounts:
     """Counts of requests that come in the order of time."""
 
     def __init__(self) -> None:
-        """No request yet."""
+        """Start without requests."""
         self._rows = self._own = self._answered = self._frames = self._times = 0
         self._causes: Counter[str] = Counter()
         self._span: tuple[int, int] | None = None

@@ -174,7 +174,7 @@ class CovarianceConsistency:
     """Collects errors in streaming mode: whether covariances state how large they are."""
 
     def __init__(self, made: TrackProvenance, scene: Scene | None) -> None:
-        """No errors yet; how the tracks were made, and the scene of which they are."""
+        """Start without errors; how the tracks were made, and the scene of which they are."""
         self.rows = self._high = 0
         self._own_numbers, self._scene = made.own_numbers, scene
         self._ground, self._space = _Nees(2, CHI2_95_2D), _Nees(3, CHI2_95_3D)
@@ -331,7 +331,7 @@ class SightEvidence:
         bearings: TableBuffer[Bearings],
         diagnostics: TableBuffer[Diagnostics] | None,
     ) -> None:
-        """Another section; `diagnostics` are of the same rows as the tracks (`in_rows_of`)."""
+        """Add a section; `diagnostics` are of the same rows as the tracks (`in_rows_of`)."""
         window_ns, before = self._made.window_ns, Limits(limits.begin, limits.end)
         ours, its = before.about(tracks, window_ns, 0), before.about(bearings, window_ns, 0)
         fared = None if diagnostics is None else before.about(diagnostics, window_ns, 0)

@@ -156,7 +156,7 @@ class Copies:
     """
 
     def __init__(self, *, several: bool) -> None:
-        """No log yet; `several`: there is more than one, so that a row may be in one before."""
+        """Start without logs; `several`: there is more than one, so that a row may be in one before."""
         self._several = several
         self._before: dict[str, list[Uints]] = {}
 
@@ -181,8 +181,8 @@ class Copies:
         for name, parts in here.items():
             self._before.setdefault(name, []).append(np.unique(np.concatenate(parts)))
         if copies:
-            others = " within it or of an earlier log" if self._several else ""
-            note(f"warning: {path.name}: exact duplicates skipped{others}: {counted(copies, what)}; each counts once")
+            others = " of this log or an earlier one" if self._several else ""
+            note(f"warning: {path.name}: exact duplicates of rows{others}: skipped {counted(copies, what)}")
 
 
 def _first(marks: Uints, before: list[Uints]) -> Bools:

@@ -18,7 +18,7 @@ FRAMES_APART_NS, ROWS_APART_NS = 60 * NS, 3600 * NS
 """Gap above which a sensor's times count as disjoint, if also above the others' duration; rows are only where
 something was detected."""
 FEWEST, JUMP, JUMP_NS = 20, 0.5, 60 * NS
-"""Of fewer frames nothing is reported; an interval above this share of all time, and this long, is a jump."""
+"""Minimum number of frames for a check; share of the duration and minimum length [ns] of an interval that is a jump."""
 
 
 @dataclass

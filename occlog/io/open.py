@@ -206,7 +206,7 @@ def open_if_ours(path: Path, what: str = EXPECTED) -> Opened | None:
 
 
 def held(path: Path, *tables: type[ColumnTable]) -> tuple[type[ColumnTable], ...]:
-    """Those of some tables that an input holds, by its header; none where it cannot be opened.
+    """Kinds of tables that an input contains, of the given ones, by its header; none if it cannot be opened.
 
     A table of another program is the one of them that its columns fit best.
     """

@@ -55,7 +55,7 @@ class Detector(Protocol):
     settings: ClassVar[type[Settings]]
 
     def __init__(self, settings: Settings, rng: Generator) -> None:
-        """No image has been seen yet."""
+        """Start without images."""
 
     def detect(self, image: Image) -> Detected:
         """Find people in an image (height, width, 3), BGR, uint8; images come in the order of time."""

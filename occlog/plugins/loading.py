@@ -70,7 +70,7 @@ class Plugin(NamedTuple):
 
     @property
     def summary(self) -> str:
-        """Its line of summary; why it cannot be loaded, if so."""
+        """Summary line of the plug-in, or the reason why it cannot be loaded."""
         try:
             return str(self.load().summary)
         except PluginError as error:

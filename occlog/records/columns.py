@@ -30,7 +30,7 @@ def bounded_ns(t_ns: int) -> int:
 
 
 ROUNDING, TINY = 5e-10, 1e-150
-"""By how much, in parts and absolutely, the covariance of x and y may exceed the product of their deviations."""
+"""Relative and absolute tolerance by which the covariance of x and y may exceed the product of their deviations."""
 ANY_WIDTH = -1
 """Width of a column with vectors of any equal length; 0 if not given."""
 

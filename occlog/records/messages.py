@@ -415,48 +415,48 @@ VERDICT: dict[str, Message] = {
     "recording-not-plausible": Message(W, "{recording}: {warning}", "see its warnings in the table of runs"),
 }
 """Findings of verdicts by id."""
-_EACH_LATER = "each after the one before"
+_EACH_LATER = "increasing times"
 DOCTOR: dict[str, Message] = {
     "unreadable": Message(E, "cannot be read"),
-    "unknown": Message(W, "is no file that occlog knows", "name a recording, a table, a scene or a video"),
+    "unknown": Message(W, "not a file that occlog can read", "name a recording, a table, a scene or a video"),
     "no-table": Message(N, "fits none of occlog's tables"),
     "not-checked": Message(W, "not checked", "name the files, or a folder with fewer"),
     "damaged-recording": Message(E, "damaged", "salvage it: occlog recover {file} -o OUT.mcap"),
     "no-index": Message(
         N,
-        "no index, or an incomplete one: each command makes one in a pass through the file",
+        "no index, or an incomplete one: each command rebuilds it in a pass through the file",
         "write one: occlog recover {file} -o OUT.mcap",
     ),
     "damaged-table": Message(E, "damaged rows"),
-    "damaged-bag": Message(W, "lost, as `occlog ingest` will list it", "copy it again, if it is whole elsewhere"),
+    "damaged-bag": Message(W, "lost; `occlog ingest` lists it", "copy it again, if it is whole elsewhere"),
     "message-count-mismatch": Message(N, "more messages than its metadata count; `occlog ingest` reads all"),
-    "message": Message(E, "a message that is not of its type", "make the recording again"),
-    "row": Message(E, "an invalid row"),
+    "message": Message(E, "a message that does not match its type", "make the recording again"),
+    "row": Message(E, "invalid row"),
     "duplicate-row": Message(E, "duplicate rows", "remove the copies", "once"),
     "two-positions": Message(E, "a person in two positions at one time", "keep one of them", "one row"),
     "duplicate-key": Message(W, "rows of one key with different values", "keep one of them", "one row"),
-    "order": Message(E, "a time that goes back", "sort by time", _EACH_LATER),
+    "order": Message(E, "a time before the preceding one", "sort by time", _EACH_LATER),
     "restart": Message(
         W,
-        "times of a sensor or an identity that go back, in the order of the file",
+        "times of a sensor or an identity that go back, in file order",
         "rows are read in the order of time: if a clock was set or restarted, give each run its own file",
         _EACH_LATER,
     ),
-    "duplicate-time": Message(E, "a time that repeats", "give each frame its own time", _EACH_LATER),
+    "duplicate-time": Message(E, "a repeated time", "give each frame its own time", _EACH_LATER),
     "skipped-stamp": Message(W, "a header stamp that repeats or goes back", "`occlog ingest` skips it", _EACH_LATER),
-    "lost-message": Message(W, "a message that is not of its type", "`occlog ingest` skips it"),
-    "undecoded": Message(N, "messages of which only the times of recording were checked"),
+    "lost-message": Message(W, "a message that does not match its type", "`occlog ingest` skips it"),
+    "undecoded": Message(N, "messages that were not decoded: only their recording times were checked"),
     "linked-video": Message(E, "its video cannot be used"),
     "image": Message(W, "an image that cannot be decoded", "its frame is lost; ingest the source again"),
-    "video-frames": Message(W, "frames that are lost", "copy or repair the file"),
-    "sound": Message(W, "samples that are lost", "copy or repair the file"),
+    "video-frames": Message(W, "lost frames", "copy or repair the file"),
+    "sound": Message(W, "lost samples", "copy or repair the file"),
     "variable-frame-rate": Message(
         N, "frames at uneven times", "keep its time stamps: give no frame rate (ingest --fps) for it"
     ),
     "suspect": Message(W, "may be wrong"),
     "losses": Message(N, "lost when it was made"),
     "epoch-unit": Message(
-        W, "times in another unit than is stated", "name the column after its unit, or convert the times"
+        W, "times in another unit than stated", "name the column after its unit, or convert the times"
     ),
     "epoch": Message(W, "times outside 1970 to 2100", "give the origin of the times"),
     "gap": Message(
@@ -464,12 +464,12 @@ DOCTOR: dict[str, Message] = {
     ),
     "jump": Message(
         W,
-        "a clock that jumps while the frames are numbered on",
+        "a clock jump: the frame numbers continue",
         "take the times of another clock",
         f"{GAP_INTERVALS:g} usual intervals",
     ),
     "clock-disjoint": Message(
-        W, "times that have none in common with the other sensors", "give an offset (ingest --offset)"
+        W, "times far from those of the other sensors", "give an offset (ingest --clock-offset)"
     ),
     "truth-disjoint": Message(
         W,
@@ -478,10 +478,10 @@ DOCTOR: dict[str, Message] = {
     ),
     "clock-late": Message(
         W,
-        "begins and ends later (or earlier, below 0) than the others, by the same time",
-        "if its clock is off, give an offset (ingest --offset)",
+        "starts and ends later than the others by the same time (earlier, if negative)",
+        "if its clock is off, give an offset (ingest --clock-offset)",
         f"{GAP_INTERVALS:g} usual intervals",
     ),
-    "two-clocks": Message(W, "recorded at other times than its header stamps state", "choose one: ingest --stamp"),
+    "two-clocks": Message(W, "recorded at other times than its header stamps state", "choose one: ingest --timestamp-source"),
 }
 """Findings of `occlog doctor` by id."""

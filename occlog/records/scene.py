@@ -99,7 +99,7 @@ MAX_COORDINATE = 1e12
 MIN_SIGMA_DEG, MAX_SIGMA_DEG = 1e-13, 360.0
 """Minimum and maximum standard deviation of directions."""
 MIN_FOCAL_PX, MAX_FOCAL_PX = 1e-3, 1e9
-"""No lens is beyond, and squares and quotients of sizes of images and of these are numbers."""
+"""Limits of a focal length [px]: no lens is beyond, and its squares and quotients with image sizes remain finite."""
 
 
 @dataclass(frozen=True, eq=False)

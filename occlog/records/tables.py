@@ -208,7 +208,7 @@ class TableBuffer(Generic[T]):
     """
 
     def __init__(self, chunks: Iterable[T], kind: type[T], name: str = "") -> None:
-        """Nothing is read yet; `name` is that of the table in messages, if it is not its own."""
+        """Start before the first chunk; `name` is that of the table in messages, if it is not its own."""
         self._chunks = iter(chunks)
         self._kind = kind
         self._name = name or kind.NAME

@@ -101,7 +101,7 @@ class Posts:
     """Estimates on both sides of gaps, of any width, between which positions are interpolated."""
 
     def __init__(self) -> None:
-        """No estimates yet."""
+        """Start without estimates."""
         self._parts: list[Tracks] = []
         self._last = Tracks.empty()
         self._all: Tracks | None = None

@@ -78,7 +78,7 @@ class PageRequest(ReportRequestBase):
 
     @cached_property
     def found(self) -> PageRequest:
-        """The request with what a run folder holds in place of inputs that are not named."""
+        """Copy of the request in which the files of a run folder replace inputs that were not given."""
         found: PageRequest = load("occlog.report.run:from_folder")(self)
         return found
 

@@ -48,7 +48,7 @@ from .grouping import Scan, ScanMeasurements, nearest, sensor_names
 MIN_NEGATIVE_SIGMAS = 5.0
 """Standard deviations by which noise may bring a range below 0, or a difference beyond the distance of its stations."""
 STRONGEST_DBM = 20.0
-"""Nothing that is received is stronger."""
+"""Maximum plausible signal strength [dBm]; stronger values are refused."""
 MIN_DIFFERENCES, MAX_IMPOSSIBLE_SHARE = 5, 0.5
 """Minimum number of differences for the check, and the share of them that may be beyond their stations: single ones
 are false."""
@@ -58,12 +58,12 @@ class RangeDifferenceCheck:
     """Counts differences that are longer than their stations are apart, while measurements come by."""
 
     def __init__(self) -> None:
-        """None yet."""
+        """Start without data."""
         self._all = self._beyond = 0
         self._first = ""
 
     def add(self, table: Measurements, row: Ints, packed: RangeMeasurements) -> None:
-        """Some more measurements; see `check_plausible`."""
+        """Add measurements; see `check_plausible`."""
         differs = packed.kind == DIFFERENCE
         rise = np.sqrt(packed.rise2) + np.sqrt(packed.other_rise2)
         separation = np.hypot(*(packed.position - packed.other).T) + rise
@@ -264,7 +264,7 @@ class DistanceMeasurementFeed:
         *,
         with_times: bool = False,
     ) -> None:
-        """Nothing is read yet.
+        """Start before the first chunk.
 
         Args:
             chunks: measurements in the order of time; where they are cut does not matter.

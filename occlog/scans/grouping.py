@@ -28,7 +28,7 @@ class ScanMeasurements(NamedTuple):
     distances: RangeMeasurements  # m measurements
 
     def of_target(self, target: int) -> ScanMeasurements | None:
-        """Those of a target; None for nothing."""
+        """Measurements of a target; None without any."""
         own = self.target_id == target
         return ScanMeasurements(self.target_id[own], self.distances.take(own)) if own.any() else None
 
@@ -100,7 +100,7 @@ class Scan(NamedTuple):
 
 
 DTYPES: dict[str, type[np.generic]] = {"target_id": np.int32, "seen": np.bool_}
-"""Of the columns that are not numbers with fractions."""
+"""Data types of the columns of a scan that are not floating-point."""
 COLUMNS = tuple(name for name in Scan._fields if name not in ("t_ns", "occluders", "measured"))
 """Names of the columns of a scan: those of `Bearings`, but for the time and what the fusion did."""
 

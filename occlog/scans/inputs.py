@@ -107,7 +107,7 @@ class MeasurementInputs:
         return self._rows(opened, Hulls) if opened.has(Hulls) else self._rows(opened, Occluders)
 
     def open(self, path: Path, table: type[T]) -> Iterator[T]:
-        """Chunks of a table in a file of either kind; InputError where the file holds none."""
+        """Read a table in chunks, from a recording or a table file; InputError where the file has no such table."""
         return self._rows(open_input(path), table)
 
     def _rows(self, opened: Opened, table: type[T]) -> Iterator[T]:

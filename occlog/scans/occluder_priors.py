@@ -23,7 +23,7 @@ class OccluderFeed:
     """Streams priors along with scans; times asked for must not go back."""
 
     def __init__(self, chunks: Iterable[Occluders] | Iterable[Hulls], diameter: float, max_age_ns: int) -> None:
-        """Nothing is read yet.
+        """Start before the first chunk.
 
         Args:
             chunks: priors in the order of time; where they are cut does not matter.
@@ -115,7 +115,7 @@ def known_positions(truth: Iterable[Truth]) -> Iterator[Occluders]:
 
 
 def _whole_times(chunks: Iterable[Truth]) -> Iterator[Truth]:
-    """The same rows in chunks that do not end within a time."""
+    """Regroup rows into chunks that do not end within a time."""
     rest = Truth.empty()
     for chunk in chunks:
         table = Truth.concat([rest, chunk])

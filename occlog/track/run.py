@@ -50,11 +50,11 @@ class TrackSummary:
     """Figures of the whole run, gathered while tables stream by."""
 
     def __init__(self, scene: Scene, *, joint: bool, smoothed: bool = False, distances: bool = False) -> None:
-        """Nothing yet.
+        """Start without rows.
 
         Args:
             scene: the sensors.
-            joint: the method itself tells targets apart.
+            joint: the method associates measurements with targets itself.
             smoothed: its particles are smoothed.
             distances: residuals are also of measurements that are no directions.
         """

@@ -51,7 +51,7 @@ class LagConfig(Settings):
 
 @dataclass(frozen=True)
 class SmoothingConfig(LagConfig):
-    """Smoothing of particle filters by trajectories drawn backwards."""
+    """Smoothing settings of particle filters with backward simulation of trajectories."""
 
     smoothing_trajectories: int = setting(
         200,

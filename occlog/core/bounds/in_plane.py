@@ -220,7 +220,7 @@ def smoothing_bound(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Fl
 def smoothing_bound_before(
     bounds: Floats, information: Floats, F: Floats, Q: Floats, later: Floats
 ) -> tuple[Floats, Floats]:
-    """The same for a part of the steps, of which what comes after it is known: trajectories may come in pieces.
+    """Smoothing bound of a part of the steps, given the information of later steps; trajectories may come in parts.
 
     Args:
         bounds: (T, n, n) of filtering (`posterior_bound`).

@@ -190,11 +190,11 @@ class Sum:
     """A sum of parts with the rounding of each addition kept separately (Neumaier 1974), so that parts may be any."""
 
     def __init__(self) -> None:
-        """Nothing yet."""
+        """Start at 0."""
         self._total = self._lost = 0.0
 
     def add(self, value: float) -> None:
-        """One more part."""
+        """Add a part."""
         total = self._total + value
         large, small = (self._total, value) if abs(self._total) >= abs(value) else (value, self._total)
         self._lost += (large - total) + small

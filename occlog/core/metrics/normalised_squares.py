@@ -20,7 +20,7 @@ from occlog.array_types import Floats
 MAX_BATCHES = 32
 """Batches that are kept; they are put together in pairs when there are as many."""
 MIN_DEGREES = 0.1
-"""Of fewer degrees of freedom the chi-square's quantiles are all but zero: nothing is known."""
+"""Minimum degrees of freedom of a test: below, the quantiles of chi-square are practically zero."""
 MIN_BATCHES = 8
 """Minimum number of batches for an estimate of the correlation of neighbours."""
 
@@ -80,7 +80,7 @@ class BatchMeans:
     """
 
     def __init__(self) -> None:
-        """Nothing yet."""
+        """Start without squares."""
         self.count = 0
         self.squares = self.expected = 0.0
         self._size = 1

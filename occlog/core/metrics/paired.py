@@ -78,18 +78,18 @@ def subset_means(differences: Floats, weights: Floats, rng: np.random.Generator)
 
 
 def chance_above(means: Floats, margin: float) -> float:
-    """Probability of a difference at least as far above a margin, of parts with evenly distributed differences."""
+    """One-sided p-value of a mean difference above a margin, if the differences are symmetric about the margin."""
     least = margin + ROUNDING * max(abs(margin), float(np.abs(means[[0, -1]]).max()))
     return float((np.searchsorted(means, least, side="right") + 1) / (len(means) + 1))
 
 
 def chance_below(means: Floats, margin: float) -> float:
-    """The same of a difference at least as far below."""
+    """One-sided p-value of a mean difference below a margin, if the differences are symmetric about the margin."""
     return chance_above(-means[::-1], -margin)
 
 
 def interval(means: Floats, level: float) -> tuple[float, float]:
-    """The margins that the test rejects on neither side, at half of what the level leaves: (low, high).
+    """Confidence interval (low, high): the margins that the test rejects on neither side, at half of 1 - `level` each.
 
     Unbounded where there are so few parts that no margin is rejected.
     """

@@ -15,7 +15,7 @@ from occlog.core.numerics.interpolate import interpolate_positions
 from .forces import direction, distance
 
 MIN_SHARE = 1e-6
-"""Of the distance from a disc's centre: how far behind a place inside the disc its nearest point is."""
+"""Relative offset towards the centre of the nearest point of a disc, for positions inside it."""
 
 
 def nearest_on_discs(xy: Floats, centre: Floats, radius: Floats) -> Floats:

@@ -40,7 +40,7 @@ def kernel_part(function: F) -> F:
 
 
 def array_kernel(function: F) -> F:
-    """As `kernel`, for loops that the compiler is to vectorise.
+    """Compile a function as `kernel` does, for loops that the compiler vectorises.
 
     A division by zero gives inf or NaN as in NumPy, and products may be fused with sums;
     NaN and inf keep their meaning.

@@ -131,7 +131,7 @@ def _chosen() -> Path | None:
         else:
             reason = "" if is_own(folder) else "can be written by others"
     if reason:
-        note(f"{CACHE_DIR}={given}: {reason}; compiled kernels are kept elsewhere")
+        note(f"{CACHE_DIR}={given}: {reason}; compiled kernels are kept in the default folder")
         return None
     return folder
 

@@ -45,7 +45,7 @@ def fast_atan2(y: float, x: float) -> float:
 
 
 EDGE = 4.6
-"""From here on erf counts as 1; erfc(4.6) = 8e-11."""
+"""Argument above which erf counts as 1; erfc(4.6) = 8e-11."""
 
 
 @array_kernel

@@ -227,7 +227,7 @@ class RegionFigures:
     """
 
     def __init__(self, config: EvaluateConfig, in_memory: int = NUMBERS_IN_MEMORY // 8) -> None:
-        """No frame yet; `in_memory`: how many errors of a kind are kept in memory."""
+        """Start without frames; `in_memory`: how many errors of a kind are kept in memory."""
         self._overlap, self._in_memory = config.iou_threshold, in_memory
         self._whole = _Results(in_memory)
         self._classes = [_Results(in_memory) for _ in CLASSES]
@@ -415,7 +415,7 @@ def _spread(errors: Floats, gate: float) -> dict[str, float]:
 
 
 def _quantiles(errors: Floats) -> dict[str, float]:
-    """Of the size of all pairs' errors [deg]."""
+    """Statistics of the absolute errors of all pairs [deg]."""
     if not len(errors):
         return dict.fromkeys(("error_median_deg", "error_p90_deg", "error_max_deg"), np.nan)
     size = np.degrees(np.abs(errors))

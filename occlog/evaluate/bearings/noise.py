@@ -68,7 +68,7 @@ class ScanCuts:
     """Groups a stream of rows into scans, independent of its chunks."""
 
     def __init__(self, config: EvaluateConfig) -> None:
-        """No rows yet."""
+        """Start without rows."""
         self.window_ns = round(config.triangulation_window_s * NS)
         """Maximum duration of a scan."""
         self._held: dict[int, Bearings] = {}
@@ -112,7 +112,7 @@ def scan_starts(rows: Bearings, window_ns: int) -> Ints:
 Metrics = dict[str, float]
 
 MIN_SCANS = 20
-"""From fewer scans no noise is learned."""
+"""Minimum number of scans to estimate noise from."""
 INITIAL_OUTLIER_SHARE = 0.2
 """Share of scans with a false bearing initially."""
 MIN_OUTLIER_RANGE_SIGMAS = 20.0
@@ -132,7 +132,7 @@ class NoiseFigures:
     """Accumulates the distances between lines of sight over a stream of scans."""
 
     def __init__(self, config: EvaluateConfig, in_memory: int = NUMBERS_IN_MEMORY) -> None:
-        """No scan yet; `in_memory`: how many numbers of a kind are kept in memory."""
+        """Start without scans; `in_memory`: how many numbers of a kind are kept in memory."""
         self._config = config
         self._squares, self._degrees, self._sigma_px = (Spool(in_memory) for _ in range(3))
 
@@ -268,7 +268,7 @@ def _misses(scans: Scans, origins: Floats, config: EvaluateConfig) -> tuple[Floa
 
 
 MIN_READINGS = 60
-"""From fewer readings no noise is measured."""
+"""Minimum number of readings of a camera to estimate its noise from."""
 STRETCHES = 10
 """Sections of time that are skipped in turn for the error bar: errors of neighbouring frames are correlated."""
 BIAS_SIGNIFICANCE = 3.0
@@ -353,7 +353,7 @@ class NoiseFromTruth:
     """Accumulates readings of unoccluded targets over a stream of observations."""
 
     def __init__(self, scene: Scene, in_memory: int = NUMBERS_IN_MEMORY) -> None:
-        """No reading yet.
+        """Start without readings.
 
         Args:
             scene: the cameras.

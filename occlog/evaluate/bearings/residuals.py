@@ -96,7 +96,7 @@ class TriangulationFigures:
     """Accumulates distances of tracks from triangulated positions over a stream of scans."""
 
     def __init__(self, unit: str, config: EvaluateConfig, in_memory: int = NUMBERS_IN_MEMORY) -> None:
-        """No scan yet.
+        """Start without scans.
 
         Args:
             unit: of lengths.
@@ -241,7 +241,7 @@ class AgainstBearings:
         return max(NEAR_NS, self._config.limit_ns or 0, *self._known.gaps_ns.values(), *gaps.values()) + 1
 
     def update(self, part: EvaluationChunk, errors: Errors, late: Bools) -> None:
-        """Another section, with its errors, and which of them are after the transient."""
+        """Add a section, with its errors, and a mask of the errors after the transient."""
         rows, config = part.limits.of(self._bearings), self._config
         self.rows += len(rows)
         new = set(np.unique(rows.sensor).tolist()) - set(self._sensors)

@@ -77,7 +77,7 @@ class BoundSums:
     """Sums over rows of the bound, and over those of errors at the same rows."""
 
     def __init__(self) -> None:
-        """No rows yet."""
+        """Start without rows."""
         self.rows = 0
         self._both = self._alone = 0  # rows in space: of bound and error, and of the bound
         self._sums: dict[str, Sum] = {}

@@ -249,7 +249,7 @@ class DistancesOfTargets:
     def __init__(
         self, labels: Mapping[int, int], scene: Scene, config: DistanceMeasurementConfig, radio: Radio | None
     ) -> None:
-        """No measurements yet.
+        """Start without measurements.
 
         Args:
             labels: identity in the measurements to identity in the truth; rows of other identities are skipped.

@@ -80,7 +80,7 @@ class Gaps:
     """Counts estimates during the truth, and those of them that fall into gaps of it that are not bridged."""
 
     def __init__(self) -> None:
-        """No estimates yet."""
+        """Start without estimates."""
         self._inside = self._missed = self._widest_ns = 0
 
     def add(self, t_ns: Ints, path: ObjectPath, span_ns: tuple[int, int], config: EvaluateConfig) -> None:
@@ -185,7 +185,7 @@ class PairSums:
     """Squared distances of each track from each target, for the one-to-one pairs of least overall RMSE."""
 
     def __init__(self, known: EvaluationSurvey) -> None:
-        """No estimate yet."""
+        """Start without estimates."""
         self._tracks, self._targets = list(known.tracks), list(known.targets)
         self._index_of = {label: n for n, label in enumerate(self._targets)}
         self._sums, self._worst = TargetTrackSums(len(self._targets), len(self._tracks), sums=3), 0.0
@@ -231,7 +231,7 @@ class TrackErrors:
         unit: str,
         in_memory: int = NUMBERS_IN_MEMORY,
     ) -> None:
-        """No estimate yet.
+        """Start without estimates.
 
         Args:
             known: of all chunks.

@@ -35,7 +35,7 @@ class Consistency:
     """Normalised squared errors: mean (the dimensions, where covariances are right) and share inside of 95 %."""
 
     def __init__(self, limit: float) -> None:
-        """No errors yet; `limit`: 95 % quantile of chi-square."""
+        """Start without errors; `limit`: 95 % quantile of chi-square."""
         self._limit, self._sum = limit, Sum()
         self.n_finite = self.inside = self.rows = 0
 
@@ -65,7 +65,7 @@ class InSpace:
     """Errors in space, of estimates with known height and true height: not more than those on the ground."""
 
     def __init__(self) -> None:
-        """No errors yet."""
+        """Start without errors."""
         self.rows = 0
         self._squares, self._squares_z = Sum(), Sum()
         self._nees = Consistency(CHI2_95_3D)
@@ -114,12 +114,12 @@ class Spread:
     """Mean and quantiles of distances."""
 
     def __init__(self, in_memory: int) -> None:
-        """No distances yet; `in_memory`: how many are kept in memory."""
+        """Start without distances; `in_memory`: how many are kept in memory."""
         self._values, self._sum, self._most = Spool(in_memory), Sum(), np.nan
 
     @property
     def mean(self) -> float:
-        """Their mean."""
+        """Mean of the distances; NaN without any."""
         return ratio_or_nan(self._sum.value, self._values.count)
 
     def update(self, values: Floats) -> None:
@@ -172,7 +172,7 @@ class ErrorFigures:
     """Figures of errors over all targets and for each target."""
 
     def __init__(self, unit: str, in_memory: int = NUMBERS_IN_MEMORY) -> None:
-        """No errors yet.
+        """Start without errors.
 
         Args:
             unit: of lengths, which ends the names of figures.

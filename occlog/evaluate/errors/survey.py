@@ -162,7 +162,7 @@ class TruthIntervals:
         return {label: usual_gap_ns(step) for label, step in self.medians().items()}
 
     def medians(self) -> dict[int, float]:
-        """Their median for each object; infinite without any."""
+        """Median interval of the true rows of each object [ns]; infinite without any."""
         found = group_medians(self._blocks, np.array(self._counts, dtype=np.int64)).tolist()
         return {label: math.inf if math.isnan(found[k]) else found[k] for label, k in self._number.items()}
 

@@ -207,7 +207,7 @@ def _pair(cost: Floats, visible: Bools) -> dict[int, int]:
 
 
 def _chosen(rows: Bearings, row: Ints, seen: Bools) -> Bearings:
-    """These rows, without their measurement where they are not of the target."""
+    """Selected rows, with their measurements removed where `seen` is false."""
     taken = rows.take(row)
     names = ("bearing", "sigma", "u_px", "sigma_px", "score", "elevation", "sigma_elevation")
     measured = {name: np.where(seen, getattr(taken, name), np.nan) for name in names}

@@ -36,7 +36,7 @@ class MotFigures:
     """
 
     def __init__(self, frames: MatchedFrames, config: MultiTargetConfig) -> None:
-        """No frame yet.
+        """Start without frames.
 
         Args:
             frames: any part, for the keys of all targets and tracks and for the limit of distance; points meet where
@@ -118,7 +118,7 @@ class GospaFigures:
     """Mean of GOSPA over frames that come in parts."""
 
     def __init__(self, config: MultiTargetConfig, cutoff: float) -> None:
-        """No frame yet; exponent and alpha, and the largest distance that counts."""
+        """Start without frames; exponent and alpha, and the largest distance that counts."""
         self._config, self._cutoff, self._sums = config, cutoff, GospaSums(config.gospa_p)
 
     def update(self, frames: MatchedFrames) -> None:

@@ -96,7 +96,7 @@ class GroundFigures:
         unit: str,
         in_memory: int = NUMBERS_IN_MEMORY,
     ) -> None:
-        """No frame yet.
+        """Start without frames.
 
         Args:
             targets: all identities of targets, rising; more of them do no harm.
@@ -246,7 +246,7 @@ class PairErrors:
     """
 
     def __init__(self, unit: str, in_memory: int = NUMBERS_IN_MEMORY) -> None:
-        """No pair yet; unit of lengths, and how many distances are kept in memory."""
+        """Start without pairs; unit of lengths, and how many distances are kept in memory."""
         self._unit = unit
         self._distances, self._squares = Spread(in_memory), Sum()
         self._nees, self._pairs = Consistency(CHI2_95_2D), 0
@@ -332,7 +332,7 @@ class CountSums:
     """Mean number of targets and of tracks, and the difference: its mean, root mean square and largest."""
 
     def __init__(self) -> None:
-        """No frame yet."""
+        """Start without frames."""
         self._frames = self._targets = self._tracks = self._off = self._squares = self._most = 0
 
     def update(self, counts: Counts) -> None:

@@ -71,7 +71,7 @@ class AssignedTargets:
         self._met: Counter[tuple[int, int]] = Counter()
 
     def update(self, truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints) -> None:
-        """Another part; see `assigned_targets`."""
+        """Add a part of the rows; see `assigned_targets`."""
         if self._how == "label":
             return
         near = _near(truth, tracks, tau)
@@ -151,7 +151,7 @@ class ImageTrackFigures:
     """
 
     def __init__(self, views: tuple[str, ...], targets: Ints, tracks: Ints, config: MultiTargetConfig) -> None:
-        """No frame yet.
+        """Start without frames.
 
         Args:
             views: names of the cameras.

@@ -26,7 +26,7 @@ from .findings import Findings
 MIN_INTERVALS = 10
 """Fewer intervals determine no usual one."""
 REGULAR_SHARE, REGULAR_FROM, REGULAR_TO = 0.9, 0.5, 1.5
-"""Of a regular sensor at least this share of intervals is between these times the usual one."""
+"""A sensor is regular if at least this share of its intervals is between these multiples of their median."""
 MAX_INTERVALS = 50_000
 """Different intervals that are kept separately; beyond, they are rounded to `DIGITS` digits."""
 DIGITS = 3
@@ -286,7 +286,7 @@ class Restarts:
     """The times of each sensor and identity, fed in the order of the file."""
 
     def __init__(self, table: ForeignTable) -> None:
-        """No row yet."""
+        """Start without rows."""
         self._table = table
         self._last: dict[Hashable, int] = {}
         self._rows = self._back = 0

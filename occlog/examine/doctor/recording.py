@@ -133,7 +133,7 @@ class _Stamps:
 UNEVEN = 0.1
 """Intervals that differ by more than this share from the usual one are uneven: some files round times to ms."""
 UNEVEN_SHARE = 0.05
-"""From this many uneven intervals on the video is stated to be."""
+"""Share of uneven intervals from which a video is reported as uneven."""
 MAX_IMAGE_BYTES = 512 * 1024 * 1024
 
 

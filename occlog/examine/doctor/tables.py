@@ -44,7 +44,7 @@ class TableWatch:
     """Faults of rows that are good one by one: repeats, and the clocks of sensors."""
 
     def __init__(self, table: type[ColumnTable], findings: Findings) -> None:
-        """No row has been seen yet."""
+        """Start without rows."""
         self.table, self.findings = table, findings
         self._clocks: dict[str, SensorTimes] = {}
         self._held: ColumnTable | None = None

@@ -61,7 +61,7 @@ from .time_stream import (
 
 _LEVELS = {False: Log.Level.INFO, True: Log.Level.WARNING}
 QUALITY = 90
-"""Of JPEG images that are made of videos, or made smaller."""
+"""JPEG quality of images that are extracted from videos or downscaled."""
 HEIGHT = 720
 """Images higher than this are made smaller: images for viewing may be smaller than those for measurement [px]."""
 

@@ -48,7 +48,7 @@ ROOT_2PI = math.sqrt(2.0 * math.pi)
 MIN_DEPTH_RATIO = 1e-9
 """A position counts as in front of a camera if d is above this times |h|."""
 MIN_DEPTH = 1e-100
-"""The same for d, so that nothing overflows."""
+"""A position counts as in front of a camera if d is above this, so that h/d does not overflow."""
 PRODUCT_FLOOR = 1e-150
 """Products below this or above its reciprocal go to the logarithms, long before a double under- or overflows."""
 MIN_FALSE_ALARM_PROBABILITY = 1e-5

@@ -65,7 +65,7 @@ class DistanceErrors(NamedTuple):
         return bool(self.late.any() or self.early.any())
 
     def widened(self, variance: Floats) -> DistanceErrors:
-        """Of residuals divided by the root of a variance (..., m), which the position adds to that of the noise."""
+        """Error model of residuals in units of the root of a variance (..., m): noise plus that of the position."""
         return self._replace(rate=self.rate * np.sqrt(variance))
 
 
@@ -174,7 +174,7 @@ class RangeMeasurements(NamedTuple):
     detour: float = math.nan  # mean length of detours; NaN: `NLOS_BIAS_SIGMAS` standard deviations of each measurement
 
     def take(self, rows: Bools | Ints | slice) -> RangeMeasurements:
-        """Some of the measurements."""
+        """Select measurements by a mask or indices."""
         own = (self.kind, self.value, self.sigma, self.position, self.rise2, self.other, self.other_rise2, self.station)
         return RangeMeasurements._make((*(column[rows] for column in own), *self[COLUMNS:]))
 

@@ -36,7 +36,7 @@ class LinearisedRows(NamedTuple):
     labelled: Bools  # (R,) false: a candidate, which may be of anything
 
     def take(self, which: Bools | Ints) -> LinearisedRows:
-        """Some of the rows."""
+        """Select rows by a mask or indices."""
         return LinearisedRows._make(column[which] for column in self)
 
 

@@ -215,7 +215,7 @@ def update(walkers: Walkers, xy: Floats, noise: Floats) -> Walkers:
 
 
 def select(walkers: Walkers, rows: object) -> Walkers:
-    """Some of the objects: rows chosen by a mask or indices."""
+    """Select objects by a mask or indices."""
     return Walkers(*(column[rows] for column in walkers))  # type: ignore[call-overload]
 
 

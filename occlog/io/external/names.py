@@ -69,7 +69,7 @@ ALIASES: Mapping[str, Sequence[str]] = {
     "y": ("pos_y",),
     "z": ("pos_z",),
 }
-"""Other names of columns, without endings of units; a column's own name is one, too."""
+"""Names of columns in external tables, without endings of units; a column's own name is accepted, too."""
 OWN_ALIASES: Mapping[str, Mapping[str, Sequence[str]]] = {
     Measurements.NAME: {"target_id": ("tag", "tag_id", "beacon"), "sigma_bearing": SIGMAS},
     Reads.NAME: {"target_id": READS.names["tag"]},

@@ -68,7 +68,7 @@ class _Bytes(NamedTuple):
     size: int
 
     def read(self, at: int, size: int) -> bytes:
-        """This many bytes from a position on; ValueError where they are not there."""
+        """Read `size` bytes at a position; ValueError beyond the end of the file."""
         if at < 0 or not 0 <= size <= self.size - at:
             raise ValueError(f"the head of the message at byte {at} is cut")
         return os.pread(self.file, size, at)

@@ -321,7 +321,7 @@ class _FrameCount:
     """Numbers frames of each sensor by their times, in the order of time."""
 
     def __init__(self) -> None:
-        """No frame yet."""
+        """Start without frames."""
         self._known: dict[str, int] = {}
 
     def number(self, t_ns: Ints, sensor: Strings) -> Ints:

@@ -102,7 +102,7 @@ class OutputGroup:
     """
 
     def __init__(self) -> None:
-        """No outputs yet."""
+        """Start without outputs."""
         self._waiting: list[_Complete] = []
 
     def add(self, fd: int, name: Path | None, path: Path, overwrite: bool) -> None:

@@ -20,7 +20,7 @@ MAX_SECONDS = 9e9
 MAX_RATE_DENOMINATOR = 1001
 """29.97 fps is 30000/1001; no frame rate that a file rounds has a larger denominator."""
 MAX_RATE_NUMERATOR = 10**9
-"""With it the product of a frame number within `MAX_SECONDS` and the denominator is one of 64 bits."""
+"""Maximum numerator of a frame rate: frame numbers within `MAX_SECONDS` times the denominator fit into 64 bits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ class FrameTimes:
         return t_ns if self.clock is None else to_world_time(t_ns, self.clock, self.start_ns + first)
 
     def by(self, clock: Clock | None) -> FrameTimes:
-        """These times, read from a clock of the scene."""
+        """Frame times, converted to world time from a clock of the scene; None: unchanged."""
         if clock is None:
             return self
         text = f"{self.source}; clock {clock.name} taken out ({clock.offset_ns} ns, {clock.drift_ppm:g} ppm)"

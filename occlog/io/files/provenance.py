@@ -61,7 +61,7 @@ def _version(name: str) -> str | None:
 
 PROVENANCE_KEY = "occlog.provenance"
 READERS_USED: dict[str, Mapping[str, object]] = {}
-"""By the name of a file that a plug-in has read: the plug-in and its settings."""
+"""Plug-in readers in use, with their settings, by the name of the file read."""
 
 
 class InputDigests(tuple[tuple[str, str], ...]):

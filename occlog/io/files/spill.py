@@ -36,7 +36,7 @@ class Blocks:
     def __init__(
         self, record: np.dtype[Any], block: int = RECORDS_PER_BLOCK, in_memory: int = RECORD_BYTES_IN_MEMORY
     ) -> None:
-        """No records yet.
+        """Start without records.
 
         Args:
             record: their type.
@@ -125,7 +125,7 @@ class Spool:
     """
 
     def __init__(self, in_memory: int = NUMBERS_IN_MEMORY) -> None:
-        """No numbers yet."""
+        """Start without numbers."""
         self._file: IO[bytes] | None = None
         self.count = 0
         self._in_memory = in_memory

@@ -349,7 +349,7 @@ def rotation_of(message: TransformMessage) -> Floats:
 
 
 LENGTHS = (0.9, 1.1)
-"""Of a vector that is taken for a direction."""
+"""Limits of the length of a direction vector."""
 
 
 def truth_rows(message: PoseMessage, t_ns: int, first: int, placed: FramePose) -> Truth:

@@ -351,7 +351,7 @@ MAX_OBJECTS = 100_000
 """Objects and lists of a message in JSON: each takes 400 bytes in memory."""
 _LINE = "=" * 80 + "\n"
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)+")
-"""Of a type: its package, perhaps `msg`, and its own."""
+"""Pattern of a ROS type name: its package, optionally `msg`, and its own name."""
 
 
 def decoder(topic: BagTopic) -> Decode:

@@ -31,7 +31,7 @@ HEAD = struct.Struct("<BQ")
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 """Channel, number, and times of recording and of publishing [ns] of a message, before its data."""
 INDEX_HEAD, INDEX_ENTRY = struct.Struct("<HI"), 16
-"""Of an index of messages: channel and length of its entries, and the length of each."""
+"""Layout of an MCAP message index: channel and length of its entries, and the length of each."""
 SALVAGE = "`occlog recover {path} -o OUT.mcap`"
 """Remedy for a damaged recording that cannot be copied again."""
 

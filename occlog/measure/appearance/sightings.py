@@ -28,7 +28,7 @@ from occlog.records.tables import APPEARANCE_BINS, Boxes, Tracks, Truth, Views
 from .config import SightingConfig
 
 WIDTH = 0.3
-"""Of an upright person, as a share of the height."""
+"""Width of an upright person, as a share of the height."""
 AROUND = np.stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)], axis=-1)
 
 

@@ -16,7 +16,7 @@ from occlog.records.verdicts import Check, finding, outcome
 DETECTS, INSIDE, STAYS = "detections per camera", "detections inside the images", "static detections"
 """Names of checks."""
 FEWEST = 50
-"""Of a camera with fewer frames nothing is reported."""
+"""Minimum number of frames of a camera for a check."""
 N_COMPARED_FRAMES = 200
 """Frames of a camera in which detections are compared, evenly spread; at most twice as many are kept."""
 SAME, STAYING = 0.7, 0.9

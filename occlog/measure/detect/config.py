@@ -20,7 +20,7 @@ MIN_CLUSTER_RATIO = 0.2
 MAX_CLUSTER_RATIO = 5.0
 """Largest cluster that can be a target, in pixels of a person in full view."""
 GLOBAL, CAMERA = "global", "camera"
-"""Of whom the identities of boxes are: of the same person in all cameras, or of a tracker in one camera alone."""
+"""Scope of box identities: one person in all cameras, or a track in one camera."""
 LONE_TARGET_ID = 0
 """Identity of the one target when no appearance is known."""
 CONTINUITY_BONUS = 0.05

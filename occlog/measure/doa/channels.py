@@ -49,7 +49,7 @@ class Channels:
         return (np.flatnonzero(level < SILENT * np.median(level)) + 1).tolist()
 
     def clipped(self) -> dict[int, float]:
-        """By number the share of samples at full scale, of microphones that have many."""
+        """Share of samples at full scale by microphone number, for microphones with many."""
         shares = self._full / max(self.count, 1)
         return {n + 1: float(shares[n]) for n in np.flatnonzero(shares > CLIPPED).tolist()}
 

@@ -15,7 +15,7 @@ from occlog.array_types import Floats
 from occlog.core.geometry.fundamental import epipolar_lines, homogeneous, scaled
 
 BEST_NOISE_PX = 0.1
-"""No match is trusted to be better than this."""
+"""Minimum noise assumed for a match [px]."""
 
 
 class FundamentalMatrixFit(NamedTuple):

@@ -154,7 +154,7 @@ def _camera(scene: Scene, name: str, where: str) -> Camera:
 MAX_MATCHES = 2_000
 """Matches of a pair that are used; of more, those of time steps drawn at random, of each all targets and both ends."""
 SEED = 6
-"""Of that draw."""
+"""Seed of the random choice of times."""
 VISIBLE = 0.8
 """Boxes of targets of which less than this is visible are skipped: the drawing there is a guess."""
 

@@ -349,7 +349,7 @@ class MotionEstimate(NamedTuple):
 
     @property
     def position(self) -> PositionWithCovariance:
-        """Its position."""
+        """Position of the estimate, with its covariance."""
         return PositionWithCovariance(self.mean[:2], self.cov[:2, :2])
 
 

@@ -127,7 +127,7 @@ class FusionRows:
         self.cause[rows] = KEPT
 
     def remove(self, rows: Ints) -> None:
-        """These detections are of nothing."""
+        """Mark detections as removed: other cameras contradict them."""
         self.cause[rows] = REMOVED
 
     def recover(self, t_ns: int, camera: int, target: int, position: PositionWithCovariance, row: int | None) -> None:

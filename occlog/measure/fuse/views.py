@@ -159,10 +159,12 @@ def feet(views: Views, cameras: PlacedCameras) -> Floats:
 def _feet_of(camera: Camera, height: float, views: Views, far: float) -> Floats:
     bottom = views.top_px + views.height_px
     foot = np.column_stack([views.left_px + 0.5 * views.width_px, bottom])
-    distance = _on_floor(camera, foot)
+    distance = _distance_to_ground_plane(camera, foot)
     sigma_px = np.hypot(camera.sigma_read_px, FOOT * views.height_px)
     step = np.column_stack([np.zeros(len(views)), sigma_px])
-    sigma = 0.5 * np.abs(_on_floor(camera, foot + step) - _on_floor(camera, foot - step))
+    sigma = 0.5 * np.abs(
+        _distance_to_ground_plane(camera, foot + step) - _distance_to_ground_plane(camera, foot - step)
+    )
     spots = camera.ground + distance[:, None] * np.column_stack([np.cos(views.bearing), np.sin(views.bearing)])
     with np.errstate(invalid="ignore"):
         _, spans = person_in_image(camera, spots, height)
@@ -175,8 +177,8 @@ def _feet_of(camera: Camera, height: float, views: Views, far: float) -> Floats:
     return np.where(good[:, None], np.column_stack([distance, sigma]), np.nan)
 
 
-def _on_floor(camera: Camera, pixels: Floats) -> Floats:
-    """(N,) horizontal distance at which lines of sight through pixels reach the floor; NaN if they do not."""
+def _distance_to_ground_plane(camera: Camera, pixels: Floats) -> Floats:
+    """(N,) horizontal distance at which lines of sight through pixels meet the ground plane; NaN if they do not."""
     rays = camera.rays(pixels)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(rays[:, 2] < 0, -camera.position[2] / rays[:, 2] * np.hypot(rays[:, 0], rays[:, 1]), np.nan)

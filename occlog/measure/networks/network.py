@@ -168,7 +168,7 @@ PIXELS: dict[str, tuple[bool, Floats32]] = {
     IMAGENET_BGR: (False, _table((103.53, 116.28, 123.675), (57.375, 57.12, 58.395), 1.0)),
     RAW: (True, _table((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 1.0)),
 }
-"""Of each choice whether red comes first, and the numbers of the values of each channel."""
+"""Pixel conversions by name: whether red comes first, and the table of values per channel."""
 
 
 @dataclass(frozen=True)

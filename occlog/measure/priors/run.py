@@ -47,7 +47,7 @@ class TableStream:
 
     @property
     def unit(self) -> str:
-        """Of lengths."""
+        """Unit of lengths."""
         return self.opened.length_unit or "m"
 
     def need_scene(self) -> Scene:

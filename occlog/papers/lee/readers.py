@@ -22,10 +22,10 @@ SETTINGS = ((9, 2.6), (16, 2.0), (16, 2.6), (25, 2.0))
 COARSE = "coarse"
 FORMS = (PRINTED, PARALLEL, RAYS)
 CAMERAS = np.array([[0.0, 0.5 * SIDE], [0.5 * SIDE, 0.0]])
-"""In the middle of the left and of the bottom wall (Fig. 5-36)."""
+"""(2, 2) positions of the cameras: the middle of the left and of the bottom wall (Fig. 5-36)."""
 YAWS = np.array([0.0, 0.5 * np.pi])
 SIGMA = 1e-4
-"""Of the lines of sight [rad]: as good as none."""
+"""Standard deviation of the lines of sight [rad]: practically zero."""
 ROOM = np.array([[0.0, 0.0], [SIDE, 0.0], [SIDE, SIDE], [0.0, SIDE]])
 
 

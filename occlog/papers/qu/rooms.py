@@ -32,7 +32,7 @@ from .trial import scores, timeline
 
 KIND = "qu-rooms"
 SIZE = (320, 240)
-"""Of the images [px]."""
+"""Size of the images [px]."""
 
 
 def rooms_spec(seed: int, methods: Mapping[str, Values], people: Values, *, fps: float, grey: bool = False) -> Spec:

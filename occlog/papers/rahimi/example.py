@@ -39,7 +39,7 @@ PLACES = [
 """x, y [m] and yaw [deg] of the cameras."""
 FOV_DEG, RANGE = 40.0, 3.5
 FOCAL_PX, READ_PX = 100.0, 1.0
-"""In the paper's unit, f = 1, readings have a standard deviation of 0.01."""
+"""Focal length and reading noise [px]: a standard deviation of 0.01 in the paper's unit, f = 1."""
 STEP_S, SPEED = 0.5, 0.5
 SMOOTHING = 5.0
 """Standard deviation of the Gaussian that smooths a path [steps]."""

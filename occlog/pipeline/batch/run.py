@@ -168,7 +168,7 @@ def _figures(runs: Path, outcomes: Sequence[RecordingOutcome]) -> Iterator[dict[
 TIMINGS = "timings.csv"
 """Files that differ from run to run; the other files have the same bytes each time."""
 MAX_REPORTED = 20
-"""This many recordings that failed are named; the table has all."""
+"""Maximum number of failed recordings named in the summary; the table has all."""
 
 
 @dataclass(frozen=True)

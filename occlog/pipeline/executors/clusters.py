@@ -25,7 +25,7 @@ from .interface import Lost, R, T, done_alike
 from .processes import ONE_THREAD, SAFE_PATH, Processes
 
 _ONE_AT_A_TIME = threading.Lock()
-"""Of a worker with several threads: a run changes the working folder and standard error of its whole process."""
+"""Lock of a worker with several threads: a run changes the working folder and standard error of its whole process."""
 
 
 class DaskCluster:

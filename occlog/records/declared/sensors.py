@@ -343,9 +343,9 @@ class Measurements(ColumnTable):
     sensor: Strings = column("U", "1", "name of the station in the scene")
     target_id: Ints32 = column("i4", "1", "target that was measured, >= 0")
     range: Floats = column("f8", "m", "distance from the station to the target, in space", nan="not measured")
-    sigma_range: Floats = column("f8", "m", "its standard deviation, > 0", nan="not told")
+    sigma_range: Floats = column("f8", "m", "its standard deviation, > 0", nan="not stated")
     rssi: Floats = column("f8", "dBm", "strength of the received signal", nan="not measured")
-    sigma_rssi: Floats = column("f8", "dB", "its standard deviation, shadowing included, > 0", nan="not told")
+    sigma_rssi: Floats = column("f8", "dB", "its standard deviation, shadowing included, > 0", nan="not stated")
     reference: Strings = column(
         "U", "1", "the other station of a difference; empty where the row has none", optional=True
     )
@@ -356,7 +356,7 @@ class Measurements(ColumnTable):
         nan="not measured",
         optional=True,
     )
-    sigma_tdoa: Floats = column("f8", "s", "its standard deviation, > 0", nan="not told", optional=True)
+    sigma_tdoa: Floats = column("f8", "s", "its standard deviation, > 0", nan="not stated", optional=True)
     range_difference: Floats = column(
         "f8",
         "m",
@@ -364,7 +364,7 @@ class Measurements(ColumnTable):
         nan="not measured",
         optional=True,
     )
-    sigma_range_difference: Floats = column("f8", "m", "its standard deviation, > 0", nan="not told", optional=True)
+    sigma_range_difference: Floats = column("f8", "m", "its standard deviation, > 0", nan="not stated", optional=True)
     bearing: Floats = column(
         "f8",
         "rad",
@@ -372,7 +372,7 @@ class Measurements(ColumnTable):
         nan="not measured",
         optional=True,
     )
-    sigma_bearing: Floats = column("f8", "rad", "its standard deviation, > 0", nan="not told", optional=True)
+    sigma_bearing: Floats = column("f8", "rad", "its standard deviation, > 0", nan="not stated", optional=True)
 
     def check(self) -> None:
         """Times in order, targets known, standard deviations above 0, two stations for each difference."""

@@ -211,8 +211,8 @@ class Particles(ColumnTable):
     t_ns: Ints = column("i8", "ns", "time of the estimate since the Unix epoch")
     target_id: Ints32 = column("i4", "1", "identity of the track")
     particle: Ints32 = column("i4", "1", "number of the particle at that time, from 0; no particle keeps its number")
-    x: Floats = column("f8", "m", "its place")
-    y: Floats = column("f8", "m", "its place")
+    x: Floats = column("f8", "m", "position")
+    y: Floats = column("f8", "m", "position")
     weight: Floats = column("f8", "1", "its weight; those of one target and time have the sum 1")
 
     def check(self) -> None:

@@ -36,7 +36,7 @@ from .words import RunComparisonPage, RunSide, followed
 MAX_LIVES = 20
 """People who have their own rows."""
 MAX_PIECES = 300
-"""Of one person that are drawn."""
+"""Maximum number of drawn line segments of one person."""
 LEAST = 0.01
 """Share of the distance at which tracks meet that axes of errors show at least."""
 STYLES: dict[str, Style] = {
@@ -122,7 +122,7 @@ def _bar(axes: Axes, time: TimeAxis, pieces: Sequence[Piece], y: float) -> None:
 
 
 PAIR_COLOURS = 6
-"""Of targets; they repeat."""
+"""Number of colours of pairs of targets; they repeat."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,7 +58,7 @@ class ErrorsAgainstBound:
         self._targets: dict[int, _BoundSoFar] = {}
 
     def add(self, errors: Errors, bound: Bound) -> Floats:
-        """Another section; (N, 2) root mean square of the target's bounds up to each one, and of those of smoothing."""
+        """Add a section; return (N, 2) running root mean squares of the target's bounds, filtering and smoothing."""
         out = np.full((len(bound), 2), np.nan)
         for target in np.unique(bound.target_id).tolist():
             for where in WHERE:

@@ -200,7 +200,7 @@ class ErrorsSoFar:
     """Figures of a stream of errors: RMSE and largest error of each target, and the RMSE up to each row."""
 
     def __init__(self) -> None:
-        """No errors yet."""
+        """Start without errors."""
         self._targets: dict[int, _ErrorsOfTarget] = {}
 
     def add(self, errors: Errors) -> Floats:

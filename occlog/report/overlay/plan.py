@@ -42,7 +42,7 @@ from .draw import WHITE, Box, LineDrawing, bar, colour_of, draw_way, label
 
 GROUND, FLOOR, WALL, PILLAR = (24, 24, 24), (44, 42, 40), (170, 165, 160), (96, 92, 88)
 MARGIN = 0.06
-"""Of the plan, around the drawing, as a share of its size."""
+"""Margin of the floor plan around the drawing, as a share of its size."""
 MARK = 7.0
 """Size of a camera's mark [px]."""
 

@@ -86,7 +86,7 @@ Texts = np.ndarray[Any, Any]
 MAX_OBSERVATIONS = 30_000
 MAX_PRIORS = 20_000
 CORNERS = 12
-"""Of a Gaussian prior that is drawn."""
+"""Number of corners of the drawn ellipse of a Gaussian prior."""
 TRUE_FROM = 40_000
 """Numbers of true targets that are not tracked by their own identity begin here."""
 

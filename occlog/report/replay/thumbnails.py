@@ -27,7 +27,7 @@ from occlog.settings import METRES
 from .steps import packed
 
 WIDTH = 240
-"""Of an image [px]."""
+"""Width of a thumbnail [px]."""
 QUALITY = 70
 MAX_TIME_STEPS = 2000
 MARGIN = 0.85

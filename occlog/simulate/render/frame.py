@@ -101,7 +101,7 @@ def around_shadows(xy: Floats, height: Floats, radius: Floats, lights: Floats, r
 NEAR = 0.05
 """Near clipping distance [m]."""
 RADIUS = 0.22
-"""Of the cylinder that throws a body's shadow [m]."""
+"""Radius of the cylinder that casts a body's shadow [m]."""
 SHADOW_REACH = 2.5
 """A shadow is drawn up to this distance from its body [m]."""
 

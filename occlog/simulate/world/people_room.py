@@ -39,7 +39,7 @@ from occlog.records.scene import Camera, Scene, camera_fov
 from .waypoints import Ground, WaypointMotion, WaypointNoise, WaypointState, move_into, place_free
 
 SIDE = 14.0
-"""Of the square room [m]."""
+"""Side of the square room [m]."""
 CLEARANCE = 4.5
 """People keep this distance from the walls [m]."""
 CAMERAS = (

@@ -18,7 +18,7 @@ from .rows import Solve, TrackChunk, residual_rows
 from .tracking import TrackingTask, check_start, feed_of
 
 FOREVER_NS = 2**62
-"""No two times are further apart."""
+"""A gap longer than any difference of two times [ns]."""
 MAX_PAUSE_LAGS = 4
 """Maximum additional wait of the other targets during a pause of one, in lags."""
 

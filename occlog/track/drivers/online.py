@@ -42,7 +42,7 @@ class BackwardSmoother(Generic[State, Config]):
     """Holds the rows of all targets until enough was seen after them, and smooths them then."""
 
     def __init__(self, smoothing: Smoothing[State, Config], config: Config, seed: int) -> None:
-        """Nothing waits yet.
+        """Start without buffered rows.
 
         Args:
             smoothing: the method's.
@@ -55,7 +55,7 @@ class BackwardSmoother(Generic[State, Config]):
         self._ready: list[EstimateRow] = []
 
     def add(self, row: EstimateRow, state: State) -> None:
-        """One more row of a target, and its filter's state after it."""
+        """Add a row of a target, and its filter's state after it."""
         if row.target not in self._waiting:
             rng = generator(self._seed, RandomStream.SMOOTH, row.target)
             self._waiting[row.target] = PendingRows([], [], rng)

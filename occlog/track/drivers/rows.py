@@ -66,7 +66,7 @@ class Solve(NamedTuple):
 
 
 class TrackChunk(NamedTuple):
-    """Some more rows of a track and how the filter fared, equal in number, and what it learned of the sensors."""
+    """Add rows of a track and how the filter fared, equal in number, and what it learned of the sensors."""
 
     tracks: Tracks
     diagnostics: Diagnostics
@@ -213,7 +213,7 @@ class NetworkTraffic:
     """Counts over the chunks of the diagnostics."""
 
     def __init__(self) -> None:
-        """Nothing yet."""
+        """Start all counts at 0."""
         self.reports = 0
         self.offered = 0
         self.orders = 0

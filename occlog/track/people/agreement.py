@@ -26,18 +26,18 @@ MIN_VISIBILITY = 0.8
 MIN_EXPECTED_DETECTIONS = 50
 """Minimum number of people that a camera should have seen, for a check."""
 MIN_RELATIVE_DETECTION_RATE = 0.5
-"""A camera that detects so small a share of whom it should, of the share of the other cameras, does not agree."""
+"""Minimum detection rate of a camera, relative to that of the other cameras, to agree with them."""
 CLOCK_CHECK_RELATIVE_RATE = 0.97
-"""A camera that sees a smaller share than this of that of the others may have a wrong clock: tracks follow it, too."""
+"""Relative detection rate below which a camera may have a wrong clock (tracks follow that camera, too)."""
 MIN_DETECTION_RATE = 0.25
-"""The same for the share itself, where there is no third camera to compare with."""
+"""Minimum detection rate of a camera if no third camera allows a comparison."""
 MAX_DUPLICATE_SHARE = 0.2
-"""Share of boxes that are reported twice that a user must know."""
+"""Share of duplicate boxes above which a warning is given."""
 MAX_LATERAL_BIAS_HEIGHTS, MIN_BIAS_SIGNIFICANCE = 0.05, 3.3
-"""Boxes so many heights of people off the position from all cameras are those of another pose, if their mean
-is so many standard errors off: by chance in one of a thousand."""
+"""Lateral bias of a camera's boxes, in heights of people, and its significance in standard errors, from which its
+pose is reported as wrong; by chance once in a thousand."""
 MAX_OUTSIDE_SHARE = 0.01
-"""Share of boxes outside the image that a user must know."""
+"""Share of boxes outside the image above which a warning is given."""
 MAX_UNASSOCIATED_SHARE = 0.5
 """Maximum share of boxes without an associated track."""
 
@@ -46,7 +46,7 @@ class CameraAgreement:
     """Counts, over a stream of time steps, the people that each camera sees of those that another camera sees."""
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
-        """Nothing was seen yet."""
+        """Start all counts at 0."""
         self.names = [c.name for c in cameras]
         self.heights = [float(c.position[2]) for c in cameras]
         self._delays, self._leans = ClockOffsetSearch(cameras), LateralBias(cameras)

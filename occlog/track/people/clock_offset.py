@@ -32,7 +32,7 @@ class _Spread:
     """Evenly spaced subset of a camera's frames."""
 
     def __init__(self) -> None:
-        """None yet."""
+        """Start without data."""
         self.kept: list[tuple[int, Floats]] = []  # times [ns], (n, 2) middles of boxes [px]
         self._every, self._count = 1, 0
 
@@ -50,7 +50,7 @@ class ClockOffsetSearch:
     """Keeps people and boxes from the beginning of a recording."""
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
-        """Nothing was seen yet."""
+        """Start without people and boxes."""
         self._cameras = cameras
         self._t_ns: list[int] = []
         # This is most of what a run keeps for minutes, so it is kept small

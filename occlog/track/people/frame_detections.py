@@ -24,7 +24,7 @@ DUPLICATE_IOU = 0.9
 MIN_FRAME_PAIRS = 10
 """Minimum number of successive frames that determine the step of frame numbers."""
 SHORTEST_NS = 100_000
-"""No camera has frames that are nearer to each other in time."""
+"""Minimum interval between frames of a camera."""
 
 
 class FrameDetectionsWithIds(NamedTuple):
@@ -237,7 +237,7 @@ class BoxStatistics:
 
     @classmethod
     def of(cls, cameras: int) -> BoxStatistics:
-        """Nothing yet."""
+        """Statistics of a number of cameras, before the first frame."""
         zero = np.zeros(cameras, dtype=np.int64)
         return cls(zero, zero.copy(), zero.copy(), zero.copy(), zero - 1, zero - 1)
 

@@ -166,7 +166,7 @@ class PeopleInput:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the cameras in use."""
+        """Names of the cameras in use."""
         return tuple(c.name for c in self.cameras)
 
     def _cameras(self) -> tuple[Camera, ...]:

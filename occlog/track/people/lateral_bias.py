@@ -28,7 +28,7 @@ class LateralBias:
     """Accumulates horizontal innovations of boxes, over a stream of time steps."""
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
-        """Nothing was seen yet."""
+        """Start without innovations."""
         self._cameras = cameras
         self._kept: list[list[Floats]] = [[] for _ in cameras]  # of each frame, (k,) in heights of the expected boxes
         self._every, self._count = [1] * len(cameras), [0] * len(cameras)

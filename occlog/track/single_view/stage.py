@@ -31,7 +31,7 @@ class CameraTrackers:
 
     @property
     def cameras(self) -> list[str]:
-        """Those that have been seen, by name."""
+        """Names of the cameras with frames so far, sorted."""
         return sorted(self._own)
 
     def step(self, camera: str, found: BoxesInFrame) -> Ints:
@@ -124,7 +124,7 @@ def follow(
 
 
 def _whole_times(chunks: Iterable[Boxes | Views]) -> Iterator[Boxes | Views]:
-    """The same rows; those of one time are never in two parts."""
+    """Regroup rows into chunks so that the rows of one time are in one chunk."""
     held: Boxes | Views | None = None
     for chunk in chunks:
         whole = chunk if held is None else type(chunk).concat([held, chunk])  # type: ignore[list-item]

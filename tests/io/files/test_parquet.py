@@ -330,7 +330,7 @@ def test_names_that_are_not_there_are_damage(index: int) -> None:
     """Groups of rows that somebody damaged are read without Arrow's own look at all indices."""
     names = pa.DictionaryArray.from_arrays(pa.array([0, index], pa.int32()), pa.array(["a"]), safe=False)
     columns = {"t_ns": [1, 2], "target_id": [0, 0], "role": names, "x": [0.0, 0.0], "y": [0.0, 0.0], "z": [0.0, 0.0]}
-    with pytest.raises(InputError, match=r"column role: .* refers to a text that is not there"):
+    with pytest.raises(InputError, match=r"column role: .* refers to a missing text"):
         from_arrow(pa.table(columns), Truth)
 
 

@@ -74,7 +74,7 @@ class ClearMot(NamedTuple):
         tp: rows paired, switches included.
         fp: track rows not paired.
         fn: true rows not paired.
-        switches: pairs of a target with another track than it had last.
+        switches: identity switches: pairs of a target with another track than its last one.
         fragmentations: times that a target, over the frames it is in, is tracked again after a gap: segments of frames
             in which it is paired, without the first one of each target.
         mota: 1 - (fn + fp + switches) / objects.
@@ -110,7 +110,7 @@ class Matcher:
     """Pairs targets and tracks one to one in each frame, in order of frames that come in parts."""
 
     def __init__(self, targets: int, rule: ClearRule = CLASSIC) -> None:
-        """No frame yet; number of all targets, and how they are paired."""
+        """Start without frames; number of all targets, and how they are paired."""
         self._rule = rule
         self._held = np.full(targets, -1, dtype=np.int64)
         self._when = np.zeros(targets, dtype=np.int64)
@@ -155,7 +155,7 @@ class ClearCounts:
     """CLEAR-MOT figures of frames that come in the order of time."""
 
     def __init__(self, targets: int) -> None:
-        """No frame yet; number of all targets."""
+        """Start without frames; number of all targets."""
         self._objects = self._estimates = self._tp = self._switches = 0
         self._distance, self._similarity = Sum(), Sum()
         self._life, self._paired, self._stretches = np.zeros((3, targets), dtype=np.int64)

@@ -63,12 +63,12 @@ class GospaSums:
     """GOSPA of frames that come in parts."""
 
     def __init__(self, p: float) -> None:
-        """No frame yet; the exponent."""
+        """Start without frames; the exponent."""
         self._p = p
         self._sums = {name: Sum() for name in ("gospa", "localisation", "missed", "false")}
 
     def update(self, part: Gospa) -> None:
-        """Some more frames."""
+        """Add frames."""
         for name, found in self._sums.items():
             found.add(float(np.sum(getattr(part, name))))
 
@@ -194,7 +194,7 @@ class Ospa2Sums:
     """OSPA(2) of frames that come in parts: how long each trajectory and each pair is there, and how far apart."""
 
     def __init__(self, targets: int, tracks: int, cutoff: float, p: float) -> None:
-        """No frame yet; number of all targets and tracks; ValueError for an option outside its range."""
+        """Start without frames; number of all targets and tracks; ValueError for an option outside its range."""
         if not (0 < cutoff < np.inf and 1 <= p < np.inf):
             raise ValueError(f"cutoff {cutoff:g} must be above 0, p {p:g} at least 1")
         self._cutoff, self._p = cutoff, p
@@ -255,7 +255,7 @@ class Ospa2Windows:
     """OSPA(2) over windows of a number of frames, over a stream."""
 
     def __init__(self, targets: int, tracks: int, cutoff: float, p: float, window: int) -> None:
-        """No frame yet; number of all targets and tracks; ValueError for an option outside its range."""
+        """Start without frames; number of all targets and tracks; ValueError for an option outside its range."""
         self._sums, self._window = Ospa2Sums(targets, tracks, cutoff, p), window
         self._within: deque[_FrameCounts] = deque()
 

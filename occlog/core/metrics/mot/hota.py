@@ -66,13 +66,13 @@ class Alignment:
     """How well each target and track agree over all frames."""
 
     def __init__(self, targets: int, tracks: int) -> None:
-        """No frame yet; number of all targets and tracks."""
+        """Start without frames; number of all targets and tracks."""
         self._met = TargetTrackSums(targets, tracks)
         self.life = np.zeros(targets, dtype=np.int64)
         self.length = np.zeros(tracks, dtype=np.int64)
 
     def update(self, frames: MatchedFrames) -> None:
-        """Some more frames; a frame adds to a pair its similarity over the similarities of both to anything."""
+        """Add frames; a frame adds to a pair its similarity over the similarities of both to anything."""
         for t in frames.meeting():
             left, right = frames.rows(t)
             similarity = frames.compare(t)[1]
@@ -98,7 +98,7 @@ class HotaCounts:
     """
 
     def __init__(self, known: Alignment, alphas: Floats = ALPHAS) -> None:
-        """No frame yet.
+        """Start without frames.
 
         Args:
             known: of all frames.
@@ -110,7 +110,7 @@ class HotaCounts:
         self._similarity = [Sum() for _ in alphas]
 
     def update(self, frames: MatchedFrames) -> None:
-        """Some more frames."""
+        """Add frames."""
         _, target, track, similarity = _assigned(frames, self._known)
         couple = target * max(len(self._known.length), 1) + track
         both = np.union1d(self._couples, couple)
@@ -275,7 +275,7 @@ class IdentityCounts:
     """IDF1 of frames that come in parts: the rows in which each target is met by each track."""
 
     def __init__(self, targets: int, tracks: int, threshold: float = 0.5) -> None:
-        """No frame yet; number of all targets and tracks, and the least similarity at which a track meets a target."""
+        """Start without frames; number of all targets and tracks, and the minimum similarity of a match."""
         self._met, self._targets = TargetTrackSums(targets, tracks), targets
         self._objects = self._estimates = 0
         self._threshold = threshold

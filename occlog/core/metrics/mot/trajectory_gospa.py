@@ -46,11 +46,11 @@ class TrajectoryPairs(NamedTuple):
     cost: Floats  # distance^p, below c^p
 
     def take(self, rows: Ints | Bools) -> TrajectoryPairs:
-        """Some of them."""
+        """Select pairs by a mask or indices."""
         return TrajectoryPairs._make(column[rows] for column in self)
 
     def joined(self, more: TrajectoryPairs) -> TrajectoryPairs:
-        """These and others, sorted."""
+        """Union with other pairs, sorted by truth, track and time."""
         both = TrajectoryPairs._make(np.concatenate(columns) for columns in zip(self, more, strict=True))
         return both.take(np.lexsort((both.time, both.track, both.truth)))
 
@@ -91,7 +91,7 @@ class TrajectoryPieces(NamedTuple):
     kind: Ints
 
     def take(self, rows: Ints | Bools) -> TrajectoryPieces:
-        """Some of them."""
+        """Select pairs by a mask or indices."""
         return TrajectoryPieces._make(column[rows] for column in self)
 
     def blocks(self) -> Iterator[Ints]:
@@ -398,7 +398,7 @@ class TrajectoryCosts:
     """
 
     def __init__(self, frames: int, targets: int, tracks: int, cutoff: float, switch: float, p: float = 2.0) -> None:
-        """No frames yet.
+        """Start without frames.
 
         Args:
             frames: number of all frames.
@@ -427,7 +427,7 @@ class TrajectoryCosts:
         self._finished = False
 
     def update(self, frames: MatchedFrames, first: int, over: tuple[Bools, Bools] | None = None) -> None:
-        """Some more frames, with numbers of targets and tracks that stay the same.
+        """Add frames, with numbers of targets and tracks that stay the same.
 
         Args:
             frames: truth and tracks.

@@ -136,13 +136,13 @@ def image_annotations(things: Sequence[DrawingGroup], t_ns: int) -> bytes:
 
 
 STEP, STEP_PX = 0.04, 2.0
-"""From one point of a line to the next, in space [m] and in an image [px]."""
+"""Distance between the points of a drawn line, in space [m] and in an image [px]."""
 MOST, FEWEST = 400, 8
 """Points of one line at most, a longer one is downsampled; and where there are very many lines."""
 MAX_OF_ALL = 40_000
 """Points of the lines of one message, down to `FEWEST` each: shadows of a crowd have thousands of edges."""
 DEPTH = 0.4
-"""Of the plane on which the drawing over an image is in front of its camera [m]."""
+"""Depth of the plane of image overlays in front of the camera [m]."""
 PLACED = np.dtype([("xyz", "<f4", 3), ("rgba", "u1", 4)])
 
 

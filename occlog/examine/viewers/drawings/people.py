@@ -217,7 +217,7 @@ class PeopleDrawing:
 
 
 def name_of(person: PersonEstimate) -> str:
-    """Its number, with a question mark where it is ambiguous."""
+    """Number of a person's track, with a question mark where the identity is ambiguous."""
     return f"{person.target}?" if person.quality_flags else str(person.target)
 
 

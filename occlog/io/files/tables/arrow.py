@@ -44,7 +44,7 @@ def to_texts(values: pa.Array, where: str, longest: int | None = None) -> String
         longest: characters that a text may have; None: as many as fit into an array of these rows.
 
     Raises:
-        InputError: a text is too long for this many rows, or a row refers to one that is not there.
+        InputError: a text is too long for this many rows, or a row refers to a missing one.
     """
     coded = values if pa.types.is_dictionary(values.type) else values.dictionary_encode()
     texts = ["" if text is None else str(text) for text in coded.dictionary.to_pylist()]
@@ -54,7 +54,7 @@ def to_texts(values: pa.Array, where: str, longest: int | None = None) -> String
     check_texts(texts, max(len(values), len(texts)), where)
     which = to_numpy(coded.indices.fill_null(0))
     if len(which) and coded.null_count < len(which) and not 0 <= int(which.min()) <= int(which.max()) < len(texts):
-        raise InputError(f"{where}: the file is damaged: it refers to a text that is not there")
+        raise InputError(f"{where}: the file is damaged: a row refers to a missing text")
     out = np.asarray(texts or [""], dtype=np.str_)[which]
     if coded.null_count:
         out[to_numpy(coded.is_null())] = ""

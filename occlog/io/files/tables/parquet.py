@@ -219,7 +219,7 @@ class RowGroup:
     rows: int
 
     def batches(self) -> Iterator[pa.RecordBatch]:
-        """Its rows in batches of `from_arrow`; InputError where they are damaged."""
+        """Rows of the row group in batches of `from_arrow`; InputError where they are damaged."""
         names = [c.name for c in self.table.columns() if c.name in self.file.schema_arrow.names]
         with translate_read_errors(self.path):
             found = self.file.iter_batches(batch_size=ROWS_PER_GROUP, row_groups=[self.number], columns=names)

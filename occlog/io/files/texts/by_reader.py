@@ -38,12 +38,12 @@ class NamedReader:
     """The reader that the user names, and whether a file had a use for it."""
 
     def __init__(self, chosen: Chosen) -> None:
-        """No file has been read yet."""
+        """Start without files."""
         self.chosen, self.used = chosen, False
 
     @property
     def endings(self) -> tuple[str, ...]:
-        """Of the names of its files."""
+        """Endings of the names of its files."""
         return tuple(self.chosen.plugin.load().endings)
 
     def check_used(self) -> None:

@@ -126,7 +126,7 @@ def _plain(value: object) -> object:
 MAX_KEY_PARTS = 100
 """Parts of a dotted key in TOML; its parser takes the square of their number."""
 MAX_TOML_BYTES = 1_000_000
-"""Of a text at most: its parser takes some ten microseconds and a kilobyte for each table, of ten bytes or less."""
+"""Maximum size of a TOML text [bytes]: a table of ten bytes takes its parser some ten microseconds and a kilobyte."""
 _LONG_KEY = re.compile(rf"^[^=#\n]*(?:\.[^=#\n.]*){{{MAX_KEY_PARTS},}}", re.MULTILINE)
 
 

@@ -50,7 +50,7 @@ EDGES = {"x1": "left", "y1": "top", "x2": "right", "y2": "bottom"}
 SHARE_X, SHARE_Y, SHARE_WIDTH, SHARE_HEIGHT = "share_x", "share_y", "share_width", "share_height"
 """Centre and size in shares of the image's width and height, where a file has these."""
 SIZE_SLACK_PX = 1.5
-"""By how much a size may differ from the edges: some programs count the last pixel, some do not, and some round."""
+"""Tolerance between the stated size and the edges of a box [px]: programs treat the last pixel differently."""
 
 
 class BoxReadOptions(NamedTuple):

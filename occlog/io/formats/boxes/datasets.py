@@ -259,7 +259,7 @@ LABELS = "labels"
 POSE = 51
 """Numbers of the 17 key points of a person, each with x, y and how visible it is."""
 SLACK = 1e-3
-"""By how much a share may pass 1: labels are written with few digits."""
+"""Tolerance of normalised coordinates beyond 1: labels have few digits."""
 Line = tuple[Path, int, int, list[str]]
 """File, line, number of the frame, and the numbers as text."""
 

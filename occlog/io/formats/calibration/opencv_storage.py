@@ -42,7 +42,7 @@ BROWN, FISHEYE = ("", "plumb_bob", "radtan", "brown", "rational_polynomial"), ("
 """Names of `distortion_model`."""
 MAX_NUMBERS = 10_000
 DIGITS = 9
-"""Of a number of rows or columns, at most."""
+"""Maximum number of digits of a number of rows or columns."""
 
 
 def detect(text: str) -> bool:

@@ -96,7 +96,7 @@ def read_network(path: Path) -> NetworkSpec:
         if number and not any(s.router == router for s in spec.sensors):
             raise InputError(f"{path}: objects: router {router} has {number} objects, but no sensor; add one")
     if not any(spec.objects.values()):
-        raise InputError(f"{path}: objects: missing; give a router some")
+        raise InputError(f"{path}: objects: no router has any; give at least one router a number of objects")
     _check_ways(path, spec, nodes)
     return spec
 

@@ -34,7 +34,7 @@ KINDS = {1: "float32", 2: "uint8", 3: "int8", 6: "int32", 7: "int64", 10: "float
 
 
 BITS = {1: 32, 2: 8, 3: 8, 4: 16, 5: 16, 6: 32, 7: 64, 9: 8, 10: 16, 11: 64, 12: 32, 13: 64, 16: 16}
-"""Of an element, by the number of its type; runtimes read as many as the dimensions state, whatever the data are."""
+"""Bits of an element, by ONNX data type; runtimes read as many elements as the dimensions state."""
 TYPED = {4: 4, 5: 0, 7: 0, 10: 8, 11: 0}
 """Fields of a tensor with values one by one, instead of their bytes, and the bytes of each; 0: that varies."""
 LONGEST_SIDE = 2**31 - 1

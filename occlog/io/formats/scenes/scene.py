@@ -40,13 +40,13 @@ from occlog.records.scene import (
 MAX_PX = 100_000
 """Width and height of an image at most [px]."""
 MAX_OFFSET_NS = 4 * 10**18
-"""Of a clock at most, either way: 126 years, so that times and offsets together are whole numbers of 64 bits."""
+"""Maximum offset of a clock, either way: 126 years, so that times plus offsets fit into 64 bits."""
 Positive = Annotated[float, Meta(gt=0, le=MAX_COORDINATE)]
 Rate = Annotated[float, Meta(ge=1e-9, le=1e6)]
 """[Hz]: periods from a microsecond to 32 years are whole nanoseconds that a time can hold."""
 Radians = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Degrees = Annotated[float, Meta(ge=-1e6, le=1e6)]
-"""Of larger angles rounding leaves no direction."""
+"""Angle [deg]; for larger values rounding leaves no direction."""
 SigmaRadians = Annotated[float, Meta(ge=MIN_SIGMA_RAD, le=6.2832)]
 SigmaDegrees = Annotated[float, Meta(ge=MIN_SIGMA_DEG, le=MAX_SIGMA_DEG)]
 FocalLength = Annotated[float, Meta(ge=MIN_FOCAL_PX, le=MAX_FOCAL_PX)]

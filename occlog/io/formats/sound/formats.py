@@ -301,7 +301,7 @@ READ_BYTES = 1 << 18
 MAX_OBJECT = 1 << 20
 """Characters of one object: ODAS writes about 100 for a source."""
 LENGTHS = (0.9, 1.1)
-"""Of a vector that is taken for a direction; ODAS writes three decimals."""
+"""Limits of the length of a direction vector; ODAS writes three decimals."""
 MAX_COUNT = 10**11
 """A greater time stamp is no count of hops: at a hop of 1 ms it would be three years after the start."""
 ROWS_PER_CHUNK = 16_384

@@ -40,7 +40,7 @@ INDEX = frozenset(
 )
 """Kinds of records between the end of the data and the footer."""
 PRIVATE = 0x80
-"""From this kind on records belong to programs, and others pass over them."""
+"""First opcode of private MCAP records, which other programs skip."""
 BEGIN = RECORDING_MAGIC + bytes([Opcode.HEADER])
 """A recording begins so."""
 _FOOTER_HEAD = HEAD.pack(Opcode.FOOTER, END_BYTES[Opcode.FOOTER])

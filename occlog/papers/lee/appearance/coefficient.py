@@ -16,7 +16,7 @@ ENOUGH = 32
 """Most bins for which the bias is that of the closed form at the values of this experiment."""
 GREY = 256
 SHIFTS = (0.0, 0.25, 0.5, 0.75)
-"""Of the end points, in widths of a bin."""
+"""Shifts of the end points [bin widths]."""
 WIDE = 4
 """Bins of the histograms with shifted end points."""
 MEANS, SPREAD = (100.0, 130.0), 20.0

@@ -15,7 +15,7 @@ from occlog.pipeline.sweep.trial import Spec
 from occlog.records.scene import Camera
 
 DISTANCE, HEIGHT, PERSON = 8.0, 2.0, 1.7
-"""Of the cameras from the middle and above the floor, and of a person [m]."""
+"""Distance of the cameras from the middle, their height, and the height of a person [m]."""
 PLACES = {1: (180.0, 1.5), 2: (180.0, -1.5), 3: (270.0, 0.0), 4: (0.0, 0.0), 5: (90.0, 0.0)}
 """Cameras: the side of the middle of each [deg from east], and how far from it [m].  They are from
 the statements: who walks north moves to the left in cameras that point east."""

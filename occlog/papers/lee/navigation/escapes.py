@@ -208,7 +208,7 @@ def _shortest(table: Table, key: str, step: str) -> StatementVerdict:
 ACROSS = (0.02, 0.05, 0.1, 0.2, 0.5)
 """Starts are up to so far from the line."""
 MAIN = 0.5
-"""Of the verdicts."""
+"""Maximum distance of the starts from the line for which verdicts are given."""
 NEAR_RADIUS = 0.2
 WAYS = {
     "(5.15)": NavigateConfig(force="original", escape="none", max_steps=MOST),

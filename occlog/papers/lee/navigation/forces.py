@@ -39,7 +39,7 @@ OUT = np.array([1.0, 1.0]) / math.sqrt(2.0)
 FIELD = Field(0.5, 5.0, 2, 2, influence=10.0)
 WAY = math.sqrt(2.0)
 SPAWN = (2009, 52)
-"""Of the random numbers of these experiments."""
+"""Key of the random streams of these experiments."""
 
 
 class RobotLines(NamedTuple):

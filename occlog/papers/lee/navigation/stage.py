@@ -275,7 +275,7 @@ LAST = Steering(
     state=np.array([len(STATES)]),
     recognised=np.zeros(1, dtype=np.bool_),
 )
-"""Of the last row, after which there is no step."""
+"""Steering in the last row, which is followed by no step."""
 
 
 class PathRows:

@@ -94,7 +94,7 @@ class PoseCalibration(NamedTuple):
 def begin(
     scene: Scene, noise: MeasurementNoise, read_px: Floats, sensors: Sensors, mode: str
 ) -> PoseCalibration | None:
-    """Nothing learned yet; None in mode `none`.
+    """Initial pose calibration, before the first scan; None in mode `none`.
 
     Args:
         scene: the sensors as stated.

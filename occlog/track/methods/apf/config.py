@@ -110,15 +110,24 @@ class ApfConfig(SmoothingConfig):
     )
     lambda1: float = setting(
         0.1,
-        "Probability per reference step that it takes a new destination ([Ercan] lambda_1); else, with 1 - beta1 - "
-        "lambda1, it waits.",
+        "Probability per reference step that a moving target takes a new destination ([Ercan] lambda_1); it waits with "
+        "1 - beta1 - lambda1.",
         at_least=0,
         at_most=1,
         people=0.28,
     )
-    beta2: float = setting(0.05, "As beta1, once the destination is reached ([Ercan] beta_2).", at_least=0, at_most=1)
+    beta2: float = setting(
+        0.05,
+        "Probability per reference step that a target at its destination keeps it ([Ercan] beta_2).",
+        at_least=0,
+        at_most=1,
+    )
     lambda2: float = setting(
-        0.9, "As lambda1, once the destination is reached ([Ercan] lambda_2).", at_least=0, at_most=1
+        0.9,
+        "Probability per reference step that a target at its destination takes a new one ([Ercan] lambda_2); it waits "
+        "with 1 - beta2 - lambda2.",
+        at_least=0,
+        at_most=1,
     )
 
     # Sampling, [Ercan] Alg. 1

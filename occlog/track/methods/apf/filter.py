@@ -132,7 +132,7 @@ def _with_occluder_priors(model: ApfModel, priors: Priors, state: ApfState) -> A
 
 
 def predict(state: ApfState, t_ns: int, rng: Generator) -> ParticleSet:
-    """Where the target is thought to be at a time not before the last scan; the state stays as it is.
+    """Predict the position at a time not before the last scan; the state is not changed.
 
     Particles are drawn from the importance density, as [Ercan] Sec. 5 wants them for the
     selection of cameras.

@@ -240,9 +240,9 @@ def reinitialise(model: ApfModel, packed: PackedScan, rng: Generator) -> Propose
 def select_initial_particles(
     model: ApfModel, particles: WaypointParticles, sigma: float | None, packed: PackedScan, rng: Generator
 ) -> ProposedParticles:
-    """As many of fresh particles as the filter has, drawn by how well they agree with the scan.
+    """Resample initial particles by their likelihood of the first scan, to the filter's number of particles.
 
-    With the density `scan` each of them represents a kernel about its position, weighted by the scan as in a step.
+    With the density `scan` each particle represents a kernel about its position, adapted to the scan as in a step.
 
     Args:
         model: scene and settings.
@@ -281,7 +281,7 @@ def _chosen(
     packed: PackedScan,
     rng: Generator,
 ) -> ProposedParticles:
-    """As many of the particles as the filter has, drawn by their weights (L,) and the likelihood of a scan."""
+    """Resample particles by their weights (L,) and the likelihood of a scan, to the filter's number of particles."""
     weights, log_sum = normalise_log_weights(log_prior + likelihood(model, particles.xy, packed))
     n = model.config.particles
     drawn = systematic_ancestors(weights, n, rng.random())

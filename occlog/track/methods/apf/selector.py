@@ -44,7 +44,7 @@ from .model import pack_noise, pack_sensors, read_noise
 MAX_SUBSETS = 50_000
 """`brute-force` is refused where there are more subsets."""
 MAX_PARTICLES = 1000
-"""More particles than this are thinned out before the expectations are taken."""
+"""Maximum number of particles in expectations; larger sets are downsampled."""
 
 
 class CameraChoice(NamedTuple):
@@ -187,7 +187,7 @@ RESTART_FALLBACKS = ("restart", "gap")
 MIN_CAMERAS_TO_LOCALISE = 2
 """Cameras that see a target determine its position."""
 FOREVER_NS = 2.0**63
-"""No two times are further apart."""
+"""A gap longer than any difference of two times [ns]."""
 
 
 class Selected(NamedTuple):

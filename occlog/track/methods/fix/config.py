@@ -9,10 +9,10 @@ from typing import ClassVar
 from occlog.settings import Settings, setting
 
 ESTIMATORS = ("mle", "huber", "andrews", "rmr", "jrmr")
-"""Those of [Lenth]."""
+"""Estimators of [Lenth]."""
 MIXTURE = "mixture"
 BENDS = {"huber": 1.5, "andrews": 1.5, MIXTURE: 3.7}
-"""Where estimators bend, unless it is set."""
+"""Default `bend` of each estimator [standard deviations]."""
 
 
 @dataclass(frozen=True)

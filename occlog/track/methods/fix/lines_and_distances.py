@@ -50,13 +50,13 @@ climbed."""
 COARSE = (0.5, 0.125, 0.03)
 """Shares of the grid's step that standard deviations hold also, while positions of the grid are climbed."""
 PAIRS, START_GATE_SIGMAS = 45, 2.0
-"""Of at most so many pairs, meetings on the grid are starts: where both measurements are within so many deviations."""
+"""Maximum number of pairs of measurements that give starts on the grid, and the gate of both measurements there."""
 MODE_GRID_SIZE, MODE_GRID_SIGMAS = 25, 5.0
 """Places a side of the grid over a mode, and how many standard deviations it reaches."""
 MAX_REFINEMENTS = 8
 """How often such a grid is tried, each time with a quarter of the length where it is too coarse."""
 MIN_SECOND_MODE_PROBABILITY = 0.05
-"""Another mode at least so probable makes a position ambiguous."""
+"""Minimum probability of a second mode that makes a position ambiguous."""
 MIN_RIVAL_LIKELIHOOD, MIN_SCATTER_SIGNIFICANCE = 0.005, 0.01
 """Where a measurement is rejected others may be false, too: other positions with at least this share of the
 likelihood contest a position (where all are accepted, with `MIN_SECOND_MODE_PROBABILITY`), and so do residuals of what

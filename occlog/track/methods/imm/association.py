@@ -22,7 +22,7 @@ from occlog.core.geometry.camera import wrap_angle
 from occlog.core.numerics.jit import kernel
 
 MAX_JOINT_EVENTS = 50_000
-"""Of targets that share bearings at most so many events are summed; then the least likely bearings are omitted."""
+"""Maximum number of summed association events of a cluster; beyond it the least likely bearings are omitted."""
 MIN_DENSITY_TO_CLUTTER_RATIO = 1e-9
 """A bearing with a density for a target below this share of the clutter's cannot be the target's: without this
 gate all targets would share all bearings."""
@@ -32,7 +32,7 @@ ROOT_2PI = math.sqrt(2.0 * math.pi)
 
 
 class BearingFit(NamedTuple):
-    """How the bearings of an array fit the particles of one target."""
+    """Densities of an array's bearings for the particles of one target."""
 
     each: Floats  # (N, J, L) density of each bearing for each particle [1/rad]; 0 out of the array's range
     within: Bools  # (J, L) in range
@@ -42,7 +42,7 @@ class BearingFit(NamedTuple):
 
 
 class Direction(NamedTuple):
-    """Where an array would hear a target, taken for a Gaussian."""
+    """Predicted bearing of a target at an array, as a Gaussian."""
 
     centre: float  # circular mean of the particles' bearings [rad]
     spread: float  # standard deviation of them [rad]
@@ -60,7 +60,7 @@ class BearingAssociation(NamedTuple):
 def bearing_fit(
     predicted: Floats, weights: Floats, *, bearing: Floats, sigma: Floats, position: Floats, reach: float
 ) -> BearingFit:
-    """How one array's bearings fit one target.
+    """Compute the densities of an array's bearings for the particles of one target (`BearingFit`).
 
     Args:
         predicted: (J, L, 4) particles [x, vx, y, vy].
@@ -251,7 +251,7 @@ def _all_events(
 
 @kernel
 def _partner(choice: Ints, k: int) -> int:
-    """The other target with the same bearing, or -1."""
+    """Index of the target that shares target k's bearing in an association event, or -1."""
     for other in range(choice.shape[0]):
         if other != k and choice[other] == choice[k]:
             return other

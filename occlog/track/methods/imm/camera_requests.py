@@ -336,7 +336,7 @@ class CameraRequests:
     """The cameras' frames, of which only those that are asked for are processed."""
 
     def __init__(self, scene: Scene, config: ImmConfig) -> None:
-        """No frames yet."""
+        """Start without frames."""
         self._cameras, self._config = scene.cameras, config
         self._sensors: Sensors | None = pack_sensors(scene) if scene.cameras else None
         self._room = None if scene.room is None else np.ascontiguousarray(scene.room)

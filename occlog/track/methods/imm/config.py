@@ -11,7 +11,7 @@ from occlog.track.smoothing_and_lag import SmoothingConfig
 
 POLICIES = ("none", "periodic", "printed", "count", "spread")
 TRIGGERS = ("count", "bearing", "ellipse")
-"""Of policy `printed`: [Lee] Eqs. 3.14, 3.15 and 3.16."""
+"""Triggers of policy `printed`: [Lee] Eqs. 3.14, 3.15 and 3.16."""
 START_NUMBERS = 6
 """X, Y, SIGMA, VX, VY, SIGMA_V of one target."""
 

@@ -398,7 +398,7 @@ METHOD = Joint(
 INTERVALS = 15
 """Intervals of which the shortest counts as an array's period."""
 MIN_INTERVALS = 3
-"""With fewer intervals than this an array's rate is not known."""
+"""Minimum number of intervals from which an array's rate is estimated."""
 LATE_PERIOD_SHARE = 0.5
 """A row may be late by this share of the period before it counts as missing."""
 
@@ -421,7 +421,7 @@ class ListeningTimes:
         return min(self._gaps) if len(self._gaps) >= MIN_INTERVALS else None
 
     def heard(self, t_ns: int) -> None:
-        """It has a row at this time."""
+        """Record a row of the array at a time."""
         if self._row_ns is not None:
             self._gaps.append(t_ns - self._row_ns)
         self._row_ns = self.last_ns = t_ns

@@ -75,7 +75,7 @@ TENTATIVE = -1
 """Number of a track that is not confirmed."""
 UNLABELLED_TRACK = -1
 MIN_INSIDE_SHARE = 0.1
-"""If no more than this share of a cloud stays in the room, the others are put back instead of omitted."""
+"""Share of particles in the room up to which those outside are moved back instead of removed."""
 MAX_DRAWS = 20
 """Places on a line of sight are drawn this often until enough of them are in the room."""
 

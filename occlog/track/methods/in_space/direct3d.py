@@ -130,7 +130,7 @@ def trace(state: Direct3dState) -> CloudTrace:
 
 
 def predict(state: Direct3dState, t_ns: int, rng: Generator) -> ParticleSet:
-    """Where the target is thought to be at a time not before the last scan; the state stays as it is."""
+    """Predict the position at a time not before the last scan; the state is not changed."""
     cloud, weights = state.cloud, np.exp(state.log_weights)
     if not cloud.shape[1]:
         space, n = state.space, state.space.config.particles

@@ -301,7 +301,7 @@ def _before(
 
 
 def past_of(mean: Floats, covariance: Floats) -> SmoothedState:
-    """A state in space as a past one."""
+    """Convert the mean (6,) and covariance (6, 6) of a state in space to a `SmoothedState`."""
     height = HeightEstimate(
         float(mean[2]), float(mean[5]), np.array([covariance[0, 2], covariance[1, 2], covariance[2, 2]])
     )

@@ -168,7 +168,7 @@ def _updated(
 
 
 def predict(state: PpsState, t_ns: int, rng: Generator) -> ParticleSet:
-    """Where the target is thought to be at a time not before the last scan; the state stays as it is."""
+    """Predict the position at a time not before the last scan; the state is not changed."""
     space, n = state.space, state.space.config.particles
     even = np.full(n, 1.0 / n)
     if state.joined is None or state.t_ns is None:

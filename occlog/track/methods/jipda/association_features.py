@@ -47,7 +47,7 @@ class AssociationFeatures:
 
 
 def empty_features(cameras: int) -> AssociationFeatures:
-    """Nothing is known."""
+    """Association features without targets and without learned statistics."""
     none = np.zeros(0, dtype=np.int64)
     return AssociationFeatures(
         np.zeros((2, 3)), np.zeros((2, 3)), none, np.zeros((0, cameras), dtype=np.int64), np.zeros((0, 0))
@@ -98,7 +98,7 @@ def log_ratio_at(law: FeatureLikelihood, value: float) -> float:
 
 @kernel
 def _log_ratios(law: FeatureLikelihood, value: Floats) -> Floats:
-    """The same of (n,) values."""
+    """(n,) clipped log likelihood ratios of feature values (`log_ratio_at`)."""
     out = np.empty(value.shape[0])
     for k in range(value.shape[0]):
         out[k] = log_ratio_at(law, value[k])

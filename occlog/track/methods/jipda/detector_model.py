@@ -325,7 +325,8 @@ MAX_LOG_CLUTTER_RATIO = 50.0
 MIN_CLUTTER_PROBABILITY = 0.05
 """Minimum clutter probability of a box that is tested for persistence."""
 MIN_EXISTENCE_TO_LEARN, MIN_VISIBILITY_TO_LEARN = 0.9, 0.85
-"""Those teach who exist this surely; in plain view they are visible to this share."""
+"""Minimum existence of the people from which detection rates are learned, and minimum visibility to count as
+unoccluded."""
 DETECTION_RANGE = (0.05, 0.98)
 MAX_MERGE_PROBABILITY = 0.9
 """Maximum share of touching pairs with a merged detection."""

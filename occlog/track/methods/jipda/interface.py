@@ -23,7 +23,7 @@ its diameter."""
 STATE_SIZE = 6
 """Numbers of a person's state."""
 NO_ID = -1
-"""In `hint` and `Event.other`: no identity."""
+"""Value of `hint` and `Event.other` without an identity."""
 
 
 class FrameDetections(NamedTuple):

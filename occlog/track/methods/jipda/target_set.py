@@ -30,7 +30,7 @@ SIZE_NOISE_PER_ROOT_S = 0.01
 POSTURE_HEIGHT_NOISE, POSTURE_WIDTH_NOISE = 0.4, 0.8
 """Process noise of height and width while a person bends, falls, lies or gets up."""
 MIN_SIZE_RATIO = 0.15
-"""No body is lower or narrower than this share of the usual one."""
+"""Minimum height and width of a body, as a share of the usual ones."""
 MIN_EXISTENCE_COMPLEMENT = 1e-6
 """Limit of existence probabilities, and of their complements."""
 TERMINATION_RATE_OUT_OF_VIEW, OUT_OF_VIEW_AFTER_S = 0.5, 1.0
@@ -38,7 +38,7 @@ TERMINATION_RATE_OUT_OF_VIEW, OUT_OF_VIEW_AFTER_S = 0.5, 1.0
 DUPLICATE_DISTANCE_WIDTHS, DUPLICATE_TIME_S = 0.5, 2.0
 """Maximum distance of duplicate tracks, in widths, and minimum time [s]."""
 DUPLICATE_EXISTENCE_RATIO = 0.5
-"""Of two who are one the older stays, but if they exist with less than this share of the other's probability."""
+"""Of two duplicate tracks the older one is kept, unless its existence is below this share of the other's."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def no_targets() -> TargetSet:
 
 
 def select(people: TargetSet, rows: Ints) -> TargetSet:
-    """Some of the people."""
+    """Select people by a mask or indices."""
     return TargetSet(**{name: value[rows] for name, value in vars(people).items()})
 
 
@@ -305,7 +305,7 @@ class BirthIntensityMap:
 
 
 def empty_map(metre: float) -> BirthIntensityMap:
-    """Nothing was seen."""
+    """Birth intensity map before the first observation; `metre`: length units per metre."""
     none = np.zeros(0)
     return BirthIntensityMap(metre, {}, np.zeros((0, 2)), none, none, none, np.zeros((0, 2)), np.zeros((0, 2, 2)), 0.0)
 

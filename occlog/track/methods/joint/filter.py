@@ -53,7 +53,7 @@ MAX_PROBABILITY = 1.0 - 1e-6
 
 
 class DetectionProbabilities(NamedTuple):
-    """Of S sensors: a camera's own by the scene, else those of the settings."""
+    """Detection and false-alarm probabilities of S sensors, from the scene or else from the settings."""
 
     detection: Floats  # (S,) P_D
     false: Floats  # (S,) P_F

@@ -23,14 +23,14 @@ from .updates import WEIGHTS, by_sigma_points, sigma_points
 GRID = 32
 """Number of grid positions per side, over the floor, for the search of the initial position."""
 MAX_ITERATIONS, HALVINGS, STEP_CHI2_TOLERANCE = 30, 12, 1e-9
-"""Of the Gauss-Newton search: most steps, most halvings of a step, squared length of the last one in variances."""
+"""Gauss-Newton search: maximum steps, maximum halvings of a step, squared length of the last one in variances."""
 
 StationUpdate = Callable[[Gaussian, RangeMeasurements], tuple[Gaussian, float]]
 """State and log-likelihood after measurements of stations that are within the gate."""
 
 
-def inside_gate(state: Gaussian, rows: RangeMeasurements, gate: float) -> Bools:
-    """(m,) measurements with an innovation within the gate of the state."""
+def innovation_gate(state: Gaussian, rows: RangeMeasurements, gate: float) -> Bools:
+    """(m,) mask of the measurements with a normalised innovation within the gate."""
     found = linearise(rows, state.mean[None, :2])
     H, off = found.gradient[0], found.residual[0]
     return np.asarray(off**2 <= gate**2 * (np.einsum("mi,ij,mj->m", H, state.covariance[:2, :2], H) + 1.0))

@@ -77,15 +77,15 @@ def _outwards(azimuth: float, distance: float) -> Floats:
 SIGMA_POINT_SPREAD = math.sqrt(3.0)
 """Distance of sigma points in standard deviations: n + kappa = 3, which suits a Gaussian's fourth moment."""
 WEIGHTS = np.array([1.0 / 3.0, *[1.0 / 6.0] * 4])
-"""Of the mean and of the four points about it."""
+"""Weights of the mean and of the four sigma points about it."""
 HALVINGS = 12
 """A step of the search is halved at most so often."""
 STEP_SIGMA_TOLERANCE = 1e-6
 """The search ends where a step is shorter than this share of the standard deviation of the prediction."""
 MAX_RELATIVE_DISTANCE_SIGMA = 1.0
-"""A position is close to a sensor if the standard deviation of its distance is larger than this share of it."""
+"""A position is close to a sensor if the standard deviation of its distance exceeds this multiple of the distance."""
 MIN_SQUARE = 1e-30
-"""The same of a squared distance, so that nothing is divided by 0."""
+"""Lower bound of a squared distance, to avoid division by 0."""
 INFEASIBLE, NO_SIGMA_POINTS = "stuck", "discarded"
 """Values of `fallback`: the search ended at the border of the feasible set; no sigma point was left."""
 
@@ -99,7 +99,7 @@ class Updated(NamedTuple):
 
 
 def gated_rows(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float) -> Bools:
-    """(R,) rows with an innovation within the gate; of a sensor's candidates the nearest one alone."""
+    """(R,) mask of the rows with a normalised innovation within the gate; only the nearest of a sensor's candidates."""
     at = state.mean[:2]
     expected, ahead = measured(at[None], rows, world)
     H, R = linearised(at, rows, world)
@@ -130,7 +130,7 @@ def linear(state: Gaussian, at: Floats, rows: LinearisedRows, world: Measurement
 
 
 def _near_sensor_inflation(at: Floats, rows: LinearisedRows, world: MeasurementWorld, covariance: Floats) -> Floats:
-    """(R,) by how much larger variances are close to a sensor, where the position's distance is not known.
+    """(R,) inflation factors of variances close to a sensor, where the distance of the position is uncertain.
 
     A line of sight's error across is its angle times the distance r, with second moment r^2 + v; linearised at
     the position it is taken for r alone, and next to a sensor the line would have no width.  Elsewhere the form is the

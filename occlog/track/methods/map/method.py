@@ -117,7 +117,7 @@ NOT_CONVERGED, FEW_INLIERS = "unfinished", "doubted"
 def advance(
     pending: Pending, scans: Sequence[Scan], last: bool, watch: Watch = None
 ) -> tuple[Pending, SmoothedTrajectory]:
-    """One more block of a target's record, and the states that are settled by it.
+    """Add a block of a target's record, and the states that are settled by it.
 
     Args:
         pending: from `begin` or the call before.

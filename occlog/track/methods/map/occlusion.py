@@ -33,15 +33,16 @@ from .record import TargetRecord
 from .search.problem_of_record import Pending
 
 MIN_PROBABILITY = 1e-4
-"""No probability counts as less, so that no single camera decides."""
+"""Lower bound of probabilities, so that no single camera decides."""
 OCCLUDER_SUPPORT_SIGMAS = 5.5
-"""Standard deviations at which a normal prior counts as over."""
+"""Standard deviations at which a Gaussian prior is truncated."""
 NODES = 7
 """Points of the quadrature for each axis."""
 MAX_RELATIVE_SIGMA = 0.04
-"""A state known worse than this, as a share of the position's extent, gets no term: it is no Gaussian."""
+"""Maximum standard deviation of a state, as a share of the scene's extent, for priors of occluders to be used: a wider
+state is no Gaussian."""
 MIN_CAVITY_SHARE = 1e-6
-"""There is no term either where all else contributes less than this share of the information on the state."""
+"""Minimum share of the state's information that must come from other sources for priors of occluders to be used."""
 
 
 class OccluderHints(NamedTuple):

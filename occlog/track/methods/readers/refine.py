@@ -21,9 +21,9 @@ from occlog.records.tables import UNLABELLED, Bearings, TagTracks
 PRINTED, PARALLEL, RAYS = "printed-1", "parallel", "rays"
 FORMS = (RAYS, PRINTED, PARALLEL)
 ITERATIONS = 40
-"""Of Levenberg-Marquardt."""
+"""Maximum iterations of Levenberg-Marquardt."""
 FIRST_DAMPING = 1e-3
-"""As a share of the trace of the information."""
+"""Initial damping of Levenberg-Marquardt, as a share of the trace of the information."""
 NEAREST = 1e-6
 """Depth below which a camera does not constrain a position; lines of sight more parallel than this do not cross."""
 

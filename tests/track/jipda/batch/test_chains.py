@@ -14,7 +14,7 @@ from occlog.track.methods.jipda.batch.mcmc_association import (
     can_link,
     candidates,
     empty_link_cache,
-    log_dwell_probability,
+    log_link_prior,
     log_posterior,
     sweep,
     update_all_messages,
@@ -115,12 +115,10 @@ def test_two_people_who_cross_keep_their_ways():
 def test_what_the_filter_followed_speaks_for_links(other, begins, worth):
     places = places_at([0, 2], np.zeros((2, 2)), np.zeros(2))
     looked = np.arange(4.0)[:, None]
-    without = log_dwell_probability(places, WALK, looked, 0, 1)
+    without = log_link_prior(places, WALK, looked, 0, 1)
     hint = np.array([[NO_NODE, 0], [NO_NODE, other]])
     life = np.array([[0.0, 0.5], [begins, 1.0]])
-    assert log_dwell_probability(places._replace(hint=hint, life=life), WALK, looked, 0, 1) - without == pytest.approx(
-        worth
-    )
+    assert log_link_prior(places._replace(hint=hint, life=life), WALK, looked, 0, 1) - without == pytest.approx(worth)
 
 
 @pytest.mark.parametrize(

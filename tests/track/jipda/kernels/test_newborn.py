@@ -16,7 +16,7 @@ from occlog.track.methods.jipda.kernels.body_box import expected_box, pack_views
 from occlog.track.methods.jipda.kernels.detections import DetectorModel, PackedDetections
 from occlog.track.methods.jipda.kernels.track_initiation import (
     BirthIntensity,
-    ground_point,
+    ground_plane_point,
     initiate_targets,
     state_from_box,
 )
@@ -103,8 +103,8 @@ def test_arrivals_are_expected_within_four_deviations_of_where_people_came_from(
 
 def test_a_pixel_above_the_horizon_shows_no_floor() -> None:
     place = np.empty(2)
-    assert ground_point(VIEWS, 0, 640.0, 700.0, 0.0, place)
-    assert not ground_point(VIEWS, 0, 640.0, -900.0, 0.0, place)
+    assert ground_plane_point(VIEWS, 0, 640.0, 700.0, 0.0, place)
+    assert not ground_plane_point(VIEWS, 0, 640.0, -900.0, 0.0, place)
 
 
 @pytest.mark.parametrize(

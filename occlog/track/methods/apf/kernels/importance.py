@@ -36,7 +36,7 @@ from occlog.filtering.likelihood.distances import COMPILED, RangeMeasurements
 from occlog.filtering.likelihood.distances import NEAREST as CLOSEST
 
 ANNEALING_FACTOR, MAX_STEPS = 1e-2, 8
-"""From one Gauss-Newton step to the next the motion's share in the variance of a residual falls by this factor."""
+"""Factor per Gauss-Newton step on the prediction's share of the residual variance, and the maximum number of steps."""
 MAX_MOTION_SHARE, MAX_STEP_CHI2 = 1e-2, 1e-2
 """The search ends when that share is below `MAX_MOTION_SHARE` of the noise and the squared step below `MAX_STEP_CHI2`
 variances."""
@@ -83,7 +83,7 @@ def measurements(scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, mo
 
 @kernel
 def linearise_distance(x: float, y: float, z: Floats) -> tuple[float, float, float, float]:
-    """The same as `linearise` for a range, a logarithm of one, or a difference; the variance is never -1."""
+    """Linearise a range, a log range or a range difference, as `linearise` does bearings; the variance is never -1."""
     dx, dy = x - z[X0], y - z[Y0]
     d = math.sqrt(max(dx * dx + dy * dy + z[RISE2], CLOSEST))
     if z[KIND] == LOG_RANGE:

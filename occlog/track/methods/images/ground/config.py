@@ -39,7 +39,8 @@ class GroundConfig(Settings):
     )
     centre_error_share: float = setting(
         0.25,
-        "Standard deviation of the centre of an ellipse about that of the target, as a share of its half axes.",
+        "Model error: standard deviation of an ellipse centre from the image of the target's centre, as a share of its "
+        "half axes. Larger values widen the covariances.",
         at_least=0,
     )
     false_rejection_probability: float = setting(
@@ -64,7 +65,8 @@ class GroundConfig(Settings):
     )
     common_error_share: float = setting(
         0.1,
-        "As model_share, for the test whether views agree; trackers that slide on a target do so equally in all views.",
+        "Model error in the test whether views agree, as a share of the half axes; smaller than model_share, because "
+        "trackers slide on a target equally in all views.",
         above=0,
     )
     identity_switch_rate: float = setting(

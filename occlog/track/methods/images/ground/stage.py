@@ -63,7 +63,7 @@ class SwitchProbabilities:
     """Probability that each target was exchanged, carried from time to time."""
 
     def __init__(self, rate: float, alone: float, start: float) -> None:
-        """No target was seen yet.
+        """Start without targets.
 
         Args:
             rate: of exchanges where views contradict each other [1/s].
@@ -220,7 +220,7 @@ def _part(
     odds = ViewOdds(config.view_inlier_probability, _agreement(config), _areas(cameras))
     contest = covariances_with_contradiction(met, sights, rig, height, odds, float(np.sin(angle)))
     times, targets = t_ns[keys[:, 0]], keys[:, 1]
-    covariance, exchanged = _possible_switches(exchanges, keys, times, met, contest, sights)
+    covariance, exchanged = _possible_identity_switches(exchanges, keys, times, met, contest, sights)
     met = met._replace(covariance=covariance)
     doubts = np.column_stack(
         [
@@ -253,7 +253,7 @@ def _areas(cameras: Sequence[Camera]) -> Floats:
     return np.array([max(float(w * h), 1.0) for w, h in sizes])
 
 
-def _possible_switches(
+def _possible_identity_switches(
     exchanges: SwitchProbabilities,
     keys: Ints,
     t_ns: Ints,
@@ -395,7 +395,7 @@ class GroundConsistency:
     """Counts quality flags over a stream of chunks."""
 
     def __init__(self) -> None:
-        """Nothing was seen yet."""
+        """Start all counts at 0."""
         self._doubts: Counter[str] = Counter()
         self._rows: Counter[int] = Counter()
         self._alone: Counter[int] = Counter()

@@ -60,7 +60,7 @@ class CentresInViews(NamedTuple):
     covariance: Floats  # (N, V, 2, 2) [px^2], positive definite
 
     def take(self, rows: Bools | Ints) -> CentresInViews:
-        """Some of the points."""
+        """Select points by a mask or indices."""
         return CentresInViews(self.there[rows], self.pixels[rows], self.covariance[rows])
 
 
@@ -91,7 +91,7 @@ class LeastSquares(NamedTuple):
     rig: CameraRig
 
     def take(self, rows: Bools | Ints) -> LeastSquares:
-        """Some of the points."""
+        """Select points by a mask or indices."""
         return self._replace(sights=self.sights.take(rows), weights=self.weights[rows], known=self.known[rows])
 
 
@@ -327,7 +327,8 @@ def _replaced(met: GroundPosition, rows: Ints, others: GroundPosition) -> Ground
 
 
 ALL_SUBSETS = 5
-"""With more views, only sets that omit at most two of them, and single views and pairs, are hypotheses."""
+"""Maximum number of views of which all subsets are hypotheses; with more views, only single views, pairs and subsets
+that omit at most two."""
 HEIGHTS = 30.0
 """Heights of positions that several views find are uniform over so many standard deviations of the height."""
 

@@ -174,7 +174,7 @@ def upright(ellipses: Floats, share: float) -> Bools:
 
 
 def level(ellipses: Floats) -> Floats:
-    """The same ellipses (n, 5) with axis a nearer to the horizontal than axis b, and the angle in [-pi/2, pi/2)."""
+    """Ellipses (n, 5) rewritten with axis a nearer to the horizontal than axis b, and the angle in [-pi/2, pi/2)."""
     out = np.array(ellipses, dtype=np.float64)
     swap = np.abs(np.mod(out[:, 4] + 0.5 * np.pi, np.pi) - 0.5 * np.pi) > 0.25 * np.pi
     out[swap, 2:4] = out[swap, 3:1:-1]

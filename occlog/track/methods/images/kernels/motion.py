@@ -72,7 +72,7 @@ def moved(
 
 @kernel
 def turned(rho: float) -> float:
-    """The same direction of an axis [rad] in [-pi/2, pi/2)."""
+    """Wrap the direction of an axis [rad] to [-pi/2, pi/2)."""
     out = (rho + 0.5 * math.pi) % math.pi - 0.5 * math.pi  # may round up to pi/2
     return out if out < 0.5 * math.pi else -0.5 * math.pi
 

@@ -23,11 +23,11 @@ from typing import ClassVar
 from occlog.settings import Settings, setting
 
 ABOVE_0: dict[str, float] = {"above": 0.0, "at_most": 1e4}
-"""Of settings that are lengths, or factors of them."""
+"""Limits of settings that are lengths, or factors of lengths."""
 AT_LEAST_0: dict[str, float] = {"at_least": 0.0, "at_most": 1e4}
 SHARE: dict[str, float] = {"at_least": 0.0, "at_most": 1.0}
 TURNS: dict[str, float] = {"at_least": 1, "at_most": 1000}
-"""Of settings that are numbers of turns of a loop."""
+"""Limits of settings that are numbers of iterations."""
 ANCHORS = ("centre", "bottom")
 
 

@@ -29,7 +29,7 @@ from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import kernel
 
 ANNEALING_FACTOR, MAX_STEPS = 1e-2, 8
-"""From one Gauss-Newton step to the next the motion's share in the variance of a residual falls by this factor."""
+"""Factor per Gauss-Newton step on the prediction's share of the residual variance."""
 MAX_MOTION_SHARE, MAX_STEP_CHI2 = 1e-2, 1e-2
 """The search ends when that share is below `MAX_MOTION_SHARE` of the noise and the squared step below `MAX_STEP_CHI2`
 variances."""

@@ -59,7 +59,7 @@ class PredictedPeople(NamedTuple):
 
 
 class AssociatedBoxes(NamedTuple):
-    """The same after the boxes; M boxes."""
+    """People after the association of M boxes."""
 
     people: PredictedPeople
     beta: Floats  # (N, M) probability that they are there and the box is theirs alone
@@ -67,7 +67,7 @@ class AssociatedBoxes(NamedTuple):
     visible: Floats  # (L, N)
 
     def without(self, far: Ints) -> AssociatedBoxes:
-        """The others."""
+        """People and associations without the people `far`."""
         stay = np.setdiff1d(np.arange(len(self.beta)), far)
         p = self.people
         people = PredictedPeople(p.track[stay], p.mean[stay], p.covariance[stay], p.existence[stay])

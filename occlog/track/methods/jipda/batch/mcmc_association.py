@@ -179,15 +179,15 @@ def candidates(nodes: TrackletNodes, walk: WalkModel, neighbour_distance: float)
 
 
 def empty_link_cache(listed: LinkCandidates) -> LinkCache:
-    """No link was asked."""
+    """Empty cache of link probabilities."""
     pairs, n = len(listed.next), len(listed.first_next) - 1
     stamp = np.full(pairs, NO_NODE)
     return LinkCache(np.zeros(pairs), stamp, stamp.copy(), np.zeros(n), np.full(n, NO_NODE))
 
 
 @kernel
-def log_dwell_probability(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, i: int, j: int) -> float:
-    """Log probability of survival from position i to j with missed detections between, with tracklet ids."""
+def log_link_prior(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, i: int, j: int) -> float:
+    """Log prior of a link from node i to node j: survival, missed detections, tracklet ids; without the motion."""
     total: float = -(nodes.time[j] - nodes.time[i]) / walk.stay
     a, b = nodes.step[i] + 1, nodes.step[j]
     if b > a:
@@ -227,7 +227,7 @@ def joined(
         value = log_integral(m, P, J, h, future) + log_of_model(walk, dt, model)
         if value > most:
             most, best = value, model
-    return past + log_dwell_probability(nodes, walk, frame_counts, i, j) + most, best
+    return past + log_link_prior(nodes, walk, frame_counts, i, j) + most, best
 
 
 @kernel
@@ -309,7 +309,7 @@ def forward_of(
         return float(nodes.birth[k] + begun)
     dt = nodes.time[k] - nodes.time[i]
     predict(chain.mean[i], chain.covariance[i], dt, walk.drift[model], mean, P)
-    past = chain.past[i] + log_dwell_probability(nodes, walk, frame_counts, i, k) + log_of_model(walk, dt, model)
+    past = chain.past[i] + log_link_prior(nodes, walk, frame_counts, i, k) + log_of_model(walk, dt, model)
     return float(past + multiply_factor(mean, P, nodes.J[k], nodes.h[k], nodes.c[k]))
 
 
@@ -388,11 +388,9 @@ def update_messages(
         else:
             dt = nodes.time[j] - nodes.time[k]
             future = predict_backwards(chain.J[j], chain.h[j], chain.future[j], dt, walk.drift[chain.model[k]], J, h)
-            future += (
-                nodes.c[k]
-                + log_dwell_probability(nodes, walk, frame_counts, k, j)
+            future += nodes.c[k]
+                + log_link_prior(nodes, walk, frame_counts, k, j)
                 + log_of_model(walk, dt, chain.model[k])
-            )
             J += nodes.J[k]
             h += nodes.h[k]
         same = True

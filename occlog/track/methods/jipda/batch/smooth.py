@@ -38,7 +38,7 @@ from .mcmc_association import LOG_RATIO_OTHER_TRACKLET, LOG_RATIO_SAME_TRACKLET,
 from .states import States, states
 from .tracklet_nodes import INITIAL_SCALE_M, gait_variances
 from .tracks import ChainTracks, WindowSpan, anneal, bridge, tracks_from
-from .uncertainty import existence_at, possible_switches, widening
+from .uncertainty import existence_at, possible_identity_switches, widening
 
 INITIAL_TEMPERATURES = (3.0, 1.5)
 """Temperature at which each run of the chain begins."""
@@ -65,7 +65,7 @@ with the poses of cameras and with bodies."""
 ROUNDING = 1e-6
 """Relative tolerance of the minimum interval between time steps."""
 MIN_EXISTENCE_COMPLEMENT = 1e-3
-"""No track exists more surely than but for this probability."""
+"""Minimum probability that a track does not exist."""
 
 
 def smooth(
@@ -348,7 +348,7 @@ def _smoothed_snapshots(
     ]
     existence = np.clip(1.0 / (1.0 + np.exp(-np.clip(odds, -50.0, 50.0))), 0.0, 1.0 - MIN_EXISTENCE_COMPLEMENT)
     identity = np.where(odds > 0.0, np.cumsum(odds > 0.0) - 1, NO_ID)
-    exchanged = possible_switches(tracks, span, number, identity)
+    exchanged = possible_identity_switches(tracks, span, number, identity)
     begins, ceases = np.full(len(odds), len(snapshots)), np.full(len(odds), -1)
     np.minimum.at(begins, walk.track, walk.step)
     np.maximum.at(ceases, walk.track, walk.step)

@@ -35,7 +35,7 @@ class States(NamedTuple):
     covariance: Floats  # (K, 6, 6)
 
     def taken(self, rows: Ints) -> States:
-        """Some of the rows."""
+        """Select rows by a mask or indices."""
         return States(*(np.asarray(getattr(self, name))[rows] for name in self._fields))
 
     @property

@@ -37,7 +37,7 @@ from ..kernels.visibility import COLUMNS, ROWS, centre_deviation, in_view, occlu
 
 LOG_2PI = math.log(2.0 * math.pi)
 MAX_DETECTION_PROBABILITY = 0.995
-"""No person is detected with a greater probability."""
+"""Maximum detection probability of a person."""
 MEAN_VISIBILITY = 0.85
 """Mean factor of the detection probability where occlusions are unknown."""
 

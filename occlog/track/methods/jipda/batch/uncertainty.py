@@ -44,10 +44,12 @@ from .tracks import ChainTracks, WindowSpan, listed_of
 MIN_SWITCH_PROBABILITY = 0.05
 """Less probable exchanges are not named."""
 SWITCH_WINDOW_S = 4.0
-"""Of exchanges of the same two people within so long, the most probable one is named."""
+"""Interval within which only the most probable switch of the same two people is reported."""
 
 
-def possible_switches(tracks: ChainTracks, span: WindowSpan, number: Ints, identity: Ints) -> dict[int, list[Event]]:
+def possible_identity_switches(
+    tracks: ChainTracks, span: WindowSpan, number: Ints, identity: Ints
+) -> dict[int, list[Event]]:
     """Find possible identity switches, by the time step from which the identities may be wrong.
 
     Args:

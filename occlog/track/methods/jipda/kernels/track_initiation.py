@@ -57,10 +57,12 @@ class BirthIntensity(NamedTuple):
 
 
 @kernel
-def ground_point(views: PackedCameras, c: int, u: float, v: float, z: float, position: Floats) -> bool:
-    """Write the position (2,) at height z that pixel (u, v) of camera c shows; False where missing ahead.
+def ground_plane_point(views: PackedCameras, c: int, u: float, v: float, z: float, position: Floats) -> bool:
+    """Write the position (2,) where the line of sight of pixel (u, v) meets the plane at height z; 0: the ground plane.
 
-    The lens's distortion is omitted: the position is where an iteration begins.
+    False if it is behind camera c or parallel.
+
+    Lens distortion is omitted: the position starts an iteration.
     """
     x = (u - views.principal[c, 0]) / views.focal[c, 0]
     y = (v - views.principal[c, 1]) / views.focal[c, 1]
@@ -97,9 +99,9 @@ def state_from_box(
     middle = 0.5 * (box[0] + box[2])
     found = False
     if usable[3]:
-        found = ground_point(views, c, middle, box[3], 0.0, position)
+        found = ground_plane_point(views, c, middle, box[3], 0.0, position)
     elif usable[1]:
-        found = ground_point(views, c, middle, box[1], body[0], position)
+        found = ground_plane_point(views, c, middle, box[1], body[0], position)
     if not found or not (usable[0] or usable[2]):
         return math.nan
     distance = math.hypot(position[0] - views.position[c, 0], position[1] - views.position[c, 1])

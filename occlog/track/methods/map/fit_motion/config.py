@@ -9,7 +9,7 @@ from typing import ClassVar
 from occlog.settings import Settings, setting
 
 ESTIMATED, COVARIANCE = "estimated", "covariance"
-"""Where the positions' errors come from, if they are not given: they are fitted, or those of tracks."""
+"""Sources of the measurement noise if it is not given: estimated, or the covariances of tracks."""
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ class GaussMarkov(NamedTuple):
 
 
 class Diffusion(NamedTuple):
-    """The same in continuous time: dx = B x dt + noise of covariance S dt."""
+    """Gauss-Markov model in continuous time: dx = B x dt + noise of covariance S dt."""
 
     B: Floats  # (4, 4) per second
     S: Floats  # (4, 4), positive semi-definite

@@ -26,7 +26,7 @@ PRIOR_RESIDUALS = 20.0
 """Weight of the stated variances, in residuals."""
 
 STEP = 0.01
-"""Of the finite difference of covariances."""
+"""Step of the finite difference of covariances."""
 BEYOND = 0.005
 """Share by which that difference may be more than all of a covariance, or less than nothing: it stays one by far."""
 MIN_VARIANCE_SCALE, MAX_VARIANCE_SCALE = 0.2, 20.0

@@ -133,17 +133,17 @@ def chain(model: GaussMarkov, dt: Floats, mean: Floats, spread: Floats) -> Chain
 
 
 def some_lines(lines: BearingLinesByStep, rows: slice | Bools | Ints) -> BearingLinesByStep:
-    """Some of the lines of sight."""
+    """Select lines of sight by a mask or indices."""
     return BearingLinesByStep._make(column[rows] for column in lines)
 
 
 def some_planes(planes: HalfPlanes, rows: slice | Bools) -> HalfPlanes:
-    """Some of the half-planes."""
+    """Select half-planes by a mask or indices."""
     return HalfPlanes(planes.step[rows], planes.normal[rows], planes.offset[rows])
 
 
 def some_hints(hints: QuadraticPriors, rows: slice | Bools) -> QuadraticPriors:
-    """Some of the quadratic terms."""
+    """Select quadratic terms by a mask or indices."""
     return QuadraticPriors._make(column[rows] for column in hints)
 
 

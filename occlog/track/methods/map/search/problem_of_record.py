@@ -41,7 +41,7 @@ FORGET_EXTENTS = 1000.0
 """Where the motion alone spreads positions by so many times the extent of the position, what was before says
 nothing."""
 LONGEST_S = 1e9
-"""Longer pauses are not considered."""
+"""Maximum pause that is considered."""
 
 
 class Pending(NamedTuple):
@@ -67,7 +67,7 @@ def motion_of(config: MapConfig) -> GaussMarkov:
 
 
 def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
-    """Nothing known but where a target can be.
+    """Initial problem of a target: the prior of its position, without measurements.
 
     Args:
         scene: room and sensors.

@@ -161,7 +161,7 @@ MAX_VARIANCE_FACTOR = 1e4
 MIN_DEVIANCE_GAIN = 10.0
 """A factor is taken if -2 log of the likelihood falls by more."""
 MIN_RESIDUAL_FACTOR, MIN_OUTLIER_SHARE = 1.3, 0.01
-"""Other variances are tried where residuals show more than this factor, or more than this share is rejected."""
+"""Residual factor, or share of rejected bearings, above which other variances are tried."""
 MIN_CAVITY_SHARE = 0.01
 """Lines of sight of which the others tell more than this share are judged by their residuals alone."""
 LOG_FACTOR_TOLERANCE = 0.1

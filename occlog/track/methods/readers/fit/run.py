@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 MIN_WINDOWS = 20
 """Fewer windows with a true position say little."""
 START_SHADOW_DB, START_SHADOW_S = 3.0, 5.0
-"""Where the search for the shadowing begins."""
+"""Initial value of the search for the shadowing."""
 
 
 class _FitSamples:
