@@ -15,13 +15,13 @@ from occlog.core.numerics.interpolate import interpolate_positions
 from .forces import direction, distance
 
 MIN_SHARE = 1e-6
-"""Of the distance from a disc's centre: how far behind a place inside the disc its nearest point is."""
+"""Of the distance from a disc's centre: how far behind a position inside the disc its nearest point is."""
 
 
 def nearest_on_discs(xy: Floats, centre: Floats, radius: Floats) -> Floats:
     """(N, K, 2) points of K discs nearest to N positions: of their borders, or the centres for a radius of 0.
 
-    For a place inside a disc it is a point just behind the position, as seen from outside, so that the
+    For a position inside a disc it is a point just behind the position, as seen from outside, so that the
     direction from the point to the position leads out.
 
     Args:

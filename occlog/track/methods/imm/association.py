@@ -22,7 +22,7 @@ from occlog.core.geometry.camera import wrap_angle
 from occlog.core.numerics.jit import kernel
 
 MAX_JOINT_EVENTS = 50_000
-"""Of targets that share bearings at most so many events are summed; then the least likely bearings are omitted."""
+"""Maximum number of summed events of targets that share bearings; then the least likely bearings are omitted."""
 MIN_DENSITY_TO_CLUTTER_RATIO = 1e-9
 """A bearing with a density for a target below this share of the clutter's cannot be the target's: without this
 gate all targets would share all bearings."""

@@ -233,7 +233,7 @@ def _normal(xyz: Floats, left: Floats, local: Floats, problem: LeastSquares) -> 
     Args:
         xyz: (N, 3) positions.
         left: (N, V, 2) residuals there.
-        local: (N, V, 3) places in the cameras' axes.
+        local: (N, V, 3) positions in the cameras' axes.
         problem: of the points.
     """
     rig, known, height = problem.rig, problem.known, problem.height
@@ -329,7 +329,7 @@ def _replaced(met: GroundPosition, rows: Ints, others: GroundPosition) -> Ground
 ALL_SUBSETS = 5
 """With more views, only sets that omit at most two of them, and single views and pairs, are hypotheses."""
 HEIGHTS = 30.0
-"""Heights of positions that several views find are uniform over so many standard deviations of the height."""
+"""Heights of positions that several views find are uniform over this multiple of the height's standard deviation."""
 
 
 class ViewOdds(NamedTuple):
